@@ -34,7 +34,7 @@ test: $(READY_DEV)  ## before each commit: four minutes on two cores
 	$(CHECK)
 	$(TESTS) -m "not slow" $(ARGS)
 
-test-all: $(READY_DEV)  ## before a release: also whole studies, long runs, recorded flights of ../shared
+test-all: $(READY_DEV) docs  ## before a release: also the documentation, whole studies, long runs, recorded flights
 	$(CHECK)
 	$(TESTS) $(ARGS)
 

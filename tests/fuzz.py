@@ -23,7 +23,7 @@ from onboard.estimators import EstimatorProtocol
 from onboard.estimators.leader import estimator as leader
 from onboard.estimators.oh_johnson import estimator as oh_johnson
 from onboard.geometry.camera import make_camera
-from onboard.messages import Estimate, Lifecycle, Message, TargetPoints
+from onboard.messages import Cause, Estimate, Lifecycle, Message, Reason, TargetPoints
 from onboard.ownship import Ownship
 from tests.support.streams import EPOCH, MS, Flight, S, make_config
 
@@ -78,7 +78,7 @@ def run(seed: int, number: int, name: str | None = None, longest: int = 8) -> Co
             _fly(drawn.flight, arrived_ns, ownship, (rng, drawn.lost))
             check(one.tick(ownship), count)
         if message is None:
-            one.reset("the autopilot has rebooted")
+            one.reset(Reason(Cause.REBOOTED, "the autopilot has rebooted"))
             ownship = Ownship(max_extrapolation=0.1)
             continue
         estimates = one.observe(message, ownship)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
@@ -23,6 +23,7 @@ from onboard.messages import (
     Quaternion,
     Vec3,
 )
+from onboard.messages.causes import Cause, Reason
 
 NAME: Final = "leader"
 SLOW: Final = 1.0  # m/s; a slower leader has no direction for its acceleration
@@ -99,15 +100,15 @@ class LeaderStates:
             return None
         e, own = self._joined
         r_F, v_F = _carried(own, e.t_ns)
-        reason = _why_not(e, r_F, v_F)
-        if not reason and t_ns - e.t_ns > self._max_age_ns:
-            reason = f"no own motion for {(t_ns - e.t_ns) / NS_PER_S:.1f} s: not predicted further"
+        why = _why_not(e, r_F, v_F)
+        if why is None and t_ns - e.t_ns > self._max_age_ns:
+            words = f"no own motion for {(t_ns - e.t_ns) / NS_PER_S:.1f} s: not predicted further"
+            why = Reason(Cause.SILENT, words)
         t_ns = max(t_ns, e.t_ns)
-        if reason or e.mean is None or e.covariance is None:
-            state = e.state if not e.valid else Lifecycle.LOST
-            return LeaderState(
-                t_ns=t_ns, t_host_ns=t_host_ns, sequence=e.sequence, state=state, valid=False, reason=reason
-            )
+        head: dict[str, Any] = {"t_ns": t_ns, "t_host_ns": t_host_ns, "sequence": e.sequence}
+        if why is not None or e.mean is None or e.covariance is None:
+            state, (cause, words) = e.state if not e.valid else Lifecycle.LOST, why or Reason(e.cause, e.reason)
+            return LeaderState(**head, state=state, valid=False, cause=cause, reason=words)
         dt = (t_ns - e.t_ns) / NS_PER_S
         mean, P = np.array(e.mean), np.array(e.covariance)[:6, :6]
         v_L = v_F + mean[3:6]
@@ -119,11 +120,10 @@ class LeaderStates:
         relative = (F @ P @ F.T)[:3, :3]
         P = F @ (P + np.diag(self._own_variance)) @ F.T
         made = LeaderState(
-            t_ns=t_ns,
-            t_host_ns=t_host_ns,
-            sequence=e.sequence,
+            **head,
             state=e.state,
             valid=True,
+            cause=e.cause,
             reason=e.reason,
             r_OL_n=_vec3(r_L),
             v_L_n=_vec3(v_L),
@@ -177,13 +177,13 @@ def acceleration(e: Estimate, v_L: Array) -> Array:
     return np.array([c * along - s * right, s * along + c * right, -at.get("a_long", 0.0)])
 
 
-def _why_not(e: Estimate, r_F: Array, v_F: Array) -> str:
-    """Why an estimate cannot be flown on at its own time; empty if it can."""
+def _why_not(e: Estimate, r_F: Array, v_F: Array) -> Reason | None:
+    """Why an estimate cannot be flown on at its own time; None if it can."""
     if not e.valid or e.mean is None:
-        return e.reason
+        return Reason(e.cause, e.reason)
     if not np.isfinite(r_F).all() or not np.isfinite(v_F).all():
-        return "our own position is not known"
-    return ""
+        return Reason(Cause.OWN_MOTION_UNKNOWN, "our own position is not known")
+    return None
 
 
 def _bend(lat_deg: float, r_OF_n: Array) -> float:

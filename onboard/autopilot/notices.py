@@ -1,19 +1,17 @@
 """STATUSTEXT: what a pilot must know, seldom."""
 
-import re
 from enum import IntEnum
 from typing import Final, NamedTuple
 
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import Advice, Clock, Estimate, Lifecycle, Severity, StatusText
-from onboard.messages.text import plain
+from onboard.messages.text import plain, without_numbers
 
 ERROR, WARNING, NOTICE, INFO = 3, 4, 5, 6  # MAV_SEVERITY
 MOST_WAITING: Final = 5  # of one rank
 PERIOD_NS: Final = NS_PER_S  # between two texts
 AGAIN_NS: Final = 10 * NS_PER_S  # before the same text is sent again, or the next of one sender
 LENGTH: Final = 200  # of a text: four STATUSTEXTs
-NUMBER: Final = re.compile(r"-?\d+(\.\d+)?")
 
 
 class Rank(IntEnum):
@@ -35,8 +33,9 @@ class _Text(NamedTuple):
 
 
 class Notices:
-    """Texts that wait, and what was sent last of each kind. Of one kind, which is a sender or a text without its
-    numbers, the newest waits in the place of the first; of one rank, the oldest gives way. `when_lost`: what an
+    """Texts that wait, and what was sent last of each kind. Of one kind, which is a sender, advice of one cause
+    about one thing, or a text without its numbers, the newest waits in the place of the first; of one rank, the
+    oldest gives way. `when_lost`: what an
     autopilot that follows does once the leader is lost; "" where none follows."""
 
     def __init__(self, when_lost: str = "") -> None:
@@ -49,15 +48,18 @@ class Notices:
     def add(self, severity: int, text: str, rank: Rank = Rank.OURS, sender: str = "") -> None:
         """Let a text be sent. `sender`: who is the reason of it."""
         text = plain(text, LENGTH)
-        self._waiting[rank, sender or NUMBER.sub("#", text)] = _Text(severity, text, sender or text)
+        self._wait((rank, sender or without_numbers(text)), _Text(severity, text, sender or text))
+
+    def _wait(self, kind: Kind, text: _Text) -> None:
+        self._waiting[kind], rank = text, kind[0]
         if len(alike := [kind for kind in self._waiting if kind[0] is rank]) > MOST_WAITING:
             del self._waiting[alike[0]]
 
     def advise(self, advice: Advice) -> None:
         """Let advice be sent; a mere notice is for those on the ground."""
         if advice.severity is not Severity.NOTICE:
-            severity = WARNING if advice.severity is Severity.ERROR else NOTICE
-            self.add(severity, advice.text, Rank.ADVICE)
+            severity, text = WARNING if advice.severity is Severity.ERROR else NOTICE, plain(advice.text, LENGTH)
+            self._wait((Rank.ADVICE, f"{advice.cause} {advice.about}"), _Text(severity, text, text))
 
     def note(self, estimate: Estimate) -> None:
         """Whether the leader is tracked, when that changes."""

@@ -14,11 +14,13 @@ from onboard.geometry.camera import in_view, project
 from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import LeaderState
+from onboard.messages.causes import Cause, Reason
 
 Text = tuple[int, str]  # MAV_SEVERITY and the words
 
 PATIENCE_NS: Final = 5 * NS_PER_S  # without a leader before the reason is sent
 AGAIN_NS: Final = 30 * NS_PER_S  # before the same is sent again
+NOTHING: Final = Reason(Cause.NO_MEASUREMENT, "nothing is estimated: no images, or no own motion")
 NO_COURSE_NS: Final = NS_PER_S
 UNSEEN_S: Final = 0.5  # without an image: the predicted leader may have left the view
 
@@ -31,7 +33,7 @@ class Reasons:
         self._start_ns: int | None = None
         self._no_leader_ns: int | None = None  # since when there has been no leader, or when that was sent
         self._no_course_ns: int | None = None
-        self._said = ""
+        self._said: Cause | None = None
         self._warned, self._warned_ns = "", 0
         self._edge = ""
 
@@ -52,24 +54,23 @@ class Reasons:
             texts.append((INFO, "onboard has started: no leader yet"))
         if state is None or not state.valid:
             return texts + self._without_leader(state, now_ns)
-        self._no_leader_ns, self._said = None, ""
+        self._no_leader_ns = self._said = None
         texts += self._warning(warning if self._follows else "", now_ns)
         return (
             texts + self._without_course(state, now_ns, is_led or bool(warning)) + self._out_of_view(state, view)
         )
 
     def _without_leader(self, state: LeaderState | None, now_ns: int) -> list[Text]:
-        """Why there is none, once it has lasted, and again when the reason changes or a while has passed."""
+        """Why there is none, once it has lasted, and again when the cause changes or a while has passed."""
         self._no_course_ns = None
         if self._no_leader_ns is None:
             self._no_leader_ns = now_ns
-        reason = "nothing is estimated: no images, or no own motion" if state is None else state.reason
-        kind = reason.partition(":")[0].rstrip("0123456789. s")
+        why = NOTHING if state is None else Reason(state.cause, state.reason)
         waited_ns = now_ns - self._no_leader_ns
-        if waited_ns < (AGAIN_NS if kind == self._said else PATIENCE_NS):
+        if waited_ns < (AGAIN_NS if why.cause is self._said else PATIENCE_NS):
             return []
-        self._no_leader_ns, self._said = now_ns, kind
-        return [(WARNING, f"no leader: {reason}")]
+        self._no_leader_ns, self._said = now_ns, why.cause
+        return [(WARNING, f"no leader: {why.words}")]
 
     def _warning(self, warning: str, now_ns: int) -> list[Text]:
         """A new one, or one that has lasted."""

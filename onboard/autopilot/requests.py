@@ -11,6 +11,7 @@ from onboard import __version__
 from onboard.autopilot.stream import Stream
 from onboard.config import FASTEST_OUT_HZ
 from onboard.messages import Clock, Command, Message, MessageInterval, Version
+from onboard.messages.causes import Cause, Reason
 from onboard.wire.datagrams import OnRefused, ignore
 from onboard.wire.mavlink_encode import message_number
 
@@ -80,7 +81,8 @@ class Requests:
             return Answer(ACCEPTED, (interval,))
         name = STEERING_NUMBERS.get(int(number))
         if name is not None and command.system not in self._trusted:
-            self._refuse(sender_of(command), f"the interval of {name}: {UNTRUSTED}", command.t_recv_ns)
+            why = Reason(Cause.UNTRUSTED, f"the interval of {name}: {UNTRUSTED}")
+            self._refuse(sender_of(command), why, command.t_recv_ns)
             return Answer(DENIED)
         before = streams[0].stream.interval_us
         done = [offered.stream.set_interval(command.params[1], FASTEST_OUT_HZ) for offered in streams]

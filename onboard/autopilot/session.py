@@ -31,6 +31,7 @@ from onboard.messages import (
     TimeSync,
     tagged,
 )
+from onboard.messages.causes import Cause, Reason
 from onboard.wire.datagrams import OnRefused, ignore
 from onboard.wire.mavlink_encode import message_number
 
@@ -46,6 +47,7 @@ ACTIVE: Final = 4
 CRITICAL: Final = 5
 DONE: Final = frozenset({0, 5})  # MAV_RESULT accepted, in progress
 ORIGIN_AGAIN_NS: Final = 5 * NS_PER_S
+RATIONED: Final = Reason(Cause.RATIONED, "answers are rationed: it asks for too much in too short a time")
 
 
 ASKING: Final = (TimeSync, Ping, ParamRequest, FileRequest, CommandAck, Command)
@@ -136,9 +138,7 @@ class Session:
             if not isinstance(m, ASKING):
                 continue
             if not self._rations.admits(m, now_ns):
-                self._refuse(
-                    sender_of(m), "answers are rationed: it asks for too much in too short a time", m.t_recv_ns
-                )
+                self._refuse(sender_of(m), RATIONED, m.t_recv_ns)
                 continue
             answers = self._answer(us, m, now_ns)
             size = sum(map(len, answers))
@@ -173,7 +173,8 @@ class Session:
             return
         self._refusals += 1
         if self._refusals > self._status_requests:
-            self._refuse("autopilot", f"the autopilot refuses a message rate (MAV_RESULT {m.result})", m.t_recv_ns)
+            words = f"the autopilot refuses a message rate (MAV_RESULT {m.result})"
+            self._refuse("autopilot", Reason(Cause.RATE_REFUSED, words), m.t_recv_ns)
 
     def _heartbeat(self, *, healthy: bool) -> bytes:
         return self._pack(

@@ -32,6 +32,7 @@ from onboard.messages import (
     TargetImage,
     TimeSync,
 )
+from onboard.messages.causes import Cause, Reason
 
 # A sensor stamps these, perhaps by the boot clock, and they can be used once our own pose at that time is known.
 SENSED: Final = (TargetImage, RadarScan, PeerRanges)
@@ -46,6 +47,7 @@ CORRECTED_NS: Final = 50_000_000  # stamps of this computer were converted so wr
 MOST_GIMBALS: Final = 8
 LONGEST_ROUND_TRIP_NS: Final = 200_000_000
 BACK_NS: Final = 150_000_000  # behind the newest stamp: one clock's streams are nearer to each other
+RATE: Final = Reason(Cause.CLOCK_RATE, "the autopilot's clock runs at another rate than this computer's")
 UNIX_NS: Final = 10**17  # three years: no autopilot runs so long
 LATER_NS: Final = 5_000_000  # a message is stamped later than it arrives by no more than its clock's jitter
 
@@ -58,7 +60,7 @@ class Clocks:
         self.is_one_clock = True  # all arrivals are stamped by one: another program's log may be put together
         self.reboots = 0
         self.jumps = 0  # of the autopilot's clock, back by some seconds: no reboot
-        self.why = ""  # the last message could not be aligned: the reason, with its kind before a colon
+        self.why: str | Reason = ""  # the last message could not be aligned: what is counted, or the reason
         self.corrections = 0  # of the offset: stamps of this computer had been converted wrongly
         self.rejected: Counter[str] = Counter()
         self.restart()
@@ -96,10 +98,9 @@ class Clocks:
         return 1.0 - self._offset.slope
 
     @property
-    def doubt(self) -> str:
-        """Why stamps of this computer cannot be converted well just now; "" if they can, or if there are none."""
-        is_open = self._offset.doubt and self._used is not None
-        return "the autopilot's clock runs at another rate than this computer's" if is_open else ""
+    def doubt(self) -> Reason | None:
+        """Why stamps of this computer cannot be converted well just now; None if they can, or there are none."""
+        return RATE if self._offset.doubt and self._used is not None else None
 
     def age_ns(self, t_ns: int, at_ns: int) -> int:
         """The age, at a time of this computer's clock, of what was true at `t_ns` on the boot clock; 0 where
@@ -138,9 +139,9 @@ class Clocks:
     def _offset_at(self, t_ns: int) -> int:
         return self._offset.at(t_ns) or 0
 
-    def _refuse(self, reason: str) -> Message | None:
-        self.why = reason
-        self.rejected[reason.partition(":")[0]] += 1
+    def _refuse(self, counted: str, why: Reason | None = None) -> Message | None:
+        self.why = why or counted
+        self.rejected[counted] += 1
         return None
 
     def _sensed(self, message: Message, t_ns: int, offset: int) -> Message | None:
@@ -150,11 +151,13 @@ class Clocks:
             offset = message.t_recv_ns - t_ns if latest is None else latest
         later = t_ns + offset - message.t_recv_ns
         if later > LATER_NS:
-            hint = "; it looks like Unix time: send `clock: host`" if later > UNIX_NS else ""
-            return self._refuse(
+            late = Reason(
+                Cause.LATER_THAN_ARRIVAL,
                 f"later_than_arrival: `t_ns` is {later * 1e-9:.3f} s later than the message arrived; expected the "
-                f"time of exposure on the clock `{message.clock.value}`, or a `delay` of as much{hint}"
+                f"time of exposure on the clock `{message.clock.value}`, or a `delay` of as much",
             )
+            unix = Reason(Cause.OTHER_CLOCK, late.also("it looks like Unix time: send `clock: host`").words)
+            return self._refuse("later_than_arrival", unix if later > UNIX_NS else late)
         return msgspec.structs.replace(message, t_ns=t_ns, clock=Clock.BOOT)
 
     def _notice_correction(self, t_recv: int, offset: int) -> None:

@@ -12,23 +12,23 @@ from typing import Final
 
 from onboard.config import Config
 from onboard.messages import Advice, Severity
-from onboard.pipeline.health.causes_host import OF_TLS
+from onboard.messages.causes import Cause, Reason
 
 LITTLE_ROOM: Final = 200_000_000  # bytes
 PROC: Final = Path("/proc")
 
 
-def why_absent(config: Config, endpoint: str, error: str, vehicle: str = "") -> tuple[Advice, ...]:
-    """Advice where no daemon answers at `endpoint`; `error`: Zenoh's, "" where one answers, but sends no
-    health."""
-    if not error:
+def why_absent(config: Config, endpoint: str, error: Reason, vehicle: str = "") -> tuple[Advice, ...]:
+    """Advice where no daemon answers at `endpoint`; `error`: Zenoh's, NO_REASON where one answers, but
+    sends no health."""
+    if not error.words:
         what = f"no daemon of vehicle {vehicle or config.zenoh.vehicle} publishes at {endpoint}"
         remedy = "`--vehicle all` shows all there are; else start `onboard run CONFIG.toml`"
         return (_error("daemon", what, remedy),)
     found = [*_ports(config, endpoint), *_storage(config)]
-    if OF_TLS.search(error):
+    if error.cause is Cause.TLS:
         remedy = "check `ca_file`, `certificate_file`, `private_key_file` of [zenoh], the clock, and `--config`"
-        return (_error("tls", f"{endpoint}: {error}", remedy), *found)
+        return (_error("tls", f"{endpoint}: {error.words}", remedy), *found)
     if any(advice.cause == "daemon" for advice in found):
         return tuple(found)
     remedy = "start `onboard run CONFIG.toml`, or set `--connect`"

@@ -12,7 +12,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.config import Config
 from onboard.geometry.rotations import matrix_from_quaternion
-from onboard.messages import Estimate, Lifecycle, Output, OwnPose
+from onboard.messages import Cause, Estimate, Lifecycle, Output, OwnPose
 from onboard.models import relative_motion
 from onboard.scoring.beside import JUDGED
 
@@ -102,6 +102,7 @@ class Baseline:
             t_ns=self._t_ns,
             state=Lifecycle.TRACKING,
             valid=True,
+            cause=Cause.FUSED,
             reason="",
             frame="n",
             components=relative_motion.COMPONENTS,

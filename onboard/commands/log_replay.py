@@ -13,6 +13,7 @@ from onboard import UserError
 from onboard.commands.flight_folder import Documents, FlightFolder, flight_folder
 from onboard.config import Config, ConfigError, signing_key
 from onboard.messages import DOUBT, Datagram, Estimate, Health, Message, NavState, Output
+from onboard.messages.causes import Cause, Reason
 from onboard.pipeline import Pipeline
 from onboard.scoring.beside import judged
 from onboard.wire import dataflash, ulog
@@ -76,7 +77,7 @@ def replay(
     def lose(reason: str) -> None:
         nonlocal lost
         lost += 1
-        pipeline.refuse(log.name, reason, last)
+        pipeline.refuse(log.name, Reason(Cause.LOG, reason), last)
 
     try:
         for item, done in read_flight(log, pipeline, lose, flown=FLOWN in others):
@@ -101,7 +102,7 @@ def replay(
         raise ReplayError(f"{log}: {error}") from error
     progress(total, total)
     for channel, number in pipeline.unverified.items():
-        pipeline.refuse(channel, UNVERIFIED.format(number, channel), last)
+        pipeline.refuse(channel, Reason(Cause.UNVERIFIED, UNVERIFIED.format(number, channel)), last)
     health, end = pipeline.health(last), pipeline.ownship.now_ns * 1e-9
     main = results.estimates.pop(judged(results.estimates), [])
     seconds = (last - first) * 1e-9
@@ -122,7 +123,7 @@ def pipeline_of(config: Config) -> Pipeline:
                 reasons[link.name] = str(error)
     pipeline = Pipeline(config, keys)
     for name, reason in reasons.items():
-        pipeline.refuse(name, f"{DOUBT}{reason}", 0)
+        pipeline.refuse(name, Reason(Cause.KEY_UNREADABLE, f"{DOUBT}{reason}"), 0)
     return pipeline
 
 
@@ -181,7 +182,7 @@ def read_flight(
                 yield from ((document, done) for document in each.due(last, pipeline.ownship.now_ns))
     for each in documents:
         if reason := each.rest():
-            pipeline.refuse(each.name, reason, last)
+            pipeline.refuse(each.name, Reason(Cause.LOG, reason), last)
 
 
 def flight_of(log: Path) -> FlightFolder:

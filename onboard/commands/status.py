@@ -13,8 +13,10 @@ import msgspec
 from onboard.commands.absent import why_absent
 from onboard.config import Config, load_config
 from onboard.messages import Advice, Health, LinkHealth, Severity
+from onboard.messages.causes import NO_REASON, Cause, Reason
 from onboard.messages.text import plain
 from onboard.sinks.sink import SinkError
+from onboard.sinks.zenoh_reach import worst
 from onboard.view.client import Client
 
 DEFAULT_ENDPOINT: Final = "tcp/127.0.0.1:7447"
@@ -32,15 +34,17 @@ def main(arguments: argparse.Namespace) -> int:
     a = arguments
     config = load_config(a.config, tuple(a.set))
     only = None if a.vehicle in (None, ALL) else a.vehicle
-    client, errors = None, dict[str, str]()
+    client, errors = None, dict[str, SinkError]()
     for endpoint in [a.connect] if a.connect else _endpoints(config):
         try:
             client = Client(endpoint, only, config.zenoh)
             break
         except SinkError as error:
-            errors[endpoint] = str(error)
+            errors[endpoint] = error
     if client is None:
-        return _show_absent(why_absent(config, " or ".join(errors), "; ".join(errors.values())), as_json=a.json)
+        words = "; ".join(map(str, errors.values()))
+        cause = worst(getattr(error, "cause", Cause.UNREACHABLE) for error in errors.values())
+        return _show_absent(why_absent(config, " or ".join(errors), Reason(cause, words)), as_json=a.json)
     try:
         return _watch(client, a, config, endpoint)
     finally:
@@ -64,7 +68,7 @@ def _watch(client: Client, a: argparse.Namespace, config: Config, endpoint: str)
         if a.watch:
             _show(found, as_json=a.json, clear=sys.stdout.isatty() and not a.json)
     if not found:
-        return _show_absent(why_absent(config, endpoint, "", a.vehicle or ""), as_json=a.json)
+        return _show_absent(why_absent(config, endpoint, NO_REASON, a.vehicle or ""), as_json=a.json)
     if not a.watch:
         _show(found, as_json=a.json)
     return HEALTHY if all(map(is_healthy, found.values())) else NOT_HEALTHY

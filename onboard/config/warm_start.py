@@ -18,6 +18,7 @@ from onboard.config.reading import ConfigError
 from onboard.config.sections import Config
 from onboard.config.storing import Storing, replace_file
 from onboard.messages import Datagram, Encoding, WarmState
+from onboard.messages.causes import Cause, Reason
 from onboard.wire.document import BadDocumentError
 from onboard.wire.warm_state import decode_warm_state, encode_warm_state
 
@@ -44,7 +45,7 @@ class WarmFile:
         self,
         config: Config,
         report: Callable[[str], None],
-        refuse: Callable[[str, str, int], None],
+        refuse: Callable[[str, Reason, int], None],
         environment: Mapping[str, str] = os.environ,
     ) -> None:
         self.digest = digest(config)
@@ -75,7 +76,7 @@ class WarmFile:
         except (OSError, BadDocumentError) as error:
             reason = error.strerror if isinstance(error, OSError) else str(error)
             self._report(f"{self._path} is ignored: {reason}")
-            self._refuse(CHANNEL, str(reason), wall_ns)
+            self._refuse(CHANNEL, Reason(Cause.WARM_STATE, str(reason)), wall_ns)
             return None
         self._report(f"warm start: the leader as it was {age:.1f} s ago is read from {self._path}")
         return _datagram(data, wall_ns)

@@ -21,6 +21,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Final, Protocol, runtime_checkable
 
 from onboard.messages import Estimate, Message, Record
+from onboard.messages.causes import Reason
 
 if TYPE_CHECKING:  # it loads numerics, which reading a configuration need not
     from onboard.ownship import OwnMotion, Ownship
@@ -37,7 +38,7 @@ class EstimatorProtocol(Protocol):
     def tick(self, ownship: "Ownship") -> list[Estimate]:
         """After a new navigation sample: the estimates that are due, predicted to `ownship.now_ns`."""
 
-    def reset(self, reason: str) -> None:
+    def reset(self, why: Reason) -> None:
         """Forget everything: the time base or the origin of our own motion has changed."""
 
 

@@ -1,8 +1,8 @@
 """The information form of a Gaussian belief (Bar-Shalom, Li & Kirubarajan 2001, section 7.2): many sensors are
 fused by adding what each contributes.
 
-    prior = from_belief(belief)                                        # or nothing(n): nothing is known yet
-    after = fuse(prior, *(contribution(y, H, R) for y, H, R in seen))  # in any order, from anywhere
+    prior = from_belief(belief)             # or nothing(n): nothing is known yet
+    after = fuse(prior, first, second)      # each of them contribution(y, H, R), in any order, from anywhere
     belief = to_belief(after)
 
 It is the Kalman filter's update, and costs one inverse of (n, n) however much is measured. What it brings beside

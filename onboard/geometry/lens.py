@@ -30,7 +30,7 @@ class LensError(ValueError):
 @dataclass(frozen=True, kw_only=True)
 class Lens:
     """Focal lengths and principal point in pixels, the size of the image (0: not known), the distortion, and a
-    `note` of what is doubtful in them.
+    `note` of what is doubtful in them. `binning`: how many times as large they were taken as they had come.
 
     Raises LensError for a number of coefficients that OpenCV does not have, and for numbers that no lens has.
     """
@@ -44,6 +44,7 @@ class Lens:
     model: Model = "radial-tangential"
     distortion: tuple[float, ...] = ()
     note: str = ""
+    binning: int = 1
 
     def __post_init__(self) -> None:
         if len(self.distortion) not in COUNTS[self.model]:
@@ -70,7 +71,7 @@ class Lens:
                     f"{point} is the middle of 1/{n} of {size}, as of binned pixels: it is used {n} times as large"
                 )
                 k = {name: n * getattr(self, name) for name in ("fx_px", "fy_px", "cx_px", "cy_px")}
-                return replace(self, **k, note=f"{note}, and so are the focal lengths")
+                return replace(self, **k, note=f"{note}, and so are the focal lengths", binning=n)
         if max(abs(x - 1.0), abs(y - 1.0)) > 2.0 * OFF_CENTER:
             return replace(
                 self, note=f"{point} is far from the middle of {size}: is it of another size, or a part?"

@@ -10,6 +10,7 @@ from typing import Any, Final, Protocol
 
 from onboard import UserError
 from onboard.messages import Datagram, LinkHealth
+from onboard.messages.causes import NO_REASON, Cause, Reason
 
 Deliver = Callable[[Datagram], bool | None]  # whether its sender may be answered
 NowNs = Callable[[], int]
@@ -53,14 +54,14 @@ class Link(Protocol):
 
     `channel` is its name in recordings; a link with several named sources (Zenoh keys) uses one channel per
     source. `received` and `sent` count datagrams (or pieces of a stream), `errors` failed sends and reads.
-    `trouble`: why a link that connects by itself is not connected; empty while it is, or has not tried.
+    `trouble`: why a link that connects by itself is not connected; NO_REASON while it is, or has not tried.
     """
 
     channel: str
     received: int = 0
     sent: int = 0
     errors: int = 0
-    trouble: str = ""
+    trouble: Reason = NO_REASON
 
     async def open(self) -> None:
         """Claim the port or device. Raises LinkError with one line that names a remedy."""
@@ -74,7 +75,8 @@ class Link(Protocol):
 
     def health(self) -> LinkHealth:
         """Counts so far; a datagram socket also knows what the kernel dropped."""
-        return LinkHealth(received=self.received, sent=self.sent, errors=self.errors, error=self.trouble)
+        cause, error = self.trouble
+        return LinkHealth(received=self.received, sent=self.sent, errors=self.errors, cause=cause, error=error)
 
 
 def guarded(deliver: Deliver, failed: "asyncio.Future[None]") -> Deliver:
@@ -112,7 +114,7 @@ async def keep_connected(
             if not retry:
                 raise
             link.errors += 1
-            link.trouble = str(error)
+            link.trouble = Reason(Cause.UNREACHABLE, str(error))
         if link.received > received:  # a server that accepts and closes at once does not reset the delay
             delay_s = FIRST_RETRY_S
         await asyncio.sleep(delay_s)

@@ -19,6 +19,7 @@ from onboard.links.link import (
     until_lost,
 )
 from onboard.messages import Datagram, Encoding
+from onboard.messages.causes import NO_REASON
 
 if TYPE_CHECKING:
     from serial import Serial
@@ -71,7 +72,7 @@ class SerialLink(Link):
         """Use the port until it is lost, which raises LinkError."""
         port = self._port or self._open_port()
         self._port = port
-        self.trouble = ""
+        self.trouble = NO_REASON
         fd = port.fileno()
         loop = asyncio.get_running_loop()
         lost: asyncio.Future[None] = loop.create_future()

@@ -22,6 +22,7 @@ from onboard.links.link import (
     until_lost,
 )
 from onboard.messages import Datagram, Encoding, LinkHealth
+from onboard.messages.causes import NO_REASON
 
 CONNECT_TIMEOUT_S: Final = 3.0
 SEND_LIMIT: Final = 65_536  # bytes in the send buffer, beyond which data are dropped: seconds of our traffic
@@ -134,7 +135,7 @@ class TcpClientLink(_StreamLink):
         loop = asyncio.get_running_loop()
         _, stream = await loop.create_connection(lambda: Stream(self, deliver, now_ns), sock=sock)
         self._stream = stream
-        self.trouble = ""
+        self.trouble = NO_REASON
         try:
             await until_lost(stream.lost, failed)
         finally:

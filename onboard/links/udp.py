@@ -33,6 +33,7 @@ from onboard.links.link import (
     until_lost,
 )
 from onboard.messages import Datagram, Encoding, LinkHealth
+from onboard.messages.causes import NO_REASON
 
 Surplus = Callable[[bytes], int]
 
@@ -96,7 +97,8 @@ class UdpLink(Link):
             buffer_bytes=self._buffer_bytes,
             shed=self.shed,
             skipped=self._backlog.skipped,
-            error=self.trouble,
+            cause=self.trouble.cause,
+            error=self.trouble.words,
         )
 
     async def open(self) -> None:
@@ -137,7 +139,7 @@ class UdpLink(Link):
         if not self._sockets:
             await self.open()
         sockets = self._sockets
-        self.trouble = ""
+        self.trouble = NO_REASON
         loop = asyncio.get_running_loop()
         self._lost = loop.create_future()
         for sock in sockets:

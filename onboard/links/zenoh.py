@@ -16,6 +16,7 @@ from typing import Any, Final
 
 from onboard.links.link import Backlog, Deliver, Link, LinkError, NowNs, guarded
 from onboard.messages import Datagram, Encoding, LinkHealth
+from onboard.messages.causes import Cause, Reason
 
 LARGEST: Final = 65_536  # bytes that the decoder accepts (`onboard.wire.document`)
 WATCH_S: Final = 2.0  # between looks at who is connected
@@ -98,7 +99,7 @@ class ZenohLink(Link):
             try:
                 self.trouble = self._session.trouble()
             except Exception as error:  # of any kind: the session may be closing; it must not end the flight
-                self.trouble = f"cannot tell who is connected ({error})"
+                self.trouble = Reason(Cause.FAILED, f"cannot tell who is connected ({error})")
             if ended.wait(WATCH_S):
                 return
 
@@ -111,7 +112,8 @@ class ZenohLink(Link):
             errors=self.errors,
             skipped=self._backlog.skipped,
             routers=routers,
-            error=self.trouble,
+            cause=self.trouble.cause,
+            error=self.trouble.words,
         )
 
     def send(self, data: bytes) -> None:  # noqa: ARG002 - the protocol's signature

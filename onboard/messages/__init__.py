@@ -37,6 +37,7 @@ from onboard.messages.camera import (
     TargetImage,
     TargetPoints,
 )
+from onboard.messages.causes import NO_REASON, Cause, Reason
 from onboard.messages.estimates import (
     ClosestApproach,
     Estimate,
@@ -64,6 +65,7 @@ from onboard.messages.guidance import (
 )
 from onboard.messages.health import (
     DOUBT,
+    DOUBTS,
     Advice,
     CameraHealth,
     ComputerLoad,
@@ -127,6 +129,8 @@ from onboard.messages.warm_state import WARM_VERSION, WarmState
 
 __all__ = [
     "DOUBT",
+    "DOUBTS",
+    "NO_REASON",
     "WARM_VERSION",
     "ActuatorOutputs",
     "AdsbVehicle",
@@ -142,6 +146,7 @@ __all__ = [
     "CameraPoints",
     "CameraTracking",
     "CameraTrackingGeo",
+    "Cause",
     "Clock",
     "ClosestApproach",
     "Collision",
@@ -209,6 +214,7 @@ __all__ = [
     "RadarDetections",
     "RadarFrame",
     "RadarScan",
+    "Reason",
     "Record",
     "Refusal",
     "RelativePose",

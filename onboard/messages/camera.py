@@ -5,6 +5,7 @@ from typing import Literal
 import msgspec
 
 from onboard.messages.base import Clock, ImagePoint, Message, Quaternion, Record, Vec3
+from onboard.messages.causes import Reason
 
 MountFrame = Literal["earth", "heading", "body"]
 Covariance3 = tuple[Vec3, Vec3, Vec3]
@@ -50,7 +51,7 @@ class TargetImage(Message, frozen=True, kw_only=True):
     the image in that unit; None: as configured. `mount`: where a moving mount pointed at exposure; None: as the
     camera is configured. `range`: how far the aircraft was, m, by another sensor, and its standard deviation, if
     it has one. `pose`: where it was and how it was turned, if the detector knows. `doubt`: what is doubtful in the
-    camera's intrinsics, "" if nothing is.
+    camera's intrinsics, None if nothing is.
     """
 
     camera: str
@@ -61,7 +62,7 @@ class TargetImage(Message, frozen=True, kw_only=True):
     range: float | None = None
     range_sigma: float | None = None
     pose: RelativePose | None = None
-    doubt: str = ""
+    doubt: Reason | None = None
 
     @property
     def image_points(self) -> tuple[ImagePoint, ...]:

@@ -3,6 +3,7 @@
 from enum import StrEnum
 
 from onboard.messages.base import ImagePoint, Quaternion, Record, Vec3
+from onboard.messages.causes import Cause
 
 
 class Lifecycle(StrEnum):
@@ -117,9 +118,9 @@ class Mode(Record, frozen=True, kw_only=True):
 
 class Estimate(Record, frozen=True, kw_only=True):
     """One estimate of one target by one estimator. `mean` and `covariance` have `components` and `units` and
-    are None before a track exists. Use an estimate only if it is `valid`; `reason` explains why it is not.
-    `frame`: frame of the vector components. `age`: seconds from the last fused measurement to `t_ns`.
-    `state_since_ns`: start of the state."""
+    are None before a track exists. Use an estimate only if it is `valid`; `reason` says why it is what it is, and
+    `cause` does for programs. `frame`: frame of the vector components. `age`: seconds from the last fused
+    measurement to `t_ns`. `state_since_ns`: start of the state."""
 
     name: str
     target: str
@@ -139,6 +140,7 @@ class Estimate(Record, frozen=True, kw_only=True):
     measurement: MeasurementReport | None = None
     intruder: Intruder | None = None  # for traffic only
     modes: tuple[Mode, ...] = ()  # of the leader, nearest first, where its range is open; else none
+    cause: Cause = Cause.NONE
 
     @property
     def is_primary(self) -> bool:

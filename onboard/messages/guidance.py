@@ -1,6 +1,7 @@
 """The leader in absolute terms, and the messages that tell autopilots and ground stations of it."""
 
 from onboard.messages.base import Message, Quaternion, Record, Vec3
+from onboard.messages.causes import Cause
 from onboard.messages.estimates import Lifecycle
 
 
@@ -11,7 +12,7 @@ class LeaderState(Record, frozen=True, kw_only=True):
     `r_FL_n`: from us to the leader; `r_FL_covariance` (3, 3) lacks the error of our own position. WGS-84 degrees
     and metres above mean sea level, where O is known. `course` (rad): the last one of a leader that hovers, None
     before it has flown. `age`: seconds from the last fused image to `t_ns`. Use it only if `valid`; all vectors
-    are None if it is not."""
+    are None if it is not, and `reason` says why, and `cause` for programs."""
 
     t_ns: int
     t_host_ns: int
@@ -31,6 +32,7 @@ class LeaderState(Record, frozen=True, kw_only=True):
     course: float | None = None
     size: float | None = None
     age: float | None = None
+    cause: Cause = Cause.NONE
 
 
 class FollowTarget(Message, frozen=True, kw_only=True):

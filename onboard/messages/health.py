@@ -6,6 +6,7 @@ from typing import Final
 import msgspec
 
 from onboard.messages.base import Record
+from onboard.messages.causes import Cause
 from onboard.messages.estimates import Fault, Lifecycle
 
 
@@ -19,14 +20,15 @@ class StreamHealth(Record, frozen=True, kw_only=True):
 
 class SinkHealth(Record, frozen=True, kw_only=True):
     """One sink: records sent, records dropped because its queue was full, restarts after failures, and the
-    present error. `dropped_important`: of the dropped records, those that give way to no others. In the
-    recorder these are the received bytes, in Zenoh all but further targets and traffic."""
+    present error with its cause. `dropped_important`: of the dropped records, those that give way to no others.
+    In the recorder these are the received bytes, in Zenoh all but further targets and traffic."""
 
     sent: int = 0
     dropped: int = 0
     dropped_important: int = 0
     restarts: int = 0
     error: str = ""
+    cause: Cause = Cause.NONE
 
 
 class LinkHealth(Record, frozen=True, kw_only=True):
@@ -35,8 +37,8 @@ class LinkHealth(Record, frozen=True, kw_only=True):
     datagrams of a sender beyond its budget, which are neither decoded nor recorded; `skipped`: the same of
     datagrams that had waited in this program for too long. `routers`: Zenoh routers
     that this program is connected to; None for other links. `error`: why a link that connects by itself is not
-    connected. `refused`: connections that were refused while another gave messages; `refused_from`: the
-    last."""
+    connected, with its `cause`. `refused`: connections that were refused while another gave messages;
+    `refused_from`: the last."""
 
     received: int = 0
     sent: int = 0
@@ -49,20 +51,28 @@ class LinkHealth(Record, frozen=True, kw_only=True):
     error: str = ""
     refused: int = 0
     refused_from: str = ""
+    cause: Cause = Cause.NONE
 
 
-DOUBT: Final = "in doubt: "  # before the reason of a refusal that is none: the messages were used
+DOUBT: Final = "in doubt: "  # before the reason of a refusal that is none: the messages were used ...
+DOUBTS: Final = frozenset(  # ... of these causes
+    {
+        *(Cause.MOUNT, Cause.FOCAL_LENGTH, Cause.OFF_CENTER, Cause.BINNED, Cause.QUARTER, Cause.RANGE_UNUSED),
+        *(Cause.UNVERIFIED, Cause.KEY_UNREADABLE),
+    }
+)
 
 
 class Refusal(Record, frozen=True, kw_only=True):
     """Messages of one camera that were refused for one reason. `source`: the key, link or camera that they came
-    from. `reason`: the field, and what was expected; of several that differ only in a number, the first.
-    `t_recv_ns`: arrival of the latest."""
+    from. `reason`: the field, and what was expected; of several that differ only in a number, the first. `cause`:
+    the same for programs. `t_recv_ns`: arrival of the latest."""
 
     source: str
     reason: str
     count: int
     t_recv_ns: int
+    cause: Cause = Cause.NONE
 
 
 class CameraHealth(Record, frozen=True, kw_only=True):
@@ -117,10 +127,10 @@ class Severity(StrEnum):
 
 
 class Advice(Record, frozen=True, kw_only=True):
-    """Something that is wrong, and its remedy. `cause`: its name, of the table in docs/status.md; `about`: the
-    camera, stream or link. `what`: what was found and what is needed, with figures; `remedy`: the line to type,
-    or the key to change. `text`: the same for a pilot, as STATUSTEXT. `over`: what is reported once it is
-    over. `count`: messages that were refused."""
+    """Something that is wrong, and its remedy. `cause`: the advice's name, of the table in docs/status.md;
+    `about`: the camera, stream or link. `what`: what was found and what is needed, with figures; `remedy`: the
+    line to type, or the key to change. `text`: the same for a pilot, as STATUSTEXT. `over`: what is reported once
+    it is over. `count`: messages that were refused."""
 
     cause: str
     severity: Severity
@@ -139,10 +149,11 @@ class Health(Record, frozen=True, kw_only=True):
     present faults of our own vehicle. `refusals`: which camera messages, signed frames and requests of others
     were refused and why, of each the latest last. `own_motion_sources`: how often attitude and velocity of our
     own vehicle came to be taken from the autopilot or from our own state's estimator (`[ownship] source`), by
-    which and why. `beside`: other autopilots that are heard. `followed`: MAVLink system and component of the
-    autopilot, as `1/1`; `senders`: messages by system and component, of the first heard. `needed`: rate that
-    each stream must have, Hz. `cameras`: whose images come. `reasons`: why the states are what they are.
-    `consistency` by estimator and source. `advice`: what is wrong and its remedy, the worst first."""
+    which and why. `beside`: other autopilots that are heard; `beside_ids`: their MAVLink system and component, as
+    `1/1`; `followed`: the same of the autopilot; `senders`: messages by system and component, of the first heard.
+    `needed`: rate that each stream must have, Hz. `cameras`: whose images come. `reasons`: why the states are what
+    they are, and `causes` for programs. `consistency` by estimator and source. `advice`: what is wrong and its
+    remedy, the worst first."""
 
     t_ns: int
     t_recv_ns: int
@@ -163,11 +174,13 @@ class Health(Record, frozen=True, kw_only=True):
     own_motion_sources: dict[str, int] = msgspec.field(default_factory=dict)
     clock_rate: float = 1.0
     beside: tuple[str, ...] = ()
+    beside_ids: tuple[str, ...] = ()
     followed: str = ""
     senders: dict[str, int] = msgspec.field(default_factory=dict)
     needed: dict[str, float] = msgspec.field(default_factory=dict)
     cameras: dict[str, CameraHealth] = msgspec.field(default_factory=dict)
     reasons: dict[str, str] = msgspec.field(default_factory=dict)
+    causes: dict[str, Cause] = msgspec.field(default_factory=dict)
     consistency: dict[str, Consistency] = msgspec.field(default_factory=dict)
     computer: ComputerLoad = ComputerLoad()
     advice: tuple[Advice, ...] = ()

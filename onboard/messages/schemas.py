@@ -10,6 +10,7 @@ import msgspec
 from onboard.messages import (
     CameraDetections,
     CameraPoints,
+    Cause,
     Estimate,
     Health,
     LeaderState,
@@ -57,7 +58,7 @@ def schemas() -> dict[str, dict[str, Any]]:
 
 
 def describe() -> str:
-    """Markdown: a table of keys, then a table of fields for each record and each record inside it."""
+    """Markdown: tables of keys, of the fields of each record and each record inside it, and of causes."""
     lines = ["| key | record | content |", "|---|---|---|"]
     for key, record in PUBLISHED.items():
         lines.append(f"| `{key}` | [`{record.__name__}`](#{record.__name__.lower()}) | {_summary(record)} |")
@@ -66,6 +67,8 @@ def describe() -> str:
         for field in msgspec.structs.fields(record):
             optional = "" if field.required else ", optional"
             lines.append(f"| `{field.encode_name}` | {_type(field.type)}{optional} |")
+    lines += ["", f"#### {Cause.__name__}", "", _text(Cause), "", "| cause | meaning |", "|---|---|"]
+    lines += [f"| `{cause.value}` | {cause.meaning} |" for cause in Cause]
     return "\n".join(lines) + "\n"
 
 
@@ -94,8 +97,8 @@ def _parts(annotation: Any) -> Iterator[Any]:
         yield from _parts(part)
 
 
-def _text(record: type[Record]) -> str:
-    """The record's docstring on one line."""
+def _text(record: type) -> str:
+    """A class's docstring on one line."""
     return " ".join((record.__doc__ or "").split()).replace("|", r"\|")
 
 
@@ -119,8 +122,8 @@ def _type(annotation: Any) -> str:
         return f"{len(arguments)} × {_type(arguments[0])}"
     if annotation is type(None):
         return "null"
+    if issubclass(annotation, Record | Cause):
+        return f"[`{annotation.__name__}`](#{annotation.__name__.lower()})"
     if issubclass(annotation, Enum):
         return ", ".join(f"`{member.value}`" for member in annotation)
-    if issubclass(annotation, Record):
-        return f"[`{annotation.__name__}`](#{annotation.__name__.lower()})"
     return {float: "number", int: "integer", str: "string", bool: "boolean"}[annotation]

@@ -1,6 +1,7 @@
 """Text from outside, made fit to be stored, published, drawn and printed. Whoever reads such text cleans it at the
 door, and whoever shows it to a person does so again: another program may have published it."""
 
+import re
 from typing import Any, Final, TypeVar
 
 import msgspec
@@ -10,6 +11,8 @@ from onboard.messages.base import Record
 NAME: Final = 64  # letters of a name from outside, such as a detector's class
 LINE: Final = 1000  # letters of a line for a person
 CUT: Final = "..."
+NUMBER: Final = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w])")  # that is no part of a name
+QUOTED: Final = re.compile(r"`[^`]*`?")  # or cut
 
 R = TypeVar("R", bound=Record)
 
@@ -19,6 +22,16 @@ def plain(text: str, most: int = NAME) -> str:
     line ends, and marks that change the direction of writing."""
     line = text if len(text) <= most else f"{text[: most - len(CUT)]}{CUT}"
     return line if line.isprintable() else "".join(c if c.isprintable() else "?" for c in line)
+
+
+def without_numbers(text: str) -> str:
+    """The same for all texts that differ in numbers alone."""
+    return NUMBER.sub("#", text)
+
+
+def without_names(text: str) -> str:
+    """The same for all texts that differ in what they quote alone."""
+    return QUOTED.sub("`*`", text)
 
 
 def plain_record(record: R) -> R:

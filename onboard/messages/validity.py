@@ -4,6 +4,7 @@ from typing import Final, TypeVar
 
 from msgspec.structs import replace
 
+from onboard.messages.causes import Reason
 from onboard.messages.estimates import Estimate, NavState
 from onboard.messages.guidance import LeaderState
 
@@ -12,9 +13,9 @@ Judged = TypeVar("Judged", bound=Estimate | LeaderState)
 VECTORS: Final = ("r_OL_n", "v_L_n", "a_L_n", "covariance", "r_FL_n", "r_FL_covariance")  # of a leader's state
 
 
-def not_valid(record: Judged, reason: str) -> Judged:
+def not_valid(record: Judged, why: Reason) -> Judged:
     """The same record, not to be used for this reason."""
-    made = replace(record, valid=False, reason=reason)
+    made = replace(record, valid=False, cause=why.cause, reason=why.words)
     if isinstance(made, LeaderState):
         return replace(made, **dict.fromkeys(VECTORS))
     return replace(made, quality=-1) if isinstance(made, NavState) else made

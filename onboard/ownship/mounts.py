@@ -20,6 +20,7 @@ from onboard.geometry.camera import Camera
 from onboard.geometry.rotations import euler_from_quaternion, matrix_from_euler, quaternion_from_matrix
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import DOUBT, Estimate, Verdict
+from onboard.messages.causes import Cause, Reason
 from onboard.ownship.ownship import Ownship
 
 FUSED: Final = (Verdict.FUSED, Verdict.FUSED_LATE)
@@ -55,7 +56,7 @@ class Sight(NamedTuple):
 class Mounts:
     """The cameras of a flight. `add(source, reason, t_recv_ns)` takes what is found."""
 
-    def __init__(self, camera: Camera, add: Callable[[str, str, int], None]) -> None:
+    def __init__(self, camera: Camera, add: Callable[[str, Reason, int], None]) -> None:
         self._camera, self._add = camera, add
         self._windows: dict[str, deque[tuple[Array, Array]]] = {}
         self._sights: dict[str, list[Sight]] = {}
@@ -89,7 +90,7 @@ class Mounts:
         windows.append(equations(sights))
         found = errors(tuple(windows))
         if found is not None:
-            self._add(f"camera {source}", _words(camera, *found), t_recv_ns)
+            self._add(f"camera {source}", _why(camera, *found), t_recv_ns)
 
 
 def equations(sights: list[Sight]) -> tuple[Array, Array]:
@@ -155,13 +156,14 @@ def _fitted(windows: list[tuple[Array, Array]]) -> tuple[Array, Array]:
     return theta, np.sqrt(np.diag(inverse @ scatter @ inverse) + floor)
 
 
-def _words(camera: Camera, theta: Array, sigma: Array) -> str:
+def _why(camera: Camera, theta: Array, sigma: Array) -> Reason:
     """The error that is the largest beyond its uncertainty, for its kind."""
     axis = int(np.argmax((np.abs(theta) - SIGMAS * sigma) / LEAST))
     if axis == FOCAL:
-        return (
+        return Reason(
+            Cause.FOCAL_LENGTH,
             f"{DOUBT}the leader moves in the image as we lean as if `f_px` were {1.0 + theta[FOCAL]:.2f} times as "
-            f"long (sigma {max(sigma[FOCAL], 0.01):.2f}): ranges and directions are wrong by that"
+            f"long (sigma {max(sigma[FOCAL], 0.01):.2f}): ranges and directions are wrong by that",
         )
     theta, sigma = theta[:FOCAL], sigma[:FOCAL]
     degrees, doubt = math.degrees(theta[axis]), math.degrees(sigma[axis])
@@ -169,7 +171,8 @@ def _words(camera: Camera, theta: Array, sigma: Array) -> str:
     small = np.where(np.abs(theta) > SIGMAS * sigma, theta, 0.0)
     w, x, y, z = quaternion_from_matrix(camera.R_bc @ matrix_from_euler(*small)).tolist()
     fits = [round(math.degrees(angle)) for angle in euler_from_quaternion((w, x, y, z))]
-    return (
+    return Reason(
+        Cause.MOUNT,
         f"{DOUBT}the leader moves as we lean, as if the camera looked {wrong} than `mount_rpy_deg` says: {fits} "
-        "fits"
+        "fits",
     )

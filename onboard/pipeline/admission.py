@@ -68,8 +68,8 @@ class Admission:
         return self._latch.why
 
     @property
-    def beside(self) -> tuple[str, ...]:
-        """The other vehicles that are heard."""
+    def beside(self) -> tuple[Heartbeat, ...]:
+        """Of the other vehicles that are heard."""
         return self._latch.beside
 
     def is_ours(self, message: Message) -> bool:

@@ -8,7 +8,6 @@ heard beside ours: its motion is not ours, whatever becomes of ours.
 from typing import Final
 
 from onboard.messages import Attitude, GlobalPosition, Heartbeat, LocalPosition, Message
-from onboard.pipeline.health import autopilot_name
 
 MAV_AUTOPILOT_INVALID: Final = 8
 # MAV_TYPE of what flies, drives, swims or floats. A gimbal, camera or transponder may also claim an autopilot.
@@ -66,9 +65,9 @@ class Latch:
         self._heard: dict[Id, Vehicle] = {}
 
     @property
-    def beside(self) -> tuple[str, ...]:
-        """The other vehicles that are heard."""
-        return tuple(autopilot_name(v.heartbeat) for v in self._heard.values() if v is not self.ours)
+    def beside(self) -> tuple[Heartbeat, ...]:
+        """The first heartbeats of the other vehicles that are heard."""
+        return tuple(v.heartbeat for v in self._heard.values() if v is not self.ours)
 
     def receive(self, message: Message) -> None:
         """Note a message of any sender."""

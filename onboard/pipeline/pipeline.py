@@ -13,6 +13,7 @@ the decoded messages too; a replay calls `feed`. Both run the same code on the s
 
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
+from typing import Final
 
 from onboard.clocks import SENSED, Clocks
 from onboard.config import Config, source_delays_ns
@@ -34,18 +35,28 @@ from onboard.messages import (
     WarmState,
     not_valid,
 )
+from onboard.messages.causes import Cause, Reason
 from onboard.ownship.mounts import Mounts
 from onboard.pipeline.admission import FROM_ARRIVAL, Admission
 from onboard.pipeline.health import Advisor, Monitor
 from onboard.pipeline.needs import needs
 from onboard.pipeline.own_motion import OwnMotionSource
 from onboard.pipeline.report import NO_RIM, Parts, Rim, health
-from onboard.pipeline.silence import BEHIND, HELD_UP, NO_POSITION, TIMEOUT_NS, LastWords
+from onboard.pipeline.silence import BEHIND, HELD_UP, TIMEOUT_NS, LastWords
 from onboard.pipeline.waiting import Waiting
 from onboard.pipeline.warm_start import WarmStart
 from onboard.wire import tlog
 from onboard.wire.datagrams import NO_KEYS, DatagramDecoder, Keys
 from onboard.wire.surplus import surplus
+
+NO_POSITION: Final = Reason(
+    Cause.NO_POSITION, "the autopilot has no position yet: its filter still aligns, or GPS is missing"
+)
+UNKNOWN: Final = Reason(Cause.OWN_MOTION_UNKNOWN, "our own motion is not known")
+CORRECTED: Final = Reason(
+    Cause.CLOCK_CORRECTED,
+    "the clocks' offset was wrong: the link had been held up, or they run at different rates",
+)
 
 
 class Pipeline:
@@ -159,7 +170,8 @@ class Pipeline:
         if before is None:
             return []
         self.clocks.restart()
-        return self._start_over(f"another autopilot is followed: {self.why_followed}")
+        why = f"another autopilot is followed: {self.why_followed}"
+        return self._start_over(Reason(Cause.OTHER_AUTOPILOT, why))
 
     def _align(self, message: Message) -> list[Output]:
         if message.clock is Clock.NONE and not self._admission.holds_from_arrival(message):
@@ -174,11 +186,13 @@ class Pipeline:
             return []
         if isinstance(message, TargetImage):
             self._monitor.cameras.see(message, aligned.t_ns, clocks.offset_ns, self.ownship.now_ns)
-        if what := "rebooted" if clocks.reboots > reboots else "set its clock" if clocks.jumps > jumps else "":
-            said = self._start_over(f"the autopilot has {what}")
+        if clocks.reboots > reboots:
+            said = self._start_over(Reason(Cause.REBOOTED, "the autopilot has rebooted"))
+        elif clocks.jumps > jumps:
+            said = self._start_over(Reason(Cause.CLOCK_SET, "the autopilot has set its clock"))
         if clocks.corrections > corrections:
             self._monitor.rejected["clock_corrections"] += 1
-            self._reset("the clocks' offset was wrong: the link had been held up, or they run at different rates")
+            self._reset(CORRECTED)
         if (known := self._warm.confirmed(clocks, message.t_recv_ns)) is not None:
             self._observe(known)
         return [*said, *self._route(aligned, aligned.t_ns + delay_ns)]
@@ -190,13 +204,13 @@ class Pipeline:
             delay_ns = self._camera_delays_ns.get(message.camera, delay_ns)
         return delay_ns
 
-    def _start_over(self, reason: str) -> list[Output]:
+    def _start_over(self, why: Reason) -> list[Output]:
         """The autopilot's clock and origin are new, so no state still holds. Gives estimates that say why, before
         another reason follows."""
         self.ownship = self._own_motion.begin()
         self._waiting.clear()
         for estimator in self.estimators.values():
-            estimator.reset(reason)
+            estimator.reset(why)
         return [output for name in self.estimators for output in self._noted(self._asked(name, None))]
 
     def _route(self, message: Message, stamp_ns: int) -> list[Output]:
@@ -235,8 +249,8 @@ class Pipeline:
         estimates = [estimate for name in names for estimate in self._asked(name, message)]
         now_ns = max(message.t_recv_ns, self._attitude_recv_ns)  # an image may have waited
         is_silent = now_ns - self._own_recv_ns > TIMEOUT_NS
-        unknown = "our own motion is not known" if self._own_recv_ns else NO_POSITION
-        return self._noted(estimates, unknown if is_silent else "")
+        unknown = UNKNOWN if self._own_recv_ns else NO_POSITION
+        return self._noted(estimates, unknown if is_silent else None)
 
     def _asked(self, name: str, message: Message | None) -> list[Estimate]:
         """An estimator's answer to a message, or, without one, to a new navigation sample. One that raises may be
@@ -247,7 +261,8 @@ class Pipeline:
         except Exception as error:  # of any kind: the other estimators go on
             self.count_error(name, error)
             with suppress(Exception):
-                estimator.reset(f"an error in the estimator: {type(error).__name__}")
+                words = f"an error in the estimator: {type(error).__name__}"
+                estimator.reset(Reason(Cause.ESTIMATOR_ERROR, words))
             return []
 
     def _judge_own_motion(self) -> None:
@@ -257,36 +272,38 @@ class Pipeline:
         if doubt and not self._doubt:
             self._monitor.rejected[doubt.replace(" ", "_")] += 1
         if self._doubt and not doubt:
-            self._reset(f"our own motion was in doubt: {self._doubt}")
+            self._reset(Reason(Cause.OWN_MOTION_DOUBT, f"our own motion was in doubt: {self._doubt}"))
         self._doubt = doubt
 
-    def _reset(self, reason: str) -> None:
+    def _reset(self, why: Reason) -> None:
         """Forget what was estimated from our own motion; our own state has its own checks."""
         for name, estimator in self.estimators.items():
             if name != "own_state":
-                estimator.reset(reason)
+                estimator.reset(why)
 
-    def _noted(self, estimates: Iterable[Estimate], doubt: str = "") -> list[Output]:
+    def _noted(self, estimates: Iterable[Estimate], doubt: Reason | None = None) -> list[Output]:
         """Publish estimates; those that follow from our own motion are not valid if it is in doubt, and none is
         whose own motion is too old by now."""
         outputs: list[Output] = []
-        doubt = doubt or self.clocks.doubt or (self._doubt and f"our own motion is in doubt: {self._doubt}")
+        doubt = doubt or self.clocks.doubt
+        if doubt is None and self._doubt:
+            doubt = Reason(Cause.OWN_MOTION_DOUBT, f"our own motion is in doubt: {self._doubt}")
         for made in estimates:
-            reason = "" if isinstance(made, NavState) else doubt
-            reason = reason or self._too_old(made)
-            estimate = not_valid(made, reason) if reason else made
+            why = None if isinstance(made, NavState) else doubt
+            why = why or self._too_old(made)
+            estimate = made if why is None else not_valid(made, why)
             self._monitor.publish(estimate)
             self._mounts.see(estimate, self.ownship)
             self._last_words.note(estimate)
             outputs.append(estimate)
         return outputs
 
-    def _too_old(self, estimate: Estimate) -> str:
+    def _too_old(self, estimate: Estimate) -> Reason | None:
         """Why an estimate would be too old when it is published, by the time at which the datagram that it follows
-        from was taken; "" if it is not."""
+        from was taken; None if it is not."""
         age_ns = self.clocks.age_ns(estimate.t_ns, self._taken_ns)
         if estimate.mean is None or age_ns <= self._max_age_ns:
-            return ""
+            return None
         return BEHIND if 2 * self._waited_ns > age_ns else HELD_UP
 
     @property

@@ -50,7 +50,8 @@ def health(parts: Parts, t_recv_ns: int, first_recv_ns: int, rim: Rim) -> Health
         clock_source=clocks.source,
         clock_offset_ns=offset,
         clock_rate=clocks.rate,
-        beside=parts.admission.beside,
+        beside=tuple(map(autopilot_name, parts.admission.beside)),
+        beside_ids=tuple(map(sender_of, parts.admission.beside)),
         round_trip=None if clocks.round_trip_ns is None else clocks.round_trip_ns * 1e-9,
         streams=monitor.streams(t_recv_ns),
         states=dict(monitor.states),
@@ -66,7 +67,8 @@ def health(parts: Parts, t_recv_ns: int, first_recv_ns: int, rim: Rim) -> Health
         senders=dict(monitor.senders),
         needed=dict(parts.advisor.needs.rates),
         cameras=monitor.cameras.health(t_recv_ns),
-        reasons=dict(monitor.reasons),
+        reasons={name: why.words for name, why in monitor.reasons.items()},
+        causes={name: why.cause for name, why in monitor.reasons.items()},
         consistency=monitor.consistencies.summary(),
     )
     return replace(record, advice=parts.advisor.advise(record))

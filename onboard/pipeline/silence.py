@@ -6,13 +6,13 @@ from typing import Final
 from msgspec.structs import replace
 
 from onboard.messages import Estimate, Lifecycle, not_valid
+from onboard.messages.causes import Cause, Reason
 
 # If no message of our own motion arrives for this long, estimates are invalid: they can no longer be predicted.
 TIMEOUT_NS: Final = 1_000_000_000
-NO_POSITION: Final = "the autopilot has no position yet: its filter still aligns, or GPS is missing"
-REASON: Final = "withdrawn: nothing usable of our own motion arrives"
-HELD_UP: Final = "the autopilot's messages are held up on their way"
-BEHIND: Final = "this program is late: what it reads has waited in it"
+WITHDRAWN: Final = Reason(Cause.SILENT, "withdrawn: nothing usable of our own motion arrives")
+HELD_UP: Final = Reason(Cause.HELD_UP, "the autopilot's messages are held up on their way")
+BEHIND: Final = Reason(Cause.BEHIND, "this program is late: what it reads has waited in it")
 
 
 class LastWords:
@@ -38,7 +38,7 @@ class LastWords:
 
 def _withdrawn(estimate: Estimate) -> Estimate:
     return replace(
-        not_valid(estimate, REASON),
+        not_valid(estimate, WITHDRAWN),
         sequence=estimate.sequence + 1,
         state=Lifecycle.LOST,
         state_since_ns=estimate.t_ns,

@@ -5,16 +5,19 @@ from typing import Final
 
 from onboard.clocks import Clocks
 from onboard.messages import WarmState
+from onboard.messages.causes import Cause, Reason
 
 SOURCE: Final = "warm_state"
 APART_NS: Final = 500_000_000  # between two offsets of one boot clock, the new one known by one arrival
-REBOOTED: Final = "the autopilot has rebooted since, or its clock runs at another rate than this computer's"
+REBOOTED: Final = Reason(
+    Cause.WARM_STATE, "the autopilot has rebooted since, or its clock runs at another rate than this computer's"
+)
 
 
 class WarmStart:
     """At most one state, used or refused at the first stamp. `refuse` takes source, reason and arrival."""
 
-    def __init__(self, refuse: Callable[[str, str, int], None]) -> None:
+    def __init__(self, refuse: Callable[[str, Reason, int], None]) -> None:
         self._refuse = refuse
         self._state: WarmState | None = None
 

@@ -6,6 +6,7 @@ thread is a daemon thread: the process can end while it is stuck in a write.
 """
 
 import asyncio
+import errno
 import queue
 import threading
 from collections.abc import Callable, Iterable, Sequence
@@ -14,6 +15,7 @@ from typing import Final, Generic, Protocol, TypeVar
 
 from onboard import UserError
 from onboard.messages import SinkHealth
+from onboard.messages.causes import Cause
 
 T = TypeVar("T")
 In_contra = TypeVar("In_contra", contravariant=True)
@@ -126,7 +128,7 @@ class SinkRunner(Generic[T]):
         self._lost = 0  # in a write that failed
         self._lost_important = 0
         self._restarts = 0
-        self._error = ""
+        self._error, self._cause = "", Cause.NONE
 
     def put(self, record: T) -> None:
         """Queue a record. Never blocks, never raises; records wait in the queue until `run` starts."""
@@ -141,6 +143,7 @@ class SinkRunner(Generic[T]):
             dropped_important=self._queue.dropped_important + self._lost_important,
             restarts=self._restarts,
             error=self._error,
+            cause=self._cause,
         )
 
     async def run(self) -> None:
@@ -167,7 +170,7 @@ class SinkRunner(Generic[T]):
             try:
                 self._use()
             except BaseException as error:  # a panic in a Rust library is no Exception
-                self._error = str(error) or type(error).__name__
+                self._error, self._cause = str(error) or type(error).__name__, _cause(error)
                 self._restarts += 1
             if self._sent > sent:
                 delay_s = self._first_retry_s
@@ -180,7 +183,7 @@ class SinkRunner(Generic[T]):
         sink = self._sink
         try:
             sink.open()
-            self._error = ""
+            self._error, self._cause = "", Cause.NONE
             records: list[T] = []
             limit = BATCH
             while True:
@@ -201,3 +204,9 @@ class SinkRunner(Generic[T]):
                     return
         finally:
             sink.close()
+
+
+def _cause(error: BaseException) -> Cause:
+    """Why a sink fails, by its error and what that came of."""
+    is_full = any(getattr(e, "errno", None) == errno.ENOSPC for e in (error, error.__cause__))
+    return Cause.DISK_FULL if is_full else Cause.FAILED

@@ -14,6 +14,7 @@ from typing import Any, Final
 import msgspec
 
 from onboard.messages import Estimate, Health, LeaderState, Lifecycle, OwnPose, not_valid
+from onboard.messages.causes import Cause, Reason
 from onboard.messages.schemas import key_of
 from onboard.sinks.sink import SinkError, SinkRunner
 from onboard.sinks.zenoh_session import ZenohSession
@@ -109,7 +110,7 @@ def aged(record: Published, age_s: float, validity_s: float) -> tuple[bytes, byt
     """(payload, attachment) of a reply with a record published `age_s` seconds ago."""
     stale = age_s > validity_s
     if stale and isinstance(record, Estimate | LeaderState):
-        reason = f"stale: published {age_s:.1f} s ago"
-        record = msgspec.structs.replace(not_valid(record, reason), state=Lifecycle.LOST)
+        why = Reason(Cause.OUTDATED, f"stale: published {age_s:.1f} s ago")
+        record = msgspec.structs.replace(not_valid(record, why), state=Lifecycle.LOST)
     attachment = {"age_s": round(age_s, 3), "stale": stale}
     return msgspec.json.encode(record), msgspec.json.encode(attachment)

@@ -6,8 +6,13 @@ import ssl
 from collections.abc import Iterable
 from typing import Any, Final, NamedTuple
 
+from onboard.messages.causes import NO_REASON, Cause, Reason
+
 TIMEOUT_S: Final = 1.0
-ANSWERS: Final = "it answers, but lets us open no session: is it a Zenoh router, are user and password right?"
+ANSWERS: Final = Reason(
+    Cause.UNREACHABLE,
+    "it answers, but lets us open no session: is it a Zenoh router, are user and password right?",
+)
 
 
 class Trust(NamedTuple):
@@ -19,8 +24,8 @@ class Trust(NamedTuple):
     checks_name: bool = True
 
 
-def trouble(endpoints: Iterable[str], session: Any, trust: Trust) -> str:
-    """Which endpoints are not reached, and why, in words; "" where all is well. Takes a second for each at most.
+def trouble(endpoints: Iterable[str], session: Any, trust: Trust) -> Reason:
+    """Which endpoints are not reached, and why; NO_REASON where all is well. Takes a second for each at most.
 
     Two endpoints may lead to one router, with which Zenoh keeps one connection: one that answers is well if
     another is connected.
@@ -28,29 +33,35 @@ def trouble(endpoints: Iterable[str], session: Any, trust: Trust) -> str:
     linked = {(protocol(str(link.dst)), port(str(link.dst))) for link in session.info.links()}
     missing = [e for e in endpoints if (protocol(e), port(e)) not in linked]
     is_alone = len(missing) == len(tuple(endpoints))
-    reasons = {e: probed(e, trust) for e in missing}
-    return "; ".join(
-        f"cannot reach {e} ({reason or ANSWERS})" for e, reason in reasons.items() if reason or is_alone
-    )
+    found = {e: why for e in missing if (why := probed(e, trust)) or is_alone}
+    if not found:
+        return NO_REASON
+    words = "; ".join(f"cannot reach {e} ({(why or ANSWERS).words})" for e, why in found.items())
+    return Reason(worst((why or ANSWERS).cause for why in found.values()), words)
 
 
-def probed(endpoint: str, trust: Trust) -> str:
-    """Why an endpoint refuses a connection (TCP, with TLS where it is used), "" if it takes one, or is of another
-    protocol."""
+def worst(causes: Iterable[Cause]) -> Cause:
+    """TLS, if that is why one of several endpoints cannot be reached: nothing else mends that."""
+    return Cause.TLS if Cause.TLS in causes else Cause.UNREACHABLE
+
+
+def probed(endpoint: str, trust: Trust) -> Reason | None:
+    """Why an endpoint refuses a connection (TCP, with TLS where it is used), None if it takes one, or has
+    another protocol."""
     name = protocol(endpoint)
     if name not in ("tcp", "tls"):
-        return ""
+        return None
     try:
         with socket.create_connection((host(endpoint), int(port(endpoint))), TIMEOUT_S) as plain:
             if name == "tls":
                 _shake_hands(plain, host(endpoint), trust)
     except ssl.SSLCertVerificationError as error:
-        return f"its certificate is not accepted: {error.verify_message}"
+        return Reason(Cause.TLS, f"its certificate is not accepted: {error.verify_message}")
     except ssl.SSLError as error:
-        return f"TLS: {(error.reason or str(error)).lower().replace('_', ' ')}"
+        return Reason(Cause.TLS, f"TLS: {(error.reason or str(error)).lower().replace('_', ' ')}")
     except (OSError, ValueError) as error:
-        return getattr(error, "strerror", None) or str(error) or "no answer"
-    return ""
+        return Reason(Cause.UNREACHABLE, getattr(error, "strerror", None) or str(error) or "no answer")
+    return None
 
 
 def _shake_hands(plain: socket.socket, name: str, trust: Trust) -> None:

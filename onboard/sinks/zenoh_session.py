@@ -12,9 +12,10 @@ import msgspec
 from yaml import YAMLError
 
 from onboard.messages import Record
+from onboard.messages.causes import NO_REASON, Cause, Reason
 from onboard.sinks.secrets import secret
 from onboard.sinks.sink import SinkError
-from onboard.sinks.zenoh_reach import ANSWERS, Trust, probed, trouble
+from onboard.sinks.zenoh_reach import ANSWERS, Trust, probed, trouble, worst
 from onboard.sinks.zenoh_stated import is_stated, stated_in
 
 SECURE: Final = ("tls/", "quic/")
@@ -31,6 +32,10 @@ TLS_SETTINGS: Final = (
 
 class RouterAbsentError(SinkError):
     """No router answers a client, or not yet."""
+
+    def __init__(self, words: str, cause: Cause = Cause.UNREACHABLE) -> None:
+        super().__init__(words)
+        self.cause = cause
 
 
 class ZenohConfig(Record, frozen=True, kw_only=True):
@@ -116,9 +121,9 @@ class ZenohSession:
         with self._lock:
             return self._session.liveliness().declare_subscriber(key, self._counted(callback), history=True)
 
-    def trouble(self) -> str:
-        """Which endpoints of `connect` cannot be reached, and why; "" if all is well. May take seconds."""
-        return "" if self._session.is_closed() else trouble(self._connecting, self._session, self._trust)
+    def trouble(self) -> Reason:
+        """Which endpoints of `connect` cannot be reached, and why; NO_REASON if all is well. May take seconds."""
+        return NO_REASON if self._session.is_closed() else trouble(self._connecting, self._session, self._trust)
 
     def words(self) -> str:
         """What the session does, for a person: its mode, and where it listens and connects."""
@@ -160,25 +165,26 @@ def open_session(config: ZenohConfig) -> ZenohSession:
     try:
         return ZenohSession(zenoh.open(settings), settings)
     except zenoh.ZError as error:
-        kind, reason = _explanation(settings, str(error))
-        raise kind(f"zenoh: {reason}") from error
+        raise _explained(settings, str(error)) from error
 
 
-def _explanation(settings: Any, error: str) -> tuple[type[SinkError], str]:
+def _explained(settings: Any, error: str) -> SinkError:
     """Zenoh's error in one line."""
     mode = _mode(settings)
     if "Address already in use" in error:
         where = ", ".join(_endpoints(settings, "listen", mode))
-        return SinkError, f"{where} is in use: is another router, or another onboard, running?"
+        return SinkError(f"zenoh: {where} is in use: is another router, or another onboard, running?")
     if mode == "client":
         endpoints = _endpoints(settings, "connect", mode)
         if not endpoints:
-            return SinkError, "no router answers at any address: set connect"
+            return SinkError("zenoh: no router answers at any address: set connect")
         trust = _trust(settings)
-        why = ", ".join(f"{e}: {probed(e, trust) or ANSWERS}" for e in endpoints)
-        return RouterAbsentError, f"no router answers at {', '.join(endpoints)} ({why})"
+        found = {e: probed(e, trust) for e in endpoints}
+        why = ", ".join(f"{e}: {(reason or ANSWERS).words}" for e, reason in found.items())
+        words = f"zenoh: no router answers at {', '.join(endpoints)} ({why})"
+        return RouterAbsentError(words, worst((reason or ANSWERS).cause for reason in found.values()))
     reason = error.splitlines()[0].split(" at /")[0]  # the rest are places in Zenoh's sources
-    return SinkError, f"cannot open a session ({reason})"
+    return SinkError(f"zenoh: cannot open a session ({reason})")
 
 
 def _zenoh_config(config: ZenohConfig) -> Any:

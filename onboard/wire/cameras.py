@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from onboard.geometry.camera import Camera
 from onboard.geometry.lens import Lens
+from onboard.messages.causes import Cause
 from onboard.messages.target import WING_POINTS
 from onboard.wire.document import BadDocumentError
 
@@ -35,7 +36,10 @@ def find(cameras: Cameras, name: str) -> CameraInput:
     """The camera of that name, the first without one. Raises BadDocumentError, which names all."""
     camera = cameras.get(name) if name else next(iter(cameras.values()), None)
     if camera is None:
-        raise BadDocumentError(f"no camera is called `{name}`; known: {', '.join(cameras)} - at `$.camera`")
+        known = ", ".join(cameras)
+        raise BadDocumentError(
+            f"no camera is called `{name}`; known: {known} - at `$.camera`", Cause.UNKNOWN_CAMERA
+        )
     return camera
 
 

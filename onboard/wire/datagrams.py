@@ -6,6 +6,7 @@ from functools import partial
 from typing import Final
 
 from onboard.messages import Datagram, Encoding, Message, TargetImage
+from onboard.messages.causes import Cause, Reason
 from onboard.wire import tlog
 from onboard.wire.cameras import Cameras, find, of_topic
 from onboard.wire.detections import decode_detections, images_of
@@ -31,14 +32,18 @@ NO_KEYS: Final[Keys] = {}
 MOST_IGNORED: Final = 64  # unknown fields that are named, each once
 FOREIGN: Final = 10  # pieces without a frame: more than what a connection in the midst of one begins with
 LONGEST_NAME: Final = 200  # characters of what is named
+NO_FRAME: Final = Reason(Cause.BAUD_RATE, "no MAVLink frame is in what arrives; of a serial port: the baud rate?")
+JSON: Final = Reason(
+    Cause.NO_MAVLINK, "no MAVLink frame is in what arrives; it looks like JSON, which a `json:` link takes"
+)
 OWN: Final = (
     "this is us: our frames come back on link `{}`, by a router or by somebody who repeats them, or another "
     "program has our ids; give it other ones"
 )
-OnRefused = Callable[[str, str, int], None]
+OnRefused = Callable[[str, Reason, int], None]
 
 
-def ignore(_source: str, _reason: str, _t_recv_ns: int) -> None:
+def ignore(_source: str, _why: Reason, _t_recv_ns: int) -> None:
     """What cannot be used is only counted."""
 
 
@@ -78,7 +83,7 @@ class DatagramDecoder:
         try:
             return self._document(datagram)
         except BadDocumentError as error:
-            self._refuse(datagram, str(error))
+            self._refuse(datagram, error.why)
         except Exception as error:  # of any kind: it costs this document
             self._on_error(f"bad_{datagram.encoding}", error)
         return []
@@ -108,17 +113,15 @@ class DatagramDecoder:
     def _name_own(self, channel: str, system: int, component: int, t_recv_ns: int) -> None:
         """Say that frames of ours came back; a ground station's log has them in any case."""
         if channel != tlog.CHANNEL:
-            self._on_refused(f"system {system}, component {component}", OWN.format(channel), t_recv_ns)
+            why = Reason(Cause.OURSELVES, OWN.format(channel))
+            self._on_refused(f"system {system}, component {component}", why, t_recv_ns)
 
     def _doubt(self, datagram: Datagram) -> None:
         """Say what a channel seems to be on which no frame has come yet, but other bytes have, for a while."""
         self._foreign[datagram.channel] += 1
         if self._foreign[datagram.channel] >= FOREIGN:
             is_json = datagram.data.lstrip()[:1] in (b"{", b"[")
-            hint = (
-                "it looks like JSON, which a `json:` link takes" if is_json else "of a serial port: the baud rate?"
-            )
-            self._on_refused(datagram.channel, f"no MAVLink frame is in what arrives; {hint}", datagram.t_recv_ns)
+            self._on_refused(datagram.channel, JSON if is_json else NO_FRAME, datagram.t_recv_ns)
 
     def _document(self, datagram: Datagram) -> list[Message]:
         """The messages of one document. Raises BadDocumentError."""
@@ -134,13 +137,13 @@ class DatagramDecoder:
             return [message]
         return [*decode_detections(data, t_recv_ns, self._cameras, refuse, ignored)]
 
-    def _refuse(self, datagram: Datagram, reason: str) -> None:
+    def _refuse(self, datagram: Datagram, why: Reason) -> None:
         self._bad[f"bad_{datagram.encoding}"] += 1
-        self._on_refused(datagram.channel, reason, datagram.t_recv_ns)
+        self._on_refused(datagram.channel, why, datagram.t_recv_ns)
 
-    def _refuse_tracker(self, channel: str, reason: str, t_recv_ns: int) -> None:
+    def _refuse_tracker(self, channel: str, why: Reason, t_recv_ns: int) -> None:
         self._bad["bad_tracking"] += 1
-        self._on_refused(channel, reason, t_recv_ns)
+        self._on_refused(channel, why, t_recv_ns)
 
     def _ignore(self, datagram: Datagram, what: str) -> None:
         """Name what is ignored once: detectors send much that is of no use here."""
@@ -149,7 +152,8 @@ class DatagramDecoder:
             return
         self._ignored.add(what)
         self._bad["ignored_fields"] += 1
-        self._on_refused(datagram.channel, f"(the rest is used) {what}", datagram.t_recv_ns)
+        ignored = Reason(Cause.IGNORED, f"(the rest is used) {what}")
+        self._on_refused(datagram.channel, ignored, datagram.t_recv_ns)
 
     @property
     def frames(self) -> Counter[str]:

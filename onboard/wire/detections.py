@@ -6,7 +6,7 @@ Where no point is named, the position of a pose is the center.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final
 
 import msgspec
@@ -27,16 +27,18 @@ from onboard.messages import (
     TargetImage,
     TargetPoints,
 )
+from onboard.messages.causes import Cause
 from onboard.messages.target import WING_POINTS
 from onboard.messages.text import plain
 from onboard.wire import agreement, boxes
 from onboard.wire.cameras import CameraInput, Cameras, find
 from onboard.wire.document import BadDocumentError, Refuse, load, parse_rows
-from onboard.wire.points import check_target, lens_of
+from onboard.wire.points import check_target, doubt_of, lens_of
 from onboard.wire.poses import relative_pose
 
 LEAST_CONFIDENCE: Final = 0.05  # noise is that of a detection with this confidence at most
 FARTHEST: Final = 1e5  # m, of a range
+Ignore = Callable[[str], None]
 
 INSIDE: Final[dict[str, type[Record]]] = {
     "detections": Detection,
@@ -50,7 +52,7 @@ _decoder = msgspec.json.Decoder(CameraDetections)
 
 
 def decode_detections(
-    data: bytes, t_recv_ns: int, cameras: Cameras, refuse: Refuse, ignore: Refuse
+    data: bytes, t_recv_ns: int, cameras: Cameras, refuse: Refuse, ignore: Ignore
 ) -> list[TargetImage]:
     """A message for each detection of one JSON document of CameraDetections.
 
@@ -75,7 +77,7 @@ def images_of(
     camera: CameraInput,
     lens: Lens,
     refuse: Refuse,
-    ignore: Refuse,
+    ignore: Ignore,
     numbers: Sequence[int] | None = None,
 ) -> list[TargetImage]:
     """A message for each detection of a document, whose pixels are those of `lens`; see `decode_detections`.
@@ -92,7 +94,7 @@ def images_of(
             "target": detection.target,
             "class_name": plain(detection.class_name.strip()),
             "view": lens.view,
-            "doubt": lens.note,
+            "doubt": doubt_of(lens),
             "mount": document.attitude,
             "range": detection.range_m,
             "range_sigma": detection.range_sigma_m,
@@ -100,7 +102,7 @@ def images_of(
         try:
             found.append(_message(detection, head, camera, lens, f"detections[{i}]"))
         except BadDocumentError as error:
-            refuse(str(error))
+            refuse(error.why)
         for name in detection.points.keys() - camera.points:
             ignore(f"the point `{name}`; the points that are used are {', '.join(camera.points)}")
     return found
@@ -112,7 +114,7 @@ def _message(detection: Detection, head: dict[str, Any], camera: CameraInput, le
     name = head["class_name"]
     if camera.classes and name not in ("", *camera.classes):
         followed = f"`classes` of camera {camera.name} are {', '.join(camera.classes)}"
-        raise BadDocumentError(f"`{name}` is not followed; {followed} - at `$.{at}.class`")
+        raise BadDocumentError(f"`{name}` is not followed; {followed} - at `$.{at}.class`", Cause.UNKNOWN_CLASS)
     _check_range(detection, at)
     sigma_px = camera.sigma_px / _confidence(detection, camera, at)
     agreement.check(detection, lens, camera.sizes, sigma_px, at)

@@ -19,6 +19,7 @@ from onboard.messages import (
     SatelliteRange,
     WarmState,
 )
+from onboard.messages.causes import Cause, Reason
 
 LATEST_NS: Final = 2**63
 LARGEST: Final = 65_536  # bytes; three labelled points are 400, a radar's echo a hundred
@@ -31,11 +32,15 @@ ROWS: Final[dict[type[Record], tuple[str, type[Record]]]] = {  # the field that 
 }
 
 D = TypeVar("D", CameraDetections, CameraPoints, RadarDetections, Pseudoranges, WarmState)
-Refuse = Callable[[str], None]
+Refuse = Callable[[Reason], None]
 
 
 class BadDocumentError(ValueError):
     """A document that cannot be used; the message names the field."""
+
+    def __init__(self, words: str, cause: Cause = Cause.DOCUMENT) -> None:
+        super().__init__(words)
+        self.why = Reason(cause, words)
 
 
 def parse(decoder: msgspec.json.Decoder[D], data: bytes) -> D:
@@ -75,7 +80,7 @@ def parse_measurements(
 ) -> D:
     """The record of one JSON document with those of its rows that can be measured, as `possible` says. Raises
     BadDocumentError when there are rows and none of them can: it is no measurement of nothing."""
-    reasons: list[str] = []
+    reasons: list[Reason] = []
     document, numbers = parse_rows(decoder, data, reasons.append)
     name, _ = ROWS[decoder.type]
     found = []
@@ -83,9 +88,9 @@ def parse_measurements(
         if is_possible(row):
             found.append(row)
         else:
-            reasons.append(f"{possible} - at `$.{name}[{i}]`")
+            reasons.append(Reason(Cause.DOCUMENT, f"{possible} - at `$.{name}[{i}]`"))
     if reasons and not found:
-        raise BadDocumentError(reasons[0])
+        raise_reason(reasons[0])
     for reason in reasons:
         refuse(reason)
     return msgspec.structs.replace(document, **{name: tuple(found)})
@@ -115,7 +120,7 @@ def _row_by_row(kind: type[D], tree: Any, refuse: Refuse) -> tuple[D, list[int]]
         try:
             found[i] = _convert(row, row_kind, f".{name}[{i}]")
         except BadDocumentError as error:
-            refuse(str(error))
+            refuse(error.why)
     return msgspec.structs.replace(document, **{name: tuple(found.values())}), list(found)
 
 
@@ -125,7 +130,7 @@ def _stated(tree: dict[str, Any], kind: type[Record], refuse: Refuse) -> dict[st
     fields = msgspec.structs.fields(kind)
     empty = {f.encode_name for f in fields if not f.required and tree.get(f.encode_name, f) is None}
     for field in sorted(empty):
-        refuse(f"(the rest is used) null is taken as not stated - at `$.{field}`")
+        refuse(Reason(Cause.IGNORED, f"(the rest is used) null is taken as not stated - at `$.{field}`"))
     return {key: value for key, value in tree.items() if key not in empty}
 
 
@@ -157,9 +162,9 @@ def _whole(value: Any, at: str) -> Any:
     return int(value) if value.is_integer() and abs(value) < LATEST_NS else value
 
 
-def raise_reason(reason: str) -> None:
+def raise_reason(why: Reason) -> None:
     """Refuse a whole document for one of its rows, where nobody counts these."""
-    raise BadDocumentError(reason)
+    raise BadDocumentError(why.words, why.cause)
 
 
 def _known(kind: type[Record], error: str) -> str:

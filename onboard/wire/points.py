@@ -8,6 +8,7 @@ import msgspec
 
 from onboard.geometry.lens import Lens
 from onboard.messages import CameraPoints, Intrinsics, Pixel, TargetPoints
+from onboard.messages.causes import Cause, Reason
 from onboard.wire.document import BadDocumentError, check_name, parse
 
 TARGET: Final = re.compile(r"(?=.{0,64}$)([A-Za-z0-9_.-]+(/[A-Za-z0-9_.-]+)*)?")  # part of a key to publish under
@@ -42,9 +43,14 @@ def decode_points(data: bytes, t_recv_ns: int) -> TargetPoints:
         left=point(m.left),
         right=point(m.right),
         view=lens.view,
-        doubt=lens.note,
+        doubt=doubt_of(lens),
         sigma=None if None in sigmas else tuple(s / lens.f_px for s in sigmas if s is not None),  # type: ignore[arg-type]  # three of three
     )
+
+
+def doubt_of(lens: Lens) -> Reason | None:
+    """What is doubtful in a camera's intrinsics, None if nothing is."""
+    return Reason(Cause.OFF_CENTER if lens.binning == 1 else Cause.BINNED, lens.note) if lens.note else None
 
 
 @lru_cache(maxsize=64)  # all images of a camera have the same

@@ -17,6 +17,7 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import Final
 
+from onboard.messages.causes import Cause, Reason
 from onboard.wire.mavlink_frame import (
     CHECKSUM,
     MIRRORED,
@@ -42,10 +43,15 @@ SEPARATORS: Final = re.compile(rb"[\s:,-]|(?<=[\s,])0x")
 MOST_STREAMS: Final = 256
 EXTRA: Final = {number: extra for number, (_, extra) in MESSAGES.items()} | UNLISTED_EXTRA
 
-UNSIGNED: Final = "frames are not signed, and this link has a `key_file`; give the sender its key, and MAVLink 2"
-FORGED: Final = "frames are signed with another key than that of this link's `key_file`; give both the same"
+UNSIGNED: Final = Reason(
+    Cause.SIGNING,
+    "frames are not signed, and this link has a `key_file`; give the sender its key, and MAVLink 2",
+)
+FORGED: Final = Reason(
+    Cause.SIGNING, "frames are signed with another key than that of this link's `key_file`; give both the same"
+)
 
-OnRefused = Callable[[str, int], None]
+OnRefused = Callable[[Reason, int], None]
 StreamId = tuple[int, int, int]  # link id, system, component
 Stamps = dict[StreamId, int]  # the newest by stream
 
@@ -59,13 +65,13 @@ class Verifier:
     def __init__(
         self,
         key: bytes | None,
-        on_refused: OnRefused = lambda _reason, _t_recv_ns: None,
+        on_refused: OnRefused = lambda _why, _t_recv_ns: None,
         stamps: Stamps | None = None,
     ) -> None:
         self.unverified = 0
         self._key, self._on_refused = key, on_refused
         self._newest: Stamps = {} if stamps is None else stamps
-        self._reasons: dict[StreamId, str] = {}  # as first said, so that one cause stays one line
+        self._reasons: dict[StreamId, Reason] = {}  # as first said, so that one cause stays one line
 
     def check(self, frame: bytes, t_recv_ns: int, wall_step_ns: int = 0) -> str:
         """Why a frame is refused; nothing if it is signed with our key, new, and of about now. Only then its stamp
@@ -84,7 +90,8 @@ class Verifier:
         newest, now = self._newest.get(stream), stamp_of(t_recv_ns + wall_step_ns)
         if stamp > now + AHEAD or (newest is None and stamp < now - NEW_STREAM):
             if len(self._reasons) < MOST_STREAMS:
-                self._reasons.setdefault(stream, _which_clock(stamp, t_recv_ns + wall_step_ns, stream))
+                words = _which_clock(stamp, t_recv_ns + wall_step_ns, stream)
+                self._reasons.setdefault(stream, Reason(Cause.SIGNING, words))
             if stream in self._reasons:
                 self._on_refused(self._reasons[stream], t_recv_ns)
             return "signed_ahead" if stamp > now else "replayed"

@@ -28,6 +28,7 @@ from onboard.messages import (
     Detection,
     TargetImage,
 )
+from onboard.messages.causes import Reason
 from onboard.wire.cameras import CameraInput, Cameras
 from onboard.wire.detections import FARTHEST, images_of
 from onboard.wire.document import BadDocumentError
@@ -40,10 +41,10 @@ AS_CONFIGURED: Final = (
     0.05  # of the focal length: a calibrated one is better than one so near that a camera states
 )
 UNKNOWN_Q: Final = ((0.0,) * 4, (1.0, 0.0, 0.0, 0.0))  # what senders fill in that know no rotation
-Refuse = Callable[[str, int], None]
+Refuse = Callable[[Reason, int], None]
 
 
-def ignore(_reason: str, _t_recv_ns: int = 0) -> None:
+def ignore(*_: object) -> None:
     """What cannot be used is left out."""
 
 
@@ -101,9 +102,9 @@ class TrackerDecoder:
         try:
             document = CameraDetections(t_ns=header["t_ns"], clock=header["clock"], detections=(detect(),))
         except BadDocumentError as error:
-            self._refuse(str(error), t_recv_ns)
+            self._refuse(error.why, t_recv_ns)
             return None
-        found = images_of(document, t_recv_ns, camera, lens, lambda text: self._refuse(text, t_recv_ns), ignore)
+        found = images_of(document, t_recv_ns, camera, lens, lambda why: self._refuse(why, t_recv_ns), ignore)
         return replace(found[0], system=header["system"], component=header["component"]) if found else None
 
 

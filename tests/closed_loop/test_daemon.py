@@ -14,8 +14,7 @@ from onboard.clocks import LONGEST_ROUND_TRIP_NS
 from onboard.commands import cli
 from onboard.commands.log_replay import replay
 from onboard.config import load_config
-from onboard.messages import Estimate, TimeSync
-from onboard.pipeline.silence import REASON
+from onboard.messages import Cause, Estimate, TimeSync
 from onboard.wire.datagrams import DatagramDecoder
 from onboard.wire.recording import read_estimates, read_recording
 from tests.support.daemon import Observer, Relay, Setup, queried
@@ -32,7 +31,7 @@ def setup(tmp_path: Path) -> Iterator[Setup]:
 
 def assert_replays_bit_for_bit(setup: Setup, recording: Path) -> None:
     """Each live estimate equals the replayed one, number for number. A timer's withdrawals are not repeated."""
-    live = [e for e in read_estimates(recording) if e.reason != REASON]
+    live = [e for e in read_estimates(recording) if e.cause is not Cause.SILENT]
     assert len(live) > 5 * 30  # of six seconds, 30 a second
     again = replay(recording, load_config(setup.config))
     assert again.damaged == 0

@@ -10,8 +10,7 @@ from typing import Any
 
 from onboard.commands.log_replay import replay
 from onboard.config import load_config
-from onboard.messages import Estimate, Health
-from onboard.pipeline.silence import REASON
+from onboard.messages import Cause, Estimate, Health
 from onboard.wire.recording import read_estimates, read_recording
 from tests.support.daemon import Observer, Relay, Setup
 from tests.support.programs import until
@@ -107,7 +106,7 @@ def assert_replays_with_its_waits(setup: Setup, recording: Path) -> None:
     """Each estimate that was made of datagrams is made of them again, valid or not."""
     datagrams = [datagram for datagram, _ in read_recording(recording) if datagram is not None]
     assert max(d.waited_us for d in datagrams) > 10_000
-    live = [e for e in read_estimates(recording) if e.reason != REASON]
+    live = [e for e in read_estimates(recording) if e.cause is not Cause.SILENT]
     settings = load_config(setup.config, SETTINGS[-1:])
     again = [e for e in replay(recording, settings).estimates if e.name == "leader"]
     assert live == again

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from onboard.config import ConfigError
 from onboard.daemon import Daemon
 from onboard.links.host_clock import HostClock
-from onboard.messages import DOUBT, Datagram, Encoding, Health, LocalPosition
+from onboard.messages import DOUBT, Cause, Datagram, Encoding, Health, LocalPosition, Reason
 from tests.faults.test_silence import Link, Wire
 from tests.support.faulty_flight import DATAGRAMS, ITEMS
 from tests.support.streams import S, encode, make_config
@@ -97,7 +97,7 @@ def test_a_doubt_about_the_set_up_reaches_the_pilot() -> None:
     words = (
         f"{DOUBT}the leader moves as we lean, as if the camera looked 15 degrees lower than `mount_rpy_deg` says"
     )
-    flight.daemon._pipeline.refuse("camera front", words, flight.daemon._now_ns())
+    flight.daemon._pipeline.refuse("camera front", Reason(Cause.MOUNT, words), flight.daemon._now_ns())
     end_ns = DATAGRAMS[-1].t_recv_ns
     for k in range(1, 50):
         flight.wait(end_ns + k * TICK_NS)

@@ -53,7 +53,7 @@ def test_a_link_that_is_late_for_good_does_not_bend_the_time_base(late_ms: int) 
 def test_while_a_link_is_late_by_more_than_estimates_may_be_old_nothing_is_valid(late_ms: int) -> None:
     run = held_up(lambda t: late_ms * MS if t > BEGINS else 0)
     assert after(run)
-    assert {(e.valid, e.reason) for e in after(run)} == {(False, HELD_UP)}
+    assert {(e.valid, e.cause, e.reason) for e in after(run)} == {(False, *HELD_UP)}
     assert run.pipeline.clocks.offset_ns == EPOCH + 2 * MS
 
 
@@ -78,7 +78,7 @@ def test_what_has_waited_in_this_program_is_not_valid_and_not_the_link_s_doing()
             outputs += pipeline.feed(replace(datagram, wall_step_ns=0, waited_us=is_late * waited_us))
         late = after(Run(pipeline, outputs))
         expected = {True} if kind == "valid" else {BEHIND}
-        assert {e.valid or e.reason for e in late if e.t_ns > BEGINS - EPOCH + 100 * MS} == expected
+        assert {e.valid or (e.cause, e.reason) for e in late if e.t_ns > BEGINS - EPOCH + 100 * MS} == expected
         assert pipeline.clocks.offset_ns == EPOCH + 2 * MS
 
 

@@ -11,6 +11,7 @@ from onboard.links.host_clock import HostClock
 from onboard.messages import (
     AdsbVehicle,
     AltitudeType,
+    Cause,
     Clock,
     Datagram,
     Estimate,
@@ -137,6 +138,7 @@ def test_when_everything_falls_silent_the_last_word_is_not_valid() -> None:
     pass_time(daemon, 3.0, END + 900 * MS)
     word = [r for r in wire.records if isinstance(r, Estimate)][-1]
     assert (word.target, word.valid, word.state) == ("leader", False, Lifecycle.LOST)
+    assert word.cause is Cause.SILENT
     assert word.reason == "withdrawn: nothing usable of our own motion arrives"
     assert (word.mean, word.t_ns, word.sequence) == (last.mean, last.t_ns, last.sequence + 1)
     assert sum(isinstance(r, Estimate) and not r.valid for r in wire.records[-100:]) == 1, "withdrawn once"
@@ -167,7 +169,7 @@ def newest(wire: Wire) -> Estimate:
     return found
 
 
-@pytest.mark.parametrize(("waited_ms", "reason"), [(300, ""), (700, BEHIND), (20_000, BEHIND)])
+@pytest.mark.parametrize(("waited_ms", "reason"), [(300, ""), (700, BEHIND.words), (20_000, BEHIND.words)])
 def test_what_was_read_late_makes_no_valid_estimate(waited_ms: int, reason: str) -> None:
     daemon, wire, _ = flying()
     for datagram in encode(Stream(t0=T1, t1=T1 + 1, seed=21).items()):
@@ -183,7 +185,7 @@ def test_what_has_waited_for_a_sink_or_a_socket_is_judged_again() -> None:
     last = newest(wire)
     assert daemon._current(last) is last
     daemon._clock.shown_ns = END + S  # type: ignore[attr-defined] # of a SetClock
-    assert (daemon._current(last).valid, daemon._current(last).reason) == (False, BEHIND)
+    assert (daemon._current(last).valid, daemon._current(last).cause) == (False, BEHIND.cause)
     sent = len(wire.frames)
     daemon._send([Outgoing("udp", [b"frame"])], made_ns=END)
     assert len(wire.frames) == sent

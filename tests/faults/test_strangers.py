@@ -20,7 +20,7 @@ from onboard.config import Config, Storing, parse_config, read_stored
 from onboard.daemon import Daemon
 from onboard.links.link import close_all
 from onboard.links.udp import UdpLink
-from onboard.messages import Clock, Datagram, Encoding, FileRequest, Message, ParamAction, ParamRequest
+from onboard.messages import Clock, Datagram, Encoding, FileRequest, Message, ParamAction, ParamRequest, Reason
 from onboard.pipeline import Pipeline
 from onboard.wire.mavlink_encode import MavlinkEncoder, message_number
 from onboard.wire.signing import Signer
@@ -223,7 +223,7 @@ def asked(out: AutopilotOutput, command: int, *params: float, system: int = 66) 
 
 @pytest.mark.parametrize("name", FLIES)
 def test_a_stranger_does_not_change_what_flies_the_vehicle(name: str) -> None:
-    refused: list[tuple[str, str, int]] = []
+    refused: list[tuple[str, Reason, int]] = []
     out, number = everything(refuse=lambda *r: refused.append(r)), message_number(name)
     before = asked(out, 510, number)[1].interval_us
     for interval in (-1, 1_000_000, 0):
@@ -231,7 +231,7 @@ def test_a_stranger_does_not_change_what_flies_the_vehicle(name: str) -> None:
         assert ack.result == 2, "MAV_RESULT_DENIED"
     assert asked(out, 510, number)[1].interval_us == before > 0
     assert out.take_lines() == []
-    assert {(source, name in reason) for source, reason, _ in refused} == {("system 66, component 66", True)}
+    assert {(source, name in why.words) for source, why, _ in refused} == {("system 66, component 66", True)}
     (ack,) = asked(out, 511, number, -1, system=255)
     assert ack.result == 0
     assert out.take_lines() == [f"{name} off by system 255, component 66"]
@@ -270,7 +270,7 @@ def asks(kind: str, system: int, number: int) -> Message:
 
 @pytest.mark.parametrize("kind", ["list", "extended list", "file", "AUTOPILOT_VERSION", "CAMERA_INFORMATION"])
 def test_answers_are_rationed_by_source_and_counted(kind: str) -> None:
-    refused: list[tuple[str, str, int]] = []
+    refused: list[tuple[str, Reason, int]] = []
     out = everything(refuse=lambda *r: refused.append(r))
     opens = replace(asks("file", 66, 0), opcode=4, data=b"general.json")
     out.respond(LINK, [opens], NOW)

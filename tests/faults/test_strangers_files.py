@@ -136,7 +136,7 @@ def test_a_state_that_no_run_of_ours_left_is_not_read(tmp_path: Path, kind: str)
         if kind == "link":
             (tmp_path / "elsewhere").write_text("{}")
     rows = {"warm_start": {"path": str(path)}, "estimator": {"leader": {}}}
-    file = WarmFile(parse_config(rows), lambda _: None, lambda _, reason, __: refused.append(reason))
+    file = WarmFile(parse_config(rows), lambda _: None, lambda _, why, __: refused.append(why.words))
     assert file.read(1_800_000_000 * 10**9) is None
     assert refused == ["is no file of ours: a link, a pipe, or another user's"]
 

@@ -52,7 +52,7 @@ def decoded(datagram: Datagram) -> list[Any]:
     """Its messages with the default configuration; nothing may be refused or ignored."""
     reasons: list[str] = []
     decoder = DatagramDecoder(
-        on_refused=lambda _, reason, __: reasons.append(reason), cameras=load_config(None).camera_inputs()
+        on_refused=lambda _, why, __: reasons.append(why.words), cameras=load_config(None).camera_inputs()
     )
     messages = decoder.decode(datagram)
     assert reasons == []

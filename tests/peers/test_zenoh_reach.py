@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from onboard.daemon import Daemon
+from onboard.messages import NO_REASON, Cause
 from onboard.sinks.zenoh_reach import Trust, probed
 from onboard.sinks.zenoh_session import RouterAbsentError, ZenohConfig, open_session
 from tests.support.fleet import files, make_certificates, router
@@ -20,13 +21,13 @@ def test_a_router_that_is_away_is_named_until_it_is_there() -> None:
     endpoint = free_endpoint()
     ours = open_session(ZenohConfig(mode="peer", listen=(), connect=(endpoint,)))
     try:
-        assert ours.trouble() == f"cannot reach {endpoint} (Connection refused)"
+        assert ours.trouble() == (Cause.UNREACHABLE, f"cannot reach {endpoint} (Connection refused)")
         theirs = open_session(ZenohConfig(listen=(endpoint,)))
         try:
-            waited_for(lambda: ours.trouble() == "", "a router")
+            waited_for(lambda: ours.trouble() == NO_REASON, "a router")
         finally:
             theirs.close()
-        waited_for(lambda: "Connection refused" in ours.trouble(), "its loss")
+        waited_for(lambda: "Connection refused" in ours.trouble().words, "its loss")
     finally:
         ours.close()
 
@@ -36,7 +37,7 @@ def test_what_answers_but_is_no_router_is_named() -> None:
     endpoint = f"tcp/127.0.0.1:{server.getsockname()[1]}"
     ours = open_session(ZenohConfig(mode="peer", listen=(), connect=(endpoint,)))
     try:
-        assert "lets us open no session" in ours.trouble()
+        assert "lets us open no session" in ours.trouble().words
     finally:
         server.close()  # first: Zenoh waits for what it has begun
         ours.close()
@@ -58,11 +59,15 @@ def test_a_foreign_router_and_a_certificate_that_it_does_not_know_are_named(tmp_
     ours = Trust(certs["ca_file"], certs["certificate_file"], certs["private_key_file"])
     theirs = ours._replace(ca_file=str(tmp_path / "theirs" / "certs" / "ca.pem"))
     with router(tmp_path / "ours", port):
-        assert probed(endpoint, ours) == ""
-        assert probed(endpoint, theirs).startswith("its certificate is not accepted: ")
+        assert probed(endpoint, ours) is None
+        foreign = probed(endpoint, theirs) or NO_REASON
+        assert foreign.cause is Cause.TLS
+        assert foreign.words.startswith("its certificate is not accepted: ")
         other = files(tmp_path / "theirs" / "certs", "uav-1")
         stranger = Trust(certs["ca_file"], other["certificate_file"], other["private_key_file"])
-        assert "TLS: " in probed(endpoint, stranger)
+        unknown = probed(endpoint, stranger) or NO_REASON
+        assert unknown.cause is Cause.TLS
+        assert "TLS: " in unknown.words
 
 
 @pytest.mark.parametrize("mode", ["peer", "client"])

@@ -3,6 +3,7 @@
 from typing import Any, Final
 
 from onboard.messages import (
+    Cause,
     Clock,
     Estimate,
     GlobalOrigin,
@@ -102,5 +103,11 @@ def leader_state(**changed: Any) -> LeaderState:
 def lost_state() -> LeaderState:
     """Not valid."""
     return LeaderState(
-        t_ns=T, t_host_ns=T, sequence=6, state=Lifecycle.LOST, valid=False, reason="no image fused lately"
+        t_ns=T,
+        t_host_ns=T,
+        sequence=6,
+        state=Lifecycle.LOST,
+        valid=False,
+        cause=Cause.TIMEOUT,
+        reason="no image fused lately",
     )

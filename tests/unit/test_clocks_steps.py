@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from onboard.clocks import Clocks
-from onboard.messages import ActuatorOutputs, Message
+from onboard.messages import ActuatorOutputs, Message, Reason
 from tests.support.clock_messages import EPOCH, MS, S, image, reply, run, sample
 
 
@@ -110,7 +110,8 @@ def test_a_camera_whose_clock_is_wrong_does_not_change_the_time_base(lead_s: flo
         t = 100 * S + 40 * MS * i
         aligned = clocks.align(image(t + round(lead_s * S), EPOCH + t + 60 * MS))
         if aligned is None:
-            assert clocks.why.startswith(f"later_than_arrival: `t_ns` is {lead_s - 0.158:.3f} s later")
+            assert isinstance(clocks.why, Reason)
+            assert clocks.why.words.startswith(f"later_than_arrival: `t_ns` is {lead_s - 0.158:.3f} s later")
         else:
             assert aligned.t_ns == t + round(lead_s * S)
     assert clocks.offset_ns == EPOCH + 2 * MS

@@ -16,6 +16,7 @@ from onboard.messages import (
     Imu,
     LocalPosition,
     Message,
+    Reason,
     TargetPoints,
 )
 from onboard.ownship import Ownship
@@ -53,7 +54,7 @@ class Listener:
     def tick(self, _ownship: Ownship) -> list[Estimate]:
         return []
 
-    def reset(self, _reason: str) -> None:
+    def reset(self, why: Reason) -> None:  # noqa: ARG002 - as it is called
         return None
 
 

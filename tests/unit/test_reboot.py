@@ -6,7 +6,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.config import parse_config
-from onboard.messages import Estimate, Lifecycle, LocalPosition, Message, NavState, TargetPoints
+from onboard.messages import Cause, Estimate, Lifecycle, LocalPosition, Message, NavState, Reason, TargetPoints
 from onboard.pipeline import Pipeline
 from tests.support import own_vehicle as own
 from tests.support.streams import S, Stream, heartbeat
@@ -48,7 +48,7 @@ def test_a_leader_is_searched_for_anew_seed_1() -> None:
     assert {(e.state, e.valid, e.mean, e.reset_count) for e in published} == {
         (Lifecycle.SEARCHING, False, None, 1)
     }
-    assert {e.reason for e in published} == {"the autopilot has rebooted"}
+    assert {(e.cause, e.reason) for e in published} == {(Cause.REBOOTED, "the autopilot has rebooted")}
 
 
 def test_the_reboot_is_said_though_images_come_before_our_position_seed_1() -> None:
@@ -82,7 +82,7 @@ def test_traffic_is_forgotten_with_our_own_place(filter_: str) -> None:
     sky = Sky(filter=filter_)
     fly_with_reports(sky, 4)
     assert sky.published[-1].valid
-    sky.estimator.reset("the autopilot has rebooted")
+    sky.estimator.reset(Reason(Cause.REBOOTED, "the autopilot has rebooted"))
     published = sky.estimator.tick(sky.ownship)
     assert [(e.valid, e.mean, e.reason) for e in published] == [(False, None, "the autopilot has rebooted")]
     assert sky.estimator.tick(sky.ownship) == []
@@ -96,7 +96,7 @@ def test_reports_that_wait_at_a_reboot_are_dropped() -> None:
     sky = Sky()
     fly_with_reports(sky, 4)
     sky.receive(sky.adsb((2000.0, 0.0, -100.0), (-30.0, 0.0, 0.0), icao=0xABC001))
-    sky.estimator.reset("the autopilot has rebooted")
+    sky.estimator.reset(Reason(Cause.REBOOTED, "the autopilot has rebooted"))
     sky.fly(1.0)
     assert sky.estimator._tracker.tracks == []
 
@@ -104,17 +104,17 @@ def test_reports_that_wait_at_a_reboot_are_dropped() -> None:
 def test_every_estimator_of_the_pipeline_is_told_of_the_reboot_seed_1() -> None:
     everything = {"leader": LEADER, "own_state": {}, "traffic": {}}
     pipeline = Pipeline(parse_config({"estimator": everything}))
-    reasons: dict[str, list[str]] = {name: [] for name in everything}
+    reasons: dict[str, list[Reason]] = {name: [] for name in everything}
     for name, estimator in pipeline.estimators.items():
         reset = estimator.reset
 
-        def noted(reason: str, name: str = name, reset: object = reset) -> None:
-            reasons[name].append(reason)
-            reset(reason)  # type: ignore[operator]
+        def noted(why: Reason, name: str = name, reset: object = reset) -> None:
+            reasons[name].append(why)
+            reset(why)  # type: ignore[operator]
 
         estimator.reset = noted
     pipeline.advance([heartbeat(5 * S), *own_motion(5.0, 6.0, 0.0), *own_motion(1.0, 1.3, 60.0)])
-    assert reasons == {name: ["the autopilot has rebooted"] for name in everything}
+    assert reasons == {name: [Reason(Cause.REBOOTED, "the autopilot has rebooted")] for name in everything}
     assert pipeline.ownship.now_ns < 2 * S
 
 

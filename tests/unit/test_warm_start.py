@@ -86,7 +86,7 @@ def test_after_a_reboot_of_the_autopilot_nothing_of_it_is_used() -> None:
     state = left()
     pipeline, valid = second_run(replace(state, offset_ns=state.offset_ns - S))
     assert "leader.warm_start_used" not in pipeline.health(0).verdicts
-    assert pipeline.health(0).refusals[-1].reason == REBOOTED
+    assert pipeline.health(0).refusals[-1].reason == REBOOTED.words
     assert valid
 
 
@@ -141,7 +141,7 @@ class Kept:
         self.lines: list[str] = []
         self.refused: list[str] = []
         self.config = config(f"warm_start.path='{path}'", *settings)
-        self.file = WarmFile(self.config, self.lines.append, lambda _, reason, __: self.refused.append(reason))
+        self.file = WarmFile(self.config, self.lines.append, lambda _, why, __: self.refused.append(why.words))
 
     def read(self, wall_ns: int) -> Datagram | None:
         return self.file.read(wall_ns)

@@ -8,6 +8,7 @@ from onboard.arrays import Array
 from onboard.geometry.camera import Camera, in_view
 from onboard.geometry.units import S_PER_NS
 from onboard.messages import MountAttitude
+from onboard.messages.causes import Reason
 from onboard.ownship import Ownship, Pose, head_attitude
 
 RATE_NS: Final = 40_000_000  # interval over which the camera's rates are computed
@@ -29,10 +30,11 @@ class CameraPose(NamedTuple):
 
 class CameraPoses:
     """Poses of the camera on our vehicle, from our own motion. All targets in an image share one pose, so each is
-    computed once. `contradiction`: why they are wrong, "" if they may be right."""
+    computed once. `contradiction`: why they are wrong, None if they may be right."""
 
     def __init__(self, camera: Camera) -> None:
-        self.camera, self.contradiction = camera, ""
+        self.camera = camera
+        self.contradiction: Reason | None = None
         self._poses: dict[tuple[int, str, MountAttitude | None], CameraPose | None] = {}
         self._as_of: tuple[Ownship, int] | None = None
 

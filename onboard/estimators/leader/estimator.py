@@ -31,6 +31,7 @@ from onboard.estimators.leader.wind import TIMEOUT_NS, UNKNOWN, Wind, wind_of
 from onboard.geometry.camera import Camera
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import Estimate, Lifecycle, Message, TargetDetection, TargetImage, TargetPoints, Verdict
+from onboard.messages.causes import Cause, Reason
 from onboard.ownship import Ownship
 
 NAME: Final = "leader"
@@ -133,15 +134,15 @@ class Estimator:
             elif track.is_idle(ownship.now_ns):
                 del self._tracks[target]
                 if track.state is not Lifecycle.SEARCHING:  # say the last word on it
-                    track.reset("no image within a second")
+                    track.reset(Reason(Cause.FORGOTTEN, "no image within a second"))
                     estimates.append(track.tick(ownship))
         return estimates
 
-    def reset(self, reason: str) -> None:
+    def reset(self, why: Reason) -> None:
         """Forget all tracks and all times."""
         for track in self._tracks.values():
-            track.reset(reason)
-        self._frames.clear(reason)
+            track.reset(why)
+        self._frames.clear(why)
         for source in self._sources:
             source.clear()
         self._next_refusal_ns = self._next_begin_ns = 0
@@ -260,7 +261,7 @@ class Estimator:
         """Let a track go on under another id; the last estimate of its old one."""
         before = self._track(track.target)
         before.sequence, before.status.resets = track.sequence, track.status.resets + 1
-        before.status.reason = f"the detector calls it {target} now"
+        before.status.why = Reason(Cause.RENAMED, f"the detector calls it {target} now")
         del self._tracks[track.target]
         self._tracks[target], track.target = track, target
         self._verdicts[RENAMED] += 1

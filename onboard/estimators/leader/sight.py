@@ -8,9 +8,12 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
+from onboard.messages.causes import Cause, Reason
 
 FARTHEST: Final = math.radians(30.0)  # from the last sight: no place farther off is believed
-ASTRAY: Final = f"it would be more than {math.degrees(FARTHEST):.0f} degrees from where it was last seen"
+ASTRAY: Final = Reason(
+    Cause.ASTRAY, f"it would be more than {math.degrees(FARTHEST):.0f} degrees from where it was last seen"
+)
 
 
 class Sight(NamedTuple):

@@ -27,6 +27,7 @@ from onboard.geometry.camera import Camera
 from onboard.geometry.lens import WIDEST
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import Estimate, Lifecycle, MeasurementReport, Message, TargetPoints, Verdict
+from onboard.messages.causes import Cause, Reason
 from onboard.models import camera_angles, relative_motion
 from onboard.models.relative_motion import FollowerMotion
 from onboard.ownship import Ownship, head_attitude
@@ -72,7 +73,7 @@ class Estimator:
         self._history: History[Belief, Ownship] | None = None
         self._fused_ns = 0  # time of the newest fused image; means nothing without a history
         self._seen: deque[tuple[str, int]] = deque(maxlen=REMEMBERED)
-        self._reason = "no image yet"
+        self._why = Reason(Cause.NO_MEASUREMENT, "no image yet")
         self._since = Lifecycle.SEARCHING, 0
         self._published_ns: int | None = None
         self._resets = self._sequence = 0
@@ -87,7 +88,7 @@ class Estimator:
         try:
             report = self._report(message, image) if isinstance(image, Verdict) else self._take(image, ownship)
         except FilterError as error:
-            self._forget(f"the filter failed: {error}")
+            self._fail(error)
             report = self._report(message, Verdict.NUMERICAL)
         return [self._estimate(ownship, report)]
 
@@ -99,14 +100,14 @@ class Estimator:
         try:
             self._settle(ownship)
         except FilterError as error:
-            self._forget(f"the filter failed: {error}")
+            self._fail(error)
         if self._history is not None and self._age(now_ns) > self._config.reset_timeout_s:
-            self._forget("no image for longer than the reset timeout")
+            self._forget(Reason(Cause.FORGOTTEN, "no image for longer than the reset timeout"))
         return [self._estimate(ownship, None)]
 
-    def reset(self, reason: str) -> None:
+    def reset(self, why: Reason) -> None:
         """Forget everything: times and frames no longer hold."""
-        self._forget(reason)
+        self._forget(why)
         self._seen.clear()
         self._published_ns = None
 
@@ -189,23 +190,26 @@ class Estimator:
 
     # ------------------------------------------------------------------------ what is published
 
-    def _forget(self, reason: str) -> None:
+    def _fail(self, error: FilterError) -> None:
+        self._forget(Reason(Cause.FILTER_FAILED, f"the filter failed: {error}"))
+
+    def _forget(self, why: Reason) -> None:
         self._resets += self._history is not None
-        self._history, self._reason = None, reason
+        self._history, self._why = None, why
 
     def _age(self, t_ns: int) -> float:
         return (t_ns - self._fused_ns) / NS_PER_S
 
-    def _state(self, t_ns: int) -> tuple[Lifecycle, str]:
+    def _state(self, t_ns: int) -> tuple[Lifecycle, Reason]:
         """searching -> tracking -> coasting -> lost -> tracking, or forgotten."""
         age = self._age(t_ns)
         if self._history is None:
-            return Lifecycle.SEARCHING, self._reason
+            return Lifecycle.SEARCHING, self._why
         if age <= self._config.coast_after_s:
-            return Lifecycle.TRACKING, "images fused"
+            return Lifecycle.TRACKING, Reason(Cause.FUSED, "images fused")
         if age <= self._config.validity_timeout_s:
-            return Lifecycle.COASTING, "no image fused lately: predicted"
-        return Lifecycle.LOST, "no image fused within the validity timeout"
+            return Lifecycle.COASTING, Reason(Cause.PREDICTED, "no image fused lately: predicted")
+        return Lifecycle.LOST, Reason(Cause.TIMEOUT, "no image fused within the validity timeout")
 
     def _estimate(self, ownship: Ownship, report: MeasurementReport | None) -> Estimate:
         t_ns, belief = ownship.now_ns, None
@@ -214,9 +218,9 @@ class Estimator:
                 t_ns, belief = self._history.belief_at(t_ns, ownship)
                 unscented.factor(belief.covariance)  # it must be one
         except FilterError as error:
-            self._forget(f"the filter failed: {error}")
+            self._fail(error)
             belief = None
-        state, reason = self._state(t_ns)
+        state, (cause, reason) = self._state(t_ns)
         if self._since[0] is not state:
             self._since = state, t_ns
         self._sequence += 1
@@ -228,6 +232,7 @@ class Estimator:
             t_ns=t_ns,
             state=state,
             valid=state in {Lifecycle.TRACKING, Lifecycle.COASTING},
+            cause=cause,
             reason=reason,
             frame=relative_motion.FRAME,
             components=relative_motion.COMPONENTS,

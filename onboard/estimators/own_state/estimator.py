@@ -39,6 +39,7 @@ from onboard.messages import (
     Message,
     Verdict,
 )
+from onboard.messages.causes import Cause, Reason
 from onboard.ownship import OwnMotion, Ownship
 
 __all__ = ["LISTENS", "Config", "Estimator"]
@@ -54,7 +55,7 @@ class Estimator:
         self._filter = SensorFilter(config.filter)
         self._resets = self._sequence = 0
         self._track: Track | None = None
-        self._reason = "no GPS fix yet"  # why there is no track
+        self._why = Reason(Cause.NO_MEASUREMENT, "no GPS fix yet")  # there is no track
         self._begin()
 
     def _begin(self) -> None:
@@ -82,7 +83,7 @@ class Estimator:
                 self._vehicle.receive_voltage(message.voltage_v)
             case GlobalOrigin():
                 if self._sources.move_origin(message):
-                    self._drop_track("the autopilot has moved its origin")
+                    self._drop_track(Reason(Cause.ORIGIN_MOVED, "the autopilot has moved its origin"))
             case GlobalPosition():
                 self._sources.learn_origin(message, ownship)
             case Attitude():
@@ -107,13 +108,13 @@ class Estimator:
         try:
             posterior = self._track.posterior_before(t_ns)
         except FilterError as error:
-            self._drop_track(f"numerical: {error}")
+            self._drop_track(Reason(Cause.FILTER_FAILED, f"numerical: {error}"))
             return None
         return None if posterior is None else own_motion(posterior)
 
-    def reset(self, reason: str) -> None:
+    def reset(self, why: Reason) -> None:
         """Forget everything: the time base or the origin has changed."""
-        self._drop_track(reason)
+        self._drop_track(why)
         self._begin()
 
     # ---------------------------------------------------------------------------------------- messages
@@ -158,7 +159,7 @@ class Estimator:
         measurement = self._sources.fix(message, ownship)
         if isinstance(measurement, Verdict):
             if self._track is None:
-                self._reason = f"GPS fixes cannot be used: {unusable(message)}"
+                self._why = Reason(Cause.FIX_UNUSABLE, f"GPS fixes cannot be used: {unusable(message)}")
             return [self._publish(refused(message, GPS, measurement))]
         if measurement is None:
             return []
@@ -180,10 +181,9 @@ class Estimator:
         """Begin at a fix with the attitude nearest to it; fuse the attitudes that have come since."""
         near = self._sources.attitude_near(fix.t_ns)
         if near is None:
-            self._reason = "no attitude at the time of the fix"
+            self._why = Reason(Cause.NO_ATTITUDE, "no attitude at the time of the fix")
             return
         self._track = Track(self._config, self._filter, self._inputs, fix, near)
-        self._reason = ""
         for attitude in self._sources.attitudes:
             if attitude.t_ns > fix.t_ns:
                 self._fuse(attitude)
@@ -197,37 +197,37 @@ class Estimator:
         try:
             outcome, outside = self._track.insert(measurement)
         except FilterError as error:
-            self._drop_track(f"numerical: {error}")
+            self._drop_track(Reason(Cause.FILTER_FAILED, f"numerical: {error}"))
             return None
         onsets_ns = [fault.t_onset_ns for fault in self._vehicle.faults()]
         self._outliers.add(measurement, outcome.update, outside, onsets_ns)
         return outcome
 
-    def _drop_track(self, reason: str) -> None:
+    def _drop_track(self, why: Reason) -> None:
         if self._track is not None:
             self._resets += 1
         self._track = None
-        self._reason = reason
+        self._why = why
 
     def _drop_old_track(self, t_ns: int) -> None:
         """End the track before it is predicted to a time too far from its last fix: the way there is cut into
         short steps, and an hour has many."""
         if self._track is not None and self._track.age(t_ns) > self._config.reset_timeout_s:
-            self._drop_track("no fix for longer than the reset timeout")
+            self._drop_track(Reason(Cause.FORGOTTEN, "no fix for longer than the reset timeout"))
 
-    def _life(self, t_ns: int) -> tuple[Lifecycle, str]:
+    def _life(self, t_ns: int) -> tuple[Lifecycle, Reason]:
         """The state of the life cycle at a time, and its reason."""
         if self._track is None:
             has_fix = self._sources.first_fix_ns is not None
-            return Lifecycle.INITIALISING if has_fix else Lifecycle.SEARCHING, self._reason
+            return Lifecycle.INITIALISING if has_fix else Lifecycle.SEARCHING, self._why
         if self._is_silent:
-            return Lifecycle.LOST, "no attitude from the autopilot"
+            return Lifecycle.LOST, Reason(Cause.NO_ATTITUDE, "no attitude from the autopilot")
         age = self._track.age(t_ns)
         if age <= self._config.coast_after_s:
-            return Lifecycle.TRACKING, "fixes fused"
+            return Lifecycle.TRACKING, Reason(Cause.FUSED, "fixes fused")
         if age <= self._config.validity_timeout_s:
-            return Lifecycle.COASTING, "no fix fused lately: predicted"
-        return Lifecycle.LOST, "no fix fused within the validity timeout"
+            return Lifecycle.COASTING, Reason(Cause.PREDICTED, "no fix fused lately: predicted")
+        return Lifecycle.LOST, Reason(Cause.TIMEOUT, "no fix fused within the validity timeout")
 
     def _publish(self, reported: Reported | None) -> Estimate:
         newest_ns = self._sources.newest_ns

@@ -11,6 +11,7 @@ from onboard.estimators.own_state.track import Outcome, Posterior, Track
 from onboard.estimators.reports import of_update
 from onboard.geometry.rotations import euler_from_quaternion, quaternion_from_matrix
 from onboard.messages import Fault, Lifecycle, MeasurementReport, Message, NavState, Vec3, Verdict
+from onboard.messages.causes import Reason
 from onboard.models import own_motion as model
 from onboard.models.quadrotor import POSITION, RATES, VELOCITY
 from onboard.ownship import OwnMotion
@@ -56,14 +57,14 @@ def nav_state(
     config: Config,
     sequence: int,
     t_ns: int,
-    life: tuple[Lifecycle, str],
+    life: tuple[Lifecycle, Reason],
     resets: int,
     origin: Vec3 | None,
     faults: tuple[Fault, ...],
 ) -> NavState:
     """The record at a time. `reported` is the newest measurement."""
     measurement, sigma = reported if reported is not None else (None, None)
-    state, reason = life
+    state, (cause, reason) = life
     valid = track is not None and state in VALID
     return NavState(
         name=NAME,
@@ -71,6 +72,7 @@ def nav_state(
         sequence=sequence,
         state=state,
         valid=valid,
+        cause=cause,
         reason=reason,
         frame="n",
         components=model.COMPONENTS,

@@ -23,6 +23,7 @@ from onboard.messages import (
     PeerRanges,
     RadarScan,
 )
+from onboard.messages.causes import Reason
 from onboard.ownship import Ownship
 
 __all__ = ["LISTENS", "Config", "Estimator"]
@@ -71,8 +72,8 @@ class Estimator:
             return ended
         return ended + estimates(*tracker.publish(own), own, self._frame, now_ns, self._config)
 
-    def reset(self, reason: str) -> None:
+    def reset(self, why: Reason) -> None:
         """Remove all tracks and forget all times and our own position."""
-        self._tracker.clear(reason)
+        self._tracker.clear(why)
         self._frame = Frame(OWN_POSITION_TIMEOUT_S)
         self._next_ns = 0

@@ -23,6 +23,7 @@ from onboard.messages import (
     ThreatLevel,
     Verdict,
 )
+from onboard.messages.causes import Reason
 from onboard.models.intruder.measurement import ECHO, POLAR, POLAR_UNITS
 from onboard.models.intruder.motion import ACCELERATION, COMPONENTS, FRAME, POSITION, UNITS, VELOCITY
 
@@ -97,7 +98,7 @@ def curvature(r: Array, P: Array) -> Array:
     return np.asarray(sag2[:, None, None] * u[:, :, None] * u[:, None, :])
 
 
-def last_estimate(track: Track, t_ns: int, reason: str) -> Estimate:
+def last_estimate(track: Track, t_ns: int, why: Reason) -> Estimate:
     """The last estimate of a track that is removed, or renamed."""
     return Estimate(
         name=NAME,
@@ -106,7 +107,8 @@ def last_estimate(track: Track, t_ns: int, reason: str) -> Estimate:
         t_ns=t_ns,
         state=Lifecycle.SEARCHING,
         valid=False,
-        reason=reason,
+        cause=why.cause,
+        reason=why.words,
         frame=FRAME,
         components=COMPONENTS,
         units=UNITS,
@@ -156,7 +158,7 @@ def _estimate(
     t_ns: int,
     config: Config,
 ) -> Estimate:
-    state, reason = track.life(t_ns, config)
+    state, (cause, reason) = track.life(t_ns, config)
     return Estimate(
         name=NAME,
         target=track.target,
@@ -164,6 +166,7 @@ def _estimate(
         t_ns=t_ns,
         state=state,
         valid=state in (Lifecycle.TRACKING, Lifecycle.COASTING),
+        cause=cause,
         reason=reason,
         frame=FRAME,
         components=COMPONENTS,

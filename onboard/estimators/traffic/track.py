@@ -6,6 +6,7 @@ from onboard.estimators.traffic.config import Config
 from onboard.estimators.traffic.reports import Key, Report
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import AdsbVehicle, Lifecycle, MeasurementReport
+from onboard.messages.causes import Cause, Reason
 
 MOST_SOURCES: Final = 16  # of one track, the newest: names of radars are unlimited
 
@@ -42,18 +43,18 @@ class Track(NamedTuple):
         """Seconds since the newest measurement that was fused."""
         return (now_ns - self.fused_ns) / NS_PER_S
 
-    def life(self, now_ns: int, config: Config) -> tuple[Lifecycle, str]:
+    def life(self, now_ns: int, config: Config) -> tuple[Lifecycle, Reason]:
         """State and reason."""
         age = self.age(now_ns)
         if age > config.validity_timeout_s:
-            return Lifecycle.LOST, "no report or echo within the validity timeout"
+            return Lifecycle.LOST, Reason(Cause.TIMEOUT, "no report or echo within the validity timeout")
         if not self.confirmed:
-            return Lifecycle.INITIALISING, "one report so far"
+            return Lifecycle.INITIALISING, Reason(Cause.STARTING, "one report so far")
         shared = "; its address is used by another track too" if self.address_shared else ""
         if age > config.coast_after_s:
-            return Lifecycle.COASTING, f"no report or echo lately: predicted{shared}"
+            return Lifecycle.COASTING, Reason(Cause.PREDICTED, f"no report or echo lately: predicted{shared}")
         by = ", ".join(s for s, t_ns in self.sources.items() if (now_ns - t_ns) / NS_PER_S <= config.coast_after_s)
-        return Lifecycle.TRACKING, f"by {by or 'reports'}{shared}"
+        return Lifecycle.TRACKING, Reason(Cause.FUSED, f"by {by or 'reports'}{shared}")
 
     def expired(self, now_ns: int, config: Config) -> bool:
         """Whether it is to be removed: it has had no measurement for long, or its echoes were too few to confirm

@@ -40,6 +40,7 @@ from onboard.estimators.traffic.waiting import WaitingReports
 from onboard.filters.association import Places
 from onboard.filters.belief import Belief
 from onboard.messages import Estimate, PeerRanges, RadarScan, Verdict
+from onboard.messages.causes import Cause, Reason
 from onboard.models.intruder.attitude_error import ReportErrors
 
 NO_REPORTS: Final = (np.inf,) * 3  # m: the standard deviation of a steady error without reports
@@ -80,7 +81,7 @@ class Tracker:
         failed = self.batch.advance(t_ns, self.registration.residual, ReportErrors(bias, shared))
         if len(failed):
             self.verdicts[Verdict.NUMERICAL] += len(failed)
-            self._remove(failed.tolist(), "the covariance was lost")
+            self._remove(failed.tolist(), Reason(Cause.FILTER_FAILED, "the covariance was lost"))
 
     def fuse_reports(self) -> None:
         """Fuse all reports that wait."""
@@ -117,7 +118,7 @@ class Tracker:
     def remove_expired(self, now_ns: int) -> None:
         """Remove tracks without a measurement for long, and those that were never confirmed."""
         expired = [i for i, t in enumerate(self.tracks) if t.expired(now_ns, self._config)]
-        self._remove(expired, "no report or echo for a long time")
+        self._remove(expired, Reason(Cause.FORGOTTEN, "no report or echo for a long time"))
         self._keys = frozenset(t.key for t in self.tracks)
 
     def publish(self, own: OwnMotion) -> tuple[list[Track], Belief]:
@@ -138,9 +139,9 @@ class Tracker:
         ended, self._ended = self._ended, []
         return ended
 
-    def clear(self, reason: str) -> None:
+    def clear(self, why: Reason) -> None:
         """Remove all tracks, what waits, and the time."""
-        self._remove(range(len(self.tracks)), reason)
+        self._remove(range(len(self.tracks)), why)
         self._waiting.clear()
         self.batch.clear()
         self.registration.clear()
@@ -158,7 +159,7 @@ class Tracker:
         """The reports that there is room for; far tracks give way to near aircraft."""
         r = self.batch.belief().mean[:, :3]
         gone, left = make_room(self.tracks, r, self._own_r, reports, self._config.max_reported)
-        self._remove(gone, "nearer aircraft have taken its place")
+        self._remove(gone, Reason(Cause.DISPLACED, "nearer aircraft have taken its place"))
         self.verdicts[Verdict.FULL] += len(reports) - len(left)
         return left
 
@@ -194,7 +195,7 @@ class Tracker:
         track, name = self.tracks[row], name_of(decision.report.key, self.tracks[row].number)
         self.batch.apply(decision.rows, decision.updates, np.array([decision.place]))
         if track.sequence:
-            self._ended.append(last_estimate(track, self.batch.t_ns, f"it is {name}"))
+            self._ended.append(last_estimate(track, self.batch.t_ns, Reason(Cause.RENAMED, f"it is {name}")))
         named = track._replace(target=name, key=report.key).begun_with(report)
         self.tracks[row] = named.fused(report.t_ns, report.source)
         self.verdicts[Verdict.FUSED] += 1
@@ -272,7 +273,7 @@ class Tracker:
         for new, row in same:
             self.batch.restart(row, Belief(belief.mean[new], belief.covariance[new]))
             self.tracks[row] = self.tracks[row].merged(self.tracks[new])
-        self._remove([new for new, _ in same], "it continues another track")
+        self._remove([new for new, _ in same], Reason(Cause.RENAMED, "it continues another track"))
 
     # ------------------------------------------------------------------------------------------------- tracks
 
@@ -288,13 +289,13 @@ class Tracker:
         self.verdicts[Verdict.INITIALISING] += 1
         return True
 
-    def _remove(self, rows: Iterable[int], reason: str) -> None:
+    def _remove(self, rows: Iterable[int], why: Reason) -> None:
         """Remove tracks; those that have been published get a last estimate."""
         removed = set(rows)
         if not removed:
             return
         gone = [self.tracks[i] for i in sorted(removed)]
-        self._ended += [last_estimate(track, self.batch.t_ns, reason) for track in gone if track.sequence]
+        self._ended += [last_estimate(track, self.batch.t_ns, why) for track in gone if track.sequence]
         kept = [i for i in range(len(self.tracks)) if i not in removed]
         self.tracks = [self.tracks[i] for i in kept]
         self.batch.keep(np.array(kept, np.int64))

@@ -1,11 +1,11 @@
 """What can be wrong with images: none come, their stamps or names are wrong, or they do not fit."""
 
 import math
-import re
 from collections.abc import Iterator
 from typing import Final
 
 from onboard.messages import Advice, CameraHealth, Lifecycle, Severity
+from onboard.messages.causes import Cause
 from onboard.pipeline.health.needs import Moment
 
 PATIENCE_S: Final = 5.0  # after the start, before an image is missing
@@ -18,7 +18,9 @@ NOISY: Final = 1.3  # times the configured noise
 QUIET: Final = 0.5
 GATED: Final = 0.3  # share of images
 FEWEST: Final = 10  # images by which a share is judged
-CONTRADICTED: Final = re.compile(r"do not fit|contradict|too large for its range|degrees from where|leapt")
+CONTRADICTED: Final = frozenset(  # by images
+    {Cause.NOISE, Cause.RANGE_CONTRADICTS, Cause.WING_TOO_LARGE, Cause.ASTRAY, Cause.LEAPT}
+)
 LEADERS: Final = ("leader", "oh_johnson")
 VALID: Final = (Lifecycle.TRACKING, Lifecycle.COASTING)
 FIT: Final = "`onboard calibrate LOG` finds mount, delay and focal length of a recorded flight"
@@ -169,12 +171,11 @@ def misfit(m: Moment) -> Iterator[Advice]:
 
 
 def contradicted(m: Moment) -> Iterator[Advice]:
-    """An estimate that is not valid since something contradicts it, as its own reason says."""
+    """An estimate that is not valid since images contradict it."""
     for estimator in LEADERS:
-        reason = m.now.reasons.get(estimator, "")
-        if m.now.states.get(estimator) is Lifecycle.LOST and CONTRADICTED.search(reason):
+        if m.now.causes.get(estimator) in CONTRADICTED:
             for name in m.now.cameras:
-                what = f"camera {name}: the {estimator} estimate is not valid: {reason}"
+                what = f"camera {name}: the {estimator} estimate is not valid: {m.now.reasons[estimator]}"
                 yield _advice("misfit", name, what, _suspects(m, name), f"{estimator}: images do not fit")
 
 

@@ -1,36 +1,33 @@
 """What can be wrong with what was sent to us, with links and sinks, and with this computer."""
 
-import re
 from collections.abc import Iterator
 from typing import Final
 
-from onboard.messages import DOUBT, Advice, Severity
+from onboard.messages import DOUBTS, Advice, Severity
+from onboard.messages.causes import Cause
 from onboard.pipeline.health.needs import Moment
 from onboard.pipeline.health.remedies import remedy_of
 
-OF_TLS: Final = re.compile(r"certificate|TLS: ")  # of what a handshake says; an address may be tls/..., too
 RECENT_NS: Final = 10_000_000_000
 LATE_S: Final = 0.15  # by which the daemon's timer may be late
 STOOD_STILL_S: Final = 1.0  # by which it is late when the program did not run at all, or hardly
 LITTLE_ROOM: Final = 200_000_000  # bytes
 LITTLE_MEMORY: Final = 100_000_000
 ROOM: Final = "make room (`df -h`, `du -sh *`), or set `path` of [recorder]"
-ALSO: Final = "(the rest is used) "  # before what is ignored of a document
 
 
 def refused(m: Moment) -> Iterator[Advice]:
-    """What was refused, by the reason that is known already."""
+    """What was refused, by the cause that is known already."""
     for refusal in reversed(m.now.refusals):
         if not 0 <= m.now.t_recv_ns - refusal.t_recv_ns <= RECENT_NS or refusal.t_recv_ns <= m.stood_ns:
             continue
-        if _follows(m, refusal.reason):
+        if _follows(m, refusal.cause):
             continue
-        remedy = remedy_of(refusal)
-        is_doubt = refusal.reason.startswith((DOUBT, ALSO))
-        what = "" if refusal.reason.startswith(DOUBT) else "refused from "
+        remedy = remedy_of(refusal.cause)
+        what = "" if refusal.cause in DOUBTS else "refused from "
         yield Advice(
-            cause=remedy.cause,
-            severity=Severity.NOTICE if is_doubt and not remedy.costs else Severity.WARNING,
+            cause=remedy.advice,
+            severity=remedy.severity,
             about=f"{refusal.source}: {refusal.reason}",
             what=f"{what}{refusal.source}: {refusal.reason}",
             count=refusal.count,
@@ -39,11 +36,11 @@ def refused(m: Moment) -> Iterator[Advice]:
         )
 
 
-def _follows(m: Moment, reason: str) -> bool:
+def _follows(m: Moment, cause: Cause) -> bool:
     """Whether a refusal follows from what has advice of its own: no autopilot, or no motion of ours."""
     if not m.now.followed:
-        return reason.startswith("no autopilot")
-    return reason.startswith("no_pose") and not m.has_motion
+        return cause is Cause.BEFORE_HEARTBEAT
+    return cause is Cause.NO_POSE and not m.has_motion
 
 
 def links(m: Moment) -> Iterator[Advice]:
@@ -51,7 +48,7 @@ def links(m: Moment) -> Iterator[Advice]:
     for name, health in m.now.links.items():
         before = m.before.links.get(name, health)
         if health.error:
-            cause = "tls" if OF_TLS.search(health.error) else "link"
+            cause = "tls" if health.cause is Cause.TLS else "link"
             yield Advice(
                 cause=cause,
                 severity=Severity.WARNING,
@@ -89,15 +86,12 @@ def sinks(m: Moment) -> Iterator[Advice]:
     """A sink that fails: a recording may be missing."""
     for name, health in m.now.sinks.items():
         if health.error:
-            is_full = "No space" in health.error or "full" in health.error
             yield Advice(
-                cause="disk" if is_full else "sink",
+                cause="disk" if health.cause is Cause.DISK_FULL else "sink",
                 severity=Severity.WARNING,
                 about=name,
                 what=f"{name}: {health.error}",
-                remedy="make room (`df -h`, `du -sh *`), or set `path` of [recorder]"
-                if name == "recorder"
-                else "",
+                remedy=ROOM if name == "recorder" else "",
                 text=f"{name}: {health.error}",
                 over=f"{name}: works again",
             )

@@ -1,6 +1,5 @@
 """What can be wrong with our own vehicle's messages."""
 
-import re
 from collections.abc import Iterator
 from typing import Final
 
@@ -33,7 +32,7 @@ def silent_autopilot(m: Moment) -> Iterator[Advice]:
             "the autopilot is heard again",
         )
     elif m.now.beside and m.needs.system:
-        heard = ", ".join(re.findall(r"system (\d+)", m.now.beside[0])[:1])
+        heard = m.now.beside_ids[0].partition("/")[0]
         yield _error(
             "system",
             f"no autopilot of system {m.needs.system} is heard, as `autopilot.system` wants; heard: "

@@ -10,24 +10,27 @@ from collections.abc import Callable
 from typing import Final
 
 from onboard.messages import DOUBT, TargetImage
+from onboard.messages.causes import Cause, Reason
 
 IMAGES: Final = 500  # in a row, of one camera
 SPAN_NS: Final = 20_000_000_000  # that they last at least
 MOST: Final = 32  # cameras
-UNUSED: Final = (
+UNUSED: Final = Reason(
+    Cause.RANGE_UNUSED,
     f"{DOUBT}`range_m` of its detections is not used: set `detections = true` in [estimator.leader.range], or "
-    "leave it out"
+    "leave it out",
 )
-QUARTER: Final = (
+QUARTER: Final = Reason(
+    Cause.QUARTER,
     f"{DOUBT}the points of all its images are in the upper left quarter of the configured image: are they pixels "
-    "of an image of half the size? Then set `width_px` and `height_px`, or send `intrinsics`"
+    "of an image of half the size? Then set `width_px` and `height_px`, or send `intrinsics`",
 )
 
 
 class Hints:
     """`add(source, reason, t_recv_ns)` takes what is found. `takes_ranges`: ranges of detections are used."""
 
-    def __init__(self, add: Callable[[str, str, int], None], *, takes_ranges: bool) -> None:
+    def __init__(self, add: Callable[[str, Reason, int], None], *, takes_ranges: bool) -> None:
         self._add, self._takes_ranges = add, takes_ranges
         self._quarters: dict[str, tuple[int, int]] = {}  # by camera: images in a row, and the first one's arrival
 
@@ -37,7 +40,7 @@ class Hints:
         if image.range is not None and not self._takes_ranges:
             self._add(source, UNUSED, image.t_recv_ns)
         if image.doubt:
-            self._add(source, DOUBT + image.doubt, image.t_recv_ns)
+            self._add(source, Reason(image.doubt.cause, DOUBT + image.doubt.words), image.t_recv_ns)
         left, upper, right, lower = image.view or (0.0, 0.0, 0.0, 0.0)
         middle = _between(left, right), _between(upper, lower)
         count, since_ns = self._quarters.get(image.camera, (0, image.t_recv_ns))

@@ -7,11 +7,11 @@ from collections.abc import Iterable, Mapping
 from typing import Final
 
 from onboard.messages import Estimate, Fault, Heartbeat, Lifecycle, Message, NavState, StreamHealth, TargetImage
+from onboard.messages.causes import Cause, Reason
 from onboard.pipeline.health.cameras import Cameras
 from onboard.pipeline.health.consistency import Consistencies
 from onboard.pipeline.health.hints import Hints
 from onboard.pipeline.health.refusals import Refusals
-from onboard.pipeline.silence import NO_POSITION
 
 RATE_WINDOW_NS: Final = 2_000_000_000
 MOST_SENDERS: Final = 32
@@ -54,7 +54,7 @@ class Monitor:
         self.rejected: Counter[str] = Counter()
         self.verdicts: Counter[str] = Counter()
         self.states: dict[str, Lifecycle] = {}
-        self.reasons: dict[str, str] = {}
+        self.reasons: dict[str, Reason] = {}
         self.faults: tuple[Fault, ...] = ()
         self.senders: Counter[str] = Counter()  # by MAVLink system and component
         self.cameras, self.consistencies = Cameras(), Consistencies()
@@ -68,10 +68,10 @@ class Monitor:
         if message.system and (sender in self.senders or len(self.senders) < MOST_SENDERS):
             self.senders[sender] += 1
 
-    def reject(self, message: Message, reason: str) -> None:
+    def reject(self, message: Message, counted: str) -> None:
         """Count a message that goes no further."""
-        self.rejected[reason] += 1
-        self.refusals.add_message(message, reason)
+        self.rejected[counted] += 1
+        self.refusals.add_message(message, counted)
 
     def receive(self, message: Message) -> None:
         """Count a message of our own vehicle, or of one that an estimator listens to."""
@@ -87,14 +87,12 @@ class Monitor:
     def publish(self, estimate: Estimate) -> None:
         """Note an estimate's state, verdict and faults."""
         key = estimate.name if estimate.is_primary else f"{estimate.name}.{estimate.target}"
-        self.states[key], self.reasons[key] = estimate.state, estimate.reason
+        self.states[key], self.reasons[key] = estimate.state, Reason(estimate.cause, estimate.reason)
         if estimate.state is Lifecycle.SEARCHING and not estimate.is_primary:
-            del (
-                self.states[key],
-                self.reasons[key],
-            )  # the last estimate of one of many, of which a flight may have any number
+            # the last estimate of one of many, of which a flight may have any number
+            del self.states[key], self.reasons[key]
         if estimate.measurement is not None:
-            if estimate.reason != NO_POSITION:  # no camera is to blame while the autopilot aligns
+            if estimate.cause is not Cause.NO_POSITION:  # no camera is to blame while the autopilot aligns
                 self.refusals.add_verdict(estimate, estimate.measurement)
             self.consistencies.add(estimate, estimate.measurement)
         if estimate.measurement is not None and estimate.name not in self._own_verdicts:

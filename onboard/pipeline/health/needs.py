@@ -50,9 +50,9 @@ class Moment(NamedTuple):
     waited: float
     stood_ns: int = 0
 
-    def rejected(self, reason: str) -> int:
-        """Messages that were rejected for a reason in the last seconds."""
-        return self.now.rejected.get(reason, 0) - self.before.rejected.get(reason, 0)
+    def rejected(self, counted: str) -> int:
+        """Messages of the last seconds that were counted as rejected."""
+        return self.now.rejected.get(counted, 0) - self.before.rejected.get(counted, 0)
 
     def verdicts(self, name: str) -> int:
         """Verdicts of the last seconds, as `leader.gated`."""

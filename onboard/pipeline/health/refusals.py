@@ -1,31 +1,28 @@
 """Which messages of cameras are refused, in words for the detector's author: the field, and what was expected."""
 
-import re
 from functools import lru_cache
 from typing import Final, NamedTuple
 
 from msgspec.structs import replace
 
 from onboard.messages import Estimate, MeasurementReport, Message, NavState, Refusal, TargetImage, Verdict
-from onboard.messages.text import plain
+from onboard.messages.causes import Cause, Reason
+from onboard.messages.text import plain, without_names, without_numbers
 
 MOST: Final = 32  # kinds that are remembered: a source and a reason each
-NUMBER: Final = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w])")  # that is no part of a name
 ALIKE: Final = 8  # of these, kinds that differ only in names: senders may choose any number of them
 OTHERS: Final = "others"  # the source of all further ones
-ROS_HASH: Final = re.compile(
-    r"/RIHS\d+_[0-9a-f]+$"
-)  # of a type, at the end of a key of rmw_zenoh: nobody reads it
-QUOTED: Final = re.compile(r"`[^`]*`?")  # or cut
+ROS_HASH: Final = "/RIHS"  # of a type begins so, at the end of a key of rmw_zenoh: nobody reads it
 LONGEST: Final = 240  # characters; the text may quote what came
 
-REASONS: Final = {
-    "before_heartbeat": "no autopilot has sent a heartbeat yet, so it is not known whose vehicle this is",
-    "other_system": "it is of another MAVLink system; expected the system of our autopilot",
-    "unstamped_points": "it has no time; expected the time of exposure, on the clock `boot` or `host`",
-    "no_time_base": "the autopilot has sent no time stamp yet, so the time of exposure cannot be compared with it",
+REASONS: Final[dict[str, str]] = {  # by what the health counts
+    Cause.BEFORE_HEARTBEAT: "no autopilot has sent a heartbeat yet, so it is not known whose vehicle this is",
+    Cause.OTHER_SYSTEM: "it is of another MAVLink system; expected the system of our autopilot",
+    Cause.UNSTAMPED_POINTS: "it has no time; expected the time of exposure, on the clock `boot` or `host`",
+    Cause.NO_TIME_BASE: "the autopilot has sent no time stamp yet, so the time of exposure cannot be compared "
+    "with it",
 }
-VERDICTS: Final = {
+VERDICTS: Final = {  # each is a cause, too
     Verdict.NOT_FINITE: "a coordinate or a sigma is not a finite number",
     Verdict.DEGENERATE: "the wingtips are nearer to each other than two sigmas, a point is 90 degrees off the "
     "optical axis, or a sigma is absurd; expected three distinct points in pixels of the image",
@@ -51,10 +48,10 @@ OWN: Final = {  # of our own state's sensors
 
 
 class Kind(NamedTuple):
-    """What is counted together: a source and a reason without its numbers. `alike`: without names, too."""
+    """What is counted together: a source and words without their numbers. `alike`: without names, too."""
 
     source: str
-    reason: str
+    words: str
     alike: str
 
 
@@ -70,42 +67,40 @@ class Refusals:
         """The kinds of refusals that came last, the latest last."""
         return tuple(self._kinds.values())
 
-    def add(self, source: str, reason: str, t_recv_ns: int, *, kind: str = "") -> None:
-        """Count a message that was refused. Reasons of one `kind`, or that differ only in numbers, are one: the
-        first is kept."""
-        source, reason, key = _sorted(source, reason, kind)
+    def add(self, source: str, why: Reason, t_recv_ns: int) -> None:
+        """Count a message that was refused. Reasons that differ only in numbers are one: the first is kept."""
+        source, words, key = _sorted(source, why.words)
         if key not in self._kinds and sum(other.alike == key.alike for other in self._kinds) >= ALIKE:
             source, key = OTHERS, Kind(OTHERS, key.alike, key.alike)
         before = self._kinds.pop(key, None)
         if before is None:
-            before = Refusal(source=source, reason=reason, count=0, t_recv_ns=t_recv_ns)
+            before = Refusal(source=source, cause=why.cause, reason=words, count=0, t_recv_ns=t_recv_ns)
         self._kinds[key] = replace(before, count=before.count + 1, t_recv_ns=t_recv_ns)
         while len(self._kinds) > MOST:
             del self._kinds[next(iter(self._kinds))]
 
-    def add_message(self, message: Message, reason: str) -> None:
-        """Count a message that went no further, if it is of a camera. A reason that no other tells in words has
-        its kind before a colon."""
+    def add_message(self, message: Message, why: str | Reason) -> None:
+        """Count a message that went no further, if it is of a camera: for a reason, or by what the health
+        counts."""
         if isinstance(message, TargetImage):
-            kind = reason.partition(":")[0]
-            self.add(f"camera {message.camera}", REASONS.get(reason, reason), message.t_recv_ns, kind=kind)
+            found = why if isinstance(why, Reason) else Reason(Cause(why), REASONS[why])
+            self.add(f"camera {message.camera}", found, message.t_recv_ns)
 
     def add_verdict(self, estimate: Estimate, report: MeasurementReport) -> None:
         """Count an image that an estimator could not use. A gated image could be used: it only fits no track."""
-        if isinstance(estimate, NavState) and report.verdict in OWN:
-            self.add(f"our own {report.source}", f"{report.verdict}: {OWN[report.verdict]}", report.t_recv_ns)
-            return
-        text = VERDICTS.get(report.verdict)
-        if text is None or report.points is None:
+        is_own = isinstance(estimate, NavState) and report.verdict in OWN
+        text = (OWN if is_own else VERDICTS).get(report.verdict)
+        if text is None or (report.points is None and not is_own):
             return
         lead = (report.t_ns - estimate.t_ns) * 1e-9
-        reason = f"{report.verdict}: {text.format(lead=lead, age=-lead)}"
-        self.add(f"camera {report.source}", reason, report.t_recv_ns, kind=report.verdict)
+        words = f"{report.verdict}: {text.format(lead=lead, age=-lead)}"
+        source = f"{'our own' if is_own else 'camera'} {report.source}"
+        self.add(source, Reason(Cause(report.verdict), words), report.t_recv_ns)
 
 
 @lru_cache(maxsize=4 * MOST)  # a flood says the same
-def _sorted(source: str, reason: str, kind: str) -> tuple[str, str, Kind]:
-    """Source and reason as they are shown, and their kind."""
-    source, reason = plain(ROS_HASH.sub("", source), LONGEST), plain(reason, LONGEST)
-    words = kind or NUMBER.sub("#", reason)
-    return source, reason, Kind(source, words, QUOTED.sub("`*`", words))
+def _sorted(source: str, words: str) -> tuple[str, str, Kind]:
+    """Source and words as they are shown, and their kind."""
+    source, words = plain(source.partition(ROS_HASH)[0], LONGEST), plain(words, LONGEST)
+    kind = without_numbers(words)
+    return source, words, Kind(source, kind, without_names(kind))

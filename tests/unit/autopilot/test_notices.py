@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 import pytest
+from msgspec.structs import replace
 
 from onboard.autopilot.notices import Notices, Rank
 from onboard.messages import Advice, Lifecycle, Severity
@@ -51,8 +52,9 @@ def test_one_text_a_second_and_the_same_one_every_ten() -> None:
 
 
 def advise(notices: Notices, k: int) -> None:
-    text = f"camera {chr(97 + k % 26)}: refused"
-    notices.advise(Advice(cause="c", severity=Severity.ERROR, about="", what=text, remedy="", text=text, over=""))
+    about = f"camera {chr(97 + k % 26)}"
+    text = f"{about}: refused"
+    notices.advise(Advice(cause="c", severity=Severity.ERROR, about=about, what=text, remedy="", text=text))
 
 
 @pytest.mark.parametrize(
@@ -119,3 +121,12 @@ def test_what_concerns_our_own_state_goes_first() -> None:
     sent = [text.text for k in range(20) for text in notices.due(k * S)]
     assert sent[:2] == ["leader tracked", "the autopilot has rebooted"]
     assert len(sent) == 12
+
+
+def test_of_advice_of_one_cause_about_one_thing_the_newest_words_wait() -> None:
+    """Its words alone do not make it another."""
+    notices = Notices()
+    one = Advice(cause="noise", severity=Severity.WARNING, about="camera a", what="", remedy="", text="2.1 times")
+    for change in ({}, {"text": "noisier by far"}, {"about": "camera b", "text": "of b"}, {"cause": "lens"}):
+        notices.advise(replace(one, **change))
+    assert [text for _, text in texts(notices, 6)] == ["noisier by far", "of b", "2.1 times"]

@@ -4,12 +4,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from onboard.autopilot.leader_messages import View
 from onboard.autopilot.reasons import Reasons, edge_of
 from onboard.geometry.camera import make_camera
 from onboard.geometry.rotations import quaternion_from_euler
-from onboard.messages import LeaderState
+from onboard.messages import Cause, LeaderState
 from tests.support.leader import S, leader_state, lost_state
 
 CAMERA = make_camera(f_px=554.256, width_px=640, height_px=480)  # to 30 degrees aside, 23.4 up and down
@@ -67,6 +68,17 @@ def test_no_leader_is_said_with_its_reason_and_again_when_that_changes() -> None
     assert sent == [(4.0, "no leader: no image fused lately"), (34.0, "no leader: no image fused lately")]
     assert texts(reasons, None, 6.0, 50.0)[0][1].startswith("no leader: nothing is estimated: no images")
     assert texts(reasons, leader_state(), 1.0, 60.0) == []
+
+
+def test_words_that_change_with_one_cause_are_not_sent_again_and_another_cause_is() -> None:
+    """Two of four images, three of four: one line; that none fits is another."""
+    reasons, found = Reasons(follows=False), list[str]()
+    reasons.tick(None, None, 999 * S)
+    for k in range(240):
+        of = Cause.STARTING if k < 140 else Cause.NOISE
+        state = replace(lost_state(), cause=of, reason=f"{k} of 4 images")
+        found += [text for _, text in reasons.tick(state, None, 999 * S + k * S // 10)]
+    assert found == ["no leader: 50 of 4 images", "no leader: 140 of 4 images"]
 
 
 @pytest.mark.parametrize(

@@ -222,7 +222,7 @@ def test_our_version_is_told_on_request() -> None:
 
 def test_a_refused_message_rate_is_named_in_the_health() -> None:
     refused: list[str] = []
-    output = AutopilotOutput(Config(), refuse=lambda _source, reason, _t_ns: refused.append(reason))
+    output = AutopilotOutput(Config(), refuse=lambda _source, why, _t_ns: refused.append(why.words))
     output.connect(AUTOPILOT)
     times = {"t_ns": T0, "t_recv_ns": T0, "clock": Clock.NONE, "system": 42, "component": 1}
     ack = CommandAck(**times, target_system=42, target_component=191, command=511, result=3)

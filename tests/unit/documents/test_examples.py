@@ -9,7 +9,7 @@ import pytest
 from onboard.config import load_config
 from onboard.estimators import EstimatorProtocol
 from onboard.geometry.camera import make_camera
-from onboard.messages import TargetDetection, TargetPoints
+from onboard.messages import Cause, Reason, TargetDetection, TargetPoints
 from onboard.ownship import Ownship
 from onboard.wire.detections import decode_detections
 from onboard.wire.points import decode_points
@@ -38,7 +38,7 @@ def test_the_example_estimates_a_range() -> None:
     assert estimate.mean is not None
     assert math.isclose(estimate.mean[0], 30.0)
     assert estimator.tick(ownship) == []
-    estimator.reset("the autopilot has rebooted")
+    estimator.reset(Reason(Cause.REBOOTED, "the autopilot has rebooted"))
 
 
 def test_the_camera_points_of_the_page_decode() -> None:

@@ -24,19 +24,23 @@ from onboard.messages import (
     DOUBT,
     Advice,
     Attitude,
+    Cause,
     Clock,
     ComputerLoad,
     Datagram,
     Encoding,
     Health,
+    Lifecycle,
     LinkHealth,
     LocalPosition,
     Message,
+    Reason,
     Severity,
     SinkHealth,
     TargetPoints,
 )
 from onboard.pipeline import Pipeline, Rim
+from onboard.pipeline.health import Advisor, Needs
 from onboard.sinks.console import Console
 from onboard.view import words
 from onboard.wire.signing import read_key
@@ -44,6 +48,7 @@ from tests.support.streams import CIRCLE, EPOCH, F_PX, MS, SIZE, Item, S, Stream
 
 SECONDS = 14
 MOTION = (Attitude, LocalPosition)
+UNREACHABLE = Reason(Cause.UNREACHABLE, "zenoh: no router answers (Connection refused)")
 
 
 class Doctor(NamedTuple):
@@ -231,7 +236,7 @@ def test_07_a_class_without_a_section() -> None:
 def test_08_a_mount_that_is_off() -> None:
     pipeline = Pipeline(configured())
     reason = f"{DOUBT}the leader moves as we lean, as if the camera looked higher than `mount_rpy_deg` says"
-    pipeline.refuse("camera front", reason, EPOCH)
+    pipeline.refuse("camera front", Reason(Cause.MOUNT, reason), EPOCH)
     (advice,) = [a for a in pipeline.health(EPOCH + S).advice if a.cause == "mount"]
     assert advice.severity is Severity.WARNING
     assert "`onboard calibrate LOG`" in advice.remedy
@@ -249,6 +254,23 @@ def test_09_a_size_that_is_four_times_too_small() -> None:
     large fits another flight of a nearer leader, and nothing shows it (docs/status.md)."""
     doctor = flown(moved(lambda p: p[:1] + 4.0 * (p - p[:1])))
     assert "not valid" in named(doctor, "misfit", "`size_prior_m`").what
+
+
+@pytest.mark.parametrize(
+    ("cause", "words", "blamed"),
+    [
+        (Cause.NOISE, "in other words than today's", True),
+        (Cause.ASTRAY, "", True),
+        (Cause.OWN_MOTION_DOUBT, "our own motion is in doubt: attitude contradicts the body rates", False),
+        (Cause.TIMEOUT, "no image fused within the validity timeout", False),
+    ],
+)
+def test_09_images_are_blamed_by_the_cause_and_not_by_words(cause: Cause, words: str, blamed: bool) -> None:
+    """The camera was blamed where our own motion contradicts itself: a word of one was in the other's sentence."""
+    why = {"reasons": {"leader": words}, "causes": {"leader": cause}}
+    health = replace(flown().health, states={"leader": Lifecycle.LOST}, **why)
+    found = [advice for advice in Advisor(Needs()).advise(health) if advice.cause == "misfit"]
+    assert [a.what.endswith(f"the leader estimate is not valid: {words}") for a in found] == [True] * blamed
 
 
 def test_a_wind_of_exactly_zero_is_no_estimate() -> None:
@@ -344,22 +366,24 @@ def test_15_an_attitude_that_is_too_slow() -> None:
 
 def test_16_tls_of_the_daemon() -> None:
     error = "cannot reach tls/hub:7447 (its certificate is not accepted: certificate has expired)"
-    doctor = flown(rims=lambda _: Rim(links={"zenoh": LinkHealth(error=error)}))
+    doctor = flown(rims=lambda _: Rim(links={"zenoh": LinkHealth(cause=Cause.TLS, error=error)}))
     assert "has expired" in named(doctor, "tls", "`ca_file`").what
 
 
 @pytest.mark.parametrize("reason", ["Connection refused", "timed out", "No route to host", "no answer"])
 def test_16_a_router_that_is_off_is_no_matter_of_certificates(reason: str) -> None:
     error = f"cannot reach tls/hub:7447 ({reason})"
-    (advice,) = Pipeline(configured()).health(EPOCH, Rim(links={"zenoh": LinkHealth(error=error)})).advice
+    rim = Rim(links={"zenoh": LinkHealth(cause=Cause.UNREACHABLE, error=error)})
+    (advice,) = Pipeline(configured()).health(EPOCH, rim).advice
     assert (advice.cause, "start `onboard router CONFIG.toml` there" in advice.remedy) == ("link", True)
-    found = why_absent(configured(link=[]), "tls/hub:7447", f"zenoh: no router answers at {error}")
+    why = Reason(Cause.UNREACHABLE, f"zenoh: no router answers at {error}")
+    found = why_absent(configured(link=[]), "tls/hub:7447", why)
     assert [advice.cause for advice in found] == ["daemon"]
 
 
 def test_16_tls_of_the_status_itself() -> None:
     error = "zenoh: no router answers at tls/hub:7447 (tls/hub:7447: its certificate is not accepted: expired)"
-    (advice, *_) = why_absent(configured(link=[]), "tls/hub:7447", error)
+    (advice, *_) = why_absent(configured(link=[]), "tls/hub:7447", Reason(Cause.TLS, error))
     assert (advice.cause, "`ca_file`" in advice.remedy) == ("tls", True)
 
 
@@ -369,7 +393,7 @@ def test_17_a_port_in_use() -> None:
         port = taken.getsockname()[1]
         link = [{"name": "autopilot", "url": f"udpin:127.0.0.1:{port}"}]
         config = configured(link=link, zenoh={"enabled": False})
-        found = why_absent(config, "tcp/127.0.0.1:1", "zenoh: no router answers (Connection refused)")
+        found = why_absent(config, "tcp/127.0.0.1:1", UNREACHABLE)
     (advice,) = [a for a in found if a.cause == "port"]
     assert f"port {port} of 127.0.0.1 is in use by" in advice.what
     assert f"(process {os.getpid()})" in advice.what
@@ -384,7 +408,7 @@ def test_17_a_port_that_the_daemon_itself_has(enabled: bool, monkeypatch: pytest
         taken.bind(("127.0.0.1", 0))
         link = [{"name": "autopilot", "url": f"udpin:127.0.0.1:{taken.getsockname()[1]}"}]
         config = configured(link=link, zenoh={"enabled": enabled, "listen": []})
-        (advice,) = why_absent(config, "tcp/127.0.0.1:1", "refused")
+        (advice,) = why_absent(config, "tcp/127.0.0.1:1", UNREACHABLE)
     assert (advice.cause, "end that program" in advice.remedy) == ("daemon", False)
     assert f"(process {os.getpid()}) is a daemon" in advice.what
     assert "[zenoh]" in advice.remedy
@@ -412,7 +436,11 @@ def test_18_a_full_disk_is_no_slow_computer() -> None:
     def rims(second: int) -> Rim:
         error = "[Errno 28] No space left on device" if second < 9 else ""  # it was opened anew, and loses more
         load = ComputerLoad(storage_free=0 if second > 5 else None)
-        sinks = {"recorder": SinkHealth(error=error, dropped_important=1000 * second)}
+        sinks = {
+            "recorder": SinkHealth(
+                cause=Cause.DISK_FULL if error else Cause.NONE, error=error, dropped_important=1000 * second
+            )
+        }
         return Rim(sinks=sinks, computer=load)
 
     pipeline = Pipeline(configured(estimator={}))
@@ -421,7 +449,9 @@ def test_18_a_full_disk_is_no_slow_computer() -> None:
 
 
 def test_18_a_full_disk() -> None:
-    full = SinkHealth(error=f"[Errno {errno.ENOSPC}] {os.strerror(errno.ENOSPC)}: 'flight.mcap'")
+    full = SinkHealth(
+        cause=Cause.DISK_FULL, error=f"[Errno {errno.ENOSPC}] {os.strerror(errno.ENOSPC)}: 'flight.mcap'"
+    )
     doctor = flown(rims=lambda _: Rim(sinks={"recorder": full}))
     assert "No space left" in named(doctor, "disk", "`path` of [recorder]").what
     load = ComputerLoad(storage_free=50_000_000)
@@ -507,5 +537,5 @@ def test_storage_of_the_recorder_that_is_full(tmp_path: Path, monkeypatch: pytes
     config = configured(link=[], zenoh={"enabled": False}, recorder={"path": str(tmp_path / "flight.mcap")})
     usage = type("usage", (), {"free": 1_000_000})
     monkeypatch.setattr("shutil.disk_usage", lambda _: usage)
-    found = why_absent(config, "tcp/127.0.0.1:1", "refused")
+    found = why_absent(config, "tcp/127.0.0.1:1", UNREACHABLE)
     assert [a.cause for a in found] == ["disk", "daemon"]

@@ -6,10 +6,11 @@ from msgspec.structs import replace
 
 from onboard.config import Config, parse_config
 from onboard.geometry.lens import Lens
-from onboard.messages import DOUBT, Refusal, TargetPoints
+from onboard.messages import DOUBT, Reason, Severity, TargetPoints
 from onboard.pipeline.health.hints import Hints
 from onboard.pipeline.health.remedies import remedy_of
 from onboard.sinks.console import Console
+from onboard.wire.points import doubt_of
 from tests.support.streams import CIRCLE, EPOCH, SIZE, Item, Run, S, Stream, advance
 
 SECONDS = 25.0
@@ -65,13 +66,13 @@ def test_doubtful_intrinsics_are_named_as_long_as_images_come() -> None:
     lens = Lens(
         fx_px=500.0, fy_px=500.0, cx_px=100.0, cy_px=240.0, width_px=640.0, height_px=480.0
     ).of_whole_image()
-    images = [replace(CIRCLE.image(k * S), doubt=lens.note) for k in (6, 7)]
-    found: list[tuple[str, str, int]] = []
+    images = [replace(CIRCLE.image(k * S), doubt=doubt_of(lens)) for k in (6, 7)]
+    found: list[tuple[str, Reason, int]] = []
     hints = Hints(lambda *one: found.append(one), takes_ranges=True)
     for image in images:
         hints.see(image)
     assert [t for _, _, t in found] == [image.t_recv_ns for image in images]
-    _, reason, t_recv_ns = found[0]
-    assert reason.startswith(f"{DOUBT}the principal point (100, 240) is far from the middle")
-    remedy = remedy_of(Refusal(source="camera front", reason=reason, count=1, t_recv_ns=t_recv_ns))
-    assert (remedy.cause, remedy.costs) == ("pixels", True)
+    _, why, _ = found[0]
+    assert why.words.startswith(f"{DOUBT}the principal point (100, 240) is far from the middle")
+    remedy = remedy_of(why.cause)
+    assert (remedy.advice, remedy.severity) == ("pixels", Severity.WARNING)

@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.daemon import Daemon
-from onboard.messages import Clock, Datagram, Encoding, Health, LocalPosition, Verdict
+from onboard.messages import Cause, Clock, Datagram, Encoding, Health, LocalPosition, Reason, Verdict
 from onboard.pipeline.health.refusals import ALIKE, LONGEST, MOST, OTHERS, Refusals
 from onboard.sinks.console import MOST_LINES
 from onboard.view import words
@@ -115,9 +115,10 @@ def test_a_flood_of_kinds_gets_few_lines_and_little_room() -> None:
 def test_names_without_end_cost_no_other_refusal_its_count() -> None:
     """Strangers choose the names of their cameras; that another sender asks for too much stays known."""
     refusals = Refusals()
-    refusals.add("system 66, component 66", "answers are rationed", 0)
+    refusals.add("system 66, component 66", Reason(Cause.RATIONED, "answers are rationed"), 0)
     for n in range(1000):
-        refusals.add(f"onboard/1/camera/stranger{n}/points", f"no camera is called `stranger{n}`", n)
+        why = Reason(Cause.UNKNOWN_CAMERA, f"no camera is called `stranger{n}`")
+        refusals.add(f"onboard/1/camera/stranger{n}/points", why, n)
     rationed, *strangers = refusals.latest
     assert (rationed.source, rationed.count) == ("system 66, component 66", 1)
     assert [r.count for r in strangers] == [1] * ALIKE + [1000 - ALIKE]
@@ -127,7 +128,7 @@ def test_names_without_end_cost_no_other_refusal_its_count() -> None:
 def test_reasons_of_every_kind_have_room_for_the_latest() -> None:
     refusals = Refusals()
     for n in range(3 * MOST):
-        refusals.add("camera", "x" * (1 + n), n)
+        refusals.add("camera", Reason(Cause.DOCUMENT, "x" * (1 + n)), n)
     assert [len(r.reason) for r in refusals.latest] == [*range(2 * MOST + 1, 3 * MOST + 1)]
 
 
@@ -193,7 +194,7 @@ def test_before_a_heartbeat_an_image_over_mavlink_is_named() -> None:
 def test_of_reasons_that_differ_in_a_number_the_first_is_kept_and_all_are_counted() -> None:
     refusals = Refusals()
     for seconds in (1, 2, 3):
-        refusals.add("camera front", f"too_new: {seconds} s", seconds, kind="too_new")
+        refusals.add("camera front", Reason(Cause.TOO_NEW, f"too_new: {seconds} s"), seconds)
     assert [(r.reason, r.count, r.t_recv_ns) for r in refusals.latest] == [("too_new: 1 s", 3, 3)]
 
 

@@ -2,6 +2,7 @@
 
 import pytest
 
+from onboard.messages import Cause, Reason
 from onboard.pipeline.health.refusals import Refusals
 
 FIRST = "pixel (9000, -0.25) is outside - at `$.detections[0].points.left`"
@@ -18,7 +19,7 @@ FIRST = "pixel (9000, -0.25) is outside - at `$.detections[0].points.left`"
 def test_reasons_that_differ_only_in_numbers_are_one(reason: str, kinds: int) -> None:
     refusals = Refusals()
     for n, text in enumerate((FIRST, reason)):
-        refusals.add("onboard/1/camera/front/detections", text, n)
+        refusals.add("onboard/1/camera/front/detections", Reason(Cause.DOCUMENT, text), n)
     assert len(refusals.latest) == kinds
     assert refusals.latest[0].reason == FIRST
     assert sum(refusal.count for refusal in refusals.latest) == 2
@@ -27,7 +28,7 @@ def test_reasons_that_differ_only_in_numbers_are_one(reason: str, kinds: int) ->
 def test_names_with_numbers_are_not_one() -> None:
     refusals = Refusals()
     for name in ("cam1", "cam2", "cam-3"):
-        refusals.add("c", f"no camera is called `{name}`", 0)
+        refusals.add("c", Reason(Cause.UNKNOWN_CAMERA, f"no camera is called `{name}`"), 0)
     assert len(refusals.latest) == 3
 
 
@@ -35,5 +36,5 @@ def test_the_hash_of_a_ros_type_is_left_out() -> None:
     """64 digits of a key took the place of the reason."""
     refusals = Refusals()
     key = "0/perception/boxes/vision_msgs::msg::dds_::Detection2DArray_"
-    refusals.add(f"{key}/RIHS01_{'0af3' * 16}", "it is not CDR", 1)
+    refusals.add(f"{key}/RIHS01_{'0af3' * 16}", Reason(Cause.DOCUMENT, "it is not CDR"), 1)
     assert [refusal.source for refusal in refusals.latest] == [key]

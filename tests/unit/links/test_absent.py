@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from onboard.links import AbsentError, LinkError, parse_link
-from onboard.messages import Datagram
+from onboard.messages import NO_REASON, Datagram
 from tests.support.programs import free_ports
 from tests.support.running_link import until, with_link
 
@@ -185,10 +185,10 @@ def test_a_serial_device_that_comes_later_is_opened(tmp_path: Path) -> None:
         link: Any = parse_link(f"serial:{device}:57600", "x")
         received: list[Datagram] = []
         task = asyncio.create_task(link.run(received.append, lambda: 0))
-        await until(lambda: "No such file" in link.trouble)
+        await until(lambda: "No such file" in link.trouble.words)
         master, slave = pty.openpty()
         device.symlink_to(os.ttyname(slave))
-        await until(lambda: link.trouble == "")
+        await until(lambda: link.trouble == NO_REASON)
         os.write(master, FRAME)
         await until(lambda: received)
         task.cancel()

@@ -222,12 +222,12 @@ def test_a_tcp_client_says_why_it_is_not_connected_and_stops_saying_so_once_it_i
 
     async def check(link: Any, _: list[Datagram]) -> None:
         assert link.health().error == ""
-        await until(lambda: link.trouble)
+        await until(lambda: link.trouble.words)
         assert link.health().error == f"tcp:127.0.0.1:{port}: cannot connect (Connection refused)"
         writers: list[asyncio.StreamWriter] = []  # a connection that is kept: "no trouble" stays, too
         server = await asyncio.start_server(lambda _, writer: writers.append(writer), sock=listener)
         async with server:
-            await until(lambda: not link.trouble)
+            await until(lambda: not link.trouble.words)
             assert link.health().error == ""
             for writer in writers:
                 writer.close()

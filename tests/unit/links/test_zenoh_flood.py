@@ -8,7 +8,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from onboard.links.zenoh import ZenohLink
-from onboard.messages import Datagram
+from onboard.messages import NO_REASON, Datagram, Reason
 
 PREFIX = "onboard/1"
 CAMERA, RADAR, GNSS = (
@@ -33,8 +33,8 @@ class Session:
             self._loop.call_soon_threadsafe(self.subscribed.set)
         return SimpleNamespace(undeclare=lambda: None)
 
-    def trouble(self) -> str:
-        return ""
+    def trouble(self) -> Reason:
+        return NO_REASON
 
     def send(self, key: str, data: bytes) -> None:
         kind = key.split("/")[2::2]

@@ -19,7 +19,7 @@ from onboard.commands.report_page import FlightReport, html, write_pdf
 from onboard.commands.report_verdict import Check, Grade
 from onboard.commands.status import describe
 from onboard.config import Config, parse_config
-from onboard.messages import CameraHealth, Datagram, Encoding, Health, Refusal, TargetImage
+from onboard.messages import CameraHealth, Cause, Datagram, Encoding, Health, Reason, Refusal, TargetImage
 from onboard.messages.text import LINE, plain, plain_record
 from onboard.pipeline import Pipeline
 from onboard.pipeline.health.refusals import Refusals
@@ -135,7 +135,7 @@ def test_what_is_plain_stays_as_it_is() -> None:
 
 def test_a_source_without_end_costs_the_health_little() -> None:
     refusals = Refusals()
-    refusals.add("s" * 10**6, "r" * 10**6, 0)
+    refusals.add("s" * 10**6, Reason(Cause.DOCUMENT, "r" * 10**6), 0)
     assert len(msgspec.json.encode(refusals.latest)) < 1000
 
 

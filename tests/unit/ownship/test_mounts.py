@@ -9,8 +9,8 @@ import pytest
 from onboard.config import parse_config
 from onboard.geometry.rotations import matrix_from_euler
 from onboard.geometry.units import NS_PER_S
-from onboard.messages import DOUBT, Advice, Datagram, Refusal
-from onboard.ownship.mounts import FEWEST_WINDOWS, Sight, _words, equations, errors
+from onboard.messages import DOUBT, Advice, Datagram
+from onboard.ownship.mounts import FEWEST_WINDOWS, Sight, _why, equations, errors
 from onboard.pipeline import Pipeline
 from onboard.pipeline.health.remedies import remedy_of
 from simlink.scenarios.scenario import Scenario, load_scenario
@@ -55,7 +55,7 @@ def test_a_wrong_mount_is_measured_within_its_sigma_seed_1(axis: int, degrees: f
     theta, sigma = np.degrees(found[0][:3]), np.degrees(found[1][:3])
     assert theta[axis] == pytest.approx(degrees, abs=max(5 * sigma[axis], 0.2 * abs(degrees)))
     assert sigma.max() < 1.5
-    assert "`mount_rpy_deg`" in _words(CAMERA, *found)
+    assert "`mount_rpy_deg`" in _why(CAMERA, *found).words
 
 
 @pytest.mark.parametrize("focal", [0.5, 0.7, 1.4, 2.0])
@@ -67,11 +67,11 @@ def test_a_wrong_focal_length_is_measured_within_its_sigma_seeds_1_and_2(focal: 
     theta, sigma = found
     assert theta[3] == pytest.approx(focal - 1.0, abs=max(5 * sigma[3], 0.2 * abs(focal - 1.0)))
     assert np.abs(theta[:3]).max() < np.radians(5.0)
-    text = _words(CAMERA, *found)
-    measured = re.search(r"`f_px` were (\S+) times as long", text)
+    why = _why(CAMERA, *found)
+    measured = re.search(r"`f_px` were (\S+) times as long", why.words)
     assert measured is not None
     assert float(measured[1]) == pytest.approx(focal, rel=0.2)
-    assert remedy_of(Refusal(source="camera front", reason=text, count=1, t_recv_ns=0)).cause == "focal"
+    assert remedy_of(why.cause).advice == "focal"
 
 
 def test_a_right_camera_is_never_doubted_seeds_1_to_20() -> None:

@@ -1,6 +1,7 @@
 """The queue and the runner: a sink may be slow, stuck or broken, and nobody else notices."""
 
 import asyncio
+import errno
 import threading
 import time
 from collections.abc import Awaitable, Callable, Sequence
@@ -9,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from onboard.messages import Cause
 from onboard.sinks import BoundedQueue, SinkError, SinkRunner
 from onboard.sinks import sink as sinks
 from tests.support.running_link import TIMEOUT_S, until
@@ -266,7 +268,7 @@ def test_a_sink_that_cannot_open_is_retried_and_says_why_meanwhile() -> None:
 
     health = with_runner(sink, check).health()
     assert sink.written == [1]
-    assert (health.sent, health.restarts, health.error) == (1, 3, "")
+    assert (health.sent, health.restarts, health.cause, health.error) == (1, 3, Cause.NONE, "")
     assert "cannot open" in seen
     assert sink.calls == ["open", "close"] * 4
 
@@ -314,7 +316,23 @@ def test_a_sink_that_keeps_failing_is_tried_ever_more_slowly_and_the_program_end
 
     health = with_runner(sink, check).health()
     assert 3 <= health.restarts <= 7  # 10, 20, 40 .. 320 ms; without back-off fifty
-    assert health.error == "cannot open"
+    assert (health.cause, health.error) == (Cause.FAILED, "cannot open")
+
+
+@pytest.mark.parametrize("wrapped", [False, True])
+def test_a_full_disk_is_a_cause_of_its_own_whatever_its_words(wrapped: bool) -> None:
+    class Full(Collector):
+        def open(self) -> None:
+            full = OSError(errno.ENOSPC, "kein Platz")
+            if not wrapped:
+                raise full
+            raise SinkError("cannot record to flight.mcap: kein Platz") from full
+
+    async def check(runner: SinkRunner[int]) -> None:
+        assert runner.health().cause is Cause.NONE
+        await until(lambda: runner.health().restarts)
+
+    assert with_runner(Full(), check).health().cause is Cause.DISK_FULL
 
 
 def test_the_thread_of_a_sink_has_ended_with_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,9 +8,11 @@ from typing import Any
 import msgspec
 import pytest
 
-from onboard.messages import Estimate, Lifecycle, not_valid
+from onboard.messages import Cause, Estimate, Lifecycle, Reason, not_valid
 from onboard.sinks import zenoh
 from tests.support.records import make_estimate
+
+OLD = Reason(Cause.OUTDATED, "old")
 
 
 class Nothing:
@@ -54,13 +56,13 @@ def test_a_record_is_published_and_replied_as_it_holds_then(monkeypatch: pytest.
     session = Session()
     monkeypatch.setattr(session, "declare_publisher", lambda *_, **__: SimpleNamespace(put=partial(keep, put)))
     sink = zenoh.ZenohSink(
-        session, "onboard/1", current=lambda r: not_valid(r, "old") if isinstance(r, Estimate) and len(put) else r
+        session, "onboard/1", current=lambda r: not_valid(r, OLD) if isinstance(r, Estimate) and len(put) else r
     )
     record = make_estimate(1, "leader", state=Lifecycle.TRACKING)
     sink.write([record])
     sink.write([record])
     found = [msgspec.json.decode(data, type=Estimate) for data in put]
-    assert [(e.valid, e.reason) for e in found] == [(True, record.reason), (False, "old")]
+    assert [(e.valid, e.cause, e.reason) for e in found] == [(True, record.cause, record.reason), (False, *OLD)]
 
 
 def keep(kept: list[bytes], data: bytes, **_: Any) -> None:

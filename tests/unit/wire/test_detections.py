@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from onboard.geometry.lens import Lens
-from onboard.messages import Clock, Datagram, Encoding, TargetDetection, TargetPoints
+from onboard.messages import Cause, Clock, Datagram, Encoding, TargetDetection, TargetPoints
 from onboard.wire.cameras import CameraInput
 from onboard.wire.datagrams import DatagramDecoder
 from tests.support.mavlink_frames import RECV
@@ -29,7 +29,7 @@ class Decoded:
 
     def __init__(self, *documents: dict[str, Any]) -> None:
         self.reasons: list[str] = []
-        decoder = DatagramDecoder(on_refused=lambda _, reason, __: self.reasons.append(reason), cameras=CAMERAS)
+        decoder = DatagramDecoder(on_refused=lambda _, why, __: self.reasons.append(why.words), cameras=CAMERAS)
         self.messages = []
         for document in documents:
             data = json.dumps(document).encode()
@@ -124,7 +124,9 @@ def test_intrinsics_of_an_image_that_are_doubtful_say_so() -> None:
     (m,) = Decoded(document).messages
     assert isinstance(m, TargetDetection)
     assert m.features[0].point == pytest.approx((0.05, 0.0))
-    assert m.doubt.startswith("the principal point (160, 120) is the middle of 1/2 of the image")
+    assert m.doubt is not None
+    assert m.doubt.cause is Cause.BINNED
+    assert m.doubt.words.startswith("the principal point (160, 120) is the middle of 1/2 of the image")
     assert not one(points={"center": CENTER}).doubt
 
 

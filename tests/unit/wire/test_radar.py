@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from onboard.messages import Clock, RadarDetection, RadarDetections
+from onboard.messages import Clock, RadarDetection, RadarDetections, Reason
 from onboard.wire.document import BadDocumentError
 from onboard.wire.radar import decode_radar, encode_radar
 from tests.support.mavlink_frames import RECV
@@ -78,11 +78,11 @@ def test_a_scan_goes_out_and_comes_back() -> None:
     ids=str,
 )
 def test_an_echo_that_cannot_be_used_costs_the_others_nothing(odd: dict[str, Any], field: str) -> None:
-    reasons: list[str] = []
+    reasons: list[Reason] = []
     scan = decode_radar(document(detections=[ECHO | odd, ECHO]), RECV, reasons.append)
     assert scan == decode_radar(document(), RECV)
     (reason,) = reasons
-    assert reason.endswith(f"at `$.detections[0]{'.' if field else ''}{field}`")
+    assert reason.words.endswith(f"at `$.detections[0]{'.' if field else ''}{field}`")
 
 
 def test_a_scan_of_which_no_echo_can_be_used_is_not_an_empty_one() -> None:

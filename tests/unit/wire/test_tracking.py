@@ -25,7 +25,7 @@ def decoded(data: bytes, **camera: Any) -> tuple[list[Message], list[str]]:
     """Messages, and why others are refused."""
     reasons: list[str] = []
     inputs = parse_config({"camera": camera}).camera_inputs()
-    trackers = TrackerDecoder(inputs, lambda reason, _: reasons.append(reason))
+    trackers = TrackerDecoder(inputs, lambda why, _: reasons.append(why.words))
     return MavlinkDecoder(stream=False, trackers=trackers).decode(data, RECV), reasons
 
 

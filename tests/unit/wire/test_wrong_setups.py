@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from onboard.messages import Datagram, Encoding
+from onboard.messages import Cause, Datagram, Encoding, Reason
 from onboard.wire.datagrams import FOREIGN, DatagramDecoder
 from onboard.wire.mavlink_encode import MavlinkEncoder
 from onboard.wire.signing import FORGED, UNSIGNED, Signer, read_key
@@ -16,11 +16,11 @@ PLAIN = MavlinkEncoder(7, 191).encode(RECORDS[0][0])
 JSON = json.dumps({"t_ns": 1, "detections": []}).encode()
 
 
-def refused(data: bytes, encoding: Encoding, times: int, key: bytes | None = None) -> list[str]:
+def refused(data: bytes, encoding: Encoding, times: int, key: bytes | None = None) -> list[Reason]:
     """Why each of so many pieces of one channel is refused."""
-    reasons: list[str] = []
+    reasons: list[Reason] = []
     keys = {} if key is None else {"a": key}
-    decoder = DatagramDecoder(on_refused=lambda _, reason, __: reasons.append(reason), keys=keys)
+    decoder = DatagramDecoder(on_refused=lambda _, why, __: reasons.append(why), keys=keys)
     for _ in range(times):
         decoder.decode(Datagram(channel="a", encoding=encoding, t_recv_ns=NOW, data=data))
     return reasons
@@ -31,7 +31,7 @@ def refused(data: bytes, encoding: Encoding, times: int, key: bytes | None = Non
     [(PLAIN, KEY, UNSIGNED), (Signer(bytes(32), 0).sign(PLAIN, NOW), KEY, FORGED)],
     ids=["not signed", "another key"],
 )
-def test_a_wrong_signing_set_up_is_named(data: bytes, key: bytes, reason: str) -> None:
+def test_a_wrong_signing_set_up_is_named(data: bytes, key: bytes, reason: Reason) -> None:
     assert refused(data, Encoding.MAVLINK, 3, key) == [reason] * 3
     assert refused(data, Encoding.MAVLINK, 3) == []
 
@@ -44,7 +44,8 @@ def test_a_wrong_signing_set_up_is_named(data: bytes, key: bytes, reason: str) -
 def test_bytes_that_are_no_mavlink_are_named_after_a_while(data: bytes, hint: str, encoding: Encoding) -> None:
     assert refused(data, encoding, FOREIGN - 1) == []
     (reason,) = refused(data, encoding, FOREIGN)
-    assert hint in reason
+    assert hint in reason.words
+    assert reason.cause is (Cause.NO_MAVLINK if data == JSON else Cause.BAUD_RATE)
     assert refused(data + PLAIN, encoding, 2 * FOREIGN) == []
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from onboard.estimators.leader.tracks.image import Image
 from onboard.geometry.units import NS_PER_S
+from onboard.messages.causes import Cause, Reason
 
 LONGEST_S: Final = 0.3  # between two images: over longer gaps an aircraft may have moved anywhere
 LEAP: Final = math.radians(2.0)  # a direction that changes by more ...
@@ -23,6 +24,7 @@ SWIFTEST: Final = math.radians(60.0)  # ... and faster than this, 1/s, leaps; as
 RATIO: Final = 1.3  # so does an apparent size that changes by more
 SIGMAS: Final = 4.0  # of both sizes' noise, where that is larger
 OFTEN: Final = 0.75  # of the images of the believed class: another class that is as frequent leaves it open
+LEAPT: Final = Reason(Cause.LEAPT, "the images leapt: another object may have taken its place")
 K = TypeVar("K")
 
 
@@ -101,15 +103,16 @@ class Classes(Generic[K]):
         return True
 
     @property
-    def doubt(self) -> str:
-        """Why it is open what the target is, "" if it is not."""
+    def doubt(self) -> Reason | None:
+        """Why it is open what the target is, None if it is not."""
         if self.kind is None:
-            return ""
+            return None
         others = {k: w for k, w in self._weights.items() if k not in (None, self.kind)}
         most = max(others, key=others.__getitem__, default=None)
         if most is None or others[most] < OFTEN * self._weights[self.kind]:
-            return ""
-        return f"the detector takes it now for {self._names[self.kind]}, now for {self._names[most]}"
+            return None
+        words = f"the detector takes it now for {self._names[self.kind]}, now for {self._names[most]}"
+        return Reason(Cause.CLASS_OPEN, words)
 
 
 def leaps(before: Image, after: Image) -> bool:

@@ -18,6 +18,7 @@ from onboard.estimators.leader.tracks.noise import NoiseScale
 from onboard.estimators.leader.tracks.track import Track
 from onboard.geometry.camera import Camera
 from onboard.messages import MeasurementReport, MountFrame, TargetImage
+from onboard.messages.causes import Cause, Reason
 from onboard.ownship import Ownship
 
 WORDS: Final[Mapping[MountFrame, str]] = {
@@ -78,20 +79,21 @@ class GimbalFrames:
         elif self._gains[best] == 0.0:
             self._found = None
 
-    def clear(self, reason: str) -> None:
+    def clear(self, why: Reason) -> None:
         """Forget all tracks, times and evidence."""
         for track in self._tracks.values():
-            track.reset(reason)
+            track.reset(why)
         self._gains, self._found = dict.fromkeys(WORDS, 0.0), None
 
     @property
-    def contradiction(self) -> str:
-        """What contradicts the flags, "" if nothing."""
+    def contradiction(self) -> Reason | None:
+        """What contradicts the flags, None if nothing."""
         if self._found is None or self._found == self._flagged:
-            return ""
-        return (
+            return None
+        return Reason(
+            Cause.GIMBAL_FRAME,
             f"the gimbal's angles are flagged as against {WORDS[self._flagged]}, but the images fit angles "
-            f'against {WORDS[self._found]}: set `gimbal_frame = "{self._found}"`, if they are'
+            f'against {WORDS[self._found]}: set `gimbal_frame = "{self._found}"`, if they are',
         )
 
 

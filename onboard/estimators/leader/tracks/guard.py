@@ -17,6 +17,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.filters.belief import Belief
 from onboard.geometry.units import NS_PER_S
+from onboard.messages.causes import Cause, Reason
 from onboard.models.relative_motion import POSITION, SIZE, VELOCITY
 from onboard.ownship import Ownship
 
@@ -26,6 +27,10 @@ ACCELERATION: Final = 1.5  # m/s^2, one standard deviation, of a leader that is 
 SIGMAS: Final = 3.0
 SPANS: Final = 5  # images whose median apparent size counts
 TOO_LARGE: Final = 0.06  # of the apparent size: three standard deviations of the wing's size, as it is configured
+CONTRADICTS: Final = Reason(
+    Cause.RANGE_CONTRADICTS, f"the range contradicts what was published {LOOKS_BACK_S:g} s ago"
+)
+WING_TOO_LARGE: Final = Reason(Cause.WING_TOO_LARGE, "the wing looks too large for its range")
 
 
 class PastMotion(NamedTuple):
@@ -47,14 +52,15 @@ class Guard:
         """Forget all: another track begins."""
         self._spans: deque[tuple[float, float]] = deque(maxlen=SPANS)
         self._published: deque[PastMotion] = deque()
-        self._moved, self._until_ns, self._found = np.zeros(3), 0, ""
+        self._moved, self._until_ns = np.zeros(3), 0
+        self._found: Reason | None = None
 
     def seen(self, span: float, sigma: float) -> None:
         """An image was fused in which the wing appears this long, rad."""
         self._spans.append((span, sigma))
 
-    def contradiction(self, t_ns: int, belief: Belief, ownship: Ownship) -> str:
-        """What contradicts a belief that is to be published, "" if nothing does."""
+    def contradiction(self, t_ns: int, belief: Belief, ownship: Ownship) -> Reason | None:
+        """What contradicts a belief that is to be published, None if nothing does."""
         if t_ns - self._until_ns < PERIOD_NS:
             return self._found
         if not 0 < t_ns - self._until_ns < NS_PER_S:  # the first of a track, or after a gap
@@ -66,12 +72,10 @@ class Guard:
         now = PastMotion(t_ns, motion, belief.covariance[:6, :6], self._moved)
         while self._published and t_ns - self._published[0].t_ns > LOOKS_BACK_S * NS_PER_S:
             before = self._published.popleft()
-            self._found = ""
-            if disagree(before, now):
-                self._found = f"the range contradicts what was published {LOOKS_BACK_S:g} s ago"
+            self._found = CONTRADICTS if disagree(before, now) else None
         self._published.append(now)
         if self._looks_too_large(belief):
-            return "the wing looks too large for its range"
+            return WING_TOO_LARGE
         return self._found
 
     def _go(self, t_ns: int, ownship: Ownship) -> Array | None:

@@ -19,6 +19,7 @@ from statistics import median
 from typing import Final, NamedTuple
 
 from onboard.arrays import Array
+from onboard.messages.causes import Cause, Reason
 
 WINDOW: Final = 60  # images
 MEDIAN: Final = 2.0 * math.log(2.0)  # of chi-square with two degrees of freedom
@@ -78,11 +79,12 @@ class NoiseScale(NamedTuple):
         return f"the detector is {self.scale:.1f} times as noisy as configured" if self.scale > WORTH else ""
 
     @property
-    def contradiction(self) -> str:
-        """Why no estimate is valid, "" if it may be."""
+    def contradiction(self) -> Reason | None:
+        """Why no estimate is valid, None if it may be."""
         if not self.beyond:
-            return ""
-        return f"the images do not fit: NIS {self.beyond:.0f} of 1.4 at {MOST:g} times the configured noise"
+            return None
+        words = f"the images do not fit: NIS {self.beyond:.0f} of 1.4 at {MOST:g} times the configured noise"
+        return Reason(Cause.NOISE, words)
 
 
 def _quieter(scale: float, ratio: float) -> float:

@@ -11,8 +11,10 @@ from typing import Final
 from onboard.estimators.leader.config import Config
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import Lifecycle
+from onboard.messages.causes import Cause, Reason
 
 CARRIED: Final = "carried by its broadcast"
+FUSED: Final = Reason(Cause.FUSED, "images fused")
 ELSEWHERE: Final = "its broadcast had led elsewhere"
 AGAIN_NS: Final = NS_PER_S  # after so long without images the leader is seen again: is it where it was believed?
 DISTRUSTED_NS: Final = 10 * NS_PER_S  # for so long a broadcast that was wrong is not used
@@ -25,11 +27,11 @@ class Status:
     fuse before it is valid again, and what became of the leader's own reports. `images` must agree before a track
     starts."""
 
-    def __init__(self, config: Config, images: int, reason: str) -> None:
+    def __init__(self, config: Config, images: int, why: Reason) -> None:
         self.last_fused_ns: int | None = None
         self._last_wing_ns: int | None = None  # the newest fused image that shows the wing, and so the range
         self.resets = 0
-        self.reason = reason  # why there is no track
+        self.why = why  # there is no track
         self._config, self._images = config, images
         self._gated_since_ns: int | None = None
         self._gated_ns = 0  # the newest image that the gate stopped
@@ -106,12 +108,12 @@ class Status:
             return False
         return self._reports_gated < CONTRADICTED and t_ns - self._reported_ns <= self._carried_for_s * NS_PER_S
 
-    def forgotten(self, reason: str, *, had_track: bool) -> None:
+    def forgotten(self, why: Reason, *, had_track: bool) -> None:
         """The track, if there was one, has ended."""
         self.resets += had_track
         self.last_fused_ns = self._last_wing_ns = self._gated_since_ns = self._reported_ns = None
         self._to_agree = 0
-        self.reason = reason
+        self.why = why
 
     def age(self, t_ns: int) -> float:
         """Seconds since the newest fused image; infinity without one."""
@@ -137,24 +139,26 @@ class Status:
         is_reported = self._reported_ns is not None and t_ns - self._reported_ns < KEPT_NS
         return self.age(t_ns) > self._config.reset_timeout_s and not is_reported
 
-    def state(self, t_ns: int, *, in_view: bool) -> tuple[Lifecycle, str]:
+    def state(self, t_ns: int, *, in_view: bool) -> tuple[Lifecycle, Reason]:
         """The state of a track and its reason; `in_view`: whether the target should be in the image."""
         where = "" if in_view else ", and it should be outside the view"
-        state, reason = self._of_images(t_ns, where)
+        state, why = self._of_images(t_ns, where)
         if state is not Lifecycle.TRACKING and not self._to_agree and self.is_carried(t_ns):
-            return Lifecycle.COASTING, f"{CARRIED}; {reason}"
-        return state, f"{reason}; {ELSEWHERE}" if self.was_led_elsewhere(t_ns) else reason
+            return Lifecycle.COASTING, Reason(Cause.CARRIED, f"{CARRIED}; {why.words}")
+        return state, why.also(ELSEWHERE) if self.was_led_elsewhere(t_ns) else why
 
-    def _of_images(self, t_ns: int, where: str) -> tuple[Lifecycle, str]:
+    def _of_images(self, t_ns: int, where: str) -> tuple[Lifecycle, Reason]:
         if self._to_agree:
-            return Lifecycle.LOST, f"seen again: {self._to_agree} more images must agree"
+            again = f"seen again: {self._to_agree} more images must agree"
+            return Lifecycle.LOST, Reason(Cause.SEEN_AGAIN, again)
         if self._has_only_directions(t_ns):
-            return Lifecycle.LOST, f"no image has shown the wing, and so the range, for too long{where}"
+            unseen = f"no image has shown the wing, and so the range, for too long{where}"
+            return Lifecycle.LOST, Reason(Cause.NO_RANGE, unseen)
         if not self.is_coasting(t_ns):
-            return Lifecycle.TRACKING, "images fused"
+            return Lifecycle.TRACKING, FUSED
         if self.age(t_ns) <= self._config.validity_timeout_s:
-            return Lifecycle.COASTING, f"no image fused lately: predicted{where}"
-        return Lifecycle.LOST, f"no image fused within the validity timeout{where}"
+            return Lifecycle.COASTING, Reason(Cause.PREDICTED, f"no image fused lately: predicted{where}")
+        return Lifecycle.LOST, Reason(Cause.TIMEOUT, f"no image fused within the validity timeout{where}")
 
     @property
     def latest(self) -> Lifecycle:

@@ -23,7 +23,7 @@ from onboard.estimators.leader.filters.noses.places import OpenQuestion
 from onboard.estimators.leader.prior import Prior
 from onboard.estimators.leader.sight import ASTRAY, LastSight
 from onboard.estimators.leader.size import Size
-from onboard.estimators.leader.tracks.exchange import Classes, Exchange
+from onboard.estimators.leader.tracks.exchange import LEAPT, Classes, Exchange
 from onboard.estimators.leader.tracks.fusing import TrackState, advance, fuse, seen
 from onboard.estimators.leader.tracks.guard import Guard
 from onboard.estimators.leader.tracks.image import Image, agree, hold, prepare
@@ -45,12 +45,18 @@ from onboard.filters.belief import Belief, FilterError
 from onboard.filters.unscented_transform import factor
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import Estimate, Lifecycle, MeasurementReport, Mode, TargetImage, Verdict
+from onboard.messages.causes import Cause, Reason
 from onboard.models.relative_motion import POSITION, SIZE
 from onboard.ownship import Ownship
 
 NOISE: Final = NoiseScale()  # before anything is learnt
 KNOWN: Final = 0.1  # rad, of the direction: a range says nothing of a leader whose direction is known less well
 REPORTS_LATE_S: Final = 0.5  # beyond their latency
+NO_IMAGE: Final = Reason(Cause.NO_MEASUREMENT, "no image yet")
+FULL: Final = Reason(Cause.FULL, "as many targets are followed as may be")
+FORGOTTEN: Final = Reason(Cause.FORGOTTEN, "no image for longer than the reset timeout")
+ALL_GATED: Final = Reason(Cause.ALL_GATED, "every image was gated")
+HANGS: Final = Reason(Cause.STALE, "the camera hangs: its image stays although we turn")
 TOO_WIDE: Final = 0.2  # of the range: a position less certain is not corrected, the track starts anew
 
 
@@ -92,15 +98,14 @@ class Track:
         self.prior_verdict = ""  # what became of it
         self._report = partial(report, filter_)
         self.sequence = 0
-        reason = "as many targets are followed as may be" if full else "no image yet"
-        self.status = Status(config, self._images, reason)
+        self.status = Status(config, self._images, FULL if full else NO_IMAGE)
 
     def observe(self, message: TargetImage, ownship: Ownship, prepared: Image | None = None) -> Estimate:
         """Check an image, then start the track with it or fuse it; `prepared`, where that has been done."""
         try:
             measurement = self._judge(message, ownship, prepared)
         except FilterError as error:
-            self._forget(f"the filter failed: {error}")
+            self._fail(error)
             measurement = self._report(message, Verdict.NUMERICAL)
         return self._estimate(ownship, measurement)
 
@@ -110,9 +115,9 @@ class Track:
             try:
                 self._settle(self._history, ownship)
             except FilterError as error:
-                self._forget(f"the filter failed: {error}")
+                self._fail(error)
         if self._history is not None and self.status.is_over(ownship.now_ns):
-            self._forget("no image for longer than the reset timeout")
+            self._forget(FORGOTTEN)
         return self._estimate(ownship, None)
 
     def take_for(self, name: str, t_ns: int, filter_: BeliefFilter | None, config: Config) -> bool:
@@ -123,7 +128,7 @@ class Track:
             return False
         was_followed = self._history is not None
         if was_followed:
-            self._forget(f"the detector takes it for {name} now")
+            self._forget(Reason(Cause.CLASS_CHANGED, f"the detector takes it for {name} now"))
         self.held.clear()
         self._filter, self._config, self._report = filter_, config, partial(report, filter_)
         return was_followed
@@ -136,7 +141,7 @@ class Track:
         try:
             self._history.insert(self._history.belief_at(0, ownship)[0], wind, ownship)
         except FilterError as error:
-            self._forget(f"the filter failed: {error}")
+            self._fail(error)
 
     def assist(self, taken: Auxiliary, ownship: Ownship) -> Verdict:
         """Use what is measured beside the images at its own time. Images come first: what contradicts them is
@@ -149,7 +154,7 @@ class Track:
         try:
             verdict = self._assist(history, taken, ownship)
         except FilterError as error:
-            self._forget(f"the filter failed: {error}")
+            self._fail(error)
             return Verdict.NUMERICAL
         if is_report and verdict is not Verdict.UNASSOCIATED:
             self.status.reported(taken.t_ns, used=verdict is Verdict.FUSED)
@@ -171,9 +176,9 @@ class Track:
         self.size = Size(float(belief.mean[SIZE]), math.sqrt(belief.covariance[SIZE, SIZE]))
         return Verdict.FUSED
 
-    def reset(self, reason: str) -> None:
+    def reset(self, why: Reason) -> None:
         """Forget the track and all times."""
-        self._forget(reason)
+        self._forget(why)
         self.held.clear()
         self.repeats.clear()
         self._exchange.clear()
@@ -234,7 +239,7 @@ class Track:
             return self._report(message, Verdict.DUPLICATE)
         if self.repeats.add(image):
             if self._history is not None:  # which has taken some of the same images
-                self._forget("the camera hangs: its image stays although we turn")
+                self._forget(HANGS)
             return self._report(message, Verdict.STALE, image)
         history = self._history
         if history is not None and not history.reaches(message.t_ns):
@@ -261,7 +266,7 @@ class Track:
             if image.has_extent and self.status.gated(message.t_ns):
                 self.status.led_elsewhere(message.t_ns)
                 self._exchange.ended()
-                self._forget("every image was gated")
+                self._forget(ALL_GATED)
                 self._start(image, ownship, None)
             return self._report(message, Verdict.GATED, image, outcome)
         self._exchange.fused(image)
@@ -280,7 +285,7 @@ class Track:
         """Hold images until enough of them agree; start at the oldest and fuse the rest."""
         held = self.held
         hold(held, image)
-        self.status.reason = f"{len(held)} of {self._images} images"
+        self.status.why = Reason(Cause.STARTING, f"{len(held)} of {self._images} images")
         if len(held) < self._images or not self._may_begin(self.target, ownship.now_ns):
             return
         images = sorted(held, key=lambda i: i.message.t_ns)
@@ -322,8 +327,11 @@ class Track:
         if history.settle(ownship) or inserted:
             self.status.judged_again(history.newest(lambda outcome: outcome.fused))
 
-    def _forget(self, reason: str) -> None:
-        self.status.forgotten(reason, had_track=self._history is not None)
+    def _fail(self, error: FilterError) -> None:
+        self._forget(Reason(Cause.FILTER_FAILED, f"the filter failed: {error}"))
+
+    def _forget(self, why: Reason) -> None:
+        self.status.forgotten(why, had_track=self._history is not None)
         self._guard.clear()
         self._sight.clear()
         self.prior = None
@@ -341,15 +349,26 @@ class Track:
             belief = self._filter.belief(state.leader)
             factor(belief.covariance)
         except FilterError as error:
-            self._forget(f"the filter failed: {error}")
+            self._fail(error)
             return None
         return t_ns, belief, self._filter.open_question(state.leader)
+
+    def _contradiction(self, t_ns: int, belief: Belief, ownship: Ownship) -> Reason | None:
+        """The first of what contradicts a belief, None if nothing does."""
+        if self._exchange.is_in_question(t_ns):
+            return LEAPT
+        if doubt := self._classes.doubt:
+            return doubt
+        if not self.status.is_carried(t_ns) and self._sight.contradicts(belief.mean[POSITION]):
+            return ASTRAY
+        misfit = self._poses.contradiction or self.noise.contradiction
+        return misfit or self._guard.contradiction(t_ns, belief, ownship)
 
     def _estimate(self, ownship: Ownship, measurement: MeasurementReport | None) -> Estimate:
         """The estimate now, with the report on the image that it follows, if any."""
         found = self._belief(ownship)
         t_ns, belief = ownship.now_ns, None
-        state, reason = Lifecycle.INITIALISING if self.held else Lifecycle.SEARCHING, self.status.reason
+        state, why = Lifecycle.INITIALISING if self.held else Lifecycle.SEARCHING, self.status.why
         modes: tuple[Mode, ...] = ()
         self.direction_n = None
         if found is not None:
@@ -357,21 +376,13 @@ class Track:
             self.is_metric = left.is_metric
             coasting = self.status.is_coasting(t_ns)
             in_view = not coasting or self._poses.see(belief.mean[POSITION], t_ns, ownship)
-            state, reason = self.status.state(t_ns, in_view=in_view)
-            if self._exchange.is_in_question(t_ns):
-                state, reason = Lifecycle.LOST, "the images leapt: another object may have taken its place"
-            elif doubt := self._classes.doubt:
-                state, reason = Lifecycle.LOST, doubt
-            elif not self.status.is_carried(t_ns) and self._sight.contradicts(belief.mean[POSITION]):
-                state, reason = Lifecycle.LOST, ASTRAY
-            elif misfit := self._poses.contradiction or self.noise.contradiction:
-                state, reason = Lifecycle.LOST, misfit
-            elif contradiction := self._guard.contradiction(t_ns, belief, ownship):
-                state, reason = Lifecycle.LOST, contradiction
+            state, why = self.status.state(t_ns, in_view=in_view)
+            if contradiction := self._contradiction(t_ns, belief, ownship):
+                state, why = Lifecycle.LOST, contradiction
             if finding := self.noise.finding:
-                reason = f"{reason}; {finding}"
+                why = why.also(finding)
             if left.reason and state is not Lifecycle.LOST:
-                reason, modes = f"{reason}; {left.reason}", modes_of(left.places)
+                why, modes = why.also(left.reason), modes_of(left.places)
             r = belief.mean[POSITION].tolist()
             range_ = math.hypot(*r)
             self.half_wing = min(0.5 * self._config.size_prior_m / max(range_, 1e-3), 1.0)
@@ -382,5 +393,6 @@ class Track:
         self.sequence += 1
         self.rate_limit.published(t_ns)
         fields = {"name": self._name, "target": self.target, "sequence": self.sequence, "t_ns": t_ns}
-        fields |= {"state": state, "reason": reason, "measurement": measurement, "modes": modes}
+        fields |= {"state": state, "cause": why.cause, "reason": why.words}
+        fields |= {"measurement": measurement, "modes": modes}
         return published(self._filter, self.status, belief, **fields)

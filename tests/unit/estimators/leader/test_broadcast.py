@@ -12,11 +12,13 @@ from onboard.estimators.leader.tracks.status import CARRIED, ELSEWHERE, Status
 from onboard.messages import (
     AdsbVehicle,
     AltitudeType,
+    Cause,
     Clock,
     Estimate,
     FollowTarget,
     GlobalPosition,
     Lifecycle,
+    Reason,
     TargetPoints,
 )
 from onboard.models.relative_motion import POSITION, SIZE
@@ -261,7 +263,7 @@ def test_our_own_positions_error_limits_what_a_report_teaches() -> None:
 def test_after_a_reboot_nothing_of_the_broadcast_is_left() -> None:
     run = fly(leader_positions(6.0, 9.0), 9.0, config=configured("estimator.leader.publish_rate_hz=1000"))
     estimator, ownship = run.pipeline.estimators["leader"], run.pipeline.ownship
-    estimator.reset("a reboot")
+    estimator.reset(Reason(Cause.REBOOTED, "a reboot"))
     assert not estimator.tick(ownship)[0].valid
     estimator.observe(leader_positions(8.0, 9.0)[0].message, ownship)
     ownship.receive(CIRCLE.position(9 * S), 9 * S)

@@ -26,7 +26,7 @@ def believed(names: Sequence[str]) -> tuple[list[str | None], list[str]]:
     for k, name in enumerate(names):
         classes.add(None if name == "bird" else name, name, k * 40 * MS)
         kinds.append(classes.kind)
-        doubts.append(classes.doubt)
+        doubts.append("" if classes.doubt is None else classes.doubt.words)
     return kinds, doubts
 
 

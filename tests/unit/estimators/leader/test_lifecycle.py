@@ -8,7 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.estimators.leader.tracks.guard import Guard
-from onboard.messages import Datagram, Lifecycle, TargetPoints, Verdict
+from onboard.messages import Cause, Datagram, Lifecycle, Reason, TargetPoints, Verdict
 from tests.support.streams import (
     CIRCLE,
     EPOCH,
@@ -213,7 +213,7 @@ def test_images_that_waited_when_the_autopilot_rebooted_are_forgotten() -> None:
 
 
 def test_what_the_last_check_contradicts_is_not_valid(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Guard, "contradiction", lambda *_: "contradicted")
+    monkeypatch.setattr(Guard, "contradiction", lambda *_: Reason(Cause.NOISE, "contradicted"))
     last = fly(lambda t: t >= 6.0, 6.6, CIRCLE).estimates[-1]
     assert last.mean is not None
-    assert (last.valid, last.reason) == (False, "contradicted")
+    assert (last.valid, last.cause, last.reason) == (False, Cause.NOISE, "contradicted")

@@ -93,7 +93,8 @@ def test_outliers_far_off_are_no_noise_however_many() -> None:
 def test_what_no_noise_explains_ends_valid_until_it_fits_again() -> None:
     learnt = learnt_from(14.0, 5)
     assert learnt.scale == MOST
-    assert learnt.contradiction.startswith("the images do not fit: NIS ")
+    assert learnt.contradiction is not None
+    assert learnt.contradiction.words.startswith("the images do not fit: NIS ")
     for _ in range(2 * WINDOW):
         learnt = learnt.after(np.ones(2), MOST**2 * np.eye(2))
     assert not learnt.contradiction

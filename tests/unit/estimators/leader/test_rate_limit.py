@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from onboard.estimators.leader import estimator as leader
 from onboard.estimators.leader.tracks.rate_limit import RateLimit
 from onboard.geometry.camera import make_camera
-from onboard.messages import Estimate, Message, TargetPoints
+from onboard.messages import Cause, Estimate, Message, Reason, TargetPoints
 from onboard.ownship import Ownship
 from tests.support.streams import CIRCLE, EPOCH, LATENCY, MS, Item, S, Stream, encode, feed, make_config
 
@@ -86,7 +86,7 @@ def test_a_reset_is_published_at_the_next_sample() -> None:
     (image,) = one.observe(CIRCLE.image(ownship.now_ns), ownship)
     assert image.valid
     assert one.tick(ownship) == []
-    one.reset("our own motion was in doubt")
+    one.reset(Reason(Cause.OWN_MOTION_DOUBT, "our own motion was in doubt"))
     receive_sample(messages, ownship)
     (estimate,) = one.tick(ownship)
     assert estimate.reason == "our own motion was in doubt"
@@ -98,14 +98,14 @@ def test_a_target_that_was_reset_has_its_last_word_at_once() -> None:
         t_ns = ownship.now_ns - (2 - k) * 30 * MS
         one.observe(replace(CIRCLE.image(t_ns), target="target/1"), ownship)
     assert one._tracks["target/1"].is_followed
-    one.reset("our own motion was in doubt")
+    one.reset(Reason(Cause.OWN_MOTION_DOUBT, "our own motion was in doubt"))
     receive_sample(messages, ownship)
     assert [e.target for e in one.tick(ownship)] == ["leader", "target/1"]
 
 
 def test_after_a_reboot_the_first_estimate_does_not_wait_for_the_earlier_clock() -> None:
     one, _, _ = flown()
-    one.reset("the autopilot has rebooted")
+    one.reset(Reason(Cause.REBOOTED, "the autopilot has rebooted"))
     assert len(one.tick(Ownship(max_extrapolation=0.1))) == 1
 
 

@@ -5,7 +5,7 @@ from copy import deepcopy
 from msgspec.structs import replace
 
 from onboard.estimators.leader.estimator import Estimator
-from onboard.messages import MeasurementReport, TargetPoints, Verdict
+from onboard.messages import Cause, MeasurementReport, Reason, TargetPoints, Verdict
 from onboard.ownship import Ownship
 from tests.support.streams import F_PX, MS, S, Stream, advance, heartbeat, make_config
 
@@ -53,5 +53,5 @@ def test_an_image_older_than_the_newest_is_fused_late_and_says_so_seed_1() -> No
 def test_after_a_reset_the_same_stamps_are_new_seed_1() -> None:
     estimator, ownship, (first, *_) = tracking()
     assert judged(estimator, ownship, first).verdict is Verdict.FUSED
-    estimator.reset("the autopilot has rebooted")
+    estimator.reset(Reason(Cause.REBOOTED, "the autopilot has rebooted"))
     assert judged(estimator, ownship, first).verdict is Verdict.INITIALISING

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from onboard.messages import Lifecycle
+from onboard.messages import Cause, Lifecycle, Reason
 from tests.support.traffic import NAME, NORTH, R0, V0, Sky, fly_with_reports, fly_with_scans, mean
 
 
@@ -71,7 +71,7 @@ def test_two_that_cross_keep_their_tracks_seed_4() -> None:
 def test_a_reset_removes_all_tracks_with_its_reason() -> None:
     sky = Sky()
     fly_with_reports(sky, 3)
-    sky.estimator.reset("the autopilot has rebooted")
+    sky.estimator.reset(Reason(Cause.REBOOTED, "the autopilot has rebooted"))
     sky.fly(0.2)
     assert (sky.newest[NAME].state, sky.newest[NAME].reason) == (Lifecycle.SEARCHING, "the autopilot has rebooted")
     fly_with_reports(sky, 3)

@@ -11,7 +11,7 @@ import pytest
 from onboard.config import parse_config
 from onboard.estimators.traffic.pseudoranges import solve
 from onboard.geometry.geodesy import ecef_from_geodetic, geodetic_from_ecef, rotation_ne
-from onboard.messages import Clock, Estimate, Pseudoranges, SatelliteRange, TrafficTruth, Truth, Verdict
+from onboard.messages import Clock, Estimate, Pseudoranges, Reason, SatelliteRange, TrafficTruth, Truth, Verdict
 from onboard.pipeline import Pipeline
 from onboard.scoring.traffic import TrafficScore, score_traffic
 from onboard.wire.document import BadDocumentError
@@ -134,12 +134,15 @@ def test_an_impossible_epoch_is_refused_with_the_field_s_name(change: dict[str, 
 def test_a_satellite_that_cannot_be_used_costs_the_others_nothing() -> None:
     first, *others = EPOCH.satellites
     odd = msgspec.structs.replace(first, sigma=0.0)
-    reasons: list[str] = []
+    reasons: list[Reason] = []
     m = decode_ranges(encode_ranges(msgspec.structs.replace(EPOCH, satellites=(odd, *others))), 9, reasons.append)
     assert m.satellites == tuple(others)
     data = encode_ranges(EPOCH).replace(b'"sigma":5.0', b'"sigma":NaN', 1)
     assert decode_ranges(data, 9, reasons.append).satellites == tuple(others)
-    assert [reason.split(" - at ")[1] for reason in reasons] == ["`$.satellites[0]`", "`$.satellites[0].sigma`"]
+    assert [why.words.split(" - at ")[1] for why in reasons] == [
+        "`$.satellites[0]`",
+        "`$.satellites[0].sigma`",
+    ]
 
 
 # ------------------------------------------------------------------------------------------------ fix

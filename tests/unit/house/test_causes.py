@@ -1,0 +1,82 @@
+"""Programs compare causes; sentences are for people. Whoever words a reason names its cause."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from onboard.messages import DOUBTS, Cause, Severity, Verdict
+from onboard.pipeline.health.remedies import REMEDIES
+from tests.support.programs import ROOT
+
+PROSE = {"reason", "reasons", "words", "error", "what", "text"}  # attributes that hold sentences
+DECIDES = (*(ROOT / "onboard" / "pipeline").rglob("*.py"), *(ROOT / "onboard" / "autopilot").rglob("*.py"))
+SOURCES = tuple((ROOT / "onboard").rglob("*.py"))
+STRING_METHODS = {name for name in vars(str) if not name.startswith("_")} - {"format", "join"}
+
+
+def readings(source: str) -> Iterator[str]:
+    """What decides by a sentence: a comparison with one, or a search in one."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Compare):
+            compared: list[ast.expr] = [node.left, *node.comparators]
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+            compared = [node.func.value] if node.func.attr in STRING_METHODS else []
+        else:
+            compared = []
+        if any(isinstance(part, ast.Attribute) and part.attr in PROSE for part in compared):
+            yield ast.unparse(node)
+
+
+def imports_of(source: str) -> set[str]:
+    """The modules that are imported whole."""
+    tree = ast.walk(ast.parse(source))
+    return {alias.name for node in tree if isinstance(node, ast.Import) for alias in node.names}
+
+
+@pytest.mark.parametrize("path", DECIDES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_health_and_autopilot_read_no_sentence(path: Path) -> None:
+    source = path.read_text(encoding="utf-8")
+    assert list(readings(source)) == []
+    if "health" in path.parts or path.stem in ("silence", "notices", "reasons"):
+        assert "re" not in imports_of(source)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        'refusal.reason.startswith("in doubt: ")',
+        "estimate.reason != NO_POSITION",
+        '"No space" in health.error',
+        'state.reason.partition(":")[0].rstrip("0123456789. s")',
+    ],
+)
+def test_a_line_that_decides_by_a_sentence_is_found(line: str) -> None:
+    """As health and the autopilot's notices once did."""
+    assert list(readings(f"if {line}:\n    pass"))
+    assert imports_of("import re") == {"re"}
+
+
+def test_whoever_words_a_reason_names_its_cause() -> None:
+    for path in SOURCES:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = {keyword.arg for keyword in node.keywords} if isinstance(node, ast.Call) else set()
+            if "reason" in names:
+                assert "cause" in names, f"{path}: {ast.unparse(node)}"
+
+
+def test_every_cause_is_named_by_somebody() -> None:
+    named = {
+        node.attr
+        for path in SOURCES
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "Cause"
+    }
+    assert {cause for cause in Cause if cause.name not in named} <= {Cause(v) for v in Verdict if v in list(Cause)}
+
+
+def test_what_is_only_in_doubt_and_what_it_costs_is_known_by_its_cause() -> None:
+    assert REMEDIES.keys() >= DOUBTS
+    costly = {cause for cause in DOUBTS if REMEDIES[cause].severity is not Severity.NOTICE}
+    assert costly == {Cause.MOUNT, Cause.FOCAL_LENGTH, Cause.OFF_CENTER}
