@@ -1,7 +1,8 @@
 """A simulated vehicle of another program, observed on a MAVLink link: its true states on its own boot clock.
 
-ArduPilot's SIM_STATE has no time. It is requested at the interval of ATTITUDE_QUATERNION: the autopilot sends both
-in one turn of its loop, and SIM_STATE takes the attitude's stamp. PX4's HIL_STATE_QUATERNION is stamped.
+ArduPilot's SIM_STATE has no time, and PX4 1.17 leaves that of its HIL_STATE_QUATERNION zero. They are requested at
+the interval of ATTITUDE_QUATERNION: the autopilot sends both in one turn of its loop, and the truth takes the
+attitude's stamp.
 """
 
 from bisect import bisect_right

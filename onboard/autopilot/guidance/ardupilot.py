@@ -55,6 +55,10 @@ class ArduPilot:
         """Whether it is in FOLLOW. Vehicles that are no copters have other numbers."""
         return heartbeat.custom_mode == FOLLOW if heartbeat.vehicle_type in COPTERS else None
 
+    def waits(self, track: Track, dt: float) -> bool:  # noqa: ARG002 - it stops where it is led to stop
+        """Always."""
+        return True
+
     def follow(self, track: Track, slot: Slot, r_L: Array, v_L: Array, r_F: Array, dt: float) -> Sent:
         """The slot's motion, and as much of its place as may be flown to at once."""
         turn = slot.turn_rate
@@ -76,7 +80,7 @@ class ArduPilot:
         a = v_F * (-EXTRA_BRAKING / speed) if brakes and speed > SLOW_ENOUGH else np.zeros(3)
         return Sent(place, np.zeros(3), a, yaw)
 
-    def target(self, sent: Sent, _: Slot) -> Sent:
+    def target(self, sent: Sent, slot: Slot, dt: float) -> Sent:  # noqa: ARG002 - it flies where it is led
         """Where its offset ends in the place."""
         return sent._replace(r=sent.r - turned(self._slot, sent.yaw))
 

@@ -23,6 +23,9 @@ class Follower(Protocol):
     def restart(self) -> None:
         """Forget the leader."""
 
+    def waits(self, track: Track, dt: float) -> bool:
+        """Whether it is to stay where it is while the range is unsure; `dt` s after the time before."""
+
     def follow(self, track: Track, slot: Slot, r_L: Array, v_L: Array, r_F: Array, dt: float) -> Sent:
         """Where to fly, behind a leader that is smoothed as `track` and estimated at r_L with v_L. `v_L` is that
         of the near end of its covariance."""
@@ -30,8 +33,8 @@ class Follower(Protocol):
     def stop(self, place: Array, v_F: Array, yaw: float, *, brakes: bool) -> Sent:
         """How to come to rest at a place, with the nose at `yaw`."""
 
-    def target(self, sent: Sent, slot: Slot) -> Sent:
-        """The target to send, so that the vehicle flies as `sent`."""
+    def target(self, sent: Sent, slot: Slot, dt: float) -> Sent:
+        """The target to send `dt` s after the one before, so that the vehicle flies as `sent`."""
 
     def passes(self, r: Array, v_F: Array, v_L: Array) -> str:
         """What to do instead, in words, where the way that it takes when it begins to follow passes the leader;

@@ -49,7 +49,7 @@ RANGE_UNSURE: Final = "range unsure: FOLLOW stays and looks"
 
 class Guidance:
     """State from tick to tick. `course`: the leader's, once learnt. `is_unsure`: the range is too uncertain to be
-    flown on; the vehicle is led to stay where it is, with its nose on the leader."""
+    flown on. `is_waiting`: so the vehicle is led to stay where it is, with its nose on the leader."""
 
     def __init__(
         self, config: GuidanceConfig, camera: Camera | None = None, follower: Follower | None = None
@@ -66,7 +66,7 @@ class Guidance:
 
     def restart(self) -> None:
         """Forget the leader."""
-        self.is_unsure = False
+        self.is_unsure = self.is_waiting = False
         self.follower.restart()
         self._t_ns = 0
         self._track: Track | None = None
@@ -106,7 +106,7 @@ class Guidance:
     @property
     def warning(self) -> str:
         """Why the vehicle is not led as usual, in words; else ""."""
-        return self._passes or (RANGE_UNSURE if self.is_unsure else "")
+        return self._passes or (RANGE_UNSURE if self.is_waiting else "")
 
     @property
     def course(self) -> float | None:
@@ -171,12 +171,14 @@ class Guidance:
         self.is_unsure = sigma > (SURE if self.is_unsure else UNSURE) * max(length, self._least)
         self._widen(sigma / length, dt)
         slot = self._slot_at(yaw, sigma)
-        if self.is_unsure:
-            return self.follower.target(self._stand(r_F, v_F, yaw, brakes=True), slot)
+        waits = self.follower.waits(track, dt)
+        self.is_waiting = self.is_unsure and waits
+        if self.is_waiting:
+            return self.follower.target(self._stand(r_F, v_F, yaw, brakes=True), slot, dt)
         self._stop = None
         nearer = min(NEAR_SIGMAS * sigma_along(P[3:, 3:], toward), MOST_NEARER)
         sent = self.follower.follow(track, slot, r_L, v_L - toward * (nearer / length), r_F, dt)
-        return self.follower.target(sent, slot)
+        return self.follower.target(sent, slot, dt)
 
     def _slot_at(self, yaw: float, sigma: float = 0.0) -> Slot:
         """Where the slot is, by now. `sigma`: of the range."""
@@ -185,8 +187,7 @@ class Guidance:
         most = MOST_STRETCH * self._distance
         room = max(self._least + NEAR_SIGMAS * sigma, INSIDE * self._distance)
         entered = self._follows is not False
-        moves = self._course.is_sure
-        return Slot(arm, self._turn_rate, yaw, min(room, most), most, moves, entered)
+        return Slot(arm, self._turn_rate, yaw, min(room, most), most, entered)
 
     def _begin_again(self, known: LeaderState, t_ns: int, r_F: Array) -> None:
         """Suppose that a leader of a time before has flown on as it did, and is lost now. After a long silence the
@@ -213,7 +214,7 @@ class Guidance:
             return None
         track = self._track = flown_on(track, self._turn_rate, dt)
         yaw = self._look(track, r_F)
-        if t < GRACE and not self.is_unsure:
+        if t < GRACE and not self.is_waiting:
             self._direction = wrapped(self._direction + self._turn_rate * dt)
             slot = self._slot_at(yaw)
             sent = self.follower.follow(track, slot, track.r, track.v, r_F, dt)
@@ -221,13 +222,13 @@ class Guidance:
             # the last messages have no acceleration: the autopilot carries it on in the silence that follows
             slot = self._slot_at(yaw)
             sent = self._stand(r_F, v_F, yaw, brakes=t < self._config.hold_s - LAST)
-        return self.follower.target(sent, slot)
+        return self.follower.target(sent, slot, dt)
 
     def _stand(self, r_F: Array, v_F: Array, yaw: float, *, brakes: bool) -> Sent:
         """Come to rest, and stay there. Where somebody else flies the vehicle, the place goes along."""
         on = v_F * (float(np.linalg.norm(v_F)) / (2.0 * HARD_BRAKING))
         left = self._stop is not None and math.dist(self._stop, r_F + on) > self._config.closing_speed_m_s
-        if self._stop is None or (left and self.is_unsure):
+        if self._stop is None or (left and self.is_waiting):
             self._stop = r_F + on
         return self.follower.stop(self._stop, v_F, yaw, brakes=brakes)
 

@@ -40,15 +40,13 @@ class Sent(NamedTuple):
 class Slot(NamedTuple):
     """Where the follower belongs: its place from the leader (3,) in n, m, and the rate at which that turns about
     the leader, rad/s. `yaw`: from us to the leader, rad. `room` and `most`: the least and the greatest distance
-    from the leader that may be led to, m. `moves`: the leader surely does. `is_entered`: nothing says that the
-    autopilot is in another mode."""
+    from the leader that may be led to, m. `is_entered`: nothing says that the autopilot is in another mode."""
 
     arm: Array
     turn_rate: float
     yaw: float
     room: float
     most: float
-    moves: bool
     is_entered: bool
 
 
@@ -80,6 +78,11 @@ def _faster(error: Array, noise: float) -> float:
 def across(v: Array) -> Array:
     """A horizontal vector turned by 90 degrees to the right."""
     return np.array([-v[1], v[0], 0.0])
+
+
+def level(v: Array) -> Array:
+    """A vector without its height."""
+    return np.array([v[0], v[1], 0.0])
 
 
 def turned(v: Array, yaw: float) -> Array:

@@ -9,6 +9,11 @@ message the target stands still, and the vehicle flies on to its place about it.
 
 So it is sent the smoothed leader with its own velocity. The target is shifted along the line from us only, as far
 as the distance needs it: what is tied to our own place comes back to it late, and makes it swing.
+
+**What is sent is one trajectory**: a position that leaps is a velocity to PX4's filters, so a course, and the
+vehicle sets out for another side of the target. A real one that orbited a leader at rest came within 5 m of it so,
+when the range became unsure. So each target is the one before, moved by the velocity that is sent with it, save
+after silence.
 """
 
 import math
@@ -18,14 +23,20 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.autopilot.guidance.follower import kept_away
-from onboard.autopilot.guidance.motion import FORWARD, Sent, Slot, Track, limited, turned
+from onboard.autopilot.guidance.motion import FORWARD, Sent, Slot, Track, level, limited, turned
 from onboard.config import GuidanceConfig
 from onboard.messages import Heartbeat
 
 FOLLOW_ME: Final = 8 << 24 | 4 << 16  # custom_mode AUTO, FOLLOW_TARGET
 MOVES: Final = 1.0  # m/s, from which a velocity sets its course
+SETS_OFF, SETS_OFF_S = 2.0, 0.8  # m/s, s, of a leader that was at rest: of a hover, its estimate has up to 1.3
 STILL: Final = 0.8  # m/s, of a velocity that may be noise and must not set it
 TURNS: Final = 1.3  # m/s, of one that is to set it
+PULL: Final = 0.8  # 1/s, at which the target closes up to where it belongs
+ASIDE: Final = 0.4  # of the leader's speed, at most, so that closing up hardly turns the course
+CREEPS: Final = 0.4  # m/s, of one that stands
+LEAPS: Final = 20.0  # m; it begins anew rather than travel farther
+QUICKER, BRAKES = 3.0, 5.0  # m/s^2, of the target
 LAG_S: Final = 2.4  # from a place ahead to the speed with which it is approached: 1 / MPC_XY_P, and the filters
 POSITION_GAIN, RESPONSE_S, SPEED = 0.95, 0.6, 12.0  # MPC_XY_P, s, MPC_XY_VEL_MAX
 ORBIT_SPEED: Final = 5.0  # m/s, FLW_TGT_MAX_VEL
@@ -57,6 +68,18 @@ class Px4:
         """Forget the leader."""
         self._side = FORWARD  # from the target to us, level, of length 1
         self._stops = False
+        self._fast_for = 0.0  # s, the smoothed leader
+        self._sent: Sent | None = None  # the target before
+
+    @property
+    def _moves(self) -> bool:
+        return self._fast_for > SETS_OFF_S
+
+    def waits(self, track: Track, dt: float) -> bool:
+        """Behind a leader at rest only: one that flies off leaves the image of a vehicle that looks at a place."""
+        is_fast = math.hypot(track.v[0], track.v[1]) > (MOVES if self._moves else SETS_OFF)
+        self._fast_for = self._fast_for + dt if is_fast else 0.0
+        return not self._moves
 
     def follow(
         self,
@@ -76,19 +99,34 @@ class Px4:
         r[2] = r_F[2]
         r = kept_away(r, r_L, r_F, turned(FORWARD, slot.yaw), slot)
         r = r_F + limited(r - r_F, LAG_S * self._closes)
-        v = track.v if slot.moves else np.array([*limited(track.v[:2], STILL), track.v[2]])
+        v = track.v if self._moves else np.array([*limited(track.v[:2], STILL), track.v[2]])
         return Sent(np.array([r[0], r[1], track.r[2]]), v, np.zeros(3), slot.yaw)
 
     def stop(self, place: Array, v_F: Array, yaw: float, *, brakes: bool) -> Sent:  # noqa: ARG002
-        """At a standstill. A small velocity turns its course to us first, so that it does not circle the place."""
+        """At a standstill. A small velocity turns its course to us, so that it does not circle the place. The last
+        message has it yet: its filter carries on a velocity that ends as one that turns round."""
         if not self._stops:
             self._stops, self._side = True, -turned(FORWARD, yaw)
-        v = TURNS * turned(self._side, -self._angle) if brakes else np.zeros(3)
-        return Sent(place, v, np.zeros(3), yaw)
+        return Sent(place, TURNS * turned(self._side, -self._angle), np.zeros(3), yaw)
 
-    def target(self, sent: Sent, _: Slot) -> Sent:
-        """The centre of the circle."""
-        return sent._replace(r=sent.r - self._distance * self._side)
+    def target(self, sent: Sent, slot: Slot, dt: float) -> Sent:
+        """The centre of the circle, on from the one before. Before the mode is entered there is none."""
+        aim, before = sent._replace(r=sent.r - self._distance * self._side), self._sent
+        if before is None or not slot.is_entered or math.dist(aim.r[:2], before.r[:2]) > LEAPS:
+            self._sent = aim
+            return aim
+        speed = math.hypot(sent.v[0], sent.v[1])
+        most = CREEPS if self._stops else max(STILL, ASIDE * speed)
+        along = np.zeros(3) if self._stops else sent.v
+        v = along + limited(PULL * level(aim.r - before.r - dt * along), most)
+        if not self._stops and not self._moves:
+            v = limited(v, STILL)
+        v = before.v + limited(v - before.v, (BRAKES if self._stops else QUICKER) * dt)
+        r = before.r + dt * v
+        r[2] = aim.r[2]
+        self._sent = Sent(r, v, aim.a, aim.yaw)
+        stands = self._stops and math.hypot(v[0], v[1]) < STILL
+        return self._sent._replace(v=v + sent.v) if stands else self._sent
 
     def passes(self, r: Array, v_F: Array, v_L: Array) -> str:
         """Its way when it begins, about a leader that flies straight on."""

@@ -20,9 +20,15 @@ STILL = np.zeros(3)
 
 
 def state(
-    t_ns: int, r_L: Any, v_L: Any, a_L: Any = (0.0, 0.0, 0.0), sigma: float = 0.5, **more: Any
+    t_ns: int,
+    r_L: Any,
+    v_L: Any,
+    a_L: Any = (0.0, 0.0, 0.0),
+    sigma: float = 0.5,
+    velocity_sigma: float = 0.2,
+    **more: Any,
 ) -> LeaderState:
-    variances = (sigma**2,) * 3 + (0.04,) * 3
+    variances = (sigma**2,) * 3 + (velocity_sigma**2,) * 3
     P = tuple(tuple(v if i == j else 0.0 for j in range(6)) for i, v in enumerate(variances))
     values = {"r_OL_n": tuple(r_L), "v_L_n": tuple(v_L), "a_L_n": tuple(a_L), "covariance": P}
     return leader_state(t_ns=t_ns, **values, r_FL_covariance=tuple(row[:3] for row in P[:3]), **more)
