@@ -39,6 +39,7 @@ CALM: Final = NoseModel(
     tied=0.0,
     fewest=900,
     evidence_rate=1e9,
+    steady_evidence=1e9,
     doubted_after=1e9,
 )
 
