@@ -40,6 +40,7 @@ QUICKER, BRAKES = 3.0, 5.0  # m/s^2, of the target
 LAG_S: Final = 2.4  # from a place ahead to the speed with which it is approached: 1 / MPC_XY_P, and the filters
 POSITION_GAIN, RESPONSE_S, SPEED = 0.95, 0.6, 12.0  # MPC_XY_P, s, MPC_XY_VEL_MAX
 ORBIT_SPEED: Final = 5.0  # m/s, FLW_TGT_MAX_VEL
+AWAY: Final = 0.9  # of the distance that it has: a way that goes nearer does not go away
 HIGHER: Final = 8.0  # m, at which it may pass above or below the leader
 STEP_S, AHEAD_S = 0.25, 20.0  # s, of the prediction of its way
 PASSES: Final = "PX4 will pass the leader: begin north of it, or 8 m higher"
@@ -129,7 +130,7 @@ class Px4:
         return self._sent._replace(v=v + sent.v) if stands else self._sent
 
     def passes(self, r: Array, v_F: Array, v_L: Array) -> str:
-        """Its way when it begins, about a leader that flies straight on."""
+        """Its way when it begins, about a leader that flies straight on. Too near already, it may only go away."""
         if abs(r[2]) >= HIGHER:
             return ""
         course = math.atan2(v_L[1], v_L[0]) if math.hypot(v_L[0], v_L[1]) >= MOVES else 0.0
@@ -145,4 +146,4 @@ class Px4:
             vy += STEP_S / RESPONSE_S * (share * ey - vy)
             x, y = x + STEP_S * vx, y + STEP_S * vy
             nearest = min(nearest, math.hypot(x, y))
-        return PASSES if nearest < self._least <= math.hypot(r[0], r[1]) else ""
+        return PASSES if nearest < min(self._least, AWAY * math.hypot(r[0], r[1])) else ""

@@ -125,6 +125,8 @@ def test_a_leader_that_flies_off_is_led_after_though_its_velocity_is_not_sure() 
         ((-30.0, 8.0, 3.0), (0.0, 0.0), True),
         ((30.0, 0.0, 3.0), (-8.0, 0.0), False),  # behind a leader that flies south
         ((-30.0, 0.0, 3.0), (8.0, 0.0), True),  # behind one that flies north
+        ((-10.0, 0.0, 3.0), (0.0, 0.0), True),  # too near already, and its way leads through the leader
+        ((10.0, 0.0, 3.0), (0.0, 0.0), False),  # too near, and its way leads away
     ],
 )
 def test_where_its_own_way_passes_the_leader_it_is_named_before_and_not_fed(
