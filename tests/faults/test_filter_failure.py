@@ -96,7 +96,7 @@ def test_a_local_velocity_that_the_filter_disowns_is_not_used_until_it_recovers(
 
 def test_an_old_status_does_not_count_for_ever() -> None:
     run = feed(sorted([*encode(ITEMS), status(T0 + 1, NO_VELOCITY, px4=False)], key=lambda d: d.t_recv_ns))
-    assert_on_target(run)
+    assert_on_target(run, 4.0)  # a new track
 
 
 def test_another_components_status_does_not_count() -> None:

@@ -154,11 +154,11 @@ def test_a_yaw_that_is_30_degrees_off_contradicts_the_accelerometer() -> None:
 def test_what_was_estimated_from_doubtful_motion_is_forgotten() -> None:
     last = CIRCLE.attitude(BEGINS)
     run = changed(ITEMS, Attitude, lambda m: replace(m, q_nb=last.q_nb), BEGINS + 2 * S)
-    assert_on_target(run, 1.0)
+    assert_on_target(run, 1.5)
     after = [e for e in run.estimates if e.valid and e.t_ns > BEGINS + S]
     assert after[0].t_ns > BEGINS + 2.9 * S
     assert max(position_nees(e) for e in after if e.t_ns > BEGINS + 4 * S) < 4.0  # the track is new, and says so
-    assert position_error(run.estimates[-1]) < 1.2
+    assert position_error(run.estimates[-1]) < 1.5
     assert run.estimates[-1].reset_count > clean().estimates[-1].reset_count
 
 

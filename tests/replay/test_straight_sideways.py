@@ -10,7 +10,7 @@ from onboard.commands.cli import main
 from tests.support.programs import DATA
 
 FLIGHTS = DATA / "field4" / "streams"
-MOST = {"75010": 2.0, "75013": 2.0, "75015": 45.0}  # percent; the last is seen almost along its wing: open
+MOST = 5.0  # percent
 
 
 @pytest.mark.slow  # 25 s of a core each; `test_leaning` is beside it
@@ -27,6 +27,6 @@ def test_it_is_not_surely_wrong_where_a_nose_off_the_course_leaves_the_range_ope
     settings = ("estimator.leader.leader_class=multirotor", "estimator.leader.size_prior_m=2.0")
     overrides = [word for setting in settings for word in ("--set", setting)]
     main(["replay", str(log), "--truth", str(truth), "--json", str(score), *overrides])
-    found = json.loads(score.read_text(encoding="utf-8"))["leader"]
+    found = json.loads(score.read_text(encoding="utf-8"))
     assert found["valid_percent"] > 95.0
-    assert found["confidently_wrong_percent"] <= MOST[flight]
+    assert found["confidently_wrong_percent"] <= MOST

@@ -58,7 +58,7 @@ class NoseModel(NamedTuple):
     hover_acceleration_time: float = 0.05  # s
     intensity: tuple[float, float, float] = (0.8, 0.5, 0.5)  # of the logarithm: manoeuvres, bank, wobble
     intensity_time: float = 200.0  # s, over which a leader changes them
-    tied: float = 0.6  # the probability that the nose of a leader that flies fast is tied to its course
+    tied: float = 0.5  # the probability that the nose of a leader that flies fast is tied to its course
     tied_for: float = 30.0  # s, until that is decided anew
     undecided_for: float = 2.0  # s, of a fast one
     fewest: int = 80  # particles: as many as the noses and ranges in question need, but so many at least
