@@ -137,7 +137,7 @@ def measure(filter_: BeliefFilter, saw: Features) -> Measurement:
     for i in range(first, len(y)):
         y[i], R[i, :], R[:, i] = 0.0, 0.0, 0.0
         R[i, i] = UNKNOWN**2
-    measured = measured._replace(y=y, R=R, has_center=saw.has_center)
+    measured = measured._replace(y=y, R=R)
     if saw.has_wing:
         return measured
     shows = measured.shows

@@ -25,7 +25,6 @@ class Measurement(NamedTuple):
     has_wing: bool = True  # it was seen
     pose: PoseFeatures | None = None
     is_metric: bool = False  # a pose alone shows the range, which does not depend on the size
-    has_center: bool = True  # the direction is that of the center, but for noise
 
     def with_attitude_noise(self, noise_c: Array) -> "Measurement":
         """The measurement by a camera whose attitude has white noise, a small rotation in c of covariance noise_c
@@ -46,10 +45,11 @@ class Measurement(NamedTuple):
 
     @property
     def noise(self) -> float:
-        """The variance of each coordinate of the direction by noise; 0 where an error that lasts adds to it."""
+        """The variance of each coordinate of a box's middle by its sides' noise; 0 of a wing, whose tips may be
+        noisier than its center."""
         if self.shows is not None and self.shows.is_box:
-            return 0.5 * float(self.shows.rows.sigma[0] ** 2)  # of the middle between two sides
-        return 0.5 * float(self.R[0, 0] + self.R[1, 1]) if self.has_center else 0.0
+            return 0.5 * float(self.shows.rows.sigma[0] ** 2)
+        return 0.0
 
     @property
     def has_extent(self) -> bool:
