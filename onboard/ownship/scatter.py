@@ -39,9 +39,8 @@ class Scatter:
         self._c1 = [0.0] * size
         self._dt = 0.0  # mean
         self._last: list[float] | None = None  # about the mean, limited
-        self._first: (
-            list[tuple[Sequence[float], float, bool]] | None
-        ) = []  # with dt; whether it follows on the last
+        # the first increments, each with dt and whether it follows on the one before; None when they are taken
+        self._first: list[tuple[Sequence[float], float, bool]] | None = []
         self._follows = True
 
     def add(self, e: Sequence[float], dt: float) -> None:
@@ -53,10 +52,8 @@ class Scatter:
         self._follows = True
         if len(self._first) == FEWEST:
             first, self._first = self._first, None
-            limited = zip(
-                *[_limited(values) for values in zip(*[e for e, _, _ in first], strict=True)], strict=True
-            )
-            for values, (_, step, follows) in zip(limited, first, strict=True):
+            columns = [_limited(values) for values in zip(*[e for e, _, _ in first], strict=True)]
+            for values, (_, step, follows) in zip(zip(*columns, strict=True), first, strict=True):
                 self._last = self._last if follows else None
                 self._add(values, step)
 

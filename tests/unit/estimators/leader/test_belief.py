@@ -12,6 +12,7 @@ from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.filters.belief import BeliefFilter, State
 from onboard.estimators.leader.filters.make import make_filter
 from onboard.estimators.leader.filters.measurement import Measurement, points_of
+from onboard.estimators.leader.filters.noses import particles
 from onboard.filters.belief import FilterError
 from onboard.models.relative_motion import POSITION, VELOCITY
 from onboard.ownship import Step
@@ -54,6 +55,15 @@ def test_the_range_is_found_by_our_own_motion_and_the_nis_is_as_expected() -> No
     sigma = math.sqrt(r @ P @ r) / range_
     assert abs(range_ - math.hypot(25.0, 0.0)) < 2.0 * sigma < 7.6
     assert 2.7 < np.mean(nis[60:]) < 5.0  # of 4
+
+
+def test_a_gated_image_reports_what_gated_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All together may expect an image that most of them do not."""
+    filter_ = filter_of()
+    state = filter_.start(image(25.0, 0.7), STILL, None)
+    monkeypatch.setattr(particles, "update", lambda _settings, cloud, *_: (cloud, 40.0))
+    update = filter_.fuse(state, image(25.0, 0.7), STILL)
+    assert (update.passes, update.nis) == (False, 40.0)
 
 
 def test_few_hypotheses_are_kept_once_the_nose_is_known_and_many_while_it_is_open() -> None:

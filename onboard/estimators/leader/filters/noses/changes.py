@@ -2,7 +2,7 @@
 begins to accelerate or stops, a few particles take another nose, and all noses wander."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import Any, Final
 
 import numpy as np
@@ -40,7 +40,7 @@ DRAWS: Final = 8  # streams of random numbers that a step uses
 
 def change(
     s: NoseModel,
-    arrays: Sequence[Array],
+    arrays: Iterable[Array],
     draws: int,
     dt: float,
     moved: Array,
@@ -192,7 +192,7 @@ def _change(
     draws,
     chances,
     spread,
-    chance,
+    slow,
     air,
     wind,
     dt,
@@ -201,7 +201,7 @@ def _change(
     metric,
     drag,
 ):
-    keeps, nose_rate, wander, crab = chance
+    keeps, nose_rate, wander, crab = slow
     stops, turns, steadies, begins, hovers, leaves, doubted, unties, decides, ties, anew = chances
     count = noses.shape[0]
     of_turning, turn = uniforms(draws, count), normals(np.uint64(draws + 1), count)

@@ -97,9 +97,9 @@ def predict(settings: NoseModel, cloud: Cloud, dt: float, moved: Array) -> Cloud
 
 
 def _supposed(s: NoseModel, cloud: Cloud) -> Array:
-    """Logarithms of the likelihoods (K,) of the leans, and of the banks that have lasted. Whatever an image or a
-    turn makes of them counts in full: a hypothesis may suppose any, and not get one for nothing where few images
-    count."""
+    """Logarithms of the likelihoods (K,) of the leans, and of the banks that have lasted. Whatever an image makes
+    of them counts in full: a hypothesis may suppose any, and not get one for nothing where few images count. One
+    that takes another nose has paid: it is accepted by the same likelihood."""
     if s.drag == 0.0 or cloud.edge_on > LEAST_VISIBLE:
         return np.zeros(len(cloud.noses))
     found: Array = leaning.plausible(cloud.noses, cloud.means, cloud.covariances, cloud.drags, s.wind)

@@ -1,0 +1,98 @@
+"""What a hypothesis may suppose, and at what cost: a lean, a bank that lasts, a wobble, the same view again."""
+
+import math
+
+import numpy as np
+import pytest
+
+from onboard.estimators.leader.camera_pose import CameraPose
+from onboard.estimators.leader.filters.noses import leaning, particles
+from onboard.estimators.leader.filters.noses.cloud import Cloud
+from onboard.estimators.leader.filters.noses.first import start
+from onboard.models.apparent_wing import BANK_ERROR, POSITION, STRETCH
+from tests.unit.estimators.leader.test_noses import SETTINGS, STILL, image
+
+# Images correct each hypothesis, and say nothing of which one is right; none is drawn anew.
+SILENT = SETTINGS._replace(evidence_rate=1e-12, fewest=SETTINGS.particles, resample=1e-9)
+FAST = CameraPose(np.eye(3), np.zeros(3), np.array([9.0, 0.0, 0.0]), np.zeros(3))
+
+
+def gained(before: Cloud, after: Cloud) -> np.ndarray:
+    """Logarithms of how much more weight hypotheses have, the best one's as zero."""
+    change = after.log_weights - before.log_weights
+    return change - change.max()
+
+
+def leans(cloud: Cloud) -> np.ndarray:
+    """Logarithms of how likely the leans are, those that are improbable anyway left alike."""
+    arrays = cloud.noses, cloud.means, cloud.covariances, cloud.drags
+    return np.maximum(leaning.plausible(*arrays, SILENT.wind), -particles.MOST_COST)
+
+
+def test_what_an_image_makes_of_a_lean_counts_in_full_though_images_count_for_nothing() -> None:
+    """A slope of 0.3 rad where there was none: each nose needs another lean for it."""
+    cloud = start(SILENT, image(25.0, 0.6), STILL)
+    after = particles.update(SILENT, cloud, image(25.0, 0.6, lean=0.1), STILL)[0]
+    cost = leans(after) - leans(cloud)
+    assert np.ptp(cost) > 0.5
+    np.testing.assert_allclose(gained(cloud, after), cost - cost.max(), atol=1e-6)
+
+
+def kept(lean: float) -> float:
+    """The weight of hypotheses that keep their noses where all are doubted: the leader flies sideways at 9 m/s."""
+    doubting = SILENT._replace(doubted_after=1e-6, tied=0.0, hovering=0.0, turning=0.0, nose_random_walk=1e-12)
+    cloud = start(doubting, image(25.0, math.radians(87.0), lean=lean), FAST)
+    after = particles.predict(doubting, cloud, 0.1, np.zeros(3))
+    return float(np.exp(cloud.log_weights) @ (np.abs(after.noses - cloud.noses) < 1e-3))
+
+
+def test_a_doubted_nose_is_kept_where_others_need_a_lean_that_nobody_has() -> None:
+    """A steep wing seen broadside is a bank of 60 degrees; a level one is level from each side."""
+    assert kept(0.3) > 0.9
+    assert kept(0.0) < 0.8
+
+
+def test_a_bank_that_lasts_costs_what_it_is_and_no_more() -> None:
+    """Half of the hypotheses have supposed 8 degrees lately, which now is over: they get back what they paid."""
+    cloud = start(SILENT, image(25.0, 0.6), STILL)
+    rolled = np.where(np.arange(len(cloud.noses)) % 2, math.radians(8.0), 0.0)
+    still = cloud._replace(unseen=1e3)  # so long that only the present error of the bank counts
+    plain = particles.update(SILENT, still, image(25.0, 0.6), STILL)[0]
+    relieved = particles.update(SILENT, still._replace(rolled=rolled), image(25.0, 0.6), STILL)[0]
+    back = relieved.log_weights - plain.log_weights
+    assert back[1] - back[0] == pytest.approx(0.5 * (math.radians(8.0) / SILENT.rolled) ** 2, rel=1e-3)
+    np.testing.assert_allclose(relieved.rolled, relieved.means[:, BANK_ERROR], atol=1e-6)
+
+
+def test_the_first_range_is_as_uncertain_as_the_wobble_makes_the_wings_length() -> None:
+    """Seen almost along itself: a nose that is 2 degrees off shows a third more of the wing, or less."""
+    cloud = start(SETTINGS, image(25.0, math.radians(85.0)), STILL)
+    r, P = cloud.means[:, POSITION], cloud.covariances
+    distance = np.linalg.norm(r, axis=1)
+    along = np.einsum("ki,kij,kj->k", r, P[:, POSITION, POSITION], r) / distance**4
+    assert (along >= P[:, STRETCH, STRETCH]).all()
+    shared = np.einsum("ki,ki->k", r, P[:, POSITION, STRETCH]) / distance**2
+    np.testing.assert_allclose(shared, P[:, STRETCH, STRETCH], rtol=1e-9)
+    assert np.sqrt(P[:, STRETCH, STRETCH]).max() > 0.3
+
+
+def test_of_a_steep_wing_many_hypotheses_are_left() -> None:
+    """A leader flies sideways at 9 m/s, seen almost along its wing: 7 of 900 had the weight of the first image."""
+    lean = math.atan(SETTINGS.drag * 9.0 / 9.80665)
+    counts = []
+    for side in (-1.0, 1.0):
+        cloud = start(SETTINGS, image(25.0, math.radians(87.0), lean=side * lean), FAST)
+        counts.append(1.0 / np.sum(np.exp(2.0 * cloud.log_weights)))
+    assert min(counts) > 25.0
+
+
+def test_the_same_view_again_is_hardly_evidence_and_another_one_is() -> None:
+    """At 3 m/s across, a line of 25 m turns by 0.12 rad a second: as much as makes an image of another view."""
+    plain = SETTINGS._replace(fewest=SETTINGS.particles, resample=1e-9, drag=0.0)
+    cloud = start(plain, image(25.0, 0.3), STILL)._replace(fresh=0.0, unseen=0.1)
+    across = CameraPose(np.eye(3), np.zeros(3), np.array([0.0, 3.0, 0.0]), np.zeros(3))
+    same, other = (
+        float(np.ptp(gained(cloud, particles.update(plain, cloud, image(25.0, 0.4), pose)[0])))
+        for pose in (STILL, across)
+    )
+    assert other > 4.0 * same > 0.0
