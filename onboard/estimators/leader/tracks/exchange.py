@@ -38,11 +38,6 @@ class Exchange:
         self._before: Image | None = None  # the newest image of what was followed before
         self._until_ns = 0
 
-    @property
-    def newest(self) -> Image | None:
-        """The newest image that was fused."""
-        return self._fused
-
     def fused(self, image: Image) -> None:
         """A track took an image."""
         self._gated = None
