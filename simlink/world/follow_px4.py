@@ -87,6 +87,7 @@ class Px4FollowMode(FollowMode):
         x, y, _ = settings.offset
         self._distance, self._angle = math.hypot(x, y), math.atan2(y, x)  # FLW_TGT_DST, FLW_TGT_FA
         self._filter = TargetFilter()
+        self._kept: Target | None = None  # which it begins on, however old
         self._r: Vec3 | None = None  # of the smoothed target
         self._v: Vec3 = NOWHERE
         self._course = 0.0
@@ -99,12 +100,17 @@ class Px4FollowMode(FollowMode):
         return True
 
     def receive(self, target: Target, t: float) -> None:
-        """A target that arrives at time `t`, s. Before the mode is entered there is nobody to take it."""
+        """A target that arrives at time `t`, s. Before the mode is entered nobody takes it; the last is kept."""
         if t >= self.engage:
             self._filter.receive(target, t)
+        else:
+            self._kept = target
 
     def advanced(self, path: Reference, t: float, r_F: Vec3) -> Reference:
         """The set point one step later."""
+        if self._kept is not None:
+            self._filter.receive(self._kept, t)
+            self._kept = None
         self._filter.step(t)
         self._height = r_F[2] if self._height is None else self._height
         r_T, self.is_following = self._filter.r, self._filter.r is not None

@@ -87,14 +87,12 @@ class Guidance:
         self._follows = self.follower.is_entered(heartbeat)
 
     def _may_begin(self, state: LeaderState, r_F: Array, v_F: Array) -> bool:
-        """Whether a target may be sent. Where the mode's own way would pass the leader, none is, until the vehicle
-        is elsewhere; once it is led in its mode, its way is the one that it is led."""
-        self._passes = ""
+        """Whether it may be led to the leader. Where the mode's own way would pass the leader it may not, until
+        the vehicle is elsewhere; once it is led in its mode, its way is the one that it is led."""
         if self._follows is None or (self._follows and self._is_led):
             return True
-        if state.valid and np.isfinite(r_F).all():
-            self._passes = self.follower.passes(r_F - np.array(state.r_OL_n), v_F, np.array(state.v_L_n))
-            self._is_led = not self._passes
+        self._passes = self.follower.passes(r_F - np.array(state.r_OL_n), v_F, np.array(state.v_L_n))
+        self._is_led = not self._passes
         return self._is_led
 
     def resume(self, known: LeaderState, course: float | None) -> None:
@@ -121,9 +119,10 @@ class Guidance:
         stays on where the leader should be, for `hold_s`."""
         dt = min(max((state.t_ns - self._t_ns) / NS_PER_S, 0.0), LONGEST_STEP)
         self._t_ns = state.t_ns
+        self._passes = ""
         if self._known is not None and not state.valid and np.isfinite(r_F).all():
             self._begin_again(self._known, state.t_ns, r_F)
-        if state.valid:
+        if state.valid and np.isfinite(r_F).all():
             self._valid_ns = state.t_ns
             self._last, self._known = state, None
             if q_nb is not None and self._camera is not None:
@@ -134,9 +133,11 @@ class Guidance:
         elif state.t_ns - self._valid_ns > self._config.hold_s * NS_PER_S:
             self.restart()
             return None
+        elif self._follows is not None and not self._is_led:
+            return None  # where it is not led to the leader, its last target is its own place already
         else:
             sent = self._hold((state.t_ns - self._valid_ns) / NS_PER_S, r_F, v_F, dt)
-        if not self._may_begin(state, r_F, v_F) or sent is None or self._last is None:
+        if sent is None or self._last is None:
             return None
         return replace(
             self._last,
@@ -173,6 +174,9 @@ class Guidance:
         slot = self._slot_at(yaw, sigma)
         waits = self.follower.waits(track, dt)
         self.is_waiting = self.is_unsure and waits
+        if not self._may_begin(state, r_F, v_F):
+            self._stop = self._stop if self._follows else None  # its own place, also while somebody else flies it
+            return self.follower.target(self._stand(r_F, v_F, self.follower.begins, brakes=True), slot, dt)
         if self.is_waiting:
             return self.follower.target(self._stand(r_F, v_F, yaw, brakes=True), slot, dt)
         self._stop = None

@@ -14,6 +14,9 @@ as the distance needs it: what is tied to our own place comes back to it late, a
 vehicle sets out for another side of the target. A real one that orbited a leader at rest came within 5 m of it so,
 when the range became unsure. So each target is the one before, moved by the velocity that is sent with it, save
 after silence.
+
+**It begins on the last target that it has, however old**: silence does not keep it from passing the leader. Where
+it may not begin, it is sent a target whose circle begins at the place where the vehicle is.
 """
 
 import math
@@ -51,6 +54,7 @@ class Px4:
 
     turn_speed = ORBIT_SPEED
     when_lost = "Follow-Me is led to a stop"
+    begins = math.pi  # north of its target
 
     def __init__(self, config: GuidanceConfig) -> None:
         x, y, _ = config.slot_m

@@ -11,7 +11,12 @@ from onboard.arrays import Array
 from onboard.autopilot.guidance import PX4, Guidance, follower_of
 from onboard.autopilot.guidance.px4 import FOLLOW_ME, PASSES
 from onboard.config import GuidanceConfig
-from onboard.messages import Heartbeat
+from onboard.messages import Heartbeat, LeaderState
+from simlink.scenarios.formation import Follow
+from simlink.world.constants import DT
+from simlink.world.follow import NOWHERE, Target
+from simlink.world.follow_px4 import Px4FollowMode
+from simlink.world.quadrotor_control import Reference
 from tests.support.leader import S, T
 from tests.unit.autopilot.test_guidance import STILL, TICK, state, straight
 
@@ -129,7 +134,7 @@ def test_a_leader_that_flies_off_is_led_after_though_its_velocity_is_not_sure() 
         ((10.0, 0.0, 3.0), (0.0, 0.0), False),  # too near, and its way leads away
     ],
 )
-def test_where_its_own_way_passes_the_leader_it_is_named_before_and_not_fed(
+def test_where_its_own_way_passes_the_leader_it_is_named_before_and_led_to_stay(
     place: tuple[float, float, float], v_L: tuple[float, float], is_bad: bool
 ) -> None:
     made, v = guidance(), np.array([*v_L, 0.0])
@@ -137,14 +142,54 @@ def test_where_its_own_way_passes_the_leader_it_is_named_before_and_not_fed(
     for k in range(20):
         r = v * (k / 50)
         sent = made.virtual_leader(state(T + k * TICK, r, v), r + np.array(place), v)
-        assert (sent is None) is is_bad
+        assert stays(sent, r + np.array(place), v) is is_bad
     assert made.warning == (PASSES if is_bad else "")
     made.note_mode(mode(FOLLOW_ME))  # entered all the same
     sent = made.virtual_leader(state(T + 20 * TICK, r, v), r + np.array(place), v)
-    assert (sent is None) is is_bad
-    round_it = r + np.array([30.0, 0.0, 3.0]) if is_bad else r + np.array([-30.0, 0.0, 3.0])
-    for where in (round_it, r + np.array([-30.0, 0.0, 3.0])):  # once it is led, its way is the one that it is led
-        assert made.virtual_leader(state(T + 21 * TICK, r, v), where, v) is not None
+    assert stays(sent, r + np.array(place), v) is is_bad
+    for where in ((30.0, 0.0, 3.0), (-30.0, 0.0, 3.0)) if is_bad else ((-30.0, 0.0, 3.0),):
+        # round it; once it is led, its way is the one that it is led
+        sent = made.virtual_leader(state(T + 21 * TICK, r, v), r + np.array(where), v)
+        assert not stays(sent, r + np.array(where), v)
+        assert made.warning == ""
+
+
+def stays(sent: LeaderState | None, r_F: Array, v_F: Array) -> bool:
+    """Whether a PX4 that begins to follow what was sent would stay near the place where it comes to rest."""
+    assert sent is not None
+    assert sent.r_OL_n is not None
+    assert sent.v_L_n is not None
+    course = math.atan2(sent.v_L_n[1], sent.v_L_n[0]) if math.hypot(*sent.v_L_n[:2]) > 1.0 else 0.0
+    north = np.array(sent.r_OL_n)[:2] + np.array([30.0, 0.0])  # where its circle begins
+    rests = (r_F + v_F * (np.linalg.norm(v_F) / 10.0))[:2]
+    return math.dist(north, rests) < 1.0 and abs(math.remainder(course - math.pi, 2.0 * math.pi)) < 0.1
+
+
+@pytest.mark.parametrize("angle", [math.pi, 2.5, -2.0])
+def test_a_px4_that_is_led_to_stay_begins_and_ends_its_circle_there(angle: float) -> None:
+    """Flown by simlink's Follow-Me, which begins on the last target, however old: one of the leader, from before
+    the vehicle came south of it, would lead through it."""
+    made = guidance(slot_m=(30.0 * math.cos(angle), 30.0 * math.sin(angle), 3.0))
+    made.note_mode(mode(LOITER))
+    follow = Px4FollowMode(Follow(offset=(30.0 * math.cos(angle), 30.0 * math.sin(angle), 3.0), engage=4.0))
+    r_F, v_F, reference = np.array([30.0, 0.0, 3.0]), STILL, Reference((30.0, 0.0, 3.0), NOWHERE, NOWHERE, 0.0)
+    for k in range(500):
+        t = k / 50.0
+        if t < 4.0:  # it is flown to the other side of the leader
+            r_F = np.array([30.0 - 15.0 * t, 0.0, 3.0])
+            reference = reference._replace(r_n=tuple(r_F.tolist()))
+        elif t == 4.0:
+            made.note_mode(mode(FOLLOW_ME))
+        sent = made.virtual_leader(state(T + k * TICK, STILL, STILL), r_F, v_F)
+        assert sent is not None
+        assert sent.r_OL_n is not None
+        assert sent.v_L_n is not None
+        follow.receive(Target(sent.r_OL_n, sent.v_L_n, 0.0), t)
+        if t >= 4.0:
+            for j in range(round(0.02 / DT)):
+                reference = follow.advanced(reference, t + j * DT, reference.r_n)
+            assert math.dist(reference.r_n[:2], (-30.0, 0.0)) < 4.0
+            r_F = np.array(reference.r_n)
 
 
 def test_an_ardupilot_may_begin_anywhere() -> None:
