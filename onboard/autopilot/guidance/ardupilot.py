@@ -39,7 +39,7 @@ class ArduPilot:
 
     turn_speed = 7.0
     when_lost = "FOLLOW brakes within 3 s"
-    begins = 0.0
+    begins: float | None = None
 
     def __init__(self, config: GuidanceConfig) -> None:
         self._config, self._slot = config, np.array(config.slot_m)

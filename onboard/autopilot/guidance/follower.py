@@ -16,7 +16,7 @@ class Follower(Protocol):
 
     turn_speed: float  # m/s, about the leader
     when_lost: str  # what it does once the leader is lost, in at most 35 characters
-    begins: float  # rad, the nose of a vehicle that begins to follow where it stands
+    begins: float | None  # rad, the nose with which it stays if it begins on its last target; None: it forgets it
 
     def is_entered(self, heartbeat: Heartbeat) -> bool | None:
         """Whether the autopilot follows, by its heartbeat; None: it does not say."""

@@ -65,7 +65,11 @@ class Guidance:
         self.restart()
 
     def restart(self) -> None:
-        """Forget the leader."""
+        """Forget the leader, and that something was sent of it."""
+        self._last: LeaderState | None = None
+        self._forget()
+
+    def _forget(self) -> None:
         self.is_unsure = self.is_waiting = False
         self.follower.restart()
         self._t_ns = 0
@@ -77,7 +81,6 @@ class Guidance:
         self._framing = Framing(self._config.slot_m)
         self._yaw: float | None = None
         self._valid_ns: int | None = None
-        self._last: LeaderState | None = None
         self._known: LeaderState | None = None  # of an earlier run, until it is used
         self._stop: Array | None = None  # where the follower comes to rest
         self._passes = ""
@@ -128,15 +131,8 @@ class Guidance:
             if q_nb is not None and self._camera is not None:
                 self._framing.update(self._camera, q_nb, dt)
             sent = self._follow(state, r_F, v_F, dt)
-        elif self._valid_ns is None:
-            return None
-        elif state.t_ns - self._valid_ns > self._config.hold_s * NS_PER_S:
-            self.restart()
-            return None
-        elif self._follows is not None and not self._is_led:
-            return None  # where it is not led to the leader, its last target is its own place already
         else:
-            sent = self._hold((state.t_ns - self._valid_ns) / NS_PER_S, r_F, v_F, dt)
+            sent = self._without(state.t_ns, r_F, v_F, dt)
         if sent is None or self._last is None:
             return None
         return replace(
@@ -175,14 +171,22 @@ class Guidance:
         waits = self.follower.waits(track, dt)
         self.is_waiting = self.is_unsure and waits
         if not self._may_begin(state, r_F, v_F):
-            self._stop = self._stop if self._follows else None  # its own place, also while somebody else flies it
-            return self.follower.target(self._stand(r_F, v_F, self.follower.begins, brakes=True), slot, dt)
+            return self._stay(r_F, v_F, slot, dt)
         if self.is_waiting:
             return self.follower.target(self._stand(r_F, v_F, yaw, brakes=True), slot, dt)
         self._stop = None
         nearer = min(NEAR_SIGMAS * sigma_along(P[3:, 3:], toward), MOST_NEARER)
         sent = self.follower.follow(track, slot, r_L, v_L - toward * (nearer / length), r_F, dt)
         return self.follower.target(sent, slot, dt)
+
+    def _stay(self, r_F: Array, v_F: Array, slot: Slot, dt: float) -> Sent | None:
+        """What keeps a vehicle where it is that begins to follow; None: nothing is needed."""
+        if self.follower.begins is None:
+            return None
+        if not self._follows:  # somebody else flies it: its own place goes along
+            self._stop = None
+            self.follower.restart()
+        return self.follower.target(self._stand(r_F, v_F, self.follower.begins, brakes=True), slot, dt)
 
     def _slot_at(self, yaw: float, sigma: float = 0.0) -> Slot:
         """Where the slot is, by now. `sigma`: of the range."""
@@ -209,6 +213,19 @@ class Guidance:
         self._last = known
         self._valid_ns = t_ns - (round(GRACE * NS_PER_S) if age > SILENCE_S else 0)
         self._direction = self._look(self._track, r_F)
+
+    def _without(self, t_ns: int, r_F: Array, v_F: Array, dt: float) -> Sent | None:
+        """What to send while there is no leader."""
+        lost = math.inf if self._valid_ns is None else (t_ns - self._valid_ns) / NS_PER_S
+        if lost > self._config.hold_s and self._valid_ns is not None:
+            self._forget()
+        if self._follows is False and self.follower.begins is not None:
+            self._is_led = False
+            is_needed = self._last is not None and bool(np.isfinite(r_F).all())
+            return self._stay(r_F, v_F, self._slot_at(0.0), dt) if is_needed else None
+        if lost > self._config.hold_s or (self._follows is not None and not self._is_led):
+            return None
+        return self._hold(lost, r_F, v_F, dt)
 
     def _hold(self, t: float, r_F: Array, v_F: Array, dt: float) -> Sent | None:
         """What to send `t` s after the end of `valid`. The leader is supposed to fly on as it did, turns included;

@@ -54,7 +54,7 @@ class Px4:
 
     turn_speed = ORBIT_SPEED
     when_lost = "Follow-Me is led to a stop"
-    begins = math.pi  # north of its target
+    begins: float | None = math.pi  # north of its target
 
     def __init__(self, config: GuidanceConfig) -> None:
         x, y, _ = config.slot_m

@@ -165,10 +165,11 @@ def stays(sent: LeaderState | None, r_F: Array, v_F: Array) -> bool:
     return math.dist(north, rests) < 1.0 and abs(math.remainder(course - math.pi, 2.0 * math.pi)) < 0.1
 
 
+@pytest.mark.parametrize("lost", [(), (1.5, 3.0)])  # s
 @pytest.mark.parametrize("angle", [math.pi, 2.5, -2.0])
-def test_a_px4_that_is_led_to_stay_begins_and_ends_its_circle_there(angle: float) -> None:
+def test_a_px4_that_is_led_to_stay_begins_and_ends_its_circle_there(angle: float, lost: tuple[float, ...]) -> None:
     """Flown by simlink's Follow-Me, which begins on the last target, however old: one of the leader, from before
-    the vehicle came south of it, would lead through it."""
+    the vehicle came south of it, would lead through it. So would one that leads to a stop where it was lost."""
     made = guidance(slot_m=(30.0 * math.cos(angle), 30.0 * math.sin(angle), 3.0))
     made.note_mode(mode(LOITER))
     follow = Px4FollowMode(Follow(offset=(30.0 * math.cos(angle), 30.0 * math.sin(angle), 3.0), engage=4.0))
@@ -180,16 +181,39 @@ def test_a_px4_that_is_led_to_stay_begins_and_ends_its_circle_there(angle: float
             reference = reference._replace(r_n=tuple(r_F.tolist()))
         elif t == 4.0:
             made.note_mode(mode(FOLLOW_ME))
-        sent = made.virtual_leader(state(T + k * TICK, STILL, STILL), r_F, v_F)
-        assert sent is not None
-        assert sent.r_OL_n is not None
-        assert sent.v_L_n is not None
-        follow.receive(Target(sent.r_OL_n, sent.v_L_n, 0.0), t)
+        is_lost = bool(lost) and lost[0] <= t < lost[1]
+        sent = made.virtual_leader(state(T + k * TICK, STILL, STILL, valid=not is_lost), r_F, v_F)
+        if sent is not None:
+            assert sent.r_OL_n is not None
+            assert sent.v_L_n is not None
+            follow.receive(Target(sent.r_OL_n, sent.v_L_n, 0.0), t)
         if t >= 4.0:
             for j in range(round(0.02 / DT)):
                 reference = follow.advanced(reference, t + j * DT, reference.r_n)
             assert math.dist(reference.r_n[:2], (-30.0, 0.0)) < 4.0
             r_F = np.array(reference.r_n)
+
+
+def test_a_px4_that_flies_elsewhere_while_the_leader_is_lost_begins_where_it_is() -> None:
+    """Its last target would be one of where the leader was seen: to begin on that may lead through the leader."""
+    made = guidance()
+    made.note_mode(mode(LOITER))
+    assert made.virtual_leader(state(T, STILL, STILL), np.array([30.0, 0.0, 3.0]), STILL) is not None
+    made.note_mode(mode(FOLLOW_ME))
+    for k in range(1, 75):  # it follows, and is led to a stop
+        r_F = np.array([20.0, 20.0, 3.0])
+        sent = made.virtual_leader(state(T + k * TICK, STILL, STILL, valid=False), r_F, STILL)
+        assert sent is not None
+    made.note_mode(mode(LOITER))
+    for k in range(75, 1000):
+        r_F = np.array([30.0 - min((k - 75) / 10.0, 60.0), 20.0, 3.0])
+        sent = made.virtual_leader(state(T + k * TICK, STILL, STILL, valid=False), r_F, STILL)
+        assert stays(sent, r_F, STILL)
+    made.note_mode(mode(FOLLOW_ME))
+    assert made.virtual_leader(state(T + 1000 * TICK, STILL, STILL, valid=False), r_F, STILL) is None
+    made.restart()  # the autopilot has forgotten, too
+    made.note_mode(mode(LOITER))
+    assert made.virtual_leader(state(T + 1001 * TICK, STILL, STILL, valid=False), r_F, STILL) is None
 
 
 def test_an_ardupilot_may_begin_anywhere() -> None:
