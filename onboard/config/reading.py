@@ -18,7 +18,7 @@ import msgspec
 from onboard import UserError
 from onboard.config.bounds import not_tunable, out_of_range
 from onboard.config.cameras import CameraConfig
-from onboard.config.sections import Config, LeaderOutConfig, LinkConfig, OwnErrors
+from onboard.config.sections import AutopilotConfig, Config, LeaderOutConfig, LinkConfig, OwnErrors
 from onboard.estimators import config_type, flown_modules, known
 from onboard.messages import Record, TargetClass
 from onboard.wire.document import NAME
@@ -129,12 +129,7 @@ def parse_config(table: dict[str, Any]) -> Config:
     _check_cameras(config)
     _check_lenses(table)
     _check_own_reports(config)
-    config = _with_gimbals(config)
-    for name, rate in config.autopilot.rates_hz.items():
-        if not _is_message(name):
-            raise ConfigError(f"autopilot.rates_hz.{name}: there is no MAVLink message of this name")
-        if not rate > 0:
-            raise ConfigError(f"autopilot.rates_hz.{name}: must be positive, not {rate}")
+    config = _with_rates(config)
     named = tuple(link.name for link in config.link)
     wanted = {"traffic_out.link": config.traffic_out.link, "odometry.link": config.odometry.link}
     wanted |= {f"leader_out[{i}].link": out.link for i, out in enumerate(config.leader_out)}
@@ -210,14 +205,19 @@ def _check_own_reports(config: Config) -> None:
             raise ConfigError(f"camera {camera.name}: landing_target: [[leader_out]] sends LANDING_TARGET itself")
 
 
-def _with_gimbals(config: Config) -> Config:
-    """With a request for the attitude of gimbals, if a camera is on one and nothing else is configured."""
+def _with_rates(config: Config) -> Config:
+    """With the default's rates of messages that are not named, with a request for the attitude of gimbals where a
+    camera is on one, and without those of rate 0. Raises ConfigError."""
+    for name, rate in config.autopilot.rates_hz.items():
+        if not _is_message(name):
+            raise ConfigError(f"autopilot.rates_hz.{name}: there is no MAVLink message of this name")
+        if not rate >= 0:
+            raise ConfigError(f"autopilot.rates_hz.{name}: must be positive, or 0 to ask for none, not {rate}")
     cameras = (config.camera, *config.cameras.values())
-    rates = config.autopilot.rates_hz
-    if GIMBAL in rates or all(camera.gimbal is None for camera in cameras):
-        return config
-    autopilot = msgspec.structs.replace(config.autopilot, rates_hz={**rates, GIMBAL: GIMBAL_HZ})
-    return msgspec.structs.replace(config, autopilot=autopilot)
+    gimbal = {} if all(camera.gimbal is None for camera in cameras) else {GIMBAL: GIMBAL_HZ}
+    rates = {**AutopilotConfig().rates_hz, **gimbal, **config.autopilot.rates_hz}
+    asked = {name: rate for name, rate in rates.items() if rate > 0.0}
+    return msgspec.structs.replace(config, autopilot=msgspec.structs.replace(config.autopilot, rates_hz=asked))
 
 
 def _own_errors(errors: OwnErrors, kind: type[Record]) -> dict[str, float]:

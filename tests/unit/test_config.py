@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from onboard.config import Config, ConfigError, load_config, source_delays_ns
+from onboard.config import AutopilotConfig, Config, ConfigError, load_config, parse_config, source_delays_ns
 from onboard.messages import Attitude, GpsFix, LocalPosition, TargetPoints
 
 
@@ -107,7 +107,7 @@ def test_a_value_of_the_wrong_type_is_named_by_its_path(tmp_path: Path, text: st
         ("ownship.max_lead_s", ("-1", "inf")),
         ("autopilot.system", ("-1", "256")),
         ("autopilot.component", ("-1", "256")),
-        ("autopilot.rates_hz.ATTITUDE_QUATERNION", ("0", "-5", "nan", "inf")),
+        ("autopilot.rates_hz.ATTITUDE_QUATERNION", ("-5", "nan", "inf")),
         ("estimator.leader.size_prior_m", ("0", "-2", "nan", "inf")),
         ("estimator.leader.size_prior_sigma_m", ("0", "-1", "nan")),
         ("estimator.leader.initialise_images", ("0", "-1", "1000")),
@@ -126,6 +126,17 @@ def test_numbers_that_make_no_sense_are_refused(tmp_path: Path, key: str, values
         line = refusal(tmp_path, "[estimator.leader]\n", f"{key}={value}")
         assert key.rsplit(".", 1)[-1] in line, line
         assert key.split(".", 1)[0] in line, line
+
+
+def test_a_rate_changes_the_others_not_and_0_asks_for_none() -> None:
+    default = AutopilotConfig().rates_hz
+    faster = load_config(None, ("autopilot.rates_hz.ATTITUDE=20",)).autopilot.rates_hz
+    assert faster == default | {"ATTITUDE": 20.0}
+    fewer = parse_config({"autopilot": {"rates_hz": {"GPS_RAW_INT": 0.0}}}).autopilot.rates_hz
+    assert fewer == {name: rate for name, rate in default.items() if name != "GPS_RAW_INT"}
+    gimbal = {"gimbal": 154}
+    silent = {"camera": gimbal, "autopilot": {"rates_hz": {"GIMBAL_DEVICE_ATTITUDE_STATUS": 0.0}}}
+    assert parse_config(silent).autopilot.rates_hz == default
 
 
 def test_set_reads_values_as_toml() -> None:
