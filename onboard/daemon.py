@@ -19,7 +19,7 @@ from onboard.autopilot.notices import WARNING
 from onboard.autopilot.output import AutopilotOutput, Outgoing
 from onboard.autopilot.parameters import stored_parameters
 from onboard.autopilot.stream import Stream
-from onboard.config import Config, WarmFile, ros_encoder, signing_key, storing_of
+from onboard.config import Config, WarmFile, of_flight, ros_encoder, signing_key, storing_of
 from onboard.links import AbsentError, Link, LinkError, parse_link
 from onboard.links.host_clock import HostClock
 from onboard.links.host_computer import HostComputer, load_of
@@ -117,7 +117,8 @@ class Daemon:
             except RouterAbsentError as error:  # a client's; `_await_router` tries again
                 self._report(f"{error}; trying again")
         if config.recorder.path is not None:
-            recorder = recording.Recorder(Path(config.recorder.path), rotation=_rotation(config))
+            path, rotation = Path(config.recorder.path), _rotation(config)
+            recorder = recording.Recorder(path, rotation=rotation, metadata=of_flight(config))
             recorder.check()
             self._sinks["recorder"] = recording.runner(recorder)
             self._report(f"recording to {config.recorder.path}")

@@ -13,7 +13,7 @@ from onboard.arrays import Array
 from onboard.commands.calibrate_airframe import calibrate_airframe
 from onboard.commands.calibration import CALM, Calibration, Images, OwnMotion, calibrate
 from onboard.commands.files import check_targets
-from onboard.commands.log_replay import check_log, pipeline_of, read_flight
+from onboard.commands.log_replay import check_log, flight_of, pipeline_of, read_flight
 from onboard.commands.terminal import show
 from onboard.config import Config, load_config
 from onboard.geometry.rotations import euler_from_quaternion, matrix_from_euler, quaternion_from_matrix
@@ -36,7 +36,7 @@ def main(arguments: argparse.Namespace) -> int:
     """Print the corrections with their sigmas, and the lines to paste; draw the residuals. Raises UserError."""
     check_log(arguments.log)
     check_targets(arguments.svg, inputs=(arguments.log,))
-    config = load_config(arguments.config, tuple(arguments.set))
+    config = load_config(arguments.config or flight_of(arguments.log).config, tuple(arguments.set))
     if arguments.mass is not None:
         for line in calibrate_airframe(arguments, config):
             show(line)

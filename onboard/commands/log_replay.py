@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from onboard import UserError
 from onboard.commands.flight_folder import Documents, FlightFolder, flight_folder
-from onboard.config import Config, ConfigError, signing_key
+from onboard.config import Config, ConfigError, read_recorded, signing_key
 from onboard.messages import DOUBT, Datagram, Estimate, Health, Message, NavState, Output
 from onboard.messages.causes import Cause, Reason
 from onboard.pipeline import Pipeline
@@ -186,8 +186,10 @@ def read_flight(
 
 
 def flight_of(log: Path) -> FlightFolder:
-    """The files of a flight's folder, or of a log alone. Raises UserError."""
-    return flight_folder(log) if log.is_dir() else FlightFolder(log, (), None, None)
+    """The files of a flight's folder, or of a log alone. A recording holds the configuration that it was made
+    with. Raises UserError."""
+    flight = flight_folder(log) if log.is_dir() else FlightFolder(log, (), None, None)
+    return flight._replace(config=flight.log) if flight.config is None and read_recorded(flight.log) else flight
 
 
 def check_log(log: Path) -> None:

@@ -12,7 +12,7 @@ from mcap.writer import Writer
 
 from onboard import UserError
 from onboard.commands.terminal import show
-from onboard.wire.recording import is_recording, read_messages
+from onboard.wire.recording import CONFIGURATION, JSON, is_recording, read_configuration, read_messages
 
 MAGIC: Final = b"\x89MCAP0\r\n"  # at the begin and the end of a file
 FILE_MODE: Final = 0o600  # as the recorder's
@@ -54,6 +54,8 @@ def recover(source: Path, target: Path) -> tuple[int, int]:
     with os.fdopen(os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL, FILE_MODE), "wb") as file:
         writer: Any = Writer(file)
         writer.start(library="onboard")
+        if (configuration := read_configuration(source)) is not None:
+            writer.add_metadata(CONFIGURATION, {JSON: configuration.decode()})
         for item in read_messages(source):
             if item is None:
                 damaged += 1

@@ -19,7 +19,7 @@ from onboard.commands.files import check_targets, write_json
 from onboard.commands.log_replay import ALONE, ReplayResult, check_log, flight_of, replay
 from onboard.commands.many import ScorableFlight, numbers_of, score_flights
 from onboard.commands.progress import progress_bar
-from onboard.commands.terminal import one_line
+from onboard.commands.terminal import one_line, show
 from onboard.config import Config, load_config
 from onboard.messages import Estimate, NavState, Output
 from onboard.scoring.beside import LeaderScorers, judged
@@ -39,6 +39,8 @@ def main(arguments: argparse.Namespace) -> int:
     check_log(log)
     flight = flight_of(log)
     path, sets = a.config or flight.config, tuple(a.set)
+    if path == flight.log:
+        show("configuration: that of the flight, which the recording holds")
     return replay_log(
         log,
         load_config(path, sets),

@@ -9,6 +9,7 @@ from onboard.config.reading import (
     parse_config,
     read_table,
 )
+from onboard.config.recorded import of_flight, read_recorded
 from onboard.config.ros import ros_encoder
 from onboard.config.sections import (
     FASTEST_OUT_HZ,
@@ -54,7 +55,9 @@ __all__ = [
     "estimator_modules",
     "load_config",
     "named_estimators",
+    "of_flight",
     "parse_config",
+    "read_recorded",
     "read_stored",
     "read_table",
     "ros_encoder",

@@ -18,6 +18,7 @@ import msgspec
 from onboard import UserError
 from onboard.config.bounds import not_tunable, out_of_range
 from onboard.config.cameras import CameraConfig
+from onboard.config.recorded import read_recorded
 from onboard.config.sections import AutopilotConfig, Config, LeaderOutConfig, LinkConfig, OwnErrors
 from onboard.estimators import config_type, flown_modules, known
 from onboard.messages import Record, TargetClass
@@ -48,18 +49,25 @@ class ConfigError(UserError, ValueError):
 
 
 def load_config(path: Path | None, overrides: tuple[str, ...] = ()) -> Config:
-    """The configuration of a TOML file (None: the defaults, with the leader estimator) and `--set` overrides.
+    """The configuration of a TOML file, or of the flight of a recording (None: the defaults, with the leader
+    estimator), and `--set` overrides.
 
     Raises ConfigError.
     """
-    return parse_config(_with_paths(read_table(path, overrides)))
+    table = _with_paths(read_table(path, overrides))
+    try:
+        return parse_config(table)
+    except ConfigError as error:
+        if path is not None and read_recorded(path):
+            raise ConfigError(f"{path} was flown with: {error}; name a configuration with --config") from error
+        raise
 
 
 def read_table(path: Path | None, overrides: tuple[str, ...] = ()) -> dict[str, Any]:
     """The unchecked table of a file and overrides. Raises ConfigError for a file that is not TOML."""
     table: dict[str, Any] = {}
     if path is not None:
-        table = read_toml(path)
+        table = read_recorded(path) or read_toml(path)
     table = _with_paths(table)
     stored = table.get("parameters", {})
     stored_path = stored.get("path") if isinstance(stored, dict) else None

@@ -48,19 +48,23 @@ class Rotation(NamedTuple):
 
 
 NO_ROTATION: Final = Rotation()
+NOTHING: Final[Mapping[str, Mapping[str, str]]] = {}
 
 
 class Recorder:
-    """Sink that writes `path`, or `path` with a number before its suffix if that exists."""
+    """Sink that writes `path`, or `path` with a number before its suffix if that exists. Each file begins with
+    `metadata`, by their names."""
 
     def __init__(
         self,
         path: Path,
         *,
         rotation: Rotation = NO_ROTATION,
+        metadata: Mapping[str, Mapping[str, str]] = NOTHING,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
         self._rotation = rotation
+        self._metadata = metadata
         self.path = path  # of the file being written, once open
         self._wanted = path
         self._monotonic = monotonic
@@ -103,6 +107,8 @@ class Recorder:
         self._is_kept = False
         try:
             self._writer.start(library="onboard")
+            for name, data in self._metadata.items():
+                self._writer.add_metadata(name, dict(data))
             self._flush()
         except OSError as error:
             self._abandon()

@@ -4,7 +4,8 @@ estimates made from them, as JSON.
 A channel whose message encoding is one of `Encoding` holds datagrams: its topic is their channel, the log time
 their arrival, ns, the publish time that arrival by the wall clock, and the sequence how long they waited in this
 program, microseconds. Each holds where the channel's metadata say so. A channel of encoding "json" holds
-published records; its topic is the key they were published on.
+published records; its topic is the key they were published on. Metadata named CONFIGURATION, before all else,
+hold the configuration of the flight, as JSON.
 """
 
 import struct
@@ -15,7 +16,7 @@ from typing import Any, Final
 
 import msgspec
 from mcap.exceptions import McapError
-from mcap.records import Channel, Chunk, Footer, Message, Schema
+from mcap.records import Channel, Chunk, Footer, Header, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from onboard.messages import Datagram, Encoding, Estimate, NavState
@@ -23,6 +24,7 @@ from onboard.wire.tlog import NotALogError
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 JSON: Final = "json"
+CONFIGURATION: Final = "configuration"  # of metadata
 LARGEST_RECORD: Final = 256 << 20  # bytes; a length beyond this is damage, not data
 DAMAGE: Final = (McapError, ValueError, OverflowError, MemoryError, struct.error)
 MADE: Final[Mapping[str, type[Estimate]]] = {"estimate": Estimate, "own_state": NavState}
@@ -33,6 +35,25 @@ def is_recording(path: Path) -> bool:
     """Whether the file starts as a recording does. Raises OSError when it cannot be read."""
     with path.open("rb") as file:
         return file.read(len(MAGIC)) == MAGIC
+
+
+def read_configuration(path: Path) -> bytes | None:
+    """The configuration that a recording was made with, as JSON; None where it holds none, or is no recording.
+
+    Raises OSError.
+    """
+    with path.open("rb") as file:
+        if file.read(len(MAGIC)) != MAGIC:
+            return None
+        try:
+            for record in StreamReader(file, skip_magic=True, record_size_limit=LARGEST_RECORD).records:
+                if isinstance(record, Metadata) and record.name == CONFIGURATION:
+                    return record.metadata.get(JSON, "").encode()
+                if not isinstance(record, Header | Metadata):
+                    return None
+        except DAMAGE:
+            return None
+    return None
 
 
 def read_recording(path: Path) -> Iterator[tuple[Datagram | None, int]]:

@@ -1,0 +1,74 @@
+"""A recording holds the configuration that it was made with, and a replay flies with that."""
+
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from onboard.commands.log_replay import flight_of
+from onboard.commands.recover import recover
+from onboard.config import Config, ConfigError, load_config, of_flight, parse_config
+from onboard.sinks.recorder import Recorder
+from onboard.wire.recording import CONFIGURATION, JSON, read_configuration
+from tests.support.streams import Stream, encode
+from tests.unit.commands.test_replay import replayed_numbers
+
+SETS = ("camera.mount_rpy_deg=[0.0, 15.0, 0.0]", "estimator.leader.size_prior_m=2.4", "delay.camera_s=0.03")
+FILES = sorted(Path("configs").glob("*.toml"))
+
+
+def record(file: Path, config: Config, *, cut: bool = False) -> None:
+    recorder = Recorder(file, metadata=of_flight(config))
+    recorder.open()
+    recorder.write(encode(Stream(t1=8.0).items()))
+    recorder.close()
+    if cut:
+        file.write_bytes(file.read_bytes()[:-300])  # its end and part of the index
+
+
+@pytest.mark.parametrize("file", [None, *FILES], ids=lambda file: file.name if file else "defaults")
+def test_all_of_a_configuration_is_kept_that_estimates_depend_on(tmp_path: Path, file: Path | None) -> None:
+    flown = load_config(file)
+    record(tmp_path / "flight.mcap", flown)
+    again = load_config(tmp_path / "flight.mcap")
+    here = {"zenoh", "router", "recorder", "parameters", "warm_start"}
+    for name in Config.__struct_fields__:
+        assert name in here or getattr(again, name) == getattr(flown, name), name
+
+
+@pytest.mark.parametrize("cut", [False, True])
+def test_a_replay_without_a_configuration_is_as_the_flight_was(tmp_path: Path, cut: bool) -> None:
+    log, flown = tmp_path / "flight.mcap", load_config(None, SETS)
+    record(log, flown, cut=cut)
+    found = flight_of(log).config
+    assert found == log
+    assert replayed_numbers(log, load_config(found)) == replayed_numbers(log, flown)
+    assert load_config(found, ("camera.f_px=600",)).camera == msgspec.structs.replace(flown.camera, f_px=600.0)
+
+
+def test_a_recovered_recording_has_it_too_and_one_without_flies_as_by_default(tmp_path: Path) -> None:
+    log, recovered, old = tmp_path / "flight.mcap", tmp_path / "recovered.mcap", tmp_path / "old.mcap"
+    record(log, load_config(None, SETS), cut=True)
+    recover(log, recovered)
+    assert read_configuration(recovered) == read_configuration(log)
+    recorder = Recorder(old)
+    recorder.open()
+    recorder.close()
+    assert flight_of(old).config is None
+    assert flight_of(tmp_path / "absent.mcap").config is None
+
+
+def test_each_file_of_a_flight_has_it_and_a_folder_s_own_file_comes_first(tmp_path: Path) -> None:
+    record(tmp_path / "flight.mcap", parse_config({}))
+    assert flight_of(tmp_path).config == tmp_path / "flight.mcap"
+    (tmp_path / "config.toml").write_text("[camera]\nf_px = 500.0\n")
+    assert flight_of(tmp_path).config == tmp_path / "config.toml"
+
+
+def test_one_of_another_version_is_named(tmp_path: Path) -> None:
+    log = tmp_path / "flight.mcap"
+    recorder = Recorder(log, metadata={CONFIGURATION: {JSON: '{"camera": {"zoom": 2}}'}})
+    recorder.open()
+    recorder.close()
+    with pytest.raises(ConfigError, match=r"flight\.mcap was flown with: .*zoom.*--config"):
+        load_config(log)
