@@ -15,7 +15,7 @@ The follower's own errors are no states. An error of our velocity moves the lead
 attitude turns the whole scene; both are added to what is reported.
 """
 
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit, types
@@ -108,6 +108,13 @@ def predict(
     )
 
 
+class Expectation(NamedTuple):
+    """What each particle expects of a measurement (K, m), and its derivatives by the state (K, m, W)."""
+
+    y: Array
+    by_state: Array
+
+
 def prediction(
     means: Array,
     P: Array,
@@ -116,14 +123,16 @@ def prediction(
     y: Array,
     camera: tuple[Array, Array, Array],
     course: Course,
-) -> tuple[Array, Array]:
+) -> tuple[Array, Array, Expectation]:
     """What particles of weights w (K,) expect together of a measurement y (m,): mean (m,) and covariance (m, m),
-    without the measurement's own noise. The `camera` is R_cn (3, 3), r_FC_n (3,) m, and the measured axes (3, 3)
-    in c. Each particle's wingtips are in the order of those measured."""
+    without the measurement's own noise, with each particle's wingtips in the order of those measured; and what
+    each of them expects. The `camera` is R_cn (3, 3), r_FC_n (3,) m, and the measured axes (3, 3) in c."""
     R_cn, r_FC, seen = camera
     axes = np.ascontiguousarray(seen @ R_cn)
-    mean, covariance = _prediction(means, P, noses, w, y, r_FC, axes, course.tied, np.array(course.air))
-    return mean, covariance
+    count, width, m = *means.shape, len(y)
+    each = Expectation(np.empty((count, m)), np.empty((count, m, width)))
+    mean, covariance = _prediction(means, P, noses, w, y, r_FC, axes, course.tied, np.array(course.air), *each)
+    return mean, covariance, each
 
 
 def update(
@@ -132,16 +141,13 @@ def update(
     noses: Array,
     y: Array,
     R_y: Array,
-    camera: tuple[Array, Array, Array],
+    expected: Expectation,
     course: Course,
 ) -> tuple[Array, Array]:
     """NIS (K,) and logarithms of the likelihoods (K,), without their common constant, of an image: y (m,) of
-    `models.wing_line` with noise R_y (m, m), by a `camera` as in `prediction`. Means (K, W), covariances (K, W, W)
-    and tied noses are corrected in place."""
-    R_cn, r_FC, seen = camera
-    image = map(np.ascontiguousarray, (y, R_y, r_FC, seen @ R_cn))
-    arguments: tuple[Any, ...] = *image, course.tied, np.array(course.air)
-    nis, log_l = _update(means, P, noses, *arguments)
+    `models.wing_line` with noise R_y (m, m), of which the same means and noses `expected` this. Means (K, W),
+    covariances (K, W, W) and tied noses are corrected in place."""
+    nis, log_l = _update(means, P, noses, y, R_y, *expected, course.tied, np.array(course.air))
     return nis, log_l
 
 
@@ -349,22 +355,31 @@ def _linearised(x, nose, axes, r_FC, m, h, J, is_tied, air):
     J[:, 13] = J[:, 12]
 
 
-@njit((ROWS, CUBE, VECTOR, VECTOR, VECTOR, VECTOR, ROWS, VECTOR, VECTOR), cache=True, error_model="numpy")
-def _prediction(means, P, noses, w, y, r_FC, axes, tied, air):
+@njit(cache=True, error_model="numpy")
+def _side(h, y):
+    """-1 where wingtips are expected in the other order than measured: detectors name tips by their side."""
+    return -1.0 if h[2] * y[2] + h[3] * y[3] < 0 else 1.0
+
+
+@njit(
+    (ROWS, CUBE, VECTOR, VECTOR, VECTOR, VECTOR, ROWS, VECTOR, VECTOR, OUT, COVARIANCES),
+    cache=True,
+    error_model="numpy",
+)
+def _prediction(means, P, noses, w, y, r_FC, axes, tied, air, expected, by_state):
     m = y.shape[0]
     mean, S = np.zeros(m), np.zeros((m, m))
-    width = P.shape[2]
-    h, J, c = np.empty(m), np.empty((m, width)), np.empty(width)
+    c = np.empty(P.shape[2])
     for k in range(means.shape[0]):
+        h, J = expected[k], by_state[k]
         _linearised(means[k], noses[k], axes, r_FC, m, h, J, tied[k] == TIED, air)
-        if h[2] * y[2] + h[3] * y[3] < 0:  # detectors name tips by their side
-            h[2:4] *= -1.0
-            J[2:4] *= -1.0
+        side = _side(h, y)
         for i in range(m):
             project(J[i], P[k], c)
+            sign = side if 2 <= i < 4 else 1.0
             for j in range(i + 1):
-                S[i, j] += w[k] * (h[i] * h[j] + dot(J[j], c))
-            mean[i] += w[k] * h[i]
+                S[i, j] += w[k] * (sign * (side if 2 <= j < 4 else 1.0) * (h[i] * h[j] + dot(J[j], c)))
+            mean[i] += w[k] * (sign * h[i])
     for i in range(m):
         for j in range(i + 1):
             S[i, j] -= mean[i] * mean[j]
@@ -372,19 +387,19 @@ def _prediction(means, P, noses, w, y, r_FC, axes, tied, air):
     return mean, S
 
 
-@njit((OUT, COVARIANCES, NOSES, VECTOR, ROWS, VECTOR, ROWS, VECTOR, VECTOR), cache=True, error_model="numpy")
-def _update(means, P, noses, y, R_y, r_FC, axes, tied, air):
-    m, count = y.shape[0], means.shape[0]
+@njit((OUT, COVARIANCES, NOSES, VECTOR, ROWS, ROWS, CUBE, VECTOR, VECTOR), cache=True, error_model="numpy")
+def _update(means, P, noses, y, R_y, expected, by_state, tied, air):
+    m, count, width = y.shape[0], means.shape[0], P.shape[2]
     nis, log_l = np.empty(count), np.empty(count)
-    width = P.shape[2]
-    h, e, J, L = np.empty(m), np.empty(m), np.empty((m, width)), factor(R_y)
+    e, J, L = np.empty(m), np.empty((m, width)), factor(R_y)
     c, dx = np.empty(width), np.empty(width)
     for k in range(count):
-        _linearised(means[k], noses[k], axes, r_FC, m, h, J, tied[k] == TIED, air)
-        # detectors name tips by their side
-        sign = -1.0 if h[2] * y[2] + h[3] * y[3] < 0 else 1.0
+        h = expected[k]
+        side = _side(h, y)
         for i in range(m):
-            e[i] = (sign if 2 <= i < 4 else 1.0) * y[i] - h[i]
+            e[i] = (side if 2 <= i < 4 else 1.0) * y[i] - h[i]
+            for j in range(width):
+                J[i, j] = by_state[k, i, j]
         whiten(L, e, J)
         nis[k], det = correct(means[k], P[k], e, J, c, dx, 0)
         log_l[k] = -0.5 * (nis[k] + np.log(det))

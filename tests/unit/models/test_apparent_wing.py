@@ -55,7 +55,8 @@ def corrected(
     means, covariances = x[None].copy(), P[None].copy()
     camera = R_cn, np.zeros(3), axes
     noses, noise = np.array([nose]), NOISE[: len(y), : len(y)]
-    nis, _ = model.update(means, covariances, noses, y, noise, camera, course)
+    *_, each = model.prediction(means, covariances, noses, np.ones(1), y, camera, course)
+    nis, _ = model.update(means, covariances, noses, y, noise, each, course)
     return means[0], covariances[0], float(nis[0])
 
 
@@ -82,8 +83,9 @@ def test_an_update_is_that_of_a_plain_kalman_filter_seed_0_to_4(seed: int) -> No
     assert nis == pytest.approx(e @ np.linalg.solve(S, e), rel=2e-4)
     assert mean == pytest.approx(expected, abs=2e-4)
     assert covariance == pytest.approx(its_covariance, abs=2e-4)
-    arguments = np.array([nose]), y, NOISE, (R_cn, np.zeros(3), axes), FREE
-    _, log_l = model.update(x[None].copy(), P[None].copy(), *arguments)
+    particle, camera = (x[None].copy(), P[None].copy(), np.array([nose])), (R_cn, np.zeros(3), axes)
+    *_, each = model.prediction(*particle, np.ones(1), y, camera, FREE)
+    _, log_l = model.update(*particle, y, NOISE, each, FREE)
     determinants = np.linalg.slogdet(S)[1] - np.linalg.slogdet(NOISE)[1]
     assert log_l[0] == pytest.approx(-0.5 * (nis + determinants), abs=0.01)
 
@@ -213,7 +215,7 @@ def test_what_particles_expect_together_is_the_mixture_of_what_each_expects_seed
     y, axes = seen(x, nose, R_cn, exchanged=True)
     other, w = x + 0.1 * np.random.default_rng(seed).normal(size=model.N), np.array([0.3, 0.7])
     means, noses, camera = np.array([x, other]), np.array([nose, nose + 0.3]), (R_cn, np.zeros(3), axes)
-    mean, S = model.prediction(
+    mean, S, _ = model.prediction(
         means, np.array([P, 2.0 * P]), noses, w, y, camera, model.Course(np.zeros(2), (0.0, 0.0))
     )
     exchanged = np.array([1.0, 1.0, -1.0, -1.0, 1.0, 1.0])

@@ -7,6 +7,7 @@ noses and ranges in question.
 """
 
 import math
+from operator import is_
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -28,6 +29,7 @@ from onboard.estimators.leader.wind import Wind
 from onboard.filters.belief import Belief, FilterError, Update
 from onboard.filters.gating import normalised_squared
 from onboard.models import box_sides, leader_flight, wing_line
+from onboard.models.apparent_wing import Expectation
 from onboard.models.relative_motion import POSITION, VELOCITY
 from onboard.ownship import Step
 
@@ -64,12 +66,14 @@ class State(NamedTuple):
 
 
 class Expected(NamedTuple):
-    """A predicted measurement (m,), the innovation (m,), its covariance (m, m), and its NIS."""
+    """A predicted measurement (m,), the innovation (m,), its covariance (m, m), and its NIS; and what each
+    hypothesis expects."""
 
     y: Array
     innovation: Array
     S: Array
     nis: float
+    each: Expectation
 
 
 class BeliefFilter:
@@ -84,11 +88,20 @@ class BeliefFilter:
         self.measured_components, self.measured_units = wing_line.COMPONENTS[:m], wing_line.UNITS[:m]
         self.gate = settings.gate
         self._settings, self._delay_sigma, self._m = settings, delay_sigma, m
-        self._newest: tuple[State, State] | None = None  # predicted last: whoever is asked for it may be given it
+        # What was made last, and of what: an image that is compared with a track is often fused next.
+        self._newest: tuple[State, Cloud] | None = None
+        self._seen: tuple[Measurement, CameraPose, Measurement] | None = None
+        self._judged: tuple[Cloud, Measurement, CameraPose, Expected] | None = None
 
     def measure(self, points: Array, sigmas: Array) -> Measurement:
         """See `measurement.measure_wing`."""
         return measure_wing(points, sigmas, self._m)
+
+    def seen(self, measurement: Measurement, pose: CameraPose) -> Measurement:
+        """The measurement of an image, with the noise of our attitude when it was taken."""
+        if self._seen is None or self._seen[0] is not measurement or self._seen[1] is not pose:
+            self._seen = measurement, pose, measurement.with_attitude_noise(pose.noise_c)
+        return self._seen[2]
 
     def start(
         self, measurement: Measurement, pose: CameraPose, before: State | None, size: Size | None = None
@@ -109,32 +122,35 @@ class BeliefFilter:
     def advance(self, state: State, step: Step) -> State:
         """The hypotheses are predicted when an image comes, or after a while."""
         advanced = state._replace(since=state.since.after(step))
-        return self._caught_up(advanced) if advanced.since.dt > LONGEST_S else advanced
+        if advanced.since.dt <= LONGEST_S:
+            return advanced
+        now = self._at(advanced, self._now(advanced), state.summary)
+        return self._summarised(now)  # no image corrects it soon
 
     def expects(self, state: State, measurement: Measurement, pose: CameraPose) -> Expected:
         """What all hypotheses together expect of an image. Raises FilterError."""
-        return self._expected(self._caught_up(state), self._delayed(measurement, pose), pose)
+        return self._expected(state, self._now(state), measurement, pose)
 
     def fuse(self, state: State, measurement: Measurement, pose: CameraPose) -> Update:
         """The update of all hypotheses."""
-        measurement, now = self._delayed(measurement, pose), self._caught_up(state)
-        expected, innovation, S, nis = self._expected(now, measurement, pose)
-        settings = self._noses(now)
-        cloud, beyond = particles.update(settings, now.cloud, measurement, pose)
+        now = self._now(state)
+        expected, innovation, S, nis, each = self._expected(state, now, measurement, pose)
+        settings = self._noses(state)
+        cloud, beyond = particles.update(settings, now, self._delayed(measurement, pose), pose, each)
         passes = max(nis, beyond) <= settings.gate
-        after = now._replace(cloud=cloud, summary=summarise(settings, cloud)) if passes else state
+        after = self._at(state, cloud, summarise(settings, cloud)) if passes else state
         decided = nis if passes else max(nis, beyond)
         return Update(after, innovation, S, expected, decided, cloud.misfits if passes else (), passes)
 
     def assist(self, state: State, taken: Auxiliary) -> State | None:
         """The state after what is measured beside the images; None where that contradicts it, or where what may be
         false would lead the size beyond SIZES sigmas of the configured one. Raises FilterError."""
-        now = self._caught_up(state)
-        is_open = now.summary.range_sigma() > RESOLVED
-        cloud = particles.assist(self._noses(now), now.cloud, taken, is_open=is_open)
+        is_open = state.summary.after(state.since.dt, state.since.moved).range_sigma() > RESOLVED
+        settings = self._noses(state)
+        cloud = particles.assist(settings, self._now(state), taken, is_open=is_open)
         if cloud is None:
             return None
-        after, s = self._summarised(now._replace(cloud=cloud)), self._settings
+        after, s = self._at(state, cloud, summarise(settings, cloud)), self._settings
         apart = abs(float(after.summary.mean[LOG_SIZE]) - math.log(s.size)) * s.size
         return after if taken.trusted or apart < SIZES * s.size_sigma else None
 
@@ -142,7 +158,8 @@ class BeliefFilter:
         """The state in another wind, which shows where the nose of a fixed wing points."""
         if self._settings.crab == 0.0:
             return state
-        return self._summarised(self._caught_up(state)._replace(wind=wind if wind.is_known else None))
+        now = self._at(state, self._now(state), state.summary)
+        return self._summarised(now._replace(wind=wind if wind.is_known else None))
 
     def belief(self, state: State) -> Belief:
         """Mean and covariance of all hypotheses."""
@@ -171,17 +188,24 @@ class BeliefFilter:
             return measurement
         return measurement.with_attitude_noise(self._delay_sigma**2 * np.outer(pose.omega_c, pose.omega_c))
 
-    def _expected(self, now: State, measurement: Measurement, pose: CameraPose) -> Expected:
-        expected, S = particles.predicted(self._noses(now), now.cloud, measurement, pose)
+    def _expected(self, state: State, now: Cloud, measurement: Measurement, pose: CameraPose) -> Expected:
+        """What all hypotheses, predicted to `now`, expect of an image."""
+        judged = self._judged
+        if judged is not None and all(map(is_, judged, (now, measurement, pose))):
+            return judged[3]
+        asked, measurement = (now, measurement, pose), self._delayed(measurement, pose)
+        expected, S, each = particles.predicted(self._noses(state), now, measurement, pose)
         innovation, S = _ordered(measurement.y, expected) - expected, S + measurement.R
         if measurement.shows is not None and measurement.shows.is_box:
-            box, S_box = of_box(now.cloud, measurement.shows, measurement.axes, pose)
+            box, S_box = of_box(now, measurement.shows, measurement.axes, pose)
             innovation[:4], S[:4, :4], S[:4, 4:], S[4:, :4] = box, S_box, 0.0, 0.0
             expected[:4] = measurement.y[:4] - box
         nis = float(normalised_squared(innovation, S))
         if not math.isfinite(nis):
             raise FilterError("the hypotheses have lost their numbers")
-        return Expected(expected, innovation, S, nis)
+        found = Expected(expected, innovation, S, nis, each)
+        self._judged = *asked, found
+        return found
 
     def _noses(self, state: State) -> NoseModel:
         """What the hypotheses assume, with the size and the wind as they are known now."""
@@ -190,21 +214,20 @@ class BeliefFilter:
     def _summarised(self, state: State) -> State:
         return state._replace(summary=summarise(self._noses(state), state.cloud))
 
-    def _caught_up(self, state: State) -> State:
+    def _at(self, state: State, cloud: Cloud, summary: Summary) -> State:
+        """The state now, of this cloud."""
+        return State(cloud, summary, standing(state.since.v_F_n), state.wind)
+
+    def _now(self, state: State) -> Cloud:
         """The hypotheses predicted to now."""
-        dt, moved, v_F_n = state.since
+        dt, moved, _ = state.since
         if dt <= 0.0:
-            return state
+            return state.cloud
         if self._newest is not None and _is_same(self._newest[0], state):
             return self._newest[1]
         cloud = particles.predict(self._noses(state), state.cloud, dt, moved)
-        after = state._replace(cloud=cloud, since=standing(v_F_n))
-        if dt > LONGEST_S:  # no image corrects it soon
-            after = self._summarised(after)
-        else:
-            after = after._replace(summary=state.summary.after(dt, moved))
-        self._newest = state, after
-        return after
+        self._newest = state, cloud
+        return cloud
 
 
 def _is_same(a: State, b: State) -> bool:

@@ -38,7 +38,7 @@ def seen(
 ) -> tuple[Measurement, CameraPose]:
     """What an image measures, by all that is known now of its detector and our own attitude; its camera's pose."""
     pose = newest_pose(image, poses, ownship)
-    return measured(image, filter_, state.noise.scale).with_attitude_noise(pose.noise_c), pose
+    return filter_.seen(measured(image, filter_, state.noise.scale), pose), pose
 
 
 def fuse(

@@ -135,3 +135,17 @@ def test_a_box_is_judged_by_its_direction_too() -> None:
     R_y[2, 2] = R_y[3, 3] = 1e4
     direction = Measurement(seen.y * [1, 1, 0, 0], R_y, seen.span, math.inf, seen.axes, has_wing=False)
     assert filter_.fuse(state, direction, STILL).passes
+
+
+def test_what_was_expected_of_one_image_is_not_taken_for_another_or_from_another_place() -> None:
+    """A filter remembers what it made last, as an image is compared with a track and then fused."""
+    filter_, first = filter_of(), image(25.0, 0.7)
+    state = filter_.start(first, STILL, None)
+    aside = STILL._replace(r_FC_n=np.array([0.0, 3.0, 0.0]), noise_c=1e-4 * np.eye(3))
+    for measurement, pose in ((first, STILL), (first, aside), (image(25.0, 0.7, east=0.3), aside), (first, STILL)):
+        compared = filter_.expects(state, filter_.seen(measurement, pose), pose)
+        update, alone = (f.fuse(state, f.seen(measurement, pose), pose) for f in (filter_, filter_of()))
+        assert filter_.expects(state, filter_.seen(measurement, pose), pose) is compared
+        assert compared.nis == filter_of().expects(state, filter_of().seen(measurement, pose), pose).nis
+        assert (update.nis, update.passes) == (alone.nis, alone.passes)
+        np.testing.assert_array_equal(update.belief.cloud.means, alone.belief.cloud.means)

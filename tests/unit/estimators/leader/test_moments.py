@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pytest
 
 from onboard.estimators.leader.filters.noses import moments
 from onboard.estimators.leader.filters.noses.moments import BANK, NOSE, N
@@ -23,14 +24,18 @@ def test_the_moments_are_those_of_the_particles_seed1() -> None:
     k = 50
     noses, w = rng.uniform(-9.0, 9.0, k), rng.dirichlet(np.ones(k))
     means = rng.normal(size=(k, apparent_wing.N)) + 3.0
-    mean, S = np.zeros(N), np.zeros((N, N))
-    log_range = moments.moments(noses, means, w, 0.5, math.pi, mean, S)
+    mean, S, within = np.zeros(N), np.zeros((N, N)), rng.normal(size=(apparent_wing.N, apparent_wing.N))
+    log_range = moments.moments(noses, means, w, 0.5, math.pi, within, mean, S)
     rows = np.zeros((k, N))
     rows[:, :9], rows[:, BANK] = means[:, :9], means[:, apparent_wing.BANK_ERROR]
     rows[:, moments.LOG_SIZE] = means[:, apparent_wing.LOG_SIZE]
     rows[:, NOSE] = 0.5 + (noses - 0.5 + math.pi / 2) % math.pi - math.pi / 2
     np.testing.assert_allclose(mean, np.average(rows, axis=0, weights=w), rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(S, np.cov(rows.T, aweights=w, ddof=0), rtol=1e-10, atol=1e-12)
+    each = np.zeros((N, N))
+    of_summary = [*range(9), moments.LOG_SIZE, BANK]
+    of_particle = [*range(9), apparent_wing.LOG_SIZE, apparent_wing.BANK_ERROR]
+    each[np.ix_(of_summary, of_summary)] = within[np.ix_(of_particle, of_particle)]
+    np.testing.assert_allclose(S, np.cov(rows.T, aweights=w, ddof=0) + each, rtol=1e-10, atol=1e-12)
     ranges = np.linalg.norm(means[:, :3], axis=1)
     np.testing.assert_allclose(log_range, np.average(np.log(ranges), weights=w), rtol=1e-12)
 
@@ -43,3 +48,19 @@ def test_a_belief_after_a_while_is_that_of_the_summary_after_it_seed2() -> None:
     np.testing.assert_allclose(at_once.mean, in_two.mean, rtol=1e-12)
     np.testing.assert_allclose(at_once.covariance, in_two.covariance, rtol=1e-10, atol=1e-12)
     np.testing.assert_array_equal(at_once.covariance, at_once.covariance.T)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_occupied_bins_are_those_that_have_enough_weight_seed_0_to_2(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    noses, log_range, w = rng.uniform(-9.0, 9.0, 700), rng.normal(3.0, 0.3, 700), rng.dirichlet(np.ones(700))
+    bins = np.stack([np.floor(np.mod(noses, math.pi) / 0.1), np.floor(log_range / 0.05)])
+    _, at = np.unique(bins, axis=1, return_inverse=True)
+    expected = np.count_nonzero(np.bincount(at.ravel(), w) > 0.002)
+    assert 100 < expected < 400
+    assert moments.occupied(noses, log_range, w, math.pi, 0.1, 0.05, 0.002) == expected
+
+
+def test_a_range_that_is_no_number_occupies_one_bin() -> None:
+    log_range, w = np.array([math.nan, math.nan, math.inf, 3.0]), np.full(4, 0.25)
+    assert moments.occupied(np.zeros(4), log_range, w, math.pi, 0.1, 0.05, 0.002) == 2

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.estimators.leader.filters.noses.draws import DRAW, normals, uniforms
+from onboard.estimators.leader.filters.noses.draws import DRAW, normal_of, uniform_of
 from onboard.estimators.leader.filters.noses.leaning import banked, lean, likely, lognormal, slope_of
 from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.compiled import OUT, VECTOR
@@ -203,41 +203,41 @@ def _change(
 ):
     keeps, nose_rate, wander, crab = slow
     stops, turns, steadies, begins, hovers, leaves, doubted, unties, decides, ties, anew = chances
-    count = noses.shape[0]
-    of_turning, turn = uniforms(draws, count), normals(np.uint64(draws + 1), count)
-    of_speed, walk = uniforms(np.uint64(draws + 3), count), normals(np.uint64(draws + 4), count)
-    of_doubt, where = uniforms(np.uint64(draws + 6), count), uniforms(np.uint64(draws + 7), count)
-    drag = drag[0] * np.exp(drag[1] * normals(np.uint64(draws + 2 * APART), count))
-    accepted = uniforms(np.uint64(draws + 3 * APART), count)
-    wobble = normals(np.uint64(draws + 4 * APART), count)
-    of_tying = uniforms(np.uint64(draws + APART + 6), count)
-    bold = np.zeros((3, count))
-    for i in range(3):
-        if spread[i] > 0.0:
-            bold[i] = normals(np.uint64(draws + APART + 2 * i), count)
-    for k in range(count):
+    of_drag, of_accepting, of_wobble, of_tying = 2 * APART, 3 * APART, 4 * APART, APART + 6
+    for k in range(noses.shape[0]):
         x = means[k]
-        rates[k] = _rate(rates[k], of_turning[k], stops, turns, nose_rate * turn[k])
+        new_rate = 0.0
+        of_turning = uniform_of(draws, k)
+        if rates[k] == 0.0 and of_turning < turns:
+            new_rate = nose_rate * normal_of(np.uint64(draws + 1), k)
+        rates[k] = _rate(rates[k], of_turning, stops, turns, new_rate)
         for i in range(3):
-            new = spread[i] * np.sqrt(1.0 - keeps * keeps) * bold[i, k]
+            bold = normal_of(np.uint64(draws + APART + 2 * i), k) if spread[i] > 0.0 else 0.0
+            new = spread[i] * np.sqrt(1.0 - keeps * keeps) * bold
             intensities[k, i] = keeps * intensities[k, i] + new
-        regimes[k] = _next(regimes[k], x, P[k], of_speed[k], steadies, begins, hovers, leaves)
+        of_speed = uniform_of(np.uint64(draws + 3), k)
+        regimes[k] = _next(regimes[k], x, P[k], of_speed, steadies, begins, hovers, leaves)
         tied_before = tied[k]
         tied[k], becomes_tied, doubts = _decided(
-            tied[k], x, regimes[k], of_doubt[k], of_tying[k], decides, doubted, unties, ties, anew
+            *(tied[k], x, regimes[k], uniform_of(np.uint64(draws + 6), k)),
+            *(uniform_of(np.uint64(draws + of_tying), k), decides, doubted, unties, ties, anew),
         )
         if becomes_tied or doubts:
-            other = noses[k] + np.pi * where[k]
+            where = uniform_of(np.uint64(draws + 7), k)
+            other = noses[k] + np.pi * where
             if becomes_tied:
                 other, rates[k] = _tied_nose(noses[k], x, dt, moved, edge_on, air), 0.0
             elif crab > 0.0:  # a fixed wing's nose stays about its course
-                other = np.arctan2(x[4], x[3]) + crab * MOST_CRAB * (2.0 * where[k] - 1.0)
+                other = np.arctan2(x[4], x[3]) + crab * MOST_CRAB * (2.0 * where - 1.0)
+            new_drag = drag[0] * np.exp(drag[1] * normal_of(np.uint64(draws + of_drag), k))
+            accepted = uniform_of(np.uint64(draws + of_accepting), k)
             takes = _takes(
                 *(noses[k], other, x, P[k], dt, moved, edge_on, regimes[k] == HOVERING, metric),
-                *((drags[k], drag[k]), wind, np.log(accepted[k])),
+                *((drags[k], new_drag), wind, np.log(accepted)),
             )
             if takes:
-                drags[k], intensities[k, 2] = drag[k], spread[2] * wobble[k]
+                drags[k] = new_drag
+                intensities[k, 2] = spread[2] * normal_of(np.uint64(draws + of_wobble), k)
             else:
                 other, tied[k] = noses[k], tied_before
             noses[k] = other
@@ -247,4 +247,4 @@ def _change(
         broad = _fraction(noses[k], x, edge_on)
         # the less is seen of the wing, the more does it show of a small turn
         wanders = wander * min(1.0, broad / np.sqrt(max(1.0 - broad * broad, 1e-9)))
-        noses[k] += dt * rates[k] + wanders * walk[k]
+        noses[k] += dt * rates[k] + wanders * normal_of(np.uint64(draws + 4), k)

@@ -17,29 +17,45 @@ SHIFTS: Final = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(11)
 
 def uniform(draw: int, count: int) -> Array:
     """Numbers (count,) in (0, 1), a fixed function of `draw`, by the generator splitmix64."""
-    found: Array = uniforms(draw, count)
+    found: Array = _uniforms(draw, count)
     return found
 
 
 def normal(draw: int, count: int) -> Array:
     """Standard normal numbers (count,), a fixed function of `draw` and `draw + 1`, by Box and Muller."""
-    found: Array = normals(draw, count)
+    found: Array = _normals(draw, count)
     return found
 
 
-@njit(types.float64[::1](DRAW, COUNT), cache=True, error_model="numpy")
-def uniforms(draw, count):
-    """`uniform`, to be called from compiled code."""
-    z = np.full(count, draw, np.uint64) * WEYL + np.arange(1, count + 1).astype(np.uint64)
+@njit(cache=True, error_model="numpy")
+def uniform_of(draw, k):
+    """The number of place k in `uniform`, to be called from compiled code."""
+    z = np.uint64(draw) * WEYL + np.uint64(k + 1)
     z *= MIX[0]
     z = (z ^ (z >> SHIFTS[0])) * MIX[1]
     z = (z ^ (z >> SHIFTS[1])) * MIX[2]
     z ^= z >> SHIFTS[2]
-    return ((z >> SHIFTS[3]).astype(np.float64) + 0.5) * 2.0**-53
+    return (np.float64(z >> SHIFTS[3]) + 0.5) * 2.0**-53
+
+
+@njit(cache=True, error_model="numpy")
+def normal_of(draw, k):
+    """The number of place k in `normal`, to be called from compiled code."""
+    angle = 2.0 * math.pi * uniform_of(np.uint64(draw + 1), k)
+    return np.sqrt(-2.0 * np.log(uniform_of(draw, k))) * np.cos(angle)
 
 
 @njit(types.float64[::1](DRAW, COUNT), cache=True, error_model="numpy")
-def normals(draw, count):
-    """`normal`, to be called from compiled code."""
-    angles = 2.0 * math.pi * uniforms(np.uint64(draw + 1), count)
-    return np.sqrt(-2.0 * np.log(uniforms(draw, count))) * np.cos(angles)
+def _uniforms(draw, count):
+    found = np.empty(count)
+    for k in range(count):
+        found[k] = uniform_of(draw, k)
+    return found
+
+
+@njit(types.float64[::1](DRAW, COUNT), cache=True, error_model="numpy")
+def _normals(draw, count):
+    found = np.empty(count)
+    for k in range(count):
+        found[k] = normal_of(draw, k)
+    return found

@@ -62,8 +62,8 @@ def fitted(settings: NoseModel, cloud: Cloud, shows: ShapeFeatures, axes: Array,
 
 def expected(cloud: Cloud, nis: Array, share: float) -> float:
     """The NIS that a share of the weight has at most. Raises FilterError."""
-    order = np.argsort(nis)
-    least = float(nis[order][np.searchsorted(np.cumsum(np.exp(cloud.log_weights[order])), share)])
+    order = nis.argsort()
+    least = float(nis[order[np.exp(cloud.log_weights[order]).cumsum().searchsorted(share)]])
     if not math.isfinite(least):
         raise FilterError("the cloud of noses has lost its numbers")
     return least

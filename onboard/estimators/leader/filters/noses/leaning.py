@@ -76,12 +76,17 @@ def likely(nose, x, P, drag, wind, more):
     return -0.5 * (off * off / variance + np.log(variance) + across * across / LEANS2)
 
 
-@njit(types.float64[::1](VECTOR, ROWS, CUBE, VECTOR, NUMBER), cache=True, error_model="numpy")
-def plausible(noses, means, P, drags, wind):
-    """The logarithms of the likelihoods (K,) of the leans that hypotheses have come to suppose."""
+@njit(
+    types.float64[::1](VECTOR, ROWS, CUBE, VECTOR, VECTOR, NUMBER, NUMBER, NUMBER), cache=True, error_model="numpy"
+)
+def plausible(noses, means, P, drags, rolled, wind, rolls, most):
+    """The logarithms of the likelihoods (K,) of the leans that hypotheses have come to suppose, and of means of
+    their bank's errors that have `rolled` (K,) by a standard deviation of `rolls`; -`most` at least."""
     found = np.empty(len(noses))
     for k in range(len(noses)):
-        found[k] = likely(noses[k], means[k], P[k], drags[k], wind, 0.0)
+        by = rolled[k] / rolls
+        cost = likely(noses[k], means[k], P[k], drags[k], wind, 0.0) - 0.5 * (by * by)
+        found[k] = -most if cost < -most else cost
     return found
 
 

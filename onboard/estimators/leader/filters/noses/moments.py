@@ -20,6 +20,9 @@ NOSE: Final = 13
 BANK: Final = 14
 N: Final = 15
 VECTORS: Final = 9  # of them, position, velocity and acceleration, which a cloud has in the same places
+# of a summary, and of a particle: what both of them have
+OF_SUMMARY: Final = (*range(VECTORS), LOG_SIZE, BANK)
+OF_PARTICLE: Final = (*range(VECTORS), apparent_wing.LOG_SIZE, apparent_wing.BANK_ERROR)
 SLOW: Final = 1.0  # m/s, of a course
 
 NUMBER: Final = types.float64
@@ -37,11 +40,11 @@ def _components(nose, x, about, period, row):
     row[BANK] = x[apparent_wing.BANK_ERROR]
 
 
-@njit((*CLOUD, NUMBER, NUMBER, VECTOR_OUT, OUT), cache=True, error_model="numpy")
-def moments(noses, means, w, about, period, mean, S):
-    """Mean and covariance of the means of a cloud (`cloud.Cloud`) with weights w (K,), added to `mean`
-    (N,) and S (N, N); and the mean logarithm of the range. Each nose is taken as near to `about` as it may be: it
-    repeats after `period`, rad."""
+@njit((*CLOUD, NUMBER, NUMBER, ROWS, VECTOR_OUT, OUT), cache=True, error_model="numpy")
+def moments(noses, means, w, about, period, within, mean, S):
+    """Mean and covariance of a cloud (`cloud.Cloud`) with weights w (K,), whose particles have the mean covariance
+    `within` (W, W), added to `mean` (N,) and S (N, N); and the mean logarithm of the range. Each nose is taken as
+    near to `about` as it may be: it repeats after `period`, rad."""
     row, log_range, width = (
         np.zeros(N),
         0.0,
@@ -62,7 +65,36 @@ def moments(noses, means, w, about, period, mean, S):
                 share = w[k] * row[i]
                 for j in range(width):
                     S[i, j] += share * row[j]
+    for i in range(len(OF_SUMMARY)):
+        for j in range(len(OF_SUMMARY)):
+            S[OF_SUMMARY[i], OF_SUMMARY[j]] += within[OF_PARTICLE[i], OF_PARTICLE[j]]
     return log_range
+
+
+@njit(
+    types.int64(VECTOR, VECTOR, VECTOR, NUMBER, NUMBER, NUMBER, NUMBER),
+    cache=True,
+    error_model="numpy",
+)
+def occupied(noses, log_range, w, turn, nose_bin, range_bin, least):
+    """How many bins of noses (K,), which repeat after `turn`, and of logarithms of ranges (K,) have at least so
+    much of the weights w (K,)."""
+    size, nothing, last = 1, np.int64(-(1 << 62)), 1e15  # what is no number is in the last bin
+    while size < 2 * w.shape[0]:  # so much room that few keys meet
+        size *= 2
+    keys, weights = np.full(size, nothing), np.zeros(size)
+    for k in range(w.shape[0]):
+        bin_ = np.floor(noses[k] % turn / nose_bin) + 1000.0 * np.floor(log_range[k] / range_bin)
+        key = np.int64(bin_) if abs(bin_) < last else np.int64(last)
+        at = (key * 0x9E3779B97F4A7C1 >> 20) & (size - 1)  # any odd number, so that neighbours are kept apart
+        while keys[at] != key and keys[at] != nothing:
+            at = (at + 1) & (size - 1)
+        keys[at] = key
+        weights[at] += w[k]
+    found = 0
+    for weight in weights:
+        found += 1 if weight > least else 0
+    return found
 
 
 @njit(cache=True, error_model="numpy")

@@ -14,7 +14,8 @@ Random numbers are a fixed function of the count of steps, so the same images gi
 """
 
 import math
-from typing import Final
+from functools import lru_cache
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.auxiliary import Auxiliary
 from onboard.estimators.leader.filters.measurement import Measurement
-from onboard.estimators.leader.filters.noses import leaning
+from onboard.estimators.leader.filters.noses import leaning, moments
 from onboard.estimators.leader.filters.noses.changes import DRAWS, change
 from onboard.estimators.leader.filters.noses.cloud import ARRAYS, Bias, Cloud, named
 from onboard.estimators.leader.filters.noses.draws import uniform
@@ -70,12 +71,12 @@ SLIP: Final = math.radians(3.0)  # rad, of a fixed wing's nose about its path th
 def predict(settings: NoseModel, cloud: Cloud, dt: float, moved: Array) -> Cloud:
     """The cloud after `dt` seconds in which we move by `moved` (3,) m, in n."""
     s = settings
-    changed = [array.copy() for array in cloud[:ARRAYS]]
+    changed: list[Any] = [array.copy() for array in cloud[: ARRAYS - 1]]  # type: ignore[union-attr]
     sure = SURE if cloud.sided else 1.0
     doubted_after = sure * s.doubted_after
     change(
         s,
-        changed[:-1],
+        changed,
         cloud.draws,
         dt,
         moved,
@@ -83,16 +84,16 @@ def predict(settings: NoseModel, cloud: Cloud, dt: float, moved: Array) -> Cloud
         edge_on=cloud.edge_on,
         metric=cloud.metric,
     )
-    noses, _, regimes, means, P, intensities, tied, drags, _ = changed
-    lasts = np.array([bias.time for bias in cloud.biases])
+    noses, _, regimes, means, P, intensities, tied, drags = changed
+    lasts = [bias.time for bias in cloud.biases]
     times = np.array([s.acceleration_time, s.bank_time, s.stretch_time, *lasts])
     noise, decay = _noise(s, dt, cloud.biases), np.exp(-dt / times)
-    before = _supposed(s, cloud._replace(**named(changed)))
+    after = cloud._replace(**named(changed), draws=cloud.draws + DRAWS, unseen=cloud.unseen + dt)
+    before = _supposed(s, after)
     model.predict(
         *(means, P, noses, dt, moved, regimes, intensities, noise, _hover(s, dt), decay, drags),
         model.Course(tied, s.air, cloud.edge_on),
     )
-    after = cloud._replace(**named(changed), draws=cloud.draws + DRAWS, unseen=cloud.unseen + dt)
     return charged(after, _supposed(s, after) - before)
 
 
@@ -102,8 +103,9 @@ def _supposed(s: NoseModel, cloud: Cloud) -> Array:
     that takes another nose has paid: it is accepted by the same likelihood."""
     if s.drag == 0.0 or cloud.edge_on > LEAST_VISIBLE:
         return np.zeros(len(cloud.noses))
-    found: Array = leaning.plausible(cloud.noses, cloud.means, cloud.covariances, cloud.drags, s.wind)
-    return np.maximum(found - 0.5 * (cloud.rolled / s.rolled) ** 2, -MOST_COST)
+    arrays = cloud.noses, cloud.means, cloud.covariances, cloud.drags, cloud.rolled
+    found: Array = leaning.plausible(*arrays, s.wind, s.rolled, MOST_COST)
+    return found
 
 
 def _hover(s: NoseModel, dt: float) -> model.Hover:
@@ -118,17 +120,33 @@ def _hover(s: NoseModel, dt: float) -> model.Hover:
 
 def _noise(s: NoseModel, dt: float, biases: tuple[Bias, ...]) -> model.Noise:
     """What `dt` seconds add, in proportion to the range that a nose implies (`models.apparent_wing.Noise`)."""
-    width = N + len(biases)
-    fixed, broad, range_ = np.zeros(width), np.zeros((3, N)), np.zeros(N)
+    per_second = _densities(s)
+    new, of_bank = -math.expm1(-2.0 * dt / s.stretch_time), s.bank**2 * -math.expm1(-2.0 * dt / s.bank_time)
+    fixed = np.zeros(N + len(biases))
     fixed[N:] = [bias.sigma**2 * -math.expm1(-2.0 * dt / bias.time) for bias in biases]
-    range_[POSITION] = 2.0 * dt / s.misalignment_time * np.square(s.misalignment)[[2, 2, 0]]
     fixed[POSITION], fixed[VELOCITY], fixed[LEAN] = 1e-8, 2.0 * dt / s.own_velocity_time * s.own_velocity**2, 1e-10
-    new = -math.expm1(-2.0 * dt / s.stretch_time)
     fixed[STRETCH] = s.stretch**2 * new
-    broad[:2, VELOCITY], broad[:, LEAN] = s.velocity_random_walk**2 * dt, s.lean_random_walk**2 * dt
-    broad[:2, ACCELERATION] = np.outer(np.square(s.acceleration_random_walk), HORIZONTAL**2) * dt
-    broad[:, BANK_ERROR] = s.bank**2 * -math.expm1(-2.0 * dt / s.bank_time)
+    broad = per_second.broad * dt
+    broad[:, BANK_ERROR] = of_bank
+    range_ = 2.0 * dt / s.misalignment_time * per_second.range_
     return model.Noise(fixed, broad, range_, s.nose_wobble**2 * new, math.log(s.size))
+
+
+class Densities(NamedTuple):
+    """Of the noise of a step (`models.apparent_wing.Noise`), what grows with its duration: `broad`, each second,
+    and `range_`, over half of the time of the misalignment."""
+
+    broad: Array
+    range_: Array
+
+
+@lru_cache(maxsize=64)
+def _densities(s: NoseModel) -> Densities:
+    broad, range_ = np.zeros((3, N)), np.zeros(N)
+    range_[POSITION] = np.square(s.misalignment)[[2, 2, 0]]
+    broad[:2, VELOCITY], broad[:, LEAN] = s.velocity_random_walk**2, s.lean_random_walk**2
+    broad[:2, ACCELERATION] = np.outer(np.square(s.acceleration_random_walk), HORIZONTAL**2)
+    return Densities(broad, range_)
 
 
 def supposed(settings: NoseModel, wind: Wind | None) -> NoseModel:
@@ -139,31 +157,39 @@ def supposed(settings: NoseModel, wind: Wind | None) -> NoseModel:
     return settings
 
 
-def predicted(settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPose) -> tuple[Array, Array]:
-    """What the whole cloud expects of an image: mean (m,) and covariance (m, m), without the image's own noise."""
+def predicted(
+    settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPose
+) -> tuple[Array, Array, model.Expectation]:
+    """What the whole cloud expects of an image: mean (m,) and covariance (m, m), without the image's own noise;
+    and what each particle expects."""
     w, camera = np.exp(cloud.log_weights), (pose.R_cn, pose.r_FC_n, seen.axes)
     arrays = cloud.means, cloud.covariances, cloud.noses
     return model.prediction(*arrays, w, seen.y, camera, model.Course(cloud.tied, settings.air))
 
 
-def update(settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPose) -> tuple[Cloud, float]:
+def update(
+    settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPose, each: model.Expectation | None = None
+) -> tuple[Cloud, float]:
     """The cloud after an image, and the NIS that EXPECTING of its weight have at most. If that exceeds the
     gate, too few expected the image, and the cloud is returned as it was. What an image shows beyond center and
-    wing has a gate of its own. Raises FilterError."""
+    wing has a gate of its own. `each`: what the particles expected of the image, where that is known. Raises
+    FilterError."""
     shows, given = seen.shows, cloud
     if seen.is_metric and seen.pose is not None:
-        cloud = cloud._replace(edge_on=ANY_NOSE, metric=True)
+        cloud = _seen_by(cloud, ANY_NOSE, metric=True)
     elif seen.has_wing or (shows is not None and not shows.is_box):
-        cloud = cloud._replace(edge_on=LEAST_VISIBLE, metric=False)
-    after, log_l, least = cloud._replace(misfits=()), np.zeros(len(cloud.noses)), 0.0
+        cloud = _seen_by(cloud, LEAST_VISIBLE, metric=False)
     if shows is None or not shows.is_box:
+        if each is None:
+            _, _, each = predicted(settings, cloud, seen, pose)
         noses, means, P = cloud.noses.copy(), cloud.means.copy(), cloud.covariances.copy()
-        camera = pose.R_cn, pose.r_FC_n, seen.axes
-        nis, log_l = model.update(means, P, noses, seen.y, seen.R, camera, model.Course(cloud.tied, settings.air))
+        nis, log_l = model.update(means, P, noses, seen.y, seen.R, each, model.Course(cloud.tied, settings.air))
         least = expected(cloud, nis, EXPECTING)
         if least > settings.gate:
             return given, least
-        after = cloud._replace(noses=noses, means=means, covariances=P)
+        after = cloud._replace(noses=noses, means=means, covariances=P, misfits=())
+    else:
+        after, log_l, least = cloud._replace(misfits=()), np.zeros(len(cloud.noses)), 0.0
     if shows is not None:
         fit = fitted(settings, after, shows, seen.axes, pose)
         if fit.cloud is not None:
@@ -181,10 +207,16 @@ def update(settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPos
             return given, beyond
     believed, fresh = _counted(settings, cloud, pose)
     new = -math.expm1(-cloud.unseen / settings.rolled_time)
-    after = after._replace(rolled=after.rolled + new * (after.means[:, BANK_ERROR] - after.rolled))
+    rolled = after.rolled + new * (after.means[:, BANK_ERROR] - after.rolled)
+    after = after._replace(rolled=rolled, unseen=0.0, fresh=fresh)
     costs = _supposed(settings, after) - _supposed(settings, cloud)
-    after = charged(weighted(after, log_l, believed), costs)._replace(unseen=0.0, fresh=fresh)
-    return fitting(settings, after), least
+    return fitting(settings, charged(weighted(after, log_l, believed), costs)), least
+
+
+def _seen_by(cloud: Cloud, edge_on: float, *, metric: bool) -> Cloud:
+    """The cloud of which images show so much along its wing, and its range by poses or not."""
+    is_same = cloud.edge_on == edge_on and cloud.metric is metric
+    return cloud if is_same else cloud._replace(edge_on=edge_on, metric=metric)
 
 
 def _counted(settings: NoseModel, cloud: Cloud, pose: CameraPose) -> tuple[float, float]:
@@ -192,8 +224,9 @@ def _counted(settings: NoseModel, cloud: Cloud, pose: CameraPose) -> tuple[float
     faster the view of the leader changes, the more does an image count; while the view stays the same, so do the
     errors of what each particle supposes."""
     r = cloud.means[:, POSITION]
-    moves = (cloud.means[:, VELOCITY] - pose.v_F_n) / np.linalg.norm(r, axis=1, keepdims=True)
-    change = float(np.linalg.norm(np.exp(cloud.log_weights) @ moves))  # 1/s
+    moves = (cloud.means[:, VELOCITY] - pose.v_F_n) / np.sqrt((r * r).sum(axis=1, keepdims=True))
+    moving = np.exp(cloud.log_weights) @ moves
+    change = math.sqrt(moving @ moving)  # 1/s
     rate = settings.steady_evidence + change / settings.new_view + cloud.fresh / FRESH_S
     seconds = max(cloud.unseen, TOGETHER_S)
     left = cloud.fresh * math.exp(-seconds / FRESH_S)
@@ -216,7 +249,7 @@ def fitting(settings: NoseModel, cloud: Cloud) -> Cloud:
     """The cloud with as many particles as there should be, drawn anew where few have the weight."""
     w, count = np.exp(cloud.log_weights), enough(settings, cloud)
     is_apt = len(w) / CHANGE < count < len(w) * CHANGE
-    if 1.0 / np.sum(w * w) > settings.resample * len(w) and is_apt:
+    if 1.0 / float((w * w).sum()) > settings.resample * len(w) and is_apt:
         return cloud
     return resampled(cloud, count)
 
@@ -226,12 +259,12 @@ def enough(settings: NoseModel, cloud: Cloud) -> int:
     weight, as in KLD-sampling (Fox, 2003). Where points show the nose, the right noses are few degrees wide: what
     follows a nose that turns must be dense there."""
     r = cloud.means[:, POSITION]
-    nose = np.floor(np.mod(cloud.noses, math.tau if cloud.sided else math.pi) / NOSE_BIN)
-    range_ = np.floor(0.5 * np.log(np.einsum("ki,ki->k", r, r)) / RANGE_BIN)
-    _, at = np.unique(nose + 1000.0 * range_, return_inverse=True)
-    occupied = np.count_nonzero(np.bincount(at, np.exp(cloud.log_weights)) > LEAST_WEIGHT)
+    log_range = 0.5 * np.log(np.einsum("ki,ki->k", r, r))
+    turn = math.tau if cloud.sided else math.pi
+    bins = NOSE_BIN, RANGE_BIN, LEAST_WEIGHT
+    occupied = int(moments.occupied(cloud.noses, log_range, np.exp(cloud.log_weights), turn, *bins))
     fewest = settings.fewest_sided if cloud.sided else settings.fewest
-    return min(max(PER_BIN * int(occupied), fewest), settings.particles)
+    return min(max(PER_BIN * occupied, fewest), settings.particles)
 
 
 def resampled(cloud: Cloud, k: int) -> Cloud:

@@ -8,8 +8,10 @@ from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numba import njit, types
 
 from onboard.arrays import Array
+from onboard.filters.compiled import VECTOR
 
 BIN: Final = 0.04  # of the logarithm of the range
 SMOOTHING: Final = 2.5  # bins, standard deviation
@@ -77,17 +79,21 @@ def _apart(x: Array, w: Array) -> list[Array]:
 def _split(density: Array, begin: int, end: int) -> list[tuple[int, int]]:
     """The ranges of bins, from `begin` to `end`, between which there are valleys."""
     at = _valley(density, begin, end)
-    return [(begin, end)] if at is None else _split(density, begin, at) + _split(density, at, end)
+    return [(begin, end)] if at < 0 else _split(density, begin, at) + _split(density, at, end)
 
 
-def _valley(density: Array, begin: int, end: int) -> int | None:
-    """Where a density is least between two peaks, from `begin` to `end`; None if it has one peak."""
-    best, at = VALLEY, None
-    left = np.maximum.accumulate(density[begin:end])
-    right = np.maximum.accumulate(density[begin:end][::-1])[::-1]
-    for i in range(1, end - begin - 1):
-        share = density[begin + i] / max(min(left[i], right[i]), 1e-300)
-        if share < best:
+@njit(types.int64(VECTOR, types.int64, types.int64), cache=True, error_model="numpy")
+def _valley(density, begin, end):
+    """Where a density is least between two peaks, from `begin` to `end`; -1 if it has one peak."""
+    best, at, left = VALLEY, -1, 0.0
+    right = np.empty(end - begin)  # the highest from each bin on
+    highest = 0.0
+    for i in range(end - begin - 1, -1, -1):
+        highest = right[i] = max(highest, density[begin + i])
+    for i in range(end - begin - 1):
+        left = max(left, density[begin + i])
+        share = density[begin + i] / max(min(left, right[i]), 1e-300)
+        if i > 0 and share < best:
             best, at = share, begin + i
     return at
 

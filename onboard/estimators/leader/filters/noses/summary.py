@@ -10,13 +10,11 @@ from onboard.estimators.leader.filters.noses import moments
 from onboard.estimators.leader.filters.noses.cloud import Cloud
 from onboard.estimators.leader.filters.noses.moments import (
     A_L,
-    BANK,
     LOG_SIZE,
     NOSE,
     OWN_VELOCITY,
     R_FL,
     V_L,
-    VECTORS,
     N,
 )
 from onboard.estimators.leader.filters.noses.places import Place, places
@@ -33,8 +31,6 @@ MOVES[R_FL, V_L] = MOVES[V_L, A_L] = np.eye(3)
 MOVES[R_FL, OWN_VELOCITY] = -np.eye(3)
 CURVES: Final = np.zeros((N, N))
 CURVES[R_FL, A_L] = np.eye(3)
-# of a summary, and of a particle: what both of them have
-OF_PARTICLE: Final = [*range(VECTORS), LOG_SIZE, BANK], [*range(VECTORS), model.LOG_SIZE, model.BANK_ERROR]
 
 
 class Summary(NamedTuple):
@@ -75,13 +71,12 @@ def summarise(settings: NoseModel, cloud: Cloud) -> Summary:
     w = with_course(settings, cloud)
     about, period = _middle(cloud.noses, w) if cloud.sided else (cloud.noses[int(np.argmax(w))], math.pi)
     mean, covariance = np.zeros(N), np.zeros((N, N))
-    log_range = moments.moments(cloud.noses, cloud.means, w, about, period, mean, covariance)
     within = (w @ cloud.covariances.reshape(len(w), -1)).reshape(cloud.covariances.shape[1:])
-    covariance[np.ix_(OF_PARTICLE[0], OF_PARTICLE[0])] += within[np.ix_(OF_PARTICLE[1], OF_PARTICLE[1])]
+    log_range = moments.moments(cloud.noses, cloud.means, w, about, period, within, mean, covariance)
     log_range += _resolved(mean, covariance) * (_median(cloud.means[:, R_FL], w) - log_range)
     mean, covariance = _about(mean, covariance, math.exp(log_range))
-    by_points = _by_points(cloud, mean)
-    covariance[R_FL, R_FL] += by_points * np.outer(mean[R_FL], mean[R_FL])
+    r, by_points = mean[R_FL], _by_points(cloud, mean)
+    covariance[R_FL, R_FL] += by_points * (r[:, None] * r)
     covariance[MOTION, MOTION] += _by_pose(settings, mean[R_FL])
     covariance[NOSE, NOSE] += settings.misalignment[2] ** 2
 
@@ -108,8 +103,9 @@ def _resolved(mean: Array, covariance: Array) -> float:
 def _median(r: Array, w: Array) -> float:
     """The median of the logarithms of the ranges of places r (K, 3) with weights w (K,)."""
     log_range = 0.5 * np.log(np.einsum("ki,ki->k", r, r))
-    order = np.argsort(log_range)
-    below = np.cumsum(w[order]) - 0.5 * w[order]
+    order = log_range.argsort()
+    sorted_w = w[order]
+    below = sorted_w.cumsum() - 0.5 * sorted_w
     return float(np.interp(0.5, below, log_range[order]))
 
 
@@ -151,8 +147,8 @@ def _by_pose(settings: NoseModel, r_FL_n: Array) -> Array:
     x, y, z = r_FL_n.tolist()
     turned = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     P = np.zeros((6, 6))
-    P[:3, :3] = turned.T @ (np.square(settings.misalignment)[:, None] * turned)
-    P[3:, 3:] = settings.own_velocity**2 * np.eye(3)
+    P[:3, :3] = turned.T @ (np.array([[sigma * sigma] for sigma in settings.misalignment]) * turned)
+    P[3, 3] = P[4, 4] = P[5, 5] = settings.own_velocity**2
     return P
 
 
@@ -162,12 +158,12 @@ def _about(mean: Array, covariance: Array, range_: float) -> tuple[Array, Array]
     An open range has a long tail to the far side, which drags a mean with it. The geometric mean is about as
     likely to be twice too far as twice too near."""
     r = mean[R_FL]
-    distance = float(np.linalg.norm(r))
+    distance = math.sqrt(r @ r)
     along = covariance[:, R_FL] @ (r / distance)
     variance = float(along[R_FL] @ r) / distance
     step = (range_ - distance) / variance * along
     step[LOG_SIZE] = 0.0  # whatever moves the range, it is not the size
-    return mean + step, covariance + np.outer(step, step)
+    return mean + step, covariance + step[:, None] * step
 
 
 def _middle(noses: Array, w: Array) -> tuple[float, float]:
