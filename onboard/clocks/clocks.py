@@ -134,7 +134,10 @@ class Clocks:
             t_ns = host_ns - offset
             if isinstance(message, SENSED):
                 return self._sensed(message, t_ns - delay_ns, offset)
-        return msgspec.structs.replace(message, t_ns=t_ns - delay_ns, clock=Clock.BOOT)
+        t_ns -= delay_ns
+        if t_ns == message.t_ns and message.clock is Clock.BOOT:
+            return message
+        return msgspec.structs.replace(message, t_ns=t_ns, clock=Clock.BOOT)
 
     def _offset_at(self, t_ns: int) -> int:
         return self._offset.at(t_ns) or 0

@@ -15,7 +15,6 @@ import math
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Sequence
-from operator import itemgetter
 from typing import Final, NamedTuple
 
 from onboard.ownship.scatter import TIME_S, Ceiling, Scatter
@@ -44,6 +43,7 @@ WINDOW_NS: Final = 1_000_000_000  # over which velocity is compared with the acc
 SHORTEST_NS: Final = 800_000_000
 CHANGE: Final = 1.0  # m/s, horizontally in that time: more than an accelerometer's bias and a degree of tilt
 SLOWEST_IMU_NS: Final = 60_000_000
+FORGOTTEN: Final = 256  # samples that are forgotten together
 NO_NOISE: Final = (0.0, 0.0, 0.0)
 LEAP: Final = 5.0  # m/s; a velocity that changes by more from one sample to the next ...
 HARDEST: Final = 60.0  # m/s^2; ... and faster than this is wrong, unless as many samples in a row as
@@ -53,7 +53,7 @@ ANOTHER_WAY: Final = math.radians(3.0)  # ... or attitudes that do
 
 
 class Sample(NamedTuple):
-    """The last sample of a stream, as plain numbers: `x` is what is stated, `rate` how it changes."""
+    """The last sample of a stream, as plain numbers: `x` is what is stated, `rate` (3,) how it changes."""
 
     t_ns: int
     x: tuple[float, ...]
@@ -83,7 +83,8 @@ class Strides:
         if self._end_ns != t0_ns:
             self._begin(t0_ns)
         self._end_ns = t1_ns
-        self._sum = [a + b for a, b in zip(self._sum, e, strict=True)]
+        x, y, z = self._sum
+        self._sum = [x + e[0], y + e[1], z + e[2]]
         self._by += by
         self._steps += 1
         elapsed = (t1_ns - self._start_ns) * 1e-9
@@ -125,6 +126,45 @@ class Still:
         return now.t_ns - self._since_ns >= LASTS_NS and self._moved > limit
 
 
+class Gained:
+    """The velocity north and east that the accelerometer has gained, over the last two windows."""
+
+    def __init__(self) -> None:
+        self._times: list[int] = []
+        self._sums: list[tuple[float, float]] = []
+        self._first = 0  # the place of the oldest that counts: what is before it is forgotten together
+
+    def since_newest(self, t_ns: int) -> int | None:
+        """The time from the newest sample to another time, ns; None without a sample."""
+        return t_ns - self._times[-1] if self._times else None
+
+    @property
+    def first_ns(self) -> int:
+        """The time of the oldest sample."""
+        return self._times[self._first]
+
+    def begin(self, t_ns: int) -> None:
+        """A first sample, which no other one is before."""
+        self._times, self._sums, self._first = [t_ns], [(0.0, 0.0)], 0
+
+    def add(self, t_ns: int, north: float, east: float) -> None:
+        """Another sample, accelerations in m/s^2."""
+        times = self._times
+        dt = (t_ns - times[-1]) * 1e-9
+        before = self._sums[-1]
+        times.append(t_ns)
+        self._sums.append((before[0] + north * dt, before[1] + east * dt))
+        while t_ns - times[self._first] > 2 * WINDOW_NS:
+            self._first += 1
+        if self._first >= FORGOTTEN:
+            del times[: self._first], self._sums[: self._first]
+            self._first = 0
+
+    def until(self, t_ns: int) -> tuple[float, float]:
+        """At the last of the samples until a time, or at the first."""
+        return self._sums[max(bisect_right(self._times, t_ns, self._first) - 1, self._first)]
+
+
 class Contradictions:
     """The checks, fed with each sample that own motion takes. `reason(t_ns)` says what is wrong, "" if nothing."""
 
@@ -140,10 +180,10 @@ class Contradictions:
         )  # of what moves down: a share of the way forward would hide it
         self._same_q, self._same_r = Still(), Still()
         self._speeds = Scatter(3)  # of what velocity changes otherwise than in the step before
-        self._change: list[float] | None = None  # the last step's slope of the velocity
+        self._change: tuple[float, float, float] | None = None  # the last step's slope of the velocity
         self._leapt: list[tuple[int, Sequence[float]]] = []  # the last velocities, if each was a leap
         self._others: deque[int] = deque(maxlen=FEWEST)  # times of statements that contradict the history
-        self._imu: deque[tuple[int, float, float]] = deque()  # time, velocity gained north and east
+        self._imu = Gained()
         self._velocities: deque[Sample] = deque()
 
     def reason(self, t_ns: int) -> str:
@@ -159,10 +199,13 @@ class Contradictions:
             self._found = until_ns, what
 
     @property
-    def attitude_noise(self) -> tuple[float, ...] | None:
+    def attitude_noise(self) -> tuple[float, float, float] | None:
         """Standard deviations (3,) of the attitudes' white noise about b's axes, rad; None before it is known."""
         white = self._turns.scatter.white
-        return None if white is None else tuple([min(sigma, ATTITUDE_NOISE.white) for sigma in white])
+        if white is None:
+            return None
+        (a, b, c), most = white, ATTITUDE_NOISE.white
+        return min(a, most), min(b, most), min(c, most)
 
     @property
     def velocity_noise(self) -> tuple[float, ...] | None:
@@ -179,12 +222,12 @@ class Contradictions:
         if before is None:
             return
         dt = (t_ns - before.t_ns) * 1e-9
-        rates = [0.5 * (a + b) for a, b in zip(before.rate, now.rate, strict=True)]
-        speed = math.hypot(*rates)
-        turned = turn(before.x, now.x)
-        off = [angle - rate * dt for angle, rate in zip(turned, rates, strict=True)]
+        a, b, c = _between(before.rate, now.rate)
+        speed = math.hypot(a, b, c)
+        roll, pitch, yaw = turn(before.x, now.x)
+        off = roll - a * dt, pitch - b * dt, yaw - c * dt
         fading = math.exp(-dt / TIME_S)
-        along = sum([angle * rate for angle, rate in zip(turned, rates, strict=True)]) * dt
+        along = (roll * a + pitch * b + yaw * c) * dt
         self._turned, self._by_rates = fading * self._turned + along, fading * self._by_rates + (speed * dt) ** 2
         if self._turns.contradict(before.t_ns, t_ns, off, speed * dt):
             self.note(t_ns, "attitude contradicts the body rates" + self._likely_mistake())
@@ -221,11 +264,12 @@ class Contradictions:
         if before is None or math.isnan(sum(now.x) + sum(before.x)):
             return
         dt = (t_ns - before.t_ns) * 1e-9
-        mean = [0.5 * (a + b) for a, b in zip(before.rate, now.rate, strict=True)]
-        speed = math.hypot(*mean)
-        off = [b - a - v * dt for a, b, v in zip(before.x, now.x, mean, strict=True)]
+        u, v_, w = _between(before.rate, now.rate)
+        speed = math.hypot(u, v_, w)
+        (x0, y0, z0), (x1, y1, z1) = before.x, now.x
+        off = x1 - x0 - u * dt, y1 - y0 - v_ * dt, z1 - z0 - w * dt
         moves = self._moves.contradict(before.t_ns, t_ns, off, speed * dt)
-        down = max(abs(mean[2]) * dt, abs(now.x[2] - before.x[2]))
+        down = max(abs(w) * dt, abs(z1 - z0))
         climbs = self._climbs.contradict(before.t_ns, t_ns, (0.0, 0.0, off[2]), down)
         if moves or climbs:
             self.note(t_ns, "position contradicts the velocity")
@@ -234,17 +278,13 @@ class Contradictions:
 
     def add_imu(self, t_ns: int, f_b: Sequence[float], q_nb: Sequence[float] | None) -> None:
         """Specific force (3) in b, m/s^2, and the attitude (4) then, None if it is not known."""
-        last = self._imu[-1] if self._imu else None
-        if q_nb is None or last is None or not 0 < t_ns - last[0] <= SLOWEST_IMU_NS:
-            if last is None or t_ns > last[0]:
-                self._imu.clear()
-                self._imu.append((t_ns, 0.0, 0.0))
+        dt = self._imu.since_newest(t_ns)
+        if q_nb is None or dt is None or not 0 < dt <= SLOWEST_IMU_NS:
+            if dt is None or dt > 0:
+                self._imu.begin(t_ns)
             return
-        dt = (t_ns - last[0]) * 1e-9
         north, east = horizontal(q_nb, f_b)
-        self._imu.append((t_ns, last[1] + north * dt, last[2] + east * dt))
-        while t_ns - self._imu[0][0] > 2 * WINDOW_NS:
-            self._imu.popleft()
+        self._imu.add(t_ns, north, east)
 
     def add_other(self, t_ns: int, *, off: float, limit: float) -> None:
         """A statement about an instant that was stated before, `off` from it."""
@@ -262,9 +302,11 @@ class Contradictions:
             self._speeds.skip()
             return
         dt = (now.t_ns - before.t_ns) * 1e-9
-        slope = [(b - a) / dt for a, b in zip(before.rate, now.rate, strict=True)]
+        (u0, v0, w0), (u1, v1, w1) = before.rate, now.rate
+        slope = u, v, w = (u1 - u0) / dt, (v1 - v0) / dt, (w1 - w0) / dt
         if self._change is not None:
-            self._speeds.add([(b - a) * dt for a, b in zip(self._change, slope, strict=True)], dt)
+            a, b, c = self._change
+            self._speeds.add(((u - a) * dt, (v - b) * dt, (w - c) * dt), dt)
         self._change = slope
 
     def _compare_with_imu(self, now: Sample) -> None:
@@ -273,25 +315,27 @@ class Contradictions:
         while now.t_ns - self._velocities[0].t_ns > WINDOW_NS:
             self._velocities.popleft()
         first = self._velocities[0]
-        if now.t_ns - first.t_ns < SHORTEST_NS or not self._imu:
+        imu = self._imu
+        newest = imu.since_newest(now.t_ns)
+        if now.t_ns - first.t_ns < SHORTEST_NS or newest is None:
             return
-        if self._imu[0][0] > first.t_ns or now.t_ns - self._imu[-1][0] > 2 * SLOWEST_IMU_NS:
+        if imu.first_ns > first.t_ns or newest > 2 * SLOWEST_IMU_NS:
             return
-        (n0, e0), (n1, e1) = self._gained(first.t_ns), self._gained(now.t_ns)
+        (n0, e0), (n1, e1) = imu.until(first.t_ns), imu.until(now.t_ns)
         north, east = now.rate[0] - first.rate[0], now.rate[1] - first.rate[1]
         noise = NOISE_SIGMAS * math.sqrt(2.0) * math.hypot(*(self.velocity_noise or NO_NOISE)[:2])
         if math.hypot(north - (n1 - n0), east - (e1 - e0)) > CHANGE + noise:
             self.note(now.t_ns, "velocity contradicts the accelerometer", YAW_HOLD_NS)
 
-    def _gained(self, t_ns: int) -> tuple[float, float]:
-        """Velocity north and east that the accelerometer has gained at the last of its samples until a time."""
-        _, north, east = self._imu[max(bisect_right(self._imu, t_ns, key=itemgetter(0)) - 1, 0)]
-        return north, east
-
 
 def _is_near(before: tuple[int, Sequence[float]], now: tuple[int, Sequence[float]]) -> bool:
     """Whether an aircraft can change from one velocity to the other in the time."""
     return math.dist(before[1], now[1]) < LEAP + HARDEST * (now[0] - before[0]) * 1e-9
+
+
+def _between(a: Sequence[float], b: Sequence[float]) -> tuple[float, float, float]:
+    """The mean (3,) of two rates."""
+    return 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
 
 
 def turn(q0: Sequence[float], q1: Sequence[float]) -> tuple[float, float, float]:

@@ -15,14 +15,16 @@ from onboard.messages import Quaternion, Vec3
 from onboard.ownship.turning import between, turned
 
 HISTORY_NS: Final = 5_000_000_000
+AT_REST: Final = (0.0, 0.0, 0.0)
 LONGEST_GAP_NS: Final = 1_500_000_000  # between two samples; in a longer one pose and velocity are not known
 
 
 class NavSample(NamedTuple):
-    """Position from O and velocity of F, in n. A horizontal position that is not known is NaN."""
+    """Position from O and velocity of F, in n. A horizontal position that is not known is NaN. Three plain numbers
+    cost less than an array."""
 
-    r: Array
-    v: Array
+    r: Vec3
+    v: Vec3
 
 
 class AttitudeSample(NamedTuple):
@@ -82,15 +84,14 @@ class Navigation:
     def __init__(self, max_extrapolation_ns: int) -> None:
         self.times: list[int] = []
         self._samples: list[NavSample] = []
-        self._slopes: list[Array] = []  # of the velocity, between each sample and the next
+        self._slopes: list[Vec3] = []  # of the velocity, between each sample and the next
         self._max_extrapolation_ns = max_extrapolation_ns
 
     def append(self, t_ns: int, sample: NavSample) -> None:
         """Take a sample that is newer than the newest."""
         if self._samples:
-            slope = (sample.v - self._samples[-1].v) / ((t_ns - self.times[-1]) * 1e-9)
-            slope.flags.writeable = False  # many steps share it
-            self._slopes.append(slope)
+            dt, (u0, v0, w0), (u1, v1, w1) = (t_ns - self.times[-1]) * 1e-9, self._samples[-1].v, sample.v
+            self._slopes.append(((u1 - u0) / dt, (v1 - v0) / dt, (w1 - w0) / dt))
         self.times.append(t_ns)
         self._samples.append(sample)
         _trim(self.times, self._samples)
@@ -109,10 +110,11 @@ class Navigation:
             if times[i] < t_ns and times[i + 1] - times[i] > LONGEST_GAP_NS:
                 return None
             fraction = (t_ns - times[i]) / (times[i + 1] - times[i])
-            r = near.r + fraction * (self._samples[i + 1].r - near.r)
+            x, y, z = [p + fraction * (q - p) for p, q in zip(near.r, self._samples[i + 1].r, strict=True)]
         else:
-            r = near.r + ahead * (near.v + 0.5 * ahead * a)
-        return NavSample(r, near.v + ahead * a)
+            half = 0.5 * ahead
+            x, y, z = [p + ahead * (v + half * b) for p, v, b in zip(near.r, near.v, a, strict=True)]
+        return NavSample((x, y, z), _moved(near.v, a, ahead))
 
     def cut(self, t0_ns: int, t1_ns: int) -> Iterator[Step]:
         """The way from t0 to t1, cut at every sample between."""
@@ -122,13 +124,18 @@ class Navigation:
             end_ns = min(times[i + 1], t1_ns) if i + 1 < len(times) else t1_ns
             dt, near = (end_ns - t0_ns) * 1e-9, max(i, 0)
             slope = self.slope(i)
-            v0 = self._samples[near].v + slope * ((t0_ns - times[near]) * 1e-9)
-            yield Step(dt, v0, v0 + dt * slope, slope)
+            v0 = _moved(self._samples[near].v, slope, (t0_ns - times[near]) * 1e-9)
+            yield Step(dt, np.array(v0), np.array(_moved(v0, slope, dt)), np.array(slope))
             i, t0_ns = i + 1, end_ns
 
-    def slope(self, i: int) -> Array:
+    def slope(self, i: int) -> Vec3:
         """The slope of the velocity after sample i; before the first sample and after the last, the nearest."""
-        return self._slopes[min(max(i, 0), len(self._slopes) - 1)] if self._slopes else np.zeros(3)
+        return self._slopes[min(max(i, 0), len(self._slopes) - 1)] if self._slopes else AT_REST
+
+
+def _moved(v: Vec3, a: Vec3, dt: float) -> Vec3:
+    """A velocity after `dt` seconds of an acceleration."""
+    return v[0] + dt * a[0], v[1] + dt * a[1], v[2] + dt * a[2]
 
 
 def _trim(times: list[int], values: list[Any]) -> None:

@@ -27,6 +27,7 @@ FUSED: Final = (Verdict.FUSED, Verdict.FUSED_LATE)
 WINDOW_NS: Final = 2 * NS_PER_S
 FEWEST_IMAGES: Final = 20  # in a window
 WINDOWS: Final = 60  # that are kept: two minutes
+MOST_ENDED: Final = 8  # windows that wait to be judged
 FEWEST_WINDOWS: Final = 8
 FEWEST_EVEN: Final = 4.0  # ... that show the focal length alike: how little one or two disagree is chance
 # A smaller error costs less than what else is uncertain: of the mount about each axis, rad; of the focal length.
@@ -53,13 +54,23 @@ class Sight(NamedTuple):
     distance: float
 
 
+class Window(NamedTuple):
+    """What one camera saw in a window that has ended, with the arrival of the first image after it."""
+
+    source: str
+    sights: list[Sight]
+    t_recv_ns: int
+
+
 class Mounts:
-    """The cameras of a flight. `add(source, reason, t_recv_ns)` takes what is found."""
+    """The cameras of a flight. `add(source, reason, t_recv_ns)` takes what is found. `see` only collects, as an
+    estimate waits behind it; `judge` computes, for milliseconds after each window."""
 
     def __init__(self, camera: Camera, add: Callable[[str, Reason, int], None]) -> None:
         self._camera, self._add = camera, add
         self._windows: dict[str, deque[tuple[Array, Array]]] = {}
         self._sights: dict[str, list[Sight]] = {}
+        self._ended: list[Window] = []
 
     def see(self, estimate: Estimate, ownship: Ownship) -> None:
         """Take an estimate. It counts if it is valid, of the leader, and follows from an image that was fused."""
@@ -75,22 +86,27 @@ class Mounts:
             return
         sights = self._sights.setdefault(report.source, [])
         if sights and not 0 <= report.t_ns - sights[0].t_ns < WINDOW_NS:
-            self._close(report.source, camera, sights, report.t_recv_ns)
-            sights.clear()
+            self._ended.append(Window(report.source, sights, report.t_recv_ns))
+            sights = self._sights[report.source] = []
+            if len(self._ended) >= MOST_ENDED:  # nobody asks
+                self.judge()
         ray = np.array([1.0, *np.mean(report.points, axis=0)])
         distance = float(np.linalg.norm(estimate.mean[:3]))
         sights.append(
             Sight(report.t_ns, pose.R_nb @ camera.R_bc, ray / np.linalg.norm(ray), pose.r_OF_n, distance)
         )
 
-    def _close(self, source: str, camera: Camera, sights: list[Sight], t_recv_ns: int) -> None:
-        if len(sights) < FEWEST_IMAGES:
-            return
-        windows = self._windows.setdefault(source, deque(maxlen=WINDOWS))
-        windows.append(equations(sights))
-        found = errors(tuple(windows))
-        if found is not None:
-            self._add(f"camera {source}", _why(camera, *found), t_recv_ns)
+    def judge(self) -> None:
+        """Find what the windows that have ended since the last time show."""
+        ended, self._ended = self._ended, []
+        for source, sights, t_recv_ns in ended:
+            if len(sights) < FEWEST_IMAGES:
+                continue
+            windows = self._windows.setdefault(source, deque(maxlen=WINDOWS))
+            windows.append(equations(sights))
+            found = errors(tuple(windows))
+            if found is not None:
+                self._add(f"camera {source}", _why(self._camera.named(source), *found), t_recv_ns)
 
 
 def equations(sights: list[Sight]) -> tuple[Array, Array]:

@@ -36,7 +36,8 @@ from onboard.ownship.turning import turned, unit
 
 MOST_KEPT: Final = 256  # ways between two times, kept for the next target
 STATUS_NS: Final = 5_000_000_000  # the autopilot's report on its filter holds for so long after its arrival
-UNKNOWN: Final = np.array([math.nan, math.nan, 0.0])  # added to a position that is known in height only
+UNKNOWN: Final = (math.nan, math.nan, 0.0)  # added to a position that is known in height only
+KNOWN: Final = (0.0, 0.0, 0.0)
 NO_NOISE: Final = (0.0, 0.0, 0.0)
 # rad: white noise of the first attitudes, of which none is measured yet. A quiet autopilot has a tenth of it; a
 # track that begins with images taken for exact begins with a velocity of 19 m/s that nobody flies.
@@ -137,7 +138,8 @@ class Ownship:
         if attitude is None or nav is None:
             return None
         q, omega, noise = attitude
-        return Pose(matrix_of(q), np.array(q), nav.r, nav.v, np.array(noise), np.array(omega))
+        arrays = map(np.array, (q, nav.r, nav.v, noise, omega))
+        return Pose(matrix_of(q), *arrays)
 
     @property
     def nav_times(self) -> list[int]:
@@ -174,18 +176,16 @@ class Ownship:
 
     def own_pose(self, t_ns: int) -> OwnPose | None:
         """The pose as a record, to publish."""
-        pose = self.pose_at(t_ns)
-        if pose is None:
+        attitude, nav = self._attitudes.at(t_ns), self._nav.at(t_ns)
+        if attitude is None or nav is None:
             return None
-        a = self._nav.slope(bisect_left(self.nav_times, t_ns) - 1)
-        north, east = pose.r_OF_n[:2].tolist()
-        horizontal = (north, east) if math.isfinite(north + east) else (None, None)
+        north, east, down = nav.r
         return OwnPose(
             t_ns=t_ns,
-            r_OF_n=(*horizontal, float(pose.r_OF_n[2])),
-            v_F_n=tuple(pose.v_F_n.tolist()),
-            a_F_n=tuple(a.tolist()),
-            q_nb=tuple(pose.q_nb.tolist()),
+            r_OF_n=(north, east, down) if math.isfinite(north + east) else (None, None, down),
+            v_F_n=nav.v,
+            a_F_n=self._nav.slope(bisect_left(self.nav_times, t_ns) - 1),
+            q_nb=attitude.q,
         )
 
     def _reject(self, reason: str) -> bool:
@@ -211,6 +211,8 @@ class Ownship:
     def _sourced(self, t_ns: int, stated: AttitudeSample, own: OwnMotion | None) -> AttitudeSample:
         """An attitude as its source states it, with its noise."""
         noise = self._contradictions.attitude_noise
+        if own is None and self._source_of_attitude.is_fixed:
+            return AttitudeSample(stated.q, stated.omega, noise or UNMEASURED)
         apart = None if own is None else turn(stated.q, own.q_nb)
         sigma = NO_NOISE if own is None else own.attitude_sigma
         compared = Comparison(apart, sigma, noise, ANOTHER_WAY)
@@ -245,34 +247,40 @@ class Ownship:
         v_n: Vec3,
         stamp_ns: int,
         own: OwnMotion | None,
-        unknown: Array | float = 0.0,
+        unknown: Vec3 = KNOWN,
     ) -> bool:
         """Take a sample. What is not known of the position is NaN in `unknown`, added after the checks."""
         if not (within(r_n, FARTHEST) and within(v_n, FASTEST)):
             return self._reject("position_unusable")
+        r = r_n[0] + unknown[0], r_n[1] + unknown[1], r_n[2] + unknown[2]
         if self.nav_times and m.t_ns <= self.nav_times[-1]:
-            self._compare_position(m.t_ns, np.array(r_n) + unknown)
+            self._compare_position(m.t_ns, r)
             return self._reject("position_out_of_order")
         if self._contradictions.leaps(m.t_ns, v_n):
             return self._reject("velocity_leaps")
-        r = np.array(r_n) + unknown
         self._contradictions.add_nav(m.t_ns, self._reckoning.complete(m.t_ns, r, v_n), v_n)
         self.now_ns = max(self.now_ns, stamp_ns)
         self.samples += 1
         self._ways.clear()
         self._uncertainty.move(m.t_ns, v_n)
-        self._nav.append(m.t_ns, self._moving(m.t_ns, NavSample(r, np.array(v_n)), own))
+        self._nav.append(m.t_ns, self._moving(m.t_ns, NavSample(r, v_n), own))
         return True
 
     def _moving(self, t_ns: int, stated: NavSample, own: OwnMotion | None) -> NavSample:
         """Position and velocity as their source states them."""
-        apart = None if own is None else [*(own.v_F_n - stated.v).tolist(), *(own.r_OF_n - stated.r).tolist()]
+        if own is None and self._source_of_velocity.is_fixed:
+            return stated
+        apart = None
+        if own is not None:
+            pairs = zip((*own.v_F_n, *own.r_OF_n), (*stated.v, *stated.r), strict=True)
+            apart = [a - b for a, b in pairs]
         sigma = NO_NOISE if own is None else own.velocity_sigma
         compared = Comparison(apart, sigma, self._contradictions.velocity_noise, ANOTHER_SPEED)
         weight, correction = self._source_of_velocity.correction(t_ns, compared)
         if weight == 0.0:
             return stated
-        return NavSample(stated.r + correction[3:], stated.v + correction[:3])
+        u, v, w, x, y, z = [a + b for a, b in zip((*stated.v, *stated.r), correction, strict=True)]
+        return NavSample((x, y, z), (u, v, w))
 
     def _compare_attitude(self, t_ns: int, q: Quaternion) -> None:
         """An attitude that comes late beside the history's."""
@@ -281,8 +289,8 @@ class Ownship:
             off = turn(known.q, q)
             self._contradictions.add_other(self.now_ns, off=math.hypot(*off), limit=ANOTHER_WAY)
 
-    def _compare_position(self, t_ns: int, r: Array) -> None:
+    def _compare_position(self, t_ns: int, r: Vec3) -> None:
         """A position that comes late beside the history's."""
         known = self._nav.at(t_ns)
         if known is not None:
-            self._contradictions.add_other(self.now_ns, off=float(np.linalg.norm(known.r - r)), limit=ELSEWHERE)
+            self._contradictions.add_other(self.now_ns, off=math.dist(known.r, r), limit=ELSEWHERE)

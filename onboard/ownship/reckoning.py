@@ -1,8 +1,7 @@
 """What is not known of our position, from our velocity."""
 
-import numpy as np
+import math
 
-from onboard.arrays import Array
 from onboard.messages import Vec3
 
 
@@ -11,16 +10,19 @@ class Reckoning:
     the components that are known are compared with the velocity, whatever the others are."""
 
     def __init__(self) -> None:
-        self._last: tuple[int, Array, Array] | None = None  # time, position, velocity
+        self._last: tuple[int, Vec3, Vec3] | None = None  # time, position, velocity
 
-    def complete(self, t_ns: int, r: Array, v_n: Vec3) -> list[float]:
+    def complete(self, t_ns: int, r: Vec3, v_n: Vec3) -> Vec3:
         """The position (3,) at a time, NaN where it is not known, with no NaN left."""
-        v = np.array(v_n)
-        moved = np.zeros(3)
-        if self._last is not None:
-            t0_ns, r0, v0 = self._last
-            moved = r0 + 0.5 * (v0 + v) * ((t_ns - t0_ns) * 1e-9)
-        whole = np.where(np.isfinite(r), r, moved)
-        self._last = t_ns, whole, v
-        x, y, z = whole.tolist()
-        return [x, y, z]
+        whole = r
+        if not all(map(math.isfinite, r)):
+            moved = (0.0, 0.0, 0.0)
+            if self._last is not None:
+                t0_ns, r0, v0 = self._last
+                dt = (t_ns - t0_ns) * 1e-9
+                x, y, z = (a + 0.5 * (u + v) * dt for a, u, v in zip(r0, v0, v_n, strict=True))
+                moved = x, y, z
+            x, y, z = (a if math.isfinite(a) else b for a, b in zip(r, moved, strict=True))
+            whole = x, y, z
+        self._last = t_ns, whole, v_n
+        return whole

@@ -60,17 +60,21 @@ class Scatter:
     def _add(self, e: Sequence[float], dt: float) -> None:
         self.count += 1
         share = max(1.0 / self.count, min(dt / TIME_S, 1.0))
-        now, last = [], self._last
+        mean, c0, c1, now, last = self._mean, self._c0, self._c1, list[float](), self._last
         self._dt += share * (dt - self._dt)
+        is_limited = self.count > FEWEST
         for i, value in enumerate(e):
-            off = value - self._mean[i]
-            if self.count > FEWEST:
-                most = MOST_SIGMAS * math.sqrt(self._c0[i])
-                off = min(max(off, -most), most)
-            self._mean[i] += share * off
-            self._c0[i] += share * (off * off - self._c0[i])
+            off = value - mean[i]
+            if is_limited:
+                most = MOST_SIGMAS * math.sqrt(c0[i])
+                if off > most:
+                    off = most
+                elif off < -most:
+                    off = -most
+            mean[i] += share * off
+            c0[i] += share * (off * off - c0[i])
             if last is not None:
-                self._c1[i] += share * (off * last[i] - self._c1[i])
+                c1[i] += share * (off * last[i] - c1[i])
             now.append(off)
         self._last = now
 
@@ -94,14 +98,26 @@ class Scatter:
 
     def exceeds(self, ceiling: Ceiling) -> bool:
         """Whether what was learnt is no noise that the stream can have."""
-        return max(self.white or (0.0,)) > ceiling.white or max(self.walk or (0.0,)) > ceiling.walk
+        if self.count < FEWEST:
+            return False
+        white, walk, dt = ceiling.white, ceiling.walk, self._dt
+        for a, b in zip(self._c0, self._c1, strict=True):
+            if b < 0.0 and math.sqrt(-b) > white:
+                return True
+            if (gained := a + 2.0 * b) > 0.0 and gained / dt > walk:
+                return True
+        return False
 
     def deviation(self, steps: int) -> float:
         """One standard deviation of the length of the sum of so many increments; 0 before it is known."""
         if self.count < FEWEST:
             return 0.0
-        walk = sum([max(a + 2.0 * b, 0.0) for a, b in zip(self._c0, self._c1, strict=True)])
-        white = sum([max(-b, 0.0) for b in self._c1])
+        walk = white = 0.0
+        for a, b in zip(self._c0, self._c1, strict=True):
+            if (gained := a + 2.0 * b) > 0.0:
+                walk += gained
+            if b < 0.0:
+                white -= b
         return math.sqrt(steps * walk + 2.0 * white)
 
 

@@ -56,6 +56,11 @@ class Source:
         self._apart: Sequence[float] | None = None  # as last known
         self._since_ns: int | None = None  # since when a change is due
 
+    @property
+    def is_fixed(self) -> bool:
+        """Whether it is the autopilot, whatever an estimator states."""
+        return self._wanted == "autopilot"
+
     def correction(self, t_ns: int, compared: Comparison) -> tuple[float, tuple[float, ...]]:
         """(weight of the estimator, what to add to the autopilot's values) at a time."""
         dt, self._t_ns = (t_ns - self._t_ns) * 1e-9 if self._t_ns else 0.0, t_ns

@@ -94,28 +94,23 @@ class Admission:
     def is_own(self, system: int, component: int, name: str) -> bool:
         """Whether a MAVLink message is one of ours, come back: that of our component or camera, or of the virtual
         leader's system."""
-        mine = self.autopilot
-        if mine is None or system != mine.system:
+        mine = self._latch.ours
+        if mine is None or system != mine.heartbeat.system:
             return system in self._virtual
         return component in self._components and name not in self._not_ours
 
     def admit(self, message: Message) -> Message | str:
         """The message, as estimators know it, or the reason why it is rejected."""
-        self._latch.receive(message)
-        if not self.is_ours(message):
-            peer = self._from_peer(message)
-            return peer or ("other_system" if self.autopilot else "before_heartbeat")
-        if self._is_from_autopilot(message):
+        vehicle, mine = self._latch.receive(message), self._latch.ours
+        if mine is not None and vehicle is mine:
             self.heard_ns = message.t_recv_ns
+        elif not self.is_ours(message):
+            return self._from_peer(message) or ("other_system" if mine is not None else "before_heartbeat")
         elif not isinstance(message, ANY_COMPONENT):
             return "other_component"  # a gimbal's own pose, a peer's clock: not our own motion
         if isinstance(message, Imu) and not is_usable(message):
             return "imu_unusable"
         return message
-
-    def _is_from_autopilot(self, message: Message) -> bool:
-        mine = self.autopilot
-        return mine is not None and (message.system, message.component) == (mine.system, mine.component)
 
     def _from_peer(self, message: Message) -> Message | None:
         """A message of another system, if an estimator listens to it: its position, by whichever message."""

@@ -69,11 +69,12 @@ class Latch:
         """The first heartbeats of the other vehicles that are heard."""
         return tuple(v.heartbeat for v in self._heard.values() if v is not self.ours)
 
-    def receive(self, message: Message) -> None:
-        """Note a message of any sender."""
+    def receive(self, message: Message) -> Vehicle | None:
+        """Note a message of any sender; the vehicle whose autopilot it is."""
         vehicle = self._heard.get((message.system, message.component))
         if vehicle is not None:
             vehicle.receive(message)
+        return vehicle
 
     def judge(self, heartbeat: Heartbeat) -> bool:
         """Take a heartbeat; True if its sender is followed from now on."""

@@ -64,7 +64,7 @@ def health(parts: Parts, t_recv_ns: int, first_recv_ns: int, rim: Rim) -> Health
         faults=monitor.faults,
         refusals=monitor.refusals.latest,
         followed=sender_of(parts.admission.autopilot),
-        senders=dict(monitor.senders),
+        senders=monitor.senders,
         needed=dict(parts.advisor.needs.rates),
         cameras=monitor.cameras.health(t_recv_ns),
         reasons={name: why.words for name, why in monitor.reasons.items()},

@@ -122,16 +122,19 @@ class MavlinkDecoder:
 
     def _message(self, frame: bytes, t_recv_ns: int) -> Message | None:
         """The record of one sound frame, None if it has none."""
-        head, number = _head(frame)
-        system, component = (frame[3], frame[4]) if head == V1_HEAD else (frame[5], frame[6])
+        if frame[0] == V1:
+            head, number, system, component = V1_HEAD, frame[5], frame[3], frame[4]
+        else:
+            head, number = V2_HEAD, frame[7] | frame[8] << 8 | frame[9] << 16
+            system, component = frame[5], frame[6]
         name, payload = NAMES[number][0], frame[head : head + frame[1]]
         if self._is_own(system, component, name) and not (name == "LANDING_TARGET" and is_point(payload)):
             self.rejected["our_own"] += 1
             self._on_own(system, component, t_recv_ns)
             return None
-        reason = "" if self._verifier is None else self._verifier.check(frame, t_recv_ns, self._wall_step_ns)
-        self._untested += self._verifier is None and frame[0] == V2 and bool(frame[2] & SIGNED)
-        if reason:
+        if self._verifier is None:
+            self._untested += frame[0] == V2 and frame[2] & SIGNED
+        elif reason := self._verifier.check(frame, t_recv_ns, self._wall_step_ns):
             self.rejected[reason] += 1
             return None
         self.names[name] += 1
@@ -142,6 +145,11 @@ class MavlinkDecoder:
             return None
 
     def _record(self, name: str, payload: bytes, t_recv_ns: int, system: int, component: int) -> Message | None:
+        read = self._convert.get(name)
+        if read is not None:
+            layout, convert = read
+            fields = layout.fields(payload)
+            return convert(fields, layout.header(fields, t_recv_ns, system, component))
         if name == "LANDING_TARGET":
             fields = LANDING_TARGET.fields(payload)
             header = LANDING_TARGET.header(fields, t_recv_ns, system, component)
@@ -153,13 +161,7 @@ class MavlinkDecoder:
             return self._trackers.tracking(fields, TRACKING.header(fields, t_recv_ns, system, component))
         if name == "CAMERA_FOV_STATUS":
             self._trackers.field_of_view(FIELD_OF_VIEW.fields(payload), component)
-            return None
-        read = self._convert.get(name)
-        if read is None:
-            return None
-        layout, convert = read
-        fields = layout.fields(payload)
-        return convert(fields, layout.header(fields, t_recv_ns, system, component))
+        return None
 
 
 def _length(data: bytes, at: int) -> int:
@@ -171,18 +173,14 @@ def _length(data: bytes, at: int) -> int:
     return V2_HEAD + data[at + 1] + CHECKSUM + (SIGNATURE if data[at + 2] & SIGNED else 0)
 
 
-def _head(frame: bytes) -> tuple[int, int]:
-    """The length of a frame's header, and the number of its message."""
-    if frame[0] == V1:
-        return V1_HEAD, frame[5]
-    return V2_HEAD, int.from_bytes(frame[7:10], "little")
-
-
 def flaw(frame: bytes) -> str:
     """Why the bytes of one frame, of the length that its header says, cannot be read; empty if they can."""
-    if frame[0] == V2 and frame[2] & ~SIGNED:
+    if frame[0] == V1:
+        head, number = V1_HEAD, frame[5]
+    elif frame[2] & ~SIGNED:
         return "bad_frame"
-    head, number = _head(frame)
+    else:
+        head, number = V2_HEAD, frame[7] | frame[8] << 8 | frame[9] << 16
     known = NAMES.get(number)
     if known is None:
         return UNKNOWN  # without its CRC_EXTRA the checksum cannot be tested

@@ -13,7 +13,7 @@ import pytest
 
 from onboard.links import tcp, udp
 from onboard.links.udp import Budget
-from onboard.messages import Datagram, Encoding, Estimate, Heartbeat
+from onboard.messages import Attitude, Datagram, Encoding, Estimate, Heartbeat
 from onboard.wire.mavlink_encode import MavlinkEncoder
 from tests.support.faulty_flight import DATAGRAMS, assert_on_target, clean
 from tests.support.running_link import until, with_link
@@ -128,5 +128,5 @@ def test_the_health_of_a_flooded_stream_is_that_of_its_last_seconds() -> None:
     later = run.pipeline.health(last + 5_000 * MS).streams["Attitude"]
     assert (later.rate, later.count) == (0.0, streams["Attitude"].count)
     assert later.age == pytest.approx(5.0, abs=0.05)
-    assert len(run.pipeline._monitor._arrivals["Attitude"]) == 1
+    assert len(run.pipeline._monitor._streams[Attitude]._window) == 1
     assert Heartbeat.__name__ in streams

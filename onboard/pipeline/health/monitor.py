@@ -56,17 +56,23 @@ class Monitor:
         self.states: dict[str, Lifecycle] = {}
         self.reasons: dict[str, Reason] = {}
         self.faults: tuple[Fault, ...] = ()
-        self.senders: Counter[str] = Counter()  # by MAVLink system and component
+        self._senders: dict[tuple[int, int], int] = {}  # messages by MAVLink system and component
         self.cameras, self.consistencies = Cameras(), Consistencies()
         self._own_verdicts = frozenset(own_verdicts)
-        self._counts: Counter[str] = Counter()
-        self._arrivals: dict[str, deque[int]] = {}
+        self._streams: dict[type[Message], _Stream] = {}
 
     def hear(self, message: Message) -> None:
         """Count a message of any sender."""
-        sender = f"{message.system}/{message.component}"
-        if message.system and (sender in self.senders or len(self.senders) < MOST_SENDERS):
-            self.senders[sender] += 1
+        sender = message.system, message.component
+        if sender in self._senders:
+            self._senders[sender] += 1
+        elif message.system and len(self._senders) < MOST_SENDERS:
+            self._senders[sender] = 1
+
+    @property
+    def senders(self) -> dict[str, int]:
+        """The messages of each sender, by MAVLink system and component as `1/1`."""
+        return {f"{system}/{component}": count for (system, component), count in self._senders.items()}
 
     def reject(self, message: Message, counted: str) -> None:
         """Count a message that goes no further."""
@@ -77,12 +83,10 @@ class Monitor:
         """Count a message of our own vehicle, or of one that an estimator listens to."""
         if isinstance(message, TargetImage):
             self._hints.see(message)
-        name = type(message).__name__
-        self._counts[name] += 1
-        window = self._arrivals.setdefault(name, deque())
-        window.append(message.t_recv_ns)
-        while not 0 <= message.t_recv_ns - window[0] <= RATE_WINDOW_NS:  # < 0: this computer's clock was set back
-            window.popleft()
+        stream = self._streams.get(type(message))
+        if stream is None:
+            stream = self._streams[type(message)] = _Stream()
+        stream.add(message.t_recv_ns)
 
     def publish(self, estimate: Estimate) -> None:
         """Note an estimate's state, verdict and faults."""
@@ -102,14 +106,32 @@ class Monitor:
 
     def streams(self, t_recv_ns: int) -> dict[str, StreamHealth]:
         """How many messages of each kind have come, how often (Hz) and how long ago (s), as of a time."""
-        return {name: self._stream(name, window, t_recv_ns) for name, window in self._arrivals.items()}
+        return {kind.__name__: stream.health(t_recv_ns) for kind, stream in self._streams.items()}
 
-    def _stream(self, name: str, window: deque[int], t_recv_ns: int) -> StreamHealth:
+
+class _Stream:
+    """Messages of one kind: their number, and the arrivals within the window."""
+
+    def __init__(self) -> None:
+        self._count = 0
+        self._window: deque[int] = deque()
+
+    def add(self, t_recv_ns: int) -> None:
+        """One more."""
+        self._count += 1
+        window = self._window
+        window.append(t_recv_ns)
+        while not 0 <= t_recv_ns - window[0] <= RATE_WINDOW_NS:  # < 0: this computer's clock was set back
+            window.popleft()
+
+    def health(self, t_recv_ns: int) -> StreamHealth:
+        """As of a time."""
+        window = self._window
         while len(window) > 1 and t_recv_ns - window[0] > RATE_WINDOW_NS:
             window.popleft()
         age_ns = t_recv_ns - window[-1]
         recent = len(window) if age_ns <= RATE_WINDOW_NS else 0
-        return StreamHealth(count=self._counts[name], rate=recent / (RATE_WINDOW_NS * 1e-9), age=age_ns * 1e-9)
+        return StreamHealth(count=self._count, rate=recent / (RATE_WINDOW_NS * 1e-9), age=age_ns * 1e-9)
 
 
 def total(counts: Iterable[Mapping[str, int]]) -> dict[str, int]:

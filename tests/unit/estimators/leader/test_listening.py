@@ -165,7 +165,7 @@ def test_rates_stay_true_and_windows_small_when_our_clock_is_set_back() -> None:
     run = feed(encode([*items, *back]))
     health = run.pipeline.health(EPOCH + 15 * S - 86_400 * S)
     assert health.streams["Attitude"].rate == pytest.approx(50, abs=1)
-    assert all(len(window) < 120 for window in run.pipeline._monitor._arrivals.values())
+    assert all(len(stream._window) < 120 for stream in run.pipeline._monitor._streams.values())
 
 
 @pytest.mark.parametrize("horizon", [0.0, 0.02, 0.1])
