@@ -91,7 +91,7 @@ class BeliefFilter:
         # What was made last, and of what: an image that is compared with a track is often fused next.
         self._newest: tuple[State, Cloud] | None = None
         self._seen: tuple[Measurement, CameraPose, Measurement] | None = None
-        self._judged: tuple[Cloud, Measurement, CameraPose, Expected] | None = None
+        self._judged: tuple[Cloud, Measurement, CameraPose, Wind | None, Expected] | None = None
 
     def measure(self, points: Array, sigmas: Array) -> Measurement:
         """See `measurement.measure_wing`."""
@@ -190,10 +190,10 @@ class BeliefFilter:
 
     def _expected(self, state: State, now: Cloud, measurement: Measurement, pose: CameraPose) -> Expected:
         """What all hypotheses, predicted to `now`, expect of an image."""
-        judged = self._judged
-        if judged is not None and all(map(is_, judged, (now, measurement, pose))):
-            return judged[3]
-        asked, measurement = (now, measurement, pose), self._delayed(measurement, pose)
+        judged, asked = self._judged, (now, measurement, pose, state.wind)
+        if judged is not None and all(map(is_, judged, asked)):
+            return judged[-1]
+        measurement = self._delayed(measurement, pose)
         expected, S, each = particles.predicted(self._noses(state), now, measurement, pose)
         innovation, S = _ordered(measurement.y, expected) - expected, S + measurement.R
         if measurement.shows is not None and measurement.shows.is_box:

@@ -13,6 +13,7 @@ from onboard.estimators.leader.filters.belief import BeliefFilter, State
 from onboard.estimators.leader.filters.make import make_filter
 from onboard.estimators.leader.filters.measurement import Measurement, points_of
 from onboard.estimators.leader.filters.noses import particles
+from onboard.estimators.leader.wind import Wind
 from onboard.filters.belief import FilterError
 from onboard.models.relative_motion import POSITION, VELOCITY
 from onboard.ownship import Step
@@ -149,3 +150,17 @@ def test_what_was_expected_of_one_image_is_not_taken_for_another_or_from_another
         assert compared.nis == filter_of().expects(state, filter_of().seen(measurement, pose), pose).nis
         assert (update.nis, update.passes) == (alone.nis, alone.passes)
         np.testing.assert_array_equal(update.belief.cloud.means, alone.belief.cloud.means)
+
+
+def test_what_was_expected_in_one_wind_is_not_taken_for_another() -> None:
+    """Noses that are tied to their courses are on them through the air."""
+    filter_, measurement = filter_of(), image(25.0, 0.2)
+    state = filter_.start(measurement, STILL._replace(v_F_n=np.array([9.0, 0.0, 0.0])), None)
+    means = state.cloud.means.copy()
+    means[:, 3:5] = [9.0, 2.0]
+    state = state._replace(cloud=state.cloud._replace(means=means, tied=np.ones(len(means))))
+    expected = [
+        filter_.expects(state._replace(wind=wind), measurement, STILL).S
+        for wind in (None, Wind(np.array([0.0, 6.0, 0.0]), 1.0))
+    ]
+    assert np.abs(expected[1] - expected[0]).max() > 1e-6
