@@ -17,6 +17,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from datetime import date
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
@@ -24,13 +25,18 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 import psutil
+from rich.console import Console
+from rich.table import Table
 
 from benchmarks import stages
-from benchmarks.live_flight import client
+from benchmarks.live_flight import client, datagrams
+from onboard.config import load_config
 from onboard.messages import Estimate, Health
+from onboard.pipeline import Pipeline
 
 SETTLE_S: Final = 3  # of a flight, before anything counts
 PATIENCE_S: Final = 120.0
+STARTS: Final = 3  # in turns, of which the shortest counts
 RATES: Final = (5_000, 10_000, 20_000, 30_000, 50_000)
 FLIGHT: Final = "live_flight"
 BUSY: Final = "while True: pass"
@@ -85,6 +91,13 @@ class Daemon:
         self.udp, zenoh_port = udp or free_port(socket.SOCK_DGRAM), free_port(socket.SOCK_STREAM)
         self.endpoint = f"tcp/127.0.0.1:{zenoh_port}"
         self._log = folder / "daemon.log"
+        command = self._command(folder, link, more)
+        self.began = time.monotonic()
+        with self._log.open("wb") as log:
+            self.popen = subprocess.Popen(command, stderr=log, env=environment)  # noqa: S603 - our own
+        self.process = psutil.Process(self.popen.pid)
+
+    def _command(self, folder: Path, link: str, more: Sequence[str]) -> list[str]:
         settings = (
             f"link=[{{name='autopilot', url='udpin:127.0.0.1:{self.udp}'{link}}}]",
             f"zenoh.listen=['{self.endpoint}']",
@@ -92,11 +105,7 @@ class Daemon:
             f"recorder.path='{folder / 'flight.mcap'}'",
             *more,
         )
-        command = [sys.executable, "-m", "onboard", "run", *(a for s in settings for a in ("--set", s))]
-        self.began = time.monotonic()
-        with self._log.open("wb") as log:
-            self.popen = subprocess.Popen(command, stderr=log, env=environment)  # noqa: S603 - our own
-        self.process = psutil.Process(self.popen.pid)
+        return [sys.executable, "-m", "onboard", "run", *(a for s in settings for a in ("--set", s))]
 
     def wait_for(self, text: str) -> float:
         """Seconds from the process's start until `text` is in its log."""
@@ -118,26 +127,49 @@ class Daemon:
         self.popen.wait(PATIENCE_S)
 
 
+class Floor(Daemon):
+    """`benchmarks.floor` in the daemon's place, which has no settings."""
+
+    def _command(self, folder: Path, *_settings: Any) -> list[str]:
+        like = folder / "like.json"
+        like.write_bytes(msgspec.json.encode(an_estimate()))
+        where = ("--udp", str(self.udp), "--zenoh", self.endpoint, "--like", str(like))
+        return [sys.executable, "-m", "benchmarks.floor", *where]
+
+
+@cache
+def an_estimate() -> Estimate:
+    """The leader's, after an image of the flight."""
+    pipeline = Pipeline(load_config(None, ("estimator.leader.size_prior_m=2.0",)))
+    outputs = [output for datagram in datagrams(2) for output in pipeline.feed(datagram)]
+    return next(o for o in reversed(outputs) if isinstance(o, Estimate) and o.measurement is not None)
+
+
 @contextmanager
 def daemon(
-    environment: dict[str, str] | None = None, udp: int | None = None, *, link: str = "", more: Sequence[str] = ()
+    environment: dict[str, str] | None = None,
+    udp: int | None = None,
+    *,
+    link: str = "",
+    more: Sequence[str] = (),
+    kind: type[Daemon] = Daemon,
 ) -> Iterator[Daemon]:
     """A daemon in a folder of its own, ended after the block; `link` and `more` are settings of its link, and
     others."""
     with tempfile.TemporaryDirectory() as folder:
-        one = Daemon(Path(folder), environment, udp, link, more)
+        one = kind(Path(folder), environment, udp, link, more)
         try:
             yield one
         finally:
             one.close()
 
 
-def under_load(seconds: int, *, busy: int = 0, on_core: int | None = None) -> Figures:
+def under_load(seconds: int, *, busy: int = 0, on_core: int | None = None, kind: type[Daemon] = Daemon) -> Figures:
     """Latency (ms) from exposure and from arrival, the daemon's share of a core (percent) and its memory (MB),
     beside `busy` busy loops. `on_core`: the daemon and the busy loops all share this core, at the same
     priority."""
     with ExitStack() as stack:
-        one = stack.enter_context(daemon())
+        one = stack.enter_context(daemon(kind=kind))
         loops = stack.enter_context(busy_loops(busy, on_core))
         one.wait_for("link autopilot")
         if on_core is not None:
@@ -154,7 +186,7 @@ def under_load(seconds: int, *, busy: int = 0, on_core: int | None = None) -> Fi
         out, _ = load.communicate(timeout=PATIENCE_S + seconds)
         share = 100 * (one.cpu_s() - before) / (time.monotonic() - since)
         memory = one.process.memory_info().rss / 1e6
-        health = subscriber.health()
+        dropped = 0 if kind is Floor else sum(link.dropped for link in subscriber.health().links.values())
     arrivals = subscriber.arrivals()
     images = json.loads(out)["images"]
     counted = [image for image in images[SETTLE_S * 30 :] if image[0] in arrivals]
@@ -165,7 +197,7 @@ def under_load(seconds: int, *, busy: int = 0, on_core: int | None = None) -> Fi
         "answered": len(counted),
         "cpu_percent": share,
         "memory_mb": memory,
-        "dropped": sum(link.dropped for link in health.links.values()),
+        "dropped": dropped,
     }
 
 
@@ -207,9 +239,9 @@ def input_rates(seconds: int, rates: Sequence[int] = RATES) -> list[Figures]:
     return found
 
 
-def start(*, cold: bool) -> float:
+def start(*, cold: bool, kind: type[Daemon] = Daemon) -> float:
     """Seconds from the process's start to its first estimate, where messages arrive all the time, heartbeats too.
-    `cold`: with nothing compiled."""
+    `cold`: with nothing compiled. The floor, to which images come over Zenoh alone, is ready when it listens."""
     with ExitStack() as stack:
         environment = dict(os.environ)
         if cold:
@@ -221,7 +253,8 @@ def start(*, cold: bool) -> float:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:  # the load has begun
             probe.bind(("127.0.0.1", udp))
             probe.recv(1)
-        return stack.enter_context(daemon(environment, udp)).wait_for("leader: ")
+        one = stack.enter_context(daemon(environment, udp, kind=kind))
+        return one.wait_for("link autopilot" if kind is Floor else "leader: ")
 
 
 def machine() -> Figures:
@@ -241,13 +274,53 @@ def measure(seconds: int) -> Figures:
     """Everything, under the keys of the history."""
     found: Figures = {"machine": machine()}
     found["stages"] = stages.measure()
-    found["start"] = {"warm_s": float(np.median([start(cold=False) for _ in range(3)]))}
-    found["alone"] = under_load(seconds)
+    starts = [[start(cold=False, kind=kind) for kind in (Daemon, Floor)] for _ in range(STARTS)]
+    ours, floor = np.min(starts, axis=0).tolist()
+    found["start"] = {"warm_s": ours}
+    found["alone"], found["floor"] = under_load(seconds), under_load(seconds, kind=Floor)
+    found["floor"]["start_s"] = floor
+    found["floor"]["replay_times"] = found["stages"].pop("floor_replay_times")
+    found["ratios"] = ratios(found)
     found["beside_two_busy_loops"] = under_load(seconds, busy=2)
     found["half_of_one_core"] = under_load(seconds, busy=1, on_core=0)
     found["input"] = input_rates(4)
     found["machine"]["load_average_after"] = os.getloadavg()[0]
     return found
+
+
+def ratios(found: Figures) -> dict[str, float]:
+    """How many times the floor's the daemon's figures are."""
+    ours, floor = found["alone"], found["floor"]
+    return {
+        "arrival_p50": ours["arrival_ms"]["p50"] / floor["arrival_ms"]["p50"],
+        "arrival_p99": ours["arrival_ms"]["p99"] / floor["arrival_ms"]["p99"],
+        "cpu": ours["cpu_percent"] / floor["cpu_percent"],
+        "memory": ours["memory_mb"] / floor["memory_mb"],
+        "replay": floor["replay_times"] / found["stages"]["replay_times"],
+        "start": found["start"]["warm_s"] / floor["start_s"],
+    }
+
+
+def beside_floor(found: Figures) -> Table:
+    """The daemon beside its floor, for a person."""
+    made = Table("the daemon beside its floor", "daemon", "floor", "ratio")
+    ours, floor, times = found["alone"], found["floor"], found["ratios"]
+    for words, shown, of_ours, of_floor, key in (
+        (
+            "arrival to subscriber, p50, ms",
+            ".2f",
+            ours["arrival_ms"]["p50"],
+            floor["arrival_ms"]["p50"],
+            "arrival_p50",
+        ),
+        ("the same, p99", ".2f", ours["arrival_ms"]["p99"], floor["arrival_ms"]["p99"], "arrival_p99"),
+        ("computing, % of a core", ".1f", ours["cpu_percent"], floor["cpu_percent"], "cpu"),
+        ("memory, MB", ".0f", ours["memory_mb"], floor["memory_mb"], "memory"),
+        ("replay, times real time", ".0f", found["stages"]["replay_times"], floor["replay_times"], "replay"),
+        ("start, compiled, s", ".2f", found["start"]["warm_s"], floor["start_s"], "start"),
+    ):
+        made.add_row(words, format(of_ours, shown), format(of_floor, shown), f"{times[key]:.1f}")
+    return made
 
 
 @contextmanager
@@ -302,6 +375,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     measured = measure(options.seconds)
     print(json.dumps(measured, indent=1))
+    Console().print(beside_floor(measured))
     if options.history is not None:
         with options.history.open("a", encoding="utf-8") as file:
             file.write(json.dumps(measured) + "\n")

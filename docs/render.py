@@ -64,6 +64,8 @@ OWN_SCORE: dict[str, tuple[Callable[[Json], float], str]] = {
     "own_nees": (lambda s: s["own_state"]["nees_mean"], ".1f"),
     "fault_after_s": (lambda s: s["fault"]["after_s"], ".2f"),
 }
+RATES = (5_000, 10_000, 20_000, 30_000, 50_000)  # of `benchmarks.live`
+NOT_MEASURED = "–"
 SCORED = {"mission": "mission", "formation": "demo"}  # scenario -> what the keys of its figures begin with
 # figure -> where `make bench` has it, and how it is shown
 BENCH: dict[str, tuple[Callable[[Json], float], str]] = {
@@ -82,6 +84,7 @@ BENCH: dict[str, tuple[Callable[[Json], float], str]] = {
     "batch_vision_us": (lambda b: b["batch_ukf"]["us_per_step"], ".1f"),
     "batch_vision_filterpy": (lambda b: b["batch_ukf"]["times_faster_than_filterpy"], ".0f"),
     "leaders_cores": (lambda b: b["leader_targets"]["one_core"], ".1f"),
+    "without_id": (lambda b: b["leader_targets"]["without_id"], ".2f"),
 }
 
 
@@ -116,32 +119,45 @@ def of_bench(runs: Sequence[Json]) -> Figures:
 def of_live(history: str) -> Figures:
     """Figures of the newest line of `benchmarks/history.jsonl`."""
     live: Json = json.loads(history.splitlines()[-1])
+    machine, stages, floor = live["machine"], live["stages"], live["floor"]
     found = {
-        "live_date": live["machine"]["date"],
-        "live_cpu": live["machine"]["cpu"],
-        "live_cores": str(live["machine"]["cores"]),
-        "live_load_average": f"{live['machine']['load_average']:.1f}",
+        "live_date": machine["date"],
+        "live_cpu": machine["cpu"],
+        "live_cores": str(machine["cores"]),
+        "live_load_average": f"{machine['load_average']:.1f}",
         "live_start_s": f"{live['start']['warm_s']:.1f}",
-        "live_replay_times": f"{live['stages']['replay_times']:.0f}",
-        "live_most_per_s": f"{most_without_a_drop(live['input']):,}",
+        "live_replay_times": f"{stages['replay_times']:.0f}",
+        "live_most_per_s": f"{most_without_a_drop(live['input']):,}" if "input" in live else NOT_MEASURED,
     }
     for key in ("read", "decode", "align", "estimate", "encode"):
-        found[f"live_{key}_us"] = f"{live['stages'][f'{key}_us']:.1f}"
+        found[f"live_{key}_us"] = f"{stages[f'{key}_us']:.1f}"
     for key, short in (("alone", "alone"), ("beside_two_busy_loops", "busy"), ("half_of_one_core", "half")):
-        flown = live[key]
-        for what, value in flown["arrival_ms"].items():
-            found[f"live_{short}_arrival_{what}_ms"] = f"{value:.1f}"
-        found[f"live_{short}_cpu_percent"] = f"{flown['cpu_percent']:.0f}"
-        found[f"live_{short}_memory_mb"] = f"{flown['memory_mb']:.0f}"
+        flown = live.get(key, {})
+        for what in ("p50", "p99", "max"):
+            found[f"live_{short}_arrival_{what}_ms"] = _shown(flown.get("arrival_ms", {}).get(what), ".1f")
+        found[f"live_{short}_cpu_percent"] = _shown(flown.get("cpu_percent"), ".0f")
+        found[f"live_{short}_memory_mb"] = _shown(flown.get("memory_mb"), ".0f")
+    found |= {f"live_floor_arrival_{what}_ms": f"{floor['arrival_ms'][what]:.1f}" for what in ("p50", "p99")}
+    for what, shown in (("cpu_percent", ".1f"), ("memory_mb", ".0f"), ("replay_times", ".0f"), ("start_s", ".1f")):
+        found[f"live_floor_{what}"] = _shown(floor.get(what), shown)
+    for what in ("arrival_p50", "arrival_p99", "cpu", "memory", "replay", "start"):
+        found[f"live_ratio_{what}"] = _shown(live["ratios"].get(what), ".1f")
     alone = live["alone"]
     found["live_alone_answered"] = f"{alone['answered']} of {alone['images']}"
     for what, value in alone["exposure_ms"].items():
         found[f"live_alone_exposure_{what}_ms"] = f"{value:.1f}"
-    for row in live["input"]:
-        found[f"live_{row['asked']}_sent"] = f"{row['sent_per_s']:,.0f}"
-        found[f"live_{row['asked']}_dropped"] = f"{100 * row['dropped'] / max(row['sent'], 1):.1f}"
-        found[f"live_{row['asked']}_us"] = f"{row['cpu_us_per_message']:.0f}"
+    rows = {row["asked"]: row for row in live.get("input", ())}
+    for rate in RATES:
+        row = rows.get(rate, {})
+        lost = 100 * row["dropped"] / max(row["sent"], 1) if row else None
+        found[f"live_{rate}_sent"] = _shown(row.get("sent_per_s"), ",.0f")
+        found[f"live_{rate}_dropped"] = _shown(lost, ".1f")
+        found[f"live_{rate}_us"] = _shown(row.get("cpu_us_per_message"), ".0f")
     return found
+
+
+def _shown(value: float | None, how: str) -> str:
+    return NOT_MEASURED if value is None else format(value, how)
 
 
 def most_without_a_drop(rows: Sequence[Json]) -> int:

@@ -6,11 +6,13 @@ import re
 from types import ModuleType
 from typing import Any
 
+import msgspec
+import numpy as np
 import pytest
 
-from benchmarks import live, soak
+from benchmarks import floor, live, soak
 from benchmarks.live_flight import BEGIN_MS, datagrams
-from onboard.messages import Encoding
+from onboard.messages import CameraPoints, Encoding
 from tests.support import documents
 from tests.support.programs import ROOT
 
@@ -24,11 +26,16 @@ FLOWN = {
     "dropped": 0,
 }
 STAGES = ("read_us", "decode_us", "align_us", "estimate_us", "encode_us", "replay_times", "messages_per_s")
+FLOOR: dict[str, Any] = FLOWN | {"start_s": 0.5, "replay_times": 100.0}
 RUN: dict[str, Any] = {
     "machine": {"date": "2026-11-22", "cpu": "a", "cores": 2, "load_average": 0.04},
     "start": {"warm_s": 0.96},
     "stages": dict.fromkeys(STAGES, 10.0),
     "alone": FLOWN,
+    "floor": FLOOR,
+    "ratios": live.ratios(
+        {"alone": FLOWN, "floor": FLOOR, "start": {"warm_s": 1.0}, "stages": {"replay_times": 20.0}}
+    ),
     "beside_two_busy_loops": FLOWN,
     "half_of_one_core": FLOWN,
     "input": [
@@ -50,6 +57,41 @@ def test_every_figure_of_the_page_comes_from_the_history() -> None:
     assert found["live_alone_arrival_p50_ms"] == "0.6"
     assert found["live_alone_answered"] == "299 of 300"
     assert found["live_20000_dropped"] == "0.0"
+
+
+def test_ratios_are_of_the_floor_and_more_than_one_where_the_daemon_takes_more() -> None:
+    ours = {"arrival_ms": {"p50": 2.0, "p99": 9.0}, "cpu_percent": 12.0, "memory_mb": 150.0}
+    floor = {"arrival_ms": {"p50": 1.0, "p99": 3.0}, "cpu_percent": 6.0, "memory_mb": 100.0}
+    floor |= {"start_s": 0.5, "replay_times": 200.0}
+    run = {"alone": ours, "floor": floor, "start": {"warm_s": 1.0}, "stages": {"replay_times": 25.0}}
+    ratios = live.ratios(run)
+    assert ratios == {
+        "arrival_p50": 2.0,
+        "arrival_p99": 3.0,
+        "cpu": 2.0,
+        "memory": 1.5,
+        "replay": 8.0,
+        "start": 2.0,
+    }
+    table = live.beside_floor(run | {"ratios": ratios})
+    assert [*table.columns[3].cells] == ["2.0", "3.0", "2.0", "1.5", "8.0", "2.0"]
+
+
+def test_the_floor_reads_what_the_flight_sends_and_corrects_by_what_it_sees() -> None:
+    """A leader where the hypotheses expect it is expected; one that looks twice as large is not."""
+    sent = [d for d in datagrams(1) if d.encoding is Encoding.MAVLINK]
+    fields = [f for d in sent if (f := floor.unpacked(d.data)) is not None]
+    assert len(fields) == 300
+    assert fields[-1][0] == 5_995_000  # the newest sample of the IMU, us
+    image = msgspec.json.decode(
+        next(d.data for d in datagrams(1) if d.encoding is Encoding.POINTS), type=CameraPoints
+    )
+    u, v, half_u, half_v = floor.seen(image)
+    assert 0.01 < half_u < 0.1
+    assert abs(half_v) < 0.01
+    assert max(abs(u), abs(v)) < 0.6
+    nis = [float(np.median(floor.Arithmetic().image(np.array([0.0, 0.0, half, 0.0])))) for half in (0.07, 0.14)]
+    assert nis[0] < 10.0 < nis[1]
 
 
 def test_the_page_shows_the_newest_line_of_the_history() -> None:
@@ -95,10 +137,10 @@ def test_a_soak_is_flat_and_its_clock_does_not_drift() -> None:
 
 @pytest.mark.slow
 def test_the_daemon_under_load_answers_every_image() -> None:
-    flown = live.under_load(3)
-    assert flown["images"] == 90
-    assert flown["answered"] == 90
-    assert flown["dropped"] == 0
+    for kind in (live.Daemon, live.Floor):
+        flown = live.under_load(3, kind=kind)
+        assert (flown["images"], flown["answered"], flown["dropped"]) == (90, 90, 0)
     (rate,) = live.input_rates(1, (2000,))
     assert rate["received"] == rate["sent"] > 1000
     assert live.start(cold=False) > 0
+    assert live.start(cold=False, kind=live.Floor) > 0

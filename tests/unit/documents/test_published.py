@@ -121,7 +121,7 @@ def test_several_benchmarks_give_a_range() -> None:
             name: {"us_per_step": 2.0, "times_faster_than_filterpy": 250.0}
             for name in ("batch_radar", "batch_ukf")
         },
-        "leader_targets": {"one_core": 0.9},
+        "leader_targets": {"one_core": 0.9, "without_id": 1.04},
     }
     found = render.of_bench([one, one | {"radar_ukf": {"us": 5.0} | radar}])
     assert found["bench_radar_us"] == "4.0 to 5.0"

@@ -47,7 +47,7 @@ RIM = {"asyncio", "socket", "time", "threading", "zenoh", "rerun", "selectors", 
 ENCODER = "onboard.wire.mavlink_encode"
 PRIVATE_TO = {"onboard.filters.kernels": "onboard.filters"}
 MOST_PARTS = 23
-MOST_ARROWS = 88
+MOST_ARROWS = 90
 
 
 class Import(NamedTuple):

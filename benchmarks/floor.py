@@ -1,0 +1,165 @@
+"""The least that a program in Python can do with the same bytes. `benchmarks.live` measures the daemon beside it,
+in the same minutes, so that a ratio says what the program pays for, and not the computer.
+
+    python -m benchmarks.floor --udp 14540 --zenoh tcp/127.0.0.1:7447 --like estimate.json
+
+It reads MAVLink from a UDP socket with asyncio, checks no checksum, unpacks three kinds of messages with `struct`,
+and takes images from Zenoh. Of each image it predicts, compares and corrects as many hypotheses as the leader has
+in steady flight, by the same compiled functions; all other arithmetic of the estimator, its gates, weights,
+clocks, history, health and recording are left out. It publishes the estimate that it is given, with the image's
+time, through the daemon's own Zenoh sink.
+"""
+
+import argparse
+import asyncio
+import struct
+import sys
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.commands.loading import release_compiler
+from onboard.messages import CameraPoints, Datagram, Estimate
+from onboard.models import apparent_wing as model
+
+HYPOTHESES: Final = 84
+HEAD: Final = 10  # bytes of a MAVLink 2 header
+LAYOUTS: Final = {31: struct.Struct("<I7f"), 32: struct.Struct("<I6f"), 105: struct.Struct("<Q13fH")}
+LONGEST: Final = 64  # bytes: a payload ends where only zeros follow
+IMAGES: Final = "onboard/1/camera/*/points"
+DT: Final = 1.0 / 30.0
+STILL: Final = np.zeros(3)
+NOISE: Final = model.Noise(np.full(model.N, 1e-9), np.zeros((3, model.N)), np.zeros(model.N), 1e-9, 0.7)
+HOVER: Final = model.Hover(1.0, 1.0, 0.0, 0.0)
+COURSE: Final = model.Course(np.zeros(HYPOTHESES), (0.0, 0.0))
+R_Y: Final = 3e-6 * np.eye(4)
+
+
+class Arithmetic:
+    """A prediction and an update of HYPOTHESES hypotheses of a leader 25 m ahead of us."""
+
+    def __init__(self) -> None:
+        rng = np.random.default_rng(1)
+        means = 0.1 * rng.normal(size=(HYPOTHESES, model.N))
+        means[:, 0] += 25.0
+        means[:, model.LOG_SIZE] = 0.7
+        P = np.tile(0.01 * np.eye(model.N), (HYPOTHESES, 1, 1))
+        self._first = means, P, rng.uniform(-1.0, 1.0, HYPOTHESES)
+        self._weights = np.full(HYPOTHESES, 1.0 / HYPOTHESES)
+        self._alike, self._lasts = np.zeros((HYPOTHESES, 3)), np.full(3, 0.99)
+        self._steady, self._drags = np.zeros(HYPOTHESES), np.full(HYPOTHESES, 0.16)
+
+    def image(self, y: Array) -> Array:
+        """The NIS (HYPOTHESES,) of a measurement y (4,) of `models.wing_line`."""
+        means, P, noses = (array.copy() for array in self._first)
+        model.predict(
+            *(means, P, noses, DT, STILL, self._steady, self._alike, NOISE, HOVER, self._lasts, self._drags),
+            COURSE,
+        )
+        camera = np.eye(3), STILL, np.eye(3)
+        *_, each = model.prediction(means, P, noses, self._weights, y, camera, COURSE)
+        nis, _ = model.update(means, P, noses, y, R_Y, each, COURSE)
+        return nis
+
+
+def unpacked(frame: bytes) -> tuple[Any, ...] | None:
+    """The fields of a MAVLink 2 frame, None of a message that nothing needs."""
+    layout = LAYOUTS.get(frame[7] | frame[8] << 8 | frame[9] << 16)
+    return None if layout is None else layout.unpack_from(frame[HEAD : HEAD + frame[1]].ljust(LONGEST, b"\0"))
+
+
+def seen(image: CameraPoints) -> Array:
+    """The measurement (4,) of an image in pixels."""
+    at, a, b, c = image.intrinsics, image.center, image.left, image.right
+    assert at is not None and a is not None and b is not None and c is not None  # noqa: S101, PT018 - of our flight
+    half_u, half_v = 0.5 * (c.u_px - b.u_px) / at.fx_px, 0.5 * (c.v_px - b.v_px) / at.fy_px
+    return np.array([(a.u_px - at.cx_px) / at.fx_px, (a.v_px - at.cy_px) / at.fy_px, half_u, half_v])
+
+
+def replay_s(datagrams: Iterable[Datagram]) -> float:
+    """Seconds of computing for the same datagrams: fields of MAVLink, and the arithmetic of an image for each
+    three LANDING_TARGETs."""
+    arithmetic, points = Arithmetic(), 0
+    y = np.array([0.0, 0.0, 0.08, 0.0])
+    arithmetic.image(y)  # loaded
+    began = time.process_time()
+    for datagram in datagrams:
+        frame = datagram.data
+        if frame[0] == 0xFD and frame[7] == 149 and not frame[8]:
+            points += 1
+            if points % 3 == 0:
+                arithmetic.image(y)
+        elif frame[0] == 0xFD:
+            unpacked(frame)
+    return time.process_time() - began
+
+
+class Receiver(asyncio.DatagramProtocol):
+    """The newest fields of each kind."""
+
+    def __init__(self) -> None:
+        self.newest: dict[int, tuple[Any, ...]] = {}
+
+    def datagram_received(self, data: bytes, _addr: Any) -> None:
+        """One MAVLink frame."""
+        fields = unpacked(data)
+        if fields is not None:
+            self.newest[len(fields)] = fields
+
+
+async def run(udp: int, endpoint: str, like: Estimate) -> None:
+    """Until it is cancelled. Says on standard error when it listens, and when it has published first."""
+    from onboard.sinks import zenoh as publishing  # noqa: PLC0415 - not for a replay
+    from onboard.sinks.zenoh_session import ZenohConfig, open_session  # noqa: PLC0415
+
+    loop, arithmetic, decoder = asyncio.get_running_loop(), Arithmetic(), msgspec.json.Decoder(CameraPoints)
+    session = await asyncio.to_thread(open_session, ZenohConfig(listen=(endpoint,)))
+    sink = publishing.runner(publishing.ZenohSink(session, "onboard/1"))
+    arithmetic.image(np.array([0.0, 0.0, 0.08, 0.0]))  # loaded
+    release_compiler()
+    await loop.create_datagram_endpoint(Receiver, local_addr=("127.0.0.1", udp))
+    said = False
+
+    def on_image(data: bytes) -> None:
+        nonlocal said
+        image = decoder.decode(data)
+        arithmetic.image(seen(image))
+        report = msgspec.structs.replace(like.measurement, t_ns=image.t_ns) if like.measurement else None
+        sink.put(msgspec.structs.replace(like, t_ns=image.t_ns, measurement=report))
+        if not said:
+            print("leader: published", file=sys.stderr, flush=True)
+            said = True
+
+    heard: Callable[[Any], None] = lambda sample: _handed(loop, on_image, sample)  # noqa: E731
+    declared = session.declare_subscriber(IMAGES, heard)
+    print("link autopilot", file=sys.stderr, flush=True)
+    try:
+        await sink.run()
+    finally:
+        declared.undeclare()
+        await asyncio.to_thread(session.close)
+
+
+def _handed(loop: asyncio.AbstractEventLoop, on_image: Callable[[bytes], None], sample: Any) -> None:
+    loop.call_soon_threadsafe(on_image, sample.payload.to_bytes())
+
+
+def main() -> int:
+    """Run until a signal."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.floor")
+    parser.add_argument("--udp", type=int, required=True)
+    parser.add_argument("--zenoh", required=True, help="the endpoint to listen on")
+    parser.add_argument("--like", type=Path, required=True, help="an estimate in JSON, which it publishes")
+    options = parser.parse_args()
+    like = msgspec.json.decode(options.like.read_bytes(), type=Estimate)
+    asyncio.run(run(options.udp, options.zenoh, like))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
