@@ -113,6 +113,16 @@ def test_noise_costs_a_stream_no_whole_frame_with_seed_5() -> None:
     assert found == 3000
 
 
+def test_the_number_of_a_message_has_three_bytes() -> None:
+    """32 is LOCAL_POSITION_NED, and 65,536 + 32 is nobody's."""
+    data = bytearray.fromhex(NED_V2)
+    assert data[7:10] == b"\x20\0\0"
+    data[9] = 1
+    decoder = MavlinkDecoder(stream=False)
+    assert decoder.decode(bytes(data), RECV) == []
+    assert decoder.rejected == {"unknown_message": 1}
+
+
 def test_unknown_messages_are_counted_and_do_no_harm() -> None:
     decoder = MavlinkDecoder(stream=False)
     unknown = frame(60_001, 17, b"\x01\x02\x03")

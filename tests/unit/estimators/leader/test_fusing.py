@@ -15,6 +15,9 @@ class Refusing:
 
     gate = None
 
+    def seen(self, measurement: Any, _pose: Any) -> Any:
+        return measurement
+
     def fuse(self, *_: Any) -> Any:
         raise FilterError("not positive definite")
 

@@ -86,7 +86,7 @@ def occupied(noses, log_range, w, turn, nose_bin, range_bin, least):
     for k in range(w.shape[0]):
         bin_ = np.floor(noses[k] % turn / nose_bin) + 1000.0 * np.floor(log_range[k] / range_bin)
         key = np.int64(bin_) if abs(bin_) < last else np.int64(last)
-        at = (key * 0x9E3779B97F4A7C1 >> 20) & (size - 1)  # any odd number, so that neighbours are kept apart
+        at = key & (size - 1)
         while keys[at] != key and keys[at] != nothing:
             at = (at + 1) & (size - 1)
         keys[at] = key
