@@ -8,11 +8,10 @@ A vehicle that comes after ours, whose clock and motion go on where those of our
 it is followed sooner, and nothing that was learnt is forgotten.
 """
 
-import math
 from typing import Final
 
-from onboard.geometry.geodesy import ned_from_geodetic
 from onboard.messages import Attitude, GlobalPosition, Heartbeat, LocalPosition, Message
+from onboard.ownship.continuity import goes_on
 
 MAV_AUTOPILOT_INVALID: Final = 8
 # MAV_TYPE of what flies, drives, swims or floats. A gimbal, camera or transponder may also claim an autopilot.
@@ -26,14 +25,7 @@ OVERLAP_NS: Final = 200_000_000  # messages on their way: an autopilot may chang
 SAME: Final = "the one before has another id now: its clock and its motion go on"
 SHOWS_NS: Final = 500_000_000  # in which one that goes on shows its motion: until its second heartbeat
 SAME_SILENT_NS: Final = 500_000_000  # silence of ours after which the same one may have another id
-SAME_CLOCK_NS: Final = 200_000_000  # by which stamps may lag behind arrivals more or less than before
 SAME_LASTS_NS: Final = 10_000_000_000  # for so long motion tells whether it goes on
-SAME_POSITION_M: Final = 2.0  # from where both velocities lead ...
-SAME_ACCELERATION: Final = 1.0  # m/s^2: ... and by as much more as acceleration changes meanwhile
-SAME_VELOCITY_M_S: Final = 2.0
-SAME_CHANGE: Final = 5.0  # m/s^2
-SAME_TURN: Final = 0.3  # rad
-SAME_RATE: Final = 1.5  # rad/s
 MOTION: Final = (Attitude, LocalPosition, GlobalPosition)
 MOST: Final = 16  # vehicles that are remembered
 
@@ -161,27 +153,8 @@ def _goes_on(ours: Vehicle, other: Vehicle) -> bool:
         ours.heartbeat.autopilot == other.heartbeat.autopilot
         and len(pairs) > 1  # the attitude, and a position
         and all(0 < after.t_recv_ns - before.t_recv_ns < SAME_LASTS_NS for before, after in pairs)
-        and all(_follows(before, after) for before, after in pairs)
+        and all(goes_on(before, after) for before, after in pairs)
     )
-
-
-def _follows(before: Message, after: Message) -> bool:
-    """Whether motion goes on, by arrivals: some stamp positions otherwise. An attitude's clock does, too."""
-    t = (after.t_recv_ns - before.t_recv_ns) * 1e-9
-    if isinstance(before, Attitude) and isinstance(after, Attitude):
-        lag_ns = (after.t_recv_ns - after.t_ns) - (before.t_recv_ns - before.t_ns)
-        cosine = abs(sum(a * b for a, b in zip(before.q_nb, after.q_nb, strict=True)))
-        return abs(lag_ns) < SAME_CLOCK_NS and 2.0 * math.acos(min(1.0, cosine)) < SAME_TURN + SAME_RATE * t
-    if isinstance(before, LocalPosition) and isinstance(after, LocalPosition):
-        way = [b - a for a, b in zip(before.r_OF_n, after.r_OF_n, strict=True)]
-    elif isinstance(before, GlobalPosition) and isinstance(after, GlobalPosition):
-        start, end = ((p.lat_deg, p.lon_deg, p.alt_msl) for p in (before, after))
-        way = ned_from_geodetic(end, start).tolist()
-    else:
-        return False
-    led = [0.5 * t * (u + v) for u, v in zip(before.v_F_n, after.v_F_n, strict=True)]
-    is_as_fast = math.dist(before.v_F_n, after.v_F_n) < SAME_VELOCITY_M_S + SAME_CHANGE * t
-    return is_as_fast and math.dist(way, led) < SAME_POSITION_M + SAME_ACCELERATION * t**2
 
 
 def _is_vehicle(heartbeat: Heartbeat) -> bool:
