@@ -26,6 +26,7 @@ from onboard.messages import (
     ActuatorOutputs,
     Clock,
     GimbalAttitude,
+    GlobalPosition,
     Message,
     PeerRanges,
     RadarScan,
@@ -122,6 +123,10 @@ class Clocks:
                 return self._sensed(message, stamp - delay_ns, offset)
             if isinstance(message, ActuatorOutputs) and self._newest_stamp is not None:
                 t_ns += round((self._newest_stamp - t_ns) / SERVO_WRAP_NS) * SERVO_WRAP_NS
+            if isinstance(message, GlobalPosition):
+                if self._newest_stamp is None:
+                    return self._refuse("no_time_base")
+                t_ns = self._in_milliseconds(t_ns, message.t_recv_ns)
             t_ns = self._unwrapped(t_ns, message.t_recv_ns)
             if not self._continues(t_ns, message):
                 return self._refuse("odd_stamp")
@@ -283,6 +288,17 @@ class Clocks:
             self._offset.clear()
             self._late_since = None
             self.rejected["host_clock_steps"] += 1
+
+    def _in_milliseconds(self, stamp: int, t_recv: int) -> int:
+        """The stamp of a GLOBAL_POSITION_INT. INAV and Betaflight write microseconds into its milliseconds: it is
+        read so where it fits so alone. None of them begins a time base, therefore."""
+        expected = t_recv - self._base
+        read = stamp // 1000
+        read += round((expected - read) / SERVO_WRAP_NS) * SERVO_WRAP_NS
+        if abs(stamp - expected) < JUMP_NS or abs(read - expected) > AHEAD_NS:
+            return stamp
+        self.rejected["microseconds_for_milliseconds"] += 1  # and used
+        return read
 
     def _unwrapped(self, stamp: int, t_recv: int) -> int:
         """A boot stamp on the time base, which goes on when stamps of 32 bits begin anew. Where the time base

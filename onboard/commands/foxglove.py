@@ -27,7 +27,7 @@ from onboard.messages.base import Quaternion
 from onboard.messages.schemas import key_of, schema
 
 WORLD, OWN = "world", "own"
-EVERY_NS: Final = 40_000_000  # between drawings of one thing
+EVERY_NS: Final = 40_000_000  # between drawings of one thing in the scene; its poses and places are all there
 SIGMAS: Final = 2.0  # of the ellipsoid that is drawn
 ARROW: Final = 0.5  # m, of our own vehicle
 LEVELS: Final = {True: Log.INFO, False: Log.WARNING}
@@ -73,13 +73,13 @@ class FoxgloveWriter:
     def _draw_own(self, own: OwnPose) -> None:
         north, east, down = own.r_OF_n
         self._own_r = np.array([north or 0.0, east or 0.0, down])
-        if not self._is_due("own", own.t_ns):
-            return
         transform = FrameTransform(parent_frame_id=WORLD, child_frame_id=OWN)
         _place(transform.translation, ENU_NED @ self._own_r)
         _turn(transform.rotation, flu_to_enu(own.q_nb))
         self._add("/tf", transform, own.t_ns)
         self._add("/own/pose", _pose(self._own_r, own.q_nb), own.t_ns)
+        if not self._is_due("own", own.t_ns):
+            return
         scene = SceneUpdate()
         entity = _entity(scene, OWN, own.t_ns)
         arrow = entity.arrows.add(shaft_length=ARROW, shaft_diameter=0.2, head_length=ARROW, head_diameter=0.4)
@@ -89,10 +89,12 @@ class FoxgloveWriter:
 
     def _draw_leader(self, estimate: Estimate, r: Array, P: Array) -> None:
         name = estimate.name
-        if not self._is_due(name, estimate.t_ns):
-            return
         place = self._own_r + r
         self._add(f"/{name}/pose", _pose(place, UPRIGHT), estimate.t_ns)
+        if self._origin is not None:
+            self._add(f"/{name}/location", _fix(place, P, self._origin, estimate.t_ns), estimate.t_ns)
+        if not self._is_due(name, estimate.t_ns):
+            return
         scene = SceneUpdate()
         entity = _entity(scene, name, estimate.t_ns)
         squares, axes = np.linalg.eigh(ENU_NED @ P @ ENU_NED.T)
@@ -107,14 +109,10 @@ class FoxgloveWriter:
             _place(line.points.add(), ENU_NED @ point)
         _colour(line.color, (0.25, 0.75, 1.0, 1.0))
         self._add("/scene", scene, estimate.t_ns)
-        if self._origin is not None:
-            self._add(f"/{name}/location", _fix(place, P, self._origin, estimate.t_ns), estimate.t_ns)
 
     def _locate(self, state: NavState) -> None:
         self._origin = state.origin or self._origin
         if state.valid and state.mean is not None and state.covariance is not None and self._origin is not None:
-            if not self._is_due("location", state.t_ns):
-                return
             P = np.array(state.covariance)[:3, :3]
             self._add("/own/location", _fix(np.array(state.mean[:3]), P, self._origin, state.t_ns), state.t_ns)
 

@@ -12,7 +12,17 @@ from msgspec.structs import replace
 from onboard import UserError
 from onboard.commands.flight_folder import Documents, FlightFolder, flight_folder
 from onboard.config import Config, ConfigError, read_recorded, signing_key
-from onboard.messages import DOUBT, Datagram, Estimate, Health, Message, NavState, Output
+from onboard.messages import (
+    DOUBT,
+    Datagram,
+    Estimate,
+    Health,
+    Heartbeat,
+    Message,
+    NavState,
+    Output,
+    StatusText,
+)
 from onboard.messages.causes import Cause, Reason
 from onboard.pipeline import Pipeline
 from onboard.scoring.beside import judged
@@ -27,6 +37,7 @@ UNVERIFIED: Final = (
     f"{DOUBT}{{}} signed frames were used unverified: this replay has not the key of link `{{}}`; name it in "
     "`key_file` of its [[link]]"
 )
+WORDS: Final = (Heartbeat, StatusText)
 ALONE: Final[Mapping[str, Config]] = {}
 
 
@@ -55,12 +66,14 @@ def replay(
     *,
     take: Callable[[Output], None] = lambda _: None,
     take_health: Callable[[Health], None] | None = None,
+    hear: Callable[[Message, float], None] | None = None,
     progress: Callable[[int, int], None] = lambda _done, _total: None,
     keep: bool = True,
     others: Mapping[str, Config] = ALONE,
 ) -> ReplayResult:
     """Feed a log, or a flight's folder, through a pipeline. `take` sees each output in order, `take_health` the
-    health after each second; `progress` gets bytes done and in all. Without `keep`, the result holds no estimates:
+    health after each second; `hear` sees each message of the autopilot, with the boot time that it has reached, s;
+    `progress` gets bytes done and in all. Without `keep`, the result holds no estimates:
     an hour of them would be gigabytes.
 
     `others`: further configurations that get the same bytes, by the names that their estimates then have. That of
@@ -87,7 +100,10 @@ def replay(
             if isinstance(item, Estimate):
                 results.add([item], FLOWN)
                 continue
-            results.add(_fed(pipeline, item))
+            messages = pipeline.decode(item) if isinstance(item, Datagram) else [item]
+            results.add(pipeline.advance(messages))
+            if hear is not None:
+                _tell(pipeline, messages, hear)
             for name, other in beside.items():
                 results.add(_fed(other, item), name)
             first = first or item.t_recv_ns
@@ -157,6 +173,16 @@ def _renamed(output: Output, name: str) -> Estimate | None:
     if not isinstance(output, Estimate) or not output.is_primary:
         return None
     return replace(output, name=name, target=name)
+
+
+def _tell(pipeline: Pipeline, messages: Iterable[Message], hear: Callable[[Message, float], None]) -> None:
+    """Let the autopilot's own messages be heard: numbers once its clock is known, words from the begin."""
+    mine, t = pipeline.autopilot, pipeline.ownship.now_ns * 1e-9
+    for message in messages:
+        if mine is None or (message.system, message.component) != (mine.system, mine.component):
+            continue
+        if t > 0.0 or isinstance(message, WORDS):
+            hear(message, t)
 
 
 def _fed(pipeline: Pipeline, item: Datagram | Message) -> list[Output]:

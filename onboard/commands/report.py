@@ -13,6 +13,7 @@ from onboard.commands.files import check_targets
 from onboard.commands.log_replay import ReplayResult, check_log, flight_of, replay
 from onboard.commands.progress import progress_bar
 from onboard.commands.report_series import FlightSeries
+from onboard.commands.report_vehicle import VehicleSeries
 from onboard.commands.report_verdict import Grade, judge, worst
 from onboard.commands.terminal import one_line
 from onboard.config import Config, load_config
@@ -42,10 +43,12 @@ def main(arguments: argparse.Namespace) -> int:
 def write_report(log: Path, config: Config, *, out: Path, pdf: Path | None, truth: Path | None) -> Grade:
     """Replay a log, write the page to `out` and `pdf`, and print the verdict. Raises UserError."""
     from onboard.commands.report_figures import figures  # noqa: PLC0415 - Matplotlib is an extra
+    from onboard.commands.report_figures_vehicle import vehicle_figures  # noqa: PLC0415
     from onboard.commands.report_page import FlightReport, html, summary, write_pdf  # noqa: PLC0415
 
     reference = reference_from_csv(truth) if truth is not None else None
     series, scorer = FlightSeries(judged(config.estimator)), LeaderScorer(reference)
+    vehicle = VehicleSeries()
 
     def take(output: Output) -> None:
         series.add(output)
@@ -58,6 +61,7 @@ def write_report(log: Path, config: Config, *, out: Path, pdf: Path | None, trut
             log,
             config,
             take=take,
+            hear=vehicle.hear,
             progress=lambda done, total: bar.update(task, completed=done, total=total),
             keep=False,
         )
@@ -67,8 +71,8 @@ def write_report(log: Path, config: Config, *, out: Path, pdf: Path | None, trut
         title=f"Flight report: {log.name}",
         facts=_facts(log, config, replayed, truth),
         checks=checks,
-        figures=figures(series, scorer.errors(), reference),
-        tables=_tables(series, replayed),
+        figures=figures(series, scorer.errors(), reference) | vehicle_figures(vehicle),
+        tables=_tables(series, replayed) | {"Modes and messages": _words(vehicle)},
         configuration=msgspec.json.format(msgspec.json.encode(config), indent=1).decode(),
     )
     try:
@@ -128,6 +132,12 @@ def _tables(series: FlightSeries, replayed: ReplayResult) -> dict[str, list[tupl
             *((n, str(s.count), f"{s.count / seconds:.1f}") for n, s in sorted(health.streams.items())),
         ],
     }
+
+
+def _words(vehicle: VehicleSeries) -> list[tuple[str, ...]]:
+    rows = [(f"{t:.2f}", kind, text) for t, kind, text in vehicle.words]
+    more = [("", "", f"and {vehicle.left_out} more")] if vehicle.left_out else []
+    return [("time, s", "kind", "words"), *rows, *more]
 
 
 def _boot_s(t_recv_ns: int, replayed: ReplayResult) -> str:

@@ -42,11 +42,11 @@ def figures(series: FlightSeries, errors: Errors | None, reference: Reference | 
 
 def _track(series: FlightSeries, reference: Reference | None) -> Figure:
     figure, axes = panels("", 1, size=(7.2, 4.6))
-    axis, own, leader = axes[0, 0], _thin(_placed(series)), series.leader.table()
+    axis, own, leader = axes[0, 0], thin(_placed(series)), series.leader.table()
     axis.plot(own[:, 2], own[:, 1], color=OWN, label="own vehicle")
     axis.plot(own[0, 2], own[0, 1], "o", color=OWN, markersize=5)
     if len(leader):
-        there = _thin(leader)
+        there = thin(leader)
         axis.plot(*_absolute(series, there[:, 0], there[:, 2:4]), color=LEADER, label="leader (dot: the start)")
         first = there[np.isfinite(there[:, 2])][:1]
         if len(first):
@@ -62,7 +62,7 @@ def _track(series: FlightSeries, reference: Reference | None) -> Figure:
 def _range(series: FlightSeries, reference: Reference | None) -> Figure:
     figure, axes = panels("", 2, size=(7.2, 4.2), sharex=True)
     above, below = axes[:, 0]
-    table = _thin(series.leader.table())
+    table = thin(series.leader.table())
     t, r, sigma = table[:, 0], np.linalg.norm(table[:, 2:5], axis=1), table[:, 5]
     above.fill_between(t, r - 2 * sigma, r + 2 * sigma, color=LEADER, alpha=0.25, linewidth=0, label="±2σ")
     above.plot(t, r, color=LEADER, label="range")
@@ -141,7 +141,7 @@ def _errors(errors: Errors) -> Figure:
 
 def _own_state(series: FlightSeries) -> Figure:
     figure, axes = panels("", 2, size=(7.2, 4.2), sharex=True)
-    (axis, below), table = axes[:, 0], _thin(series.own_state.table())
+    (axis, below), table = axes[:, 0], thin(series.own_state.table())
     axis.plot(table[:, 0], table[:, 2], color=OWN, label="NIS, of its expectation")
     axis.axhline(1.0, color=GREY, linewidth=0.8)
     for fault in series.faults.values():
@@ -164,7 +164,7 @@ def _own_state(series: FlightSeries) -> Figure:
 def _own_motion(series: FlightSeries) -> Figure:
     """Height above the origin, speeds and attitude."""
     figure, axes = panels("", 3, size=(7.2, 5.4), sharex=True)
-    own = _thin(series.own.table())
+    own = thin(series.own.table())
     t, (above, middle, below) = own[:, 0], axes[:, 0]
     above.plot(t, -own[:, 3], color=OWN)
     above.set(ylabel="height, m")
@@ -192,9 +192,9 @@ def _placed(series: FlightSeries) -> Array:
     return own[np.isfinite(own[:, 1])]
 
 
-def _thin(table: Array) -> Array:
+def thin(table: Array) -> Array:
     """Every k-th row, so that a curve has not too many points."""
-    return table[:: -(-len(table) // MOST_POINTS)]
+    return table[:: -(-len(table) // MOST_POINTS) or 1]
 
 
 def _any(values: Array | Sequence[float]) -> bool:

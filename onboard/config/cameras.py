@@ -9,12 +9,14 @@ from typing import Annotated, Final, Literal, NamedTuple
 import msgspec
 from msgspec.structs import replace
 
-from onboard.config.calibration import part_of, read_calibration
+from onboard.config.calibration import read_calibration
 from onboard.geometry.camera import Camera, make_camera
 from onboard.geometry.lens import Lens, LensError
 from onboard.messages import NotNegative, Positive, Record, Vec3
 from onboard.messages.target import WING_POINTS
-from onboard.wire.cameras import CameraInput
+from onboard.wire.camera_info import part_of
+from onboard.wire.cameras import CameraInput, RosTopics
+from onboard.wire.ros import RosKind
 
 # Of what gimbals say of their attitude, where nothing is configured. Their level is that of an accelerometer, as
 # an autopilot's, with some tenths of a degree of encoders and skew. Their yaw has no reference but gyros, which
@@ -62,13 +64,17 @@ class CameraConfig(Record, frozen=True, kw_only=True):
     mount_time_s: Positive = 120.0  # correlation time of these errors
     tracker: ComponentId | None = None  # MAVLink component whose CAMERA_TRACKING_IMAGE_STATUS is of this camera
     landing_target: Literal["points", "aircraft"] = "points"  # what one LANDING_TARGET is
-    ros_topic: str = ""  # of vision_msgs/Detection2DArray, such as "detector/detections"
+    ros_topic: str = ""  # of what it sees, such as "detector/detections"; rmw_zenoh's keys say of which type
+    ros_type: RosKind = "vision_msgs/Detection2DArray"  # of the topic, where its key does not say it (a bridge's)
+    ros_camera_info: str = ""  # topic of sensor_msgs/CameraInfo: the lens of these images, whatever is set above
+    ros_rectified: bool = False  # pixels of `ros_topic` are of the rectified image, as apriltag_ros takes it
     delay_s: float | None = None  # how much older than its stamp an image is; None: `delay.camera_s`
 
     def __post_init__(self) -> None:
         lens_of(self)
-        if not TOPIC.fullmatch(self.ros_topic):
-            raise ValueError(f"ros_topic: {self.ros_topic!r} is no topic; use its name without the first slash")
+        for key, topic in (("ros_topic", self.ros_topic), ("ros_camera_info", self.ros_camera_info)):
+            if not TOPIC.fullmatch(topic):
+                raise ValueError(f"{key}: {topic!r} is no topic; use its name without the first slash")
 
 
 def lens_of(c: CameraConfig) -> Lens:
@@ -174,7 +180,7 @@ def camera_inputs(cameras: list[CameraConfig], points: tuple[str, ...]) -> dict[
             tracker=c.tracker,
             is_landing_target=c.landing_target == "aircraft",
             mount=_camera(c),
-            ros_topic=c.ros_topic,
+            ros=RosTopics(c.ros_topic, c.ros_type, c.ros_camera_info, c.ros_rectified),
         )
         for c in cameras
     }

@@ -27,7 +27,6 @@ from onboard.messages.ros import Ros2Config
 from onboard.sinks.zenoh_router import RouterConfig
 from onboard.sinks.zenoh_session import ZenohConfig
 from onboard.wire.cameras import CameraInput
-from onboard.wire.ros import TYPE as DETECTIONS_TYPE
 
 ARDUPILOT: Final = 3
 SystemId = Annotated[int, msgspec.Meta(ge=0, le=255)]
@@ -258,8 +257,8 @@ class Config(Record, frozen=True, kw_only=True):
 
     def ros_keys(self) -> list[str]:
         """The keys of the cameras' topics in ROS: rmw_zenoh's in any domain, and zenoh-bridge-ros2dds's."""
-        topics = [camera.ros_topic for camera in self._cameras() if camera.ros_topic]
-        return [key for topic in topics for key in (f"*/{topic}/{DETECTIONS_TYPE}/*", topic)]
+        topics = [topic for c in self._cameras() for topic in (c.ros_topic, c.ros_camera_info) if topic]
+        return [key for topic in dict.fromkeys(topics) for key in (f"*/{topic}/*/*", topic)]
 
     def _cameras(self) -> list[CameraConfig]:
         return named(self.camera, self.cameras)

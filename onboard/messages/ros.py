@@ -23,6 +23,9 @@ class Ros2Config(Record, frozen=True, kw_only=True):
     namespace: str = "onboard"  # before each topic but /tf and /diagnostics
     frame_prefix: str = ""  # before each frame but `map`, such as "uav1/"
     rate_hz: Positive = 30.0  # live, of each topic at most
+    tf: Literal["map", "base_link", "none"] = (
+        "map"  # the root of what is on /tf; base_link: another node moves that
+    )
 
     def __post_init__(self) -> None:
         if not NAME.fullmatch(self.namespace):

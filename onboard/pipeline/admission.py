@@ -68,6 +68,11 @@ class Admission:
         return self._latch.why
 
     @property
+    def is_same(self) -> bool:
+        """Whether it is the one before, with another id."""
+        return self._latch.is_same
+
+    @property
     def beside(self) -> tuple[Heartbeat, ...]:
         """Of the other vehicles that are heard."""
         return self._latch.beside

@@ -1,13 +1,17 @@
 """Which autopilot is ours: the first vehicle that is heard, until a better one shows.
 
-Ours is let go when it has fallen silent and a vehicle comes that was never heard beside it (the same one, with
-another id), at once only if it brings motion; or when ours brings no motion while another one does. A wingman is
-heard beside ours: its motion is not ours, whatever becomes of ours.
+Ours is let go when it has fallen silent and a vehicle comes that was never heard beside it, at once only if it
+brings motion; or when ours brings no motion while another one does. A wingman is heard beside ours: its motion is
+not ours, whatever becomes of ours.
+
+A vehicle that comes after ours, whose clock and motion go on where those of ours ended, is ours with another id:
+it is followed sooner, and nothing that was learnt is forgotten.
 """
 
 from typing import Final
 
 from onboard.messages import Attitude, GlobalPosition, Heartbeat, LocalPosition, Message
+from onboard.ownship.continuity import goes_on
 
 MAV_AUTOPILOT_INVALID: Final = 8
 # MAV_TYPE of what flies, drives, swims or floats. A gimbal, camera or transponder may also claim an autopilot.
@@ -18,28 +22,42 @@ SILENT_NS: Final = 3_000_000_000  # silence after which another autopilot may be
 PATIENCE_NS: Final = 3_000_000_000  # in which an autopilot is to bring motion, once another one does
 RECENT_NS: Final = 2_000_000_000  # motion that is as new is brought
 OVERLAP_NS: Final = 200_000_000  # messages on their way: an autopilot may change its id
+SAME: Final = "the one before has another id now: its clock and its motion go on"
+SHOWS_NS: Final = 500_000_000  # in which one that goes on shows its motion: until its second heartbeat
+SAME_SILENT_NS: Final = 500_000_000  # silence of ours after which the same one may have another id
+SAME_LASTS_NS: Final = 10_000_000_000  # for so long motion tells whether it goes on
+MOTION: Final = (Attitude, LocalPosition, GlobalPosition)
 MOST: Final = 16  # vehicles that are remembered
 
 Id = tuple[int, int]  # MAVLink system and component
 
 
 class Vehicle:
-    """An autopilot that is heard: its heartbeat, the arrivals of its first and its last message, and those of its
-    last attitude and position."""
+    """An autopilot that is heard: its heartbeat, the arrivals of its first and its last message, and its first and
+    its last attitude and position."""
 
     def __init__(self, heartbeat: Heartbeat) -> None:
         self.heartbeat = heartbeat
         self.first_ns = self.last_ns = heartbeat.t_recv_ns
-        self.attitude_ns: int | None = None
-        self.position_ns: int | None = None
+        self.first: dict[type[Message], Message] = {}  # of each kind of motion
+        self.last: dict[type[Message], Message] = {}
 
     def receive(self, message: Message) -> None:
         """Note a message of its own."""
         self.last_ns = message.t_recv_ns
-        if isinstance(message, Attitude):
-            self.attitude_ns = message.t_recv_ns
-        elif isinstance(message, LocalPosition | GlobalPosition):
-            self.position_ns = message.t_recv_ns
+        if isinstance(message, MOTION):
+            self.first.setdefault(type(message), message)
+            self.last[type(message)] = message
+
+    @property
+    def attitude_ns(self) -> int | None:
+        """Arrival of its last attitude."""
+        return self.last[Attitude].t_recv_ns if Attitude in self.last else None
+
+    @property
+    def position_ns(self) -> int | None:
+        """Arrival of its last position."""
+        return max((m.t_recv_ns for kind, m in self.last.items() if kind is not Attitude), default=None)
 
     def is_complete(self, t_ns: int) -> bool:
         """Whether it brings attitude and position."""
@@ -63,6 +81,11 @@ class Latch:
         self._system = system
         self._since_ns = 0  # arrival of the heartbeat that was latched
         self._heard: dict[Id, Vehicle] = {}
+
+    @property
+    def is_same(self) -> bool:
+        """Whether it is the one before, with another id."""
+        return self.why == SAME
 
     @property
     def beside(self) -> tuple[Heartbeat, ...]:
@@ -101,9 +124,13 @@ class Latch:
     def _why(self, ours: Vehicle, other: Vehicle, t_ns: int) -> str:
         """Why another vehicle takes the place of ours; "" if it does not."""
         later_ns, is_complete = other.first_ns - ours.last_ns, other.is_complete(t_ns)
-        is_silent = t_ns - ours.last_ns > SILENT_NS
+        silent_ns = t_ns - ours.last_ns
+        is_silent = silent_ns > SILENT_NS
+        if silent_ns > SAME_SILENT_NS and is_complete and later_ns > -OVERLAP_NS and _goes_on(ours, other):
+            return SAME
         if is_silent and (later_ns > SILENT_NS or (is_complete and later_ns > -OVERLAP_NS)):
-            return "the one before has fallen silent"
+            may_go_on = ours.last and not is_complete and t_ns - other.first_ns < SHOWS_NS
+            return "" if may_go_on else "the one before has fallen silent"
         if not is_complete:
             return ""
         if other.heartbeat.system == ours.heartbeat.system and other.rank > ours.rank:
@@ -118,6 +145,17 @@ class Latch:
         others = [(v.attitude_ns or 0, v.last_ns, key) for key, v in self._heard.items() if v is not self.ours]
         if len(self._heard) >= MOST:
             del self._heard[min(others)[2]]
+
+
+def _goes_on(ours: Vehicle, other: Vehicle) -> bool:
+    """Whether clock and motion of one go on where those of the other ended."""
+    pairs = [(ours.last[kind], other.first[kind]) for kind in ours.last if kind in other.first]
+    return (
+        ours.heartbeat.autopilot == other.heartbeat.autopilot
+        and len(pairs) > 1  # the attitude, and a position
+        and all(0 < after.t_recv_ns - before.t_recv_ns < SAME_LASTS_NS for before, after in pairs)
+        and all(goes_on(before, after) for before, after in pairs)
+    )
 
 
 def _is_vehicle(heartbeat: Heartbeat) -> bool:

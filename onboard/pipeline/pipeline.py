@@ -162,12 +162,13 @@ class Pipeline:
         return self._align(admitted)
 
     def _latch(self, heartbeat: Heartbeat) -> list[Output]:
-        """An autopilot's first heartbeat decides which delays sources have; another's begins a new time base."""
+        """An autopilot's first heartbeat decides which delays sources have; that of another vehicle begins a new
+        time base."""
         before = self.autopilot
         if not self._admission.latch(heartbeat):
             return []
         self._delays_ns = source_delays_ns(self._config.delay, heartbeat.autopilot)
-        if before is None:
+        if before is None or self._admission.is_same:
             return []
         self.clocks.restart()
         why = f"another autopilot is followed: {self.why_followed}"

@@ -11,6 +11,16 @@ from onboard.messages.target import WING_POINTS
 from onboard.wire.document import BadDocumentError
 
 
+class RosTopics(NamedTuple):
+    """Where a camera is in ROS: the topic of what it sees, of which type where the key does not say it, the topic
+    of its CameraInfo, and whether pixels are of the rectified image."""
+
+    seen: str = ""
+    kind: str = ""
+    info: str = ""
+    is_rectified: bool = False
+
+
 class CameraInput(NamedTuple):
     """A camera whose detections may come: its lens, the noise of an image coordinate without a sigma of its own,
     the confidence below which a detection is refused, the classes that are followed (none: any), and the names of
@@ -26,7 +36,7 @@ class CameraInput(NamedTuple):
     is_landing_target: bool = False  # each LANDING_TARGET is a whole aircraft, seen by this camera
     mount: Camera | None = None
     sizes: tuple[float, float] = (0.0, math.inf)  # m: wingspans of what it may see
-    ros_topic: str = ""  # of its detections in ROS
+    ros: RosTopics = RosTopics()
 
 
 Cameras = Mapping[str, CameraInput]  # the first is meant where none is named
@@ -41,13 +51,3 @@ def find(cameras: Cameras, name: str) -> CameraInput:
             f"no camera is called `{name}`; known: {known} - at `$.camera`", Cause.UNKNOWN_CAMERA
         )
     return camera
-
-
-def of_topic(cameras: Cameras, key: str) -> CameraInput:
-    """The camera whose topic in ROS has this key: `domain/topic/type/hash` (rmw_zenoh), or the topic alone
-    (zenoh-bridge-ros2dds). Raises BadDocumentError, which names all topics."""
-    for camera in cameras.values():
-        if camera.ros_topic and camera.ros_topic in (key, "/".join(key.split("/")[1:-2])):
-            return camera
-    known = ", ".join(camera.ros_topic for camera in cameras.values() if camera.ros_topic)
-    raise BadDocumentError(f"no camera has this `ros_topic`; known: {known or 'none'}")

@@ -27,8 +27,10 @@ from onboard.messages import (
     Imu,
     LocalPosition,
     Message,
+    StatusText,
 )
 from onboard.messages.base import Vec3
+from onboard.messages.text import LINE, plain
 from onboard.wire.mavlink_records import POS_HORIZ_ABS, POS_HORIZ_REL, VELOCITY_HORIZ, barometer
 from onboard.wire.tlog import NotALogError
 
@@ -58,14 +60,16 @@ RENAMED: Final = {  # of firmware that numbers rows in their names: the name tod
 }
 SILENT_US: Final = 2_000_000  # of a sensor, after which another one is read
 KINDS: Final = ("ATT", "IMU", "XKF1", "NKF1", "XKF4", "NKF4", "ORGN", "GPS", "GPA", "BARO", "RCOU", "BAT")
+INFO: Final = 6  # MAV_SEVERITY: a row of MSG has none
+SAID: Final = ("MODE", "ARM", "MSG")  # for people: no time base begins with them
 Lose = Callable[[str], None]
 Header = dict[str, Any]
 
 
 def read_dataflash(path: Path, lose: Lose = lambda _: None) -> Iterator[tuple[Message, int]]:
     """(message, bytes of the file consumed so far) in the order of the log, after one heartbeat that names the
-    vehicle type. Of each sensor it is the first instance that the log holds, until that brings nothing of use (a
-    GPS: no 3-D fix) for two seconds; of the EKF, the primary core.
+    vehicle type; further ones say modes and arming. Of each sensor it is the first instance that the log holds,
+    until that brings nothing of use (a GPS: no 3-D fix) for two seconds; of the EKF, the primary core.
 
     A row that cannot be used is left out; `lose` is called with the reason. Raises NotALogError when the log
     cannot be read.
@@ -95,25 +99,49 @@ def read_dataflash(path: Path, lose: Lose = lambda _: None) -> Iterator[tuple[Me
 def _messages(log: Any, offset_ns: int, lose: Lose) -> Iterator[tuple[Message, int]]:
     system = int(log.params.get("SYSID_THISMAV", log.params.get("MAV_SYSID", 1)))
     system = system if 0 < system < 256 else 1
-    converter = _Converter()
+    converter, said = _Converter(), _Said(int(log.mav_type))
     is_first = True
     for row in _rows(log, (), lose):
         kind, instance = RENAMED.get(row.get_type(), (row.get_type(), _instance(row)))
-        if kind not in KINDS:
+        if kind not in KINDS and kind not in SAID:
             continue
         try:
             header = _header(row, system, offset_ns)
-            message = converter.convert(kind, instance, row, header)
+            message = (
+                said.convert(kind, row, header) if kind in SAID else converter.convert(kind, instance, row, header)
+            )
         except UNREADABLE as error:
             lose(f"{kind}: {error}")
             continue
-        if message is None:
+        if message is None or (is_first and kind in SAID):  # the first heartbeat says what was said before
             continue
         if is_first:
-            named = {**header, "vehicle_type": int(log.mav_type)}
-            yield Heartbeat(**named, autopilot=ARDUPILOT, armed=False, status=ACTIVE), log.offset
+            yield said.heartbeat(header), log.offset
             is_first = False
         yield message, log.offset
+
+
+class _Said:
+    """Rows for people -> heartbeats with the mode and whether the motors are armed, and texts."""
+
+    def __init__(self, vehicle_type: int) -> None:
+        self._type, self._mode, self._armed = vehicle_type, 0, False
+
+    def convert(self, kind: str, row: Any, header: Header) -> Message:
+        """The message of a row."""
+        header = header | {"clock": Clock.NONE}
+        if kind == "MSG":
+            return StatusText(**header, severity=INFO, text=plain(str(row.Message), LINE))
+        if kind == "ARM":
+            self._armed = bool(row.ArmState)
+        else:
+            self._mode = _field(row, "ModeNum", "Mode")
+        return self.heartbeat(header)
+
+    def heartbeat(self, header: Header) -> Heartbeat:
+        """The newest mode, and whether the motors are armed."""
+        head = {**header, "vehicle_type": self._type, "autopilot": ARDUPILOT, "status": ACTIVE}
+        return Heartbeat(**head, armed=self._armed, custom_mode=self._mode)
 
 
 class _Converter:

@@ -8,14 +8,14 @@ from typing import Final
 from onboard.messages import Datagram, Encoding, Message, TargetImage
 from onboard.messages.causes import Cause, Reason
 from onboard.wire import tlog
-from onboard.wire.cameras import Cameras, find, of_topic
-from onboard.wire.detections import decode_detections, images_of
+from onboard.wire.cameras import Cameras, find
+from onboard.wire.detections import decode_detections
 from onboard.wire.document import BadDocumentError, Refuse
 from onboard.wire.mavlink_decode import IsOwn, MavlinkDecoder, OnError, nobody, raise_error
 from onboard.wire.points import decode_points
 from onboard.wire.pseudoranges import decode_ranges
 from onboard.wire.radar import decode_radar
-from onboard.wire.ros import decode_ros
+from onboard.wire.ros_input import RosDecoder
 from onboard.wire.signing import Stamps, Verifier
 from onboard.wire.tracking import TrackerDecoder
 from onboard.wire.warm_state import decode_warm_state
@@ -64,7 +64,7 @@ class DatagramDecoder:
         self._on_error = on_error
         self._on_refused = on_refused
         self._cameras = cameras
-        self._keys, self._is_own = keys, is_own
+        self._keys, self._is_own, self._ros = keys, is_own, RosDecoder(cameras)
         self._stamps: dict[bytes, Stamps] = {}  # of signed frames, by key: its links share them
         self._mavlink: dict[str, MavlinkDecoder] = {}
         self._bad: Counter[str] = Counter()
@@ -128,8 +128,7 @@ class DatagramDecoder:
         data, t_recv_ns = datagram.data, datagram.t_recv_ns
         refuse, ignored = partial(self._refuse, datagram), partial(self._ignore, datagram)
         if datagram.encoding is Encoding.ROS:
-            camera = of_topic(self._cameras, datagram.channel)
-            return [*images_of(decode_ros(data), t_recv_ns, camera, camera.lens, refuse, ignored)]
+            return [*self._ros.decode(datagram, refuse, ignored)]
         if datagram.encoding is not Encoding.DETECTIONS:
             message = DOCUMENTS[datagram.encoding](data, t_recv_ns, refuse)
             if isinstance(message, TargetImage) and self._cameras:

@@ -16,6 +16,7 @@ from onboard.messages import DetectedPose, Quaternion, RelativePose, Vec3
 from onboard.wire.document import BadDocumentError
 
 FARTHEST: Final = 1e5  # m
+NEAREST: Final = 0.01  # m, along the optical axis: no aircraft is nearer to a camera
 POSITION: Final = 0.05  # of the range, along the line of sight
 TURN: Final = math.radians(10.0)
 LONGEST_Q: Final = (0.5, 2.0)  # the least and the greatest length of a quaternion, which has length 1
@@ -67,7 +68,7 @@ def _position(position_m: Vec3, at: str) -> Vec3:
     right, down, forward = position_m
     if not math.hypot(*position_m) < FARTHEST:
         raise BadDocumentError(f"expected metres below {FARTHEST:g} - at `$.{at}`")
-    if not forward > 0.0:
+    if not forward > NEAREST:
         raise BadDocumentError(f"it is behind the camera; expected right, down, forward - at `$.{at}`")
     return forward, right, down
 

@@ -5,8 +5,9 @@
     base_link     our vehicle: forward, left, up
     leader        the leader, with axes east, north, up: its attitude is not estimated
 
-Each is the child of the one above; `leader` is one of `base_enu`. Only what is valid is published: the diagnostics
-say why something is not.
+Each is the child of the one above; `leader` is one of `base_enu`. Where another node moves `base_link`, `base_enu`
+is its child, and `map` is left to that node. Only what is valid is published: the diagnostics say why something is
+not.
 """
 
 import math
@@ -29,6 +30,7 @@ POSITION: Final = ("r_north", "r_east", "r_down")
 VELOCITY: Final = ("v_north", "v_east", "v_down")
 UNKNOWN_ANGLE: Final = math.pi**2 / 3.0  # rad^2: variance of an angle, or a rate, that may be any
 LEVEL: Final = (0.0, 0.0, 0.0, 1.0)  # x, y, z, w
+NEW_START_NS: Final = 10_000_000_000  # a clock that runs back by more has begun anew; tf2 remembers as much
 Numbers = NDArray[np.float64]
 
 
@@ -38,11 +40,12 @@ class RosEncoder:
     def __init__(self, config: Ros2Config, rate_hz: float | None = None) -> None:
         self._types = RosTypes()
         self._period_ns = 0 if rate_hz is None else round(1e9 / rate_hz)
-        self._root, prefix = f"/{config.namespace}", config.frame_prefix
+        self._root, prefix, self._tf = f"/{config.namespace}", config.frame_prefix, config.tf
         self._map, self._prefix = "map", prefix
         self._enu, self._body = f"{prefix}base_enu", f"{prefix}base_link"
         self._topics: dict[str, RosTopic] = {}
         self._last_ns: dict[str, int] = {}
+        self._moved_ns: dict[str, int] = {}  # of the newest transform of each frame
 
     @property
     def store(self) -> Any:
@@ -65,11 +68,15 @@ class RosEncoder:
         if not self._is_due("own", t_ns):
             return
         north, east, down = own.r_OF_n
-        transforms = [self._transform(t_ns, self._enu, self._body, np.zeros(3), _turn(flu_to_enu(own.q_nb)))]
-        if north is not None and east is not None:
-            r = ENU_NED @ [north, east, down]
-            transforms.insert(0, self._transform(t_ns, self._map, self._enu, r, LEVEL))
-        yield self._message("/tf", self._make("tf2_msgs/TFMessage", transforms), t_ns)
+        R = flu_to_enu(own.q_nb)
+        if self._tf == "base_link":
+            yield from self._moved(t_ns, (self._body, self._enu, np.zeros(3), _turn(R.T)))
+            return
+        body = (self._enu, self._body, np.zeros(3), _turn(R))
+        if north is None or east is None:
+            yield from self._moved(t_ns, body)
+        else:
+            yield from self._moved(t_ns, (self._map, self._enu, ENU_NED @ [north, east, down], LEVEL), body)
 
     def _own_state(self, state: NavState, t_ns: int) -> Iterator[RosMessage]:
         odometry = odometry_of(state) if state.valid else None
@@ -96,8 +103,7 @@ class RosEncoder:
             return
         name = re.sub(r"\W", "_", estimate.name, flags=re.ASCII)
         position, frame = ENU_NED @ mean[:3], f"{self._prefix}{name}"
-        transform = self._transform(t_ns, self._enu, frame, position, LEVEL)
-        yield self._message("/tf", self._make("tf2_msgs/TFMessage", [transform]), t_ns)
+        yield from self._moved(t_ns, (self._enu, frame, position, LEVEL))
         pose, spread = self._pose(position, LEVEL), _of_position(P)
         stamped = self._with_covariance("Pose", pose, spread)
         message = self._make("geometry_msgs/PoseWithCovarianceStamped", self._header(t_ns, self._enu), stamped)
@@ -165,6 +171,22 @@ class RosEncoder:
 
     def _vector(self, v: Numbers) -> Any:
         return self._make("geometry_msgs/Vector3", *map(float, v))
+
+    def _moved(self, t_ns: int, *moved: tuple[str, str, Numbers, tuple[float, ...]]) -> Iterator[RosMessage]:
+        """Transforms from a parent to a child, of which those are left out that would go back in time."""
+        if self._tf == "none":
+            return
+        newer = [one for one in moved if self._is_newer(one[1], t_ns)]
+        if newer:
+            transforms = [self._transform(t_ns, *one) for one in newer]
+            yield self._message("/tf", self._make("tf2_msgs/TFMessage", transforms), t_ns)
+
+    def _is_newer(self, frame: str, t_ns: int) -> bool:
+        last_ns = self._moved_ns.get(frame)
+        if last_ns is not None and -NEW_START_NS < t_ns - last_ns <= 0:
+            return False
+        self._moved_ns[frame] = t_ns
+        return True
 
     def _transform(self, t_ns: int, parent: str, child: str, r: Numbers, turn: tuple[float, ...]) -> Any:
         rotation = self._make("geometry_msgs/Quaternion", *turn)

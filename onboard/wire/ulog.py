@@ -24,8 +24,9 @@ from onboard.messages import (
     Imu,
     LocalPosition,
     Message,
+    StatusText,
 )
-from onboard.messages.text import plain
+from onboard.messages.text import LINE, plain
 from onboard.wire.tlog import NotALogError
 
 MAGIC: Final = b"ULog\x01\x12\x35"
@@ -53,9 +54,9 @@ Lose = Callable[[str], None]
 
 
 def read_ulog(path: Path, lose: Lose = lambda _: None) -> Iterator[Message]:
-    """The messages of a ULog in time order, after one heartbeat that names the autopilot and the vehicle type. Of
-    each topic it is the first instance that has rows; of the actuators' outputs, that whose outputs move most: the
-    others are other boards or unused.
+    """The messages of a ULog in time order, its texts among them, after one heartbeat that names the autopilot and
+    the vehicle type. Of each topic it is the first instance that has rows; of the actuators' outputs, that whose
+    outputs move most: the others are other boards or unused.
 
     A row that cannot be used is left out, and a topic without a field that it needs; `lose` is called with the
     reason for each. Raises NotALogError when the log cannot be read.
@@ -93,7 +94,14 @@ def read_ulog(path: Path, lose: Lose = lambda _: None) -> Iterator[Message]:
     kind, start_ns = int(_parameter(log, "MAV_TYPE", 2)), int(log.start_timestamp) * 1000
     header = _header(start_ns, system)
     yield Heartbeat(**header, vehicle_type=kind, autopilot=PX4, armed=False, status=ACTIVE)
-    yield from heapq.merge(*streams, key=lambda m: m.t_ns)
+    yield from heapq.merge(*streams, _texts(log, system, start_ns), key=lambda m: m.t_ns)
+
+
+def _texts(log: Any, system: int, start_ns: int) -> Iterator[Message]:
+    """What PX4 has said; its levels are digits. No time base begins with a text."""
+    for logged in sorted(log.logged_messages, key=lambda logged: int(logged.timestamp)):
+        header = _header(max(int(logged.timestamp) * 1000, start_ns), system) | {"clock": Clock.NONE}
+        yield StatusText(**header, severity=int(logged.log_level) & 7, text=plain(str(logged.message), LINE))
 
 
 def _check_formats(file: BinaryIO) -> None:

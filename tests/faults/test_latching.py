@@ -1,15 +1,16 @@
 """Which autopilot is ours: vehicles only, and another one when ours has fallen silent for good."""
 
-from itertools import product
+from itertools import pairwise, product
 from typing import Any, NamedTuple
 
 import pytest
 from msgspec.structs import replace
 
 from onboard.messages import Attitude, Datagram, Heartbeat, LocalPosition
+from onboard.messages.causes import Cause
 from tests.faults.test_silence import flying
 from tests.support.cases import slow_but
-from tests.support.faulty_flight import DATAGRAMS, ITEMS, T0, T1, assert_on_target, flown
+from tests.support.faulty_flight import DATAGRAMS, ITEMS, T0, T1, assert_on_target, every_second, flown
 from tests.support.streams import EPOCH, Item, Run, S, Stream, encode, feed, heartbeat, make_config
 
 NO_VEHICLES = GIMBAL, CAMERA, CONTROLLER, GROUND, ADSB, ODID = 26, 30, 18, 6, 27, 34
@@ -182,3 +183,76 @@ def test_the_daemon_says_which_autopilot_it_follows() -> None:
         daemon._deliver(datagram)
     reported = [line for line in lines if line.startswith("autopilot")]
     assert reported == ["autopilot: PX4, system 1", "autopilot: PX4, system 2 (the one before has fallen silent)"]
+
+
+def renamed(pause: float, system: int, component: int, change: Any = None) -> list[Datagram]:
+    """The flight, whose autopilot has another id from its third second on, after a pause; `change`: of what it
+    says from then on."""
+    at_ns = EPOCH + round((T0 + 3.0) * S)
+    items = []
+    for item in LONG:
+        message = item.message
+        if item.t_recv_ns < at_ns:
+            items.append(item)
+        elif message.component != 1:  # the camera
+            items.append(Item(item.t_recv_ns, replace(message, system=system)))
+        elif item.t_recv_ns >= at_ns + round(pause * S):
+            message = message if change is None else change(message)
+            items.append(Item(item.t_recv_ns, replace(message, system=system, component=component)))
+    return encode(items)
+
+
+LONG = every_second(Stream(t0=T0, t1=T0 + 14.0, seed=23).items())
+
+
+@pytest.mark.parametrize(
+    ("pause", "system", "component"), slow_but([(0.0, 2, 1)], [(0.0, 2, 1), (0.0, 1, 2), (3.0, 2, 1), (6.0, 7, 1)])
+)
+def test_an_autopilot_that_goes_on_with_another_id_costs_nothing_that_was_learnt(
+    pause: float, system: int, component: int
+) -> None:
+    """Its parameters were loaded late, after it had spoken for some seconds. It was taken for another vehicle: the
+    clocks, our own motion and the leader began anew."""
+    run = flown(renamed(pause, system, component))
+    assert run.pipeline.autopilot is not None
+    assert (run.pipeline.autopilot.system, run.pipeline.autopilot.component) == (system, component)
+    assert "another id" in run.pipeline.why_followed
+    assert not [e.reason for e in run.estimates if e.cause is Cause.OTHER_AUTOPILOT]
+    assert run.estimates[-1].reset_count == (pause > 0.0)  # silence for so long costs the track in any case
+    gap = max(b.t_ns - a.t_ns for a, b in pairwise([e for e in run.estimates if e.valid])) / S
+    assert gap < pause + 2.5  # the second heartbeat with the new id
+    assert_on_target(run)
+
+
+def later_boot(message: Any) -> Any:
+    return replace(message, t_ns=message.t_ns - 5 * S) if message.t_ns > 10 * S else message
+
+
+def elsewhere(message: Any) -> Any:
+    north, east, down = getattr(message, "r_OF_n", (0.0, 0.0, 0.0))
+    return replace(message, r_OF_n=(north + 5.0, east, down)) if isinstance(message, LocalPosition) else message
+
+
+def otherwise_turned(message: Any) -> Any:
+    return replace(message, q_nb=(0.0, 0.0, 0.0, 1.0)) if isinstance(message, Attitude) else message
+
+
+def faster(message: Any) -> Any:
+    if not isinstance(message, LocalPosition):
+        return message
+    north, east, down = message.v_F_n
+    return replace(message, v_F_n=(north + 9.0, east, down))
+
+
+def of_another_make(message: Any) -> Any:
+    return replace(message, autopilot=3) if isinstance(message, Heartbeat) else message
+
+
+@pytest.mark.parametrize("change", [later_boot, elsewhere, otherwise_turned, faster, of_another_make])
+def test_another_vehicle_that_comes_after_ours_begins_anew(change: Any) -> None:
+    """Whatever does not go on: the clock, the position, the attitude, the velocity, the make."""
+    run = flown(renamed(0.0, 2, 1, change))
+    assert run.pipeline.autopilot is not None
+    assert run.pipeline.autopilot.system == 2
+    assert run.pipeline.why_followed == "the one before has fallen silent"
+    assert [e for e in run.estimates if e.cause is Cause.OTHER_AUTOPILOT]

@@ -3,9 +3,11 @@
 import asyncio
 import re
 import socket
+import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
@@ -71,9 +73,43 @@ def test_the_page_s_python_example_sends_a_pair_of_wingtips(session: Any, endpoi
     assert message.features[0].sigma == pytest.approx(1 / 0.8 / 554.256)
 
 
+class _Tensor:
+    """What a detector on a graphics card gives: numbers come by way of the processor."""
+
+    def __init__(self, *rows: object) -> None:
+        self._rows = np.array(rows, dtype=np.float32)
+
+    def cpu(self) -> "_Tensor":
+        return self
+
+    def numpy(self) -> Any:
+        return self._rows
+
+
+def test_the_page_s_yolo_example_sends_all_boxes_of_an_image(
+    session: Any, endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    boxes = SimpleNamespace(
+        xywh=_Tensor((320.5, 240.25, 40.0, 12.5), (100.0, 50.0, 8.0, 8.0)),
+        cls=_Tensor(4, 14),
+        conf=_Tensor(0.75, 0.5),
+    )
+    result = SimpleNamespace(names={4: "airplane", 14: "bird"}, boxes=boxes)
+    yolo = SimpleNamespace(YOLO=lambda _file: lambda **_given: iter([result]))
+    monkeypatch.setitem(sys.modules, "ultralytics", yolo)
+    code = example(1).replace("Camera()", f"Camera(endpoint={endpoint!r})")
+    link = ZenohLink(session, "onboard/1", camera="front")
+    datagram = received(link, lambda: exec(code, {}))  # noqa: S102 - what a reader would paste
+    plane, bird = decoded(datagram)
+    assert (plane.class_name, bird.class_name) == ("airplane", "bird")
+    assert plane.features[0].point == pytest.approx((0.5 / 554.256, 0.25 / 554.256))
+    sent = msgspec.json.decode(datagram.data, type=CameraDetections).detections[0]
+    assert (sent.confidence, sent.box) == (0.75, Box(u_px=320.5, v_px=240.25, width_px=40.0, height_px=12.5))
+
+
 def test_the_page_s_udp_example_sends_a_box() -> None:
     (port,) = free_ports(socket.SOCK_DGRAM)
-    code = re.sub(r"14570", str(port), example(1))
+    code = re.sub(r"14570", str(port), example(2))
     datagram = received(parse_link(f"json:127.0.0.1:{port}", "detector"), lambda: exec(code, {}))  # noqa: S102
     assert datagram.channel == "detector"
     (message,) = decoded(datagram)

@@ -1,6 +1,7 @@
 """What a replay exports, read back by others: pyarrow, evo, mcap with Foxglove's schemas, and rosbags."""
 
 import csv
+import json
 import math
 import shutil
 import subprocess
@@ -109,8 +110,10 @@ def test_foxglove_reads_its_own_schemas(exported: Path) -> None:
                 topics=["/tf", "/own/pose", "/leader/pose", "/scene", "/log"]
             )
         ]
-        ours = [channel.topic for _, channel, _ in reader.iter_messages(topics=["estimate/leader"])]
+        ours = [json.loads(m.data) for _, _, m in reader.iter_messages(topics=["estimate/leader"])]
     assert len(ours) > 250
+    poses = [m.timestamp.ToNanoseconds() for _, topic, m in decoded if topic == "/leader/pose"]
+    assert poses == [record["t_ns"] for record in ours if record["valid"]]  # all of them
     names = {topic: name for name, topic, _ in decoded}
     assert names == {
         "/tf": "foxglove.FrameTransform",

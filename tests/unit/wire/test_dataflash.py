@@ -13,6 +13,7 @@ from onboard.messages import (
     Attitude,
     Barometer,
     Battery,
+    Clock,
     EstimatorStatus,
     GlobalOrigin,
     GpsFix,
@@ -20,6 +21,7 @@ from onboard.messages import (
     Imu,
     LocalPosition,
     Message,
+    StatusText,
 )
 from onboard.wire.dataflash import GPS_EPOCH_S, WEEK_S, read_dataflash
 from onboard.wire.tlog import NotALogError
@@ -120,6 +122,10 @@ OLDER = {  # as firmware had them that numbers rows in their names, and before 2
     **dict.fromkeys(("NKF4", "NKF9"), ("QHb", "TimeUS,SS,PI")),
     "GPS": ("BIHBcLLeeEEfI", "Status,TimeMS,Week,NSats,HDop,Lat,Lng,RelAlt,Alt,Spd,GCrs,VZ,T"),
 }
+SAID = {
+    "MODE": ("QMBB", "TimeUS,Mode,ModeNum,Rsn"),
+    "ARM": ("QBIBB", "TimeUS,ArmState,ArmChecks,Forced,Method"),
+}
 FIX = {"Status": 3, "GWk": WEEK, "GMS": WEEK_MS, "Lat": 47.0}
 
 
@@ -187,3 +193,23 @@ def test_what_is_no_log_is_refused(log: Path, tmp_path: Path) -> None:
     path.write_bytes(log.read_bytes()[:200])
     with pytest.raises(NotALogError, match="no attitude"):
         next(read_dataflash(path))
+
+
+def test_modes_arming_and_texts_are_said(tmp_path: Path) -> None:
+    """Also a mode from before the first row of a sensor; no time base begins with them."""
+    log = DataFlash()
+    for kind, form in SAID.items():
+        log.add_format(kind, *form)
+    log.row("MODE", 500_000, Mode=5, ModeNum=5)
+    log.row("ATT", 1_000_000)
+    log.row("MSG", 2_000_000, Message=b"EKF3 IMU0 is using GPS")
+    log.row("ARM", 3_000_000, ArmState=1)
+    log.row("MODE", 4_000_000, Mode=23, ModeNum=23)
+    (tmp_path / "a.bin").write_bytes(log.data)
+    first, *beats = (m for m in of(tmp_path / "a.bin", Heartbeat) if isinstance(m, Heartbeat))
+    assert [(m.t_ns, m.armed, m.custom_mode) for m in (first, *beats)] == [
+        *((1_000_000_000, False, 5), (3_000_000_000, True, 5), (4_000_000_000, True, 23))
+    ]
+    (text,) = (m for m in of(tmp_path / "a.bin", StatusText) if isinstance(m, StatusText))
+    assert (text.text, text.severity) == ("EKF3 IMU0 is using GPS", 6)
+    assert {m.clock for m in (text, *beats)} == {Clock.NONE}

@@ -31,7 +31,7 @@ HASHES = {  # as other implementations of ROS 2 over Zenoh have them
 }
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def encoder() -> RosEncoder:
     return RosEncoder(Ros2Config())
 
@@ -107,8 +107,48 @@ def test_transforms_lead_from_the_map_to_our_vehicle_and_to_the_leader(encoder: 
     ]
     assert [numbers(one.transform.translation) for one in every] == [[2, 1, 3], [0, 0, 0], [20, 10, 5]]
     assert_allclose([numbers(one.transform.rotation) for one in every], [[0, 0, 0, 1]] * 3, atol=1e-12)
-    (level,) = decoded(encoder, encoder.encode(OwnPose(**_fields(own, r_OF_n=(None, None, -3.0))), STAMP))["/tf"]
+    (level,) = decoded(encoder, encoder.encode(OwnPose(**_fields(own, r_OF_n=(None, None, -3.0))), STAMP + 1))[
+        "/tf"
+    ]
     assert [one.child_frame_id for one in level.transforms] == ["base_link"]  # where it is is not known
+
+
+def test_another_node_moves_our_vehicle_or_all() -> None:
+    """robot_localization, or MAVROS, has base_link in its own tree: ours hangs below it, or nothing is sent."""
+    own = OwnPose(t_ns=1, r_OF_n=(1.0, 2.0, -3.0), v_F_n=(0, 0, 0), a_F_n=(0, 0, 0), q_nb=EAST)
+    turned = OwnPose(**_fields(own, q_nb=tuple(quaternion_from_euler(0.1, 0.2, 0.3).tolist())))
+    encoder = RosEncoder(parse_config({"ros2": {"tf": "base_link"}}).ros2)
+    (ours,) = decoded(encoder, encoder.encode(turned, STAMP))["/tf"]
+    (leaders,) = decoded(encoder, encoder.encode(leader(), STAMP))["/tf"]
+    every = [*ours.transforms, *leaders.transforms]
+    assert [(one.header.frame_id, one.child_frame_id) for one in every] == [
+        ("base_link", "base_enu"),
+        ("base_enu", "leader"),
+    ]
+    usual = RosEncoder(Ros2Config())
+    (tf,) = decoded(usual, usual.encode(turned, STAMP))["/tf"]
+    body = Rotation.from_quat(numbers(tf.transforms[1].transform.rotation))
+    there_and_back = body * Rotation.from_quat(numbers(every[0].transform.rotation))
+    assert_allclose(there_and_back.as_rotvec(), np.zeros(3), atol=1e-12)
+
+    silent = RosEncoder(Ros2Config(tf="none"))
+    assert silent.encode(own, STAMP) == []
+    assert set(decoded(silent, silent.encode(leader(), STAMP))) == {
+        f"/onboard/{name}" for name in ("detections", "leader/pose", "leader/odometry")
+    }
+
+
+@pytest.mark.parametrize(
+    ("step_ns", "sent"), [(1, True), (0, False), (-1, False), (-9_000_000_000, False), (-11_000_000_000, True)]
+)
+def test_no_transform_goes_back_in_time_unless_the_clock_begins_anew(
+    encoder: RosEncoder, step_ns: int, sent: bool
+) -> None:
+    """tf2 complains of each that does, and of each that is repeated."""
+    own = OwnPose(t_ns=1, r_OF_n=(1.0, 2.0, -3.0), v_F_n=(0, 0, 0), a_F_n=(0, 0, 0), q_nb=EAST)
+    for record in (own, leader()):
+        assert "/tf" in decoded(encoder, encoder.encode(record, STAMP))
+        assert ("/tf" in decoded(encoder, encoder.encode(record, STAMP + step_ns))) == sent
 
 
 def _fields(record: Any, **changed: Any) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from onboard.messages import ActuatorOutputs, Battery, GpsFix, Heartbeat, Message
+from onboard.messages import ActuatorOutputs, Battery, Clock, GpsFix, Heartbeat, Message, StatusText
 from onboard.wire.tlog import NotALogError
 from onboard.wire.ulog import read_ulog
 
@@ -165,3 +165,18 @@ def test_a_battery_without_a_voltage_is_left_out(tmp_path: Path) -> None:
     rows = [{"timestamp": 1_000_000 + 100_000 * i, "voltage_v": v} for i, v in enumerate((22.5, 0.0))]
     (_, *batteries), _ = read(ulog(tmp_path / "a.ulg", rows, fields=fields, name="battery_status"))
     assert [m.voltage_v for m in batteries if isinstance(m, Battery)] == [22.5]
+
+
+def test_texts_are_said_at_their_time_and_begin_no_time_base(tmp_path: Path) -> None:
+    path = ulog(tmp_path / "a.ulg", rows_at(50.0, 52.0))
+    said = [(51.0, b"4", b"Low battery"), (51.5, b"6", b"Takeoff detected")]
+    logged = (message(b"L", struct.pack("<cQ", level, round(t * 1e6)) + text) for t, level, text in said)
+    path.write_bytes(path.read_bytes() + b"".join(logged))
+    messages, lost = read(path)
+    texts = [m for m in messages if isinstance(m, StatusText)]
+    assert [(m.t_ns, m.severity, m.text, m.clock) for m in texts] == [
+        (51_000_000_000, 4, "Low battery", Clock.NONE),
+        (51_500_000_000, 6, "Takeoff detected", Clock.NONE),
+    ]
+    assert [m.t_ns for m in messages] == sorted(m.t_ns for m in messages)
+    assert lost == []
