@@ -1,5 +1,5 @@
 """The command line: `onboard init`, `check`, `run`, `demo`, `replay`, `report`, `evaluate`, `calibrate`, `router`,
-`recover`, `view`, `status`, `study`, `schema`, `compile`.
+`recover`, `view`, `status`, `study`, `schema`, `completion`, `compile`.
 
 A user's mistake is one line. Each command is a file of this folder with a function `main`. It is imported when it
 runs, so that `--help` is quick and a replay loads no Zenoh.
@@ -105,6 +105,7 @@ def parser() -> argparse.ArgumentParser:
     _add_status(add("status", "what a daemon hears, what is wrong, and what to do", examples.STATUS))
     _add_study(add("study", "a paper's claims, measured", examples.STUDY))
     _add_schema(add("schema", "what is published: keys, records, types", examples.SCHEMA))
+    add("completion", "what a shell completes after `onboard`", examples.COMPLETION)
     _add_compile(add("compile", "compile the filters before the first flight", examples.COMPILE))
     return top
 

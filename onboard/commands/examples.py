@@ -131,6 +131,11 @@ SCHEMA: Final = """\
 example:
   onboard schema --json > schema.json
 """
+COMPLETION: Final = """\
+examples:
+  onboard completion > ~/.local/share/bash-completion/completions/onboard
+  onboard completion > onboard.bash      zsh: autoload bashcompinit && bashcompinit && source onboard.bash
+"""
 COMPILE: Final = """\
 examples:
   onboard compile                        everything
