@@ -155,6 +155,19 @@ def test_nothing_is_heard_and_it_ends(capsys: pytest.CaptureFixture[str]) -> Non
     assert "FAIL autopilot   none is heard" in shown
 
 
+def test_who_listens_leads_no_vehicle_and_writes_nothing(tmp_path: Path) -> None:
+    sets = ("leader_out=[{link='autopilot'}]", "odometry.link=autopilot", "traffic_out.link=autopilot")
+    files = (
+        f"recorder.path={tmp_path}/x.mcap",
+        f"parameters.path={tmp_path}/x.toml",
+        "estimator.leader.size_prior_m=2",
+    )
+    quiet = readiness._quiet(load_config(None, (*sets, *files)))
+    assert (quiet.leader_out, quiet.odometry.link, quiet.traffic_out.link) == ((), None, "")
+    assert (quiet.recorder.path, quiet.parameters.path, quiet.warm_start.enabled) == (None, None, False)
+    assert "leader" in quiet.estimator
+
+
 def test_a_simulated_flight_is_ready_and_nothing_is_recorded(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
