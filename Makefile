@@ -1,7 +1,7 @@
 # Every target sets up what it needs: the virtual environment .venv with the pinned packages. The demo needs few of them
 # and compiles what it needs itself, so it starts sooner; the tests need all.
 PYTHON ?= python3
-VENV := .venv
+VENV ?= .venv
 BIN := $(VENV)/bin
 # Without --no-compile it takes twice as long, for bytecode of modules that are never imported.
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
@@ -16,7 +16,7 @@ KERNELS := $(wildcard onboard/filters/*.py onboard/filters/kernels/*.py onboard/
 # compile all sources anew.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: install demo test test-all lint mutants fuzz bench docs pictures clean
+.PHONY: install demo test test-all fast matrix lint mutants fuzz bench docs pictures clean
 
 install: $(READY) $(COMPILED)  ## onboard and simlink, in .venv/bin, with the filters compiled
 	@$(BIN)/python -m compileall -q -j 0 $(VENV)/lib > /dev/null 2>&1 || true  # for users who may not write there
@@ -37,6 +37,24 @@ test: $(READY_DEV)  ## before each commit: four minutes on two cores
 test-all: $(READY_DEV) docs  ## before a release: also the documentation, whole studies, long runs, recorded flights
 	$(CHECK)
 	$(TESTS) $(ARGS)
+
+# What depends on Python and on other packages more than on our filters: bytes, links, configuration, commands, the wheel.
+# Kernels run in Python, so nothing is compiled; what we use of Numba is tried by itself.
+FAST := $(addprefix tests/unit/,wire messages links test_config.py test_config_text.py test_config_bounds.py \
+	$(addprefix commands/,test_init.py test_help.py test_completion.py test_terminal.py) \
+	documents/test_commands.py house/test_import_rules.py house/test_wheel.py)
+
+fast: $(READY_DEV)  ## 1,600 tests, without compiling the filters
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -m "not slow" $(FAST) $(ARGS)
+	$(BIN)/python -m pytest tests/unit/filters/test_numba_internals.py $(ARGS)
+
+PYTHONS ?= python3.11 python3.12 python3.13 python3.14
+
+matrix:  ## these on each Python of PYTHONS that is here, in a virtual environment of its own
+	+@for python in $(PYTHONS); do \
+		if ! $$python --version > /dev/null 2>&1; then echo "$$python: not on this computer"; continue; fi; \
+		$(MAKE) --no-print-directory fast PYTHON=$$python VENV=.venv-$$(basename $$python) || exit 1; \
+	done
 
 lint: $(READY_DEV)  ## what CI runs before the tests
 	$(BIN)/ruff check .
@@ -64,7 +82,7 @@ docs: $(READY_DOCS)  ## the documentation, in out/docs/html
 	@echo "written: out/docs/html/index.html"
 
 clean:
-	rm -rf $(VENV) out .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) .venv-* out .mypy_cache .ruff_cache .pytest_cache .hypothesis
 
 $(VENV)/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "this needs Python 3.11 or newer")'

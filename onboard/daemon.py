@@ -25,7 +25,7 @@ from onboard.links.host_clock import HostClock
 from onboard.links.host_computer import HostComputer, load_of
 from onboard.links.service_manager import ServiceManager
 from onboard.links.zenoh import ZenohLink
-from onboard.messages import Datagram, Estimate, LeaderState, Message, Output, WarmState, not_valid
+from onboard.messages import Datagram, Estimate, Health, LeaderState, Message, Output, WarmState, not_valid
 from onboard.pipeline import Pipeline, Rim
 from onboard.pipeline.silence import BEHIND
 from onboard.sinks import SinkRunner
@@ -44,13 +44,20 @@ SILENT_NS: Final = 3_000_000_000  # without a message of the latched autopilot: 
 
 
 class Daemon:
-    """Everything of one flight. `report` receives lines for a person."""
+    """Everything of one flight. `report` receives lines for a person, `on_health` each health."""
 
-    def __init__(self, config: Config, *, report: Callable[[str], None], clock: HostClock | None = None) -> None:
+    def __init__(
+        self,
+        config: Config,
+        *,
+        report: Callable[[str], None],
+        on_health: Callable[[Health], None] = lambda _: None,
+        clock: HostClock | None = None,
+    ) -> None:
         self._clock = clock or HostClock()
         self._now_ns = self._clock.now_ns
         self._computer = HostComputer(Path(config.recorder.path or ".").absolute().parent)
-        self._report = report
+        self._report, self._on_health = report, on_health
         self._config = config
         keys = {link.name: key for link in config.link if (key := signing_key(link)) is not None}
         self._pipeline = Pipeline(config, keys)
@@ -269,6 +276,7 @@ class Daemon:
             health = self._pipeline.health(now_ns, Rim(sinks, links, load))
             self._publish(health)
             self._console.show_health(health)
+            self._on_health(health)
             offset_ns = None if boot_ns is None else host_ns - boot_ns
             self._warm.keep(self._output.warm_state(host_ns, offset_ns, self._pipeline.clocks.round_trip_ns))
             if self._storing is not None and (error := self._storing.take_error()):

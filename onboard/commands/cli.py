@@ -1,5 +1,5 @@
-"""The command line: `onboard run`, `demo`, `replay`, `report`, `evaluate`, `calibrate`, `router`, `recover`,
-`view`, `status`, `study`, `schema`, `compile`.
+"""The command line: `onboard init`, `check`, `run`, `demo`, `replay`, `report`, `evaluate`, `calibrate`, `router`,
+`recover`, `view`, `status`, `study`, `schema`, `completion`, `compile`.
 
 A user's mistake is one line. Each command is a file of this folder with a function `main`. It is imported when it
 runs, so that `--help` is quick and a replay loads no Zenoh.
@@ -18,6 +18,7 @@ from typing import Final, NoReturn
 
 from onboard import UserError, __version__
 from onboard.commands import examples
+from onboard.commands.share import TOGETHER
 from onboard.commands.terminal import end_signals, one_line, report
 
 USER_ERROR: Final = 2
@@ -90,6 +91,8 @@ def parser() -> argparse.ArgumentParser:
             name, help=text, epilog=epilog, formatter_class=argparse.RawDescriptionHelpFormatter
         )
 
+    _add_init(add("init", "a configuration, service and parameters for a vehicle", examples.INIT))
+    _add_check(add("check", "whether all is there that a flight needs, before it", examples.CHECK))
     _add_run(add("run", "run the daemon", examples.RUN))
     _add_demo(add("demo", "simulator, daemon and view together, and a scorecard", examples.DEMO))
     _add_replay(add("replay", "a recorded flight through the same pipeline", examples.REPLAY))
@@ -102,8 +105,35 @@ def parser() -> argparse.ArgumentParser:
     _add_status(add("status", "what a daemon hears, what is wrong, and what to do", examples.STATUS))
     _add_study(add("study", "a paper's claims, measured", examples.STUDY))
     _add_schema(add("schema", "what is published: keys, records, types", examples.SCHEMA))
+    add("completion", "what a shell completes after `onboard`", examples.COMPLETION)
     _add_compile(add("compile", "compile the filters before the first flight", examples.COMPILE))
     return top
+
+
+def _add_init(init: argparse.ArgumentParser) -> None:
+    init.add_argument("folder", nargs="?", type=Path, default=Path(), metavar="DIR", help="(default: this folder)")
+    init.add_argument("--autopilot", choices=["ardupilot", "px4"], help="whose parameters are written")
+    init.add_argument("--link", metavar="URL", help="to it (default: serial:/dev/ttyAMA0:921600)")
+    camera = "WIDTHxHEIGHT:FOCAL (px), WIDTHxHEIGHT:FOVdeg, or FILE.yaml, a camera_info of ROS"
+    init.add_argument("--camera", help=camera)
+    init.add_argument("--tilt", metavar="DEG", help="by how much the camera looks up (default: 15)")
+    aircraft = "what the leader is (default: quadrotor)"
+    kinds = ["quadrotor", "hexarotor", "octorotor", "fixed-wing"]
+    init.add_argument("--aircraft", choices=kinds, help=aircraft)
+    init.add_argument("--span", metavar="M", help="the leader's: wingtip to wingtip, or over rotors and blades")
+    purpose = init.add_mutually_exclusive_group()
+    follow, watch = "let the autopilot follow the leader", "send the autopilot nothing of the leader"
+    purpose.add_argument("--follow", dest="purpose", action="store_const", const="follow", help=follow)
+    purpose.add_argument("--watch", dest="purpose", action="store_const", const="watch", help=watch)
+    init.add_argument("--example", choices=[*TOGETHER], help="copy these files instead")
+    init.add_argument("--force", action="store_true", help="write over files that are there")
+
+
+def _add_check(check: argparse.ArgumentParser) -> None:
+    check.add_argument("config", nargs="?", type=Path, help="TOML file of the flight")
+    wait = "how long to listen at most, s (default: %(default)s)"
+    check.add_argument("--wait", type=_seconds, default=15.0, metavar="S", help=wait)
+    _add_set(check)
 
 
 def _add_run(run: argparse.ArgumentParser) -> None:

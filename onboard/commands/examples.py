@@ -4,12 +4,33 @@ from typing import Final
 
 ALL: Final = """\
 examples:
+  onboard init                                   a configuration, a service and parameters for your vehicle
   onboard demo                                   a quadrotor behind a leader, the live view, a scorecard
   onboard demo --headless --duration 60 --seed 1 --json score.json
   onboard run configs/companion.toml             fly
   onboard replay flight.tlog --out estimates.csv --truth truth.csv.gz --set camera.mount_rpy_deg=[0,15,0]
   onboard view                                   watch a daemon that runs on this computer
   onboard study relative-motion                  the paper's filter against ours, with its figures
+"""
+INIT: Final = """\
+examples:
+  onboard init                           asks, at a terminal
+  onboard init uav-1 --autopilot px4 --camera 1280x720:62deg --span 0.7 --follow
+  onboard init try --autopilot ardupilot --link tcp:127.0.0.1:5762 --camera 640x480:554 --span 2 --watch
+  onboard init --example fleet
+
+DIR gets companion.toml, with only what matters, onboard.service for systemd, and ardupilot.parm (ArduPilot) or
+px4.params (PX4) for a ground station to load; what to do next is printed. An --example is a copy of files.
+"""
+CHECK: Final = """\
+examples:
+  onboard check companion.toml           before the first flight, and after each change of wires or of the file
+  onboard check companion.toml --wait 60
+
+A line each for the compiled filters, the disk, the clock, links, the autopilot, rates and cameras: ok, note, or
+FAIL with what to do. A daemon that runs is asked; else one listens here for some seconds, which sends the
+autopilot heartbeats and requests for rates, and nothing of the leader.
+Exit code 0: all that is needed is there; 1: something is not.
 """
 RUN: Final = """\
 examples:
@@ -109,6 +130,11 @@ examples:
 SCHEMA: Final = """\
 example:
   onboard schema --json > schema.json
+"""
+COMPLETION: Final = """\
+examples:
+  onboard completion > ~/.local/share/bash-completion/completions/onboard
+  onboard completion > onboard.bash      zsh: autoload bashcompinit && bashcompinit && source onboard.bash
 """
 COMPILE: Final = """\
 examples:

@@ -104,7 +104,19 @@ def _with_paths(value: Any, key: str = "") -> Any:
     is_path = isinstance(value, str) and (key in PATHS or key.endswith("_file"))
     if is_path and value.startswith(FILE_ADDRESS):
         return unquote(value.removeprefix(FILE_ADDRESS[:-1]))
-    return os.path.expandvars(Path(value).expanduser()) if is_path and value.startswith(("~", "$")) else value
+    return _expanded(key, value) if is_path and value.startswith(("~", "$")) else value
+
+
+def _expanded(key: str, value: str) -> str:
+    """A file's name with its user's home or a variable in it. Raises ConfigError where that is not known: as it
+    stands it would be a folder named `~` where the program was started."""
+    try:
+        found = os.path.expandvars(Path(value).expanduser())
+    except RuntimeError as error:
+        raise ConfigError(f"{key}: {value}: no home is known; write the whole name of the file") from error
+    if found.startswith("$"):
+        raise ConfigError(f"{key}: {value}: this variable is not set; write the whole name of the file")
+    return found
 
 
 def _merged(table: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:

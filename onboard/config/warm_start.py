@@ -121,8 +121,9 @@ def folder_of(environment: Mapping[str, str]) -> Path:
     if given := environment.get("STATE_DIRECTORY"):
         return Path(given.partition(":")[0])
     state = environment.get("XDG_STATE_HOME", "")
-    home = environment.get("HOME", "/nonexistent")
-    return (Path(state) if Path(state).is_absolute() else Path(home) / ".local" / "state") / "onboard"
+    home = Path(environment.get("HOME", ""))
+    home = home if home.is_absolute() else Path("/nonexistent")  # not a folder where the program was started
+    return (Path(state) if Path(state).is_absolute() else home / ".local" / "state") / "onboard"
 
 
 def check_own(path: Path) -> None:

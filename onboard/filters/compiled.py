@@ -16,6 +16,7 @@ from numba import types
 from onboard.filters import numba_internals
 
 numba_internals.load_without_scipy()
+numba_internals.keep_cache_out_of_relative_folders()
 numba_internals.keep_cache_files_whole(
     f"{__package__}: machine code on disk was damaged, perhaps by a power cut; it is deleted and compiled anew"
 )

@@ -137,6 +137,31 @@ def keep_cache_files_whole(line: str) -> bool:
     return True
 
 
+def keep_cache_out_of_relative_folders() -> bool:
+    """Keep no machine code in a folder named `~` where a program happens to be started, as Numba does for a user
+    without a home (no `HOME`, and no entry among the users). There is no folder then, as where none is writable.
+    False, with nothing changed, if this Numba finds a user's folder in another way."""
+    try:
+        from numba.core import caching  # noqa: PLC0415 - half a second, and an internal
+    except ImportError:
+        return False
+    names = ("UserWideCacheLocator", "_UserWideCacheLocator")  # the second of Numba before 0.62
+    locator: Any = next((getattr(caching, name) for name in names if hasattr(caching, name)), None)
+    ensure = getattr(locator, "ensure_cache_path", None)
+    if ensure is None or not hasattr(locator, "get_cache_path"):
+        return False
+    if ensure.__name__ == "ensure_absolute":
+        return True
+
+    def ensure_absolute(self: Any) -> None:
+        if not Path(self.get_cache_path()).is_absolute():
+            raise OSError(f"{self.get_cache_path()} is in no home")
+        ensure(self)
+
+    locator.ensure_cache_path = ensure_absolute
+    return True
+
+
 def cache_folder(source: Path) -> Path | None:
     """The folder in which Numba caches the machine code of functions in the file `source`; None if this Numba does
     not say.
@@ -147,6 +172,7 @@ def cache_folder(source: Path) -> Path | None:
         from numba.core.caching import FunctionCache  # noqa: PLC0415 - half a second, and an internal
     except ImportError:
         return None
+    keep_cache_out_of_relative_folders()
     cache: Any = FunctionCache
     function = FunctionType((lambda: None).__code__.replace(co_filename=str(source)), {}, "function")
     folder = getattr(cache(function), "cache_path", None)

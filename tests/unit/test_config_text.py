@@ -32,6 +32,19 @@ def test_a_path_is_what_a_shell_makes_of_it(tmp_path: Path, monkeypatch: pytest.
     assert load_config(tmp_path / "c.toml").camera.sigma_px == 3.0
 
 
+@pytest.mark.parametrize("place", ["~/x.mcap", "$HOME/x.mcap", "${HOME}/x.mcap", "~nobody-here/x.mcap"])
+def test_a_home_that_is_not_known_is_one_line(place: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was a traceback, or a folder named $HOME."""
+
+    def no_entry(_: int) -> None:
+        raise KeyError
+
+    monkeypatch.delenv("HOME", raising=False)
+    monkeypatch.setattr("pwd.getpwuid", no_entry)
+    with pytest.raises(ConfigError, match=r"^path: .*(no home is known|is not set); write the whole name"):
+        load_config(None, (f"recorder.path={place}",))
+
+
 def test_the_address_of_a_file_is_its_name(tmp_path: Path) -> None:
     (tmp_path / "a lens.yaml").write_text("image_width: 640\n")
     address = f"file://{tmp_path}/a%20lens.yaml"

@@ -222,6 +222,8 @@ def test_states_are_where_systemd_or_xdg_has_them() -> None:
     assert folder_of({"STATE_DIRECTORY": "/var/lib/a:/var/lib/b", "HOME": "/h"}) == Path("/var/lib/a")
     assert folder_of({"XDG_STATE_HOME": "/x", "HOME": "/h"}) == Path("/x/onboard")
     assert folder_of({"XDG_STATE_HOME": "relative", "HOME": "/h"}) == Path("/h/.local/state/onboard")
+    for homeless in ({}, {"HOME": ""}, {"HOME": "~"}):
+        assert folder_of(homeless) == Path("/nonexistent/.local/state/onboard")
 
 
 def test_two_daemons_on_other_links_have_files_of_their_own() -> None:

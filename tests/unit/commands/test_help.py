@@ -24,7 +24,7 @@ def test_there_are_settings_to_test() -> None:
     assert len(SETS) >= 4
 
 
-COMMANDS = ("run", "demo", "replay", "view", "study", "compile", "schema")
+COMMANDS = ("init", "check", "run", "demo", "replay", "view", "study", "compile", "completion", "schema")
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -3,6 +3,8 @@
 import math
 import tomllib
 
+import pytest
+
 from onboard.config import GuidanceConfig
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario
@@ -21,6 +23,14 @@ def test_the_parameter_file_holds_what_the_guide_says() -> None:
                 in_guide |= {name: float(value) for name, value in zip(names, values, strict=True)}
     assert in_file == in_guide
     assert in_file["FOLL_SYSID"] == tomllib.loads(_text("sitl.toml"))["leader_out"][0]["system"]
+
+
+@pytest.mark.parametrize(("file", "guide"), [("ardupilot-serial.parm", "ardupilot"), ("px4-serial.params", "px4")])
+def test_the_parameters_of_the_serial_port_are_those_of_the_guide(file: str, guide: str) -> None:
+    rows = [line.split("#")[0].split() for line in _text(file).splitlines()]
+    in_file = dict(row[:2] if len(row) == 2 else row[2:4] for row in rows if row)
+    table, *_ = documents.tables(documents.section(guide, "Wiring"))
+    assert in_file == {name.strip("`"): value for name, value, _ in table}
 
 
 def test_the_parameter_file_of_px4_holds_what_the_guide_says_and_the_slot() -> None:

@@ -129,6 +129,39 @@ def test_a_cache_that_does_not_say_where_it_is(monkeypatch: pytest.MonkeyPatch) 
     assert numba_internals.cache_folder(Path(__file__)) is None
 
 
+@pytest.mark.parametrize("of_numba", [False, True])
+def test_a_user_without_a_home_gets_no_folder_of_this_name(
+    of_numba: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """`onboard demo` compiled for minutes into a folder `~` where it was started. `of_numba`: before any kernel is
+    loaded, as in `onboard compile`."""
+
+    def no_entry(_: int) -> None:
+        raise KeyError
+
+    (tmp_path / "kernels.py").write_text("")
+    (tmp_path / "__pycache__").write_text("")  # not writable, not even to root
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("pwd.getpwuid", no_entry)
+    monkeypatch.setattr("numba.config.CACHE_DIR", "")
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    assert numba_internals.cache_folder(tmp_path / "kernels.py").is_relative_to(tmp_path / "home")
+    monkeypatch.delenv("HOME")
+    if of_numba:
+        monkeypatch.setattr(
+            caching.UserWideCacheLocator, "ensure_cache_path", caching._CacheLocator.ensure_cache_path
+        )
+    with pytest.raises(RuntimeError, match="cannot cache"):
+        numba_internals.cache_folder(tmp_path / "kernels.py")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["__pycache__", "home", "kernels.py"]
+
+
+def test_a_numba_without_a_user_s_folder_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(caching, "UserWideCacheLocator")
+    assert not numba_internals.keep_cache_out_of_relative_folders()
+
+
 def holed(data: bytes) -> bytes:
     middle = len(data) // 2
     return data[:middle] + bytes(64) + data[middle + 64 :]

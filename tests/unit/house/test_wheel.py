@@ -1,5 +1,6 @@
 """The wheel as somebody installs it: what is in it, and that it runs apart from this tree."""
 
+import os
 import shutil
 import subprocess
 import sys
@@ -15,13 +16,15 @@ from tests.support.programs import ROOT
 BUILD = "import sys; from setuptools import build_meta; print(build_meta.build_wheel(sys.argv[1]))"
 USE = """
 import onboard, simlink, onboard.pipeline
+from importlib.resources import files
 from simlink.scenarios.scenario import load_scenario, scenario_names
 from simlink.sensors import almanac
 assert onboard.__file__.startswith(r"{place}"), onboard.__file__
 almanac.load()
+assert b"[[link]]" in (files("onboard") / "share" / "configs" / "companion.toml").read_bytes()
 print(len(scenario_names()), load_scenario("mission").name, onboard.__version__)
 """
-FOLDERS = ("onboard", "simlink", "studies", "tests/support", "benchmarks", "examples", "docs/notebooks")
+FOLDERS = ("onboard", "simlink", "studies", "tests/support", "benchmarks", "configs", "examples", "docs/notebooks")
 FILES = ("pyproject.toml", "README.md", "LICENSE")
 
 
@@ -30,7 +33,8 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Built of a copy, in which the build may leave what it likes, without a network."""
     tree, out = (tmp_path_factory.mktemp(name) for name in ("tree", "out"))
     for folder in FOLDERS:
-        shutil.copytree(ROOT / folder, tree / folder, ignore=shutil.ignore_patterns("__pycache__", "*.egg-info"))
+        ignore = shutil.ignore_patterns("__pycache__", "*.egg-info")
+        shutil.copytree(ROOT / folder, tree / folder, ignore=ignore, symlinks=True)
     for name in FILES:
         shutil.copy(ROOT / name, tree)
     built = subprocess.run(
@@ -45,10 +49,11 @@ def test_all_that_flies_is_in_the_wheel_and_nothing_else(wheel: Path) -> None:
         names = set(file.namelist())
     mine = {name for name in names if ".dist-info/" not in name}
     expected = {
-        path.relative_to(ROOT).as_posix()
+        (Path(folder) / name).relative_to(ROOT).as_posix()
         for package in ("onboard", "simlink")
-        for path in (ROOT / package).rglob("*")
-        if path.is_file() and "__pycache__" not in path.parts
+        for folder, _, inside in os.walk(ROOT / package, followlinks=True)
+        for name in inside
+        if "__pycache__" not in Path(folder).parts
     }
     assert mine == expected
     for needed in ("onboard/py.typed", "simlink/py.typed", "simlink/scenarios/mission.toml"):
@@ -56,6 +61,16 @@ def test_all_that_flies_is_in_the_wheel_and_nothing_else(wheel: Path) -> None:
     assert any(name.endswith(".alm") for name in mine)
     assert any(name.endswith(".pyi") for name in mine)
     assert any(name.endswith("LICENSE") for name in names - mine)
+
+
+@pytest.mark.parametrize("folder", ["configs", "examples"])
+def test_configurations_and_examples_are_in_the_wheel_as_they_are_here(wheel: Path, folder: str) -> None:
+    shared = f"onboard/share/{folder}/"
+    with ZipFile(wheel) as file:
+        found = {n.removeprefix(shared): file.read(n) for n in file.namelist() if n.startswith(shared)}
+        modes = {n.removeprefix(shared): file.getinfo(n).external_attr >> 16 for n in file.namelist()}
+    assert found == {path.name: path.read_bytes() for path in (ROOT / folder).iterdir() if path.is_file()}
+    assert all(modes[name] & 0o100 for name in found if name.endswith(".sh"))
 
 
 def test_its_metadata_are_those_of_the_project(wheel: Path) -> None:

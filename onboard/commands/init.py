@@ -1,0 +1,299 @@
+"""`onboard init`: a folder with what one vehicle needs: a configuration with only what matters, the service unit,
+and a parameter file for the autopilot; or a copy of an example. What no flag says is asked at a terminal."""
+
+import argparse
+import json
+import math
+import re
+import shlex
+import sys
+import tomllib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from onboard import UserError
+from onboard.commands.files import make_folder
+from onboard.commands.share import TOGETHER, copied_text, shared_text
+from onboard.commands.terminal import show
+from onboard.config import ConfigError, GuidanceConfig, LeaderOutConfig, parse_config
+
+CONFIG: Final = "companion.toml"
+UNIT: Final = "onboard.service"
+PARAMETERS: Final[Mapping[str, str]] = {"ardupilot": "ardupilot.parm", "px4": "px4.params"}
+INSTALLED: Final = Path("/opt/wingline/bin/onboard")  # as the shared unit starts it
+ETC: Final = Path("/etc/onboard")
+PRIVATE: Final = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")  # noqa: S108 - what the unit hides from the daemon
+LINK: Final = re.compile(
+    r"serial:[^:]+:[1-9]\d*|(udpin|udpout|tcp|tcpin):(\[[0-9a-fA-F:]+\]|[^:\[\]]+):[1-9]\d{0,4}"
+)
+LINK_WORDS: Final = "serial:DEVICE:BAUD, udpin:HOST:PORT, udpout:HOST:PORT or tcp:HOST:PORT"
+IMAGE: Final = re.compile(r"(\d+)x(\d+):(\d+(?:\.\d+)?)(deg)?")
+BAUD: Final = "921600"  # of the parameter files that are shared
+CAMERA_WORDS: Final = "WIDTHxHEIGHT:FOCAL in pixels, WIDTHxHEIGHT:FOVdeg (horizontal), or a camera_info FILE.yaml"
+
+
+class Question(NamedTuple):
+    """A flag, what is asked at a terminal where it is missing, and what an empty answer means; "": nothing."""
+
+    flag: str
+    words: str
+    usual: str = ""
+    choices: tuple[str, ...] = ()
+
+
+QUESTIONS: Final = (
+    Question("autopilot", "which autopilot", "", ("ardupilot", "px4")),
+    Question("link", f"link to it: {LINK_WORDS}", "serial:/dev/ttyAMA0:921600"),
+    Question("camera", f"camera: {CAMERA_WORDS}"),
+    Question("tilt", "by how many degrees the camera looks up", "15"),
+    Question("aircraft", "the leader is a", "quadrotor", ("quadrotor", "hexarotor", "octorotor", "fixed-wing")),
+    Question("span", "its span in m: wingtip to wingtip, or over its rotors, blades included"),
+    Question("purpose", "shall the autopilot follow the leader, or you watch it", "", ("follow", "watch")),
+)
+
+
+class Setup(NamedTuple):
+    """What is known of a vehicle. `camera`: keys of [camera] as TOML; `tilt` in degrees, `span` in m."""
+
+    autopilot: str
+    link: str
+    camera: tuple[str, ...]
+    tilt: float
+    aircraft: str
+    span: float
+    follows: bool
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Write the files, and say what to do next. Raises UserError."""
+    folder: Path = arguments.folder
+    if arguments.example is not None:
+        unused = [f"--{q.flag}" for q in QUESTIONS[:-1] if getattr(arguments, q.flag) is not None]
+        if unused or arguments.purpose is not None:
+            raise UserError(f"init: --example copies files as they are, without {' '.join(unused) or '--follow'}")
+        files = {Path(name).name: copied_text(name) for name in TOGETHER[arguments.example]}
+        write(folder, files, force=arguments.force)
+        return 0
+    setup = setup_of(_answers(arguments))
+    files = files_of(setup)
+    write(folder, files, force=arguments.force)
+    for line in next_steps(setup, folder, tuple(files)):
+        show(line)
+    return 0
+
+
+def _answers(arguments: argparse.Namespace) -> dict[str, str]:
+    """Flags, and at a terminal what else is asked. Raises UserError."""
+    given = {q.flag: getattr(arguments, q.flag) for q in QUESTIONS}
+    missing = [q for q in QUESTIONS if given[q.flag] is None]
+    if missing and not (sys.stdin.isatty() and sys.stdout.isatty()):
+        needed = [q for q in missing if not q.usual]
+        if needed:
+            flags = " ".join("--follow or --watch" if q.flag == "purpose" else f"--{q.flag}" for q in needed)
+            raise UserError(f"init: missing {flags} (at a terminal, it asks)")
+        return given | {q.flag: q.usual for q in missing}
+    return given | {q.flag: ask(q, input) for q in missing}
+
+
+def ask(question: Question, read: Callable[[str], str]) -> str:
+    """Ask until there is an answer. Raises UserError at the end of the input."""
+    among = f" ({'/'.join(question.choices)})" if question.choices else ""
+    usual = f" [{question.usual}]" if question.usual else ""
+    while True:
+        try:
+            answer = read(f"{question.words}{among}{usual}: ").strip() or question.usual
+        except EOFError as error:
+            raise UserError("init: the answers ended before the questions") from error
+        fits = [choice for choice in question.choices if choice.startswith(answer)] if answer else []
+        if answer and (not question.choices or len(fits) == 1):
+            return fits[0] if fits else answer
+
+
+def setup_of(answers: Mapping[str, str]) -> Setup:
+    """Answers as numbers. Raises UserError for what cannot be."""
+    if LINK.fullmatch(answers["link"]) is None:
+        raise UserError(f"init: --link {answers['link']!r}: expected {LINK_WORDS}")
+    return Setup(
+        autopilot=answers["autopilot"],
+        link=answers["link"],
+        camera=_camera(answers["camera"]),
+        tilt=_number("tilt", answers["tilt"], -90.0, 90.0),
+        aircraft=answers["aircraft"],
+        span=_number("span", answers["span"], 0.05, 100.0),
+        follows=answers["purpose"] == "follow",
+    )
+
+
+def _camera(text: str) -> tuple[str, ...]:
+    """The keys of [camera] that describe the lens. Raises UserError."""
+    found = IMAGE.fullmatch(text)
+    if found is None:
+        if not text.endswith((".yaml", ".yml")):
+            raise UserError(f"init: --camera {text!r}: expected {CAMERA_WORDS}")
+        return (f"calibration = {json.dumps(str(Path(text).absolute()), ensure_ascii=False)}",)
+    width, height, number = int(found[1]), int(found[2]), float(found[3])
+    if found[4] and not 1.0 <= number <= 150.0:
+        raise UserError(f"init: --camera {text!r}: a field of view is from 1 to 150 degrees; name a calibration")
+    f_px = round(0.5 * width / math.tan(math.radians(0.5 * number)), 1) if found[4] else number
+    if not (width and height and f_px):
+        raise UserError(f"init: --camera {text!r}: every number must be above 0")
+    return (f"f_px = {f_px}", f"width_px = {float(width)}", f"height_px = {float(height)}")
+
+
+def _number(flag: str, text: str, low: float, high: float) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not low <= number <= high:
+        raise UserError(f"init: --{flag}: must be a number from {low:g} to {high:g}, not {text!r}")
+    return number
+
+
+def files_of(setup: Setup, program: Path | None = None) -> dict[str, str]:
+    """The text of each file, by its name. `program`: which `onboard` the service starts, by default this one.
+    Raises UserError for answers of which no configuration can be made."""
+    files = {CONFIG: configuration(setup), UNIT: service(program or _program())}
+    try:
+        parse_config(tomllib.loads(files[CONFIG]))
+    except ConfigError as error:
+        raise UserError(f"init: {error}") from error
+    if parameters := autopilot_parameters(setup):
+        files[PARAMETERS[setup.autopilot]] = parameters
+    return files
+
+
+def configuration(setup: Setup) -> str:
+    """The configuration file, with only what matters."""
+    leader_class = "fixed_wing" if setup.aircraft == "fixed-wing" else "multirotor"
+    lines = [
+        "# One vehicle, written by `onboard init`. Try it on the ground: onboard check " + CONFIG,
+        "# All keys: docs/configuration.md.",
+        "",
+        "[[link]]",
+        'name = "autopilot"',
+        f"url = {json.dumps(setup.link, ensure_ascii=False)}",
+        "",
+        "[camera]",
+        *setup.camera,
+        f"mount_rpy_deg = [0.0, {setup.tilt}, 0.0]  # roll, pitch (up) and yaw of the camera against the vehicle",
+        "",
+        "[estimator.leader]",
+        f"size_prior_m = {setup.span}  # the range can be no better, in percent: measure it",
+        f'aircraft = "{setup.aircraft}"',
+        f'leader_class = "{leader_class}"',
+    ]
+    if setup.follows:
+        out, slot = LeaderOutConfig(link="autopilot"), GuidanceConfig().slot_m
+        file = PARAMETERS[setup.autopilot]
+        lines += [
+            "",
+            "[[leader_out]]  # what the autopilot follows in its mode FOLLOW or Follow-Me, by the pilot's choice",
+            'link = "autopilot"',
+            f"system = {out.system}",
+            "",
+            "[guidance]",
+            f"slot_m = {list(slot)}  # from the leader: forward, right, down; {file} has it, too",
+        ]
+    lines += [
+        "",
+        "[zenoh]",
+        'mode = "router"',
+        'listen = ["tcp/127.0.0.1:7447"]  # the detector sends here, `onboard status` and `view` look here',
+        "",
+        "[recorder]",
+        'path = "flight.mcap"  # in the folder of the start: of the service, /var/lib/onboard',
+        "file_mb = 200.0",
+        "keep_mb = 4000.0  # the oldest recordings make room",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def service(program: Path) -> str:
+    """The unit for systemd, which starts `program` on the configuration in /etc/onboard."""
+    installed = INSTALLED if is_private(program) else program
+    return shared_text(f"configs/{UNIT}").replace(str(INSTALLED), str(installed))
+
+
+def is_private(program: Path) -> bool:
+    """Whether the unit, which sees no home and has a folder for temporary files of its own, cannot start it."""
+    return str(program).startswith(tuple(f"{folder}/" for folder in PRIVATE))
+
+
+def autopilot_parameters(setup: Setup) -> str:
+    """The parameters of the autopilot for a ground station to load; "" where none must be set."""
+    kind, ending = setup.autopilot, Path(PARAMETERS[setup.autopilot]).suffix
+    texts = []
+    if setup.link.startswith("serial:"):
+        baud = setup.link.rpartition(":")[2]
+        text = shared_text(f"configs/{kind}-serial{ending}")
+        if baud != BAUD:
+            old, new = (BAUD, baud) if kind == "px4" else (f"{BAUD[:-3]} ", f"{_ardupilot_baud(baud)} ".ljust(4))
+            text = text.replace(BAUD + " Bd", baud + " Bd").replace(old, new)
+        texts.append(text)
+    if setup.follows:
+        texts.append(shared_text(f"configs/{kind}-follow{ending}"))
+    return "".join(texts)
+
+
+def _ardupilot_baud(baud: str) -> str:
+    """As ArduPilot has it: 57 is 57600, 1500 is 1500000; small ones as they are."""
+    return baud if int(baud) <= 2000 else str(int(baud) // 1000)
+
+
+def _program() -> Path:
+    """This `onboard`, as a shell finds it; of `python -m onboard` where the package's programs are."""
+    called = Path(sys.argv[0]).absolute()
+    return called if called.name == "onboard" else Path(sys.executable).absolute().with_name("onboard")
+
+
+def write(folder: Path, files: Mapping[str, str], *, force: bool) -> None:
+    """Write all files, or none of them. Raises UserError."""
+    make_folder(folder)
+    there = [name for name in files if (folder / name).exists()]
+    if there and not force:
+        raise UserError(f"init: {folder} has {', '.join(there)} already; --force writes over it")
+    try:
+        for name, text in files.items():
+            (folder / name).write_text(text, encoding="utf-8")
+            if name.endswith(".sh"):
+                (folder / name).chmod(0o755)
+    except OSError as error:
+        raise UserError(f"cannot write {folder / name}: {error.strerror}") from error
+    show(f"written to {folder}: {', '.join(files)}")
+
+
+def next_steps(setup: Setup, folder: Path, files: tuple[str, ...]) -> list[str]:
+    """What a person does next."""
+    config = shlex.quote(str(folder / CONFIG))
+    unit = shlex.quote(str(folder / UNIT))
+    steps = []
+    if PARAMETERS[setup.autopilot] in files:
+        steps.append(
+            f"load {folder / PARAMETERS[setup.autopilot]} with a ground station, and restart the autopilot"
+        )
+    steps += [
+        f"onboard compile {config}    (minutes, once)",
+        "start your detector; it sends to onboard/1/camera/front/detections (docs/fly-it.md)",
+        f"onboard check {config}",
+        f"onboard run {config}, and beside it: onboard status, onboard view",
+    ]
+    if setup.follows:
+        guide = "docs/ardupilot.md" if setup.autopilot == "ardupilot" else "docs/px4.md"
+        steps.append(f"before the autopilot follows, read {guide}: in which order, and what silence does")
+    install = []
+    if is_private(_program()):
+        install.append(
+            f"sudo python3 -m venv {INSTALLED.parents[1]} && sudo {INSTALLED.with_name('pip')} install wingline"
+        )
+    install.append(f"sudo install -D -m 644 {config} {ETC / CONFIG}")
+    install.append(f"sudo install -m 644 {unit} /etc/systemd/system/")
+    install.append("sudo systemctl enable --now onboard")
+    return [
+        "next:",
+        *(f"  {number}. {step}" for number, step in enumerate(steps, 1)),
+        "to start it at boot:",
+        *(f"  {line}" for line in install),
+    ]

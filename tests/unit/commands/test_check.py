@@ -1,0 +1,211 @@
+"""`onboard check`: a line for each thing that a flight needs, and exit code 1 if one of them is missing."""
+
+import socket
+import sys
+from pathlib import Path
+from subprocess import run
+
+import pytest
+from msgspec.structs import replace
+
+from onboard.commands import cli, readiness
+from onboard.commands.readiness import judged
+from onboard.config import Config, load_config
+from onboard.messages import Advice, CameraHealth, Health, LinkHealth, Severity, StreamHealth
+from onboard.pipeline import Pipeline
+from tests.support.daemon import TCP, UDP, Setup
+from tests.support.programs import environment, free_ports
+from tests.unit.commands.test_status import publishing
+
+NEEDED = {"Attitude": 10.0, "LocalPosition": 10.0}
+
+
+@pytest.fixture
+def config() -> Config:
+    return load_config(None, ("estimator.leader.size_prior_m=2.0",))
+
+
+def healthy(config: Config) -> Health:
+    """Of a daemon that hears all it needs."""
+    return replace(
+        Pipeline(config).health(1),
+        autopilot="PX4, system 1",
+        followed="1/1",
+        links={"autopilot": LinkHealth(received=900, sent=9, errors=0)},
+        streams={name: StreamHealth(count=100, rate=50.0, age=0.01) for name in NEEDED},
+        needed=NEEDED,
+        cameras={"front": CameraHealth(count=90, rate=30.0, age=0.02)},
+        clock_source="timesync",
+        round_trip=0.0012,
+        advice=(),
+    )
+
+
+def failed(config: Config, health: Health) -> list[str]:
+    return [line.name for line in judged(config, health, "a daemon") if line.is_needed]
+
+
+def advice(cause: str, severity: Severity = Severity.ERROR) -> Advice:
+    return Advice(cause=cause, severity=severity, about="x", what="it is wrong", remedy="mend it", text="x")
+
+
+def test_all_is_there(config: Config) -> None:
+    lines = [*judged(config, healthy(config), "a daemon")]
+    assert [line.name for line in lines] == ["links", "autopilot", "rates", "camera", "clock"]
+    assert all(str(line).startswith("ok ") for line in lines)
+    text = "\n".join(map(str, lines))
+    for words in ("autopilot 900 received", "PX4, system 1", "Attitude 50 of 10 Hz", "front 30 Hz", "1.2 ms"):
+        assert words in text
+
+
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        ({"followed": ""}, "autopilot"),
+        ({"streams": {"Attitude": StreamHealth(count=9, rate=50.0, age=0.0)}}, "rates"),
+        ({"streams": {name: StreamHealth(count=9, rate=7.9, age=0.0) for name in NEEDED}}, "rates"),
+        ({"cameras": {}}, "camera"),
+        ({"links": {"autopilot": LinkHealth(received=0, sent=0, errors=1, error="no such device")}}, "links"),
+        ({"advice": (advice("mount"),)}, "camera"),
+        ({"advice": (advice("signing"),)}, "autopilot"),
+        ({"advice": (advice("never heard of"),)}, "never heard of"),
+    ],
+)
+def test_what_is_missing_fails_its_line_alone(config: Config, change: dict[str, object], line: str) -> None:
+    assert failed(config, replace(healthy(config), **change)) == [line]
+
+
+def test_a_warning_is_a_note_with_its_remedy(config: Config) -> None:
+    warned = replace(
+        healthy(config), advice=(advice("timesync", Severity.NOTICE), advice("slow", Severity.WARNING))
+    )
+    assert failed(config, warned) == []
+    text = "\n".join(map(str, judged(config, warned, "a daemon")))
+    assert text.count("note ") == 2
+    assert text.count("-> mend it") == 2
+
+
+def test_a_camera_is_needed_only_by_who_looks() -> None:
+    config = load_config(None, ("estimator.traffic.filter=kf",))
+    assert failed(config, replace(healthy(config), cameras={})) == []
+
+
+def test_every_cause_that_is_gathered_is_one_that_there_is() -> None:
+    page = (Path(__file__).parents[3] / "docs/status.md").read_text(encoding="utf-8")
+    for causes in readiness.GATHERED.values():
+        for cause in causes:
+            assert f"`{cause}`" in page
+
+
+@pytest.mark.parametrize(
+    ("path", "mark"), [(None, "note"), ("here.mcap", "ok"), ("/nowhere/flight.mcap", "FAIL"), ("full", "FAIL")]
+)
+def test_the_disk(path: str | None, mark: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    if path == "full":
+        monkeypatch.setattr(readiness, "LITTLE_ROOM", 1 << 80)
+    config = load_config(None, () if path is None else (f"recorder.path={path}",))
+    assert str(readiness._disk(config)).startswith(mark)
+
+
+def test_the_clock_matters_to_who_signs(config: Config) -> None:
+    assert str(readiness._clock(config, readiness.SET_S + 1.0)).startswith("ok")
+    assert str(readiness._clock(config, 1e6)).startswith("note")
+    link = replace(config.link[0], key_file="key")
+    assert str(readiness._clock(replace(config, link=(link,)), 1e6)).startswith("FAIL")
+
+
+@pytest.mark.parametrize("fine", [True, False])
+def test_a_daemon_that_runs_is_asked(
+    fine: bool, config: Config, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With its ports in use, no second one could listen."""
+    health = healthy(config) if fine else replace(healthy(config), followed="")
+    with socket.socket(socket.AF_INET, UDP) as taken, publishing(health) as endpoint:
+        taken.bind(("127.0.0.1", 0))
+        file = tmp_path / "c.toml"
+        url = f"udpin:127.0.0.1:{taken.getsockname()[1]}"
+        file.write_text(
+            f'[[link]]\nname = "autopilot"\nurl = "{url}"\n[estimator.leader]\n[zenoh]\nlisten = ["{endpoint}"]\n'
+        )
+        assert cli.main(["check", str(file)]) == (0 if fine else 1)
+    shown = capsys.readouterr().out
+    assert "heard by a daemon that runs" in shown or not fine
+    assert ("FAIL autopilot" in shown) is not fine
+
+
+def test_a_port_that_another_program_has_is_one_line_with_its_name(capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.socket(socket.AF_INET, UDP) as taken:
+        taken.bind(("127.0.0.1", 0))
+        link = f"link=[{{name='autopilot', url='udpin:127.0.0.1:{taken.getsockname()[1]}'}}]"
+        assert cli.main(["check", "--set", link, "--set", "zenoh.enabled=false"]) == 1
+    shown = capsys.readouterr().out
+    assert "FAIL links" in shown
+    assert "cannot listen" in shown
+    assert "is in use by" in shown
+
+
+def test_nothing_is_heard_and_it_ends(capsys: pytest.CaptureFixture[str]) -> None:
+    (port,) = free_ports(TCP)
+    sets = ("link=[{name='a', url='udpin:127.0.0.1:0'}]", f"zenoh.listen=['tcp/127.0.0.1:{port}']")
+    arguments = [a for setting in sets for a in ("--set", setting)]
+    assert cli.main(["check", "--wait", "0.5", *arguments]) == 1
+    shown = capsys.readouterr().out
+    assert "listening for at most 0.5 s" in shown
+    assert "FAIL autopilot   none is heard" in shown
+
+
+def test_who_listens_leads_no_vehicle_and_writes_nothing(tmp_path: Path) -> None:
+    sets = ("leader_out=[{link='autopilot'}]", "odometry.link=autopilot", "traffic_out.link=autopilot")
+    files = (
+        f"recorder.path={tmp_path}/x.mcap",
+        f"parameters.path={tmp_path}/x.toml",
+        "estimator.leader.size_prior_m=2",
+    )
+    quiet = readiness._quiet(load_config(None, (*sets, *files)))
+    assert (quiet.leader_out, quiet.odometry.link, quiet.traffic_out.link) == ((), None, "")
+    assert (quiet.recorder.path, quiet.parameters.path, quiet.warm_start.enabled) == (None, None, False)
+    assert "leader" in quiet.estimator
+
+
+def test_a_simulated_flight_is_ready_and_nothing_is_recorded(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    setup = Setup(tmp_path)
+    url = f"udpin:127.0.0.1:{setup.autopilot}"
+    sets = (*setup.settings(url, f"recorder.path='{tmp_path}/flight.mcap'"), "leader_out=[{link='autopilot'}]")
+    links = ("--mavlink", f"udpout:127.0.0.1:{setup.autopilot}", "--tcp", "none", "--zenoh", "none")
+    links += ("--camera", "mavlink", "--camera-mavlink", f"udpout:127.0.0.1:{setup.camera}")
+    with setup.simulator(*links):
+        arguments = [a for setting in sets for a in ("--set", setting)]
+        code = cli.main(["check", str(setup.config), "--wait", "120", *arguments])
+    shown = capsys.readouterr().out
+    assert "FAIL" not in shown, shown
+    assert code == 0
+    assert "PX4, system 1" in shown
+    assert "round trip" in shown
+    assert not (tmp_path / "flight.mcap").exists()
+
+
+NOT_COMPILED = """
+import sys
+from onboard.commands import cli
+sys.exit(cli.main(["check", "x.toml"]))
+"""
+
+
+def test_filters_that_are_not_compiled_are_named_and_not_compiled(tmp_path: Path) -> None:
+    (tmp_path / "x.toml").write_text("[estimator.leader]\n")
+    done = run(
+        [sys.executable, "-c", NOT_COMPILED],
+        cwd=tmp_path,
+        env={**environment(), "NUMBA_CACHE_DIR": str(tmp_path / "cache")},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+    assert done.returncode == 1, done.stderr
+    assert done.stdout.startswith("FAIL compiled")
+    assert "-> onboard compile x.toml" in done.stdout
+    assert not [*tmp_path.rglob("*.nbc")]

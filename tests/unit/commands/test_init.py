@@ -1,0 +1,242 @@
+"""`onboard init`: what it writes loads and fits together for every combination of answers, and it writes over
+nothing."""
+
+import configparser
+import itertools
+import math
+import shlex
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from onboard import UserError
+from onboard.commands import cli, init
+from onboard.commands.share import TOGETHER, shared_text
+from onboard.config import load_config
+from onboard.links import parse_link
+from tests.support.programs import ROOT
+
+CALIBRATION = """
+image_width: 1280
+image_height: 720
+camera_matrix: {rows: 3, cols: 3, data: [900.0, 0.0, 640.0, 0.0, 900.0, 360.0, 0.0, 0.0, 1.0]}
+distortion_model: plumb_bob
+distortion_coefficients: {rows: 1, cols: 5, data: [-0.1, 0.01, 0.0, 0.0, 0.0]}
+"""
+LINKS = (
+    "tcp:[::1]:5760",
+    "udpout:pixhawk.local:14550",
+    "serial:/dev/ttyAMA0:921600",
+    "serial:/dev/ttyUSB0:57600",
+    "udpin:127.0.0.1:14540",
+    "tcp:127.0.0.1:5762",
+)
+CAMERAS = ("640x480:554.3", "1280x720:62deg", "front.yaml")
+AIRCRAFT = ("quadrotor", "hexarotor", "octorotor", "fixed-wing")
+TABLE = [*itertools.product(("ardupilot", "px4"), LINKS, CAMERAS, AIRCRAFT, ("follow", "watch"))]
+USUAL = ("--autopilot", "px4", "--camera", "640x480:554", "--span", "2", "--watch")
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    Path("front.yaml").write_text(CALIBRATION, encoding="utf-8")
+    return tmp_path
+
+
+def rows(text: str) -> dict[str, float]:
+    """The parameters of a file of either kind, each once."""
+    lines = [line.split("#")[0].split() for line in text.splitlines()]
+    pairs = [line[:2] if len(line) == 2 else line[2:4] for line in lines if line]
+    assert len({name for name, _ in pairs}) == len(pairs)
+    return {name: float(value) for name, value in pairs}
+
+
+@pytest.mark.parametrize(("autopilot", "link", "camera", "aircraft", "purpose"), TABLE)
+def test_what_is_written_loads_and_says_what_was_answered(
+    autopilot: str, link: str, camera: str, aircraft: str, purpose: str, folder: Path
+) -> None:
+    flags = ["--autopilot", autopilot, "--link", link, "--camera", camera, "--aircraft", aircraft, f"--{purpose}"]
+    assert cli.main(["init", "new", *flags, "--span", "1.7", "--tilt", "-5"]) == 0
+    config = load_config(folder / "new" / "companion.toml")
+    parse_link(config.link[0].url, "autopilot")
+    assert [k.url for k in config.link] == [link]
+    leader, lens = config.estimator["leader"], config.camera_model().view
+    assert (leader.size_prior_m, leader.aircraft) == (1.7, aircraft)
+    assert leader.leader_class == ("fixed_wing" if aircraft == "fixed-wing" else "multirotor")
+    assert config.camera.mount_rpy_deg == (0.0, -5.0, 0.0)
+    assert lens is not None
+    assert [out.link for out in config.leader_out] == (["autopilot"] if purpose == "follow" else [])
+    parameters = folder / "new" / ("ardupilot.parm" if autopilot == "ardupilot" else "px4.params")
+    assert parameters.exists() == (link.startswith("serial:") or purpose == "follow")
+    found = rows(parameters.read_text(encoding="utf-8")) if parameters.exists() else {}
+    if link.startswith("serial:"):
+        baud = int(link.rpartition(":")[2])
+        assert (found.get("SER_TEL2_BAUD") or found["SERIAL2_BAUD"]) == (
+            baud if autopilot == "px4" else baud // 1000
+        )
+    if purpose == "follow":
+        assert_leads_to_the_slot(found, config.guidance.slot_m, config.leader_out[0].system)
+    else:
+        assert not any(name.startswith(("FOLL_", "FLW_")) for name in found)
+
+
+def assert_leads_to_the_slot(found: dict[str, float], slot: tuple[float, float, float], system: int) -> None:
+    """What an autopilot is told of the slot is what the configuration says."""
+    if "FOLL_SYSID" in found:
+        assert found["FOLL_SYSID"] == system
+        assert tuple(found[f"FOLL_OFS_{axis}"] for axis in "XYZ") == slot
+    else:
+        assert found["FLW_TGT_DST"] == math.hypot(*slot[:2])
+
+
+@pytest.mark.parametrize(
+    ("camera", "f_px"), [("640x480:554.3", 554.3), ("1280x720:90deg", 640.0), ("front.yaml", 900.0)]
+)
+def test_a_camera_is_its_focal_length_its_field_of_view_or_its_calibration(camera: str, f_px: float) -> None:
+    text = init.configuration(init.setup_of(answers(camera=camera)))
+    Path("c.toml").write_text(text, encoding="utf-8")
+    lens = load_config(Path("c.toml")).camera_inputs()["front"].lens
+    assert lens.fx_px == pytest.approx(f_px, abs=0.06)
+    assert lens.width_px == (640.0 if camera.startswith("640") else 1280.0)
+
+
+def answers(**changed: str) -> dict[str, str]:
+    usual = {
+        "autopilot": "px4",
+        "link": "serial:/dev/ttyAMA0:921600",
+        "camera": "640x480:554",
+        "tilt": "15",
+        "aircraft": "quadrotor",
+        "span": "2",
+        "purpose": "watch",
+    }
+    return usual | changed
+
+
+@pytest.mark.parametrize(
+    ("flag", "value", "words"),
+    [
+        ("link", "udp:1.2.3.4", "expected serial:DEVICE:BAUD"),
+        ("link", "json:127.0.0.1:14570", "expected serial:DEVICE:BAUD"),  # that is for detections
+        ("link", "serial:/dev/ttyAMA0", "expected serial:DEVICE:BAUD"),
+        ("link", "tcp:127.0.0.1", "expected serial:DEVICE:BAUD"),
+        ("camera", "640x480", "expected WIDTHxHEIGHT:FOCAL"),
+        ("camera", "640x480:170deg", "1 to 150 degrees"),
+        ("camera", "640x0:500", "above 0"),
+        ("tilt", "up", "--tilt: must be a number from -90 to 90, not 'up'"),
+        ("span", "-1", "--span: must be a number"),
+        ("span", "nan", "--span: must be a number"),
+    ],
+)
+def test_an_answer_that_cannot_be_is_one_line(flag: str, value: str, words: str) -> None:
+    with pytest.raises(UserError, match=words) as error:
+        init.files_of(init.setup_of(answers(**{flag: value})))
+    assert "\n" not in str(error.value)
+
+
+def test_a_calibration_that_is_not_there_is_one_line_and_nothing_is_written(
+    capsys: pytest.CaptureFixture[str], folder: Path
+) -> None:
+    flags = ["--autopilot", "px4", "--camera", "none.yaml", "--span", "2", "--watch"]
+    assert cli.main(["init", "new", *flags]) == 2
+    assert "none.yaml" in capsys.readouterr().err
+    assert not (folder / "new").exists()
+
+
+def test_nothing_is_written_over_unless_forced(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    kept = folder / "onboard.service"
+    kept.write_text("mine", encoding="utf-8")
+    assert cli.main(["init", *USUAL]) == 2
+    assert "has onboard.service already; --force" in capsys.readouterr().err
+    assert kept.read_text(encoding="utf-8") == "mine"
+    assert not (folder / "companion.toml").exists()
+    assert cli.main(["init", *USUAL, "--force"]) == 0
+    assert "[Service]" in kept.read_text(encoding="utf-8")
+
+
+def test_without_a_terminal_what_is_missing_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["init", "--autopilot", "px4"]) == 2
+    assert "missing --camera --span --follow or --watch" in capsys.readouterr().err
+
+
+def test_at_a_terminal_it_asks_until_it_understands(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
+    given = iter(["x", "ardu", "tcp:127.0.0.1:5762", "", "640x480:554", "", "fixed", "2.5", "f"])
+    asked: list[str] = []
+
+    def read(words: str) -> str:
+        asked.append(words)
+        return next(given)
+
+    monkeypatch.setattr("builtins.input", read)
+    monkeypatch.setattr("sys.stdin", Terminal())
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
+    assert cli.main(["init"]) == 0
+    config = load_config(folder / "companion.toml")
+    assert config.estimator["leader"].aircraft == "fixed-wing"
+    assert config.camera.mount_rpy_deg == (0.0, 15.0, 0.0)
+    assert (folder / "ardupilot.parm").exists()
+    assert len(asked) == len(init.QUESTIONS) + 2  # "x" is no autopilot, "" no camera
+    assert "[serial:/dev/ttyAMA0:921600]" in asked[2]
+
+
+class Terminal:
+    def isatty(self) -> bool:
+        return True
+
+
+def test_answers_that_end_are_one_line() -> None:
+    def read(_: str) -> str:
+        raise EOFError
+
+    with pytest.raises(UserError, match="answers ended"):
+        init.ask(init.QUESTIONS[0], read)
+
+
+@pytest.mark.parametrize(
+    ("program", "started"),
+    [
+        ("/usr/local/bin/onboard", "/usr/local/bin/onboard"),
+        ("/home/me/v/bin/onboard", "/opt/wingline/bin/onboard"),
+        ("/tmp/v/bin/onboard", "/opt/wingline/bin/onboard"),  # noqa: S108 - a place that the unit hides
+    ],
+)
+def test_the_service_starts_this_program_where_it_can_see_it(program: str, started: str) -> None:
+    unit = init.files_of(init.setup_of(answers()), Path(program))["onboard.service"]
+    parser = configparser.ConfigParser(interpolation=None, strict=False)
+    parser.read_string(unit)
+    assert shlex.split(parser["Service"]["ExecStart"]) == [started, "run", "/etc/onboard/companion.toml"]
+    assert (parser["Service"]["Type"], parser["Service"]["WatchdogSec"]) == ("notify", "10s")
+
+
+def test_the_next_steps_name_what_was_written(capsys: pytest.CaptureFixture[str]) -> None:
+    cli.main(["init", "new", *USUAL])
+    text = capsys.readouterr().out
+    for name in ("new/companion.toml", "new/px4.params", "new/onboard.service"):
+        assert name in text
+    for call in ("onboard compile", "onboard check", "onboard run"):
+        assert call in text
+
+
+@pytest.mark.parametrize("example", TOGETHER)
+def test_an_example_is_copied_beside_each_other(example: str, folder: Path) -> None:
+    assert cli.main(["init", "here", "--example", example]) == 0
+    copied = sorted((folder / "here").iterdir())
+    assert [path.name for path in copied] == sorted(Path(name).name for name in TOGETHER[example])
+    for path in copied:
+        text = path.read_text(encoding="utf-8")
+        assert "configs/" not in text
+        if path.suffix == ".toml":
+            assert tomllib.loads(text) == tomllib.loads(shared_text(f"configs/{path.name}"))
+        assert path.suffix != ".sh" or path.stat().st_mode & 0o111
+
+
+def test_every_file_that_is_shared_is_in_an_example() -> None:
+    shared = {f"{folder}/{path.name}" for folder in ("configs", "examples") for path in (ROOT / folder).iterdir()}
+    assert {name for names in TOGETHER.values() for name in names} == {n for n in shared if "__pycache__" not in n}
+
+
+def test_an_example_takes_no_other_flags(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["init", "--example", "fleet", "--span", "2"]) == 2
+    assert "--example copies files as they are, without --span" in capsys.readouterr().err
