@@ -24,8 +24,8 @@ REASONS: Final[dict[str, str]] = {  # by what the health counts
 }
 VERDICTS: Final = {  # each is a cause, too
     Verdict.NOT_FINITE: "a coordinate or a sigma is not a finite number",
-    Verdict.DEGENERATE: "the wingtips are nearer to each other than two sigmas, a point is 90 degrees off the "
-    "optical axis, or a sigma is absurd; expected three distinct points in pixels of the image",
+    Verdict.DEGENERATE: "the wingtips coincide, a point is 90 degrees off the optical axis, or a sigma is absurd; "
+    "expected three distinct points in pixels of the image",
     Verdict.OUT_OF_VIEW: "a point is at or beyond the edge of the image; expected all inside `width_px` and "
     "`height_px` by more than `edge_px`",
     Verdict.DUPLICATE: "`t_ns` is that of an earlier image of this target; expected a new time for each image",
@@ -36,8 +36,8 @@ VERDICTS: Final = {  # each is a cause, too
     "the clock that `clock` names",
     Verdict.NO_POSE: "our own attitude at `t_ns`, {age:.2f} s before the autopilot's newest message, is not known"
     ", or not that of the camera's gimbal",
-    Verdict.DIRECTION_ONLY: "it shows no wing, and a direction alone starts no track; expected `left` and "
-    "`right` in the first images",
+    Verdict.DIRECTION_ONLY: "it shows no wing, or one of less than two sigmas, and a direction alone starts no "
+    "track; expected `left` and `right` in the first images",
     Verdict.FULL: "as many targets are followed as `max_targets` allows",
 }
 

@@ -150,7 +150,7 @@ def images(change: Any, *overrides: str) -> Health:
     ("change", "expected"),
     [
         (lambda m: replace(m, center=(float("nan"), 0.0)), "not_finite: a coordinate or a sigma is not a finite"),
-        (lambda m: replace(m, left=m.center, right=m.center), "degenerate: the wingtips are nearer to each other"),
+        (lambda m: replace(m, left=m.center, right=m.center), "degenerate: the wingtips coincide"),
         (lambda m: replace(m, left=(-0.9, 0.0)), "out_of_view: a point is at or beyond the edge of the image"),
         (lambda m: replace(m, t_ns=5500 * MS), "duplicate: `t_ns` is that of an earlier image of this target"),
         (lambda m: replace(m, t_ns=m.t_ns + 20 * S), "too_new: `t_ns` is 19.96 s after"),

@@ -22,7 +22,7 @@ from onboard.ownship import Ownship
 
 AGREE_RAD: Final = np.radians(5.0)  # images of one aircraft point the same way this nearly ...
 AGREE_RATIO: Final = 1.3  # ... and show the same span within this factor
-SMALLEST_SPAN_SIGMA: Final = 2.0  # a span below this many of its sigmas says nothing of the range
+SMALLEST_SPAN_SIGMA: Final = 2.0  # a span below this many of its sigmas says nothing of the range by itself
 SIGMAS: Final = (1e-7, 10.0)  # focal lengths: no detector is more exact or less
 
 
@@ -81,11 +81,14 @@ def prepare(
     if not in_view(points, camera, message.view, config.edge_px):
         return Verdict.OUT_OF_VIEW
     measurement = features.measure(filter_, saw)
-    if saw.has_wing and measurement.span < SMALLEST_SPAN_SIGMA * measurement.span_sigma:
+    if saw.has_wing and not measurement.span > 0.0:
         return Verdict.DEGENERATE
+    # A track takes small spans, too: without them those would be left that noise has made larger.
+    is_small = saw.has_wing and measurement.span < SMALLEST_SPAN_SIGMA * measurement.span_sigma
+    has_extent = measurement.has_extent and not is_small
     is_final = poses.is_final(message.t_ns, ownship, camera, message.mount)
     supposed = half_wing if saw.offset == half_wing else 0.0
-    return Image(message, measurement.has_extent, measurement, pose, is_final, stated, noise_scale, supposed)
+    return Image(message, has_extent, measurement, pose, is_final, stated, noise_scale, supposed)
 
 
 def _why_no_pose(t_ns: int, ownship: Ownship, config: Config) -> Verdict:

@@ -44,7 +44,9 @@ class NoiseScale(NamedTuple):
 
     def restarted(self) -> "NoiseScale":
         """For another track of the same detector."""
-        return NoiseScale(max(self.scale, 1.0), is_fixed=self.is_fixed)
+        if self.scale < 1.0:
+            return NoiseScale(is_fixed=self.is_fixed)
+        return self._replace(beyond=0.0)
 
     def after(self, innovation: Array, covariance: Array, noise: float = 0.0) -> "NoiseScale":
         """After an image was compared with its prediction: innovation (m,), covariance (m, m), the direction
@@ -72,6 +74,10 @@ class NoiseScale(NamedTuple):
         elif len(alone) == WINDOW:
             scale = _quieter(scale, median(alone) / MEDIAN)
         return NoiseScale(scale, beyond)
+
+    def is_larger_than(self, supposed: float) -> bool:
+        """Whether a noise that was supposed, in the same measure, is too small by more than chance."""
+        return self.scale > math.sqrt(TOO_LARGE) * max(supposed, 1.0)
 
     @property
     def finding(self) -> str:

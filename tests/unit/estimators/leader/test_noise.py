@@ -1,5 +1,6 @@
 """How noisy the detector is, by the filter's own evidence."""
 
+import math
 import re
 
 import numpy as np
@@ -8,7 +9,8 @@ from msgspec.structs import replace
 
 from onboard.estimators.leader.tracks.noise import LEAST, MOST, WINDOW, NoiseScale
 from onboard.messages import TargetPoints
-from tests.support.streams import F_PX, Item, Stream, advance
+from onboard.messages.causes import Cause
+from tests.support.streams import F_PX, Item, Stream, advance, encode, feed, position_error
 
 
 def learnt_from(noise: float, windows: int, seed: int = 1) -> NoiseScale:
@@ -127,3 +129,38 @@ def test_the_reported_noise_is_that_of_a_flight_with_seed(noise: float, seed: in
     scales = [float(found[1]) for e in run.estimates if (found := re.search(r"([\d.]+) times", e.reason))]
     assert np.median(scales) == pytest.approx(noise, rel=0.1)
     assert all(e.valid for e in run.estimates[500:])
+
+
+def test_images_of_short_tracks_count_together() -> None:
+    rng, learnt = np.random.default_rng(8), NoiseScale()
+    for _ in range(4):
+        for _ in range(WINDOW // 2):
+            learnt = learnt.after(3.0 * rng.normal(size=2), learnt.scale**2 * np.eye(2))
+        learnt = learnt.restarted()
+    assert learnt.scale > 2.0
+
+
+def noisier(times: float, seed: int) -> list[Item]:
+    """A flight whose images are so many times as noisy as configured."""
+    rng, extra = np.random.default_rng(seed), math.sqrt(times**2 - 1.0) / F_PX
+    items = []
+    for item in Stream(t1=15.0).items():
+        m = item.message
+        if isinstance(m, TargetPoints):
+            center, left, right = (
+                tuple(np.array(p) + extra * rng.normal(size=2)) for p in (m.center, m.left, m.right)
+            )
+            m = replace(m, center=center, left=left, right=right)
+        items.append(Item(item.t_recv_ns, m))
+    return items
+
+
+@pytest.mark.parametrize(("times", "is_again"), [(1.0, False), (4.0, True)])
+def test_what_was_believed_with_too_little_noise_is_believed_no_more_seed_1(times: float, is_again: bool) -> None:
+    """The hypotheses that died of it do not come back by a larger noise from then on."""
+    run = feed(encode(noisier(times, 1)))
+    begun = [e for e in run.estimates if e.cause is Cause.NOISE_LEARNT]
+    assert bool(begun) == is_again
+    assert len(begun) <= 3  # some images until the track has begun
+    assert run.estimates[-1].valid
+    assert position_error(run.estimates[-1]) < 4.0

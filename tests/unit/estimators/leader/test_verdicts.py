@@ -2,12 +2,13 @@
 
 from copy import deepcopy
 
+import numpy as np
 from msgspec.structs import replace
 
 from onboard.estimators.leader.estimator import Estimator
 from onboard.messages import Cause, MeasurementReport, Reason, TargetPoints, Verdict
 from onboard.ownship import Ownship
-from tests.support.streams import F_PX, MS, S, Stream, advance, heartbeat, make_config
+from tests.support.streams import F_PX, MS, Flight, S, Stream, advance, feed, heartbeat, make_config
 
 
 def tracking() -> tuple[Estimator, Ownship, list[TargetPoints]]:
@@ -55,3 +56,20 @@ def test_after_a_reset_the_same_stamps_are_new_seed_1() -> None:
     assert judged(estimator, ownship, first).verdict is Verdict.FUSED
     estimator.reset(Reason(Cause.REBOOTED, "the autopilot has rebooted"))
     assert judged(estimator, ownship, first).verdict is Verdict.INITIALISING
+
+
+def test_small_spans_are_fused_and_start_nothing_seed_1() -> None:
+    """Were they refused, those would be left that noise has made larger: who flies away would stay near."""
+    far = Flight(radius=None, gap=400.0)  # 2.8 px, which are two sigmas
+    run = Stream(flight=far, t1=25.0).datagrams()
+    verdicts = feed(run).verdicts()
+    assert Verdict.DEGENERATE not in verdicts
+    assert verdicts[Verdict.FUSED] > 0.9 * sum(verdicts.values())
+    estimator, ownship, (image, *_) = tracking()
+    center, left, right = (np.array(p) for p in (image.center, image.left, image.right))
+    for share, alone in ((0.05, Verdict.DIRECTION_ONLY), (0.0, Verdict.DEGENERATE)):
+        tips = (tuple((center + share * (tip - center)).tolist()) for tip in (left, right))
+        small = replace(image, **dict(zip(("left", "right"), tips, strict=True)))
+        fresh = deepcopy(estimator)
+        fresh.reset(Reason(Cause.REBOOTED, "the autopilot has rebooted"))
+        assert judged(fresh, ownship, small).verdict is alone
