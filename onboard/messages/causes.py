@@ -43,7 +43,6 @@ class Cause(StrEnum):
     STALE = "stale", "the camera hangs: the same image comes again"
     FILTER_FAILED = "filter_failed", "the filter has lost its state or covariance"
     # Why a track has ended, or begun anew
-    NOISE_LEARNT = "noise_learnt", "the detector is noisier than was supposed: the track begins anew"
     CLASS_CHANGED = "class_changed", "the detector takes it for another class now"
     RENAMED = "renamed", "it goes on under another name"
     DISPLACED = "displaced", "nearer aircraft have taken its place"

@@ -33,17 +33,20 @@ Id = tuple[int, int]  # MAVLink system and component
 
 
 class Vehicle:
-    """An autopilot that is heard: its heartbeat, the arrivals of its first and its last message, and its first and
-    its last attitude and position."""
+    """An autopilot that is heard: its heartbeat, the arrivals of its first and its last message, and since when it
+    is heard without a pause; its first attitude and position since then, and its last."""
 
     def __init__(self, heartbeat: Heartbeat) -> None:
         self.heartbeat = heartbeat
-        self.first_ns = self.last_ns = heartbeat.t_recv_ns
+        self.first_ns = self.since_ns = self.last_ns = heartbeat.t_recv_ns
         self.first: dict[type[Message], Message] = {}  # of each kind of motion
         self.last: dict[type[Message], Message] = {}
 
     def receive(self, message: Message) -> None:
         """Note a message of its own."""
+        if message.t_recv_ns - self.last_ns > SAME_SILENT_NS:  # it may have had another id meanwhile
+            self.since_ns = message.t_recv_ns
+            self.first.clear()
         self.last_ns = message.t_recv_ns
         if isinstance(message, MOTION):
             self.first.setdefault(type(message), message)
@@ -126,7 +129,8 @@ class Latch:
         later_ns, is_complete = other.first_ns - ours.last_ns, other.is_complete(t_ns)
         silent_ns = t_ns - ours.last_ns
         is_silent = silent_ns > SILENT_NS
-        if silent_ns > SAME_SILENT_NS and is_complete and later_ns > -OVERLAP_NS and _goes_on(ours, other):
+        is_after = other.since_ns - ours.last_ns > -OVERLAP_NS
+        if silent_ns > SAME_SILENT_NS and is_complete and is_after and _goes_on(ours, other):
             return SAME
         if is_silent and (later_ns > SILENT_NS or (is_complete and later_ns > -OVERLAP_NS)):
             may_go_on = ours.last and not is_complete and t_ns - other.first_ns < SHOWS_NS

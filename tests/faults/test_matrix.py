@@ -303,7 +303,8 @@ ROWS = (
     Row(
         "another system id",
         each(lambda m: replace(m, system=7), Attitude, LocalPosition, Heartbeat),
-        *(False, SILENT, "other_system"),
+        rejected="other_system",  # until it is followed under its other id, and under its first one again
+        recovers=0.6,
         noticed=1.1,
     ),
     Row("a position that walks by 1.3 cm a sample", rough(0.013)),

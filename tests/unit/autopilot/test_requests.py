@@ -7,7 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard.autopilot.output import AutopilotOutput
-from onboard.config import parse_config
+from onboard.config import AutopilotConfig, parse_config
 from tests.support.emitted import command_long
 from tests.support.leader import AUTOPILOT, S, T, estimate, origin, own_pose
 from tests.support.vehicle_records import TRAFFIC, nav_state
@@ -131,6 +131,7 @@ def test_what_all_components_are_asked_for_is_answered_by_us_only_if_it_is_ours(
 
 
 def test_the_origin_is_requested_until_it_comes_if_we_may_request() -> None:
+    wanted = AutopilotConfig().rates_hz | {"ATTITUDE": 1.0}
     for may, expected in ((False, 0), (True, 3)):
         out = AutopilotOutput(
             parse_config(CONFIG | {"autopilot": {"request_rates": may, "rates_hz": {"ATTITUDE": 1.0}}})
@@ -145,7 +146,7 @@ def test_the_origin_is_requested_until_it_comes_if_we_may_request() -> None:
                     asked += is_it and o.channel == "fc"
         assert asked == expected
         out.respond("fc", [origin()], NOW)
-        later = (f for o in out.tick(NOW + 60 * S, healthy=True, rates={"ATTITUDE": 1.0}) for f in o.frames)
+        later = (f for o in out.tick(NOW + 60 * S, healthy=True, rates=wanted) for f in o.frames)
         assert not any(
             m.get_type() == "COMMAND_LONG" for f in later for m in dialect.MAVLink(None).parse_buffer(f)
         )

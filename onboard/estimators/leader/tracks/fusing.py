@@ -19,10 +19,11 @@ from onboard.ownship import Ownship
 
 
 class TrackState(NamedTuple):
-    """The filter's state, and what is known of the detector's noise."""
+    """The filter's state, what is known of the detector's noise, and its scale as the filter began."""
 
     leader: Any
     noise: NoiseScale
+    supposed: float = 1.0
 
 
 def advance(filter_: BeliefFilter, state: TrackState, t0_ns: int, t1_ns: int, ownship: Ownship) -> TrackState:
@@ -65,4 +66,16 @@ def fuse(
     fused = update.passes
     if fused and not sight(measurement.axes, pose).shows(filter_.belief(update.belief).mean[POSITION]):
         fused = False
-    return TrackState(update.belief if fused else leader, noise), Outcome(fused, update, leader, pose)
+    after = state._replace(leader=update.belief if fused else leader, noise=noise)
+    if fused and taken.has_extent and noise.is_larger_than(state.supposed):
+        after = _begun_anew(filter_, after, measured(taken, filter_, noise.scale), pose)
+    return after, Outcome(fused, update, leader, pose)
+
+
+def _begun_anew(
+    filter_: BeliefFilter, state: TrackState, measurement: Measurement, pose: CameraPose
+) -> TrackState:
+    """The state from one image alone, but for its noses: hypotheses that died of a noise that was supposed too
+    small do not come back by a larger one."""
+    leader = filter_.start(measurement.with_attitude_noise(pose.noise_c), pose, state.leader)
+    return state._replace(leader=leader, supposed=state.noise.scale)

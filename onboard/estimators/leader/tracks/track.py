@@ -56,7 +56,6 @@ NO_IMAGE: Final = Reason(Cause.NO_MEASUREMENT, "no image yet")
 FULL: Final = Reason(Cause.FULL, "as many targets are followed as may be")
 FORGOTTEN: Final = Reason(Cause.FORGOTTEN, "no image for longer than the reset timeout")
 ALL_GATED: Final = Reason(Cause.ALL_GATED, "every image was gated")
-OTHER_NOISE: Final = Reason(Cause.NOISE_LEARNT, "the detector is noisier than was supposed: the track begins anew")
 HANGS: Final = Reason(Cause.STALE, "the camera hangs: its image stays although we turn")
 TOO_WIDE: Final = 0.2  # of the range: a position less certain is not corrected, the track starts anew
 
@@ -94,7 +93,6 @@ class Track:
         self._guard = Guard()
         self._sight, self._noise = LastSight(), noise  # of the tracks before
         self._wind: Wind | None = None
-        self._supposed = 1.0  # the detector's noise, as the track began
         self.size: Size | None = None  # by more than images
         self.prior: Prior | None = None  # of an earlier run, until a track starts
         self.prior_verdict = ""  # what became of it
@@ -276,10 +274,7 @@ class Track:
         if image.measurement.has_wing:
             self._guard.seen(image.measurement.span, image.measurement.span_sigma)
         self.status.fused(message.t_ns, was_lost=was_lost, has_wing=image.has_extent)
-        report = self._report(message, Verdict.FUSED_LATE if late else Verdict.FUSED, image, outcome)
-        if self.noise.is_larger_than(self._supposed):  # what was believed with too little is believed no more
-            self._forget(OTHER_NOISE)
-        return report
+        return self._report(message, Verdict.FUSED_LATE if late else Verdict.FUSED, image, outcome)
 
     def _is_wide(self, history: History[TrackState, Ownship], t_ns: int, ownship: Ownship) -> bool:
         """Whether the track has coasted until its position is too uncertain to be corrected."""
@@ -300,7 +295,7 @@ class Track:
         started = self._filter.start(measurement, first.pose, earlier, self.size)
         if self.prior is not None:
             started = self._informed(started, self.prior.relative(first.message.t_ns, ownship))
-        begun, self._supposed = TrackState(started, self.noise), self.noise.scale
+        begun = TrackState(started, self.noise, self.noise.scale)
         t_ns, horizon_ns = first.message.t_ns, self._horizon_ns()
         forward, take = partial(advance, self._filter), partial(fuse, self._filter, self._poses)
         self._history = History(t_ns, begun, horizon_ns=horizon_ns, advance=forward, fuse=take)
