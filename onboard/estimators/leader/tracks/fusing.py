@@ -66,10 +66,10 @@ def fuse(
     fused = update.passes
     if fused and not sight(measurement.axes, pose).shows(filter_.belief(update.belief).mean[POSITION]):
         fused = False
-    after = state._replace(leader=update.belief if fused else leader, noise=noise)
+    next_ = state._replace(leader=update.belief if fused else leader, noise=noise)
     if fused and taken.has_extent and noise.is_larger_than(state.supposed):
-        after = _begun_anew(filter_, after, measured(taken, filter_, noise.scale), pose)
-    return after, Outcome(fused, update, leader, pose)
+        next_ = _begun_anew(filter_, next_, measured(taken, filter_, noise.scale), pose)
+    return next_, Outcome(fused, update, leader, pose)
 
 
 def _begun_anew(
