@@ -105,6 +105,7 @@ from onboard.messages.target import TargetClass
 from onboard.messages.truth import IntruderTruth, Picture, SimStatus, TrafficTruth, Truth, VehicleTruth
 from onboard.messages.validity import not_valid
 from onboard.messages.vehicle import (
+    MULTIROTORS,
     ActuatorOutputs,
     Attitude,
     Barometer,
@@ -130,6 +131,7 @@ from onboard.messages.warm_state import WARM_VERSION, WarmState
 __all__ = [
     "DOUBT",
     "DOUBTS",
+    "MULTIROTORS",
     "NO_REASON",
     "WARM_VERSION",
     "ActuatorOutputs",

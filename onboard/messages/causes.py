@@ -55,6 +55,7 @@ class Cause(StrEnum):
     # Our own motion, by which estimates are predicted
     NO_POSITION = "no_position", "the autopilot has no position yet"
     NO_ATTITUDE = "no_attitude", "no attitude from the autopilot"
+    OTHER_VEHICLE = "other_vehicle", "what flies is not what the estimator supposes"
     FIX_UNUSABLE = "fix_unusable", "GPS fixes cannot be used"
     OWN_MOTION_UNKNOWN = "own_motion_unknown", "our own motion is not known"
     OWN_MOTION_DOUBT = "own_motion_doubt", "our own motion contradicts itself"

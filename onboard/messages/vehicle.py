@@ -7,6 +7,9 @@ from onboard.messages.base import Message, Positive, Quaternion, Vec3
 OUR_TAG: Final = 191  # the last three digits of the ts1_ns in our own TIMESYNC requests
 
 
+MULTIROTORS: Final = frozenset({2, 3, 4, 13, 14, 15, 29, 35})  # MAV_TYPE, with helicopters
+
+
 class Heartbeat(Message, frozen=True, kw_only=True):
     """HEARTBEAT. `vehicle_type` and `autopilot` are MAV_TYPE and MAV_AUTOPILOT numbers, `custom_mode` is the
     autopilot's own number of its flight mode."""

@@ -169,10 +169,10 @@ class Pipeline:
             return []
         self._delays_ns = source_delays_ns(self._config.delay, heartbeat.autopilot)
         if before is None or self._admission.is_same:
-            return []
+            return self._observe(heartbeat)
         self.clocks.restart()
         why = f"another autopilot is followed: {self.why_followed}"
-        return self._start_over(Reason(Cause.OTHER_AUTOPILOT, why))
+        return [*self._start_over(Reason(Cause.OTHER_AUTOPILOT, why)), *self._observe(heartbeat)]
 
     def _align(self, message: Message) -> list[Output]:
         if message.clock is Clock.NONE and not self._admission.holds_from_arrival(message):

@@ -26,6 +26,7 @@ from onboard.geometry.camera import Camera
 from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import (
+    MULTIROTORS,
     ActuatorOutputs,
     Attitude,
     Barometer,
@@ -34,6 +35,7 @@ from onboard.messages import (
     GlobalOrigin,
     GlobalPosition,
     GpsFix,
+    Heartbeat,
     Imu,
     Lifecycle,
     Message,
@@ -44,7 +46,20 @@ from onboard.ownship import OwnMotion, Ownship
 
 __all__ = ["LISTENS", "Config", "Estimator"]
 
-LISTENS: Final = (Attitude, Imu, Barometer, GpsFix, GlobalOrigin, GlobalPosition, ActuatorOutputs, Battery)
+LISTENS: Final = (
+    Heartbeat,
+    Attitude,
+    Imu,
+    Barometer,
+    GpsFix,
+    GlobalOrigin,
+    GlobalPosition,
+    ActuatorOutputs,
+    Battery,
+)
+
+
+UNSAID: Final = frozenset({0})  # MAV_TYPE_GENERIC
 
 
 class Estimator:
@@ -56,6 +71,7 @@ class Estimator:
         self._resets = self._sequence = 0
         self._track: Track | None = None
         self._why = Reason(Cause.NO_MEASUREMENT, "no GPS fix yet")  # there is no track
+        self._unsuitable: Reason | None = None  # what flies is not what the model supposes
         self._begin()
 
     def _begin(self) -> None:
@@ -71,6 +87,8 @@ class Estimator:
     def observe(self, message: Message, ownship: Ownship) -> list[Estimate]:
         """Fuse one message; an estimate for each attitude that is due for publication, and for each fix."""
         match message:
+            case Heartbeat():
+                self._learn_kind(message.vehicle_type)
             case Imu():
                 self._receive_imu(message)
                 if message.pressure_altitude is not None:
@@ -179,6 +197,9 @@ class Estimator:
 
     def _start(self, fix: Measurement) -> None:
         """Begin at a fix with the attitude nearest to it; fuse the attitudes that have come since."""
+        if self._unsuitable is not None:
+            self._why = self._unsuitable
+            return
         near = self._sources.attitude_near(fix.t_ns)
         if near is None:
             self._why = Reason(Cause.NO_ATTITUDE, "no attitude at the time of the fix")
@@ -208,6 +229,14 @@ class Estimator:
             self._resets += 1
         self._track = None
         self._why = why
+
+    def _learn_kind(self, vehicle_type: int) -> None:
+        """What flies, as a MAV_TYPE: the model is that of what leans to accelerate."""
+        self._unsuitable = None
+        if vehicle_type not in MULTIROTORS | UNSAID:
+            words = f"the autopilot flies no multirotor (MAV_TYPE {vehicle_type}), which this estimator supposes"
+            self._unsuitable = Reason(Cause.OTHER_VEHICLE, words)
+            self._drop_track(self._unsuitable)
 
     def _drop_old_track(self, t_ns: int) -> None:
         """End the track before it is predicted to a time too far from its last fix: the way there is cut into
