@@ -105,7 +105,7 @@ from onboard.messages.target import TargetClass
 from onboard.messages.truth import IntruderTruth, Picture, SimStatus, TrafficTruth, Truth, VehicleTruth
 from onboard.messages.validity import not_valid
 from onboard.messages.vehicle import (
-    MULTIROTORS,
+    NOT_LIFTED,
     ActuatorOutputs,
     Attitude,
     Barometer,
@@ -131,7 +131,7 @@ from onboard.messages.warm_state import WARM_VERSION, WarmState
 __all__ = [
     "DOUBT",
     "DOUBTS",
-    "MULTIROTORS",
+    "NOT_LIFTED",
     "NO_REASON",
     "WARM_VERSION",
     "ActuatorOutputs",

@@ -7,7 +7,8 @@ from onboard.messages.base import Message, Positive, Quaternion, Vec3
 OUR_TAG: Final = 191  # the last three digits of the ts1_ns in our own TIMESYNC requests
 
 
-MULTIROTORS: Final = frozenset({2, 3, 4, 13, 14, 15, 29, 35})  # MAV_TYPE, with helicopters
+# What flies on no lift of its own, or not at all, by MAV_TYPE.
+NOT_LIFTED: Final = {7: "airship", 8: "balloon", 9: "rocket", 10: "rover", 11: "boat", 12: "submarine"}
 
 
 class Heartbeat(Message, frozen=True, kw_only=True):

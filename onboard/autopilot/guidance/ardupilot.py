@@ -19,7 +19,7 @@ from onboard.arrays import Array
 from onboard.autopilot.guidance.follower import kept_away
 from onboard.autopilot.guidance.motion import FORWARD, Sent, Slot, Track, across, limited, turned
 from onboard.config import GuidanceConfig
-from onboard.messages import MULTIROTORS, Heartbeat
+from onboard.messages import Heartbeat
 
 LEAD: Final = 0.5  # s, by which its position control lags behind the velocity that it is sent
 BAND: Final = 0.08  # of the slot's distance
@@ -29,6 +29,7 @@ EXTRA_BRAKING: Final = 1.5  # m/s^2, beyond its own limit of 2.5
 SLOW_ENOUGH: Final = 2.0  # m/s
 CLOSES: Final = 0.5  # m/s, at which a slot at its distance closes on the leader, at most: noise
 FOLLOW: Final = 23  # custom_mode of ArduCopter
+COPTERS: Final = frozenset({2, 3, 4, 13, 14, 15, 29, 35})  # MAV_TYPE
 ENTERS: Final = 2.0  # m/s^2, at which it begins to close up once FOLLOW is entered
 BRAKING: Final = 2.2  # m/s^2: less than its 2.5, so that it stops where it is meant to
 
@@ -53,7 +54,7 @@ class ArduPilot:
 
     def is_entered(self, heartbeat: Heartbeat) -> bool | None:
         """Whether it is in FOLLOW. Vehicles that are no copters have other numbers."""
-        return heartbeat.custom_mode == FOLLOW if heartbeat.vehicle_type in MULTIROTORS else None
+        return heartbeat.custom_mode == FOLLOW if heartbeat.vehicle_type in COPTERS else None
 
     def waits(self, track: Track, dt: float) -> bool:  # noqa: ARG002 - it stops where it is led to stop
         """Always."""

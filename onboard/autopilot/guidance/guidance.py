@@ -169,7 +169,9 @@ class Guidance:
         self._widen(sigma / length, dt)
         slot = self._slot_at(yaw, sigma)
         waits = self.follower.waits(track, dt)
-        self.is_waiting = self.is_unsure and waits
+        # what is unsure may be far off by a factor, not by a distance: beyond all slots it may be flown to
+        may_be_near = length * math.exp(-NEAR_SIGMAS * sigma / length) < slot.most
+        self.is_waiting = self.is_unsure and waits and may_be_near
         if not self._may_begin(state, r_F, v_F):
             return self._stay(r_F, v_F, slot, dt)
         if self.is_waiting:

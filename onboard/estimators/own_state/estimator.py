@@ -26,7 +26,7 @@ from onboard.geometry.camera import Camera
 from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import (
-    MULTIROTORS,
+    NOT_LIFTED,
     ActuatorOutputs,
     Attitude,
     Barometer,
@@ -57,9 +57,6 @@ LISTENS: Final = (
     ActuatorOutputs,
     Battery,
 )
-
-
-UNSAID: Final = frozenset({0})  # MAV_TYPE_GENERIC
 
 
 class Estimator:
@@ -231,11 +228,12 @@ class Estimator:
         self._why = why
 
     def _learn_kind(self, vehicle_type: int) -> None:
-        """What flies, as a MAV_TYPE: the model is that of what leans to accelerate."""
-        self._unsuitable = None
-        if vehicle_type not in MULTIROTORS | UNSAID:
-            words = f"the autopilot flies no multirotor (MAV_TYPE {vehicle_type}), which this estimator supposes"
-            self._unsuitable = Reason(Cause.OTHER_VEHICLE, words)
+        """What the autopilot drives, as a MAV_TYPE: the model is that of what flies on its lift."""
+        kind, self._unsuitable = NOT_LIFTED.get(vehicle_type), None
+        if kind is not None:
+            self._unsuitable = Reason(
+                Cause.OTHER_VEHICLE, f"the autopilot drives a {kind}, and this supposes what flies"
+            )
             self._drop_track(self._unsuitable)
 
     def _drop_old_track(self, t_ns: int) -> None:
