@@ -122,7 +122,10 @@ def replay_log(
     if others:
         print_comparison(console, {judged(config.estimator): result, **beside}, own_summaries)
     else:
-        print_leader_score(console, "leader relative to follower, NED", result)
+        if result.verdicts or result.valid:
+            print_leader_score(console, "leader relative to follower, NED", result)
+        elif OWN_STATE not in config.estimator:
+            console.print("to estimate our own state: --set estimator.own_state={}", highlight=False)
         for name, score in beside.items():
             print_leader_score(console, f"beside it: {name}", score)
         own_summaries[OWN_STATE].print(console)

@@ -94,3 +94,16 @@ def test_a_second_leader_called_wingman_is_not_scored_as_the_leader(tmp_path: Pa
     )
     assert {"leader", "wingman"} <= every
     assert {estimate.target for estimate in replayed.estimates} == {"leader"}
+
+
+def test_a_log_without_images_shows_what_there_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = tmp_path / "flight.mcap"
+    record(log, encode(i for i in Stream(t1=12.0).items() if not isinstance(i.message, TargetPoints)))
+    numbers, _ = replayed_numbers(log, make_config())
+    shown = capsys.readouterr().out
+    assert numbers["valid"] == 0
+    assert "nothing to estimate the leader from" in shown
+    assert "to estimate our own state: --set estimator.own_state={}" in shown
+    assert "valid" not in shown.replace("invalid", "")
+    replayed_numbers(log, make_config("estimator.own_state={}"))
+    assert "to estimate our own state" not in capsys.readouterr().out
