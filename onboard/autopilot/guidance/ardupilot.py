@@ -56,7 +56,7 @@ class ArduPilot:
         """Whether it is in FOLLOW. Vehicles that are no copters have other numbers."""
         return heartbeat.custom_mode == FOLLOW if heartbeat.vehicle_type in COPTERS else None
 
-    def waits(self, track: Track, dt: float) -> bool:  # noqa: ARG002 - it stops where it is led to stop
+    def waits(self, track: Track, sigma: float, dt: float) -> bool:  # noqa: ARG002 - it stops where it is led to stop
         """Always."""
         return True
 

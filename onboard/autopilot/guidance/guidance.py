@@ -123,11 +123,12 @@ class Guidance:
         dt = min(max((state.t_ns - self._t_ns) / NS_PER_S, 0.0), LONGEST_STEP)
         self._t_ns = state.t_ns
         self._passes = ""
-        if self._known is not None and not state.valid and np.isfinite(r_F).all():
+        if self._known is not None and np.isfinite(r_F).all():
             self._begin_again(self._known, state.t_ns, r_F)
+            self._track = None if state.valid else self._track
         if state.valid and np.isfinite(r_F).all():
             self._valid_ns = state.t_ns
-            self._last, self._known = state, None
+            self._last = state
             if q_nb is not None and self._camera is not None:
                 self._framing.update(self._camera, q_nb, dt)
             sent = self._follow(state, r_F, v_F, dt)
@@ -154,7 +155,8 @@ class Guidance:
         yaw = self._look(track, r_F)
         if self._course.value is None and self._config.start_course == "bearing":
             self._course.start(yaw)
-        self._course.learn(track.v_observed, math.sqrt(max(P[3, 3], P[4, 4])), dt)
+        sigma_v = math.sqrt(max(P[3, 3], P[4, 4]))
+        self._course.learn(track.v_observed, sigma_v, dt)
         if self._course.value is None:
             return None
         if not abs(wrapped(yaw - self._direction)) <= FAR_OFF:
@@ -168,7 +170,7 @@ class Guidance:
         self.is_unsure = sigma > (SURE if self.is_unsure else UNSURE) * max(length, self._least)
         self._widen(sigma / length, dt)
         slot = self._slot_at(yaw, sigma)
-        waits = self.follower.waits(track, dt)
+        waits = self.follower.waits(track, sigma_v, dt)
         # what is unsure may be far off by a factor, not by a distance: beyond all slots it may be flown to
         may_be_near = length * math.exp(-NEAR_SIGMAS * sigma / length) < slot.most
         self.is_waiting = self.is_unsure and waits and may_be_near
@@ -206,6 +208,7 @@ class Guidance:
         age = (t_ns - known.t_ns) / NS_PER_S
         if not 0.0 <= age <= REMEMBERS_S:
             return
+        self._is_led = self._follows is not False
         v, a = np.array(known.v_L_n), np.array(known.a_L_n)
         self._turn_rate = self._course.rate_of(v, a)
         self._track = Track(np.array(known.r_OL_n), v, v, a)

@@ -33,6 +33,7 @@ from onboard.messages import Heartbeat
 FOLLOW_ME: Final = 8 << 24 | 4 << 16  # custom_mode AUTO, FOLLOW_TARGET
 MOVES: Final = 1.0  # m/s, from which a velocity sets its course
 SETS_OFF, SETS_OFF_S = 2.0, 0.8  # m/s, s, of a leader that was at rest: of a hover, its estimate has up to 1.3
+SURELY: Final = 2.0  # of the velocity's standard deviation: less may be its error
 STILL: Final = 0.8  # m/s, of a velocity that may be noise and must not set it
 TURNS: Final = 1.3  # m/s, of one that is to set it
 PULL: Final = 0.8  # 1/s, at which the target closes up to where it belongs
@@ -80,9 +81,10 @@ class Px4:
     def _moves(self) -> bool:
         return self._fast_for > SETS_OFF_S
 
-    def waits(self, track: Track, dt: float) -> bool:
+    def waits(self, track: Track, sigma: float, dt: float) -> bool:
         """Behind a leader at rest only: one that flies off leaves the image of a vehicle that looks at a place."""
-        is_fast = math.hypot(track.v[0], track.v[1]) > (MOVES if self._moves else SETS_OFF)
+        needed = MOVES if self._moves else max(SETS_OFF, SURELY * sigma)
+        is_fast = math.hypot(track.v[0], track.v[1]) > needed
         self._fast_for = self._fast_for + dt if is_fast else 0.0
         return not self._moves
 

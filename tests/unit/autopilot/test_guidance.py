@@ -248,12 +248,19 @@ def test_once_the_leader_is_lost_we_stop_with_the_nose_on_it_and_are_silent_afte
     assert guidance.course is None
 
 
+@pytest.mark.parametrize("in_follow", [True, False], ids=["in FOLLOW", "mode not known"])
 @pytest.mark.parametrize(("age_s", "ticks"), [(2.0, 151), (6.0, 101), (11.0, 0)])
-def test_what_an_earlier_run_knew_turns_the_nose_to_where_the_leader_should_be(age_s: float, ticks: int) -> None:
+def test_what_an_earlier_run_knew_turns_the_nose_to_where_the_leader_should_be(
+    age_s: float, ticks: int, in_follow: bool
+) -> None:
     """It flew north at 10 m/s and turned to the right at 0.2 rad/s; nobody has seen it since. After 3 s of silence
     we brake already."""
     guidance, t_ns = Guidance(GuidanceConfig()), T + round(age_s * S)
     guidance.resume(state(T, STILL, (10.0, 0.0, 0.0), (0.0, 2.0, 0.0)), 0.0)
+    if in_follow:
+        guidance.note_mode(
+            Heartbeat(t_ns=T, t_recv_ns=T, vehicle_type=2, autopilot=3, armed=True, status=4, custom_mode=23)
+        )
     r_F = np.array([0.0, 0.0, 3.0])
     unknown = guidance.virtual_leader(state(t_ns, STILL, STILL, valid=False), np.full(3, np.nan), STILL)
     assert unknown is None  # our own position comes later

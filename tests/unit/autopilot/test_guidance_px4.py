@@ -120,6 +120,17 @@ def test_a_leader_that_flies_off_is_led_after_though_its_velocity_is_not_sure() 
     assert sent.v_L_n[0] == pytest.approx(5.0, abs=0.5)
 
 
+def test_a_velocity_that_may_be_its_error_is_no_flight() -> None:
+    """A real one was led round a leader at rest that was estimated at 3.8 m/s, with a deviation of 2.3."""
+    made = guidance()
+    for k in range(150):
+        at = state(T + k * TICK, np.array([0.0, 0.02 * k, 0.0]), (0.0, 3.8, 0.0), velocity_sigma=2.3)
+        sent = made.virtual_leader(at, np.array([-30.0, 0.0, 3.0]), STILL)
+        assert sent is not None
+        assert sent.v_L_n is not None
+        assert math.hypot(*sent.v_L_n[:2]) < 1.0
+
+
 @pytest.mark.parametrize(
     ("place", "v_L", "is_bad"),
     [
