@@ -26,7 +26,7 @@ from onboard.messages.causes import Reason
 if TYPE_CHECKING:  # it loads numerics, which reading a configuration need not
     from onboard.ownship import OwnMotion, Ownship
 
-SHARED: Final = ("frame", "history", "peer_position", "reports")  # modules here that are not estimators
+KIT: Final = "kit"  # what estimators share
 
 
 class EstimatorProtocol(Protocol):
@@ -91,7 +91,7 @@ def counted_verdicts(estimators: Mapping[str, EstimatorProtocol]) -> dict[str, i
 def known() -> tuple[str, ...]:
     """The names of all estimators."""
     found = (m.name for m in pkgutil.iter_modules(__path__))
-    return tuple(sorted(name for name in found if name not in SHARED))
+    return tuple(sorted(name for name in found if name != KIT))
 
 
 def config_type(name: str) -> type[Record]:

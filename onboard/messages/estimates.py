@@ -15,6 +15,11 @@ class Lifecycle(StrEnum):
     COASTING = "coasting"  # prediction only, within the validity timeout
     LOST = "lost"  # prediction only, beyond the validity timeout: do not use it
 
+    @property
+    def is_valid(self) -> bool:
+        """Whether an estimate in this state may be used."""
+        return self in (Lifecycle.TRACKING, Lifecycle.COASTING)
+
 
 class Verdict(StrEnum):
     """The result of processing one measurement."""

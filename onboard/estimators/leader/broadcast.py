@@ -10,7 +10,8 @@ from typing import Any, Final
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.frame import Frame
+from onboard.estimators.kit.frame import Frame
+from onboard.estimators.kit.peer_position import STANDSTILL, ReportedPosition, of_adsb, of_peer
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.filters.auxiliary import (
     DELAY,
@@ -22,7 +23,6 @@ from onboard.estimators.leader.filters.auxiliary import (
 )
 from onboard.estimators.leader.filters.noses.cloud import Bias
 from onboard.estimators.leader.settings import NoseModel
-from onboard.estimators.peer_position import STANDSTILL, ReportedPosition, of_adsb, of_peer
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import (
     AdsbVehicle,

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
+from onboard.estimators.kit.life_cycle import check_order
 from onboard.estimators.leader.settings import PARTICLES, NoseModel, overridden
 from onboard.messages import NotNegative, Positive, Record, TargetClass, Vec3
 from onboard.messages.target import Aircraft, check_bounds, check_points
@@ -114,8 +115,7 @@ class Config(Record, frozen=True, kw_only=True):
     max_targets: Annotated[int, msgspec.Meta(ge=1, le=1000)] = 100
 
     def __post_init__(self) -> None:
-        if not self.coast_after_s <= self.validity_timeout_s <= self.reset_timeout_s:
-            raise ValueError("coast_after_s <= validity_timeout_s <= reset_timeout_s must hold")
+        check_order(self, "reset_timeout_s")
         overridden(NoseModel(1.0, 1.0, (0.0, 0.0, 0.0), 1.0, 1.0), self.process_noise)
         check_points(self.points_m, self.size_prior_m)
         check_bounds(self.points_m, self.aircraft, wings=self.wings)

@@ -38,7 +38,6 @@ NAME: Final = "leader"
 LISTENS: Final = (TargetPoints, TargetDetection, messages.Wind, messages.WarmState)
 CONTRADICTED: Final = "broadcast_contradicted"  # how often the leader was not where its broadcast had led
 NO_ID: Final = ""
-FOLLOWED: Final = (Lifecycle.TRACKING, Lifecycle.COASTING)  # in which a track is valid
 GIMBAL: Final = "gimbal_contradicted"  # how often the images began to contradict a gimbal's flags
 CLASS: Final = "class_changed"  # how often the detector has taken a target for something else from some image on
 RENAMED: Final = "target_renamed"  # how often a track has gone on under another id
@@ -81,7 +80,7 @@ class Estimator:
     @property
     def verdicts(self) -> Counter[str]:
         """Verdicts on all images, and on what is measured of the leader beside them."""
-        contradictions = self._tracks[NAME].status.contradictions
+        contradictions = self._tracks[NAME].life.contradictions
         wrong = Counter({CONTRADICTED: contradictions} if contradictions else {})
         wrong.update(track.prior_verdict for track in self._tracks.values() if track.prior_verdict)
         return sum((source.verdicts for source in self._sources), self._verdicts + wrong)
@@ -154,7 +153,7 @@ class Estimator:
         valid for `reset_timeout_s` while another target is tracked, the first of these is the leader. Where images
         or a broadcast say who the leader is, no other takes its name."""
         leader = self._tracks[NAME]
-        is_known = self._is_named or self._sources or leader.state in FOLLOWED
+        is_known = self._is_named or self._sources or leader.state.is_valid
         heirs = [] if is_known else [t for t in self._tracks.values() if may_lead(t)]
         if not heirs:
             self._heir_since_ns = None
@@ -260,8 +259,8 @@ class Estimator:
     def _rename(self, track: Track, target: str, ownship: Ownship) -> Estimate:
         """Let a track go on under another id; the last estimate of its old one."""
         before = self._track(track.target)
-        before.sequence, before.status.resets = track.sequence, track.status.resets + 1
-        before.status.why = Reason(Cause.RENAMED, f"the detector calls it {target} now")
+        before.sequence, before.life.resets = track.sequence, track.life.resets + 1
+        before.life.why = Reason(Cause.RENAMED, f"the detector calls it {target} now")
         del self._tracks[track.target]
         self._tracks[target], track.target = track, target
         self._verdicts[RENAMED] += 1
@@ -308,5 +307,5 @@ class Estimator:
         """How far, rad, an image's direction is from each track that had an image shortly before it, by target:
         images that waited for our own motion are older than the newest estimate."""
         direction, t_ns = image.direction_n.tolist(), image.message.t_ns
-        recent = (t for t in self._tracks.values() if not t.status.is_coasting(t_ns))
+        recent = (t for t in self._tracks.values() if not t.life.is_coasting(t_ns))
         return {t.target: math.dist(t.direction_n, direction) for t in recent if t.direction_n is not None}

@@ -4,6 +4,7 @@ from typing import Annotated
 
 import msgspec
 
+from onboard.estimators.kit.life_cycle import check_order
 from onboard.messages import NotNegative, Positive, Record
 
 
@@ -23,5 +24,4 @@ class Config(Record, frozen=True, kw_only=True):
     reset_timeout_s: NotNegative = 10.0  # without an image: forgotten
 
     def __post_init__(self) -> None:
-        if not self.coast_after_s <= self.validity_timeout_s <= self.reset_timeout_s:
-            raise ValueError("coast_after_s <= validity_timeout_s <= reset_timeout_s must hold")
+        check_order(self, "reset_timeout_s")

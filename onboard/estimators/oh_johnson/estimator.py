@@ -16,10 +16,11 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.history import History
+from onboard.estimators.kit.history import History
+from onboard.estimators.kit.life_cycle import by_age
+from onboard.estimators.kit.reports import image_report, of_belief
 from onboard.estimators.oh_johnson.config import Config
 from onboard.estimators.oh_johnson.noise import ANGLES, HOVER_SPEED, first_belief, process_noise
-from onboard.estimators.reports import image_report, of_belief
 from onboard.filters import unscented
 from onboard.filters.belief import Belief, FilterError, Update
 from onboard.filters.gating import chi_square_threshold
@@ -201,15 +202,9 @@ class Estimator:
         return (t_ns - self._fused_ns) / NS_PER_S
 
     def _state(self, t_ns: int) -> tuple[Lifecycle, Reason]:
-        """searching -> tracking -> coasting -> lost -> tracking, or forgotten."""
-        age = self._age(t_ns)
         if self._history is None:
             return Lifecycle.SEARCHING, self._why
-        if age <= self._config.coast_after_s:
-            return Lifecycle.TRACKING, Reason(Cause.FUSED, "images fused")
-        if age <= self._config.validity_timeout_s:
-            return Lifecycle.COASTING, Reason(Cause.PREDICTED, "no image fused lately: predicted")
-        return Lifecycle.LOST, Reason(Cause.TIMEOUT, "no image fused within the validity timeout")
+        return by_age(self._age(t_ns), self._config, one="image", many="images")
 
     def _estimate(self, ownship: Ownship, report: MeasurementReport | None) -> Estimate:
         t_ns, belief = ownship.now_ns, None
@@ -231,7 +226,7 @@ class Estimator:
             sequence=self._sequence,
             t_ns=t_ns,
             state=state,
-            valid=state in {Lifecycle.TRACKING, Lifecycle.COASTING},
+            valid=state.is_valid,
             cause=cause,
             reason=reason,
             frame=relative_motion.FRAME,

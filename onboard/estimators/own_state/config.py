@@ -7,6 +7,7 @@ from typing import Annotated, Final, Literal
 
 import msgspec
 
+from onboard.estimators.kit.life_cycle import check_order
 from onboard.messages import NotNegative, Positive, Record
 
 Positive3 = tuple[Positive, Positive, Positive]
@@ -113,8 +114,7 @@ class Config(Record, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         """Raises ValueError for timeouts out of order, custom without its table or the reverse, or an unknown
         filter."""
-        if not self.coast_after_s <= self.validity_timeout_s <= self.reset_timeout_s:
-            raise ValueError("coast_after_s <= validity_timeout_s <= reset_timeout_s must hold")
+        check_order(self, "reset_timeout_s")
         if (self.airframe == "custom") != (self.custom is not None):
             raise ValueError('airframe = "custom" and a table estimator.own_state.custom go together')
         if self.filter not in FILTERS:

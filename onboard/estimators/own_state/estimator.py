@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.estimators.kit.life_cycle import by_age
 from onboard.estimators.own_state.config import Config
 from onboard.estimators.own_state.faults import FaultMonitor
 from onboard.estimators.own_state.filters import SensorFilter
@@ -18,7 +19,7 @@ from onboard.estimators.own_state.innovations import OutlierMonitor
 from onboard.estimators.own_state.inputs import Inputs
 from onboard.estimators.own_state.measurements import ATTITUDE_SENSOR, BAROMETER, GPS, Measurement, unusable
 from onboard.estimators.own_state.noise import SensorNoise
-from onboard.estimators.own_state.report import VALID, Reported, nav_state, own_motion, refused, report
+from onboard.estimators.own_state.report import Reported, nav_state, own_motion, refused, report
 from onboard.estimators.own_state.sources import Sources, next_due_ns
 from onboard.estimators.own_state.track import Outcome, Track
 from onboard.filters.belief import FilterError
@@ -118,7 +119,7 @@ class Estimator:
 
     def own_motion_at(self, t_ns: int) -> OwnMotion | None:
         """See `onboard.estimators.StatesOwnMotion`."""
-        if self._track is None or self._life(t_ns)[0] not in VALID:
+        if self._track is None or not self._life(t_ns)[0].is_valid:
             return None
         try:
             posterior = self._track.posterior_before(t_ns)
@@ -249,12 +250,7 @@ class Estimator:
             return Lifecycle.INITIALISING if has_fix else Lifecycle.SEARCHING, self._why
         if self._is_silent:
             return Lifecycle.LOST, Reason(Cause.NO_ATTITUDE, "no attitude from the autopilot")
-        age = self._track.age(t_ns)
-        if age <= self._config.coast_after_s:
-            return Lifecycle.TRACKING, Reason(Cause.FUSED, "fixes fused")
-        if age <= self._config.validity_timeout_s:
-            return Lifecycle.COASTING, Reason(Cause.PREDICTED, "no fix fused lately: predicted")
-        return Lifecycle.LOST, Reason(Cause.TIMEOUT, "no fix fused within the validity timeout")
+        return by_age(self._track.age(t_ns), self._config, one="fix", many="fixes")
 
     def _publish(self, reported: Reported | None) -> Estimate:
         newest_ns = self._sources.newest_ns

@@ -5,10 +5,10 @@ from typing import Any, Final
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.estimators.kit.reports import of_update
 from onboard.estimators.own_state.config import Config
 from onboard.estimators.own_state.measurements import Measurement
 from onboard.estimators.own_state.track import Outcome, Posterior, Track
-from onboard.estimators.reports import of_update
 from onboard.geometry.rotations import euler_from_quaternion, quaternion_from_matrix
 from onboard.messages import Fault, Lifecycle, MeasurementReport, Message, NavState, Vec3, Verdict
 from onboard.messages.causes import Reason
@@ -17,7 +17,6 @@ from onboard.models.quadrotor import POSITION, RATES, VELOCITY
 from onboard.ownship import OwnMotion
 
 NAME: Final = "own_state"
-VALID: Final = (Lifecycle.TRACKING, Lifecycle.COASTING)
 FIELDS_OF_TRACK: Final = ("age", "switch_fraction", "nis_ratio", "mean", "covariance", "q_nb", "omega_b")
 
 Reported = tuple[MeasurementReport, tuple[float, ...] | None]  # with the innovation's standard deviations
@@ -65,7 +64,7 @@ def nav_state(
     """The record at a time. `reported` is the newest measurement."""
     measurement, sigma = reported if reported is not None else (None, None)
     state, (cause, reason) = life
-    valid = track is not None and state in VALID
+    valid = track is not None and state.is_valid
     return NavState(
         name=NAME,
         target=NAME,

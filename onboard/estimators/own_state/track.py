@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.history import History
+from onboard.estimators.kit.history import History
 from onboard.estimators.own_state.config import Config
 from onboard.estimators.own_state.filters import FilterState, SensorFilter
 from onboard.estimators.own_state.innovations import Counts, Outside

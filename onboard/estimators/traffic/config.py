@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
+from onboard.estimators.kit.life_cycle import check_order
 from onboard.messages import NotNegative, Positive, Record, Vec3
 
 FilterName = Literal["kf", "ekf", "ukf", "srukf", "imm"]
@@ -94,7 +95,6 @@ class Config(Record, frozen=True, kw_only=True):
     threat_time_s: Positive = 60.0
 
     def __post_init__(self) -> None:
-        if not self.coast_after_s <= self.validity_timeout_s <= self.forget_after_s:
-            raise ValueError("coast_after_s <= validity_timeout_s <= forget_after_s must hold")
+        check_order(self, "forget_after_s")
         if self.confirm_hits > self.confirm_window:
             raise ValueError("confirm_hits <= confirm_window must hold")

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.frame import OwnMotion
+from onboard.estimators.kit.frame import OwnMotion
 from onboard.estimators.traffic.batch import Radar
 from onboard.estimators.traffic.config import Config
 from onboard.filters.association import Places

@@ -8,7 +8,7 @@ both show the error of our own attitude (`registration`).
 from collections import Counter
 from typing import Final
 
-from onboard.estimators.frame import Frame
+from onboard.estimators.kit.frame import Frame
 from onboard.estimators.traffic.config import Config
 from onboard.estimators.traffic.publication import estimates
 from onboard.estimators.traffic.tracker import Tracker

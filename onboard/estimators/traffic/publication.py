@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.frame import Frame, OwnMotion
+from onboard.estimators.kit.frame import Frame, OwnMotion
 from onboard.estimators.traffic.approach import closest_in_turns
 from onboard.estimators.traffic.batch import Updates
 from onboard.estimators.traffic.config import Config
@@ -165,7 +165,7 @@ def _estimate(
         sequence=track.sequence,
         t_ns=t_ns,
         state=state,
-        valid=state in (Lifecycle.TRACKING, Lifecycle.COASTING),
+        valid=state.is_valid,
         cause=cause,
         reason=reason,
         frame=FRAME,

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from onboard.estimators.peer_position import is_repetition
+from onboard.estimators.kit.peer_position import is_repetition
 from onboard.estimators.traffic.batch import NO_ROWS, Batch, Updates
 from onboard.estimators.traffic.config import Config
 from onboard.estimators.traffic.publication import measurement_report

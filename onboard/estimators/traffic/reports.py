@@ -7,8 +7,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.frame import Frame
-from onboard.estimators.peer_position import ReportedPosition, is_plausible, of_adsb, of_peer
+from onboard.estimators.kit.frame import Frame
+from onboard.estimators.kit.peer_position import ReportedPosition, is_plausible, of_adsb, of_peer
 from onboard.estimators.traffic.config import Config
 from onboard.estimators.traffic.pseudoranges import solve
 from onboard.geometry.units import NS_PER_S

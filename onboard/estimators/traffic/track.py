@@ -2,6 +2,7 @@
 
 from typing import Final, NamedTuple
 
+from onboard.estimators.kit.life_cycle import by_age
 from onboard.estimators.traffic.config import Config
 from onboard.estimators.traffic.reports import Key, Report
 from onboard.geometry.units import NS_PER_S
@@ -45,16 +46,16 @@ class Track(NamedTuple):
 
     def life(self, now_ns: int, config: Config) -> tuple[Lifecycle, Reason]:
         """State and reason."""
-        age = self.age(now_ns)
-        if age > config.validity_timeout_s:
-            return Lifecycle.LOST, Reason(Cause.TIMEOUT, "no report or echo within the validity timeout")
+        state, why = by_age(self.age(now_ns), config, one="report or echo", many="reports")
+        if state is Lifecycle.LOST:
+            return state, why
         if not self.confirmed:
             return Lifecycle.INITIALISING, Reason(Cause.STARTING, "one report so far")
-        shared = "; its address is used by another track too" if self.address_shared else ""
-        if age > config.coast_after_s:
-            return Lifecycle.COASTING, Reason(Cause.PREDICTED, f"no report or echo lately: predicted{shared}")
-        by = ", ".join(s for s, t_ns in self.sources.items() if (now_ns - t_ns) / NS_PER_S <= config.coast_after_s)
-        return Lifecycle.TRACKING, Reason(Cause.FUSED, f"by {by or 'reports'}{shared}")
+        if state is Lifecycle.TRACKING:
+            newest = ((s, (now_ns - t_ns) / NS_PER_S) for s, t_ns in self.sources.items())
+            by = ", ".join(s for s, age_s in newest if age_s <= config.coast_after_s)
+            why = Reason(why.cause, f"by {by or 'reports'}")
+        return state, why.also("its address is used by another track too") if self.address_shared else why
 
     def expired(self, now_ns: int, config: Config) -> bool:
         """Whether it is to be removed: it has had no measurement for long, or its echoes were too few to confirm

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from onboard.estimators.frame import Frame, OwnMotion
+from onboard.estimators.kit.frame import Frame, OwnMotion
 from onboard.estimators.traffic.batch import Batch, Radar
 from onboard.estimators.traffic.config import Config
 from onboard.estimators.traffic.echoes import Echoes, echoes_of, radar_of

@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterator
 from typing import Final
 
 from onboard.arrays import Array
-from onboard.estimators.frame import Frame
+from onboard.estimators.kit.frame import Frame
 from onboard.estimators.traffic.config import Config
 from onboard.estimators.traffic.reports import Key, Report, ReportMessage, make_report
 from onboard.messages import AdsbVehicle, PeerRanges, Verdict

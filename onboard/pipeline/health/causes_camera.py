@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 from typing import Final
 
-from onboard.messages import Advice, CameraHealth, Lifecycle, Severity
+from onboard.messages import Advice, CameraHealth, Severity
 from onboard.messages.causes import Cause
 from onboard.pipeline.health.needs import Moment
 
@@ -22,7 +22,6 @@ CONTRADICTED: Final = frozenset(  # by images
     {Cause.NOISE, Cause.RANGE_CONTRADICTS, Cause.WING_TOO_LARGE, Cause.ASTRAY, Cause.LEAPT}
 )
 LEADERS: Final = ("leader", "oh_johnson")
-VALID: Final = (Lifecycle.TRACKING, Lifecycle.COASTING)
 FIT: Final = "`onboard calibrate LOG` finds mount, delay and focal length of a recorded flight"
 
 
@@ -210,7 +209,7 @@ def _suspects(m: Moment, name: str) -> str:
 
 
 def _leader_is_lost(m: Moment) -> bool:
-    return all(m.now.states.get(e) not in VALID for e in LEADERS)
+    return not any(m.now.states[e].is_valid for e in LEADERS if e in m.now.states)
 
 
 def _detector_sends(m: Moment) -> bool:

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from onboard.estimators.history import History
+from onboard.estimators.kit.history import History
 
 MS = 1_000_000
 

@@ -3,8 +3,8 @@
 import pytest
 from msgspec.structs import replace
 
+from onboard.estimators.kit.peer_position import of_adsb, of_peer
 from onboard.estimators.own_state.sources import is_place
-from onboard.estimators.peer_position import of_adsb, of_peer
 from onboard.messages import PeerPosition, Verdict
 from tests.support.traffic import Sky
 

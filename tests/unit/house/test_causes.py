@@ -80,3 +80,9 @@ def test_what_is_only_in_doubt_and_what_it_costs_is_known_by_its_cause() -> None
     assert REMEDIES.keys() >= DOUBTS
     costly = {cause for cause in DOUBTS if REMEDIES[cause].severity is not Severity.NOTICE}
     assert costly == {Cause.MOUNT, Cause.FOCAL_LENGTH, Cause.OFF_CENTER}
+
+
+def test_one_file_says_when_a_leader_is_lost() -> None:
+    leader = ROOT / "onboard" / "estimators" / "leader"
+    naming = {path.name for path in leader.rglob("*.py") if "LOST" in path.read_text(encoding="utf-8")}
+    assert naming == {"life_cycle.py"}

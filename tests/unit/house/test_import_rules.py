@@ -29,10 +29,8 @@ FACE = {"__version__", "UserError"}  # `onboard` itself, which every part loads 
 STRANGERS = {"estimators", "links", "sinks"}  # never see each other
 # Parts of parts, the lower first; those that stand on one floor do not see each other.
 INSIDE = {
-    "onboard.estimators": (
-        *({"frame", "history"}, {"peer_position", "reports"}),
-        {"leader", "oh_johnson", "own_state", "traffic"},
-    ),
+    "onboard.estimators": ({"kit"}, {"leader", "oh_johnson", "own_state", "traffic"}),
+    "onboard.estimators.kit": ({"frame", "history", "life_cycle"}, {"peer_position", "reports"}),
     "studies": ({"report"}, {"tracking"}, {"*"}, {"together"}, {"command"}, {"__main__"}),
     "simlink": (
         *({"scenarios"}, {"world"}, {"sensors"}, {"traffic"}, {"autopilot"}, {"simulation"}),

@@ -8,7 +8,7 @@ from onboard.estimators.leader.filters.auxiliary import Auxiliary
 from onboard.estimators.leader.filters.belief import BeliefFilter
 from onboard.estimators.leader.filters.features import refused
 from onboard.estimators.leader.filters.measurement import Measurement
-from onboard.estimators.leader.sight import sight
+from onboard.estimators.leader.tracks.guard import sight
 from onboard.estimators.leader.tracks.image import Image, measured, newest_pose
 from onboard.estimators.leader.tracks.noise import NoiseScale
 from onboard.estimators.leader.tracks.report import AuxiliaryOutcome, Outcome

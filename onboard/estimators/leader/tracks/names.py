@@ -20,7 +20,7 @@ def swap_names(one: Track, other: Track) -> None:
     """Let two targets change their names. Each name's counts go on: its state has changed, as after a reset."""
     one.target, other.target = other.target, one.target
     one.sequence, other.sequence = other.sequence, one.sequence
-    one.status.resets, other.status.resets = other.status.resets + 1, one.status.resets + 1
+    one.life.resets, other.life.resets = other.life.resets + 1, one.life.resets + 1
 
 
 def awaits_name(track: Track, t_ns: int) -> bool:

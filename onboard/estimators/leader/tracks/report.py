@@ -7,18 +7,17 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.estimators.kit.reports import image_report, of_belief
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.belief import BeliefFilter
 from onboard.estimators.leader.filters.measurement import points_of
 from onboard.estimators.leader.filters.noses.places import Place
 from onboard.estimators.leader.tracks.image import Image
-from onboard.estimators.leader.tracks.status import Status
-from onboard.estimators.reports import image_report, of_belief
+from onboard.estimators.leader.tracks.life_cycle import LifeCycle
 from onboard.filters.belief import Belief, Update
 from onboard.messages import (
     Estimate,
     ImagePoint,
-    Lifecycle,
     MeasurementReport,
     Mode,
     TargetImage,
@@ -81,18 +80,18 @@ def report(
     )
 
 
-def published(filter_: BeliefFilter, status: Status, belief: Belief | None, **fields: Any) -> Estimate:
+def published(filter_: BeliefFilter, life: LifeCycle, belief: Belief | None, **fields: Any) -> Estimate:
     """The estimate of a belief (None: there is none) in these fields, with what follows from them."""
     t_ns, state = fields["t_ns"], fields["state"]
-    age = status.age(t_ns)
+    age = life.age(t_ns)
     return Estimate(
-        state_since_ns=status.since(state, t_ns),
-        valid=state in (Lifecycle.TRACKING, Lifecycle.COASTING),
+        state_since_ns=life.since(state, t_ns),
+        valid=state.is_valid,
         frame=relative_motion.FRAME,
         components=filter_.components,
         units=filter_.units,
         age=None if age == math.inf else age,
-        reset_count=status.resets,
+        reset_count=life.resets,
         **of_belief(belief),
         **fields,
     )

@@ -1,32 +1,32 @@
 """One target's track: it starts when images agree, fuses images, and ends when none fits any more.
 
 Every image gets a verdict. An image is fused at the time it was taken, however late it arrives
-(`estimators.history`). After a long gap the position may be so uncertain that no filter can be corrected by an
-image. The track then starts anew where images agree, and keeps what it knows of the motion. `status` holds the
-life cycle.
+(`kit.history`). After a long gap the position may be so uncertain that no filter can be corrected by an
+image. The track then starts anew where images agree, and keeps what it knows of the motion. `life_cycle` says
+what state it is in.
 """
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any, Final
 
 import numpy as np
 
-from onboard.estimators.history import History
+from onboard.estimators.kit.history import History
 from onboard.estimators.leader.camera_pose import CameraPoses
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.filters.auxiliary import Auxiliary, Report
 from onboard.estimators.leader.filters.belief import BeliefFilter
 from onboard.estimators.leader.filters.noses.places import OpenQuestion
 from onboard.estimators.leader.prior import Prior
-from onboard.estimators.leader.sight import ASTRAY, LastSight
 from onboard.estimators.leader.size import Size
 from onboard.estimators.leader.tracks.exchange import LEAPT, Classes, Exchange
 from onboard.estimators.leader.tracks.fusing import TrackState, advance, fuse, seen
-from onboard.estimators.leader.tracks.guard import Guard
+from onboard.estimators.leader.tracks.guard import ASTRAY, Guard, LastSight
 from onboard.estimators.leader.tracks.image import Image, agree, hold, prepare
+from onboard.estimators.leader.tracks.life_cycle import Facts, LifeCycle
 from onboard.estimators.leader.tracks.noise import NoiseScale
 from onboard.estimators.leader.tracks.rate_limit import RateLimit
 from onboard.estimators.leader.tracks.repeats import Repeats
@@ -39,7 +39,6 @@ from onboard.estimators.leader.tracks.report import (
     report,
     with_attitude,
 )
-from onboard.estimators.leader.tracks.status import Status
 from onboard.estimators.leader.wind import Wind
 from onboard.filters.belief import Belief, FilterError
 from onboard.filters.unscented_transform import factor
@@ -64,7 +63,7 @@ class Track:
     """All state of one target. `direction_n` (3,) is where the target was estimated last, None without a track;
     `half_wing` how long half its wing appears at most, in focal lengths; `is_metric`: its range is that of
     poses, and says nothing of the size; `held`: images that are to start it; `repeats`: its stamps; `rate_limit`:
-    when a tick is due; `sequence` and `status`: counts that go on with its name. A track that is `full`, one too
+    when a tick is due; `sequence` and `life`: counts that go on with its name. A track that is `full`, one too
     many, rejects every image. `may_begin`: asked, by target and time, before its filter starts."""
 
     def __init__(
@@ -98,7 +97,7 @@ class Track:
         self.prior_verdict = ""  # what became of it
         self._report = partial(report, filter_)
         self.sequence = 0
-        self.status = Status(config, self._images, FULL if full else NO_IMAGE)
+        self.life = LifeCycle(config, self._images, FULL if full else NO_IMAGE)
 
     def observe(self, message: TargetImage, ownship: Ownship, prepared: Image | None = None) -> Estimate:
         """Check an image, then start the track with it or fuse it; `prepared`, where that has been done."""
@@ -116,7 +115,7 @@ class Track:
                 self._settle(self._history, ownship)
             except FilterError as error:
                 self._fail(error)
-        if self._history is not None and self.status.is_over(ownship.now_ns):
+        if self._history is not None and self.life.is_over(ownship.now_ns):
             self._forget(FORGOTTEN)
         return self._estimate(ownship, None)
 
@@ -157,14 +156,14 @@ class Track:
             self._fail(error)
             return Verdict.NUMERICAL
         if is_report and verdict is not Verdict.UNASSOCIATED:
-            self.status.reported(taken.t_ns, used=verdict is Verdict.FUSED)
+            self.life.reported(taken.t_ns, used=verdict is Verdict.FUSED)
         return verdict
 
     def _assist(self, history: History[TrackState, Ownship], taken: Auxiliary, ownship: Ownship) -> Verdict:
         if isinstance(taken, Report):
-            if self.status.was_led_elsewhere(taken.t_ns):
+            if self.life.was_led_elsewhere(taken.t_ns):
                 return Verdict.GATED
-            if not taken.trusted and self.status.is_coasting(taken.t_ns):
+            if not taken.trusted and self.life.is_coasting(taken.t_ns):
                 return Verdict.UNASSOCIATED
         elif self._filter.is_too_wide(history.belief_at(taken.t_ns, ownship)[1].leader, KNOWN):
             return Verdict.UNASSOCIATED  # a tangent of the sphere says nothing of a leader far from it
@@ -192,7 +191,7 @@ class Track:
     @property
     def state(self) -> Lifecycle:
         """The state of the last estimate."""
-        return self.status.latest
+        return self.life.latest
 
     @property
     def noise(self) -> NoiseScale:
@@ -249,22 +248,22 @@ class Track:
         if not image.has_extent:
             return self._report(message, Verdict.DIRECTION_ONLY, image)
         if history is not None and self.expects(image, ownship).beyond:
-            self.status.led_elsewhere(message.t_ns)
+            self.life.led_elsewhere(message.t_ns)
             self._guard.clear()
         self._start(image, ownship, history)
         return self._report(message, Verdict.INITIALISING, image)
 
     def _insert(self, history: History[TrackState, Ownship], image: Image, ownship: Ownship) -> MeasurementReport:
         """Fuse an image at its own time, unless the gate stops it."""
-        message, last_ns = image.message, self.status.last_fused_ns
+        message, last_ns = image.message, self.life.last_fused_ns
         late = last_ns is not None and message.t_ns < last_ns
-        was_lost = self.status.is_lost(message.t_ns)
+        was_lost = self.life.is_lost(message.t_ns)
         outcome: Outcome = history.insert(message.t_ns, image, ownship)
         self._settle(history, ownship, inserted=True)
         if not outcome.fused:
             self._exchange.gated(image)
-            if image.has_extent and self.status.gated(message.t_ns):
-                self.status.led_elsewhere(message.t_ns)
+            if image.has_extent and self.life.gated(message.t_ns):
+                self.life.led_elsewhere(message.t_ns)
                 self._exchange.ended()
                 self._forget(ALL_GATED)
                 self._start(image, ownship, None)
@@ -273,19 +272,19 @@ class Track:
         self._sight.see(message.t_ns, image.measurement.axes, image.pose)
         if image.measurement.has_wing:
             self._guard.seen(image.measurement.span, image.measurement.span_sigma)
-        self.status.fused(message.t_ns, was_lost=was_lost, has_wing=image.has_extent)
+        self.life.fused(message.t_ns, was_lost=was_lost, has_wing=image.has_extent)
         return self._report(message, Verdict.FUSED_LATE if late else Verdict.FUSED, image, outcome)
 
     def _is_wide(self, history: History[TrackState, Ownship], t_ns: int, ownship: Ownship) -> bool:
         """Whether the track has coasted until its position is too uncertain to be corrected."""
-        coasting = self.status.is_coasting(t_ns)
+        coasting = self.life.is_coasting(t_ns)
         return coasting and self._filter.is_too_wide(history.belief_at(t_ns, ownship)[1].leader, TOO_WIDE)
 
     def _start(self, image: Image, ownship: Ownship, before: History[TrackState, Ownship] | None) -> None:
         """Hold images until enough of them agree; start at the oldest and fuse the rest."""
         held = self.held
         hold(held, image)
-        self.status.why = Reason(Cause.STARTING, f"{len(held)} of {self._images} images")
+        self.life.why = Reason(Cause.STARTING, f"{len(held)} of {self._images} images")
         if len(held) < self._images or not self._may_begin(self.target, ownship.now_ns):
             return
         images = sorted(held, key=lambda i: i.message.t_ns)
@@ -303,7 +302,7 @@ class Track:
             self._history.insert(first.message.t_ns, self._wind, ownship)
         for other in images[1:]:
             self._history.insert(other.message.t_ns, other, ownship)
-        self.status.started(first.message.t_ns, again=before is not None)
+        self.life.started(first.message.t_ns, again=before is not None)
         self._sight.see(image.message.t_ns, image.measurement.axes, image.pose)
         self._settle(self._history, ownship, inserted=True)
         held.clear()
@@ -325,13 +324,13 @@ class Track:
         """Come up to the newest own motion. The history fuses and gates its images anew where that changes them:
         the gate may let pass an image that it stopped at first."""
         if history.settle(ownship) or inserted:
-            self.status.judged_again(history.newest(lambda outcome: outcome.fused))
+            self.life.judged_again(history.newest(lambda outcome: outcome.fused))
 
     def _fail(self, error: FilterError) -> None:
         self._forget(Reason(Cause.FILTER_FAILED, f"the filter failed: {error}"))
 
     def _forget(self, why: Reason) -> None:
-        self.status.forgotten(why, had_track=self._history is not None)
+        self.life.forgotten(why, had_track=self._history is not None)
         self._guard.clear()
         self._sight.clear()
         self.prior = None
@@ -353,36 +352,32 @@ class Track:
             return None
         return t_ns, belief, self._filter.open_question(state.leader)
 
-    def _contradiction(self, t_ns: int, belief: Belief, ownship: Ownship) -> Reason | None:
-        """The first of what contradicts a belief, None if nothing does."""
-        if self._exchange.is_in_question(t_ns):
-            return LEAPT
-        if doubt := self._classes.doubt:
-            return doubt
-        if not self.status.is_carried(t_ns) and self._sight.contradicts(belief.mean[POSITION]):
-            return ASTRAY
-        misfit = self._poses.contradiction or self.noise.contradiction
-        return misfit or self._guard.contradiction(t_ns, belief, ownship)
+    def _doubts(self, t_ns: int, belief: Belief, ownship: Ownship) -> Iterator[Reason | None]:
+        """What may contradict a belief."""
+        yield LEAPT if self._exchange.is_in_question(t_ns) else None
+        yield self._classes.doubt
+        is_seen = not self.life.is_carried(t_ns)
+        yield ASTRAY if is_seen and self._sight.contradicts(belief.mean[POSITION]) else None
+        yield self._poses.contradiction
+        yield self.noise.contradiction
+        yield self._guard.contradiction(t_ns, belief, ownship)
 
     def _estimate(self, ownship: Ownship, measurement: MeasurementReport | None) -> Estimate:
         """The estimate now, with the report on the image that it follows, if any."""
         found = self._belief(ownship)
         t_ns, belief = ownship.now_ns, None
-        state, why = Lifecycle.INITIALISING if self.held else Lifecycle.SEARCHING, self.status.why
+        state, why = Lifecycle.INITIALISING if self.held else Lifecycle.SEARCHING, self.life.why
         modes: tuple[Mode, ...] = ()
         self.direction_n = None
         if found is not None:
             t_ns, belief, left = found
             self.is_metric = left.is_metric
-            coasting = self.status.is_coasting(t_ns)
+            coasting = self.life.is_coasting(t_ns)
             in_view = not coasting or self._poses.see(belief.mean[POSITION], t_ns, ownship)
-            state, why = self.status.state(t_ns, in_view=in_view)
-            if contradiction := self._contradiction(t_ns, belief, ownship):
-                state, why = Lifecycle.LOST, contradiction
-            if finding := self.noise.finding:
-                why = why.also(finding)
-            if left.reason and state is not Lifecycle.LOST:
-                why, modes = why.also(left.reason), modes_of(left.places)
+            doubts = self._doubts(t_ns, belief, ownship)
+            state, why = self.life.state(t_ns, Facts(doubts, in_view, self.noise.finding, left.reason))
+            if left.reason and state.is_valid:
+                modes = modes_of(left.places)
             r = belief.mean[POSITION].tolist()
             range_ = math.hypot(*r)
             self.half_wing = min(0.5 * self._config.size_prior_m / max(range_, 1e-3), 1.0)
@@ -395,4 +390,4 @@ class Track:
         fields = {"name": self._name, "target": self.target, "sequence": self.sequence, "t_ns": t_ns}
         fields |= {"state": state, "cause": why.cause, "reason": why.words}
         fields |= {"measurement": measurement, "modes": modes}
-        return published(self._filter, self.status, belief, **fields)
+        return published(self._filter, self.life, belief, **fields)

@@ -10,7 +10,7 @@ import pytest
 
 from onboard.arrays import Array
 from onboard.config import load_config
-from onboard.estimators.leader.tracks.status import CARRIED
+from onboard.estimators.leader.tracks.life_cycle import CARRIED
 from onboard.messages import Datagram, Estimate, Lifecycle, Truth
 from onboard.models.relative_motion import POSITION, SIZE
 from onboard.pipeline import Pipeline

@@ -8,7 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.config import Config
-from onboard.estimators.leader.tracks.status import CARRIED, ELSEWHERE, Status
+from onboard.estimators.leader.tracks.life_cycle import CARRIED, ELSEWHERE, LifeCycle
 from onboard.messages import (
     AdsbVehicle,
     AltitudeType,
@@ -312,7 +312,7 @@ def test_a_broadcast_that_led_elsewhere_is_counted_and_named() -> None:
 
 def test_a_clock_that_begins_anew_does_not_keep_a_broadcast_distrusted() -> None:
     """Only for 10 s about the time at which it led elsewhere, also for a report that comes late."""
-    status = Status(configured().estimator["leader"], 3, "")
+    status = LifeCycle(configured().estimator["leader"], 3, "")
     status.started(100 * S, again=False)
     status.reported(110 * S, used=True)
     status.led_elsewhere(111 * S)

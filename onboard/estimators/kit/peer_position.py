@@ -3,7 +3,7 @@
 import math
 from typing import Final, NamedTuple
 
-from onboard.estimators.frame import on_earth
+from onboard.estimators.kit.frame import on_earth
 from onboard.messages import AdsbVehicle, AltitudeType, FollowTarget, PeerPosition, Vec3, Verdict
 
 LOWEST: Final = -1000.0  # m

@@ -1,20 +1,24 @@
-"""The life cycle of a track: its state, from when images were fused and gated.
+"""The life cycle of a leader's track, decided in one place (`state`), from what was fused when and what speaks
+against it.
 
     searching -> initialising (images must agree) -> tracking -> coasting -> lost -> tracking, or forgotten
 
-Only a track that is tracking or coasting is valid.
+It is LOST while anything contradicts it, while images have yet to agree after it was lost, once no image has shown
+its range for too long, and once none has been fused for too long; in the last two cases its own reports may carry
+it.
 """
 
 import math
-from typing import Final
+from collections.abc import Iterable
+from typing import Final, NamedTuple
 
+from onboard.estimators.kit.life_cycle import by_age
 from onboard.estimators.leader.config import Config
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import Lifecycle
 from onboard.messages.causes import Cause, Reason
 
 CARRIED: Final = "carried by its broadcast"
-FUSED: Final = Reason(Cause.FUSED, "images fused")
 ELSEWHERE: Final = "its broadcast had led elsewhere"
 AGAIN_NS: Final = NS_PER_S  # after so long without images the leader is seen again: is it where it was believed?
 DISTRUSTED_NS: Final = 10 * NS_PER_S  # for so long a broadcast that was wrong is not used
@@ -22,7 +26,19 @@ CONTRADICTED: Final = 4  # reports in a row that contradict what is carried: it 
 KEPT_NS: Final = 30 * NS_PER_S  # without a report: nothing that was known of the place is of use
 
 
-class Status:
+class Facts(NamedTuple):
+    """What a track knows of itself. `doubts`: what may contradict it, asked one after the other until one does;
+    `in_view`: whether the target should be in the image; `finding`: what else there is to report; `question`: what
+    is open about it while it is followed. Both may be "".
+    """
+
+    doubts: Iterable[Reason | None]
+    in_view: bool
+    finding: str
+    question: str
+
+
+class LifeCycle:
     """When an image was last fused, since when all images are gated, how many images a lost track still has to
     fuse before it is valid again, and what became of the leader's own reports. `images` must agree before a track
     starts."""
@@ -139,10 +155,18 @@ class Status:
         is_reported = self._reported_ns is not None and t_ns - self._reported_ns < KEPT_NS
         return self.age(t_ns) > self._config.reset_timeout_s and not is_reported
 
-    def state(self, t_ns: int, *, in_view: bool) -> tuple[Lifecycle, Reason]:
-        """The state of a track and its reason; `in_view`: whether the target should be in the image."""
-        where = "" if in_view else ", and it should be outside the view"
-        state, why = self._of_images(t_ns, where)
+    def state(self, t_ns: int, facts: Facts) -> tuple[Lifecycle, Reason]:
+        """The state of a track, and its reason."""
+        doubt = next(filter(None, facts.doubts), None)
+        state, why = (Lifecycle.LOST, doubt) if doubt else self._of_reports(t_ns, in_view=facts.in_view)
+        if facts.finding:
+            why = why.also(facts.finding)
+        if facts.question and state is not Lifecycle.LOST:
+            why = why.also(facts.question)
+        return state, why
+
+    def _of_reports(self, t_ns: int, *, in_view: bool) -> tuple[Lifecycle, Reason]:
+        state, why = self._of_images(t_ns, "" if in_view else ", and it should be outside the view")
         if state is not Lifecycle.TRACKING and not self._to_agree and self.is_carried(t_ns):
             return Lifecycle.COASTING, Reason(Cause.CARRIED, f"{CARRIED}; {why.words}")
         return state, why.also(ELSEWHERE) if self.was_led_elsewhere(t_ns) else why
@@ -154,11 +178,7 @@ class Status:
         if self._has_only_directions(t_ns):
             unseen = f"no image has shown the wing, and so the range, for too long{where}"
             return Lifecycle.LOST, Reason(Cause.NO_RANGE, unseen)
-        if not self.is_coasting(t_ns):
-            return Lifecycle.TRACKING, FUSED
-        if self.age(t_ns) <= self._config.validity_timeout_s:
-            return Lifecycle.COASTING, Reason(Cause.PREDICTED, f"no image fused lately: predicted{where}")
-        return Lifecycle.LOST, Reason(Cause.TIMEOUT, f"no image fused within the validity timeout{where}")
+        return by_age(self.age(t_ns), self._config, one="image", many="images", where=where)
 
     @property
     def latest(self) -> Lifecycle:
