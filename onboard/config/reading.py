@@ -6,6 +6,7 @@
 import difflib
 import math
 import os
+import re
 import tomllib
 from collections.abc import Mapping
 from functools import cache
@@ -38,6 +39,7 @@ NAMED: Final[dict[Any, type[Record]]] = {  # tables of tables, by name
 PATHS: Final = ("path", "calibration")
 IN_CALIBRATION: Final = ("f_px", "fy_px", "cx_px", "cy_px", "distortion_model", "distortion")
 FILE_ADDRESS: Final = "file:///"
+BARE_NUMBER: Final = re.compile(r"[+-]?(\.\d+|\d+\.)")  # as people write one, and TOML does not
 AUTOPILOT: Final = 1  # MAV_COMP_ID_AUTOPILOT1
 GIMBAL: Final = "GIMBAL_DEVICE_ATTITUDE_STATUS"
 GIMBAL_HZ: Final = 25.0
@@ -58,7 +60,9 @@ def load_config(path: Path | None, overrides: tuple[str, ...] = ()) -> Config:
     try:
         return parse_config(table)
     except ConfigError as error:
-        if path is not None and read_recorded(path):
+        if overrides:
+            load_config(path)  # says so where the file is at fault without them
+        elif path is not None and read_recorded(path):
             raise ConfigError(f"{path} was flown with: {error}; name a configuration with --config") from error
         raise
 
@@ -267,7 +271,7 @@ def _put(table: dict[str, Any], override: str) -> None:
     try:
         value = tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
-        value = text.strip()  # a bare word is a string
+        value = float(text) if BARE_NUMBER.fullmatch(text.strip()) else text.strip()  # a bare word is a string
     *path, last = key.strip().split(".")
     if not isinstance(value, str) and _is_text((*path, last)):
         value = text.strip()  # 7 is a name, too

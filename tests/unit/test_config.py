@@ -148,13 +148,15 @@ def test_set_reads_values_as_toml() -> None:
             "camera.name=nose",
             'zenoh.vehicle="7"',
             "zenoh.enabled=false",
-            "estimator.leader.process_noise.velocity_random_walk=0.5",
+            "estimator.leader.process_noise.velocity_random_walk=.5",  # as people write it
+            "camera.sigma_px=2.",
             "recorder.path=flights/a=b.mcap",
             " autopilot.system = 3 ",
         ),
     )
     assert config.camera.f_px == 600.0
     assert config.camera.mount_rpy_deg == (0.0, 15.0, 0.0)
+    assert config.camera.sigma_px == 2.0
     assert config.camera.name == "nose"
     assert config.zenoh.vehicle == "7"
     assert config.zenoh.enabled is False

@@ -72,3 +72,13 @@ def test_one_of_another_version_is_named(tmp_path: Path) -> None:
     recorder.close()
     with pytest.raises(ConfigError, match=r"flight\.mcap was flown with: .*zoom.*--config"):
         load_config(log)
+    with pytest.raises(ConfigError, match="was flown with"):
+        load_config(log, ("camera.f_px=500",))
+
+
+def test_a_wrong_override_is_not_the_recording_s(tmp_path: Path) -> None:
+    log = tmp_path / "flight.mcap"
+    record(log, parse_config({}))
+    with pytest.raises(ConfigError, match=r"^camera\.f_px") as caught:
+        load_config(log, ("camera.f_px=wide",))
+    assert "was flown with" not in str(caught.value)
