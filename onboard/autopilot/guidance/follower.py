@@ -26,7 +26,7 @@ class Follower(Protocol):
 
     def waits(self, track: Track, sigma: float, dt: float) -> bool:
         """Whether it is to stay where it is while the range is unsure; `dt` s after the time before. `sigma`: of
-        the leader's level velocity, m/s."""
+        the leader's velocity along itself, m/s."""
 
     def follow(self, track: Track, slot: Slot, r_L: Array, v_L: Array, r_F: Array, dt: float) -> Sent:
         """Where to fly, behind a leader that is smoothed as `track` and estimated at r_L with v_L. `v_L` is that

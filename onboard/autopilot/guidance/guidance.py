@@ -42,6 +42,7 @@ HARD_BRAKING: Final = 5.0  # m/s^2, of a follower whose leader is lost
 GRACE: Final = 1.0  # s, before it brakes
 LAST: Final = 0.3  # s
 REMEMBERS_S, SILENCE_S = 10.0, 3.0  # s: of a run before; after which the autopilot stops by itself
+COMES: Final = 1.0  # m/s, of a leader that comes to us: nobody stays and looks
 OVERHEAD: Final = 2.0  # m; nearer in the plane, the leader has no bearing
 
 RANGE_UNSURE: Final = "range unsure: FOLLOW stays and looks"
@@ -155,8 +156,7 @@ class Guidance:
         yaw = self._look(track, r_F)
         if self._course.value is None and self._config.start_course == "bearing":
             self._course.start(yaw)
-        sigma_v = math.sqrt(max(P[3, 3], P[4, 4]))
-        self._course.learn(track.v_observed, sigma_v, dt)
+        self._course.learn(track.v_observed, math.sqrt(max(P[3, 3], P[4, 4])), dt)
         if self._course.value is None:
             return None
         if not abs(wrapped(yaw - self._direction)) <= FAR_OFF:
@@ -170,16 +170,18 @@ class Guidance:
         self.is_unsure = sigma > (SURE if self.is_unsure else UNSURE) * max(length, self._least)
         self._widen(sigma / length, dt)
         slot = self._slot_at(yaw, sigma)
-        waits = self.follower.waits(track, sigma_v, dt)
+        waits = self.follower.waits(track, sigma_along(P[3:, 3:], track.v), dt)
+        closing, closing_sigma = -float(v_L @ toward) / length, sigma_along(P[3:, 3:], toward)
+        comes = closing > max(COMES, NEAR_SIGMAS * closing_sigma)
         # what is unsure may be far off by a factor, not by a distance: beyond all slots it may be flown to
         may_be_near = length * math.exp(-NEAR_SIGMAS * sigma / length) < slot.most
-        self.is_waiting = self.is_unsure and waits and may_be_near
+        self.is_waiting = self.is_unsure and waits and may_be_near and not comes
         if not self._may_begin(state, r_F, v_F):
             return self._stay(r_F, v_F, slot, dt)
         if self.is_waiting:
             return self.follower.target(self._stand(r_F, v_F, yaw, brakes=True), slot, dt)
         self._stop = None
-        nearer = min(NEAR_SIGMAS * sigma_along(P[3:, 3:], toward), MOST_NEARER)
+        nearer = min(NEAR_SIGMAS * closing_sigma, MOST_NEARER)
         sent = self.follower.follow(track, slot, r_L, v_L - toward * (nearer / length), r_F, dt)
         return self.follower.target(sent, slot, dt)
 

@@ -12,6 +12,7 @@ VELOCITY_RATE: Final = 1.2  # 1/s, with which the velocity is
 POSITION_RATE: Final = 0.4  # rad/s, with which the position is
 NOISE: Final = (0.4, 0.6)  # m/s, m: errors that are seldom noise raise the bandwidth
 MOST_FASTER: Final = 4.0
+CATCHES_UP: Final = 4.0  # m/s, by which it is faster than the leader: a range that is found anew is no motion
 MOST_ACCELERATION: Final = 4.0  # m/s^2, of the smoothed leader
 
 FORWARD: Final = np.array([1.0, 0.0, 0.0])
@@ -62,6 +63,7 @@ def smoothed(track: Track | None, r: Array, v: Array, a_L: Array, dt: float) -> 
     rate = POSITION_RATE * _faster(behind, NOISE[1])
     pull = 2.0 * rate * (v_observed - track.v) + rate**2 * behind
     v_next = track.v + dt * limited(a + pull, 2.0 * MOST_ACCELERATION)
+    v_next = v_observed + limited(v_next - v_observed, CATCHES_UP)
     return Track(track.r + dt * v_next, v_next, v_observed, a)
 
 

@@ -128,7 +128,8 @@ class Px4:
         v = along + limited(PULL * level(aim.r - before.r - dt * along), most)
         if not self._stops and not self._moves:
             v = limited(v, STILL)
-        v = before.v + limited(v - before.v, (BRAKES if self._stops else QUICKER) * dt)
+        slows = self._stops or math.hypot(v[0], v[1]) < math.hypot(before.v[0], before.v[1])
+        v = before.v + limited(v - before.v, (BRAKES if slows else QUICKER) * dt)
         r = before.r + dt * v
         r[2] = aim.r[2]
         self._sent = Sent(r, v, aim.a, aim.yaw)

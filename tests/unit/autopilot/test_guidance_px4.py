@@ -131,6 +131,33 @@ def test_a_velocity_that_may_be_its_error_is_no_flight() -> None:
         assert math.hypot(*sent.v_L_n[:2]) < 1.0
 
 
+@pytest.mark.parametrize("made", [guidance(), Guidance(GuidanceConfig())], ids=["px4", "ardupilot"])
+@pytest.mark.parametrize(("velocity_sigma", "waits"), [(0.8, False), (2.0, True)])
+def test_nobody_stays_and_looks_at_a_leader_that_surely_comes(
+    made: Guidance, velocity_sigma: float, waits: bool
+) -> None:
+    """3 m/s: a real one came within 17 m of a PX4 that stood, as its range was unsure."""
+    made.restart()
+    for k in range(100):
+        r = np.array([28.0 - 0.06 * k, 0.0, 0.0])
+        at = state(T + k * TICK, r, (-3.0, 0.0, 0.0), sigma=12.0, velocity_sigma=velocity_sigma)
+        made.virtual_leader(at, np.array([0.0, 0.0, 3.0]), STILL)
+    assert made.is_unsure
+    assert made.is_waiting is waits
+
+
+def test_a_range_that_is_found_anew_is_no_motion() -> None:
+    """40 m, then 65 m: a real PX4 was sent 13 m/s of a leader at 4 m/s, and flew past it when that stopped."""
+    made = guidance()
+    for k in range(500):
+        r, v = straight(k, 4.0)
+        found, r_F = r + np.array([0.0 if k < 250 else 25.0, 0.0, 0.0]), r - np.array([40.0, 0.0, -3.0])
+        sent = made.virtual_leader(state(T + k * TICK, found, v), r_F, v)
+        assert sent is not None
+        assert sent.v_L_n is not None
+        assert math.hypot(*sent.v_L_n[:2]) < 4.0 * (1.0 + 0.4) + 4.2
+
+
 @pytest.mark.parametrize(
     ("place", "v_L", "is_bad"),
     [

@@ -117,7 +117,7 @@ def disagree(before: PastMotion, now: PastMotion) -> bool:
     return bool(abs(line @ (now.motion[:3] - predicted)) > SIGMAS * math.sqrt(variance))
 
 
-class Sight(NamedTuple):
+class LineOfSight(NamedTuple):
     """A direction (3,), a unit vector in n, from a camera at r_FC_n (3,) m."""
 
     direction_n: Array
@@ -129,9 +129,9 @@ class Sight(NamedTuple):
         return bool(self.direction_n @ r > math.cos(FARTHEST) * np.linalg.norm(r))
 
 
-def sight(axes: Array, pose: CameraPose) -> Sight:
+def sight(axes: Array, pose: CameraPose) -> LineOfSight:
     """The sight of an image with these measured `axes` (3, 3) in c (see `filters.measurement`)."""
-    return Sight(axes[0] @ pose.R_cn, pose.r_FC_n)
+    return LineOfSight(axes[0] @ pose.R_cn, pose.r_FC_n)
 
 
 class LastSight:
@@ -143,7 +143,7 @@ class LastSight:
     def clear(self) -> None:
         """Forget it: another track begins."""
         self._t_ns = 0
-        self._sight: Sight | None = None
+        self._sight: LineOfSight | None = None
 
     def see(self, t_ns: int, axes: Array, pose: CameraPose) -> None:
         """An image was fused."""
