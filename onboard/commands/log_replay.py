@@ -21,6 +21,7 @@ from onboard.messages import (
     Message,
     NavState,
     Output,
+    ParamValue,
     StatusText,
 )
 from onboard.messages.causes import Cause, Reason
@@ -37,7 +38,7 @@ UNVERIFIED: Final = (
     f"{DOUBT}{{}} signed frames were used unverified: this replay has not the key of link `{{}}`; name it in "
     "`key_file` of its [[link]]"
 )
-WORDS: Final = (Heartbeat, StatusText)
+WORDS: Final = (Heartbeat, StatusText, ParamValue)
 ALONE: Final[Mapping[str, Config]] = {}
 
 

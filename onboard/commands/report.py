@@ -2,6 +2,7 @@
 
 import argparse
 import datetime
+import math
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from onboard.commands.files import check_targets
 from onboard.commands.log_replay import ReplayResult, check_log, flight_of, replay
 from onboard.commands.progress import progress_bar
 from onboard.commands.report_series import FlightSeries
-from onboard.commands.report_vehicle import VehicleSeries
+from onboard.commands.report_vehicle import Parameter, VehicleSeries
 from onboard.commands.report_verdict import Grade, judge, worst
 from onboard.commands.terminal import one_line
 from onboard.config import Config, load_config
@@ -73,6 +74,7 @@ def write_report(log: Path, config: Config, *, out: Path, pdf: Path | None, trut
         checks=checks,
         figures=figures(series, scorer.errors(), reference) | vehicle_figures(vehicle),
         tables=_tables(series, replayed) | {"Modes and messages": _words(vehicle)},
+        parameters=_parameters(vehicle),
         configuration=msgspec.json.format(msgspec.json.encode(config), indent=1).decode(),
     )
     try:
@@ -138,6 +140,26 @@ def _words(vehicle: VehicleSeries) -> list[tuple[str, ...]]:
     rows = [(f"{t:.2f}", kind, text) for t, kind, text in vehicle.words]
     more = [("", "", f"and {vehicle.left_out} more")] if vehicle.left_out else []
     return [("time, s", "kind", "words"), *rows, *more]
+
+
+def _parameters(vehicle: VehicleSeries) -> list[tuple[str, ...]]:
+    """Those that are not as by default, or were set in flight, first."""
+    kept = sorted(vehicle.parameters.items(), key=lambda one: (not one[1].is_changed, one[0]))
+    left = vehicle.parameters_left_out
+    more = [(f"and {left} more", "", "", "")] if left else []
+    rows = [(name, _number(p.value), _number(p.default), _was_set(p)) for name, p in kept]
+    return [("parameter", "value", "default", "set in flight"), *rows, *more]
+
+
+def _was_set(p: Parameter) -> str:
+    return f"at {p.set_s:.2f} s, from {_number(p.first)}" if p.first != p.value and not math.isnan(p.first) else ""
+
+
+def _number(value: float | None) -> str:
+    """As many digits as 32 bits hold; of a whole number, all: it may be a mask or an identity."""
+    if value is None:
+        return ""
+    return f"{value:.0f}" if value.is_integer() else f"{value:.7g}"
 
 
 def _boot_s(t_recv_ns: int, replayed: ReplayResult) -> str:

@@ -30,15 +30,23 @@ summary{cursor:pointer;color:#57606a}
 """
 
 WIDEST: Final = 110  # letters of a line of the PDF
+PARAMETERS: Final = "The autopilot's parameters"
 LINES: Final = 52  # of a table on a page of the PDF
+PAGES_OF_PARAMETERS: Final = 3
+# Lets a reader look for a parameter by a part of its name.
+SEARCH: Final = """
+<input type=search placeholder='a part of a name' aria-label='look for a parameter'
+ oninput="for(const r of this.nextElementSibling.rows)if(r.cells[0].tagName=='TD')
+r.hidden=!r.cells[0].textContent.toLowerCase().includes(this.value.toLowerCase())">
+"""
 A4: Final = (8.27, 11.69)  # inches
 
 Table = Sequence[Sequence[str]]  # the first row is its head
 
 
 class FlightReport(NamedTuple):
-    """What a report says: its title, facts (name, value), checks, figures and tables by their titles, and the
-    configuration as text."""
+    """What a report says: its title, facts (name, value), checks, figures and tables by their titles, the
+    configuration as text, and the autopilot's parameters, the most telling ones first."""
 
     title: str
     facts: Sequence[tuple[str, str]]
@@ -46,6 +54,7 @@ class FlightReport(NamedTuple):
     figures: Mapping[str, Figure]
     tables: Mapping[str, Table]
     configuration: str
+    parameters: Table = ()
 
 
 def html(report: FlightReport) -> str:
@@ -61,6 +70,9 @@ def html(report: FlightReport) -> str:
     parts += [
         f"<h2>{_text(title)}</h2>{_table(table)}" for title, table in report.tables.items() if len(table) > 1
     ]
+    if len(report.parameters) > 1:
+        number = f"<summary>{len(report.parameters) - 1}, those that somebody has set first</summary>"
+        parts.append(f"<h2>{PARAMETERS}</h2><details>{number}{SEARCH}{_table(report.parameters)}</details>")
     parts.append(
         "<h2>Configuration</h2><details><summary>all keys, as they were used</summary>"
         f"<pre>{escape(report.configuration)}</pre></details></html>"
@@ -69,15 +81,23 @@ def html(report: FlightReport) -> str:
 
 
 def write_pdf(report: FlightReport, path: Path) -> None:
-    """The verdict and the checks on the first page, then the figures, then the tables."""
+    """The verdict and the checks on the first page, then the figures, the tables, the first parameters."""
     metadata = {"Title": plain(report.title, LINE), "CreationDate": None}
     with mpl.rc_context({"text.parse_math": False}), PdfPages(path, metadata=metadata) as pdf:
         pdf.savefig(_first_page(report))
         for title, figure in report.figures.items():
             figure.suptitle(title, fontsize=10, x=0.01, ha="left")
             pdf.savefig(figure)
-        for figure in _table_pages(report.tables):
+        for figure in _table_pages({**report.tables, PARAMETERS: _first(report.parameters)}):
             pdf.savefig(figure)
+
+
+def _first(table: Table) -> Table:
+    """The first rows of a table, and how many more there are."""
+    most = PAGES_OF_PARAMETERS * LINES
+    if len(table) - 1 <= most:
+        return table or [()]
+    return [*table[:most], (f"and {len(table) - most} more, in the page", *[""] * (len(table[0]) - 1))]
 
 
 def _text(text: str) -> str:

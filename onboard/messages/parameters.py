@@ -27,13 +27,15 @@ class ParamRequest(Message, frozen=True, kw_only=True):
 
 
 class ParamValue(Message, frozen=True, kw_only=True):
-    """PARAM_VALUE or PARAM_EXT_VALUE: number `index` of `count` parameters."""
+    """PARAM_VALUE or PARAM_EXT_VALUE: number `index` of `count` parameters. `default`, where it is known: what the
+    value is unless somebody sets it. A log's parameters have no number: -1 of 0."""
 
     extended: bool
     name: str
     value: float
-    count: int
-    index: int
+    count: int = 0
+    index: int = -1
+    default: float | None = None
 
 
 class ParamAck(Message, frozen=True, kw_only=True):

@@ -27,6 +27,7 @@ from onboard.messages import (
     Imu,
     LocalPosition,
     Message,
+    ParamValue,
     StatusText,
 )
 from onboard.messages.base import Vec3
@@ -68,8 +69,9 @@ Header = dict[str, Any]
 
 def read_dataflash(path: Path, lose: Lose = lambda _: None) -> Iterator[tuple[Message, int]]:
     """(message, bytes of the file consumed so far) in the order of the log, after one heartbeat that names the
-    vehicle type; further ones say modes and arming. Of each sensor it is the first instance that the log holds,
-    until that brings nothing of use (a GPS: no 3-D fix) for two seconds; of the EKF, the primary core.
+    vehicle type; further ones say modes and arming. Parameters wait for the next row. Of each sensor it is the
+    first instance that the log holds, until that brings nothing of use (a GPS: no 3-D fix) for two seconds; of the
+    EKF, the primary core.
 
     A row that cannot be used is left out; `lose` is called with the reason. Raises NotALogError when the log
     cannot be read.
@@ -100,9 +102,11 @@ def _messages(log: Any, offset_ns: int, lose: Lose) -> Iterator[tuple[Message, i
     system = int(log.params.get("SYSID_THISMAV", log.params.get("MAV_SYSID", 1)))
     system = system if 0 < system < 256 else 1
     converter, said = _Converter(), _Said(int(log.mav_type))
-    is_first = True
+    is_first, waiting = True, list[Any]()
     for row in _rows(log, (), lose):
         kind, instance = RENAMED.get(row.get_type(), (row.get_type(), _instance(row)))
+        if kind == "PARM":
+            waiting.append(row)  # for a time: old ones have none, and the first come before the heartbeat
         if kind not in KINDS and kind not in SAID:
             continue
         try:
@@ -118,7 +122,18 @@ def _messages(log: Any, offset_ns: int, lose: Lose) -> Iterator[tuple[Message, i
         if is_first:
             yield said.heartbeat(header), log.offset
             is_first = False
+        for parameter in waiting:
+            yield _parameter(parameter, header), log.offset
+        waiting.clear()
         yield message, log.offset
+
+
+def _parameter(row: Any, header: Header) -> Message:
+    """A parameter; its default is logged since ArduPilot 4.4."""
+    default = float(row.Default) if "Default" in row.fmt.columns else math.nan
+    known = default if math.isfinite(default) else None
+    head = {**header, "clock": Clock.NONE, "extended": False}
+    return ParamValue(**head, name=str(row.Name), value=float(row.Value), default=known)
 
 
 class _Said:

@@ -1,6 +1,7 @@
 """Parameters, PING and AUTOPILOT_VERSION: MAVLink messages <-> records. All parameters are real numbers."""
 
 import math
+import struct
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, Final
@@ -13,6 +14,7 @@ REAL32: Final = 9  # both of MAV_PARAM_TYPE and of MAV_PARAM_EXT_TYPE
 ACK_ACCEPTED, ACK_FAILED = 0, 2
 NO_HASH: Final = (0,) * 8
 OFFICIAL: Final = 255  # FIRMWARE_VERSION_TYPE
+WHOLE: Final = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}  # MAV_PARAM_TYPE
 
 
 Fields = tuple[Any, ...]
@@ -58,6 +60,16 @@ def _set_extended(f: Fields, h: dict[str, Any]) -> Message:
     )
 
 
+def _value_of(f: Fields, h: dict[str, Any]) -> Message:
+    """A whole number comes as the nearest real one (ArduPilot), or as its own bytes (PX4), which are then no whole
+    number, or none at all; but for those beyond 10^9, which are bits of a mask and seldom set."""
+    value, count, index, name, kind = f
+    form = WHOLE.get(kind)
+    if form is not None and not float(value).is_integer():
+        value = float(struct.unpack_from(form, struct.pack("<f", value))[0])
+    return ParamValue(**h, extended=False, name=_text(name), value=value, count=count, index=index)
+
+
 def _ping(f: Fields, h: dict[str, Any]) -> Message:
     return Ping(**h, **_target(f[2:]), time_us=f[0], number=f[1])
 
@@ -71,6 +83,7 @@ CONVERT: Final[dict[str, tuple[str, Callable[[Fields, dict[str, Any]], Message |
     "PARAM_REQUEST_LIST": ("<2B", partial(_list, extended=False)),
     "PARAM_REQUEST_READ": ("<h2B16s", partial(_read, extended=False)),
     "PARAM_SET": ("<f2B16sB", _set),
+    "PARAM_VALUE": ("<f2H16sB", _value_of),
     "PARAM_EXT_REQUEST_LIST": ("<2B", partial(_list, extended=True)),
     "PARAM_EXT_REQUEST_READ": ("<h2B16s", partial(_read, extended=True)),
     "PARAM_EXT_SET": ("<2B16s128sB", _set_extended),

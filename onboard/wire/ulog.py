@@ -24,6 +24,7 @@ from onboard.messages import (
     Imu,
     LocalPosition,
     Message,
+    ParamValue,
     StatusText,
 )
 from onboard.messages.text import LINE, plain
@@ -55,8 +56,8 @@ Lose = Callable[[str], None]
 
 def read_ulog(path: Path, lose: Lose = lambda _: None) -> Iterator[Message]:
     """The messages of a ULog in time order, its texts among them, after one heartbeat that names the autopilot and
-    the vehicle type. Of each topic it is the first instance that has rows; of the actuators' outputs, that whose
-    outputs move most: the others are other boards or unused.
+    the vehicle type, and its parameters. Of each topic it is the first instance that has rows; of the actuators'
+    outputs, that whose outputs move most: the others are other boards or unused.
 
     A row that cannot be used is left out, and a topic without a field that it needs; `lose` is called with the
     reason for each. Raises NotALogError when the log cannot be read.
@@ -94,7 +95,25 @@ def read_ulog(path: Path, lose: Lose = lambda _: None) -> Iterator[Message]:
     kind, start_ns = int(_parameter(log, "MAV_TYPE", 2)), int(log.start_timestamp) * 1000
     header = _header(start_ns, system)
     yield Heartbeat(**header, vehicle_type=kind, autopilot=PX4, armed=False, status=ACTIVE)
-    yield from heapq.merge(*streams, _texts(log, system, start_ns), key=lambda m: m.t_ns)
+    said = _texts(log, system, start_ns), _changes(log, system, start_ns)
+    yield from _parameters(log, header)
+    yield from heapq.merge(*streams, *said, key=lambda m: m.t_ns)
+
+
+def _parameters(log: Any, header: dict[str, Any]) -> Iterator[Message]:
+    """The parameters at the start. Where a log has defaults, it has those that somebody has changed."""
+    defaults = log.get_default_parameters(0)
+    head = {**header, "clock": Clock.NONE, "extended": False}
+    for name, value in log.initial_parameters.items():
+        default = float(defaults.get(name, value)) if defaults else None
+        yield ParamValue(**head, name=str(name), value=float(value), default=default)
+
+
+def _changes(log: Any, system: int, start_ns: int) -> Iterator[Message]:
+    """Parameters that somebody has set later."""
+    for t_us, name, value in sorted(log.changed_parameters, key=lambda change: int(change[0])):
+        head = _header(max(int(t_us) * 1000, start_ns), system) | {"clock": Clock.NONE}
+        yield ParamValue(**head, extended=False, name=str(name), value=float(value))
 
 
 def _texts(log: Any, system: int, start_ns: int) -> Iterator[Message]:

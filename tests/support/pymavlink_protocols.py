@@ -1,9 +1,20 @@
 """What others ask of us, from pymavlink's messages: commands, parameters, pings, files. As `pymavlink_records`."""
 
+import struct
 from collections.abc import Callable
 from typing import Any, Final
 
-from onboard.messages import Clock, Command, CommandAck, FileRequest, Message, ParamAction, ParamRequest, Ping
+from onboard.messages import (
+    Clock,
+    Command,
+    CommandAck,
+    FileRequest,
+    Message,
+    ParamAction,
+    ParamRequest,
+    ParamValue,
+    Ping,
+)
 
 
 def _command(m: Any, h: dict[str, Any], x: float, y: float, z: float) -> Message:
@@ -28,6 +39,17 @@ def _real(text: str) -> float | None:
         return float(text)
     except ValueError:
         return None
+
+
+def _parameter_value(m: Any, h: dict[str, Any]) -> Message:
+    """PX4 sends the bytes of a whole number, ArduPilot the number."""
+    value = m.param_value
+    if 1 <= m.param_type <= 6 and value % 1 != 0:  # also of what is no number
+        size = 2 ** ((m.param_type - 1) // 2)
+        signed = m.param_type % 2 == 0
+        value = float(int.from_bytes(struct.pack("<f", value)[:size], "little", signed=signed))
+    place = {"count": m.param_count, "index": m.param_index}
+    return ParamValue(**h, extended=False, name=m.param_id, value=value, **place)
 
 
 def _ping(m: Any, h: dict[str, Any]) -> Message:
@@ -58,6 +80,7 @@ PROTOCOLS: Final[dict[str, Callable[[Any, dict[str, Any]], Message | None]]] = {
     "PARAM_REQUEST_LIST": lambda m, h: _parameter(m, h, ParamAction.LIST),
     "PARAM_REQUEST_READ": _parameter_read,
     "PARAM_SET": lambda m, h: _parameter(m, h, ParamAction.SET, name=m.param_id, value=m.param_value),
+    "PARAM_VALUE": _parameter_value,
     "PARAM_EXT_REQUEST_LIST": lambda m, h: _parameter(m, h, ParamAction.LIST),
     "PARAM_EXT_REQUEST_READ": lambda m, h: _parameter(
         m, h, ParamAction.READ, name=m.param_id, index=m.param_index

@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from onboard.commands.log_replay import replay
+from onboard.commands.report import _parameters
 from onboard.commands.report_figures_vehicle import vehicle_figures
-from onboard.commands.report_vehicle import MOST_WORDS, VehicleSeries, mode_name
-from onboard.messages import ActuatorOutputs, Battery, GpsFix, Heartbeat, Imu, Message, StatusText
+from onboard.commands.report_page import FlightReport, _first, html
+from onboard.commands.report_vehicle import MOST_PARAMETERS, MOST_WORDS, VehicleSeries, mode_name
+from onboard.messages import ActuatorOutputs, Battery, GpsFix, Heartbeat, Imu, Message, ParamValue, StatusText
 from tests.support.dataflash import dataflash
 from tests.support.streams import Flight, make_config
 
@@ -108,3 +110,37 @@ def test_an_autopilot_s_own_log_shows_its_vehicle(tmp_path: Path) -> None:
     assert series.gps.table()[-1, 1:5].tolist() == pytest.approx([4.0, 12.0, 0.5, 0.8])
     assert len(series.vibration.table()) >= 4
     assert series.words[0][1:] == ("mode", "STABILIZE")
+
+
+def parameter(name: str, value: float, default: float | None = None) -> ParamValue:
+    return ParamValue(**AT, extended=False, name=name, value=value, default=default)
+
+
+def test_parameters_that_somebody_has_set_come_first() -> None:
+    series = heard(
+        *((1.0, parameter("AHRS_EKF", 3.0, 3.0)), (1.0, parameter("WPNAV_SPEED", 1200.0, 1000.0))),
+        *((1.0, parameter("MASK", 15012864.0)), (1.0, parameter("GAIN", 0.135, 0.135000005))),
+        *((1.0, parameter("UNSET", float("nan"))), (9.5, parameter("MASK", 3.0))),
+        *((9.0, parameter("AHRS_EKF", 3.0)), (9.0, parameter("\x1b[31m", 1.0, 1.0))),
+    )
+    assert _parameters(series) == [
+        ("parameter", "value", "default", "set in flight"),
+        ("MASK", "3", "", "at 9.50 s, from 15012864"),
+        ("WPNAV_SPEED", "1200", "1000", ""),
+        *(("?[31m", "1", "1", ""), ("AHRS_EKF", "3", "3", "")),
+        *(("GAIN", "0.135", "0.135", ""), ("UNSET", "nan", "", "")),
+    ]
+
+
+def test_parameters_are_bounded_on_the_page_and_in_the_pdf() -> None:
+    many = heard(*((1.0, parameter(f"P{k:05}", 1.0)) for k in range(MOST_PARAMETERS + 5)))
+    table = _parameters(many)
+    assert (len(table), table[-1][0]) == (MOST_PARAMETERS + 2, "and 5 more")
+    shown = _first(table)
+    assert (len(shown), shown[-1][0]) == (157, f"and {len(table) - 156} more, in the page")
+    assert _first(table[:157]) == table[:157]
+    page = html(FlightReport("a", [], [], {}, {}, "", table))
+    assert "<details><summary>3001, those" in page
+    assert "type=search" in page
+    assert "P00000" in page
+    assert "type=search" not in html(FlightReport("a", [], [], {}, {}, "", table[:1]))

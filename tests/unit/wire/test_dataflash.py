@@ -21,6 +21,7 @@ from onboard.messages import (
     Imu,
     LocalPosition,
     Message,
+    ParamValue,
     StatusText,
 )
 from onboard.wire.dataflash import GPS_EPOCH_S, WEEK_S, read_dataflash
@@ -213,3 +214,28 @@ def test_modes_arming_and_texts_are_said(tmp_path: Path) -> None:
     (text,) = (m for m in of(tmp_path / "a.bin", StatusText) if isinstance(m, StatusText))
     assert (text.text, text.severity) == ("EKF3 IMU0 is using GPS", 6)
     assert {m.clock for m in (text, *beats)} == {Clock.NONE}
+
+
+def test_parameters_follow_the_heartbeat_with_their_defaults(tmp_path: Path) -> None:
+    """Those of firmware before 2015 have no time, and no default before 4.4."""
+    log = DataFlash()
+    log.add_format("PARM", "Nf", "Name,Value")
+    log.row("PARM", 0, Name=b"SYSID_THISMAV", Value=7.0)
+    log.row("ATT", 1_000_000)
+    log.row("PARM", 0, Name=b"RTL_ALT", Value=15.5)
+    log.row("ATT", 2_000_000)
+    path = tmp_path / "old.bin"
+    path.write_bytes(log.data)
+    lost: list[str] = []
+    messages = [message for message, _ in read_dataflash(path, lost.append)]
+    assert [type(m) for m in messages] == [Heartbeat, ParamValue, Attitude, ParamValue, Attitude]
+    found = [m for m in messages if isinstance(m, ParamValue)]
+    assert [(m.name, m.value, m.default, m.t_ns, m.clock) for m in found] == [
+        ("SYSID_THISMAV", 7.0, None, 1_000_000_000, Clock.NONE),
+        ("RTL_ALT", 15.5, None, 2_000_000_000, Clock.NONE),
+    ]
+    assert {m.system for m in messages} == {7}
+    assert lost == []
+    rows = [("PARM", 1, {"Name": b"A", "Value": 1.0, "Default": d}) for d in (2.5, math.nan)]
+    new = of(written(tmp_path / "new.bin", [*rows, ("IMU", 1, {})]), ParamValue)
+    assert [m.default for m in new if isinstance(m, ParamValue)] == [2.5, None]

@@ -17,6 +17,7 @@ from onboard.messages import (
     Heartbeat,
     Imu,
     LocalPosition,
+    ParamValue,
     StatusText,
     SystemTime,
     TimeSync,
@@ -187,3 +188,20 @@ def test_auxiliary_outputs_are_not_the_motors() -> None:
     assert [m.pwm_us[0] for m in outputs if isinstance(m, ActuatorOutputs)] == [1700, 1701]
     assert len(outputs) == 2
     assert not decoder.rejected
+
+
+@pytest.mark.parametrize(
+    ("kind", "sent", "value"),
+    [
+        (9, struct.pack("<f", 0.125), 0.125),
+        (6, struct.pack("<f", -3.0), -3.0),  # as ArduPilot sends it
+        *((6, struct.pack("<i", n), n) for n in (0, 1, -1, 57600, -70000)),  # as PX4 does
+        (5, struct.pack("<I", 4), 4),
+        (2, struct.pack("<b3x", -5), -5),
+        (4, struct.pack("<h2x", -500), -500),
+    ],
+)
+def test_a_parameter_s_value_is_that_of_its_type(kind: int, sent: bytes, value: float) -> None:
+    m = one(frame(22, 220, sent + struct.pack("<2H16sB", 900, 12, b"SER_TEL1_BAUD", kind)))
+    assert isinstance(m, ParamValue)
+    assert (m.name, m.value, m.count, m.index, m.default) == ("SER_TEL1_BAUD", value, 900, 12, None)

@@ -134,8 +134,8 @@ def test_unknown_messages_are_counted_and_do_no_harm() -> None:
 def test_known_messages_we_do_not_use_are_counted_by_name() -> None:
     sender = common.MAVLink(None, srcSystem=1, srcComponent=1)
     decoder = MavlinkDecoder(stream=False)
-    assert decoder.decode(sender.param_value_encode(b"RATE", 1.0, 9, 1, 0).pack(sender), RECV) == []
-    assert decoder.names == {"PARAM_VALUE": 1}
+    assert decoder.decode(sender.vfr_hud_encode(9.0, 8.0, 90, 50, 100.0, 1.0).pack(sender), RECV) == []
+    assert decoder.names == {"VFR_HUD": 1}
     assert not decoder.rejected
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from onboard.messages import ActuatorOutputs, Battery, Clock, GpsFix, Heartbeat, Message, StatusText
+from onboard.messages import ActuatorOutputs, Battery, Clock, GpsFix, Heartbeat, Message, ParamValue, StatusText
 from onboard.wire.tlog import NotALogError
 from onboard.wire.ulog import read_ulog
 
@@ -61,8 +61,9 @@ def rows_at(*stamps_s: float) -> Rows:
 
 
 def read(path: Path) -> tuple[list[Message], list[str]]:
+    """All but the parameters."""
     lost: list[str] = []
-    messages = list(read_ulog(path, lost.append))
+    messages = [m for m in read_ulog(path, lost.append) if not isinstance(m, ParamValue)]
     return messages, lost
 
 
@@ -180,3 +181,22 @@ def test_texts_are_said_at_their_time_and_begin_no_time_base(tmp_path: Path) -> 
     ]
     assert [m.t_ns for m in messages] == sorted(m.t_ns for m in messages)
     assert lost == []
+
+
+def test_parameters_follow_the_heartbeat_and_those_set_later_come_at_their_time(tmp_path: Path) -> None:
+    path = ulog(tmp_path / "a.ulg", rows_at(50.0, 52.0))
+    text = path.read_bytes()
+    at = text.index(message(b"A", b"\0\0\0vehicle")[2:])  # its length is another
+    key = bytes([len(b"int32_t RTL_TYPE")]) + b"int32_t RTL_TYPE"
+    defaults = message(b"P", key + struct.pack("<i", 3)) + message(b"Q", b"\x01" + key + struct.pack("<i", 0))
+    later = message(b"P", key + struct.pack("<i", 2))
+    path.write_bytes(text[: at - 2] + defaults + text[at - 2 :] + later)
+    messages = list(read_ulog(path))
+    assert isinstance(messages[0], Heartbeat)
+    found = [m for m in messages if isinstance(m, ParamValue)]
+    assert [(m.name, m.value, m.default, m.clock) for m in found] == [
+        ("MAV_SYS_ID", 1.0, 1.0, Clock.NONE),
+        ("RTL_TYPE", 3.0, 0.0, Clock.NONE),
+        ("RTL_TYPE", 2.0, None, Clock.NONE),
+    ]
+    assert [m.t_ns for m in found] == [1_000_000_000, 1_000_000_000, 52_000_000_000]
