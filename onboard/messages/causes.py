@@ -56,6 +56,7 @@ class Cause(StrEnum):
     NO_POSITION = "no_position", "the autopilot has no position yet"
     NO_ATTITUDE = "no_attitude", "no attitude from the autopilot"
     OTHER_VEHICLE = "other_vehicle", "what flies is not what the estimator supposes"
+    FIXES_CONTRADICT = "fixes_contradict", "GPS fixes contradict accelerometer and attitude"
     FIX_UNUSABLE = "fix_unusable", "GPS fixes cannot be used"
     OWN_MOTION_UNKNOWN = "own_motion_unknown", "our own motion is not known"
     OWN_MOTION_DOUBT = "own_motion_doubt", "our own motion contradicts itself"

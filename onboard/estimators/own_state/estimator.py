@@ -15,7 +15,7 @@ from onboard.estimators.kit.life_cycle import by_age
 from onboard.estimators.own_state.config import Config
 from onboard.estimators.own_state.faults import FaultMonitor
 from onboard.estimators.own_state.filters import SensorFilter
-from onboard.estimators.own_state.innovations import OutlierMonitor
+from onboard.estimators.own_state.innovations import Contradiction, OutlierMonitor
 from onboard.estimators.own_state.inputs import Inputs
 from onboard.estimators.own_state.measurements import ATTITUDE_SENSOR, BAROMETER, GPS, Measurement, unusable
 from onboard.estimators.own_state.noise import SensorNoise
@@ -60,6 +60,12 @@ LISTENS: Final = (
 )
 
 
+CONTRADICTS: Final = (
+    "fixes and accelerometer say different velocities, and {:.2f} m/s of it lasts from fix to fix: they are later "
+    "than [delay] gps_s says, or it does not fly as this estimator supposes"
+)
+
+
 class Estimator:
     """See `onboard.estimators.EstimatorProtocol`."""
 
@@ -77,7 +83,7 @@ class Estimator:
         noise = SensorNoise(self._config)
         self._sources, self._inputs = Sources(self._config, noise), Inputs(noise)
         self._vehicle = FaultMonitor(self._config.known_airframe())
-        self._outliers = OutlierMonitor()
+        self._outliers, self._contradiction = OutlierMonitor(), Contradiction(self._config.layer_sigmas)
         self._velocity_b: Array | None = None  # as last published
         self._next_due_ns = 0  # when an attitude is to be published again
         self._is_silent = False
@@ -202,6 +208,7 @@ class Estimator:
         if near is None:
             self._why = Reason(Cause.NO_ATTITUDE, "no attitude at the time of the fix")
             return
+        self._contradiction = Contradiction(self._config.layer_sigmas)
         self._track = Track(self._config, self._filter, self._inputs, fix, near)
         for attitude in self._sources.attitudes:
             if attitude.t_ns > fix.t_ns:
@@ -218,6 +225,8 @@ class Estimator:
         except FilterError as error:
             self._drop_track(Reason(Cause.FILTER_FAILED, f"numerical: {error}"))
             return None
+        if outcome.fused:
+            self._contradiction.add(measurement, outcome.update)
         onsets_ns = [fault.t_onset_ns for fault in self._vehicle.faults()]
         self._outliers.add(measurement, outcome.update, outside, onsets_ns)
         return outcome
@@ -250,6 +259,8 @@ class Estimator:
             return Lifecycle.INITIALISING if has_fix else Lifecycle.SEARCHING, self._why
         if self._is_silent:
             return Lifecycle.LOST, Reason(Cause.NO_ATTITUDE, "no attitude from the autopilot")
+        if (size := self._contradiction.size) is not None:
+            return Lifecycle.LOST, Reason(Cause.FIXES_CONTRADICT, CONTRADICTS.format(size))
         return by_age(self._track.age(t_ns), self._config, one="fix", many="fixes")
 
     def _publish(self, reported: Reported | None) -> Estimate:

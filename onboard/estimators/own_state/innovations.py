@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from onboard.arrays import Array
-from onboard.estimators.own_state.measurements import Measurement
+from onboard.estimators.own_state.inputs import FADING_S
+from onboard.estimators.own_state.measurements import GPS, Measurement
 from onboard.filters.belief import Update
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import Fault, FaultKind
@@ -19,6 +20,11 @@ from onboard.messages import Fault, FaultKind
 WRONG_VALUES: Final = 3  # within a second make a fault
 NEAR: Final = 2.0  # deviations: before and after a wrong value, innovations are this small
 SHAKEN_NS: Final = 400_000_000  # about the onset of another fault, innovations say nothing about sensors
+
+LASTING_S: Final = 2 * FADING_S  # over which fixes and model are compared
+LASTING: Final = 1.0  # of an innovation's variance; measured on flights that the model fits, up to 0.6
+LEAST: Final = 0.1  # m/s: a receiver's own error may last, too
+NEXT_NS: Final = 2 * NS_PER_S  # between two fixes that are compared
 
 Outside = npt.NDArray[np.bool_]
 
@@ -57,6 +63,45 @@ class Counts:
     def nis_ratio(self) -> float | None:
         """NIS over the number of components: 1 where the covariance is right."""
         return sum(self._nis) / self._components if self._components else None
+
+
+class Contradiction:
+    """Whether fixes and model say different velocities, for longer than noise does.
+
+    The innovations of a filter whose model holds are independent from fix to fix, so the mean of the product of
+    two successive ones is 0. It is positive where the vehicle moves as the model does not expect, and where fixes
+    are later than is supposed: the velocity is then wrong by many times the innovation, since the filter goes
+    after the fixes. NIS does not show it: most of it is the attitude's."""
+
+    def __init__(self, most: float) -> None:
+        self._most = most
+        self._last: tuple[int, Array, Array] | None = None  # time, innovation, and that over its deviation
+        self._means = np.zeros(2)  # of the products: of its variance, and m^2/s^2
+        self._is_present = False
+
+    @property
+    def size(self) -> float | None:
+        """How much of a fix's innovation of the velocity lasts, m/s; None while nothing contradicts."""
+        return float(np.sqrt(max(self._means[1], 0.0))) if self._is_present else None
+
+    def add(self, measurement: Measurement, update: Update) -> None:
+        """The innovation of a fix that was fused. Those without a velocity say nothing, nor does one that is late.
+        A product counts as no more than `most`: one wrong fix, or two, prove nothing."""
+        t_ns, last = measurement.t_ns, self._last
+        if measurement.sensor != GPS or len(measurement.y) < 5 or (last is not None and t_ns <= last[0]):
+            return
+        innovation = update.innovation[3:5]  # of the velocity to north and east
+        sigmas = np.sqrt(update.innovation_covariance.diagonal()[3:5])
+        ratio = innovation / sigmas
+        self._last = t_ns, innovation, ratio
+        if last is None or t_ns - last[0] > NEXT_NS:
+            return
+        share = min((t_ns - last[0]) / NS_PER_S / LASTING_S, 1.0)
+        product = float(np.clip(np.mean(ratio * last[2]), -self._most, self._most))
+        products = np.array([product, np.mean(innovation * last[1])])
+        self._means += share * (products - self._means)
+        enough = 0.5 * LASTING if self._is_present else LASTING
+        self._is_present = bool(self._means[0] > enough and self._means[1] > LEAST**2)
 
 
 class OutlierMonitor:

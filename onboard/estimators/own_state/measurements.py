@@ -17,7 +17,7 @@ from onboard.models.quadrotor import POSITION
 FARTHEST: Final = 1e6  # m from the origin; a fix beyond is not of this flight
 FASTEST: Final = 300.0  # m/s
 QUICKEST: Final = 100.0  # rad/s
-HIGHEST: Final = 1e5  # m; a barometer's altitude beyond is none
+HIGHEST: Final = 1e5  # m; no place is beyond, and a barometer's altitude is none
 UNKNOWN_ACCURACY: Final = (2.0, 3.0)  # m, horizontal and vertical, where the receiver states none
 LEAST_ACCURACY: Final = 0.05  # m
 ATTITUDE_SENSOR: Final = "attitude"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from onboard.estimators.own_state.config import Config
-from onboard.estimators.own_state.measurements import Measurement, from_attitude, from_barometer, from_fix
+from onboard.estimators.own_state.measurements import HIGHEST, Measurement, from_attitude, from_barometer, from_fix
 from onboard.estimators.own_state.noise import SensorNoise
 from onboard.geometry.geodesy import geodetic_from_ned, ned_from_geodetic
 from onboard.geometry.units import NS_PER_S
@@ -18,7 +18,6 @@ NEAREST_NS: Final = NS_PER_S // 2  # of an attitude to the fix at which a track 
 ORIGIN_WAIT_NS: Final = 2 * NS_PER_S  # for a GLOBAL_POSITION_INT, which shows where the autopilot's origin is
 FIX_3D: Final = 3
 NO_ORIGIN: Final = (0.0, 0.0, 0.0)  # for a fix that is refused in any case
-HIGHEST: Final = 1e5  # m
 NOWHERE: Final = (0.0, 0.0)
 ORIGIN_MOVED: Final = 1.0  # m; less is rounding
 
