@@ -9,7 +9,7 @@ boot clock.
 import io
 import math
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from pathlib import Path
 from typing import Any, Final
@@ -122,18 +122,22 @@ def _messages(log: Any, offset_ns: int, lose: Lose) -> Iterator[tuple[Message, i
         if is_first:
             yield said.heartbeat(header), log.offset
             is_first = False
-        for parameter in waiting:
-            yield _parameter(parameter, header), log.offset
+        for parameter in _parameters(waiting, header, lose):
+            yield parameter, log.offset
         waiting.clear()
         yield message, log.offset
 
 
-def _parameter(row: Any, header: Header) -> Message:
-    """A parameter; its default is logged since ArduPilot 4.4."""
-    default = float(row.Default) if "Default" in row.fmt.columns else math.nan
-    known = default if math.isfinite(default) else None
+def _parameters(rows: Iterable[Any], header: Header, lose: Lose) -> Iterator[Message]:
+    """Parameters; their defaults are logged since ArduPilot 4.4."""
     head = {**header, "clock": Clock.NONE, "extended": False}
-    return ParamValue(**head, name=str(row.Name), value=float(row.Value), default=known)
+    for row in rows:
+        try:
+            default = float(row.Default) if "Default" in row.fmt.columns else math.nan
+            known = default if math.isfinite(default) else None
+            yield ParamValue(**head, name=str(row.Name), value=float(row.Value), default=known)
+        except UNREADABLE as error:
+            lose(f"PARM: {error}")
 
 
 class _Said:

@@ -239,3 +239,18 @@ def test_parameters_follow_the_heartbeat_with_their_defaults(tmp_path: Path) -> 
     rows = [("PARM", 1, {"Name": b"A", "Value": 1.0, "Default": d}) for d in (2.5, math.nan)]
     new = of(written(tmp_path / "new.bin", [*rows, ("IMU", 1, {})]), ParamValue)
     assert [m.default for m in new if isinstance(m, ParamValue)] == [2.5, None]
+
+
+@pytest.mark.parametrize(("form", "columns"), [("Nf", "Title,Value"), ("Nn", "Name,Value"), ("N", "Name")])
+def test_a_parameter_that_is_none_costs_itself_alone(form: str, columns: str, tmp_path: Path) -> None:
+    log = DataFlash()
+    log.add_format("PARM", form, columns)
+    log.row("ATT", 1_000_000)
+    log.row("PARM", 0, Name=b"A", Title=b"A", Value=1.0 if "f" in form else b"x")
+    log.row("ATT", 2_000_000)
+    path = tmp_path / "odd.bin"
+    path.write_bytes(log.data)
+    lost: list[str] = []
+    messages = [message for message, _ in read_dataflash(path, lost.append)]
+    assert [type(m) for m in messages] == [Heartbeat, Attitude, Attitude]
+    assert [reason.partition(":")[0] for reason in lost if "no row" not in reason] == ["PARM"]
