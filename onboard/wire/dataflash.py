@@ -9,7 +9,7 @@ boot clock.
 import io
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from pathlib import Path
 from typing import Any, Final
@@ -69,9 +69,9 @@ Header = dict[str, Any]
 
 def read_dataflash(path: Path, lose: Lose = lambda _: None) -> Iterator[tuple[Message, int]]:
     """(message, bytes of the file consumed so far) in the order of the log, after one heartbeat that names the
-    vehicle type; further ones say modes and arming. Parameters wait for the next row. Of each sensor it is the
-    first instance that the log holds, until that brings nothing of use (a GPS: no 3-D fix) for two seconds; of the
-    EKF, the primary core.
+    vehicle type; further ones say modes and arming. Parameters have the time of the row before. Of each sensor
+    it is the first instance that the log holds, until that brings nothing of use (a GPS: no 3-D fix) for 2 s; of
+    the EKF, the primary core.
 
     A row that cannot be used is left out; `lose` is called with the reason. Raises NotALogError when the log
     cannot be read.
@@ -102,11 +102,13 @@ def _messages(log: Any, offset_ns: int, lose: Lose) -> Iterator[tuple[Message, i
     system = int(log.params.get("SYSID_THISMAV", log.params.get("MAV_SYSID", 1)))
     system = system if 0 < system < 256 else 1
     converter, said = _Converter(), _Said(int(log.mav_type))
-    is_first, waiting = True, list[Any]()
+    newest, waiting = Header(), list[Any]()
     for row in _rows(log, (), lose):
         kind, instance = RENAMED.get(row.get_type(), (row.get_type(), _instance(row)))
         if kind == "PARM":
-            waiting.append(row)  # for a time: old ones have none, and the first come before the heartbeat
+            waiting.append(row)  # the first for the heartbeat; old ones have no time of their own
+            if newest:
+                yield from _parameters(log, waiting, newest, lose)
         if kind not in KINDS and kind not in SAID:
             continue
         try:
@@ -117,27 +119,28 @@ def _messages(log: Any, offset_ns: int, lose: Lose) -> Iterator[tuple[Message, i
         except UNREADABLE as error:
             lose(f"{kind}: {error}")
             continue
-        if message is None or (is_first and kind in SAID):  # the first heartbeat says what was said before
+        if message is None or (not newest and kind in SAID):  # the first heartbeat says what was said before
             continue
-        if is_first:
+        if not newest:
             yield said.heartbeat(header), log.offset
-            is_first = False
-        for parameter in _parameters(waiting, header, lose):
-            yield parameter, log.offset
-        waiting.clear()
+            yield from _parameters(log, waiting, header, lose)
+        newest = header
         yield message, log.offset
 
 
-def _parameters(rows: Iterable[Any], header: Header, lose: Lose) -> Iterator[Message]:
-    """Parameters; their defaults are logged since ArduPilot 4.4."""
+def _parameters(log: Any, rows: list[Any], header: Header, lose: Lose) -> Iterator[tuple[Message, int]]:
+    """Parameters, which are taken off their list; their defaults are logged since ArduPilot 4.4."""
     head = {**header, "clock": Clock.NONE, "extended": False}
     for row in rows:
         try:
             default = float(row.Default) if "Default" in row.fmt.columns else math.nan
             known = default if math.isfinite(default) else None
-            yield ParamValue(**head, name=str(row.Name), value=float(row.Value), default=known)
+            message = ParamValue(**head, name=str(row.Name), value=float(row.Value), default=known)
         except UNREADABLE as error:
             lose(f"PARM: {error}")
+            continue
+        yield message, log.offset
+    rows.clear()
 
 
 class _Said:

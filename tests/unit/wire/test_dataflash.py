@@ -224,15 +224,18 @@ def test_parameters_follow_the_heartbeat_with_their_defaults(tmp_path: Path) -> 
     log.row("ATT", 1_000_000)
     log.row("PARM", 0, Name=b"RTL_ALT", Value=15.5)
     log.row("ATT", 2_000_000)
+    log.row("PARM", 0, Name=b"RTL_ALT", Value=30.0)
     path = tmp_path / "old.bin"
     path.write_bytes(log.data)
     lost: list[str] = []
     messages = [message for message, _ in read_dataflash(path, lost.append)]
-    assert [type(m) for m in messages] == [Heartbeat, ParamValue, Attitude, ParamValue, Attitude]
+    kinds = [Heartbeat, ParamValue, Attitude, ParamValue, Attitude, ParamValue]
+    assert [type(m) for m in messages] == kinds
     found = [m for m in messages if isinstance(m, ParamValue)]
     assert [(m.name, m.value, m.default, m.t_ns, m.clock) for m in found] == [
         ("SYSID_THISMAV", 7.0, None, 1_000_000_000, Clock.NONE),
-        ("RTL_ALT", 15.5, None, 2_000_000_000, Clock.NONE),
+        ("RTL_ALT", 15.5, None, 1_000_000_000, Clock.NONE),
+        ("RTL_ALT", 30.0, None, 2_000_000_000, Clock.NONE),
     ]
     assert {m.system for m in messages} == {7}
     assert lost == []
