@@ -129,7 +129,8 @@ def _noise(s: NoseModel, dt: float, biases: tuple[Bias, ...]) -> model.Noise:
     broad = per_second.broad * dt
     broad[:, BANK_ERROR] = of_bank
     range_ = 2.0 * dt / s.misalignment_time * per_second.range_
-    return model.Noise(fixed, broad, range_, s.nose_wobble**2 * new, math.log(s.size))
+    wobble, ahead = s.nose_wobble**2 * new, s.nose_leads**2 * new
+    return model.Noise(fixed, broad, range_, wobble, ahead, math.log(s.size))
 
 
 class Densities(NamedTuple):
@@ -257,13 +258,15 @@ def fitting(settings: NoseModel, cloud: Cloud) -> Cloud:
 def enough(settings: NoseModel, cloud: Cloud) -> int:
     """How many particles there should be: in proportion to the number of different noses and ranges that have
     weight, as in KLD-sampling (Fox, 2003). Where points show the nose, the right noses are few degrees wide: what
-    follows a nose that turns must be dense there."""
+    follows a nose that turns must be dense there. While the evidence of a new track is not used yet, its few bins
+    say little: of fewer particles the right ones die out."""
     r = cloud.means[:, POSITION]
     log_range = 0.5 * np.log(np.einsum("ki,ki->k", r, r))
     turn = math.tau if cloud.sided else math.pi
     bins = NOSE_BIN, RANGE_BIN, LEAST_WEIGHT
     occupied = int(moments.occupied(cloud.noses, log_range, np.exp(cloud.log_weights), turn, *bins))
-    fewest = settings.fewest_sided if cloud.sided else settings.fewest
+    is_new = cloud.fresh > settings.evidence_rate
+    fewest = max(settings.fewest, settings.fewest_sided if cloud.sided or is_new else 0)
     return min(max(PER_BIN * occupied, fewest), settings.particles)
 
 
