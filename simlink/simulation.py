@@ -280,8 +280,8 @@ def _datagram(channel: str, encoding: Encoding, t_recv_ns: int, data: bytes) -> 
 
 def split_frames(data: bytes) -> list[bytes]:
     """The MAVLink frames in a sequence of whole frames."""
-    view, frames, at = memoryview(data), [], 0
-    while (length := frame_length(view, at)) is not None:
+    frames, at = [], 0
+    while (length := frame_length(data, at)) is not None:
         frames.append(data[at : at + length])
         at += length
     return frames

@@ -234,8 +234,8 @@ class Clocks:
             return True
         fits = abs(offset - self._base) < JUMP_NS
         runs_on = -JUMP_NS < stamp - self._newest_stamp < CONTINUES_NS
-        fastest = self._offset.fastest
-        is_early = bool(fastest) and offset - self._carried(t_recv) < -AHEAD_NS
+        above = offset - self._carried(t_recv) if self._offset.fastest else 0  # the offset of the fastest messages
+        is_early = above < -AHEAD_NS
         # ahead of its arrival: a wrong stamp, or all messages before had been held up
         ahead = is_early and t_recv >= self._last_arrival
         is_repeated = self._odd.repeats(message)
@@ -250,7 +250,7 @@ class Clocks:
             return True
         if ahead:
             self._followers.jump(self._before)
-        self._notice_step(offset, t_recv)
+        self._notice_step(above, t_recv)
         self._base = offset
         self._newest_stamp = max(self._newest_stamp, stamp)
         self._last_arrival = t_recv
@@ -276,9 +276,9 @@ class Clocks:
         self._followers.jump(self._before)
         self._restart(stamp, offset, t_recv)
 
-    def _notice_step(self, offset: int, t_recv: int) -> None:
-        """Whether this computer's clock was set: messages are early, or they stay late."""
-        above = offset - self._carried(t_recv) if self._offset.fastest else 0
+    def _notice_step(self, above: int, t_recv: int) -> None:
+        """Whether this computer's clock was set: messages are early, or they stay late. `above`: by how much this
+        one's offset exceeds that of the fastest."""
         if above < JUMP_NS:
             self._late_since = None
         elif self._late_since is None or t_recv < self._late_since:
@@ -306,6 +306,8 @@ class Clocks:
         if self._newest_stamp is None:
             return stamp
         expected = t_recv - self._base
+        if 2 * abs(expected - stamp) < BOOT_WRAP_NS:  # as nearly always
+            return stamp
         wraps = round((expected - stamp) / BOOT_WRAP_NS)
         moved = stamp + wraps * BOOT_WRAP_NS
         runs_on = abs(moved - self._newest_stamp) < CONTINUES_NS

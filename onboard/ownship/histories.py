@@ -73,8 +73,9 @@ class Attitudes:
             return None
         fraction = (t_ns - times[i - 1]) / (times[i] - times[i - 1])
         before, after = self._samples[i - 1], self._samples[i]
-        a, b, c = [(1.0 - fraction) * x + fraction * y for x, y in zip(before.omega, after.omega, strict=True)]
-        return AttitudeSample(between(before.q, after.q, fraction), (a, b, c), after.noise)
+        (a, b, c), (a1, b1, c1), left = before.omega, after.omega, 1.0 - fraction
+        omega = left * a + fraction * a1, left * b + fraction * b1, left * c + fraction * c1
+        return AttitudeSample(between(before.q, after.q, fraction), omega, after.noise)
 
 
 class Navigation:

@@ -80,9 +80,9 @@ class Mounts:
         if report is None or report.verdict not in FUSED or not report.points or estimate.mean is None:
             return
         camera, pose = self._camera.named(report.source), ownship.pose_at(report.t_ns)
-        if pose is None or camera.gimbal is not None or not np.isfinite(pose.r_OF_n).all():
+        if pose is None or camera.gimbal is not None or not all(map(math.isfinite, pose.r_OF_n.tolist())):
             return
-        if pose.attitude_noise.max() > MOST_NOISE:
+        if max(pose.attitude_noise.tolist()) > MOST_NOISE:
             return
         sights = self._sights.setdefault(report.source, [])
         if sights and not 0 <= report.t_ns - sights[0].t_ns < WINDOW_NS:
@@ -90,11 +90,10 @@ class Mounts:
             sights = self._sights[report.source] = []
             if len(self._ended) >= MOST_ENDED:  # nobody asks
                 self.judge()
-        ray = np.array([1.0, *np.mean(report.points, axis=0)])
-        distance = float(np.linalg.norm(estimate.mean[:3]))
-        sights.append(
-            Sight(report.t_ns, pose.R_nb @ camera.R_bc, ray / np.linalg.norm(ray), pose.r_OF_n, distance)
-        )
+        u, v = map(sum, zip(*report.points, strict=True))
+        ray, r = np.array([1.0, u / len(report.points), v / len(report.points)]), np.array(estimate.mean[:3])
+        u_c, distance = ray / math.sqrt(ray @ ray), math.sqrt(r @ r)
+        sights.append(Sight(report.t_ns, pose.R_nb @ camera.R_bc, u_c, pose.r_OF_n, distance))
 
     def judge(self) -> None:
         """Find what the windows that have ended since the last time show."""

@@ -77,6 +77,7 @@ class Ownship:
         self._contradictions = Contradictions()
         self._reckoning = Reckoning()
         self._ways: dict[tuple[int, int], Sequence[Step]] = {}  # since the last navigation sample
+        self._posed: tuple[int, int, Pose | None] | None = None  # the last pose, with its time and `samples`
         self.rejected: dict[str, int] = {}
 
     def receive(self, message: Message, stamp_ns: int, own: OwnMotion | None = None) -> bool:
@@ -133,6 +134,12 @@ class Ownship:
     def pose_at(self, t_ns: int) -> Pose | None:
         """The pose at a time, interpolated; extrapolated by the newest rates for a short while after the newest
         sample; None where it is not known."""
+        posed = self._posed  # who judges an image, and who publishes what follows from it, ask in turn
+        if posed is None or posed[0] != t_ns or posed[1] != self.samples:
+            posed = self._posed = t_ns, self.samples, self._pose_at(t_ns)
+        return posed[2]
+
+    def _pose_at(self, t_ns: int) -> Pose | None:
         attitude = self._attitudes.at(t_ns)
         nav = self._nav.at(t_ns)
         if attitude is None or nav is None:
@@ -157,9 +164,16 @@ class Ownship:
         """How often the source of our own attitude and velocity has changed, by what it was to and why."""
         return {**self._source_of_attitude.changes, **self._source_of_velocity.changes}
 
+    @property
+    def known_ns(self) -> float:
+        """Until when pose and motion are interpolated, so that nothing to come can change them; minus infinity
+        while neither is known."""
+        nav, attitudes = self._nav.times, self._attitudes.times
+        return min(nav[-1], attitudes[-1]) if nav and attitudes else -math.inf
+
     def knows(self, t_ns: int) -> bool:
         """Whether pose and motion at a time are interpolated, so that nothing to come can change them."""
-        return all(times and t_ns <= times[-1] for times in (self._nav.times, self._attitudes.times))
+        return t_ns <= self.known_ns
 
     def lead_ns(self, t_ns: int) -> int:
         """By how much a time is later than the newest sample of attitude or of navigation, whichever is older."""

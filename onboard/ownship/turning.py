@@ -39,8 +39,9 @@ def between(q0: Quaternion, q1: Quaternion, fraction: float) -> Quaternion:
         angle = math.acos(cosine)
         first, second = math.sin((1.0 - fraction) * angle), math.sin(fraction * angle)
     second *= sign
-    w, x, y, z = (first * a + second * b for a, b in zip(q0, q1, strict=True))
-    return unit((w, x, y, z))
+    a, b = first, second
+    (w, x, y, z), (w1, x1, y1, z1) = q0, q1
+    return unit((a * w + b * w1, a * x + b * x1, a * y + b * y1, a * z + b * z1))
 
 
 def unit(q: Quaternion) -> Quaternion:

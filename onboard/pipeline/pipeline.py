@@ -141,7 +141,8 @@ class Pipeline:
             return self._latch(message.heartbeat)  # the next one comes within a second
         self._monitor.hear(message)
         said = self._latch(message) if isinstance(message, Heartbeat) else []
-        return [*said, *self._heed(message)]
+        heeded = self._heed(message)
+        return [*said, *heeded] if said else heeded
 
     def _heed(self, message: Message) -> list[Output]:
         """A message, if it is of what is followed."""
@@ -196,7 +197,8 @@ class Pipeline:
             self._reset(CORRECTED)
         if (known := self._warm.confirmed(clocks, message.t_recv_ns)) is not None:
             self._observe(known)
-        return [*said, *self._route(aligned, aligned.t_ns + delay_ns)]
+        routed = self._route(aligned, aligned.t_ns + delay_ns)
+        return [*said, *routed] if said else routed
 
     def delay_ns(self, message: Message) -> int:
         """How much older than its stamp a message is, as configured."""

@@ -42,10 +42,16 @@ class Waiting:
 
     def ready(self, ownship: Ownship) -> list[Message]:
         """The images that need not wait any more, and do not."""
-        ready = [m for m in self._waiting if self._is_ready(m, ownship)]
+        if not self._waiting:
+            return []
+        ready: list[Message] = []
+        waiting: list[Message] = []
+        known_ns = ownship.known_ns
+        for image in self._waiting:
+            (ready if self._is_ready(image, known_ns, ownship) else waiting).append(image)
         if ready:
-            self._waiting = [m for m in self._waiting if not self._is_ready(m, ownship)]
-            self._places = Counter(map(_source, self._waiting))
+            self._waiting = waiting
+            self._places = Counter(map(_source, waiting))
         return ready
 
     def clear(self) -> None:
@@ -53,9 +59,9 @@ class Waiting:
         self._waiting.clear()
         self._places.clear()
 
-    def _is_ready(self, image: Message, ownship: Ownship) -> bool:
+    def _is_ready(self, image: Message, known_ns: float, ownship: Ownship) -> bool:
         """Whether our motion at its time is known, or has not become so for too long: a stream has stopped."""
-        is_known = ownship.knows(image.t_ns) and not self._awaits_gimbal(image, ownship)
+        is_known = image.t_ns <= known_ns and not self._awaits_gimbal(image, ownship)
         return is_known or ownship.now_ns - image.t_ns > self._longest_ns
 
     def _awaits_own_motion(self, image: Message, ownship: Ownship) -> bool:

@@ -9,6 +9,7 @@ from typing import BinaryIO, Final
 from onboard.messages import Datagram, Encoding
 from onboard.wire.mavlink_decode import flaw
 
+STAMP: Final = struct.Struct(">Q")
 MAGIC_V2: Final = 0xFD
 MAGIC_V1: Final = 0xFE
 SIGNED: Final = 0x01
@@ -24,7 +25,7 @@ class NotALogError(ValueError):
     """The file is no .tlog, nor one whose begin is damaged."""
 
 
-def frame_length(data: memoryview, at: int) -> int | None:
+def frame_length(data: bytes, at: int) -> int | None:
     """Length of the frame that starts at `at`; None if no frame does, or its header is cut off."""
     if at + 3 > len(data):
         return None
@@ -42,53 +43,57 @@ def read_tlog(source: bytes | BinaryIO, channel: str = CHANNEL) -> Iterator[tupl
     Raises NotALogError at once when the first bytes are not a record, nor any of those that follow soon.
     """
     file = io.BytesIO(source) if isinstance(source, bytes) else source
-    view, at, begin, lost = memoryview(file.read(BLOCK)), 0, 0, False  # `begin`: where the view is in the file
-    if not _record_at(view, 0) and not _holds_record(view[:SEARCHED]):
+    data, at, begin, lost = file.read(BLOCK), 0, 0, False  # `begin`: where the block is in the file
+    t_us = _stamp_at(data, 0)
+    if t_us is None and not _holds_record(data[:SEARCHED]):
         raise NotALogError("this is no .tlog: it does not begin with a time stamp and a MAVLink frame")
     while True:
-        if len(view) - at < MARGIN and (more := file.read(BLOCK)):
-            view, at, begin = memoryview(bytes(view[at:]) + more), 0, begin + at
-        if at + 8 >= len(view):
+        if len(data) - at < MARGIN and (more := file.read(BLOCK)):
+            data, at, begin = data[at:] + more, 0, begin + at
+        if at + 8 >= len(data):
             break
-        length = frame_length(view, at + 8) if _record_at(view, at) else None
-        if length is None or not _is_whole(view, at + 8, at + 8 + length):
-            at += 1
+        t_us = _stamp_at(data, at) if t_us is None else t_us
+        length = None if t_us is None else frame_length(data, at + 8)
+        end = at + 8 + (length or 0)
+        next_us = None if length is None else _stamp_at(data, end)  # is found once: it begins the next record
+        if t_us is None or length is None or not (next_us is not None or _is_whole(data, at + 8, end)):
+            at, t_us = at + 1, None
             lost = True
             continue
         if lost:
             yield None, begin + at
             lost = False
-        (t_us,) = struct.unpack_from(">Q", view, at)
-        frame = bytes(view[at + 8 : at + 8 + length])
-        at += 8 + length
-        yield Datagram(channel=channel, encoding=Encoding.MAVLINK, t_recv_ns=t_us * 1000, data=frame), begin + at
-    if lost or at < len(view):
-        yield None, begin + len(view)
+        frame, t_ns = data[at + 8 : end], t_us * 1000
+        at, t_us = end, next_us
+        yield Datagram(channel=channel, encoding=Encoding.MAVLINK, t_recv_ns=t_ns, data=frame), begin + at
+    if lost or at < len(data):
+        yield None, begin + len(data)
 
 
-def _is_whole(view: memoryview, start: int, end: int) -> bool:
-    """Whether a frame ends where its header says: a record follows, or its checksum is right. A wrong length would
-    eat the records behind it."""
-    return end == len(view) or _record_at(view, end) or (end < len(view) and not flaw(bytes(view[start:end])))
+def _is_whole(data: bytes, start: int, end: int) -> bool:
+    """Whether a frame that no record follows ends where its header says: the log ends there, or its checksum is
+    right. A wrong length would eat the records behind it."""
+    return end == len(data) or (end < len(data) and not flaw(data[start:end]))
 
 
-def _holds_record(view: memoryview) -> bool:
+def _holds_record(data: bytes) -> bool:
     """Whether there is a record whose frame has the right checksum."""
-    for at in range(len(view) - 8):
-        length = frame_length(view, at + 8) if _record_at(view, at) else None
-        if length is not None and not flaw(bytes(view[at + 8 : at + 8 + length])):
+    for at in range(len(data) - 8):
+        length = None if _stamp_at(data, at) is None else frame_length(data, at + 8)
+        if length is not None and not flaw(data[at + 8 : at + 8 + length]):
             return True
     return False
 
 
-def _record_at(view: memoryview, at: int) -> bool:
-    """Whether a plausible time stamp starts at `at`, followed by a frame's first byte."""
-    if at + 9 > len(view) or view[at + 8] not in (MAGIC_V1, MAGIC_V2):
-        return False
-    (t_us,) = struct.unpack_from(">Q", view, at)
-    return bool(EARLIEST_US <= t_us < LATEST_US)
+def _stamp_at(data: bytes, at: int) -> int | None:
+    """The time stamp of the record that starts at `at`, microseconds: a plausible one, followed by a frame's first
+    byte; None if no record does."""
+    if at + 9 > len(data) or data[at + 8] not in (MAGIC_V1, MAGIC_V2):
+        return None
+    t_us: int = STAMP.unpack_from(data, at)[0]
+    return t_us if EARLIEST_US <= t_us < LATEST_US else None
 
 
 def tlog_record(t_recv_ns: int, frame: bytes) -> bytes:
     """The bytes of one record."""
-    return struct.pack(">Q", t_recv_ns // 1000) + frame
+    return STAMP.pack(t_recv_ns // 1000) + frame

@@ -31,7 +31,7 @@ def config(key_file: Path | None) -> Config:
 
 def frames(data: bytes) -> Iterator[bytes]:
     """The frames of a datagram: an image is three."""
-    while length := frame_length(memoryview(data), 0):
+    while length := frame_length(data, 0):
         yield data[:length]
         data = data[length:]
 

@@ -6,7 +6,6 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from onboard.arrays import Array
 from onboard.estimators.kit.reports import image_report, of_belief
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.belief import BeliefFilter
@@ -97,12 +96,12 @@ def published(filter_: BeliefFilter, life: LifeCycle, belief: Belief | None, **f
     )
 
 
-def with_attitude(belief: Belief, stated: Vec3, known: Array) -> Belief:
+def with_attitude(belief: Belief, stated: Vec3, known: Vec3) -> Belief:
     """A belief with the errors of our attitude that the autopilot states (3,) (about n's axes, rad, 1 sigma),
     where they are more than those that the filter knows of. They turn what is seen as a whole: no image shows it.
     """
-    more = np.maximum(np.square(stated) - np.square(known), 0.0)
-    if not more.any():
+    more = [max(s * s - k * k, 0.0) for s, k in zip(stated, known, strict=True)]
+    if not any(more):
         return belief
     turns = np.zeros((len(belief.mean), 3))
     for part in (POSITION, VELOCITY):

@@ -383,8 +383,8 @@ class Track:
             self.half_wing = min(0.5 * self._config.size_prior_m / max(range_, 1e-3), 1.0)
             self.direction_n = tuple(x / range_ for x in r)
         if belief is not None:
-            tilt, yaw = self._config.own_tilt_sigma_deg, self._config.own_yaw_sigma_deg
-            belief = with_attitude(belief, ownship.attitude_sigma, np.radians([tilt, tilt, yaw]))
+            tilt, yaw = math.radians(self._config.own_tilt_sigma_deg), math.radians(self._config.own_yaw_sigma_deg)
+            belief = with_attitude(belief, ownship.attitude_sigma, (tilt, tilt, yaw))
         self.sequence += 1
         self.rate_limit.published(t_ns)
         fields = {"name": self._name, "target": self.target, "sequence": self.sequence, "t_ns": t_ns}

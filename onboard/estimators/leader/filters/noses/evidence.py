@@ -105,14 +105,14 @@ def corrected(
 def weighted(cloud: Cloud, log_l: Array, believed: float = 1.0) -> Cloud:
     """The cloud with each particle's weight times its likelihood, of which these are the logarithms (K,), as far
     as that is `believed`, from 0 to 1."""
-    return charged(cloud, believed * np.maximum(log_l, log_l.max() - MOST_EVIDENCE))
+    return charged(cloud, believed * np.maximum(log_l, np.maximum.reduce(log_l) - MOST_EVIDENCE))
 
 
 def charged(cloud: Cloud, log_l: Array) -> Cloud:
     """The cloud with each particle's weight times all of a likelihood, of which these are the logarithms (K,)."""
     log_weights = cloud.log_weights + log_l
-    log_weights -= log_weights.max()
-    return cloud._replace(log_weights=log_weights - math.log(np.exp(log_weights).sum()))
+    log_weights -= np.maximum.reduce(log_weights)  # the methods of an array cost as much again
+    return cloud._replace(log_weights=log_weights - math.log(np.add.reduce(np.exp(log_weights))))
 
 
 def shaped(cloud: Cloud, shows: ShapeFeatures, axes: Array, pose: CameraPose) -> tuple[Cloud, Array, Array]:
