@@ -89,10 +89,10 @@ def normalised_squared(error: ArrayLike, covariance: ArrayLike) -> Array:
     covariance is singular, which claims to know something exactly."""
     e, P = np.asarray(error, dtype=float), np.asarray(covariance, dtype=float)
     try:
-        solved = np.linalg.solve(P, e[..., None])[..., 0]
+        solved = np.linalg.solve(P, e) if e.ndim == 1 else np.linalg.solve(P, e[..., None])[..., 0]
     except np.linalg.LinAlgError:  # of one covariance: NumPy then solves none
         if P.ndim == 2 and e.ndim == 1:
             return np.asarray(np.inf)
         e, P = np.broadcast_arrays(e[..., None], P)
         return np.array([normalised_squared(one, C) for one, C in zip(e[..., 0], P, strict=True)])
-    return np.asarray(np.sum(e * solved, axis=-1))
+    return np.asarray(np.add.reduce(e * solved, axis=-1))

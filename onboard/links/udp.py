@@ -36,6 +36,7 @@ from onboard.messages import Datagram, Encoding, LinkHealth
 from onboard.messages.causes import NO_REASON
 
 Surplus = Callable[[bytes], int]
+Taken = tuple[int, Datagram, Any]  # a datagram after its `surplus` and before its sender
 
 LARGEST: Final = 65_535
 RECEIVE_BUFFER: Final = 4 << 20  # bytes of kernel buffer: a second of a flood, if the event loop is late
@@ -43,6 +44,8 @@ PASSING: Final = (errno.EAGAIN, errno.ENOBUFS, errno.ECONNREFUSED)  # no room, o
 BURST: Final = 128  # datagrams delivered of a group, in ten milliseconds; of one twice as large, half as many
 LEAST: Final = 16  # of surplus, however large the group
 GROUP: Final = 1024  # datagrams read together: what is newest among them must not wait behind the oldest
+GATHER_S: Final = 0.02  # surplus alone waits so long for others to come: one after the other, each costs thrice
+GATHERED: Final = 16  # ... and no more of it
 TURN: Final = 16  # datagrams delivered, or eight times as many read, before other links have their turn
 SO_TIMESTAMPNS: Final = 64  # SO_TIMESTAMPNS_NEW of Linux 5.1: two 64-bit numbers on every machine
 SO_RCVBUFFORCE: Final = 33  # of Linux: beyond net.core.rmem_max, for the privileged
@@ -86,6 +89,8 @@ class UdpLink(Link):
         self._buffer_bytes = 0
         self._budget = Budget()
         self._work: dict[socket.socket, Iterator[None]] = {}  # groups that are being read and delivered
+        # surplus that waits for others to come, and what ends its waiting
+        self._gathered: dict[socket.socket, tuple[list[Taken], asyncio.TimerHandle]] = {}
 
     def health(self) -> LinkHealth:
         """Counts so far."""
@@ -153,6 +158,9 @@ class UdpLink(Link):
             self._drops.clear()
             self._emptied_ns.clear()
             self._work.clear()
+            for _, timer in self._gathered.values():
+                timer.cancel()
+            self._gathered.clear()
             close_all(sockets)
         raise LinkError(f"{self._spec}: cannot send to it ({self._lost.result()})")
 
@@ -194,12 +202,20 @@ class UdpLink(Link):
 
     def _drain(self, sock: socket.socket, deliver: Deliver, now_ns: NowNs) -> Iterator[None]:
         """Deliver a group of what waits, with a pause after each turn. Where that is more than there is time for,
-        surplus is left out."""
-        group = []
+        surplus is left out; where it is a little surplus alone, it is gathered."""
+        group, timer = self._gathered.pop(sock, ([], None))
+        gathered = len(group)
         for one in self._group(sock, now_ns):
             group.append(one)
             if len(group) % (8 * TURN) == 0:
                 yield
+        if gathered < len(group) < GATHERED and all(rank for rank, _, _ in group):
+            loop = asyncio.get_running_loop()
+            timer = timer or loop.call_later(GATHER_S, self._readable, sock, deliver, now_ns)
+            self._gathered[sock] = group, timer
+            return
+        if timer is not None:
+            timer.cancel()
         left_out = oldest_surplus([rank for rank, _, _ in group], delivered_of(group))
         self.shed += len(left_out)
         kept = (one for k, one in enumerate(group) if k not in left_out)
@@ -212,8 +228,8 @@ class UdpLink(Link):
             if count % TURN == 0:
                 yield
 
-    def _group(self, sock: socket.socket, now_ns: NowNs) -> Iterator[tuple[int, Datagram, Any]]:
-        """Datagrams that wait in the kernel, each after its `surplus` and before its sender."""
+    def _group(self, sock: socket.socket, now_ns: NowNs) -> Iterator[Taken]:
+        """Datagrams that wait in the kernel."""
         needed = 0
         for _ in range(GROUP):
             try:

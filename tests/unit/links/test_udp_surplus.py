@@ -121,6 +121,41 @@ def test_others_have_their_turn_while_a_group_is_delivered() -> None:
     assert sum(step > 0 for step in steps) >= udp.BURST // udp.TURN - 1
 
 
+def arriving(kinds: list[int], *, waits: bool = False) -> tuple[list[int], list[int]]:
+    """What a link has delivered of frames that come one by one, by their numbers: before the last one, and then; if
+    it `waits`, only once all have come."""
+    found: tuple[list[int], list[int]] = [], []
+
+    async def test(link: Any, received: list[Datagram]) -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            for k, kind in enumerate(kinds):
+                found[0][:] = map(count_of, received)
+                sender.sendto(frame(kind, k), link.address)
+                for _ in range(20):  # turns of the event loop
+                    await asyncio.sleep(0)
+        if waits:
+            await until(lambda: len(received) == len(kinds))
+        found[1].extend(map(count_of, received))
+
+    with_link("udpin:127.0.0.1:0", test, surplus=surplus)
+    return found
+
+
+def test_samples_of_the_imu_wait_for_what_is_needed_and_go_before_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(udp, "GATHER_S", 3600.0)
+    assert arriving([HIGHRES_IMU, HIGHRES_IMU, ATTITUDE]) == ([], [0, 1, 2])
+    assert arriving([ATTITUDE, HIGHRES_IMU, ATTITUDE]) == ([0], [0, 1, 2])
+
+
+def test_so_many_samples_of_the_imu_wait_no_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(udp, "GATHER_S", 3600.0)
+    assert arriving([HIGHRES_IMU] * udp.GATHERED) == ([], list(range(udp.GATHERED)))
+
+
+def test_samples_of_the_imu_that_nothing_follows_come_by_themselves() -> None:
+    assert arriving([HIGHRES_IMU] * 2, waits=True)[1] == [0, 1]
+
+
 def test_fewer_than_a_group_are_all_delivered() -> None:
     found, shed = flooded([HIGHRES_IMU] * udp.BURST)
     assert (len(found), shed) == (udp.BURST, 0)

@@ -91,6 +91,7 @@ class BeliefFilter:
         # What was made last, and of what: an image that is compared with a track is often fused next.
         self._newest: tuple[State, Cloud] | None = None
         self._seen: tuple[Measurement, CameraPose, Measurement] | None = None
+        self._late: tuple[Measurement, CameraPose, Measurement] | None = None
         self._judged: tuple[Cloud, Measurement, CameraPose, Wind | None, Expected] | None = None
 
     def measure(self, points: Array, sigmas: Array) -> Measurement:
@@ -165,8 +166,13 @@ class BeliefFilter:
         """Mean and covariance of all hypotheses."""
         belief = as_leader(state.summary, *state.since)
         late = self._delay_sigma * belief.mean[VELOCITY]
-        belief.covariance[POSITION, POSITION] += np.outer(late, late)
+        belief.covariance[POSITION, POSITION] += late[:, None] * late
         return belief
+
+    def place(self, state: State) -> Array:
+        """The mean position (3,) of all hypotheses, r_FL in n, m."""
+        after = state.summary.after(state.since.dt, state.since.moved)
+        return after.mean[POSITION]
 
     def open_question(self, state: State) -> OpenQuestion:
         """Whether the range is open, and then the places where the leader may be."""
@@ -186,7 +192,10 @@ class BeliefFilter:
         """The measurement with the noise of the camera's unknown delay."""
         if self._delay_sigma <= 0.0:
             return measurement
-        return measurement.with_attitude_noise(self._delay_sigma**2 * np.outer(pose.omega_c, pose.omega_c))
+        if self._late is None or self._late[0] is not measurement or self._late[1] is not pose:
+            noise_c = self._delay_sigma**2 * (pose.omega_c[:, None] * pose.omega_c)
+            self._late = measurement, pose, measurement.with_attitude_noise(noise_c)
+        return self._late[2]
 
     def _expected(self, state: State, now: Cloud, measurement: Measurement, pose: CameraPose) -> Expected:
         """What all hypotheses, predicted to `now`, expect of an image."""

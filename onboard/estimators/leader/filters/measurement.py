@@ -30,7 +30,7 @@ class Measurement(NamedTuple):
         """The measurement by a camera whose attitude has white noise, a small rotation in c of covariance noise_c
         (3, 3): all directions move together, and the wing turns about them. The sides of a box move together, too;
         each is as uncertain as if it moved alone."""
-        if not noise_c.any():
+        if not np.logical_or.reduce(noise_c, axis=None):
             return self
         by = np.zeros((len(self.y), 3))  # by how much a rotation changes y
         by[0], by[1] = self.axes[2], -self.axes[1]
@@ -71,7 +71,7 @@ def points_of(axes: Array, y: Array) -> Array:
     """Image points (3, 2) of a measurement y (m,) about `axes` (3, 3) (`models.wing_line`), in focal lengths:
     center, left and right wingtip, as if the center were the wing's middle; NaN for a point behind the camera."""
     places = y[:2] + 0.5 * np.array([[0.0], [-1.0], [1.0]]) * y[2:4]
-    quarter = 0.25 * np.sum(places**2, axis=1, keepdims=True)
+    quarter = 0.25 * np.add.reduce(places**2, axis=1, keepdims=True)
     directions = (1.0 - quarter) * axes[0] + places @ axes[1:]
     ahead = np.where(directions[:, :1] > 0.0, directions[:, :1], np.nan)
     return np.asarray(directions[:, 1:] / ahead)

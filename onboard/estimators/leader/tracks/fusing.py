@@ -14,7 +14,6 @@ from onboard.estimators.leader.tracks.noise import NoiseScale
 from onboard.estimators.leader.tracks.report import AuxiliaryOutcome, Outcome
 from onboard.estimators.leader.wind import Wind
 from onboard.filters.belief import FilterError
-from onboard.models.relative_motion import POSITION
 from onboard.ownship import Ownship
 
 
@@ -64,7 +63,7 @@ def fuse(
     if math.isfinite(update.nis):
         noise = noise.after(update.innovation, update.innovation_covariance, measurement.noise)
     fused = update.passes
-    if fused and not sight(measurement.axes, pose).shows(filter_.belief(update.belief).mean[POSITION]):
+    if fused and not sight(measurement.axes, pose).shows(filter_.place(update.belief)):
         fused = False
     next_ = state._replace(leader=update.belief if fused else leader, noise=noise)
     if fused and taken.has_extent and noise.is_larger_than(state.supposed):

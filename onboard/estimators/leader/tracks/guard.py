@@ -101,7 +101,7 @@ class Guard:
             return False
         span, sigma = sorted(self._spans)[SPANS // 2]
         r = belief.mean[POSITION]
-        distance = float(np.linalg.norm(r))
+        distance = math.sqrt(r @ r)
         along = math.sqrt(max(float(r @ belief.covariance[POSITION, POSITION] @ r), 0.0)) / distance**2
         allowed = TOO_LARGE + SIGMAS * (along + sigma / span)
         return math.log(span * distance / belief.mean[SIZE]) > allowed
@@ -126,7 +126,7 @@ class LineOfSight(NamedTuple):
     def shows(self, r_FL_n: Array) -> bool:
         """Whether a place (3,) m is near this line of sight, and on the right side of us."""
         r = r_FL_n - self.r_FC_n
-        return bool(self.direction_n @ r > math.cos(FARTHEST) * np.linalg.norm(r))
+        return bool(self.direction_n @ r > math.cos(FARTHEST) * math.sqrt(r @ r))
 
 
 def sight(axes: Array, pose: CameraPose) -> LineOfSight:

@@ -225,7 +225,7 @@ def _counted(settings: NoseModel, cloud: Cloud, pose: CameraPose) -> tuple[float
     faster the view of the leader changes, the more does an image count; while the view stays the same, so do the
     errors of what each particle supposes."""
     r = cloud.means[:, POSITION]
-    moves = (cloud.means[:, VELOCITY] - pose.v_F_n) / np.sqrt((r * r).sum(axis=1, keepdims=True))
+    moves = (cloud.means[:, VELOCITY] - pose.v_F_n) / np.sqrt(np.add.reduce(r * r, axis=1, keepdims=True))
     moving = np.exp(cloud.log_weights) @ moves
     change = math.sqrt(moving @ moving)  # 1/s
     rate = settings.steady_evidence + change / settings.new_view + cloud.fresh / FRESH_S
@@ -250,7 +250,7 @@ def fitting(settings: NoseModel, cloud: Cloud) -> Cloud:
     """The cloud with as many particles as there should be, drawn anew where few have the weight."""
     w, count = np.exp(cloud.log_weights), enough(settings, cloud)
     is_apt = len(w) / CHANGE < count < len(w) * CHANGE
-    if 1.0 / float((w * w).sum()) > settings.resample * len(w) and is_apt:
+    if 1.0 / float(np.add.reduce(w * w)) > settings.resample * len(w) and is_apt:
         return cloud
     return resampled(cloud, count)
 
