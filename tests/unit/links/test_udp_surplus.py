@@ -122,8 +122,8 @@ def test_others_have_their_turn_while_a_group_is_delivered() -> None:
 
 
 def arriving(kinds: list[int], *, waits: bool = False) -> tuple[list[int], list[int]]:
-    """What a link has delivered of frames that come one by one, by their numbers: before the last one, and then; if
-    it `waits`, only once all have come."""
+    """What a link has delivered of frames that come one by one, by their numbers: before the last one, and then;
+    if it `waits`, only once all have come."""
     found: tuple[list[int], list[int]] = [], []
 
     async def test(link: Any, received: list[Datagram]) -> None:
