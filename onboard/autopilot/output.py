@@ -86,7 +86,8 @@ class AutopilotOutput:
         self._odometry: OdometryStream | None = None
         self._leader_outputs: list[LeaderOutput] = []
         self._leader_states = LeaderStates(config.ownship.errors, config.ownship.max_age_s)
-        self._guidance = Guidance(config.guidance, self._camera)
+        self._leads = bool(config.leader_out)
+        self._guidance = Guidance(config.guidance, self._camera, leads=self._leads)
         self._virtual: LeaderState | None = None
 
     def signed(self, channel: str, frame: bytes, wall_ns: int) -> bytes:
@@ -127,7 +128,8 @@ class AutopilotOutput:
         usable = [out for out in config.leader_out if out.system != autopilot.system]
         self._leader_outputs = [LeaderOutput(out, *ids) for out in usable]
         self._leader_states.restart()
-        self._guidance = Guidance(config.guidance, self._camera, follower_of(autopilot.autopilot, config.guidance))
+        follower = follower_of(autopilot.autopilot, config.guidance)
+        self._guidance = Guidance(config.guidance, self._camera, follower, leads=self._leads)
         self._guidance.note_mode(autopilot)
         self.notices.when_lost = self._guidance.follower.when_lost if self._follows else ""
         self._leader_states.delay_ns = source_delays_ns(config.delay, autopilot.autopilot)[GlobalPosition]

@@ -49,13 +49,19 @@ RANGE_UNSURE: Final = "range unsure: FOLLOW stays and looks"
 
 
 class Guidance:
-    """State from tick to tick. `course`: the leader's, once learnt. `is_unsure`: the range is too uncertain to be
-    flown on. `is_waiting`: so the vehicle is led to stay where it is, with its nose on the leader."""
+    """State from tick to tick. `course`: the leader's, once learnt; that alone, if it `leads` nobody. `is_unsure`:
+    the range is too uncertain to be flown on. `is_waiting`: so the vehicle is led to stay where it is, with its
+    nose on the leader."""
 
     def __init__(
-        self, config: GuidanceConfig, camera: Camera | None = None, follower: Follower | None = None
+        self,
+        config: GuidanceConfig,
+        camera: Camera | None = None,
+        follower: Follower | None = None,
+        *,
+        leads: bool = True,
     ) -> None:
-        self._config, self._camera = config, camera
+        self._config, self._camera, self._leads = config, camera, leads
         self.follower: Follower = follower or ArduPilot(config)
         self._follows: bool | None = None  # the autopilot is in its mode; None: not known
         self._is_led = False  # in it, or before it was entered
@@ -130,12 +136,12 @@ class Guidance:
         if state.valid and np.isfinite(r_F).all():
             self._valid_ns = state.t_ns
             self._last = state
-            if q_nb is not None and self._camera is not None:
+            if self._leads and q_nb is not None and self._camera is not None:
                 self._framing.update(self._camera, q_nb, dt)
             sent = self._follow(state, r_F, v_F, dt)
         else:
             sent = self._without(state.t_ns, r_F, v_F, dt)
-        if sent is None or self._last is None:
+        if sent is None or self._last is None or not self._leads:
             return None
         return replace(
             self._last,
@@ -164,6 +170,8 @@ class Guidance:
             if not self._course.is_learnt:
                 self._course.start(yaw)
         self._turn(self._course.value, track, dt)
+        if not self._leads:
+            return None
         toward = r_L - r_F
         length = max(float(np.linalg.norm(toward)), 1.0)
         sigma = sigma_along(np.array(state.r_FL_covariance), toward)
@@ -230,7 +238,8 @@ class Guidance:
             self._is_led = False
             is_needed = self._last is not None and bool(np.isfinite(r_F).all())
             return self._stay(r_F, v_F, self._slot_at(0.0), dt) if is_needed else None
-        if lost > self._config.hold_s or (self._follows is not None and not self._is_led):
+        is_free = self._leads and self._follows is not None and not self._is_led
+        if lost > self._config.hold_s or is_free:
             return None
         return self._hold(lost, r_F, v_F, dt)
 

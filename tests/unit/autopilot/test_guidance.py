@@ -71,6 +71,21 @@ def test_from_the_first_message_it_leads_along_the_bearing_of_a_leader_at_rest()
     assert Chase(start_course="none").step(STILL, STILL) is None
 
 
+def test_who_leads_nobody_learns_the_same_course_through_a_turn_and_a_drop_out() -> None:
+    both = Guidance(GuidanceConfig()), Guidance(GuidanceConfig(), leads=False)
+    courses: list[tuple[float | None, ...]] = []
+    for k in range(500):
+        angle, t_ns, r_F = 0.004 * k, T + k * TICK, np.array([0.2 * k - 30.0, 0.0, 3.0])
+        v_L = 10.0 * np.array([math.cos(angle), math.sin(angle), 0.0])
+        r_L = np.array([0.2 * k, 0.05 * max(k - 100, 0), 0.0])
+        seen = state(t_ns, r_L, v_L, valid=not 200 <= k < 240)
+        sent = [guidance.virtual_leader(seen, r_F, np.array([10.0, 0.0, 0.0])) for guidance in both]
+        assert (sent[0] is not None, sent[1]) == (True, None)
+        courses.append(tuple(guidance.course for guidance in both))
+    assert courses[-1][0] == pytest.approx(0.004 * 499, abs=0.3)
+    assert [ours for ours, _ in courses] == [alone for _, alone in courses]
+
+
 def test_a_steady_leader_is_followed_without_lag() -> None:
     chase = Chase()
     for k in range(1500):
