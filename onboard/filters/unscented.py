@@ -17,12 +17,12 @@ from onboard.arrays import Array
 from onboard.filters import stepping
 from onboard.filters.angles import beside_first
 from onboard.filters.belief import Belief, Indices, Method, Rows, Update, Weights, mask, over_rows, start
+from onboard.filters.definite import factor
 from onboard.filters.errors import array_error, require_plain, status_error
 from onboard.filters.kernels import unscented as kernels
 from onboard.filters.stepping import Rule
 from onboard.filters.unscented_transform import (
     batched,
-    factor,
     julier_weights,
     packed,
     recombine,

@@ -12,7 +12,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.filters.angles import check_spread
 from onboard.filters.belief import Belief, Weights, check_weights
-from onboard.filters.errors import FilterError, NotPositiveDefiniteError, array_error, raise_status, require_plain
+from onboard.filters.errors import FilterError, array_error, raise_status, require_plain
 from onboard.filters.kernels import unscented_transform as kernels
 from onboard.filters.stepping import StepResult
 
@@ -36,20 +36,6 @@ def scaled_weights(n: int, alpha: float = 1e-3, beta: float = 2.0, kappa: float 
     total = alpha * alpha * (n + kappa)
     centre = 1.0 - n / total
     return Weights(float(np.sqrt(total)), centre, centre + 1.0 - alpha * alpha + beta, 0.5 / total)
-
-
-def factor(covariance: Array) -> Array:
-    """Lower Cholesky factor (n, n) of a covariance.
-
-    Raises NotPositiveDefiniteError, also for NaN and infinity, which LAPACK accepts.
-    """
-    try:
-        upper, exists = kernels.factor(covariance)
-    except TypeError as error:
-        raise array_error(covariance=covariance) from error
-    if not exists:
-        raise NotPositiveDefiniteError("covariance: not positive definite")
-    return upper.T  # type: ignore[no-any-return]  # Numba's functions are not typed
 
 
 def sigma_points(belief: Belief | StepResult, weights: Weights, angular_states: tuple[int, ...] = ()) -> Array:

@@ -9,15 +9,8 @@ from numba import njit
 
 from onboard.filters.compiled import CONTRACTED, MAKING, signatures
 from onboard.filters.errors import MEMBER, NEAR, OK, Q_INDEFINITE, SHAPE, WEIGHTS
-from onboard.filters.kernels.cholesky import factor_into, is_noise
+from onboard.filters.kernels.cholesky import is_noise
 from onboard.filters.kernels.sigma_points import gather_into, gather_scratch_shape, spread_into
-
-
-@njit(signatures(2), **MAKING, **CONTRACTED)
-def factor(A):
-    """(transposed Cholesky factor (n, n), whether there is one)."""
-    lower_t = np.empty(A.shape, A.dtype)
-    return lower_t, factor_into(A, lower_t)
 
 
 @njit(signatures(1, 2, "f", "f", "f", "out"), **MAKING, **CONTRACTED)

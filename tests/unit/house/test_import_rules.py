@@ -292,3 +292,15 @@ def test_what_is_slow_to_load_is_not_loaded(module: str) -> None:
     code = f"import sys, {module}; print([m for m in {slow} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_flight_behind_a_leader_loads_no_filter_of_others() -> None:
+    """Every compiled function that is loaded costs half a megabyte of a flight, and time at its start."""
+    code = (
+        "import sys\nfrom onboard.config import load_config\nfrom onboard.daemon import Daemon\n"
+        "config = load_config(None, ('estimator.leader.size_prior_m=2.0', 'zenoh.enabled=false'))\n"
+        "Daemon(config, report=print)\n"
+        "print(*sorted(m for m in sys.modules if m.startswith('onboard.filters.kernels.')))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert done.stdout.split() == ["onboard.filters.kernels.cholesky", "onboard.filters.kernels.definite"]

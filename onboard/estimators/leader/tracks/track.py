@@ -41,7 +41,7 @@ from onboard.estimators.leader.tracks.report import (
 )
 from onboard.estimators.leader.wind import Wind
 from onboard.filters.belief import Belief, FilterError
-from onboard.filters.unscented_transform import factor
+from onboard.filters.definite import factor
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import Estimate, Lifecycle, MeasurementReport, Mode, TargetImage, Verdict
 from onboard.messages.causes import Cause, Reason

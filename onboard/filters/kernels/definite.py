@@ -1,0 +1,14 @@
+"""What `filters.definite` calls."""
+
+import numpy as np
+from numba import njit
+
+from onboard.filters.compiled import CONTRACTED, MAKING, signatures
+from onboard.filters.kernels.cholesky import factor_into
+
+
+@njit(signatures(2), **MAKING, **CONTRACTED)
+def factor(A):
+    """(transposed Cholesky factor (n, n), whether there is one)."""
+    lower_t = np.empty(A.shape, A.dtype)
+    return lower_t, factor_into(A, lower_t)
