@@ -90,7 +90,8 @@ class MavlinkDecoder:
             end = at + _length(data, at)
             if end > len(data) and self._stream:
                 break
-            reason = "truncated" if end > len(data) else flaw(data[at:end])
+            frame = data[at:end]
+            reason = "truncated" if end > len(data) else flaw(frame)
             if reason == UNKNOWN and end == len(data) and self._stream:
                 break  # the byte behind it says whether it is a frame
             if reason == UNKNOWN and (end == len(data) or data[end] in (V1, V2)):
@@ -100,7 +101,7 @@ class MavlinkDecoder:
                 at += 1  # a length that is not confirmed by a checksum may be wrong, too
                 continue
             else:
-                message = self._message(data[at:end], t_recv_ns)
+                message = self._message(frame, t_recv_ns)
                 if message is not None:
                     messages.append(message)
             self._is_lost = False
@@ -184,10 +185,11 @@ def flaw(frame: bytes) -> str:
     known = NAMES.get(number)
     if known is None:
         return UNKNOWN  # without its CRC_EXTRA the checksum cannot be tested
-    return "" if is_sound(frame[1 : head + frame[1] + CHECKSUM], known[1]) else "bad_frame"
+    return "" if is_sound(frame, head + frame[1], known[1]) else "bad_frame"
 
 
-def is_sound(checked: bytes, extra: bytes) -> bool:
-    """Whether these bytes end in their own checksum; `extra` is the message's CRC_EXTRA, mirrored."""
-    mirrored = checked.translate(MIRRORED)
-    return crc_hqx(extra, crc_hqx(mirrored[:-CHECKSUM], 0xFFFF)) == int.from_bytes(mirrored[-CHECKSUM:], "big")
+def is_sound(frame: bytes, end: int, extra: bytes) -> bool:
+    """Whether the checksum of a frame, which stands at `end`, is right; `extra` is the message's CRC_EXTRA,
+    mirrored."""
+    mirrored = frame.translate(MIRRORED)
+    return crc_hqx(extra, crc_hqx(mirrored[1:end], 0xFFFF)) == mirrored[end] << 8 | mirrored[end + 1]

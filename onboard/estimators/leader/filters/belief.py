@@ -122,7 +122,7 @@ class BeliefFilter:
 
     def advance(self, state: State, step: Step) -> State:
         """The hypotheses are predicted when an image comes, or after a while."""
-        advanced = state._replace(since=state.since.after(step))
+        advanced = State(state.cloud, state.summary, state.since.after(step), state.wind)
         if advanced.since.dt <= LONGEST_S:
             return advanced
         now = self._at(advanced, self._now(advanced), state.summary)

@@ -30,7 +30,7 @@ def advance(filter_: BeliefFilter, state: TrackState, t0_ns: int, t1_ns: int, ow
     leader = state.leader
     for step in ownship.steps(t0_ns, t1_ns):
         leader = filter_.advance(leader, step)
-    return state._replace(leader=leader)
+    return TrackState(leader, state.noise, state.supposed)  # `_replace` takes thrice as long
 
 
 def seen(

@@ -1,6 +1,7 @@
 """Mean and covariance of a whole cloud of noses, and what they come to a moment later."""
 
 import math
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -147,9 +148,15 @@ def _by_pose(settings: NoseModel, r_FL_n: Array) -> Array:
     x, y, z = r_FL_n.tolist()
     turned = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     P = np.zeros((6, 6))
-    P[:3, :3] = turned.T @ (np.array([[sigma * sigma] for sigma in settings.misalignment]) * turned)
+    P[:3, :3] = turned.T @ (_variances(settings.misalignment) * turned)
     P[3, 3] = P[4, 4] = P[5, 5] = settings.own_velocity**2
     return P
+
+
+@lru_cache(maxsize=64)
+def _variances(sigmas: tuple[float, float, float]) -> Array:
+    """As a column (3, 1)."""
+    return np.array([[sigma * sigma] for sigma in sigmas])
 
 
 def _about(mean: Array, covariance: Array, range_: float) -> tuple[Array, Array]:
