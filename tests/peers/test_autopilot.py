@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support.arducopter import BINARY, FOLLOW, SLOT, Row, field
+from tests.support.arducopter import BINARY, Copter
+from tests.support.formation_flown import SLOT, Row, field
 
 pytestmark = [
     pytest.mark.slow,
@@ -35,12 +36,12 @@ def error(rows: list[Row]) -> float:
 
 
 def test_a_real_autopilot_follows(tmp_path: Path) -> None:
-    with field(tmp_path) as world:
+    with field(tmp_path, Copter, 33.0) as world:
         daemon = world.daemon()
         world.camera()
-        world.take_off(30.0)
+        world.take_off()
         course = world.fly(5.0, 0.0, lambda _: 0.0)
-        world.follower.set_mode(FOLLOW)
+        world.follower.follow()
         course = world.fly(8.0, course, lambda _: 0.0)  # which has never flown, so it has no course of its own
         assert world.rows[-1].slot_error() < 6.0  # a hover leaves the range open
         assert not [text for text in world.follower.texts if "no course" in text]

@@ -1,0 +1,158 @@
+"""A real PX4 that simulates its own vehicle (simulation in hardware), as a vehicle of `formation_flown`."""
+
+import math
+import os
+import subprocess
+import time
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from pymavlink import mavutil
+
+from onboard.arrays import Array
+from onboard.geometry.geodesy import ned_from_geodetic
+from onboard.geometry.rotations import matrix_from_quaternion
+from tests.support.formation_flown import FOLLOWER, HOME, Velocity
+from tests.support.programs import ROOT
+
+BINARY: Final = os.environ.get("PX4", "")
+OFFBOARD, FOLLOW_ME = (6, 0), (4, 8)  # main and sub mode
+HEIGHTS: Final = {True: 12.0, False: 15.0}  # m, of the follower, which is that of FLW_TGT_HT, and of the leader
+VELOCITY_AT_HEIGHT: Final = 0b0000_1001_1110_0011  # the fields of SET_POSITION_TARGET that are ignored
+M: Final = mavutil.mavlink
+# Without a remote control, a battery or a card; and with the drag of a real vehicle (docs/px4.md).
+PARAMETERS: Final = {
+    "NAV_RCL_ACT": 0,
+    "NAV_DLL_ACT": 0,
+    "COM_RCL_EXCEPT": 7,
+    "SDLOG_MODE": -1,
+    "COM_DISARM_PRFLT": -1,
+    "CBRK_SUPPLY_CHK": 894281,
+    "SIM_BAT_MIN_PCT": 90,
+    "COM_OF_LOSS_T": 3.0,
+    "SIH_KDV": 0.2,
+}
+
+
+class Px4:
+    """One PX4, its process and a connection that flies it. Its ports follow from its number: so only one pair
+    flies on a computer."""
+
+    def __init__(self, folder: Path, system: int, north_m: float) -> None:
+        folder.mkdir()
+        self._number, self._folder, self._height = system, folder, HEIGHTS[system == FOLLOWER]
+        self.system = system + 1  # as MAVLink has it
+        self.for_daemon = f"udpin:127.0.0.1:{14540 + system}"
+        self.for_camera = f"udpin:127.0.0.1:{14600 + system}"
+        self.texts: list[str] = []
+        self._truth: Any = None  # HIL_STATE_QUATERNION
+        self._is_armed = self._has_more = False
+        self._asked = 0.0
+        self._build = Path(BINARY).resolve().parents[1]
+        self._environment = _environment(system, north_m, self._height)
+        command = [BINARY, "-i", str(system), "-d", "-w", str(folder), str(self._build / "etc")]
+        with (folder / "out.txt").open("wb") as out:
+            self.popen = subprocess.Popen(
+                command,
+                cwd=folder,
+                env=self._environment,
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+        self._link = mavutil.mavlink_connection(f"udpout:127.0.0.1:{18570 + system}", source_system=255)
+
+    def read(self) -> None:
+        """Take what has come, and ask for the truth again and again."""
+        while (m := self._link.recv_match(blocking=False)) is not None:
+            if m.get_type() == "HIL_STATE_QUATERNION":
+                self._truth = m
+            elif m.get_type() == "STATUSTEXT":
+                self.texts.append(m.text)
+            elif m.get_type() == "HEARTBEAT" and m.get_srcComponent() == 1:
+                self._is_armed = bool(m.base_mode & M.MAV_MODE_FLAG_SAFETY_ARMED)
+        if time.monotonic() - self._asked > 1.0:
+            self._asked = time.monotonic()
+            self._link.mav.heartbeat_send(M.MAV_TYPE_GCS, M.MAV_AUTOPILOT_INVALID, 0, 0, 0)
+            self.command(M.MAV_CMD_SET_MESSAGE_INTERVAL, M.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, 50_000)
+
+    def command(self, number: int, *params: float) -> None:
+        """Send a command."""
+        self._link.mav.command_long_send(self.system, 1, number, 0, *params, *[0.0] * (7 - len(params)))
+
+    def climb(self) -> None:
+        """Ask it to arm and to climb; and start, once, the link that the camera needs."""
+        if self._truth is not None and not self._has_more:
+            self._has_more = True
+            ports = "-u", str(14590 + self._number), "-o", str(14600 + self._number)
+            start = "start", "-x", *ports, "-m", "onboard", "-r", "4000000"
+            subprocess.run(
+                [str(self._build / "bin" / "px4-mavlink"), "--instance", str(self._number), *start],
+                cwd=self._folder,
+                env=self._environment,
+                capture_output=True,
+                check=True,
+                timeout=20.0,
+            )
+        self.command(M.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, *[math.nan] * 4)
+        self.command(M.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+
+    def obey(self) -> None:
+        """Ask for Offboard, which needs set points: `go` first."""
+        self.command(M.MAV_CMD_DO_SET_MODE, 1, *OFFBOARD)
+
+    def follow(self) -> None:
+        """Ask for Follow-Me."""
+        self.command(M.MAV_CMD_DO_SET_MODE, 1, *FOLLOW_ME)
+
+    def go(self, v_n: Velocity, yaw: float) -> None:
+        """Fly with this level velocity (m/s, NED) and heading (rad), at its own height."""
+        fields = (0.0, 0.0, -self._height, v_n[0], v_n[1], 0.0, 0.0, 0.0, 0.0, yaw, 0.0)
+        frame = M.MAV_FRAME_LOCAL_NED
+        self._link.mav.set_position_target_local_ned_send(0, self.system, 1, frame, VELOCITY_AT_HEIGHT, *fields)
+
+    @property
+    def is_up(self) -> bool:
+        """Whether it has climbed."""
+        return self._truth is not None and self._is_armed and -float(self.r_n[2]) > self._height - 0.8
+
+    @property
+    def r_n(self) -> Array:
+        """The true position in n of HOME."""
+        t = self._truth
+        return ned_from_geodetic((t.lat * 1e-7, t.lon * 1e-7, t.alt * 1e-3), HOME)
+
+    @property
+    def v_n(self) -> Array:
+        """The true velocity in n."""
+        return 0.01 * np.array([self._truth.vx, self._truth.vy, self._truth.vz])
+
+    @property
+    def R_nb(self) -> Array:
+        """The true attitude."""
+        return matrix_from_quaternion(np.array(self._truth.attitude_quaternion))
+
+    def end(self) -> None:
+        """End the process."""
+        self._link.close()
+        self.popen.kill()
+        self.popen.wait(10.0)
+        for left in (f"/tmp/px4_lock-{self._number}", f"/tmp/px4-sock-{self._number}"):  # noqa: S108 - its own names
+            Path(left).unlink(missing_ok=True)
+
+
+def _environment(system: int, north_m: float, height: float) -> dict[str, str]:
+    """The environment of one PX4: its vehicle, its place, its parameters; of the guide's if it is the follower."""
+    parameters: dict[str, Any] = PARAMETERS | {"MIS_TAKEOFF_ALT": height}
+    if system == FOLLOWER:
+        lines = (ROOT / "configs" / "px4-follow.params").read_text(encoding="utf-8").splitlines()
+        parameters |= {row[2]: row[3] for row in (line.split("\t") for line in lines if line[:1] != "#" and line)}
+    place = {
+        "PX4_SIM_MODEL": "sihsim_quadx",
+        "PX4_HOME_LAT": f"{HOME[0] + math.degrees(north_m / 6_378_137.0):.7f}",
+        "PX4_HOME_LON": f"{HOME[1]:.7f}",
+        "PX4_HOME_ALT": f"{HOME[2]:.1f}",
+    }
+    return os.environ | place | {f"PX4_PARAM_{name}": str(value) for name, value in parameters.items()}
