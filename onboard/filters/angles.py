@@ -10,7 +10,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.filters.belief import mask
 from onboard.filters.errors import ANGLE, FARTHEST, check_members
-from onboard.filters.kernels import linearisation
+from onboard.filters.kernels import images as kernels
 from onboard.filters.kernels.calls import call
 
 TURN = 2 * np.pi
@@ -23,7 +23,7 @@ def beside_first(images: Array, angular_states: tuple[int, ...]) -> Array:
     """
     if not angular_states:
         return images
-    (moved,) = call(linearisation.beside_first, mask(angular_states, images.shape[-1]), model=images)
+    (moved,) = call(kernels.beside_first, mask(angular_states, images.shape[-1]), model=images)
     return np.asarray(moved)
 
 

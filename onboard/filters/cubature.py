@@ -15,7 +15,7 @@ from onboard.arrays import Array
 from onboard.filters import unscented
 from onboard.filters.angles import beside_first
 from onboard.filters.belief import Belief, Indices, Method, Rows, Update, Weights, images_of, mask, start
-from onboard.filters.kernels import linearisation
+from onboard.filters.kernels import images as kernels
 from onboard.filters.kernels.calls import call
 
 
@@ -65,7 +65,7 @@ def _images(model: Rows, points: Array, angular: Indices, y: Array | None) -> Ar
         images = images[..., 1:, :]
     else:
         images = images_of(model, points[..., 1:, :], y)
-    (completed,) = call(linearisation.with_centre, mask(angular, images.shape[-1]), model=images)
+    (completed,) = call(kernels.with_centre, mask(angular, images.shape[-1]), model=images)
     return completed  # type: ignore[no-any-return]  # Numba's functions are not typed
 
 

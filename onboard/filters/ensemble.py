@@ -33,7 +33,8 @@ from onboard.filters.errors import (
 )
 from onboard.filters.gauss_hermite import centred, check_images
 from onboard.filters.kernels import factors
-from onboard.filters.kernels.calls import call, check_like, noise_factor
+from onboard.filters.kernels.calls import call, check_like
+from onboard.filters.kernels.noise import noise_factor
 
 MEMBERS: Final = 50
 

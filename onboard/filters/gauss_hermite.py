@@ -16,7 +16,8 @@ from onboard.filters.angles import beside, check_spread
 from onboard.filters.belief import Belief, Method, Rows, Update, images_of, mask, start
 from onboard.filters.errors import ANGLE, FARTHEST, IMAGES, POINTS, FilterError, check_members
 from onboard.filters.kernels import factors
-from onboard.filters.kernels.calls import call, check_like, noise_factor
+from onboard.filters.kernels.calls import call, check_like
+from onboard.filters.kernels.noise import noise_factor
 
 MOST: Final = 1_000_000  # points
 ORDER: Final = 3

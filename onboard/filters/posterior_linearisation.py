@@ -16,7 +16,8 @@ from onboard.filters import cubature, kalman, unscented
 from onboard.filters.belief import Belief, Indices, Method, Rows, Update, Weights, images_of, mask, start
 from onboard.filters.errors import IMAGES, POINTS, FilterError
 from onboard.filters.kernels import linearisation
-from onboard.filters.kernels.calls import call, check_like, noise_factor
+from onboard.filters.kernels.calls import call, check_like
+from onboard.filters.kernels.noise import noise_factor
 
 
 def predict(

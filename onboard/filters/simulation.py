@@ -16,7 +16,7 @@ from onboard.arrays import Array
 from onboard.filters.angles import beside
 from onboard.filters.belief import Belief, FilterError, over_rows
 from onboard.filters.belief import start as checked
-from onboard.filters.kernels.calls import noise_factor
+from onboard.filters.kernels.noise import noise_factor
 from onboard.filters.state_space import AnyModel, LinearModel, model_at
 
 

@@ -8,17 +8,12 @@ from onboard.arrays import Array
 from onboard.filters.belief import mask
 from onboard.filters.errors import (
     AXES,
-    Q_INDEFINITE,
-    R_INDEFINITE,
     FilterError,
-    NotPositiveDefiniteError,
     array_error,
     is_plain,
     raise_status,
     shape_error,
-    status_error,
 )
-from onboard.filters.kernels import factors
 
 
 def call(kernel: Any, *options: Any, **arrays: Array) -> list[Any]:
@@ -51,20 +46,6 @@ def masks(y: Array, angular: tuple[int, ...], mean: Array, considered: tuple[int
         return mask(angular, y.shape[-1]), mask(considered, mean.shape[-1])
     except (AttributeError, IndexError, TypeError) as error:
         raise array_error(y=y, mean=mean, angular=angular, considered=considered) from error
-
-
-def noise_factor(name: str, noise: Array) -> Array:
-    """The lower factor (..., m, m) of a noise, "Q" or "R", which may be singular.
-
-    Raises FilterError, NotPositiveDefiniteError, with the name.
-    """
-    if not np.isfinite(noise).all():
-        raise FilterError(f"{name}: not finite")
-    try:
-        (lower,) = call(factors.factor, covariance=noise)
-    except NotPositiveDefiniteError as error:
-        raise status_error(Q_INDEFINITE if name == "Q" else R_INDEFINITE) from error
-    return np.asarray(lower)
 
 
 def check_like(reference: Array, **arrays: Array) -> None:

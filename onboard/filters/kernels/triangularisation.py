@@ -20,8 +20,8 @@ from onboard.filters.errors import (
 )
 from onboard.filters.kernels.cholesky import semifactor_into
 from onboard.filters.kernels.factors import downdate_into, is_factor, tria_into
+from onboard.filters.kernels.images import centred_into, skips_centre
 from onboard.filters.kernels.linear import innovate_into
-from onboard.filters.kernels.linearisation import centred_into, skips_centre
 
 
 @njit(**FILLING)

@@ -1,0 +1,88 @@
+"""Compiled arithmetic of the images of sigma points: their mean, deviations from it, and angles among them.
+
+Batches as in `linear`.
+"""
+
+import numpy as np
+from numba import njit
+
+from onboard.filters.compiled import FILLING, FLAGS, MAKING, signatures
+from onboard.filters.errors import ANGLE, FARTHEST, IMAGES, MEMBER, OK, SHAPE
+from onboard.filters.kernels.sigma_points import wrapped
+
+
+@njit(**FILLING)
+def centred_into(images, w, first, angular, mean, deviations):
+    """Mean (m,) of images (2n+1, m), the 2n outer ones of weight w, and the deviations (m, 2n+1) from it; a
+    status, IMAGES if it is not finite. Weights sum to one, so a mean relative to the centre's image needs no other
+    weight, and a mean of angles does not break at +-pi. With `first` 1 there is no centre: the mean is relative to
+    the first image, and then to that mean."""
+    k, m = images.shape
+    good, farthest = True, images.dtype.type(0)
+    for a in range(m):
+        origin = images[first, a]
+        deviations[a, 0] = 0.0
+        for sweep in range(1 + first):
+            shift = images.dtype.type(0)
+            for s in range(1, k):
+                d = images[s, a] - origin
+                if angular[a]:
+                    d = wrapped(d)
+                    farthest = max(farthest, abs(d))
+                deviations[a, s] = d
+                shift += d
+            shift *= w
+            if sweep < first:
+                origin += shift
+        for s in range(first, k):
+            deviations[a, s] -= shift
+        mean[a] = origin + shift
+        good &= np.isfinite(mean[a])
+    if not good:
+        return IMAGES
+    return OK if farthest <= FARTHEST else ANGLE
+
+
+@njit(**FILLING)
+def skips_centre(images, w_cov):
+    """1 if the centre's image has no weight and is not finite, so that it must be left out; else 0."""
+    off = images.dtype.type(0)  # stays zero as long as all is finite
+    for a in range(images.shape[1]):
+        off += images[0, a] - images[0, a]
+    return 1 if w_cov == 0 and off != 0 else 0
+
+
+@njit(signatures(3, FLAGS), **MAKING)
+def with_centre(images, angular):
+    """(images (B, k+1, m), status): the mean of the images (B, k, m), and after it the images."""
+    count, k, m = images.shape
+    out = np.empty((count, k + 1, m), images.dtype)
+    if angular.shape[0] != m:
+        return out, SHAPE
+    mean, deviations = np.empty(m, images.dtype), np.empty((m, k + 1), images.dtype)
+    for b in range(count):
+        out[b, 1:] = images[b]
+        status = centred_into(out[b], images.dtype.type(1) / k, 1, angular, mean, deviations)
+        if status == ANGLE:  # callers find NaN
+            return out, ANGLE + MEMBER * b
+        out[b, 0] = mean
+    return out, OK
+
+
+@njit(signatures(3, FLAGS), **MAKING)
+def beside_first(images, angular):
+    """(images (B, k, m), status): angles moved by whole turns to be within pi of the first image's."""
+    count, k, m = images.shape
+    out = np.empty((count, k, m), images.dtype)
+    if angular.shape[0] != m:
+        return out, SHAPE
+    for b in range(count):
+        for s in range(k):
+            for a in range(m):
+                out[b, s, a] = images[b, s, a]
+                if angular[a]:
+                    d = wrapped(images[b, s, a] - images[b, 0, a])
+                    if abs(d) > FARTHEST:
+                        return out, ANGLE + MEMBER * b
+                    out[b, s, a] = images[b, 0, a] + d
+    return out, OK
