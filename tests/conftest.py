@@ -15,6 +15,7 @@ SOURCES = pytest.StashKey[Mapping[str, str]]()
 
 def pytest_configure(config: pytest.Config) -> None:
     os.environ["XDG_STATE_HOME"] = str(STATES)  # not a developer's own
+    os.environ["WINGLINE_PRECISION"] = "both"  # also after a command has run in this process
     several = bool(config.getoption("numprocesses", None))
     if several:  # where all cores are busy, the threads of OpenBLAS wait for each other in loops
         os.environ.setdefault("OMP_NUM_THREADS", "1")

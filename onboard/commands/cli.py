@@ -30,6 +30,7 @@ LOGS: Final = (
 MOST_SEEDS: Final = 1_000_000
 DISK_FAULTS: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 NO_CACHE: Final = "cannot cache function"
+DOUBLE: Final = ("calibrate", "check", "demo", "replay", "report", "run")  # need no kernels in single precision
 STARTS_PROCESSES: Final = ("compile", "demo", "evaluate", "replay", "study", "view")
 
 
@@ -44,6 +45,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line. Exit codes: 0 done, 1 it ran and failed, 2 the call or a file was at fault."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy loads it: its threads wait in busy loops
     arguments = parser().parse_args(_spread_sets(sys.argv[1:] if argv is None else argv))
+    if arguments.command in DOUBLE:
+        os.environ.setdefault("WINGLINE_PRECISION", "double")  # before the filters are loaded
     if arguments.command in STARTS_PROCESSES:
         _end_as_if_interrupted()
     try:

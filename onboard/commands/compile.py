@@ -20,6 +20,8 @@ def main(arguments: argparse.Namespace) -> int:
         there = f", {module.loaded} there already" if module.loaded else ""
         print(f"{module.name:40}{module.seconds:6.1f} s  {module.compiled} compiled{there}", flush=True)
 
+    if config is not None:
+        os.environ.setdefault("WINGLINE_PRECISION", "double")  # as what flies with it
     names = None if config is None else needed_by_flight(estimator_modules(config.estimator))
     modules = compile_shown(names, Console(stderr=True), on_module)
     folder = os.path.commonpath([module.folder for module in modules])

@@ -25,6 +25,7 @@ from typing import Any, Final, NamedTuple
 from onboard import UserError
 from onboard.commands.parallel.processes import CONTEXT, processes
 from onboard.filters import numba_internals
+from onboard.filters.shipped import Code
 
 ROOT: Final = Path(__file__).parents[2]
 KERNEL: Final = re.compile(r"^@njit", re.MULTILINE)
@@ -34,6 +35,8 @@ PROGRAMS: Final = (  # that fly, replay or show a flight
     "onboard.commands.replay",
     "onboard.view.view",
 )
+EACH: Final = 1 << 30  # bytes that a process that compiles has at its most: 0.7 GB, and some
+AVAILABLE: Final = re.compile(r"^MemAvailable: +(\d+) kB", re.MULTILINE)
 FOLLOWED: Final = ("onboard.", "studies.")
 FINDS_FILTERS: Final = "onboard.filters.methods"  # this function imports every module of its package
 
@@ -57,11 +60,13 @@ def compile_all(
     names: Iterable[str] | None = None,
     *,
     workers: int | None = None,
+    into: Code | None = None,
     on_progress: Callable[[int, int, Module | None], None],
 ) -> list[Module]:
     """Make the kernels of these modules ready, by default of all there are, in `workers` processes, by default
     one for each core. `on_progress(done, total, module)` is called after each module that has kernels; `module`
-    is None if they are only compiled where others call them.
+    is None if they are only compiled where others call them. The machine code is kept where Numba does, or `into`
+    the folder that a wheel brings.
 
     Raises CompileError.
     """
@@ -76,7 +81,7 @@ def compile_all(
     running: dict[Future[Module | None], str] = {}
     made: list[Module] = []
     done = 0
-    with _processes(count) as pool:
+    with _processes(count, into) as pool:
         while order.is_active():
             waiting = sorted([*waiting, *order.get_ready()], key=lambda name: (-rank[name], name))
             while waiting and len(running) < count:
@@ -146,6 +151,13 @@ def imported_by(name: str, *, at_once: bool) -> frozenset[str]:
     return frozenset(n for n in named - {name} if n.startswith(FOLLOWED) and _source(n).exists())
 
 
+def sources() -> dict[str, list[str]]:
+    """For each module with kernels, by the path of its file, every file whose functions or constants may stand in
+    its machine code. Paths are relative to the folder of the package."""
+    paths = {name: _source(name).relative_to(ROOT).as_posix() for name in needed_by(kernel_modules())}
+    return {paths[name]: sorted(paths[other] for other in needed_by([name])) for name in sorted(kernel_modules())}
+
+
 # ------------------------------------------------------------------------------------- stale machine code
 
 
@@ -178,7 +190,7 @@ def drop_stale(code: Iterable[Path], newest: float) -> bool:
 
 def knows_folders() -> bool:
     """Whether this Numba says where it keeps machine code. Raises CompileError if it can keep none."""
-    return cache_folder(_source(numba_internals.__name__)) is not None
+    return cache_folder(_source(min(kernel_modules()))) is not None
 
 
 def cache_folder(source: Path) -> Path | None:
@@ -199,10 +211,10 @@ def cache_folder(source: Path) -> Path | None:
 
 
 @contextmanager
-def _processes(count: int) -> Iterator[ProcessPoolExecutor]:
+def _processes(count: int, into: Code | None = None) -> Iterator[ProcessPoolExecutor]:
     """Processes that take turns to write machine code. Raises CompileError."""
     try:
-        with processes(count, _begin, CONTEXT.Lock()) as pool:
+        with processes(count, _begin, CONTEXT.Lock(), into) as pool:
             yield pool
     except BrokenProcessPool as error:
         raise CompileError("compile: a process was killed; is there too little memory?") from error
@@ -210,8 +222,10 @@ def _processes(count: int) -> Iterator[ProcessPoolExecutor]:
         raise CompileError(f"compile: the machine code cannot be kept: {error}") from error
 
 
-def _begin(lock: Any) -> None:
+def _begin(lock: Any, into: Code | None) -> None:
     """Take turns, and leave it to the program that started this one to report."""
+    if into is not None and not numba_internals.keep_code_in(into.place):
+        raise CompileError("compile: this version of Numba keeps machine code in another way")
     numba_internals.lock_cache_files(lock)
     numba_internals.on_compile(lambda: None)
 
@@ -234,8 +248,15 @@ def _is_compiled(value: Any) -> bool:
 
 
 def _cores() -> int:
-    """How many cores this process may use, where the system says so."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    """How many cores this process may use, where the system says so, and has memory for."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return max(1, min(cores, _available() // EACH))
+
+
+def _available(meminfo: Path = Path("/proc/meminfo")) -> int:
+    """How many bytes of memory programs can have, where the system says so."""
+    found = AVAILABLE.search(meminfo.read_text(encoding="utf-8")) if meminfo.exists() else None
+    return 1 << 62 if found is None else 1024 * int(found[1])
 
 
 def _modules(package: str) -> set[str]:

@@ -1,25 +1,35 @@
 """How kernels are compiled: the array types of their signatures, and their options.
 
 Signatures are given, so that nothing is ever compiled in flight: it happens when a module is first imported on a
-computer (`onboard compile` does it ahead), and the machine code is kept on disk. Arguments are declared read-only
-and of any stride, which spares callers copies and Numba one compilation for each combination.
+computer (`onboard compile` does it ahead), and the machine code is kept on disk; a wheel for a platform brings it
+(`shipped`). Arguments are declared read-only and of any stride, which spares callers copies and Numba one
+compilation for each combination.
 `NUMBA_DISABLE_JIT=1` runs the same code in Python.
+
+Filters are for both precisions, and no flight is in single precision. A program that flies says so before it
+loads them (`WINGLINE_PRECISION=double`), and spares what is for single precision, two fifths of all machine code.
 
 Where nothing else reports it, the first kernel that is compiled is announced on standard error: it takes a minute
 or two.
 """
 
+import os
 from typing import Any, Final
 
 from numba import types
 
-from onboard.filters import numba_internals
+from onboard.filters import numba_internals, shipped
+
+PRECISIONS: Final = (
+    (types.float64,) if os.environ.get("WINGLINE_PRECISION") == "double" else (types.float64, types.float32)
+)
 
 numba_internals.load_without_scipy()
 numba_internals.keep_cache_out_of_relative_folders()
 numba_internals.keep_cache_files_whole(
     f"{__package__}: machine code on disk was damaged, perhaps by a power cut; it is deleted and compiled anew"
 )
+shipped.use()
 numba_internals.announce_compiling(
     __name__.partition(".")[0],
     f"{__package__}: compiling for this computer, once, up to two minutes (ahead: python -m {__package__})",
@@ -50,11 +60,11 @@ INDICES: Final = array(types.int64, 1)
 
 
 def signatures(*arguments: Any) -> list[Any]:
-    """The signatures of a kernel in both precisions. An int stands for an array of that many dimensions,
-    "packed 2" for one without gaps, "out" for a matrix to write into, "f" for a number; a type stands for
-    itself."""
+    """The signatures of a kernel in the precisions of this process. An int stands for an array of that many
+    dimensions, "packed 2" for one without gaps, "out" for a matrix to write into, "f" for a number; a type stands
+    for itself."""
     made = []
-    for dtype in (types.float64, types.float32):
+    for dtype in PRECISIONS:
         kinds = {"f": dtype, "out": out(dtype), "packed 2": packed(dtype, 2), "packed 3": packed(dtype, 3)}
         made.append(tuple(array(dtype, a) if isinstance(a, int) else kinds.get(a, a) for a in arguments))
     return made

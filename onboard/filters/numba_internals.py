@@ -15,10 +15,29 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from types import FunctionType
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 MARK: Final = b"crc32"  # at the end of a cache file, before its checksum
 CHECKSUM_SIZE: Final = 4
+
+
+class Place(NamedTuple):
+    """A folder with machine code of the functions of one source, and the stamp that it carries there: what stands
+    under another stamp is of other sources."""
+
+    folder: Path
+    stamp: str
+
+
+class Made(NamedTuple):
+    """For which processor machine code is made: LLVM's name of it, and features beyond those that the name has, as
+    "+crc,+lse"."""
+
+    name: str
+    features: str
+
+
+Find = Callable[[Path], Place | None]  # where the code of a source is, if it is anywhere
 
 
 def without_reference_counts() -> dict[str, Any]:
@@ -162,6 +181,104 @@ def keep_cache_out_of_relative_folders() -> bool:
     return True
 
 
+def look_first(find: Find, made: Made) -> bool:
+    """Load machine code that was made for a processor from where `find` says, before Numba looks into its own
+    cache. What is there needs no folder that can be written to: only if something has to be compiled RuntimeError
+    says so. False, with nothing changed, if this Numba caches in another way."""
+    if not _caches_as_known():
+        return False
+    from numba.core import caching, dispatcher  # noqa: PLC0415 - half a second, and internals
+
+    user: Any = dispatcher
+    internals: Any = caching
+
+    class LooksFirst(user.FunctionCache):  # type: ignore[misc]  # Numba has no types
+        def __init__(self, function: Any) -> None:
+            super().__init__(function)
+            place = find(Path(function.__code__.co_filename))
+            self._first = None if place is None else _files_in(place, self._impl.filename_base)
+
+        def _load_overload(self, signature: Any, context: Any) -> Any:
+            if self._first is not None:
+                types, (system, *_), code = self._index_key(signature, context.codegen())
+                found = self._first.load((types, (system, *made), code))
+                if found is not None:
+                    return self._impl.rebuild(context, found)
+            return super()._load_overload(signature, context)
+
+    class ReadOnly(internals.InTreeCacheLocator):  # type: ignore[misc]  # Numba has no types
+        @classmethod
+        def from_function(cls, function: Any, source: str) -> Any:
+            return None if find(Path(source)) is None else cls(function, source)
+
+        def ensure_cache_path(self) -> None:
+            raise RuntimeError(f"cannot cache function of {self._py_file}: no folder can be written to")
+
+    user.FunctionCache = LooksFirst
+    internals.CacheImpl._locator_classes = [*internals.CacheImpl._locator_classes, ReadOnly]  # noqa: SLF001
+    return True
+
+
+def keep_code_in(find: Find) -> bool:
+    """Keep the machine code of the functions whose sources `find` knows there, and look for it nowhere else.
+    Without the types that Numba found for each line, which are for people, and name the file. False, with nothing
+    changed, if this Numba caches in another way."""
+    if not _caches_as_known():
+        return False
+    from numba.core import caching  # noqa: PLC0415 - half a second, and an internal
+
+    internals: Any = caching
+
+    class Keeps(internals.InTreeCacheLocator):  # type: ignore[misc]  # Numba has no types
+        @classmethod
+        def from_function(cls, function: Any, source: str) -> Any:
+            place = find(Path(source))
+            return None if place is None else cls(function, source, place)
+
+        def __init__(self, function: Any, source: str, place: Place) -> None:
+            super().__init__(function, source)
+            self._cache_path, self._place = str(place.folder), place
+
+        def get_source_stamp(self) -> str:
+            return self._place.stamp
+
+    class Bare(internals.CompileResultCacheImpl):  # type: ignore[misc]  # Numba has no types
+        def reduce(self, compiled: Any) -> Any:
+            return tuple("" if isinstance(part, str) else part for part in super().reduce(compiled))
+
+    internals.CacheImpl._locator_classes = [Keeps, *internals.CacheImpl._locator_classes]  # noqa: SLF001
+    internals.FunctionCache._impl_class = Bare  # noqa: SLF001
+    return True
+
+
+def asked_for() -> tuple[str | None, str | None]:
+    """The processor that Numba is told to compile for, by its name and features; None for what it finds."""
+    from numba.core import config  # noqa: PLC0415 - half a second
+
+    settings: Any = config
+    return settings.CPU_NAME, settings.CPU_FEATURES
+
+
+def processor_features() -> frozenset[str]:
+    """What this processor can do, by LLVM's names; nothing if this Numba does not say."""
+    try:
+        from numba.core.codegen import get_host_cpu_features  # noqa: PLC0415 - half a second, and an internal
+    except ImportError:
+        return frozenset()
+    flags: str = get_host_cpu_features()  # type: ignore[no-untyped-call]  # Numba has no types
+    return frozenset(flag[1:] for flag in flags.split(",") if flag.startswith("+"))
+
+
+def compiler_versions() -> dict[str, str]:
+    """The versions that machine code depends on: Numba's, LLVM's ("?" if this Numba does not say) and Python's."""
+    import numba  # noqa: PLC0415 - half a second
+    from numba.core import codegen  # noqa: PLC0415 - an internal
+
+    llvm = getattr(getattr(codegen, "ll", None), "llvm_version_info", "?")
+    python = f"{sys.version_info.major}.{sys.version_info.minor}"
+    return {"numba": numba.__version__, "llvm": ".".join(map(str, llvm)), "python": python}
+
+
 def cache_folder(source: Path) -> Path | None:
     """The folder in which Numba caches the machine code of functions in the file `source`; None if this Numba does
     not say.
@@ -245,6 +362,31 @@ def _cache_files() -> Any:
         return None
     files: Any = IndexDataCacheFile
     return files if hasattr(files, "load") and hasattr(files, "save") else None
+
+
+def _caches_as_known() -> bool:
+    """Whether this Numba has what `look_first` and `keep_code_in` change."""
+    try:
+        from numba.core import caching, dispatcher  # noqa: PLC0415 - half a second, and internals
+    except ImportError:
+        return False
+    known: tuple[tuple[Any, str], ...] = (
+        (caching, "InTreeCacheLocator"),  # from 0.62 on; before, its name began with "_"
+        (getattr(caching, "CacheImpl", None), "_locator_classes"),
+        (getattr(caching, "CompileResultCacheImpl", None), "reduce"),
+        (getattr(caching, "FunctionCache", None), "_impl_class"),
+        (getattr(dispatcher, "FunctionCache", None), "_load_overload"),
+        (getattr(dispatcher, "FunctionCache", None), "_index_key"),
+    )
+    return _cache_files() is not None and all(hasattr(owner, name) for owner, name in known)
+
+
+def _files_in(place: Place, base: str) -> Any:
+    """Numba's files of one function, in a place that is read only."""
+    from numba.core import caching  # noqa: PLC0415 - an internal
+
+    files: Any = caching.IndexDataCacheFile
+    return files(str(place.folder), base, place.stamp)
 
 
 def _locked(method: Callable[..., Any], lock: Any) -> Callable[..., Any]:

@@ -9,12 +9,14 @@ from typing import Final
 import numpy as np
 from numba import njit
 
+from onboard.filters.compiled import MAKING
+
 TINY: Final = 1e-12
 NO_OTHERS: Final = np.empty((0, 0))
 CONSIDERED: Final = 13  # the first component of a state that images do not estimate
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**MAKING)
 def factor(R):
     """The lower Cholesky factor of the measurement's noise (m, m)."""
     m = R.shape[0]
@@ -28,7 +30,7 @@ def factor(R):
     return L
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**MAKING)
 def whiten(L, e, J):
     """Innovation and derivatives in units of the noise with factor L, in place."""
     width = J.shape[1]  # as in `correct`
@@ -44,7 +46,7 @@ def whiten(L, e, J):
             J[i, n] *= scale
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**MAKING)
 def dot(a, b):
     """The product of two state vectors (N or more,), one of which has no downward velocity: no image shows one."""
     middle = a[6] * b[6] + a[7] * b[7] + a[8] * b[8] + a[13] * b[13]
@@ -52,7 +54,7 @@ def dot(a, b):
     return (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]) + middle + rest + (a[3] * b[3] + a[4] * b[4])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**MAKING)
 def project(w, P, c):
     """The product of a row of derivatives w (width,), none by the downward velocity, and a covariance
     (width, width), into c (width,)."""
@@ -63,7 +65,7 @@ def project(w, P, c):
         c[n] = near + middle + far + (w[3] * P[3, n] + w[4] * P[4, n])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**MAKING)
 def correct(x, P, e, J, c, dx, bias):
     """Mean and covariance of one particle by one whitened component after another, in place. The NIS, and the
     determinant of the innovation's covariance over that of the noise. J (m, W) has no derivatives by the

@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
+from onboard.filters.compiled import MAKING
 from onboard.geometry.arctangent import arctan2
 from onboard.models.intruder.motion import ACCELERATION, BIAS, POSITION, VELOCITY, earlier_position
 
@@ -79,7 +80,7 @@ def cross_matrix(d: Array) -> Array:
     return np.array([[0.0, -d[2], d[1]], [d[2], 0.0, -d[0]], [-d[1], d[0], 0.0]])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**MAKING)
 def _angles(positions, angles, count):
     """Azimuths, then elevations, (2 BLOCK,), of `count` positions in the radar's frame, all x, then all y, all
     z."""
@@ -89,7 +90,7 @@ def _angles(positions, angles, count):
         angles[BLOCK + s] = arctan2(-z, np.sqrt(x * x + y * y))
 
 
-@njit((ROWS, VECTOR, VECTOR, ROWS), cache=True, error_model="numpy")
+@njit((ROWS, VECTOR, VECTOR, ROWS), **MAKING)
 def _echo(rows, lag, r_OR_n, R_rn):
     """In blocks, so that the compiler makes one instruction of several rows' arctangents."""
     polar = np.empty((rows.shape[0], 3))
@@ -115,7 +116,7 @@ def _echo(rows, lag, r_OR_n, R_rn):
     return polar
 
 
-@njit((WRITABLE,) * 3, cache=True, error_model="numpy")
+@njit((WRITABLE,) * 3, **MAKING)
 def _add_cross(a, b, out):
     """out += a x b."""
     for i in range(3):
@@ -123,7 +124,7 @@ def _add_cross(a, b, out):
         out[i] += a[j] * b[k] - a[k] * b[j]
 
 
-@njit((ROWS, CUBE, types.float64, VECTOR, ROWS), cache=True, error_model="numpy")
+@njit((ROWS, CUBE, types.float64, VECTOR, ROWS), **MAKING)
 def _expected_echo(means, covariances, lag, r_OR_n, R_rn):
     count = means.shape[0]
     polar, spread = np.empty((count, 3)), np.empty((count, 3, 3))

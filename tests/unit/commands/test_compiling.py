@@ -27,6 +27,7 @@ from onboard.commands.compiling import (
 )
 from onboard.config import estimator_modules, parse_config
 from onboard.filters import numba_internals
+from onboard.filters.shipped import Code
 from onboard.models import relative_motion
 from simlink import cli as simlink
 
@@ -191,9 +192,9 @@ def test_a_numba_whose_cache_cannot_be_locked_compiles_in_one_process(monkeypatc
     counts: list[int] = []
     processes = compiling._processes
 
-    def counted(count: int) -> AbstractContextManager[ProcessPoolExecutor]:
+    def counted(count: int, into: Code | None) -> AbstractContextManager[ProcessPoolExecutor]:
         counts.append(count)
-        return processes(count)
+        return processes(count, into)
 
     monkeypatch.setattr(compiling, "_processes", counted)
     monkeypatch.setattr(numba_internals, "can_lock_cache_files", lambda: False)
@@ -202,6 +203,47 @@ def test_a_numba_whose_cache_cannot_be_locked_compiles_in_one_process(monkeypatc
     )
     assert [module.name for module in made] == ["onboard.models.arc"]
     assert counts == [1]
+
+
+@pytest.mark.parametrize(("precision", "expected"), [("double", "1"), ("both", "2"), (None, "2")])
+def test_a_program_says_which_precisions_it_needs(precision: str | None, expected: str) -> None:
+    kept = {key: value for key, value in os.environ.items() if key != "WINGLINE_PRECISION"}
+    told = {} if precision is None else {"WINGLINE_PRECISION": precision}
+    code = "from onboard.filters.compiled import signatures; print(len(signatures(2)))"
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, env=kept | told, cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == expected
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["replay", "nowhere.tlog"], "double"),
+        (["run", "nowhere.toml"], "double"),
+        (["compile", "nowhere.toml"], None),  # nothing flies
+        (["study", "nowhere"], None),
+    ],
+)
+def test_what_flies_needs_double_precision_alone(
+    arguments: list[str], expected: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("WINGLINE_PRECISION", "")  # so that it is restored
+    monkeypatch.delenv("WINGLINE_PRECISION")
+    assert main(arguments) == 2
+    assert os.environ.get("WINGLINE_PRECISION") == expected
+
+
+def test_no_more_processes_compile_than_there_is_memory_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    meminfo = tmp_path / "meminfo"
+    meminfo.write_text("MemTotal:  3900000 kB\nMemAvailable:    2200000 kB\n")
+    assert compiling._available(meminfo) == 2_200_000 * 1024
+    assert compiling._available(tmp_path / "nowhere") > 1 << 50
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1, 2, 3})
+    for available, expected in ((2.2, 2), (0.1, 1), (100.0, 4)):
+        monkeypatch.setattr(compiling, "_available", lambda n=available: int(n * compiling.EACH))
+        assert compiling._cores() == expected
 
 
 def test_a_process_that_is_killed_is_an_error() -> None:

@@ -3,6 +3,7 @@
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
@@ -12,10 +13,15 @@ from numba import float64, njit
 from numba.core import event
 
 from onboard import UserError
+from onboard.commands import compiling
 from onboard.commands.cli import USER_ERROR, main
-from onboard.commands.run import PROGRESS_S, Compiling
+from onboard.commands.compiling import CompileError
+from onboard.commands.run import PROGRESS_S, Compiling, compile_flight
+from onboard.config import parse_config
 from onboard.filters.numba_internals import on_compile
 from tests.support.programs import PATIENCE, environment
+
+SMALL = {"onboard.filters.kernels.cholesky"}  # all that the leader needs of the filters' kernels
 
 
 @pytest.fixture(autouse=True)
@@ -78,6 +84,66 @@ def test_a_long_one_has_a_line_now_and_then() -> None:
         now += 0.25 * PROGRESS_S
     assert len(lines) == 25
     assert lines[1] == f"still compiling: 4 functions in {PROGRESS_S:.0f} s"
+
+
+def test_what_the_flight_needs_is_compiled_at_the_first_function_and_reported() -> None:
+    lines: list[str] = []
+    asked: list[int] = []
+    now = 0.0
+
+    def ahead(on_progress: Callable[[int, int], None]) -> None:
+        nonlocal now
+        asked.append(1)
+        for done in range(1, 5):
+            now += 0.6 * PROGRESS_S
+            on_progress(done, 4)
+
+    compiling = Compiling(lines.append, lambda: now)
+    compiling.ahead = ahead
+    for _ in range(3):
+        compiling()
+    assert len(asked) == 1
+    assert lines[1:] == [
+        f"still compiling: {done} of 4 parts in {0.6 * done * PROGRESS_S:.0f} s" for done in (2, 4)
+    ]
+
+
+def test_a_start_compiles_ahead_what_its_configuration_flies(monkeypatch: pytest.MonkeyPatch) -> None:
+    config, asked = object(), []
+
+    def daemon(*_: Any, **__: Any) -> Any:
+        compile_one()
+        compile_one()
+        raise UserError("that was all")
+
+    monkeypatch.setattr("onboard.config.load_config", lambda *_: config)
+    monkeypatch.setattr("onboard.daemon.Daemon", daemon)
+    monkeypatch.setattr("onboard.commands.run.compile_flight", lambda one, _: asked.append(one))
+    assert main(["run"]) == USER_ERROR
+    assert asked == [config]
+
+
+def test_where_it_cannot_be_compiled_ahead_it_is_compiled_one_by_one() -> None:
+    lines: list[str] = []
+
+    def ahead(_: Callable[[int, int], None]) -> None:
+        raise CompileError("compile: a process was killed; is there too little memory?")
+
+    compiling = Compiling(lines.append, lambda: 0.0)
+    compiling.ahead = ahead
+    compiling()
+    assert lines[1] == "compile: a process was killed; is there too little memory?; going on with one core"
+
+
+def test_a_flight_compiles_what_its_configuration_needs_and_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[set[str]] = []
+    monkeypatch.setattr(compiling, "compile_all", lambda modules, **_: asked.append({*modules}))
+    for estimator in ("leader", "own_state"):
+        compile_flight(parse_config({"estimator": {estimator: {}}}), lambda *_: None)
+    leader, own_state = asked
+    assert "onboard.models.apparent_wing" in leader - own_state
+    assert "onboard.filters.kernels.variable_structure" in own_state - leader
+    assert not {n for n in leader if n.startswith("onboard.filters.kernels.")} - SMALL
 
 
 LOADS = """

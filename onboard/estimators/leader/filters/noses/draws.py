@@ -7,6 +7,7 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
+from onboard.filters.compiled import MAKING
 
 COUNT: Final = types.int64
 DRAW: Final = types.uint64
@@ -27,7 +28,7 @@ def normal(draw: int, count: int) -> Array:
     return found
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**MAKING)
 def uniform_of(draw, k):
     """The number of place k in `uniform`, to be called from compiled code."""
     z = np.uint64(draw) * WEYL + np.uint64(k + 1)
@@ -38,14 +39,14 @@ def uniform_of(draw, k):
     return (np.float64(z >> SHIFTS[3]) + 0.5) * 2.0**-53
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**MAKING)
 def normal_of(draw, k):
     """The number of place k in `normal`, to be called from compiled code."""
     angle = 2.0 * math.pi * uniform_of(np.uint64(draw + 1), k)
     return np.sqrt(-2.0 * np.log(uniform_of(draw, k))) * np.cos(angle)
 
 
-@njit(types.float64[::1](DRAW, COUNT), cache=True, error_model="numpy")
+@njit(types.float64[::1](DRAW, COUNT), **MAKING)
 def _uniforms(draw, count):
     found = np.empty(count)
     for k in range(count):
@@ -53,7 +54,7 @@ def _uniforms(draw, count):
     return found
 
 
-@njit(types.float64[::1](DRAW, COUNT), cache=True, error_model="numpy")
+@njit(types.float64[::1](DRAW, COUNT), **MAKING)
 def _normals(draw, count):
     found = np.empty(count)
     for k in range(count):
