@@ -4,7 +4,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 # Without --no-compile it takes twice as long, for bytecode of modules that are never imported.
-INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
+INSTALL := $(BIN)/python -m pip install -qq --disable-pip-version-check --no-compile -c constraints.txt
 READY := $(VENV)/.ready
 COMPILED := $(VENV)/.compiled
 READY_DEV := $(VENV)/.ready-dev
@@ -16,14 +16,14 @@ KERNELS := $(wildcard onboard/filters/*.py onboard/filters/kernels/*.py onboard/
 # compile all sources anew.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: install demo test test-all fast matrix lint mutants fuzz bench docs pictures clean
+.PHONY: install demo test test-all fast matrix lint mutants fuzz bench docs pictures wheel release arm clean
 
 install: $(READY) $(COMPILED)  ## onboard and simlink, in .venv/bin, with the filters compiled
 	@$(BIN)/python -m compileall -q -j 0 $(VENV)/lib > /dev/null 2>&1 || true  # for users who may not write there
 	@echo "ready: $(BIN)/onboard --help"
 
 demo: $(READY)  ## fly both estimators on a simulated quadrotor, with a live view where there is a display
-	$(BIN)/onboard demo $(ARGS)
+	@$(BIN)/onboard demo $(ARGS)
 
 # Three at a time on two cores: flights in real time wait most of their time.
 TESTS := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
@@ -56,6 +56,9 @@ matrix:  ## these on each Python of PYTHONS that is here, in a virtual environme
 		$(MAKE) --no-print-directory fast PYTHON=$$python VENV=.venv-$$(basename $$python) || exit 1; \
 	done
 
+arm: $(READY_DEV)  ## these on an emulated ARM processor, and a replay, compared with this computer's
+	PYTHON=$(BIN)/python bash tests/arm.sh out/arm $(FAST) $(ARGS)
+
 lint: $(READY_DEV)  ## what CI runs before the tests
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -81,6 +84,14 @@ docs: $(READY_DOCS)  ## the documentation, in out/docs/html
 	$(BIN)/sphinx-build -q -W --keep-going -b html -d out/docs/doctrees docs out/docs/html
 	@echo "written: out/docs/html/index.html"
 
+wheel: $(READY)  ## a wheel for this kind of computer and this Python, with the filters compiled, in dist
+	@$(BIN)/python -c 'import cyclonedx_py' 2>/dev/null || $(INSTALL) -e '.[view,release]'
+	@$(BIN)/python -m release.wheel dist
+
+release: $(READY)  ## all files of a release, in dist: wheels, sources, bill of materials, licences, man pages, sums
+	@$(BIN)/python -c 'import cyclonedx_py' 2>/dev/null || $(INSTALL) -e '.[view,release]'
+	@$(BIN)/python -m release
+
 clean:
 	rm -rf $(VENV) .venv-* out .mypy_cache .ruff_cache .pytest_cache .hypothesis
 
@@ -90,17 +101,17 @@ $(VENV)/bin/python:
 
 $(READY): $(VENV)/bin/python pyproject.toml constraints.txt
 	@echo "installing into $(VENV) (about a minute, once)"
-	$(INSTALL) -e '.[view]'
+	@$(INSTALL) -e '.[view]'
 	@touch $@
 
 $(READY_DEV): $(VENV)/bin/python pyproject.toml constraints.txt
 	@echo "installing into $(VENV) what the tests need (about a minute, once)"
-	$(INSTALL) -e '.[view,study,dev]'
+	@$(INSTALL) -e '.[view,study,dev]'
 	@touch $(READY) $@
 
 $(READY_DOCS): $(READY)
 	@echo "installing what the documentation needs (once)"
-	$(INSTALL) -e '.[view,docs]'
+	@$(INSTALL) -e '.[view,docs]'
 	@touch $@
 
 $(COMPILED): $(READY) $(KERNELS)

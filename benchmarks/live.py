@@ -240,14 +240,20 @@ def input_rates(seconds: int, rates: Sequence[int] = RATES) -> list[Figures]:
 
 
 def start(*, cold: bool, kind: type[Daemon] = Daemon) -> float:
-    """Seconds from the process's start to its first estimate, where messages arrive all the time, heartbeats too.
-    `cold`: with nothing compiled. The floor, to which images come over Zenoh alone, is ready when it listens."""
+    """As `start_in`; `cold`: with nothing compiled."""
     with ExitStack() as stack:
         environment = dict(os.environ)
         if cold:
             environment["NUMBA_CACHE_DIR"] = stack.enter_context(tempfile.TemporaryDirectory())
+        return start_in(environment, kind)
+
+
+def start_in(environment: dict[str, str], kind: type[Daemon] = Daemon) -> float:
+    """Seconds from the process's start to its first estimate, where messages arrive all the time, heartbeats too.
+    The floor, to which images come over Zenoh alone, is ready when it listens."""
+    with ExitStack() as stack:
         udp = free_port(socket.SOCK_DGRAM)
-        load = program(FLIGHT, "--udp", str(udp), "--seconds", "300" if cold else "30", "--heartbeats")
+        load = program(FLIGHT, "--udp", str(udp), "--seconds", "300", "--heartbeats")
         stack.callback(load.communicate)
         stack.callback(load.terminate)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:  # the load has begun

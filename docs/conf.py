@@ -7,15 +7,17 @@ from typing import Any
 
 os.environ["NUMBA_DISABLE_JIT"] = "1"  # the reference imports the filters; to compile them would take minutes
 sys.path.insert(0, str(Path(__file__).parents[1]))
+from onboard import __version__ as release
 
 project = "wingline"
+version = release
 copyright = "BSD-3-Clause"  # noqa: A001 - Sphinx reads this name
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.viewcode"]
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 exclude_patterns = ["_build"]
 html_theme = "furo"
-html_title = "wingline"
+html_title = f"wingline {release}"
 html_show_copyright = False
 html_theme_options = {"light_css_variables": {"content-width": "60rem"}}
 

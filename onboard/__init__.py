@@ -12,7 +12,7 @@ the same bytes again. `daemon.py` runs it with links and sinks in flight, `onboa
 docs/architecture.md draws the house.
 """
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 
 class UserError(Exception):

@@ -69,7 +69,7 @@ class _Parser(argparse.ArgumentParser):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; the exit code: 0, 1 (a file could not be written) or 2 (a usage error)."""
-    arguments = _parser().parse_args(argv)
+    arguments = parser().parse_args(argv)
     command: Callable[[argparse.Namespace], int] = arguments.command
     try:
         return command(arguments)
@@ -185,7 +185,8 @@ def _or_none(text: str) -> str | None:
     return None if text == "none" else text
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
+    """The parser of all commands; `command` of the parsed arguments is the command's function."""
     top = _Parser(
         prog="simlink",
         description="Simulate a flight: an autopilot's MAVLink stream, a camera's image points of the aircraft "

@@ -38,6 +38,7 @@ PARTS: Final = (
     "simlink",
     "studies",
     "benchmarks",
+    "release",
     "examples",
     "docs",
     "configs",

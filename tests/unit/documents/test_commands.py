@@ -17,7 +17,7 @@ from tests.support.programs import ROOT
 
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
 TARGETS = set(re.findall(r"^([a-z-]+):", MAKEFILE, re.MULTILINE))
-PARSERS = {"onboard": cli.parser, "simlink": simlink_cli._parser}
+PARSERS = {"onboard": cli.parser, "simlink": simlink_cli.parser}
 
 
 def subcommands(program: str) -> dict[str, argparse.ArgumentParser]:
@@ -97,7 +97,7 @@ def test_pre_commit_runs_what_lint_runs() -> None:
 
 def test_the_changelog_names_every_command() -> None:
     text = documents.text(ROOT / "CHANGELOG.md")
-    assert re.findall(r"^## (.*)", text, re.MULTILINE) == ["Unreleased", "0.1.0 - 2026-11-22"]
+    assert re.findall(r"^## (.*)", text, re.MULTILINE) == ["0.2.0 - not released yet", "0.1.0 - 2026-11-22"]
     for command in subcommands("onboard"):
         assert f"onboard {command}" in text
 

@@ -22,7 +22,7 @@ TEXT = (ROOT / "Containerfile").read_text(encoding="utf-8")
 LINES = [line for line in TEXT.replace("\\\n", " ").splitlines() if line and not line.startswith("#")]
 COMPOSE: dict[str, Any] = yaml.safe_load((ROOT / "compose.yaml").read_text(encoding="utf-8"))
 SERVICES: dict[str, dict[str, Any]] = COMPOSE["services"]
-PARSERS = {"onboard": cli.parser, "simlink": simlink_cli._parser}
+PARSERS = {"onboard": cli.parser, "simlink": simlink_cli.parser}
 NETWORK = ("registry", "lookup", "network", "timeout", "connection", "dial tcp", "resolve")
 
 

@@ -11,6 +11,7 @@ from zipfile import ZipFile
 
 import pytest
 
+from onboard import __version__
 from tests.support.programs import ROOT
 
 BUILD = "import sys; from setuptools import build_meta; print(build_meta.build_wheel(sys.argv[1]))"
@@ -80,6 +81,7 @@ def test_its_metadata_are_those_of_the_project(wheel: Path) -> None:
         (points,) = (file.read(n).decode() for n in file.namelist() if n.endswith("entry_points.txt"))
     stated = Parser().parsestr(metadata)
     assert (stated["Name"], stated["License-Expression"]) == ("wingline", "BSD-3-Clause")
+    assert stated["Version"] == __version__
     assert stated["Requires-Python"] == project["requires-python"]
     required = [r for r in stated.get_all("Requires-Dist") or [] if "extra ==" not in r]
     assert len(required) == len(project["dependencies"])

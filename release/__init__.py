@@ -1,0 +1,1 @@
+"""What a release consists of: `make wheel` and `make release`. Nothing here is installed."""
