@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks.both import RUNS
 
-PAIRS: Final = 7
+PAIRS: Final = 5
 FLY: Final = """
 import sys, time
 import msgspec
@@ -67,7 +67,7 @@ def main(python: Path) -> None:
     """Print the lines."""
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "flight.tlog"
-        flight = ["log", "mission", "--seed", "1", "--duration", "30", "--out", str(log)]
+        flight = ["log", "mission", "--seed", "1", "--duration", "20", "--out", str(log)]
         subprocess.run([sys.executable, "-m", "simlink", *flight], check=True)  # noqa: S603 - our own
         for name in ("leader", "own_state"):
             print(json.dumps(measure(name, python, Path(folder))), flush=True)

@@ -67,7 +67,7 @@ def installed(made: Path, folder: Path) -> Path:
     output(sys.executable, "-m", "venv", "--without-pip", str(folder))
     python = folder / "bin" / "python"
     pip = (sys.executable, "-m", "pip", "--python", str(python), "--disable-pip-version-check")
-    output(*pip, "install", "--quiet", "--no-compile", "-c", str(wheel.ROOT / "constraints.txt"), str(made))
+    output(*pip, "install", "-qq", "--no-compile", "-c", str(wheel.ROOT / "constraints.txt"), str(made))
     return python
 
 
@@ -93,7 +93,7 @@ def licences_of(component: dict[str, Any]) -> Iterator[str]:
     """The licences of a component: an expression, or identifiers, or else names."""
     stated = component.get("licenses", [])
     found = [one.get("expression") or one["license"].get("id") or one["license"]["name"] for one in stated]
-    yield from sorted({name for name in found if len(name) < LONG})
+    yield from sorted({name.rpartition(" :: ")[2] for name in found if len(name) < LONG})
 
 
 def sums(paths: Iterable[Path]) -> Iterator[str]:

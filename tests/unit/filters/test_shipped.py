@@ -128,7 +128,7 @@ def test_what_is_there_is_not_compiled(tree: Tree) -> None:
     assert not list(tree.source.parent.rglob("*.nb?"))
 
 
-def test_it_names_no_file_of_the_computer_that_made_it(tree: Tree) -> None:
+def test_it_does_not_say_where_its_source_was_compiled(tree: Tree) -> None:
     keep(tree)
     for path in tree.folder.rglob("*.nb?"):
         assert str(tree.source.parent).encode() not in path.read_bytes()

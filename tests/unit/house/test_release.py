@@ -67,7 +67,11 @@ def test_the_licences_are_those_of_the_bill() -> None:
         {"name": "b", "version": "1", "licenses": [{"expression": "MIT OR Apache-2.0"}]},
         {"name": "Alpha", "version": "2.10", "licenses": [{"license": {"id": "BSD-3-Clause"}}]},
         {"name": "c", "version": "3", "licenses": [{"license": {"name": "x" * 5000}}]},
-        {"name": "d", "version": "4", "licenses": [{"license": {"id": "MIT"}}, {"license": {"name": "Apache"}}]},
+        {
+            "name": "d",
+            "version": "4",
+            "licenses": [{"license": {"id": "MIT"}}, {"license": {"name": "License :: Apache"}}],
+        },
     ]
     assert release.licences({"components": components}).splitlines() == [
         "Alpha  2.10  BSD-3-Clause",
