@@ -103,7 +103,9 @@ def test_our_own_clock_jumps(jump_s: int) -> None:
 
 
 def test_the_autopilot_reboots() -> None:
-    again = encode([Item(i.t_recv_ns + 48 * S, i.message) for i in Stream(t0=6.0, t1=12.0, seed=22).items()])
+    again = encode(
+        [Item(i.t_recv_ns + 48 * S, i.message) for i in Stream(t0=6.0, t1=12.0, seed=22, sparse=True).items()]
+    )
     run = flown([*DATAGRAMS, *again])
     assert_on_target(run)
     assert run.estimates[-1].reset_count == 1
@@ -113,7 +115,7 @@ def test_the_autopilot_reboots() -> None:
 
 
 def test_the_autopilot_reboots_while_an_old_image_is_still_on_its_way() -> None:
-    again = [Item(i.t_recv_ns + 48 * S, i.message) for i in Stream(t0=6.0, t1=12.0, seed=22).items()]
+    again = [Item(i.t_recv_ns + 48 * S, i.message) for i in Stream(t0=6.0, t1=12.0, seed=22, sparse=True).items()]
     stale = [
         Item(EPOCH + round((54.2 + 0.04 * k) * S), CIRCLE.image(round((51.9 + 0.04 * k) * S))) for k in range(5)
     ]

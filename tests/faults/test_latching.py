@@ -10,7 +10,7 @@ from onboard.messages import Attitude, Datagram, Heartbeat, LocalPosition
 from onboard.messages.causes import Cause
 from tests.faults.test_silence import flying
 from tests.support.cases import slow_but
-from tests.support.faulty_flight import DATAGRAMS, ITEMS, T0, T1, assert_on_target, every_second, flown
+from tests.support.faulty_flight import DATAGRAMS, ITEMS, T0, T1, assert_on_target, flown
 from tests.support.streams import EPOCH, Item, Run, S, Stream, encode, feed, heartbeat, make_config
 
 NO_VEHICLES = GIMBAL, CAMERA, CONTROLLER, GROUND, ADSB, ODID = 26, 30, 18, 6, 27, 34
@@ -63,7 +63,7 @@ def after(again: Again, config: Any = None) -> Run:
 def flight_of(again: Again) -> list[Datagram]:
     """Its own motion and images, with the new ids."""
     late = round((T1 - 6.0 + again.gap) * S)
-    items = Stream(t0=6.0, t1=14.0, seed=22).items()
+    items = Stream(t0=6.0, t1=14.0, seed=22, sparse=True).items()
     moved = [
         Item(
             i.t_recv_ns + late,
@@ -202,7 +202,7 @@ def renamed(pause: float, system: int, component: int, change: Any = None) -> li
     return encode(items)
 
 
-LONG = every_second(Stream(t0=T0, t1=T0 + 14.0, seed=23).items())
+LONG = Stream(t0=T0, t1=T0 + 14.0, seed=23, sparse=True).items()
 
 
 @pytest.mark.parametrize(

@@ -26,10 +26,11 @@ from onboard.messages import (
     Lifecycle,
     LocalPosition,
     Message,
+    Output,
     TargetPoints,
 )
 from onboard.pipeline import Pipeline
-from tests.support.faulty_flight import every_second
+from tests.support.beginnings import Beginning
 from tests.support.streams import (
     CIRCLE,
     EPOCH,
@@ -51,7 +52,7 @@ INSIDE = (
     4.0  # normalised square of a position's error, whose mean is three: the truth is well inside the ellipsoid
 )
 QUIET = 2.2  # m; the same of the flight without faults
-ITEMS = every_second(Stream(t0=T0, t1=T1, seed=21).items())
+ITEMS = Stream(t0=T0, t1=T1, seed=21, sparse=True).items()
 Fault = Callable[[list[Item], np.random.Generator], Sequence[Item | Datagram]]
 
 
@@ -345,16 +346,20 @@ ROWS = (
 )
 
 
+def taken(pipeline: Pipeline, sent: Item | Datagram) -> list[Output]:
+    """What a pipeline makes of a message, or of its bytes."""
+    if isinstance(sent, Datagram):
+        return pipeline.feed(sent)
+    return pipeline.advance([replace(sent.message, t_recv_ns=sent.t_recv_ns)])
+
+
+SHARED: Beginning[Item | Datagram] = Beginning(ITEMS, taken)  # two seconds of most rows
+
+
 def flown(row: Row, seed: int = 61) -> Run:
     """The flight with the row's fault, through a pipeline with its defaults."""
-    pipeline, outputs = Pipeline(make_config()), []
-    for sent in row.fault(ITEMS, np.random.default_rng(seed)):
-        if isinstance(sent, Datagram):
-            outputs.extend(pipeline.feed(sent))
-        else:
-            outputs.extend(pipeline.advance([replace(sent.message, t_recv_ns=sent.t_recv_ns)]))
-    assert not pipeline.errors
-    run = Run(pipeline, outputs)
+    run = SHARED.run(row.fault(ITEMS, np.random.default_rng(seed)))
+    assert not run.pipeline.errors
     assert_sane(run.estimates)
     return run
 
@@ -375,6 +380,16 @@ def assert_row(row: Row, run: Run) -> None:
 @pytest.mark.parametrize("row", ROWS, ids=[row.name for row in ROWS])
 def test_a_row_with_seed_61(row: Row) -> None:
     assert_row(row, flown(row))
+
+
+def test_a_row_that_shares_its_first_seconds_is_as_one_flown_alone() -> None:
+    """Whatever another row has done with a copy before."""
+    one, another = (row for row in ROWS if row.name in {"velocity jumps", "no image"})
+    flown(one)
+    shared, pipeline = flown(another), Pipeline(make_config())
+    items = another.fault(ITEMS, np.random.default_rng(61))
+    assert shared.outputs == [output for sent in items for output in taken(pipeline, sent)]
+    assert shared.pipeline.health(0) == pipeline.health(0)
 
 
 def test_the_flight_without_faults() -> None:

@@ -10,12 +10,11 @@ from msgspec.structs import replace
 from onboard.messages import Clock, Estimate, Message, TargetPoints, TimeSync, Verdict, tagged
 from onboard.pipeline import Pipeline
 from tests.support.cases import slow_but
-from tests.support.faulty_flight import every_second
 from tests.support.streams import EPOCH, MS, Item, Run, S, Stream, encode, feed, make_config, position_error
 
 T0, T1 = 40.0, 54.0
 HALF = 46 * S
-ITEMS = every_second(Stream(t0=T0, t1=T1, seed=21).items())
+ITEMS = Stream(t0=T0, t1=T1, seed=21, sparse=True).items()
 RIGHT = 2.2  # m
 
 
@@ -121,7 +120,7 @@ def test_a_link_that_repeats_the_past_is_no_reboot_seed_21(delay: tuple[float, f
 
 
 def test_a_reboot_beside_a_link_that_repeats_the_past_is_one_reboot_seed_21() -> None:
-    again = every_second(Stream(t0=6.0, t1=10.0, seed=22).items())
+    again = Stream(t0=6.0, t1=10.0, seed=22, sparse=True).items()
     gone = [i for i in repeated(2.0, 1.0) if i.t_recv_ns < EPOCH + HALF]
     run = flown([*gone, *(Item(i.t_recv_ns + 43 * S, i.message) for i in again)])
     assert run.pipeline.clocks.reboots == 1

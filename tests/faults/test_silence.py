@@ -123,7 +123,7 @@ def test_others_that_talk_do_not_make_a_dead_autopilot_healthy(chatter: Any) -> 
 
 def test_an_autopilot_that_talks_is_healthy() -> None:
     daemon, wire, _ = flying()
-    for datagram in encode(Stream(t0=T1, t1=T1 + 8, seed=21).items()):
+    for datagram in encode(Stream(t0=T1, t1=T1 + 8, seed=21, sparse=True).items()):
         deliver(daemon, datagram)
         daemon._tick(datagram.t_recv_ns)
     assert set(statuses(wire)) == {4}
@@ -150,14 +150,16 @@ def test_estimates_are_valid_again_when_the_autopilot_returns_soon() -> None:
     daemon, wire, _ = flying()
     pass_time(daemon, 1.5)
     assert not [r for r in wire.records if isinstance(r, Estimate)][-1].valid
-    for datagram in encode(Stream(t0=T1 + 1.5, t1=T1 + 4, seed=21).items()):
+    for datagram in encode(Stream(t0=T1 + 1.5, t1=T1 + 4, seed=21, sparse=True).items()):
         deliver(daemon, datagram)
     assert [r for r in wire.records if isinstance(r, Estimate)][-1].valid
 
 
 def test_images_that_go_on_do_not_keep_an_estimate_valid() -> None:
     daemon, wire, _ = flying()
-    images = [i for i in Stream(t0=T1, t1=T1 + 4, seed=21).items() if isinstance(i.message, TargetPoints)]
+    images = [
+        i for i in Stream(t0=T1, t1=T1 + 4, seed=21, sparse=True).items() if isinstance(i.message, TargetPoints)
+    ]
     for datagram in encode(images):
         deliver(daemon, datagram)
         daemon._tick(datagram.t_recv_ns)
@@ -172,7 +174,7 @@ def newest(wire: Wire) -> Estimate:
 @pytest.mark.parametrize(("waited_ms", "reason"), [(300, ""), (700, BEHIND.words), (20_000, BEHIND.words)])
 def test_what_was_read_late_makes_no_valid_estimate(waited_ms: int, reason: str) -> None:
     daemon, wire, _ = flying()
-    for datagram in encode(Stream(t0=T1, t1=T1 + 1, seed=21).items()):
+    for datagram in encode(Stream(t0=T1, t1=T1 + 1, seed=21, sparse=True).items()):
         deliver(daemon, datagram, waited_ns=waited_ms * MS)
     assert newest(wire).valid is (not reason)
     assert reason in newest(wire).reason

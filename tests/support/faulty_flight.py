@@ -4,26 +4,24 @@
 from functools import cache
 
 from onboard.messages import Datagram, Lifecycle, TargetPoints
-from tests.support.streams import MS, Item, Run, Stream, assert_sane, encode, feed, position_error
+from onboard.pipeline import Pipeline
+from tests.support.beginnings import Beginning
+from tests.support.streams import Run, Stream, assert_sane, encode, position_error
 
 T0, T1 = 43.0, 52.0
 OWN_HZ = 25
 
 
-def every_second(items: list[Item]) -> list[Item]:
-    """Every second message of each kind."""
-    period = lambda m: 80 * MS if isinstance(m, TargetPoints) else 40 * MS  # noqa: E731
-    return [i for i in items if i.message.t_ns % period(i.message) == 0]
-
-
-ITEMS = every_second(Stream(t0=T0, t1=T1, seed=21).items())
+ITEMS = Stream(t0=T0, t1=T1, seed=21, sparse=True).items()
 DATAGRAMS = encode(ITEMS)
+SHARED = Beginning(DATAGRAMS, Pipeline.feed)  # the seconds before a fault
 IMAGES = sum(isinstance(i.message, TargetPoints) for i in ITEMS)
 
 
 def flown(datagrams: list[Datagram]) -> Run:
     """The pipeline's run over these datagrams; every estimate is sane."""
-    run = feed(datagrams)
+    run = SHARED.run(datagrams)
+    assert not run.pipeline.errors, run.pipeline.errors
     assert_sane(run.estimates)
     return run
 

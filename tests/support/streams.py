@@ -155,7 +155,8 @@ def heartbeat(t_ns: int, system: int = FLIGHT_SYSTEM, autopilot: int = PX4) -> H
 @dataclass
 class Stream:
     """A flight as messages in order of arrival, from boot time `t0` to `t1` (s). `images(t)`: whether the image at
-    t (s) contains the leader; `lead_ns`: camera clock minus boot clock."""
+    t (s) contains the leader; `lead_ns`: camera clock minus boot clock; `sparse`: every second message of each
+    kind only, which costs half and shows most faults as well."""
 
     flight: Flight = CIRCLE
     t0: float = 5.0
@@ -164,22 +165,26 @@ class Stream:
     latency: int = LATENCY
     lead_ns: int = 0
     images: Callable[[float], bool] = field(default=lambda _t: True)
+    sparse: bool = False
 
     def items(self) -> list[Item]:
-        """Messages and their arrivals: own motion at 50 Hz, 2 ms late; images at 25 Hz, `latency` late."""
+        """Messages and their arrivals: own motion at 50 Hz, 2 ms late; images at 25 Hz, `latency` late. Half of
+        that if `sparse`."""
         rng = None if self.seed is None else np.random.default_rng(self.seed)
         out = []
         for ms in range(round(self.t0 * 1000), round(self.t1 * 1000), 20):
             t_ns = ms * MS
             if ms % 1000 == 0:
                 out.append(Item(EPOCH + t_ns + MS, heartbeat(t_ns)))
-            out.append(Item(EPOCH + t_ns + 2 * MS, self.flight.attitude(t_ns)))
-            out.append(Item(EPOCH + t_ns + 2 * MS, self.flight.position(t_ns)))
+            if not self.sparse or ms % 40 == 0:
+                out.append(Item(EPOCH + t_ns + 2 * MS, self.flight.attitude(t_ns)))
+                out.append(Item(EPOCH + t_ns + 2 * MS, self.flight.position(t_ns)))
             if ms % 40 == 0 and self.images(ms / 1000):
                 image = self.flight.image(t_ns, rng, self.latency)
                 if self.lead_ns:
                     image = replace(image, t_ns=t_ns + self.lead_ns)
-                out.append(Item(EPOCH + t_ns + self.latency, image))
+                if not self.sparse or ms % 80 == 0:
+                    out.append(Item(EPOCH + t_ns + self.latency, image))
         return sorted(out, key=lambda item: item.t_recv_ns)
 
     def datagrams(self) -> list[Datagram]:
