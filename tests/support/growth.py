@@ -3,6 +3,7 @@
 import ast
 from collections import Counter, defaultdict
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -47,8 +48,13 @@ def takes_valid() -> set[str]:
     }
 
 
-def functions() -> Iterator[Function]:
+@cache
+def functions() -> tuple[Function, ...]:
     """Every function of ours that ships or studies."""
+    return tuple(_functions())
+
+
+def _functions() -> Iterator[Function]:
     for path in _files(*OURS):
         for node in ast.walk(_tree(path)):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):

@@ -7,7 +7,10 @@ from numpy.testing import assert_allclose
 
 from onboard.geometry.rotations import quaternion_from_vector, quaternion_product
 from onboard.messages import Imu, Message
+from tests.support.cases import slow_but
 from tests.support.own_vehicle import MS, ORIGIN, G, attitude, fix, heartbeat, hovering, imu, pipeline, states_of
+
+AXES = ((0, 1, 0), (1, 0, 0), (0, 0, 1), (0.6, 0.8, 0.0))
 
 
 def test_a_hovering_vehicle_stands_still() -> None:
@@ -31,8 +34,13 @@ def test_a_hovering_vehicle_stands_still() -> None:
     assert eigenvalues.min() > 0
 
 
-@pytest.mark.parametrize("axis", [(0, 1, 0), (1, 0, 0), (0, 0, 1), (0.6, 0.8, 0.0)])
-@pytest.mark.parametrize("name", ["cubature", "csvsf-adaptive", "csvsf-printed"])
+@pytest.mark.parametrize(
+    ("name", "axis"),
+    slow_but(
+        [(name, axis) for name in ("cubature", "csvsf-adaptive") for axis in AXES] + [("csvsf-printed", AXES[-1])],
+        [(name, axis) for name in ("cubature", "csvsf-adaptive", "csvsf-printed") for axis in AXES],
+    ),
+)
 def test_through_pitch_90_degrees_and_the_wrap_of_yaw_there_is_no_jump(name: str, axis: tuple[float, ...]) -> None:
     """Three full turns at 2.5 rad/s about each axis; the specific force is that of standing still."""
     p, omega = pipeline(filter=name), 2.5 * np.array(axis)
