@@ -25,7 +25,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("flown") / "flight.mcap"
     pipeline, recorder = Pipeline(make_config("estimator.leader.size_prior_m=2.5")), Recorder(path)
     recorder.open()
-    for datagram in Stream(t1=13.0).datagrams():
+    for datagram in Stream(t1=13.0, sparse=True).datagrams():
         recorder.write([datagram, *pipeline.feed(datagram)])
     recorder.close()
     return path

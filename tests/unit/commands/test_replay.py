@@ -57,7 +57,7 @@ def test_two_estimators_of_the_leader_are_scored_each_by_itself(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log, paper = tmp_path / "flight.mcap", "estimator.oh_johnson={}"
-    record(log, encode(Stream(t1=20.0).items()))
+    record(log, Stream(t1=21.0, sparse=True).datagrams())
     both, rows = replayed_numbers(log, make_config(paper))
     assert "beside it: oh_johnson" in capsys.readouterr().out
     alone, of_leader = replayed_numbers(log, make_config())
