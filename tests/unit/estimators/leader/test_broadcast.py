@@ -49,9 +49,14 @@ def configured(*overrides: str) -> Config:
 
 
 def fly(
-    reports: list[Item], t1: float, images: Callable[[float], bool] = lambda _t: True, config: Config | None = None
+    reports: list[Item],
+    t1: float,
+    images: Callable[[float], bool] = lambda _t: True,
+    config: Config | None = None,
+    *,
+    sparse: bool = True,
 ) -> Run:
-    items = merged(Stream(t1=t1, images=images).items(), own_positions(5.0, t1), reports)
+    items = merged(Stream(t1=t1, images=images, sparse=sparse).items(), own_positions(5.0, t1), reports)
     return feed(encode(items), config or configured())
 
 
@@ -190,7 +195,7 @@ def test_a_receiver_that_hangs_repeats_a_position_of_a_leader_that_flies() -> No
 
 
 def test_reports_before_our_own_position_is_known_are_counted() -> None:
-    items = merged(Stream(t1=8.0).items(), leader_positions(5.0, 8.0))
+    items = merged(Stream(t1=8.0, sparse=True).items(), leader_positions(5.0, 8.0))
     run = feed(encode(items), configured())
     assert counts(run) == {"no_pose": 3}
 
@@ -302,7 +307,7 @@ def test_a_broadcast_that_led_elsewhere_is_counted_and_named() -> None:
     reports = leader_positions(6.0, 34.0, error=carried_off(6.0, 13.0))
     for trusted in ("true", "false"):
         config = configured(f"estimator.leader.broadcast.trusted={trusted}")
-        run = fly(reports, 31.0, lambda t: not 14.0 <= t < 28.0, config)
+        run = fly(reports, 31.0, lambda t: not 14.0 <= t < 28.0, config, sparse=False)
         found = counts(run)
         assert found.get("contradicted", 0) == (trusted == "true")
         assert found.get("unassociated", 0) == (0 if trusted == "true" else 13)
@@ -323,8 +328,8 @@ def test_a_clock_that_begins_anew_does_not_keep_a_broadcast_distrusted() -> None
 def test_one_image_of_something_else_does_not_end_what_reports_carry() -> None:
     """Nobody sees the leader from 14 s on; at 16 s the detector takes a bird for it."""
     config, t = configured(), 16.0
-    items = Stream(t1=22.0, images=lambda t: t < 14.0).items()
-    bird = next(i for i in Stream(t0=t, t1=t + 0.2).items() if isinstance(i.message, TargetPoints))
+    items = Stream(t1=22.0, images=lambda t: t < 14.0, sparse=True).items()
+    bird = next(i for i in Stream(t0=t, t1=t + 0.2, sparse=True).items() if isinstance(i.message, TargetPoints))
     moved = {key: tuple(np.add(getattr(bird.message, key), [0.3, 0.1])) for key in ("center", "left", "right")}
     images = [Item(bird.t_recv_ns, replace(bird.message, **moved))]
     run = feed(encode(merged(items, own_positions(5.0, 22.0), leader_positions(6.0, 22.0), images)), config)

@@ -17,7 +17,7 @@ SETTLED = 8 * S  # three seconds of images: before, the range is open
 def flown(changed: Callable[[TargetPoints], list[TargetPoints]]) -> Run:
     """The flight, with what the detector makes of each image."""
     items: list[Item] = []
-    for item in Stream(t0=T0, t1=T1).items():
+    for item in Stream(t0=T0, t1=T1, sparse=True).items():
         m = item.message
         images = changed(m) if isinstance(m, TargetPoints) else [m]
         items += [Item(item.t_recv_ns, each) for each in images]

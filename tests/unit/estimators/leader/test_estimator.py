@@ -25,7 +25,7 @@ def second(message: TargetPoints, target: str, flight: Flight = FAR) -> TargetPo
 
 def two_aircraft(first_id: str, second_id: str, t1: float = 8.0) -> list[Item]:
     items = []
-    for item in Stream(flight=NEAR, t1=t1).items():
+    for item in Stream(flight=NEAR, t1=t1, sparse=True).items():
         m = item.message
         if isinstance(m, TargetPoints):
             items += [
@@ -88,7 +88,7 @@ def test_there_are_no_more_targets_than_allowed() -> None:
     ownship = Ownship(max_extrapolation=0.1)
     reported: dict[str, int] = {}
     images = 0
-    for item in Stream(flight=NEAR, t1=6.0).items():
+    for item in Stream(flight=NEAR, t1=6.0, sparse=True).items():
         m = item.message
         if isinstance(m, TargetPoints):
             images += 1
@@ -127,7 +127,7 @@ def test_a_camera_that_hangs_is_not_taken_for_an_aircraft() -> None:
             m = replace(m, center=frozen.center, left=frozen.left, right=frozen.right)
         return Item(item.t_recv_ns, m)
 
-    run = feed(encode(hang(i) for i in Stream(flight=swaying, t1=12.0).items()))
+    run = feed(encode(hang(i) for i in Stream(flight=swaying, t1=12.0, sparse=True).items()))
     stale = [r for r in run.reports if r.verdict is Verdict.STALE]
     assert stale
     assert min(r.t_ns for r in stale) == pytest.approx(7.5 * S, abs=100 * MS)
@@ -136,7 +136,7 @@ def test_a_camera_that_hangs_is_not_taken_for_an_aircraft() -> None:
 
 def test_points_at_the_edge_of_the_image_are_rejected() -> None:
     narrow = "camera.width_px=40", "camera.height_px=400", "camera.sigma_px=0.5"
-    run = feed(encode(Stream(flight=NEAR, t1=6.0).items()), make_config(*narrow))
+    run = feed(encode(Stream(flight=NEAR, t1=6.0, sparse=True).items()), make_config(*narrow))
     assert set(run.verdicts()) == {Verdict.OUT_OF_VIEW}
 
 
@@ -159,7 +159,9 @@ def test_a_lost_leader_out_of_view_gives_that_as_the_reason() -> None:
             m = replace(m, q_nb=(math.cos(0.6), 0.0, 0.0, math.sin(0.6)))
         return Item(item.t_recv_ns, m)
 
-    run = feed(encode(away(i) for i in Stream(flight=NEAR, t1=10.0, images=lambda t: t < 7.0).items()))
+    run = feed(
+        encode(away(i) for i in Stream(flight=NEAR, t1=10.0, images=lambda t: t < 7.0, sparse=True).items())
+    )
     lost = [e for e in run.estimates if e.state is Lifecycle.LOST]
     assert {e.reason for e in lost} == {
         "no image fused within the validity timeout, and it should be outside the view"

@@ -49,7 +49,7 @@ def flown(seed: int, radius: float | None, config: tuple[str, ...], own: OwnErro
     flight_ = Flight(radius=radius, size=2.0 * (1.0 + 0.02 * rng.normal()))
     turned = np.radians([own.tilt_sigma_deg, own.tilt_sigma_deg, own.yaw_sigma_deg]) * rng.normal(size=3)
     off_r, off_v = own.position_sigma_m * rng.normal(size=3), own.velocity_sigma_m_s * rng.normal(size=3)
-    items = Stream(flight=flight_, t1=9.0, seed=1000 + seed).items()
+    items = Stream(flight=flight_, t1=9.0, seed=1000 + seed, sparse=True).items()
     messages = erring((i.message for i in items), turned, off_r, off_v)
     run = advance([heartbeat(5 * S), *messages], make_config(*config))
     last, states = run.estimates[-1], LeaderStates(own)

@@ -31,7 +31,7 @@ def flooded(items: list[Item]) -> list[Item]:
     return more
 
 
-ITEMS = Stream(flight=NEAR, t1=float(T1)).items()
+ITEMS = Stream(flight=NEAR, t1=float(T1), sparse=True).items()
 IMAGES = sum(isinstance(i.message, TargetPoints) for i in ITEMS)
 
 

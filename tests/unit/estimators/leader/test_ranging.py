@@ -42,7 +42,7 @@ def readings(t0: float, t1: float, measured: Range = true_range, sensor: int = S
 def fly(
     reports: list[Item], t1: float, config: Config | None = None, images: Callable[[float], bool] = lambda _t: True
 ) -> Run:
-    items = merged(Stream(t1=t1, images=images).items(), reports)
+    items = merged(Stream(t1=t1, images=images, sparse=True).items(), reports)
     return feed(encode(items), config or configured())
 
 
@@ -110,7 +110,7 @@ def test_a_detection_brings_its_range() -> None:
         Item(i.t_recv_ns, replace(i.message, range=true_range(i.message.t_ns / S)))
         if isinstance(i.message, TargetImage)
         else i
-        for i in Stream(t1=14.0).items()
+        for i in Stream(t1=14.0, sparse=True).items()
     ]
     taught, plain = make_run(items, config), make_run(items, configured())
     assert size_of(plain)[1] > 0.2

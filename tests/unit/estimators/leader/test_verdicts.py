@@ -13,7 +13,7 @@ from tests.support.streams import F_PX, MS, Flight, S, Stream, advance, feed, he
 
 def tracking() -> tuple[Estimator, Ownship, list[TargetPoints]]:
     """An estimator after 2 s of images, our own motion, and the images that were not shown to it yet."""
-    messages = [item.message for item in Stream(t1=7.0).items()]
+    messages = [item.message for item in Stream(t1=7.0, sparse=True).items()]
     last_ns = 6800 * MS
     shown = [m for m in messages if not (isinstance(m, TargetPoints) and m.t_ns >= last_ns)]
     pipeline = advance([heartbeat(5 * S), *shown], make_config()).pipeline
@@ -61,7 +61,7 @@ def test_after_a_reset_the_same_stamps_are_new_seed_1() -> None:
 def test_small_spans_are_fused_and_start_nothing_seed_1() -> None:
     """Were they refused, those would be left that noise has made larger: who flies away would stay near."""
     far = Flight(radius=None, gap=400.0)  # 2.8 px, which are two sigmas
-    run = Stream(flight=far, t1=25.0).datagrams()
+    run = Stream(flight=far, t1=25.0, sparse=True).datagrams()
     verdicts = feed(run).verdicts()
     assert Verdict.DEGENERATE not in verdicts
     assert verdicts[Verdict.FUSED] > 0.9 * sum(verdicts.values())

@@ -49,7 +49,7 @@ def winds(begin: float, end: float) -> Iterator[Message]:
 
 
 def flown(t1: float, *reports: Message, settings: tuple[str, ...] = (FIXED_WING,), t0: float = 5.0) -> Run:
-    messages = [item.message for item in Stream(flight=Crabbing(), t0=t0, t1=t1).items()]
+    messages = [item.message for item in Stream(flight=Crabbing(), t0=t0, t1=t1, sparse=True).items()]
     return advance(sorted([*messages, *reports], key=lambda m: m.t_recv_ns), make_config(*settings))
 
 
@@ -147,6 +147,6 @@ def test_a_copter_makes_no_use_of_the_wind_seed_1() -> None:
 
 
 def test_wind_reaches_the_leader_as_mavlink_seed_1() -> None:
-    items = [*Stream(flight=Crabbing(), t1=9.0).items(), *((w.t_recv_ns, w) for w in winds(5.0, 9.0))]
+    items = [*Stream(flight=Crabbing(), t1=9.0, sparse=True).items(), *((w.t_recv_ns, w) for w in winds(5.0, 9.0))]
     run = feed(encode(sorted(items, key=lambda item: item[0])), make_config(FIXED_WING))
     assert nose(run.estimates[-1])[0] > 10.0

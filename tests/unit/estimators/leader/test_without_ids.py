@@ -12,8 +12,8 @@ STRAIGHT, TIGHT = Flight(radius=None, gap=25.0), Flight(radius=60.0, gap=15.0)
 SIDE = 0.15  # rad
 
 
-def unnamed(flight: Flight, seed: int, t1: float) -> list[Message]:
-    messages = (i.message for i in Stream(flight=flight, t1=t1, seed=seed).items())
+def unnamed(flight: Flight, seed: int, t1: float, *, sparse: bool = True) -> list[Message]:
+    messages = (i.message for i in Stream(flight=flight, t1=t1, seed=seed, sparse=sparse).items())
     return [replace(m, target="") if isinstance(m, TargetPoints) else m for m in messages]
 
 
@@ -51,7 +51,7 @@ def test_one_aircraft_without_an_id_stays_one_track_seeds_1_to_3(flight: Flight,
 @pytest.mark.parametrize("first", [True, False])
 def test_two_aircraft_are_two_tracks_seed_2(first: bool, leader_id: str) -> None:
     messages: list[Message] = []
-    for m in unnamed(CIRCLE, 2, 14.0):
+    for m in unnamed(CIRCLE, 2, 14.0, sparse=False):
         messages.append(m)
         if isinstance(m, TargetPoints) and m.t_ns > 8 * S:
             center, left, right = ((u + SIDE, v) for u, v in (m.center, m.left, m.right))
