@@ -12,7 +12,7 @@ from onboard.messages import Estimate, Message, NavState, Output
 from onboard.messages.schemas import key_of
 from onboard.pipeline import Pipeline
 from simlink.scenarios.scenario import load_scenario
-from simlink.simulation import datagrams
+from tests.support import kept
 
 FLIGHTS = ("traffic", "quadrotor")  # the first has a leader, too
 
@@ -22,7 +22,7 @@ NOTHING = {(name, "quadrotor") for name in ("leader", "oh_johnson", "traffic")} 
 def flown(name: str, scenario: str, seconds: float = 5.0) -> list[Output]:
     pipeline = Pipeline(parse_config({"estimator": {name: {}}}))
     outputs: list[Output] = []
-    for item in datagrams(load_scenario(scenario), 3, seconds):
+    for item in kept.flight(load_scenario(scenario), 3, seconds):
         if not isinstance(item, Message) and hasattr(item, "data"):
             outputs += pipeline.feed(item)
     return outputs

@@ -71,13 +71,14 @@ def flown(
     in_image: bool = False,
     flight: Flight = LOOP,
     distortion: tuple[float, ...] = BARREL,
+    sparse: bool = False,
 ) -> Run:
-    """A flight with a pixel of noise. Without a `mount` the camera is fixed to the body; `in_image`: the attitude
-    comes with each image, else from the gimbal."""
+    """A flight with a pixel of noise. Without a `mount` the camera is fixed to the body;
+    `in_image`: the attitude comes with each image, else from the gimbal; `sparse`: at half the rates."""
     rng = np.random.default_rng(seed)
     encoder = MavlinkEncoder(1, GIMBAL)
     timed: list[tuple[int, Datagram]] = []
-    for item in Stream(flight=flight, t1=5.0 + seconds, seed=None).items():
+    for item in Stream(flight=flight, t1=5.0 + seconds, seed=None, sparse=sparse).items():
         t_ns = item.message.t_ns
         if not isinstance(item.message, TargetPoints):
             timed += [(item.t_recv_ns, d) for d in encode([item])]

@@ -12,7 +12,8 @@ from onboard.scoring.leader import LeaderScore
 from onboard.scoring.reference import reference_from_records
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario
-from simlink.simulation import boot_ns_of, datagrams
+from simlink.simulation import boot_ns_of
+from tests.support import kept
 
 SECONDS: Final = {  # of flight, where it matters
     "formation-drop-out": 38.0,  # without images from 30 to 35 s
@@ -60,22 +61,23 @@ class Flights:
     def __init__(self, folder: Path, seed: int) -> None:
         self.seed = seed
         self._folder = folder
-        self._recorded: dict[str, Recorded] = {}
-        self._replayed: dict[tuple[str, ...], Replayed] = {}
+        self._recorded: dict[tuple[str, float], Recorded] = {}
+        self._replayed: dict[tuple[float, str, *tuple[str, ...]], Replayed] = {}
 
-    def __call__(self, scenario: str, *settings: str) -> Replayed:
-        """The scenario with its own configuration, and with these settings."""
-        key = (scenario, *settings)
+    def __call__(self, scenario: str, *settings: str, until: float | None = None) -> Replayed:
+        """The scenario with its own configuration, and with these settings, for `until` s if not for `seconds`."""
+        end = seconds(scenario) if until is None else until
+        key = (end, scenario, *settings)
         if key not in self._replayed:
-            self._replayed[key] = self._replay(scenario, settings)
+            self._replayed[key] = self._replay(scenario, settings, end)
         return self._replayed[key]
 
-    def _replay(self, scenario: str, settings: tuple[str, ...]) -> Replayed:
+    def _replay(self, scenario: str, settings: tuple[str, ...], end: float) -> Replayed:
         loaded = load_scenario(scenario)
         path = self._folder / f"{scenario}.toml"
         path.write_text(daemon_config(loaded), encoding="utf-8")
         pipeline = Pipeline(load_config(path, settings))
-        flight = self._flight(scenario)
+        flight = self._flight(scenario, end)
         made = [o for d in flight.datagrams for o in pipeline.feed(d) if isinstance(o, Estimate) and o.is_primary]
         own = [o for o in made if isinstance(o, NavState)]
         estimates = [o for o in made if not isinstance(o, NavState)]
@@ -87,10 +89,11 @@ class Flights:
         health = pipeline.health(flight.datagrams[-1].t_recv_ns)
         return Replayed(of_leader, score, boot_ns_of(loaded), own, health, pipeline.errors, beside)
 
-    def _flight(self, scenario: str) -> Recorded:
-        if scenario not in self._recorded:
+    def _flight(self, scenario: str, end: float) -> Recorded:
+        key = (scenario, end)
+        if key not in self._recorded:
             loaded = load_scenario(scenario)
-            items = [*datagrams(loaded, self.seed, seconds(scenario), camera="mavlink")]
+            items = kept.flight(loaded, self.seed, end, camera="mavlink")
             arriving = [i for i in items if isinstance(i, Datagram) and i.encoding is not Encoding.RADAR]
-            self._recorded[scenario] = Recorded(arriving, [i for i in items if isinstance(i, Truth)])
-        return self._recorded[scenario]
+            self._recorded[key] = Recorded(arriving, [i for i in items if isinstance(i, Truth)])
+        return self._recorded[key]

@@ -9,7 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.support import kernels, order
+from simlink.scenarios.scenario import load_scenario
+from simlink.simulation import datagrams
+from tests.support import kept, kernels, order
 from tests.support.programs import PATIENCE, ROOT
 
 ANGLE = """
@@ -95,6 +97,40 @@ def test_machine_code_older_than_a_source_is_made_before_the_tests(stamp: Path) 
     os.utime(stamp, (8.0, 8.0))
     assert not kernels.older([stamp], [compiled])
     assert not kernels.older([stamp], [])
+
+
+def test_a_flight_is_kept_as_it_was_simulated_until_a_source_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scenario, made = load_scenario("formation"), [*datagrams(load_scenario("formation"), 3, 0.5)]
+    monkeypatch.setattr(kept, "FOLDER", tmp_path)
+    monkeypatch.setattr(kept, "digest", lambda: "these")
+    kept._folder.cache_clear()
+    assert kept.flight(scenario, 3, 0.5) == made
+    with monkeypatch.context() as patch:
+        patch.setattr(kept, "datagrams", lambda *_, **_more: pytest.fail("simulated again"))
+        assert kept.flight(scenario, 3, 0.5) == made
+    assert kept.flight(scenario, 4, 0.5) != made != kept.flight(scenario, 3, 0.5, camera="mavlink")
+    assert len([*tmp_path.glob("these/*")]) == 3
+    monkeypatch.setattr(kept, "digest", lambda: "those")
+    kept._folder.cache_clear()
+    assert kept.flight(scenario, 3, 0.5) == made
+    assert len([*tmp_path.glob("*/*")]) == 1
+    kept._folder.cache_clear()
+
+
+def test_the_digest_of_flights_changes_with_a_source_and_a_scenario(tmp_path: Path) -> None:
+    for part in kept.SOURCES:
+        copy = shutil.copytree if (ROOT / part).is_dir() else shutil.copy2
+        (tmp_path / part).parent.mkdir(exist_ok=True)
+        copy(ROOT / part, tmp_path / part)
+    found = {kept.digest(), kept.digest(tmp_path)}
+    assert len(found) == 1
+    for file in ("simlink/world/noise.py", "simlink/scenarios/formation.toml", "onboard/wire/mavlink_encode.py"):
+        with (tmp_path / file).open("a", encoding="utf-8") as changed:
+            changed.write("# changed")
+        found.add(kept.digest(tmp_path))
+    assert len(found) == 4
 
 
 def test_the_digest_is_of_every_source_that_machine_code_may_hold() -> None:

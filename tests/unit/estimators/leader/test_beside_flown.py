@@ -16,8 +16,8 @@ from onboard.models.relative_motion import POSITION, SIZE
 from onboard.pipeline import Pipeline
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario
-from simlink.simulation import datagrams
 from simlink.world.drawn import drawn
+from tests.support import kept
 from tests.support.honesty import nees
 
 PRIOR = 0.3  # of the wingspan, one standard deviation
@@ -67,7 +67,7 @@ def fly(name: str, seed: int, seconds: float, folder: Path) -> Flight:
     pipeline = Pipeline(load_config(folder / "x.toml", [f"estimator.leader.{key}" for key in settings]))
     estimates: list[Estimate] = []
     truths: list[Truth] = []
-    for each in datagrams(scenario, seed, seconds):
+    for each in kept.flight(scenario, seed, seconds):
         if isinstance(each, Datagram):
             made = pipeline.feed(each)
             estimates += [o for o in made if isinstance(o, Estimate) and o.name == "leader" and o.is_primary]

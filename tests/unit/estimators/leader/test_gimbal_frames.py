@@ -41,7 +41,8 @@ def config(frame: str = "as flagged") -> Config:
 
 
 def run(mount: Mount, frame: str = "as flagged") -> Run:
-    return flown(config(frame), mount, seed=3, seconds=SECONDS, flight=Pitching(radius=300.0), distortion=FLAT)
+    pitching = Pitching(radius=300.0)
+    return flown(config(frame), mount, seed=3, seconds=SECONDS, flight=pitching, distortion=FLAT, sparse=True)
 
 
 def contradicted(found: Run) -> int:

@@ -83,7 +83,7 @@ def test_the_name_passes_on_from_what_was_seen_first_unless_images_name_it_seed_
 ) -> None:
     """What was seen first has no wing any more: its track is not valid, whether it is still seen or not."""
     messages: list[Message] = []
-    for m in unnamed(STRAIGHT, 1, 26.0):
+    for m in unnamed(STRAIGHT, 1, 22.0):
         if not isinstance(m, TargetPoints):
             messages.append(m)
             continue
@@ -93,7 +93,7 @@ def test_the_name_passes_on_from_what_was_seen_first_unless_images_name_it_seed_
         elif stays:
             messages.append(replace(m, target=leader_id, left=m.center, right=m.center))
         messages.append(replace(m, center=center, left=left, right=right))
-    estimates = [e for e in advance(messages).estimates if isinstance(e, Estimate) and e.t_ns > 24 * S]
+    estimates = [e for e in advance(messages).estimates if isinstance(e, Estimate) and e.t_ns > 20 * S]
     by_target = {e.target: e for e in estimates}
     assert by_target["leader"].valid is (leader_id == "")
     assert ("unnamed/1" in by_target and by_target["unnamed/1"].valid) is (leader_id == "leader")

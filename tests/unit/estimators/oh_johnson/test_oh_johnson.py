@@ -11,7 +11,7 @@ from onboard.filters.belief import FilterError
 from onboard.messages import Datagram, Estimate, Lifecycle, Output, TargetPoints, Verdict
 from onboard.pipeline import Pipeline
 from simlink.scenarios.scenario import load_scenario
-from simlink.simulation import datagrams
+from tests.support import kept
 from tests.support.streams import Item, Run, Stream, advance
 
 SIZE = 2.667
@@ -20,7 +20,7 @@ SIZE = 2.667
 def flown(*names: str, seconds: float = 6.0) -> tuple[Pipeline, list[Output]]:
     pipeline = Pipeline(parse_config({"estimator": {name: {"size_prior_m": SIZE} for name in names}}))
     outputs: list[Output] = []
-    for item in datagrams(load_scenario("formation"), 3, seconds):
+    for item in kept.flight(load_scenario("formation"), 3, seconds):
         if isinstance(item, Datagram):
             outputs += pipeline.feed(item)
     return pipeline, outputs

@@ -4,7 +4,7 @@ from msgspec.structs import replace
 
 from onboard.messages import Datagram, NavState
 from simlink.scenarios.scenario import Scenario, load_scenario
-from simlink.simulation import datagrams
+from tests.support import kept
 from tests.support.own_vehicle import pipeline
 
 LOW_V = 10.54  # 0.7 of the thrust: without its voltage, the fault "mass"
@@ -22,7 +22,7 @@ def low() -> Scenario:
 
 def test_an_empty_battery_is_no_fault_seed_5() -> None:
     p = pipeline(gps_s=0.1, airframe="csvsf", publish_rate_hz=10.0)
-    flown = [d for d in datagrams(low(), 5, SECONDS, camera="none") if isinstance(d, Datagram)]
+    flown = [d for d in kept.flight(low(), 5, SECONDS, camera="none") if isinstance(d, Datagram)]
     states = [o for d in flown for o in p.feed(d) if isinstance(o, NavState)]
     assert not p.errors
     assert states[-1].valid

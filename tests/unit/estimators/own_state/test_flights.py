@@ -16,7 +16,7 @@ from onboard.pipeline import Pipeline
 from simlink.cli import main as simlink
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario, parse_scenario
-from simlink.simulation import datagrams
+from tests.support import kept
 from tests.support.own_vehicle import pipeline
 
 # with the RMS error of the velocity (m/s), a third above what is measured. Most of it is vertical: of heights
@@ -47,7 +47,7 @@ EARLY = {
 def recorded(name: str, seed: int, seconds: float) -> list[Any]:
     """A flight, simulated once for all filters that fly it."""
     scenario = parse_scenario(f"extends = '{name}'\n{EARLY.get(name, '')}", name)
-    return [*datagrams(scenario, seed, seconds, camera="none")]
+    return list(kept.flight(scenario, seed, seconds, camera="none"))
 
 
 def flown(name: str, seed: int, seconds: float, **section: Any) -> tuple[Pipeline, list[NavState], list[Truth]]:
