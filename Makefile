@@ -16,7 +16,7 @@ KERNELS := $(wildcard onboard/filters/*.py onboard/filters/kernels/*.py onboard/
 # compile all sources anew.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: install demo test test-all fast matrix lint mutants fuzz bench docs pictures wheel release arm clean
+.PHONY: install demo test test-all test-near fast matrix lint mutants fuzz bench docs pictures wheel release arm clean
 
 install: $(READY) $(COMPILED)  ## onboard and simlink, in .venv/bin, with the filters compiled
 	@$(BIN)/python -m compileall -q -j 0 $(VENV)/lib > /dev/null 2>&1 || true  # for users who may not write there
@@ -37,6 +37,9 @@ test: $(READY_DEV)  ## before each commit: four minutes on two cores
 test-all: $(READY_DEV) docs  ## before a release: also the documentation, whole studies, long runs, recorded flights
 	$(CHECK)
 	$(TESTS) $(ARGS)
+
+test-near: $(READY_DEV) $(COMPILED)  ## while you work: the tests nearest to FILES="...", or to what differs from the last commit
+	near=$$($(BIN)/python -m tests.near $(FILES)) && test -n "$$near" && $(TESTS) -m "not slow" $$near $(ARGS)
 
 # What depends on Python and on other packages more than on our filters: bytes, links, configuration, commands, the wheel.
 # Kernels run in Python, so nothing is compiled; what we use of Numba is tried by itself.
