@@ -1,6 +1,8 @@
 """No verdict is written by hand: with numbers drawn at random, each claim of each study holds and fails."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -66,15 +68,24 @@ class Rows(dict[tuple[str, str], Any]):
             right = {"nees": 9.0, "a_long_ft_s2": 0.5, "range_percent": 6.0}.get(name, 1.0)
             return values.setdefault(name, drawn.about(right))
 
-        self[key] = SimpleNamespace(
-            value=value,
-            runs=RUNS,
-            diverged_percent=100.0 * drawn.some() / RUNS,
-            nees_bounds=(8.0, 10.0),
-            a_lat_converged_s=1.0,
-            scores=drawn_scores(drawn, value),
-        )
+        self[key] = Row(drawn, value, 100.0 * drawn.some() / RUNS)
         return self[key]
+
+
+@dataclass
+class Row:
+    """A row; its runs' scores are drawn when a study asks for them."""
+
+    drawn: Drawn
+    value: Callable[[str], float]
+    diverged_percent: float
+    runs: int = RUNS
+    nees_bounds: tuple[float, float] = (8.0, 10.0)
+    a_lat_converged_s: float = 1.0
+
+    @cached_property
+    def scores(self) -> list[Any]:
+        return drawn_scores(self.drawn, self.value)
 
 
 def drawn_scores(drawn: Drawn, value: Callable[[str], float]) -> list[Any]:
