@@ -62,12 +62,12 @@ class Flights:
         self.seed = seed
         self._folder = folder
         self._recorded: dict[tuple[str, float], Recorded] = {}
-        self._replayed: dict[tuple[float, str, *tuple[str, ...]], Replayed] = {}
+        self._replayed: dict[tuple[float, tuple[str, ...]], Replayed] = {}
 
     def __call__(self, scenario: str, *settings: str, until: float | None = None) -> Replayed:
         """The scenario with its own configuration, and with these settings, for `until` s if not for `seconds`."""
         end = seconds(scenario) if until is None else until
-        key = (end, scenario, *settings)
+        key = (end, (scenario, *settings))
         if key not in self._replayed:
             self._replayed[key] = self._replay(scenario, settings, end)
         return self._replayed[key]
