@@ -124,7 +124,7 @@ def test_the_reported_noise_is_that_of_a_flight_with_seed(noise: float, seed: in
         center, left, right = (tuple(p) for p in points.tolist())
         return Item(item.t_recv_ns, replace(m, center=center, left=left, right=right))
 
-    run = advance(noisy(i).message for i in Stream(t0=5.0, t1=35.0, seed=None, latency=0, sparse=True).items())
+    run = advance(noisy(i).message for i in Stream(t0=5.0, t1=35.0, seed=None, latency=0).items())
     scales = [float(found[1]) for e in run.estimates if (found := re.search(r"([\d.]+) times", e.reason))]
     assert np.median(scales) == pytest.approx(noise, rel=0.1)
     assert all(e.valid for e in run.estimates[500:])
