@@ -64,7 +64,7 @@ class NoseModel(NamedTuple):
     tied_for: float = 30.0  # s, until that is decided anew
     undecided_for: float = 2.0  # s, of a fast one
     fewest: int = 80  # particles: as many as the noses and ranges in question need, but so many at least
-    fewest_sided: int = 400  # where points show the nose, and of a new track
+    fewest_sided: int = 400  # where points show the nose
     turning: float = 0.15  # the probability that it turns its nose at first, beside the turn of its course
     still_for: float = 30.0  # s
     turns_for: float = 4.0  # s

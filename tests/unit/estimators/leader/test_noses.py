@@ -185,11 +185,10 @@ def test_the_nose_of_a_fixed_wing_is_likely_on_its_course_but_no_more() -> None:
 def test_where_points_show_the_nose_particles_stay_dense() -> None:
     """A few noses and one range are in question: a turn of the nose is followed by those that are there."""
     cloud = watched(0.5, 5.0, sway=3.0)
-    agreed = particles.resampled(cloud, SETTINGS.particles)._replace(fresh=0.0)
+    agreed = particles.resampled(cloud, SETTINGS.particles)
     agreed.noses[:], agreed.means[:] = agreed.noses[0], agreed.means[0]
     assert particles.enough(SETTINGS, agreed) == SETTINGS.fewest
     assert particles.enough(SETTINGS, agreed._replace(sided=True)) == SETTINGS.fewest_sided
-    assert particles.enough(SETTINGS, agreed._replace(fresh=SETTINGS.first_evidence)) == SETTINGS.fewest_sided
 
 
 def test_as_many_particles_as_fit_are_no_surer_than_very_many() -> None:

@@ -258,15 +258,13 @@ def fitting(settings: NoseModel, cloud: Cloud) -> Cloud:
 def enough(settings: NoseModel, cloud: Cloud) -> int:
     """How many particles there should be: in proportion to the number of different noses and ranges that have
     weight, as in KLD-sampling (Fox, 2003). Where points show the nose, the right noses are few degrees wide: what
-    follows a nose that turns must be dense there. While the evidence of a new track is not used yet, its few bins
-    say little: of fewer particles the right ones die out."""
+    follows a nose that turns must be dense there."""
     r = cloud.means[:, POSITION]
     log_range = 0.5 * np.log(np.einsum("ki,ki->k", r, r))
     turn = math.tau if cloud.sided else math.pi
     bins = NOSE_BIN, RANGE_BIN, LEAST_WEIGHT
     occupied = int(moments.occupied(cloud.noses, log_range, np.exp(cloud.log_weights), turn, *bins))
-    is_new = cloud.fresh > settings.evidence_rate
-    fewest = max(settings.fewest, settings.fewest_sided if cloud.sided or is_new else 0)
+    fewest = settings.fewest_sided if cloud.sided else settings.fewest
     return min(max(PER_BIN * occupied, fewest), settings.particles)
 
 
