@@ -80,7 +80,9 @@ def _holds_record(data: bytes) -> bool:
     """Whether there is a record whose frame has the right checksum."""
     for at in range(len(data) - 8):
         length = None if _stamp_at(data, at) is None else frame_length(data, at + 8)
-        if length is not None and not flaw(data[at + 8 : at + 8 + length]):
+        if length is None or at + 8 + length > len(data):
+            continue
+        if not flaw(data[at + 8 : at + 8 + length]):
             return True
     return False
 

@@ -121,3 +121,12 @@ def test_a_file_read_by_blocks_gives_the_same_seed_4(monkeypatch: pytest.MonkeyP
     assert sum(datagram is None for datagram, _ in whole) >= 2
     monkeypatch.setattr(tlog, "BLOCK", block)
     assert list(read_tlog(io.BytesIO(log))) == whole
+
+
+def test_a_damaged_log_whose_only_record_is_cut_anywhere_is_none() -> None:
+    """What is searched for a record ends somewhere in one."""
+    first = b"\0" + tlog_record(DATAGRAMS[0].t_recv_ns, DATAGRAMS[0].data)
+    assert len(records(first)) >= 1
+    for end in range(9, len(first)):
+        with pytest.raises(NotALogError):
+            records(first[:end])
