@@ -21,7 +21,8 @@ from onboard.config import parse_config
 from onboard.filters.numba_internals import on_compile
 from tests.support.programs import PATIENCE, environment
 
-SMALL = {"onboard.filters.kernels.cholesky"}  # all that the leader needs of the filters' kernels
+# all that the leader needs of the filters' kernels
+SMALL = {"onboard.filters.kernels.cholesky", "onboard.filters.kernels.definite"}
 
 
 @pytest.fixture(autouse=True)
