@@ -54,15 +54,13 @@ COVARIANCES: Final = out(types.float64, 3)
 class Noise(NamedTuple):
     """The variances that a step adds: `fixed` (W,); `broad`, times the square of the fraction that is seen of a
     wing of `usual` length (its logarithm, m), of a steady leader, of one that accelerates, and of one that hovers
-    (3, N); `range_` (N,), times the square of the range; and those of `stretch` by a nose that wobbles, and by one
-    that sets its leader's course and is ahead of it, times the square of the rate at which the course turns, both
-    times the square of the share by which a radian shortens the wing."""
+    (3, N); `range_` (N,), times the square of the range; and that of `stretch` by a nose that wobbles, times the
+    square of the share by which a radian shortens the wing."""
 
     fixed: Array
     broad: Array
     range_: Array
     wobble: float
-    ahead: float
     usual: float
 
 
@@ -222,7 +220,7 @@ def _stop(x, S, hover, drag):
 @njit(
     (
         *(OUT, COVARIANCES, NOSES, NUMBER, VECTOR, VECTOR, ROWS, VECTOR, ROWS, VECTOR),
-        *(NUMBER, NUMBER, NUMBER, VECTOR, VECTOR, VECTOR, NUMBER, VECTOR, VECTOR),
+        *(NUMBER, NUMBER, VECTOR, VECTOR, VECTOR, NUMBER, VECTOR, VECTOR),
     ),
     cache=True,
     error_model="numpy",
@@ -239,7 +237,6 @@ def _predict(
     broad,
     range_,
     wobble,
-    ahead,
     usual,
     hover,
     decay,
@@ -280,8 +277,7 @@ def _predict(
             for j in range(i):
                 S[i, j] = S[j, i] = 0.5 * (S[i, j] + S[j, i])
         steep = ((x[7] + x[11]) * np.cos(noses[k]) - (x[6] + x[10]) * np.sin(noses[k])) / (G - x[8])
-        leads = ahead * rate * rate if tied[k] == TIED else 0.0
-        S[12, 12] += (wobbles * wobble + leads) * shortens2(seen2, steep * steep)
+        S[12, 12] += wobbles * wobble * shortens2(seen2, steep * steep)
         for i in range(3):
             x[i] += dt * x[3 + i] + half * x[6 + i] - moved[i]
             x[3 + i] += dt * x[6 + i]

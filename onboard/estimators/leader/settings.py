@@ -21,9 +21,7 @@ class NoseModel(NamedTuple):
 
     The reasons: a copter leaned by 0.12 / s of its airspeed at 6 m/s and 0.22 / s at 12 m/s
     (../shared/data/formation-copter); small racers lean by 0.03 / s, heavy lifters by 0.5 / s; winds of 3 m/s
-    along an axis are a gentle breeze. The nose wobbles by 2 degrees in the reference flight of Oh & Johnson. The
-    noses of PX4s and ArduCopters in their own simulators were ahead of their courses by 0.1 to 0.6 s of turns of
-    0.12 to 0.2 rad/s, and off by up to 7 degrees more, as their own yaw was.
+    along an axis are a gentle breeze. The nose wobbles by 2 degrees in the reference flight of Oh & Johnson.
     Errors of our velocity last some seconds (a receiver's noise, filtered) to a minute (multipath): 20 s.
     `evidence_rate` is there because errors of images and of flight are correlated over some tenths of a second,
     and those of what a hypothesis supposes as long as the view stays the same: so new views count (`new_view`),
@@ -76,8 +74,7 @@ class NoseModel(NamedTuple):
     rolled_time: float = 5.0  # s
     stretch: float = 0.02  # of the apparent length: a tip that is misplaced
     nose_wobble: float = math.radians(2.0)  # rad: it stretches a wing the more, the less is seen of it
-    nose_leads: float = 0.7  # s of its turn, by which a nose that sets the course is ahead of it
-    stretch_time: float = 3.0  # s, of all three
+    stretch_time: float = 3.0  # s, of both
     drag: float = 0.16  # 1/s, the mean: deceleration by the air, per m/s of airspeed
     drag_sigma: float = 0.08  # 1/s, of a lognormal distribution
     wind: float = 3.0  # m/s, along each axis

@@ -129,8 +129,7 @@ def _noise(s: NoseModel, dt: float, biases: tuple[Bias, ...]) -> model.Noise:
     broad = per_second.broad * dt
     broad[:, BANK_ERROR] = of_bank
     range_ = 2.0 * dt / s.misalignment_time * per_second.range_
-    wobble, ahead = s.nose_wobble**2 * new, s.nose_leads**2 * new
-    return model.Noise(fixed, broad, range_, wobble, ahead, math.log(s.size))
+    return model.Noise(fixed, broad, range_, s.nose_wobble**2 * new, math.log(s.size))
 
 
 class Densities(NamedTuple):
