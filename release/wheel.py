@@ -86,7 +86,7 @@ def compile_into(tree: Path) -> None:
         told = {"NUMBA_CPU_NAME": one.made.name, "NUMBA_CPU_FEATURES": one.made.features}
         run([sys.executable, "-m", "release.machine_code", one.name], tree, told)
     finish = "from onboard.commands import compiling; from onboard.filters import shipped; "
-    run([sys.executable, "-c", f"{finish}shipped.tell(shipped.FOLDER, compiling.sources())"], tree)
+    run([sys.executable, "-c", f"{finish}shipped.write_contents(shipped.FOLDER, compiling.sources())"], tree)
 
 
 def require_numba(tree: Path, version: str) -> None:

@@ -252,7 +252,7 @@ def keep_code_in(find: Find) -> bool:
 
 
 def asked_for() -> tuple[str | None, str | None]:
-    """The processor that Numba is told to compile for, by its name and features; None for what it finds."""
+    """The processor that Numba is set to compile for, by its name and features; None for what it finds."""
     from numba.core import config  # noqa: PLC0415 - half a second
 
     settings: Any = config

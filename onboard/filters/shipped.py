@@ -6,7 +6,7 @@ sources the code of each module is. It is used while Numba, LLVM and Python are 
 sources have the same bytes: their digest is the code's stamp. When files were written does not matter.
 
 Code for a processor is used on each that can do all that it needs. Where there is none, or it is damaged, or Numba
-is told to compile for another processor (`NUMBA_CPU_NAME`), kernels are compiled as without it.
+is set to compile for another processor (`NUMBA_CPU_NAME`), kernels are compiled as without it.
 """
 
 import hashlib
@@ -26,7 +26,7 @@ CONTENTS: Final = "made.json"
 
 
 class Processor(NamedTuple):
-    """What code is made for: the name of its folder, what the compiler is told, and what it needs, by LLVM's
+    """What code is made for: the name of its folder, the options of the compiler, and what it needs, by LLVM's
     names."""
 
     name: str
@@ -112,19 +112,19 @@ def use(folder: Path = FOLDER) -> bool:
     processor = chosen(platform.machine(), numba_internals.processor_features(), numba_internals.asked_for())
     if processor is None:
         return False
-    sources = told(folder)
+    sources = sources_of(folder)
     if sources is None or not (folder / processor.name).is_dir():
         return False
     return numba_internals.look_first(Code(folder, processor, sources).place, processor.made)
 
 
-def tell(folder: Path, sources: Mapping[str, Sequence[str]]) -> None:
+def write_contents(folder: Path, sources: Mapping[str, Sequence[str]]) -> None:
     """Write what a folder with machine code holds, once all of it is there."""
     text = json.dumps({"made_with": made_with(), "sources": sources}, indent=1, sort_keys=True)
     (folder / CONTENTS).write_text(text, encoding="utf-8")
 
 
-def told(folder: Path) -> dict[str, list[str]] | None:
+def sources_of(folder: Path) -> dict[str, list[str]] | None:
     """The sources of each module with code in a folder; None if it is not all there, or is for other versions."""
     try:
         contents = json.loads((folder / CONTENTS).read_text(encoding="utf-8"))

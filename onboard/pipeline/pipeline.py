@@ -140,9 +140,9 @@ class Pipeline:
             self._warm.receive(message)
             return self._latch(message.heartbeat)  # the next one comes within a second
         self._monitor.hear(message)
-        said = self._latch(message) if isinstance(message, Heartbeat) else []
+        published = self._latch(message) if isinstance(message, Heartbeat) else []
         heeded = self._heed(message)
-        return [*said, *heeded] if said else heeded
+        return [*published, *heeded] if published else heeded
 
     def _heed(self, message: Message) -> list[Output]:
         """A message, if it is of what is followed."""
@@ -181,7 +181,7 @@ class Pipeline:
                 self._monitor.reject(message, "unstamped_points")
             return []  # not stamped: commands, heartbeats, text; nothing to estimate from
         clocks, delay_ns = self.clocks, self.delay_ns(message)
-        reboots, jumps, corrections, said = clocks.reboots, clocks.jumps, clocks.corrections, list[Output]()
+        reboots, jumps, corrections, published = clocks.reboots, clocks.jumps, clocks.corrections, list[Output]()
         aligned = clocks.align(message, delay_ns)
         if aligned is None:  # counted by the clocks
             self._monitor.refusals.add_message(message, clocks.why if self.autopilot else "before_heartbeat")
@@ -189,16 +189,16 @@ class Pipeline:
         if isinstance(message, TargetImage):
             self._monitor.cameras.see(message, aligned.t_ns, clocks.offset_ns, self.ownship.now_ns)
         if clocks.reboots > reboots:
-            said = self._start_over(Reason(Cause.REBOOTED, "the autopilot has rebooted"))
+            published = self._start_over(Reason(Cause.REBOOTED, "the autopilot has rebooted"))
         elif clocks.jumps > jumps:
-            said = self._start_over(Reason(Cause.CLOCK_SET, "the autopilot has set its clock"))
+            published = self._start_over(Reason(Cause.CLOCK_SET, "the autopilot has set its clock"))
         if clocks.corrections > corrections:
             self._monitor.rejected["clock_corrections"] += 1
             self._reset(CORRECTED)
         if (known := self._warm.confirmed(clocks, message.t_recv_ns)) is not None:
             self._observe(known)
         routed = self._route(aligned, aligned.t_ns + delay_ns)
-        return [*said, *routed] if said else routed
+        return [*published, *routed] if published else routed
 
     def delay_ns(self, message: Message) -> int:
         """How much older than its stamp a message is, as configured."""

@@ -119,7 +119,9 @@ def _messages(log: Any, offset_ns: int, lose: Lose) -> Iterator[tuple[Message, i
         except UNREADABLE as error:
             lose(f"{kind}: {error}")
             continue
-        if message is None or (not newest and kind in SAID):  # the first heartbeat says what was said before
+        if message is None or (
+            not newest and kind in SAID
+        ):  # the first heartbeat has the mode that was set before
             continue
         if not newest:
             yield said.heartbeat(header), log.offset

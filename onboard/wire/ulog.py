@@ -95,9 +95,9 @@ def read_ulog(path: Path, lose: Lose = lambda _: None) -> Iterator[Message]:
     kind, start_ns = int(_parameter(log, "MAV_TYPE", 2)), int(log.start_timestamp) * 1000
     header = _header(start_ns, system)
     yield Heartbeat(**header, vehicle_type=kind, autopilot=PX4, armed=False, status=ACTIVE)
-    said = _texts(log, system, start_ns), _changes(log, system, start_ns)
+    messages = _texts(log, system, start_ns), _changes(log, system, start_ns)
     yield from _parameters(log, header)
-    yield from heapq.merge(*streams, *said, key=lambda m: m.t_ns)
+    yield from heapq.merge(*streams, *messages, key=lambda m: m.t_ns)
 
 
 def _parameters(log: Any, header: dict[str, Any]) -> Iterator[Message]:
@@ -117,7 +117,7 @@ def _changes(log: Any, system: int, start_ns: int) -> Iterator[Message]:
 
 
 def _texts(log: Any, system: int, start_ns: int) -> Iterator[Message]:
-    """What PX4 has said; its levels are digits. No time base begins with a text."""
+    """The texts of PX4; its levels are digits. No time base begins with a text."""
     for logged in sorted(log.logged_messages, key=lambda logged: int(logged.timestamp)):
         header = _header(max(int(logged.timestamp) * 1000, start_ns), system) | {"clock": Clock.NONE}
         yield StatusText(**header, severity=int(logged.log_level) & 7, text=plain(str(logged.message), LINE))

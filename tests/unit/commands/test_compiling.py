@@ -208,10 +208,10 @@ def test_a_numba_whose_cache_cannot_be_locked_compiles_in_one_process(monkeypatc
 @pytest.mark.parametrize(("precision", "expected"), [("double", "1"), ("both", "2"), (None, "2")])
 def test_a_program_says_which_precisions_it_needs(precision: str | None, expected: str) -> None:
     kept = {key: value for key, value in os.environ.items() if key != "WINGLINE_PRECISION"}
-    told = {} if precision is None else {"WINGLINE_PRECISION": precision}
+    precision_set = {} if precision is None else {"WINGLINE_PRECISION": precision}
     code = "from onboard.filters.compiled import signatures; print(len(signatures(2)))"
     command = [sys.executable, "-c", code]
-    done = subprocess.run(command, env=kept | told, cwd=ROOT, capture_output=True, text=True, check=True)
+    done = subprocess.run(command, env=kept | precision_set, cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == expected
 
 

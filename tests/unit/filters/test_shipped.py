@@ -58,10 +58,10 @@ def test_who_asks_for_another_processor_gets_no_code_of_this_one(
     assert chosen("x86_64", frozenset(HASWELL), asked) is expected
 
 
-def test_each_processor_needs_what_the_compiler_is_told_to_use() -> None:
+def test_each_processor_needs_what_the_compiler_may_use() -> None:
     for one in (one for of_kind in PROCESSORS.values() for one in of_kind):
-        told = {flag[1:] for flag in one.made.features.split(",") if flag}
-        assert told <= one.needs
+        features = {flag[1:] for flag in one.made.features.split(",") if flag}
+        assert features <= one.needs
         assert one.needs
 
 
@@ -190,18 +190,18 @@ def test_a_cache_of_another_kind_is_left_alone(name: str, monkeypatch: pytest.Mo
 
 
 def test_a_folder_tells_what_it_holds_once_all_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert shipped.told(tmp_path) is None
-    shipped.tell(tmp_path, {"a.py": ["a.py", "b.py"]})
-    assert shipped.told(tmp_path) == {"a.py": ["a.py", "b.py"]}
+    assert shipped.sources_of(tmp_path) is None
+    shipped.write_contents(tmp_path, {"a.py": ["a.py", "b.py"]})
+    assert shipped.sources_of(tmp_path) == {"a.py": ["a.py", "b.py"]}
     for content in ("", "[]", '{"made_with": {}}', (tmp_path / shipped.CONTENTS).read_text()[:-4]):
         (tmp_path / "half").mkdir(exist_ok=True)
         (tmp_path / "half" / shipped.CONTENTS).write_text(content)
-        assert shipped.told(tmp_path / "half") is None
+        assert shipped.sources_of(tmp_path / "half") is None
     for name, version in numba_internals.compiler_versions().items():
         others = numba_internals.compiler_versions() | {name: f"{version}.9"}
         with monkeypatch.context() as patch:
             patch.setattr(numba_internals, "compiler_versions", lambda others=others: others)
-            assert shipped.told(tmp_path) is None
+            assert shipped.sources_of(tmp_path) is None
 
 
 def test_a_tree_of_sources_has_none(tmp_path: Path) -> None:

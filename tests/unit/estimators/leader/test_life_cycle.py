@@ -73,12 +73,12 @@ def test_doubts_are_asked_until_one_contradicts() -> None:
 
 def test_what_is_found_is_told_always_and_what_is_open_while_it_is_followed() -> None:
     one = life_cycle()
-    told = [
+    reasons = [
         one.state(round(t * NS_PER_S), Facts([], in_view=False, finding="noisy", question="open"))[1].words
         for t in (10.0, 11.0, 13.0)
     ]
     outside = ", and it should be outside the view"
-    assert told == [
+    assert reasons == [
         "images fused; noisy; open",
         f"no image fused lately: predicted{outside}; noisy; open",
         f"no image fused within the validity timeout{outside}; noisy",
