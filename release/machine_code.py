@@ -1,6 +1,6 @@
 """Compile all kernels for one processor into the folder of a wheel: `python -m release.machine_code PROCESSOR`.
 
-Started in the tree that becomes the wheel, so that the machine code names no other place, and with Numba told for
+Started in the tree that becomes the wheel, so that the machine code names no other place, and with Numba set for
 which processor (`release.wheel`)."""
 
 import platform

@@ -83,8 +83,8 @@ def copied(tree: Path) -> Path:
 def compile_into(tree: Path) -> None:
     """Lay machine code for each kind of processor of this computer's into a tree. Raises CalledProcessError."""
     for one in shipped.PROCESSORS[platform.machine()]:
-        told = {"NUMBA_CPU_NAME": one.made.name, "NUMBA_CPU_FEATURES": one.made.features}
-        run([sys.executable, "-m", "release.machine_code", one.name], tree, told)
+        options = {"NUMBA_CPU_NAME": one.made.name, "NUMBA_CPU_FEATURES": one.made.features}
+        run([sys.executable, "-m", "release.machine_code", one.name], tree, options)
     finish = "from onboard.commands import compiling; from onboard.filters import shipped; "
     run([sys.executable, "-c", f"{finish}shipped.write_contents(shipped.FOLDER, compiling.sources())"], tree)
 
