@@ -3,6 +3,7 @@ several processes, and for them the longest files in front."""
 
 import gc
 import os
+import sys
 from collections.abc import Mapping
 
 import pytest
@@ -26,7 +27,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_unconfigure(config: pytest.Config) -> None:
     if SOURCES in config.stash:
-        kernels.keep(config.stash[SOURCES])
+        several = bool(config.getoption("numprocesses", None))  # then all were compiled before they began
+        kernels.keep(config.stash[SOURCES], made=config.stash[SOURCES] if several else sys.modules)
 
 
 def pytest_sessionstart() -> None:

@@ -14,7 +14,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from pathlib import Path
 
 from onboard.commands import compiling
@@ -54,27 +54,33 @@ def older(files: Iterable[Path], code: Iterable[Path]) -> bool:
 
 def prepare(*, all_at_once: bool) -> None:
     """Delete machine code unless it is known. Then compile all kernels if `all_at_once`: several processes are to
-    run tests, and must not write the same index at the same time."""
+    run tests, must not write the same index at the same time, and would each compile what is missing."""
     before = digests()
     assert compiling.knows_folders(), "this Numba does not say where its machine code is"
     code = {name: compiling.machine_code(name) for name in before}
     stale = {*unknown(STAMP, before, code), *(name for name in before if older(sources(name), code[name]))}
     if not stale:
         return
-    STAMP.unlink(missing_ok=True)
+    _stamp({name: digest for name, digest in before.items() if name not in stale})
     for path in (path for name in stale for path in code[name]):
         path.unlink(missing_ok=True)
     if all_at_once:
         command = [sys.executable, "-m", "onboard", "compile"]
         subprocess.run(command, cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)}, check=True)
-    keep(before)
+        keep(before, made=before)
 
 
-def keep(before: Mapping[str, str]) -> None:
-    """Stamp the machine code of now, unless the sources are no longer those whose digests are `before`."""
+def keep(before: Mapping[str, str], made: Container[str]) -> None:
+    """Stamp the machine code of now: of modules that are stamped, and of those `made`. None if the sources are no
+    longer those whose digests are `before`."""
     if digests() == before:
-        STAMP.parent.mkdir(exist_ok=True)
-        STAMP.write_text(json.dumps(before), encoding="utf-8")
+        stamped = json.loads(STAMP.read_text(encoding="utf-8")) if STAMP.exists() else {}
+        _stamp({name: digest for name, digest in before.items() if name in made or name in stamped})
+
+
+def _stamp(of_sources: Mapping[str, str]) -> None:
+    STAMP.parent.mkdir(exist_ok=True)
+    STAMP.write_text(json.dumps(of_sources), encoding="utf-8")
 
 
 def _digest(files: Iterable[Path]) -> str:

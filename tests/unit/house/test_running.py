@@ -99,6 +99,17 @@ def test_machine_code_older_than_a_source_is_made_before_the_tests(stamp: Path) 
     assert not kernels.older([stamp], [])
 
 
+def test_machine_code_that_one_test_alone_did_not_make_stays_unknown(
+    stamp: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each of several processes would compile it otherwise: the stamp would say that all of it is there."""
+    sources = {"a": "these", "made": "new", "missing": "new"}
+    monkeypatch.setattr(kernels, "STAMP", stamp)
+    monkeypatch.setattr(kernels, "digests", lambda: sources)
+    kernels.keep(sources, made={"made", "another.module"})
+    assert kernels.unknown(stamp, sources, {name: [] for name in sources}) == ["missing"]
+
+
 def test_a_flight_is_kept_as_it_was_simulated_until_a_source_changes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
