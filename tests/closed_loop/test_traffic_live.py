@@ -43,18 +43,21 @@ class Listener:
         self._client = client
         self._deadline = time.monotonic() + PATIENCE
         self.newest: dict[str, Estimate] = {}
+        self.valid: set[str] = set()  # at any time: on a busy computer some have left before others are tracked
         self.health: list[Health] = []
 
     def all_tracked(self) -> bool:
-        """Whether twenty tracks are valid, and the health has counted a hundred reports."""
+        """Whether twenty tracks have been valid, thirteen with an address, and a hundred reports were counted."""
         while (received := self._client.take(0.02)) is not None and time.monotonic() < self._deadline:
             match received.record:
                 case Estimate() as e if e.name == "traffic":
                     self.newest[e.target] = e
+                    self.valid |= {e.target} if e.valid else set()
                 case Health() as h:
                     self.health.append(h)
         fused = self.health[-1].verdicts.get("traffic.fused", 0) if self.health else 0
-        return sum(e.valid for e in self.newest.values()) == 20 and fused > 100
+        named = sum(name.startswith("icao/") for name in self.valid)
+        return named == 13 and len(self.valid) >= 20 and fused > 100
 
 
 def late_joiner(endpoint: str) -> Estimate:

@@ -187,6 +187,11 @@ def load_kernel(source: Path) -> tuple[float, int]:
     return module.f(21.0), sum(module.f.stats.cache_misses.values())
 
 
+def told(capsys: pytest.CaptureFixture[str]) -> list[str]:
+    """What stands in the console but how long all compiling of this process has taken."""
+    return [line for line in capsys.readouterr().err.splitlines() if not line.startswith("still compiling")]
+
+
 @pytest.mark.parametrize("suffix", ["nbi", "nbc"])
 @pytest.mark.parametrize("damage", DAMAGED.values(), ids=DAMAGED)
 def test_damaged_machine_code_is_dropped_and_compiled_anew(
@@ -201,9 +206,9 @@ def test_damaged_machine_code_is_dropped_and_compiled_anew(
     assert [load_kernel(source) for _ in range(2)] == [(42.0, 1), (42.0, 0)]
     (file,) = tmp_path.rglob(f"*.{suffix}")
     file.write_bytes(damage(file.read_bytes()))
-    assert not capsys.readouterr().err
+    assert not told(capsys)
     assert [load_kernel(source) for _ in range(2)] == [(42.0, 1), (42.0, 0)]
-    assert capsys.readouterr().err == f"damaged (the first is {file})\n"
+    assert told(capsys) == [f"damaged (the first is {file})"]
 
 
 def test_a_changed_source_is_no_damage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
