@@ -27,8 +27,9 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_unconfigure(config: pytest.Config) -> None:
     if SOURCES in config.stash:
+        sources = config.stash[SOURCES]
         several = bool(config.getoption("numprocesses", None))  # then all were compiled before they began
-        kernels.keep(config.stash[SOURCES], made=config.stash[SOURCES] if several else sys.modules)
+        kernels.keep(sources, made=sources if several else sys.modules)
 
 
 def pytest_sessionstart() -> None:
