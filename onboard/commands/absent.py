@@ -18,9 +18,14 @@ LITTLE_ROOM: Final = 200_000_000  # bytes
 PROC: Final = Path("/proc")
 
 
-def why_absent(config: Config, endpoint: str, error: Reason, vehicle: str = "") -> tuple[Advice, ...]:
+def why_absent(
+    config: Config, endpoint: str, error: Reason, vehicle: str = "", unread: int = 0
+) -> tuple[Advice, ...]:
     """Advice where no daemon answers at `endpoint`; `error`: Zenoh's, NO_REASON where one answers, but
-    sends no health."""
+    sends no health; `unread`: records that came from there and could not be read."""
+    if unread:
+        what = f"{unread} records from {endpoint} cannot be read: a daemon of another version"
+        return (_error("daemon", what, "use the `onboard` of that daemon's version: `onboard --version`"),)
     if not error.words:
         what = f"no daemon of vehicle {vehicle or config.zenoh.vehicle} publishes at {endpoint}"
         remedy = "`--vehicle all` shows all there are; else start `onboard run CONFIG.toml`"

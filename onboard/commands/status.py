@@ -68,7 +68,8 @@ def _watch(client: Client, a: argparse.Namespace, config: Config, endpoint: str)
         if a.watch:
             _show(found, as_json=a.json, clear=sys.stdout.isatty() and not a.json)
     if not found:
-        return _show_absent(why_absent(config, endpoint, NO_REASON, a.vehicle or ""), as_json=a.json)
+        advice = why_absent(config, endpoint, NO_REASON, a.vehicle or "", client.unread)
+        return _show_absent(advice, as_json=a.json)
     if not a.watch:
         _show(found, as_json=a.json)
     return HEALTHY if all(map(is_healthy, found.values())) else NOT_HEALTHY

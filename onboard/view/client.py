@@ -48,7 +48,7 @@ class Client:
             config = replace(config, vehicle=vehicle, user=config.user or config.vehicle)
         of = vehicle or "*"
         self.alive = threading.Event()
-        self.undecodable = 0
+        self.unread = 0  # records that could not be decoded
         self._records: queue.SimpleQueue[PublishedRecord] = queue.SimpleQueue()
         self._decoders = {name: msgspec.json.Decoder(kind) for name, kind in KINDS.items()}
         self._session = open_session(config)
@@ -81,7 +81,7 @@ class Client:
                 record = plain_record(record)
             t_publish_ns = int(attachment.to_bytes()) if attachment is not None else None
         except (msgspec.DecodeError, ValueError):
-            self.undecodable += 1
+            self.unread += 1
             return
         self._records.put(PublishedRecord(record, t_publish_ns, plain(parts[1])))
 

@@ -29,7 +29,7 @@ ADVICE = Advice(
 
 
 @contextmanager
-def publishing(health: Health, vehicles: tuple[str, ...] = ("1",)) -> Iterator[str]:
+def publishing(health: Health | dict[str, int], vehicles: tuple[str, ...] = ("1",)) -> Iterator[str]:
     """A daemon's or router's endpoint, at which this health of each vehicle is published ten times a second."""
     (port,) = free_ports(TCP)
     endpoint = f"tcp/127.0.0.1:{port}"
@@ -48,6 +48,12 @@ def publishing(health: Health, vehicles: tuple[str, ...] = ("1",)) -> Iterator[s
         stop.set()
         thread.join()
         session.close()
+
+
+def test_a_daemon_whose_records_cannot_be_read_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    with publishing({"of": 9}) as endpoint:
+        assert cli.main(["status", "--connect", endpoint, "--json"]) == 1
+        assert f"records from {endpoint} cannot be read: a daemon of another version" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(("advice", "code"), [((), 0), ((ADVICE,), 1)])
