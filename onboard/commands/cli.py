@@ -244,6 +244,8 @@ def _add_view(view: argparse.ArgumentParser) -> None:
     view.add_argument("--config", type=Path, metavar="C", help="TOML file: camera, and certificates for a router")
     view.add_argument("--web", action="store_true", help="in a browser of this computer, instead of a window")
     view.add_argument("--rrd", type=Path, help="record what is watched")
+    wait = "for a daemon that is not up yet, at most (default: %(default)s)"
+    view.add_argument("--wait", type=_seconds, default=0.0, metavar="S", help=wait)
     _add_set(view)
 
 

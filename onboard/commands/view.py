@@ -3,11 +3,14 @@
 import argparse
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Final
 
 from onboard import UserError
 from onboard.config import Config, load_config
+from onboard.messages.causes import Cause
+from onboard.sinks.zenoh_session import RouterAbsentError
 from onboard.view.client import Client
 from onboard.view.fleet import Views
 from onboard.view.viewer import has_display, screenshot, start_web_viewer, viewer_path
@@ -25,17 +28,20 @@ def main(arguments: argparse.Namespace) -> int:
     config = load_config(a.config, tuple(a.set))
     endpoint = a.connect or next(iter(config.zenoh.connect), DEFAULT_ENDPOINT)
     vehicle = a.vehicle or (ALL if a.config is not None else "1")
-    return watch(config, endpoint, None if vehicle == ALL else vehicle, rrd=a.rrd, web=a.web)
+    of = None if vehicle == ALL else vehicle
+    return watch(config, endpoint, of, rrd=a.rrd, web=a.web, wait_s=a.wait)
 
 
-def watch(config: Config, endpoint: str, vehicle: str | None, *, rrd: Path | None, web: bool = False) -> int:
+def watch(
+    config: Config, endpoint: str, vehicle: str | None, *, rrd: Path | None, web: bool = False, wait_s: float = 0.0
+) -> int:
     """Show what a daemon publishes (None: all vehicles' daemons), until interrupted. `config` has the camera as
-    the daemon has it, and what a router asks for."""
+    the daemon has it, and what a router asks for. Waits up to `wait_s` for somebody to answer."""
     if rrd is None and not (web or has_display()):
         raise UserError(
             "no display here: record the view with --rrd FILE.rrd, or serve it to a browser with --web"
         )
-    client = Client(endpoint, vehicle, config.zenoh)
+    client = _connected(config, endpoint, vehicle, wait_s)
     try:
         camera, rotors = config.camera_model(), config.rotors()
         shown = {"spawn": has_display() and not web, "web": web, "apart": vehicle is None}
@@ -53,6 +59,18 @@ def watch(config: Config, endpoint: str, vehicle: str | None, *, rrd: Path | Non
     finally:
         client.close()
     return 0
+
+
+def _connected(config: Config, endpoint: str, vehicle: str | None, wait_s: float) -> Client:
+    """Raises SinkError when nobody has answered after so long."""
+    deadline = time.monotonic() + wait_s
+    while True:
+        try:
+            return Client(endpoint, vehicle, config.zenoh)
+        except RouterAbsentError as error:
+            if error.cause is not Cause.UNREACHABLE or time.monotonic() > deadline:
+                raise
+        time.sleep(0.5)
 
 
 def open_recording(recording: Path, *, png: Path | None, at: float | None, web: bool = False) -> int:

@@ -62,9 +62,10 @@ def test_stages_that_are_built_on_and_copied_from_are_there() -> None:
         base, _, name = line.partition(" AS ")
         assert base in stages or base.startswith("docker.io/library/python:"), base
         stages.append(name)
-    assert {line.split()[0].removeprefix("--from=") for line in instructions("COPY") if "--from" in line} <= {
-        *stages
-    }
+    taken = {line.split()[0].removeprefix("--from=") for line in instructions("COPY") if "--from" in line}
+    taken |= {stage for line in instructions("RUN") for stage in re.findall(r"--mount=\S*from=(\w+)", line)}
+    assert taken == {"build"}
+    assert taken <= {*stages}
     assert {service["build"]["target"] for service in SERVICES.values() if "build" in service} <= {*stages}
 
 
@@ -81,6 +82,7 @@ def test_its_commands_exist() -> None:
 def test_it_flies_compiled_by_a_user_without_rights() -> None:
     user = instructions("USER", "flight")
     assert user == ["10001:10001"]
+    assert instructions("USER", "desk")[-1] == user[0]
     assert TEXT.index("USER ") < TEXT.index('RUN ["wingline", "onboard", "compile"]')
     (cache,) = re.findall(r"NUMBA_CACHE_DIR=(\S+)", TEXT)
     (volumes,) = map(json.loads, instructions("VOLUME"))
