@@ -7,8 +7,9 @@ acceleration, 4 after 40. In a hover its tilt is no better than the bias of its 
 believes up to 0.4 m/s^2 (EKF2_ABL_LIM), so 2.3 degrees.
 
 In flight that PX4 states a tilt of 0.22 degrees, and a leader's direction was off by 0.4 to 1.1 for minutes. With
-three times the tilt stated, chosen on two flights, true positions are inside the 95 % ellipsoid for 96 % of four
-others (84, 82, 87 and 88 % before, then 91, 96, 97 and 100), the ellipsoid's mean axis a quarter longer.
+three times the tilt stated, chosen on two flights, true positions are inside the 95 % ellipsoid for 95 % of six
+others (84, 82, 87, 88, 92 and 77 % before, then 91, 96, 97, 100, 100 and 88), the ellipsoid's mean axis a quarter
+longer.
 """
 
 import math
