@@ -1,10 +1,13 @@
 """The comparison of tables of estimates: what counts as the same on two processors."""
 
+import math
 from pathlib import Path
 
 import pytest
 
-from tests.support.same_estimates import SAME, largest_difference, main
+from tests.support.exact_estimates import row_of, write_rows
+from tests.support.records import make_estimate
+from tests.support.same_estimates import SAME, largest_difference, main, rows
 
 HEAD = "t_ns,state,x\n"
 
@@ -33,6 +36,18 @@ def test_a_difference_is_relative_above_1(one: str, other: str, expected: float,
 def test_other_states_and_missing_numbers_are_no_difference_in_numbers(other: str, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="and"):
         largest_difference(table(tmp_path / "one", "1,tracking,2.0"), table(tmp_path / "other", other))
+
+
+def test_an_estimate_is_written_with_all_its_digits(tmp_path: Path) -> None:
+    """Those of `onboard replay --out` end after six decimals: what differs by less would be the same."""
+    numbers = math.nextafter(24.1, 25.0), 24.1 + 1e-7
+    estimates = [make_estimate(mean=(x, 2.0), covariance=((1.0, 0.1), (0.1, 3.0))) for x in (24.1, *numbers)]
+    for k, one in enumerate(estimates):
+        write_rows([row_of(one), row_of(make_estimate(mean=None, covariance=None))], tmp_path / str(k))
+    first, second, third = (tmp_path / str(k) for k in range(3))
+    assert 0.0 < largest_difference(first, second) < 1e-15
+    assert largest_difference(first, third) > SAME
+    assert {"mean_1", "covariance_0_0", "covariance_1_0", "covariance_1_1"} <= rows(first)[0].keys()
 
 
 def test_a_row_too_few_or_none_is_not_the_same(tmp_path: Path) -> None:
