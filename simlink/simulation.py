@@ -8,7 +8,7 @@ A run in three forms, from ideal to realistic; a study has a fourth, arrays (`st
 """
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import islice
 from typing import Final, Generic, Literal, NamedTuple, TypeVar
 
@@ -50,6 +50,7 @@ from simlink.world.truth import State, states, true_size, truth_record
 
 T = TypeVar("T")
 CameraLink = Literal["zenoh", "mavlink", "none"]
+See = Callable[[State, int], Image | None]
 CAMERA_COMPONENT: Final = 191
 EPOCH_NS: Final = 1_735_689_600 * 10**9  # 2025-01-01: Unix time at boot of runs without a real clock
 TRANSPORT_NS: Final = 1_000_000
@@ -116,14 +117,17 @@ def follow_mode(scenario: Scenario) -> FollowMode | None:
     return (Px4FollowMode if scenario.vehicle.autopilot == "px4" else FollowMode)(scenario.follow)
 
 
-def ticks(scenario: Scenario, seed: int, boot_ns: int, world: Iterator[State] | None = None) -> Iterator[Tick]:
+def ticks(
+    scenario: Scenario, seed: int, boot_ns: int, world: Iterator[State] | None = None, see: See | None = None
+) -> Iterator[Tick]:
     """The run, 200 ticks per second, without end. The flight begins at boot time `boot_ns`. `world`: the states,
-    if not those that follow from scenario and seed alone."""
+    if not those that follow from scenario and seed alone. `see`: what is found in an image of a state, with its
+    stamp (ns, boot clock), if not by the scenario's own detector."""
     scenario = drawn(scenario, seed)
     size = true_size(scenario, seed)
     gimbal, settings = make_gimbal(scenario.camera, seed), scenario.camera.gimbal
     mount = None if gimbal is None else gimbal.mount
-    vision = Vision(scenario, seed, size, mount)
+    see = see or Vision(scenario, seed, size, mount).expose
     rangefinder = None
     if scenario.rangefinder is not None:
         rangefinder = RangefinderSensor(scenario.rangefinder, scenario.camera, seed, mount)
@@ -136,7 +140,7 @@ def ticks(scenario: Scenario, seed: int, boot_ns: int, world: Iterator[State] | 
         truth = None
         if is_exposure(state.step, rate):
             truth = truth_record(state, size, t_ns)
-            image = vision.expose(state, t_ns + stamp_late_ns)
+            image = see(state, t_ns + stamp_late_ns)
             if image is not None:
                 images.put(t_ns, image)
         if gimbal is not None and settings is not None and is_exposure(state.step, settings.rate):
@@ -244,9 +248,10 @@ def check_mavlink(scenario: Scenario) -> None:
 
 
 class GuidedRun:
-    """A run whose follower flies on the FOLLOW_TARGETs that it receives: bytes both ways, step by step."""
+    """A run whose follower flies on the FOLLOW_TARGETs that it receives: bytes both ways, step by step. `see`: as
+    for `ticks`."""
 
-    def __init__(self, scenario: Scenario, seed: int) -> None:
+    def __init__(self, scenario: Scenario, seed: int, see: See | None = None) -> None:
         if (mode := follow_mode(scenario)) is None:
             raise ValueError(f"{scenario.name} has no [follow]")
         self.mode = mode
@@ -254,7 +259,7 @@ class GuidedRun:
         self._link = AutopilotLink(scenario.vehicle, EPOCH_NS, stream=False, follow=self.mode)
         self.mode.begin_ns = boot_ns_of(scenario)
         world = following_states(scenario, seed, self.mode)
-        self._ticks = ticks(scenario, seed, self.mode.begin_ns, world)
+        self._ticks = ticks(scenario, seed, self.mode.begin_ns, world, see)
 
     def step(self) -> tuple[Tick, list[Datagram]]:
         """The next step of 5 ms, and what arrives of it at the companion computer."""

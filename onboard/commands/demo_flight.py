@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from onboard.view.view import View
 
 WAIT_FOR_DAEMON_S: Final = 15
-EXAMPLES: Final = {"pictures": "contour.py", "pictures-tag": "tag.py"}
+EXAMPLES: Final = {"pictures": "contour.py", "pictures-follow": "contour.py", "pictures-tag": "tag.py"}
 LINGER_S: Final = 0.5
 BESIDE: Final = {"paper": "oh_johnson"}  # their sections, by what --beside calls them
 

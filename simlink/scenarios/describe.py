@@ -1,5 +1,6 @@
 """The configuration that a daemon needs for a scenario: what its user knows. That is the camera, the leader's
-wingspan and class, and our own craft. Nobody tells a daemon how large errors are: they stay at its defaults."""
+wingspan and class, our own craft, and where its autopilot is to follow. Nobody tells a daemon how large errors
+are: they stay at its defaults."""
 
 from typing import Final
 
@@ -42,6 +43,9 @@ def daemon_config(scenario: Scenario) -> str:
         lines += _own_state(scenario.quadrotor, scenario)
     if scenario.traffic.aircraft:
         lines += ["", "[estimator.traffic]"]
+    if scenario.follow is not None:
+        lines += ["", "[guidance]", f"slot_m = {list(scenario.follow.offset)}"]
+        lines += ["", "[[leader_out]]", 'link = "autopilot"']
     return "\n".join(lines)
 
 

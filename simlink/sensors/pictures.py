@@ -6,18 +6,20 @@ farthest first, four times as fine as the image.
 """
 
 import math
+from collections.abc import Callable, Mapping
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from onboard.geometry.rotations import matrix_from_quaternion
-from onboard.messages import Clock, Picture
+from onboard.messages import Clock, DetectedPoint, Detection, Picture
 from simlink.scenarios.camera import Camera
-from simlink.sensors.camera import Mount, mount_quaternion
+from simlink.sensors.camera import Image, Mount, Points, mount_quaternion
 from simlink.world.truth import State
 
 Grey = npt.NDArray[np.uint8]
+Find = Callable[[Grey], Mapping[str, tuple[float, float, float]] | None]
 Fine = npt.NDArray[np.float32]
 Array = npt.NDArray[np.float64]
 
@@ -32,6 +34,7 @@ TAG: Final = 0  # the number of the tag, of the family 36h11
 BOARD: Final = 235.0
 TAG_MARGIN: Final = 1.25  # the white board, in sides of the tag
 
+NO_POINTS: Final[Points] = ((0.0, 0.0),) * 3  # of an image with detections these are not sent
 TIP: Final = 0.15  # of the wing's chord at its root
 # name: middle (forward, right, down), size along these axes, grey
 PARTS: Final = {
@@ -44,6 +47,20 @@ PARTS: Final = {
 
 class PictureError(Exception):
     """Pictures cannot be drawn here; one line with a remedy."""
+
+
+def seen_by(find: Find, painter: "Painter") -> Callable[[State, int], Image | None]:
+    """A detector of drawn pictures in place of the scenario's own, in simulated time. `find` gives the points of a
+    picture by name, each (u, v, sigma) in px."""
+
+    def see(state: State, stamp_ns: int) -> Image | None:
+        found = find(painter.paint(state))
+        if found is None:
+            return None
+        points = {name: DetectedPoint(u_px=u, v_px=v, sigma_px=sigma) for name, (u, v, sigma) in found.items()}
+        return Image(stamp_ns, NO_POINTS, (Detection(points=points, target="leader"),))
+
+    return see
 
 
 class Painter:

@@ -21,7 +21,7 @@ from onboard.messages import Datagram, WarmState
 from onboard.pipeline import Pipeline
 from simlink.scenarios.scenario import Scenario
 from simlink.sensors.camera import mount_quaternion, project
-from simlink.simulation import GuidedRun, Tick, boot_ns_of
+from simlink.simulation import GuidedRun, See, Tick, boot_ns_of
 from simlink.world.truth import true_size
 
 LINK: Final = "autopilot"
@@ -113,10 +113,11 @@ def fly(
     duration: float,
     settings: Sequence[str] = (),
     killed: tuple[float, float] = (math.inf, math.inf),
+    see: See | None = None,
 ) -> Flight:
     """The flight over `duration` s. From the first to the second time of `killed` (s) there is no daemon; then it
-    has been started again, with what it has left."""
-    run, companion = GuidedRun(scenario, seed), Companion(config_of(scenario, settings))
+    has been started again, with what it has left. `see`: what finds the leader in images, if not simlink."""
+    run, companion = GuidedRun(scenario, seed, see), Companion(config_of(scenario, settings))
     row = Row(scenario, seed)
     epoch_ns: int | None = None
     on_way: deque[tuple[int, bytes]] = deque()

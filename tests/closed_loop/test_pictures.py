@@ -13,10 +13,11 @@ from onboard.scoring.leader import LeaderScore, score_leader
 from onboard.scoring.reference import reference_from_records
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario
-from simlink.sensors.pictures import Painter
+from simlink.sensors.pictures import Painter, seen_by
 from simlink.simulation import EPOCH_NS, boot_ns_of, datagrams, ticks
 from simlink.world.drawn import drawn
 from simlink.world.truth import true_size
+from studies.closed_loop.flight import fly
 from tests.unit.simlink.test_pictures import example
 
 DETECTION_NS = 60_000_000  # from exposure to arrival
@@ -57,6 +58,24 @@ def test_the_truth_is_in_the_ellipsoid_on_pixels_alone_seeds_1_to_4(name: str, d
     assert len(inside) == 4
     assert sum(inside) / 4 >= 92.0
     assert all(s.valid_percent is not None and s.valid_percent > 90.0 for s in scores)
+
+
+@pytest.mark.slow
+def test_it_follows_on_what_the_contour_finds_seed_1() -> None:
+    """30 s: it follows from 10 s on."""
+    scenario = load_scenario("pictures-follow")
+    painter = Painter(drawn(scenario, 1).camera, true_size(scenario, 1), 1)
+    flight = fly(scenario, 1, 30.0, see=seen_by(example("contour").find, painter))
+    k = flight.t > 15.0
+    assert flight.valid[k].all()
+    assert flight.following[k].all()
+    assert flight.slot_error[k].max() < 2.5  # 1.3; of 25
+
+
+def test_it_does_not_follow_what_no_detector_finds_seed_1() -> None:
+    flight = fly(load_scenario("pictures-follow"), 1, 11.0, see=lambda _state, _t_ns: None)
+    assert not flight.valid.any()
+    assert not flight.following.any()
 
 
 def test_a_painted_scenario_loads_with_its_detectors_seed_1() -> None:
