@@ -8,7 +8,10 @@ from typing import Final
 TOGETHER: Final[Mapping[str, tuple[str, ...]]] = {  # what `onboard init --example NAME` copies
     "companion": ("configs/companion.toml", "configs/onboard.service"),
     "demo": ("configs/demo.toml",),
-    "detector": ("configs/detector.toml", "examples/contour.py", "examples/tag.py"),
+    "detector": (
+        "configs/detector.toml",
+        *(f"examples/{name}.py" for name in ("contour", "learned", "learned_train", "live", "tag")),
+    ),
     "fleet": (
         "configs/fleet.toml",
         "configs/router.toml",

@@ -1,0 +1,125 @@
+"""The example of a detector that learns: derivatives, what it learns in seconds, what it reads and writes."""
+
+import sys
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.unit.simlink.test_pictures import example
+
+learned_train = example("learned_train")
+learned: ModuleType = sys.modules["learned"]
+NOTHING = np.zeros((480, 640), dtype=np.uint8)
+
+
+def some(seed: int, count: int) -> list[Any]:
+    return list(learned_train.drawn(seed, count, learned_train.Scene(distances=(15.0, 30.0), empty=0.1)))
+
+
+def off(network: Any, data: Any) -> float:
+    """How far the likeliest places of points are off, px of a crop: the median over those that are in it."""
+    share = learned.shares(learned.run(network, learned.levels(data.pictures)))
+    found = [[learned.place(one[..., k])[:2] for k in range(3)] for one in share]
+    errors = np.linalg.norm(learned.CELL["points"] * np.array(found) - data.places, axis=2)
+    return float(np.nanmedian(errors))
+
+
+@pytest.mark.parametrize(("name", "shape"), [("where", (24, 32)), ("points", (16, 16))])
+def test_derivatives_are_those_of_the_loss_seed_1(name: str, shape: tuple[int, int]) -> None:
+    random = np.random.default_rng(1)
+    network = [
+        learned.Layer(layer.weights.astype(float), random.normal(0.0, 0.1, layer.biases.shape), layer.stride)
+        for layer in learned_train.untrained(name, random)
+    ]
+    x = 0.3 * random.normal(size=(3, *shape, 1))
+    places = random.uniform(2.0, 14.0, (3, learned.CHANNELS[name][-1], 2))
+    places[0] = np.nan
+    wrong = partial(learned_train.slope, places=places, cell=learned.CELL[name])
+    _, found = learned_train.gradients(network, x, wrong)
+    for array, by_array in zip(learned_train.parameters(network), found, strict=True):
+        at = tuple(random.integers(n) for n in array.shape)
+        losses = []
+        for step in (1e-7, -2e-7):  # a longer one passes a bend of the rectifier
+            array[at] += step
+            losses.append(wrong(learned.run(network, x))[0])
+        array[at] += 1e-7
+        assert by_array[at] == pytest.approx((losses[0] - losses[1]) / 2e-7, rel=1e-3, abs=1e-6)
+
+
+def test_seconds_of_training_bring_points_nearer_on_pictures_not_trained_on_seed_1() -> None:
+    _, taught = learned_train.taught(some(1, 60), 1)
+    _, others = learned_train.taught(some(2, 20), 2)
+    before = off(learned_train.untrained("points", np.random.default_rng(1)), others)
+    after = off(learned_train.train("points", taught, 60, 1), others)
+    assert before > 10.0
+    assert after < 0.5 * before
+
+
+def test_weights_are_the_same_from_file_and_without_them_it_says_what_makes_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "new" / "weights.npz"
+    random = np.random.default_rng(1)
+    made = learned.Learned(*(learned_train.untrained(name, random) for name in learned.STRIDES), 0.5)
+    monkeypatch.setattr(learned, "WEIGHTS", path)
+    learned._loaded.cache_clear()
+    with pytest.raises(SystemExit, match=r"make them: python examples/learned_train\.py"):
+        learned.find(NOTHING)
+    learned_train.save(made, path)
+    assert path.stat().st_size < 5e6
+    read = learned._loaded()
+    learned._loaded.cache_clear()
+    assert read.sigma == 0.5
+    for a, b in zip(made[:2], read[:2], strict=True):
+        assert [layer.stride for layer in a] == [layer.stride for layer in b]
+        for one, other in zip(learned_train.parameters(a), learned_train.parameters(b), strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+HEAD = "file,center_u,center_v,left_u,left_v,right_u,right_v\n"
+
+
+def labels(folder: Path, *lines: str) -> Iterator[Any]:
+    cv2.imwrite(str(folder / "a.png"), NOTHING)
+    (folder / "labels.csv").write_text(HEAD + "".join(f"{line}\n" for line in lines), encoding="utf-8")
+    return iter(learned_train.own(folder))
+
+
+def test_own_pictures_are_read_with_their_labels(tmp_path: Path) -> None:
+    read = labels(tmp_path, "a.png,300,200,330,201,270,199", "a.png,,,,,,", "a.png")
+    picture, points = next(read)
+    assert picture.shape == (480, 640)
+    np.testing.assert_array_equal(points, [(300, 200), (270, 199), (330, 201)])  # by their sides in the image
+    assert next(read)[1] is next(read)[1] is None
+    with pytest.raises(ValueError, match=r"labels.csv: 4 lines; 20 are the least"):
+        next(read)
+
+
+@pytest.mark.parametrize(
+    ("line", "why"),
+    [
+        ("b.png,1,2,3,4,5,6", "line 3: b.png is no picture"),
+        ("a.png,1,2", "line 3: not six numbers, nor none: 1,2"),
+        ("a.png,1,2,3,4,5,x", "line 3: not six numbers, nor none: 1,2,3,4,5,x"),
+    ],
+)
+def test_a_mistake_in_labels_names_its_line(line: str, why: str, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=why):
+        list(labels(tmp_path, "a.png", line))
+
+
+def test_a_part_beyond_the_edge_is_filled_and_its_points_keep_their_places() -> None:
+    picture = np.zeros((480, 640), dtype=np.uint8)
+    picture[8:12, 4:8] = 255
+    part = learned.square(0.0, 0.0, 40.0)
+    crop = learned.cut(picture, part)
+    v, u = np.nonzero(crop > 127)
+    (found,) = learned_train.in_crop(np.array([[6.0, 10.0]]), part)
+    assert (u.mean() + 0.5, v.mean() + 0.5) == pytest.approx(found, abs=0.6)
+    assert np.isnan(learned_train.in_crop(np.array([[90.0, 10.0]]), part)).all()
