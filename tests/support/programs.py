@@ -33,11 +33,12 @@ def argv(*command: str | Path) -> list[str]:
 
 
 def environment() -> dict[str, str]:
-    """Our environment, with the sources on the path, without display and colours."""
+    """Our environment, with the sources first on the path, without display and colours."""
+    path = (str(ROOT), *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep)))
     kept = {k: v for k, v in os.environ.items() if k not in {"DISPLAY", "WAYLAND_DISPLAY", "FORCE_COLOR"}}
     return {
         **kept,
-        "PYTHONPATH": str(ROOT),
+        "PYTHONPATH": os.pathsep.join(path),
         "PYTHONUNBUFFERED": "1",
         "COLUMNS": "160",
         "NO_COLOR": "1",
