@@ -13,13 +13,14 @@ from onboard.commands.loading import loading
 with loading():  # as `onboard run` does
     import numpy as np
     import onboard.pipeline
-    from onboard.estimators.leader.camera_pose import CameraPose
     from onboard.estimators.leader.config import Config
     from onboard.estimators.leader.filters.make import make_filter
+    from onboard.estimators.leader.image.camera_pose import CameraPose
+    from onboard.estimators.leader.image.measurement import measure_wing
     from onboard.ownship import Step
 points, still = np.array([[0.0, 0.0], [-0.05, 0.0], [0.05, 0.0]]), np.zeros(3)
 filter_, pose = make_filter(Config()), CameraPose(np.eye(3), still, still, still)
-seen = filter_.measure(points, np.full(3, 1e-3))
+seen = measure_wing(points, np.full(3, 1e-3), filter_.shape)
 state = filter_.advance(filter_.start(seen, pose, None), Step(0.02, still, still, still))
 filter_.fuse(state, seen, pose)
 """

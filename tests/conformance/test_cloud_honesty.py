@@ -14,13 +14,12 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
-from onboard.estimators.leader.camera_pose import CameraPose
-from onboard.estimators.leader.filters.measurement import Measurement
 from onboard.estimators.leader.filters.noses import particles
 from onboard.estimators.leader.filters.noses.first import start
 from onboard.estimators.leader.filters.noses.places import Place
 from onboard.estimators.leader.filters.noses.summary import MOTION, summarise
-from onboard.models.wing_line import from_points
+from onboard.estimators.leader.image.camera_pose import CameraPose
+from onboard.estimators.leader.image.measurement import Measurement, from_points
 from tests.support import bootstrap
 from tests.support.honesty import assert_honest, nees
 

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
-from onboard.estimators.leader.camera_pose import CameraPose
-from onboard.estimators.leader.filters.measurement import Measurement
 from onboard.estimators.leader.filters.noses import particles
 from onboard.estimators.leader.filters.noses.cloud import Cloud
 from onboard.estimators.leader.filters.noses.first import start
-from onboard.models.wing_line import from_points
+from onboard.estimators.leader.image.camera_pose import CameraPose
+from onboard.estimators.leader.image.measurement import Measurement, from_points
 from tests.support import bootstrap
 
 SIGMA: Final = 2.0 / 554.0

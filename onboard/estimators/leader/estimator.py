@@ -14,16 +14,16 @@ from typing import Final
 
 from onboard import messages
 from onboard.estimators.leader.broadcast import Broadcast
-from onboard.estimators.leader.camera_pose import CameraPoses
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.filters.auxiliary import Auxiliary
 from onboard.estimators.leader.filters.belief import BeliefFilter
 from onboard.estimators.leader.filters.make import make_filter, make_plain_filter
+from onboard.estimators.leader.image.camera_pose import CameraPoses
+from onboard.estimators.leader.image.prepare import Image, prepare
 from onboard.estimators.leader.prior import prior_of, size_of
 from onboard.estimators.leader.ranging import Ranging
 from onboard.estimators.leader.tracks.exposures import Exposures
 from onboard.estimators.leader.tracks.gimbal_frames import GimbalFrames
-from onboard.estimators.leader.tracks.image import Image, prepare
 from onboard.estimators.leader.tracks.names import UNNAMED, awaits_name, continued, may_lead, swap_names
 from onboard.estimators.leader.tracks.report import Distance
 from onboard.estimators.leader.tracks.track import Track
@@ -220,6 +220,10 @@ class Estimator:
         """The filter and the settings for what the detector takes the target for."""
         return self._classes.get(message.class_name, (self._filter, self._config))
 
+    def _prepared(self, message: TargetImage, ownship: Ownship, half_wing: float, noise: float) -> Image | Verdict:
+        filter_, config = self._class_of(message)
+        return prepare(message, ownship, self._poses, filter_.shape, config, half_wing, noise)
+
     def _refuse(self, message: TargetImage, ownship: Ownship) -> list[Estimate]:
         """An image that is of one target too many."""
         self._verdicts[Verdict.FULL] += 1
@@ -244,9 +248,7 @@ class Estimator:
         """The track that goes on under the id of an image, whose own track is not followed yet."""
         if message.target in (NO_ID, NAME) or not awaits_name(track, message.t_ns):
             return None
-        image = prepare(
-            message, ownship, self._poses, *self._class_of(message), track.half_wing, track.noise.scale
-        )
+        image = self._prepared(message, ownship, track.half_wing, track.noise.scale)
         if isinstance(image, Verdict):
             return None
         near = {
@@ -274,7 +276,7 @@ class Estimator:
             return self._named(message.target, ownship), None
         half_wing = max(track.half_wing for track in self._tracks.values())
         noise = max(track.noise.scale for track in self._tracks.values())
-        image = prepare(message, ownship, self._poses, *self._class_of(message), half_wing, noise)
+        image = self._prepared(message, ownship, half_wing, noise)
         if isinstance(image, Verdict):
             return self._tracks[NAME], None  # which reports the verdict
         distances = {track.target: track.expects(image, ownship) for track in self._candidates(image)}

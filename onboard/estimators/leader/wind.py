@@ -10,7 +10,7 @@ import numpy as np
 
 from onboard import messages
 from onboard.arrays import Array
-from onboard.estimators.leader.camera_pose import CameraPose
+from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.ownship import Step
 
 STRONGEST: Final = 60.0  # m/s: a stronger one is no wind

@@ -32,7 +32,7 @@ from onboard.models import relative_motion
 from simlink import cli as simlink
 
 ROOT = Path(__file__).parents[3]
-LEADER_ONLY = {"onboard.models.relative_motion", "onboard.models.wing_line"}
+LEADER_ONLY = {"onboard.models.relative_motion", "onboard.estimators.leader.image.measurement"}
 
 
 @pytest.mark.slow

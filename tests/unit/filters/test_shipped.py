@@ -213,8 +213,8 @@ def test_a_tree_of_sources_has_none(tmp_path: Path) -> None:
 def test_the_sources_of_a_kernel_are_its_own_and_those_that_it_imports() -> None:
     sources = compiling.sources()
     assert len(sources) == len(compiling.kernel_modules())
-    of_shape = sources["onboard/models/apparent_shape.py"]
-    assert {"onboard/models/apparent_shape.py", "onboard/models/particle_update.py"} < {*of_shape}
+    of_shape = sources["onboard/estimators/leader/hypotheses/points.py"]
+    assert {"onboard/estimators/leader/hypotheses/points.py", "onboard/models/particle_update.py"} < {*of_shape}
     assert "onboard/models/radar.py" not in of_shape
     assert all((shipped.PACKAGES / path).is_file() for paths in sources.values() for path in paths)
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
+from onboard.estimators.leader.hypotheses import points as model
+from onboard.estimators.leader.image.shape import HIGHEST, LOWEST, Posture, ShapeRows, measured_spread
 from onboard.geometry.rotations import matrix_from_euler
-from onboard.models import apparent_shape as model
-from onboard.models.apparent_shape import HIGHEST, LOWEST, Posture, Rows
 from onboard.models.apparent_wing import ACCELERATION, LEAN, LOG_SIZE, POSITION, N
 
 SIZE = 2.0
@@ -48,16 +48,16 @@ def axes_of(x: Array, R_cn: Array) -> Array:
     return np.array([first, second, np.cross(first, second)])
 
 
-def named(y: Array, *, named: bool = True) -> Rows:
+def named(y: Array, *, named: bool = True) -> ShapeRows:
     """The rows of all points at coordinates (k, 2)."""
     k = len(POINTS)
-    return Rows(
+    return ShapeRows(
         POINTS, np.repeat(np.arange(float(k)), 2), np.tile([0.0, 1.0], k), y.ravel(), SIGMA * np.ones(2 * k), named
     )
 
 
 def corrected(
-    x: Array, P: Array, nose: float, rows: Rows, R_cn: Array, posture: Posture = EXACT
+    x: Array, P: Array, nose: float, rows: ShapeRows, R_cn: Array, posture: Posture = EXACT
 ) -> tuple[Array, Array, float, float]:
     """Mean, covariance, nose and NIS of one particle after an image."""
     means, covariances, noses = x[None].copy(), P[None].copy(), np.array([nose])
@@ -110,7 +110,7 @@ def test_the_sides_of_a_box_are_those_points_that_reach_farthest_seed_0_to_4(see
     at = coordinates(x, nose, axes_of(x, R_cn) @ R_cn)
     y = np.array([at[:, 0].min(), at[:, 0].max(), at[:, 1].min(), at[:, 1].max()])
     which, axis = np.array([LOWEST, HIGHEST, LOWEST, HIGHEST]), np.array([0.0, 0.0, 1.0, 1.0])
-    box = Rows(POINTS, which, axis, y, np.full(4, SIGMA), named=False)
+    box = ShapeRows(POINTS, which, axis, y, np.full(4, SIGMA), named=False)
     assert corrected(x, P, nose, box, R_cn)[3] == pytest.approx(0.0, abs=1e-9)
     ends = np.array([at[:, 0].argmin(), at[:, 0].argmax(), at[:, 1].argmin(), at[:, 1].argmax()], dtype=float)
     off = y + SIGMA * np.array([-2.0, 1.0, 0.5, 1.5])
@@ -164,6 +164,6 @@ def test_the_spread_of_a_distant_leader_is_what_its_coordinates_show() -> None:
     axes_n = axes_of(x, R_cn) @ R_cn
     noses = np.linspace(0.0, 3.0, 7)
     rows = named(np.zeros_like(POINTS[:, :2]))
-    expected = [model.measured_spread(rows, coordinates(x, nose, axes_n).ravel()) for nose in noses]
+    expected = [measured_spread(rows, coordinates(x, nose, axes_n).ravel()) for nose in noses]
     found = model.spread(rows, noses, axes_n) * SIZE / np.linalg.norm(x[POSITION])
     assert found == pytest.approx(expected, rel=0.01)

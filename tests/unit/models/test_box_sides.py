@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from onboard.models import apparent_shape, box_sides
-from onboard.models.apparent_shape import HIGHEST, LOWEST, Posture, Rows
+from onboard.estimators.leader.hypotheses import points
+from onboard.estimators.leader.image.shape import HIGHEST, LOWEST, Posture, ShapeRows
 from onboard.models.apparent_wing import POSITION, N
 from tests.unit.models.test_apparent_shape import POINTS, axes_of, drawn
 
 POSTURE = Posture(1.0, 0.1, 0.03)
 
 
-def rows_of(y: list[float]) -> Rows:
+def rows_of(y: list[float]) -> ShapeRows:
     which, axis = np.array([LOWEST, HIGHEST] * 2), np.array([0.0, 0.0, 1.0, 1.0])
-    return Rows(POINTS, which, axis, np.array(y), np.array([0.004, 0.004, 0.006, 0.006]), named=False)
+    return ShapeRows(POINTS, which, axis, np.array(y), np.array([0.004, 0.004, 0.006, 0.006]), named=False)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -23,9 +23,9 @@ def test_what_one_particle_expects_has_the_nis_of_its_update_seed_0_to_2(seed: i
     wide[:N, :N], wide[N, N] = P, 0.01
     means, covariances, noses = np.append(x, 0.02)[None], wide[None], np.array([nose])
     camera, rows = (R_cn, np.array([0.1, 0.0, -0.2]), axes_of(x, R_cn)), rows_of([-0.05, 0.03, -0.02, 0.01])
-    expected, S = box_sides.prediction(means, covariances, noses, np.ones(1), rows, POSTURE, camera, N)
+    expected, S = points.expected_box(means, covariances, noses, np.ones(1), rows, POSTURE, camera, N)
     off = rows.y - expected
-    nis, _ = apparent_shape.update(means, covariances, noses, rows, POSTURE, camera, N)
+    nis, _ = points.update(means, covariances, noses, rows, POSTURE, camera, N)
     assert float(off @ np.linalg.solve(S + np.diag(rows.sigma**2), off)) == pytest.approx(float(nis[0]), rel=1e-6)
 
 
@@ -39,10 +39,10 @@ def test_several_particles_expect_their_mean_and_how_far_they_are_apart_seed_4()
     def alone(k: int) -> tuple[np.ndarray, np.ndarray]:
         which = slice(k, k + 1)
         one = means[which], covariances[which], noses[which]
-        return box_sides.prediction(*one, np.ones(1), rows, POSTURE, camera, 0)
+        return points.expected_box(*one, np.ones(1), rows, POSTURE, camera, 0)
 
     (a, S_a), (b, S_b) = alone(0), alone(1)
-    mean, S = box_sides.prediction(means, covariances, noses, w, rows, POSTURE, camera, 0)
+    mean, S = points.expected_box(means, covariances, noses, w, rows, POSTURE, camera, 0)
     np.testing.assert_allclose(mean, 0.25 * a + 0.75 * b, rtol=1e-9)
     apart = 0.25 * 0.75 * np.outer(a - b, a - b)
     np.testing.assert_allclose(S, 0.25 * S_a + 0.75 * S_b + apart, rtol=1e-9, atol=1e-15)

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from onboard.estimators.leader.tracks.image import in_view
+from onboard.estimators.leader.image.prepare import in_view
 from onboard.geometry.camera import make_camera
 from onboard.wire.document import BadDocumentError
 from onboard.wire.points import decode_points

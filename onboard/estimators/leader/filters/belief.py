@@ -13,22 +13,23 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.auxiliary import Auxiliary
-from onboard.estimators.leader.filters.measurement import Measurement, measure_wing
 from onboard.estimators.leader.filters.noses import evidence, particles
 from onboard.estimators.leader.filters.noses.cloud import Cloud
 from onboard.estimators.leader.filters.noses.first import start
 from onboard.estimators.leader.filters.noses.moments import LOG_SIZE
 from onboard.estimators.leader.filters.noses.places import OpenQuestion
 from onboard.estimators.leader.filters.noses.summary import RESOLVED, Summary, as_leader, summarise
+from onboard.estimators.leader.hypotheses import points
+from onboard.estimators.leader.image.camera_pose import CameraPose
+from onboard.estimators.leader.image.measurement import COMPONENTS, UNITS, Measurement, size_of
+from onboard.estimators.leader.image.shape import MIDDLE_AND_SIZE, Shape, ShapeFeatures
 from onboard.estimators.leader.settings import NoseModel
-from onboard.estimators.leader.shape import MIDDLE_AND_SIZE, Shape, ShapeFeatures
 from onboard.estimators.leader.size import Size
 from onboard.estimators.leader.wind import Wind
 from onboard.filters.belief import Belief, FilterError, Update
 from onboard.filters.gating import normalised_squared
-from onboard.models import box_sides, leader_flight, wing_line
+from onboard.models import leader_flight
 from onboard.models.apparent_wing import Expectation
 from onboard.models.relative_motion import POSITION, VELOCITY
 from onboard.ownship import Step
@@ -78,25 +79,21 @@ class Expected(NamedTuple):
 
 class BeliefFilter:
     """A filter of one target, of this `shape`; FilterErrors pass through. An image whose NIS is above the `gate`
-    is not fused. `delay_sigma` (s): of the camera's stamps; `m`: the size of a measurement."""
+    is not fused. `delay_sigma` (s): of the camera's stamps."""
 
     components: tuple[str, ...] = leader_flight.COMPONENTS
     units: tuple[str, ...] = leader_flight.UNITS
 
-    def __init__(self, settings: NoseModel, shape: Shape, delay_sigma: float, m: int) -> None:
-        self.shape = shape
-        self.measured_components, self.measured_units = wing_line.COMPONENTS[:m], wing_line.UNITS[:m]
+    def __init__(self, settings: NoseModel, shape: Shape, delay_sigma: float) -> None:
+        self.shape, m = shape, size_of(shape)
+        self.measured_components, self.measured_units = COMPONENTS[:m], UNITS[:m]
         self.gate = settings.gate
-        self._settings, self._delay_sigma, self._m = settings, delay_sigma, m
+        self._settings, self._delay_sigma = settings, delay_sigma
         # What was made last, and of what: an image that is compared with a track is often fused next.
         self._newest: tuple[State, Cloud] | None = None
         self._seen: tuple[Measurement, CameraPose, Measurement] | None = None
         self._late: tuple[Measurement, CameraPose, Measurement] | None = None
         self._judged: tuple[Cloud, Measurement, CameraPose, Wind | None, Expected] | None = None
-
-    def measure(self, points: Array, sigmas: Array) -> Measurement:
-        """See `measurement.measure_wing`."""
-        return measure_wing(points, sigmas, self._m)
 
     def seen(self, measurement: Measurement, pose: CameraPose) -> Measurement:
         """The measurement of an image, with the noise of our attitude when it was taken."""
@@ -250,9 +247,7 @@ def of_box(cloud: Cloud, shows: ShapeFeatures, axes: Array, pose: CameraPose) ->
     known = cloud.with_biases(evidence.of_boxes(shows))
     particles_ = known.means, known.covariances, known.noses, np.exp(known.log_weights)
     camera = pose.R_cn, pose.r_FC_n, axes
-    expected, S = box_sides.prediction(
-        *particles_, shows.rows, shows.posture, camera, known.column(evidence.BOXES)
-    )
+    expected, S = points.expected_box(*particles_, shows.rows, shows.posture, camera, known.column(evidence.BOXES))
     S = MIDDLE_AND_SIZE @ (S + np.diag(shows.rows.sigma**2)) @ MIDDLE_AND_SIZE.T
     turns = np.array([axes[2], -axes[1]])  # the sides move together, and not each for itself
     common = turns @ pose.noise_c @ turns.T

@@ -5,9 +5,8 @@ from typing import Any, Final
 
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.filters.belief import BeliefFilter
+from onboard.estimators.leader.image.shape import shape_of
 from onboard.estimators.leader.settings import NoseModel, overridden
-from onboard.estimators.leader.shape import shape_of
-from onboard.models import wing_line
 
 CRAB: Final = math.radians(14.0)  # rad, of a fixed wing's nose: wind of a quarter of its speed, at one sigma
 FEW: Final = 200  # hypotheses of a plain filter
@@ -24,16 +23,15 @@ SMALLEST_SIGMA: Final = 1e-4  # rad; an axis of our attitude that is known bette
 
 def make_filter(config: Config) -> BeliefFilter:
     """The filter of a target of this configuration."""
-    m = wing_line.M_MIDDLE if config.center_on_wing else wing_line.M
-    return BeliefFilter(nose_model(config), shape_of(config), config.delay_sigma_s, m)
+    return BeliefFilter(nose_model(config), shape_of(config), config.delay_sigma_s)
 
 
 def make_plain_filter(config: Config) -> BeliefFilter:
     """A filter that supposes a calm leader, whatever images show: by how badly they fit it, frames of a gimbal are
     compared."""
-    shape, m = shape_of(config), wing_line.M
+    shape = shape_of(config)._replace(center_on_wing=False)
     calm = nose_model(config)._replace(**CALM, particles=FEW)
-    return BeliefFilter(calm, shape, config.delay_sigma_s, m)
+    return BeliefFilter(calm, shape, config.delay_sigma_s)
 
 
 def nose_model(config: Config) -> NoseModel:

@@ -14,7 +14,7 @@ from typing import Final, Generic, TypeVar
 
 import numpy as np
 
-from onboard.estimators.leader.tracks.image import Image
+from onboard.estimators.leader.image.prepare import Image
 from onboard.geometry.units import NS_PER_S
 from onboard.messages.causes import Cause, Reason
 

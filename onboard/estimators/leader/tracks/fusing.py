@@ -3,17 +3,18 @@
 import math
 from typing import Any, NamedTuple
 
-from onboard.estimators.leader.camera_pose import CameraPose, CameraPoses
+import numpy as np
+
 from onboard.estimators.leader.filters.auxiliary import Auxiliary
 from onboard.estimators.leader.filters.belief import BeliefFilter
-from onboard.estimators.leader.filters.features import refused
-from onboard.estimators.leader.filters.measurement import Measurement
+from onboard.estimators.leader.image.camera_pose import CameraPose, CameraPoses
+from onboard.estimators.leader.image.detector import NoiseScale
+from onboard.estimators.leader.image.measurement import Measurement
+from onboard.estimators.leader.image.prepare import Image, measured, newest_pose
 from onboard.estimators.leader.tracks.guard import sight
-from onboard.estimators.leader.tracks.image import Image, measured, newest_pose
-from onboard.estimators.leader.tracks.noise import NoiseScale
 from onboard.estimators.leader.tracks.report import AuxiliaryOutcome, Outcome
 from onboard.estimators.leader.wind import Wind
-from onboard.filters.belief import FilterError
+from onboard.filters.belief import FilterError, Update
 from onboard.ownship import Ownship
 
 
@@ -38,7 +39,7 @@ def seen(
 ) -> tuple[Measurement, CameraPose]:
     """What an image measures, by all that is known now of its detector and our own attitude; its camera's pose."""
     pose = newest_pose(image, poses, ownship)
-    return filter_.seen(measured(image, filter_, state.noise.scale), pose), pose
+    return filter_.seen(measured(image, filter_.shape, state.noise.scale), pose), pose
 
 
 def fuse(
@@ -58,7 +59,7 @@ def fuse(
     except FilterError:
         if taken.has_extent:
             raise
-        return state, Outcome(False, refused(measurement, leader), leader, pose)
+        return state, Outcome(False, _refused(measurement, leader), leader, pose)
     noise = state.noise
     if math.isfinite(update.nis):
         noise = noise.after(update.innovation, update.innovation_covariance, measurement.noise)
@@ -67,7 +68,7 @@ def fuse(
         fused = False
     next_ = state._replace(leader=update.belief if fused else leader, noise=noise)
     if fused and taken.has_extent and noise.is_larger_than(state.supposed):
-        next_ = _begun_anew(filter_, next_, measured(taken, filter_, noise.scale), pose)
+        next_ = _begun_anew(filter_, next_, measured(taken, filter_.shape, noise.scale), pose)
     return next_, Outcome(fused, update, leader, pose)
 
 
@@ -78,3 +79,10 @@ def _begun_anew(
     small do not come back by a larger one."""
     leader = filter_.start(measurement.with_attitude_noise(pose.noise_c), pose, state.leader)
     return state._replace(leader=leader, supposed=state.noise.scale)
+
+
+def _refused(measurement: Measurement, state: Any) -> Update:
+    """The update by a direction that the filter could not use, because it would have had to start again with
+    it."""
+    m = len(measurement.y)
+    return Update(state, np.zeros(m), np.eye(m), measurement.y, math.inf)

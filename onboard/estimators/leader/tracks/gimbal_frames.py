@@ -11,10 +11,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final, NamedTuple, get_args
 
-from onboard.estimators.leader.camera_pose import CameraPoses
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.filters.belief import BeliefFilter
-from onboard.estimators.leader.tracks.noise import NoiseScale
+from onboard.estimators.leader.image.camera_pose import CameraPoses
+from onboard.estimators.leader.image.detector import NoiseScale
 from onboard.estimators.leader.tracks.track import Track
 from onboard.geometry.camera import Camera
 from onboard.messages import MeasurementReport, MountFrame, TargetImage

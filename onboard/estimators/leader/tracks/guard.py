@@ -18,7 +18,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.camera_pose import CameraPose
+from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.filters.belief import Belief
 from onboard.geometry.units import NS_PER_S
 from onboard.messages.causes import Cause, Reason
@@ -130,7 +130,7 @@ class LineOfSight(NamedTuple):
 
 
 def sight(axes: Array, pose: CameraPose) -> LineOfSight:
-    """The sight of an image with these measured `axes` (3, 3) in c (see `filters.measurement`)."""
+    """The sight of an image with these measured `axes` (3, 3) in c (see `image.measurement`)."""
     return LineOfSight(axes[0] @ pose.R_cn, pose.r_FC_n)
 
 

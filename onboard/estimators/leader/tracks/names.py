@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Final
 
-from onboard.estimators.leader.tracks.image import Image
+from onboard.estimators.leader.image.prepare import Image
 from onboard.estimators.leader.tracks.track import Track
 from onboard.messages import Lifecycle
 from onboard.ownship import Ownship

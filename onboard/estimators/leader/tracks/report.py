@@ -7,11 +7,11 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from onboard.estimators.kit.reports import image_report, of_belief
-from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.belief import BeliefFilter
-from onboard.estimators.leader.filters.measurement import points_of
 from onboard.estimators.leader.filters.noses.places import Place
-from onboard.estimators.leader.tracks.image import Image
+from onboard.estimators.leader.image.camera_pose import CameraPose
+from onboard.estimators.leader.image.measurement import points_of
+from onboard.estimators.leader.image.prepare import Image
 from onboard.estimators.leader.tracks.life_cycle import LifeCycle
 from onboard.filters.belief import Belief, Update
 from onboard.messages import (

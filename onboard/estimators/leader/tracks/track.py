@@ -15,21 +15,20 @@ from typing import Any, Final
 import numpy as np
 
 from onboard.estimators.kit.history import History
-from onboard.estimators.leader.camera_pose import CameraPoses
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.filters.auxiliary import Auxiliary, Report
 from onboard.estimators.leader.filters.belief import BeliefFilter
 from onboard.estimators.leader.filters.noses.places import OpenQuestion
+from onboard.estimators.leader.image.camera_pose import CameraPoses
+from onboard.estimators.leader.image.detector import NoiseScale, Repeats
+from onboard.estimators.leader.image.prepare import Image, agree, hold, prepare
 from onboard.estimators.leader.prior import Prior
 from onboard.estimators.leader.size import Size
 from onboard.estimators.leader.tracks.exchange import LEAPT, Classes, Exchange
 from onboard.estimators.leader.tracks.fusing import TrackState, advance, fuse, seen
 from onboard.estimators.leader.tracks.guard import ASTRAY, Guard, LastSight
-from onboard.estimators.leader.tracks.image import Image, agree, hold, prepare
 from onboard.estimators.leader.tracks.life_cycle import Facts, LifeCycle
-from onboard.estimators.leader.tracks.noise import NoiseScale
 from onboard.estimators.leader.tracks.rate_limit import RateLimit
-from onboard.estimators.leader.tracks.repeats import Repeats
 from onboard.estimators.leader.tracks.report import (
     FAR,
     Distance,
@@ -230,7 +229,7 @@ class Track:
         """Use an image if it can be used, and report the verdict."""
         if self._full:
             return self._report(message, Verdict.FULL)
-        settings = self._filter, self._config, self.half_wing, self.noise.scale
+        settings = self._filter.shape, self._config, self.half_wing, self.noise.scale
         image = prepared or prepare(message, ownship, self._poses, *settings)
         if isinstance(image, Verdict):
             return self._report(message, image)

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.filters.belief import BeliefFilter, State
 from onboard.estimators.leader.filters.make import make_filter
-from onboard.estimators.leader.filters.measurement import Measurement, points_of
 from onboard.estimators.leader.filters.noses import particles
+from onboard.estimators.leader.image.camera_pose import CameraPose
+from onboard.estimators.leader.image.measurement import Measurement, points_of
 from onboard.estimators.leader.wind import Wind
 from onboard.filters.belief import FilterError
 from onboard.models.relative_motion import POSITION, VELOCITY

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from onboard.arrays import Array
-from onboard.estimators.leader.camera_pose import CameraPoses
+from onboard.estimators.leader.image.camera_pose import CameraPoses
 from onboard.geometry.camera import make_camera
 from onboard.geometry.rotations import matrix_from_euler, quaternion_from_euler
 from onboard.messages import Attitude, GimbalAttitude, LocalPosition, MountAttitude

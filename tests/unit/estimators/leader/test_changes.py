@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
-from onboard.estimators.leader.camera_pose import CameraPose
-from onboard.estimators.leader.filters.measurement import Measurement
 from onboard.estimators.leader.filters.noses import particles
 from onboard.estimators.leader.filters.noses.cloud import Cloud
 from onboard.estimators.leader.filters.noses.first import start
+from onboard.estimators.leader.image.camera_pose import CameraPose
+from onboard.estimators.leader.image.measurement import Measurement
 from onboard.estimators.leader.settings import NoseModel
 from onboard.models import apparent_wing as model
 

@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.estimators.leader import estimator as leader
-from onboard.estimators.leader.tracks.image import Image, in_view, prepare
+from onboard.estimators.leader.image.prepare import Image, in_view, prepare
 from onboard.geometry.camera import make_camera
 from onboard.messages import Attitude, Lifecycle, Message, TargetPoints, Verdict
 from onboard.ownship import Ownship
@@ -184,7 +184,7 @@ def test_an_unusable_image_without_an_id_starts_no_track() -> None:
 def test_an_image_is_compared_with_tracks_near_its_direction_and_with_all_without_a_recent_image() -> None:
     one = estimator()
     ownship = play(one, sorted(two_aircraft("leader", "target/1"), key=lambda i: i.message.t_ns))
-    image = prepare(NEAR.image(ownship.now_ns), ownship, one._poses, one._filter, one._config, 1.0)
+    image = prepare(NEAR.image(ownship.now_ns), ownship, one._poses, one._filter.shape, one._config, 1.0)
     assert isinstance(image, Image)
     assert [t.target for t in one._candidates(image)] == ["leader"]
     for later in (ownship.now_ns + 200 * MS, ownship.now_ns + 400 * MS):

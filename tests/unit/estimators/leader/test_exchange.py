@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from onboard.estimators.leader.image.prepare import Image
 from onboard.estimators.leader.tracks.exchange import Exchange
-from onboard.estimators.leader.tracks.image import Image
 
 FORGOTTEN_S = 5.0
 

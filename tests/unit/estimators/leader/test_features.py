@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from onboard.estimators.leader.filters.features import BIAS_COUNTS, OFF_WING, UNKNOWN, features_of, measure
-from onboard.estimators.leader.filters.make import make_filter
+from onboard.estimators.leader.image.prepare import BIAS_COUNTS, OFF_WING, UNKNOWN, features_of, measure
+from onboard.estimators.leader.image.shape import shape_of
 from onboard.messages import ImageFeature, Lifecycle, Message, TargetDetection, TargetPoints, Verdict
 from tests.support.streams import CIRCLE, F_PX, Run, S, Stream, advance, make_config, position_error
 
@@ -36,8 +36,8 @@ SPAN = math.dist(IMAGE.left, IMAGE.right)
 
 
 def test_a_pair_of_wingtips_measures_the_wing_and_its_middle_with_the_doubt_of_the_center() -> None:
-    filter_ = make_filter(make_config().estimator["leader"])
-    whole, pair = measure(filter_, saw(IMAGE)), measure(filter_, saw(less(IMAGE, "left", "right")))
+    shape = shape_of(make_config().estimator["leader"])
+    whole, pair = measure(shape, saw(IMAGE)), measure(shape, saw(less(IMAGE, "left", "right")))
     assert pair.span == pytest.approx(whole.span, rel=1e-3)
     assert pair.R[2, 2] == pytest.approx(whole.R[2, 2], rel=1e-2)
     assert math.sqrt(pair.R[0, 0]) == pytest.approx(BIAS_COUNTS * OFF_WING * SPAN, rel=0.1)
@@ -46,8 +46,8 @@ def test_a_pair_of_wingtips_measures_the_wing_and_its_middle_with_the_doubt_of_t
 
 
 def test_with_the_center_on_the_wing_the_middle_is_the_center_and_is_measured_once() -> None:
-    filter_ = make_filter(make_config("estimator.leader.center_on_wing=true").estimator["leader"])
-    pair = measure(filter_, saw(less(IMAGE, "left", "right"), center_on_wing=True))
+    shape = shape_of(make_config("estimator.leader.center_on_wing=true").estimator["leader"])
+    pair = measure(shape, saw(less(IMAGE, "left", "right"), center_on_wing=True))
     assert math.sqrt(pair.R[0, 0]) < 0.1 * SPAN
     assert np.sqrt(np.diag(pair.R)[4:]).tolist() == [UNKNOWN] * 2
     assert not pair.R[:4, 4:].any()
@@ -55,9 +55,9 @@ def test_with_the_center_on_the_wing_the_middle_is_the_center_and_is_measured_on
 
 @pytest.mark.parametrize("what", ["center", "left", "box"])
 def test_one_point_or_a_box_measures_a_direction_and_no_wing(what: str) -> None:
-    filter_ = make_filter(make_config().estimator["leader"])
+    shape = shape_of(make_config().estimator["leader"])
     detection = less(IMAGE, box=0.05) if what == "box" else less(IMAGE, what)
-    m = measure(filter_, saw(detection))
+    m = measure(shape, saw(detection))
     expected = {
         "center": SIGMA,
         "left": math.hypot(SIGMA, BIAS_COUNTS * 0.04),

@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
+from onboard.estimators.leader.image.detector import NoiseScale
 from onboard.estimators.leader.tracks import fusing
-from onboard.estimators.leader.tracks.noise import NoiseScale
 from onboard.filters.belief import FilterError
 
 

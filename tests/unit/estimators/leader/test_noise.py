@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from onboard.estimators.leader.tracks.noise import LEAST, MOST, WINDOW, NoiseScale
+from onboard.estimators.leader.image.detector import LEAST, MOST, WINDOW, NoiseScale
 from onboard.messages import TargetPoints
 from tests.support.streams import F_PX, Item, S, Stream, advance, encode, feed, position_error
 

@@ -6,19 +6,18 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
-from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.filters.belief import BeliefFilter
-from onboard.estimators.leader.filters.measurement import Measurement
 from onboard.estimators.leader.filters.noses import particles
 from onboard.estimators.leader.filters.noses.cloud import Cloud
 from onboard.estimators.leader.filters.noses.first import start
 from onboard.estimators.leader.filters.noses.summary import Summary, summarise, with_course
+from onboard.estimators.leader.image.camera_pose import CameraPose
+from onboard.estimators.leader.image.measurement import Measurement, from_points
+from onboard.estimators.leader.image.shape import shape_of
 from onboard.estimators.leader.settings import NoseModel
-from onboard.estimators.leader.shape import shape_of
 from onboard.filters.belief import FilterError
 from onboard.models import apparent_wing as model
-from onboard.models.wing_line import from_points
 
 SETTINGS = NoseModel(
     size=2.0, size_sigma=0.04, misalignment=(0.007, 0.007, 0.024), misalignment_time=60.0, own_velocity=0.1
@@ -148,7 +147,7 @@ def test_an_image_that_nothing_expected_changes_nothing() -> None:
 
 def test_what_is_beyond_the_gate_together_is_not_fused(monkeypatch: pytest.MonkeyPatch) -> None:
     """The NIS that is published is that of all hypotheses, though enough of them may have expected an image."""
-    filter_ = BeliefFilter(SETTINGS, shape_of(Config(size_prior_m=2.0)), 0.0, 4)
+    filter_ = BeliefFilter(SETTINGS, shape_of(Config(size_prior_m=2.0)), 0.0)
     state = filter_.start(image(25.0, 0.3), STILL, None)
     monkeypatch.setattr(particles, "update", lambda _settings, cloud, *_: (cloud, 0.0))
     assert filter_.fuse(state, image(25.0, 0.3), STILL).passes

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
-from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.filters.make import make_filter
 from onboard.estimators.leader.filters.noses.cloud import Cloud
 from onboard.estimators.leader.filters.noses.places import Place, places
 from onboard.estimators.leader.filters.noses.summary import summarise
+from onboard.estimators.leader.image.camera_pose import CameraPose
+from onboard.estimators.leader.image.measurement import measure_wing
 from onboard.estimators.leader.settings import NoseModel
 from onboard.models import apparent_wing as model
 
@@ -89,7 +90,7 @@ def test_the_filter_says_what_is_open_and_where_relative_to_us() -> None:
     points = np.array([[0.0, 0.0], [-0.02, 0.0], [0.02, 0.0]])
     v_F_n = np.array([2.0, 0.0, 0.0])
     pose = CameraPose(np.eye(3), np.zeros(3), v_F_n, np.zeros(3))
-    state = filter_.start(filter_.measure(points, np.full(3, 0.002)), pose, None)
+    state = filter_.start(measure_wing(points, np.full(3, 0.002), filter_.shape), pose, None)
     reason, found_places, _ = filter_.open_question(state)
     assert reason == "heading not resolved: the range is uncertain"
     assert sum(place.weight for place in found_places) == pytest.approx(1.0)

@@ -8,14 +8,14 @@ import pytest
 from msgspec.structs import replace
 from numpy.testing import assert_allclose
 
-from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.make import make_filter
 from onboard.estimators.leader.filters.noses import particles
 from onboard.estimators.leader.filters.noses.cloud import Cloud
 from onboard.estimators.leader.filters.noses.first import start
 from onboard.estimators.leader.filters.noses.moments import LOG_SIZE
 from onboard.estimators.leader.filters.noses.summary import summarise
-from onboard.estimators.leader.pose import TURN_BIAS, measured_pose
+from onboard.estimators.leader.image.camera_pose import CameraPose
+from onboard.estimators.leader.image.pose import TURN_BIAS, measured_pose
 from onboard.geometry.rotations import matrix_from_euler, quaternion_from_euler, quaternion_from_matrix
 from onboard.messages import Estimate, Lifecycle, RelativePose, TargetDetection
 from onboard.models import apparent_wing

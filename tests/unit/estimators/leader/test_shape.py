@@ -8,16 +8,15 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.config import ConfigError, parse_config
-from onboard.estimators.leader.camera_pose import CameraPose
-from onboard.estimators.leader.filters.features import BIAS_COUNTS, UNKNOWN, features_of, measure
 from onboard.estimators.leader.filters.make import make_filter
 from onboard.estimators.leader.filters.noses import particles
 from onboard.estimators.leader.filters.noses.first import start
 from onboard.estimators.leader.filters.noses.summary import summarise
-from onboard.estimators.leader.shape import GUESS_BIAS, ROTORS, shape_of
+from onboard.estimators.leader.image.camera_pose import CameraPose
+from onboard.estimators.leader.image.prepare import BIAS_COUNTS, UNKNOWN, features_of, measure
+from onboard.estimators.leader.image.shape import GUESS_BIAS, HIGHEST, LOWEST, ROTORS, shape_of
 from onboard.messages import ImageFeature, TargetDetection, TargetPoints
 from onboard.models import apparent_wing
-from onboard.models.apparent_shape import HIGHEST, LOWEST
 from onboard.models.relative_motion import POSITION
 from tests.support.streams import CIRCLE, F_PX, S, Stream, advance
 
@@ -46,7 +45,7 @@ def detection(*features: ImageFeature, half: tuple[float, float] | None = None) 
 
 def measured(image: Any, **section: Any) -> Any:
     saw = features_of(image, SIGMA, center_on_wing=False, half_wing=0.04)
-    return measure(make_filter(leader(**section)), saw)
+    return measure(shape_of(leader(**section)), saw)
 
 
 def test_a_box_measures_its_sides_and_no_wing() -> None:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from onboard.estimators.leader.camera_pose import CameraPose
+from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.tracks.guard import LastSight, sight
 from tests.support.streams import S
 

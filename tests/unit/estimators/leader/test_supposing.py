@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.noses import leaning, particles
 from onboard.estimators.leader.filters.noses.cloud import Cloud
 from onboard.estimators.leader.filters.noses.first import start
+from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.models.apparent_wing import BANK_ERROR, POSITION, STRETCH
 from tests.unit.estimators.leader.test_noses import SETTINGS, STILL, image
 

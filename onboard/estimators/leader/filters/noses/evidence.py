@@ -11,13 +11,14 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.noses.cloud import Bias, Cloud
-from onboard.estimators.leader.pose import TURN_BIAS, PoseFeatures
+from onboard.estimators.leader.hypotheses import points
+from onboard.estimators.leader.image.camera_pose import CameraPose
+from onboard.estimators.leader.image.pose import TURN_BIAS, PoseFeatures
+from onboard.estimators.leader.image.shape import ShapeFeatures, only
 from onboard.estimators.leader.settings import NoseModel
-from onboard.estimators.leader.shape import ShapeFeatures, only
 from onboard.filters.belief import Belief, FilterError
-from onboard.models import apparent_pose, apparent_shape
+from onboard.models import apparent_pose
 from onboard.models.apparent_wing import FREE, POSITION
 
 MOTION: Final = slice(0, 6)  # position and velocity
@@ -123,7 +124,7 @@ def shaped(cloud: Cloud, shows: ShapeFeatures, axes: Array, pose: CameraPose) ->
         bias = cloud.column(BOXES)
     noses, means, P = cloud.noses.copy(), cloud.means.copy(), cloud.covariances.copy()
     camera = pose.R_cn, pose.r_FC_n, axes
-    nis, log_l = apparent_shape.update(means, P, noses, shows.rows, shows.posture, camera, bias)
+    nis, log_l = points.update(means, P, noses, shows.rows, shows.posture, camera, bias)
     return cloud._replace(noses=noses, means=means, covariances=P, tied=_still(cloud, noses)), nis, log_l
 
 

@@ -6,16 +6,16 @@ from typing import Any, Final
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.camera_pose import CameraPose
-from onboard.estimators.leader.filters.measurement import Measurement
 from onboard.estimators.leader.filters.noses import leaning
 from onboard.estimators.leader.filters.noses.changes import APART, MOST_CRAB
 from onboard.estimators.leader.filters.noses.cloud import Cloud
 from onboard.estimators.leader.filters.noses.draws import normal, uniform
 from onboard.estimators.leader.filters.noses.evidence import ANY_NOSE, of_boxes, of_ranges, weighted
 from onboard.estimators.leader.filters.noses.particles import HORIZONTAL, resampled
+from onboard.estimators.leader.hypotheses import points
+from onboard.estimators.leader.image.camera_pose import CameraPose
+from onboard.estimators.leader.image.measurement import Measurement
 from onboard.estimators.leader.settings import NoseModel
-from onboard.models import apparent_shape
 from onboard.models import apparent_wing as model
 from onboard.models.apparent_wing import ACCELERATION, BANK_ERROR, LEAN, LOG_SIZE, POSITION, STRETCH, VELOCITY, N
 
@@ -55,7 +55,7 @@ def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Clou
     if seen.is_metric:
         range_ = np.full(k, settings.size / seen.span)
     elif shows is not None:
-        range_ = sizes * apparent_shape.spread(shows.extent, noses, seen.axes @ pose.R_cn) / seen.span
+        range_ = sizes * points.spread(shows.extent, noses, seen.axes @ pose.R_cn) / seen.span
         range_ = np.maximum(range_, LEAST_RANGE * range_.max())
     means, P = np.zeros((k, N)), np.zeros((k, N, N))
     means[:, POSITION], means[:, VELOCITY] = range_[:, None] * direction + pose.r_FC_n, pose.v_F_n

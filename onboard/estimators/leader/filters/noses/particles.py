@@ -20,9 +20,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.auxiliary import Auxiliary
-from onboard.estimators.leader.filters.measurement import Measurement
 from onboard.estimators.leader.filters.noses import leaning, moments
 from onboard.estimators.leader.filters.noses.changes import DRAWS, change
 from onboard.estimators.leader.filters.noses.cloud import ARRAYS, Bias, Cloud, named
@@ -37,6 +35,8 @@ from onboard.estimators.leader.filters.noses.evidence import (
     posed,
     weighted,
 )
+from onboard.estimators.leader.image.camera_pose import CameraPose
+from onboard.estimators.leader.image.measurement import Measurement
 from onboard.estimators.leader.settings import NoseModel
 from onboard.estimators.leader.wind import Wind
 from onboard.filters.gating import chi_square_threshold

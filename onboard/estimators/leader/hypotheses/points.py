@@ -5,51 +5,27 @@ It leans as it accelerates: a multirotor's thrust carries, accelerates and drags
 by how much a detector misplaces a point on it, is noise.
 
 A measurement is a list of rows. Each is one coordinate, right or down on the plane tangent to the sphere of
-directions at the measured center (`models.wing_line`), of one point of the shape: a named one, or, for a side of a
-box, whichever reaches farthest. A box says no more.
+directions at the measured center (`image.measurement`), of one point of the shape: a named one, or, for a side of
+a box, whichever reaches farthest. A box says no more.
 """
 
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
+from onboard.estimators.leader.image.shape import HIGHEST, LOWEST, Posture, ShapeRows, measured_spread
 from onboard.filters.compiled import OUT, ROWS, VECTOR
 from onboard.models.apparent_wing import COVARIANCES, NOSES, NUMBER, G
 from onboard.models.particle_update import correct, factor, whiten
-
-LOWEST: Final = -1.0  # in place of a point's number: the point with the least coordinate ...
-HIGHEST: Final = -2.0  # ... and the one with the largest
-
-
-class Rows(NamedTuple):
-    """What is seen of a shape: its points (k, 3) in b; for each row (m,) the point's number, LOWEST or HIGHEST;
-    the axis, 0 right or 1 down; the coordinate and its standard deviation, rad. `named`: whether a point's name
-    tells the nose from the tail."""
-
-    points: Array
-    which: Array
-    axis: Array
-    y: Array
-    sigma: Array
-    named: bool
-
-
-class Posture(NamedTuple):
-    """How a leader holds itself: `leans` is 1 if it pitches to accelerate, else 0; the standard deviation of its
-    pitch about that, rad; and that of a point's place, as a share of the wingspan."""
-
-    leans: float
-    pitch: float
-    misplaced: float
 
 
 def update(
     means: Array,
     P: Array,
     noses: Array,
-    rows: Rows,
+    rows: ShapeRows,
     posture: Posture,
     camera: tuple[Array, Array, Array],
     bias: int = 0,
@@ -64,7 +40,7 @@ def update(
     return nis, log_l
 
 
-def spread(rows: Rows, noses: Array, axes: Array) -> Array:
+def spread(rows: ShapeRows, noses: Array, axes: Array) -> Array:
     """How far (k,) the rows' coordinates are apart, root of the sum of squares, of a leader of wingspan 1 at
     distance 1 that flies level with its nose at `noses` (k,), without perspective; `axes` (3, 3) in n."""
     c, s, zero, one = np.cos(noses), np.sin(noses), np.zeros_like(noses), np.ones_like(noses)
@@ -78,16 +54,6 @@ def spread(rows: Rows, noses: Array, axes: Array) -> Array:
         else:
             columns.append(of_axis.max(axis=1) if which == HIGHEST else of_axis[:, int(which)])
     return measured_spread(rows, np.column_stack(columns))
-
-
-def measured_spread(rows: Rows, y: Array) -> Array:
-    """The same of coordinates (..., m)."""
-    total = np.zeros(y.shape[:-1])
-    for axis in (0.0, 1.0):
-        of_axis = y[..., rows.axis == axis]
-        if of_axis.shape[-1] > 1:
-            total += np.sum((of_axis - of_axis.mean(axis=-1, keepdims=True)) ** 2, axis=-1)
-    return np.sqrt(total)
 
 
 @njit(cache=True, error_model="numpy")
@@ -225,3 +191,59 @@ def _update(means, P, noses, points, which, axis, y, sigma, named, leans, pitch,
         nis[k], det = correct(x, P[k], e, J, c, dx, bias)
         log_l[k] = -0.5 * (nis[k] + np.log(det)) - log_noise
     return nis, log_l
+
+
+def expected_box(
+    means: Array,
+    P: Array,
+    noses: Array,
+    w: Array,
+    rows: ShapeRows,
+    posture: Posture,
+    camera: tuple[Array, Array, Array],
+    bias: int,
+) -> tuple[Array, Array]:
+    """Mean (m,) and covariance (m, m) of the rows, by particles of weights w (K,), without the rows' own noise.
+    The `camera` and the column of the `bias` are as in `update`."""
+    R_cn, r_FC, seen = camera
+    shape = np.ascontiguousarray(rows.points), rows.which, rows.axis
+    axes = np.ascontiguousarray(seen @ R_cn)
+    mean, covariance = _expected_box(means, P, noses, w, *shape, *posture, r_FC, axes, bias)
+    return mean, covariance
+
+
+@njit(
+    (
+        *(OUT, COVARIANCES, NOSES, VECTOR, ROWS, VECTOR, VECTOR),
+        *(NUMBER, NUMBER, NUMBER, VECTOR, ROWS, types.int64),
+    ),
+    cache=True,
+    error_model="numpy",
+)
+def _expected_box(means, P, noses, w, points, which, axis, leans, pitch, misplaced, r_FC, axes, bias):
+    m, width = which.shape[0], P.shape[2]
+    B, by, q = np.empty((3, 3)), np.empty((2, 3)), np.empty((points.shape[0], 5))
+    h, d, J, JP = np.empty(m), np.empty(m), np.zeros((m, width)), np.empty(width)
+    mean, covariance = np.zeros(m), np.zeros((m, m))
+    for k in range(means.shape[0]):
+        x = means[k]
+        place = misplaced * np.exp(x[13]) / np.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
+        _linearised(x, noses[k], points, which, axis, leans, r_FC, axes, bias, B, by, q, h, J, d)
+        J[:, 3:6] = 0.0
+        J[:, 12] = 0.0
+        for i in range(m):
+            for n in range(width):
+                JP[n] = 0.0
+                for a in range(width):
+                    JP[n] += J[i, a] * P[k, a, n]
+            mean[i] += w[k] * h[i]
+            covariance[i, i] += w[k] * place * place
+            for j in range(m):
+                spread = h[i] * h[j] + pitch * pitch * d[i] * d[j]
+                for n in range(width):
+                    spread += JP[n] * J[j, n]
+                covariance[i, j] += w[k] * spread
+    for i in range(m):
+        for j in range(m):
+            covariance[i, j] -= mean[i] * mean[j]
+    return mean, covariance

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.camera_pose import CameraPose
+from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.messages import RelativePose
 

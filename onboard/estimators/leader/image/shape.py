@@ -1,4 +1,4 @@
-"""The shape of a class of targets, and what a detection shows of it: rows of `models.apparent_shape`."""
+"""The shape of a class of targets, and what a detection shows of it: rows of `hypotheses.points`."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -9,8 +9,9 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.leader.config import Config
 from onboard.messages import ImageFeature, ImagePoint, Sides
-from onboard.models.apparent_shape import HIGHEST, LOWEST, Posture, Rows, measured_spread
 
+LOWEST: Final = -1.0  # in place of a point's number: the point with the least coordinate ...
+HIGHEST: Final = -2.0  # ... and the one with the largest
 WINGTIPS: Final = ((0.0, -0.5, 0.0), (0.0, 0.5, 0.0))  # in b, of a wingspan of 1
 # A box also bounds what has no name. Small aircraft are about as long as three quarters of their span; fuselages
 # are a tenth of it high.
@@ -36,6 +37,28 @@ SHORTEST: Final = 0.1  # of the wingspan, from nose to tail: closer points show 
 MIDDLE_AND_SIZE: Final = np.array([[0.5, 0.5, 0, 0], [0, 0, 0.5, 0.5], [-1.0, 1.0, 0, 0], [0, 0, -1.0, 1.0]])
 
 
+class ShapeRows(NamedTuple):
+    """What is seen of a shape: its points (k, 3) in b; for each row (m,) the point's number, LOWEST or HIGHEST;
+    the axis, 0 right or 1 down; the coordinate and its standard deviation, rad. `named`: whether a point's name
+    tells the nose from the tail."""
+
+    points: Array
+    which: Array
+    axis: Array
+    y: Array
+    sigma: Array
+    named: bool
+
+
+class Posture(NamedTuple):
+    """How a leader holds itself: `leans` is 1 if it pitches to accelerate, else 0; the standard deviation of its
+    pitch about that, rad; and that of a point's place, as a share of the wingspan."""
+
+    leans: float
+    pitch: float
+    misplaced: float
+
+
 class Shape(NamedTuple):
     """Of a class of targets; points in b for a wingspan of 1."""
 
@@ -48,6 +71,7 @@ class Shape(NamedTuple):
     size: float = 2.0  # m, the wingspan
     pose_bias: float = 0.0  # of the range of poses, one standard deviation
     height: float = 0.0  # of the wingspan: how well top and bottom are known
+    center_on_wing: bool = False  # an image measures the wing's middle, too
 
 
 class Outline(NamedTuple):
@@ -61,8 +85,8 @@ class Outline(NamedTuple):
 class ShapeFeatures(NamedTuple):
     """What a detection shows beyond center and wing."""
 
-    rows: Rows
-    extent: Rows  # the same with the center, if that was seen
+    rows: ShapeRows
+    extent: ShapeRows  # the same with the center, if that was seen
     spread: float  # rad, standard deviation of the extent's coordinates ...
     spread_sigma: float  # ... and the noise of that
     bias: float  # of the size, one standard deviation
@@ -89,7 +113,8 @@ def shape_of(config: Config) -> Shape:
     leans = 1.0 if config.leader_class == "multirotor" else 0.0
     posture = Posture(leans, PITCH, MISPLACED)
     size, pose = config.size_prior_m, config.pose_scale_sigma
-    return Shape(names, points, outline.bounds, outline.bias, edge_on, posture, size, pose, outline.height)
+    known = names, points, outline.bounds, outline.bias, edge_on, posture, size, pose, outline.height
+    return Shape(*known, config.center_on_wing)
 
 
 def outline_of(config: Config) -> Outline:
@@ -152,9 +177,9 @@ def only(shows: ShapeFeatures, which: Sequence[int]) -> ShapeFeatures:
     return shows._replace(rows=rows, names=tuple(shows.names[k] for k in which))
 
 
-def _of_points(points: Array, y: Array, sigmas: Sequence[float]) -> Rows:
+def _of_points(points: Array, y: Array, sigmas: Sequence[float]) -> ShapeRows:
     which, axis = np.repeat(np.arange(float(len(points))), 2), np.tile([0.0, 1.0], len(points))
-    return Rows(points, which, axis, y.ravel(), np.repeat(sigmas, 2), named=True)
+    return ShapeRows(points, which, axis, y.ravel(), np.repeat(sigmas, 2), named=True)
 
 
 def of_box(shape: Shape, sides: Sides, noise: float, axes: Array) -> ShapeFeatures:
@@ -164,7 +189,7 @@ def of_box(shape: Shape, sides: Sides, noise: float, axes: Array) -> ShapeFeatur
     sigma = np.full(4, noise * larger)
     sigma[2:] = np.hypot(sigma[2:], shape.height * larger)
     which, axis = np.array([LOWEST, HIGHEST] * 2), np.array([0.0, 0.0, 1.0, 1.0])
-    rows = Rows(shape.bounds, which, axis, np.array([left, right, upper, lower]), sigma, named=False)
+    rows = ShapeRows(shape.bounds, which, axis, np.array([left, right, upper, lower]), sigma, named=False)
     spread = float(measured_spread(rows, rows.y))
     return ShapeFeatures(
         rows, rows, spread, float(sigma[0]), shape.box_bias, shape.edge_on, shape.posture, is_box=True
@@ -172,8 +197,18 @@ def of_box(shape: Shape, sides: Sides, noise: float, axes: Array) -> ShapeFeatur
 
 
 def _on_plane(axes: Array, point: ImagePoint) -> tuple[float, float]:
-    """A point's coordinates as in `models.wing_line`."""
+    """A point's coordinates as in `measurement`."""
     direction = np.array([1.0, *point])
     ahead, right, down = (axes @ direction).tolist()
     twice = 2.0 / (float(np.linalg.norm(direction)) + ahead)
     return twice * right, twice * down
+
+
+def measured_spread(rows: ShapeRows, y: Array) -> Array:
+    """How far the rows' coordinates (..., m) are apart, root of the sum of squares."""
+    total = np.zeros(y.shape[:-1])
+    for axis in (0.0, 1.0):
+        of_axis = y[..., rows.axis == axis]
+        if of_axis.shape[-1] > 1:
+            total += np.sum((of_axis - of_axis.mean(axis=-1, keepdims=True)) ** 2, axis=-1)
+    return np.sqrt(total)
