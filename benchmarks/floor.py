@@ -24,8 +24,8 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.commands.loading import release_compiler
+from onboard.estimators.leader.hypotheses import wing as model
 from onboard.messages import CameraPoints, Datagram, Estimate
-from onboard.models import apparent_wing as model
 
 HYPOTHESES: Final = 84
 HEAD: Final = 10  # bytes of a MAVLink 2 header

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
-from onboard.estimators.leader.filters.noses import particles
-from onboard.estimators.leader.filters.noses.first import start
-from onboard.estimators.leader.filters.noses.places import Place
-from onboard.estimators.leader.filters.noses.summary import MOTION, summarise
+from onboard.estimators.leader.hypotheses import prediction, update
+from onboard.estimators.leader.hypotheses.places import Place
+from onboard.estimators.leader.hypotheses.start import start
+from onboard.estimators.leader.hypotheses.summary import MOTION, summarise
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import Measurement, from_points
 from tests.support import bootstrap
@@ -72,8 +72,8 @@ def flown(seed: int, images: int) -> End:
         moved, east = np.array([0.0, new - east, 0.0]), new
         leader = bootstrap.predict(s, leader, DT, moved, rng)
         noise = SIGMA * np.array([1.0, 1.0, math.sqrt(2.0), math.sqrt(2.0)]) * rng.normal(size=4)
-        cloud = particles.predict(s, cloud, DT, moved)
-        cloud, _ = particles.update(s, cloud, measurement(bootstrap.image_of(leader, size)[0] + noise), STILL)
+        cloud = prediction.predict(s, cloud, DT, moved)
+        cloud, _ = update.update(s, cloud, measurement(bootstrap.image_of(leader, size)[0] + noise), STILL)
     turned, off_v = rng.normal(size=3) * s.misalignment, s.own_velocity * rng.normal(size=3)
     truth = np.array([*(leader.r[0] + np.cross(turned, leader.r[0])), *(leader.v[0] + off_v)])
     known = summarise(s, cloud)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
-from onboard.estimators.leader.filters.noses import particles
-from onboard.estimators.leader.filters.noses.cloud import Cloud
-from onboard.estimators.leader.filters.noses.first import start
+from onboard.estimators.leader.hypotheses import prediction, update
+from onboard.estimators.leader.hypotheses.cloud import Cloud
+from onboard.estimators.leader.hypotheses.start import start
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import Measurement, from_points
 from tests.support import bootstrap
@@ -48,8 +48,8 @@ def test_the_cloud_is_as_sure_of_the_range_as_the_reference_seed_3(
         seen, measured = image(math.radians(aspect_deg), east, noise)
         reference = bootstrap.predict(bootstrap.CALM, reference, DT, moved, rng)
         reference = bootstrap.update(bootstrap.CALM, reference, seen, SIGMA, rng)
-        cloud = particles.predict(bootstrap.CALM, cloud, DT, moved)
-        cloud, _ = particles.update(bootstrap.CALM, cloud, measured, STILL)
+        cloud = prediction.predict(bootstrap.CALM, cloud, DT, moved)
+        cloud, _ = update.update(bootstrap.CALM, cloud, measured, STILL)
     theirs = np.log(np.linalg.norm(reference.r, axis=1))
     mean, sigma = log_range(cloud)
     assert 0.75 < sigma / theirs.std() < 1.4

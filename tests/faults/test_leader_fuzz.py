@@ -10,7 +10,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.estimators.leader import estimator
-from onboard.estimators.leader.filters.belief import BeliefFilter
+from onboard.estimators.leader.hypotheses.belief import BeliefFilter
 from onboard.filters.belief import FilterError
 from onboard.messages import Estimate
 from onboard.ownship import Ownship

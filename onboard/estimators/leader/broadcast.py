@@ -13,7 +13,7 @@ from onboard.arrays import Array
 from onboard.estimators.kit.frame import Frame
 from onboard.estimators.kit.peer_position import STANDSTILL, ReportedPosition, of_adsb, of_peer
 from onboard.estimators.leader.config import Config
-from onboard.estimators.leader.filters.auxiliary import (
+from onboard.estimators.leader.hypotheses.auxiliary import (
     DELAY,
     OWN_VELOCITY,
     REPORT_POSITION,
@@ -21,7 +21,7 @@ from onboard.estimators.leader.filters.auxiliary import (
     Auxiliary,
     Report,
 )
-from onboard.estimators.leader.filters.noses.cloud import Bias
+from onboard.estimators.leader.hypotheses.cloud import Bias
 from onboard.estimators.leader.settings import NoseModel
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import (

@@ -15,9 +15,9 @@ from typing import Final
 from onboard import messages
 from onboard.estimators.leader.broadcast import Broadcast
 from onboard.estimators.leader.config import Config
-from onboard.estimators.leader.filters.auxiliary import Auxiliary
-from onboard.estimators.leader.filters.belief import BeliefFilter
-from onboard.estimators.leader.filters.make import make_filter, make_plain_filter
+from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
+from onboard.estimators.leader.hypotheses.belief import BeliefFilter, make_filter, make_plain_filter
+from onboard.estimators.leader.hypotheses.wind import TIMEOUT_NS, UNKNOWN, Wind, wind_of
 from onboard.estimators.leader.image.camera_pose import CameraPoses
 from onboard.estimators.leader.image.prepare import Image, prepare
 from onboard.estimators.leader.prior import prior_of, size_of
@@ -27,7 +27,6 @@ from onboard.estimators.leader.tracks.gimbal_frames import GimbalFrames
 from onboard.estimators.leader.tracks.names import UNNAMED, awaits_name, continued, may_lead, swap_names
 from onboard.estimators.leader.tracks.report import Distance
 from onboard.estimators.leader.tracks.track import Track
-from onboard.estimators.leader.wind import TIMEOUT_NS, UNKNOWN, Wind, wind_of
 from onboard.geometry.camera import Camera
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import Estimate, Lifecycle, Message, TargetDetection, TargetImage, TargetPoints, Verdict

@@ -7,9 +7,9 @@ import pytest
 
 from onboard.arrays import Array
 from onboard.estimators.leader.hypotheses import points as model
+from onboard.estimators.leader.hypotheses.wing import ACCELERATION, LEAN, LOG_SIZE, POSITION, N
 from onboard.estimators.leader.image.shape import HIGHEST, LOWEST, Posture, ShapeRows, measured_spread
 from onboard.geometry.rotations import matrix_from_euler
-from onboard.models.apparent_wing import ACCELERATION, LEAN, LOG_SIZE, POSITION, N
 
 SIZE = 2.0
 POINTS = np.array([[0.36, 0.0, 0.02], [-0.4, 0.05, -0.1], [0.0, -0.5, 0.0], [0.0, 0.5, 0.0]])

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
+from onboard.estimators.leader.hypotheses import wing as model
 from onboard.estimators.leader.image.measurement import from_points
 from onboard.geometry.rotations import matrix_from_euler
-from onboard.models import apparent_wing as model
 
 SIZE, F_PX = 2.0, 500.0
 NOISE = np.diag([1.0, 1.0, 2.0, 2.0, 1.5, 1.5]) / F_PX**2

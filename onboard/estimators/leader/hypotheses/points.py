@@ -1,6 +1,6 @@
 """A leader whose nose is known, and what an image shows of its shape: named points, and the sides of a box.
 
-The state is that of `models.apparent_wing`. The shape is a set of points in b (FRD), for a leader of wingspan 1.
+The state is that of `wing`. The shape is a set of points in b (FRD), for a leader of wingspan 1.
 It leans as it accelerates: a multirotor's thrust carries, accelerates and drags it. What is open of its pitch, and
 by how much a detector misplaces a point on it, is noise.
 
@@ -15,10 +15,10 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
+from onboard.estimators.leader.hypotheses.particle_update import correct, factor, whiten
+from onboard.estimators.leader.hypotheses.wing import COVARIANCES, NOSES, NUMBER, G
 from onboard.estimators.leader.image.shape import HIGHEST, LOWEST, Posture, ShapeRows, measured_spread
 from onboard.filters.compiled import OUT, ROWS, VECTOR
-from onboard.models.apparent_wing import COVARIANCES, NOSES, NUMBER, G
-from onboard.models.particle_update import correct, factor, whiten
 
 
 def update(
@@ -42,7 +42,7 @@ def update(
 
 def spread(rows: ShapeRows, noses: Array, axes: Array) -> Array:
     """How far (k,) the rows' coordinates are apart, root of the sum of squares, of a leader of wingspan 1 at
-    distance 1 that flies level with its nose at `noses` (k,), without perspective; `axes` (3, 3) in n."""
+    distance 1 that flies level with its nose at `cloud` (k,), without perspective; `axes` (3, 3) in n."""
     c, s, zero, one = np.cos(noses), np.sin(noses), np.zeros_like(noses), np.ones_like(noses)
     body = np.array([[c, -s, zero], [s, c, zero], [zero, zero, one]])  # (3, 3, k)
     seen = np.einsum("ai,ijk,pj->kap", axes[1:], body, rows.points)  # (k, 2, points)
@@ -158,7 +158,7 @@ def _update(means, P, noses, points, which, axis, y, sigma, named, leans, pitch,
         x = means[k]
         place = misplaced * np.exp(x[13]) / np.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
         best, turns = np.inf, 0
-        for way in range(2 if named else 1):  # tips change places with the nose: `apparent_wing` orders them
+        for way in range(2 if named else 1):  # tips change places with the nose: `wing` orders them
             x[9] = -x[9] if way == 1 else x[9]
             nose = noses[k] + way * np.pi
             _linearised(x, nose, points, which, axis, leans, r_FC, axes, bias, B, by, q, h, J, d)

@@ -5,15 +5,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from onboard.estimators.leader.filters.auxiliary import Auxiliary
-from onboard.estimators.leader.filters.belief import BeliefFilter
+from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
+from onboard.estimators.leader.hypotheses.belief import BeliefFilter
+from onboard.estimators.leader.hypotheses.wind import Wind
 from onboard.estimators.leader.image.camera_pose import CameraPose, CameraPoses
 from onboard.estimators.leader.image.detector import NoiseScale
 from onboard.estimators.leader.image.measurement import Measurement
 from onboard.estimators.leader.image.prepare import Image, measured, newest_pose
 from onboard.estimators.leader.tracks.guard import sight
 from onboard.estimators.leader.tracks.report import AuxiliaryOutcome, Outcome
-from onboard.estimators.leader.wind import Wind
 from onboard.filters.belief import FilterError, Update
 from onboard.ownship import Ownship
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import Final, NamedTuple, get_args
 
 from onboard.estimators.leader.config import Config
-from onboard.estimators.leader.filters.belief import BeliefFilter
+from onboard.estimators.leader.hypotheses.belief import BeliefFilter
 from onboard.estimators.leader.image.camera_pose import CameraPoses
 from onboard.estimators.leader.image.detector import NoiseScale
 from onboard.estimators.leader.tracks.track import Track

@@ -7,8 +7,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from onboard.estimators.kit.reports import image_report, of_belief
-from onboard.estimators.leader.filters.belief import BeliefFilter
-from onboard.estimators.leader.filters.noses.places import Place
+from onboard.estimators.leader.hypotheses.belief import BeliefFilter
+from onboard.estimators.leader.hypotheses.places import Place
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import points_of
 from onboard.estimators.leader.image.prepare import Image

@@ -16,9 +16,10 @@ import numpy as np
 
 from onboard.estimators.kit.history import History
 from onboard.estimators.leader.config import Config
-from onboard.estimators.leader.filters.auxiliary import Auxiliary, Report
-from onboard.estimators.leader.filters.belief import BeliefFilter
-from onboard.estimators.leader.filters.noses.places import OpenQuestion
+from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary, Report
+from onboard.estimators.leader.hypotheses.belief import BeliefFilter
+from onboard.estimators.leader.hypotheses.places import OpenQuestion
+from onboard.estimators.leader.hypotheses.wind import Wind
 from onboard.estimators.leader.image.camera_pose import CameraPoses
 from onboard.estimators.leader.image.detector import NoiseScale, Repeats
 from onboard.estimators.leader.image.prepare import Image, agree, hold, prepare
@@ -38,7 +39,6 @@ from onboard.estimators.leader.tracks.report import (
     report,
     with_attitude,
 )
-from onboard.estimators.leader.wind import Wind
 from onboard.filters.belief import Belief, FilterError
 from onboard.filters.definite import factor
 from onboard.geometry.units import NS_PER_S

@@ -9,12 +9,12 @@ from numpy.testing import assert_allclose
 from onboard.arrays import Array
 from onboard.estimators.leader.broadcast import biases_of
 from onboard.estimators.leader.config import Config
-from onboard.estimators.leader.filters.auxiliary import DELAY, DISTANCE, TURN, Auxiliary, Range, Report
-from onboard.estimators.leader.filters.noses import particles
-from onboard.estimators.leader.filters.noses.cloud import Bias, Cloud
-from onboard.estimators.leader.filters.noses.evidence import corrected
+from onboard.estimators.leader.hypotheses import prediction, update
+from onboard.estimators.leader.hypotheses.auxiliary import DELAY, DISTANCE, TURN, Auxiliary, Range, Report
+from onboard.estimators.leader.hypotheses.cloud import Bias, Cloud
+from onboard.estimators.leader.hypotheses.update import corrected
+from onboard.estimators.leader.hypotheses.wing import ACCELERATION, LOG_SIZE, POSITION, STEADY, TIED, VELOCITY, N
 from onboard.filters.belief import FilterError
-from onboard.models.apparent_wing import ACCELERATION, LOG_SIZE, POSITION, STEADY, TIED, VELOCITY, N
 from tests.unit.estimators.leader.test_belief import filter_of, watched
 from tests.unit.estimators.leader.test_pose import settings_of
 
@@ -78,7 +78,7 @@ def test_a_range_whose_error_lasts_stays_as_uncertain_as_that() -> None:
     cloud = cloud_of(1)
     cloud.covariances[:, POSITION, POSITION] -= 0.25 * np.eye(3) * 0.99  # for a size, the place is known
     for _ in range(100):
-        after = particles.assist(settings_of(), cloud, NEW, is_open=False)
+        after = update.assist(settings_of(), cloud, NEW, is_open=False)
         assert after is not None
         cloud = after
     sigma = math.sqrt(cloud.covariances[0, LOG_SIZE, LOG_SIZE])
@@ -88,7 +88,7 @@ def test_a_range_whose_error_lasts_stays_as_uncertain_as_that() -> None:
 def test_a_delay_is_considered_and_not_learnt() -> None:
     cloud = cloud_of(1)
     for _ in range(20):
-        after = particles.assist(settings_of(), cloud, TRUE_REPORT, is_open=False)
+        after = update.assist(settings_of(), cloud, TRUE_REPORT, is_open=False)
         assert after is not None
         cloud = after
     at = cloud.column(DELAY)
@@ -124,7 +124,7 @@ def test_our_own_yaw_turns_what_a_report_says() -> None:
         0, r + np.array([-r[1], r[0], 0.0]) * 0.05, v, np.diag([1e-4] * 3 + [1.0] * 3), exact, trusted=True
     )
     cloud.covariances[:, POSITION, POSITION] = 1e-4 * np.eye(3)
-    after = particles.assist(settings_of(), cloud, turned, is_open=False)
+    after = update.assist(settings_of(), cloud, turned, is_open=False)
     assert after is not None
     assert after.means[0, after.column(TURN)] == pytest.approx(-0.05, abs=0.002)
     assert_allclose(after.means[0, POSITION], r, atol=0.02)
@@ -134,8 +134,8 @@ def test_what_most_particles_did_not_expect_is_not_used_unless_the_range_is_open
     """Of 50 particles three are where the range says."""
     cloud = cloud_of(50, sizes=0.005)
     cloud.means[3:, POSITION] *= 2.0
-    assert particles.assist(settings_of(), cloud, NEW, is_open=False) is None
-    after = particles.assist(settings_of(), cloud, NEW, is_open=True)
+    assert update.assist(settings_of(), cloud, NEW, is_open=False) is None
+    after = update.assist(settings_of(), cloud, NEW, is_open=True)
     assert after is not None
     assert np.exp(after.log_weights) @ (np.linalg.norm(after.means[:, POSITION], axis=1) < 30.0) > 0.9
 
@@ -156,7 +156,7 @@ def test_a_report_that_may_be_false_leads_the_size_no_farther_than_3_sigmas(
 
 def test_numbers_that_are_none_are_an_error() -> None:
     with pytest.raises(FilterError, match="numbers"):
-        particles.assist(settings_of(), cloud_of(3), report(np.full(3, math.nan), np.zeros(3)), is_open=False)
+        update.assist(settings_of(), cloud_of(3), report(np.full(3, math.nan), np.zeros(3)), is_open=False)
 
 
 def carried(seed: int, seconds: int = 20) -> float:
@@ -168,7 +168,7 @@ def carried(seed: int, seconds: int = 20) -> float:
     bias, delay, yaw = rng.normal(size=3) * [2.0, 2.0, 2.0], 0.1 * rng.normal(), 0.025 * rng.normal()
     for _ in range(seconds):
         for _ in range(10):
-            cloud = particles.predict(settings, cloud, 0.1, np.zeros(3))
+            cloud = prediction.predict(settings, cloud, 0.1, np.zeros(3))
             x[POSITION], x[VELOCITY], x[ACCELERATION] = (
                 x[POSITION] + 0.1 * x[VELOCITY],
                 x[VELOCITY] + 0.1 * x[ACCELERATION],
@@ -177,7 +177,7 @@ def carried(seed: int, seconds: int = 20) -> float:
         turned = x[POSITION] - yaw * np.array([-x[1], x[0], 0.0])
         noise = np.sqrt(np.diag(WHITE)) * rng.normal(size=6)
         y = np.concatenate([turned + bias - delay * x[VELOCITY], x[VELOCITY]]) + noise
-        after = particles.assist(settings, cloud, report(y[:3], y[3:]), is_open=False)
+        after = update.assist(settings, cloud, report(y[:3], y[3:]), is_open=False)
         cloud = cloud if after is None else after
     off = cloud.means[0, POSITION] - x[POSITION]
     return float(off @ np.linalg.solve(cloud.covariances[0, POSITION, POSITION], off))

@@ -8,12 +8,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from onboard.estimators.leader.config import Config
-from onboard.estimators.leader.filters.belief import BeliefFilter, State
-from onboard.estimators.leader.filters.make import make_filter
-from onboard.estimators.leader.filters.noses import particles
+from onboard.estimators.leader.hypotheses import update
+from onboard.estimators.leader.hypotheses.belief import BeliefFilter, State, make_filter
+from onboard.estimators.leader.hypotheses.wind import Wind
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import Measurement, points_of
-from onboard.estimators.leader.wind import Wind
 from onboard.filters.belief import FilterError
 from onboard.models.relative_motion import POSITION, VELOCITY
 from onboard.ownship import Step
@@ -62,9 +61,9 @@ def test_a_gated_image_reports_what_gated_it(monkeypatch: pytest.MonkeyPatch) ->
     """All together may expect an image that most of them do not."""
     filter_ = filter_of()
     state = filter_.start(image(25.0, 0.7), STILL, None)
-    monkeypatch.setattr(particles, "update", lambda _settings, cloud, *_: (cloud, 40.0))
-    update = filter_.fuse(state, image(25.0, 0.7), STILL)
-    assert (update.passes, update.nis) == (False, 40.0)
+    monkeypatch.setattr(update, "update", lambda _settings, cloud, *_: (cloud, 40.0))
+    after = filter_.fuse(state, image(25.0, 0.7), STILL)
+    assert (after.passes, after.nis) == (False, 40.0)
 
 
 def test_few_hypotheses_are_kept_once_the_nose_is_known_and_many_while_it_is_open() -> None:
@@ -88,9 +87,9 @@ def test_the_nis_is_the_innovations_own_whichever_names_the_wingtips_have() -> N
     filter_ = filter_of()
     state, _ = watched(filter_, 4.0, sway=2.0)
     updates = [filter_.fuse(state, image(25.0, 0.7, seed=7, swap=swap), STILL) for swap in (False, True)]
-    for update in updates:
-        e, S = update.innovation, update.innovation_covariance
-        assert update.nis == pytest.approx(e @ np.linalg.solve(S, e))
+    for found in updates:
+        e, S = found.innovation, found.innovation_covariance
+        assert found.nis == pytest.approx(e @ np.linalg.solve(S, e))
     assert updates[0].nis == pytest.approx(updates[1].nis, rel=1e-9)
 
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
-from onboard.estimators.leader.filters.noses import particles
-from onboard.estimators.leader.filters.noses.cloud import Cloud
-from onboard.estimators.leader.filters.noses.first import start
+from onboard.estimators.leader.hypotheses import prediction
+from onboard.estimators.leader.hypotheses import wing as model
+from onboard.estimators.leader.hypotheses.cloud import Cloud
+from onboard.estimators.leader.hypotheses.start import start
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import Measurement
 from onboard.estimators.leader.settings import NoseModel
-from onboard.models import apparent_wing as model
 
 NOSES = NoseModel(
     size=2.0, size_sigma=0.04, misalignment=(0.007, 0.007, 0.024), misalignment_time=60.0, own_velocity=0.1
@@ -45,7 +45,7 @@ def test_a_doubted_nose_shows_the_same_image() -> None:
     leans so that the wing slopes as before; but for those that are seen almost along their wing."""
     settings = NOSES._replace(doubted_after=1e-9, tied=0.0)
     cloud = start(settings, IMAGE, STILL)
-    after = particles.predict(settings, cloud, 1e-6, np.zeros(3))
+    after = prediction.predict(settings, cloud, 1e-6, np.zeros(3))
     changed = np.abs(after.noses - cloud.noses) > 0.1
     assert 0.2 < changed.mean() < 0.95  # some would have to lean as is not likely
     broad = np.abs(np.cos(cloud.noses)) > 0.3
@@ -61,7 +61,7 @@ def test_a_doubted_nose_of_a_fixed_wing_stays_about_its_course() -> None:
     flies = STILL._replace(v_F_n=np.array([15.0, 0.0, 0.0]))
     cloud = start(settings, IMAGE, flies)
     course = np.arctan2(cloud.means[:, 4], cloud.means[:, 3])
-    after = particles.predict(settings, cloud, 1e-6, 1e-6 * flies.v_F_n)
+    after = prediction.predict(settings, cloud, 1e-6, 1e-6 * flies.v_F_n)
     assert np.abs(after.noses - course).max() < 2.6 * settings.crab
     assert np.abs(after.noses - cloud.noses).max() > settings.crab
 
@@ -72,10 +72,10 @@ def test_only_a_slow_leader_begins_to_hover_and_one_that_is_doubted_meanwhile_st
     cloud.covariances[:, 3:6, 3:6] = 1e-4 * np.eye(3)
     fast = np.arange(len(cloud.noses)) % 2 == 0
     cloud.means[fast, 3], cloud.means[~fast, 3] = 12.0, 0.01
-    after = particles.predict(settings, cloud, 1e-6, np.array([0.0, 1e-6, 0.0]))
+    after = prediction.predict(settings, cloud, 1e-6, np.array([0.0, 1e-6, 0.0]))
     assert (after.regimes[~fast] == model.HOVERING).all()
     assert (after.regimes[fast] != model.HOVERING).all()
-    again = particles.predict(settings._replace(hovers_for=1e9), after, 1e-6, np.array([0.0, 1e-6, 0.0]))
+    again = prediction.predict(settings._replace(hovers_for=1e9), after, 1e-6, np.array([0.0, 1e-6, 0.0]))
     assert np.abs(again.means[~fast, 3:6]).max() < 0.011
     assert np.abs(again.noses - after.noses).max() > 0.5
 
@@ -84,7 +84,7 @@ def test_a_fixed_wing_never_hovers() -> None:
     settings = NOSES._replace(crab=0.2, hovering=1.0, flies_for=1e-9)
     cloud = start(settings, IMAGE, STILL)
     cloud.means[:, 3:6] = 0.0
-    after = particles.predict(settings, cloud, 0.1, np.zeros(3))
+    after = prediction.predict(settings, cloud, 0.1, np.zeros(3))
     assert model.HOVERING not in {*cloud.regimes, *after.regimes}
 
 
@@ -93,7 +93,7 @@ def test_intensities_keep_their_spread_over_time() -> None:
     cloud = start(settings, IMAGE, STILL)
     first = cloud.intensities
     for _ in range(100):
-        cloud = particles.predict(settings, cloud, 0.1, np.zeros(3))
+        cloud = prediction.predict(settings, cloud, 0.1, np.zeros(3))
     for each in (first, cloud.intensities):
         assert each.std(axis=0) == pytest.approx(settings.intensity, rel=0.1)
     assert np.abs(np.corrcoef(first[:, 0], cloud.intensities[:, 0])[0, 1]) < 0.2
@@ -105,7 +105,7 @@ def flying(speed: float, **settings: float) -> Cloud:
     cloud = start(supposed, IMAGE, STILL)
     cloud.covariances[:, 3:6, 3:6] = 1e-4 * np.eye(3)
     cloud.means[:, 3:6] = [0.0, speed, 0.0]
-    return particles.predict(supposed, cloud, 1e-3, np.zeros(3))
+    return prediction.predict(supposed, cloud, 1e-3, np.zeros(3))
 
 
 def test_the_nose_of_a_fast_leader_is_tied_to_its_course_or_not_and_that_of_a_slow_one_is_undecided() -> None:
@@ -131,5 +131,5 @@ def test_a_nose_that_becomes_tied_shows_the_same_image() -> None:
 def test_a_tied_nose_is_let_go_by_a_leader_that_slows_down() -> None:
     cloud = flying(15.0, tied=0.999)
     cloud.means[:, 3:6] = [0.0, 2.0, 0.0]
-    after = particles.predict(NOSES._replace(flies_for=1e9), cloud, 1e-3, np.zeros(3))
+    after = prediction.predict(NOSES._replace(flies_for=1e9), cloud, 1e-3, np.zeros(3))
     assert (after.tied == model.UNDECIDED).mean() > 0.98

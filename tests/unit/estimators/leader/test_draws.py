@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from onboard.estimators.leader.filters.noses.draws import normal, uniform
+from onboard.estimators.leader.hypotheses.draws import normal, uniform
 
 MASK = 2**64 - 1
 

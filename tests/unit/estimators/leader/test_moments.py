@@ -5,11 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from onboard.estimators.leader.filters.noses import moments
-from onboard.estimators.leader.filters.noses.moments import BANK, NOSE, N
-from onboard.estimators.leader.filters.noses.summary import Summary, as_leader
+from onboard.estimators.leader.hypotheses import summary, wing
+from onboard.estimators.leader.hypotheses.cloud import occupied
+from onboard.estimators.leader.hypotheses.summary import BANK, NOSE, N, Summary, as_leader
 from onboard.filters.belief import Belief
-from onboard.models import apparent_wing
 
 
 def spread(seed: int, n: int) -> Belief:
@@ -23,17 +22,17 @@ def test_the_moments_are_those_of_the_particles_seed1() -> None:
     rng = np.random.default_rng(1)
     k = 50
     noses, w = rng.uniform(-9.0, 9.0, k), rng.dirichlet(np.ones(k))
-    means = rng.normal(size=(k, apparent_wing.N)) + 3.0
-    mean, S, within = np.zeros(N), np.zeros((N, N)), rng.normal(size=(apparent_wing.N, apparent_wing.N))
-    log_range = moments.moments(noses, means, w, 0.5, math.pi, within, mean, S)
+    means = rng.normal(size=(k, wing.N)) + 3.0
+    mean, S, within = np.zeros(N), np.zeros((N, N)), rng.normal(size=(wing.N, wing.N))
+    log_range = summary.moments(noses, means, w, 0.5, math.pi, within, mean, S)
     rows = np.zeros((k, N))
-    rows[:, :9], rows[:, BANK] = means[:, :9], means[:, apparent_wing.BANK_ERROR]
-    rows[:, moments.LOG_SIZE] = means[:, apparent_wing.LOG_SIZE]
+    rows[:, :9], rows[:, BANK] = means[:, :9], means[:, wing.BANK_ERROR]
+    rows[:, summary.LOG_SIZE] = means[:, wing.LOG_SIZE]
     rows[:, NOSE] = 0.5 + (noses - 0.5 + math.pi / 2) % math.pi - math.pi / 2
     np.testing.assert_allclose(mean, np.average(rows, axis=0, weights=w), rtol=1e-12, atol=1e-12)
     each = np.zeros((N, N))
-    of_summary = [*range(9), moments.LOG_SIZE, BANK]
-    of_particle = [*range(9), apparent_wing.LOG_SIZE, apparent_wing.BANK_ERROR]
+    of_summary = [*range(9), summary.LOG_SIZE, BANK]
+    of_particle = [*range(9), wing.LOG_SIZE, wing.BANK_ERROR]
     each[np.ix_(of_summary, of_summary)] = within[np.ix_(of_particle, of_particle)]
     np.testing.assert_allclose(S, np.cov(rows.T, aweights=w, ddof=0) + each, rtol=1e-10, atol=1e-12)
     ranges = np.linalg.norm(means[:, :3], axis=1)
@@ -58,9 +57,9 @@ def test_occupied_bins_are_those_that_have_enough_weight_seed_0_to_2(seed: int) 
     _, at = np.unique(bins, axis=1, return_inverse=True)
     expected = np.count_nonzero(np.bincount(at.ravel(), w) > 0.002)
     assert 100 < expected < 400
-    assert moments.occupied(noses, log_range, w, math.pi, 0.1, 0.05, 0.002) == expected
+    assert occupied(noses, log_range, w, math.pi, 0.1, 0.05, 0.002) == expected
 
 
 def test_a_range_that_is_no_number_occupies_one_bin() -> None:
     log_range, w = np.array([math.nan, math.nan, math.inf, 3.0]), np.full(4, 0.25)
-    assert moments.occupied(np.zeros(4), log_range, w, math.pi, 0.1, 0.05, 0.002) == 2
+    assert occupied(np.zeros(4), log_range, w, math.pi, 0.1, 0.05, 0.002) == 2

@@ -7,17 +7,17 @@ import pytest
 
 from onboard.arrays import Array
 from onboard.estimators.leader.config import Config
-from onboard.estimators.leader.filters.belief import BeliefFilter
-from onboard.estimators.leader.filters.noses import particles
-from onboard.estimators.leader.filters.noses.cloud import Cloud
-from onboard.estimators.leader.filters.noses.first import start
-from onboard.estimators.leader.filters.noses.summary import Summary, summarise, with_course
+from onboard.estimators.leader.hypotheses import prediction, update
+from onboard.estimators.leader.hypotheses import wing as model
+from onboard.estimators.leader.hypotheses.belief import BeliefFilter
+from onboard.estimators.leader.hypotheses.cloud import Cloud, enough, resampled
+from onboard.estimators.leader.hypotheses.start import start
+from onboard.estimators.leader.hypotheses.summary import Summary, summarise, with_course
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import Measurement, from_points
 from onboard.estimators.leader.image.shape import shape_of
 from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.belief import FilterError
-from onboard.models import apparent_wing as model
 
 SETTINGS = NoseModel(
     size=2.0, size_sigma=0.04, misalignment=(0.007, 0.007, 0.024), misalignment_time=60.0, own_velocity=0.1
@@ -56,11 +56,11 @@ def watched(
     east, steps, left = 0.0, round(10 * seconds), gated
     for k in range(1, steps):
         new = sway * math.sin(2.0 * math.pi * k / 40.0)
-        cloud = particles.predict(SETTINGS, cloud, 0.1, np.array([0.0, new - east, 0.0]))
+        cloud = prediction.predict(SETTINGS, cloud, 0.1, np.array([0.0, new - east, 0.0]))
         east = new
         nose = aspect + turn * min(max(3.0 * k / steps - 1.0, 0.0), 1.0)
         seen = image(25.0, nose, east=east, lean=lean, seed=k, swap=swap and k % 2 == 1)
-        cloud, nis = particles.update(SETTINGS, cloud, seen, STILL)
+        cloud, nis = update.update(SETTINGS, cloud, seen, STILL)
         left -= nis >= SETTINGS.gate
     assert left >= 0
     return cloud
@@ -122,7 +122,7 @@ def test_a_restarted_cloud_forgets_the_nose_but_a_gap_does_not() -> None:
     fresh = start(SETTINGS, image(25.0, 0.3), STILL)
     later = known
     for _ in range(8):
-        later = particles.predict(SETTINGS, later, 0.25, np.zeros(3))
+        later = prediction.predict(SETTINGS, later, 0.25, np.zeros(3))
     assert summarise(SETTINGS, later).range_sigma() < 0.5 * summarise(SETTINGS, fresh).range_sigma()
 
 
@@ -140,7 +140,7 @@ def test_the_size_is_considered_not_estimated() -> None:
 
 def test_an_image_that_nothing_expected_changes_nothing() -> None:
     cloud = watched(0.3, 3.0)
-    after, nis = particles.update(SETTINGS, cloud, image(25.0, 0.3, east=15.0), STILL)
+    after, nis = update.update(SETTINGS, cloud, image(25.0, 0.3, east=15.0), STILL)
     assert nis > SETTINGS.gate
     assert after is cloud
 
@@ -149,7 +149,7 @@ def test_what_is_beyond_the_gate_together_is_not_fused(monkeypatch: pytest.Monke
     """The NIS that is published is that of all hypotheses, though enough of them may have expected an image."""
     filter_ = BeliefFilter(SETTINGS, shape_of(Config(size_prior_m=2.0)), 0.0)
     state = filter_.start(image(25.0, 0.3), STILL, None)
-    monkeypatch.setattr(particles, "update", lambda _settings, cloud, *_: (cloud, 0.0))
+    monkeypatch.setattr(update, "update", lambda _settings, cloud, *_: (cloud, 0.0))
     assert filter_.fuse(state, image(25.0, 0.3), STILL).passes
     far = filter_.fuse(state, image(25.0, 0.3, east=15.0), STILL)
     assert far.nis > SETTINGS.gate
@@ -160,7 +160,7 @@ def test_a_cloud_without_numbers_is_an_error() -> None:
     cloud = start(SETTINGS, image(25.0, 0.3), STILL)
     cloud.means[:] = math.nan
     with pytest.raises(FilterError, match="lost its numbers"):
-        particles.update(SETTINGS, cloud, image(25.0, 0.3), STILL)
+        update.update(SETTINGS, cloud, image(25.0, 0.3), STILL)
 
 
 def test_particles_spread_along_the_line_of_sight() -> None:
@@ -184,10 +184,10 @@ def test_the_nose_of_a_fixed_wing_is_likely_on_its_course_but_no_more() -> None:
 def test_where_points_show_the_nose_particles_stay_dense() -> None:
     """A few noses and one range are in question: a turn of the nose is followed by those that are there."""
     cloud = watched(0.5, 5.0, sway=3.0)
-    agreed = particles.resampled(cloud, SETTINGS.particles)
+    agreed = resampled(cloud, SETTINGS.particles)
     agreed.noses[:], agreed.means[:] = agreed.noses[0], agreed.means[0]
-    assert particles.enough(SETTINGS, agreed) == SETTINGS.fewest
-    assert particles.enough(SETTINGS, agreed._replace(sided=True)) == SETTINGS.fewest_sided
+    assert enough(SETTINGS, agreed) == SETTINGS.fewest
+    assert enough(SETTINGS, agreed._replace(sided=True)) == SETTINGS.fewest_sided
 
 
 def test_as_many_particles_as_fit_are_no_surer_than_very_many() -> None:
@@ -198,9 +198,9 @@ def test_as_many_particles_as_fit_are_no_surer_than_very_many() -> None:
     east = 0.0
     for k in range(1, 30):
         new = 3.0 * math.sin(2.0 * math.pi * k / 40.0)
-        cloud = particles.predict(many, cloud, 0.1, np.array([0.0, new - east, 0.0]))
+        cloud = prediction.predict(many, cloud, 0.1, np.array([0.0, new - east, 0.0]))
         east = new
-        cloud, _ = particles.update(many, cloud, image(25.0, 1.0, east=east, seed=k), STILL)
+        cloud, _ = update.update(many, cloud, image(25.0, 1.0, east=east, seed=k), STILL)
     assert 0.67 < few / summarise(many, cloud).range_sigma() < 1.5
 
 
@@ -222,10 +222,10 @@ def test_evidence_counts_by_seconds_and_not_by_images() -> None:
     settings = SETTINGS._replace(
         fewest=SETTINGS.particles, resample=1e-9, drag=0.0
     )  # what a lean costs counts whole
-    cloud = particles.predict(settings, start(settings, image(25.0, 0.3), STILL), 0.1, np.array([0.0, 0.3, 0.0]))
+    cloud = prediction.predict(settings, start(settings, image(25.0, 0.3), STILL), 0.1, np.array([0.0, 0.3, 0.0]))
 
     def weight_of(unseen: float) -> float:
-        after = particles.update(settings, cloud._replace(unseen=unseen), image(25.0, 0.3, east=0.3), STILL)[0]
+        after = update.update(settings, cloud._replace(unseen=unseen), image(25.0, 0.3, east=0.3), STILL)[0]
         assert after.unseen == 0.0
         return float(np.ptp(after.log_weights - cloud.log_weights))
 

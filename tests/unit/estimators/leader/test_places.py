@@ -7,14 +7,14 @@ import pytest
 
 from onboard.arrays import Array
 from onboard.estimators.leader.config import Config
-from onboard.estimators.leader.filters.make import make_filter
-from onboard.estimators.leader.filters.noses.cloud import Cloud
-from onboard.estimators.leader.filters.noses.places import Place, places
-from onboard.estimators.leader.filters.noses.summary import summarise
+from onboard.estimators.leader.hypotheses import wing as model
+from onboard.estimators.leader.hypotheses.belief import make_filter
+from onboard.estimators.leader.hypotheses.cloud import Cloud
+from onboard.estimators.leader.hypotheses.places import Place, places
+from onboard.estimators.leader.hypotheses.summary import summarise
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import measure_wing
 from onboard.estimators.leader.settings import NoseModel
-from onboard.models import apparent_wing as model
 
 SETTINGS = NoseModel(
     size=2.0, size_sigma=0.02, misalignment=(0.01, 0.01, 0.01), misalignment_time=60.0, own_velocity=0.1

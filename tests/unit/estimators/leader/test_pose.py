@@ -8,17 +8,15 @@ import pytest
 from msgspec.structs import replace
 from numpy.testing import assert_allclose
 
-from onboard.estimators.leader.filters.make import make_filter
-from onboard.estimators.leader.filters.noses import particles
-from onboard.estimators.leader.filters.noses.cloud import Cloud
-from onboard.estimators.leader.filters.noses.first import start
-from onboard.estimators.leader.filters.noses.moments import LOG_SIZE
-from onboard.estimators.leader.filters.noses.summary import summarise
+from onboard.estimators.leader.hypotheses import prediction, update
+from onboard.estimators.leader.hypotheses.belief import make_filter
+from onboard.estimators.leader.hypotheses.cloud import Cloud
+from onboard.estimators.leader.hypotheses.start import start
+from onboard.estimators.leader.hypotheses.summary import LOG_SIZE, summarise
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.pose import TURN_BIAS, measured_pose
 from onboard.geometry.rotations import matrix_from_euler, quaternion_from_euler, quaternion_from_matrix
 from onboard.messages import Estimate, Lifecycle, RelativePose, TargetDetection
-from onboard.models import apparent_wing
 from studies.encounters.flights import Case, fly
 from studies.encounters.scores import score
 from tests.unit.estimators.leader.test_shape import IMAGE, SIGMA, detection, feature, leader, measured
@@ -57,7 +55,7 @@ def cloud_after(*poses: RelativePose, **section: Any) -> Cloud:
     settings = settings_of(**section)
     cloud = start(settings, measured(image(poses[0]), **section), LEVEL)
     for each in poses:
-        cloud, nis = particles.update(settings, cloud, measured(image(each), **section), LEVEL)
+        cloud, nis = update.update(settings, cloud, measured(image(each), **section), LEVEL)
         assert nis < settings.gate
     return cloud
 
@@ -146,7 +144,7 @@ def test_a_few_flipped_or_stray_rotations_do_not_move_the_nose() -> None:
 
 def test_a_range_that_no_particle_expected_is_gated_and_the_cloud_stays() -> None:
     settings, cloud = settings_of(), cloud_after(*[pose(sigma=0.1)] * 10)
-    after, nis = particles.update(settings, cloud, measured(image(pose(range_=35.0, sigma=0.1))), LEVEL)
+    after, nis = update.update(settings, cloud, measured(image(pose(range_=35.0, sigma=0.1))), LEVEL)
     assert nis > settings.gate
     assert after is cloud
     # beside a wing, only the pose is left out
@@ -155,8 +153,8 @@ def test_a_range_that_no_particle_expected_is_gated_and_the_cloud_stays() -> Non
         IMAGE, center=(0.0, 0.0), left=(-half, 0.0), right=(half, 0.0), sigma=(SIGMA,) * 3, pose=pose(range_=90.0)
     )
     from_wing = start(settings, measured(wing), LEVEL)
-    with_pose, nis = particles.update(settings, from_wing, measured(wing), LEVEL)
-    without, _ = particles.update(settings, from_wing, measured(replace(wing, pose=None)), LEVEL)
+    with_pose, nis = update.update(settings, from_wing, measured(wing), LEVEL)
+    without, _ = update.update(settings, from_wing, measured(replace(wing, pose=None)), LEVEL)
     assert nis < settings.gate
     assert_allclose(with_pose.means, without.means)
     assert_allclose(with_pose.log_weights, without.log_weights)
@@ -172,11 +170,11 @@ def test_points_after_poses_leave_the_range_as_it_is_known_whatever_the_size() -
     )
     after = cloud
     for _ in range(5):
-        after, nis = particles.update(settings, after, wing, LEVEL)
+        after, nis = update.update(settings, after, wing, LEVEL)
         assert nis < settings.gate
-    assert (after.metric, after.edge_on) == (False, apparent_wing.LEAST_VISIBLE)
+    assert (after.metric, after.edge_on) == (False, wing.LEAST_VISIBLE)
     assert 0.015 < summarise(settings, after).range_sigma() < 0.05
-    again, _ = particles.update(settings, after, measured(image(pose(sigma=0.05, yaw=None))), LEVEL)
+    again, _ = update.update(settings, after, measured(image(pose(sigma=0.05, yaw=None))), LEVEL)
     assert again.metric
     assert 0.015 < summarise(settings, again).range_sigma() < 0.05
 
@@ -219,6 +217,6 @@ def test_poses_that_are_askew_and_flip_make_no_range_confidently_wrong_seed_16()
 
 def test_another_nose_moves_no_range_that_poses_show() -> None:
     settings, cloud = settings_of()._replace(doubted_after=1e-9), cloud_after(pose(yaw=None))
-    after = particles.predict(settings, cloud, 1e-6, np.zeros(3))
+    after = prediction.predict(settings, cloud, 1e-6, np.zeros(3))
     assert np.abs(after.noses - cloud.noses).max() > 1.0
     assert_allclose(after.means[:, :3], cloud.means[:, :3], rtol=1e-4)

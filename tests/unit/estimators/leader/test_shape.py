@@ -8,15 +8,14 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.config import ConfigError, parse_config
-from onboard.estimators.leader.filters.make import make_filter
-from onboard.estimators.leader.filters.noses import particles
-from onboard.estimators.leader.filters.noses.first import start
-from onboard.estimators.leader.filters.noses.summary import summarise
+from onboard.estimators.leader.hypotheses import prediction, update, wing
+from onboard.estimators.leader.hypotheses.belief import make_filter
+from onboard.estimators.leader.hypotheses.start import start
+from onboard.estimators.leader.hypotheses.summary import summarise
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.prepare import BIAS_COUNTS, UNKNOWN, features_of, measure
 from onboard.estimators.leader.image.shape import GUESS_BIAS, HIGHEST, LOWEST, ROTORS, shape_of
 from onboard.messages import ImageFeature, TargetDetection, TargetPoints
-from onboard.models import apparent_wing
 from onboard.models.relative_motion import POSITION
 from tests.support.streams import CIRCLE, F_PX, S, Stream, advance
 
@@ -257,7 +256,7 @@ def test_images_do_not_reduce_the_bias_of_named_points() -> None:
     )
     cloud = start(settings, named, pose)
     for seen_ in (named, named, measured(IMAGE, **PLANE)):
-        cloud, _ = particles.update(settings, particles.predict(settings, cloud, 0.1, np.zeros(3)), seen_, pose)
+        cloud, _ = update.update(settings, prediction.predict(settings, cloud, 0.1, np.zeros(3)), seen_, pose)
     assert cloud.misplaced == named.shows.misplaced > 0.03
     line = cloud.means[:, POSITION] / np.linalg.norm(cloud.means[:, POSITION], axis=1)[:, None]
     edge_on = cloud._replace(noses=np.arctan2(line[:, 1], line[:, 0]) + 0.5 * np.pi)
@@ -274,8 +273,8 @@ def test_the_bias_of_boxes_is_in_the_range_and_points_reduce_it_seed_3() -> None
     exact = start(settings, m._replace(shows=m.shows._replace(bias=0.0)), pose)
     with_it, without = (summarise(settings, c).range_sigma() for c in (cloud, exact))
     assert with_it**2 - without**2 == pytest.approx(GUESS_BIAS**2, rel=0.03)
-    after, _ = particles.update(settings, cloud, measured(IMAGE), pose)
-    assert after.edge_on == apparent_wing.LEAST_VISIBLE
+    after, _ = update.update(settings, cloud, measured(IMAGE), pose)
+    assert after.edge_on == wing.LEAST_VISIBLE
 
 
 def judged(box: Any, noise: float = 0.0) -> Any:

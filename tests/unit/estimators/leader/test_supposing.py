@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from onboard.estimators.leader.filters.noses import leaning, particles
-from onboard.estimators.leader.filters.noses.cloud import Cloud
-from onboard.estimators.leader.filters.noses.first import start
+from onboard.estimators.leader.hypotheses import leaning, prediction, update
+from onboard.estimators.leader.hypotheses.cloud import Cloud
+from onboard.estimators.leader.hypotheses.start import start
+from onboard.estimators.leader.hypotheses.wing import BANK_ERROR, POSITION, STRETCH
 from onboard.estimators.leader.image.camera_pose import CameraPose
-from onboard.models.apparent_wing import BANK_ERROR, POSITION, STRETCH
 from tests.unit.estimators.leader.test_noses import SETTINGS, STILL, image
 
 # Images correct each hypothesis, and say nothing of which one is right; none is drawn anew.
@@ -26,13 +26,13 @@ def gained(before: Cloud, after: Cloud) -> np.ndarray:
 def leans(cloud: Cloud) -> np.ndarray:
     """Logarithms of how likely the leans are, those that are improbable anyway left alike."""
     arrays = cloud.noses, cloud.means, cloud.covariances, cloud.drags, np.zeros(len(cloud.noses))
-    return leaning.plausible(*arrays, SILENT.wind, SILENT.rolled, particles.MOST_COST)
+    return leaning.plausible(*arrays, SILENT.wind, SILENT.rolled, prediction.MOST_COST)
 
 
 def test_what_an_image_makes_of_a_lean_counts_in_full_though_images_count_for_nothing() -> None:
     """A slope of 0.3 rad where there was none: each nose needs another lean for it."""
     cloud = start(SILENT, image(25.0, 0.6), STILL)
-    after = particles.update(SILENT, cloud, image(25.0, 0.6, lean=0.1), STILL)[0]
+    after = update.update(SILENT, cloud, image(25.0, 0.6, lean=0.1), STILL)[0]
     cost = leans(after) - leans(cloud)
     assert np.ptp(cost) > 0.5
     np.testing.assert_allclose(gained(cloud, after), cost - cost.max(), atol=1e-6)
@@ -42,7 +42,7 @@ def kept(lean: float) -> float:
     """The weight of hypotheses that keep their noses where all are doubted: the leader flies sideways at 9 m/s."""
     doubting = SILENT._replace(doubted_after=1e-6, tied=0.0, hovering=0.0, turning=0.0, nose_random_walk=1e-12)
     cloud = start(doubting, image(25.0, math.radians(87.0), lean=lean), FAST)
-    after = particles.predict(doubting, cloud, 0.1, np.zeros(3))
+    after = prediction.predict(doubting, cloud, 0.1, np.zeros(3))
     return float(np.exp(cloud.log_weights) @ (np.abs(after.noses - cloud.noses) < 1e-3))
 
 
@@ -57,8 +57,8 @@ def test_a_bank_that_lasts_costs_what_it_is_and_no_more() -> None:
     cloud = start(SILENT, image(25.0, 0.6), STILL)
     rolled = np.where(np.arange(len(cloud.noses)) % 2, math.radians(8.0), 0.0)
     still = cloud._replace(unseen=1e3)  # so long that only the present error of the bank counts
-    plain = particles.update(SILENT, still, image(25.0, 0.6), STILL)[0]
-    relieved = particles.update(SILENT, still._replace(rolled=rolled), image(25.0, 0.6), STILL)[0]
+    plain = update.update(SILENT, still, image(25.0, 0.6), STILL)[0]
+    relieved = update.update(SILENT, still._replace(rolled=rolled), image(25.0, 0.6), STILL)[0]
     back = relieved.log_weights - plain.log_weights
     assert back[1] - back[0] == pytest.approx(0.5 * (math.radians(8.0) / SILENT.rolled) ** 2, rel=1e-3)
     np.testing.assert_allclose(relieved.rolled, relieved.means[:, BANK_ERROR], atol=1e-6)
@@ -92,7 +92,7 @@ def test_the_same_view_again_is_hardly_evidence_and_another_one_is() -> None:
     cloud = start(plain, image(25.0, 0.3), STILL)._replace(fresh=0.0, unseen=0.1)
     across = CameraPose(np.eye(3), np.zeros(3), np.array([0.0, 3.0, 0.0]), np.zeros(3))
     same, other = (
-        float(np.ptp(gained(cloud, particles.update(plain, cloud, image(25.0, 0.4), pose)[0])))
+        float(np.ptp(gained(cloud, update.update(plain, cloud, image(25.0, 0.4), pose)[0])))
         for pose in (STILL, across)
     )
     assert other > 4.0 * same > 0.0

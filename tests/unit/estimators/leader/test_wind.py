@@ -12,10 +12,10 @@ from msgspec.structs import replace
 
 from onboard.arrays import Array
 from onboard.estimators.leader import estimator
-from onboard.estimators.leader.wind import GUST, USUAL_SIGMA, wind_of
+from onboard.estimators.leader.hypotheses.summary import HEADING
+from onboard.estimators.leader.hypotheses.wind import GUST, USUAL_SIGMA, wind_of
 from onboard.geometry.rotations import matrix_from_euler
 from onboard.messages import Clock, Estimate, Message, Wind
-from onboard.models.leader_flight import HEADING
 from onboard.models.relative_motion import POSITION, VELOCITY
 from tests.support.mavlink_frames import frame, one
 from tests.support.streams import EPOCH, Flight, Run, S, Stream, advance, encode, feed, make_config

@@ -12,10 +12,10 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.estimators.leader.filters.noses.draws import normal
+from onboard.estimators.leader.hypotheses.draws import normal
+from onboard.estimators.leader.hypotheses.wing import BANK_ERROR, LEAST_VISIBLE, NUMBER, G
 from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.compiled import CUBE, OUT, ROWS, VECTOR
-from onboard.models.apparent_wing import BANK_ERROR, LEAST_VISIBLE, NUMBER, G
 
 OF_LEAN2: Final = 0.01  # (m/s^2)^2: the variance of a lean of one that has no drag
 LEANS2: Final = 12.0  # (m/s^2)^2: of any multirotor's steady lean, on each axis; 20 degrees are one sigma

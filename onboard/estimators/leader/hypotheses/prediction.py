@@ -1,34 +1,44 @@
-"""What chance changes in a cloud of noses from one image to the next: a nose begins to turn or stops, a leader
-begins to accelerate or stops, a few particles take another nose, and all noses wander."""
+"""What a step makes of a cloud of noses. Each leader flies on, and chance changes it: a nose begins to turn
+or stops, a leader begins to accelerate or stops, a few particles take another nose, and all noses wander."""
 
 import math
 from collections.abc import Iterable
-from typing import Any, Final
+from functools import lru_cache
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.estimators.leader.filters.noses.draws import DRAW, normal_of, uniform_of
-from onboard.estimators.leader.filters.noses.leaning import banked, lean, likely, lognormal, slope_of
-from onboard.estimators.leader.settings import NoseModel
-from onboard.filters.compiled import OUT, VECTOR
-from onboard.models.apparent_wing import (
+from onboard.estimators.leader.hypotheses import leaning
+from onboard.estimators.leader.hypotheses import wing as model
+from onboard.estimators.leader.hypotheses.cloud import ARRAYS, Bias, Cloud, charged, named
+from onboard.estimators.leader.hypotheses.draws import DRAW, normal_of, uniform_of
+from onboard.estimators.leader.hypotheses.leaning import banked, lean, likely, lognormal, slope_of
+from onboard.estimators.leader.hypotheses.wing import (
     ACCELERATING,
+    ACCELERATION,
     BANK_ERROR,
     COVARIANCES,
     FOLLOWS4,
     FREE,
     HOVERING,
+    LEAN,
     LEAST_VISIBLE,
     NOSES,
     NUMBER,
+    POSITION,
     SLOW2,
     STEADY,
+    STRETCH,
     TIED,
     UNDECIDED,
+    VELOCITY,
+    N,
     visible2,
 )
+from onboard.estimators.leader.settings import NoseModel
+from onboard.filters.compiled import OUT, VECTOR
 
 CIRCLES: Final = 5  # of a computation: a nose, the range that it implies, the course at that range
 MOST_CRAB: Final = 2.5  # standard deviations of a fixed wing's nose about its course
@@ -36,6 +46,90 @@ APART: Final = 1 << 40  # added to the number of a draw, for a stream of its own
 LETS_GO2: Final = 9.0  # (m/s)^2: a slower leader's nose is not tied to its course
 DRIFTS2: Final = 0.16  # (m/s)^2: a faster leader does not hover
 DRAWS: Final = 8  # streams of random numbers that a step uses
+SURE: Final = 10.0  # times as long until a particle takes another nose, where points show the nose
+MOST_COST: Final = 20.0  # of what a hypothesis supposes: it is improbable enough then
+HORIZONTAL: Final = np.array([1.0, 1.0, 0.5])  # vertical accelerations are half as large
+
+
+def predict(settings: NoseModel, cloud: Cloud, dt: float, moved: Array) -> Cloud:
+    """The cloud after `dt` seconds in which we move by `moved` (3,) m, in n."""
+    s = settings
+    changed: list[Any] = [array.copy() for array in cloud[: ARRAYS - 1]]  # type: ignore[union-attr]
+    sure = SURE if cloud.sided else 1.0
+    doubted_after = sure * s.doubted_after
+    change(
+        s,
+        changed,
+        cloud.draws,
+        dt,
+        moved,
+        doubted_after=doubted_after,
+        edge_on=cloud.edge_on,
+        metric=cloud.metric,
+    )
+    noses, _, regimes, means, P, intensities, tied, drags = changed
+    lasts = [bias.time for bias in cloud.biases]
+    times = np.array([s.acceleration_time, s.bank_time, s.stretch_time, *lasts])
+    noise, decay = _noise(s, dt, cloud.biases), np.exp(-dt / times)
+    after = cloud._replace(**named(changed), draws=cloud.draws + DRAWS, unseen=cloud.unseen + dt)
+    before = supposed(s, after)
+    model.predict(
+        *(means, P, noses, dt, moved, regimes, intensities, noise, _hover(s, dt), decay, drags),
+        model.Course(tied, s.air, cloud.edge_on),
+    )
+    return charged(after, supposed(s, after) - before)
+
+
+def supposed(s: NoseModel, cloud: Cloud) -> Array:
+    """Logarithms of the likelihoods (K,) of the leans, and of the banks that have lasted. Whatever an image makes
+    of them counts in full: a hypothesis may suppose any, and not get one for nothing where few images count. One
+    that takes another nose has paid: it is accepted by the same likelihood."""
+    if s.drag == 0.0 or cloud.edge_on > LEAST_VISIBLE:
+        return np.zeros(len(cloud.noses))
+    arrays = cloud.noses, cloud.means, cloud.covariances, cloud.drags, cloud.rolled
+    found: Array = leaning.plausible(*arrays, s.wind, s.rolled, MOST_COST)
+    return found
+
+
+def _hover(s: NoseModel, dt: float) -> model.Hover:
+    velocity, acceleration = math.exp(-dt / s.hover_time), math.exp(-dt / s.hover_acceleration_time)
+    return model.Hover(
+        velocity,
+        acceleration,
+        s.hover_speed**2 * (1.0 - velocity**2),
+        s.hover_acceleration**2 * (1.0 - acceleration**2),
+    )
+
+
+def _noise(s: NoseModel, dt: float, biases: tuple[Bias, ...]) -> model.Noise:
+    """What `dt` seconds add, in proportion to the range that a nose implies (`wing.Noise`)."""
+    per_second = _densities(s)
+    new, of_bank = -math.expm1(-2.0 * dt / s.stretch_time), s.bank**2 * -math.expm1(-2.0 * dt / s.bank_time)
+    fixed = np.zeros(N + len(biases))
+    fixed[N:] = [bias.sigma**2 * -math.expm1(-2.0 * dt / bias.time) for bias in biases]
+    fixed[POSITION], fixed[VELOCITY], fixed[LEAN] = 1e-8, 2.0 * dt / s.own_velocity_time * s.own_velocity**2, 1e-10
+    fixed[STRETCH] = s.stretch**2 * new
+    broad = per_second.broad * dt
+    broad[:, BANK_ERROR] = of_bank
+    range_ = 2.0 * dt / s.misalignment_time * per_second.range_
+    return model.Noise(fixed, broad, range_, s.nose_wobble**2 * new, math.log(s.size))
+
+
+class Densities(NamedTuple):
+    """Of the noise of a step (`wing.Noise`), what grows with its duration: `broad`, each second,
+    and `range_`, over half of the time of the misalignment."""
+
+    broad: Array
+    range_: Array
+
+
+@lru_cache(maxsize=64)
+def _densities(s: NoseModel) -> Densities:
+    broad, range_ = np.zeros((3, N)), np.zeros(N)
+    range_[POSITION] = np.square(s.misalignment)[[2, 2, 0]]
+    broad[:2, VELOCITY], broad[:, LEAN] = s.velocity_random_walk**2, s.lean_random_walk**2
+    broad[:2, ACCELERATION] = np.outer(np.square(s.acceleration_random_walk), HORIZONTAL**2)
+    return Densities(broad, range_)
 
 
 def change(
@@ -51,7 +145,7 @@ def change(
 ) -> None:
     """Change the arrays of a `cloud.Cloud` in place, by the random numbers from `draws` on. In
     `dt` seconds we move by `moved` (3,) m, in n; a particle keeps its nose for `doubted_after` seconds on average;
-    `edge_on` as in `apparent_wing.visible`; `metric`: whether the ranges do not depend on the noses."""
+    `edge_on` as in `wing.visible`; `metric`: whether the ranges do not depend on the noses."""
     flies_for = s.flies_for if s.crab == 0.0 else math.inf  # a fixed wing cannot hover
     means_of = (s.turns_for, s.still_for, s.accelerates_for, s.steady_for, flies_for, s.hovers_for, doubted_after)
     chances = [-math.expm1(-dt / mean) for mean in (*means_of, s.tied_for, s.undecided_for)]

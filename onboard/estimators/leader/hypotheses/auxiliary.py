@@ -1,7 +1,7 @@
 """What is measured of the leader beside its images, as rows of an update: its own reports, and ranges.
 
 A row is a value with its white noise, and the errors that last and that it has a share of. These are a part of
-each particle's state (`noses.cloud.Bias`): so a report corrects the size as far as its own bias allows, and a bias
+each particle's state (`cloud.Bias`): so a report corrects the size as far as its own bias allows, and a bias
 is known as well as the images show the position.
 """
 
@@ -10,8 +10,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.filters.noses.cloud import Bias, Cloud
-from onboard.models.apparent_wing import ACCELERATION, POSITION, VELOCITY
+from onboard.estimators.leader.hypotheses.cloud import Bias, Cloud
+from onboard.estimators.leader.hypotheses.wing import ACCELERATION, POSITION, VELOCITY
 
 ABOUT_DOWN: Final = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
 REPORT_POSITION: Final = ("report_north", "report_east", "report_down")  # names of biases: of a report's position,

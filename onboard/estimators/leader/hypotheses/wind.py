@@ -10,8 +10,7 @@ import numpy as np
 
 from onboard import messages
 from onboard.arrays import Array
-from onboard.estimators.leader.image.camera_pose import CameraPose
-from onboard.ownship import Step
+from onboard.estimators.leader.settings import NoseModel
 
 STRONGEST: Final = 60.0  # m/s: a stronger one is no wind
 TIMEOUT_NS: Final = 30_000_000_000  # after the last report it is not known any more
@@ -19,6 +18,7 @@ TIMEOUT_NS: Final = 30_000_000_000  # after the last report it is not known any 
 USUAL_SIGMA: Final = 1.5
 # A gust of a third of a breeze of 3 m/s: what we feel is not what the leader feels.
 GUST: Final = 1.0
+SLIP: Final = math.radians(3.0)  # rad, of a fixed wing's nose about its path through the air
 
 
 class Wind(NamedTuple):
@@ -32,14 +32,6 @@ class Wind(NamedTuple):
         """Whether anything is known of it."""
         return math.isfinite(self.sigma)
 
-    def step(self, step: Step) -> Step:
-        """Our own motion through the air."""
-        return step._replace(v0=step.v0 - self.velocity, v1=step.v1 - self.velocity)
-
-    def pose(self, pose: CameraPose) -> CameraPose:
-        """The camera's pose, with our velocity through the air."""
-        return pose._replace(v_F_n=pose.v_F_n - self.velocity)
-
 
 UNKNOWN: Final = Wind(np.zeros(3), math.inf)
 
@@ -52,3 +44,11 @@ def wind_of(report: messages.Wind) -> Wind | None:
         return None
     sigma = USUAL_SIGMA if report.sigma is None else report.sigma
     return Wind(np.array([report.north, report.east, 0.0]), math.hypot(sigma, GUST))
+
+
+def supposed(settings: NoseModel, wind: Wind | None) -> NoseModel:
+    """What is assumed, with the wind as it is known now."""
+    if wind is not None:
+        north, east, _ = wind.velocity.tolist()
+        settings = settings._replace(air=(north, east), air_sigma=wind.sigma, nose_about_course=SLIP)
+    return settings

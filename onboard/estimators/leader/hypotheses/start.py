@@ -6,18 +6,25 @@ from typing import Any, Final
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.filters.noses import leaning
-from onboard.estimators.leader.filters.noses.changes import APART, MOST_CRAB
-from onboard.estimators.leader.filters.noses.cloud import Cloud
-from onboard.estimators.leader.filters.noses.draws import normal, uniform
-from onboard.estimators.leader.filters.noses.evidence import ANY_NOSE, of_boxes, of_ranges, weighted
-from onboard.estimators.leader.filters.noses.particles import HORIZONTAL, resampled
-from onboard.estimators.leader.hypotheses import points
+from onboard.estimators.leader.hypotheses import leaning, points
+from onboard.estimators.leader.hypotheses import wing as model
+from onboard.estimators.leader.hypotheses.cloud import Cloud, resampled, weighted
+from onboard.estimators.leader.hypotheses.draws import normal, uniform
+from onboard.estimators.leader.hypotheses.prediction import APART, HORIZONTAL, MOST_CRAB
+from onboard.estimators.leader.hypotheses.update import ANY_NOSE, of_boxes, of_ranges
+from onboard.estimators.leader.hypotheses.wing import (
+    ACCELERATION,
+    BANK_ERROR,
+    LEAN,
+    LOG_SIZE,
+    POSITION,
+    STRETCH,
+    VELOCITY,
+    N,
+)
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import Measurement
 from onboard.estimators.leader.settings import NoseModel
-from onboard.models import apparent_wing as model
-from onboard.models.apparent_wing import ACCELERATION, BANK_ERROR, LEAN, LOG_SIZE, POSITION, STRETCH, VELOCITY, N
 
 LEAST_RANGE: Final = 0.05  # of the largest possible range of a first image: points in a row may hide each other
 SIZES_APART: Final = 0.05  # of the size: what is less certain is sampled, as a Gaussian's curvature would mislead

@@ -1,4 +1,4 @@
-"""One belief about one leader: weighted hypotheses with a Gaussian each (`noses`).
+"""One belief about one leader: weighted hypotheses with a Gaussian each (`cloud`). `make_filter` makes its filter.
 
 Each hypothesis supposes where the leader's nose points, whether it flies steadily, accelerates or hovers, and how
 boldly; all share the errors of our own state, which are considered and not estimated. Every image corrects every
@@ -8,34 +8,53 @@ noses and ranges in question.
 
 import math
 from operator import is_
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.filters.auxiliary import Auxiliary
-from onboard.estimators.leader.filters.noses import evidence, particles
-from onboard.estimators.leader.filters.noses.cloud import Cloud
-from onboard.estimators.leader.filters.noses.first import start
-from onboard.estimators.leader.filters.noses.moments import LOG_SIZE
-from onboard.estimators.leader.filters.noses.places import OpenQuestion
-from onboard.estimators.leader.filters.noses.summary import RESOLVED, Summary, as_leader, summarise
-from onboard.estimators.leader.hypotheses import points
+from onboard.estimators.leader.config import Config
+from onboard.estimators.leader.hypotheses import prediction, update
+from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
+from onboard.estimators.leader.hypotheses.cloud import Cloud
+from onboard.estimators.leader.hypotheses.places import OpenQuestion
+from onboard.estimators.leader.hypotheses.start import start
+from onboard.estimators.leader.hypotheses.summary import (
+    COMPONENTS,
+    LOG_SIZE,
+    RESOLVED,
+    UNITS,
+    Summary,
+    as_leader,
+    summarise,
+)
+from onboard.estimators.leader.hypotheses.wind import Wind, supposed
+from onboard.estimators.leader.hypotheses.wing import Expectation
 from onboard.estimators.leader.image.camera_pose import CameraPose
-from onboard.estimators.leader.image.measurement import COMPONENTS, UNITS, Measurement, size_of
-from onboard.estimators.leader.image.shape import MIDDLE_AND_SIZE, Shape, ShapeFeatures
-from onboard.estimators.leader.settings import NoseModel
+from onboard.estimators.leader.image.measurement import COMPONENTS as MEASURED
+from onboard.estimators.leader.image.measurement import UNITS as UNITS_MEASURED
+from onboard.estimators.leader.image.measurement import Measurement, size_of
+from onboard.estimators.leader.image.shape import Shape, shape_of
+from onboard.estimators.leader.settings import NoseModel, overridden
 from onboard.estimators.leader.size import Size
-from onboard.estimators.leader.wind import Wind
 from onboard.filters.belief import Belief, FilterError, Update
 from onboard.filters.gating import normalised_squared
-from onboard.models import leader_flight
-from onboard.models.apparent_wing import Expectation
 from onboard.models.relative_motion import POSITION, VELOCITY
 from onboard.ownship import Step
 
 SIZES: Final = 3.0  # sigmas of the configured size
 LONGEST_S: Final = 0.25  # of a prediction of the hypotheses
+CRAB: Final = math.radians(14.0)  # rad, of a fixed wing's nose: wind of a quarter of its speed, at one sigma
+FEW: Final = 200  # hypotheses of a plain filter
+CALM: Final[dict[str, Any]] = {
+    "intensity": (0.0, 0.0, 0.0),
+    "hovering": 0.0,
+    "accelerating": 0.0,
+    "acceleration_random_walk": (0.3, 0.3),
+    "bank": math.radians(1.0),
+}
+UNSURE: Final = 1.4  # times the configured errors of our attitude: their sigmas are guesses, too
+SMALLEST_SIGMA: Final = 1e-4  # rad; an axis of our attitude that is known better than this needs no state
 
 
 class Pending(NamedTuple):
@@ -81,12 +100,12 @@ class BeliefFilter:
     """A filter of one target, of this `shape`; FilterErrors pass through. An image whose NIS is above the `gate`
     is not fused. `delay_sigma` (s): of the camera's stamps."""
 
-    components: tuple[str, ...] = leader_flight.COMPONENTS
-    units: tuple[str, ...] = leader_flight.UNITS
+    components: tuple[str, ...] = COMPONENTS
+    units: tuple[str, ...] = UNITS
 
     def __init__(self, settings: NoseModel, shape: Shape, delay_sigma: float) -> None:
         self.shape, m = shape, size_of(shape)
-        self.measured_components, self.measured_units = COMPONENTS[:m], UNITS[:m]
+        self.measured_components, self.measured_units = MEASURED[:m], UNITS_MEASURED[:m]
         self.gate = settings.gate
         self._settings, self._delay_sigma = settings, delay_sigma
         # What was made last, and of what: an image that is compared with a track is often fused next.
@@ -106,15 +125,15 @@ class BeliefFilter:
     ) -> State:
         """Of what was believed before, the noses are kept. `size`: as it is known by more than images."""
         wind = None if before is None else before.wind
-        settings = particles.supposed(self._settings, wind)
+        settings = supposed(self._settings, wind)
         if size is not None:
             settings = settings._replace(size=size.value, size_sigma=size.sigma)
         cloud = start(settings, measurement, pose, None if before is None else before.cloud)
         return State(cloud, summarise(settings, cloud), standing(pose.v_F_n), wind=wind)
 
     def informed(self, state: State, prior: Belief) -> State | None:
-        """See `evidence.informed`."""
-        cloud = evidence.informed(self._settings, state.cloud, prior)
+        """See `update.informed`."""
+        cloud = update.informed(self._settings, state.cloud, prior)
         return None if cloud is None else self._summarised(state._replace(cloud=cloud))
 
     def advance(self, state: State, step: Step) -> State:
@@ -134,7 +153,7 @@ class BeliefFilter:
         now = self._now(state)
         expected, innovation, S, nis, each = self._expected(state, now, measurement, pose)
         settings = self._noses(state)
-        cloud, beyond = particles.update(settings, now, self._delayed(measurement, pose), pose, each)
+        cloud, beyond = update.update(settings, now, self._delayed(measurement, pose), pose, each)
         passes = max(nis, beyond) <= settings.gate
         after = self._at(state, cloud, summarise(settings, cloud)) if passes else state
         decided = nis if passes else max(nis, beyond)
@@ -145,7 +164,7 @@ class BeliefFilter:
         false would lead the size beyond SIZES sigmas of the configured one. Raises FilterError."""
         is_open = state.summary.after(state.since.dt, state.since.moved).range_sigma() > RESOLVED
         settings = self._noses(state)
-        cloud = particles.assist(settings, self._now(state), taken, is_open=is_open)
+        cloud = update.assist(settings, self._now(state), taken, is_open=is_open)
         if cloud is None:
             return None
         after, s = self._at(state, cloud, summarise(settings, cloud)), self._settings
@@ -200,10 +219,10 @@ class BeliefFilter:
         if judged is not None and all(map(is_, judged, asked)):
             return judged[-1]
         measurement = self._delayed(measurement, pose)
-        expected, S, each = particles.predicted(self._noses(state), now, measurement, pose)
+        expected, S, each = update.predicted(self._noses(state), now, measurement, pose)
         innovation, S = _ordered(measurement.y, expected) - expected, S + measurement.R
         if measurement.shows is not None and measurement.shows.is_box:
-            box, S_box = of_box(now, measurement.shows, measurement.axes, pose)
+            box, S_box = update.of_box(now, measurement.shows, measurement.axes, pose)
             innovation[:4], S[:4, :4], S[:4, 4:], S[4:, :4] = box, S_box, 0.0, 0.0
             expected[:4] = measurement.y[:4] - box
         nis = float(normalised_squared(innovation, S))
@@ -215,7 +234,7 @@ class BeliefFilter:
 
     def _noses(self, state: State) -> NoseModel:
         """What the hypotheses assume, with the size and the wind as they are known now."""
-        return particles.supposed(self._settings, state.wind)
+        return supposed(self._settings, state.wind)
 
     def _summarised(self, state: State) -> State:
         return state._replace(summary=summarise(self._noses(state), state.cloud))
@@ -231,7 +250,7 @@ class BeliefFilter:
             return state.cloud
         if self._newest is not None and _is_same(self._newest[0], state):
             return self._newest[1]
-        cloud = particles.predict(self._noses(state), state.cloud, dt, moved)
+        cloud = prediction.predict(self._noses(state), state.cloud, dt, moved)
         self._newest = state, cloud
         return cloud
 
@@ -242,20 +261,6 @@ def _is_same(a: State, b: State) -> bool:
     return alike and all(np.array_equal(x, y) for x, y in zip(a.since[1:], b.since[1:], strict=True))
 
 
-def of_box(cloud: Cloud, shows: ShapeFeatures, axes: Array, pose: CameraPose) -> tuple[Array, Array]:
-    """Innovation (4,) and its covariance (4, 4) of a box: its middle, right and down, and its width and height."""
-    known = cloud.with_biases(evidence.of_boxes(shows))
-    particles_ = known.means, known.covariances, known.noses, np.exp(known.log_weights)
-    camera = pose.R_cn, pose.r_FC_n, axes
-    expected, S = points.expected_box(*particles_, shows.rows, shows.posture, camera, known.column(evidence.BOXES))
-    S = MIDDLE_AND_SIZE @ (S + np.diag(shows.rows.sigma**2)) @ MIDDLE_AND_SIZE.T
-    turns = np.array([axes[2], -axes[1]])  # the sides move together, and not each for itself
-    common = turns @ pose.noise_c @ turns.T
-    S[:2, :2] += common - 0.5 * np.diag(common.diagonal())
-    S[2:, 2:] -= 2.0 * np.diag(common.diagonal())
-    return MIDDLE_AND_SIZE @ (shows.rows.y - expected), S
-
-
 def _ordered(y: Array, expected: Array) -> Array:
     """A measurement with its wingtips exchanged where that is nearer to what is expected."""
     if y[2] * expected[2] + y[3] * expected[3] >= 0.0:
@@ -263,3 +268,41 @@ def _ordered(y: Array, expected: Array) -> Array:
     y = y.copy()
     y[2:4] *= -1.0
     return y
+
+
+def make_filter(config: Config) -> BeliefFilter:
+    """The filter of a target of this configuration."""
+    return BeliefFilter(nose_model(config), shape_of(config), config.delay_sigma_s)
+
+
+def make_plain_filter(config: Config) -> BeliefFilter:
+    """A filter that supposes a calm leader, whatever images show: by how badly they fit it, frames of a gimbal are
+    compared."""
+    shape = shape_of(config)._replace(center_on_wing=False)
+    calm = nose_model(config)._replace(**CALM, particles=FEW)
+    return BeliefFilter(calm, shape, config.delay_sigma_s)
+
+
+def nose_model(config: Config) -> NoseModel:
+    """What is assumed of a leader and of our own errors."""
+    known = config.own_tilt_sigma_deg, config.own_yaw_sigma_deg
+    tilt, yaw = (max(UNSURE * math.radians(sigma), SMALLEST_SIGMA) for sigma in known)
+    model = NoseModel(
+        size=config.size_prior_m,
+        size_sigma=config.size_prior_sigma_m or 0.02 * config.size_prior_m,
+        misalignment=(tilt, tilt, yaw),
+        misalignment_time=config.own_attitude_time_s,
+        own_velocity=max(config.own_velocity_sigma_m_s, SMALLEST_SIGMA),
+        particles=config.particles,
+    )
+    if config.leader_class == "fixed_wing":
+        model = model._replace(
+            drag=0.0,
+            drag_sigma=0.0,
+            wind=0.0,
+            lean_random_walk=0.0,
+            crab=CRAB,
+            tied=0.0,
+            nose_about_course=CRAB,
+        )
+    return overridden(model, config.process_noise)

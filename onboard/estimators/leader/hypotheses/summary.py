@@ -1,31 +1,55 @@
-"""Mean and covariance of a whole cloud of noses, and what they come to a moment later."""
+"""Mean and covariance of a whole cloud of noses, what they come to a moment later, and what is published of them.
+
+Published are the states of Oh & Johnson's model, and more: the nine of `models.relative_motion` first,
+[r_FL_n (3), v_FL_n (3), b, a_lat, a_long], then
+- `a_along`: acceleration along the track (m/s^2), which the paper leaves out;
+- `heading`: of the nose, rad from north, not wrapped;
+- `bank_error`: rad beyond the bank that the acceleration requires, tan(bank) = a_right / (g - a_down). Lift, or
+  the rotors' thrust, turns any aircraft, and the wing stands square to it.
+"""
 
 import math
 from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
+from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.estimators.leader.filters.noses import moments
-from onboard.estimators.leader.filters.noses.cloud import Cloud
-from onboard.estimators.leader.filters.noses.moments import (
-    A_L,
-    LOG_SIZE,
-    NOSE,
-    OWN_VELOCITY,
-    R_FL,
-    V_L,
-    N,
-)
-from onboard.estimators.leader.filters.noses.places import Place, places
+from onboard.estimators.leader.hypotheses import wing
+from onboard.estimators.leader.hypotheses.cloud import Cloud
+from onboard.estimators.leader.hypotheses.places import Place, places
 from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.belief import Belief
-from onboard.models import apparent_wing as model
+from onboard.filters.compiled import OUT, ROWS, VECTOR, out, packed
+from onboard.models import relative_motion
+from onboard.models.relative_motion import A_LAT, A_LONG, SIZE
 
+A_ALONG: Final = 9
+HEADING: Final = 10
+BANK_ERROR: Final = 11
+BASE: Final = 12  # the number of states that are published
+COMPONENTS: Final = (*relative_motion.COMPONENTS, "a_along", "heading", "bank_error")
+UNITS: Final = (*relative_motion.UNITS, "m/s^2", "rad", "rad")
+# the components of a summary (N,)
+R_FL: Final = slice(0, 3)
+V_L: Final = slice(3, 6)
+A_L: Final = slice(6, 9)
+OWN_VELOCITY: Final = slice(9, 12)
+LOG_SIZE: Final = 12
+NOSE: Final = 13
+BANK: Final = 14
+N: Final = 15
+VECTORS: Final = 9  # of them, position, velocity and acceleration, which a cloud has in the same places
+# of a summary, and of a particle: what both of them have
+OF_SUMMARY: Final = (*range(VECTORS), LOG_SIZE, BANK)
+OF_PARTICLE: Final = (*range(VECTORS), wing.LOG_SIZE, wing.BANK_ERROR)
+SLOW: Final = 1.0  # m/s, of a course
+NUMBER: Final = types.float64
+CLOUD: Final = packed(NUMBER, 1), packed(NUMBER, 2), packed(NUMBER, 1)
+VECTOR_OUT: Final = out(NUMBER, 1)
 RESOLVED: Final = 0.15  # of the range: a cloud that is less certain leaves it open, and confirms nothing
 MOTION: Final = slice(0, 6)  # position and velocity
-
 STAYS: Final = np.eye(N)
 MOVES: Final = np.zeros((N, N))
 MOVES[R_FL, V_L] = MOVES[V_L, A_L] = np.eye(3)
@@ -73,7 +97,7 @@ def summarise(settings: NoseModel, cloud: Cloud) -> Summary:
     about, period = _middle(cloud.noses, w) if cloud.sided else (cloud.noses[int(np.argmax(w))], math.pi)
     mean, covariance = np.zeros(N), np.zeros((N, N))
     within = (w @ cloud.covariances.reshape(len(w), -1)).reshape(cloud.covariances.shape[1:])
-    log_range = moments.moments(cloud.noses, cloud.means, w, about, period, within, mean, covariance)
+    log_range = moments(cloud.noses, cloud.means, w, about, period, within, mean, covariance)
     log_range += _resolved(mean, covariance) * (_median(cloud.means[:, R_FL], w) - log_range)
     mean, covariance = _about(mean, covariance, math.exp(log_range))
     r, by_points = mean[R_FL], _by_points(cloud, mean)
@@ -127,7 +151,7 @@ def with_course(settings: NoseModel, cloud: Cloud) -> Array:
     a, b = v / speed2, -u / speed2
     S = a * a * P[:, 3, 3] + 2.0 * a * b * P[:, 3, 4] + b * b * P[:, 4, 4] + settings.nose_about_course**2
     S += settings.air_sigma**2 / speed2
-    share = speed2**2 / (speed2**2 + model.FOLLOWS4)
+    share = speed2**2 / (speed2**2 + wing.FOLLOWS4)
     likely = np.exp(-0.5 * aside**2 / S) / np.sqrt(2.0 * math.pi * S)
     w *= (1.0 - share) / math.pi + share * likely
     return np.asarray(w / w.sum())
@@ -139,7 +163,7 @@ def _by_points(cloud: Cloud, mean: Array) -> float:
     if not cloud.misplaced:
         return 0.0
     direction = mean[None, R_FL] / np.linalg.norm(mean[R_FL])
-    seen = float(model.visible(mean[NOSE : NOSE + 1], direction, 0.0)[0])
+    seen = float(wing.visible(mean[NOSE : NOSE + 1], direction, 0.0)[0])
     return (cloud.misplaced * (1.0 - seen**2)) ** 2
 
 
@@ -180,6 +204,92 @@ def _middle(noses: Array, w: Array) -> tuple[float, float]:
 
 
 def as_leader(known: Summary, dt: float, moved: Array, v_F_n: Array) -> Belief:
-    """The belief `dt` seconds after a summary, in which we move by `moved` (3,) m, in n, with the components of
-    `models.leader_flight`."""
-    return Belief(*moments.as_leader(known.mean, known.covariance, dt, moved, v_F_n))
+    """The belief `dt` seconds after a summary, in which we move by `moved` (3,) m, in n, with the components that
+    are published."""
+    return Belief(*_as_leader(known.mean, known.covariance, dt, moved, v_F_n))
+
+
+@njit(cache=True, error_model="numpy")
+def _components(nose, x, about, period, row):
+    """A particle's mean as components of a summary, into `row`. Noses repeat after `period`."""
+    for i in range(VECTORS):
+        row[i] = x[i]
+    row[NOSE] = nose - period * np.rint((nose - about) / period)
+    row[LOG_SIZE] = x[wing.LOG_SIZE]
+    row[BANK] = x[wing.BANK_ERROR]
+
+
+@njit((*CLOUD, NUMBER, NUMBER, ROWS, VECTOR_OUT, OUT), cache=True, error_model="numpy")
+def moments(noses, means, w, about, period, within, mean, S):
+    """Mean and covariance of a cloud (`cloud.Cloud`) with weights w (K,), whose particles have the mean covariance
+    `within` (W, W), added to `mean` (N,) and S (N, N); and the mean logarithm of the range. Each nose is taken as
+    near to `about` as it may be: it repeats after `period`, rad."""
+    row, log_range, width = (
+        np.zeros(N),
+        0.0,
+        S.shape[1],
+    )  # not known to the compiler: `particle_update`
+    for k in range(w.shape[0]):
+        x = means[k]
+        _components(noses[k], x, about, period, row)
+        for i in range(N):
+            mean[i] += w[k] * row[i]
+        log_range += 0.5 * w[k] * np.log(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
+    for k in range(w.shape[0]):
+        _components(noses[k], means[k], about, period, row)
+        for i in range(N):
+            row[i] -= mean[i]
+        for i in range(N):
+            if i < VECTORS or i >= LOG_SIZE:
+                share = w[k] * row[i]
+                for j in range(width):
+                    S[i, j] += share * row[j]
+    for i in range(len(OF_SUMMARY)):
+        for j in range(len(OF_SUMMARY)):
+            S[OF_SUMMARY[i], OF_SUMMARY[j]] += within[OF_PARTICLE[i], OF_PARTICLE[j]]
+    return log_range
+
+
+@njit(cache=True, error_model="numpy")
+def _derivatives(known, dt, J):
+    """Of the leader's components (BASE,) by a summary `dt` seconds before, into J (BASE, N), and its speed."""
+    J[:] = 0.0
+    for i in range(3):
+        J[i, i], J[i, 3 + i], J[i, 6 + i], J[i, 9 + i] = 1.0, dt, 0.5 * dt * dt, -dt
+        J[3 + i, 3 + i], J[3 + i, 6 + i] = 1.0, dt
+    u, v = known[3] + dt * known[6], known[4] + dt * known[7]
+    speed = np.sqrt(u * u + v * v)
+    c, s = np.cos(known[NOSE]), np.sin(known[NOSE])  # one that hovers has its accelerations along its nose
+    if speed > SLOW:
+        c, s = u / speed, v / speed
+    J[SIZE, LOG_SIZE] = np.exp(known[LOG_SIZE])
+    J[A_LAT, 6], J[A_LAT, 7] = -s, c
+    J[A_ALONG, 6], J[A_ALONG, 7] = c, s
+    J[A_LONG, 8] = -1.0
+    J[HEADING, NOSE] = J[BANK_ERROR, BANK] = 1.0
+
+
+@njit((VECTOR, ROWS, NUMBER, VECTOR, VECTOR), cache=True, error_model="numpy")
+def _as_leader(known, C, dt, moved, v_F):
+    """See `as_leader`: mean (BASE,) and covariance (BASE, BASE), of a summary with mean `known` and
+    covariance C."""
+    x, P = np.zeros(BASE), np.zeros((BASE, BASE))
+    J, JC = np.empty((BASE, N)), np.zeros((BASE, N))
+    _derivatives(known, dt, J)
+    width = JC.shape[1]
+    for i in range(BASE):
+        for k in range(N):
+            x[i] += J[i, k] * known[k]
+            if J[i, k] != 0.0:
+                for j in range(width):
+                    JC[i, j] += J[i, k] * C[k, j]
+    for i in range(3):
+        x[i] -= moved[i]
+        x[3 + i] -= v_F[i]
+    x[SIZE] = J[SIZE, LOG_SIZE]
+    for i in range(BASE):
+        for j in range(i + 1):
+            for k in range(N):
+                P[i, j] += JC[i, k] * J[j, k]
+            P[j, i] = P[i, j]
+    return x, P

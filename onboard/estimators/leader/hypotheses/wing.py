@@ -2,7 +2,7 @@
 
 One image leaves the nose open, and with it the range. But if the nose is given, the rest is nearly linear: the
 wing's apparent length gives the range, its slope the bank. So the nose is sampled
-(`estimators.leader.filters.noses`), and each sample has a Gaussian over the other states, with the nose as a
+(`cloud`), and each sample has a Gaussian over the other states, with the nose as a
 given number.
 
 State (N = 14), vectors in n: r_FL (3), from the follower F to the leader L, m; v_L (3), m/s; a_L (3), m/s^2;
@@ -21,8 +21,8 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
+from onboard.estimators.leader.hypotheses.particle_update import correct, dot, factor, project, whiten
 from onboard.filters.compiled import CUBE, OUT, ROWS, VECTOR, out
-from onboard.models.particle_update import correct, dot, factor, project, whiten
 
 G: Final = 9.80665
 N: Final = 14  # at least: behind these are biases of measurements
@@ -145,7 +145,7 @@ def update(
     course: Course,
 ) -> tuple[Array, Array]:
     """NIS (K,) and logarithms of the likelihoods (K,), without their common constant, of an image: y (m,) of
-    `models.wing_line` with noise R_y (m, m), of which the same means and noses `expected` this. Means (K, W),
+    `image.measurement` with noise R_y (m, m), of which the same means and noses `expected` this. Means (K, W),
     covariances (K, W, W) and tied noses are corrected in place."""
     nis, log_l = _update(means, P, noses, y, R_y, *expected, course.tied, np.array(course.air))
     return nis, log_l
@@ -409,7 +409,7 @@ def _update(means, P, noses, y, R_y, expected, by_state, tied, air):
 
 
 def visible(noses: Array, directions: Array, edge_on: float = LEAST_VISIBLE) -> Array:
-    """The fraction (k,) that is seen of a level wing's length: its nose at `noses` (k,), the leader in the unit
+    """The fraction (k,) that is seen of a level wing's length: its nose at `cloud` (k,), the leader in the unit
     `directions` (k, 3). Seen along the wing, it shows `edge_on` of it: a tip, or its fuselage."""
     found: Array = np.sqrt(_all_visible2(noses, directions, edge_on))
     return found

@@ -1,6 +1,6 @@
-"""The update of one particle's Gaussian by an image: what `apparent_wing` and `apparent_shape` share.
+"""The update of one particle's Gaussian by an image: what `wing` and `points` share.
 
-The state is that of `apparent_wing`, of which an image has at most one bias. No image shows the downward velocity,
+The state is that of `wing`, of which an image has at most one bias. No image shows the downward velocity,
 and the level one only where the nose is tied to the course.
 """
 

@@ -1,0 +1,289 @@
+"""What an image makes of a cloud of noses, and what is measured beside the images: means and weights.
+
+An image shows center and wing, and may show a shape, or a pose. Points and boxes show the range of a leader of
+some size; a pose alone shows the range itself. Each of them has an error that lasts, which no number of images
+reduces: it is a part of each particle's state.
+
+The rotation of a planar marker has a known ambiguity: its mirror image about the line of sight looks nearly alike.
+So a nose is where it was measured with most of the probability, and else at the mirror image, as of a marker that
+stands across the forward axis, or anywhere.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.estimators.leader.hypotheses import points
+from onboard.estimators.leader.hypotheses import wing as model
+from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
+from onboard.estimators.leader.hypotheses.cloud import Bias, Cloud, charged, fitting, weighted
+from onboard.estimators.leader.hypotheses.prediction import supposed
+from onboard.estimators.leader.hypotheses.wing import BANK_ERROR, FREE, LEAST_VISIBLE, POSITION, VELOCITY
+from onboard.estimators.leader.image.camera_pose import CameraPose
+from onboard.estimators.leader.image.measurement import Measurement
+from onboard.estimators.leader.image.pose import TURN_BIAS, PoseFeatures
+from onboard.estimators.leader.image.shape import MIDDLE_AND_SIZE, ShapeFeatures, only
+from onboard.estimators.leader.settings import NoseModel
+from onboard.filters.belief import Belief, FilterError
+from onboard.filters.gating import chi_square_threshold
+
+EXPECTING: Final = 0.3  # of the weight: at least so many particles must have expected an image
+TRUE: Final = 0.9999  # the probability that a report or a range passes that is true
+APART_S: Final = 0.2  # of the evidence of one of these, in seconds
+FRESH_S: Final = 8.0  # over which the evidence of a new track is used
+TOGETHER_S: Final = 0.05  # what is measured at one time, by different means, counts as if it came so soon after
+MOTION: Final = slice(0, 6)  # position and velocity
+OF_SHAPE: Final = 0.02  # of the weight: so much must have expected a shape; only the right noses do
+PER_ROW: Final = 2.1  # more of the gate for each row of what an image shows of a shape
+BOXES: Final = "boxes"  # the names of biases
+POSES: Final = "poses"
+ANY_NOSE: Final = 1.0  # as `edge_on`: of a leader whose range is measured, noise depends little on its nose
+FLIPPED: Final = 0.2  # the probability that a rotation is the mirror image ...
+STRAY: Final = 0.02  # ... and that it says nothing
+
+
+def predicted(
+    settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPose
+) -> tuple[Array, Array, model.Expectation]:
+    """What the whole cloud expects of an image: mean (m,) and covariance (m, m), without the image's own noise;
+    and what each particle expects."""
+    w, camera = np.exp(cloud.log_weights), (pose.R_cn, pose.r_FC_n, seen.axes)
+    arrays = cloud.means, cloud.covariances, cloud.noses
+    return model.prediction(*arrays, w, seen.y, camera, model.Course(cloud.tied, settings.air))
+
+
+def update(
+    settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPose, each: model.Expectation | None = None
+) -> tuple[Cloud, float]:
+    """The cloud after an image, and the NIS that EXPECTING of its weight have at most. If that exceeds the
+    gate, too few expected the image, and the cloud is returned as it was. What an image shows beyond center and
+    wing has a gate of its own. `each`: what the particles expected of the image, where that is known. Raises
+    FilterError."""
+    shows, given = seen.shows, cloud
+    if seen.is_metric and seen.pose is not None:
+        cloud = _seen_by(cloud, ANY_NOSE, metric=True)
+    elif seen.has_wing or (shows is not None and not shows.is_box):
+        cloud = _seen_by(cloud, LEAST_VISIBLE, metric=False)
+    if shows is None or not shows.is_box:
+        if each is None:
+            _, _, each = predicted(settings, cloud, seen, pose)
+        noses, means, P = cloud.noses.copy(), cloud.means.copy(), cloud.covariances.copy()
+        nis, log_l = model.update(means, P, noses, seen.y, seen.R, each, model.Course(cloud.tied, settings.air))
+        least = expected(cloud, nis, EXPECTING)
+        if least > settings.gate:
+            return given, least
+        after = cloud._replace(noses=noses, means=means, covariances=P, misfits=())
+    else:
+        after, log_l, least = cloud._replace(misfits=()), np.zeros(len(cloud.noses)), 0.0
+    if shows is not None:
+        fit = fitted(settings, after, shows, seen.axes, pose)
+        if fit.cloud is not None:
+            after, log_l = fit.cloud._replace(sided=cloud.sided or shows.rows.named), log_l + fit.log_l
+            after = after._replace(misplaced=max(cloud.misplaced, shows.misplaced))
+        elif shows.is_box:
+            return given, fit.beyond
+        after = after._replace(misfits=fit.misfits)
+    if seen.pose is not None:
+        found, pose_nis, more = posed(after, seen.pose, pose)
+        beyond = expected(cloud, pose_nis, OF_SHAPE)
+        if beyond <= settings.gate:
+            after, log_l = found, log_l + more
+        elif seen.is_metric:
+            return given, beyond
+    believed, fresh = _counted(settings, cloud, pose)
+    new = -math.expm1(-cloud.unseen / settings.rolled_time)
+    rolled = after.rolled + new * (after.means[:, BANK_ERROR] - after.rolled)
+    after = after._replace(rolled=rolled, unseen=0.0, fresh=fresh)
+    costs = supposed(settings, after) - supposed(settings, cloud)
+    return fitting(settings, charged(weighted(after, log_l, believed), costs)), least
+
+
+def _seen_by(cloud: Cloud, edge_on: float, *, metric: bool) -> Cloud:
+    """The cloud of which images show so much along its wing, and its range by poses or not."""
+    is_same = cloud.edge_on == edge_on and cloud.metric is metric
+    return cloud if is_same else cloud._replace(edge_on=edge_on, metric=metric)
+
+
+def _counted(settings: NoseModel, cloud: Cloud, pose: CameraPose) -> tuple[float, float]:
+    """As what share of an independent image one counts, and what is left of the evidence of a new track. The
+    faster the view of the leader changes, the more does an image count; while the view stays the same, so do the
+    errors of what each particle supposes."""
+    r = cloud.means[:, POSITION]
+    moves = (cloud.means[:, VELOCITY] - pose.v_F_n) / np.sqrt(np.add.reduce(r * r, axis=1, keepdims=True))
+    moving = np.exp(cloud.log_weights) @ moves
+    change = math.sqrt(moving @ moving)  # 1/s
+    rate = settings.steady_evidence + change / settings.new_view + cloud.fresh / FRESH_S
+    seconds = max(cloud.unseen, TOGETHER_S)
+    left = cloud.fresh * math.exp(-seconds / FRESH_S)
+    return min(min(rate, settings.evidence_rate) * seconds, 1.0), left
+
+
+def assist(settings: NoseModel, cloud: Cloud, taken: Auxiliary, *, is_open: bool) -> Cloud | None:
+    """The cloud after what is measured beside the images; None where too few particles expected it: of a cloud
+    whose range `is_open`, the right ones are few. Raises FilterError."""
+    known = cloud.with_biases(*taken.biases)
+    rows = taken.rows(known)
+    found, nis, log_l = corrected(known, *rows)
+    limit = chi_square_threshold(TRUE, rows.innovations.shape[1])
+    if expected(known, nis, OF_SHAPE if is_open else EXPECTING) > limit:
+        return None
+    return fitting(settings, weighted(found, log_l, min(settings.evidence_rate * APART_S, 1.0)))
+
+
+def of_box(cloud: Cloud, shows: ShapeFeatures, axes: Array, pose: CameraPose) -> tuple[Array, Array]:
+    """Innovation (4,) and its covariance (4, 4) of a box: its middle, right and down, and its width and height."""
+    known = cloud.with_biases(of_boxes(shows))
+    particles_ = known.means, known.covariances, known.noses, np.exp(known.log_weights)
+    camera = pose.R_cn, pose.r_FC_n, axes
+    expected, S = points.expected_box(*particles_, shows.rows, shows.posture, camera, known.column(BOXES))
+    S = MIDDLE_AND_SIZE @ (S + np.diag(shows.rows.sigma**2)) @ MIDDLE_AND_SIZE.T
+    turns = np.array([axes[2], -axes[1]])  # the sides move together, and not each for itself
+    common = turns @ pose.noise_c @ turns.T
+    S[:2, :2] += common - 0.5 * np.diag(common.diagonal())
+    S[2:, 2:] -= 2.0 * np.diag(common.diagonal())
+    return MIDDLE_AND_SIZE @ (shows.rows.y - expected), S
+
+
+class Fit(NamedTuple):
+    """The cloud after what an image shows of a shape, None if that fits no nose, with the particles' logarithms of
+    likelihoods (K,), the NIS that OF_SHAPE of the weight have at most, and the named points that fit none."""
+
+    cloud: Cloud | None
+    log_l: Array
+    beyond: float
+    misfits: tuple[str, ...] = ()
+
+
+def fitted(settings: NoseModel, cloud: Cloud, shows: ShapeFeatures, axes: Array, pose: CameraPose) -> Fit:
+    """The cloud after what an image shows of the leader's shape. If all of it fits no nose, the points that fit
+    none by themselves are left out: one point that a detector finds elsewhere costs the others nothing. Raises
+    FilterError."""
+
+    def fit(part: ShapeFeatures) -> Fit:
+        found, nis, log_l = shaped(cloud, part, axes, pose)
+        beyond = expected(cloud, nis, OF_SHAPE)
+        fits = beyond <= settings.gate + PER_ROW * len(part.rows.y)
+        return Fit(found if fits else None, log_l, beyond)
+
+    whole = fit(shows)
+    if whole.cloud is not None or shows.is_box:
+        return whole
+    every = range(len(shows.names))
+    fitting = [k for k in every if fit(only(shows, [k])).cloud is not None]
+    misfits = tuple(shows.names[k] for k in every if k not in fitting)
+    rest = fit(only(shows, fitting)) if misfits and fitting else whole
+    return rest._replace(misfits=misfits)
+
+
+def expected(cloud: Cloud, nis: Array, share: float) -> float:
+    """The NIS that a share of the weight has at most. Raises FilterError."""
+    order = nis.argsort()
+    least = float(nis[order[np.exp(cloud.log_weights[order]).cumsum().searchsorted(share)]])
+    if not math.isfinite(least):
+        raise FilterError("the cloud of noses has lost its numbers")
+    return least
+
+
+def informed(settings: NoseModel, cloud: Cloud, prior: Belief) -> Cloud | None:
+    """The cloud with what was believed of position and velocity before, (6,) and (6, 6), in n; None where less
+    than OF_SHAPE of its weight agrees: only the right noses do. Raises FilterError."""
+    H = np.eye(cloud.means.shape[1])[MOTION]
+    found, nis, log_l = corrected(cloud, H, prior.mean - cloud.means[:, MOTION], prior.covariance)
+    if expected(cloud, nis, OF_SHAPE) > settings.gate:
+        return None
+    return weighted(found, log_l)
+
+
+def corrected(
+    cloud: Cloud, H: Array, innovations: Array, R_y: Array, considered: Sequence[int] = ()
+) -> tuple[Cloud, Array, Array]:
+    """The cloud after rows with derivatives H (m, W) or (K, m, W), innovations (K, m) and noise R_y (m, m), with
+    each particle's NIS (K,) and logarithm of the likelihood (K,), without their common constant. The components
+    that are `considered` stay as they are. Raises FilterError."""
+    HP = H @ cloud.covariances
+    S = HP @ np.swapaxes(H, -1, -2) + R_y
+    try:
+        gain = np.linalg.solve(S, HP).transpose(0, 2, 1)
+        off = np.linalg.solve(S, innovations[:, :, None])[:, :, 0]
+    except np.linalg.LinAlgError as error:
+        raise FilterError("the innovation's covariance is singular") from error
+    nis = np.einsum("ki,ki->k", innovations, off)
+    at = list(considered)
+    gain[:, at] = 0.0
+    means = cloud.means + np.einsum("kij,kj->ki", gain, innovations)
+    P = cloud.covariances - gain @ HP
+    P[:, at] = P[:, :, at].transpose(0, 2, 1)
+    log_l = -0.5 * (nis + np.linalg.slogdet(S)[1])
+    return cloud._replace(means=means, covariances=0.5 * (P + P.transpose(0, 2, 1))), nis, log_l
+
+
+def shaped(cloud: Cloud, shows: ShapeFeatures, axes: Array, pose: CameraPose) -> tuple[Cloud, Array, Array]:
+    """The cloud after what an image shows of the leader's shape, with each particle's NIS and log likelihood."""
+    bias = 0
+    if shows.is_box:
+        cloud = cloud.with_biases(of_boxes(shows))
+        bias = cloud.column(BOXES)
+    noses, means, P = cloud.noses.copy(), cloud.means.copy(), cloud.covariances.copy()
+    camera = pose.R_cn, pose.r_FC_n, axes
+    nis, log_l = points.update(means, P, noses, shows.rows, shows.posture, camera, bias)
+    return cloud._replace(noses=noses, means=means, covariances=P, tied=_still(cloud, noses)), nis, log_l
+
+
+def of_boxes(shows: ShapeFeatures) -> Bias:
+    """By how much boxes are too large, in the logarithm."""
+    return Bias(BOXES, shows.bias)
+
+
+def of_ranges(shows: PoseFeatures) -> Bias:
+    """By how much the ranges of poses are too large, in the logarithm."""
+    return Bias(POSES, shows.range_bias)
+
+
+def posed(cloud: Cloud, shows: PoseFeatures, camera: CameraPose) -> tuple[Cloud, Array, Array]:
+    """The cloud after a pose, with each particle's NIS and log likelihood."""
+    nis, log_l, nose = np.zeros(len(cloud.noses)), np.zeros(len(cloud.noses)), shows.nose(camera)
+    if shows.range_ is not None:
+        cloud = cloud.with_biases(of_ranges(shows))
+        bias = cloud.column(POSES)
+        off = cloud.means[:, POSITION] - camera.r_FC_n
+        distance = np.linalg.norm(off, axis=1)
+        appears = distance * np.exp(cloud.means[:, bias])
+        H = np.zeros((len(off), 1, cloud.means.shape[1]))
+        H[:, 0, POSITION], H[:, 0, bias] = off * (appears / distance**2)[:, None], appears
+        cloud, nis, log_l = corrected(
+            cloud, H, (shows.range_ - appears)[:, None], np.array([[shows.range_sigma**2]])
+        )
+    noses, means, P = cloud.noses.copy(), cloud.means.copy(), cloud.covariances.copy()
+    if nose is not None:
+        log_l = log_l + measure_nose(noses, means, P, *nose)
+        cloud = cloud._replace(sided=True, misplaced=max(cloud.misplaced, TURN_BIAS))
+    return cloud._replace(noses=noses, means=means, covariances=P, tied=_still(cloud, noses)), nis, log_l
+
+
+def _still(cloud: Cloud, noses: Array) -> Array:
+    """Which noses (K,) are still tied to their courses: not those that were measured elsewhere."""
+    return np.where(noses == cloud.noses, cloud.tied, np.minimum(cloud.tied, FREE))
+
+
+def measure_nose(noses: Array, means: Array, P: Array, nose: float, mirrored: float, sigma: float) -> Array:
+    """Logarithms of the likelihoods (K,) of a nose measured at `nose`, or at its mirror image. Noses (K,), means
+    (K, N) and covariances (K, N, N) of particles that have it the wrong way round are turned in place: they bank
+    to the other side."""
+    likely, turned = (_likelihood(noses + way, nose, mirrored, sigma) for way in (0.0, math.pi))
+    turns = turned > likely
+    noses[turns] += math.pi
+    means[turns, BANK_ERROR] *= -1.0
+    P[turns, BANK_ERROR, :] *= -1.0
+    P[turns, :, BANK_ERROR] *= -1.0
+    return np.asarray(np.log(np.maximum(likely, turned)))
+
+
+def _likelihood(noses: Array, nose: float, mirrored: float, sigma: float) -> Array:
+    found = np.full(len(noses), STRAY / (2.0 * math.pi))
+    for share, at in ((1.0 - FLIPPED - STRAY, nose), (FLIPPED, mirrored)):
+        off = (noses - at + math.pi) % (2.0 * math.pi) - math.pi
+        found += share * np.exp(-0.5 * (off / sigma) ** 2) / (math.sqrt(2.0 * math.pi) * sigma)
+    return found
