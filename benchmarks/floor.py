@@ -55,7 +55,7 @@ class Arithmetic:
         self._steady, self._drags = np.zeros(HYPOTHESES), np.full(HYPOTHESES, 0.16)
 
     def image(self, y: Array) -> Array:
-        """The NIS (HYPOTHESES,) of a measurement y (4,) of `models.wing_line`."""
+        """The NIS (HYPOTHESES,) of a measurement y (4,) of `leader.image.measurement`."""
         means, P, noses = (array.copy() for array in self._first)
         model.predict(
             *(means, P, noses, DT, STILL, self._steady, self._alike, NOISE, HOVER, self._lasts, self._drags),

@@ -14,7 +14,7 @@ with loading():  # as `onboard run` does
     import numpy as np
     import onboard.pipeline
     from onboard.estimators.leader.config import Config
-    from onboard.estimators.leader.filters.make import make_filter
+    from onboard.estimators.leader.hypotheses.belief import make_filter
     from onboard.estimators.leader.image.camera_pose import CameraPose
     from onboard.estimators.leader.image.measurement import measure_wing
     from onboard.ownship import Step

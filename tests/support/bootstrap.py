@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.settings import NoseModel
+from onboard.estimators.leader.assumptions import NoseModel
 
 G: Final = 9.80665
 HORIZONTAL: Final = np.array([1.0, 1.0, 0.5])

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from onboard.estimators.kit.life_cycle import check_order
-from onboard.estimators.leader.settings import PARTICLES, NoseModel, overridden
+from onboard.estimators.leader.assumptions import PARTICLES, NoseModel, overridden
 from onboard.messages import NotNegative, Positive, Record, TargetClass, Vec3
 from onboard.messages.target import Aircraft, check_bounds, check_points
 

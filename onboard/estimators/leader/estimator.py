@@ -1,7 +1,11 @@
 """The motion of other aircraft relative to us, from three points of each in our camera.
 
-Every target has a track of its own (`track`), with a filter (`make`). An image that carries an id goes to the
-track of that id; an image without one goes to the track whose prediction it fits best.
+Every target has a track of its own (`track`), with a filter (`hypotheses.belief`). An image with an id goes to the
+track of that id, one without to the track whose prediction it fits best. If it fits none, it is either an outlier
+or of another aircraft: an outlier, if the camera sees no more aircraft at once than there are
+tracks (`Exposures`). Otherwise outliers would begin a second track of the same aircraft, which then takes half of
+its images. So would a detector that draws two boxes about one aircraft: images that lie half upon each other count
+as one.
 
 Ids are unlimited, so a flood of them must not cost the leader anything. A target without a track is published only
 when an image of it comes, and forgotten after a second without one. Their tracks begin one by one, not twenty at
@@ -10,26 +14,34 @@ the same moment. Images of one target too many are all counted, and few are repo
 
 import math
 from collections import Counter
-from typing import Final
+from collections.abc import Mapping
+from typing import Final, NamedTuple
 
 from onboard import messages
-from onboard.estimators.leader.broadcast import Broadcast
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter, make_filter, make_plain_filter
 from onboard.estimators.leader.hypotheses.wind import TIMEOUT_NS, UNKNOWN, Wind, wind_of
 from onboard.estimators.leader.image.camera_pose import CameraPoses
 from onboard.estimators.leader.image.prepare import Image, prepare
-from onboard.estimators.leader.prior import prior_of, size_of
-from onboard.estimators.leader.ranging import Ranging
-from onboard.estimators.leader.tracks.exposures import Exposures
-from onboard.estimators.leader.tracks.gimbal_frames import GimbalFrames
-from onboard.estimators.leader.tracks.names import UNNAMED, awaits_name, continued, may_lead, swap_names
-from onboard.estimators.leader.tracks.report import Distance
+from onboard.estimators.leader.reports.broadcast import Broadcast
+from onboard.estimators.leader.reports.prior import prior_of, size_of
+from onboard.estimators.leader.reports.ranging import Ranging
+from onboard.estimators.leader.tracks.fusing import Distance
+from onboard.estimators.leader.tracks.gimbal_frames import GimbalFrames, may_be_contradicted
 from onboard.estimators.leader.tracks.track import Track
 from onboard.geometry.camera import Camera
 from onboard.geometry.units import NS_PER_S
-from onboard.messages import Estimate, Lifecycle, Message, TargetDetection, TargetImage, TargetPoints, Verdict
+from onboard.messages import (
+    Estimate,
+    ImagePoint,
+    Lifecycle,
+    Message,
+    TargetDetection,
+    TargetImage,
+    TargetPoints,
+    Verdict,
+)
 from onboard.messages.causes import Cause, Reason
 from onboard.ownship import Ownship
 
@@ -49,6 +61,8 @@ APART: Final = 0.2  # rad; an image this far from every track is of another airc
 WIND_PERIOD_NS: Final = 900_000_000  # between reports of the wind that are used
 BEGIN_NS: Final = 50_000_000  # between tracks that begin beside a leader's: each takes 10 ms
 REFUSAL_PERIOD_NS: Final = 100_000_000  # between reports of images that are one target too many
+UNNAMED: Final = "unnamed/"  # before the numbers of targets without an id
+REMEMBERED: Final = 128  # exposures: a second of four cameras
 
 
 class Estimator:
@@ -67,7 +81,9 @@ class Estimator:
             *([Broadcast(config, self._assist)] if config.broadcast.is_used else []),
             *([Ranging(config, self._assist)] if config.range.is_used else []),
         )
-        self._frames = GimbalFrames(NAME, make_plain_filter(config), config, camera)
+        self._frames: GimbalFrames | None = None
+        if may_be_contradicted(camera):
+            self._frames = GimbalFrames(NAME, make_plain_filter(config), config, camera)
         self._tracks = {NAME: self._track(NAME)}
         self._numbered = 0
         self._is_named = False  # images say which target is the leader
@@ -106,8 +122,8 @@ class Estimator:
         if track.take_for(message.class_name, message.t_ns, *(known or (None, self._config))):
             self._verdicts[CLASS] += 1
             said.append(track.tick(ownship))
-        if track.target == NAME:
-            self._compare_frames(message, ownship)
+        if track.target == NAME and self._frames is not None:
+            self._compare(self._frames, message, ownship)
         if prepared is not None and not track.prepares_as(self._class_of(message)[0], prepared):
             prepared = None
         estimate = track.observe(message, ownship, prepared)
@@ -140,7 +156,8 @@ class Estimator:
         """Forget all tracks and all times."""
         for track in self._tracks.values():
             track.reset(why)
-        self._frames.clear(why)
+        if self._frames is not None:
+            self._frames.clear(why)
         for source in self._sources:
             source.clear()
         self._next_refusal_ns = self._next_begin_ns = 0
@@ -167,10 +184,10 @@ class Estimator:
             self._verdicts[PASSED_ON] += 1
             self._heir_since_ns = None
 
-    def _compare_frames(self, message: TargetImage, ownship: Ownship) -> None:
+    def _compare(self, frames: GimbalFrames, message: TargetImage, ownship: Ownship) -> None:
         """Whether the images of the leader contradict what a gimbal states of its angles."""
-        self._frames.observe(message, ownship)
-        found, before = self._frames.contradiction, self._poses.contradiction
+        frames.observe(message, ownship)
+        found, before = frames.contradiction, self._poses.contradiction
         self._verdicts.update([GIMBAL] if found and not before else [])
         self._poses.contradiction = found
 
@@ -310,3 +327,77 @@ class Estimator:
         direction, t_ns = image.direction_n.tolist(), image.message.t_ns
         recent = (t for t in self._tracks.values() if not t.life.is_coasting(t_ns))
         return {t.target: math.dist(t.direction_n, direction) for t in recent if t.direction_n is not None}
+
+
+def may_lead(track: Track) -> bool:
+    """Whether a target without an id is tracked, so that it may be the leader."""
+    return track.target.startswith(UNNAMED) and track.state is Lifecycle.TRACKING
+
+
+def swap_names(one: Track, other: Track) -> None:
+    """Let two targets change their names. Each name's counts go on: its state has changed, as after a reset."""
+    one.target, other.target = other.target, one.target
+    one.sequence, other.sequence = other.sequence, one.sequence
+    one.life.resets, other.life.resets = other.life.resets + 1, one.life.resets + 1
+
+
+def awaits_name(track: Track, t_ns: int) -> bool:
+    """Whether an image of that time is the second one at least of a target that is not followed yet."""
+    return not track.is_followed and bool(track.held) and track.held[0].message.t_ns < t_ns
+
+
+def continued(by: Track, image: Image, near: Mapping[float, Track], ownship: Ownship) -> Track | None:
+    """The track that goes on under the id of `by`, of those `near` the image, by their distance: its own id has
+    not come since the first image of `by`, and the image fits its prediction."""
+    since_ns = by.held[0].message.t_ns
+    gone = {
+        offset: t for offset, t in near.items() if t is not by and (t.repeats.newest_ns or since_ns) < since_ns
+    }
+    nearest = gone[min(gone)] if gone else None
+    return nearest if nearest is not None and not nearest.expects(image, ownship).beyond else None
+
+
+class Disc(NamedTuple):
+    """Where an image is, and how far it reaches, in focal lengths."""
+
+    middle: ImagePoint
+    radius: float
+
+    def covers(self, other: "Disc") -> bool:
+        """Whether two images lie half upon each other."""
+        return self.middle == other.middle or math.dist(self.middle, other.middle) < max(self.radius, other.radius)
+
+
+def disc_of(message: TargetImage) -> Disc:
+    """Of an image; without a radius where it shows one point alone."""
+    first, *others = message.image_points
+    radius = max([math.dist(first, point) for point in others], default=0.0)
+    if isinstance(message, TargetDetection):
+        radius = max(radius, message.half_width or 0.0)
+    return Disc(first, radius)
+
+
+class Exposures:
+    """The images of the last exposures, by camera and time; of one exposure at most one more than `targets`."""
+
+    def __init__(self, targets: int) -> None:
+        self._most = targets + 1
+        self._images: dict[tuple[str, int], list[Disc]] = {}
+
+    def add(self, message: TargetImage) -> None:
+        """Remember an image."""
+        disc, images = disc_of(message), self._images.setdefault((message.camera, message.t_ns), [])
+        if len(images) < self._most and not any(map(disc.covers, images)):
+            images.append(disc)
+        while len(self._images) > REMEMBERED:
+            del self._images[next(iter(self._images))]
+
+    def aircraft(self, message: TargetImage) -> int:
+        """The largest number of different images that the camera of `message` took at one time within a second of
+        it."""
+        sizes = (
+            len(images)
+            for (camera, t_ns), images in self._images.items()
+            if camera == message.camera and abs(message.t_ns - t_ns) <= NS_PER_S
+        )
+        return max(sizes, default=0)

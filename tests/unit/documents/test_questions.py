@@ -40,7 +40,7 @@ def test_every_file_that_decides_valid_is_named_and_no_other() -> None:
     named = {file for cell in (*firsts, *others) for file in CODE.findall(cell)}
     deciding = sets_valid().keys() | takes_valid()
     assert deciding <= named
-    assert [file for file in named - deciding if "/leader/tracks/" not in file] == []
+    assert [file for file in named - deciding if "/estimators/leader/" not in file] == []
 
 
 def test_the_times_after_which_nothing_is_valid_are_the_defaults() -> None:

@@ -214,7 +214,10 @@ def test_the_sources_of_a_kernel_are_its_own_and_those_that_it_imports() -> None
     sources = compiling.sources()
     assert len(sources) == len(compiling.kernel_modules())
     of_shape = sources["onboard/estimators/leader/hypotheses/points.py"]
-    assert {"onboard/estimators/leader/hypotheses/points.py", "onboard/models/particle_update.py"} < {*of_shape}
+    assert {
+        "onboard/estimators/leader/hypotheses/points.py",
+        "onboard/estimators/leader/hypotheses/particle_update.py",
+    } < {*of_shape}
     assert "onboard/models/radar.py" not in of_shape
     assert all((shipped.PACKAGES / path).is_file() for paths in sources.values() for path in paths)
 

@@ -9,8 +9,8 @@ import pytest
 
 from onboard.config import CameraConfig, OwnErrors
 from onboard.config.cameras import mount_errors
+from onboard.estimators.leader.assumptions import NoseModel
 from onboard.estimators.leader.config import Config as Leader
-from onboard.estimators.leader.settings import NoseModel
 from onboard.estimators.own_state.config import AIRFRAMES
 from onboard.estimators.own_state.config import Config as OwnState
 from onboard.estimators.traffic.config import Config as Traffic

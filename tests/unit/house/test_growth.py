@@ -14,7 +14,7 @@ MOST_FILES = 63  # of ours that an image passes
 MOST_PLACES = 8  # that set `valid`
 MOST_ARGUMENTS, MOST_OF_KERNELS = 10, 19
 LONGER = {
-    "onboard/models/apparent_wing.py:predict": 12,  # a kernel's, whose blocks it takes
+    "onboard/estimators/leader/hypotheses/wing.py:predict": 12,  # a kernel's, whose blocks it takes
 }
 MOST_NUMBERS = {"leader": 224, "oh_johnson": 14, "own_state": 101, "traffic": 79}
 MOST_STATE_VECTORS = {"leader": 4, "oh_johnson": 1, "own_state": 2, "traffic": 3}

@@ -30,6 +30,15 @@ STRANGERS = {"estimators", "links", "sinks"}  # never see each other
 # Parts of parts, the lower first; those that stand on one floor do not see each other.
 INSIDE = {
     "onboard.estimators": ({"kit"}, {"leader", "oh_johnson", "own_state", "traffic"}),
+    "onboard.estimators.leader": (
+        *({"assumptions"}, {"config"}, {"image"}, {"hypotheses"}, {"reports"}, {"tracks"}, {"estimator"}),
+    ),
+    "onboard.estimators.leader.tracks": (
+        *({"doubts", "life_cycle"}, {"fusing"}, {"report"}, {"track"}, {"gimbal_frames"}),
+    ),
+    "onboard.estimators.leader.image": (
+        *({"camera_pose"}, {"pose", "shape"}, {"measurement"}, {"prepare"}, {"detector"}),
+    ),
     "onboard.estimators.kit": ({"frame", "history", "life_cycle"}, {"peer_position", "reports"}),
     "studies": ({"report"}, {"tracking"}, {"*"}, {"together"}, {"command"}, {"__main__"}),
     "simlink": (

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from onboard.config import CameraConfig
+from onboard.estimators.leader.assumptions import NoseModel
 from onboard.estimators.leader.config import Config
-from onboard.estimators.leader.settings import NoseModel
 from simlink.encounters.departures import Departure
 from simlink.encounters.encounter import make_encounter
 from simlink.encounters.families import FAMILIES

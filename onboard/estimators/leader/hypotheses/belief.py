@@ -13,6 +13,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.estimators.leader.assumptions import NoseModel, Size, overridden
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses import prediction, update
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
@@ -35,8 +36,6 @@ from onboard.estimators.leader.image.measurement import COMPONENTS as MEASURED
 from onboard.estimators.leader.image.measurement import UNITS as UNITS_MEASURED
 from onboard.estimators.leader.image.measurement import Measurement, size_of
 from onboard.estimators.leader.image.shape import Shape, shape_of
-from onboard.estimators.leader.settings import NoseModel, overridden
-from onboard.estimators.leader.size import Size
 from onboard.filters.belief import Belief, FilterError, Update
 from onboard.filters.gating import normalised_squared
 from onboard.models.relative_motion import POSITION, VELOCITY
@@ -192,13 +191,13 @@ class BeliefFilter:
 
     def open_question(self, state: State) -> OpenQuestion:
         """Whether the range is open, and then the places where the leader may be."""
-        known, is_metric = state.summary, state.cloud.metric
+        known = state.summary
         if known.range_sigma() <= RESOLVED:
-            return OpenQuestion("", (), is_metric)
+            return OpenQuestion()
         dt, moved, v_F_n = state.since
         places = tuple(place.after(dt, moved).relative_to(v_F_n) for place in known.places)
-        why = "" if is_metric else "heading not resolved: "
-        return OpenQuestion(f"{why}the range is uncertain", places, is_metric)
+        why = "" if state.cloud.metric else "heading not resolved: "
+        return OpenQuestion(f"{why}the range is uncertain", places)
 
     def is_too_wide(self, state: State, share: float) -> bool:
         """Whether the direction is less certain than `share`; an uncertain range is no obstacle to an image."""

@@ -21,9 +21,9 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
+from onboard.estimators.leader.assumptions import NoseModel
 from onboard.estimators.leader.hypotheses.draws import uniform
 from onboard.estimators.leader.hypotheses.wing import LEAST_VISIBLE, NUMBER, POSITION, N
-from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.compiled import VECTOR
 
 ARRAYS: Final = 9  # of the fields, the first: each has one row a particle

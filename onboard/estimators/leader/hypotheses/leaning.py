@@ -6,15 +6,16 @@ of the nose. No hypothesis explains a slope for nothing.
 """
 
 import math
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
+from onboard.estimators.leader.assumptions import NoseModel
 from onboard.estimators.leader.hypotheses.draws import normal
 from onboard.estimators.leader.hypotheses.wing import BANK_ERROR, LEAST_VISIBLE, NUMBER, G
-from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.compiled import CUBE, OUT, ROWS, VECTOR
 
 OF_LEAN2: Final = 0.01  # (m/s^2)^2: the variance of a lean of one that has no drag
@@ -22,6 +23,7 @@ LEANS2: Final = 12.0  # (m/s^2)^2: of any multirotor's steady lean, on each axis
 TINY: Final = 1e-9  # m, in place of 0/0 straight above us
 
 
+@lru_cache(maxsize=64)  # each step asks
 def lognormal(s: NoseModel) -> tuple[float, float]:
     """Of the drag: the median, 1/s, and the standard deviation of the logarithm."""
     if s.drag == 0.0:

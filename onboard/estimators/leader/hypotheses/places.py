@@ -49,7 +49,6 @@ class OpenQuestion(NamedTuple):
 
     reason: str = ""  # for a person; "" if nothing is open
     places: tuple[Place, ...] = ()  # where the leader may be, if the range is open
-    is_metric: bool = False  # the range is that of poses, and says nothing of the size
 
 
 def places(w: Array, means: Array, covariances: Array, ours: Callable[[Array], Array]) -> tuple[Place, ...]:

@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
+from onboard.estimators.leader.assumptions import NoseModel
 from onboard.estimators.leader.hypotheses import leaning
 from onboard.estimators.leader.hypotheses import wing as model
 from onboard.estimators.leader.hypotheses.cloud import ARRAYS, Bias, Cloud, charged, named
@@ -37,7 +38,6 @@ from onboard.estimators.leader.hypotheses.wing import (
     N,
     visible2,
 )
-from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.compiled import OUT, VECTOR
 
 CIRCLES: Final = 5  # of a computation: a nose, the range that it implies, the course at that range

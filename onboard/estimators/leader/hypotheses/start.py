@@ -6,6 +6,7 @@ from typing import Any, Final
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.estimators.leader.assumptions import NoseModel
 from onboard.estimators.leader.hypotheses import leaning, points
 from onboard.estimators.leader.hypotheses import wing as model
 from onboard.estimators.leader.hypotheses.cloud import Cloud, resampled, weighted
@@ -24,7 +25,6 @@ from onboard.estimators.leader.hypotheses.wing import (
 )
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import Measurement
-from onboard.estimators.leader.settings import NoseModel
 
 LEAST_RANGE: Final = 0.05  # of the largest possible range of a first image: points in a row may hide each other
 SIZES_APART: Final = 0.05  # of the size: what is less certain is sampled, as a Gaussian's curvature would mislead

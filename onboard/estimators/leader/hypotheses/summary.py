@@ -16,10 +16,10 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
+from onboard.estimators.leader.assumptions import NoseModel
 from onboard.estimators.leader.hypotheses import wing
 from onboard.estimators.leader.hypotheses.cloud import Cloud
 from onboard.estimators.leader.hypotheses.places import Place, places
-from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.belief import Belief
 from onboard.filters.compiled import OUT, ROWS, VECTOR, out, packed
 from onboard.models import relative_motion

@@ -16,6 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.estimators.leader.assumptions import NoseModel
 from onboard.estimators.leader.hypotheses import points
 from onboard.estimators.leader.hypotheses import wing as model
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
@@ -26,7 +27,6 @@ from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import Measurement
 from onboard.estimators.leader.image.pose import TURN_BIAS, PoseFeatures
 from onboard.estimators.leader.image.shape import MIDDLE_AND_SIZE, ShapeFeatures, only
-from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.belief import Belief, FilterError
 from onboard.filters.gating import chi_square_threshold
 

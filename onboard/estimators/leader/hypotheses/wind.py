@@ -10,7 +10,7 @@ import numpy as np
 
 from onboard import messages
 from onboard.arrays import Array
-from onboard.estimators.leader.settings import NoseModel
+from onboard.estimators.leader.assumptions import NoseModel
 
 STRONGEST: Final = 60.0  # m/s: a stronger one is no wind
 TIMEOUT_NS: Final = 30_000_000_000  # after the last report it is not known any more

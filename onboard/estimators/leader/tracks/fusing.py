@@ -1,7 +1,7 @@
 """A track's state, and what it becomes: by our own motion, an image, a report, a range, the wind."""
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -12,8 +12,7 @@ from onboard.estimators.leader.image.camera_pose import CameraPose, CameraPoses
 from onboard.estimators.leader.image.detector import NoiseScale
 from onboard.estimators.leader.image.measurement import Measurement
 from onboard.estimators.leader.image.prepare import Image, measured, newest_pose
-from onboard.estimators.leader.tracks.guard import sight
-from onboard.estimators.leader.tracks.report import AuxiliaryOutcome, Outcome
+from onboard.estimators.leader.tracks.doubts import sight
 from onboard.filters.belief import FilterError, Update
 from onboard.ownship import Ownship
 
@@ -24,6 +23,31 @@ class TrackState(NamedTuple):
     leader: Any
     noise: NoiseScale
     supposed: float = 1.0
+
+
+class Distance(NamedTuple):
+    """How far an image is from a prediction, in order: whether it is beyond the gate, and then the NIS, or else
+    NIS and spread together: of two predictions that an image fits, the sharper one is nearer."""
+
+    beyond: bool
+    misfit: float
+
+
+FAR: Final = Distance(True, math.inf)
+
+
+class Outcome(NamedTuple):
+    """The filter's update by an image, and whether the gate let it pass."""
+
+    fused: bool
+    update: Update
+
+
+class AuxiliaryOutcome(NamedTuple):
+    """What was inserted was no image: whether it was used."""
+
+    used: bool
+    fused: bool = False
 
 
 def advance(filter_: BeliefFilter, state: TrackState, t0_ns: int, t1_ns: int, ownship: Ownship) -> TrackState:
@@ -59,7 +83,7 @@ def fuse(
     except FilterError:
         if taken.has_extent:
             raise
-        return state, Outcome(False, _refused(measurement, leader), leader, pose)
+        return state, Outcome(False, _refused(measurement, leader))
     noise = state.noise
     if math.isfinite(update.nis):
         noise = noise.after(update.innovation, update.innovation_covariance, measurement.noise)
@@ -69,7 +93,7 @@ def fuse(
     next_ = state._replace(leader=update.belief if fused else leader, noise=noise)
     if fused and taken.has_extent and noise.is_larger_than(state.supposed):
         next_ = _begun_anew(filter_, next_, measured(taken, filter_.shape, noise.scale), pose)
-    return next_, Outcome(fused, update, leader, pose)
+    return next_, Outcome(fused, update)
 
 
 def _begun_anew(

@@ -46,18 +46,17 @@ class FrameFit(NamedTuple):
 
 
 class GimbalFrames:
-    """A track of the leader for each frame, by `filter_`, and the evidence against the flagged frame. `cameras`
-    that are on no gimbal, or whose `gimbal_frame` is configured, cost nothing."""
+    """A track of the leader for each frame, by `filter_`, and the evidence against the flagged frame, of the
+    `cameras` of which that `may_be_contradicted`."""
 
     def __init__(self, name: str, filter_: BeliefFilter, config: Config, cameras: Camera) -> None:
         self._cameras, self._gains = cameras, dict.fromkeys(WORDS, 0.0)
         self._flagged: MountFrame = "heading"
         self._found: MountFrame | None = None
         self._tracks: dict[MountFrame, Track] = {}
-        if any(_is_flagged(camera) for camera in (cameras, *cameras.others)):
-            for frame in get_args(MountFrame):
-                poses = CameraPoses(_against(cameras, frame))
-                self._tracks[frame] = Track(name, name, filter_, poses, config, noise=NoiseScale(is_fixed=True))
+        for frame in get_args(MountFrame):
+            poses = CameraPoses(_against(cameras, frame))
+            self._tracks[frame] = Track(name, name, filter_, poses, config, noise=NoiseScale(is_fixed=True))
 
     def observe(self, message: TargetImage, ownship: Ownship) -> None:
         """An image of the leader."""
@@ -95,6 +94,11 @@ class GimbalFrames:
             f"the gimbal's angles are flagged as against {WORDS[self._flagged]}, but the images fit angles "
             f'against {WORDS[self._found]}: set `gimbal_frame = "{self._found}"`, if they are',
         )
+
+
+def may_be_contradicted(cameras: Camera) -> bool:
+    """Whether one of the cameras is on a gimbal whose `gimbal_frame` is not configured: its flags say it."""
+    return any(_is_flagged(camera) for camera in (cameras, *cameras.others))
 
 
 def _is_flagged(camera: Camera) -> bool:

@@ -1,57 +1,24 @@
-"""Reports on single images: what was measured, what was predicted, and the verdict; and the estimate."""
+"""What is published of a target: reports on single images, with what was measured, what was predicted, and the
+verdict; the estimate; and how often."""
 
 import math
 from collections.abc import Iterable
-from typing import Any, Final, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from onboard.estimators.kit.reports import image_report, of_belief
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter
 from onboard.estimators.leader.hypotheses.places import Place
-from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import points_of
 from onboard.estimators.leader.image.prepare import Image
+from onboard.estimators.leader.tracks.fusing import Outcome
 from onboard.estimators.leader.tracks.life_cycle import LifeCycle
-from onboard.filters.belief import Belief, Update
-from onboard.messages import (
-    Estimate,
-    ImagePoint,
-    MeasurementReport,
-    Mode,
-    TargetImage,
-    Vec3,
-    Verdict,
-)
+from onboard.filters.belief import Belief
+from onboard.geometry.units import NS_PER_S
+from onboard.messages import Estimate, ImagePoint, MeasurementReport, Mode, TargetImage, Vec3, Verdict
 from onboard.models import relative_motion
 from onboard.models.relative_motion import POSITION, VELOCITY
-
-
-class Distance(NamedTuple):
-    """How far an image is from a prediction, in order: whether it is beyond the gate, and then the NIS, or else
-    NIS and spread together: of two predictions that an image fits, the sharper one is nearer."""
-
-    beyond: bool
-    misfit: float
-
-
-FAR: Final = Distance(True, math.inf)
-
-
-class Outcome(NamedTuple):
-    """The filter's update of state `prior` by an image, and whether the gate let it pass."""
-
-    fused: bool
-    update: Update
-    prior: Any
-    pose: CameraPose
-
-
-class AuxiliaryOutcome(NamedTuple):
-    """What was inserted was no image: whether it was used."""
-
-    used: bool
-    fused: bool = False
 
 
 def report(
@@ -118,3 +85,33 @@ def _predicted_points(image: Image, outcome: Outcome) -> tuple[ImagePoint, ...] 
     """The predicted image points, None if one is behind the camera."""
     points = points_of(image.measurement.axes, outcome.update.predicted).tolist()
     return tuple((u, v) for u, v in points) if all(math.isfinite(u + v) for u, v in points) else None
+
+
+class RateLimit:
+    """When a target's next estimate is due, so that there are `rate_hz` a second on average, those with an image
+    included.
+
+    Estimates are of the times of navigation samples: where these come every 20 ms, 30 images a second bring an
+    estimate after 20 or 40 ms. So the next one is due an interval after the last one was due, not after it came.
+    One that comes early postpones the next one by an interval at most.
+    """
+
+    def __init__(self, rate_hz: float) -> None:
+        self._interval_ns = round(NS_PER_S / rate_hz)
+        self._due_ns: int | None = None
+
+    def published(self, t_ns: int) -> None:
+        """An estimate of this time was published, with or without an image."""
+        due_ns = t_ns if self._due_ns is None else self._due_ns
+        counted_ns = min(max(due_ns, t_ns - self._interval_ns), t_ns + self._interval_ns)
+        self._due_ns = counted_ns + self._interval_ns
+
+    def is_due(self, t_ns: int) -> bool:
+        """Whether to predict and publish at this time; also when time has gone back."""
+        if self._due_ns is None:
+            return True
+        return not 0 < self._due_ns - t_ns <= 2 * self._interval_ns
+
+    def clear(self) -> None:
+        """Forget all times: the next estimate is due at once."""
+        self._due_ns = None

@@ -15,6 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from onboard.estimators.kit.history import History
+from onboard.estimators.leader.assumptions import Size
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary, Report
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter
@@ -23,22 +24,11 @@ from onboard.estimators.leader.hypotheses.wind import Wind
 from onboard.estimators.leader.image.camera_pose import CameraPoses
 from onboard.estimators.leader.image.detector import NoiseScale, Repeats
 from onboard.estimators.leader.image.prepare import Image, agree, hold, prepare
-from onboard.estimators.leader.prior import Prior
-from onboard.estimators.leader.size import Size
-from onboard.estimators.leader.tracks.exchange import LEAPT, Classes, Exchange
-from onboard.estimators.leader.tracks.fusing import TrackState, advance, fuse, seen
-from onboard.estimators.leader.tracks.guard import ASTRAY, Guard, LastSight
+from onboard.estimators.leader.reports.prior import Prior
+from onboard.estimators.leader.tracks.doubts import ASTRAY, LEAPT, Classes, Exchange, Guard, LastSight
+from onboard.estimators.leader.tracks.fusing import FAR, Distance, Outcome, TrackState, advance, fuse, seen
 from onboard.estimators.leader.tracks.life_cycle import Facts, LifeCycle
-from onboard.estimators.leader.tracks.rate_limit import RateLimit
-from onboard.estimators.leader.tracks.report import (
-    FAR,
-    Distance,
-    Outcome,
-    modes_of,
-    published,
-    report,
-    with_attitude,
-)
+from onboard.estimators.leader.tracks.report import RateLimit, modes_of, published, report, with_attitude
 from onboard.filters.belief import Belief, FilterError
 from onboard.filters.definite import factor
 from onboard.geometry.units import NS_PER_S
@@ -60,10 +50,10 @@ TOO_WIDE: Final = 0.2  # of the range: a position less certain is not corrected,
 
 class Track:
     """All state of one target. `direction_n` (3,) is where the target was estimated last, None without a track;
-    `half_wing` how long half its wing appears at most, in focal lengths; `is_metric`: its range is that of
-    poses, and says nothing of the size; `held`: images that are to start it; `repeats`: its stamps; `rate_limit`:
-    when a tick is due; `sequence` and `life`: counts that go on with its name. A track that is `full`, one too
-    many, rejects every image. `may_begin`: asked, by target and time, before its filter starts."""
+    `half_wing` how long half its wing appears at most, in focal lengths; `held`: images that are to start it;
+    `repeats`: its stamps; `rate_limit`: when a tick is due; `sequence` and `life`: counts that go on with its
+    name. A track that is `full`, one too many, rejects every image. `may_begin`: asked, by target and time, before
+    its filter starts."""
 
     def __init__(
         self,
@@ -79,7 +69,7 @@ class Track:
     ) -> None:
         self.target, self._may_begin = target, may_begin
         self.direction_n: tuple[float, ...] | None = None
-        self.half_wing, self.is_metric, self._full = 1.0, False, full
+        self.half_wing, self._full = 1.0, full
         self._name, self._filter, self._poses, self._config = name, filter_, poses, config
         self._history: History[TrackState, Ownship] | None = None
         self._images = config.initialise_images  # that must agree before a track starts
@@ -101,7 +91,14 @@ class Track:
     def observe(self, message: TargetImage, ownship: Ownship, prepared: Image | None = None) -> Estimate:
         """Check an image, then start the track with it or fuse it; `prepared`, where that has been done."""
         try:
-            measurement = self._judge(message, ownship, prepared)
+            image = self._checked(message, ownship, prepared)
+            history = self._history
+            if isinstance(image, MeasurementReport):
+                measurement = image
+            elif history is not None and not self._is_wide(history, message.t_ns, ownship):
+                measurement = self._insert(history, image, ownship)
+            else:
+                measurement = self._begin(image, ownship, history)
         except FilterError as error:
             self._fail(error)
             measurement = self._report(message, Verdict.NUMERICAL)
@@ -225,8 +222,10 @@ class Track:
 
     # ------------------------------------------------------------------------------- measurements
 
-    def _judge(self, message: TargetImage, ownship: Ownship, prepared: Image | None) -> MeasurementReport:
-        """Use an image if it can be used, and report the verdict."""
+    def _checked(
+        self, message: TargetImage, ownship: Ownship, prepared: Image | None
+    ) -> Image | MeasurementReport:
+        """The image if it can be used, else the report of why not."""
         if self._full:
             return self._report(message, Verdict.FULL)
         settings = self._filter.shape, self._config, self.half_wing, self.noise.scale
@@ -242,8 +241,13 @@ class Track:
         history = self._history
         if history is not None and not history.reaches(message.t_ns):
             return self._report(message, Verdict.TOO_OLD, image)
-        if history is not None and not self._is_wide(history, message.t_ns, ownship):
-            return self._insert(history, image, ownship)
+        return image
+
+    def _begin(
+        self, image: Image, ownship: Ownship, history: History[TrackState, Ownship] | None
+    ) -> MeasurementReport:
+        """Let an image start the track, anew if there is one; a direction alone starts none."""
+        message = image.message
         if not image.has_extent:
             return self._report(message, Verdict.DIRECTION_ONLY, image)
         if history is not None and self.expects(image, ownship).beyond:
@@ -370,7 +374,6 @@ class Track:
         self.direction_n = None
         if found is not None:
             t_ns, belief, left = found
-            self.is_metric = left.is_metric
             coasting = self.life.is_coasting(t_ns)
             in_view = not coasting or self._poses.see(belief.mean[POSITION], t_ns, ownship)
             doubts = self._doubts(t_ns, belief, ownship)

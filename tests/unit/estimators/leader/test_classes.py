@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from onboard.estimators.leader.tracks.exchange import Classes
+from onboard.estimators.leader.tracks.doubts import Classes
 from onboard.messages import Lifecycle, TargetPoints
 from tests.support.streams import MS, SIZE, Flight, Run, S, Stream, advance, make_config, position_nees
 

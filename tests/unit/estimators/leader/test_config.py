@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from onboard.config import ConfigError, load_config
+from onboard.estimators.leader.assumptions import PROBABILITIES, NoseModel, overridden
 from onboard.estimators.leader.config import Config
-from onboard.estimators.leader.settings import PROBABILITIES, NoseModel, overridden
 
 ROOT = Path(__file__).parents[4]
 KEY = "estimator.leader.process_noise"

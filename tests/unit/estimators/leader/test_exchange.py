@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from onboard.estimators.leader.image.prepare import Image
-from onboard.estimators.leader.tracks.exchange import Exchange
+from onboard.estimators.leader.tracks.doubts import Exchange
 
 FORGOTTEN_S = 5.0
 

@@ -26,7 +26,7 @@ def test_an_image_that_shows_the_whole_ends_the_track_and_a_direction_alone_cost
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(fusing, "newest_pose", lambda *_: SimpleNamespace(noise_c=None))
-    monkeypatch.setattr(fusing, "refused", lambda *_: "an update")
+    monkeypatch.setattr(fusing, "_refused", lambda *_: "an update")
     monkeypatch.setattr(fusing, "measured", lambda taken, *_: taken.measurement)
     filter_: Any = Refusing()
     none: Any = None
@@ -39,6 +39,6 @@ def test_an_image_that_shows_the_whole_ends_the_track_and_a_direction_alone_cost
     before = fusing.TrackState("a state", NoiseScale())
     state, outcome = fusing.fuse(filter_, none, before, image(has_extent=False), none)
     assert state == before
-    assert (outcome.fused, outcome.update, outcome.prior) == (False, "an update", "a state")
+    assert (outcome.fused, outcome.update) == (False, "an update")
     with pytest.raises(FilterError, match="not positive definite"):
         fusing.fuse(filter_, none, before, image(has_extent=True), none)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
-from onboard.estimators.leader.tracks.guard import Guard
+from onboard.estimators.leader.tracks.doubts import Guard
 from onboard.filters.belief import Belief
 from onboard.models.relative_motion import SIZE
 from onboard.ownship import Ownship, Step

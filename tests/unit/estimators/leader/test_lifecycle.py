@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from onboard.estimators.leader.tracks.guard import Guard
+from onboard.estimators.leader.tracks.doubts import Guard
 from onboard.messages import Cause, Datagram, Lifecycle, Reason, TargetPoints, Verdict
 from tests.support.streams import (
     CIRCLE,

@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.estimators.leader import estimator as leader
-from onboard.estimators.leader.tracks.rate_limit import RateLimit
+from onboard.estimators.leader.tracks.report import RateLimit
 from onboard.geometry.camera import make_camera
 from onboard.messages import Cause, Estimate, Message, Reason, TargetPoints
 from onboard.ownship import Ownship

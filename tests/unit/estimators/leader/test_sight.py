@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from onboard.estimators.leader.image.camera_pose import CameraPose
-from onboard.estimators.leader.tracks.guard import LastSight, sight
+from onboard.estimators.leader.tracks.doubts import LastSight, sight
 from tests.support.streams import S
 
 NORTH = CameraPose(np.eye(3), np.array([0.3, 0.0, 0.0]), np.zeros(3), np.zeros(3))  # looks north, from our nose

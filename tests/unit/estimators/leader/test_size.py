@@ -2,7 +2,7 @@
 
 import pytest
 
-from onboard.estimators.leader.size import Size
+from onboard.estimators.leader.assumptions import Size
 from onboard.messages import Cause, Reason
 from onboard.models.relative_motion import SIZE
 from tests.support.streams import SIZE as TRUE_SIZE

@@ -10,7 +10,7 @@ from onboard.estimators.leader.hypotheses.cloud import Cloud
 from onboard.estimators.leader.hypotheses.start import start
 from onboard.estimators.leader.hypotheses.wing import BANK_ERROR, POSITION, STRETCH
 from onboard.estimators.leader.image.camera_pose import CameraPose
-from tests.unit.estimators.leader.test_noses import SETTINGS, STILL, image
+from tests.unit.estimators.leader.hypotheses.test_noses import SETTINGS, STILL, image
 
 # Images correct each hypothesis, and say nothing of which one is right; none is drawn anew.
 SILENT = SETTINGS._replace(evidence_rate=1e-12, fewest=SETTINGS.particles, resample=1e-9)

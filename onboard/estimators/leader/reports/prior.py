@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.size import Size
+from onboard.estimators.leader.assumptions import Size
 from onboard.filters.belief import Belief
 from onboard.geometry.units import S_PER_NS
 from onboard.messages import WarmState

@@ -6,7 +6,7 @@ import pytest
 from onboard.estimators.leader.hypotheses import points
 from onboard.estimators.leader.hypotheses.wing import POSITION, N
 from onboard.estimators.leader.image.shape import HIGHEST, LOWEST, Posture, ShapeRows
-from tests.unit.models.test_apparent_shape import POINTS, axes_of, drawn
+from tests.unit.estimators.leader.hypotheses.test_points import POINTS, axes_of, drawn
 
 POSTURE = Posture(1.0, 0.1, 0.03)
 

@@ -16,7 +16,7 @@ from onboard.estimators.leader.image.measurement import Measurement, points_of
 from onboard.filters.belief import FilterError
 from onboard.models.relative_motion import POSITION, VELOCITY
 from onboard.ownship import Step
-from tests.unit.estimators.leader.test_noses import image
+from tests.unit.estimators.leader.hypotheses.test_noses import image
 
 STILL = CameraPose(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
 DT = 1.0 / 30.0

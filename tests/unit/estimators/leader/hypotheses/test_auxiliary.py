@@ -7,15 +7,15 @@ import pytest
 from numpy.testing import assert_allclose
 
 from onboard.arrays import Array
-from onboard.estimators.leader.broadcast import biases_of
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses import prediction, update
 from onboard.estimators.leader.hypotheses.auxiliary import DELAY, DISTANCE, TURN, Auxiliary, Range, Report
 from onboard.estimators.leader.hypotheses.cloud import Bias, Cloud
 from onboard.estimators.leader.hypotheses.update import corrected
 from onboard.estimators.leader.hypotheses.wing import ACCELERATION, LOG_SIZE, POSITION, STEADY, TIED, VELOCITY, N
+from onboard.estimators.leader.reports.broadcast import biases_of
 from onboard.filters.belief import FilterError
-from tests.unit.estimators.leader.test_belief import filter_of, watched
+from tests.unit.estimators.leader.hypotheses.test_belief import filter_of, watched
 from tests.unit.estimators.leader.test_pose import settings_of
 
 RANGE, SPEED = 28.0, 20.0  # m, m/s

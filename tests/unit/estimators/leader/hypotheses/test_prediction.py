@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
+from onboard.estimators.leader.assumptions import NoseModel
 from onboard.estimators.leader.hypotheses import prediction
 from onboard.estimators.leader.hypotheses import wing as model
 from onboard.estimators.leader.hypotheses.cloud import Cloud
 from onboard.estimators.leader.hypotheses.start import start
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import Measurement
-from onboard.estimators.leader.settings import NoseModel
 
 NOSES = NoseModel(
     size=2.0, size_sigma=0.04, misalignment=(0.007, 0.007, 0.024), misalignment_time=60.0, own_velocity=0.1

@@ -12,6 +12,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.kit.frame import Frame
 from onboard.estimators.kit.peer_position import STANDSTILL, ReportedPosition, of_adsb, of_peer
+from onboard.estimators.leader.assumptions import NoseModel
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses.auxiliary import (
     DELAY,
@@ -22,7 +23,6 @@ from onboard.estimators.leader.hypotheses.auxiliary import (
     Report,
 )
 from onboard.estimators.leader.hypotheses.cloud import Bias
-from onboard.estimators.leader.settings import NoseModel
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import (
     AdsbVehicle,

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
+from onboard.estimators.leader.assumptions import NoseModel
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses import wing as model
 from onboard.estimators.leader.hypotheses.belief import make_filter
@@ -14,7 +15,6 @@ from onboard.estimators.leader.hypotheses.places import Place, places
 from onboard.estimators.leader.hypotheses.summary import summarise
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import measure_wing
-from onboard.estimators.leader.settings import NoseModel
 
 SETTINGS = NoseModel(
     size=2.0, size_sigma=0.02, misalignment=(0.01, 0.01, 0.01), misalignment_time=60.0, own_velocity=0.1
@@ -91,7 +91,7 @@ def test_the_filter_says_what_is_open_and_where_relative_to_us() -> None:
     v_F_n = np.array([2.0, 0.0, 0.0])
     pose = CameraPose(np.eye(3), np.zeros(3), v_F_n, np.zeros(3))
     state = filter_.start(measure_wing(points, np.full(3, 0.002), filter_.shape), pose, None)
-    reason, found_places, _ = filter_.open_question(state)
+    reason, found_places = filter_.open_question(state)
     assert reason == "heading not resolved: the range is uncertain"
     assert sum(place.weight for place in found_places) == pytest.approx(1.0)
     for place in found_places:  # a leader of which one image is known flies as we do, or hovers

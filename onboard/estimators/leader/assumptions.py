@@ -11,6 +11,13 @@ PARTICLES: Final = 900  # hypotheses at most
 SECTION: Final = "estimator.leader.process_noise"
 
 
+class Size(NamedTuple):
+    """The wingspan and its standard deviation, m."""
+
+    value: float
+    sigma: float
+
+
 class NoseModel(NamedTuple):
     """What the cloud of noses assumes: how a leader of unknown nose flies, and our own errors.
 
@@ -91,8 +98,6 @@ class NoseModel(NamedTuple):
 OVERRIDABLE: Final = frozenset(NoseModel._fields) - {
     *("size", "size_sigma", "misalignment_time", "own_velocity", "air_sigma"),  # keys of their own
 }
-
-
 PROBABILITIES: Final = frozenset({"on_course", "accelerating", "hovering", "tied", "turning", "resample"})
 
 

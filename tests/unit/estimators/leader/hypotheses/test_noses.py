@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
+from onboard.estimators.leader.assumptions import NoseModel
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses import prediction, update
 from onboard.estimators.leader.hypotheses import wing as model
@@ -16,7 +17,6 @@ from onboard.estimators.leader.hypotheses.summary import Summary, summarise, wit
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import Measurement, from_points
 from onboard.estimators.leader.image.shape import shape_of
-from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.belief import FilterError
 
 SETTINGS = NoseModel(

@@ -1,0 +1,276 @@
+"""What may contradict that what is followed is the leader, and where it is believed. `life_cycle` asks: while any
+of these holds, the leader is lost.
+
+**Another object** (`Exchange`). An aircraft moves on from image to image. An object that another one is
+exchanged for, by a detector, leaps: in direction, or in apparent size. If from a leap on no image fits the
+track, one of the two is not the target, and nothing says which. The new track is then in question until the
+images leap back, or until the old one would have been forgotten anyway.
+
+**Another class** (`Classes`). A detector's classes flicker, and its first one may be wrong. So the class of most
+images of the last seconds is believed, and the size with it. While two classes come about equally often, nothing
+is.
+
+**Another range** (`Guard`). A filter that is sure of a wrong range does not notice it by its own innovations.
+Two things can still contradict it. A wing cannot look larger than it does broadside: whoever claims a range at
+which it would have to is wrong. And what was published some seconds ago, carried on by our known motion alone,
+must agree with what is published now: a range that moved farther than both covariances and a manoeuvre allow was
+wrong then, or is wrong now.
+
+It cannot see a range that is wrong and stays so. docs/measurements.md says how much it finds.
+
+**Another side** (`LastSight`). A leader that was seen is in front of the camera that saw it, and soon after it
+is not far from there: a place mirrored through us has the right range, and no range shows the difference.
+"""
+
+import math
+from collections import deque
+from typing import Final, Generic, NamedTuple, TypeVar
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.estimators.leader.image.camera_pose import CameraPose
+from onboard.estimators.leader.image.prepare import Image
+from onboard.filters.belief import Belief
+from onboard.geometry.units import NS_PER_S
+from onboard.messages.causes import Cause, Reason
+from onboard.models.relative_motion import POSITION, SIZE, VELOCITY
+from onboard.ownship import Ownship
+
+LONGEST_S: Final = 0.3  # between two images: over longer gaps an aircraft may have moved anywhere
+LEAP: Final = math.radians(2.0)  # a direction that changes by more ...
+SWIFTEST: Final = math.radians(60.0)  # ... and faster than this, 1/s, leaps; as 10 m/s across at 10 m
+RATIO: Final = 1.3  # so does an apparent size that changes by more
+NOISE_SIGMAS: Final = 4.0  # of both sizes' noise, where that is larger
+OFTEN: Final = 0.75  # of the images of the believed class: another class that is as frequent leaves it open
+LEAPT: Final = Reason(Cause.LEAPT, "the images leapt: another object may have taken its place")
+K = TypeVar("K")
+PERIOD_NS: Final = 100_000_000  # between checks
+LOOKS_BACK_S: Final = 3.0
+ACCELERATION: Final = 1.5  # m/s^2, one standard deviation, of a leader that is not known to accelerate
+SIGMAS: Final = 3.0
+SPANS: Final = 5  # images whose median apparent size counts
+TOO_LARGE: Final = 0.06  # of the apparent size: three standard deviations of the wing's size, as it is configured
+CONTRADICTS: Final = Reason(
+    Cause.RANGE_CONTRADICTS, f"the range contradicts what was published {LOOKS_BACK_S:g} s ago"
+)
+WING_TOO_LARGE: Final = Reason(Cause.WING_TOO_LARGE, "the wing looks too large for its range")
+FARTHEST: Final = math.radians(30.0)  # from the last sight: no place farther off is believed
+ASTRAY: Final = Reason(
+    Cause.ASTRAY, f"it would be more than {math.degrees(FARTHEST):.0f} degrees from where it was last seen"
+)
+
+
+class Exchange:
+    """The newest image that was fused, the first that was not, and until when the track is in question."""
+
+    def __init__(self, forgotten_after_s: float) -> None:
+        self._forgotten_after_ns = round(forgotten_after_s * NS_PER_S)
+        self._fused: Image | None = None
+        self._gated: Image | None = None
+        self._before: Image | None = None  # the newest image of what was followed before
+        self._until_ns = 0
+
+    def fused(self, image: Image) -> None:
+        """A track took an image."""
+        self._gated = None
+        if self._fused is None or image.message.t_ns > self._fused.message.t_ns:
+            self._fused = image
+
+    def gated(self, image: Image) -> None:
+        """A track did not take an image."""
+        if self._gated is None:
+            self._gated = image
+
+    def ended(self) -> None:
+        """The track has ended, as no image fits it: the next one is in question if the images had leapt; unless
+        they have leapt back."""
+        last, first = self._fused, self._gated
+        self._fused = self._gated = None
+        if last is None or first is None or not leaps(last, first):
+            return
+        if self._before is not None and _is_as_big(self._before, first):
+            self._before, self._until_ns = None, 0
+            return
+        if last.message.t_ns > self._until_ns:
+            self._before = last
+        self._until_ns = last.message.t_ns + self._forgotten_after_ns
+
+    def is_in_question(self, t_ns: int) -> bool:
+        """Whether what is followed may be another object."""
+        return t_ns < self._until_ns
+
+    def clear(self) -> None:
+        """Forget all images."""
+        self._fused = self._gated = self._before = None
+        self._until_ns = 0
+
+
+class Classes(Generic[K]):
+    """What the detector takes a target for: `kind`, by the images of the last seconds (`memory_s`, as a time
+    constant). A class that is not configured is None: it says nothing against those that are."""
+
+    def __init__(self, memory_s: float) -> None:
+        self.kind: K | None = None
+        self._memory_s, self._t_ns = memory_s, 0
+        self._names: dict[K | None, str] = {}  # the newest of each kind
+        self._weights: dict[K | None, float] = {}
+
+    def add(self, kind: K | None, name: str, t_ns: int) -> bool:
+        """An image of this time was taken for `name`. Whether another kind is believed from now on: one that comes
+        twice as often as the one before."""
+        passed_s, self._t_ns = max(t_ns - self._t_ns, 0) / NS_PER_S, max(t_ns, self._t_ns)
+        decay = math.exp(-passed_s / self._memory_s)
+        self._weights = {each: decay * weight for each, weight in self._weights.items()}
+        self._names[kind] = name
+        self._weights[kind] = self._weights.get(kind, 0.0) + 1.0
+        often = 0.5 if self.kind is None else 2.0
+        if kind in (None, self.kind) or self._weights[kind] <= often * self._weights.get(self.kind, 0.0):
+            return False
+        self.kind = kind
+        return True
+
+    @property
+    def doubt(self) -> Reason | None:
+        """Why it is open what the target is, None if it is not."""
+        if self.kind is None:
+            return None
+        others = {k: w for k, w in self._weights.items() if k not in (None, self.kind)}
+        most = max(others, key=others.__getitem__, default=None)
+        if most is None or others[most] < OFTEN * self._weights[self.kind]:
+            return None
+        words = f"the detector takes it now for {self._names[self.kind]}, now for {self._names[most]}"
+        return Reason(Cause.CLASS_OPEN, words)
+
+
+def leaps(before: Image, after: Image) -> bool:
+    """Whether no aircraft can look so shortly after it looked like that."""
+    dt = (after.message.t_ns - before.message.t_ns) / NS_PER_S
+    if not 0.0 < dt < LONGEST_S:
+        return False
+    angle = math.acos(float(np.clip(before.direction_n @ after.direction_n, -1.0, 1.0)))
+    return angle > LEAP + SWIFTEST * dt or (
+        before.has_extent and after.has_extent and not _is_as_big(before, after)
+    )
+
+
+def _is_as_big(a: Image, b: Image) -> bool:
+    a_, b_ = a.measurement, b.measurement
+    if a_.has_wing != b_.has_wing:  # a wing and a box cannot be compared
+        return True
+    noise = NOISE_SIGMAS * math.hypot(a_.span_sigma / a_.span, b_.span_sigma / b_.span)
+    return abs(math.log(a_.span / b_.span)) < max(math.log(RATIO), noise)
+
+
+class PastMotion(NamedTuple):
+    """What was published: r_FL_n and v_L_n (6,), their covariance (6, 6), and how far we had moved (3,) m."""
+
+    t_ns: int
+    motion: Array
+    covariance: Array
+    moved: Array
+
+
+class Guard:
+    """The check of one track."""
+
+    def __init__(self) -> None:
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all: another track begins."""
+        self._spans: deque[tuple[float, float]] = deque(maxlen=SPANS)
+        self._published: deque[PastMotion] = deque()
+        self._moved, self._until_ns = np.zeros(3), 0
+        self._found: Reason | None = None
+
+    def seen(self, span: float, sigma: float) -> None:
+        """An image was fused in which the wing appears this long, rad."""
+        self._spans.append((span, sigma))
+
+    def contradiction(self, t_ns: int, belief: Belief, ownship: Ownship) -> Reason | None:
+        """What contradicts a belief that is to be published, None if nothing does."""
+        if t_ns - self._until_ns < PERIOD_NS:
+            return self._found
+        if not 0 < t_ns - self._until_ns < NS_PER_S:  # the first of a track, or after a gap
+            self._published.clear()
+        v_F_n = self._go(t_ns, ownship)
+        if v_F_n is None:
+            return self._found
+        motion = np.concatenate([belief.mean[POSITION], belief.mean[VELOCITY] + v_F_n])
+        now = PastMotion(t_ns, motion, belief.covariance[:6, :6], self._moved)
+        while self._published and t_ns - self._published[0].t_ns > LOOKS_BACK_S * NS_PER_S:
+            before = self._published.popleft()
+            self._found = CONTRADICTS if disagree(before, now) else None
+        self._published.append(now)
+        if self._looks_too_large(belief):
+            return WING_TOO_LARGE
+        return self._found
+
+    def _go(self, t_ns: int, ownship: Ownship) -> Array | None:
+        """Our motion up to t_ns is added; our velocity then, None if it is not known."""
+        steps = ownship.steps(self._until_ns if self._published else t_ns - PERIOD_NS, t_ns)
+        self._until_ns = t_ns
+        if not steps:
+            return None
+        self._moved = self._moved + sum(step.dt * step.v0 + 0.5 * step.dt**2 * step.a for step in steps)
+        return steps[-1].v1
+
+    def _looks_too_large(self, belief: Belief) -> bool:
+        """Whether the wing, of the size that the belief has, looks longer than broadside at its range."""
+        if len(self._spans) < SPANS:
+            return False
+        span, sigma = sorted(self._spans)[SPANS // 2]
+        r = belief.mean[POSITION]
+        distance = math.sqrt(r @ r)
+        along = math.sqrt(max(float(r @ belief.covariance[POSITION, POSITION] @ r), 0.0)) / distance**2
+        allowed = TOO_LARGE + SIGMAS * (along + sigma / span)
+        return math.log(span * distance / belief.mean[SIZE]) > allowed
+
+
+def disagree(before: PastMotion, now: PastMotion) -> bool:
+    """Whether a range is not what an earlier one becomes, at constant velocity of the leader and by our motion."""
+    dt = (now.t_ns - before.t_ns) / NS_PER_S
+    predicted = before.motion[:3] + dt * before.motion[3:] - (now.moved - before.moved)
+    line = now.motion[:3] / np.linalg.norm(now.motion[:3])
+    F = np.concatenate([line, dt * line])
+    variance = F @ before.covariance @ F + line @ now.covariance[:3, :3] @ line + (0.5 * ACCELERATION * dt**2) ** 2
+    return bool(abs(line @ (now.motion[:3] - predicted)) > SIGMAS * math.sqrt(variance))
+
+
+class LineOfSight(NamedTuple):
+    """A direction (3,), a unit vector in n, from a camera at r_FC_n (3,) m."""
+
+    direction_n: Array
+    r_FC_n: Array
+
+    def shows(self, r_FL_n: Array) -> bool:
+        """Whether a place (3,) m is near this line of sight, and on the right side of us."""
+        r = r_FL_n - self.r_FC_n
+        return bool(self.direction_n @ r > math.cos(FARTHEST) * math.sqrt(r @ r))
+
+
+def sight(axes: Array, pose: CameraPose) -> LineOfSight:
+    """The sight of an image with these measured `axes` (3, 3) in c (see `image.measurement`)."""
+    return LineOfSight(axes[0] @ pose.R_cn, pose.r_FC_n)
+
+
+class LastSight:
+    """The newest sight of one leader."""
+
+    def __init__(self) -> None:
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget it: another track begins."""
+        self._t_ns = 0
+        self._sight: LineOfSight | None = None
+
+    def see(self, t_ns: int, axes: Array, pose: CameraPose) -> None:
+        """An image was fused."""
+        if t_ns >= self._t_ns:
+            self._t_ns, self._sight = t_ns, sight(axes, pose)
+
+    def contradicts(self, r_FL_n: Array) -> bool:
+        """Whether a place (3,) m is far from it."""
+        return self._sight is not None and not self._sight.shows(r_FL_n)
