@@ -219,8 +219,8 @@ class Pipeline:
     def _route(self, message: Message, stamp_ns: int) -> list[Output]:
         """Own motion goes to ownship; images that waited for it follow, and a navigation sample (position and
         velocity) then predicts every estimate to now. Any other message goes to the estimators that listen."""
-        if isinstance(message, SENSED) and self._waiting.takes(message, self.ownship):
-            return []
+        if isinstance(message, SENSED):
+            return [] if self._waiting.takes(message, self.ownship) else self._observe(message)
         outputs: list[Output] = []
         if isinstance(message, Attitude):
             self._attitude_recv_ns = message.t_recv_ns

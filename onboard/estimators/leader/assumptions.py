@@ -1,11 +1,17 @@
-"""What is assumed of how a leader flies and of noise, and how `process_noise` overrides it.
+"""The numbers that the leader's filter believes, and why: how a leader flies (`NoseModel`, of which
+`process_noise` overrides single ones), and below that how aircraft look, how detectors and our own state err, and
+the wind.
+
+How a measurement is gated and weighed stands with the code that does it (`hypotheses.update`). So do the speeds at
+which compiled arithmetic changes from one case to another (`hypotheses.wing`, `hypotheses.prediction`): machine
+code is made anew only when its own file changes.
 
 Plain numbers: reading a configuration imports neither NumPy nor Numba.
 """
 
 import math
 from collections.abc import Mapping
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 PARTICLES: Final = 900  # hypotheses at most
 SECTION: Final = "estimator.leader.process_noise"
@@ -116,3 +122,53 @@ def overridden(model: NoseModel, overrides: Mapping[str, float]) -> NoseModel:
         if name in PROBABILITIES and not value < 1:
             raise ValueError(f"{key} must be below 1, not {value}")
     return model._replace(**dict(overrides))  # type: ignore[arg-type]  # all are numbers, by `known`
+
+
+# Of aircraft, in b (FRD) for a wingspan of 1.
+# A box also bounds what has no name. Small aircraft are about as long as three quarters of their span; fuselages
+# are a tenth of it high.
+FUSELAGE: Final = ((0.36, 0.0, 0.0), (-0.4, 0.0, 0.0))
+THICKNESS: Final = ((0.0, 0.0, -0.07), (0.0, 0.0, 0.05))
+ROTOR: Final = 0.8  # radius of a rotor, of half the distance to its neighbour: 0.7 to 1 by data sheets
+ROTORS_AT: Final = -0.04  # a circle that stands for all of them
+ROTORS_HIGH: Final = ((0.0, 0.0, -0.09), (0.0, 0.0, 0.19))  # canopy and feet ...
+ROTORS_HEIGHT: Final = 0.08  # ... of which each data sheet has its own: one standard deviation of top and bottom
+PITCH: Final = math.radians(7.0)  # rad, of the fuselage about the pitch that thrust implies
+
+# Of detectors: points, boxes, and poses.
+MISPLACED: Final = 0.03  # of the wingspan: how far a detector misplaces a point of an aircraft
+BOX_SHARE: Final = 0.05  # of the box's larger side: what a detector says of each side is no less
+BOX_BIAS: Final = 0.08  # of its size: a detector's boxes are all too wide, or all too narrow ...
+ROTORS_BIAS: Final = 0.1  # ... of rotors also by the 6 % (RMS) that a square of them differs from a circle ...
+GUESS_BIAS: Final = 0.15  # ... and of a wing in usual proportions, so is what they bound
+OFF_WING: Final = 0.1  # of the wing: the center from the wing's middle, where nothing is known of it
+ON_WING: Final = 0.02  # the same with `center_on_wing`, which allows 1 %; the nearer half of a wing looks longer
+OFF_BOX: Final = 0.1  # of the box's side: the center from the box's middle
+BIAS_COUNTS: Final = 4.0  # times: a filter averages some sixteen images
+TURN_BIAS: Final = math.radians(2.0)  # rad, of a marker that is mounted askew, or a model that is
+LEAST_RANGE_SIGMA: Final = 0.002  # of the range: no detector is more exact
+FLIPPED: Final = 0.2  # the probability that a rotation is the mirror image ...
+STRAY: Final = 0.02  # ... and that it says nothing
+
+# Of a fixed wing, of a leader that is supposed to fly calmly, and of the wind.
+CRAB: Final = math.radians(14.0)  # rad, of a fixed wing's nose: wind of a quarter of its speed, at one sigma
+CALM: Final[dict[str, Any]] = {
+    "intensity": (0.0, 0.0, 0.0),
+    "hovering": 0.0,
+    "accelerating": 0.0,
+    "acceleration_random_walk": (0.3, 0.3),
+    "bank": math.radians(1.0),
+}
+SLIP: Final = math.radians(3.0)  # rad, of a fixed wing's nose about its path through the air
+STRONGEST: Final = 60.0  # m/s: a stronger one is no wind
+# m/s on each axis. Of a report without one: the filters of autopilots end between 0.5 and 2, before turns above.
+USUAL_SIGMA: Final = 1.5
+# A gust of a third of a breeze of 3 m/s: what we feel is not what the leader feels.
+GUST: Final = 1.0
+
+# Of our own errors, and of what is broadcast.
+UNSURE: Final = 1.4  # times the configured errors of our attitude and velocity: their sigmas are guesses, too
+SMALLEST_SIGMA: Final = 1e-4  # rad; an axis of our attitude that is known better than this needs no state
+PRESSURE_BIAS: Final = 30.0  # m: of a height by a pressure whose reference at sea level is not known
+DELAY_TIME: Final = 600.0  # s: a link's delay lasts longer than an error of GNSS
+DRIFT: Final = 0.5  # m/s: of the autopilot's position, beside its velocity

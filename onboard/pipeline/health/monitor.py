@@ -8,9 +8,8 @@ from typing import Final
 
 from onboard.messages import Estimate, Fault, Heartbeat, Lifecycle, Message, NavState, StreamHealth, TargetImage
 from onboard.messages.causes import Cause, Reason
-from onboard.pipeline.health.cameras import Cameras
+from onboard.pipeline.health.cameras import Cameras, Hints
 from onboard.pipeline.health.consistency import Consistencies
-from onboard.pipeline.health.hints import Hints
 from onboard.pipeline.health.refusals import Refusals
 
 RATE_WINDOW_NS: Final = 2_000_000_000

@@ -7,7 +7,7 @@ from msgspec.structs import replace
 from onboard.config import Config, parse_config
 from onboard.geometry.lens import Lens
 from onboard.messages import DOUBT, Reason, Severity, TargetPoints
-from onboard.pipeline.health.hints import Hints
+from onboard.pipeline.health.cameras import Hints
 from onboard.pipeline.health.remedies import remedy_of
 from onboard.sinks.console import Console
 from onboard.wire.points import doubt_of

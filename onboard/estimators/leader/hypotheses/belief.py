@@ -8,12 +8,21 @@ noses and ranges in question.
 
 import math
 from operator import is_
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.assumptions import NoseModel, Size, overridden
+from onboard.estimators.leader.assumptions import (
+    CALM,
+    CRAB,
+    SLIP,
+    SMALLEST_SIGMA,
+    UNSURE,
+    NoseModel,
+    Size,
+    overridden,
+)
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses import prediction, update
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
@@ -29,7 +38,7 @@ from onboard.estimators.leader.hypotheses.summary import (
     as_leader,
     summarise,
 )
-from onboard.estimators.leader.hypotheses.wind import Wind, supposed
+from onboard.estimators.leader.hypotheses.wind import Wind
 from onboard.estimators.leader.hypotheses.wing import Expectation
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import COMPONENTS as MEASURED
@@ -43,17 +52,7 @@ from onboard.ownship import Step
 
 SIZES: Final = 3.0  # sigmas of the configured size
 LONGEST_S: Final = 0.25  # of a prediction of the hypotheses
-CRAB: Final = math.radians(14.0)  # rad, of a fixed wing's nose: wind of a quarter of its speed, at one sigma
 FEW: Final = 200  # hypotheses of a plain filter
-CALM: Final[dict[str, Any]] = {
-    "intensity": (0.0, 0.0, 0.0),
-    "hovering": 0.0,
-    "accelerating": 0.0,
-    "acceleration_random_walk": (0.3, 0.3),
-    "bank": math.radians(1.0),
-}
-UNSURE: Final = 1.4  # times the configured errors of our attitude: their sigmas are guesses, too
-SMALLEST_SIGMA: Final = 1e-4  # rad; an axis of our attitude that is known better than this needs no state
 
 
 class Pending(NamedTuple):
@@ -124,7 +123,7 @@ class BeliefFilter:
     ) -> State:
         """Of what was believed before, the noses are kept. `size`: as it is known by more than images."""
         wind = None if before is None else before.wind
-        settings = supposed(self._settings, wind)
+        settings = _in_wind(self._settings, wind)
         if size is not None:
             settings = settings._replace(size=size.value, size_sigma=size.sigma)
         cloud = start(settings, measurement, pose, None if before is None else before.cloud)
@@ -233,7 +232,7 @@ class BeliefFilter:
 
     def _noses(self, state: State) -> NoseModel:
         """What the hypotheses assume, with the size and the wind as they are known now."""
-        return supposed(self._settings, state.wind)
+        return _in_wind(self._settings, state.wind)
 
     def _summarised(self, state: State) -> State:
         return state._replace(summary=summarise(self._noses(state), state.cloud))
@@ -305,3 +304,11 @@ def nose_model(config: Config) -> NoseModel:
             nose_about_course=CRAB,
         )
     return overridden(model, config.process_noise)
+
+
+def _in_wind(settings: NoseModel, wind: Wind | None) -> NoseModel:
+    """What is assumed, with the wind as it is known now."""
+    if wind is not None:
+        north, east, _ = wind.velocity.tolist()
+        settings = settings._replace(air=(north, east), air_sigma=wind.sigma, nose_about_course=SLIP)
+    return settings

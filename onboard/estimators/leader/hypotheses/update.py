@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.assumptions import NoseModel
+from onboard.estimators.leader.assumptions import FLIPPED, STRAY, TURN_BIAS, NoseModel
 from onboard.estimators.leader.hypotheses import points
 from onboard.estimators.leader.hypotheses import wing as model
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
@@ -25,7 +25,7 @@ from onboard.estimators.leader.hypotheses.prediction import supposed
 from onboard.estimators.leader.hypotheses.wing import BANK_ERROR, FREE, LEAST_VISIBLE, POSITION, VELOCITY
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import Measurement
-from onboard.estimators.leader.image.pose import TURN_BIAS, PoseFeatures
+from onboard.estimators.leader.image.pose import PoseFeatures
 from onboard.estimators.leader.image.shape import MIDDLE_AND_SIZE, ShapeFeatures, only
 from onboard.filters.belief import Belief, FilterError
 from onboard.filters.gating import chi_square_threshold
@@ -41,8 +41,6 @@ PER_ROW: Final = 2.1  # more of the gate for each row of what an image shows of 
 BOXES: Final = "boxes"  # the names of biases
 POSES: Final = "poses"
 ANY_NOSE: Final = 1.0  # as `edge_on`: of a leader whose range is measured, noise depends little on its nose
-FLIPPED: Final = 0.2  # the probability that a rotation is the mirror image ...
-STRAY: Final = 0.02  # ... and that it says nothing
 
 
 def predicted(

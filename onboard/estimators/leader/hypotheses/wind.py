@@ -10,15 +10,9 @@ import numpy as np
 
 from onboard import messages
 from onboard.arrays import Array
-from onboard.estimators.leader.assumptions import NoseModel
+from onboard.estimators.leader.assumptions import GUST, STRONGEST, USUAL_SIGMA
 
-STRONGEST: Final = 60.0  # m/s: a stronger one is no wind
 TIMEOUT_NS: Final = 30_000_000_000  # after the last report it is not known any more
-# m/s on each axis. Of a report without one: the filters of autopilots end between 0.5 and 2, before turns above.
-USUAL_SIGMA: Final = 1.5
-# A gust of a third of a breeze of 3 m/s: what we feel is not what the leader feels.
-GUST: Final = 1.0
-SLIP: Final = math.radians(3.0)  # rad, of a fixed wing's nose about its path through the air
 
 
 class Wind(NamedTuple):
@@ -44,11 +38,3 @@ def wind_of(report: messages.Wind) -> Wind | None:
         return None
     sigma = USUAL_SIGMA if report.sigma is None else report.sigma
     return Wind(np.array([report.north, report.east, 0.0]), math.hypot(sigma, GUST))
-
-
-def supposed(settings: NoseModel, wind: Wind | None) -> NoseModel:
-    """What is assumed, with the wind as it is known now."""
-    if wind is not None:
-        north, east, _ = wind.velocity.tolist()
-        settings = settings._replace(air=(north, east), air_sigma=wind.sigma, nose_about_course=SLIP)
-    return settings

@@ -6,13 +6,12 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.estimators.leader.assumptions import LEAST_RANGE_SIGMA, TURN_BIAS
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.messages import RelativePose
 
-TURN_BIAS: Final = math.radians(2.0)  # rad, of a marker that is mounted askew, or a model that is
 LEAST_LEVEL: Final = 0.2  # of the nose: one that points up or down more steeply has no heading
-LEAST_RANGE_SIGMA: Final = 0.002  # of the range: no detector is more exact
 
 
 class Nose(NamedTuple):

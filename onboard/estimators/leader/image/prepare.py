@@ -22,11 +22,12 @@ import numpy as np
 from msgspec.structs import replace
 
 from onboard.arrays import Array
+from onboard.estimators.leader.assumptions import BIAS_COUNTS, BOX_SHARE, OFF_BOX, OFF_WING, ON_WING
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.image.camera_pose import CameraPose, CameraPoses
 from onboard.estimators.leader.image.measurement import Measurement, measure_wing
 from onboard.estimators.leader.image.pose import measured_pose
-from onboard.estimators.leader.image.shape import BOX_SHARE, MIDDLE_AND_SIZE, Shape, of_box, of_points
+from onboard.estimators.leader.image.shape import MIDDLE_AND_SIZE, Shape, of_box, of_points
 from onboard.geometry.camera import Camera
 from onboard.geometry.lens import WIDEST, Edges
 from onboard.geometry.units import NS_PER_S
@@ -44,10 +45,6 @@ from onboard.messages import (
 from onboard.ownship import Ownship
 
 UNKNOWN: Final = 100.0  # rad: the noise of what is not measured. A minute of images with it says nothing
-BIAS_COUNTS: Final = 4.0  # times: a filter averages some sixteen images
-OFF_WING: Final = 0.1  # of the wing: the center from the wing's middle, where nothing is known of it
-ON_WING: Final = 0.02  # the same with `center_on_wing`, which allows 1 %; the nearer half of a wing looks longer
-OFF_BOX: Final = 0.1  # of the box's side: the center from the box's middle
 TIPS: Final = 0.3  # of the wing: noise of tips that are to say only which one is left ...
 SIDES: Final = 3.0  # ... and of their own at least
 FAKE: Final = 1e-3  # focal lengths: half the wing of an image that shows none; its noise is UNKNOWN
@@ -138,7 +135,7 @@ def _tips(left: ImagePoint, right: ImagePoint, sigmas: tuple[float, ...]) -> tup
 def measure(shape: Shape, saw: Features) -> Measurement:
     """What it measures of a target of this shape: what was not seen has noise without bound."""
     measured = measure_wing(np.array(saw.points), np.array(saw.sigmas), shape)
-    if saw.named:
+    if saw.named and shape.names:
         shows = of_points(shape, saw.named, measured.axes, has_center=saw.has_center)
         measured = measured._replace(shows=shows)
     if saw.pose is not None:

@@ -7,29 +7,28 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.estimators.leader.assumptions import (
+    BOX_BIAS,
+    FUSELAGE,
+    GUESS_BIAS,
+    MISPLACED,
+    PITCH,
+    ROTOR,
+    ROTORS_AT,
+    ROTORS_BIAS,
+    ROTORS_HEIGHT,
+    ROTORS_HIGH,
+    THICKNESS,
+)
 from onboard.estimators.leader.config import Config
 from onboard.messages import ImageFeature, ImagePoint, Sides
 
 LOWEST: Final = -1.0  # in place of a point's number: the point with the least coordinate ...
 HIGHEST: Final = -2.0  # ... and the one with the largest
 WINGTIPS: Final = ((0.0, -0.5, 0.0), (0.0, 0.5, 0.0))  # in b, of a wingspan of 1
-# A box also bounds what has no name. Small aircraft are about as long as three quarters of their span; fuselages
-# are a tenth of it high.
-FUSELAGE: Final = ((0.36, 0.0, 0.0), (-0.4, 0.0, 0.0))
-THICKNESS: Final = ((0.0, 0.0, -0.07), (0.0, 0.0, 0.05))
 ROTORS: Final[Mapping[str, int]] = {"quadrotor": 4, "hexarotor": 6, "octorotor": 8}
-ROTOR: Final = 0.8  # radius of a rotor, of half the distance to its neighbour: 0.7 to 1 by data sheets
-RIM: Final = 12  # points of the circle that stands for all rotors, 0.04 of the width above the center
-ROTORS_AT: Final = -0.04
-ROTORS_HIGH: Final = ((0.0, 0.0, -0.09), (0.0, 0.0, 0.19))  # canopy and feet ...
-ROTORS_HEIGHT: Final = 0.08  # ... of which each data sheet has its own: one standard deviation of top and bottom
-BOX_SHARE: Final = 0.05  # of the box's larger side: what a detector says of each side is no less
-BOX_BIAS: Final = 0.08  # of its size: a detector's boxes are all too wide, or all too narrow ...
-ROTORS_BIAS: Final = 0.1  # ... of rotors also by the 6 % (RMS) that a square of them differs from a circle ...
-GUESS_BIAS: Final = 0.15  # ... and of a wing in usual proportions, so is what they bound
-PITCH: Final = math.radians(7.0)  # rad, of the fuselage about the pitch that thrust implies
+RIM: Final = 12  # points of the circle that stands for all rotors
 SMALLEST: Final = 2.0  # a spread below this many of its sigmas says nothing of the range
-MISPLACED: Final = 0.03  # of the wingspan: how far a detector misplaces a point of an aircraft
 SHORTEST: Final = 0.1  # of the wingspan, from nose to tail: closer points show no nose
 
 

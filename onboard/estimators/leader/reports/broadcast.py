@@ -12,7 +12,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.kit.frame import Frame
 from onboard.estimators.kit.peer_position import STANDSTILL, ReportedPosition, of_adsb, of_peer
-from onboard.estimators.leader.assumptions import NoseModel
+from onboard.estimators.leader.assumptions import DELAY_TIME, PRESSURE_BIAS, UNSURE, NoseModel
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses.auxiliary import (
     DELAY,
@@ -37,9 +37,6 @@ from onboard.ownship import Ownship
 COUNTED: Final = "broadcast_"  # before the verdicts in the health
 OWN_POSITION_TIMEOUT_S: Final = 3.0
 OLDEST_NS: Final = 1_500_000_000  # an older report is stale: what we and the camera did then is forgotten soon
-PRESSURE_BIAS: Final = 30.0  # m: of a height by a pressure whose reference at sea level is not known
-UNSURE: Final = 1.4  # times the configured errors of our yaw and velocity: those are guesses, too
-DELAY_TIME: Final = 600.0  # s: a link's delay lasts longer than an error of GNSS
 WITHOUT_SPEED: Final = 300.0  # m/s: noise of a velocity that is not reported
 
 Broadcasts = AdsbVehicle | PeerPosition | FollowTarget

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.assumptions import Size
+from onboard.estimators.leader.assumptions import DRIFT, Size
 from onboard.filters.belief import Belief
 from onboard.geometry.units import S_PER_NS
 from onboard.messages import WarmState
@@ -17,7 +17,6 @@ MOTION: Final = slice(0, 6)
 LONGEST_S: Final = 10.0  # later, the leader may be anywhere
 ACCELERATION: Final = np.array([1.0, 1.0, 0.5])  # m/s^2, 1 sigma, beyond the estimated one, unseen
 HOVERS: Final = 1.0  # m/s: a slower leader has no course to turn from
-DRIFT: Final = 0.5  # m/s: of the autopilot's position, beside its velocity
 
 
 class Prior(NamedTuple):

@@ -8,13 +8,14 @@ import pytest
 from msgspec.structs import replace
 from numpy.testing import assert_allclose
 
+from onboard.estimators.leader.assumptions import TURN_BIAS
 from onboard.estimators.leader.hypotheses import prediction, update
 from onboard.estimators.leader.hypotheses.belief import make_filter
 from onboard.estimators.leader.hypotheses.cloud import Cloud
 from onboard.estimators.leader.hypotheses.start import start
 from onboard.estimators.leader.hypotheses.summary import LOG_SIZE, summarise
 from onboard.estimators.leader.image.camera_pose import CameraPose
-from onboard.estimators.leader.image.pose import TURN_BIAS, measured_pose
+from onboard.estimators.leader.image.pose import measured_pose
 from onboard.geometry.rotations import matrix_from_euler, quaternion_from_euler, quaternion_from_matrix
 from onboard.messages import Estimate, Lifecycle, RelativePose, TargetDetection
 from studies.encounters.flights import Case, fly

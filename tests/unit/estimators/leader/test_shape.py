@@ -8,13 +8,14 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.config import ConfigError, parse_config
+from onboard.estimators.leader.assumptions import BIAS_COUNTS, GUESS_BIAS
 from onboard.estimators.leader.hypotheses import prediction, update, wing
 from onboard.estimators.leader.hypotheses.belief import make_filter
 from onboard.estimators.leader.hypotheses.start import start
 from onboard.estimators.leader.hypotheses.summary import summarise
 from onboard.estimators.leader.image.camera_pose import CameraPose
-from onboard.estimators.leader.image.prepare import BIAS_COUNTS, UNKNOWN, features_of, measure
-from onboard.estimators.leader.image.shape import GUESS_BIAS, HIGHEST, LOWEST, ROTORS, shape_of
+from onboard.estimators.leader.image.prepare import UNKNOWN, features_of, measure
+from onboard.estimators.leader.image.shape import HIGHEST, LOWEST, ROTORS, shape_of
 from onboard.messages import ImageFeature, TargetDetection, TargetPoints
 from onboard.models.relative_motion import POSITION
 from tests.support.streams import CIRCLE, F_PX, S, Stream, advance

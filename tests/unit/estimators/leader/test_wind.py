@@ -12,8 +12,9 @@ from msgspec.structs import replace
 
 from onboard.arrays import Array
 from onboard.estimators.leader import estimator
+from onboard.estimators.leader.assumptions import GUST, USUAL_SIGMA
 from onboard.estimators.leader.hypotheses.summary import HEADING
-from onboard.estimators.leader.hypotheses.wind import GUST, USUAL_SIGMA, wind_of
+from onboard.estimators.leader.hypotheses.wind import wind_of
 from onboard.geometry.rotations import matrix_from_euler
 from onboard.messages import Clock, Estimate, Message, Wind
 from onboard.models.relative_motion import POSITION, VELOCITY

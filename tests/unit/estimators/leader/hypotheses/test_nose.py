@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from onboard.arrays import Array
+from onboard.estimators.leader.assumptions import FLIPPED, STRAY
 from onboard.estimators.leader.hypotheses import update
-from onboard.estimators.leader.hypotheses.update import FLIPPED, STRAY
 from onboard.estimators.leader.hypotheses.wing import BANK_ERROR, N
 
 

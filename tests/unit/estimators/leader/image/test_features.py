@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from onboard.estimators.leader.image.prepare import BIAS_COUNTS, OFF_WING, UNKNOWN, features_of, measure
+from onboard.estimators.leader.assumptions import BIAS_COUNTS, OFF_WING
+from onboard.estimators.leader.image.prepare import UNKNOWN, features_of, measure
 from onboard.estimators.leader.image.shape import shape_of
 from onboard.messages import ImageFeature, Lifecycle, Message, TargetDetection, TargetPoints, Verdict
 from tests.support.streams import CIRCLE, F_PX, Run, S, Stream, advance, make_config, position_error
