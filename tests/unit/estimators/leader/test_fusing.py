@@ -14,6 +14,7 @@ class Refusing:
     """A filter that refuses every image."""
 
     gate = None
+    shape = None
 
     def seen(self, measurement: Any, _pose: Any) -> Any:
         return measurement

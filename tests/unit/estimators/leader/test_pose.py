@@ -14,6 +14,7 @@ from onboard.estimators.leader.hypotheses.belief import make_filter
 from onboard.estimators.leader.hypotheses.cloud import Cloud
 from onboard.estimators.leader.hypotheses.start import start
 from onboard.estimators.leader.hypotheses.summary import LOG_SIZE, summarise
+from onboard.estimators.leader.hypotheses.wing import LEAST_VISIBLE
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.pose import measured_pose
 from onboard.geometry.rotations import matrix_from_euler, quaternion_from_euler, quaternion_from_matrix
@@ -173,7 +174,7 @@ def test_points_after_poses_leave_the_range_as_it_is_known_whatever_the_size() -
     for _ in range(5):
         after, nis = update.update(settings, after, wing, LEVEL)
         assert nis < settings.gate
-    assert (after.metric, after.edge_on) == (False, wing.LEAST_VISIBLE)
+    assert (after.metric, after.edge_on) == (False, LEAST_VISIBLE)
     assert 0.015 < summarise(settings, after).range_sigma() < 0.05
     again, _ = update.update(settings, after, measured(image(pose(sigma=0.05, yaw=None))), LEVEL)
     assert again.metric
