@@ -10,7 +10,7 @@ COMPILED := $(VENV)/.compiled
 READY_DEV := $(VENV)/.ready-dev
 READY_DOCS := $(VENV)/.ready-docs
 KERNELS := $(wildcard onboard/filters/*.py onboard/filters/kernels/*.py onboard/geometry/*.py onboard/models/*.py \
-	onboard/models/*/*.py onboard/estimators/*/*.py onboard/estimators/*/*/*.py onboard/estimators/*/*/*/*.py)
+	onboard/models/*/*.py onboard/estimators/*/*.py onboard/estimators/*/*/*.py)
 
 # Some images for containers forbid Python to keep bytecode: each worker and each program that a test starts would
 # compile all sources anew.
