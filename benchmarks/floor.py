@@ -57,10 +57,8 @@ class Arithmetic:
     def image(self, y: Array) -> Array:
         """The NIS (HYPOTHESES,) of a measurement y (4,) of `leader.image.measurement`."""
         means, P, noses = (array.copy() for array in self._first)
-        model.predict(
-            *(means, P, noses, DT, STILL, self._steady, self._alike, NOISE, HOVER, self._lasts, self._drags),
-            COURSE,
-        )
+        step = model.Interval(DT, STILL, NOISE, HOVER, self._lasts)
+        model.predict(means, P, noses, self._steady, self._alike, self._drags, step, COURSE)
         camera = np.eye(3), STILL, np.eye(3)
         *_, each = model.prediction(means, P, noses, self._weights, y, camera, COURSE)
         nis, _ = model.update(means, P, noses, y, R_Y, each, COURSE)

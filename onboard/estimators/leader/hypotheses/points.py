@@ -9,7 +9,7 @@ directions at the measured center (`image.measurement`), of one point of the sha
 a box, whichever reaches farthest. A box says no more.
 """
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit, types
@@ -76,10 +76,34 @@ def _posture(x, nose, leans, B, by):
     return sb, cb
 
 
+class Seen(NamedTuple):
+    """Of which points (k, 3) which coordinates are seen (`ShapeRows`), how a leader `leans` (`Posture`), from
+    where, r_FC (3,), and about which axes (3, 3) in n; the column of the bias of the size, 0 without one."""
+
+    points: Array
+    which: Array
+    axis: Array
+    leans: float
+    r_FC: Array
+    axes: Array
+    bias: int
+
+
+class Scratch(NamedTuple):
+    """Room for the body axes (3, 3), the derivatives of bank and pitch (2, 3), and of each point its place and its
+    two coordinates (k, 5)."""
+
+    body: Array
+    by: Array
+    q: Array
+
+
 @njit(cache=True, error_model="numpy")
-def _linearised(x, nose, points, which, axis, leans, r_FC, axes, bias, B, by, q, h, J, d):
-    """The predicted rows into h (m,), their derivatives by the state into J (m, N) and by the pitch into d (m,).
-    B (3, 3), by (2, 3) and q (k, 5) are scratch: of each point its place, and its two coordinates."""
+def _linearised(x, nose, seen, scratch, h, J, d):
+    """The rows that are predicted into h (m,), their derivatives by the state into J (m, N), by the pitch into d
+    (m,)."""
+    points, which, axis, leans, r_FC, axes, bias = seen
+    B, by, q = scratch
     sb, cb = _posture(x, nose, leans, B, by)
     size = np.exp(x[13] + (x[bias] if bias > 0 else 0.0))
     for k in range(points.shape[0]):
@@ -151,7 +175,8 @@ SHAPE: Final = (ROWS, VECTOR, VECTOR, VECTOR, VECTOR, types.boolean)
 def _update(means, P, noses, points, which, axis, y, sigma, named, leans, pitch, misplaced, r_FC, axes, bias):
     m, count, width = y.shape[0], means.shape[0], P.shape[2]
     nis, log_l = np.empty(count), np.empty(count)
-    B, by, q = np.empty((3, 3)), np.empty((2, 3)), np.empty((points.shape[0], 5))
+    seen = Seen(points, which, axis, leans, r_FC, axes, bias)
+    scratch = Scratch(np.empty((3, 3)), np.empty((2, 3)), np.empty((points.shape[0], 5)))
     h, e, d, R, c, dx = np.empty(m), np.empty(m), np.empty(m), np.empty((m, m)), np.empty(width), np.empty(width)
     J = np.zeros((m, width))
     for k in range(count):
@@ -161,7 +186,7 @@ def _update(means, P, noses, points, which, axis, y, sigma, named, leans, pitch,
         for way in range(2 if named else 1):  # tips change places with the nose: `wing` orders them
             x[9] = -x[9] if way == 1 else x[9]
             nose = noses[k] + way * np.pi
-            _linearised(x, nose, points, which, axis, leans, r_FC, axes, bias, B, by, q, h, J, d)
+            _linearised(x, nose, seen, scratch, h, J, d)
             J[:, 3:6] = 0.0
             J[:, 12] = 0.0
             e[:] = y - h
@@ -177,7 +202,7 @@ def _update(means, P, noses, points, which, axis, y, sigma, named, leans, pitch,
             if turns == 1:
                 noses[k] += np.pi
                 _turn_round(x, P[k])
-            _linearised(x, noses[k], points, which, axis, leans, r_FC, axes, bias, B, by, q, h, J, d)
+            _linearised(x, noses[k], seen, scratch, h, J, d)
             J[:, 3:6] = 0.0
             J[:, 12] = 0.0
             e[:] = y - h
@@ -222,13 +247,14 @@ def expected_box(
 )
 def _expected_box(means, P, noses, w, points, which, axis, leans, pitch, misplaced, r_FC, axes, bias):
     m, width = which.shape[0], P.shape[2]
-    B, by, q = np.empty((3, 3)), np.empty((2, 3)), np.empty((points.shape[0], 5))
+    seen = Seen(points, which, axis, leans, r_FC, axes, bias)
+    scratch = Scratch(np.empty((3, 3)), np.empty((2, 3)), np.empty((points.shape[0], 5)))
     h, d, J, JP = np.empty(m), np.empty(m), np.zeros((m, width)), np.empty(width)
     mean, covariance = np.zeros(m), np.zeros((m, m))
     for k in range(means.shape[0]):
         x = means[k]
         place = misplaced * np.exp(x[13]) / np.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
-        _linearised(x, noses[k], points, which, axis, leans, r_FC, axes, bias, B, by, q, h, J, d)
+        _linearised(x, noses[k], seen, scratch, h, J, d)
         J[:, 3:6] = 0.0
         J[:, 12] = 0.0
         for i in range(m):

@@ -73,10 +73,9 @@ def predict(settings: NoseModel, cloud: Cloud, dt: float, moved: Array) -> Cloud
     noise, decay = _noise(s, dt, cloud.biases), np.exp(-dt / times)
     after = cloud._replace(**named(changed), draws=cloud.draws + DRAWS, unseen=cloud.unseen + dt)
     before = supposed(s, after)
-    model.predict(
-        *(means, P, noses, dt, moved, regimes, intensities, noise, _hover(s, dt), decay, drags),
-        model.Course(tied, s.air, cloud.edge_on),
-    )
+    interval = model.Interval(dt, moved, noise, _hover(s, dt), decay)
+    course = model.Course(tied, s.air, cloud.edge_on)
+    model.predict(means, P, noses, regimes, intensities, drags, interval, course)
     return charged(after, supposed(s, after) - before)
 
 
@@ -194,11 +193,23 @@ def _doubt(ratio, x, P, dt, moved, hovers):
         x[3 + i] += (1.0 - ratio) * moved[i] / dt
 
 
+class Passed(NamedTuple):
+    """What has passed since the last step, seconds and our own way (3,) m; what is seen along a nose
+    (`wing.visible`); whether ranges are metric; and the standard deviation of the wind, m/s."""
+
+    dt: float
+    moved: Array
+    edge_on: float
+    metric: bool
+    wind: float
+
+
 @njit(cache=True, error_model="numpy")
-def _takes(nose, other, x, P, dt, moved, edge_on, hovers, metric, drags, wind, chance):
+def _takes(nose, other, x, P, passed, hovers, drags, chance):
     """Give a particle another nose, and the second of two `drags`, in place; False if it keeps what it has, as the
     lean is unlikely that its wing's slope needs then (Metropolis and Hastings, with the logarithm of a `chance`).
     Of what shows no slope, or does not lean, each nose is as likely."""
+    dt, moved, edge_on, metric, wind = passed
     if drags[0] == 0.0 or edge_on > LEAST_VISIBLE:
         if not metric:
             _doubt(_fraction(other, x, edge_on) / _fraction(nose, x, edge_on), x, P, dt, moved, hovers)
@@ -297,6 +308,7 @@ def _change(
 ):
     keeps, nose_rate, wander, crab = slow
     stops, turns, steadies, begins, hovers, leaves, doubted, unties, decides, ties, anew = chances
+    passed = Passed(dt, moved, edge_on, metric, wind)
     of_drag, of_accepting, of_wobble, of_tying = 2 * APART, 3 * APART, 4 * APART, APART + 6
     for k in range(noses.shape[0]):
         x = means[k]
@@ -325,11 +337,8 @@ def _change(
                 other = np.arctan2(x[4], x[3]) + crab * MOST_CRAB * (2.0 * where - 1.0)
             new_drag = drag[0] * np.exp(drag[1] * normal_of(np.uint64(draws + of_drag), k))
             accepted = uniform_of(np.uint64(draws + of_accepting), k)
-            takes = _takes(
-                *(noses[k], other, x, P[k], dt, moved, edge_on, regimes[k] == HOVERING, metric),
-                *((drags[k], new_drag), wind, np.log(accepted)),
-            )
-            if takes:
+            hovering, both = regimes[k] == HOVERING, (drags[k], new_drag)
+            if _takes(noses[k], other, x, P[k], passed, hovering, both, np.log(accepted)):
                 drags[k] = new_drag
                 intensities[k, 2] = spread[2] * normal_of(np.uint64(draws + of_wobble), k)
             else:

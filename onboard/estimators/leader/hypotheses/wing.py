@@ -83,25 +83,32 @@ class Course(NamedTuple):
     edge_on: float = LEAST_VISIBLE
 
 
+class Interval(NamedTuple):
+    """A step of `dt` seconds, in which the follower moves by `moved` (3,) m, in n: the noise that it adds, what it
+    leaves of one that hovers, and of the acceleration along the track, the bank's error, the stretch and biases:
+    `decay` (3 + W - N,)."""
+
+    dt: float
+    moved: Array
+    noise: Noise
+    hover: Hover
+    decay: Array
+
+
 def predict(
     means: Array,
     P: Array,
     noses: Array,
-    dt: float,
-    moved: Array,
     regimes: Array,
     intensities: Array,
-    noise: Noise,
-    hover: Hover,
-    decay: Array,
     drags: Array,
+    interval: Interval,
     course: Course,
 ) -> None:
-    """Means (K, W) and covariances (K, W, W), in place, after `dt` seconds in which the follower moves by `moved`
-    (3,) m, in n; the noses (K,) turn with the course. The `regimes` (K,) are STEADY, ACCELERATING or HOVERING; the
-    `intensities` (K, 3) are the logarithms of factors of a steady leader's manoeuvres, of the bank's error and of
-    the wobble; `decay` (3 + W - N,) is what the step leaves of the acceleration along the track, the bank's error,
-    the stretch and the biases; the `drags` (K,) are in 1/s."""
+    """Means (K, W) and covariances (K, W, W), in place, after an interval; the noses (K,) turn with the course.
+    `regimes` (K,) are STEADY, ACCELERATING or HOVERING; `intensities` (K, 3) are the logarithms of factors of a
+    steady leader's manoeuvres, of the bank's error and of the wobble; `drags` (K,) are in 1/s."""
+    dt, moved, noise, hover, decay = interval
     _predict(
         *(means, P, noses, dt, moved, regimes, intensities, *noise, np.array(hover), decay, drags, course.edge_on),
         *(course.tied, np.array(course.air)),
@@ -166,9 +173,26 @@ def shortens2(seen2, steep2):
     return max(1.0 - seen2, 0.0) * seen2 / (length2 * length2)
 
 
+class Transition(NamedTuple):
+    """A step of `dt` seconds, half its square, the drag, what it makes of the acceleration, level (2, 2) and down,
+    and what it leaves of the bank's error and of the stretch."""
+
+    dt: float
+    half: float
+    drag: float
+    t00: float
+    t01: float
+    t10: float
+    t11: float
+    down: float
+    bank_error: float
+    stretch: float
+
+
 @njit(cache=True, error_model="numpy")
-def _advance(S, j, side, dt, half, drag, t00, t01, t10, t11, down, decay):
+def _advance(S, j, side, transition):
     """One column (side 0) or row (side 1) of a covariance through the transition."""
+    dt, half, drag, t00, t01, t10, t11, down, bank_error, stretch = transition
     w = S[:, j] if side == 0 else S[j]
     a, b, d = w[6], w[7], w[8]
     w[0] += dt * w[3] + half * a
@@ -180,8 +204,8 @@ def _advance(S, j, side, dt, half, drag, t00, t01, t10, t11, down, decay):
     w[10] += drag * dt * a
     w[11] += drag * dt * b
     w[6], w[7], w[8] = t00 * a + t01 * b, t10 * a + t11 * b, down * d
-    w[9] *= decay[1]
-    w[12] *= decay[2]
+    w[9] *= bank_error
+    w[12] *= stretch
 
 
 @njit(cache=True, error_model="numpy")
@@ -268,9 +292,10 @@ def _predict(
         t00, t01 = c * k00 - s * k01, c * k01 - s * k11
         t10, t11 = s * k00 + c * k01, s * k01 + c * k11
         down = decay[0] * slow
+        transition = Transition(dt, half, drag, t00, t01, t10, t11, down, decay[1], decay[2])
         for side in range(2):
             for j in range(width):
-                _advance(S, j, side, dt, half, drag, t00, t01, t10, t11, down, decay)
+                _advance(S, j, side, transition)
         for i in range(N):
             factor2 = bold if i < BANK_ERROR else (banks if i == BANK_ERROR else 1.0)
             S[i, i] += fixed[i] + factor2 * scale2 * broad[mode, i] + square * range_[i]

@@ -36,6 +36,7 @@ QUIET = model.Noise(np.zeros(model.N), np.zeros((3, model.N)), np.zeros(model.N)
 ALIKE = np.zeros((1, 3))  # intensities
 FREE, TIED = (model.Course(np.full(1, kind), (0.0, 0.0)) for kind in (model.FREE, model.TIED))
 AT_REST = model.Hover(0.5, 0.1, 0.03, 0.02)
+STEP = model.Interval(0.1, np.zeros(3), QUIET, AT_REST, np.ones(3))
 
 
 def drawn(seed: int) -> tuple[Array, Array, float, Array]:
@@ -117,9 +118,8 @@ def test_a_short_step_is_that_of_plain_kinematics_seed_0_to_4(seed: int) -> None
     x, P, nose, _ = drawn(seed)
     moved, dt = np.array([0.3, -0.2, 0.1]), 1e-3
     after, covariance, noses = x[None].copy(), P[None].copy(), np.array([nose])
-    model.predict(
-        after, covariance, noses, dt, moved, np.zeros(1), ALIKE, QUIET, AT_REST, np.ones(3), np.full(1, 0.2), FREE
-    )
+    step = model.Interval(dt, moved, QUIET, AT_REST, np.ones(3))
+    model.predict(after, covariance, noses, np.zeros(1), ALIKE, np.full(1, 0.2), step, FREE)
     assert after[0, model.POSITION] == pytest.approx(
         x[model.POSITION] + dt * x[model.VELOCITY] + 0.5 * dt**2 * x[model.ACCELERATION] - moved, abs=1e-9
     )
@@ -142,18 +142,9 @@ def test_a_step_adds_noise_by_range_and_by_what_is_seen_seed_0_to_2(seed: int, a
     both = np.tile(x, (2, 1)), np.tile(P, (2, 1, 1)), np.full(2, nose)
     for k, added in enumerate((QUIET, noise)):
         mean, covariance, noses = (array[k : k + 1] for array in both)
-        step = (
-            1e-9,
-            np.zeros(3),
-            np.full(1, float(accelerates)),
-            intensities,
-            added,
-            AT_REST,
-            np.ones(3),
-            np.full(1, 0.2),
-            FREE,
-        )
-        model.predict(mean, covariance, noses, *step)
+        step = model.Interval(1e-9, np.zeros(3), added, AT_REST, np.ones(3))
+        regimes = np.full(1, float(accelerates))
+        model.predict(mean, covariance, noses, regimes, intensities, np.full(1, 0.2), step, FREE)
     along = (math.cos(nose) * x[1] - math.sin(nose) * x[0]) / np.linalg.norm(x[model.POSITION])
     seen_of_it = 1.0 - along**2 + model.LEAST_VISIBLE**2
     factors = np.exp(2.0 * intensities[0])
@@ -177,9 +168,7 @@ def test_a_fast_leader_turns_its_nose_with_its_course_and_a_slow_one_does_not() 
         noses = np.zeros(1)
         for _ in range(10):
             P = np.eye(model.N)[None].copy()
-            model.predict(
-                x, P, noses, 0.1, np.zeros(3), np.zeros(1), ALIKE, QUIET, AT_REST, np.ones(3), np.zeros(1), FREE
-            )
+            model.predict(x, P, noses, np.zeros(1), ALIKE, np.zeros(1), STEP, FREE)
         assert noses[0] == pytest.approx(turned, abs=0.01)
 
 
@@ -190,20 +179,8 @@ def test_a_leader_that_hovers_comes_to_rest_over_ground_and_stays_uncertain_by_a
     decay = math.exp(-0.1 / 1.5)
     hover = model.Hover(decay, 0.1, 0.04 * (1.0 - decay**2), 1e-9)
     for _ in range(300):
-        model.predict(
-            x,
-            P,
-            noses,
-            0.1,
-            np.zeros(3),
-            np.full(1, float(model.HOVERING)),
-            ALIKE,
-            QUIET,
-            hover,
-            np.ones(3),
-            np.zeros(1),
-            FREE,
-        )
+        step = STEP._replace(hover=hover)
+        model.predict(x, P, noses, np.full(1, float(model.HOVERING)), ALIKE, np.zeros(1), step, FREE)
     assert x[0, model.VELOCITY] == pytest.approx(np.zeros(3), abs=1e-6)
     assert np.diag(P[0])[model.VELOCITY] == pytest.approx(0.04 * np.array([1.0, 1.0, model.UPRIGHT2]), rel=0.02)
     assert np.linalg.eigvalsh(P[0]).min() > 0.0
@@ -262,7 +239,5 @@ def test_a_tied_nose_is_on_the_course_through_the_air_after_a_step() -> None:
     x, P, noses = np.zeros((1, model.N)), np.eye(model.N)[None].copy(), np.zeros(1)
     x[0, :3], x[0, 3:5], x[0, 7] = [30.0, 0.0, 0.0], [12.0, 2.0], 1.0
     course = TIED._replace(air=(2.0, -3.0))
-    model.predict(
-        x, P, noses, 0.1, np.zeros(3), np.zeros(1), ALIKE, QUIET, AT_REST, np.ones(3), np.zeros(1), course
-    )
+    model.predict(x, P, noses, np.zeros(1), ALIKE, np.zeros(1), STEP, course)
     assert noses[0] == math.atan2(x[0, 4] + 3.0, x[0, 3] - 2.0)
