@@ -26,8 +26,9 @@ ANY_NOSE: Final = (
 
 
 class Assumption(NamedTuple):
-    """What is different, which `priors` this falsifies, by their names in `onboard/estimators/leader/settings.py`
-    or as keys of the configuration, and the families for which that is nothing new, or impossible."""
+    """What is different, which `priors` this falsifies, by their names in
+    `onboard/estimators/leader/assumptions.py` or as keys of the configuration, and the families for which that is
+    nothing new, or impossible."""
 
     departure: Departure
     priors: tuple[str, ...]
