@@ -7,7 +7,6 @@ The daemon names what it refuses on its standard error and in its health.
 """
 
 import math
-import sys
 import time
 from collections.abc import Iterable, Mapping
 from types import TracebackType
@@ -26,10 +25,9 @@ from onboard.messages import (
     Intrinsics,
     MountAttitude,
 )
-from onboard.sinks.zenoh_session import RouterAbsentError, ZenohConfig, ZenohSession, open_session
+from onboard.sinks.zenoh_session import ZenohConfig, wait_for_session
 
 ENDPOINT: Final = "tcp/127.0.0.1:7447"
-RETRY_S: Final = 0.5
 
 Point = tuple[float, float] | tuple[float, float, float]
 
@@ -53,7 +51,7 @@ class Camera:
     ) -> None:
         config = ZenohConfig(vehicle=vehicle, mode="client", listen=(), connect=(endpoint,))
         self._name, self._clock = name, clock
-        self._session = _connected(config, wait_s)
+        self._session = wait_for_session(config, wait_s)
         self._key = f"{config.prefix}/camera/{name or 'any'}/detections"
 
     def send(
@@ -116,20 +114,6 @@ class Camera:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
-
-
-def _connected(config: ZenohConfig, wait_s: float) -> ZenohSession:
-    """A session with the daemon. Raises SinkError if none answers in time."""
-    begin, lines = time.monotonic(), iter(["waiting for it"])
-    while True:
-        try:
-            return open_session(config)
-        except RouterAbsentError as error:
-            if time.monotonic() - begin >= wait_s:
-                raise
-            for line in lines:  # once
-                print(f"{error}; {line}", file=sys.stderr, flush=True)
-            time.sleep(RETRY_S)
 
 
 def pose_of(rvec: Any, tvec: Any, covariance: Any = None) -> DetectedPose:

@@ -3,14 +3,11 @@
 import argparse
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Final
 
 from onboard import UserError
 from onboard.config import Config, load_config
-from onboard.messages.causes import Cause
-from onboard.sinks.zenoh_session import RouterAbsentError
 from onboard.view.client import Client
 from onboard.view.fleet import Views
 from onboard.view.viewer import has_display, screenshot, start_web_viewer, viewer_path
@@ -41,7 +38,7 @@ def watch(
         raise UserError(
             "no display here: record the view with --rrd FILE.rrd, or serve it to a browser with --web"
         )
-    client = _connected(config, endpoint, vehicle, wait_s)
+    client = Client(endpoint, vehicle, config.zenoh, wait_s)
     try:
         camera, rotors = config.camera_model(), config.rotors()
         shown = {"spawn": has_display() and not web, "web": web, "apart": vehicle is None}
@@ -59,18 +56,6 @@ def watch(
     finally:
         client.close()
     return 0
-
-
-def _connected(config: Config, endpoint: str, vehicle: str | None, wait_s: float) -> Client:
-    """Raises SinkError when nobody has answered after so long."""
-    deadline = time.monotonic() + wait_s
-    while True:
-        try:
-            return Client(endpoint, vehicle, config.zenoh)
-        except RouterAbsentError as error:
-            if error.cause is not Cause.UNREACHABLE or time.monotonic() > deadline:
-                raise
-        time.sleep(0.5)
 
 
 def open_recording(recording: Path, *, png: Path | None, at: float | None, web: bool = False) -> int:

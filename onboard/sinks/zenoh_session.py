@@ -1,6 +1,7 @@
 """The one Zenoh session of a program: configuration, opening and closing."""
 
 import queue
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterable
@@ -22,6 +23,7 @@ SECURE: Final = ("tls/", "quic/")
 FORBIDDEN: Final = "*$?#/"
 DEFAULT_LISTEN: Final = ("tcp/127.0.0.1:7447",)
 CLOSE_TIMEOUT_S: Final = 2.0
+RETRY_S: Final = 0.5  # until a router that does not answer is asked again
 TLS_SETTINGS: Final = (
     "root_ca_certificate",
     "connect_certificate",
@@ -166,6 +168,24 @@ def open_session(config: ZenohConfig) -> ZenohSession:
         return ZenohSession(zenoh.open(settings), settings)
     except zenoh.ZError as error:
         raise _explained(settings, str(error)) from error
+
+
+def wait_for_session(config: ZenohConfig, wait_s: float) -> ZenohSession:
+    """Open the session, for at most `wait_s` seconds until a client's router answers, with a line on standard
+    error. What certificates refuse is not waited for.
+
+    Raises SinkError, as `open_session` does.
+    """
+    begin, lines = time.monotonic(), iter(["waiting for it"])
+    while True:
+        try:
+            return open_session(config)
+        except RouterAbsentError as error:
+            if error.cause is Cause.TLS or time.monotonic() - begin >= wait_s:
+                raise
+            for line in lines:  # once
+                print(f"{error}; {line}", file=sys.stderr, flush=True)
+            time.sleep(RETRY_S)
 
 
 def _explained(settings: Any, error: str) -> SinkError:

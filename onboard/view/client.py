@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from onboard.messages import Estimate, Health, NavState, OwnPose, Picture, Record, SimStatus, Truth
 from onboard.messages.text import plain, plain_record
-from onboard.sinks.zenoh_session import ZenohConfig, open_session
+from onboard.sinks.zenoh_session import ZenohConfig, wait_for_session
 
 KINDS: Final[dict[str, type[Record]]] = {
     "estimate": Estimate,
@@ -39,10 +39,12 @@ class Client:
     prove to a router who we are; of them, mode and endpoints are not used. `alive` is set while the vehicle, or
     the one that came or went last, runs.
 
-    Raises SinkError when no daemon answers at `endpoint`.
+    Raises SinkError when no daemon answers at `endpoint` within `wait_s` seconds.
     """
 
-    def __init__(self, endpoint: str, vehicle: str | None, credentials: ZenohConfig | None = None) -> None:
+    def __init__(
+        self, endpoint: str, vehicle: str | None, credentials: ZenohConfig | None = None, wait_s: float = 0.0
+    ) -> None:
         config = replace(credentials or ZenohConfig(), mode="client", listen=(), connect=(endpoint,))
         if vehicle is not None:
             config = replace(config, vehicle=vehicle, user=config.user or config.vehicle)
@@ -51,7 +53,7 @@ class Client:
         self.unread = 0  # records that could not be decoded
         self._records: queue.SimpleQueue[PublishedRecord] = queue.SimpleQueue()
         self._decoders = {name: msgspec.json.Decoder(kind) for name, kind in KINDS.items()}
-        self._session = open_session(config)
+        self._session = wait_for_session(config, wait_s)
         keys = (
             *(f"onboard/{of}/{name}" for name in ("estimate/**", "own_state", "ownship", "health")),
             *(f"simlink/{of}/{name}" for name in ("truth", "status", "picture")),

@@ -6,10 +6,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from onboard import client
 from onboard.client import Camera
 from onboard.messages import Box, CameraDetections, Detection
-from onboard.sinks import SinkError
+from onboard.sinks import SinkError, zenoh_session
 from onboard.sinks.zenoh_session import RouterAbsentError
 
 
@@ -38,8 +37,8 @@ def tries(monkeypatch: pytest.MonkeyPatch) -> list[int]:
             raise RouterAbsentError("zenoh: no router answers at tcp/127.0.0.1:7447 (Connection refused)")
         return Session()
 
-    monkeypatch.setattr(client, "open_session", open_session)
-    monkeypatch.setattr(client, "RETRY_S", 0.0)
+    monkeypatch.setattr(zenoh_session, "open_session", open_session)
+    monkeypatch.setattr(zenoh_session, "RETRY_S", 0.0)
     return tries
 
 
@@ -63,7 +62,7 @@ def test_it_waits_no_longer_than_it_may(tries: list[int], capsys: pytest.Capture
 def test_detections_may_be_made_of_numpys_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
     """As a detector's boxes are, in single precision: only `send` took them."""
     session = Session()
-    monkeypatch.setattr(client, "open_session", lambda _: session)
+    monkeypatch.setattr(zenoh_session, "open_session", lambda _: session)
     u, v, width, height = np.array([320.0, 240.0, 40.0, 20.0], dtype=np.float32)
     box: Any = {"u_px": u, "v_px": v, "width_px": width, "height_px": height}
     found: Any = Detection(box=Box(**box), confidence=np.float32(0.5))

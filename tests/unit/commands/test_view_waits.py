@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from onboard.commands import cli, view
+from onboard.commands import cli
 from onboard.messages.causes import Cause
+from onboard.sinks import zenoh_session
 from onboard.sinks.zenoh_session import RouterAbsentError
 
 NOBODY = RouterAbsentError("nobody answers", Cause.UNREACHABLE)
@@ -44,7 +45,7 @@ def test_it_waits_as_long_as_asked_for_a_daemon_that_is_not_there(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     daemon = Daemon(*refusals)
-    monkeypatch.setattr(view, "Client", daemon)
-    monkeypatch.setattr("time.sleep", lambda _: None)
+    monkeypatch.setattr(zenoh_session, "open_session", daemon)
+    monkeypatch.setattr(zenoh_session, "RETRY_S", 0.0)
     assert cli.main(["view", "--rrd", str(tmp_path / "view.rrd"), *wait]) == code
     assert daemon.tries == tries
