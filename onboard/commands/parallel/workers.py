@@ -40,6 +40,7 @@ def compute(parts: Sequence[Part], jobs: Jobs = None, progress: Progress | None 
     """
     where = jobs if isinstance(jobs, Computers) else Computers(jobs)
     count = min(where.jobs or os.cpu_count() or 1, len(parts))
+    results: Iterable[Any]
     with ExitStack() as stack:
         if where.cluster:
             roots = {part.function.__module__.partition(".")[0] for part in parts}
@@ -47,7 +48,10 @@ def compute(parts: Sequence[Part], jobs: Jobs = None, progress: Progress | None 
         elif count <= 1:
             results = map(_run, parts)
         else:
-            results = stack.enter_context(processes(count)).map(_run, parts)
+            pool = stack.enter_context(processes(count))
+            # Not `map`, which takes parts back if one raises: a pool that is stopped then raises in its thread.
+            futures = [pool.submit(_run, part) for part in parts]
+            results = (future.result() for future in futures)
         rows = stack.enter_context(PartRows(where.rows)) if where.rows is not None else None
         return _collect(results, parts, progress, rows)
 

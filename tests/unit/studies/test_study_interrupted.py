@@ -1,5 +1,7 @@
 """A study that is stopped while it computes: it ends at once, and so do the processes that it started."""
 
+import gc
+import math
 import multiprocessing
 import os
 import signal
@@ -14,6 +16,7 @@ import psutil
 import pytest
 
 from onboard.commands.parallel.processes import processes
+from onboard.commands.parallel.workers import Part, compute
 
 ROOT = Path(__file__).parents[3]
 AT_WORK_S = 1.0  # of computing after the start
@@ -26,6 +29,14 @@ def test_an_interruption_does_not_wait_for_the_parts() -> None:
         _interrupt_at_work(pool, parts)
     assert isinstance(parts[0].exception(), BrokenProcessPool)
     assert set(multiprocessing.active_children()) <= others
+
+
+@pytest.mark.filterwarnings("error::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_part_that_raises_ends_the_others_and_nothing_is_printed() -> None:
+    parts = [Part(math.sqrt, (-1.0,)), *(Part(time.sleep, (10.0,)) for _ in range(20))]
+    with pytest.raises(ValueError, match="domain"):
+        compute(parts, jobs=2)
+    gc.collect()
 
 
 def _interrupt_at_work(pool: ProcessPoolExecutor, parts: list[Future[None]]) -> None:
