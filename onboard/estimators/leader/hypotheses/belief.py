@@ -129,9 +129,9 @@ class BeliefFilter:
         cloud = start(settings, measurement, pose, None if before is None else before.cloud)
         return State(cloud, summarise(settings, cloud), standing(pose.v_F_n), wind=wind)
 
-    def informed(self, state: State, prior: Belief) -> State | None:
+    def informed(self, state: State, prior: Belief, *, flew: bool) -> State | None:
         """See `update.informed`."""
-        cloud = update.informed(self._settings, state.cloud, prior)
+        cloud = update.informed(self._settings, state.cloud, prior, flew=flew)
         return None if cloud is None else self._summarised(state._replace(cloud=cloud))
 
     def advance(self, state: State, step: Step) -> State:

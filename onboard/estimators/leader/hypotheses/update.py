@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.assumptions import FLIPPED, STRAY, TURN_BIAS, NoseModel
+from onboard.estimators.leader.assumptions import FLIPPED, HAS_STOPPED, STRAY, TURN_BIAS, NoseModel
 from onboard.estimators.leader.hypotheses import points
 from onboard.estimators.leader.hypotheses import wing as model
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
@@ -185,14 +185,21 @@ def expected(cloud: Cloud, nis: Array, share: float) -> float:
     return least
 
 
-def informed(settings: NoseModel, cloud: Cloud, prior: Belief) -> Cloud | None:
+def informed(settings: NoseModel, cloud: Cloud, prior: Belief, *, flew: bool = False) -> Cloud | None:
     """The cloud with what was believed of position and velocity before, (6,) and (6, 6), in n; None where less
-    than OF_SHAPE of its weight agrees: only the right noses do. Raises FilterError."""
+    than OF_SHAPE of its weight agrees: only the right noses do. If it `flew`, few hypotheses say that it hovers:
+    a velocity that may have changed meanwhile does not contradict them enough. Raises FilterError."""
     H = np.eye(cloud.means.shape[1])[MOTION]
     found, nis, log_l = corrected(cloud, H, prior.mean - cloud.means[:, MOTION], prior.covariance)
     if expected(cloud, nis, OF_SHAPE) > settings.gate:
         return None
-    return weighted(found, log_l)
+    after = weighted(found, log_l)
+    hovers = after.regimes == model.HOVERING
+    share = float(np.exp(after.log_weights[hovers]).sum())
+    if not flew or not HAS_STOPPED < share < 1.0:
+        return after
+    to_fewer = math.log(HAS_STOPPED / share), math.log((1.0 - HAS_STOPPED) / (1.0 - share))
+    return after._replace(log_weights=after.log_weights + np.where(hovers, *to_fewer))
 
 
 def corrected(

@@ -16,6 +16,7 @@ from onboard.ownship import Ownship
 MOTION: Final = slice(0, 6)
 LONGEST_S: Final = 10.0  # later, the leader may be anywhere
 ACCELERATION: Final = np.array([1.0, 1.0, 0.5])  # m/s^2, 1 sigma, beyond the estimated one, unseen
+SURELY: Final = 3.0  # standard deviations
 HOVERS: Final = 1.0  # m/s: a slower leader has no course to turn from
 
 
@@ -28,6 +29,12 @@ class Prior(NamedTuple):
     v_L_n: Array
     a_L_n: Array
     P: Array
+
+    @property
+    def flew(self) -> bool:
+        """Whether it surely did not hover."""
+        v = self.v_L_n[:2]
+        return float(v @ np.linalg.solve(self.P[3:5, 3:5], v)) > SURELY**2 and math.hypot(*v) > HOVERS
 
     def relative(self, t_ns: int, ownship: Ownship) -> Belief | None:
         """The leader at a later time: position relative to us and velocity, (6,) and (6, 6), in n. None where our

@@ -296,7 +296,7 @@ class Track:
         measurement = first.measurement.with_attitude_noise(first.pose.noise_c)
         started = self._filter.start(measurement, first.pose, earlier, self.size)
         if self.prior is not None:
-            started = self._informed(started, self.prior.relative(first.message.t_ns, ownship))
+            started = self._informed(started, self.prior, self.prior.relative(first.message.t_ns, ownship))
         begun = TrackState(started, self.noise, self.noise.scale)
         t_ns, horizon_ns = first.message.t_ns, self._horizon_ns()
         forward, take = partial(advance, self._filter), partial(fuse, self._filter, self._poses)
@@ -316,9 +316,9 @@ class Track:
         late = b.latency_s + REPORTS_LATE_S if b.is_used else 0.0
         return round(max(self._config.rewind_horizon_s, late) * NS_PER_S)
 
-    def _informed(self, started: Any, prior: Belief | None) -> Any:
+    def _informed(self, started: Any, known: Prior, prior: Belief | None) -> Any:
         """The first state of the filter with what an earlier run believed, unless the image contradicts it."""
-        after = None if prior is None else self._filter.informed(started, prior)
+        after = None if prior is None else self._filter.informed(started, prior, flew=known.flew)
         late = "warm_start_too_late" if prior is None else "warm_start_contradicted"
         self.prior, self.prior_verdict = None, late if after is None else "warm_start_used"
         return started if after is None else after

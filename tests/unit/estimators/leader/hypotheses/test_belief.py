@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from onboard.estimators.leader.assumptions import HAS_STOPPED
 from onboard.estimators.leader.config import Config
-from onboard.estimators.leader.hypotheses import update
+from onboard.estimators.leader.hypotheses import update, wing
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter, State, make_filter
 from onboard.estimators.leader.hypotheses.wind import Wind
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import Measurement, points_of
-from onboard.filters.belief import FilterError
+from onboard.estimators.leader.reports.prior import Prior
+from onboard.filters.belief import Belief, FilterError
 from onboard.models.relative_motion import POSITION, VELOCITY
 from onboard.ownship import Step
 from tests.unit.estimators.leader.hypotheses.test_noses import image
@@ -55,6 +57,21 @@ def test_the_range_is_found_by_our_own_motion_and_the_nis_is_as_expected() -> No
     sigma = math.sqrt(r @ P @ r) / range_
     assert abs(range_ - math.hypot(25.0, 0.0)) < 2.0 * sigma < 7.6
     assert 2.7 < np.mean(nis[60:]) < 5.0  # of 4
+
+
+@pytest.mark.parametrize(("speed", "flew"), [(5.0, True), (0.8, False)])
+def test_a_leader_that_flew_when_an_earlier_run_ended_hardly_hovers(speed: float, flew: bool) -> None:
+    """Its velocity may be any by now. Of a hover the prior says more than of a flight, so that hypotheses of one
+    that hovers won: 23 m off 8 s later, by five deviations."""
+    filter_, sigmas = filter_of(), np.array([1.0, 1.0, 0.5, 0.5, 0.5, 0.3])
+    state = filter_.start(image(25.0, 0.7), STILL, None)
+    known = Prior(0, np.array([25.0, 0.0, 0.0]), np.array([0.0, speed, 0.0]), np.zeros(3), np.diag(sigmas**2))
+    assert known.flew is flew
+    belief = Belief(np.array([25.0, 0.0, 0.0, 0.0, speed, 0.0]), np.diag([29.0, 29.0, 9.0, 9.6, 9.6, 2.0]))
+    after = filter_.informed(state, belief, flew=known.flew)
+    assert after is not None
+    hovering = float(np.exp(after.cloud.log_weights[after.cloud.regimes == wing.HOVERING]).sum())
+    assert hovering == pytest.approx(HAS_STOPPED) if flew else hovering > 0.6
 
 
 def test_a_gated_image_reports_what_gated_it(monkeypatch: pytest.MonkeyPatch) -> None:
