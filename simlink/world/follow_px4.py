@@ -20,7 +20,7 @@ from simlink.world.follow import NOWHERE, FollowMode, Target, limited, scaled, s
 from simlink.world.quadrotor_control import Reference
 
 RESPONSIVENESS: Final = 0.5  # FLW_TGT_RS
-ORBIT_SPEED, ORBIT_ACCELERATION, ORBIT_JERK = 5.0, 2.0, 4.0  # m/s (FLW_TGT_MAX_VEL), m/s^2, m/s^3
+ORBIT_SPEED, ORBIT_ACCELERATION, ORBIT_JERK = 8.0, 2.0, 4.0  # m/s (FLW_TGT_MAX_VEL), m/s^2, m/s^3
 POSITION_FUSION, VELOCITY_FUSION, STALE = 0.5, 0.1, 3.0  # s
 MOST_ACCELERATION: Final = 20.0  # m/s^2, of the target
 SMOOTHING, DAMPING = 1.0, 0.7071  # rad/s

@@ -17,6 +17,10 @@ after silence.
 
 **It begins on the last target that it has, however old**: silence does not keep it from passing the leader. Where
 it may not begin, it is sent a target whose circle begins at the place where the vehicle is.
+
+**Its course of a leader at rest is ours to state.** Left at north, it takes the vehicle to the south, and a leader
+that flies off there comes at it. So the last target before the mode is entered has a small velocity away from the
+vehicle, and stays behind it. Later that would not do: a real one swung by 45 degrees to both sides on it.
 """
 
 import math
@@ -32,10 +36,12 @@ from onboard.messages import Heartbeat
 
 FOLLOW_ME: Final = 8 << 24 | 4 << 16  # custom_mode AUTO, FOLLOW_TARGET
 MOVES: Final = 1.0  # m/s, from which a velocity sets its course
-SETS_OFF, SETS_OFF_S = 2.0, 0.8  # m/s, s, of a leader that was at rest: of a hover, its estimate has up to 1.3
+SETS_OFF, SETS_OFF_S = 2.0, 0.4  # m/s, s, of a leader that was at rest: of a hover, its estimate has up to 1.3
+RESTS_S: Final = 3.0  # s, of a slow one that flew: it may be turning round
 SURELY: Final = 2.0  # of the velocity's standard deviation: less may be its error
 STILL: Final = 0.8  # m/s, of a velocity that may be noise and must not set it
 TURNS: Final = 1.3  # m/s, of one that is to set it
+BEGINS_S: Final = 0.6  # s, after the mode is entered: until its filters have begun with it
 PULL: Final = 0.8  # 1/s, at which the target closes up to where it belongs
 ASIDE: Final = 0.4  # of the leader's speed, at most, so that closing up hardly turns the course
 CREEPS: Final = 0.4  # m/s, of one that stands
@@ -43,7 +49,7 @@ LEAPS: Final = 20.0  # m; it begins anew rather than travel farther
 QUICKER, BRAKES = 3.0, 5.0  # m/s^2, of the target
 LAG_S: Final = 2.4  # from a place ahead to the speed with which it is approached: 1 / MPC_XY_P, and the filters
 POSITION_GAIN, RESPONSE_S, SPEED = 0.95, 0.6, 12.0  # MPC_XY_P, s, MPC_XY_VEL_MAX
-ORBIT_SPEED: Final = 5.0  # m/s, FLW_TGT_MAX_VEL
+ORBIT_SPEED: Final = 8.0  # m/s, FLW_TGT_MAX_VEL: 30 m behind a leader that turns at 0.2 rad/s it is 6
 AWAY: Final = 0.9  # of the distance that it has: a way that goes nearer does not go away
 HIGHER: Final = 8.0  # m, at which it may pass above or below the leader
 STEP_S, AHEAD_S = 0.25, 20.0  # s, of the prediction of its way
@@ -74,18 +80,21 @@ class Px4:
         """Forget the leader."""
         self._side = FORWARD  # from the target to us, level, of length 1
         self._stops = False
-        self._fast_for = 0.0  # s, the smoothed leader
+        self._course = FORWARD  # that it is to have behind a leader at rest, level, of length 1
+        self._entered_for = math.inf  # s; it has a course
+        self._moves = False
+        self._fast_for = self._slow_for = 0.0  # s, the smoothed leader
         self._sent: Sent | None = None  # the target before
-
-    @property
-    def _moves(self) -> bool:
-        return self._fast_for > SETS_OFF_S
 
     def waits(self, track: Track, sigma: float, dt: float) -> bool:
         """Behind a leader at rest only: one that flies off leaves the image of a vehicle that looks at a place."""
-        needed = MOVES if self._moves else max(SETS_OFF, SURELY * sigma)
-        is_fast = math.hypot(track.v[0], track.v[1]) > needed
-        self._fast_for = self._fast_for + dt if is_fast else 0.0
+        speed = math.hypot(track.v[0], track.v[1])
+        self._slow_for = 0.0 if speed > MOVES else self._slow_for + dt
+        if self._moves:
+            self._moves = self._slow_for < RESTS_S
+        else:
+            self._fast_for = self._fast_for + dt if speed > max(SETS_OFF, SURELY * sigma) else 0.0
+            self._moves = self._fast_for > SETS_OFF_S
         return not self._moves
 
     def follow(
@@ -99,6 +108,7 @@ class Px4:
     ) -> Sent:
         """On the circle about the leader, where the vehicle is."""
         self._stops = False
+        self._moves &= slot.is_entered or self._slow_for == 0.0  # the last before is the one that it begins on
         x, y, _ = (r_F - track.r).tolist()
         if math.hypot(x, y) > 1.0:
             self._side = np.array([x, y, 0.0]) / math.hypot(x, y)
@@ -106,35 +116,51 @@ class Px4:
         r[2] = r_F[2]
         r = kept_away(r, r_L, r_F, turned(FORWARD, slot.yaw), slot)
         r = r_F + limited(r - r_F, LAG_S * self._closes)
-        v = track.v if self._moves else np.array([*limited(track.v[:2], STILL), track.v[2]])
-        return Sent(np.array([r[0], r[1], track.r[2]]), v, np.zeros(3), slot.yaw)
+        self._course = turned(level(slot.arm), -self._angle) / max(math.hypot(slot.arm[0], slot.arm[1]), 1e-9)
+        return Sent(np.array([r[0], r[1], track.r[2]]), track.v, np.zeros(3), slot.yaw)
 
     def stop(self, place: Array, v_F: Array, yaw: float, *, brakes: bool) -> Sent:  # noqa: ARG002
         """At a standstill. A small velocity turns its course to us, so that it does not circle the place. The last
         message has it yet: its filter carries on a velocity that ends as one that turns round."""
         if not self._stops:
             self._stops, self._side = True, -turned(FORWARD, yaw)
-        return Sent(place, TURNS * turned(self._side, -self._angle), np.zeros(3), yaw)
+            self._course = turned(self._side, -self._angle)
+        return Sent(place, np.zeros(3), np.zeros(3), yaw)
 
     def target(self, sent: Sent, slot: Slot, dt: float) -> Sent:
         """The centre of the circle, on from the one before. Before the mode is entered there is none."""
+        self._entered_for = self._entered_for + dt if slot.is_entered else 0.0
         aim, before = sent._replace(r=sent.r - self._distance * self._side), self._sent
         if before is None or not slot.is_entered or math.dist(aim.r[:2], before.r[:2]) > LEAPS:
-            self._sent = aim
-            return aim
+            self._sent = aim._replace(v=self._sure(aim.v))
+            return self._with_course(self._sent)
         speed = math.hypot(sent.v[0], sent.v[1])
         most = CREEPS if self._stops else max(STILL, ASIDE * speed)
         along = np.zeros(3) if self._stops else sent.v
-        v = along + limited(PULL * level(aim.r - before.r - dt * along), most)
-        if not self._stops and not self._moves:
-            v = limited(v, STILL)
+        v = self._sure(along + limited(PULL * level(aim.r - before.r - dt * along), most))
         slows = self._stops or math.hypot(v[0], v[1]) < math.hypot(before.v[0], before.v[1])
         v = before.v + limited(v - before.v, (BRAKES if slows else QUICKER) * dt)
         r = before.r + dt * v
         r[2] = aim.r[2]
         self._sent = Sent(r, v, aim.a, aim.yaw)
-        stands = self._stops and math.hypot(v[0], v[1]) < STILL
-        return self._sent._replace(v=v + sent.v) if stands else self._sent
+        return self._with_course(self._sent)
+
+    def _sure(self, v: Array) -> Array:
+        """As much of a velocity as is surely the leader's, or sets no other course."""
+        if self._stops or self._moves:
+            return v
+        away = max(float(v @ self._course), 0.0) * self._course
+        return away + limited(v - away, STILL)
+
+    def _with_course(self, sent: Sent) -> Sent:
+        """With a velocity that sets the course where it stops or begins, and keeps it behind a leader at rest."""
+        speed = math.hypot(sent.v[0], sent.v[1])
+        if self._stops:
+            return sent._replace(v=sent.v + TURNS * self._course) if speed < STILL else sent
+        if self._moves or speed >= SETS_OFF:
+            return sent
+        begins = self._entered_for < BEGINS_S
+        return sent._replace(v=TURNS * self._course if begins else limited(sent.v, STILL))
 
     def passes(self, r: Array, v_F: Array, v_L: Array) -> str:
         """Its way when it begins, about a leader that flies straight on. Too near already, it may only go away."""
