@@ -94,6 +94,19 @@ def of_closed_loop(result: Json) -> Figures:
     }
 
 
+def of_manoeuvres(result: Json) -> Figures:
+    """Figures of the study of manoeuvres: a row of the page's table for each autopilot and manoeuvre."""
+    found = {"manoeuvre_flights": str(result["seeds"])}
+    for autopilot, name, flights, followed, least, median, greatest, usual, seen, valid in result["tables"][0][
+        "rows"
+    ]:
+        found[f"manoeuvre_{autopilot}_{_key(name)}"] = (
+            f"{followed:.0f} of {flights:.0f} | {median:.0f} ({least:.0f}) | {usual:.0f} ({greatest:.0f})"
+            f" | {seen:.0f} | {valid:.0f}"
+        )
+    return found
+
+
 def of_encounters(result: Json) -> Figures:
     """Figures of the study of encounters: a row of the page's tables for each encounter."""
     found = of_reference(result) | of_velocity(result) | of_departures(result)
@@ -158,7 +171,7 @@ def _shown(number: float | None) -> str:
 
 
 def _key(encounter: str) -> str:
-    return encounter.replace(",", "").replace(" ", "_")
+    return re.sub(r"[,./]", "", encounter).replace(" ", "_")
 
 
 STUDIES = {
@@ -167,6 +180,7 @@ STUDIES = {
     "traffic": of_traffic,
     "encounters": of_encounters,
     "closed-loop": of_closed_loop,
+    "manoeuvres": of_manoeuvres,
 }
 
 

@@ -20,8 +20,8 @@ from onboard.commands.parallel.workers import Progress
 AT_ONCE: Final = 2
 # the slowest first (as measured), so that the last ones are short
 SLOWEST: Final = (
-    *("relative-motion", "csvsf-quadrotor", "traffic", "encounters", "own-state", "closed-loop"),
-    *("joseph-srukf-sense-and-avoid", "ukf-radar-launch-vehicle"),
+    *("relative-motion", "csvsf-quadrotor", "traffic", "encounters", "manoeuvres", "own-state"),
+    *("closed-loop", "joseph-srukf-sense-and-avoid", "ukf-radar-launch-vehicle"),
 )
 
 StudyProgress = Callable[[str, int, int], None]

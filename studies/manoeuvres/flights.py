@@ -1,0 +1,141 @@
+"""A leader that leaves a hover and then does one thing, and a follower that an autopilot's mode flies after it.
+
+Each flight begins behind a leader at rest, engages after 10 s, and sees it leave after 25 s. Places, speeds and
+times are those of flights of real autopilots, made round: none was chosen by its result here.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Final, Literal, NamedTuple
+
+import numpy as np
+from msgspec.structs import replace
+
+from simlink.scenarios.profiles import Interval, Pulse
+from simlink.scenarios.scenario import Scenario, load_scenario
+from studies.closed_loop.flight import Flight, fly
+
+Autopilot = Literal["ardupilot", "px4"]
+
+SLOT: Final = (-30.0, 0.0, 2.0)  # m: behind, at 30 m; the leader's course is south, so that PX4 begins behind it
+SPEEDS: Final[dict[Autopilot, float]] = {"ardupilot": 8.0, "px4": 5.0}  # m/s
+ACCELERATION: Final = 1.5  # m/s^2, mean of a raised cosine
+LEAVES, BEGINS = 25.0, 45.0  # s: the hover, and what it does
+TURNING_SINCE: Final = 40.0  # s, where it is blind or killed in a circle
+COUNTS: Final = 15.0  # s, 5 s after FOLLOW is engaged
+FOR_GOOD: Final = 1000.0  # s
+AT_THE_END: Final = 5.0  # s
+NEAR_ITS_SLOT: Final = (0.5, 1.5)  # of the slot's distance
+
+
+class Change(NamedTuple):
+    """A change of speed from `start` (s) on, by a `part` of it, with ACCELERATION times `hard`, for `hold` s."""
+
+    start: float
+    part: float
+    hard: float = 1.0
+    hold: float = FOR_GOOD
+
+    def of(self, speed: float) -> Pulse:
+        """The change of a leader of a speed, m/s."""
+        change = self.part * speed
+        rise = abs(change) / (self.hard * ACCELERATION)
+        return Pulse(start=self.start, end=self.start + 2.0 * rise + self.hold, change=change, hold=self.hold)
+
+
+class Turn(NamedTuple):
+    """A circle at a `rate` (rad/s) from `start` on, for `hold` s."""
+
+    rate: float
+    start: float = BEGINS
+    hold: float = FOR_GOOD
+
+    def of(self, speed: float) -> Pulse:
+        """The lateral acceleration of a leader of a speed, m/s."""
+        return Pulse(start=self.start, end=self.start + 2.0 + self.hold, change=self.rate * speed, hold=self.hold)
+
+
+class Manoeuvre(NamedTuple):
+    """What a leader does after it has left the hover, when the camera is blind and the daemon dead (s, from and
+    to), and how long the flight is, s."""
+
+    name: str
+    duration: float
+    turns: tuple[Turn, ...] = ()
+    changes: tuple[Change, ...] = ()
+    backs_up: bool = False
+    blind: tuple[Interval, ...] = ()
+    killed: tuple[float, float] = (math.inf, math.inf)
+
+
+class Result(NamedTuple):
+    """Of one flight: least and greatest distance, percent of the slot's; percent of images with the leader inside
+    and of the time with a valid estimate; whether it is followed, seen and near its slot for the last seconds."""
+
+    least: float
+    greatest: float
+    seen: float
+    valid: float
+    followed: bool
+
+
+IN_A_CIRCLE: Final = (Turn(0.125, TURNING_SINCE),)
+MANOEUVRES: Final = (
+    Manoeuvre("flies straight on", 90.0),
+    Manoeuvre("circle at 0.125 rad/s", 90.0, (Turn(0.125),)),
+    Manoeuvre("circle at 0.2 rad/s", 90.0, (Turn(0.2),)),
+    Manoeuvre("stops", 75.0, changes=(Change(BEGINS, -1.0),)),
+    Manoeuvre(
+        "stops out of a circle at 0.2 rad/s", 75.0, (Turn(0.2, TURNING_SINCE, 10.0),), (Change(51.0, -1.0, 2.0),)
+    ),
+    Manoeuvre("turns back and flies past us", 80.0, changes=(Change(BEGINS, -2.0, hold=6.0),)),
+    Manoeuvre("backs up at 4 m/s out of the hover", 60.0, backs_up=True),
+    Manoeuvre("blind for 3 s, straight", 90.0, blind=(Interval(start=45.0, end=48.0),)),
+    Manoeuvre("blind for 3 s, in a circle", 90.0, IN_A_CIRCLE, blind=(Interval(start=50.0, end=53.0),)),
+    Manoeuvre("blind for 15 s, straight", 140.0, blind=(Interval(start=45.0, end=60.0),)),
+    Manoeuvre("blind for 15 s, in a circle", 120.0, IN_A_CIRCLE, blind=(Interval(start=50.0, end=65.0),)),
+    Manoeuvre("daemon killed for 2 s, in a circle", 90.0, IN_A_CIRCLE, killed=(50.0, 52.0)),
+)
+
+
+def scenario_of(autopilot: Autopilot, manoeuvre: Manoeuvre) -> Scenario:
+    """The scenario of a flight."""
+    base, v = load_scenario("guided-hover"), SPEEDS[autopilot]
+    assert base.follow is not None  # noqa: S101 - it follows
+    changes = (Change(LEAVES, 1.0), *manoeuvre.changes)
+    speeds = tuple(c.of(v) for c in changes)
+    if manoeuvre.backs_up:
+        speeds = (Pulse(start=LEAVES, end=LEAVES + 16.0, change=-4.0, hold=12.0),)
+    turns = tuple(t.of(v) for t in manoeuvre.turns)
+    return replace(
+        base,
+        duration=manoeuvre.duration,
+        repeat=manoeuvre.duration + AT_THE_END,
+        vehicle=replace(base.vehicle, autopilot=autopilot),
+        leader=replace(base.leader, speed_pulses=speeds, a_lat_pulses=turns, climb_pulses=(), course_deg=180.0),
+        camera=replace(base.camera, blackouts=manoeuvre.blind),
+        follower=replace(base.follower, slot=SLOT),
+        follow=replace(base.follow, offset=SLOT),
+    )
+
+
+def flown(autopilot: Autopilot, manoeuvre: Manoeuvre, seed: int, settings: Sequence[str] = ()) -> Result:
+    """One flight and its result."""
+    return judged(fly(scenario_of(autopilot, manoeuvre), seed, manoeuvre.duration, settings, manoeuvre.killed))
+
+
+def judged(flight: Flight) -> Result:
+    """The result of a flight."""
+    of_slot = flight.distance / float(np.linalg.norm(SLOT))
+    counts, last = flight.t >= COUNTS, flight.t > flight.t[-1] - AT_THE_END
+    low, high = NEAR_ITS_SLOT
+    followed = (
+        (flight.following > 0) & (flight.valid > 0) & (flight.in_view > 0) & (of_slot > low) & (of_slot < high)
+    )
+    return Result(
+        least=100.0 * float(of_slot[counts].min()),
+        greatest=100.0 * float(of_slot[counts].max()),
+        seen=100.0 * float(flight.in_view[counts].mean()),
+        valid=100.0 * float(flight.valid[counts].mean()),
+        followed=bool(followed[last].mean() > 0.9),
+    )

@@ -1,0 +1,101 @@
+"""Followers of both autopilots behind a leader that leaves a hover and then manoeuvres, is not seen for a
+while, or whose daemon is killed. The daemon's pipeline flies as it ships, with nothing configured but the leader's
+size and class and the slot, 30 m behind. simlink's followers fly what it sends as ArduPilot's FOLLOW and PX4's
+Follow-Me do. ArduPilot's leader flies 8 m/s, PX4's 5 m/s. Distances are percent of the slot's.
+"""
+
+from collections.abc import Sequence
+from itertools import product
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from onboard.commands.parallel.workers import Jobs, Part, Progress, compute
+from studies.manoeuvres.flights import MANOEUVRES, SPEEDS, Autopilot, Manoeuvre, Result, flown
+from studies.report.files import drawing, publish, require_seeds
+from studies.report.findings import Claim, Findings, Table, verdict
+from studies.report.sampling import ENOUGH, decided
+
+NAME: Final = "manoeuvres"
+TITLE: Final = "Manoeuvres: followers of both autopilots"
+FIRST_SEED: Final = 501
+LEAST: Final = 200.0 / 3.0  # percent of the slot's distance
+GREATEST: Final = 200.0  # percent, in circles
+HEADER: Final = (
+    *("autopilot", "leader", "flights", "followed at the end"),
+    *("least distance %", "median %", "greatest distance %", "median %", "images with the leader %", "valid %"),
+)
+
+Row = tuple[Autopilot, Manoeuvre, Sequence[Result]]
+
+
+def run(
+    seeds: int = ENOUGH,
+    first_seed: int = FIRST_SEED,
+    jobs: Jobs = None,
+    out: Path | None = None,
+    progress: Progress | None = None,
+    manoeuvres: Sequence[Manoeuvre] = MANOEUVRES,
+) -> Findings:
+    """The study over `seeds` flights of each manoeuvre and autopilot."""
+    draw = drawing(__package__, out)
+    numbers = require_seeds(seeds, first_seed)
+    cases = list(product(SPEEDS, manoeuvres))
+    results: list[Result] = compute([Part(flown, (*case, n)) for case in cases for n in numbers], jobs, progress)
+    rows = [(*case, results[k * seeds : (k + 1) * seeds]) for k, case in enumerate(cases)]
+    return publish(decided(findings(rows, first_seed), ENOUGH), out, draw, rows)
+
+
+def findings(rows: Sequence[Row], first_seed: int) -> Findings:
+    """The results of flights with successive seeds."""
+    return Findings(
+        study=NAME,
+        title=TITLE,
+        setting=(__doc__ or "").replace("\n", " ").strip(),
+        seeds=len(rows[0][2]),
+        first_seed=first_seed,
+        tables=(
+            Table(
+                title="Manoeuvre by manoeuvre",
+                note="The worst and the median flight. Distances count from 5 s after the mode is entered. "
+                "Followed: seen, valid and at 50 to 150 % of the slot's distance for the last 5 s.",
+                header=HEADER,
+                rows=tuple((autopilot, m.name, *_row(found)) for autopilot, m, found in rows),
+            ),
+        ),
+        claims=tuple(claim for autopilot in SPEEDS for claim in _claims(autopilot, rows)),
+    )
+
+
+def _row(found: Sequence[Result]) -> tuple[float, ...]:
+    least, greatest, seen, valid, followed = np.array(found, float).T
+    return (
+        float(len(found)),
+        float(followed.sum()),
+        *(float(least.min()), float(np.median(least)), float(greatest.max()), float(np.median(greatest))),
+        *(float(seen.mean()), float(valid.mean())),
+    )
+
+
+def _claims(autopilot: Autopilot, rows: Sequence[Row]) -> tuple[Claim, ...]:
+    mine = [(m, found) for name, m, found in rows if name == autopilot]
+    near = [m.name for m, found in mine if min(r.least for r in found) < LEAST]
+    far = [
+        m.name for m, found in mine if m.name.startswith("circle") and max(r.greatest for r in found) > GREATEST
+    ]
+    lost = [m.name for m, found in mine if not all(r.followed for r in found)]
+    said = (
+        (f"{autopilot}: no flight comes nearer than two thirds of the slot's distance", near),
+        (f"{autopilot}: in circles no flight is led farther than twice it", far),
+        (f"{autopilot}: after each manoeuvre, drop-out and restart the leader is followed again", lost),
+    )
+    return tuple(
+        Claim(
+            claim=claim,
+            where="ours",
+            verdict=verdict(not misses),
+            evidence=f"misses: {'; '.join(misses) or 'none'}",
+        )
+        for claim, misses in said
+    )
