@@ -171,5 +171,4 @@ UNSURE: Final = 1.4  # times the configured errors of our attitude and velocity:
 SMALLEST_SIGMA: Final = 1e-4  # rad; an axis of our attitude that is known better than this needs no state
 PRESSURE_BIAS: Final = 30.0  # m: of a height by a pressure whose reference at sea level is not known
 DELAY_TIME: Final = 600.0  # s: a link's delay lasts longer than an error of GNSS
-HAS_STOPPED: Final = 0.05  # the probability that a leader hovers that flew when an earlier run ended: judgement
 DRIFT: Final = 0.5  # m/s: of the autopilot's position, beside its velocity

@@ -40,7 +40,7 @@ INSIDE = {
         *({"camera_pose"}, {"pose", "shape"}, {"measurement"}, {"prepare"}, {"detector"}),
     ),
     "onboard.estimators.kit": ({"frame", "history", "life_cycle"}, {"peer_position", "reports"}),
-    "studies": ({"report"}, {"tracking"}, {"*"}, {"together"}, {"command"}, {"__main__"}),
+    "studies": ({"report"}, {"tracking", "closed_loop"}, {"*"}, {"together"}, {"command"}, {"__main__"}),
     "simlink": (
         *({"scenarios"}, {"world"}, {"sensors"}, {"traffic"}, {"autopilot"}, {"simulation"}),
         *({"encounters", "log", "server"}, {"cli"}, {"__main__"}),

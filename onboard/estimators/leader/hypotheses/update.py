@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.assumptions import FLIPPED, HAS_STOPPED, STRAY, TURN_BIAS, NoseModel
+from onboard.estimators.leader.assumptions import FLIPPED, STRAY, TURN_BIAS, NoseModel
 from onboard.estimators.leader.hypotheses import points
 from onboard.estimators.leader.hypotheses import wing as model
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
@@ -196,9 +196,10 @@ def informed(settings: NoseModel, cloud: Cloud, prior: Belief, *, flew: bool = F
     after = weighted(found, log_l)
     hovers = after.regimes == model.HOVERING
     share = float(np.exp(after.log_weights[hovers]).sum())
-    if not flew or not HAS_STOPPED < share < 1.0:
+    stopped = 1.0 / settings.flies_for  # as of one that was slow for a second meanwhile
+    if not flew or not stopped < share < 1.0:
         return after
-    to_fewer = math.log(HAS_STOPPED / share), math.log((1.0 - HAS_STOPPED) / (1.0 - share))
+    to_fewer = math.log(stopped / share), math.log((1.0 - stopped) / (1.0 - share))
     return after._replace(log_weights=after.log_weights + np.where(hovers, *to_fewer))
 
 

@@ -16,7 +16,7 @@ from onboard.ownship import Ownship
 MOTION: Final = slice(0, 6)
 LONGEST_S: Final = 10.0  # later, the leader may be anywhere
 ACCELERATION: Final = np.array([1.0, 1.0, 0.5])  # m/s^2, 1 sigma, beyond the estimated one, unseen
-SURELY: Final = 3.0  # standard deviations
+SURELY: Final = 2.0  # standard deviations
 HOVERS: Final = 1.0  # m/s: a slower leader has no course to turn from
 
 
