@@ -12,6 +12,7 @@ from tests.support.programs import ROOT
 MOST_CALLS = 19  # upon each other, from `Pipeline.feed` with an image to the deepest function of ours
 MOST_FILES = 50  # of ours that an image passes
 MOST_PLACES = 8  # that set `valid`
+MOST_NAMES_OF_TWO = 22  # of classes in `onboard`, each with one meaning in each package
 MOST_ARGUMENTS, MOST_OF_KERNELS = 10, 19
 MOST_NUMBERS = {"leader": 249, "oh_johnson": 14, "own_state": 101, "traffic": 79}
 MOST_STATE_VECTORS = {"leader": 3, "oh_johnson": 1, "own_state": 2, "traffic": 3}
@@ -74,6 +75,11 @@ def test_an_estimator_has_few_state_vectors(estimator: str) -> None:
 @pytest.mark.parametrize("package", PACKAGES)
 def test_a_name_of_a_class_means_one_thing_in_a_package(package: str) -> None:
     assert growth.names_of_two(ROOT / "onboard" / package) == {}
+
+
+def test_few_names_of_classes_mean_two_things_in_onboard() -> None:
+    found = growth.names_of_two(ROOT / "onboard")
+    assert len(found) <= MOST_NAMES_OF_TWO, found
 
 
 def test_a_name_of_two_classes_is_found(tmp_path: Path) -> None:
