@@ -9,7 +9,7 @@ from tests.support import growth
 from tests.support.one_image import way_of_one_image
 from tests.support.programs import ROOT
 
-MOST_CALLS = 19  # upon each other, from `Pipeline.feed` with an image to the deepest function of ours
+MOST_CALLS = 17  # upon each other, from `Pipeline.feed` with an image to the deepest function of ours
 MOST_FILES = 50  # of ours that an image passes
 MOST_PLACES = 8  # that set `valid`
 MOST_NAMES_OF_TWO = 22  # of classes in `onboard`, each with one meaning in each package
