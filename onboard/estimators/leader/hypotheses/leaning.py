@@ -32,7 +32,7 @@ def lognormal(s: NoseModel) -> tuple[float, float]:
     return s.drag * math.exp(-0.5 * variance), math.sqrt(variance)
 
 
-def drags_of(s: NoseModel, draw: int, count: int) -> Array:
+def drags_of(s: NoseModel, draw: int | np.uint64, count: int) -> Array:
     """Drags (count,), 1/s, a fixed function of `draw`."""
     middle, sigma = lognormal(s)
     found: Array = middle * np.exp(sigma * normal(draw, count))

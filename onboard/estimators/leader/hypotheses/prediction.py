@@ -14,7 +14,23 @@ from onboard.estimators.leader.assumptions import NoseModel
 from onboard.estimators.leader.hypotheses import leaning
 from onboard.estimators.leader.hypotheses import wing as model
 from onboard.estimators.leader.hypotheses.cloud import ARRAYS, Bias, Cloud, charged, named
-from onboard.estimators.leader.hypotheses.draws import DRAW, normal_of, uniform_of
+from onboard.estimators.leader.hypotheses.draws import (
+    DRAW,
+    DRAWS,
+    OF_ACCEPTANCE,
+    OF_DOUBT,
+    OF_DRAG,
+    OF_INTENSITIES,
+    OF_NEW_WOBBLE,
+    OF_NOSE,
+    OF_REGIME,
+    OF_TURN_RATE,
+    OF_TURNING,
+    OF_TYING,
+    OF_WANDERING,
+    normal_of,
+    uniform_of,
+)
 from onboard.estimators.leader.hypotheses.leaning import banked, lean, likely, lognormal, slope_of
 from onboard.estimators.leader.hypotheses.wing import (
     ACCELERATING,
@@ -42,10 +58,8 @@ from onboard.filters.compiled import OUT, VECTOR
 
 CIRCLES: Final = 5  # of a computation: a nose, the range that it implies, the course at that range
 MOST_CRAB: Final = 2.5  # standard deviations of a fixed wing's nose about its course
-APART: Final = 1 << 40  # added to the number of a draw, for a stream of its own
 LETS_GO2: Final = 9.0  # (m/s)^2: a slower leader's nose is not tied to its course
 DRIFTS2: Final = 0.16  # (m/s)^2: a faster leader does not hover
-DRAWS: Final = 8  # streams of random numbers that a step uses
 SURE: Final = 10.0  # times as long until a particle takes another nose, where points show the nose
 MOST_COST: Final = 20.0  # of what a hypothesis supposes: it is improbable enough then
 HORIZONTAL: Final = np.array([1.0, 1.0, 0.5])  # vertical accelerations are half as large
@@ -309,38 +323,37 @@ def _change(
     keeps, nose_rate, wander, crab = slow
     stops, turns, steadies, begins, hovers, leaves, doubted, unties, decides, ties, anew = chances
     passed = Passed(dt, moved, edge_on, metric, wind)
-    of_drag, of_accepting, of_wobble, of_tying = 2 * APART, 3 * APART, 4 * APART, APART + 6
     for k in range(noses.shape[0]):
         x = means[k]
         new_rate = 0.0
-        of_turning = uniform_of(draws, k)
+        of_turning = uniform_of(draws + OF_TURNING, k)
         if rates[k] == 0.0 and of_turning < turns:
-            new_rate = nose_rate * normal_of(np.uint64(draws + 1), k)
+            new_rate = nose_rate * normal_of(draws + OF_TURN_RATE, k)
         rates[k] = _rate(rates[k], of_turning, stops, turns, new_rate)
         for i in range(3):
-            bold = normal_of(np.uint64(draws + APART + 2 * i), k) if spread[i] > 0.0 else 0.0
+            bold = normal_of(draws + OF_INTENSITIES[i], k) if spread[i] > 0.0 else 0.0
             new = spread[i] * np.sqrt(1.0 - keeps * keeps) * bold
             intensities[k, i] = keeps * intensities[k, i] + new
-        of_speed = uniform_of(np.uint64(draws + 3), k)
+        of_speed = uniform_of(draws + OF_REGIME, k)
         regimes[k] = _next(regimes[k], x, P[k], of_speed, steadies, begins, hovers, leaves)
         tied_before = tied[k]
         tied[k], becomes_tied, doubts = _decided(
-            *(tied[k], x, regimes[k], uniform_of(np.uint64(draws + 6), k)),
-            *(uniform_of(np.uint64(draws + of_tying), k), decides, doubted, unties, ties, anew),
+            *(tied[k], x, regimes[k], uniform_of(draws + OF_DOUBT, k)),
+            *(uniform_of(draws + OF_TYING, k), decides, doubted, unties, ties, anew),
         )
         if becomes_tied or doubts:
-            where = uniform_of(np.uint64(draws + 7), k)
+            where = uniform_of(draws + OF_NOSE, k)
             other = noses[k] + np.pi * where
             if becomes_tied:
                 other, rates[k] = _tied_nose(noses[k], x, dt, moved, edge_on, air), 0.0
             elif crab > 0.0:  # a fixed wing's nose stays about its course
                 other = np.arctan2(x[4], x[3]) + crab * MOST_CRAB * (2.0 * where - 1.0)
-            new_drag = drag[0] * np.exp(drag[1] * normal_of(np.uint64(draws + of_drag), k))
-            accepted = uniform_of(np.uint64(draws + of_accepting), k)
+            new_drag = drag[0] * np.exp(drag[1] * normal_of(draws + OF_DRAG, k))
+            accepted = uniform_of(draws + OF_ACCEPTANCE, k)
             hovering, both = regimes[k] == HOVERING, (drags[k], new_drag)
             if _takes(noses[k], other, x, P[k], passed, hovering, both, np.log(accepted)):
                 drags[k] = new_drag
-                intensities[k, 2] = spread[2] * normal_of(np.uint64(draws + of_wobble), k)
+                intensities[k, 2] = spread[2] * normal_of(draws + OF_NEW_WOBBLE, k)
             else:
                 other, tied[k] = noses[k], tied_before
             noses[k] = other
@@ -350,4 +363,4 @@ def _change(
         broad = _fraction(noses[k], x, edge_on)
         # the less is seen of the wing, the more does it show of a small turn
         wanders = wander * min(1.0, broad / np.sqrt(max(1.0 - broad * broad, 1e-9)))
-        noses[k] += dt * rates[k] + wanders * normal_of(np.uint64(draws + 4), k)
+        noses[k] += dt * rates[k] + wanders * normal_of(draws + OF_WANDERING, k)
