@@ -28,7 +28,7 @@ QUATERNION: Final = ("q_w", "q_x", "q_y", "q_z")
 TEXT: Final = ("state", "verdict", "target", "estimator", "faults")  # columns that hold no number
 
 
-class Rows(NamedTuple):
+class CsvTable(NamedTuple):
     """A table of estimates: the names of its columns, which carry their units, and the row of an output; None
     for an output that has none. A value that is not known is None."""
 
@@ -79,10 +79,12 @@ def _values(estimate: Estimate, n: int) -> Values:
 
 
 # one row per estimate of any estimator, which the last column names: NED, leader relative to follower, boot clock
-LEADER: Final = Rows((*_columns(relative_motion.COMPONENTS, relative_motion.UNITS), "estimator"), _leader_values)
+LEADER: Final = CsvTable(
+    (*_columns(relative_motion.COMPONENTS, relative_motion.UNITS), "estimator"), _leader_values
+)
 # one row per state of our own vehicle, NED from the origin: then the attitude's quaternion, the share of
 # measurements outside their layer, the quality and the faults that last
-OWN: Final = Rows(
+OWN: Final = CsvTable(
     (*_columns(OWN_COMPONENTS, OWN_UNITS), *QUATERNION, "switch_fraction", "quality", "faults"), _own_values
 )
 
@@ -90,10 +92,10 @@ OWN: Final = Rows(
 class CsvWriter:
     """A table as CSV."""
 
-    def __init__(self, file: IO[str], rows: Rows = LEADER) -> None:
-        self._writer, self._values = csv.writer(file, lineterminator="\n"), rows.values
-        self._writer.writerow(rows.columns)
-        self._formats = [_format(name) for name in rows.columns]
+    def __init__(self, file: IO[str], table: CsvTable = LEADER) -> None:
+        self._writer, self._values = csv.writer(file, lineterminator="\n"), table.values
+        self._writer.writerow(table.columns)
+        self._formats = [_format(name) for name in table.columns]
 
     def write(self, output: Output) -> None:
         """Append an output's row, if it has one."""

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final, Protocol
 
 from onboard import UserError
-from onboard.commands.csv_rows import LEADER, OWN, TEXT, CsvWriter, Rows
+from onboard.commands.csv_rows import LEADER, OWN, TEXT, CsvTable, CsvWriter
 from onboard.messages import Estimate, Health, NavState, Output
 from onboard.messages.ros import Ros2Config
 from onboard.scoring.reference import Reference
@@ -120,18 +120,18 @@ def write_truth(path: Path, reference: Reference) -> Path:
 class ParquetWriter:
     """A table as Parquet, in groups of BATCH rows: numbers are doubles, what is not known is null."""
 
-    def __init__(self, path: Path, rows: Rows) -> None:
+    def __init__(self, path: Path, table: CsvTable) -> None:
         import pyarrow as pa  # noqa: PLC0415 - an extra
         from pyarrow import parquet  # noqa: PLC0415
 
-        self._arrow, self._rows = pa, rows
-        self._schema = pa.schema([(name, pa.string() if name in TEXT else pa.float64()) for name in rows.columns])
+        self._arrow, self._values = pa, table.values
+        self._schema = pa.schema([(name, pa.string() if name in TEXT else pa.float64()) for name in table.columns])
         self._writer = parquet.ParquetWriter(path, self._schema)
         self._waiting: list[Any] = []
 
     def write(self, output: Output) -> None:
         """Append an output's row, if it has one."""
-        values = self._rows.values(output)
+        values = self._values(output)
         if values is not None:
             self._waiting.append(values)
             if len(self._waiting) >= BATCH:
@@ -152,9 +152,9 @@ class ParquetWriter:
 class _Csv:
     """A table as CSV in a file of its own."""
 
-    def __init__(self, path: Path, rows: Rows) -> None:
+    def __init__(self, path: Path, table: CsvTable) -> None:
         self._file = path.open("w", encoding="utf-8", newline="")
-        self.write, self.close = CsvWriter(self._file, rows).write, self._file.close
+        self.write, self.close = CsvWriter(self._file, table).write, self._file.close
 
 
 def _mcap(path: Path) -> Writer:
@@ -163,13 +163,13 @@ def _mcap(path: Path) -> Writer:
     return FoxgloveWriter(path)
 
 
-def _rows(of_own: bool) -> Rows:
+def _table(of_own: bool) -> CsvTable:
     return OWN if of_own else LEADER
 
 
 MAKE: Final[dict[str, Callable[[Path, bool], AbstractContextManager[Writer]]]] = {
-    ".csv": lambda path, of_own: closing(_Csv(path, _rows(of_own))),
-    ".parquet": lambda path, of_own: closing(ParquetWriter(path, _rows(of_own))),
+    ".csv": lambda path, of_own: closing(_Csv(path, _table(of_own))),
+    ".parquet": lambda path, of_own: closing(ParquetWriter(path, _table(of_own))),
     ".tum": lambda path, of_own: closing(TumWriter(path, of_own)),
     ".mcap": lambda path, _: closing(_mcap(path)),
 }

@@ -22,7 +22,7 @@ def main(arguments: argparse.Namespace) -> int:
     stop = threading.Event()
     for number in end_signals():
         signal.signal(number, lambda *_: stop.set())
-    refusals = Refusals(config.watchers)
+    refusals = RefusalLog(config.watchers)
     _read_log(refusals.read)
     session = open_router(config)
     try:
@@ -41,7 +41,7 @@ def main(arguments: argparse.Namespace) -> int:
     return 0
 
 
-class Refusals:
+class RefusalLog:
     """Counts what is refused, by what it was. `read` may run on another thread than `due`."""
 
     def __init__(self, watchers: Iterable[str]) -> None:

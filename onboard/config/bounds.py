@@ -11,7 +11,7 @@ from onboard.config.cameras import lens_of
 from onboard.config.sections import Config
 
 
-class Range(NamedTuple):
+class Bounds(NamedTuple):
     """The least and the greatest value, and the reason for them."""
 
     low: float
@@ -19,34 +19,36 @@ class Range(NamedTuple):
     why: str
 
 
-ANGLE: Final = Range(-360.0, 360.0, "it is an angle in degrees")
-OFFSET: Final = Range(-50.0, 50.0, "it is a distance on our own vehicle in metres")
-DELAY: Final = Range(-10.0, 10.0, "it is a delay in seconds; older images are not fused")
+ANGLE: Final = Bounds(-360.0, 360.0, "it is an angle in degrees")
+OFFSET: Final = Bounds(-50.0, 50.0, "it is a distance on our own vehicle in metres")
+DELAY: Final = Bounds(-10.0, 10.0, "it is a delay in seconds; older images are not fused")
 RANGES: Final = {
-    "estimator.leader.size_prior_m": Range(0.02, 200.0, "it is an aircraft's wingspan in metres"),
-    "estimator.leader.size_prior_sigma_m": Range(1e-6, 100.0, "it is the error of a wingspan in metres"),
-    "estimator.leader.own_tilt_sigma_deg": Range(0.0, 45.0, "with a greater error nobody knows which way is up"),
-    "estimator.leader.own_yaw_sigma_deg": Range(0.0, 90.0, "with a greater error nobody knows which way is north"),
-    "estimator.leader.own_velocity_sigma_m_s": Range(0.0, 100.0, "it is the error of a velocity in m/s"),
-    "estimator.leader.delay_sigma_s": Range(0.0, 1.0, "it is the error of a delay in seconds"),
-    "estimator.leader.coast_after_s": Range(0.02, 3600.0, "it is a time without images in seconds"),
-    "estimator.leader.validity_timeout_s": Range(0.02, 3600.0, "it is a time without images in seconds"),
-    "estimator.leader.reset_timeout_s": Range(0.02, 3600.0, "it is a time without images in seconds"),
+    "estimator.leader.size_prior_m": Bounds(0.02, 200.0, "it is an aircraft's wingspan in metres"),
+    "estimator.leader.size_prior_sigma_m": Bounds(1e-6, 100.0, "it is the error of a wingspan in metres"),
+    "estimator.leader.own_tilt_sigma_deg": Bounds(0.0, 45.0, "with a greater error nobody knows which way is up"),
+    "estimator.leader.own_yaw_sigma_deg": Bounds(
+        0.0, 90.0, "with a greater error nobody knows which way is north"
+    ),
+    "estimator.leader.own_velocity_sigma_m_s": Bounds(0.0, 100.0, "it is the error of a velocity in m/s"),
+    "estimator.leader.delay_sigma_s": Bounds(0.0, 1.0, "it is the error of a delay in seconds"),
+    "estimator.leader.coast_after_s": Bounds(0.02, 3600.0, "it is a time without images in seconds"),
+    "estimator.leader.validity_timeout_s": Bounds(0.02, 3600.0, "it is a time without images in seconds"),
+    "estimator.leader.reset_timeout_s": Bounds(0.02, 3600.0, "it is a time without images in seconds"),
     "delay.camera_s": DELAY,
 }
 OF_A_CAMERA: Final = {
     "mount_rpy_deg": ANGLE,
     "mount_offset_m": OFFSET,
     "delay_s": DELAY,
-    "mount_sigma_deg": Range(0.0, 45.0, "with a greater error nobody knows where the camera looks"),
-    "mount_yaw_sigma_deg": Range(0.0, 90.0, "with a greater error nobody knows where the camera looks"),
+    "mount_sigma_deg": Bounds(0.0, 45.0, "with a greater error nobody knows where the camera looks"),
+    "mount_yaw_sigma_deg": Bounds(0.0, 90.0, "with a greater error nobody knows where the camera looks"),
 }
 # What the file of stored parameters may set: whoever can set a parameter opens no link and names no file by it.
 TUNABLE: Final = frozenset(RANGES) | {
     f"camera.{key}" for key in ("f_px", "sigma_px", "mount_rpy_deg", "mount_offset_m")
 }
-FOCAL: Final = Range(0.01, 100.0, "the field of view is then between 0.6 and 179 degrees")  # of the width
-SIGMA: Final = Range(1e-5, 0.02, "a greater error hides a wing, a smaller one no detector has")  # of the width
+FOCAL: Final = Bounds(0.01, 100.0, "the field of view is then between 0.6 and 179 degrees")  # of the width
+SIGMA: Final = Bounds(1e-5, 0.02, "a greater error hides a wing, a smaller one no detector has")  # of the width
 
 
 def out_of_range(config: Config) -> Iterator[str]:
@@ -73,7 +75,7 @@ def not_tunable(table: dict[str, Any], prefix: str = "") -> Iterator[str]:
             yield key
 
 
-def _scaled(bounds: Range, by: float) -> Range:
+def _scaled(bounds: Bounds, by: float) -> Bounds:
     return bounds._replace(low=bounds.low * by, high=bounds.high * by)
 
 
@@ -85,7 +87,7 @@ def _find(config: Config, key: str) -> Any:
     return found
 
 
-def _checked(key: str, value: Any, bounds: Range) -> Iterator[str]:
+def _checked(key: str, value: Any, bounds: Bounds) -> Iterator[str]:
     if value is None:
         return
     if isinstance(value, tuple):

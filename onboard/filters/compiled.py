@@ -51,6 +51,13 @@ def out(dtype: Any, ndim: int = 2) -> Any:
     return types.Array(dtype, ndim, "C")
 
 
+def record(kind: Any, *fields: Any) -> Any:
+    """A NamedTuple of such fields, or a plain `tuple`. An argument must have exactly these. Nothing is converted:
+    neither a whole number to a float, nor an array that is read-only or has gaps."""
+    tuples: Any = types.BaseTuple
+    return tuples.from_types(fields, None if kind is tuple else kind)
+
+
 VECTOR: Final = array(types.float64, 1)
 ROWS: Final = array(types.float64, 2)  # a matrix, or states one a row
 CUBE: Final = array(types.float64, 3)

@@ -18,7 +18,7 @@ from onboard.filters.angles import beside
 from onboard.filters.belief import Belief, FilterError, Indices, Method
 from onboard.filters.multiple_model import ModesState
 from onboard.filters.runs import Run
-from onboard.filters.smoothers import line_of
+from onboard.filters.smoothers import transition_of
 
 
 class SmoothedModes(NamedTuple):
@@ -64,8 +64,8 @@ def _back(
     pairs, weights = [], []
     for j in range(r):
         process, Q = (one[j] if isinstance(one, tuple) else one for one in (model.process, model.Q))
-        line = line_of(modes[j].name, flat, model._replace(process=process, Q=Q))
-        F, noise, inputs = (part.reshape(*now.mean.shape[:-1], *part.shape[1:]) for part in line)
+        linear = transition_of(modes[j].name, flat, model._replace(process=process, Q=Q))
+        F, noise, inputs = (part.reshape(*now.mean.shape[:-1], *part.shape[1:]) for part in linear)
         later = Belief(after.mean[..., j, :], after.covariance[..., j, :, :])
         moved = beside(_times(F, now.mean) + inputs, later.mean[..., None, :], angles)
         predicted = Belief(moved, F @ now.covariance @ _t(F) + noise)

@@ -21,7 +21,7 @@ MARK: Final = b"crc32"  # at the end of a cache file, before its checksum
 CHECKSUM_SIZE: Final = 4
 
 
-class Place(NamedTuple):
+class CodeFolder(NamedTuple):
     """A folder with machine code of the functions of one source, and the stamp that it carries there: what stands
     under another stamp is of other sources."""
 
@@ -37,7 +37,7 @@ class Made(NamedTuple):
     features: str
 
 
-Find = Callable[[Path], Place | None]  # where the code of a source is, if it is anywhere
+Find = Callable[[Path], CodeFolder | None]  # where the code of a source is, if it is anywhere
 
 
 def without_reference_counts() -> dict[str, Any]:
@@ -235,7 +235,7 @@ def keep_code_in(find: Find) -> bool:
             place = find(Path(source))
             return None if place is None else cls(function, source, place)
 
-        def __init__(self, function: Any, source: str, place: Place) -> None:
+        def __init__(self, function: Any, source: str, place: CodeFolder) -> None:
             super().__init__(function, source)
             self._cache_path, self._place = str(place.folder), place
 
@@ -381,7 +381,7 @@ def _caches_as_known() -> bool:
     return _cache_files() is not None and all(hasattr(owner, name) for owner, name in known)
 
 
-def _files_in(place: Place, base: str) -> Any:
+def _files_in(place: CodeFolder, base: str) -> Any:
     """Numba's files of one function, in a place that is read only."""
     from numba.core import caching  # noqa: PLC0415 - an internal
 

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from onboard.filters import numba_internals
-from onboard.filters.numba_internals import Made, Place
+from onboard.filters.numba_internals import CodeFolder, Made
 
 PACKAGES: Final = Path(__file__).parents[2]  # in which `onboard` is
 FOLDER: Final = PACKAGES / "onboard" / "machine_code"
@@ -63,7 +63,7 @@ class Code:
         self._sources = sources
         self._stamps: dict[str, str] = {}
 
-    def place(self, source: Path) -> Place | None:
+    def place(self, source: Path) -> CodeFolder | None:
         """Where the code of a source is; None for one that it has no code of."""
         if not source.is_relative_to(self._packages):
             return None
@@ -72,7 +72,7 @@ class Code:
             return None
         if name not in self._stamps:
             self._stamps[name] = digest(self._packages, self._sources[name])
-        return Place(self._folder / name.removesuffix(".py").replace("/", "."), self._stamps[name])
+        return CodeFolder(self._folder / name.removesuffix(".py").replace("/", "."), self._stamps[name])
 
 
 def made_with() -> dict[str, str]:

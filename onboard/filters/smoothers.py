@@ -23,7 +23,7 @@ from onboard.filters.smoothing import rauch_tung_striebel
 from onboard.filters.state_space import AnyModel, LinearModel, Model
 
 
-class Lines(NamedTuple):
+class Transitions(NamedTuple):
     """How each time leads to the next: x' = F x + inputs + noise Q, for (T-1, ...) steps."""
 
     F: Array
@@ -50,12 +50,12 @@ def smooth(found: Run, lag: int | None = None, weights: Weights | None = None) -
         return found.beliefs
     if found.lost:
         return _of_those_left(found, lag, weights)
-    lines = lines_of(found, weights)
+    transitions = transitions_of(found, weights)
     if lag is None or lag >= steps - 1:
-        return rauch_tung_striebel(found.beliefs, *lines, found.angular_states)
+        return rauch_tung_striebel(found.beliefs, *transitions, found.angular_states)
     if lag < 0:
         raise FilterError(f"lag: must be 0 or more measurements, not {lag}")
-    return found.beliefs if lag == 0 else _fixed_lag(found, lines, lag)
+    return found.beliefs if lag == 0 else _fixed_lag(found, transitions, lag)
 
 
 def _of_those_left(found: Run, lag: int | None, weights: Weights | None) -> Belief:
@@ -88,12 +88,12 @@ def _upto(model: AnyModel, steps: int) -> AnyModel:
     return model._replace(F=F, Q=Q, H=H, R=R, inputs=None if model.inputs is None else model.inputs[: steps - 1])
 
 
-def lines_of(found: Run, weights: Weights | None = None) -> Lines:
-    """The line that stands for the process over each step, linearised where the filter was."""
+def transitions_of(found: Run, weights: Weights | None = None) -> Transitions:
+    """The process over each step as a linear transition, linearised where the filter was."""
     mean, P = found.beliefs.mean[:-1], found.beliefs.covariance[:-1]
     if callable(found.model):
-        each = [_line(found, Belief(mean[k], P[k]), k + 1, weights) for k in range(len(mean))]
-        return Lines(*(np.stack(part) for part in zip(*each, strict=True)))
+        each = [_transition(found, Belief(mean[k], P[k]), k + 1, weights) for k in range(len(mean))]
+        return Transitions(*(np.stack(part) for part in zip(*each, strict=True)))
     if isinstance(found.model, LinearModel):
         shape = (len(mean), *(1,) * (mean.ndim - 2))
         u = np.zeros(mean.shape[-1], mean.dtype) if found.model.inputs is None else found.model.inputs
@@ -102,26 +102,26 @@ def lines_of(found: Run, weights: Weights | None = None) -> Lines:
             for a in (found.model.F, found.model.Q)
         )
         u = np.broadcast_to(u.reshape(-1 if u.ndim == 2 else 1, *shape[1:], u.shape[-1]), mean.shape)
-        return Lines(F.astype(P.dtype), Q.astype(P.dtype), u.astype(P.dtype))
+        return Transitions(F.astype(P.dtype), Q.astype(P.dtype), u.astype(P.dtype))
     n = mean.shape[-1]
     flat = Belief(mean.reshape(-1, n), P.reshape(-1, n, n))
-    made = line_of(found.method.name, flat, found.model, weights)
-    lines = Lines(*(part.reshape(*mean.shape[:-1], *part.shape[1:]) for part in made))
+    made = transition_of(found.method.name, flat, found.model, weights)
+    transitions = Transitions(*(part.reshape(*mean.shape[:-1], *part.shape[1:]) for part in made))
     again = np.flatnonzero(np.diff(found.ts) == 0)  # nothing is predicted where a time repeats
-    lines.F[again], lines.Q[again], lines.inputs[again] = np.eye(n), 0, 0
-    return lines
+    transitions.F[again], transitions.Q[again], transitions.inputs[again] = np.eye(n), 0, 0
+    return transitions
 
 
-def _line(found: Run, belief: Belief, k: int, weights: Weights | None = None) -> Lines:
+def _transition(found: Run, belief: Belief, k: int, weights: Weights | None = None) -> Transitions:
     if found.ts[k] == found.ts[k - 1]:
         P = belief.covariance
-        return Lines(np.zeros_like(P) + np.eye(P.shape[-1], dtype=P.dtype), 0 * P, 0 * belief.mean)
+        return Transitions(np.zeros_like(P) + np.eye(P.shape[-1], dtype=P.dtype), 0 * P, 0 * belief.mean)
     step = found.at(k)
-    return line_of(found.method.name, belief, step, weights)
+    return transition_of(found.method.name, belief, step, weights)
 
 
-def line_of(name: str, belief: Belief, model: Model, weights: Weights | None = None) -> Lines:
-    """The line of a model's process about beliefs (..., n), as the filter `name` has it."""
+def transition_of(name: str, belief: Belief, model: Model, weights: Weights | None = None) -> Transitions:
+    """The linear transition of a model's process about beliefs (..., n), as the filter `name` has it."""
     process, angles = model.process, model.angular_states
     if name == "kalman":
         (F, value), rest = kalman.affine(process, belief.mean, None, angles), 0 * belief.covariance
@@ -131,10 +131,10 @@ def line_of(name: str, belief: Belief, model: Model, weights: Weights | None = N
     else:
         rule = weights or cubature.weights(belief.mean.shape[-1])
         F, value, rest = regression(belief, process, rule, None, angles, angles)
-    return Lines(F, model.Q + rest, value - (F @ belief.mean[..., None])[..., 0])
+    return Transitions(F, model.Q + rest, value - (F @ belief.mean[..., None])[..., 0])
 
 
-def _fixed_lag(found: Run, lines: Lines, lag: int) -> Belief:
+def _fixed_lag(found: Run, transitions: Transitions, lag: int) -> Belief:
     """Each window of lag + 1 times smoothed from its end, all at once as one batch; the last one gives the end."""
     filtered = found.beliefs
     shape, n = filtered.mean.shape, filtered.mean.shape[-1]
@@ -146,7 +146,7 @@ def _fixed_lag(found: Run, lines: Lines, lag: int) -> Belief:
         return picked.reshape(len(index), -1, *picked.shape[len(shape) :])
 
     mean, P = batch(filtered.mean, at), batch(filtered.covariance, at)
-    F, Q, inputs = (batch(part, at[:-1]) for part in lines)
+    F, Q, inputs = (batch(part, at[:-1]) for part in transitions)
     smoothed = rauch_tung_striebel(Belief(mean, P), F, Q, inputs, found.angular_states)
     parts = []
     for array, own in ((smoothed.mean, (n,)), (smoothed.covariance, (n, n))):

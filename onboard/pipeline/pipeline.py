@@ -142,25 +142,29 @@ class Pipeline:
         self._monitor.hear(message)
         published = self._latch(message) if isinstance(message, Heartbeat) else []
         heeded = self._heed(message)
-        return [*published, *heeded] if published else heeded
+        if heeded is None:
+            return published
+        if isinstance(heeded, FROM_ARRIVAL):
+            return [*published, *self._observe(heeded)]
+        aligned, ended = self._align(heeded)
+        routed = [] if aligned is None else self._route(aligned)
+        return [*published, *ended, *routed]
 
-    def _heed(self, message: Message) -> list[Output]:
-        """A message, if it is of what is followed."""
+    def _heed(self, message: Message) -> Message | None:
+        """A message as estimators know it; None for one that is not of what is followed, or of no use to them."""
         admitted = self._admission.admit(message)
         if isinstance(admitted, str):
             self._monitor.reject(message, admitted)
-            return []
+            return None
         self._monitor.receive(admitted)
         if isinstance(admitted, TimeSync):
             self.clocks.receive_reply(admitted)
-            return []
+            return None
         if isinstance(admitted, EstimatorStatus):
             if not self.ownship.receive_status(admitted):  # as if own motion had stopped long ago
                 self._own_recv_ns = min(self._own_recv_ns, admitted.t_recv_ns - TIMEOUT_NS - 1)
-            return []
-        if isinstance(admitted, FROM_ARRIVAL):
-            return self._observe(admitted)
-        return self._align(admitted)
+            return None
+        return admitted
 
     def _latch(self, heartbeat: Heartbeat) -> list[Output]:
         """An autopilot's first heartbeat decides which delays sources have; that of another vehicle begins a new
@@ -175,30 +179,31 @@ class Pipeline:
         why = f"another autopilot is followed: {self.why_followed}"
         return [*self._start_over(Reason(Cause.OTHER_AUTOPILOT, why)), *self._observe(heartbeat)]
 
-    def _align(self, message: Message) -> list[Output]:
+    def _align(self, message: Message) -> tuple[Message | None, list[Output]]:
+        """A message by the clock of our own motion, None if its time is not known; and the last estimates by that
+        clock's time before, where it has begun anew."""
         if message.clock is Clock.NONE and not self._admission.holds_from_arrival(message):
             if isinstance(message, SENSED):
                 self._monitor.reject(message, "unstamped_points")
-            return []  # not stamped: commands, heartbeats, text; nothing to estimate from
-        clocks, delay_ns = self.clocks, self.delay_ns(message)
-        reboots, jumps, corrections, published = clocks.reboots, clocks.jumps, clocks.corrections, list[Output]()
-        aligned = clocks.align(message, delay_ns)
+            return None, []  # not stamped: commands, heartbeats, text; nothing to estimate from
+        clocks, ended = self.clocks, list[Output]()
+        reboots, jumps, corrections = clocks.reboots, clocks.jumps, clocks.corrections
+        aligned = clocks.align(message, self.delay_ns(message))
         if aligned is None:  # counted by the clocks
             self._monitor.refusals.add_message(message, clocks.why if self.autopilot else "before_heartbeat")
-            return []
+            return None, []
         if isinstance(message, TargetImage):
             self._monitor.cameras.see(message, aligned.t_ns, clocks.offset_ns, self.ownship.now_ns)
         if clocks.reboots > reboots:
-            published = self._start_over(Reason(Cause.REBOOTED, "the autopilot has rebooted"))
+            ended = self._start_over(Reason(Cause.REBOOTED, "the autopilot has rebooted"))
         elif clocks.jumps > jumps:
-            published = self._start_over(Reason(Cause.CLOCK_SET, "the autopilot has set its clock"))
+            ended = self._start_over(Reason(Cause.CLOCK_SET, "the autopilot has set its clock"))
         if clocks.corrections > corrections:
             self._monitor.rejected["clock_corrections"] += 1
             self._reset(CORRECTED)
         if (known := self._warm.confirmed(clocks, message.t_recv_ns)) is not None:
             self._observe(known)
-        routed = self._route(aligned, aligned.t_ns + delay_ns)
-        return [*published, *routed] if published else routed
+        return aligned, ended
 
     def delay_ns(self, message: Message) -> int:
         """How much older than its stamp a message is, as configured."""
@@ -216,7 +221,7 @@ class Pipeline:
             estimator.reset(why)
         return [output for name in self.estimators for output in self._noted(self._asked(name, None))]
 
-    def _route(self, message: Message, stamp_ns: int) -> list[Output]:
+    def _route(self, message: Message) -> list[Output]:
         """Own motion goes to ownship; images that waited for it follow, and a navigation sample (position and
         velocity) then predicts every estimate to now. Any other message goes to the estimators that listen."""
         if isinstance(message, SENSED):
@@ -225,6 +230,7 @@ class Pipeline:
         if isinstance(message, Attitude):
             self._attitude_recv_ns = message.t_recv_ns
             outputs = self._observe(message)  # before others use it: an estimator of our own state may know better
+        stamp_ns = message.t_ns + self.delay_ns(message)
         is_navigation = self.ownship.receive(message, stamp_ns, self._own_motion.at(message))
         self._judge_own_motion()
         if not (is_navigation or isinstance(message, Attitude)):

@@ -7,7 +7,7 @@ import numpy as np
 
 from onboard.messages import Estimate
 from onboard.view import palette, plots, scene, shapes, space
-from onboard.view.columns import HIDDEN, Columns, Pose, no_tags, poses, scalars, tags
+from onboard.view.columns import HIDDEN, Columns, Transform, no_tags, scalars, tags, transforms
 from onboard.view.memory import Memory
 from onboard.view.motion import LeaderState
 from onboard.view.sdk import rr
@@ -40,7 +40,7 @@ def draw(
     if leader is None:
         for plot in COMPONENTS:
             columns.add(scalars, f"plots/{plot}/{name}", t_ns, np.nan)
-        columns.add(poses, outline, t_ns, HIDDEN)
+        columns.add(transforms, outline, t_ns, HIDDEN)
         columns.add(no_tags, label, t_ns, None)
         return
     columns.add(scalars, f"plots/range/{name}", t_ns, float(np.linalg.norm(leader.r)))
@@ -52,6 +52,6 @@ def draw(
     v_F_n = np.zeros(3) if memory.own is None else np.asarray(memory.own.v_F_n, dtype=float)
     attitude = space.leader_attitude(memory, t_ns, v_F_n + leader.mean[3:6])
     span = leader.mean[6] if np.isfinite(leader.mean[6]) else 1.0
-    columns.add(poses, outline, t_ns, Pose(leader.r, attitude, np.full(3, span)))
+    columns.add(transforms, outline, t_ns, Transform(leader.r, attitude, np.full(3, span)))
     below = leader.r + np.array([0.0, 0.0, space.TAG_ABOVE])
     columns.add(tags, label, t_ns, (below, colour, name))

@@ -18,8 +18,8 @@ TIMELINE = "boot_time"
 Kind = Callable[[Sequence[Any]], Any]
 
 
-class Pose(NamedTuple):
-    """Pose of an entity in its parent: translation m, quaternion (scalar first), scale of its three axes."""
+class Transform(NamedTuple):
+    """Of an entity in its parent: translation m, quaternion (scalar first), scale of its three axes."""
 
     translation: ArrayLike
     q: ArrayLike
@@ -37,7 +37,7 @@ class ImagePoints(NamedTuple):
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 # An entity without a position must not be drawn at the origin. The viewer ignores a scale of zero, which has no
 # inverse, and draws such an entity as if it had none: a scale of a micrometre.
-HIDDEN = Pose((0.0, 0.0, 0.0), LEVEL, (1e-6, 1e-6, 1e-6))
+HIDDEN = Transform((0.0, 0.0, 0.0), LEVEL, (1e-6, 1e-6, 1e-6))
 
 
 def scalars(values: Sequence[ArrayLike]) -> Any:
@@ -46,7 +46,7 @@ def scalars(values: Sequence[ArrayLike]) -> Any:
     return rr.Scalars.columns(scalars=np.concatenate(rows)).partition([len(r) for r in rows])
 
 
-def poses(values: Sequence[Pose]) -> Any:
+def transforms(values: Sequence[Transform]) -> Any:
     """Columns of transforms. Rerun's quaternions are scalar last."""
     q = np.array([v.q for v in values], dtype=float)
     return rr.Transform3D.columns(

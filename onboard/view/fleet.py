@@ -31,7 +31,7 @@ class Views:
         self._made_with: dict[str, Any] = {"camera": camera, "rotors": rotors, "spawn": spawn, "web": web}
         self._rrd = rrd
         self._views: dict[str, View] = {}
-        self._vehicles: dict[str, words.Vehicle] = {}
+        self._vehicles: dict[str, words.VehicleRecords] = {}
         self._closing = ExitStack()
         self._only = None
         if not apart:
@@ -49,7 +49,7 @@ class Views:
 
     def _show_all(self, vehicle: str, record: Any) -> None:
         """In each view, the table of all vehicles whenever a health comes, once there are two."""
-        known = self._vehicles.get(vehicle, words.Vehicle())
+        known = self._vehicles.get(vehicle, words.VehicleRecords())
         if isinstance(record, NavState):
             self._vehicles[vehicle] = known._replace(own=record)
         elif isinstance(record, Estimate) and record.name == "leader" and record.is_primary:

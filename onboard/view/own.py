@@ -12,14 +12,14 @@ from onboard.view.columns import (
     LEVEL,
     Columns,
     ImagePoints,
-    Pose,
+    Transform,
     colours_2d,
     discs,
     labels,
     no_tags,
-    poses,
     scalars,
     tags,
+    transforms,
 )
 from onboard.view.memory import Memory
 from onboard.view.plots import GAP, banded
@@ -30,7 +30,7 @@ STATUS_HZ = 5.0
 ANGLES = scene.OWN_NAMES[3:6]
 ERRORS = ("velocity_error", "attitude_error")
 WORDS_BELOW = 0.75  # of the rotors' panel, in spans
-UNDISTURBED = Pose((0.0, 0.0, 0.0), LEVEL, (1.0, 1.0, 1.0))
+UNDISTURBED = Transform((0.0, 0.0, 0.0), LEVEL, (1.0, 1.0, 1.0))
 
 
 def show_state(columns: Columns, memory: Memory, state: NavState, rotors: scene.Rotors) -> None:
@@ -76,7 +76,7 @@ def draw_rotors(columns: Columns, state: NavState, rotors: scene.Rotors) -> None
     text = [f"{name}: -{lost[name]:.0%}" if name in lost else name for name in names]
     columns.add(discs, f"{scene.ROTORS}/discs", state.t_ns, (colours, text))
     for k, name in enumerate(names):
-        columns.add(poses, f"{scene.WEAK}/{k}", state.t_ns, UNDISTURBED if name in lost else HIDDEN)
+        columns.add(transforms, f"{scene.WEAK}/{k}", state.t_ns, UNDISTURBED if name in lost else HIDDEN)
 
 
 def plot_error(columns: Columns, memory: Memory, truth: Truth) -> None:

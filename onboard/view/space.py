@@ -6,7 +6,7 @@ from onboard.arrays import Array
 from onboard.geometry.rotations import quaternion_from_matrix
 from onboard.messages import Estimate, OwnPose, Truth
 from onboard.view import palette, scene
-from onboard.view.columns import HIDDEN, LEVEL, Columns, Pose, ellipsoids, lines_3d, no_tags, poses, tags
+from onboard.view.columns import HIDDEN, LEVEL, Columns, Transform, ellipsoids, lines_3d, no_tags, tags, transforms
 from onboard.view.memory import Memory
 from onboard.view.motion import (
     LeaderState,
@@ -29,9 +29,9 @@ NO_LINE = np.zeros((0, 3))
 def hide_everything(columns: Columns, t_ns: int) -> None:
     """Hide what has no position before its first record."""
     for entity in scene.MOVING:
-        columns.add(poses, entity, t_ns, HIDDEN)
+        columns.add(transforms, entity, t_ns, HIDDEN)
     for entity in (scene.HEADING, scene.AROUND_LEADER):  # a camera needs a frame of some size
-        columns.add(poses, entity, t_ns, Pose(ORIGIN, LEVEL, ONE))
+        columns.add(transforms, entity, t_ns, Transform(ORIGIN, LEVEL, ONE))
 
 
 def extend_trail(columns: Columns, memory: Memory, name: str, t_ns: int, position: Array) -> None:
@@ -44,9 +44,9 @@ def extend_trail(columns: Columns, memory: Memory, name: str, t_ns: int, positio
         columns.add(lines_3d, scene.TRAILS[name], t_ns, np.array([end, position], dtype=float))
 
 
-def arrow(origin: Array, v_n: Array) -> Pose:
+def arrow(origin: Array, v_n: Array) -> Transform:
     """The pose of an arrow of unit length that shows the velocity v_n (3,)."""
-    return Pose(origin, course_quaternion(v_n), np.full(3, scene.VELOCITY_SCALE * float(np.linalg.norm(v_n))))
+    return Transform(origin, course_quaternion(v_n), np.full(3, scene.VELOCITY_SCALE * float(np.linalg.norm(v_n))))
 
 
 def draw_own(columns: Columns, memory: Memory, pose: OwnPose) -> None:
@@ -62,13 +62,13 @@ def draw_own(columns: Columns, memory: Memory, pose: OwnPose) -> None:
     memory.own = pose
     if not memory.due("own", t_ns, SCENE_HZ):
         return
-    columns.add(poses, scene.FOLLOWER, t_ns, Pose(ORIGIN, pose.q_nb, ONE))
-    columns.add(poses, scene.HEADING, t_ns, Pose(ORIGIN, heading_quaternion(pose.q_nb), ONE))
-    columns.add(poses, scene.OWN_VELOCITY, t_ns, arrow(np.zeros(3), np.asarray(pose.v_F_n, dtype=float)))
-    columns.add(poses, scene.GROUND, t_ns, Pose(-position, LEVEL, ONE))
+    columns.add(transforms, scene.FOLLOWER, t_ns, Transform(ORIGIN, pose.q_nb, ONE))
+    columns.add(transforms, scene.HEADING, t_ns, Transform(ORIGIN, heading_quaternion(pose.q_nb), ONE))
+    columns.add(transforms, scene.OWN_VELOCITY, t_ns, arrow(np.zeros(3), np.asarray(pose.v_F_n, dtype=float)))
+    columns.add(transforms, scene.GROUND, t_ns, Transform(-position, LEVEL, ONE))
     # the grid is endless, so a whole number of cells may be left out
     shift = -np.mod(position, scene.GRID_CELL)
-    columns.add(poses, scene.GRID, t_ns, Pose((shift[0], shift[1], 0.0), LEVEL, ONE))
+    columns.add(transforms, scene.GRID, t_ns, Transform((shift[0], shift[1], 0.0), LEVEL, ONE))
     extend_trail(columns, memory, "own", t_ns, position)
 
 
@@ -77,7 +77,7 @@ def draw_truth(columns: Columns, memory: Memory, truth: Truth) -> None:
     r = np.asarray(truth.r_FL_n, dtype=float)
     if not (np.all(np.isfinite(r)) and memory.due("truth", truth.t_ns, SCENE_HZ)):
         return
-    columns.add(poses, scene.LEADER_TRUTH, truth.t_ns, Pose(r, truth.q_nL, np.full(3, truth.size)))
+    columns.add(transforms, scene.LEADER_TRUTH, truth.t_ns, Transform(r, truth.q_nL, np.full(3, truth.size)))
     extend_trail(columns, memory, "truth", truth.t_ns, np.asarray(truth.r_OL_n, dtype=float))
 
 
@@ -91,7 +91,7 @@ def leader_attitude(memory: Memory, t_ns: int, v_L_n: Array) -> Array:
 def hide_leader(columns: Columns, t_ns: int) -> None:
     """Remove everything that shows a track."""
     for entity in (scene.LEADER, scene.UNCERTAINTY, scene.LEADER_VELOCITY, *scene.OPEN_ENDS):
-        columns.add(poses, entity, t_ns, HIDDEN)
+        columns.add(transforms, entity, t_ns, HIDDEN)
     for entity in (scene.SIGHT_LINE, scene.DROP_LINE, scene.OPEN_RANGE):
         columns.add(lines_3d, entity, t_ns, NO_LINE)
     columns.add(no_tags, scene.TAG, t_ns, None)
@@ -108,37 +108,37 @@ def draw_leader(columns: Columns, memory: Memory, estimate: Estimate, leader: Le
     v_F_n = np.zeros(3) if memory.own is None else np.asarray(memory.own.v_F_n, dtype=float)
     v_L_n, r = v_F_n + leader.mean[3:6], leader.r
     span = leader.mean[6] if np.isfinite(leader.mean[6]) else 1.0
-    body = Pose(r, leader_attitude(memory, t_ns, v_L_n), np.full(3, span))
+    body = Transform(r, leader_attitude(memory, t_ns, v_L_n), np.full(3, span))
     ends = open_interval(leader)
     # an aircraft drawn at the mean would look like one that is known to be there
-    columns.add(poses, scene.LEADER, t_ns, HIDDEN if ends else body)
+    columns.add(transforms, scene.LEADER, t_ns, HIDDEN if ends else body)
     draw_open_range(columns, t_ns, body, ends)
     if ends:
-        columns.add(poses, scene.LEADER_VELOCITY, t_ns, HIDDEN)
+        columns.add(transforms, scene.LEADER_VELOCITY, t_ns, HIDDEN)
     elif np.all(np.isfinite(v_L_n)):
-        columns.add(poses, scene.LEADER_VELOCITY, t_ns, arrow(r, v_L_n))
+        columns.add(transforms, scene.LEADER_VELOCITY, t_ns, arrow(r, v_L_n))
     half_axes, axes = ellipsoid(leader.covariance[:3, :3], scene.SIGMAS)
-    columns.add(poses, scene.UNCERTAINTY, t_ns, Pose(r, quaternion_from_matrix(axes), ONE))
+    columns.add(transforms, scene.UNCERTAINTY, t_ns, Transform(r, quaternion_from_matrix(axes), ONE))
     columns.add(ellipsoids, f"{scene.UNCERTAINTY}/ellipsoid", t_ns, half_axes)
     q_heading = LEVEL if memory.own is None else heading_quaternion(memory.own.q_nb)
-    columns.add(poses, scene.AROUND_LEADER, t_ns, Pose(r, q_heading, ONE))
+    columns.add(transforms, scene.AROUND_LEADER, t_ns, Transform(r, q_heading, ONE))
     columns.add(lines_3d, scene.SIGHT_LINE, t_ns, np.array([np.zeros(3), r]))
     columns.add(lines_3d, scene.DROP_LINE, t_ns, np.array([r, [r[0], r[1], 0.0]]))
     if memory.own is not None and not ends:
         extend_trail(columns, memory, "estimate", t_ns, own_position(memory.own, t_ns) + r)
 
 
-def draw_open_range(columns: Columns, t_ns: int, body: Pose, ends: tuple[float, float] | None) -> None:
+def draw_open_range(columns: Columns, t_ns: int, body: Transform, ends: tuple[float, float] | None) -> None:
     """Where the range is open, from `ends[0]` to `ends[1]` m: a line between, and an outline at either end."""
     if ends is None:
         for entity in scene.OPEN_ENDS:
-            columns.add(poses, entity, t_ns, HIDDEN)
+            columns.add(transforms, entity, t_ns, HIDDEN)
         columns.add(lines_3d, scene.OPEN_RANGE, t_ns, NO_LINE)
         return
     r = np.asarray(body.translation, dtype=float)
     places = [r * (end / max(float(np.linalg.norm(r)), 1e-6)) for end in ends]
     for entity, place in zip(scene.OPEN_ENDS, places, strict=True):
-        columns.add(poses, entity, t_ns, body._replace(translation=place))
+        columns.add(transforms, entity, t_ns, body._replace(translation=place))
     columns.add(lines_3d, scene.OPEN_RANGE, t_ns, np.array(places))
 
 

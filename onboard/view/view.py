@@ -14,7 +14,7 @@ from onboard import UserError
 from onboard.geometry.camera import Camera
 from onboard.messages import Estimate, Health, Lifecycle, NavState, OwnPose, Picture, ThreatLevel, Truth
 from onboard.view import beside, image, own, palette, plots, scene, space, traffic, words
-from onboard.view.columns import HIDDEN, Columns, ImagePoints, colours_2d, labels, pictures, poses, texts
+from onboard.view.columns import HIDDEN, Columns, ImagePoints, colours_2d, labels, pictures, texts, transforms
 from onboard.view.layout import LEADER_ALONE, blueprint
 from onboard.view.memory import Memory
 from onboard.view.motion import LeaderState, leader_state
@@ -223,7 +223,7 @@ class View:
                 return
             self._beside.append(name)
             beside.log_static(self._stream, name, beside.colour_of(len(self._beside) - 1)[1])
-            self._columns.add(poses, f"{scene.BESIDE}/{name}", self._t_first_ns or 0, HIDDEN)
+            self._columns.add(transforms, f"{scene.BESIDE}/{name}", self._t_first_ns or 0, HIDDEN)
             self._arrange()
         beside.draw(self._columns, self._memory, estimate, leader, beside.colour_of(self._beside.index(name))[1])
 

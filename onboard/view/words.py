@@ -13,7 +13,7 @@ WELL: Final = "nothing is wrong"
 REFUSALS: Final = 5  # of the kinds of refused messages, the latest
 
 
-class Vehicle(NamedTuple):
+class VehicleRecords(NamedTuple):
     """The newest records of a vehicle of a fleet."""
 
     leader: Estimate | None = None
@@ -164,7 +164,7 @@ def worst(record: Health) -> str:
     return next((plain(one.text) for one in record.advice if one.severity is not Severity.NOTICE), "")
 
 
-def fleet(vehicles: Mapping[str, Vehicle]) -> str:
+def fleet(vehicles: Mapping[str, VehicleRecords]) -> str:
     """A table of all vehicles, Markdown, narrow: where the leader is, what is wrong with us, and with the rest."""
     rows = ["| vehicle | leader | fault | wrong |", "|---|---|---|---|"]
     for name, one in sorted(vehicles.items()):

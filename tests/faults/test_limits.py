@@ -24,7 +24,7 @@ from onboard.messages import (
     TargetPoints,
     Verdict,
 )
-from onboard.pipeline.health.monitor import MOST_ERRORS, Errors
+from onboard.pipeline.health.monitor import MOST_ERRORS, Exceptions
 from onboard.pipeline.waiting import MAX_WAITING, Waiting
 from onboard.sinks import zenoh
 from onboard.sinks.recorder import Recorder
@@ -117,7 +117,7 @@ def fail(kind: type[Exception]) -> None:
 
 
 def test_of_many_kinds_of_exceptions_all_are_counted_and_a_hundred_described() -> None:
-    errors = Errors()
+    errors = Exceptions()
     for k in range(MOST_ERRORS + 20):
         kind = type(f"Error{k}", (Exception,), {})
         try:

@@ -121,7 +121,8 @@ def overridden(model: NoseModel, overrides: Mapping[str, float]) -> NoseModel:
             raise ValueError(f"{key} must be positive and finite, not {value}")
         if name in PROBABILITIES and not value < 1:
             raise ValueError(f"{key} must be below 1, not {value}")
-    return model._replace(**dict(overrides))  # type: ignore[arg-type]  # all are numbers, by `known`
+    numbers: dict[str, Any] = {name: float(value) for name, value in overrides.items()}
+    return model._replace(**numbers)
 
 
 # Of aircraft, in b (FRD) for a wingspan of 1.

@@ -99,7 +99,7 @@ class Config(Record, frozen=True, kw_only=True):
     own_attitude_time_s: Positive = 60.0  # correlation time of these errors
     own_velocity_sigma_m_s: NotNegative = 0.1  # error of our own velocity; a hovering leader seems to drift by it
     own_position_sigma_m: NotNegative = 1.0  # error of our own position: matters with a broadcast only
-    own_position_time_s: Positive = 60.0  # correlation time of it
+    own_position_time_s: Positive = 60.0  # used by nothing: a broadcast's bias_time_s stands for it
     broadcast: BroadcastConfig = BroadcastConfig()
     range: RangeConfig = RangeConfig()
     delay_sigma_s: NotNegative = 0.0  # delay of the camera's stamps; 0: they are exact, the delay no state
@@ -121,8 +121,6 @@ class Config(Record, frozen=True, kw_only=True):
         check_bounds(self.points_m, self.aircraft, wings=self.wings)
 
     def of_class(self, name: str) -> "Config":
-        """The settings for a class of targets: these, if no such class is configured."""
-        known = self.target.get(name)
-        if known is None:
-            return self
+        """The settings for a class of targets."""
+        known = self.target[name]
         return msgspec.structs.replace(self, **{key: getattr(known, key) for key in known.__struct_fields__})

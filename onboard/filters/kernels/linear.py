@@ -4,9 +4,12 @@ Every kernel is over a batch: its arguments have a leading axis of B, or of 1 (u
 filter is a batch of one.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit, types
 
+from onboard.arrays import Array
 from onboard.filters.compiled import FILLING, FLAGS, MAKING, signatures
 from onboard.filters.errors import (
     BENT_MEASURE,
@@ -194,10 +197,20 @@ def innovate_into(y, predicted, angular, innovation):
     return OK
 
 
+class Corrected(NamedTuple):
+    """What `correct_into` fills: mean (n,), covariance (n, n), innovation (m,) and its covariance (m, m)."""
+
+    mean: Array
+    covariance: Array
+    innovation: Array
+    S: Array
+
+
 @njit(**MAKING)
-def correct_into(mean, P, H, predicted, y, R, angular, considered, mean_out, P_out, innovation, S):
-    """Measurement update of one filter by matrices; (status, NIS)."""
+def correct_into(mean, P, H, predicted, y, R, angular, considered, out):
+    """Measurement update of one filter by matrices into `out`; (status, NIS)."""
     n, m = mean.shape[0], y.shape[0]
+    mean_out, P_out, innovation, S = out
     for i in range(n):
         if not np.isfinite(mean[i]):
             return MEAN, P.dtype.type(0)
@@ -257,10 +270,7 @@ def correct(mean, P, H, predicted, y, R, angular, considered):
             R[b % R.shape[0]],
             angular,
             considered,
-            mean_out[b],
-            P_out[b],
-            innovation[b],
-            S[b],
+            Corrected(mean_out[b], P_out[b], innovation[b], S[b]),
         )
         if status != OK:
             return mean_out, P_out, innovation, S, nis, status + MEMBER * b

@@ -6,7 +6,7 @@ from numba import njit
 from onboard.filters.compiled import FLAGS, MAKING, signatures
 from onboard.filters.errors import OK, Q_INDEFINITE
 from onboard.filters.kernels.cholesky import factor_into, is_noise
-from onboard.filters.kernels.linear import correct_into, sandwich_into
+from onboard.filters.kernels.linear import Corrected, correct_into, sandwich_into
 from onboard.filters.kernels.sigma_points import TWO_PI
 
 
@@ -42,7 +42,8 @@ def correct_present_into(mean, P, y, H, R, angular, mean_out, P_out, innovation,
         seen[i], forecast[i], wraps[i] = y[a], predicted[a], angular[a]
         for j in range(count):
             r[i, j] = R[a, present[j]]
-    status, nis = correct_into(mean, P, h, forecast, seen, r, wraps, considered, mean_out, P_out, e, s)
+    out = Corrected(mean_out, P_out, e, s)
+    status, nis = correct_into(mean, P, h, forecast, seen, r, wraps, considered, out)
     if status != OK:
         return status, zero, zero
     factor_into(s, r)

@@ -3,11 +3,12 @@
 Sigma-point sets are symmetric, and all weights but the centre's are equal, so three numbers describe the weights.
 """
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit, types
 
+from onboard.arrays import Array
 from onboard.filters.compiled import CONTRACTED, FILLING
 from onboard.filters.errors import (
     ANGLE,
@@ -220,11 +221,22 @@ def reduce_into(P, reductions, considered, exact, P_out):
         clear_known(P_out)
 
 
+class CorrectedPoints(NamedTuple):
+    """What `correct_into` fills: mean (n,), covariance (n, n), innovation (m,) and its covariance (m, m), and the
+    predicted measurement (m,)."""
+
+    mean: Array
+    covariance: Array
+    innovation: Array
+    S: Array
+    predicted: Array
+
+
 @njit(**FILLING, **CONTRACTED)
-def correct_into(
-    points, images, P, y, R, w_cov, w, angular, considered, scratch, mean_out, P_out, innovation, S, predicted
-):
-    """Measurement update of one filter from its points (2n+1, n) and their images (2n+1, m); (status, NIS)."""
+def correct_into(points, images, P, y, R, w_cov, w, angular, considered, scratch, out):
+    """Measurement update of one filter from its points (2n+1, n) and their images (2n+1, m) into `out`; (status,
+    NIS)."""
+    mean_out, P_out, innovation, S, predicted = out
     k, n = points.shape
     m = y.shape[0]
     zero = points.dtype.type(0)

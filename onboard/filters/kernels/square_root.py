@@ -9,7 +9,14 @@ from onboard.filters.errors import FACTOR, MATRIX, MEMBER, OK, POSTERIOR, PREDIC
 from onboard.filters.kernels.cholesky import semifactor_into
 from onboard.filters.kernels.factors import is_factor
 from onboard.filters.kernels.linear import common_batch
-from onboard.filters.kernels.triangularisation import correct_into, gather_into, joseph_into, spread_into
+from onboard.filters.kernels.triangularisation import (
+    CorrectedFactor,
+    Linearised,
+    correct_into,
+    gather_into,
+    joseph_into,
+    spread_into,
+)
 
 
 @njit(signatures(2, 3, "f"), **MAKING)
@@ -56,7 +63,7 @@ def correct(points, L, images, y, R, w_cov, w, angular, considered):
     fits = images.shape == (count, size, m) and y.shape[0] in (1, count) and L.shape[0] in (1, count)
     fits = fits and R.shape[0] in (1, count) and R.shape[1:] == (m, m)
     status = OK if fits else SHAPE
-    odd, V, root = np.empty((m, n), dtype), np.empty((m, m), dtype), np.empty((m, m), dtype)
+    scratch = Linearised(np.empty((m, n), dtype), np.empty((m, m), dtype), np.empty((m, m), dtype))
     for b in range(count):
         if status == OK:
             status, nis[b] = correct_into(
@@ -69,16 +76,8 @@ def correct(points, L, images, y, R, w_cov, w, angular, considered):
                 w,
                 angular,
                 considered,
-                odd,
-                V,
-                root,
-                mean_out[b],
-                L_out[b],
-                K[b],
-                U[b],
-                innovation[b],
-                S[b],
-                predicted[b],
+                scratch,
+                CorrectedFactor(mean_out[b], L_out[b], K[b], U[b], innovation[b], S[b], predicted[b]),
             )
             if status != OK:
                 status += MEMBER * b
@@ -133,8 +132,8 @@ def correct_and_redraw(state, images, y, R, weights, masks):
     if masks.shape[0] != m + n or images.shape != (2 * n + 1, m) or R.shape != (m, m):
         return SHAPE, state.dtype.type(0)
     scratch = np.empty((4 * m + 2 * n + 2, max(m, n)), state.dtype)
-    odd, V = scratch[:m, :n], scratch[m : 2 * m, :m]
-    root, S = scratch[2 * m : 3 * m, :m], scratch[3 * m : 4 * m, :m]
+    linearised = Linearised(scratch[:m, :n], scratch[m : 2 * m, :m], scratch[2 * m : 3 * m, :m])
+    S = scratch[3 * m : 4 * m, :m]
     K, U = scratch[4 * m : 4 * m + n, :m], scratch[4 * m + n : 4 * m + 2 * n, :m]
     innovation, predicted = scratch[4 * m + 2 * n, :m], scratch[4 * m + 2 * n + 1, :m]
     status, nis = correct_into(
@@ -147,16 +146,8 @@ def correct_and_redraw(state, images, y, R, weights, masks):
         weights[3],
         masks[:m],
         masks[m:],
-        odd,
-        V,
-        root,
-        points[0],
-        L,
-        K,
-        U,
-        innovation,
-        S,
-        predicted,
+        linearised,
+        CorrectedFactor(points[0], L, K, U, innovation, S, predicted),
     )
     if status == OK:
         status = spread_into(points[0], L, weights[0], points)

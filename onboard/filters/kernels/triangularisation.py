@@ -3,9 +3,12 @@
 Everything is in the precision of the arguments, single included: no accumulator is wider.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
+from onboard.arrays import Array
 from onboard.filters.compiled import FILLING, MAKING
 from onboard.filters.errors import (
     DOWNDATE,
@@ -146,29 +149,32 @@ def joseph_into(L, slope, K, V, out):
     tria_into(out, extra)
 
 
+class Linearised(NamedTuple):
+    """Room for what `linearise_into` finds: `odd` (m, n), and the factors `V` and `root` (m, m)."""
+
+    odd: Array
+    V: Array
+    root: Array
+
+
+class CorrectedFactor(NamedTuple):
+    """What `correct_into` fills: mean (n,) and factor (n, n), gain K (n, m) and U = K chol(S) (n, m), innovation
+    (m,) and its covariance (m, m), and the predicted measurement (m,)."""
+
+    mean: Array
+    factor: Array
+    K: Array
+    U: Array
+    innovation: Array
+    S: Array
+    predicted: Array
+
+
 @njit(**MAKING)
-def correct_into(
-    points,
-    L,
-    images,
-    y,
-    R,
-    w_cov,
-    w,
-    angular,
-    considered,
-    odd,
-    V,
-    root,
-    mean_out,
-    L_out,
-    K,
-    U,
-    innovation,
-    S,
-    predicted,
-):
-    """Update of one filter by triangularisation; (status, NIS). `odd`, `V` and `root` as in `linearise_into`."""
+def correct_into(points, L, images, y, R, w_cov, w, angular, considered, scratch, out):
+    """Update of one filter by triangularisation into `out`, with this `scratch` (`Linearised`); (status, NIS)."""
+    odd, V, root = scratch
+    mean_out, L_out, K, U, innovation, S, predicted = out
     status = linearise_into(images, R, w_cov, w, angular, predicted, odd, V, root)
     if status == OK:
         status = innovate_into(y, predicted, angular, innovation)

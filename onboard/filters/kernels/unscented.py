@@ -11,6 +11,7 @@ from onboard.filters.compiled import CONTRACTED, FILLING, FLAGS, MAKING, signatu
 from onboard.filters.errors import COVARIANCE, MEMBER, OK, POSTERIOR, PREDICTED, Q_INDEFINITE, R_INDEFINITE, SHAPE
 from onboard.filters.kernels.cholesky import is_noise
 from onboard.filters.kernels.sigma_points import (
+    CorrectedPoints,
     correct_into,
     correct_scratch_shape,
     gather_into,
@@ -49,23 +50,8 @@ def correct(points, images, P, y, R, w_cov, w, angular, considered, out, found):
     """Mean and covariance into the rows of `out` (1 + n, n); innovation, prediction and the covariance of the
     innovation into those of `found` (2 + m, m). (status, NIS)."""
     scratch = np.empty(correct_scratch_shape(points.shape[1], y.shape[0]), points.dtype)
-    status, nis = correct_into(
-        points,
-        images,
-        P,
-        y,
-        R,
-        w_cov,
-        w,
-        angular,
-        considered,
-        scratch,
-        out[0],
-        out[1:],
-        found[0],
-        found[2:],
-        found[1],
-    )
+    into = CorrectedPoints(out[0], out[1:], found[0], found[2:], found[1])
+    status, nis = correct_into(points, images, P, y, R, w_cov, w, angular, considered, scratch, into)
     return R_INDEFINITE if status != SHAPE and not is_noise(R, scratch) else status, nis
 
 
@@ -83,9 +69,8 @@ def correct_and_redraw(state, images, y, R, weights, masks):
     scratch, found = behind[:rows], behind[rows:, :m]
     angular, considered = masks[:m], masks[m:]
     innovation, predicted, S, mean = found[0], found[1], found[2:], points[0]
-    status, nis = correct_into(  # reads each number for the last time before it writes there
-        points, images, P, y, R, w_cov, w, angular, considered, scratch, mean, P, innovation, S, predicted
-    )
+    into = CorrectedPoints(mean, P, innovation, S, predicted)  # each number is read before its place is filled
+    status, nis = correct_into(points, images, P, y, R, w_cov, w, angular, considered, scratch, into)
     if status != SHAPE and not is_noise(R, scratch):
         return R_INDEFINITE, nis
     if status == OK:
@@ -124,11 +109,7 @@ def correct_batch(points, images, P, y, R, w_cov, w, angular, considered):
             angular,
             considered,
             scratch,
-            mean_out[b],
-            P_out[b],
-            innovation[b],
-            S[b],
-            predicted[b],
+            CorrectedPoints(mean_out[b], P_out[b], innovation[b], S[b], predicted[b]),
         )
         if status != SHAPE and (b == 0 or R.shape[0] > 1) and not is_noise(R[b % R.shape[0]], scratch):
             status = R_INDEFINITE

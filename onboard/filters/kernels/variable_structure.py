@@ -7,11 +7,12 @@ even parts are added to R: what is left of h over its linear part counts as nois
 subtracted. Whatever the steps s (m,), x + G s with a right inverse G of H moves the predicted measurement by s.
 """
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit, types
 
+from onboard.arrays import Array
 from onboard.filters.compiled import FLAGS, MAKING, signatures
 from onboard.filters.errors import (
     ANGLE,
@@ -91,8 +92,37 @@ def linearise_into(images, y, R, angular, predicted, e, B, N, S):
     return OK if farthest <= FARTHEST else ANGLE
 
 
+class Tuning(NamedTuple):
+    """As in `variable_structure.Settings`."""
+
+    kind: int
+    gamma: float
+    scale: float
+    patience: int
+    weighted: bool
+    fading: float
+
+
+class LayerMemory(NamedTuple):
+    """Of the updates before, (m,) each and as in `variable_structure.State`; but for the residual it is filled."""
+
+    residual: Array
+    updates_outside: Array
+    switching: Array
+    slow_switching: Array
+
+
+class SwitchingSteps(NamedTuple):
+    """What `decide_into` fills, (m,) each: the layer, whether it is left, the switching step, and its gain."""
+
+    layer: Array
+    outside: Array
+    s: Array
+    ratio: Array
+
+
 @njit(**MAKING)
-def decide_into(kind, e, residual, B, S, R, limit, gamma, scale, updates_outside, layer, outside, s, ratio):
+def decide_into(tuning, memory, e, B, S, R, limit, steps):
     """For each component its layer, whether it is outside of it and for how many updates, and the switching
     step s. `limit` (m,) is the layer's width, or (0,) for `scale` standard deviations of R.
 
@@ -100,6 +130,9 @@ def decide_into(kind, e, residual, B, S, R, limit, gamma, scale, updates_outside
     sat(e/psi) directly. The covariance takes it for a gain, A / max(|e|, psi), held below 1 + gamma: where e is
     far smaller than the last residual, the step is a push of bounded size, not a large gain.
     """
+    kind, gamma, scale, _, _, _ = tuning
+    residual, updates_outside, _, _ = memory
+    layer, outside, s, ratio = steps
     for a in range(e.shape[0]):
         size = np.abs(e[a])
         A = size + gamma * np.abs(residual[a])
@@ -173,15 +206,14 @@ def fits(n, images, y, R, memory, limit):
 
 
 @njit(**MAKING)
-def update_into(
-    mean, P, images, y, R, residual, limit, angular, kind, gamma, scale, patience, weighted, fading,
-    updates_outside, switching, slow_switching, out,
-):  # fmt: skip
+def update_into(mean, P, images, y, R, limit, angular, tuning, memory, out):
     """One filter's update into `out`; (status, NIS)."""
     mean_out, P_out, e, S, predicted, layer, smoothing, outside, rejected, model_error = out
+    kind, _, scale, patience, weighted, fading = tuning
+    residual, updates_outside, switching, slow_switching = memory
     n, m = mean.shape[0], y.shape[0]
-    memory = (residual.shape[0], updates_outside.shape[0], switching.shape[0], slow_switching.shape[0])
-    if not fits(n, images, y, R, memory, limit):
+    sizes = (residual.shape[0], updates_outside.shape[0], switching.shape[0], slow_switching.shape[0])
+    if not fits(n, images, y, R, sizes, limit):
         return SHAPE, 0.0
     dtype = mean.dtype
     L_t, B, N = np.empty((n, n), dtype), np.empty((n, m), dtype), np.empty((m, m), dtype)
@@ -208,9 +240,7 @@ def update_into(
             wider = np.empty((m, m), dtype)  # S and NIS stay the prior's: e must not widen its own yardstick
             if not widen_into(L_t, B, N, extra, wider):
                 return COVARIANCE, 0.0
-    decide_into(
-        kind, e, residual, B, wider, R, limit, gamma, scale, updates_outside, layer, outside, s, ratio
-    )  # fmt: skip
+    decide_into(tuning, memory, e, B, wider, R, limit, SwitchingSteps(layer, outside, s, ratio))
     nis = 0.0
     for a in range(m):
         nis += e[a] * white[a, 0]
@@ -258,8 +288,9 @@ def update_batch(
     )
     updates_outside, switching, slow_switching = updates_outside.copy(), switching.copy(), slow_switching.copy()
     nis, status = np.empty(count, dtype), OK
-    memory = (residual.shape[0], updates_outside.shape[0], switching.shape[0], slow_switching.shape[0])
-    for size in (P.shape[0], images.shape[0], y.shape[0], *memory):
+    tuning = Tuning(kind, gamma, scale, patience, weighted, fading)
+    sizes = (residual.shape[0], updates_outside.shape[0], switching.shape[0], slow_switching.shape[0])
+    for size in (P.shape[0], images.shape[0], y.shape[0], *sizes):
         if size != count:
             status = SHAPE
     for size in (R.shape[0], limit.shape[0]):
@@ -271,11 +302,11 @@ def update_batch(
                 out[0][b], out[1][b], out[2][b], out[3][b], out[4][b], out[5][b], out[6][b], out[7][b], out[8][b],
                 out[9][b],
             )  # fmt: skip
+            memory = LayerMemory(residual[b], updates_outside[b], switching[b], slow_switching[b])
+            noise, width = R[b % R.shape[0]], limit[b % limit.shape[0]]
             status, nis[b] = update_into(
-                mean[b], P[b], images[b], y[b], R[b % R.shape[0]], residual[b], limit[b % limit.shape[0]], angular,
-                kind, gamma, scale, patience, weighted, fading, updates_outside[b], switching[b],
-                slow_switching[b], rows,
-            )  # fmt: skip
+                mean[b], P[b], images[b], y[b], noise, width, angular, tuning, memory, rows
+            )
             if status != OK:
                 status += MEMBER * b
     return (*out, updates_outside, switching, slow_switching, nis, status)

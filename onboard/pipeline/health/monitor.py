@@ -18,9 +18,9 @@ MOST_ERRORS: Final = 100  # kinds of exceptions that are described; all are coun
 AUTOPILOT_NAMES: Final = {3: "ArduPilot", 12: "PX4"}
 
 
-class Errors:
-    """Exceptions over single messages. `counts` holds their number by place; `lines` describes the first
-    exception of each kind, for a person."""
+class Exceptions:
+    """Of single messages. `counts` holds their number by place; `lines` describes the first of each kind, for a
+    person."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
@@ -47,7 +47,7 @@ class Monitor:
     """
 
     def __init__(self, own_verdicts: Iterable[str], *, takes_ranges: bool) -> None:
-        self.errors = Errors()
+        self.errors = Exceptions()
         self.refusals = Refusals()
         self._hints = Hints(self.refusals.add, takes_ranges=takes_ranges)
         self.rejected: Counter[str] = Counter()

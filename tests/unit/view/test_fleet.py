@@ -47,7 +47,9 @@ def test_further_vehicles_share_the_first_ones_server() -> None:
 def test_the_table_of_a_fleet_has_what_each_knows_and_what_is_wrong() -> None:
     estimate = next(r for r in flight(4.0) if isinstance(r, Estimate) and r.mean is not None)
     bad = replace(health_of(10**9), advice=(ADVICE,))
-    table = words.fleet({"uav-2": words.Vehicle(health=bad), "uav-1": words.Vehicle(estimate, None, health_of(1))})
+    table = words.fleet(
+        {"uav-2": words.VehicleRecords(health=bad), "uav-1": words.VehicleRecords(estimate, None, health_of(1))}
+    )
     first, second = table.splitlines()[2:]
     assert first.startswith("| uav-1 |")
     assert " m | - | - |" in first

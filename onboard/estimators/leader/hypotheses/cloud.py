@@ -14,7 +14,6 @@ Random numbers are a fixed function of the count of steps, so the same images gi
 """
 
 import math
-from collections.abc import Iterable
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -93,11 +92,6 @@ class Cloud(NamedTuple):
         return self._replace(means=means, covariances=P, biases=(*self.biases, *new))
 
 
-def named(arrays: Iterable[Array]) -> dict[str, Any]:
-    """The arrays of a cloud, in their order, by their names."""
-    return dict(zip(Cloud._fields, arrays, strict=False))
-
-
 def weighted(cloud: Cloud, log_l: Array, believed: float = 1.0) -> Cloud:
     """The cloud with each particle's weight times its likelihood, of which these are the logarithms (K,), as far
     as that is `believed`, from 0 to 1."""
@@ -137,9 +131,9 @@ def resampled(cloud: Cloud, k: int) -> Cloud:
     """k particles, drawn by their weights, which become alike: systematic resampling."""
     at = (np.arange(k) + uniform(cloud.draws, 1)[0]) / k
     chosen = np.minimum(np.searchsorted(np.cumsum(np.exp(cloud.log_weights)), at), len(cloud.noses) - 1)
-    arrays = (array[chosen] for array in cloud[:ARRAYS])
+    arrays: dict[str, Any] = {name: getattr(cloud, name)[chosen] for name in Cloud._fields[:ARRAYS]}
     log_weights = np.full(k, -math.log(k))
-    return cloud._replace(**named(arrays), log_weights=log_weights, draws=cloud.draws + 1)
+    return cloud._replace(**arrays, log_weights=log_weights, draws=cloud.draws + 1)
 
 
 @njit(

@@ -1,4 +1,8 @@
-"""Random numbers that are a fixed function of a number: the same images give the same estimate."""
+"""Random numbers that are a fixed function of a number: the same images give the same estimate.
+
+What each of them is for has a stream: a number that is added to that of a step's first draw, `Cloud.draws`. A
+normal number takes the stream behind its own, too.
+"""
 
 import math
 from typing import Final
@@ -15,14 +19,28 @@ WEYL: Final = np.uint64(0x632BE59BD9B4E019)  # odd, to keep the streams of succe
 MIX: Final = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 SHIFTS: Final = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(11)
 
+# The streams of a step: DRAWS of them until the next step's begin, and as many in series that lie APART.
+DRAWS: Final = 8
+APART: Final = 1 << 40
+OF_TURNING, OF_TURN_RATE, _, OF_REGIME, OF_WANDERING, _, OF_DOUBT, OF_NOSE = map(np.uint64, range(DRAWS))
+OF_MANOEUVRES, _, OF_BANK, _, OF_WOBBLE, _, OF_TYING, _ = (np.uint64(APART + n) for n in range(DRAWS))
+OF_DRAG, OF_ACCEPTANCE, OF_NEW_WOBBLE = (np.uint64(n * APART) for n in range(2, 5))
+OF_INTENSITIES: Final = OF_MANOEUVRES, OF_BANK, OF_WOBBLE
 
-def uniform(draw: int, count: int) -> Array:
+# Those of a new cloud, beside OF_TURNING, OF_TURN_RATE and OF_REGIME. Its first step, which begins at 4, draws
+# some of these numbers again for other ends.
+OF_FIRST_HOVERING, *firsts = (np.uint64(APART + n) for n in range(11))
+OF_FIRST_MANOEUVRES, _, OF_FIRST_BANK, _, OF_FIRST_WOBBLE, _, OF_FIRST_SIZE, _, OF_FIRST_DRAG, _ = firsts
+OF_FIRST_INTENSITIES: Final = OF_FIRST_MANOEUVRES, OF_FIRST_BANK, OF_FIRST_WOBBLE
+
+
+def uniform(draw: int | np.uint64, count: int) -> Array:
     """Numbers (count,) in (0, 1), a fixed function of `draw`, by the generator splitmix64."""
     found: Array = _uniforms(draw, count)
     return found
 
 
-def normal(draw: int, count: int) -> Array:
+def normal(draw: int | np.uint64, count: int) -> Array:
     """Standard normal numbers (count,), a fixed function of `draw` and `draw + 1`, by Box and Muller."""
     found: Array = _normals(draw, count)
     return found

@@ -6,7 +6,6 @@ of the nose. No hypothesis explains a slope for nothing.
 """
 
 import math
-from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -23,7 +22,6 @@ LEANS2: Final = 12.0  # (m/s^2)^2: of any multirotor's steady lean, on each axis
 TINY: Final = 1e-9  # m, in place of 0/0 straight above us
 
 
-@lru_cache(maxsize=64)  # each step asks
 def lognormal(s: NoseModel) -> tuple[float, float]:
     """Of the drag: the median, 1/s, and the standard deviation of the logarithm."""
     if s.drag == 0.0:
@@ -32,7 +30,7 @@ def lognormal(s: NoseModel) -> tuple[float, float]:
     return s.drag * math.exp(-0.5 * variance), math.sqrt(variance)
 
 
-def drags_of(s: NoseModel, draw: int, count: int) -> Array:
+def drags_of(s: NoseModel, draw: int | np.uint64, count: int) -> Array:
     """Drags (count,), 1/s, a fixed function of `draw`."""
     middle, sigma = lognormal(s)
     found: Array = middle * np.exp(sigma * normal(draw, count))

@@ -18,7 +18,29 @@ from onboard.arrays import Array
 from onboard.estimators.leader.hypotheses.particle_update import correct, factor, whiten
 from onboard.estimators.leader.hypotheses.wing import COVARIANCES, NOSES, NUMBER, G
 from onboard.estimators.leader.image.shape import HIGHEST, LOWEST, Posture, ShapeRows, measured_spread
-from onboard.filters.compiled import OUT, ROWS, VECTOR
+from onboard.filters.compiled import OUT, VECTOR, record
+
+
+class Seen(NamedTuple):
+    """Of which points (k, 3) which coordinates are seen (`ShapeRows`), how a leader `leans` (`Posture`), from
+    where, r_FC (3,), and about which axes (3, 3) in n; the column of the bias of the size, 0 without one."""
+
+    points: Array
+    which: Array
+    axis: Array
+    leans: float
+    r_FC: Array
+    axes: Array
+    bias: int
+
+
+SEEN: Final = record(Seen, OUT, NOSES, NOSES, NUMBER, NOSES, OUT, types.int64)
+
+
+def _seen(rows: ShapeRows, posture: Posture, camera: tuple[Array, Array, Array], bias: int) -> Seen:
+    R_cn, r_FC, measured = camera
+    axes = np.ascontiguousarray(measured @ R_cn)
+    return Seen(np.ascontiguousarray(rows.points), rows.which, rows.axis, posture.leans, r_FC, axes, bias)
 
 
 def update(
@@ -34,9 +56,8 @@ def update(
     its attitude R_cn (3, 3), its place r_FC_n (3,) m, and the measured axes (3, 3) in c. Means (K, N), covariances
     (K, N, N) and noses (K,) are corrected in place: a particle whose nose is where named points show the tail
     turns round."""
-    R_cn, r_FC, seen = camera
-    shape = np.ascontiguousarray(rows.points), rows.which, rows.axis, rows.y, rows.sigma, rows.named
-    nis, log_l = _update(means, P, noses, *shape, *posture, r_FC, np.ascontiguousarray(seen @ R_cn), bias)
+    seen = _seen(rows, posture, camera, bias)
+    nis, log_l = _update(means, P, noses, seen, rows.y, rows.sigma, rows.named, posture.pitch, posture.misplaced)
     return nis, log_l
 
 
@@ -74,19 +95,6 @@ def _posture(x, nose, leans, B, by):
     by[1, 0], by[1, 1] = -leans * c * weight / square, -leans * s * weight / square
     by[1, 2] = -leans * along / square
     return sb, cb
-
-
-class Seen(NamedTuple):
-    """Of which points (k, 3) which coordinates are seen (`ShapeRows`), how a leader `leans` (`Posture`), from
-    where, r_FC (3,), and about which axes (3, 3) in n; the column of the bias of the size, 0 without one."""
-
-    points: Array
-    which: Array
-    axis: Array
-    leans: float
-    r_FC: Array
-    axes: Array
-    bias: int
 
 
 class Scratch(NamedTuple):
@@ -164,19 +172,15 @@ def _turn_round(x, P):
         P[i, 9] = -P[i, 9]
 
 
-SHAPE: Final = (ROWS, VECTOR, VECTOR, VECTOR, VECTOR, types.boolean)
-
-
 @njit(
-    (OUT, COVARIANCES, NOSES, *SHAPE, NUMBER, NUMBER, NUMBER, VECTOR, ROWS, types.int64),
+    (OUT, COVARIANCES, NOSES, SEEN, VECTOR, VECTOR, types.boolean, NUMBER, NUMBER),
     cache=True,
     error_model="numpy",
 )
-def _update(means, P, noses, points, which, axis, y, sigma, named, leans, pitch, misplaced, r_FC, axes, bias):
+def _update(means, P, noses, seen, y, sigma, named, pitch, misplaced):
     m, count, width = y.shape[0], means.shape[0], P.shape[2]
     nis, log_l = np.empty(count), np.empty(count)
-    seen = Seen(points, which, axis, leans, r_FC, axes, bias)
-    scratch = Scratch(np.empty((3, 3)), np.empty((2, 3)), np.empty((points.shape[0], 5)))
+    scratch = Scratch(np.empty((3, 3)), np.empty((2, 3)), np.empty((seen.points.shape[0], 5)))
     h, e, d, R, c, dx = np.empty(m), np.empty(m), np.empty(m), np.empty((m, m)), np.empty(width), np.empty(width)
     J = np.zeros((m, width))
     for k in range(count):
@@ -213,7 +217,7 @@ def _update(means, P, noses, points, which, axis, y, sigma, named, leans, pitch,
         log_noise = 0.0
         for j in range(m):
             log_noise += np.log(L[j, j])
-        nis[k], det = correct(x, P[k], e, J, c, dx, bias)
+        nis[k], det = correct(x, P[k], e, J, c, dx, seen.bias)
         log_l[k] = -0.5 * (nis[k] + np.log(det)) - log_noise
     return nis, log_l
 
@@ -230,25 +234,15 @@ def expected_box(
 ) -> tuple[Array, Array]:
     """Mean (m,) and covariance (m, m) of the rows, by particles of weights w (K,), without the rows' own noise.
     The `camera` and the column of the `bias` are as in `update`."""
-    R_cn, r_FC, seen = camera
-    shape = np.ascontiguousarray(rows.points), rows.which, rows.axis
-    axes = np.ascontiguousarray(seen @ R_cn)
-    mean, covariance = _expected_box(means, P, noses, w, *shape, *posture, r_FC, axes, bias)
+    seen = _seen(rows, posture, camera, bias)
+    mean, covariance = _expected_box(means, P, noses, w, seen, posture.pitch, posture.misplaced)
     return mean, covariance
 
 
-@njit(
-    (
-        *(OUT, COVARIANCES, NOSES, VECTOR, ROWS, VECTOR, VECTOR),
-        *(NUMBER, NUMBER, NUMBER, VECTOR, ROWS, types.int64),
-    ),
-    cache=True,
-    error_model="numpy",
-)
-def _expected_box(means, P, noses, w, points, which, axis, leans, pitch, misplaced, r_FC, axes, bias):
-    m, width = which.shape[0], P.shape[2]
-    seen = Seen(points, which, axis, leans, r_FC, axes, bias)
-    scratch = Scratch(np.empty((3, 3)), np.empty((2, 3)), np.empty((points.shape[0], 5)))
+@njit((OUT, COVARIANCES, NOSES, VECTOR, SEEN, NUMBER, NUMBER), cache=True, error_model="numpy")
+def _expected_box(means, P, noses, w, seen, pitch, misplaced):
+    m, width = seen.which.shape[0], P.shape[2]
+    scratch = Scratch(np.empty((3, 3)), np.empty((2, 3)), np.empty((seen.points.shape[0], 5)))
     h, d, J, JP = np.empty(m), np.empty(m), np.zeros((m, width)), np.empty(width)
     mean, covariance = np.zeros(m), np.zeros((m, m))
     for k in range(means.shape[0]):

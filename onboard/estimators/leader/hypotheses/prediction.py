@@ -2,9 +2,8 @@
 or stops, a leader begins to accelerate or stops, a few particles take another nose, and all noses wander."""
 
 import math
-from collections.abc import Iterable
 from functools import lru_cache
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit, types
@@ -13,8 +12,24 @@ from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import NoseModel
 from onboard.estimators.leader.hypotheses import leaning
 from onboard.estimators.leader.hypotheses import wing as model
-from onboard.estimators.leader.hypotheses.cloud import ARRAYS, Bias, Cloud, charged, named
-from onboard.estimators.leader.hypotheses.draws import DRAW, normal_of, uniform_of
+from onboard.estimators.leader.hypotheses.cloud import Bias, Cloud, charged
+from onboard.estimators.leader.hypotheses.draws import (
+    DRAW,
+    DRAWS,
+    OF_ACCEPTANCE,
+    OF_DOUBT,
+    OF_DRAG,
+    OF_INTENSITIES,
+    OF_NEW_WOBBLE,
+    OF_NOSE,
+    OF_REGIME,
+    OF_TURN_RATE,
+    OF_TURNING,
+    OF_TYING,
+    OF_WANDERING,
+    normal_of,
+    uniform_of,
+)
 from onboard.estimators.leader.hypotheses.leaning import banked, lean, likely, lognormal, slope_of
 from onboard.estimators.leader.hypotheses.wing import (
     ACCELERATING,
@@ -28,6 +43,7 @@ from onboard.estimators.leader.hypotheses.wing import (
     LEAST_VISIBLE,
     NOSES,
     NUMBER,
+    PAIR,
     POSITION,
     SLOW2,
     STEADY,
@@ -38,14 +54,12 @@ from onboard.estimators.leader.hypotheses.wing import (
     N,
     visible2,
 )
-from onboard.filters.compiled import OUT, VECTOR
+from onboard.filters.compiled import OUT, record
 
 CIRCLES: Final = 5  # of a computation: a nose, the range that it implies, the course at that range
 MOST_CRAB: Final = 2.5  # standard deviations of a fixed wing's nose about its course
-APART: Final = 1 << 40  # added to the number of a draw, for a stream of its own
 LETS_GO2: Final = 9.0  # (m/s)^2: a slower leader's nose is not tied to its course
 DRIFTS2: Final = 0.16  # (m/s)^2: a faster leader does not hover
-DRAWS: Final = 8  # streams of random numbers that a step uses
 SURE: Final = 10.0  # times as long until a particle takes another nose, where points show the nose
 MOST_COST: Final = 20.0  # of what a hypothesis supposes: it is improbable enough then
 HORIZONTAL: Final = np.array([1.0, 1.0, 0.5])  # vertical accelerations are half as large
@@ -54,26 +68,15 @@ HORIZONTAL: Final = np.array([1.0, 1.0, 0.5])  # vertical accelerations are half
 def predict(settings: NoseModel, cloud: Cloud, dt: float, moved: Array) -> Cloud:
     """The cloud after `dt` seconds in which we move by `moved` (3,) m, in n."""
     s = settings
-    changed: list[Any] = [array.copy() for array in cloud[: ARRAYS - 1]]  # type: ignore[union-attr]
-    sure = SURE if cloud.sided else 1.0
-    doubted_after = sure * s.doubted_after
-    change(
-        s,
-        changed,
-        cloud.draws,
-        dt,
-        moved,
-        doubted_after=doubted_after,
-        edge_on=cloud.edge_on,
-        metric=cloud.metric,
-    )
+    changed = Particles(*(array.copy() for array in cloud[: len(Particles._fields)]))  # type: ignore[union-attr]
+    passed = Passed(dt, moved, cloud.edge_on, cloud.metric, s.air, s.wind)
+    change(s, changed, cloud.draws, passed, (SURE if cloud.sided else 1.0) * s.doubted_after)
     noses, _, regimes, means, P, intensities, tied, drags = changed
     lasts = [bias.time for bias in cloud.biases]
-    times = np.array([s.acceleration_time, s.bank_time, s.stretch_time, *lasts])
-    noise, decay = _noise(s, dt, cloud.biases), np.exp(-dt / times)
-    after = cloud._replace(**named(changed), draws=cloud.draws + DRAWS, unseen=cloud.unseen + dt)
+    decay = np.exp(-dt / np.array([s.acceleration_time, s.bank_time, s.stretch_time, *lasts]))
+    after = cloud._replace(**changed._asdict(), draws=cloud.draws + DRAWS, unseen=cloud.unseen + dt)
     before = supposed(s, after)
-    interval = model.Interval(dt, moved, noise, _hover(s, dt), decay)
+    interval = model.Interval(dt, moved, _noise(s, dt, cloud.biases), _hover(s, dt), decay)
     course = model.Course(tied, s.air, cloud.edge_on)
     model.predict(means, P, noses, regimes, intensities, drags, interval, course)
     return charged(after, supposed(s, after) - before)
@@ -104,10 +107,10 @@ def _noise(s: NoseModel, dt: float, biases: tuple[Bias, ...]) -> model.Noise:
     """What `dt` seconds add, in proportion to the range that a nose implies (`wing.Noise`)."""
     per_second = _densities(s)
     new, of_bank = -math.expm1(-2.0 * dt / s.stretch_time), s.bank**2 * -math.expm1(-2.0 * dt / s.bank_time)
-    fixed = np.zeros(N + len(biases))
-    fixed[N:] = [bias.sigma**2 * -math.expm1(-2.0 * dt / bias.time) for bias in biases]
-    fixed[POSITION], fixed[VELOCITY], fixed[LEAN] = 1e-8, 2.0 * dt / s.own_velocity_time * s.own_velocity**2, 1e-10
-    fixed[STRETCH] = s.stretch**2 * new
+    fixed = per_second.fixed.copy()
+    fixed[VELOCITY], fixed[STRETCH] = 2.0 * dt / s.own_velocity_time * s.own_velocity**2, s.stretch**2 * new
+    if biases:
+        fixed = np.append(fixed, [bias.sigma**2 * -math.expm1(-2.0 * dt / bias.time) for bias in biases])
     broad = per_second.broad * dt
     broad[:, BANK_ERROR] = of_bank
     range_ = 2.0 * dt / s.misalignment_time * per_second.range_
@@ -115,59 +118,81 @@ def _noise(s: NoseModel, dt: float, biases: tuple[Bias, ...]) -> model.Noise:
 
 
 class Densities(NamedTuple):
-    """Of the noise of a step (`wing.Noise`), what grows with its duration: `broad`, each second,
-    and `range_`, over half of the time of the misalignment."""
+    """Of the noise of a step (`wing.Noise`): what any step adds (`fixed`), and what grows with its duration,
+    `broad` each second and `range_` over half of the time of the misalignment."""
 
+    fixed: Array
     broad: Array
     range_: Array
 
 
 @lru_cache(maxsize=64)
 def _densities(s: NoseModel) -> Densities:
-    broad, range_ = np.zeros((3, N)), np.zeros(N)
+    fixed, broad, range_ = np.zeros(N), np.zeros((3, N)), np.zeros(N)
+    fixed[POSITION], fixed[LEAN] = 1e-8, 1e-10
     range_[POSITION] = np.square(s.misalignment)[[2, 2, 0]]
     broad[:2, VELOCITY], broad[:, LEAN] = s.velocity_random_walk**2, s.lean_random_walk**2
     broad[:2, ACCELERATION] = np.outer(np.square(s.acceleration_random_walk), HORIZONTAL**2)
-    return Densities(broad, range_)
+    return Densities(fixed, broad, range_)
 
 
-def change(
-    s: NoseModel,
-    arrays: Iterable[Array],
-    draws: int,
-    dt: float,
-    moved: Array,
-    *,
-    doubted_after: float,
-    edge_on: float,
-    metric: bool,
-) -> None:
-    """Change the arrays of a `cloud.Cloud` in place, by the random numbers from `draws` on. In
-    `dt` seconds we move by `moved` (3,) m, in n; a particle keeps its nose for `doubted_after` seconds on average;
-    `edge_on` as in `wing.visible`; `metric`: whether the ranges do not depend on the noses."""
-    flies_for = s.flies_for if s.crab == 0.0 else math.inf  # a fixed wing cannot hover
+class Particles(NamedTuple):
+    """The arrays of a `cloud.Cloud` that a step changes."""
+
+    noses: Array
+    rates: Array
+    regimes: Array
+    means: Array
+    covariances: Array
+    intensities: Array
+    tied: Array
+    drags: Array
+
+
+class Changes(NamedTuple):
+    """How far a step changes what changes: what it `keeps` of the logarithms of the intensities, and their
+    standard deviations; the rate of a nose that is turned, rad/s, how far any nose wanders, rad, and how far that
+    of a fixed wing is from its course, rad; median of the drag, 1/s, and standard deviation of its logarithm."""
+
+    keeps: float
+    intensity: tuple[float, float, float]
+    nose_rate: float
+    wander: float
+    crab: float
+    drag: tuple[float, float]
+
+
+class Passed(NamedTuple):
+    """What has passed since the last step, seconds and our own way (3,) m; what is seen along a nose
+    (`wing.visible`); whether ranges are metric, so that they do not depend on the noses; the velocity of the `air`
+    (2,), and its standard deviation where that is not known, m/s."""
+
+    dt: float
+    moved: Array
+    edge_on: float
+    metric: bool
+    air: tuple[float, float]
+    wind: float
+
+
+PARTICLES: Final = record(Particles, NOSES, NOSES, NOSES, OUT, COVARIANCES, OUT, NOSES, NOSES)
+CHANGES: Final = record(Changes, NUMBER, record(tuple, NUMBER, NUMBER, NUMBER), NUMBER, NUMBER, NUMBER, PAIR)
+PASSED: Final = record(Passed, NUMBER, NOSES, NUMBER, types.boolean, PAIR, NUMBER)
+
+
+def change(s: NoseModel, particles: Particles, draws: int, passed: Passed, doubted_after: float) -> None:
+    """Change particles in place, by the random numbers from `draws` on. A particle keeps its nose for
+    `doubted_after` seconds on average."""
+    dt, flies_for = passed.dt, s.flies_for if s.crab == 0.0 else math.inf  # a fixed wing cannot hover
     means_of = (s.turns_for, s.still_for, s.accelerates_for, s.steady_for, flies_for, s.hovers_for, doubted_after)
     chances = [-math.expm1(-dt / mean) for mean in (*means_of, s.tied_for, s.undecided_for)]
     # of the noses that are looked at anew, so many are tied that the share of all stays what it is
     anew = s.tied * doubted_after / (s.tied * doubted_after + (1.0 - s.tied) * s.tied_for)
-    wander = s.nose_random_walk * math.sqrt(dt)
+    keeps, wander = math.exp(-dt / s.intensity_time), s.nose_random_walk * math.sqrt(dt)
+    changes = Changes(keeps, s.intensity, s.nose_rate, wander, s.crab, lognormal(s))
     # in one step: a nose stops or begins to turn, a leader stops or begins to accelerate, to hover, leaves, a
     # particle takes another nose, or one that is tied does, a fast leader's nose is tied or not; and it is tied
-    arguments: tuple[Any, ...] = (
-        *arrays,
-        draws,
-        np.array([*chances, s.tied, anew]),
-        np.array(s.intensity),
-        np.array([math.exp(-dt / s.intensity_time), s.nose_rate, wander, s.crab]),
-        np.array(s.air),
-        s.wind,
-        dt,
-        moved,
-        edge_on,
-        metric,
-        np.array(lognormal(s)),
-    )
-    _change(*arguments)
+    _change(particles, draws, np.array([*chances, s.tied, anew]), changes, passed)
 
 
 @njit(cache=True, error_model="numpy")
@@ -193,23 +218,12 @@ def _doubt(ratio, x, P, dt, moved, hovers):
         x[3 + i] += (1.0 - ratio) * moved[i] / dt
 
 
-class Passed(NamedTuple):
-    """What has passed since the last step, seconds and our own way (3,) m; what is seen along a nose
-    (`wing.visible`); whether ranges are metric; and the standard deviation of the wind, m/s."""
-
-    dt: float
-    moved: Array
-    edge_on: float
-    metric: bool
-    wind: float
-
-
 @njit(cache=True, error_model="numpy")
 def _takes(nose, other, x, P, passed, hovers, drags, chance):
     """Give a particle another nose, and the second of two `drags`, in place; False if it keeps what it has, as the
     lean is unlikely that its wing's slope needs then (Metropolis and Hastings, with the logarithm of a `chance`).
     Of what shows no slope, or does not lean, each nose is as likely."""
-    dt, moved, edge_on, metric, wind = passed
+    dt, moved, edge_on, metric, _, wind = passed
     if drags[0] == 0.0 or edge_on > LEAST_VISIBLE:
         if not metric:
             _doubt(_fraction(other, x, edge_on) / _fraction(nose, x, edge_on), x, P, dt, moved, hovers)
@@ -277,70 +291,43 @@ def _decided(tied, x, regime, drawn, which, decides, doubted, unties, ties, anew
     return tied, False, False
 
 
-@njit(
-    (
-        *(NOSES, NOSES, NOSES, OUT, COVARIANCES, OUT, NOSES, NOSES, DRAW, *[VECTOR] * 4),
-        *(NUMBER, NUMBER, VECTOR, NUMBER, types.boolean, VECTOR),
-    ),
-    cache=True,
-    error_model="numpy",
-)
-def _change(
-    noses,
-    rates,
-    regimes,
-    means,
-    P,
-    intensities,
-    tied,
-    drags,
-    draws,
-    chances,
-    spread,
-    slow,
-    air,
-    wind,
-    dt,
-    moved,
-    edge_on,
-    metric,
-    drag,
-):
-    keeps, nose_rate, wander, crab = slow
+@njit((PARTICLES, DRAW, NOSES, CHANGES, PASSED), cache=True, error_model="numpy")
+def _change(particles, draws, chances, changes, passed):
+    noses, rates, regimes, means, P, intensities, tied, drags = particles
     stops, turns, steadies, begins, hovers, leaves, doubted, unties, decides, ties, anew = chances
-    passed = Passed(dt, moved, edge_on, metric, wind)
-    of_drag, of_accepting, of_wobble, of_tying = 2 * APART, 3 * APART, 4 * APART, APART + 6
+    keeps, spread, nose_rate, wander, crab, drag = changes
+    dt, moved, edge_on, _, air, _ = passed
     for k in range(noses.shape[0]):
         x = means[k]
         new_rate = 0.0
-        of_turning = uniform_of(draws, k)
+        of_turning = uniform_of(draws + OF_TURNING, k)
         if rates[k] == 0.0 and of_turning < turns:
-            new_rate = nose_rate * normal_of(np.uint64(draws + 1), k)
+            new_rate = nose_rate * normal_of(draws + OF_TURN_RATE, k)
         rates[k] = _rate(rates[k], of_turning, stops, turns, new_rate)
         for i in range(3):
-            bold = normal_of(np.uint64(draws + APART + 2 * i), k) if spread[i] > 0.0 else 0.0
+            bold = normal_of(draws + OF_INTENSITIES[i], k) if spread[i] > 0.0 else 0.0
             new = spread[i] * np.sqrt(1.0 - keeps * keeps) * bold
             intensities[k, i] = keeps * intensities[k, i] + new
-        of_speed = uniform_of(np.uint64(draws + 3), k)
+        of_speed = uniform_of(draws + OF_REGIME, k)
         regimes[k] = _next(regimes[k], x, P[k], of_speed, steadies, begins, hovers, leaves)
         tied_before = tied[k]
         tied[k], becomes_tied, doubts = _decided(
-            *(tied[k], x, regimes[k], uniform_of(np.uint64(draws + 6), k)),
-            *(uniform_of(np.uint64(draws + of_tying), k), decides, doubted, unties, ties, anew),
+            *(tied[k], x, regimes[k], uniform_of(draws + OF_DOUBT, k)),
+            *(uniform_of(draws + OF_TYING, k), decides, doubted, unties, ties, anew),
         )
         if becomes_tied or doubts:
-            where = uniform_of(np.uint64(draws + 7), k)
+            where = uniform_of(draws + OF_NOSE, k)
             other = noses[k] + np.pi * where
             if becomes_tied:
                 other, rates[k] = _tied_nose(noses[k], x, dt, moved, edge_on, air), 0.0
             elif crab > 0.0:  # a fixed wing's nose stays about its course
                 other = np.arctan2(x[4], x[3]) + crab * MOST_CRAB * (2.0 * where - 1.0)
-            new_drag = drag[0] * np.exp(drag[1] * normal_of(np.uint64(draws + of_drag), k))
-            accepted = uniform_of(np.uint64(draws + of_accepting), k)
+            new_drag = drag[0] * np.exp(drag[1] * normal_of(draws + OF_DRAG, k))
+            accepted = uniform_of(draws + OF_ACCEPTANCE, k)
             hovering, both = regimes[k] == HOVERING, (drags[k], new_drag)
             if _takes(noses[k], other, x, P[k], passed, hovering, both, np.log(accepted)):
                 drags[k] = new_drag
-                intensities[k, 2] = spread[2] * normal_of(np.uint64(draws + of_wobble), k)
+                intensities[k, 2] = spread[2] * normal_of(draws + OF_NEW_WOBBLE, k)
             else:
                 other, tied[k] = noses[k], tied_before
             noses[k] = other
@@ -350,4 +337,4 @@ def _change(
         broad = _fraction(noses[k], x, edge_on)
         # the less is seen of the wing, the more does it show of a small turn
         wanders = wander * min(1.0, broad / np.sqrt(max(1.0 - broad * broad, 1e-9)))
-        noses[k] += dt * rates[k] + wanders * normal_of(np.uint64(draws + 4), k)
+        noses[k] += dt * rates[k] + wanders * normal_of(draws + OF_WANDERING, k)

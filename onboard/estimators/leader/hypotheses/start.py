@@ -10,8 +10,18 @@ from onboard.estimators.leader.assumptions import NoseModel
 from onboard.estimators.leader.hypotheses import leaning, points
 from onboard.estimators.leader.hypotheses import wing as model
 from onboard.estimators.leader.hypotheses.cloud import Cloud, resampled, weighted
-from onboard.estimators.leader.hypotheses.draws import normal, uniform
-from onboard.estimators.leader.hypotheses.prediction import APART, HORIZONTAL, MOST_CRAB
+from onboard.estimators.leader.hypotheses.draws import (
+    OF_FIRST_DRAG,
+    OF_FIRST_HOVERING,
+    OF_FIRST_INTENSITIES,
+    OF_FIRST_SIZE,
+    OF_REGIME,
+    OF_TURN_RATE,
+    OF_TURNING,
+    normal,
+    uniform,
+)
+from onboard.estimators.leader.hypotheses.prediction import HORIZONTAL, MOST_CRAB
 from onboard.estimators.leader.hypotheses.update import ANY_NOSE, of_boxes, of_ranges
 from onboard.estimators.leader.hypotheses.wing import (
     ACCELERATION,
@@ -28,8 +38,6 @@ from onboard.estimators.leader.image.measurement import Measurement
 
 LEAST_RANGE: Final = 0.05  # of the largest possible range of a first image: points in a row may hide each other
 SIZES_APART: Final = 0.05  # of the size: what is less certain is sampled, as a Gaussian's curvature would mislead
-OF_SIZES: Final = 7  # the number of the draw of sizes
-OF_DRAGS: Final = 9 + APART  # the same of drags
 FORGETS: Final = 5  # of so many particles one has a new nose when a track starts again
 MOST_BANK: Final = math.radians(35.0)  # rad, of noses that are looked at closely
 MOVING: Final = 3.0  # m/s: if we fly faster, a leader that flies along with us is likely
@@ -52,7 +60,7 @@ def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Clou
         edge_on = ANY_NOSE
     of_size = settings.size_sigma / settings.size
     within = min(of_size, SIZES_APART)
-    sizes = settings.size * np.exp(math.sqrt(of_size**2 - within**2) * normal(APART + OF_SIZES, k))
+    sizes = settings.size * np.exp(math.sqrt(of_size**2 - within**2) * normal(OF_FIRST_SIZE, k))
     # about the range, as a share of the largest possible
     visible = model.visible(noses, np.tile(direction, (k, 1)), edge_on)
     broad = visible * sizes / settings.size
@@ -70,20 +78,23 @@ def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Clou
     along = (max(seen.span_sigma / seen.span, 0.01) * range_) ** 2
     across = seen.R[0, 0] * range_**2
     P[:, POSITION, POSITION] = along[:, None, None] * line + across[:, None, None] * (np.eye(3) - line)
-    hovers = uniform(APART, k) < (settings.hovering if settings.crab == 0.0 else 0.0)
-    intensities = np.column_stack([s * normal(APART + 1 + 2 * i, k) for i, s in enumerate(settings.intensity)])
+    hovers = uniform(OF_FIRST_HOVERING, k) < (settings.hovering if settings.crab == 0.0 else 0.0)
+    drawn = [normal(of_one, k) for of_one in OF_FIRST_INTENSITIES]
+    intensities = np.column_stack([s * one for s, one in zip(settings.intensity, drawn, strict=True)])
     means[hovers, VELOCITY] = 0.0
     P[:, range(N), range(N)] += _variances(settings, broad, hovers, np.exp(intensities), visible, slope or 0.0)
-    drags = leaning.drags_of(settings, OF_DRAGS, k)
+    drags = leaning.drags_of(settings, OF_FIRST_DRAG, k)
     _lean(settings, means, P, drags)
     log_l = np.zeros(k)
     if slope is not None:
         log_l = leaning.first(means, P, noses, drags, slope, settings.wind, np.sqrt(P[:, BANK_ERROR, BANK_ERROR]))
     means[:, LOG_SIZE] = np.log(sizes)
-    turns = uniform(0, k) < settings.turning
-    rates = np.where(turns, settings.nose_rate * normal(1, k), 0.0)
+    turns = uniform(OF_TURNING, k) < settings.turning
+    rates = np.where(turns, settings.nose_rate * normal(OF_TURN_RATE, k), 0.0)
     regimes = np.where(
-        hovers, model.HOVERING, np.where(uniform(3, k) < settings.accelerating, model.ACCELERATING, model.STEADY)
+        hovers,
+        model.HOVERING,
+        np.where(uniform(OF_REGIME, k) < settings.accelerating, model.ACCELERATING, model.STEADY),
     )
     cloud = Cloud(
         noses,

@@ -35,11 +35,10 @@ UNITS: Final = (*relative_motion.UNITS, "m/s^2", "rad", "rad")
 R_FL: Final = slice(0, 3)
 V_L: Final = slice(3, 6)
 A_L: Final = slice(6, 9)
-OWN_VELOCITY: Final = slice(9, 12)
-LOG_SIZE: Final = 12
-NOSE: Final = 13
-BANK: Final = 14
-N: Final = 15
+LOG_SIZE: Final = 9
+NOSE: Final = 10
+BANK: Final = 11
+N: Final = 12
 VECTORS: Final = 9  # of them, position, velocity and acceleration, which a cloud has in the same places
 # of a summary, and of a particle: what both of them have
 OF_SUMMARY: Final = (*range(VECTORS), LOG_SIZE, BANK)
@@ -53,14 +52,13 @@ MOTION: Final = slice(0, 6)  # position and velocity
 STAYS: Final = np.eye(N)
 MOVES: Final = np.zeros((N, N))
 MOVES[R_FL, V_L] = MOVES[V_L, A_L] = np.eye(3)
-MOVES[R_FL, OWN_VELOCITY] = -np.eye(3)
 CURVES: Final = np.zeros((N, N))
 CURVES[R_FL, A_L] = np.eye(3)
 
 
 class Summary(NamedTuple):
-    """Mean (15,) and covariance (15, 15) of [r_FL_n, v_L, a_L, own velocity's error, log of the size, nose, bank's
-    error], vectors in n. Where the range is open, also the places where the leader may be."""
+    """Mean (12,) and covariance (12, 12) of [r_FL_n, v_L, a_L, log of the size, nose, bank's error], vectors in n.
+    Where the range is open, also the places where the leader may be."""
 
     mean: Array
     covariance: Array
@@ -224,11 +222,8 @@ def moments(noses, means, w, about, period, within, mean, S):
     """Mean and covariance of a cloud (`cloud.Cloud`) with weights w (K,), whose particles have the mean covariance
     `within` (W, W), added to `mean` (N,) and S (N, N); and the mean logarithm of the range. Each nose is taken as
     near to `about` as it may be: it repeats after `period`, rad."""
-    row, log_range, width = (
-        np.zeros(N),
-        0.0,
-        S.shape[1],
-    )  # not known to the compiler: `particle_update`
+    row, log_range = np.zeros(N), 0.0
+    width = S.shape[1]  # not known to the compiler: `particle_update`
     for k in range(w.shape[0]):
         x = means[k]
         _components(noses[k], x, about, period, row)
@@ -240,10 +235,9 @@ def moments(noses, means, w, about, period, within, mean, S):
         for i in range(N):
             row[i] -= mean[i]
         for i in range(N):
-            if i < VECTORS or i >= LOG_SIZE:
-                share = w[k] * row[i]
-                for j in range(width):
-                    S[i, j] += share * row[j]
+            share = w[k] * row[i]
+            for j in range(width):
+                S[i, j] += share * row[j]
     for i in range(len(OF_SUMMARY)):
         for j in range(len(OF_SUMMARY)):
             S[OF_SUMMARY[i], OF_SUMMARY[j]] += within[OF_PARTICLE[i], OF_PARTICLE[j]]
@@ -255,7 +249,7 @@ def _derivatives(known, dt, J):
     """Of the leader's components (BASE,) by a summary `dt` seconds before, into J (BASE, N), and its speed."""
     J[:] = 0.0
     for i in range(3):
-        J[i, i], J[i, 3 + i], J[i, 6 + i], J[i, 9 + i] = 1.0, dt, 0.5 * dt * dt, -dt
+        J[i, i], J[i, 3 + i], J[i, 6 + i] = 1.0, dt, 0.5 * dt * dt
         J[3 + i, 3 + i], J[3 + i, 6 + i] = 1.0, dt
     u, v = known[3] + dt * known[6], known[4] + dt * known[7]
     speed = np.sqrt(u * u + v * v)

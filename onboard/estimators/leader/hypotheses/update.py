@@ -145,7 +145,7 @@ def of_box(cloud: Cloud, shows: ShapeFeatures, axes: Array, pose: CameraPose) ->
     return MIDDLE_AND_SIZE @ (shows.rows.y - expected), S
 
 
-class Fit(NamedTuple):
+class ShapeFit(NamedTuple):
     """The cloud after what an image shows of a shape, None if that fits no nose, with the particles' logarithms of
     likelihoods (K,), the NIS that OF_SHAPE of the weight have at most, and the named points that fit none."""
 
@@ -155,16 +155,16 @@ class Fit(NamedTuple):
     misfits: tuple[str, ...] = ()
 
 
-def fitted(settings: NoseModel, cloud: Cloud, shows: ShapeFeatures, axes: Array, pose: CameraPose) -> Fit:
+def fitted(settings: NoseModel, cloud: Cloud, shows: ShapeFeatures, axes: Array, pose: CameraPose) -> ShapeFit:
     """The cloud after what an image shows of the leader's shape. If all of it fits no nose, the points that fit
     none by themselves are left out: one point that a detector finds elsewhere costs the others nothing. Raises
     FilterError."""
 
-    def fit(part: ShapeFeatures) -> Fit:
+    def fit(part: ShapeFeatures) -> ShapeFit:
         found, nis, log_l = shaped(cloud, part, axes, pose)
         beyond = expected(cloud, nis, OF_SHAPE)
         fits = beyond <= settings.gate + PER_ROW * len(part.rows.y)
-        return Fit(found if fits else None, log_l, beyond)
+        return ShapeFit(found if fits else None, log_l, beyond)
 
     whole = fit(shows)
     if whole.cloud is not None or shows.is_box:

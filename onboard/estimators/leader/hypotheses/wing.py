@@ -22,7 +22,7 @@ from numba import njit, types
 
 from onboard.arrays import Array
 from onboard.estimators.leader.hypotheses.particle_update import correct, dot, factor, project, whiten
-from onboard.filters.compiled import CUBE, OUT, ROWS, VECTOR, out
+from onboard.filters.compiled import CUBE, OUT, ROWS, VECTOR, out, record
 
 G: Final = 9.80665
 N: Final = 14  # at least: behind these are biases of measurements
@@ -95,24 +95,11 @@ class Interval(NamedTuple):
     decay: Array
 
 
-def predict(
-    means: Array,
-    P: Array,
-    noses: Array,
-    regimes: Array,
-    intensities: Array,
-    drags: Array,
-    interval: Interval,
-    course: Course,
-) -> None:
-    """Means (K, W) and covariances (K, W, W), in place, after an interval; the noses (K,) turn with the course.
-    `regimes` (K,) are STEADY, ACCELERATING or HOVERING; `intensities` (K, 3) are the logarithms of factors of a
-    steady leader's manoeuvres, of the bank's error and of the wobble; `drags` (K,) are in 1/s."""
-    dt, moved, noise, hover, decay = interval
-    _predict(
-        *(means, P, noses, dt, moved, regimes, intensities, *noise, np.array(hover), decay, drags, course.edge_on),
-        *(course.tied, np.array(course.air)),
-    )
+NOISE: Final = record(Noise, NOSES, OUT, NOSES, NUMBER, NUMBER)
+HOVER: Final = record(Hover, *[NUMBER] * len(Hover._fields))
+PAIR: Final = record(tuple, NUMBER, NUMBER)
+COURSE: Final = record(Course, NOSES, PAIR, NUMBER)
+INTERVAL: Final = record(Interval, NUMBER, NOSES, NOISE, HOVER, NOSES)
 
 
 class Expectation(NamedTuple):
@@ -224,14 +211,15 @@ def _forget(x, S, decay, fixed):
 @njit(cache=True, error_model="numpy")
 def _stop(x, S, hover, drag):
     """The state of a leader that hovers after a step, in place: it comes to rest over ground, and leans less."""
-    lost = drag * (1.0 - hover[0])
+    v_decay, a_decay, v_variance, a_variance = hover
+    lost = drag * (1.0 - v_decay)
     for i in range(10, 12):
         x[i] -= lost * x[i - 7]
         for j in range(S.shape[0]):
             S[i, j] -= lost * S[i - 7, j]
         for j in range(S.shape[0]):
             S[j, i] -= lost * S[j, i - 7]
-    for first, decay, variance in ((3, hover[0], hover[2]), (6, hover[1], hover[3])):
+    for first, decay, variance in ((3, v_decay, v_variance), (6, a_decay, a_variance)):
         for i in range(first, first + 3):
             x[i] *= decay
             for j in range(S.shape[0]):
@@ -242,33 +230,17 @@ def _stop(x, S, hover, drag):
 
 
 @njit(
-    (
-        *(OUT, COVARIANCES, NOSES, NUMBER, VECTOR, VECTOR, ROWS, VECTOR, ROWS, VECTOR),
-        *(NUMBER, NUMBER, VECTOR, VECTOR, VECTOR, NUMBER, VECTOR, VECTOR),
-    ),
+    (OUT, COVARIANCES, NOSES, VECTOR, ROWS, VECTOR, INTERVAL, COURSE),
     cache=True,
     error_model="numpy",
 )
-def _predict(
-    means,
-    P,
-    noses,
-    dt,
-    moved,
-    regimes,
-    intensities,
-    fixed,
-    broad,
-    range_,
-    wobble,
-    usual,
-    hover,
-    decay,
-    drags,
-    edge_on,
-    tied,
-    air,
-):
+def predict(means, P, noses, regimes, intensities, drags, interval, course):
+    """Means (K, W) and covariances (K, W, W), in place, after an interval; the noses (K,) turn with the course.
+    `regimes` (K,) are STEADY, ACCELERATING or HOVERING; `intensities` (K, 3) are the logarithms of factors of a
+    steady leader's manoeuvres, of the bank's error and of the wobble; `drags` (K,) are in 1/s."""
+    dt, moved, noise, hover, decay = interval
+    fixed, broad, range_, wobble, usual = noise
+    tied, air, edge_on = course
     half, width = 0.5 * dt * dt, P.shape[2]
     for k in range(means.shape[0]):
         x, S = means[k], P[k]

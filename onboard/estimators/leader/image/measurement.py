@@ -51,9 +51,8 @@ class Measurement(NamedTuple):
             return self
         by = np.zeros((len(self.y), 3))  # by how much a rotation changes y
         by[0], by[1] = self.axes[2], -self.axes[1]
-        if len(self.y) > 3:
-            by[2], by[3] = -self.y[3] * self.axes[0], self.y[2] * self.axes[0]
-        by[4:] = by[: max(len(self.y) - 4, 0)]  # the wing's middle as the center
+        by[2], by[3] = -self.y[3] * self.axes[0], self.y[2] * self.axes[0]
+        by[4:] = by[: len(self.y) - 4]  # the wing's middle as the center
         noise, shows = by @ noise_c @ by.T, self.shows
         if shows is not None and shows.is_box:
             sigma = np.sqrt(shows.rows.sigma**2 + noise.diagonal()[shows.rows.axis.astype(int)])

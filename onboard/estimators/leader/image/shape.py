@@ -208,6 +208,5 @@ def measured_spread(rows: ShapeRows, y: Array) -> Array:
     total = np.zeros(y.shape[:-1])
     for axis in (0.0, 1.0):
         of_axis = y[..., rows.axis == axis]
-        if of_axis.shape[-1] > 1:
-            total += np.sum((of_axis - of_axis.mean(axis=-1, keepdims=True)) ** 2, axis=-1)
+        total += np.sum((of_axis - of_axis.mean(axis=-1, keepdims=True)) ** 2, axis=-1)
     return np.sqrt(total)

@@ -69,6 +69,7 @@ def test_overrides_replace_single_numbers() -> None:
     assert overridden(model, {"velocity_random_walk": 0.5, "evidence_rate": 0.9}) == model._replace(
         velocity_random_walk=0.5, evidence_rate=0.9
     )
+    assert isinstance(overridden(model, {"wind": 2}).wind, float)  # compiled code takes no whole number for it
     assert set(model._fields) >= PROBABILITIES
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from onboard.estimators.leader.hypotheses import draws
 from onboard.estimators.leader.hypotheses.draws import normal, uniform
 
 MASK = 2**64 - 1
@@ -29,3 +30,12 @@ def test_numbers_have_their_distribution_and_depend_on_the_draw(draw: int) -> No
     assert stats.kstest(normal(draw, 20_000), "norm").pvalue > 1e-3
     assert abs(np.corrcoef(uniform(draw, 20_000), uniform(draw + 1, 20_000))[0, 1]) < 0.03
     assert np.array_equal(normal(draw, 5), normal(draw, 10)[:5])
+
+
+def test_no_number_is_drawn_for_two_ends_in_two_steps() -> None:
+    uniform_ones = draws.OF_TURNING, draws.OF_REGIME, draws.OF_DOUBT, draws.OF_NOSE, draws.OF_TYING
+    normal_ones = draws.OF_TURN_RATE, draws.OF_WANDERING, *draws.OF_INTENSITIES, draws.OF_DRAG, draws.OF_NEW_WOBBLE
+    of_step = [int(n) for n in (*uniform_ones, draws.OF_ACCEPTANCE)]
+    of_step += [int(n) + second for n in normal_ones for second in (0, 1)]
+    taken = [first + n for first in (4, 4 + draws.DRAWS) for n in of_step]
+    assert len(set(taken)) == len(taken)

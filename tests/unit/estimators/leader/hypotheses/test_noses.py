@@ -13,7 +13,7 @@ from onboard.estimators.leader.hypotheses import wing as model
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter
 from onboard.estimators.leader.hypotheses.cloud import Cloud, enough, resampled
 from onboard.estimators.leader.hypotheses.start import start
-from onboard.estimators.leader.hypotheses.summary import Summary, summarise, with_course
+from onboard.estimators.leader.hypotheses.summary import LOG_SIZE, Summary, summarise, with_course
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import Measurement, from_points
 from onboard.estimators.leader.image.shape import shape_of
@@ -132,8 +132,8 @@ def test_our_attitude_is_considered_not_estimated() -> None:
 
 def test_the_size_is_considered_not_estimated() -> None:
     summary = summarise(SETTINGS, watched(0.5, 5.0, sway=3.0))
-    by_size = summary.covariance[:3, 12] / (0.02**2 * summary.mean[:3])
-    assert math.exp(summary.mean[12]) == pytest.approx(2.0)
+    by_size = summary.covariance[:3, LOG_SIZE] / (0.02**2 * summary.mean[:3])
+    assert math.exp(summary.mean[LOG_SIZE]) == pytest.approx(2.0)
     assert 0.3 < by_size[0] < 1.05  # as far as our own motion does not show the range
     assert summary.range_sigma() > 0.05
 
