@@ -36,6 +36,7 @@ from onboard.estimators.leader.hypotheses.wing import (
     UNDECIDED,
     VELOCITY,
     N,
+    course_of,
     visible2,
 )
 from onboard.filters.compiled import OUT, VECTOR
@@ -67,12 +68,15 @@ def predict(settings: NoseModel, cloud: Cloud, dt: float, moved: Array) -> Cloud
         edge_on=cloud.edge_on,
         metric=cloud.metric,
     )
-    noses, _, regimes, means, P, intensities, tied, drags = changed
+    noses, rates, regimes, means, P, intensities, tied, drags = changed
     lasts = [bias.time for bias in cloud.biases]
     times = np.array([s.acceleration_time, s.bank_time, s.stretch_time, *lasts])
     noise, decay = _noise(s, dt, cloud.biases), np.exp(-dt / times)
     after = cloud._replace(**named(changed), draws=cloud.draws + DRAWS, unseen=cloud.unseen + dt)
     before = supposed(s, after)
+    walk = s.nose_random_walk * math.sqrt(dt)
+    turning = noses, rates, means, tied, cloud.draws, dt, walk, s.nose_about_course, cloud.edge_on, np.array(s.air)
+    _wander(*turning)
     interval = model.Interval(dt, moved, noise, _hover(s, dt), decay)
     course = model.Course(tied, s.air, cloud.edge_on)
     model.predict(means, P, noses, regimes, intensities, drags, interval, course)
@@ -150,7 +154,6 @@ def change(
     chances = [-math.expm1(-dt / mean) for mean in (*means_of, s.tied_for, s.undecided_for)]
     # of the noses that are looked at anew, so many are tied that the share of all stays what it is
     anew = s.tied * doubted_after / (s.tied * doubted_after + (1.0 - s.tied) * s.tied_for)
-    wander = s.nose_random_walk * math.sqrt(dt)
     # in one step: a nose stops or begins to turn, a leader stops or begins to accelerate, to hover, leaves, a
     # particle takes another nose, or one that is tied does, a fast leader's nose is tied or not; and it is tied
     arguments: tuple[Any, ...] = (
@@ -158,7 +161,7 @@ def change(
         draws,
         np.array([*chances, s.tied, anew]),
         np.array(s.intensity),
-        np.array([math.exp(-dt / s.intensity_time), s.nose_rate, wander, s.crab]),
+        np.array([math.exp(-dt / s.intensity_time), s.nose_rate, s.crab, s.nose_about_course]),
         np.array(s.air),
         s.wind,
         dt,
@@ -247,14 +250,15 @@ def _rate(rate, drawn, stops, turns, new):
 
 
 @njit(cache=True, error_model="numpy")
-def _tied_nose(nose, x, dt, moved, edge_on, air):
-    """The nose on the course that the leader would have with that nose: its range and velocity depend on it."""
-    other = np.arctan2(x[4] - air[1], x[3] - air[0])
+def _tied_nose(nose, aside, x, dt, moved, edge_on, air):
+    """The nose so far `aside`, rad, of the course that the leader would have with that nose: its range and
+    velocity depend on it."""
+    other = course_of(x, air) + aside
     for _ in range(CIRCLES):
         ratio = _fraction(other, x, edge_on) / _fraction(nose, x, edge_on)
         u = ratio * x[3] + (1.0 - ratio) * moved[0] / dt
         v = ratio * x[4] + (1.0 - ratio) * moved[1] / dt
-        other = np.arctan2(v - air[1], u - air[0])
+        other = np.arctan2(v - air[1], u - air[0]) + aside
     return other
 
 
@@ -306,10 +310,11 @@ def _change(
     metric,
     drag,
 ):
-    keeps, nose_rate, wander, crab = slow
+    keeps, nose_rate, crab, slack = slow
     stops, turns, steadies, begins, hovers, leaves, doubted, unties, decides, ties, anew = chances
     passed = Passed(dt, moved, edge_on, metric, wind)
     of_drag, of_accepting, of_wobble, of_tying = 2 * APART, 3 * APART, 4 * APART, APART + 6
+    of_slack = 5 * APART
     for k in range(noses.shape[0]):
         x = means[k]
         new_rate = 0.0
@@ -332,7 +337,8 @@ def _change(
             where = uniform_of(np.uint64(draws + 7), k)
             other = noses[k] + np.pi * where
             if becomes_tied:
-                other, rates[k] = _tied_nose(noses[k], x, dt, moved, edge_on, air), 0.0
+                aside = slack * normal_of(np.uint64(draws + of_slack), k)
+                other, rates[k] = _tied_nose(noses[k], aside, x, dt, moved, edge_on, air), 0.0
             elif crab > 0.0:  # a fixed wing's nose stays about its course
                 other = np.arctan2(x[4], x[3]) + crab * MOST_CRAB * (2.0 * where - 1.0)
             new_drag = drag[0] * np.exp(drag[1] * normal_of(np.uint64(draws + of_drag), k))
@@ -344,10 +350,23 @@ def _change(
             else:
                 other, tied[k] = noses[k], tied_before
             noses[k] = other
-        if tied[k] == TIED:
-            noses[k] = np.arctan2(x[4] - air[1], x[3] - air[0])
-            continue
+
+
+@njit(
+    (NOSES, VECTOR, OUT, VECTOR, DRAW, NUMBER, NUMBER, NUMBER, NUMBER, VECTOR),
+    cache=True,
+    error_model="numpy",
+)
+def _wander(noses, rates, means, tied, draws, dt, walk, slack, edge_on, air):
+    """Turn the noses (K,) in place. One that is tied to its course wanders about it, `slack` away at one sigma."""
+    for k in range(noses.shape[0]):
+        x = means[k]
         broad = _fraction(noses[k], x, edge_on)
         # the less is seen of the wing, the more does it show of a small turn
-        wanders = wander * min(1.0, broad / np.sqrt(max(1.0 - broad * broad, 1e-9)))
-        noses[k] += dt * rates[k] + wanders * normal_of(np.uint64(draws + 4), k)
+        step = walk * min(1.0, broad / np.sqrt(max(1.0 - broad * broad, 1e-9)))
+        turned = dt * rates[k]
+        if tied[k] == TIED:
+            aside = noses[k] - course_of(x, air)
+            aside -= 2.0 * np.pi * np.rint(aside / (2.0 * np.pi))
+            turned = aside * (np.sqrt(max(1.0 - (step / slack) ** 2, 0.0)) - 1.0)
+        noses[k] += turned + step * normal_of(np.uint64(draws + 4), k)
