@@ -8,8 +8,10 @@ import pytest
 from onboard.estimators.leader.hypotheses import leaning, prediction, update
 from onboard.estimators.leader.hypotheses.cloud import Cloud
 from onboard.estimators.leader.hypotheses.start import start
-from onboard.estimators.leader.hypotheses.wing import BANK_ERROR, POSITION, STRETCH
+from onboard.estimators.leader.hypotheses.wing import BANK_ERROR, LEAN, POSITION, STRETCH
 from onboard.estimators.leader.image.camera_pose import CameraPose
+from onboard.estimators.leader.image.measurement import Measurement, from_points
+from onboard.geometry.rotations import matrix_from_euler
 from tests.unit.estimators.leader.hypotheses.test_noses import SETTINGS, STILL, image
 
 # Images correct each hypothesis, and say nothing of which one is right; none is drawn anew.
@@ -97,6 +99,21 @@ def test_of_a_steep_wing_many_hypotheses_are_left() -> None:
         cloud = start(SETTINGS, image(25.0, math.radians(87.0), lean=side * lean), FAST)
         counts.append(1.0 / np.sum(np.exp(2.0 * cloud.log_weights)))
     assert min(counts) > 25.0
+
+
+@pytest.mark.parametrize("aspect_deg", [88.9, 90.0, 93.0])
+def test_of_a_wing_that_points_at_us_from_above_the_noses_are_left_that_need_no_lean(aspect_deg: float) -> None:
+    """It stands nearly upright in the image: one hypothesis was left, which leaned by 21 m/s^2."""
+    R_cn = matrix_from_euler(0.0, math.radians(55.0), 0.0).T
+    wing = np.array([-math.sin(math.radians(aspect_deg)), math.cos(math.radians(aspect_deg)), 0.0])
+    ends = (R_cn @ (np.array([13.0, 0.0, -18.6]) + k * wing) for k in (0.0, -1.0, 1.0))
+    y, R, axes = from_points(np.array([[p[1:] / p[0] for p in ends]]), np.full((1, 3), 1.0 / 554.0), 4)
+    seen = Measurement(y[0], R[0], float(np.hypot(y[0, 2], y[0, 3])), math.sqrt(R[0, 2, 2]), axes[0])
+    cloud = start(SETTINGS, seen, CameraPose(R_cn, np.zeros(3), np.zeros(3), np.zeros(3)))
+    w, distances = np.exp(cloud.log_weights), np.linalg.norm(cloud.means[:, POSITION], axis=1)
+    assert 1.0 / np.sum(w * w) > 25.0
+    assert w @ np.linalg.norm(cloud.means[:, LEAN], axis=1) < 2.0
+    assert w @ distances == pytest.approx(math.hypot(13.0, 18.6), rel=0.1)
 
 
 def test_the_same_view_again_is_hardly_evidence_and_another_one_is() -> None:
