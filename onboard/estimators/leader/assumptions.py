@@ -35,6 +35,7 @@ class NoseModel(NamedTuple):
     The reasons: a copter leaned by 0.12 / s of its airspeed at 6 m/s and 0.22 / s at 12 m/s
     (../shared/data/formation-copter); small racers lean by 0.03 / s, heavy lifters by 0.5 / s; winds of 3 m/s
     along an axis are a gentle breeze. The nose wobbles by 2 degrees in the reference flight of Oh & Johnson.
+    The copter's is 4 degrees (RMS) off its course at more than 3 m/s: 5 to one side or the other in its circles.
     Errors of our velocity last some seconds (a receiver's noise, filtered) to a minute (multipath): 20 s.
     `evidence_rate` is there because errors of images and of flight are correlated over some tenths of a second,
     and those of what a hypothesis supposes as long as the view stays the same: so new views count (`new_view`),
@@ -50,7 +51,7 @@ class NoseModel(NamedTuple):
     crab: float = 0.0  # rad, of the nose about the course, of a fixed wing; 0: the nose may point anywhere
     heading: float = math.radians(5.0)  # rad, of the nose about our own course, of one that flies along with us
     on_course: float = 0.3  # the prior probability that it does, if we fly
-    nose_about_course: float = math.radians(5.0)  # rad, of the nose of a fixed wing
+    nose_about_course: float = math.radians(5.0)  # rad, of a nose that is tied to its course, or a fixed wing's
     air: tuple[float, float] = (0.0, 0.0)  # m/s, velocity to north and east of the air that a course is through
     air_sigma: float = 0.0  # m/s, on each axis
     particles: int = PARTICLES

@@ -24,7 +24,7 @@ DRAWS: Final = 8
 APART: Final = 1 << 40
 OF_TURNING, OF_TURN_RATE, _, OF_REGIME, OF_WANDERING, _, OF_DOUBT, OF_NOSE = map(np.uint64, range(DRAWS))
 OF_MANOEUVRES, _, OF_BANK, _, OF_WOBBLE, _, OF_TYING, _ = (np.uint64(APART + n) for n in range(DRAWS))
-OF_DRAG, OF_ACCEPTANCE, OF_NEW_WOBBLE = (np.uint64(n * APART) for n in range(2, 5))
+OF_DRAG, OF_ACCEPTANCE, OF_NEW_WOBBLE, OF_SLACK = (np.uint64(n * APART) for n in range(2, 6))
 OF_INTENSITIES: Final = OF_MANOEUVRES, OF_BANK, OF_WOBBLE
 
 # Those of a new cloud, beside OF_TURNING, OF_TURN_RATE and OF_REGIME. Its first step, which begins at 4, draws

@@ -19,7 +19,7 @@ from onboard.filters.compiled import CUBE, OUT, ROWS, VECTOR
 
 OF_LEAN2: Final = 0.01  # (m/s^2)^2: the variance of a lean of one that has no drag
 LEANS2: Final = 12.0  # (m/s^2)^2: of any multirotor's steady lean, on each axis; 20 degrees are one sigma
-TINY: Final = 1e-9  # m, in place of 0/0 straight above us
+TINY: Final = 1e-9  # in place of 0/0: of the distance straight above us, m, and of a wing that shows no width
 
 
 def lognormal(s: NoseModel) -> tuple[float, float]:
@@ -45,7 +45,9 @@ def appears(nose, x):
     range_ = np.sqrt(level * level + x[2] * x[2])
     right = (np.cos(nose) * x[0] + np.sin(nose) * x[1]) / level
     down = (np.sin(nose) * x[0] - np.cos(nose) * x[1]) / level * x[2] / range_
-    return right if abs(right) > LEAST_VISIBLE else math.copysign(LEAST_VISIBLE, right), down, level / range_
+    # from above or below, one that points at us shows its length, and needs no tip
+    least = np.sqrt(max(LEAST_VISIBLE * LEAST_VISIBLE - down * down, TINY * TINY))
+    return right if abs(right) > least else math.copysign(least, right), down, level / range_
 
 
 @njit(cache=True, error_model="numpy")

@@ -23,6 +23,7 @@ from onboard.estimators.leader.hypotheses.draws import (
     OF_NEW_WOBBLE,
     OF_NOSE,
     OF_REGIME,
+    OF_SLACK,
     OF_TURN_RATE,
     OF_TURNING,
     OF_TYING,
@@ -52,6 +53,7 @@ from onboard.estimators.leader.hypotheses.wing import (
     UNDECIDED,
     VELOCITY,
     N,
+    course_of,
     visible2,
 )
 from onboard.filters.compiled import OUT, record
@@ -76,6 +78,7 @@ def predict(settings: NoseModel, cloud: Cloud, dt: float, moved: Array) -> Cloud
     decay = np.exp(-dt / np.array([s.acceleration_time, s.bank_time, s.stretch_time, *lasts]))
     after = cloud._replace(**changed._asdict(), draws=cloud.draws + DRAWS, unseen=cloud.unseen + dt)
     before = supposed(s, after)
+    _wander(changed, cloud.draws, s.nose_random_walk * math.sqrt(dt), s.nose_about_course, passed)
     interval = model.Interval(dt, moved, _noise(s, dt, cloud.biases), _hover(s, dt), decay)
     course = model.Course(tied, s.air, cloud.edge_on)
     model.predict(means, P, noses, regimes, intensities, drags, interval, course)
@@ -151,13 +154,13 @@ class Particles(NamedTuple):
 
 class Changes(NamedTuple):
     """How far a step changes what changes: what it `keeps` of the logarithms of the intensities, and their
-    standard deviations; the rate of a nose that is turned, rad/s, how far any nose wanders, rad, and how far that
-    of a fixed wing is from its course, rad; median of the drag, 1/s, and standard deviation of its logarithm."""
+    standard deviations; the rate of a nose that is turned, rad/s; how far one that is tied, and that of a fixed
+    wing, is from its course, rad; median of the drag, 1/s, and standard deviation of its logarithm."""
 
     keeps: float
     intensity: tuple[float, float, float]
     nose_rate: float
-    wander: float
+    slack: float
     crab: float
     drag: tuple[float, float]
 
@@ -188,8 +191,8 @@ def change(s: NoseModel, particles: Particles, draws: int, passed: Passed, doubt
     chances = [-math.expm1(-dt / mean) for mean in (*means_of, s.tied_for, s.undecided_for)]
     # of the noses that are looked at anew, so many are tied that the share of all stays what it is
     anew = s.tied * doubted_after / (s.tied * doubted_after + (1.0 - s.tied) * s.tied_for)
-    keeps, wander = math.exp(-dt / s.intensity_time), s.nose_random_walk * math.sqrt(dt)
-    changes = Changes(keeps, s.intensity, s.nose_rate, wander, s.crab, lognormal(s))
+    keeps = math.exp(-dt / s.intensity_time)
+    changes = Changes(keeps, s.intensity, s.nose_rate, s.nose_about_course, s.crab, lognormal(s))
     # in one step: a nose stops or begins to turn, a leader stops or begins to accelerate, to hover, leaves, a
     # particle takes another nose, or one that is tied does, a fast leader's nose is tied or not; and it is tied
     _change(particles, draws, np.array([*chances, s.tied, anew]), changes, passed)
@@ -261,14 +264,15 @@ def _rate(rate, drawn, stops, turns, new):
 
 
 @njit(cache=True, error_model="numpy")
-def _tied_nose(nose, x, dt, moved, edge_on, air):
-    """The nose on the course that the leader would have with that nose: its range and velocity depend on it."""
-    other = np.arctan2(x[4] - air[1], x[3] - air[0])
+def _tied_nose(nose, aside, x, dt, moved, edge_on, air):
+    """The nose so far `aside`, rad, of the course that the leader would have with that nose: its range and
+    velocity depend on it."""
+    other = course_of(x, air) + aside
     for _ in range(CIRCLES):
         ratio = _fraction(other, x, edge_on) / _fraction(nose, x, edge_on)
         u = ratio * x[3] + (1.0 - ratio) * moved[0] / dt
         v = ratio * x[4] + (1.0 - ratio) * moved[1] / dt
-        other = np.arctan2(v - air[1], u - air[0])
+        other = np.arctan2(v - air[1], u - air[0]) + aside
     return other
 
 
@@ -295,7 +299,7 @@ def _decided(tied, x, regime, drawn, which, decides, doubted, unties, ties, anew
 def _change(particles, draws, chances, changes, passed):
     noses, rates, regimes, means, P, intensities, tied, drags = particles
     stops, turns, steadies, begins, hovers, leaves, doubted, unties, decides, ties, anew = chances
-    keeps, spread, nose_rate, wander, crab, drag = changes
+    keeps, spread, nose_rate, slack, crab, drag = changes
     dt, moved, edge_on, _, air, _ = passed
     for k in range(noses.shape[0]):
         x = means[k]
@@ -319,7 +323,8 @@ def _change(particles, draws, chances, changes, passed):
             where = uniform_of(draws + OF_NOSE, k)
             other = noses[k] + np.pi * where
             if becomes_tied:
-                other, rates[k] = _tied_nose(noses[k], x, dt, moved, edge_on, air), 0.0
+                aside = slack * normal_of(draws + OF_SLACK, k)
+                other, rates[k] = _tied_nose(noses[k], aside, x, dt, moved, edge_on, air), 0.0
             elif crab > 0.0:  # a fixed wing's nose stays about its course
                 other = np.arctan2(x[4], x[3]) + crab * MOST_CRAB * (2.0 * where - 1.0)
             new_drag = drag[0] * np.exp(drag[1] * normal_of(draws + OF_DRAG, k))
@@ -331,10 +336,21 @@ def _change(particles, draws, chances, changes, passed):
             else:
                 other, tied[k] = noses[k], tied_before
             noses[k] = other
-        if tied[k] == TIED:
-            noses[k] = np.arctan2(x[4] - air[1], x[3] - air[0])
-            continue
+
+
+@njit((PARTICLES, DRAW, NUMBER, NUMBER, PASSED), cache=True, error_model="numpy")
+def _wander(particles, draws, walk, slack, passed):
+    """Turn the noses in place. One that is tied to its course wanders about it, `slack` away at one sigma."""
+    noses, rates, _, means, _, _, tied, _ = particles
+    dt, _, edge_on, _, air, _ = passed
+    for k in range(noses.shape[0]):
+        x = means[k]
         broad = _fraction(noses[k], x, edge_on)
         # the less is seen of the wing, the more does it show of a small turn
-        wanders = wander * min(1.0, broad / np.sqrt(max(1.0 - broad * broad, 1e-9)))
-        noses[k] += dt * rates[k] + wanders * normal_of(draws + OF_WANDERING, k)
+        step = walk * min(1.0, broad / np.sqrt(max(1.0 - broad * broad, 1e-9)))
+        turned = dt * rates[k]
+        if tied[k] == TIED:
+            aside = noses[k] - course_of(x, air)
+            aside -= 2.0 * np.pi * np.rint(aside / (2.0 * np.pi))
+            turned = aside * (np.sqrt(max(1.0 - (step / slack) ** 2, 0.0)) - 1.0)
+        noses[k] += turned + step * normal_of(draws + OF_WANDERING, k)

@@ -48,7 +48,7 @@ def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Clou
     each FORGETS-th particle; where it is and how it moves may have changed while it was not seen."""
     direction = seen.axes[0] @ pose.R_cn
     slope = _slope(seen, pose) if seen.has_wing and settings.drag > 0.0 else None
-    noses, prior = _first_noses(settings, math.atan2(direction[1], direction[0]), pose.v_F_n, slope)
+    noses, prior = _first_noses(settings, direction, pose.v_F_n, slope)
     if before is not None:
         kept = np.arange(len(noses)) % FORGETS > 0
         known = resampled(before, settings.particles).noses
@@ -159,13 +159,13 @@ def _variances(
 
 
 def _slope(seen: Measurement, pose: CameraPose) -> float:
-    """Of the wing, to the horizon."""
+    """Of the wing, to the horizon. An upright one is so no further than the noise of its tips lets it be known."""
     ahead, right, down = seen.axes @ pose.R_cn
     wing = seen.y[2] * right + seen.y[3] * down
     level = math.hypot(ahead[0], ahead[1])
     aside = float(ahead[0] * wing[1] - ahead[1] * wing[0]) / max(level, 1e-9)
     below = float(wing[2]) / max(level, 1e-9)
-    return below / (aside if abs(aside) > 1e-9 else 1e-9)
+    return below / math.copysign(max(abs(aside), math.sqrt(float(seen.R[2, 2]))), aside)
 
 
 def _lean(settings: NoseModel, means: Array, P: Array, drags: Array) -> None:
@@ -176,7 +176,7 @@ def _lean(settings: NoseModel, means: Array, P: Array, drags: Array) -> None:
     P[:, LEAN, 3:5] = P[:, 3:5, LEAN] = drags[:, None, None] * P[:, 3:5, 3:5]
 
 
-def _first_noses(settings: NoseModel, bearing: float, v_F_n: Array, slope: float | None) -> tuple[Any, Any]:
+def _first_noses(settings: NoseModel, direction: Array, v_F_n: Array, slope: float | None) -> tuple[Any, Any]:
     """Noses (K,) and their prior probabilities: all noses alike, and those along our own course more likely if we
     fly; for a fixed wing only noses about our course. The closer where the wing's `slope` is that of a bank which
     a multirotor may have: of a steep one few noses are left, and many drags and winds are possible with each."""
@@ -189,15 +189,17 @@ def _first_noses(settings: NoseModel, bearing: float, v_F_n: Array, slope: float
     few = k // 4 if moving else 0
     around = math.pi * (np.arange(k - few) + 0.5) / (k - few)
     prior = np.full(k - few, 1.0 / (k - few))
-    if slope:
-        widest = min(MOST_BANK, math.atan(abs(slope)))
+    if slope:  # the tangent of the bank is steep * cos(around + turned): all is turned where we look up or down
+        level = max(math.hypot(direction[0], direction[1]), 1e-9)
+        steep, turned = math.hypot(slope, direction[2]) / level, math.atan2(direction[2], slope)
+        widest = min(MOST_BANK, math.atan(steep))
         banks = widest * (2.0 * (np.arange(0, k - few, 2) + 0.5) / (k - few) - 1.0)
-        around[::2] = np.arccos(np.tan(banks) / slope)
-        across = slope * np.cos(around)
-        closer = math.pi * abs(slope) * np.sin(around) / (2.0 * widest * (1.0 + across**2))
+        around[::2] = (np.arccos(np.tan(banks) / steep) - turned) % math.pi
+        across = steep * np.cos(around + turned)
+        closer = math.pi * steep * np.abs(np.sin(around + turned)) / (2.0 * widest * (1.0 + across**2))
         prior = 1.0 / (1.0 + np.where(np.abs(across) <= math.tan(widest), closer, 0.0))
         prior /= prior.sum()
-    noses = bearing + around
+    noses = math.atan2(direction[1], direction[0]) + around
     if few:
         apart = 2.5 * (2.0 * (np.arange(few) + 0.5) / few - 1.0)
         likely = np.exp(-0.5 * apart**2)

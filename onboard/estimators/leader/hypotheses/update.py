@@ -22,7 +22,7 @@ from onboard.estimators.leader.hypotheses import wing as model
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
 from onboard.estimators.leader.hypotheses.cloud import Bias, Cloud, charged, fitting, weighted
 from onboard.estimators.leader.hypotheses.prediction import supposed
-from onboard.estimators.leader.hypotheses.wing import BANK_ERROR, FREE, LEAST_VISIBLE, POSITION, VELOCITY
+from onboard.estimators.leader.hypotheses.wing import BANK_ERROR, FREE, LEAST_VISIBLE, POSITION, TIED, VELOCITY
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import Measurement
 from onboard.estimators.leader.image.pose import PoseFeatures
@@ -85,7 +85,7 @@ def update(
             return given, fit.beyond
         after = after._replace(misfits=fit.misfits)
     if seen.pose is not None:
-        found, pose_nis, more = posed(after, seen.pose, pose)
+        found, pose_nis, more = posed(after, seen.pose, pose, settings.air)
         beyond = expected(cloud, pose_nis, OF_SHAPE)
         if beyond <= settings.gate:
             after, log_l = found, log_l + more
@@ -124,7 +124,7 @@ def assist(settings: NoseModel, cloud: Cloud, taken: Auxiliary, *, is_open: bool
     whose range `is_open`, the right ones are few. Raises FilterError."""
     known = cloud.with_biases(*taken.biases)
     rows = taken.rows(known)
-    found, nis, log_l = corrected(known, *rows)
+    found, nis, log_l = corrected(known, *rows, settings.air)
     limit = chi_square_threshold(TRUE, rows.innovations.shape[1])
     if expected(known, nis, OF_SHAPE if is_open else EXPECTING) > limit:
         return None
@@ -190,7 +190,9 @@ def informed(settings: NoseModel, cloud: Cloud, prior: Belief, *, flew: bool = F
     than OF_SHAPE of its weight agrees: only the right noses do. If it `flew`, few hypotheses say that it hovers:
     a velocity that may have changed meanwhile does not contradict them enough. Raises FilterError."""
     H = np.eye(cloud.means.shape[1])[MOTION]
-    found, nis, log_l = corrected(cloud, H, prior.mean - cloud.means[:, MOTION], prior.covariance)
+    found, nis, log_l = corrected(
+        cloud, H, prior.mean - cloud.means[:, MOTION], prior.covariance, (), settings.air
+    )
     if expected(cloud, nis, OF_SHAPE) > settings.gate:
         return None
     after = weighted(found, log_l)
@@ -204,11 +206,17 @@ def informed(settings: NoseModel, cloud: Cloud, prior: Belief, *, flew: bool = F
 
 
 def corrected(
-    cloud: Cloud, H: Array, innovations: Array, R_y: Array, considered: Sequence[int] = ()
+    cloud: Cloud,
+    H: Array,
+    innovations: Array,
+    R_y: Array,
+    considered: Sequence[int] = (),
+    air: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[Cloud, Array, Array]:
     """The cloud after rows with derivatives H (m, W) or (K, m, W), innovations (K, m) and noise R_y (m, m), with
     each particle's NIS (K,) and logarithm of the likelihood (K,), without their common constant. The components
-    that are `considered` stay as they are. Raises FilterError."""
+    that are `considered` stay as they are. Tied noses turn with their courses through the `air` (2,) m/s. Raises
+    FilterError."""
     HP = H @ cloud.covariances
     S = HP @ np.swapaxes(H, -1, -2) + R_y
     try:
@@ -223,7 +231,9 @@ def corrected(
     P = cloud.covariances - gain @ HP
     P[:, at] = P[:, :, at].transpose(0, 2, 1)
     log_l = -0.5 * (nis + np.linalg.slogdet(S)[1])
-    return cloud._replace(means=means, covariances=0.5 * (P + P.transpose(0, 2, 1))), nis, log_l
+    turned = model.courses(means, air) - model.courses(cloud.means, air)
+    noses = cloud.noses + np.where(cloud.tied == TIED, turned, 0.0)
+    return cloud._replace(noses=noses, means=means, covariances=0.5 * (P + P.transpose(0, 2, 1))), nis, log_l
 
 
 def shaped(cloud: Cloud, shows: ShapeFeatures, axes: Array, pose: CameraPose) -> tuple[Cloud, Array, Array]:
@@ -248,8 +258,10 @@ def of_ranges(shows: PoseFeatures) -> Bias:
     return Bias(POSES, shows.range_bias)
 
 
-def posed(cloud: Cloud, shows: PoseFeatures, camera: CameraPose) -> tuple[Cloud, Array, Array]:
-    """The cloud after a pose, with each particle's NIS and log likelihood."""
+def posed(
+    cloud: Cloud, shows: PoseFeatures, camera: CameraPose, air: tuple[float, float]
+) -> tuple[Cloud, Array, Array]:
+    """The cloud after a pose, with each particle's NIS and log likelihood; the `air` (2,) m/s."""
     nis, log_l, nose = np.zeros(len(cloud.noses)), np.zeros(len(cloud.noses)), shows.nose(camera)
     if shows.range_ is not None:
         cloud = cloud.with_biases(of_ranges(shows))
@@ -260,7 +272,7 @@ def posed(cloud: Cloud, shows: PoseFeatures, camera: CameraPose) -> tuple[Cloud,
         H = np.zeros((len(off), 1, cloud.means.shape[1]))
         H[:, 0, POSITION], H[:, 0, bias] = off * (appears / distance**2)[:, None], appears
         cloud, nis, log_l = corrected(
-            cloud, H, (shows.range_ - appears)[:, None], np.array([[shows.range_sigma**2]])
+            cloud, H, (shows.range_ - appears)[:, None], np.array([[shows.range_sigma**2]]), (), air
         )
     noses, means, P = cloud.noses.copy(), cloud.means.copy(), cloud.covariances.copy()
     if nose is not None:

@@ -146,6 +146,12 @@ def update(
 
 
 @njit(cache=True, error_model="numpy")
+def course_of(x, air):
+    """The course through the air, of a leader with the mean x (N,), rad."""
+    return np.arctan2(x[4] - air[1], x[3] - air[0])
+
+
+@njit(cache=True, error_model="numpy")
 def visible2(nose, x, y, square, edge_on):
     """The square of the fraction that is seen of a level wing of a leader at (x, y); `square` is its range's."""
     along = np.cos(nose) * y - np.sin(nose) * x
@@ -253,6 +259,7 @@ def predict(means, P, noses, regimes, intensities, drags, interval, course):
         banks, wobbles = np.exp(2.0 * intensities[k, 1]), np.exp(2.0 * intensities[k, 2])
         speed2 = u * u + v * v
         rate = (u * b - v * a) / (speed2 + SLOW2)
+        aside = noses[k] - course_of(x, air)
         noses[k] += speed2 * speed2 / (speed2 * speed2 + FOLLOWS4) * rate * dt
         turn = rate * dt * speed2 / (speed2 + TURNS2)
         c, s = np.cos(turn), np.sin(turn)
@@ -288,7 +295,7 @@ def predict(means, P, noses, regimes, intensities, drags, interval, course):
         if mode == HOVERING:
             _stop(x, S, hover, drag)
         if tied[k] == TIED:
-            noses[k] = np.arctan2(x[4] - air[1], x[3] - air[0])
+            noses[k] = course_of(x, air) + aside
 
 
 @njit(cache=True, error_model="numpy")
@@ -398,11 +405,18 @@ def _update(means, P, noses, y, R_y, expected, by_state, tied, air):
             for j in range(width):
                 J[i, j] = by_state[k, i, j]
         whiten(L, e, J)
+        aside = noses[k] - course_of(means[k], air)
         nis[k], det = correct(means[k], P[k], e, J, c, dx, 0)
         log_l[k] = -0.5 * (nis[k] + np.log(det))
         if tied[k] == TIED:
-            noses[k] = np.arctan2(means[k, 4] - air[1], means[k, 3] - air[0])
+            noses[k] = course_of(means[k], air) + aside
     return nis, log_l
+
+
+def courses(means: Array, air: tuple[float, float]) -> Array:
+    """Of leaders with these means (K, W), the courses (K,) through the `air` (2,) m/s, rad."""
+    found: Array = np.arctan2(means[:, 4] - air[1], means[:, 3] - air[0])
+    return found
 
 
 def visible(noses: Array, directions: Array, edge_on: float = LEAST_VISIBLE) -> Array:

@@ -12,7 +12,16 @@ from onboard.estimators.leader.hypotheses import prediction, update
 from onboard.estimators.leader.hypotheses.auxiliary import DELAY, DISTANCE, TURN, Auxiliary, Range, Report
 from onboard.estimators.leader.hypotheses.cloud import Bias, Cloud
 from onboard.estimators.leader.hypotheses.update import corrected
-from onboard.estimators.leader.hypotheses.wing import ACCELERATION, LOG_SIZE, POSITION, STEADY, TIED, VELOCITY, N
+from onboard.estimators.leader.hypotheses.wing import (
+    ACCELERATION,
+    FREE,
+    LOG_SIZE,
+    POSITION,
+    STEADY,
+    TIED,
+    VELOCITY,
+    N,
+)
 from onboard.estimators.leader.reports.broadcast import biases_of
 from onboard.filters.belief import FilterError
 from tests.unit.estimators.leader.hypotheses.test_belief import filter_of, watched
@@ -152,6 +161,18 @@ def test_a_report_that_may_be_false_leads_the_size_no_farther_than_3_sigmas(
     x = state.summary.mean
     at = Report(0, x[POSITION], x[VELOCITY], np.diag([1e4] * 6), BIASES, trusted=trusted)
     assert (filter_.assist(state, at) is not None) is (trusted or is_credible)
+
+
+def test_tied_noses_turn_with_the_courses_that_a_report_corrects_and_free_ones_stay() -> None:
+    cloud, air = cloud_of(4).with_biases(*TRUE_REPORT.biases), (1.0, -2.0)
+    cloud.noses[:2] += 0.05
+    cloud.tied[1::2] = FREE
+    taken = report(np.array([RANGE, 0.0, 0.0]), np.array([SPEED, 3.0, 0.0]))
+    after, _, _ = corrected(cloud, *taken.rows(cloud), air)
+    was, now = (np.arctan2(c.means[:, 4] - air[1], c.means[:, 3] - air[0]) for c in (cloud, after))
+    assert np.abs(now - was).min() > 1e-3
+    assert (after.noses - cloud.noses)[::2] == pytest.approx((now - was)[::2])
+    assert_allclose(after.noses[1::2], cloud.noses[1::2], rtol=0.0, atol=0.0)
 
 
 def test_numbers_that_are_none_are_an_error() -> None:

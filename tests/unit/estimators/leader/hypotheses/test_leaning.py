@@ -48,6 +48,18 @@ def test_the_slope_is_that_of_the_wing_in_space_seed_0_to_4(seed: int) -> None:
     assert leaning.banked(down / right, nose, x)[1] == pytest.approx(math.hypot(right, down))
 
 
+@pytest.mark.parametrize("aspect_deg", [86.0, 89.6, 90.3, 92.0])
+def test_a_wing_that_points_at_us_from_above_shows_its_length_and_no_bank(aspect_deg: float) -> None:
+    """From 52 degrees below, it stands nearly upright in the image: what tells noses apart is how nearly."""
+    x, nose = np.zeros(model.N), math.radians(aspect_deg)
+    x[POSITION], x[BANK_ERROR] = [14.0, 0.0, -18.0], math.radians(2.0)
+    right, down = in_image(nose, x)
+    assert leaning.slope_of(nose, x) == pytest.approx(down / right)
+    bank, length = leaning.banked(down / right, nose, x)
+    assert bank == pytest.approx(math.radians(2.0))
+    assert length == pytest.approx(math.hypot(right, down))
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_with_another_nose_it_leans_so_that_the_wing_slopes_as_before_seed_0_to_4(seed: int) -> None:
     x, P, nose, other = drawn(seed)

@@ -8,8 +8,10 @@ import pytest
 from onboard.estimators.leader.hypotheses import leaning, prediction, update
 from onboard.estimators.leader.hypotheses.cloud import Cloud
 from onboard.estimators.leader.hypotheses.start import start
-from onboard.estimators.leader.hypotheses.wing import BANK_ERROR, POSITION, STRETCH
+from onboard.estimators.leader.hypotheses.wing import BANK_ERROR, LEAN, POSITION, STRETCH
 from onboard.estimators.leader.image.camera_pose import CameraPose
+from onboard.estimators.leader.image.measurement import Measurement, from_points
+from onboard.geometry.rotations import matrix_from_euler
 from tests.unit.estimators.leader.hypotheses.test_noses import SETTINGS, STILL, image
 
 # Images correct each hypothesis, and say nothing of which one is right; none is drawn anew.
@@ -33,6 +35,19 @@ def test_what_an_image_makes_of_a_lean_counts_in_full_though_images_count_for_no
     """A slope of 0.3 rad where there was none: each nose needs another lean for it."""
     cloud = start(SILENT, image(25.0, 0.6), STILL)
     after = update.update(SILENT, cloud, image(25.0, 0.6, lean=0.1), STILL)[0]
+    cost = leans(after) - leans(cloud)
+    assert np.ptp(cost) > 0.5
+    np.testing.assert_allclose(gained(cloud, after), cost - cost.max(), atol=1e-6)
+
+
+def test_what_a_turn_of_the_nose_makes_of_a_lean_counts_in_full_and_not_only_the_way_back() -> None:
+    """Of noses that turn and wander, of leaders that turn as well: what the one costs, the other gives back. When
+    only the second counted, one that turned against its course gained weight with each step."""
+    settings = SILENT._replace(doubted_after=1e12, undecided_for=1e12, turning=0.9, nose_rate=3.0, hovering=0.0)
+    cloud = start(settings, image(25.0, 0.6, lean=0.1), FAST)
+    cloud.means[:, 7] += 2.0
+    after = prediction.predict(settings, cloud, 0.1, np.array([0.9, 0.0, 0.0]))
+    assert (after.drags == cloud.drags).all()  # none has taken another nose
     cost = leans(after) - leans(cloud)
     assert np.ptp(cost) > 0.5
     np.testing.assert_allclose(gained(cloud, after), cost - cost.max(), atol=1e-6)
@@ -84,6 +99,21 @@ def test_of_a_steep_wing_many_hypotheses_are_left() -> None:
         cloud = start(SETTINGS, image(25.0, math.radians(87.0), lean=side * lean), FAST)
         counts.append(1.0 / np.sum(np.exp(2.0 * cloud.log_weights)))
     assert min(counts) > 25.0
+
+
+@pytest.mark.parametrize("aspect_deg", [88.9, 90.0, 93.0])
+def test_of_a_wing_that_points_at_us_from_above_the_noses_are_left_that_need_no_lean(aspect_deg: float) -> None:
+    """It stands nearly upright in the image: one hypothesis was left, which leaned by 21 m/s^2."""
+    R_cn = matrix_from_euler(0.0, math.radians(55.0), 0.0).T
+    wing = np.array([-math.sin(math.radians(aspect_deg)), math.cos(math.radians(aspect_deg)), 0.0])
+    ends = (R_cn @ (np.array([13.0, 0.0, -18.6]) + k * wing) for k in (0.0, -1.0, 1.0))
+    y, R, axes = from_points(np.array([[p[1:] / p[0] for p in ends]]), np.full((1, 3), 1.0 / 554.0), 4)
+    seen = Measurement(y[0], R[0], float(np.hypot(y[0, 2], y[0, 3])), math.sqrt(R[0, 2, 2]), axes[0])
+    cloud = start(SETTINGS, seen, CameraPose(R_cn, np.zeros(3), np.zeros(3), np.zeros(3)))
+    w, distances = np.exp(cloud.log_weights), np.linalg.norm(cloud.means[:, POSITION], axis=1)
+    assert 1.0 / np.sum(w * w) > 25.0
+    assert w @ np.linalg.norm(cloud.means[:, LEAN], axis=1) < 2.0
+    assert w @ distances == pytest.approx(math.hypot(13.0, 18.6), rel=0.1)
 
 
 def test_the_same_view_again_is_hardly_evidence_and_another_one_is() -> None:

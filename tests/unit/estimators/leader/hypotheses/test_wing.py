@@ -235,9 +235,18 @@ def test_a_nose_that_is_tied_to_its_course_tells_of_the_course_seed_0_to_4(seed:
     assert np.abs((expected - x)[3:5]).max() > 1e-3
 
 
-def test_a_tied_nose_is_on_the_course_through_the_air_after_a_step() -> None:
+@pytest.mark.parametrize("aside", [0.0, 0.08])
+def test_a_tied_nose_turns_with_the_course_through_the_air_in_a_step_and_by_an_image(aside: float) -> None:
     x, P, noses = np.zeros((1, model.N)), np.eye(model.N)[None].copy(), np.zeros(1)
     x[0, :3], x[0, 3:5], x[0, 7] = [30.0, 0.0, 0.0], [12.0, 2.0], 1.0
     course = TIED._replace(air=(2.0, -3.0))
+    noses[0] = before = math.atan2(5.0, 10.0) + aside
     model.predict(x, P, noses, np.zeros(1), ALIKE, np.zeros(1), STEP, course)
-    assert noses[0] == math.atan2(x[0, 4] + 3.0, x[0, 3] - 2.0)
+    assert noses[0] == pytest.approx(math.atan2(x[0, 4] + 3.0, x[0, 3] - 2.0) + aside)
+    assert noses[0] > before + 1e-3
+    predicted, axes = seen(x[0], noses[0], np.eye(3))
+    off, before = predicted + np.full(6, 1e-2), float(noses[0])
+    *_, each = model.prediction(x, P, noses, np.ones(1), off, (np.eye(3), np.zeros(3), axes), course)
+    model.update(x, P, noses, off, NOISE, each, course)
+    assert noses[0] == pytest.approx(math.atan2(x[0, 4] + 3.0, x[0, 3] - 2.0) + aside)
+    assert abs(noses[0] - before) > 1e-3
