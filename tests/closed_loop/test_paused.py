@@ -97,7 +97,8 @@ def test_a_process_that_is_stopped_publishes_nothing_old_as_valid_seed_6(tmp_pat
 def assert_named_as_our_own(healths: list[Health], lines: str) -> None:
     assert "this program stood still for 1" in lines
     assert "datagrams had waited too long and were left out" in lines
-    assert healths[-1].links["autopilot"].skipped > 100
+    autopilot = healths[-1].links["autopilot"]
+    assert autopilot.skipped + autopilot.shed > 100  # on a busy computer the burst is beyond its budget first
     assert healths[-1].links["camera"].skipped > 10
     assert "silent" not in lines
     assert "needed are" not in lines
