@@ -250,13 +250,8 @@ def test_a_px4_that_is_led_to_stay_begins_and_ends_its_circle_there(angle: float
             made.note_mode(mode(FOLLOW_ME))
         is_lost = bool(lost) and lost[0] <= t < lost[1]
         sent = made.virtual_leader(state(T + k * TICK, STILL, STILL, valid=not is_lost), r_F, v_F)
-        if sent is not None:
-            assert sent.r_OL_n is not None
-            assert sent.v_L_n is not None
-            follow.receive(Target(sent.r_OL_n, sent.v_L_n, 0.0), t)
+        reference = flown(follow, sent, t, reference) if t >= 4.0 else received(follow, sent, t, reference)
         if t >= 4.0:
-            for j in range(round(0.02 / DT)):
-                reference = follow.advanced(reference, t + j * DT, reference.r_n)
             assert math.dist(reference.r_n[:2], (-30.0, 0.0)) < 4.0
             r_F = np.array(reference.r_n)
 
@@ -275,18 +270,28 @@ def test_beside_a_leader_at_rest_it_stays_on_the_side_where_it_begins(angle: flo
         if t == 1.0:
             made.note_mode(mode(FOLLOW_ME))
         sent = made.virtual_leader(state(T + k * TICK, STILL, STILL), np.array(reference.r_n), STILL)
-        assert sent is not None
+        reference = flown(follow, sent, t, reference) if t >= 1.0 else received(follow, sent, t, reference)
+        assert math.hypot(*reference.r_n[:2]) > 24.0
+    x, y, _ = reference.r_n
+    turned = math.remainder(math.atan2(y, x) - angle, 2.0 * math.pi)
+    assert abs(turned) < 1.1  # rad: its circle begins north of the leader
+
+
+def received(follow: Px4FollowMode, sent: LeaderState | None, t: float, reference: Reference) -> Reference:
+    """The set point as it was, once the mode has received what was sent."""
+    if sent is not None:
         assert sent.r_OL_n is not None
         assert sent.v_L_n is not None
         follow.receive(Target(sent.r_OL_n, sent.v_L_n, 0.0), t)
-        if t >= 1.0:
-            for j in range(round(0.02 / DT)):
-                reference = follow.advanced(reference, t + j * DT, reference.r_n)
-            assert math.hypot(*reference.r_n[:2]) > 24.0
-    x, y, _ = reference.r_n
-    assert (
-        abs(math.remainder(math.atan2(y, x) - angle, 2.0 * math.pi)) < 1.1
-    )  # its circle begins north of the leader
+    return reference
+
+
+def flown(follow: Px4FollowMode, sent: LeaderState | None, t: float, reference: Reference) -> Reference:
+    """The set point of the mode 20 ms after it has received what was sent."""
+    received(follow, sent, t, reference)
+    for j in range(round(0.02 / DT)):
+        reference = follow.advanced(reference, t + j * DT, reference.r_n)
+    return reference
 
 
 def test_a_px4_that_flies_elsewhere_while_the_leader_is_lost_begins_where_it_is() -> None:

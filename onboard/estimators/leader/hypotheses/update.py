@@ -185,7 +185,7 @@ def expected(cloud: Cloud, nis: Array, share: float) -> float:
     return least
 
 
-def informed(settings: NoseModel, cloud: Cloud, prior: Belief, *, flew: bool = False) -> Cloud | None:
+def informed(settings: NoseModel, cloud: Cloud, prior: Belief, *, flew: bool) -> Cloud | None:
     """The cloud with what was believed of position and velocity before, (6,) and (6, 6), in n; None where less
     than OF_SHAPE of its weight agrees: only the right noses do. If it `flew`, few hypotheses say that it hovers:
     a velocity that may have changed meanwhile does not contradict them enough. Raises FilterError."""

@@ -33,9 +33,10 @@ def test_numbers_have_their_distribution_and_depend_on_the_draw(draw: int) -> No
 
 
 def test_no_number_is_drawn_for_two_ends_in_two_steps() -> None:
-    uniform_ones = draws.OF_TURNING, draws.OF_REGIME, draws.OF_DOUBT, draws.OF_NOSE, draws.OF_TYING
-    normal_ones = draws.OF_TURN_RATE, draws.OF_WANDERING, *draws.OF_INTENSITIES, draws.OF_DRAG, draws.OF_NEW_WOBBLE
-    of_step = [int(n) for n in (*uniform_ones, draws.OF_ACCEPTANCE)]
-    of_step += [int(n) + second for n in normal_ones for second in (0, 1)]
+    uniform_ones = {"OF_TURNING", "OF_REGIME", "OF_DOUBT", "OF_NOSE", "OF_TYING", "OF_ACCEPTANCE"}
+    streams = {k: v for k, v in vars(draws).items() if k.startswith("OF_") and not k.startswith("OF_FIRST")}
+    del streams["OF_INTENSITIES"]  # three of them
+    assert uniform_ones < set(streams)
+    of_step = [int(n) + k for name, n in streams.items() for k in range(1 if name in uniform_ones else 2)]
     taken = [first + n for first in (4, 4 + draws.DRAWS) for n in of_step]
     assert len(set(taken)) == len(taken)
