@@ -36,6 +36,7 @@ class Cause(StrEnum):
     NOISE = "noise", "measurements do not fit, even at several times their noise"
     LEAPT = "leapt", "another object may have taken the target's place in the images"
     ASTRAY = "astray", "it would be far from where it was last seen"
+    UNEXPECTED = "unexpected", "images fit no hypothesis of how the leader flies"
     RANGE_CONTRADICTS = "range_contradicts", "the range contradicts what was published before"
     WING_TOO_LARGE = "wing_too_large", "the wing looks too large for its range"
     GIMBAL_FRAME = "gimbal_frame", "images contradict the flags of a gimbal's angles"

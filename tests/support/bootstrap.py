@@ -13,7 +13,7 @@ from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import NoseModel
 
 G: Final = 9.80665
-HORIZONTAL: Final = np.array([1.0, 1.0, 0.5])
+HORIZONTAL: Final = np.array([1.0, 1.0, 0.8])
 # Slow and calm, nothing considered: what this filter can follow.
 CALM: Final = NoseModel(
     size=2.0,
@@ -25,7 +25,6 @@ CALM: Final = NoseModel(
     acceleration=0.3,
     acceleration_random_walk=(0.2, 0.2),
     accelerating=0.0,
-    turning=0.0,
     still_for=1e9,
     nose_wobble=0.0,
     bank=math.radians(2.0),

@@ -37,10 +37,13 @@ class NoseModel(NamedTuple):
     along an axis are a gentle breeze. The nose wobbles by 2 degrees in the reference flight of Oh & Johnson.
     The copter's is 4 degrees (RMS) off its course at more than 3 m/s: 5 to one side or the other in its circles.
     Errors of our velocity last some seconds (a receiver's noise, filtered) to a minute (multipath): 20 s.
+    Other leaders, flown by hand or fast, differ by large factors: headings 13 to 28 degrees off the course and
+    turned at 0.8 rad/s (quadrotors), 3 rad/s (racers); 0.23 to 0.57 m/s in a hover. So each hypothesis has its own
+    three factors (`intensity`), wide enough for all of these.
     `evidence_rate` is there because errors of images and of flight are correlated over some tenths of a second,
     and those of what a hypothesis supposes as long as the view stays the same: so new views count (`new_view`),
-    and of the same view few images. It, `tied`, `stretch`, `bank`, the turning and the doubt were chosen on
-    simulated encounters: no measurement of real leaders stands behind them."""
+    and of the same view few images. It, `tied`, `stretch`, `bank` and the doubt were chosen on
+    encounters, simulated and with recorded leaders: no measurement stands behind them."""
 
     size: float  # m, the value itself
     size_sigma: float  # m
@@ -70,16 +73,16 @@ class NoseModel(NamedTuple):
     hover_time: float = 1.5  # s
     hover_acceleration: float = 0.16  # m/s^2
     hover_acceleration_time: float = 0.05  # s
-    intensity: tuple[float, float, float] = (0.8, 0.5, 0.5)  # of the logarithm: manoeuvres, bank, wobble
+    intensity: tuple[float, float, float] = (0.8, 0.5, 0.8)  # of the logarithms: manoeuvres, bank, heading
     intensity_time: float = 200.0  # s, over which a leader changes them
+    slack_time: float = 4.0  # s, over which a tied nose changes its angle to the course
     tied: float = 0.5  # the probability that the nose of a leader that flies fast is tied to its course
     tied_for: float = 30.0  # s, until that is decided anew
     undecided_for: float = 2.0  # s, of a fast one
     fewest: int = 80  # particles: as many as the noses and ranges in question need, but so many at least
     fewest_sided: int = 400  # where points show the nose
-    turning: float = 0.15  # the probability that it turns its nose at first, beside the turn of its course
-    still_for: float = 30.0  # s
-    turns_for: float = 4.0  # s
+    still_for: float = 30.0  # s, of a nose, beside the turn of its course, ...
+    turns_for: float = 4.0  # s, ... which then turns; a restless heading turns more often and for shorter
     nose_rate: float = 0.2  # rad/s, of a nose that is turned
     nose_random_walk: float = math.radians(0.7)  # rad / sqrt(s)
     bank: float = math.radians(5.0)  # rad, about the bank of its thrust
@@ -93,9 +96,9 @@ class NoseModel(NamedTuple):
     drag_sigma: float = 0.08  # 1/s, of a lognormal distribution
     wind: float = 3.0  # m/s, along each axis
     lean_random_walk: float = 0.05  # m/s^2 / sqrt(s)
-    evidence_rate: float = 2.0  # 1/s: at most so many images a second count as independent
-    first_evidence: float = 16.0  # so many images of a new track count, whatever the view does
-    steady_evidence: float = 0.2  # 1/s: so many while the view stays the same
+    evidence_rate: float = 1.5  # 1/s: at most so many images a second count as independent
+    first_evidence: float = 8.0  # so many images of a new track count, whatever the view does
+    steady_evidence: float = 0.15  # 1/s: so many while the view stays the same
     new_view: float = 0.12  # rad, or share of the range: so much another view is one image more
     doubted_after: float = 8.0  # s, the mean time after which a particle takes another nose
     resample: float = 0.35  # of the particles: with fewer effective ones they are drawn anew
@@ -105,7 +108,7 @@ class NoseModel(NamedTuple):
 OVERRIDABLE: Final = frozenset(NoseModel._fields) - {
     *("size", "size_sigma", "misalignment_time", "own_velocity", "air_sigma"),  # keys of their own
 }
-PROBABILITIES: Final = frozenset({"on_course", "accelerating", "hovering", "tied", "turning", "resample"})
+PROBABILITIES: Final = frozenset({"on_course", "accelerating", "hovering", "tied", "resample"})
 
 
 def overridden(model: NoseModel, overrides: Mapping[str, float]) -> NoseModel:

@@ -52,6 +52,7 @@ from onboard.ownship import Step
 
 SIZES: Final = 3.0  # sigmas of the configured size
 LONGEST_S: Final = 0.25  # of a prediction of the hypotheses
+SURPRISED: Final = 1.5  # times what the hypotheses' own uncertainties say: none of them fits
 FEW: Final = 200  # hypotheses of a plain filter
 
 
@@ -119,14 +120,22 @@ class BeliefFilter:
         return self._seen[2]
 
     def start(
-        self, measurement: Measurement, pose: CameraPose, before: State | None, size: Size | None = None
+        self,
+        measurement: Measurement,
+        pose: CameraPose,
+        before: State | None,
+        size: Size | None = None,
+        surprise: float | None = None,
     ) -> State:
-        """Of what was believed before, the noses are kept. `size`: as it is known by more than images."""
+        """Of what was believed before, the noses are kept. `size`: as it is known by more than images; `surprise`:
+        how far from all hypotheses the images before were, None: as it was."""
         wind = None if before is None else before.wind
         settings = _in_wind(self._settings, wind)
         if size is not None:
             settings = settings._replace(size=size.value, size_sigma=size.sigma)
         cloud = start(settings, measurement, pose, None if before is None else before.cloud)
+        if surprise is not None:
+            cloud = cloud._replace(surprise=surprise)
         return State(cloud, summarise(settings, cloud), standing(pose.v_F_n), wind=wind)
 
     def informed(self, state: State, prior: Belief, *, flew: bool) -> State | None:
@@ -190,13 +199,13 @@ class BeliefFilter:
 
     def open_question(self, state: State) -> OpenQuestion:
         """Whether the range is open, and then the places where the leader may be."""
-        known = state.summary
+        known, is_misfit = state.summary, state.cloud.surprise > SURPRISED
         if known.range_sigma() <= RESOLVED:
-            return OpenQuestion()
+            return OpenQuestion(is_misfit=is_misfit)
         dt, moved, v_F_n = state.since
         places = tuple(place.after(dt, moved).relative_to(v_F_n) for place in known.places)
         why = "" if state.cloud.metric else "heading not resolved: "
-        return OpenQuestion(f"{why}the range is uncertain", places)
+        return OpenQuestion(f"{why}the range is uncertain", places, is_misfit)
 
     def is_too_wide(self, state: State, share: float) -> bool:
         """Whether the direction is less certain than `share`; an uncertain range is no obstacle to an image."""

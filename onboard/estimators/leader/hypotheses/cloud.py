@@ -52,8 +52,9 @@ class Cloud(NamedTuple):
     wing's length that the edge-on aircraft shows in what images show; whether points have distinguished the nose
     from the tail; by what share they make the length that shows the nose wrong, as a bias; whether the ranges are
     metric, by poses, and not those of a leader of some size; the seconds since the last image that corrected it;
-    so many images' evidence of a new track that is not used yet; and the named points of the last image that
-    fitted no nose."""
+    so many images' evidence of a new track that is not used yet; the named points of the last image that fitted no
+    nose; and how much farther from what the particles expected the images of the last seconds were than the
+    particles' own uncertainties say: the mean NIS per component."""
 
     noses: Array
     rates: Array
@@ -73,6 +74,7 @@ class Cloud(NamedTuple):
     unseen: float = 0.0
     fresh: float = 0.0
     misfits: tuple[str, ...] = ()
+    surprise: float = 1.0
     biases: tuple[Bias, ...] = ()
 
     def column(self, name: str) -> int:

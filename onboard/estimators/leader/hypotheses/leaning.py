@@ -130,7 +130,8 @@ def first(means, P, noses, drags, slope, wind, banks):
         of_bank = (G * banks[k]) ** 2
         off = np.tan(banked(slope, noses[k], x)[0]) * G - (x[11] * c - x[10] * s)
         x[10], x[11] = x[10] - s * off, x[11] + c * off
-        log_l[k] = likely(noses[k], x, S, drags[k], wind, of_turn + of_bank)
+        narrower = np.log(abs(appears(noses[k], x)[0]))  # a density of slopes: `prediction._takes`
+        log_l[k] = likely(noses[k], x, S, drags[k], wind, of_turn + of_bank) + narrower
         share = off / (of_lean + of_turn + of_bank)
         rest = off - of_lean * share  # not the lean's
         x[10], x[11] = x[10] + s * rest, x[11] - c * rest

@@ -13,6 +13,7 @@ from onboard.filters.compiled import MAKING
 
 TINY: Final = 1e-12
 NO_OTHERS: Final = np.empty((0, 0))
+TAILS: Final = 4.0  # degrees of freedom of Student's t; what a leader does is no Gaussian
 CONSIDERED: Final = 13  # the first component of a state that images do not estimate
 
 
@@ -63,6 +64,13 @@ def project(w, P, c):
         middle = w[6] * P[6, n] + w[7] * P[7, n] + w[8] * P[8, n] + w[13] * P[13, n]
         far = (w[9] * P[9, n] + w[10] * P[10, n]) + (w[11] * P[11, n] + w[12] * P[12, n])
         c[n] = near + middle + far + (w[3] * P[3, n] + w[4] * P[4, n])
+
+
+@njit(**MAKING)
+def log_likelihood(nis, m, det):
+    """The logarithm of the likelihood of m components, without their common constant, by Student's t in place of a
+    Gaussian (Roth, Ozkan and Gustafsson, 2013): one image that fits no hypothesis decides little between them."""
+    return -0.5 * ((TAILS + m) * np.log1p(nis / TAILS) + np.log(det))
 
 
 @njit(**MAKING)

@@ -49,6 +49,7 @@ class OpenQuestion(NamedTuple):
 
     reason: str = ""  # for a person; "" if nothing is open
     places: tuple[Place, ...] = ()  # where the leader may be, if the range is open
+    is_misfit: bool = False  # the images of the last seconds fit no hypothesis
 
 
 def places(w: Array, means: Array, covariances: Array, ours: Callable[[Array], Array]) -> tuple[Place, ...]:

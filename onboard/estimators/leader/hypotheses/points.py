@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.estimators.leader.hypotheses.particle_update import correct, factor, whiten
+from onboard.estimators.leader.hypotheses.particle_update import correct, factor, log_likelihood, whiten
 from onboard.estimators.leader.hypotheses.wing import COVARIANCES, NOSES, NUMBER, G
 from onboard.estimators.leader.image.shape import HIGHEST, LOWEST, Posture, ShapeRows, measured_spread
 from onboard.filters.compiled import OUT, VECTOR, record
@@ -218,7 +218,7 @@ def _update(means, P, noses, seen, y, sigma, named, pitch, misplaced):
         for j in range(m):
             log_noise += np.log(L[j, j])
         nis[k], det = correct(x, P[k], e, J, c, dx, seen.bias)
-        log_l[k] = -0.5 * (nis[k] + np.log(det)) - log_noise
+        log_l[k] = log_likelihood(nis[k], m, det) - log_noise
     return nis, log_l
 
 

@@ -31,7 +31,7 @@ from onboard.estimators.leader.hypotheses.draws import (
     normal_of,
     uniform_of,
 )
-from onboard.estimators.leader.hypotheses.leaning import banked, lean, likely, lognormal, slope_of
+from onboard.estimators.leader.hypotheses.leaning import appears, banked, lean, likely, lognormal, slope_of
 from onboard.estimators.leader.hypotheses.wing import (
     ACCELERATING,
     ACCELERATION,
@@ -64,7 +64,7 @@ LETS_GO2: Final = 9.0  # (m/s)^2: a slower leader's nose is not tied to its cour
 DRIFTS2: Final = 0.16  # (m/s)^2: a faster leader does not hover
 SURE: Final = 10.0  # times as long until a particle takes another nose, where points show the nose
 MOST_COST: Final = 20.0  # of what a hypothesis supposes: it is improbable enough then
-HORIZONTAL: Final = np.array([1.0, 1.0, 0.5])  # vertical accelerations are half as large
+HORIZONTAL: Final = np.array([1.0, 1.0, 0.8])  # vertical accelerations are half as large
 
 
 def predict(settings: NoseModel, cloud: Cloud, dt: float, moved: Array) -> Cloud:
@@ -78,7 +78,8 @@ def predict(settings: NoseModel, cloud: Cloud, dt: float, moved: Array) -> Cloud
     decay = np.exp(-dt / np.array([s.acceleration_time, s.bank_time, s.stretch_time, *lasts]))
     after = cloud._replace(**changed._asdict(), draws=cloud.draws + DRAWS, unseen=cloud.unseen + dt)
     before = supposed(s, after)
-    _wander(changed, cloud.draws, s.nose_random_walk * math.sqrt(dt), s.nose_about_course, passed)
+    slack = s.nose_about_course, math.exp(-dt / s.slack_time)
+    _wander(changed, cloud.draws, s.nose_random_walk * math.sqrt(dt), slack, passed)
     interval = model.Interval(dt, moved, _noise(s, dt, cloud.biases), _hover(s, dt), decay)
     course = model.Course(tied, s.air, cloud.edge_on)
     model.predict(means, P, noses, regimes, intensities, drags, interval, course)
@@ -187,7 +188,7 @@ def change(s: NoseModel, particles: Particles, draws: int, passed: Passed, doubt
     """Change particles in place, by the random numbers from `draws` on. A particle keeps its nose for
     `doubted_after` seconds on average."""
     dt, flies_for = passed.dt, s.flies_for if s.crab == 0.0 else math.inf  # a fixed wing cannot hover
-    means_of = (s.turns_for, s.still_for, s.accelerates_for, s.steady_for, flies_for, s.hovers_for, doubted_after)
+    means_of = (s.accelerates_for, s.steady_for, flies_for, s.hovers_for, doubted_after)
     chances = [-math.expm1(-dt / mean) for mean in (*means_of, s.tied_for, s.undecided_for)]
     # of the noses that are looked at anew, so many are tied that the share of all stays what it is
     anew = s.tied * doubted_after / (s.tied * doubted_after + (1.0 - s.tied) * s.tied_for)
@@ -195,7 +196,7 @@ def change(s: NoseModel, particles: Particles, draws: int, passed: Passed, doubt
     changes = Changes(keeps, s.intensity, s.nose_rate, s.nose_about_course, s.crab, lognormal(s))
     # in one step: a nose stops or begins to turn, a leader stops or begins to accelerate, to hover, leaves, a
     # particle takes another nose, or one that is tied does, a fast leader's nose is tied or not; and it is tied
-    _change(particles, draws, np.array([*chances, s.tied, anew]), changes, passed)
+    _change(particles, draws, np.array([s.turns_for, s.still_for, *chances, s.tied, anew]), changes, passed)
 
 
 @njit(cache=True, error_model="numpy")
@@ -225,7 +226,8 @@ def _doubt(ratio, x, P, dt, moved, hovers):
 def _takes(nose, other, x, P, passed, hovers, drags, chance):
     """Give a particle another nose, and the second of two `drags`, in place; False if it keeps what it has, as the
     lean is unlikely that its wing's slope needs then (Metropolis and Hastings, with the logarithm of a `chance`).
-    Of what shows no slope, or does not lean, each nose is as likely."""
+    The narrower a wing looks, the steeper its slope for the same bank: the density of slopes is lower by that
+    factor. Of what shows no slope, or does not lean, each nose is as likely."""
     dt, moved, edge_on, metric, _, wind = passed
     if drags[0] == 0.0 or edge_on > LEAST_VISIBLE:
         if not metric:
@@ -236,7 +238,8 @@ def _takes(nose, other, x, P, passed, hovers, drags, chance):
     if not metric:
         _doubt(banked(slope, other, x)[1] / banked(slope, nose, x)[1], x, P, dt, moved, hovers)
     lean(slope, nose, other, x, P, drags[1], wind)
-    if chance <= likely(other, x, P, drags[1], wind, 0.0) - before:
+    narrower = np.log(abs(appears(other, x)[0] / appears(nose, x)[0]))
+    if chance <= likely(other, x, P, drags[1], wind, 0.0) - before + narrower:
         return True
     x[:], P[:, :] = was, of_it
     return False
@@ -268,6 +271,7 @@ def _tied_nose(nose, aside, x, dt, moved, edge_on, air):
     """The nose so far `aside`, rad, of the course that the leader would have with that nose: its range and
     velocity depend on it."""
     other = course_of(x, air) + aside
+    aside += course_of(x, air) - np.arctan2(x[4] - air[1], x[3] - air[0])
     for _ in range(CIRCLES):
         ratio = _fraction(other, x, edge_on) / _fraction(nose, x, edge_on)
         u = ratio * x[3] + (1.0 - ratio) * moved[0] / dt
@@ -298,15 +302,17 @@ def _decided(tied, x, regime, drawn, which, decides, doubted, unties, ties, anew
 @njit((PARTICLES, DRAW, NOSES, CHANGES, PASSED), cache=True, error_model="numpy")
 def _change(particles, draws, chances, changes, passed):
     noses, rates, regimes, means, P, intensities, tied, drags = particles
-    stops, turns, steadies, begins, hovers, leaves, doubted, unties, decides, ties, anew = chances
+    turns_for, still_for, steadies, begins, hovers, leaves, doubted, unties, decides, ties, anew = chances
     keeps, spread, nose_rate, slack, crab, drag = changes
     dt, moved, edge_on, _, air, _ = passed
     for k in range(noses.shape[0]):
         x = means[k]
+        restless = np.exp(intensities[k, 2])
+        stops, turns = -np.expm1(-dt * np.sqrt(restless) / turns_for), -np.expm1(-dt * restless**2 / still_for)
         new_rate = 0.0
         of_turning = uniform_of(draws + OF_TURNING, k)
         if rates[k] == 0.0 and of_turning < turns:
-            new_rate = nose_rate * normal_of(draws + OF_TURN_RATE, k)
+            new_rate = nose_rate * restless * normal_of(draws + OF_TURN_RATE, k)
         rates[k] = _rate(rates[k], of_turning, stops, turns, new_rate)
         for i in range(3):
             bold = normal_of(draws + OF_INTENSITIES[i], k) if spread[i] > 0.0 else 0.0
@@ -323,7 +329,7 @@ def _change(particles, draws, chances, changes, passed):
             where = uniform_of(draws + OF_NOSE, k)
             other = noses[k] + np.pi * where
             if becomes_tied:
-                aside = slack * normal_of(draws + OF_SLACK, k)
+                aside = slack * restless * normal_of(draws + OF_SLACK, k)
                 other, rates[k] = _tied_nose(noses[k], aside, x, dt, moved, edge_on, air), 0.0
             elif crab > 0.0:  # a fixed wing's nose stays about its course
                 other = np.arctan2(x[4], x[3]) + crab * MOST_CRAB * (2.0 * where - 1.0)
@@ -338,19 +344,22 @@ def _change(particles, draws, chances, changes, passed):
             noses[k] = other
 
 
-@njit((PARTICLES, DRAW, NUMBER, NUMBER, PASSED), cache=True, error_model="numpy")
+@njit((PARTICLES, DRAW, NUMBER, PAIR, PASSED), cache=True, error_model="numpy")
 def _wander(particles, draws, walk, slack, passed):
-    """Turn the noses in place. One that is tied to its course wanders about it, `slack` away at one sigma."""
-    noses, rates, _, means, _, _, tied, _ = particles
+    """Turn the noses in place. One that is tied to its course wanders about it: `slack` are how far at one sigma,
+    rad, and what a step keeps of that."""
+    noses, rates, _, means, _, intensities, tied, _ = particles
     dt, _, edge_on, _, air, _ = passed
+    sigma, keeps = slack
     for k in range(noses.shape[0]):
         x = means[k]
         broad = _fraction(noses[k], x, edge_on)
         # the less is seen of the wing, the more does it show of a small turn
-        step = walk * min(1.0, broad / np.sqrt(max(1.0 - broad * broad, 1e-9)))
+        restless = np.exp(intensities[k, 2])
+        step = walk * restless * min(1.0, broad / np.sqrt(max(1.0 - broad * broad, 1e-9)))
         turned = dt * rates[k]
         if tied[k] == TIED:
             aside = noses[k] - course_of(x, air)
             aside -= 2.0 * np.pi * np.rint(aside / (2.0 * np.pi))
-            turned = aside * (np.sqrt(max(1.0 - (step / slack) ** 2, 0.0)) - 1.0)
+            turned, step = aside * (keeps - 1.0), sigma * restless * np.sqrt(1.0 - keeps * keeps)
         noses[k] += turned + step * normal_of(draws + OF_WANDERING, k)

@@ -89,8 +89,10 @@ def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Clou
     if slope is not None:
         log_l = leaning.first(means, P, noses, drags, slope, settings.wind, np.sqrt(P[:, BANK_ERROR, BANK_ERROR]))
     means[:, LOG_SIZE] = np.log(sizes)
-    turns = uniform(OF_TURNING, k) < settings.turning
-    rates = np.where(turns, settings.nose_rate * normal(OF_TURN_RATE, k), 0.0)
+    restless = np.exp(intensities[:, 2])
+    often = restless**1.5 * settings.turns_for / settings.still_for
+    turns = uniform(OF_TURNING, k) < often / (1.0 + often)
+    rates = np.where(turns, settings.nose_rate * restless * normal(OF_TURN_RATE, k), 0.0)
     regimes = np.where(
         hovers,
         model.HOVERING,
@@ -111,6 +113,7 @@ def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Clou
         edge_on,
         metric=seen.is_metric,
         fresh=settings.first_evidence,
+        surprise=1.0 if before is None else before.surprise,
     )
     return _scaled(weighted(cloud, log_l), seen, range_[:, None] * direction, within)
 
@@ -149,8 +152,9 @@ def _variances(
     found = np.zeros((len(broad), N))
     found[:, VELOCITY] = (broad[:, None] * settings.speed * np.array([1.0, 1.0, 0.4])) ** 2
     found[:, ACCELERATION] = (broad[:, None] * settings.acceleration * HORIZONTAL) ** 2
-    found[hovers, VELOCITY] = settings.hover_speed**2 + settings.own_velocity**2
-    found[hovers, ACCELERATION] = settings.hover_acceleration**2
+    bold2 = factors[hovers, :1] ** 2
+    found[hovers, VELOCITY] = bold2 * settings.hover_speed**2 + settings.own_velocity**2
+    found[hovers, ACCELERATION] = bold2 * settings.hover_acceleration**2
     found[:, BANK_ERROR] = (broad * factors[:, 1] * settings.bank) ** 2
     level2 = visible**2 * (1.0 + slope**2) ** 2  # what shows by its bank does not depend on the nose
     shortens2 = np.maximum(1.0 - visible**2, 0.0) / level2

@@ -36,6 +36,9 @@ APART_S: Final = 0.2  # of the evidence of one of these, in seconds
 FRESH_S: Final = 8.0  # over which the evidence of a new track is used
 TOGETHER_S: Final = 0.05  # what is measured at one time, by different means, counts as if it came so soon after
 MOTION: Final = slice(0, 6)  # position and velocity
+SURPRISE_S: Final = 3.0  # over which the surprise is averaged
+MOST_SURPRISE: Final = 12.0  # NIS of an image: one stray image is no surprise
+SHOWN: Final = 4.0  # components of an image that show something: both of the center and of the wing
 OF_SHAPE: Final = 0.02  # of the weight: so much must have expected a shape; only the right noses do
 PER_ROW: Final = 2.1  # more of the gate for each row of what an image shows of a shape
 BOXES: Final = "boxes"  # the names of biases
@@ -73,7 +76,9 @@ def update(
         least = expected(cloud, nis, EXPECTING)
         if least > settings.gate:
             return given, least
-        after = cloud._replace(noses=noses, means=means, covariances=P, misfits=())
+        off = min(float(np.exp(cloud.log_weights) @ np.minimum(nis, settings.gate)), MOST_SURPRISE) / SHOWN
+        surprise = off + math.exp(-cloud.unseen / SURPRISE_S) * (cloud.surprise - off)
+        after = cloud._replace(noses=noses, means=means, covariances=P, misfits=(), surprise=surprise)
     else:
         after, log_l, least = cloud._replace(misfits=()), np.zeros(len(cloud.noses)), 0.0
     if shows is not None:
@@ -108,7 +113,7 @@ def _seen_by(cloud: Cloud, edge_on: float, *, metric: bool) -> Cloud:
 def _counted(settings: NoseModel, cloud: Cloud, pose: CameraPose) -> tuple[float, float]:
     """As what share of an independent image one counts, and what is left of the evidence of a new track. The
     faster the view of the leader changes, the more does an image count; while the view stays the same, so do the
-    errors of what each particle supposes."""
+    errors of what each particle supposes. Images that fit no particle count less for each of them."""
     r = cloud.means[:, POSITION]
     moves = (cloud.means[:, VELOCITY] - pose.v_F_n) / np.sqrt(np.add.reduce(r * r, axis=1, keepdims=True))
     moving = np.exp(cloud.log_weights) @ moves
@@ -116,7 +121,8 @@ def _counted(settings: NoseModel, cloud: Cloud, pose: CameraPose) -> tuple[float
     rate = settings.steady_evidence + change / settings.new_view + cloud.fresh / FRESH_S
     seconds = max(cloud.unseen, TOGETHER_S)
     left = cloud.fresh * math.exp(-seconds / FRESH_S)
-    return min(min(rate, settings.evidence_rate) * seconds, 1.0), left
+    fits = min(1.0, 1.0 / cloud.surprise)
+    return min(min(rate, settings.evidence_rate) * seconds, 1.0) * fits, left
 
 
 def assist(settings: NoseModel, cloud: Cloud, taken: Auxiliary, *, is_open: bool) -> Cloud | None:

@@ -21,7 +21,14 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.estimators.leader.hypotheses.particle_update import correct, dot, factor, project, whiten
+from onboard.estimators.leader.hypotheses.particle_update import (
+    correct,
+    dot,
+    factor,
+    log_likelihood,
+    project,
+    whiten,
+)
 from onboard.filters.compiled import CUBE, OUT, ROWS, VECTOR, out, record
 
 G: Final = 9.80665
@@ -36,6 +43,7 @@ LOG_SIZE: Final = 13
 LEAST_VISIBLE: Final = 0.05  # of the wing: seen exactly along itself, it still shows a tip
 SLOW2: Final = 1.0  # (m/s)^2: in place of 0/0 where a course would be divided by
 TURNS2: Final = 4.0  # (m/s)^2: a leader slower than its root does not turn its velocity
+LEAD: Final = 0.5  # s: a nose tied to its course points where the course leads so much later
 FOLLOWS4: Final = 81.0  # (m/s)^4: a leader faster than its fourth root turns its nose with its course
 
 STEADY: Final = 0  # the regimes
@@ -147,8 +155,9 @@ def update(
 
 @njit(cache=True, error_model="numpy")
 def course_of(x, air):
-    """The course through the air, of a leader with the mean x (N,), rad."""
-    return np.arctan2(x[4] - air[1], x[3] - air[0])
+    """The course through the air LEAD seconds ahead, of a leader with the mean x (N,), rad."""
+    u, v = x[3] - air[0], x[4] - air[1]
+    return np.arctan2(v, u) + LEAD * (u * x[7] - v * x[6]) / (u * u + v * v + SLOW2)
 
 
 @njit(cache=True, error_model="numpy")
@@ -215,9 +224,10 @@ def _forget(x, S, decay, fixed):
 
 
 @njit(cache=True, error_model="numpy")
-def _stop(x, S, hover, drag):
+def _stop(x, S, hover, drag, bold):
     """The state of a leader that hovers after a step, in place: it comes to rest over ground, and leans less."""
     v_decay, a_decay, v_variance, a_variance = hover
+    v_variance, a_variance = bold * v_variance, bold * a_variance
     lost = drag * (1.0 - v_decay)
     for i in range(10, 12):
         x[i] -= lost * x[i - 7]
@@ -254,7 +264,7 @@ def predict(means, P, noses, regimes, intensities, drags, interval, course):
         square = x[0] * x[0] + x[1] * x[1] + x[2] * x[2]
         seen2 = visible2(noses[k], x[0], x[1], square, edge_on)
         mode = int(regimes[k])
-        bold = np.exp(2.0 * intensities[k, 0]) if mode == STEADY else 1.0
+        bold = np.exp(2.0 * intensities[k, 0])
         scale2 = seen2 * np.exp(2.0 * (x[13] - usual))
         banks, wobbles = np.exp(2.0 * intensities[k, 1]), np.exp(2.0 * intensities[k, 2])
         speed2 = u * u + v * v
@@ -293,7 +303,7 @@ def predict(means, P, noses, regimes, intensities, drags, interval, course):
         if width > N:
             _forget(x, S, decay[3:], fixed)
         if mode == HOVERING:
-            _stop(x, S, hover, drag)
+            _stop(x, S, hover, drag, bold)
         if tied[k] == TIED:
             noses[k] = course_of(x, air) + aside
 
@@ -350,9 +360,10 @@ def _linearised(x, nose, axes, r_FC, m, h, J, is_tied, air):
                     J[4 + k, 3] -= 0.5 * aside * v_air / speed2
                     J[4 + k, 4] += 0.5 * aside * u_air / speed2
     for j in range(m):
-        J[j, 6] = J[j, 10] = -s * weight / square * J[j, 9]
-        J[j, 7] = J[j, 11] = c * weight / square * J[j, 9]
+        J[j, 10] = -s * weight / square * J[j, 9]
+        J[j, 11] = c * weight / square * J[j, 9]
         J[j, 8] = across / square * J[j, 9]
+        J[j, 6], J[j, 7] = J[j, 10] + LEAD * J[j, 3], J[j, 11] + LEAD * J[j, 4]  # an acceleration turns the course
     J[2, 12], J[3, 12] = h[2], h[3]
     if m > 4:
         J[4, 12], J[5, 12] = 2.0 * (h[4] - h[0]), 2.0 * (h[5] - h[1])  # it grows with the wing's square
@@ -391,6 +402,23 @@ def _prediction(means, P, noses, w, y, r_FC, axes, tied, air, expected, by_state
     return mean, S
 
 
+@njit(cache=True, error_model="numpy")
+def _logarithmic(right, down, h, variance, e, J):
+    """A wing's innovation and derivatives, in place, by the logarithm of its length and by its angle, in which a
+    range is linear: a line through lengths draws it to the near side. A wing that hardly shows stays as it is."""
+    least2, seen2, expected2 = 9.0 * variance, right * right + down * down, h[2] * h[2] + h[3] * h[3]
+    if seen2 < least2 or expected2 < least2:
+        return
+    a, b = (right * h[2] + down * h[3]) / expected2, (down * h[2] - right * h[3]) / expected2
+    if a < abs(b):
+        return
+    length, angle = 0.5 * np.log(a * a + b * b), np.arctan2(b, a)
+    e[2], e[3] = right * length - down * angle, right * angle + down * length
+    for j in range(J.shape[1]):
+        u, v = J[2, j], J[3, j]
+        J[2, j], J[3, j] = a * u - b * v, a * v + b * u
+
+
 @njit((OUT, COVARIANCES, NOSES, VECTOR, ROWS, ROWS, CUBE, VECTOR, VECTOR), cache=True, error_model="numpy")
 def _update(means, P, noses, y, R_y, expected, by_state, tied, air):
     m, count, width = y.shape[0], means.shape[0], P.shape[2]
@@ -404,10 +432,18 @@ def _update(means, P, noses, y, R_y, expected, by_state, tied, air):
             e[i] = (side if 2 <= i < 4 else 1.0) * y[i] - h[i]
             for j in range(width):
                 J[i, j] = by_state[k, i, j]
+        _logarithmic(side * y[2], side * y[3], h, R_y[2, 2], e, J)
         whiten(L, e, J)
         aside = noses[k] - course_of(means[k], air)
+        r0, r1, r2 = means[k, 0], means[k, 1], means[k, 2]  # a range changes by a factor, as its logarithm does
         nis[k], det = correct(means[k], P[k], e, J, c, dx, 0)
-        log_l[k] = -0.5 * (nis[k] + np.log(det))
+        square = r0 * r0 + r1 * r1 + r2 * r2
+        step = (r0 * dx[0] + r1 * dx[1] + r2 * dx[2]) / square
+        more = np.exp(min(step, 1.0)) - 1.0 - step
+        means[k, 0] += more * r0
+        means[k, 1] += more * r1
+        means[k, 2] += more * r2
+        log_l[k] = log_likelihood(nis[k], m, det)
         if tied[k] == TIED:
             noses[k] = course_of(means[k], air) + aside
     return nis, log_l
@@ -415,7 +451,8 @@ def _update(means, P, noses, y, R_y, expected, by_state, tied, air):
 
 def courses(means: Array, air: tuple[float, float]) -> Array:
     """Of leaders with these means (K, W), the courses (K,) through the `air` (2,) m/s, rad."""
-    found: Array = np.arctan2(means[:, 4] - air[1], means[:, 3] - air[0])
+    u, v = means[:, 3] - air[0], means[:, 4] - air[1]
+    found: Array = np.arctan2(v, u) + LEAD * (u * means[:, 7] - v * means[:, 6]) / (u * u + v * v + SLOW2)
     return found
 
 

@@ -18,6 +18,9 @@ wrong then, or is wrong now.
 
 It cannot see a range that is wrong and stays so. docs/measurements.md says how much it finds.
 
+**Another way to fly**. Where the images fit none of the hypotheses (`hypotheses.update`), what all of them have in
+common is wrong, and their weights say nothing: `hypotheses.belief.SURPRISED`.
+
 **Another side** (`LastSight`). A leader that was seen is in front of the camera that saw it, and soon after it
 is not far from there: a place mirrored through us has the right range, and no range shows the difference.
 """
@@ -51,6 +54,7 @@ ACCELERATION: Final = 1.5  # m/s^2, one standard deviation, of a leader that is 
 SIGMAS: Final = 3.0
 SPANS: Final = 5  # images whose median apparent size counts
 TOO_LARGE: Final = 0.06  # of the apparent size: three standard deviations of the wing's size, as it is configured
+UNEXPECTED: Final = Reason(Cause.UNEXPECTED, "it moves as no hypothesis expects: the range is not known")
 CONTRADICTS: Final = Reason(
     Cause.RANGE_CONTRADICTS, f"the range contradicts what was published {LOOKS_BACK_S:g} s ago"
 )

@@ -100,8 +100,11 @@ def _begun_anew(
     filter_: BeliefFilter, state: TrackState, measurement: Measurement, pose: CameraPose
 ) -> TrackState:
     """The state from one image alone, but for its noses: hypotheses that died of a noise that was supposed too
-    small do not come back by a larger one."""
-    leader = filter_.start(measurement.with_attitude_noise(pose.noise_c), pose, state.leader)
+    small do not come back by a larger one. By the larger one, the images before surprise the less."""
+    surprise = state.leader.cloud.surprise * (state.supposed / state.noise.scale) ** 2
+    leader = filter_.start(
+        measurement.with_attitude_noise(pose.noise_c), pose, state.leader, surprise=max(surprise, 1.0)
+    )
     return state._replace(leader=leader, supposed=state.noise.scale)
 
 

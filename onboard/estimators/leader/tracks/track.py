@@ -25,7 +25,7 @@ from onboard.estimators.leader.image.camera_pose import CameraPoses
 from onboard.estimators.leader.image.detector import NoiseScale, Repeats
 from onboard.estimators.leader.image.prepare import Image, agree, hold, prepare
 from onboard.estimators.leader.reports.prior import Prior
-from onboard.estimators.leader.tracks.doubts import ASTRAY, LEAPT, Classes, Exchange, Guard, LastSight
+from onboard.estimators.leader.tracks.doubts import ASTRAY, LEAPT, UNEXPECTED, Classes, Exchange, Guard, LastSight
 from onboard.estimators.leader.tracks.fusing import FAR, Distance, Outcome, TrackState, advance, fuse, seen
 from onboard.estimators.leader.tracks.life_cycle import Facts, LifeCycle
 from onboard.estimators.leader.tracks.report import RateLimit, modes_of, published, report, with_attitude
@@ -45,6 +45,7 @@ FULL: Final = Reason(Cause.FULL, "as many targets are followed as may be")
 FORGOTTEN: Final = Reason(Cause.FORGOTTEN, "no image for longer than the reset timeout")
 ALL_GATED: Final = Reason(Cause.ALL_GATED, "every image was gated")
 HANGS: Final = Reason(Cause.STALE, "the camera hangs: its image stays although we turn")
+NO_IMAGE_FITS: Final = 2.0  # the surprise (`hypotheses.update`) when a track ends as all images are gated
 TOO_WIDE: Final = 0.2  # of the range: a position less certain is not corrected, the track starts anew
 
 
@@ -81,6 +82,7 @@ class Track:
         self._guard = Guard()
         self._sight, self._noise = LastSight(), noise  # of the tracks before
         self._wind: Wind | None = None
+        self._surprise = 1.0  # by the images before a track starts
         self.size: Size | None = None  # by more than images
         self.prior: Prior | None = None  # of an earlier run, until a track starts
         self.prior_verdict = ""  # what became of it
@@ -294,7 +296,8 @@ class Track:
         first = images[0]
         earlier = before.belief_at(first.message.t_ns, ownship)[1].leader if before else None
         measurement = first.measurement.with_attitude_noise(first.pose.noise_c)
-        started = self._filter.start(measurement, first.pose, earlier, self.size)
+        surprise = self._surprise if before is None else None
+        started = self._filter.start(measurement, first.pose, earlier, self.size, surprise)
         if self.prior is not None:
             started = self._informed(started, self.prior, self.prior.relative(first.message.t_ns, ownship))
         begun = TrackState(started, self.noise, self.noise.scale)
@@ -334,6 +337,7 @@ class Track:
 
     def _forget(self, why: Reason) -> None:
         self.life.forgotten(why, had_track=self._history is not None)
+        self._surprise = NO_IMAGE_FITS if why is ALL_GATED else 1.0
         self._guard.clear()
         self._sight.clear()
         self.prior = None
@@ -355,8 +359,8 @@ class Track:
             return None
         return t_ns, belief, self._filter.open_question(state.leader)
 
-    def _doubts(self, t_ns: int, belief: Belief, ownship: Ownship) -> Iterator[Reason | None]:
-        """What may contradict a belief."""
+    def _doubts(self, t_ns: int, belief: Belief, left: OpenQuestion, ownship: Ownship) -> Iterator[Reason | None]:
+        """What may contradict a belief, which leaves something open."""
         yield LEAPT if self._exchange.is_in_question(t_ns) else None
         yield self._classes.doubt
         is_seen = not self.life.is_carried(t_ns)
@@ -364,6 +368,7 @@ class Track:
         yield self._poses.contradiction
         yield self.noise.contradiction
         yield self._guard.contradiction(t_ns, belief, ownship)
+        yield UNEXPECTED if left.is_misfit else None
 
     def _estimate(self, ownship: Ownship, measurement: MeasurementReport | None) -> Estimate:
         """The estimate now, with the report on the image that it follows, if any."""
@@ -376,7 +381,7 @@ class Track:
             t_ns, belief, left = found
             coasting = self.life.is_coasting(t_ns)
             in_view = not coasting or self._poses.see(belief.mean[POSITION], t_ns, ownship)
-            doubts = self._doubts(t_ns, belief, ownship)
+            doubts = self._doubts(t_ns, belief, left, ownship)
             state, why = self.life.state(t_ns, Facts(doubts, in_view, self.noise.finding, left.reason))
             if left.reason and state.is_valid:
                 modes = modes_of(left.places)

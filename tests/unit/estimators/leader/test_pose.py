@@ -126,7 +126,7 @@ def test_the_range_of_a_pose_has_its_bias_and_not_that_of_the_size(size_sigma: f
 
 
 def test_a_rotation_resolves_the_nose_and_its_mirror_image_stays_possible() -> None:
-    cloud = cloud_after(*[pose()] * 4)
+    cloud = cloud_after(*[pose()] * 8)
     assert cloud.sided
     assert weight(cloud, 0.6) > 0.4
     assert weight(cloud, -0.6) > 0.05

@@ -21,6 +21,7 @@ from onboard.estimators.leader.hypotheses.wing import (
     TIED,
     VELOCITY,
     N,
+    courses,
 )
 from onboard.estimators.leader.reports.broadcast import biases_of
 from onboard.filters.belief import FilterError
@@ -169,7 +170,7 @@ def test_tied_noses_turn_with_the_courses_that_a_report_corrects_and_free_ones_s
     cloud.tied[1::2] = FREE
     taken = report(np.array([RANGE, 0.0, 0.0]), np.array([SPEED, 3.0, 0.0]))
     after, _, _ = corrected(cloud, *taken.rows(cloud), air)
-    was, now = (np.arctan2(c.means[:, 4] - air[1], c.means[:, 3] - air[0]) for c in (cloud, after))
+    was, now = (courses(c.means, air) for c in (cloud, after))
     assert np.abs(now - was).min() > 1e-3
     assert (after.noses - cloud.noses)[::2] == pytest.approx((now - was)[::2])
     assert_allclose(after.noses[1::2], cloud.noses[1::2], rtol=0.0, atol=0.0)

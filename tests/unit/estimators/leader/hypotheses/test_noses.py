@@ -123,7 +123,7 @@ def test_a_restarted_cloud_forgets_the_nose_but_a_gap_does_not() -> None:
     later = known
     for _ in range(8):
         later = prediction.predict(SETTINGS, later, 0.25, np.zeros(3))
-    assert summarise(SETTINGS, later).range_sigma() < 0.5 * summarise(SETTINGS, fresh).range_sigma()
+    assert summarise(SETTINGS, later).range_sigma() < 0.6 * summarise(SETTINGS, fresh).range_sigma()
 
 
 def test_our_attitude_is_considered_not_estimated() -> None:
@@ -230,7 +230,7 @@ def test_evidence_counts_by_seconds_and_not_by_images() -> None:
         return float(np.ptp(after.log_weights - cloud.log_weights))
 
     assert weight_of(0.4) == pytest.approx(4.0 * weight_of(0.1))
-    assert weight_of(5.0) == pytest.approx(weight_of(0.5))  # no image counts more than once
+    assert weight_of(5.0) == pytest.approx(weight_of(1.0))  # no image counts more than once
 
 
 @pytest.mark.parametrize(("near", "published"), [(20.0, 25.0), (10.0, 25.0**0.7 * 10.0**0.3)])

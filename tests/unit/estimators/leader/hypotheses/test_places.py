@@ -91,7 +91,7 @@ def test_the_filter_says_what_is_open_and_where_relative_to_us() -> None:
     v_F_n = np.array([2.0, 0.0, 0.0])
     pose = CameraPose(np.eye(3), np.zeros(3), v_F_n, np.zeros(3))
     state = filter_.start(measure_wing(points, np.full(3, 0.002), filter_.shape), pose, None)
-    reason, found_places = filter_.open_question(state)
+    reason, found_places, _ = filter_.open_question(state)
     assert reason == "heading not resolved: the range is uncertain"
     assert sum(place.weight for place in found_places) == pytest.approx(1.0)
     for place in found_places:  # a leader of which one image is known flies as we do, or hovers

@@ -43,7 +43,7 @@ def test_what_an_image_makes_of_a_lean_counts_in_full_though_images_count_for_no
 def test_what_a_turn_of_the_nose_makes_of_a_lean_counts_in_full_and_not_only_the_way_back() -> None:
     """Of noses that turn and wander, of leaders that turn as well: what the one costs, the other gives back. When
     only the second counted, one that turned against its course gained weight with each step."""
-    settings = SILENT._replace(doubted_after=1e12, undecided_for=1e12, turning=0.9, nose_rate=3.0, hovering=0.0)
+    settings = SILENT._replace(doubted_after=1e12, undecided_for=1e12, still_for=0.4, nose_rate=3.0, hovering=0.0)
     cloud = start(settings, image(25.0, 0.6, lean=0.1), FAST)
     cloud.means[:, 7] += 2.0
     after = prediction.predict(settings, cloud, 0.1, np.array([0.9, 0.0, 0.0]))
@@ -55,7 +55,7 @@ def test_what_a_turn_of_the_nose_makes_of_a_lean_counts_in_full_and_not_only_the
 
 def kept(lean: float) -> float:
     """The weight of hypotheses that keep their noses where all are doubted: the leader flies sideways at 9 m/s."""
-    doubting = SILENT._replace(doubted_after=1e-6, tied=0.0, hovering=0.0, turning=0.0, nose_random_walk=1e-12)
+    doubting = SILENT._replace(doubted_after=1e-6, tied=0.0, hovering=0.0, still_for=1e12, nose_random_walk=1e-12)
     cloud = start(doubting, image(25.0, math.radians(87.0), lean=lean), FAST)
     after = prediction.predict(doubting, cloud, 0.1, np.zeros(3))
     return float(np.exp(cloud.log_weights) @ (np.abs(after.noses - cloud.noses) < 1e-3))
