@@ -36,7 +36,7 @@ def follower_attitude(
     level there."""
     _, up, aside = np.radians(mount_rpy_deg)
     aim = wobble(seed, "encounters.aim", GaussMarkov(sigma=rng.uniform(1.0, 4.0), time=6.0), len(t), np.pi / 180)
-    yaw = _slewed(blurred(sight + aim - aside, 0.5))
+    yaw = slewed(blurred(sight + aim - aside, 0.5))
     a = np.stack([blurred(x, 0.4) for x in motion.a.T], axis=-1)
     ahead = np.cos(yaw) * a[:, 0] + np.sin(yaw) * a[:, 1]
     right = np.cos(yaw) * a[:, 1] - np.sin(yaw) * a[:, 0]
@@ -47,7 +47,7 @@ def follower_attitude(
     )
 
 
-def _slewed(sight: Array) -> Array:
+def slewed(sight: Array) -> Array:
     """A yaw (N,) that follows a direction (N,) with limited gain and rate."""
     yaw, at = [], float(sight[0])
     for aim in sight.tolist():
