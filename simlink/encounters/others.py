@@ -26,7 +26,7 @@ from simlink.sensors.arrays import Array
 from simlink.world.constants import DT, steps_of
 from simlink.world.noise import stream
 
-DISTANCE: Final = (8.0, 30.0)  # m, all orders of magnitude as probable
+DISTANCE: Final = (6.0, 35.0)  # m, all orders of magnitude as probable
 NEAREST: Final = 3.5  # m: nearer, the follower has another slot
 FARTHEST: Final = 60.0  # m: a leader of half a metre is then 5 px wide
 IN_VIEW: Final = 0.6  # of the time, at least
@@ -235,7 +235,8 @@ def _encounter(
         euler_F=euler,
     )
     family = f"{leader.name}, {geometry}"
-    return Encounter(family, seed, leader.leader_class, 0.0, replace(scenario, camera=camera), truth)
+    scenario = replace(scenario, camera=camera)
+    return Encounter(family, seed, leader.leader_class, 0.0, scenario, truth, size_prior=scenario.leader.size)
 
 
 def _smooth(place: Array) -> Motion:

@@ -80,7 +80,9 @@ def read_trajectories(path: Path, least: float = LEAST) -> list[Trajectory]:
     if not found:
         most_first = sorted(lost.items(), key=lambda item: -item[1])
         why = ", ".join(f"{seconds:.0f} s {reason}" for reason, seconds in most_first if seconds >= 0.5)
-        raise LogError(f"{path}: no {least:g} s of flight without interruption; left out: {why or 'nothing'}")
+        raise LogError(
+            f"{path}: no {least:g} s of flight without interruption; left out: {why or 'all of it, too short'}"
+        )
     return sorted(found, key=lambda one: one.seconds, reverse=True)
 
 

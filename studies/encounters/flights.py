@@ -3,6 +3,7 @@ with nothing configured but the leader's size and class, and where the camera is
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from simlink.encounters.families import FAMILIES
 from simlink.encounters.truth import EncounterTruth, at
 from simlink.scenarios.camera import Sees
 from simlink.scenarios.formation import NAMED_POINTS
+from studies.encounters import recorded
 
 SECONDS: Final = WHOLE
 SETTLE: Final = 5.0  # s before estimates count
@@ -47,10 +49,13 @@ class Case(NamedTuple):
     feels_wind: bool = False  # our autopilot estimates it
     mount: Mount = "fixed"
     departure: Departure = NONE
+    log: str = ""  # a file with a recorded flight, which the leader flies; `family` is then a geometry
 
     @property
     def name(self) -> str:
         """What the report calls it."""
+        if self.log:
+            return f"{Path(self.log).name}, {self.family}"
         known = ", center on wing" if self.settings == ON_WING else ", wind estimated" if self.feels_wind else ""
         moves = ", on a gimbal" if self.mount == "gimbal" else ""
         return self.family.replace("_", " ") + known + FINDS.get(self.sees, "") + moves
@@ -113,9 +118,25 @@ class Flight(NamedTuple):
         return Flight(t, distance, range_, sigma, nees, velocity_nees, self.manoeuvre, strays)
 
 
+NOT_FLOWN: Final = Flight(UNKNOWN, UNKNOWN, UNKNOWN, UNKNOWN, UNKNOWN)
+
+
 def fly(case: Case, seed: int, settings: Sequence[str] = ()) -> Flight:
-    """One encounter through a pipeline of its own; `settings` are overrides on top of the case's."""
-    encounter = make_encounter(
+    """One encounter through a pipeline of its own; `settings` are overrides on top of the case's. NOT_FLOWN, where
+    a recorded flight allows none."""
+    encounter = encounter_of(case, seed)
+    if encounter is None:
+        return NOT_FLOWN
+    off = mount_off(case.departure.mount_off_deg, seed)
+    config = load_config(None, (*known(encounter, off), *case.settings, *settings))
+    return judged(estimated(Pipeline(config), encounter.datagrams()), encounter.truth, encounter.manoeuvre)
+
+
+def encounter_of(case: Case, seed: int) -> Encounter | None:
+    """The encounter `seed` of a case; None, where a recorded flight allows none."""
+    if case.log:
+        return recorded.encounter(Path(case.log), case.family, seed)
+    return make_encounter(
         case.family,
         seed,
         SECONDS,
@@ -124,9 +145,6 @@ def fly(case: Case, seed: int, settings: Sequence[str] = ()) -> Flight:
         feels_wind=case.feels_wind,
         departure=case.departure,
     )
-    off = mount_off(case.departure.mount_off_deg, seed)
-    config = load_config(None, (*known(encounter, off), *case.settings, *settings))
-    return judged(estimated(Pipeline(config), encounter.datagrams()), encounter.truth, encounter.manoeuvre)
 
 
 def mount_off(degrees: float, seed: int) -> Vec3:
@@ -142,7 +160,7 @@ def known(encounter: Encounter, off: Vec3 = (0.0, 0.0, 0.0)) -> tuple[str, ...]:
     camera = encounter.scenario.camera
     gimbal = () if camera.gimbal is None else (f"camera.gimbal={camera.gimbal.component}",)
     return (
-        f"estimator.leader.size_prior_m={NOMINAL_SIZE}",
+        f"estimator.leader.size_prior_m={encounter.size_prior}",
         f"estimator.leader.leader_class={encounter.leader_class}",
         *gimbal,
         f"camera.f_px={camera.f_px}",
