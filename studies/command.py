@@ -3,6 +3,7 @@
 import argparse
 import pkgutil
 import re
+import sys
 from collections.abc import Mapping
 from importlib import import_module
 from importlib.util import find_spec
@@ -65,6 +66,8 @@ def _part(a: argparse.Namespace) -> dict[str, Any]:
         found: dict[str, Any] = options(a.seeds, a.cases, departures=a.departures, leaders_from=a.leaders_from)
     except ValueError as error:
         raise UserError(f"study: {'--leaders-from' if a.leaders_from else '--cases'}: {error}") from error
+    for why in found.pop("refused", ()):
+        print(f"not flown: {why}", file=sys.stderr)
     return found
 
 

@@ -12,6 +12,7 @@ from onboard.arrays import Array
 from onboard.config import load_config
 from onboard.filters.gating import chi_square_threshold, normalised_squared
 from onboard.messages import Datagram, Estimate, Message, Vec3
+from onboard.models.relative_motion import A_LAT, A_LONG
 from onboard.pipeline import Pipeline
 from simlink.encounters.conditions import NOMINAL_SIZE
 from simlink.encounters.departures import NONE, Departure
@@ -21,12 +22,14 @@ from simlink.encounters.families import FAMILIES
 from simlink.encounters.truth import EncounterTruth, at
 from simlink.scenarios.camera import Sees
 from simlink.scenarios.formation import NAMED_POINTS
+from simlink.world.truth import path_accelerations
 from studies.encounters import recorded
 
 SECONDS: Final = WHOLE
 SETTLE: Final = 5.0  # s before estimates count
 AFTER: Final = 8.0  # s from the beginning of a manoeuvre
 UNKNOWN: Final[Array] = np.empty(0)
+COURSE: Final = 2.0  # m/s over ground: of a slower leader a_lat and a_long have no direction
 STRAYS: Final = chi_square_threshold(0.9973, 3)  # NEES of the leader, where another aircraft has a smaller one
 FINDS: Final = {
     "points": ", five points",
@@ -96,6 +99,7 @@ CASES: Final = (*DEFAULTS, *WITH_CENTER, *IN_WIND, *POINTS, *BOXES, *ROTORS, *PO
 class Flight(NamedTuple):
     """Every estimate of one flight from SETTLE s on (n,): its time (s), the true range, and what was estimated,
     NaN where it was not valid: range and its standard deviation (m), and the NEES of position and of velocity.
+    `acceleration_nees`: of a_lat and a_long, NaN also where the leader is slower than COURSE.
     `manoeuvre`: when the leader begins the one manoeuvre of its family (s); NaN: it has none. `strays` (n,): what
     is published of the leader fits another aircraft better, and not the leader."""
 
@@ -107,6 +111,7 @@ class Flight(NamedTuple):
     velocity_nees: Array = UNKNOWN
     manoeuvre: float = math.nan
     strays: Array | bool = False
+    acceleration_nees: Array = UNKNOWN
 
     @property
     def after(self) -> "Flight":
@@ -115,7 +120,8 @@ class Flight(NamedTuple):
         during = (since >= 0.0) & (since <= AFTER)
         t, distance, range_, sigma, nees, velocity_nees = (x[during] for x in self[:6])
         strays = np.broadcast_to(self.strays, during.shape)[during]
-        return Flight(t, distance, range_, sigma, nees, velocity_nees, self.manoeuvre, strays)
+        across = self.acceleration_nees[during] if len(self.acceleration_nees) else UNKNOWN
+        return Flight(t, distance, range_, sigma, nees, velocity_nees, self.manoeuvre, strays, across)
 
 
 NOT_FLOWN: Final = Flight(UNKNOWN, UNKNOWN, UNKNOWN, UNKNOWN, UNKNOWN)
@@ -182,21 +188,23 @@ def estimated(
     datagrams: Iterable[Datagram],
     change: Callable[[list[Message]], list[Message]] = lambda messages: messages,
 ) -> Array:
-    """The leader's estimates (n, 43), in order: time of the encounter (s), r_FL_n and v_FL_n (6), their covariance
-    (36), NaN where not valid. `change`: what becomes of the messages of one datagram."""
+    """The leader's estimates (n, 49), in order: time of the encounter (s), r_FL_n and v_FL_n (6), their covariance
+    (36), a_lat and a_long (2), their covariance (4), NaN where not valid. `change`: what
+    becomes of the messages of one datagram."""
     outputs = (output for datagram in datagrams for output in pipeline.advance(change(pipeline.decode(datagram))))
     rows = [
         ((output.t_ns - BOOT_NS) * 1e-9, *_motion(output))
         for output in outputs
         if isinstance(output, Estimate) and output.name == "leader" and output.is_primary
     ]
-    return np.array(rows, dtype=float).reshape(-1, 43)
+    return np.array(rows, dtype=float).reshape(-1, 49)
 
 
 def judged(estimates: Array, truth: EncounterTruth, manoeuvre: float | None = None) -> Flight:
-    """Estimates (n, 43), as of `estimated`, beside the truth at their times."""
+    """Estimates (n, 49), as of `estimated`, beside the truth at their times; or their first 43 columns, of which
+    the accelerations are not judged."""
     later = estimates[(estimates[:, 0] >= SETTLE) & (estimates[:, 0] <= truth.t[-1])]
-    t, mean, P = later[:, 0], later[:, 1:7], later[:, 7:].reshape(-1, 6, 6)
+    t, mean, P = later[:, 0], later[:, 1:7], later[:, 7:43].reshape(-1, 6, 6)
     r_FL_n, v_FL_n = (at(truth.t, values, t) for values in (truth.r_FL_n, truth.v_FL_n))
     range_ = np.linalg.norm(mean[:, :3], axis=1)
     direction = mean[:, :3] / range_[:, None]
@@ -214,18 +222,34 @@ def judged(estimates: Array, truth: EncounterTruth, manoeuvre: float | None = No
         velocity_nees=_nees(off[:, 3:], P[:, 3:, 3:]),
         manoeuvre=math.nan if manoeuvre is None else manoeuvre,
         strays=strays,
+        acceleration_nees=_across(later, truth) if later.shape[1] > 43 else UNKNOWN,
     )
 
 
+def _across(estimates: Array, truth: EncounterTruth) -> Array:
+    """The NEES (n,) of a_lat and a_long; NaN where they are not valid, or the leader has no course."""
+    t, v, a = estimates[:, 0], truth.leader.v, truth.leader.a
+    true = np.array([path_accelerations(*pair) for pair in zip(v.tolist(), a.tolist(), strict=True)])
+    found = _nees(estimates[:, 43:45] - at(truth.t, true, t), estimates[:, 45:49].reshape(-1, 2, 2))
+    found[np.interp(t, truth.t, np.hypot(v[:, 0], v[:, 1])) < COURSE] = np.nan
+    return found
+
+
 def _nees(off: Array, P: Array) -> Array:
-    """Of errors (n, 3) with covariances (n, 3, 3); NaN where they are (n,)."""
+    """Of errors (n, k) with covariances (n, k, k); NaN where they are (n,)."""
     found, valid = np.full(len(off), np.nan), np.isfinite(off).all(axis=1)
     found[valid] = normalised_squared(off[valid], P[valid])
     return found
 
 
 def _motion(estimate: Estimate) -> tuple[float, ...]:
-    """Mean (6) and covariance (36) of position and velocity; NaN if they are not valid."""
+    """Mean (6) and covariance (36) of position and velocity, and (2) and (4) of a_lat and a_long; NaN if they are
+    not valid."""
     if not estimate.valid or estimate.mean is None or estimate.covariance is None:
-        return (float("nan"),) * 42
-    return *estimate.mean[:6], *(x for row in estimate.covariance[:6] for x in row[:6])
+        return (float("nan"),) * 48
+    first, across = slice(0, 6), slice(A_LAT, A_LONG + 1)
+    return tuple(
+        number
+        for part in (first, across)
+        for number in (*estimate.mean[part], *(x for row in estimate.covariance[part] for x in row[part]))
+    )

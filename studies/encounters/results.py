@@ -8,6 +8,7 @@ from studies.encounters import recorded
 from studies.encounters.flights import (
     AFTER,
     BOXES,
+    COURSE,
     DEFAULTS,
     GIMBALS,
     ON_WING,
@@ -114,6 +115,20 @@ def velocity_table(scores: Mapping[Case, Score], after: Mapping[Case, Score]) ->
     )
 
 
+def acceleration_table(scores: Mapping[Case, Score]) -> Table:
+    """One row for each case."""
+    return Table(
+        title="Acceleration",
+        note=f"a_lat and a_long together, while the leader flies faster than {COURSE:g} m/s. Inside: the truth is"
+        " in the 95 % ellipse. Beyond: out of that of 99.73 %.",
+        header=("encounter", "flights", "inside %", "± %", "beyond %", "± %"),
+        rows=tuple(
+            (case.name, float(s.flights), *s.acceleration_inside, *s.acceleration_beyond)
+            for case, s in scores.items()
+        ),
+    )
+
+
 def of_logs(flights: Mapping[Case, Sequence[Flight]]) -> dict[str, Score]:
     """The score of all flights with the leader of a log together, by the log's name."""
     found: dict[str, list[Flight]] = {}
@@ -123,14 +138,13 @@ def of_logs(flights: Mapping[Case, Sequence[Flight]]) -> dict[str, Score]:
     return {log: score(each) for log, each in found.items()}
 
 
-def log_table(scores: Mapping[str, Score], refused: Sequence[str] = ()) -> Table:
-    """One row for each log; `refused`: which are not flown, and why."""
+def log_table(scores: Mapping[str, Score]) -> Table:
+    """One row for each log."""
     return Table(
         title="Leaders that others flew",
         note="All geometries together. A flight is missing where a log allows none: it is too short, or nowhere in"
         " view for long. Wanted: at most"
-        f" {recorded.WRONG:g} % confidently wrong and at least {recorded.INSIDE:g} % inside for each log."
-        + (f" Not flown: {'; '.join(refused)}." if refused else ""),
+        f" {recorded.WRONG:g} % confidently wrong and at least {recorded.INSIDE:g} % inside for each log.",
         header=(
             *("log", "flights", "valid %", "± %", "range error %", "± %", "sigma of range % (median)"),
             *("inside %", "± %", "confidently wrong %", "± %", "velocity beyond %", "± %"),

@@ -17,6 +17,7 @@ from studies.encounters.flights import CASES, DEFAULTS, Case, Flight, fly
 from studies.encounters.peers import BESIDE
 from studies.encounters.reference import Pair
 from studies.encounters.results import (
+    acceleration_table,
     after_requirements,
     checks_of,
     claims_of,
@@ -52,13 +53,11 @@ def run(
     compared: int | None = None,
     broken: int | None = None,
     departures: Sequence[Case] = BROKEN,
-    refused: Sequence[str] = (),
 ) -> Findings:
     """The study over `seeds` flights of each case; forty are needed to judge. `settings` are further overrides, as
     of `--set`: to choose settings, on other seeds than those of the report. The first `compared` seeds (None: an
     eighth of all) are flown by the reference, too, and the first `broken` (None: a quarter of all) with one
-    assumption false (`assumptions`: the `departures`), and beside another filter (`peers`). `refused`: logs that
-    are not flown, and why."""
+    assumption false (`assumptions`: the `departures`), and beside another filter (`peers`)."""
     every = require_seeds(seeds, first_seed)
     draw = drawing(__package__, out)
     few = every[: seeds // COMPARED if compared is None else compared]
@@ -78,7 +77,7 @@ def run(
     )
     flights = {case: each for case, all_ in flights.items() if (each := of_use(case, all_))}
     shown = {case: each[0] for case, each in flights.items() if case in DEFAULTS}
-    found = findings(flights, first_seed, settings, references, astray, paired, refused)
+    found = findings(flights, first_seed, settings, references, astray, paired)
     return publish(decided(found, LEAST), out, draw if shown else None, *([shown] if shown else []))
 
 
@@ -88,7 +87,8 @@ def options(
     """The arguments of `run` for a part of the study: the cases of these names, as in the keys of the page's
     figures (`hover`, `hover_five_points`), or with `departures` their families with one assumption false each;
     or the logs of the folder `leaders_from`, from all sides or from those that `cases` names. None is flown by
-    the reference or beside another filter. Raises ValueError, which names what there is."""
+    the reference or beside another filter. `refused` is no argument: why other logs are not flown. Raises
+    ValueError, which names what there is."""
     if leaders_from is not None:
         if departures:
             raise ValueError("leaders that others flew depart from nothing")
@@ -122,11 +122,9 @@ def findings(
     references: Mapping[Case, Sequence[Flight]] | None = None,
     astray: Mapping[Case, Sequence[Flight]] | None = None,
     paired: Mapping[str, Sequence[peers.Pair]] | None = None,
-    refused: Sequence[str] = (),
 ) -> Findings:
     """The results of flights with successive seeds, the first of which the `references` have flown, too; `astray`
-    are flights with one assumption false, `paired` those beside the bearing-angle filter, and `refused` logs that
-    are not flown, and why."""
+    are flights with one assumption false, and `paired` those beside the bearing-angle filter."""
     scores, total = {case: score(each) for case, each in flights.items()}, over_all(flights)
     departed = {case: score(each) for case, each in (astray or {}).items()}
     after = {c: score([f.after for f in each]) for c, each in flights.items() if has_manoeuvre(each)}
@@ -145,7 +143,8 @@ def findings(
         tables=(
             table_of(scores, total),
             velocity_table(scores, after),
-            *([log_table(by_log, refused)] if by_log else []),
+            acceleration_table(scores),
+            *([log_table(by_log)] if by_log else []),
             *([reference.table_of(pairs)] if pairs else []),
             *([assumptions.table_of(departed), assumptions.summary_of(astray or {})] if departed else []),
             *([peers.table_of(paired)] if paired else []),
