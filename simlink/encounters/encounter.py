@@ -111,7 +111,7 @@ def _leader_attitude(scene: Scene, drag: float, wobbles: Leader, own_seed: int) 
     if scene.leader_class == "fixed_wing":
         euler = fixed_wing_attitude(scene.leader, nose)
     else:
-        euler = multirotor_attitude(scene.leader, nose, scene.wind, drag)
+        euler = multirotor_attitude(scene.leader, nose, scene.wind, drag, scene.sail)
     euler[:, 0] += bank_error
     return euler
 

@@ -65,7 +65,8 @@ def _away(rng: np.random.Generator, distance: float, direction: float, elevation
 
 def _along(rng: np.random.Generator, leader: Trajectory) -> Array:
     """The path of one that flies as the leader does, some seconds late and with limited acceleration."""
-    return following(leader.motion.r, rng.uniform(0.5, 2.0), rng.uniform(2.0, 5.0))
+    most = max(5.0, 1.5 * float(np.sqrt(np.mean(np.sum(leader.motion.a**2, axis=1)))))
+    return following(leader.motion.r, rng.uniform(0.5, 2.0), rng.uniform(2.0, most))
 
 
 def behind(rng: np.random.Generator, leader: Trajectory, distance: float) -> Slot:

@@ -2,7 +2,8 @@
 
 ArduPilot .bin, PX4 .ulg, .tlog, and .csv. A .csv is a table whose head line names, in any order, `time_s`,
 `north_m`, `east_m`, `down_m`, `q_w`, `q_x`, `q_y`, `q_z` (body FRD to NED) and, where they are known,
-`v_north_m_s`, `v_east_m_s`, `v_down_m_s`: for flights from motion capture, or from a data set.
+`v_north_m_s`, `v_east_m_s`, `v_down_m_s`, and `mav_type` (1: a fixed wing). It is for flights from motion capture,
+or from a data set.
 """
 
 import csv
@@ -139,14 +140,18 @@ def _of_table(path: Path) -> Recording:
         if missing:
             raise LogError(f"{path}: it has no column {', '.join(missing)}")
         has_velocity = all(name in (reader.fieldnames or ()) for name in VELOCITY)
-        names = (*PLACE, *(VELOCITY if has_velocity else ()), *ATTITUDE)
+        names, rows = (*PLACE, *(VELOCITY if has_velocity else ()), *ATTITUDE), []
+        is_fixed_wing = False
         try:
-            rows = np.array([[float(row[name]) for name in names] for row in reader]).reshape(-1, len(names))
+            for row in reader:
+                rows.append([float(row[name]) for name in names])
+                is_fixed_wing |= row.get("mav_type") == str(FIXED_WING)
         except (TypeError, ValueError) as error:
             raise LogError(f"{path}, line {reader.line_num}: {error}") from error
-    unknown = np.full((len(rows), 0 if has_velocity else 3), np.nan)
-    places = np.hstack([rows[:, : len(names) - 4], unknown])
-    attitudes = np.hstack([rows[:, :1], rows[:, -4:]])
+    table = np.array(rows).reshape(-1, len(names))
+    unknown = np.full((len(table), 0 if has_velocity else 3), np.nan)
+    places = np.hstack([table[:, : len(names) - 4], unknown])
+    attitudes = np.hstack([table[:, :1], table[:, -4:]])
     seconds = 1.0 / S_PER_NS
     places[:, 0] *= seconds
     attitudes[:, 0] *= seconds
@@ -156,6 +161,7 @@ def _of_table(path: Path) -> Recording:
         attitudes=_rows(path, "attitude", attitudes.tolist()),
         forces=_table([], 4),
         arms=_table([], 2),
+        leader_class="fixed_wing" if is_fixed_wing else "multirotor",
     )
 
 
