@@ -39,7 +39,7 @@ class Departure(NamedTuple):
     # What leaders did that others flew (`studies/encounters/assumptions.py` has the extremes).
     yaw_leads: float = 0.0  # s, of its course: the nose is ahead by so long at the rate of a turn
     nose_slack_deg: float = 0.0  # RMS, by which its nose swings about where it would point
-    nose_rate: float = 0.0  # rad/s, at which its nose turns to and fro, for `nose_turns` of the time
+    nose_rate: float = 0.0  # rad/s, at which its nose turns to either side, for `nose_turns` of the time
     nose_turns: float = 0.0
     acceleration: float = 0.0  # m/s^2, RMS, of manoeuvres on top of those of the family
     jitter: float = 0.0  # m/s, RMS, by which it wanders, as by hand, on top of that

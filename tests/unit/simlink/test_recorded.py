@@ -81,7 +81,10 @@ def test_positions_without_velocity_do(tmp_path: Path) -> None:
     path = as_csv(tmp_path / "circle.csv", recording(hz=20.0), velocity=False)
     (one,) = read_trajectories(path)
     assert np.all(off(one) < [0.1, 0.1, 0.1])
-    assert one.name == "circle"
+    assert (one.name, one.leader_class) == ("circle", "multirotor")
+    typed = [f"{line},{'1' if k else 'mav_type'}" for k, line in enumerate(path.read_text("utf-8").splitlines())]
+    path.write_text("\n".join(typed), encoding="utf-8")
+    assert read_recording(path).leader_class == "fixed_wing"
 
 
 def test_a_gap_and_a_step_of_the_position_part_a_flight() -> None:
