@@ -5,13 +5,18 @@ import asyncio
 import math
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import NoReturn
 
 from msgspec.structs import replace
 
+from simlink.encounters.encounter import Encounter
+from simlink.encounters.others import KNOWN, flown_by_others, longest_of
+from simlink.encounters.recording import SUFFIXES, LogError
+from simlink.encounters.trajectory import read_trajectories
+from simlink.encounters.truth import states
 from simlink.log import TruthTables, write_log
 from simlink.scenarios.camera import SEES
 from simlink.scenarios.describe import daemon_config
@@ -20,9 +25,11 @@ from simlink.sensors.pictures import PictureError
 from simlink.server.between import CameraBetween, CameraOptions
 from simlink.server.links import LinkError
 from simlink.server.server import Options, Server, serve
+from simlink.world.truth import State
 
 USER_ERROR = 2
 SHOW = "(default: %(default)s)"
+RECORDED = ("leader_from", "follower_from", "geometry")
 
 RUN_EXAMPLES = """\
 examples:
@@ -32,6 +39,8 @@ examples:
   simlink run formation --camera mavlink --zenoh none
                                               image points as LANDING_TARGETs on udpout:127.0.0.1:14560
   simlink run my.toml --mavlink udpout:192.168.1.20:14540 --tcp none
+  simlink run recorded --leader-from flight.bin --geometry orbit
+                                              the leader flies as a recorded vehicle did
 
 links:
   --mavlink   the autopilot's stream; commands and replies use the same socket
@@ -53,10 +62,11 @@ which are requested. `simlink config SCENARIO` prints the daemon's configuration
 """
 
 LOG_EXAMPLES = """\
-example:
+examples:
   simlink log formation --seed 7 --out flight.tlog --truth truth.csv.gz
+  simlink log recorded --leader-from flight.ulg --follower-from other.bin --out flight.tlog --truth truth.csv.gz
 
-The same scenario and seed always give the same bytes.
+The same scenario and seed, and the same logs, always give the same bytes.
 """
 
 
@@ -73,7 +83,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     command: Callable[[argparse.Namespace], int] = arguments.command
     try:
         return command(arguments)
-    except (ScenarioError, LinkError, PictureError) as error:
+    except (ScenarioError, LinkError, PictureError, LogError) as error:
         print(f"simlink: {error}", file=sys.stderr)
         return USER_ERROR
     except KeyboardInterrupt:
@@ -94,10 +104,36 @@ def _config(a: argparse.Namespace) -> int:
 
 
 def _run(a: argparse.Namespace) -> int:
-    given = {key: value for key, value in vars(a).items() if key not in ("command", "scenario")}
-    options = Options(scenario=load_scenario(a.scenario), **given)
-    asyncio.run(serve(Server(options, time.monotonic, time.time_ns(), _report)))
+    apart = ("command", "scenario", *RECORDED)
+    given = {key: value for key, value in vars(a).items() if key not in apart}
+    scenario, world = load_scenario(a.scenario), None
+    if (encounter := _recorded(a, scenario, math.inf)) is not None:
+        scenario, world = encounter.scenario, states(encounter.truth)
+    options = Options(scenario=scenario, **given)
+    asyncio.run(serve(Server(options, time.monotonic, time.time_ns(), _report, world)))
     return 0
+
+
+def _recorded(a: argparse.Namespace, scenario: Scenario, seconds: float) -> Encounter | None:
+    """The encounter with a recorded leader, of so many seconds or as long as the flight is; None without one.
+    Raises LogError, ScenarioError."""
+    if a.leader_from is None:
+        for name in RECORDED[1:]:
+            if getattr(a, name) is not None:
+                raise ScenarioError(f"--{name.replace('_', '-')} goes with --leader-from")
+        return None
+    if scenario.follow is not None:
+        raise ScenarioError(f"{scenario.name}: [follow] does not go with --leader-from: the follower is drawn")
+    flights = [read_trajectories(path)[0] for path in (a.leader_from, a.follower_from) if path is not None]
+    leader, follower = flights[0], flights[1] if len(flights) > 1 else None
+    geometry = a.geometry or KNOWN[0]
+    wanted = seconds if a.duration is None else a.duration
+    if a.duration is None:
+        wanted = min(wanted, longest_of(geometry, flights))
+    encounter = flown_by_others(scenario, a.seed, leader, geometry, wanted, follower=follower)
+    mount = list(encounter.scenario.camera.mount_rpy_deg)
+    _report(f"{encounter.family}: {wanted:.0f} s; camera.mount_rpy_deg={mount}, class {encounter.leader_class}")
+    return encounter
 
 
 def _camera(a: argparse.Namespace) -> int:
@@ -118,9 +154,12 @@ def _camera(a: argparse.Namespace) -> int:
 
 def _log(a: argparse.Namespace) -> int:
     scenario = load_scenario(a.scenario)
-    duration = scenario.duration if a.duration is None else a.duration
+    duration, world = scenario.duration if a.duration is None else a.duration, None
+    if (encounter := _recorded(a, scenario, duration)) is not None:
+        scenario, world = encounter.scenario, states(encounter.truth)
+        duration = float(encounter.truth.t[-1])
     try:
-        frames, rows = _write_log(a, scenario, duration)
+        frames, rows = _write_log(a, scenario, duration, world)
     except OSError as error:
         return _cannot_write(error)
     _report(f"{a.out}: {frames} frames, {duration:g} s; {a.truth or 'no truth file'}: {rows} rows")
@@ -132,17 +171,19 @@ def _cannot_write(error: OSError) -> int:
     return 1
 
 
-def _write_log(a: argparse.Namespace, scenario: Scenario, duration: float) -> tuple[int, int]:
+def _write_log(
+    a: argparse.Namespace, scenario: Scenario, duration: float, world: Iterator[State] | None
+) -> tuple[int, int]:
     """Write the files, with a progress bar on a terminal."""
     if not sys.stderr.isatty():
-        return write_log(scenario, a.seed, duration, a.out, a.truth, a.state)
+        return write_log(scenario, a.seed, duration, a.out, a.truth, a.state, world=world)
     from rich.console import Console  # noqa: PLC0415  # needed on a terminal only
     from rich.progress import Progress  # noqa: PLC0415  # as above
 
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(scenario.name, total=duration)
         progress = lambda done: bar.update(task, completed=done)  # noqa: E731
-        return write_log(scenario, a.seed, duration, a.out, a.truth, a.state, progress)
+        return write_log(scenario, a.seed, duration, a.out, a.truth, a.state, progress, world)
 
 
 def _report(line: str) -> None:
@@ -254,6 +295,7 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
     tcp = f"TCP port on 127.0.0.1 for ground stations, 0 for any free port, or none {SHOW}"
     add("--tcp", dest="tcp_port", type=_port, default=5760, metavar="PORT", help=tcp)
     _add_outlet(parser)
+    _add_recorded(parser)
     parser.set_defaults(command=_run)
 
 
@@ -290,7 +332,19 @@ def _add_log(parser: argparse.ArgumentParser) -> None:
     add("--out", type=Path, required=True, metavar="FILE.tlog", help="the recording: all MAVLink frames")
     _add_truth(parser)
     add("--duration", type=_positive, metavar="S", help="length of the flight, s (default: the scenario's)")
+    _add_recorded(parser)
     parser.set_defaults(command=_log)
+
+
+def _add_recorded(parser: argparse.ArgumentParser) -> None:
+    """Recorded flights in place of drawn ones."""
+    add = parser.add_argument
+    kinds = ", ".join(SUFFIXES)
+    leader = f"the leader flies as in this log ({kinds}): its longest stretch without gaps, and no longer"
+    add("--leader-from", type=Path, metavar="LOG", help=leader)
+    add("--follower-from", type=Path, metavar="LOG", help="our vehicle sways and leans as in this log")
+    where = f"from where we see a recorded leader: {', '.join(KNOWN)} (default: {KNOWN[0]})"
+    add("--geometry", choices=KNOWN, metavar="NAME", help=where)
 
 
 def _add_truth(parser: argparse.ArgumentParser) -> None:

@@ -1,7 +1,7 @@
 """A run written to files as fast as possible: a .tlog of all MAVLink messages, and CSV files of the truth."""
 
 import gzip
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import IO, Final
@@ -10,6 +10,7 @@ from onboard.messages import Datagram, Encoding, TrafficTruth, Truth
 from onboard.wire.tlog import tlog_record
 from simlink.scenarios.scenario import Scenario
 from simlink.simulation import check_mavlink, datagrams
+from simlink.world.truth import State
 
 MAVLINK: Final = (Encoding.MAVLINK, Encoding.MAVLINK_STREAM)
 COLUMNS: Final = (
@@ -31,11 +32,13 @@ def write_log(
     truth: Path | None,
     state: Path | None = None,
     progress: Callable[[float], None] = lambda _: None,
+    world: Iterator[State] | None = None,
 ) -> tuple[int, int]:
     """Write the files; the numbers of frames and of truth rows. `truth` is the leader's, `state` our own
     vehicle's. The same seed gives the same bytes, also in compressed files (names in .gz).
 
-    `progress` is called with the seconds of flight that are done. Raises OSError when a file cannot be written,
+    `progress` is called with the seconds of flight that are done. `world`: the states, if not those that follow
+    from scenario and seed alone. Raises OSError when a file cannot be written,
     and ScenarioError, before there is one, where a .tlog cannot hold the images.
     """
     check_mavlink(scenario)
@@ -44,7 +47,7 @@ def write_log(
     with ExitStack() as stack:
         out = stack.enter_context(_open(tlog, stack))
         tables = stack.enter_context(TruthTables(truth, state))
-        for item in datagrams(scenario, seed, duration, camera="mavlink"):
+        for item in datagrams(scenario, seed, duration, camera="mavlink", world=world):
             if isinstance(item, TrafficTruth) or (isinstance(item, Datagram) and item.encoding not in MAVLINK):
                 continue  # a .tlog contains MAVLink only
             if not isinstance(item, Truth):

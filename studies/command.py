@@ -3,6 +3,7 @@
 import argparse
 import pkgutil
 import re
+import sys
 from collections.abc import Mapping
 from importlib import import_module
 from importlib.util import find_spec
@@ -39,16 +40,16 @@ def main(arguments: argparse.Namespace) -> int:
                 raise UserError(
                     f"study: {option} goes with one name, not with --all, whose studies have their own"
                 )
-        if a.cases or a.departures:
-            raise UserError("study: --cases and --departures go with one name, not with --all")
+        if a.cases or a.departures or a.leaders_from:
+            raise UserError("study: --cases, --departures and --leaders-from go with one name, not with --all")
         return all_studies(seeds=a.seeds, out=a.out, json_file=a.json)
     if a.all or a.name is None:
         raise UserError(f"study: give --all, or one name of: {', '.join(study_names())}")
     chosen = {"seeds": a.seeds, "first_seed": a.first_seed}
     given: dict[str, Any] = {k: v for k, v in chosen.items() if v is not None}
     given["jobs"] = computers(a.jobs, a.cluster, a.rows)
-    if a.cases or a.departures:
-        given |= _part(a.name, a.seeds, a.cases, departures=a.departures)
+    if a.cases or a.departures or a.leaders_from:
+        given |= _part(a)
     if a.figure is not None:
         if a.json is not None:
             raise UserError("study: --json goes with a whole study, not with --figure")
@@ -56,15 +57,17 @@ def main(arguments: argparse.Namespace) -> int:
     return one_study(a.name, given, out=a.out, json_file=a.json)
 
 
-def _part(name: str, seeds: int | None, cases: str | None, *, departures: bool) -> dict[str, Any]:
+def _part(a: argparse.Namespace) -> dict[str, Any]:
     """The arguments of a study for a part of it. Raises UserError."""
-    options = getattr(import_module(_module(name)), "options", None) if name in study_names() else None
+    options = getattr(import_module(_module(a.name)), "options", None) if a.name in study_names() else None
     if options is None:
-        raise UserError("study: --cases and --departures go with encounters")
+        raise UserError("study: --cases, --departures and --leaders-from go with encounters")
     try:
-        found: dict[str, Any] = options(seeds, cases, departures=departures)
+        found: dict[str, Any] = options(a.seeds, a.cases, departures=a.departures, leaders_from=a.leaders_from)
     except ValueError as error:
-        raise UserError(f"study: --cases: {error}") from error
+        raise UserError(f"study: {'--leaders-from' if a.leaders_from else '--cases'}: {error}") from error
+    for why in found.pop("refused", ()):
+        print(f"not flown: {why}", file=sys.stderr)
     return found
 
 

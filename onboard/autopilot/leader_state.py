@@ -10,6 +10,7 @@ from msgspec.structs import replace
 from onboard.arrays import Array
 from onboard.config import OwnErrors
 from onboard.geometry.geodesy import geodetic_from_ned, ned_from_geodetic
+from onboard.geometry.path_axes import SLOW, acceleration_of
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import (
     Estimate,
@@ -26,7 +27,6 @@ from onboard.messages import (
 from onboard.messages.causes import Cause, Reason
 
 NAME: Final = "leader"
-SLOW: Final = 1.0  # m/s; a slower leader has no direction for its acceleration
 ORIGIN_AGREES_M: Final = 20.0  # an origin farther from where our own positions put it is that of an earlier boot
 BEND_M: Final = 0.2  # by which local NED may be off where we are, as seen from the origin
 RADIUS_M: Final = 6.371e6  # of the Earth
@@ -166,15 +166,11 @@ def _carried(own: OwnPose | None, t_ns: int) -> tuple[Array, Array]:
 
 
 def acceleration(e: Estimate, v_L: Array) -> Array:
-    """a_L_n (3,) of the components a_lat (to the right, level), a_long (normal to the velocity, up) and a_along
-    (on the course), as far as the estimate has them. Zero for a leader that hovers: it has no course."""
-    speed = math.hypot(v_L[0], v_L[1])
-    if speed < SLOW or e.mean is None:
+    """a_L_n (3,) of the components a_lat, a_long and a_along (`geometry.path_axes`), as far as the estimate has
+    them. Zero for a leader that hovers: it has no course."""
+    if math.hypot(v_L[0], v_L[1]) <= SLOW or e.mean is None:
         return np.zeros(3)
-    at = dict(zip(e.components, e.mean, strict=True))
-    c, s = v_L[0] / speed, v_L[1] / speed
-    along, right = at.get("a_along", 0.0), at.get("a_lat", 0.0)
-    return np.array([c * along - s * right, s * along + c * right, -at.get("a_long", 0.0)])
+    return acceleration_of(dict(zip(e.components, e.mean, strict=True)), v_L)
 
 
 def _why_not(e: Estimate, r_F: Array, v_F: Array) -> Reason | None:

@@ -275,6 +275,8 @@ def _add_study(study: argparse.ArgumentParser) -> None:
     study.add_argument(
         "--departures", action="store_true", help="of encounters: their families with one assumption false, alone"
     )
+    flown = "of encounters: with the leaders that these logs recorded (.bin, .ulg, .tlog, .csv), alone"
+    study.add_argument("--leaders-from", type=Path, metavar="FOLDER", help=flown)
     study.add_argument("--json", type=Path, metavar="FILE", help="write the numbers here as well")
     _add_computers(study)
 

@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 
 from onboard.messages import Vec3
-from simlink.encounters.curves import Motion, blurred, waves, wobble
+from simlink.encounters.curves import Motion, blurred, level, waves, wobble
 from simlink.scenarios.profiles import GaussMarkov
 from simlink.sensors.arrays import Array
 from simlink.world.constants import DT, G
@@ -16,9 +16,11 @@ YAW_RATE: Final = 1.5  # rad/s, at most
 PITCH_SHARE: Final = 0.5  # of the pitch that a forward acceleration takes; the rest is a slower reaction
 
 
-def multirotor_attitude(motion: Motion, nose: Array, wind: Array, drag: float) -> Array:
-    """Of a multirotor whose thrust carries its weight, accelerates it, and overcomes drag (1/s times airspeed)."""
-    felt = motion.a + drag * (motion.v - wind)
+def multirotor_attitude(motion: Motion, nose: Array, wind: Array, drag: float, sail: float = 0.0) -> Array:
+    """Of a multirotor whose thrust carries its weight, accelerates it, and overcomes drag (1/s times airspeed), of
+    which `sail` is along its nose alone."""
+    ahead, air = level(nose), motion.v - wind
+    felt = motion.a + drag * air + sail * np.sum(ahead * air, axis=1)[:, None] * ahead
     return np.column_stack(hovering_angles((felt[:, 0], felt[:, 1], felt[:, 2]), nose, np))
 
 
@@ -36,7 +38,7 @@ def follower_attitude(
     level there."""
     _, up, aside = np.radians(mount_rpy_deg)
     aim = wobble(seed, "encounters.aim", GaussMarkov(sigma=rng.uniform(1.0, 4.0), time=6.0), len(t), np.pi / 180)
-    yaw = _slewed(blurred(sight + aim - aside, 0.5))
+    yaw = slewed(blurred(sight + aim - aside, 0.5))
     a = np.stack([blurred(x, 0.4) for x in motion.a.T], axis=-1)
     ahead = np.cos(yaw) * a[:, 0] + np.sin(yaw) * a[:, 1]
     right = np.cos(yaw) * a[:, 1] - np.sin(yaw) * a[:, 0]
@@ -47,7 +49,7 @@ def follower_attitude(
     )
 
 
-def _slewed(sight: Array) -> Array:
+def slewed(sight: Array) -> Array:
     """A yaw (N,) that follows a direction (N,) with limited gain and rate."""
     yaw, at = [], float(sight[0])
     for aim in sight.tolist():

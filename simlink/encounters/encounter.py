@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from onboard.messages import Datagram
 from simlink.encounters.attitudes import fixed_wing_attitude, follower_attitude, multirotor_attitude
-from simlink.encounters.conditions import draw_conditions, draw_gimbal, draw_wind
+from simlink.encounters.conditions import NOMINAL_SIZE, draw_conditions, draw_gimbal, draw_wind
 from simlink.encounters.curves import Motion, wobble
 from simlink.encounters.departures import NONE, Departure, depart
 from simlink.encounters.families import FAMILIES, LeaderClass, Scene
@@ -40,6 +40,7 @@ class Encounter(NamedTuple):
     scenario: Scenario
     truth: EncounterTruth
     manoeuvre: float | None = None
+    size_prior: float = NOMINAL_SIZE  # m: what the leader's maker says of its wingspan
 
     def datagrams(self) -> Iterator[Datagram]:
         """What arrives at our vehicle's computer, in order."""
@@ -110,7 +111,7 @@ def _leader_attitude(scene: Scene, drag: float, wobbles: Leader, own_seed: int) 
     if scene.leader_class == "fixed_wing":
         euler = fixed_wing_attitude(scene.leader, nose)
     else:
-        euler = multirotor_attitude(scene.leader, nose, scene.wind, drag)
+        euler = multirotor_attitude(scene.leader, nose, scene.wind, drag, scene.sail)
     euler[:, 0] += bank_error
     return euler
 

@@ -30,6 +30,7 @@ class Scene(NamedTuple):
     manoeuvre: float | None = None  # s, when the leader begins the one manoeuvre of this family; None: it has none
     aim: Array | float = 0.0  # (N,) how far we turn the camera past the leader; 1: to the image's edge
     camera: Mapping[str, Any] = MappingProxyType({})  # what this family changes of the camera and its detector
+    sail: float = 0.0  # 1/s, the leader's drag along its nose, beyond that from all sides
     other: Motion | None = None  # of another multirotor of the same kind, its nose on its course
 
 

@@ -6,7 +6,7 @@ boot clock with it: stamps and TIMESYNC replies always agree.
 
 import asyncio
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Final, Protocol
 
@@ -20,6 +20,7 @@ from simlink.simulation import Tick, boot_ns_of, follow_mode, ticks
 from simlink.traffic.reports import sender
 from simlink.world.constants import STEP_NS, STEPS_PER_SECOND
 from simlink.world.follow import following_states
+from simlink.world.truth import State
 
 MOST_BEHIND: Final = 0.25  # s of wall time; beyond that the boot clock is set back
 STATUS_STEPS: Final = STEPS_PER_SECOND // 5
@@ -66,14 +67,20 @@ class Server:
     """One run. `await run(stop)` opens the links, flies, and closes them in any case.
 
     `now` is a monotonic clock in seconds, `unix_ns` the present Unix time, for SYSTEM_TIME; `report` is called
-    with one line of text at a time. Raises LinkError for invalid options.
+    with one line of text at a time. `world`: the states, if not those that follow from scenario and seed; the
+    flight ends with them. Raises LinkError for invalid options.
     """
 
     def __init__(
-        self, options: Options, now: Callable[[], float], unix_ns: int, report: Callable[[str], None]
+        self,
+        options: Options,
+        now: Callable[[], float],
+        unix_ns: int,
+        report: Callable[[str], None],
+        world: Iterator[State] | None = None,
     ) -> None:
         self.frames = 0  # sent so far
-        self._options, self._now, self._report = options, now, report
+        self._options, self._now, self._report, self._world = options, now, report, world
         self._vehicle = options.scenario.vehicle
         boot_ns = boot_ns_of(options.scenario)
         self._clock = BootClock(now, boot_ns, options.speed)
@@ -142,7 +149,7 @@ class Server:
         end_ns = None if o.duration is None else boot_ns + round(o.duration * 1e9)
         self._report("flying" + (" until stopped" if o.duration is None else f" for {o.duration:g} s"))
         t_ns = boot_ns
-        world = None
+        world = self._world
         if self._follow is not None:
             self._follow.begin_ns = boot_ns
             world = following_states(o.scenario, o.seed, self._follow)

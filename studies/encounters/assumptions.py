@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
 from simlink.encounters.departures import Departure
+from simlink.encounters.families import FAMILIES
+from simlink.scenarios.profiles import GaussMarkov
 from studies.encounters.flights import DEFAULTS, Case, Flight
 from studies.encounters.results import Requirement
 from studies.encounters.scores import Score, score
@@ -15,6 +17,8 @@ WRONG: Final = 5.0  # percent of valid estimates, at most
 INSIDE: Final = 88.0  # the same, at least
 STEADY: Final = ("crossing", "head_on", "loiter")  # whose leaders do not manoeuvre
 # Neither leans against the air, nor points its nose anywhere; each has a wind of its own.
+HOVERING: Final = ("hover", "circling", "cut", "two_cross")
+SLOW: Final = (*HOVERING, "wander")
 FIXED_WING: Final = ("crab", "loiter")
 ANY_NOSE: Final = (
     "hover",
@@ -62,6 +66,31 @@ ASSUMPTIONS: Final[Mapping[str, Assumption]] = {
     ),
     "errors of our attitude and velocity correlated over 3 s": Assumption(
         Departure(own_errors_time=3.0), ("misalignment_time", "own_velocity_time")
+    ),
+    # What leaders did that others flew, each at its extreme: quads of four teams, by hand and guided, racers, a
+    # tail-sitter, planes, an X8 in loops.
+    "its yaw leads its course by 1 s": Assumption(
+        Departure(yaw_leads=1.0), ("nose_about_course",), (*STEADY, *SLOW)
+    ),
+    "its nose swings by 28 degrees": Assumption(Departure(nose_slack_deg=28.0), ("nose_about_course",), HOVERING),
+    "its nose turns by up to 0.8 rad/s, 40 % of the time": Assumption(
+        Departure(nose_rate=0.8, nose_turns=0.4), ("nose_rate", "turning"), FIXED_WING
+    ),
+    "its nose turns by up to 3.1 rad/s, nearly always": Assumption(
+        Departure(nose_rate=3.1, nose_turns=0.95), ("nose_rate", "turning"), FIXED_WING
+    ),
+    "accelerations of 4 m/s^2": Assumption(Departure(acceleration=4.0), ("acceleration_random_walk",)),
+    "accelerations of 9 m/s^2": Assumption(Departure(acceleration=9.0), ("acceleration_random_walk",)),
+    "it hovers by hand, 0.57 m/s": Assumption(
+        Departure(jitter=0.57), ("hover_speed",), tuple(f for f in FAMILIES if f not in HOVERING)
+    ),
+    "drag of 0.06 / s": Assumption(Departure(drag=0.06), ("drag", "drag_sigma"), FIXED_WING),
+    "drag of 0.28 / s": Assumption(Departure(drag=0.28), ("drag", "drag_sigma"), FIXED_WING),
+    "drag of 2.2 / s across a wing that stands": Assumption(
+        Departure(sail=2.2), ("drag", "drag_sigma"), tuple(f for f in FAMILIES if f not in SLOW)
+    ),
+    "its bank is 9 degrees off, for 0.3 s": Assumption(
+        Departure(bank=GaussMarkov(sigma=9.0, time=0.3)), ("bank", "bank_time")
     ),
     "white noise of 0.6 degrees in our attitude": Assumption(
         Departure(attitude_white_deg=0.6), ("misalignment", "misalignment_time")

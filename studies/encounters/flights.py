@@ -3,6 +3,7 @@ with nothing configured but the leader's size and class, and where the camera is
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from onboard.arrays import Array
 from onboard.config import load_config
 from onboard.filters.gating import chi_square_threshold, normalised_squared
 from onboard.messages import Datagram, Estimate, Message, Vec3
+from onboard.models.relative_motion import A_LAT, A_LONG
 from onboard.pipeline import Pipeline
 from simlink.encounters.conditions import NOMINAL_SIZE
 from simlink.encounters.departures import NONE, Departure
@@ -20,11 +22,14 @@ from simlink.encounters.families import FAMILIES
 from simlink.encounters.truth import EncounterTruth, at
 from simlink.scenarios.camera import Sees
 from simlink.scenarios.formation import NAMED_POINTS
+from simlink.world.truth import path_accelerations
+from studies.encounters import recorded
 
 SECONDS: Final = WHOLE
 SETTLE: Final = 5.0  # s before estimates count
 AFTER: Final = 8.0  # s from the beginning of a manoeuvre
 UNKNOWN: Final[Array] = np.empty(0)
+COURSE: Final = 2.0  # m/s over ground: of a slower leader a_lat and a_long have no direction
 STRAYS: Final = chi_square_threshold(0.9973, 3)  # NEES of the leader, where another aircraft has a smaller one
 FINDS: Final = {
     "points": ", five points",
@@ -47,10 +52,13 @@ class Case(NamedTuple):
     feels_wind: bool = False  # our autopilot estimates it
     mount: Mount = "fixed"
     departure: Departure = NONE
+    log: str = ""  # a file with a recorded flight, which the leader flies; `family` is then a geometry
 
     @property
     def name(self) -> str:
         """What the report calls it."""
+        if self.log:
+            return f"{Path(self.log).name}, {self.family}"
         known = ", center on wing" if self.settings == ON_WING else ", wind estimated" if self.feels_wind else ""
         moves = ", on a gimbal" if self.mount == "gimbal" else ""
         return self.family.replace("_", " ") + known + FINDS.get(self.sees, "") + moves
@@ -91,6 +99,7 @@ CASES: Final = (*DEFAULTS, *WITH_CENTER, *IN_WIND, *POINTS, *BOXES, *ROTORS, *PO
 class Flight(NamedTuple):
     """Every estimate of one flight from SETTLE s on (n,): its time (s), the true range, and what was estimated,
     NaN where it was not valid: range and its standard deviation (m), and the NEES of position and of velocity.
+    `acceleration_nees`: of a_lat and a_long, NaN also where the leader is slower than COURSE.
     `manoeuvre`: when the leader begins the one manoeuvre of its family (s); NaN: it has none. `strays` (n,): what
     is published of the leader fits another aircraft better, and not the leader."""
 
@@ -102,6 +111,7 @@ class Flight(NamedTuple):
     velocity_nees: Array = UNKNOWN
     manoeuvre: float = math.nan
     strays: Array | bool = False
+    acceleration_nees: Array = UNKNOWN
 
     @property
     def after(self) -> "Flight":
@@ -110,12 +120,29 @@ class Flight(NamedTuple):
         during = (since >= 0.0) & (since <= AFTER)
         t, distance, range_, sigma, nees, velocity_nees = (x[during] for x in self[:6])
         strays = np.broadcast_to(self.strays, during.shape)[during]
-        return Flight(t, distance, range_, sigma, nees, velocity_nees, self.manoeuvre, strays)
+        across = self.acceleration_nees[during] if len(self.acceleration_nees) else UNKNOWN
+        return Flight(t, distance, range_, sigma, nees, velocity_nees, self.manoeuvre, strays, across)
+
+
+NOT_FLOWN: Final = Flight(UNKNOWN, UNKNOWN, UNKNOWN, UNKNOWN, UNKNOWN)
 
 
 def fly(case: Case, seed: int, settings: Sequence[str] = ()) -> Flight:
-    """One encounter through a pipeline of its own; `settings` are overrides on top of the case's."""
-    encounter = make_encounter(
+    """One encounter through a pipeline of its own; `settings` are overrides on top of the case's. NOT_FLOWN, where
+    a recorded flight allows none."""
+    encounter = encounter_of(case, seed)
+    if encounter is None:
+        return NOT_FLOWN
+    off = mount_off(case.departure.mount_off_deg, seed)
+    config = load_config(None, (*known(encounter, off), *case.settings, *settings))
+    return judged(estimated(Pipeline(config), encounter.datagrams()), encounter.truth, encounter.manoeuvre)
+
+
+def encounter_of(case: Case, seed: int) -> Encounter | None:
+    """The encounter `seed` of a case; None, where a recorded flight allows none."""
+    if case.log:
+        return recorded.encounter(Path(case.log), case.family, seed)
+    return make_encounter(
         case.family,
         seed,
         SECONDS,
@@ -124,9 +151,6 @@ def fly(case: Case, seed: int, settings: Sequence[str] = ()) -> Flight:
         feels_wind=case.feels_wind,
         departure=case.departure,
     )
-    off = mount_off(case.departure.mount_off_deg, seed)
-    config = load_config(None, (*known(encounter, off), *case.settings, *settings))
-    return judged(estimated(Pipeline(config), encounter.datagrams()), encounter.truth, encounter.manoeuvre)
 
 
 def mount_off(degrees: float, seed: int) -> Vec3:
@@ -142,7 +166,7 @@ def known(encounter: Encounter, off: Vec3 = (0.0, 0.0, 0.0)) -> tuple[str, ...]:
     camera = encounter.scenario.camera
     gimbal = () if camera.gimbal is None else (f"camera.gimbal={camera.gimbal.component}",)
     return (
-        f"estimator.leader.size_prior_m={NOMINAL_SIZE}",
+        f"estimator.leader.size_prior_m={encounter.size_prior}",
         f"estimator.leader.leader_class={encounter.leader_class}",
         *gimbal,
         f"camera.f_px={camera.f_px}",
@@ -164,21 +188,23 @@ def estimated(
     datagrams: Iterable[Datagram],
     change: Callable[[list[Message]], list[Message]] = lambda messages: messages,
 ) -> Array:
-    """The leader's estimates (n, 43), in order: time of the encounter (s), r_FL_n and v_FL_n (6), their covariance
-    (36), NaN where not valid. `change`: what becomes of the messages of one datagram."""
+    """The leader's estimates (n, 49), in order: time of the encounter (s), r_FL_n and v_FL_n (6), their covariance
+    (36), a_lat and a_long (2), their covariance (4), NaN where not valid. `change`: what
+    becomes of the messages of one datagram."""
     outputs = (output for datagram in datagrams for output in pipeline.advance(change(pipeline.decode(datagram))))
     rows = [
         ((output.t_ns - BOOT_NS) * 1e-9, *_motion(output))
         for output in outputs
         if isinstance(output, Estimate) and output.name == "leader" and output.is_primary
     ]
-    return np.array(rows, dtype=float).reshape(-1, 43)
+    return np.array(rows, dtype=float).reshape(-1, 49)
 
 
 def judged(estimates: Array, truth: EncounterTruth, manoeuvre: float | None = None) -> Flight:
-    """Estimates (n, 43), as of `estimated`, beside the truth at their times."""
+    """Estimates (n, 49), as of `estimated`, beside the truth at their times; or their first 43 columns, of which
+    the accelerations are not judged."""
     later = estimates[(estimates[:, 0] >= SETTLE) & (estimates[:, 0] <= truth.t[-1])]
-    t, mean, P = later[:, 0], later[:, 1:7], later[:, 7:].reshape(-1, 6, 6)
+    t, mean, P = later[:, 0], later[:, 1:7], later[:, 7:43].reshape(-1, 6, 6)
     r_FL_n, v_FL_n = (at(truth.t, values, t) for values in (truth.r_FL_n, truth.v_FL_n))
     range_ = np.linalg.norm(mean[:, :3], axis=1)
     direction = mean[:, :3] / range_[:, None]
@@ -196,18 +222,34 @@ def judged(estimates: Array, truth: EncounterTruth, manoeuvre: float | None = No
         velocity_nees=_nees(off[:, 3:], P[:, 3:, 3:]),
         manoeuvre=math.nan if manoeuvre is None else manoeuvre,
         strays=strays,
+        acceleration_nees=_across(later, truth) if later.shape[1] > 43 else UNKNOWN,
     )
 
 
+def _across(estimates: Array, truth: EncounterTruth) -> Array:
+    """The NEES (n,) of a_lat and a_long; NaN where they are not valid, or the leader has no course."""
+    t, v, a = estimates[:, 0], truth.leader.v, truth.leader.a
+    true = np.array([path_accelerations(*pair) for pair in zip(v.tolist(), a.tolist(), strict=True)])
+    found = _nees(estimates[:, 43:45] - at(truth.t, true, t), estimates[:, 45:49].reshape(-1, 2, 2))
+    found[np.interp(t, truth.t, np.hypot(v[:, 0], v[:, 1])) < COURSE] = np.nan
+    return found
+
+
 def _nees(off: Array, P: Array) -> Array:
-    """Of errors (n, 3) with covariances (n, 3, 3); NaN where they are (n,)."""
+    """Of errors (n, k) with covariances (n, k, k); NaN where they are (n,)."""
     found, valid = np.full(len(off), np.nan), np.isfinite(off).all(axis=1)
     found[valid] = normalised_squared(off[valid], P[valid])
     return found
 
 
 def _motion(estimate: Estimate) -> tuple[float, ...]:
-    """Mean (6) and covariance (36) of position and velocity; NaN if they are not valid."""
+    """Mean (6) and covariance (36) of position and velocity, and (2) and (4) of a_lat and a_long; NaN if they are
+    not valid."""
     if not estimate.valid or estimate.mean is None or estimate.covariance is None:
-        return (float("nan"),) * 42
-    return *estimate.mean[:6], *(x for row in estimate.covariance[:6] for x in row[:6])
+        return (float("nan"),) * 48
+    first, across = slice(0, 6), slice(A_LAT, A_LONG + 1)
+    return tuple(
+        number
+        for part in (first, across)
+        for number in (*estimate.mean[part], *(x for row in estimate.covariance[part] for x in row[part]))
+    )

@@ -1,10 +1,24 @@
 """The table, checks and claims of the study of encounters. Every verdict follows from the numbers."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Final, NamedTuple
 
-from studies.encounters.flights import AFTER, BOXES, DEFAULTS, GIMBALS, ON_WING, POINTS, POSES, SETTLE, Case
-from studies.encounters.scores import Score, Share
+from studies.encounters import recorded
+from studies.encounters.flights import (
+    AFTER,
+    BOXES,
+    COURSE,
+    DEFAULTS,
+    GIMBALS,
+    ON_WING,
+    POINTS,
+    POSES,
+    SETTLE,
+    Case,
+    Flight,
+)
+from studies.encounters.scores import Score, Share, score
 from studies.report.findings import Check, Claim, Table, check, verdict
 from studies.report.markdown import number
 
@@ -99,6 +113,60 @@ def velocity_table(scores: Mapping[Case, Score], after: Mapping[Case, Score]) ->
             for name, s in rows
         ),
     )
+
+
+def acceleration_table(scores: Mapping[Case, Score]) -> Table:
+    """One row for each case."""
+    return Table(
+        title="Acceleration",
+        note=f"a_lat and a_long together, while the leader flies faster than {COURSE:g} m/s. Inside: the truth is"
+        " in the 95 % ellipse. Beyond: out of that of 99.73 %.",
+        header=("encounter", "flights", "inside %", "± %", "beyond %", "± %"),
+        rows=tuple(
+            (case.name, float(s.flights), *s.acceleration_inside, *s.acceleration_beyond)
+            for case, s in scores.items()
+        ),
+    )
+
+
+def of_logs(flights: Mapping[Case, Sequence[Flight]]) -> dict[str, Score]:
+    """The score of all flights with the leader of a log together, by the log's name."""
+    found: dict[str, list[Flight]] = {}
+    for case, each in flights.items():
+        if case.log:
+            found.setdefault(Path(case.log).name, []).extend(each)
+    return {log: score(each) for log, each in found.items()}
+
+
+def log_table(scores: Mapping[str, Score]) -> Table:
+    """One row for each log."""
+    return Table(
+        title="Leaders that others flew",
+        note="All geometries together. A flight is missing where a log allows none: it is too short, or nowhere in"
+        " view for long. Wanted: at most"
+        f" {recorded.WRONG:g} % confidently wrong and at least {recorded.INSIDE:g} % inside for each log.",
+        header=(
+            *("log", "flights", "valid %", "± %", "range error %", "± %", "sigma of range % (median)"),
+            *("inside %", "± %", "confidently wrong %", "± %", "velocity beyond %", "± %"),
+        ),
+        rows=tuple(
+            (
+                *(log, float(s.flights), *s.valid, *s.range_error, s.sigma),
+                *(*s.inside, *s.wrong, *s.velocity_beyond),
+            )
+            for log, s in scores.items()
+        ),
+    )
+
+
+def log_requirements(scores: Mapping[str, Score]) -> dict[str, list[Requirement]]:
+    """What is required of leaders that others flew, as of `requirements`."""
+    wrong = [Requirement(f"confidently wrong, {log}", s.wrong, high=recorded.WRONG) for log, s in scores.items()]
+    inside = [Requirement(f"inside, {log}", s.inside, low=recorded.INSIDE) for log, s in scores.items()]
+    return {
+        f"With leaders that others flew, at most {recorded.WRONG:g} % are confidently wrong in each log.": wrong,
+        f"With leaders that others flew, {recorded.INSIDE:g} % of each log's ellipsoids hold the truth.": inside,
+    }
 
 
 def after_requirements(after: Mapping[Case, Score]) -> dict[str, list[Requirement]]:

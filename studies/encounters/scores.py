@@ -12,6 +12,7 @@ from studies.encounters.flights import DEFAULTS, Case, Flight
 
 INSIDE: Final = chi_square_threshold(0.95, 3)
 BEYOND: Final = chi_square_threshold(0.9973, 3)  # an ellipsoid as probable as three sigma of one number
+INSIDE_2, BEYOND_2 = chi_square_threshold(0.95, 2), chi_square_threshold(0.9973, 2)  # the same of two numbers
 WRONG_SIGMAS: Final = 3.0
 WRONG_SHARE: Final = 0.05  # of the range: an estimate is confidently wrong if it is off by more than both
 
@@ -26,7 +27,8 @@ class Share(NamedTuple):
 class Score(NamedTuple):
     """All flights of a case. Of `valid`, the share is of all estimates, of the others of those that are valid.
     Range errors are RMS, in percent of the true range: over all flights, of the median and the worst flight.
-    `beyond`: the range is off by more than three sigma, the velocity out of the ellipsoid of that probability."""
+    `beyond`: the range is off by more than three sigma, the velocity, or a_lat and a_long, out of the ellipsoid of
+    that probability."""
 
     flights: int
     valid: Share
@@ -35,6 +37,8 @@ class Score(NamedTuple):
     beyond: Share
     velocity_inside: Share
     velocity_beyond: Share
+    acceleration_inside: Share
+    acceleration_beyond: Share
     range_error: Share
     median_flight: float
     worst_flight: float
@@ -46,6 +50,7 @@ def score(flights: Sequence[Flight]) -> Score:
     valid = [np.isfinite(f.range_) for f in flights]
     counts = np.array([np.count_nonzero(v) for v in valid], dtype=float)
     known = [np.count_nonzero(np.isfinite(f.velocity_nees)) for f in flights]
+    curved = [np.count_nonzero(np.isfinite(f.acceleration_nees)) for f in flights]
     off = [f.range_[v] / f.distance[v] - 1.0 for f, v in zip(flights, valid, strict=True)]
     squares = np.array([float(np.sum(x * x)) for x in off])
     of_flights = 100.0 * np.sqrt(squares[counts > 0] / counts[counts > 0])
@@ -60,6 +65,8 @@ def score(flights: Sequence[Flight]) -> Score:
         beyond=ratio([np.count_nonzero(_off(f) > WRONG_SIGMAS * f.sigma) for f in flights], counts),
         velocity_inside=ratio([np.count_nonzero(f.velocity_nees < INSIDE) for f in flights], known),
         velocity_beyond=ratio([np.count_nonzero(f.velocity_nees > BEYOND) for f in flights], known),
+        acceleration_inside=ratio([np.count_nonzero(f.acceleration_nees < INSIDE_2) for f in flights], curved),
+        acceleration_beyond=ratio([np.count_nonzero(f.acceleration_nees > BEYOND_2) for f in flights], curved),
         # d sqrt(s) = ds / (2 sqrt(s))
         range_error=Share(100.0 * rms, mean_square.error / (2.0 * rms) if rms else 0.0),
         median_flight=float(np.median(of_flights)) if len(of_flights) else float("nan"),

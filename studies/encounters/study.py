@@ -11,15 +11,19 @@ from typing import Any, Final
 import numpy as np
 
 from onboard.commands.parallel.workers import Jobs, Part, Progress, compute
-from studies.encounters import assumptions, peers, reference
+from studies.encounters import assumptions, peers, recorded, reference
 from studies.encounters.assumptions import BROKEN
 from studies.encounters.flights import CASES, DEFAULTS, Case, Flight, fly
 from studies.encounters.peers import BESIDE
 from studies.encounters.reference import Pair
 from studies.encounters.results import (
+    acceleration_table,
     after_requirements,
     checks_of,
     claims_of,
+    log_requirements,
+    log_table,
+    of_logs,
     requirements,
     table_of,
     velocity_table,
@@ -71,15 +75,29 @@ def run(
         (departures if some else (), len(some)),
         (others, len(some)),
     )
+    flights = {case: each for case, all_ in flights.items() if (each := of_use(case, all_))}
     shown = {case: each[0] for case, each in flights.items() if case in DEFAULTS}
     found = findings(flights, first_seed, settings, references, astray, paired)
     return publish(decided(found, LEAST), out, draw if shown else None, *([shown] if shown else []))
 
 
-def options(seeds: int | None, cases: str | None, *, departures: bool) -> dict[str, Any]:
+def options(
+    seeds: int | None, cases: str | None, *, departures: bool, leaders_from: Path | None = None
+) -> dict[str, Any]:
     """The arguments of `run` for a part of the study: the cases of these names, as in the keys of the page's
     figures (`hover`, `hover_five_points`), or with `departures` their families with one assumption false each;
-    neither is flown by the reference or beside another filter. Raises ValueError, which names what there is."""
+    or the logs of the folder `leaders_from`, from all sides or from those that `cases` names. None is flown by
+    the reference or beside another filter. `refused` is no argument: why other logs are not flown. Raises
+    ValueError, which names what there is."""
+    if leaders_from is not None:
+        if departures:
+            raise ValueError("leaders that others flew depart from nothing")
+        sides = cases.split(",") if cases else recorded.GEOMETRIES
+        if strange := [side for side in sides if side not in recorded.GEOMETRIES]:
+            raise ValueError(f"no geometry {strange[0]!r}; there are: {', '.join(recorded.GEOMETRIES)}")
+        logs, refused = recorded.usable(leaders_from)
+        chosen = [Case(side, log=str(log)) for log in logs for side in sides]
+        return {"cases": chosen, "compared": 0, "broken": 0, "refused": refused}
     known = {key_of(case): case for case in CASES}
     names = cases.split(",") if cases else list(known)
     if unknown := [name for name in names if name not in known]:
@@ -112,6 +130,7 @@ def findings(
     after = {c: score([f.after for f in each]) for c, each in flights.items() if has_manoeuvre(each)}
     required = requirements(scores, total) | after_requirements(after)
     required |= assumptions.requirements(departed) | peers.requirements(paired or {})
+    required |= log_requirements(by_log := of_logs(flights))
     pairs = {c: [*map(Pair, flights[c], each)] for c, each in (references or {}).items()}
     beside = reference.checks_of(pairs)
     setting = (__doc__ or "").replace("\n", " ").strip()
@@ -119,11 +138,13 @@ def findings(
         study=NAME,
         title=TITLE,
         setting=f"{setting} Beyond the defaults: {', '.join(settings)}." if settings else setting,
-        seeds=max(len(each) for each in (*flights.values(), *(astray or {}).values())),
+        seeds=max((len(each) for each in (*flights.values(), *(astray or {}).values())), default=0),
         first_seed=first_seed,
         tables=(
             table_of(scores, total),
             velocity_table(scores, after),
+            acceleration_table(scores),
+            *([log_table(by_log)] if by_log else []),
             *([reference.table_of(pairs)] if pairs else []),
             *([assumptions.table_of(departed), assumptions.summary_of(astray or {})] if departed else []),
             *([peers.table_of(paired)] if paired else []),
@@ -131,6 +152,11 @@ def findings(
         checks=(*checks_of(required), *beside),
         claims=(*claims_of(required), *reference.claims_of(beside)),
     )
+
+
+def of_use(case: Case, flights: Sequence[Flight]) -> Sequence[Flight]:
+    """The flights of a case that there were: not every recorded flight can be seen from everywhere."""
+    return [flight for flight in flights if len(flight.t)] if case.log else flights
 
 
 def has_manoeuvre(flights: Sequence[Flight]) -> bool:

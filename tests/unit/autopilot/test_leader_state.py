@@ -1,5 +1,6 @@
 """The leader in absolute terms, against numbers worked out by hand and pymap3d's geodesy."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
@@ -9,7 +10,7 @@ import pymap3d.vincenty
 import pytest
 from numpy.testing import assert_allclose
 
-from onboard.autopilot.leader_state import LeaderStates
+from onboard.autopilot.leader_state import LeaderStates, acceleration
 from onboard.config import OwnErrors
 from onboard.geometry.geodesy import geodetic_from_ned
 from onboard.messages import Lifecycle
@@ -129,6 +130,16 @@ def test_without_our_own_position_there_is_none_of_the_leader() -> None:
     s = made.at(T, HOST)
     assert s is not None
     assert (s.valid, s.reason) == (False, "our own position is not known")
+
+
+def test_a_leader_that_climbs_has_its_acceleration_in_the_axes_of_its_path() -> None:
+    climb = np.radians(30.0)
+    v_L = 12.0 * np.array([np.cos(climb), 0.0, -np.sin(climb)])
+    for name, a_n in (("a_along", v_L / 6.0), ("a_long", [-1.5, 0.0, -1.5 * np.sqrt(3.0)])):
+        size = 2.0 if name == "a_along" else 3.0
+        known = {"a_lat": 0.0, "a_long": 0.0, "a_along": 0.0, name: size}
+        estimate = SimpleNamespace(mean=tuple(known.values()), components=tuple(known))
+        assert acceleration(estimate, v_L) == pytest.approx(np.array(a_n))
 
 
 def test_a_leader_that_hovers_has_no_acceleration() -> None:

@@ -7,13 +7,16 @@ import pytest
 from numpy.typing import NDArray
 
 from onboard.messages import LocalPosition, TargetDetection, TargetPoints
+from simlink.encounters.attitudes import multirotor_attitude
 from simlink.encounters.conditions import NOMINAL_SIZE
-from simlink.encounters.departures import Departure
+from simlink.encounters.curves import moving
+from simlink.encounters.departures import NONE, Departure
 from simlink.encounters.encounter import Encounter, make_encounter
 from simlink.scenarios.camera import Camera
+from simlink.scenarios.profiles import GaussMarkov
 from simlink.sensors.camera import correlated
 from simlink.sensors.shapes import draw_rotors
-from simlink.world.constants import G
+from simlink.world.constants import DT, G
 from simlink.world.noise import normals
 from studies.encounters.flights import received
 
@@ -55,6 +58,57 @@ def test_a_nose_that_points_anywhere_does_so_seeds_1_to_8() -> None:
     at = np.array(turned)[:, 0]
     assert np.all((at >= 0.0) & (at < 2.0 * np.pi))
     assert np.ptp(at) > np.pi
+
+
+def course_rate(encounter: Encounter) -> Array:
+    (u, v, _), (du, dv, _) = encounter.truth.leader.v.T, encounter.truth.leader.a.T
+    return np.asarray((u * dv - v * du) / (u**2 + v**2))
+
+
+def test_a_yaw_leads_its_course_in_a_turn_seeds_1_to_8() -> None:
+    for seed in SEEDS:
+        plain, other = both("behind", seed, Departure(yaw_leads=0.8))
+        ahead = other.truth.euler_L[:, 2] - plain.truth.euler_L[:, 2]
+        assert ahead == pytest.approx(0.8 * course_rate(plain), abs=0.03)
+
+
+def test_a_nose_swings_by_its_slack_and_turns_at_its_rate_seeds_1_to_8() -> None:
+    for seed in SEEDS:
+        plain, swung = (
+            make_encounter("behind", seed, 30.0, departure=d) for d in (NONE, Departure(nose_slack_deg=28.0))
+        )
+        swing = swung.truth.euler_L[:, 2] - plain.truth.euler_L[:, 2]
+        assert np.degrees(np.sqrt(np.mean(swing**2))) == pytest.approx(28.0, abs=0.1)
+        turned = make_encounter("behind", seed, 30.0, departure=Departure(nose_rate=3.1, nose_turns=0.95))
+        rate = np.gradient(np.unwrap(turned.truth.euler_L[:, 2] - plain.truth.euler_L[:, 2]), DT)
+        assert np.abs(rate).max() == pytest.approx(2.8, abs=0.4)
+        assert np.mean(np.abs(rate) > 0.5) > 0.7
+
+
+def test_a_leader_manoeuvres_and_hovers_by_hand_as_hard_as_is_said_seeds_1_to_8() -> None:
+    for seed in SEEDS:
+        calm = make_encounter("hover", seed, 30.0)
+        wild = make_encounter("hover", seed, 30.0, departure=Departure(acceleration=9.0))
+        more = wild.truth.leader.a - calm.truth.leader.a
+        assert np.sqrt(np.mean(np.sum(more[3:-3] ** 2, axis=1))) == pytest.approx(9.0, rel=0.02)
+        by_hand = make_encounter("hover", seed, 30.0, departure=Departure(jitter=0.57))
+        more = by_hand.truth.leader.v - calm.truth.leader.v
+        assert np.sqrt(np.mean(np.sum(more[3:-3] ** 2, axis=1))) == pytest.approx(0.57, rel=0.02)
+        assert np.array_equal(by_hand.truth.follower.r, calm.truth.follower.r)
+
+
+def test_a_bank_wobbles_and_a_standing_wing_leans_against_the_air_seed_1() -> None:
+    of_bank = (Departure(bank=GaussMarkov(sigma=sigma, time=0.3)) for sigma in (0.0, 9.0))
+    plain, rough = (make_encounter("behind", 1, 30.0, departure=d) for d in of_bank)
+    error = np.degrees(rough.truth.euler_L[:, 0] - plain.truth.euler_L[:, 0])
+    assert np.std(error) == pytest.approx(9.0, abs=1.0)
+    assert np.corrcoef(error[60:], error[:-60])[0, 1] == pytest.approx(np.exp(-1.0), abs=0.15)
+    o = np.zeros(3)
+    flying = moving(np.column_stack([4.0 * np.arange(9) * DT, np.zeros(9), np.zeros(9)]))
+    for nose, angle in ((0.0, np.arctan(2.2 * 4.0 / G)), (np.pi / 2, 0.0)):
+        euler = multirotor_attitude(flying, np.full(9, nose), o, 0.0, 2.2)
+        assert -euler[4, 1] == pytest.approx(angle, abs=1e-6)
+        assert euler[4, 0] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_a_size_is_off_to_either_side_seeds_1_to_8() -> None:

@@ -89,7 +89,7 @@ def test_the_first_seeds_fly_astray_too(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(study, "fly", flight)
     monkeypatch.setattr(peers, "fly", lambda *_: peers.Pair(made(1), made(2)))
     found = study.run(8, 501, 1, None, cases=(Case("hover"),), compared=0)
-    assert [len(table.rows) for table in found.tables[2:]] == [len(BROKEN), len(ASSUMPTIONS), len(peers.BESIDE)]
-    rows = found.tables[2].rows
+    assert [len(table.rows) for table in found.tables[3:]] == [len(BROKEN), len(ASSUMPTIONS), len(peers.BESIDE)]
+    rows = found.tables[3].rows
     assert (len(rows), {row[2] for row in rows}) == (len(BROKEN), {2.0})
     assert [row[3] for row in rows[:4]] == [0.0, 0.0, 0.25, 0.0]

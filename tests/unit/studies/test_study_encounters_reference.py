@@ -52,12 +52,12 @@ def test_one_case_with_another_sigma_decides(shares: Sequence[float], expected: 
     assert found.claims[-1].verdict == expected
     missed = [c.name for c in found.checks if "reference" in c.name and not c.agrees]
     assert missed == ([] if expected == "holds" else ["sigma beside the reference, crab"])
-    assert len(found.tables[2].rows) == len(COMPARED)
+    assert len(found.tables[3].rows) == len(COMPARED)
 
 
 def test_nothing_is_claimed_without_a_reference() -> None:
     found = study.findings({Case("crab"): [made(0.02)]}, 1)
-    assert len(found.tables) == 2
+    assert len(found.tables) == 3
     assert CLAIM not in [claim.claim for claim in found.claims]
 
 
@@ -67,11 +67,11 @@ def test_the_first_encounters_are_flown_by_the_reference_too_seeds_1_and_2(
     monkeypatch.setattr(flown, "SECONDS", 10.0)
     monkeypatch.setattr(reference, "SETTINGS", ("estimator.leader.particles=200",))
     found = study.run(2, 1, 1, cases=[POSES[0], Case("hover"), Case("circling", ON_WING)], compared=1)
-    first, second = found.tables[2].rows
+    first, second = found.tables[3].rows
     assert (first[:2], second[:2]) == (("hover", 1.0), ("circling, center on wing", 1.0))
     assert all(1.0 / MOST < c.ours < MOST and c.ours != 1.0 for c in found.checks if "reference" in c.name)
     monkeypatch.setattr(reference, "SETTINGS", ("estimator.leader.particles=900",))  # the default
-    (row,) = study.run(1, 1, 1, cases=[Case("hover")], compared=1).tables[2].rows
+    (row,) = study.run(1, 1, 1, cases=[Case("hover")], compared=1).tables[3].rows
     assert row[2:5] == (1.0, 1.0, 1.0)
 
 

@@ -2,7 +2,8 @@
 
 Published are the states of Oh & Johnson's model, and more: the nine of `models.relative_motion` first,
 [r_FL_n (3), v_FL_n (3), b, a_lat, a_long], then
-- `a_along`: acceleration along the track (m/s^2), which the paper leaves out;
+- `a_along`: acceleration along the track (m/s^2), which the paper leaves out; the axes of all three are those of
+  `geometry.path_axes`;
 - `heading`: of the nose, rad from north, not wrapped;
 - `bank_error`: rad beyond the bank that the acceleration requires, tan(bank) = a_right / (g - a_down). Lift, or
   the rotors' thrust, turns any aircraft, and the wing stands square to it.
@@ -22,6 +23,7 @@ from onboard.estimators.leader.hypotheses.cloud import Cloud
 from onboard.estimators.leader.hypotheses.places import Place, places
 from onboard.filters.belief import Belief
 from onboard.filters.compiled import OUT, ROWS, VECTOR, out, packed
+from onboard.geometry.path_axes import SLOW, path_angles
 from onboard.models import relative_motion
 from onboard.models.relative_motion import A_LAT, A_LONG, SIZE
 
@@ -43,7 +45,6 @@ VECTORS: Final = 9  # of them, position, velocity and acceleration, which a clou
 # of a summary, and of a particle: what both of them have
 OF_SUMMARY: Final = (*range(VECTORS), LOG_SIZE, BANK)
 OF_PARTICLE: Final = (*range(VECTORS), wing.LOG_SIZE, wing.BANK_ERROR)
-SLOW: Final = 1.0  # m/s, of a course
 NUMBER: Final = types.float64
 CLOUD: Final = packed(NUMBER, 1), packed(NUMBER, 2), packed(NUMBER, 1)
 VECTOR_OUT: Final = out(NUMBER, 1)
@@ -246,21 +247,32 @@ def moments(noses, means, w, about, period, within, mean, S):
 
 @njit(cache=True, error_model="numpy")
 def _derivatives(known, dt, J):
-    """Of the leader's components (BASE,) by a summary `dt` seconds before, into J (BASE, N), and its speed."""
+    """Of the leader's components (BASE,) by a summary `dt` seconds before, into J (BASE, N); and its a_lat, a_long
+    and a_along, which alone are not linear but for the size."""
     J[:] = 0.0
     for i in range(3):
         J[i, i], J[i, 3 + i], J[i, 6 + i] = 1.0, dt, 0.5 * dt * dt
         J[3 + i, 3 + i], J[3 + i, 6 + i] = 1.0, dt
-    u, v = known[3] + dt * known[6], known[4] + dt * known[7]
-    speed = np.sqrt(u * u + v * v)
-    c, s = np.cos(known[NOSE]), np.sin(known[NOSE])  # one that hovers has its accelerations along its nose
-    if speed > SLOW:
-        c, s = u / speed, v / speed
     J[SIZE, LOG_SIZE] = np.exp(known[LOG_SIZE])
-    J[A_LAT, 6], J[A_LAT, 7] = -s, c
-    J[A_ALONG, 6], J[A_ALONG, 7] = c, s
-    J[A_LONG, 8] = -1.0
     J[HEADING, NOSE] = J[BANK_ERROR, BANK] = 1.0
+    u, v, w = known[3] + dt * known[6], known[4] + dt * known[7], known[5] + dt * known[8]
+    c, s, cosine, sine = path_angles(u, v, w, known[NOSE])  # one that hovers has its accelerations along its nose
+    level, right = c * known[6] + s * known[7], c * known[7] - s * known[6]
+    a = right, -sine * level - cosine * known[8], cosine * level - sine * known[8]
+    J[A_LAT, 6], J[A_LAT, 7] = -s, c
+    J[A_LONG, 6], J[A_LONG, 7], J[A_LONG, 8] = -c * sine, -s * sine, -cosine
+    J[A_ALONG, 6], J[A_ALONG, 7], J[A_ALONG, 8] = c * cosine, s * cosine, -sine
+    h = np.sqrt(u * u + v * v)
+    if h > SLOW:  # by course and climb, the axes turn with the velocity
+        course, climb, rise = (-s / h, c / h, 0.0), (c * w, s * w, -h), h * h + w * w
+        for i in range(3):
+            J[A_LAT, 3 + i] = -level * course[i]
+            J[A_LONG, 3 + i] = -sine * right * course[i] - a[2] * climb[i] / rise
+            J[A_ALONG, 3 + i] = cosine * right * course[i] + a[1] * climb[i] / rise
+        for i in range(3):
+            for row in (A_LAT, A_LONG, A_ALONG):
+                J[row, 6 + i] += dt * J[row, 3 + i]
+    return a
 
 
 @njit((VECTOR, ROWS, NUMBER, VECTOR, VECTOR), cache=True, error_model="numpy")
@@ -269,7 +281,7 @@ def _as_leader(known, C, dt, moved, v_F):
     covariance C."""
     x, P = np.zeros(BASE), np.zeros((BASE, BASE))
     J, JC = np.empty((BASE, N)), np.zeros((BASE, N))
-    _derivatives(known, dt, J)
+    a = _derivatives(known, dt, J)
     width = JC.shape[1]
     for i in range(BASE):
         for k in range(N):
@@ -281,6 +293,7 @@ def _as_leader(known, C, dt, moved, v_F):
         x[i] -= moved[i]
         x[3 + i] -= v_F[i]
     x[SIZE] = J[SIZE, LOG_SIZE]
+    x[A_LAT], x[A_LONG], x[A_ALONG] = a
     for i in range(BASE):
         for j in range(i + 1):
             for k in range(N):

@@ -8,9 +8,10 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import DRIFT, Size
 from onboard.filters.belief import Belief
+from onboard.geometry.path_axes import acceleration_of
 from onboard.geometry.units import S_PER_NS
 from onboard.messages import WarmState
-from onboard.models.relative_motion import A_LAT, A_LONG, POSITION, SIZE, VELOCITY, leader_acceleration
+from onboard.models.relative_motion import POSITION, SIZE, VELOCITY
 from onboard.ownship import Ownship
 
 MOTION: Final = slice(0, 6)
@@ -59,7 +60,7 @@ def prior_of(state: WarmState) -> Prior:
     dt, v_F = (state.t_ns - state.own.t_ns) * S_PER_NS, np.array(state.own.v_F_n)
     r_F = np.array(state.own.r_OF_n, float) + dt * v_F
     r_L, v_L = r_F + mean[POSITION], v_F + mean[VELOCITY]
-    a_L = leader_acceleration(v_L[None], mean[A_LAT : A_LAT + 1], mean[A_LONG : A_LONG + 1], HOVERS)[0]
+    a_L = acceleration_of(dict(zip(state.estimate.components, mean.tolist(), strict=True)), v_L)
     return Prior(state.t_ns, r_L, v_L, a_L, 0.5 * (P + P.T))
 
 

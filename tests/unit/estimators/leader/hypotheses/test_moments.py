@@ -5,10 +5,13 @@ import math
 import numpy as np
 import pytest
 
+from onboard.arrays import Array
 from onboard.estimators.leader.hypotheses import summary, wing
 from onboard.estimators.leader.hypotheses.cloud import occupied
 from onboard.estimators.leader.hypotheses.summary import BANK, NOSE, N, Summary, as_leader
 from onboard.filters.belief import Belief
+from onboard.models.relative_motion import A_LAT, A_LONG
+from simlink.world.truth import path_accelerations
 
 
 def spread(seed: int, n: int) -> Belief:
@@ -47,6 +50,24 @@ def test_a_belief_after_a_while_is_that_of_the_summary_after_it_seed2() -> None:
     np.testing.assert_allclose(at_once.mean, in_two.mean, rtol=1e-12)
     np.testing.assert_allclose(at_once.covariance, in_two.covariance, rtol=1e-10, atol=1e-12)
     np.testing.assert_array_equal(at_once.covariance, at_once.covariance.T)
+
+
+def test_accelerations_are_those_of_the_path_and_linearised_about_it_seed3() -> None:
+    rng, v_F, moved, h = np.random.default_rng(3), np.array([1.0, 2.0, 0.0]), np.zeros(3), 1e-5
+    mean, covariance = rng.normal(size=N), spread(3, N).covariance
+    mean[summary.V_L], mean[summary.A_L] = [5.0, -3.0, -2.0], [1.0, 2.0, -1.5]
+
+    def published(change: Array) -> Array:
+        return as_leader(Summary(mean + change, covariance), 0.2, moved, v_F).mean
+
+    found = published(np.zeros(N))
+    v, a = mean[summary.V_L] + 0.2 * mean[summary.A_L], mean[summary.A_L]
+    across = path_accelerations(tuple(v.tolist()), tuple(a.tolist()))
+    np.testing.assert_allclose(found[[A_LAT, A_LONG]], across, rtol=1e-12)
+    np.testing.assert_allclose(found[summary.A_ALONG], v @ a / np.linalg.norm(v), rtol=1e-12)
+    J = np.column_stack([(published(h * e) - published(-h * e)) / (2.0 * h) for e in np.eye(N)])
+    expected = as_leader(Summary(mean, covariance), 0.2, moved, v_F).covariance
+    np.testing.assert_allclose(J @ covariance @ J.T, expected, rtol=1e-6, atol=1e-8)
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -1,0 +1,84 @@
+"""Encounters with leaders that others flew: every log of a folder, from every side.
+
+Camera and errors are those of simlink's scenario `recorded`: 1 px, 3 % of images lost, and our own errors within
+the daemon's defaults. A log does not say how large its vehicle was: a wingspan is drawn.
+"""
+
+from functools import lru_cache
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from msgspec.structs import replace
+
+from simlink.encounters.encounter import SECONDS, Encounter
+from simlink.encounters.families import LeaderClass
+from simlink.encounters.others import KNOWN, flown_by_others, longest_of
+from simlink.encounters.recording import SUFFIXES, LogError
+from simlink.encounters.trajectory import Trajectory, read_trajectories
+from simlink.scenarios.scenario import load_scenario
+from simlink.world.drawn import Range
+from simlink.world.noise import stream
+
+SCENARIO: Final = "recorded"
+SHORTEST: Final = 20.0  # s
+WINGSPAN: Final[dict[LeaderClass, Range]] = {"multirotor": (0.35, 1.2), "fixed_wing": (1.0, 2.5)}  # m
+RECORDED: Final = 0.5  # of the followers; the others are drawn
+WRONG: Final = 3.0  # percent of valid estimates, at most
+INSIDE: Final = 90.0  # the same, at least
+
+
+def logs_of(folder: Path) -> list[Path]:
+    """The logs in a folder and below."""
+    return sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
+
+
+def usable(folder: Path) -> tuple[list[Path], list[str]]:
+    """The logs of a folder from which a flight can be taken, and why not from others. Raises ValueError where
+    there is none."""
+    found, refused = [], []
+    for path in logs_of(folder):
+        try:
+            read_trajectories(path)
+            found.append(path)
+        except LogError as error:
+            refused.append(str(error).removeprefix(f"{folder}/"))
+    if not found:
+        why = "; ".join(refused) or f"it holds no {', '.join(SUFFIXES)}"
+        raise ValueError(f"{folder} holds no flight: {why}")
+    return found, refused
+
+
+@lru_cache(maxsize=8)
+def flight_of(path: Path) -> Trajectory | None:
+    """The longest flight of a log; None without one."""
+    try:
+        return read_trajectories(path)[0]
+    except LogError:
+        return None
+
+
+def encounter(path: Path, geometry: str, seed: int) -> Encounter | None:
+    """The encounter `seed` with the leader of a log; None where its flight allows none. In half of them, another
+    multirotor of the same folder follows."""
+    leader, rng = flight_of(path), stream(seed, f"encounters.others.{path.name}")
+    if leader is None:
+        return None
+    wingspan = float(np.exp(rng.uniform(*np.log(WINGSPAN[leader.leader_class]))))
+    scenario = load_scenario(SCENARIO)
+    scenario = replace(scenario, leader=replace(scenario.leader, size=round(wingspan, 3)))
+    follower = None
+    if rng.uniform() < RECORDED:
+        there = logs_of(path.parent)
+        other = flight_of(there[int(rng.integers(len(there)))])
+        if other is not None and other.leader_class == "multirotor":
+            follower = other
+    flights = [leader] if follower is None else [leader, follower]
+    seconds = min(SECONDS, longest_of(geometry, flights))
+    try:
+        return flown_by_others(scenario, seed, leader, geometry, max(seconds, SHORTEST), follower=follower)
+    except LogError:
+        return None
+
+
+GEOMETRIES: Final = KNOWN
