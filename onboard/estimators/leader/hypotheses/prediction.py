@@ -328,8 +328,9 @@ def _change(particles, draws, chances, changes, passed):
         if becomes_tied or doubts:
             where = uniform_of(draws + OF_NOSE, k)
             other = noses[k] + np.pi * where
+            of_heading = spread[2] * normal_of(draws + OF_NEW_WOBBLE, k)
             if becomes_tied:
-                aside = slack * restless * normal_of(draws + OF_SLACK, k)
+                aside = slack * np.exp(of_heading) * normal_of(draws + OF_SLACK, k)
                 other, rates[k] = _tied_nose(noses[k], aside, x, dt, moved, edge_on, air), 0.0
             elif crab > 0.0:  # a fixed wing's nose stays about its course
                 other = np.arctan2(x[4], x[3]) + crab * MOST_CRAB * (2.0 * where - 1.0)
@@ -338,7 +339,7 @@ def _change(particles, draws, chances, changes, passed):
             hovering, both = regimes[k] == HOVERING, (drags[k], new_drag)
             if _takes(noses[k], other, x, P[k], passed, hovering, both, np.log(accepted)):
                 drags[k] = new_drag
-                intensities[k, 2] = spread[2] * normal_of(draws + OF_NEW_WOBBLE, k)
+                intensities[k, 2] = of_heading
             else:
                 other, tied[k] = noses[k], tied_before
             noses[k] = other
