@@ -34,6 +34,7 @@ test: $(READY_DEV)  ## before each commit: some nine minutes on two cores
 	$(CHECK)
 	$(TESTS) -m "not slow" $(ARGS)
 
+test-all: export WINGLINE_PRECISION = both
 test-all: $(READY_DEV) docs  ## before a release: also the documentation, whole studies, long runs, recorded flights
 	$(CHECK)
 	$(TESTS) $(ARGS)

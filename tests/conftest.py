@@ -16,7 +16,7 @@ SOURCES = pytest.StashKey[Mapping[str, str]]()
 
 def pytest_configure(config: pytest.Config) -> None:
     os.environ["XDG_STATE_HOME"] = str(STATES)  # not a developer's own
-    os.environ["WINGLINE_PRECISION"] = "both"  # also after a command has run in this process
+    kernels.choose_precision()
     several = bool(config.getoption("numprocesses", None))
     if several:  # where all cores are busy, the threads of OpenBLAS wait for each other in loops
         os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -42,7 +42,13 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
+@pytest.hookimpl(tryfirst=True)  # before `-m` chooses
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    for item in items:
+        if item.get_closest_marker("single") and _compiles():
+            item.add_marker(pytest.mark.slow)
+            if not kernels.both_precisions():
+                item.add_marker(pytest.mark.skip("WINGLINE_PRECISION=both compiles single precision, too"))
     if not hasattr(config, "workerinput"):
         return  # one process alone: in the order it was asked for
     items.sort(key=lambda item: order.place(item.nodeid.partition("::")[0]))
@@ -50,4 +56,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 def _leads(config: pytest.Config) -> bool:
     """Whether this process starts the tests (xdist's workers do not), and they use the compiler."""
-    return not hasattr(config, "workerinput") and os.environ.get("NUMBA_DISABLE_JIT", "0") == "0"
+    return not hasattr(config, "workerinput") and _compiles()
+
+
+def _compiles() -> bool:
+    return os.environ.get("NUMBA_DISABLE_JIT", "0") == "0"

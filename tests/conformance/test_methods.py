@@ -168,6 +168,7 @@ def test_a_batch_is_a_loop_seed_5(method: Method) -> None:
         assert updates[-1].nis[b] == pytest.approx(single[-1].nis, rel=1e-11)
 
 
+@pytest.mark.single
 @having("float32")
 def test_float32_in_gives_float32_out_seed_6(method: Method) -> None:
     rng = np.random.default_rng(6)
@@ -213,6 +214,8 @@ def test_sound_after_10_000_ill_conditioned_steps_seed_7(method: Method) -> None
     long_run(method, np.float64, SHORT)
 
 
+@pytest.mark.slow
+@pytest.mark.single
 @having("long_run_float32", but=ONLY_LONG)
 def test_sound_after_10_000_ill_conditioned_steps_in_float32_seed_7(method: Method) -> None:
     long_run(method, np.float32, SHORT)
@@ -224,6 +227,7 @@ def test_sound_after_100_000_ill_conditioned_steps_seed_7(method: Method) -> Non
     long_run(method, np.float64, LONG)
 
 
+@pytest.mark.single
 @pytest.mark.slow
 @having("long_run_float32", but=ONLY_SHORT_FLOAT32)
 def test_sound_after_100_000_ill_conditioned_steps_in_float32_seed_7(method: Method) -> None:
