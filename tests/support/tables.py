@@ -19,7 +19,7 @@ def each(name: str, rows: Mapping[str, Any]) -> Callable[[Callable[..., None]], 
             for row, value in rows.items():
                 try:
                     test(**fixtures, **{name: value})
-                except (Exception, pytest.fail.Exception) as error:  # noqa: PERF203 - whatever it is, by its row
+                except (Exception, pytest.fail.Exception) as error:
                     failed[row] = error
             if failed:
                 raise AssertionError(f"{name} {', '.join(failed)}") from next(iter(failed.values()))

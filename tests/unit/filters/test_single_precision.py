@@ -1,4 +1,4 @@
-"""Filters in single precision, without the compiler: the same lines run, and to compile them takes two fifths of all
+"""Filters in single precision, without the compiler. The same lines run; to compile them takes two fifths of all
 machine code. `make test-all` compiles them."""
 
 import os
