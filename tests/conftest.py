@@ -4,11 +4,11 @@ several processes, and for them the longest files in front."""
 import gc
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Generator, Mapping
 
 import pytest
 
-from tests.support import kernels, order
+from tests.support import costs, kernels, order
 from tests.support.programs import STATES
 
 SOURCES = pytest.StashKey[Mapping[str, str]]()
@@ -23,6 +23,16 @@ def pytest_configure(config: pytest.Config) -> None:
     if _leads(config):
         kernels.prepare(all_at_once=several)
         config.stash[SOURCES] = kernels.digests()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_setup(item: pytest.Item) -> Generator[None, None, None]:
+    yield from _within_limit(item)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Generator[None, None, None]:
+    yield from _within_limit(item)
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:
@@ -52,6 +62,17 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if not hasattr(config, "workerinput"):
         return  # one process alone: in the order it was asked for
     items.sort(key=lambda item: order.place(item.nodeid.partition("::")[0]))
+
+
+def _within_limit(item: pytest.Item) -> Generator[None, None, None]:
+    """Refuse what computes too long, where all kernels were compiled before: in a worker. A test's end does not
+    count, since there the processes of a whole file end."""
+    begin = costs.computed()
+    yield
+    if hasattr(item.config, "workerinput") and _compiles() and not item.get_closest_marker("slow"):
+        refused = costs.too_much(costs.computed() - begin)
+        if refused:
+            pytest.fail(refused, pytrace=False)
 
 
 def _leads(config: pytest.Config) -> bool:
