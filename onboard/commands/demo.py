@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Mapping
 from contextlib import ExitStack
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from onboard.view.view import View
 
 MOST_PERCENT: Final = 50.0
+SLOW_START_S: Final = 20.0  # after which it is said, also without a terminal
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -39,6 +41,15 @@ def main(arguments: argparse.Namespace) -> int:
             compile_shown(modules, console, announce_once(console, "this flight", "two minutes"))
             stack.enter_context(bar)  # after the bar of the compilation: a terminal shows one at a time
 
+        def on_wait(waited: float) -> None:
+            bar.update(task, description=f"starting simulator and daemon ({waited:.0f} s)")
+            if waited > SLOW_START_S:
+                say_slow()
+
+        @cache
+        def say_slow() -> None:
+            console.print("the daemon starts slowly, as on a busy computer; waiting for it", highlight=False)
+
         def on_progress(flown: float, newest: Estimate | None) -> None:
             bar.update(task, completed=min(flown, a.duration), description=in_words(newest))
 
@@ -52,6 +63,7 @@ def main(arguments: argparse.Namespace) -> int:
             beside=a.beside,
             prepare=prepare,
             view=lambda config: open_view(config, rrd, console, headless=a.headless),
+            on_wait=on_wait,
             on_progress=on_progress,
         )
     print_report(report, rrd)

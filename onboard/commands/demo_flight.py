@@ -28,7 +28,7 @@ from onboard.view.client import Client, PublishedRecord
 if TYPE_CHECKING:
     from onboard.view.view import View
 
-WAIT_FOR_DAEMON_S: Final = 15
+WAIT_FOR_DAEMON_S: Final = 3600  # on a busy computer; the demo ends earlier if the daemon does
 EXAMPLES: Final = {"pictures": "contour.py", "pictures-follow": "contour.py", "pictures-tag": "tag.py"}
 LINGER_S: Final = 0.5
 BESIDE: Final = {"paper": "oh_johnson"}  # their sections, by what --beside calls them
@@ -82,10 +82,12 @@ def run_demo(
     beside: str | None = None,
     prepare: Callable[[Mapping[str, Record]], object],
     view: "Callable[[Config], View | None]",
+    on_wait: Callable[[float], None],
     on_progress: Callable[[float, Estimate | None], None],
 ) -> DemoReport:
     """Fly `scenario` for `duration` seconds; files go to the folder `directory`. `prepare` receives the
-    sections of the estimators before any is loaded; `on_progress` the seconds flown and the newest estimate.
+    sections of the estimators before any is loaded; `on_wait` the seconds for which the daemon has been starting,
+    again and again; `on_progress` the seconds flown and the newest estimate.
     `detector` is a program that finds the leader in pictures: it runs beside, as `python FILE --connect ENDPOINT`.
 
     Raises DemoError, and ConfigError for bad overrides.
@@ -117,7 +119,7 @@ def run_demo(
     with contextlib.ExitStack() as stack:
         heed = stack.enter_context(interruptions())
         daemon = stack.enter_context(process(daemon_command, directory / f"{name}.daemon.log"))
-        client = connect(endpoint, config.zenoh.vehicle, daemon)
+        client = connect(endpoint, config.zenoh.vehicle, daemon, on_wait)
         stack.callback(client.close)
         shown = view(config)
         if shown is not None:

@@ -1,6 +1,6 @@
 """What a test may cost: seconds of a core, its processes included, on the computer that CONTRIBUTING names.
-Computing is measured, not the time that passes; a yardstick, measured just after it, makes up for another or a busy
-computer."""
+Computing is measured, not the time that passes; a yardstick, measured just after it, makes up for another or a
+busy computer."""
 
 import os
 import time
