@@ -37,7 +37,7 @@ def test_a_hovering_vehicle_stands_still() -> None:
 @pytest.mark.parametrize(
     ("name", "axis"),
     slow_but(
-        [(name, axis) for name in ("cubature", "csvsf-adaptive") for axis in AXES] + [("csvsf-printed", AXES[-1])],
+        [("csvsf-adaptive", AXES[0]), ("cubature", AXES[2]), ("csvsf-printed", AXES[-1])],
         [(name, axis) for name in ("cubature", "csvsf-adaptive", "csvsf-printed") for axis in AXES],
     ),
 )
