@@ -18,7 +18,7 @@ from onboard.pipeline import Pipeline
 from tests import fuzz
 from tests.support.streams import MS, Flight, S, Stream, make_config
 
-SEQUENCES = 100  # of each
+SEQUENCES = 60  # of each
 
 
 @pytest.mark.parametrize("name", fuzz.NAMES)
