@@ -120,6 +120,10 @@ def print_report(report: DemoReport, rrd: Path) -> None:
         f"{d.estimates_missed} estimates between daemon and view",
         highlight=False,
     )
+    if d.skipped:
+        out.print(
+            f"left out: {d.skipped} messages that had waited too long; this computer is busy", highlight=False
+        )
     out.print(f"recorded: {rrd} (open it with: onboard view {rrd})", highlight=False, soft_wrap=True)
 
 

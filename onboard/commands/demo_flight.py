@@ -35,13 +35,16 @@ BESIDE: Final = {"paper": "oh_johnson"}  # their sections, by what --beside call
 
 
 class Drops(Record, frozen=True, kw_only=True):
-    """What was lost on the way: images between simulator and pipeline, records between daemon and view."""
+    """What was lost on the way: images between simulator and pipeline, records between daemon and view. `skipped`:
+    datagrams that the daemon left out since they had waited too long, as on a busy computer, or that its sockets
+    lost meanwhile."""
 
     images_sent: int
     images_received: int
     images_lost: int
     estimates_missed: int
     sink_drops: int
+    skipped: int
 
 
 class DemoReport(Record, frozen=True, kw_only=True):
@@ -253,6 +256,9 @@ def _report(flight: DemoFlight, scenario: str, seed: int, duration: float) -> De
             images_lost=sent - received,
             estimates_missed=missed,
             sink_drops=sum(s.dropped for s in sinks),
+            skipped=0
+            if flight.health is None
+            else sum(n.skipped + n.dropped for n in flight.health.links.values()),
         ),
         own_state=score_own_state(flight.own_states, flight.truths),
         fault=score_fault(flight.own_states, flight.truths),
