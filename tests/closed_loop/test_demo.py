@@ -16,7 +16,7 @@ from tests.support import documents
 from tests.support.honesty import assert_neither_too_sure_nor_too_unsure
 from tests.support.programs import PATIENCE, Program, all_gone, run, started, until
 
-SECONDS = 21
+SECONDS, SHORT = 21, 4  # with settled numbers, and without
 
 
 class Flown(NamedTuple):
@@ -42,9 +42,17 @@ def addresses(processes: list[psutil.Process]) -> set[str]:
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> Flown:
-    folder = tmp_path_factory.mktemp("demo")
+    return fly(tmp_path_factory.mktemp("short"), SHORT)
+
+
+@pytest.fixture(scope="module")
+def settled(tmp_path_factory: pytest.TempPathFactory) -> Flown:
+    return fly(tmp_path_factory.mktemp("demo"), SECONDS)
+
+
+def fly(folder: Path, seconds: int) -> Flown:
     command = (
-        *("onboard", "demo", "--headless", "--scenario", "formation", "--duration", SECONDS, "--seed", 1),
+        *("onboard", "demo", "--headless", "--scenario", "formation", "--duration", seconds, "--seed", 1),
         *("--json", folder / "score.json", "--out", folder / "out"),
     )
     family: set[psutil.Process] = set()
@@ -72,25 +80,37 @@ def was_starved(numbers: dict[str, Any]) -> bool:
     return numbers["drops"]["skipped"] > 0
 
 
-def test_demo_seed_1_tracks_within_the_documented_error(flown: Flown) -> None:
-    assert flown.code == 0, flown.stderr
-    assert flown.numbers["diverged"] is False
-    assert flown.numbers["settle_s"] == 15.0
-    if was_starved(flown.numbers):
+@pytest.mark.slow  # the short one tracks, too
+def test_demo_seed_1_tracks_within_the_documented_error(settled: Flown) -> None:
+    assert settled.code == 0, settled.stderr
+    assert settled.numbers["diverged"] is False
+    assert settled.numbers["settle_s"] == 15.0
+    if was_starved(settled.numbers):
         return
-    assert 0 < flown.numbers["range_error_rms_percent"] <= 2.6
-    assert 0 < flown.numbers["position_rmse_m"] <= 0.75
-    assert 0 < flown.numbers["velocity_rmse_m_s"] <= 0.28
-    assert_neither_too_sure_nor_too_unsure(flown.numbers["nees_mean"], 9)
+    assert 0 < settled.numbers["range_error_rms_percent"] <= 2.6
+    assert 0 < settled.numbers["position_rmse_m"] <= 0.75
+    assert 0 < settled.numbers["velocity_rmse_m_s"] <= 0.28
+    assert_neither_too_sure_nor_too_unsure(settled.numbers["nees_mean"], 9)
     # six numbers an image, whose noise is drawn; the daemon supposes a pixel, and learns that it is less
     sigma_px = drawn(load_scenario("formation"), 1).camera.sigma_px
-    assert 4.8 * sigma_px**2 < flown.numbers["nis_mean"] < 7.2
-    assert flown.numbers["inside_95_percent"] > 98.0
+    assert 4.8 * sigma_px**2 < settled.numbers["nis_mean"] < 7.2
+    assert settled.numbers["inside_95_percent"] > 98.0
+    assert f"{settled.numbers['range_error_rms_percent']:.2f} %" in settled.stdout
+
+
+def test_a_short_demo_seed_1_tracks_and_has_no_settled_numbers(flown: Flown) -> None:
+    starved = was_starved(flown.numbers)
+    assert flown.code == 0 or starved, flown.stderr
+    assert flown.numbers["diverged"] is False or starved
+    assert flown.numbers["settle_s"] == 15.0
+    assert flown.numbers["scored"] == 0
+    assert flown.numbers["range_error_rms_percent"] is None
+    assert flown.numbers["valid"] > 0.8 * flown.numbers["estimates"] > 80 or starved
 
 
 def test_demo_seed_1_accounts_for_every_image(flown: Flown) -> None:
     drops = flown.numbers["drops"]
-    assert drops["images_sent"] > SECONDS * 25 * 0.85  # the scenario loses some: 2 % chance per image
+    assert drops["images_sent"] > SHORT * 25 * 0.85  # the scenario loses some: 2 % chance per image
     assert drops["images_received"] + drops["images_lost"] == drops["images_sent"]
     assert 0 <= drops["images_lost"] <= drops["skipped"]
     assert drops["sink_drops"] == 0
@@ -111,7 +131,7 @@ def test_demo_without_our_own_state_writes_the_documented_keys_seed_1(flown: Flo
 
 def test_demo_prints_a_scorecard_that_agrees_with_the_numbers(flown: Flown) -> None:
     assert "Traceback" not in flown.stderr
-    assert f"{flown.numbers['range_error_rms_percent']:.2f} %" in flown.stdout
+    assert f"formation, seed 1, {SHORT} s" in flown.stdout
     drops = flown.numbers["drops"]
     assert f"lost: {drops['images_lost']} of {drops['images_sent']} images" in flown.stdout
     assert (f"left out: {drops['skipped']} messages" in flown.stdout) is was_starved(flown.numbers)
@@ -122,7 +142,7 @@ def test_demo_writes_the_view_the_configuration_and_the_logs(flown: Flown) -> No
     out = flown.folder / "out"
     recording = out / "formation-1.rrd"
     assert recording.read_bytes()[:3] == b"RRF"
-    assert recording.stat().st_size > 100_000
+    assert recording.stat().st_size > 50_000
     assert "size_prior_m = 2.667" in (out / "formation-1.toml").read_text()
     assert "tracking" in (out / "formation-1.daemon.log").read_text()
     assert (out / "formation-1.simlink.log").stat().st_size > 0
