@@ -37,6 +37,7 @@ from tests.support.streams import (
     assert_sane,
     encode,
     feed,
+    feed_once,
     make_config,
     position_error,
 )
@@ -61,12 +62,12 @@ def fly(
     sparse: bool = True,
 ) -> Run:
     items = merged(Stream(t1=t1, images=images, sparse=sparse).items(), own_positions(5.0, t1), reports)
-    return feed(encode(items), config or configured())
+    return feed_once(encode(items), config or configured())
 
 
 def counts(run: Run) -> dict[str, int]:
     """The verdicts on reports, counted."""
-    verdicts = run.pipeline.health(0).verdicts
+    verdicts = run.health.verdicts
     return {key.removeprefix("leader.broadcast_"): n for key, n in verdicts.items() if "broadcast" in key}
 
 

@@ -20,7 +20,7 @@ from onboard.messages import Attitude, FollowTarget, LeaderState, LocalPosition,
 from onboard.models.relative_motion import SIZE
 from tests.support.cases import slow_but
 from tests.support.honesty import assert_neither_too_sure_nor_too_unsure, nees
-from tests.support.streams import Flight, S, Stream, advance, heartbeat, make_config
+from tests.support.streams import Flight, S, Stream, advance_once, heartbeat, make_config
 
 SEEDS = range(20)
 LATER = 200_000_000  # ns, until the leader is flown on
@@ -53,7 +53,7 @@ def flown(seed: int, radius: float | None, config: tuple[str, ...], own: OwnErro
     off_r, off_v = own.position_sigma_m * rng.normal(size=3), own.velocity_sigma_m_s * rng.normal(size=3)
     items = Stream(flight=flight_, t1=9.0, seed=1000 + seed, sparse=True).items()
     messages = erring((i.message for i in items), turned, off_r, off_v)
-    run = advance([heartbeat(5 * S), *messages], make_config(*config))
+    run = advance_once([heartbeat(5 * S), *messages], make_config(*config))
     last, states = run.estimates[-1], LeaderStates(own)
     assert last.valid
     for output in run.outputs:
