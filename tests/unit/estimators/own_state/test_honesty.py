@@ -17,10 +17,11 @@ from onboard.models.own_motion import DISTURBANCE, OFFSET
 from onboard.models.quadrotor import ATTITUDE, POSITION, VELOCITY
 from onboard.wire.odometry import odometry_of
 from tests.support import own_vehicle as own
+from tests.support.cases import slow_but
 from tests.support.honesty import assert_honest, assert_neither_too_sure_nor_too_unsure, nees
 
 SEEDS = range(20)
-FILTERS = ("cubature", "csvsf-adaptive")
+FILTERS = slow_but(["csvsf-adaptive"], ["cubature", "csvsf-adaptive"])
 ZERO = (0.0, 0.0, 0.0)
 
 
