@@ -30,7 +30,7 @@ TESTS := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 CHECK := +@$(MAKE) --no-print-directory -j2 lint $(COMPILED)  # at the same time: mypy uses one core
 
-test: $(READY_DEV)  ## before each commit: some nine minutes on two cores
+test: $(READY_DEV)  ## before each commit: CONTRIBUTING.md says how long it takes
 	$(CHECK)
 	$(TESTS) -m "not slow" $(ARGS)
 
