@@ -74,6 +74,14 @@ class DemoFlight(NamedTuple):
     beside: dict[str, list[Estimate]]
 
 
+class DemoProgress(NamedTuple):
+    """Callbacks, again and again: `on_wait` with the seconds for which the daemon has been starting, then
+    `on_progress` with the seconds flown and the newest estimate."""
+
+    on_wait: Callable[[float], None]
+    on_progress: Callable[[float, Estimate | None], None]
+
+
 def run_demo(
     *,
     scenario: str,
@@ -85,12 +93,10 @@ def run_demo(
     beside: str | None = None,
     prepare: Callable[[Mapping[str, Record]], object],
     view: "Callable[[Config], View | None]",
-    on_wait: Callable[[float], None],
-    on_progress: Callable[[float, Estimate | None], None],
+    tell: DemoProgress,
 ) -> DemoReport:
     """Fly `scenario` for `duration` seconds; files go to the folder `directory`. `prepare` receives the
-    sections of the estimators before any is loaded; `on_wait` the seconds for which the daemon has been starting,
-    again and again; `on_progress` the seconds flown and the newest estimate.
+    sections of the estimators before any is loaded.
     `detector` is a program that finds the leader in pictures: it runs beside, as `python FILE --connect ENDPOINT`.
 
     Raises DemoError, and ConfigError for bad overrides.
@@ -122,7 +128,7 @@ def run_demo(
     with contextlib.ExitStack() as stack:
         heed = stack.enter_context(interruptions())
         daemon = stack.enter_context(process(daemon_command, directory / f"{name}.daemon.log"))
-        client = connect(endpoint, config.zenoh.vehicle, daemon, on_wait)
+        client = connect(endpoint, config.zenoh.vehicle, daemon, tell.on_wait)
         stack.callback(client.close)
         shown = view(config)
         if shown is not None:
@@ -131,7 +137,7 @@ def run_demo(
             finder = [str(detector), "--connect", endpoint, "--vehicle", config.zenoh.vehicle]
             helpers = (stack.enter_context(process(finder, directory / f"{name}.detector.log")),)
         simlink = stack.enter_context(process(simlink_command, directory / f"{name}.simlink.log"))
-        flight = _watch(client, shown, (daemon, simlink), helpers, on_progress, heed)
+        flight = _watch(client, shown, (daemon, simlink), helpers, tell.on_progress, heed)
     return _report(flight, scenario, seed, duration)
 
 
