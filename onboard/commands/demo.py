@@ -11,7 +11,7 @@ import msgspec
 
 from onboard.commands.compiling import needed_by_flight
 from onboard.commands.console import Console
-from onboard.commands.demo_flight import DemoReport, DemoProgress, flight_name, run_demo
+from onboard.commands.demo_flight import DemoProgress, DemoReport, flight_name, run_demo
 from onboard.commands.files import check_targets, make_folder, write_json
 from onboard.commands.progress import announce_once, compile_shown, progress_bar
 from onboard.config import Config, estimator_modules
