@@ -30,10 +30,11 @@ TESTS := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 CHECK := +@$(MAKE) --no-print-directory -j2 lint $(COMPILED)  # at the same time: mypy uses one core
 
-test: $(READY_DEV)  ## before each commit: some nine minutes on two cores
+test: $(READY_DEV)  ## before each commit: CONTRIBUTING.md says how long it takes
 	$(CHECK)
 	$(TESTS) -m "not slow" $(ARGS)
 
+test-all: export WINGLINE_PRECISION = both
 test-all: $(READY_DEV) docs  ## before a release: also the documentation, whole studies, long runs, recorded flights
 	$(CHECK)
 	$(TESTS) $(ARGS)

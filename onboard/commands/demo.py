@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Mapping
 from contextlib import ExitStack
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -10,7 +11,7 @@ import msgspec
 
 from onboard.commands.compiling import needed_by_flight
 from onboard.commands.console import Console
-from onboard.commands.demo_flight import DemoReport, flight_name, run_demo
+from onboard.commands.demo_flight import DemoProgress, DemoReport, flight_name, run_demo
 from onboard.commands.files import check_targets, make_folder, write_json
 from onboard.commands.progress import announce_once, compile_shown, progress_bar
 from onboard.config import Config, estimator_modules
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from onboard.view.view import View
 
 MOST_PERCENT: Final = 50.0
+SLOW_START_S: Final = 20.0  # after which it is said, also without a terminal
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -39,6 +41,15 @@ def main(arguments: argparse.Namespace) -> int:
             compile_shown(modules, console, announce_once(console, "this flight", "two minutes"))
             stack.enter_context(bar)  # after the bar of the compilation: a terminal shows one at a time
 
+        def on_wait(waited: float) -> None:
+            bar.update(task, description=f"starting simulator and daemon ({waited:.0f} s)")
+            if waited > SLOW_START_S:
+                say_slow()
+
+        @cache
+        def say_slow() -> None:
+            console.print("the daemon starts slowly, as on a busy computer; waiting for it", highlight=False)
+
         def on_progress(flown: float, newest: Estimate | None) -> None:
             bar.update(task, completed=min(flown, a.duration), description=in_words(newest))
 
@@ -52,7 +63,7 @@ def main(arguments: argparse.Namespace) -> int:
             beside=a.beside,
             prepare=prepare,
             view=lambda config: open_view(config, rrd, console, headless=a.headless),
-            on_progress=on_progress,
+            tell=DemoProgress(on_wait, on_progress),
         )
     print_report(report, rrd)
     if a.json is not None:
@@ -108,6 +119,10 @@ def print_report(report: DemoReport, rrd: Path) -> None:
         f"{d.estimates_missed} estimates between daemon and view",
         highlight=False,
     )
+    if d.skipped:
+        out.print(
+            f"left out: {d.skipped} messages that had waited too long; this computer is busy", highlight=False
+        )
     out.print(f"recorded: {rrd} (open it with: onboard view {rrd})", highlight=False, soft_wrap=True)
 
 

@@ -28,20 +28,23 @@ from onboard.view.client import Client, PublishedRecord
 if TYPE_CHECKING:
     from onboard.view.view import View
 
-WAIT_FOR_DAEMON_S: Final = 15
+WAIT_FOR_DAEMON_S: Final = 3600  # on a busy computer; the demo ends earlier if the daemon does
 EXAMPLES: Final = {"pictures": "contour.py", "pictures-follow": "contour.py", "pictures-tag": "tag.py"}
 LINGER_S: Final = 0.5
 BESIDE: Final = {"paper": "oh_johnson"}  # their sections, by what --beside calls them
 
 
 class Drops(Record, frozen=True, kw_only=True):
-    """What was lost on the way: images between simulator and pipeline, records between daemon and view."""
+    """What was lost on the way: images between simulator and pipeline, records between daemon and view. `skipped`:
+    datagrams that the daemon left out since they had waited too long, as on a busy computer, or that its sockets
+    lost meanwhile."""
 
     images_sent: int
     images_received: int
     images_lost: int
     estimates_missed: int
     sink_drops: int
+    skipped: int
 
 
 class DemoReport(Record, frozen=True, kw_only=True):
@@ -71,6 +74,14 @@ class DemoFlight(NamedTuple):
     beside: dict[str, list[Estimate]]
 
 
+class DemoProgress(NamedTuple):
+    """Callbacks, again and again: `on_wait` with the seconds for which the daemon has been starting, then
+    `on_progress` with the seconds flown and the newest estimate."""
+
+    on_wait: Callable[[float], None]
+    on_progress: Callable[[float, Estimate | None], None]
+
+
 def run_demo(
     *,
     scenario: str,
@@ -82,10 +93,10 @@ def run_demo(
     beside: str | None = None,
     prepare: Callable[[Mapping[str, Record]], object],
     view: "Callable[[Config], View | None]",
-    on_progress: Callable[[float, Estimate | None], None],
+    tell: DemoProgress,
 ) -> DemoReport:
     """Fly `scenario` for `duration` seconds; files go to the folder `directory`. `prepare` receives the
-    sections of the estimators before any is loaded; `on_progress` the seconds flown and the newest estimate.
+    sections of the estimators before any is loaded.
     `detector` is a program that finds the leader in pictures: it runs beside, as `python FILE --connect ENDPOINT`.
 
     Raises DemoError, and ConfigError for bad overrides.
@@ -117,7 +128,7 @@ def run_demo(
     with contextlib.ExitStack() as stack:
         heed = stack.enter_context(interruptions())
         daemon = stack.enter_context(process(daemon_command, directory / f"{name}.daemon.log"))
-        client = connect(endpoint, config.zenoh.vehicle, daemon)
+        client = connect(endpoint, config.zenoh.vehicle, daemon, tell.on_wait)
         stack.callback(client.close)
         shown = view(config)
         if shown is not None:
@@ -126,7 +137,7 @@ def run_demo(
             finder = [str(detector), "--connect", endpoint, "--vehicle", config.zenoh.vehicle]
             helpers = (stack.enter_context(process(finder, directory / f"{name}.detector.log")),)
         simlink = stack.enter_context(process(simlink_command, directory / f"{name}.simlink.log"))
-        flight = _watch(client, shown, (daemon, simlink), helpers, on_progress, heed)
+        flight = _watch(client, shown, (daemon, simlink), helpers, tell.on_progress, heed)
     return _report(flight, scenario, seed, duration)
 
 
@@ -251,6 +262,9 @@ def _report(flight: DemoFlight, scenario: str, seed: int, duration: float) -> De
             images_lost=sent - received,
             estimates_missed=missed,
             sink_drops=sum(s.dropped for s in sinks),
+            skipped=0
+            if flight.health is None
+            else sum(n.skipped + n.dropped for n in flight.health.links.values()),
         ),
         own_state=score_own_state(flight.own_states, flight.truths),
         fault=score_fault(flight.own_states, flight.truths),

@@ -13,9 +13,10 @@ from typing import IO, Final, NamedTuple
 
 from onboard import UserError
 from onboard.commands.terminal import end_signals
+from onboard.messages import Cause
+from onboard.sinks.zenoh_session import RouterAbsentError
 from onboard.view.client import Client
 
-START_TIMEOUT_S: Final = 20.0
 STOP_TIMEOUT_S: Final = 5.0
 RETRY_S: Final = 0.1
 
@@ -90,25 +91,35 @@ def _start(command: list[str], out: IO[bytes]) -> "subprocess.Popen[bytes]":
     )
 
 
-def connect(endpoint: str, vehicle: str, daemon: Process) -> Client:
-    """A client of the daemon, once it is up."""
-    deadline = time.monotonic() + START_TIMEOUT_S
-    while True:
-        daemon.check()
-        try:
-            client = Client(endpoint, vehicle)
-        except UserError as error:
-            if time.monotonic() > deadline:
-                raise DemoError(f"the daemon did not come up: {error}") from error
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                code = daemon.popen.wait(RETRY_S)
-                daemon.check()
-                raise DemoError(f"the daemon ended with code {code} before it was up") from error
-            continue
-        if client.alive.wait(START_TIMEOUT_S):
-            return client
-        client.close()
-        raise DemoError("the daemon is up but does not publish")
+def connect(endpoint: str, vehicle: str, daemon: Process, on_wait: Callable[[float], None]) -> Client:
+    """A client of the daemon, once it publishes. On a busy computer that takes long, so this waits for as long as
+    the daemon runs. `on_wait` is called every `RETRY_S` with the seconds so far.
+
+    Raises DemoError if the daemon ends first, and SinkError where no waiting helps.
+    """
+    begin = time.monotonic()
+    client: Client | None = None
+    with contextlib.ExitStack() as stack:
+        while client is None or not client.alive.wait(RETRY_S):
+            daemon.check()
+            if daemon.popen.poll() is not None:
+                raise DemoError("the daemon ended with code 0 before it was up")
+            on_wait(time.monotonic() - begin)
+            if client is None:
+                client = _client(endpoint, vehicle)
+                stack.callback(client.close) if client is not None else time.sleep(RETRY_S)
+        stack.pop_all()
+    return client
+
+
+def _client(endpoint: str, vehicle: str) -> Client | None:
+    """None if no router answers yet."""
+    try:
+        return Client(endpoint, vehicle)
+    except RouterAbsentError as error:
+        if error.cause is Cause.TLS:
+            raise
+        return None
 
 
 def free_ports() -> tuple[int, int, int]:

@@ -64,7 +64,7 @@ def test_an_estimator_of_our_own_state_that_fails_takes_no_leader_down_seed_1(
 
     begin_ns: dict[str, int] = {}
     monkeypatch.setattr(Estimator, "own_motion_at", failing)
-    run = flights("mission", "ownship.source=own_state", until=SHORT)
+    run = flights("mission", "ownship.source=own_state", until=SHORT, keep=False)
     assert_followed(run._replace(errors=[]))
     assert run.health.own_motion_sources == {
         f"{quantity}_from_{change}": 1

@@ -19,6 +19,7 @@ from simlink.encounters.encounter import BOOT_NS, make_encounter
 from simlink.encounters.families import FAMILIES, Scene, steep
 from studies.encounters.flights import estimated, judged, known
 from studies.encounters.scores import Score, score
+from tests.support.cases import slow_but
 
 SECONDS: Final = 30.0
 Change = Callable[[list[Message]], list[Message]]
@@ -69,7 +70,7 @@ LEAST_VALID: Final = {
 LEAST_INSIDE: Final = {"a nose from the front": 75.0, "a track begun again": 85.0}
 
 
-@pytest.mark.parametrize("name", FLIGHTS)
+@pytest.mark.parametrize("name", slow_but(["a nose from the front"], FLIGHTS))
 def test_the_estimate_is_never_sure_of_a_wrong_range_seeds_601_and_602(name: str) -> None:
     found = flown(*FLIGHTS[name])
     assert found.wrong.percent == 0.0
@@ -84,6 +85,7 @@ def askew(rng: np.random.Generator, t: Array, vigour: float) -> Scene:
     return scene._replace(nose=course + np.radians(5.0))
 
 
+@pytest.mark.slow  # hypotheses/test_noses.py has what a nose off its course does in one step
 @pytest.mark.parametrize("seed", [6, 9])  # of which the leader flies on
 def test_a_nose_that_is_5_degrees_off_its_course_for_good_is_no_other_range_seeds_6_and_9(
     seed: int, monkeypatch: pytest.MonkeyPatch

@@ -41,6 +41,7 @@ def test_it_keeps_formation_through_a_turn_and_a_short_drop_out_seed_1(flight: F
     assert flight.distance.min() >= 0.5 * SLOT
 
 
+@pytest.mark.slow  # the one below is shorter
 def test_a_daemon_that_is_killed_for_two_seconds_follows_on_seed_3() -> None:
     scenario = load_scenario("guided-circle")
     scenario = replace(scenario, camera=replace(scenario.camera, blackouts=()))
@@ -51,6 +52,17 @@ def test_a_daemon_that_is_killed_for_two_seconds_follows_on_seed_3() -> None:
     assert flight.following[flight.t > 15.0].all()
     assert flight.slot_error[flight.t > 52.0].max() < 6.0  # 14.8 without what was left
     assert flight.slot_error[flight.t > 60.0].max() < 3.0
+
+
+def test_a_daemon_that_is_killed_soon_after_engaging_follows_on_seed_3() -> None:
+    scenario = load_scenario("guided-circle")
+    scenario = replace(scenario, camera=replace(scenario.camera, blackouts=()))
+    flight = fly(scenario, 3, 14.0, killed=(9.0, 11.0))
+    back = flight.t[(flight.valid > 0) & (flight.t >= 11.0)][0]
+    assert back < 12.0
+    assert flight.valid[flight.t > back].all()
+    assert flight.following[flight.t > 11.0].all()
+    assert flight.slot_error[flight.t > 11.0].max() < 5.0  # 2.5; 9.2 without what was left
 
 
 def test_when_the_leader_is_lost_it_stops_closing_and_lets_it_go_seed_1(

@@ -27,12 +27,12 @@ from tests.conformance.problems import (
 
 METHODS = methods()
 every = pytest.mark.parametrize("method", cases(METHODS))
-LONG, SHORT, SCATTERED = 100_000, 10_000, 1_000
+LONG, SHORT, SHORTEST, SCATTERED = 100_000, 10_000, 2_000, 1_000
 # These never come back to the bit, and share the update of a method that goes to the end; in float32 what
 # flies does. The short run is all of theirs.
 ONLY_SHORT = {"augmented", "augmented-scaled-1", "csvsf-printed", "square-root-cubature"}
-# Four of ten seconds of all methods go into these two, which neither fly by default nor stand in a paper: the long
-# runs have them, which are slow.
+# Four of ten seconds of all methods go into these two, which neither fly by default nor stand in a paper: only the
+# longest runs have them.
 ONLY_LONG = {"ensemble", "gauss-hermite"}
 ONLY_SHORT_FLOAT32 = ONLY_SHORT | {"svsf", "svsf-zero-layer", "unscented-considered"}
 
@@ -168,6 +168,7 @@ def test_a_batch_is_a_loop_seed_5(method: Method) -> None:
         assert updates[-1].nis[b] == pytest.approx(single[-1].nis, rel=1e-11)
 
 
+@pytest.mark.single
 @having("float32")
 def test_float32_in_gives_float32_out_seed_6(method: Method) -> None:
     rng = np.random.default_rng(6)
@@ -209,10 +210,13 @@ def long_run(method: Method, dtype: type, steps: int) -> None:
 
 
 @having("long_run", but=ONLY_LONG)
-def test_sound_after_10_000_ill_conditioned_steps_seed_7(method: Method) -> None:
-    long_run(method, np.float64, SHORT)
+@pytest.mark.parametrize("steps", [SHORTEST, pytest.param(SHORT, marks=pytest.mark.slow)])
+def test_sound_after_2_000_and_10_000_ill_conditioned_steps_seed_7(method: Method, steps: int) -> None:
+    long_run(method, np.float64, steps)
 
 
+@pytest.mark.slow
+@pytest.mark.single
 @having("long_run_float32", but=ONLY_LONG)
 def test_sound_after_10_000_ill_conditioned_steps_in_float32_seed_7(method: Method) -> None:
     long_run(method, np.float32, SHORT)
@@ -224,6 +228,7 @@ def test_sound_after_100_000_ill_conditioned_steps_seed_7(method: Method) -> Non
     long_run(method, np.float64, LONG)
 
 
+@pytest.mark.single
 @pytest.mark.slow
 @having("long_run_float32", but=ONLY_SHORT_FLOAT32)
 def test_sound_after_100_000_ill_conditioned_steps_in_float32_seed_7(method: Method) -> None:

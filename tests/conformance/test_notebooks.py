@@ -43,6 +43,14 @@ def test_the_pendulum_is_five_lines_and_follows() -> None:
     assert names["found"].nis[20:].mean() == pytest.approx(1.0, abs=0.35)
 
 
+def test_the_five_papers_notebook_is_a_program_whose_imports_are_there() -> None:
+    first, *others = cells("five-papers")
+    exec(first, {})  # noqa: S102 - what a reader runs
+    for cell in others:
+        compile(cell, "five-papers", "exec")
+
+
+@pytest.mark.slow  # each study has tests of its own
 def test_the_five_papers_results_are_those_of_their_studies() -> None:
     """The figures are the text's, wide enough for the scatter of a few runs."""
     names = ran("five-papers")

@@ -52,7 +52,7 @@ def steps(problem: Bent, rule: Rule, considered: tuple[int, ...] = ()) -> tuple[
 
 
 @pytest.mark.parametrize(("n", "m"), [(1, 1), (2, 3), (3, 1), (4, 2), (5, 5), (9, 3), (10, 4)])
-@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("dtype", [np.float64, pytest.param(np.float32, marks=pytest.mark.single)])
 def test_a_step_is_a_prediction_and_an_update_seeds_101_to_1004(n: int, m: int, dtype: type) -> None:
     weights = unscented.julier_weights(n, float(n) + 1)
     one, _ = steps(Bent(n, m, dtype), unscented.rule(weights, n, m, (0,), dtype=dtype))
@@ -148,7 +148,7 @@ def test_a_step_refuses_what_the_two_calls_refuse_seed_402() -> None:
 
 
 @pytest.mark.parametrize(("n", "m"), [(1, 1), (3, 1), (4, 2), (5, 5), (9, 3)])
-@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("dtype", [np.float64, pytest.param(np.float32, marks=pytest.mark.single)])
 @pytest.mark.parametrize("considered", [(), (0,)])
 def test_a_step_of_the_square_root_is_a_prediction_and_an_update_seeds_101_to_903(
     n: int, m: int, dtype: type, considered: tuple[int, ...]

@@ -16,12 +16,13 @@ from onboard.messages import Estimate
 from onboard.ownship import Ownship
 from onboard.pipeline import Pipeline
 from tests import fuzz
+from tests.support.cases import slow_but
 from tests.support.streams import MS, Flight, S, Stream, make_config
 
 SEQUENCES = 100  # of each
 
 
-@pytest.mark.parametrize("name", fuzz.NAMES)
+@pytest.mark.parametrize("name", slow_but(["plain", "delay", fuzz.PAPER], fuzz.NAMES))
 def test_no_sequence_of_images_breaks_a_track_seed_7(name: str) -> None:
     count: Counter[str] = Counter()
     for number in range(SEQUENCES):

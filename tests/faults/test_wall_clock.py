@@ -9,6 +9,7 @@ from msgspec.structs import replace
 from onboard.messages import Datagram, TargetPoints, Verdict
 from onboard.sinks.recorder import Recorder
 from onboard.wire.recording import read_recording
+from tests.support.cases import slow_but
 from tests.support.faulty_flight import ITEMS, assert_on_target, flown
 from tests.support.streams import EPOCH, MS, Item, Run, S, encode
 from tests.unit.links.test_host_clock import STEPS
@@ -37,7 +38,7 @@ def calm() -> Run:
     return flown(flight(0.0))
 
 
-@pytest.mark.parametrize("step", STEPS)
+@pytest.mark.parametrize("step", slow_but([min(STEPS), -0.5, 0.01, max(STEPS)], STEPS))
 def test_images_keep_their_time_when_the_wall_clock_is_set(step: float) -> None:
     run = flown(flight(step))
     assert run.rejected == {"host_clock_steps": 1}

@@ -8,6 +8,8 @@ from scipy.stats import chi2
 from onboard.arrays import Array
 
 SURE = 0.99  # that an honest filter passes
+CALM = 3.5  # times as large as the errors a standard deviation may be, where the truth is calmer than expected
+CORRELATED = 1.5  # times as large as its expectation the mean NEES of one flight may be: its errors last
 
 
 def nees(error: Array, P: Array) -> float:
@@ -26,3 +28,10 @@ def assert_honest(found: Sequence[float], dof: int) -> None:
     low, high = bounds(dof, len(found))
     assert len(found) >= 20
     assert low < float(np.mean(found)) < high
+
+
+def assert_neither_too_sure_nor_too_unsure(mean_nees: float, dof: int) -> None:
+    """Assert of one flight, or of aircraft that fly more calmly than a filter expects, that errors are no larger
+    than the covariance says, and its standard deviations at most `CALM` times as large. Whoever makes a filter
+    sharper changes no number here."""
+    assert dof / CALM**2 < mean_nees < CORRELATED * dof

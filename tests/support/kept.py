@@ -1,17 +1,24 @@
-"""Flights of simlink, simulated once: a run depends on scenario and seed alone, so its items are kept on disk,
-under a digest of all sources that they depend on. They are in `.pytest_cache`, without those of other sources."""
+"""What is computed once and kept on disk, under a digest of all sources that it depends on: flights of simlink,
+which depend on scenario and seed alone, and what a pipeline makes of a flight. It is in `.pytest_cache`, without
+what other sources made: a change of views, commands, links or documents flies nothing anew."""
 
 import hashlib
+import io
 import os
 import pickle
 import sys
+import time
+from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
-from typing import Final
+from typing import Any, Final, TypeVar
 
 import msgspec
+import numba
 import numpy as np
+import pymavlink
 
+from onboard.commands import compiling
 from onboard.messages import Datagram, TrafficTruth, Truth
 from simlink.scenarios.scenario import Scenario
 from simlink.simulation import CameraLink, datagrams
@@ -19,37 +26,89 @@ from tests.support.programs import ROOT
 
 FOLDER: Final = ROOT / ".pytest_cache" / "flights"
 SOURCES: Final = ("simlink", "onboard/messages", "onboard/wire", "onboard/geometry", "onboard/arrays.py")
+OUTPUTS: Final = ROOT / ".pytest_cache" / "outputs"
+WORTH_S: Final = 0.4  # of a core: what was computed sooner is computed anew
 Arriving = Datagram | Truth | TrafficTruth
+T = TypeVar("T")
 
 
 def flight(scenario: Scenario, seed: int, seconds: float | None, camera: CameraLink = "zenoh") -> list[Arriving]:
     """What `simlink.simulation.datagrams` gives."""
     asked = hashlib.sha256(repr((scenario, seed, seconds, camera)).encode()).hexdigest()
-    path = _folder() / asked[:32]
+    return _kept(_folder() / asked[:32], lambda: [*datagrams(scenario, seed, seconds, camera=camera)], 0.0)
+
+
+def flown(asked: object, fly: Callable[[], T]) -> T:
+    """What `fly` makes of a pipeline and of `asked`: all that it depends on but the sources of what flies, so that
+    nothing of these may be patched. It must be possible to pickle both."""
+    return _kept(_outputs() / hashlib.sha256(_bytes(asked)).hexdigest()[:32], fly, WORTH_S)
+
+
+def _kept(path: Path, make: Callable[[], T], worth_s: float) -> T:
     if path.exists():
-        kept: list[Arriving] = pickle.loads(path.read_bytes())  # noqa: S301 - our own
+        kept: T = pickle.loads(path.read_bytes())  # noqa: S301 - our own
         return kept
-    made = [*datagrams(scenario, seed, seconds, camera=camera)]
-    whole = path.with_suffix(f".{os.getpid()}")
-    whole.write_bytes(pickle.dumps(made))
-    whole.replace(path)
+    begin_s = time.process_time()
+    made = make()
+    if time.process_time() - begin_s >= worth_s:
+        whole = path.with_suffix(f".{os.getpid()}")
+        whole.write_bytes(pickle.dumps(made))
+        whole.replace(path)
     return made
+
+
+def _bytes(asked: object) -> bytes:
+    """The same for equal values, whether they are one object or several."""
+    buffer = io.BytesIO()
+    pickler = pickle.Pickler(buffer, 5)
+    pickler.fast = True
+    pickler.dump(asked)
+    return buffer.getvalue()
 
 
 def digest(root: Path = ROOT) -> str:
     """SHA-256 of all sources, data and libraries from which flights are made."""
-    found = hashlib.sha256(repr((sys.version, np.__version__, msgspec.__version__)).encode())
+    found: list[Path] = []
     for part in SOURCES:
         files = sorted((root / part).rglob("*")) if (root / part).is_dir() else [root / part]
-        for path in (p for p in files if p.is_file() and p.suffix != ".pyc" and "__pycache__" not in p.parts):
-            found.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+        found += (p for p in files if p.is_file() and p.suffix != ".pyc" and "__pycache__" not in p.parts)
+    return _digest(root, found, (sys.version, np.__version__, msgspec.__version__))
+
+
+def digest_of_what_flies() -> str:
+    """SHA-256 of all modules that a pipeline may import, and of the libraries that it computes with."""
+    libraries = (sys.version, np.__version__, numba.__version__, msgspec.__version__, pymavlink.__version__)
+    how = tuple(os.environ.get(name) for name in ("NUMBA_DISABLE_JIT", "WINGLINE_PRECISION"))
+    return _digest(ROOT, what_flies(), (libraries, how))
+
+
+def what_flies() -> list[Path]:
+    """Every module that a pipeline may import, with whichever estimators."""
+    estimators = compiling._modules("onboard.estimators")
+    return sorted(compiling._source(name) for name in compiling.needed_by(["onboard.pipeline", *estimators]))
+
+
+def _digest(root: Path, files: Iterable[Path], more: Any) -> str:
+    found = hashlib.sha256(repr(more).encode())
+    for path in files:
+        found.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     return found.hexdigest()
 
 
 @cache
+def _outputs() -> Path:
+    return _only(OUTPUTS, digest_of_what_flies())
+
+
+@cache
 def _folder() -> Path:
-    folder = FOLDER / digest()[:32]
-    for other in FOLDER.glob("*/*"):
+    return _only(FOLDER, digest())
+
+
+def _only(parent: Path, name: str) -> Path:
+    """The folder of that name, without what others beside it hold."""
+    folder = parent / name[:32]
+    for other in parent.glob("*/*"):
         if other.parent != folder:
             other.unlink(missing_ok=True)
     folder.mkdir(parents=True, exist_ok=True)

@@ -6,6 +6,10 @@ sources: of the module, and of all that it imports. A file in onboard/__pycache_
 module by module, and is as new as the newest machine code that the tests made. Code that is newer was made by
 another program, perhaps while a source was another.
 
+Single precision is compiled only with `WINGLINE_PRECISION=both`, as `make test-all` does: it is two fifths of all
+machine code. Otherwise tests of single precision (marked `single`) run without the compiler, in a process of their
+own (tests/unit/filters/test_single_precision.py).
+
 `python -m tests.support.kernels` compiles all kernels so that the tests take them over; `make install` does it.
 """
 
@@ -21,6 +25,16 @@ from onboard.commands import compiling
 
 ROOT = Path(__file__).parents[2]
 STAMP = ROOT / "onboard" / "__pycache__" / "kernels-tested.json"
+
+
+def choose_precision() -> None:
+    """What is compiled here and in every process that starts from here, whatever commands run in this one."""
+    os.environ.setdefault("WINGLINE_PRECISION", "double")
+
+
+def both_precisions() -> bool:
+    """Whether kernels are compiled for single precision, too."""
+    return os.environ["WINGLINE_PRECISION"] == "both"
 
 
 def sources(name: str) -> list[Path]:
@@ -54,12 +68,13 @@ def older(files: Iterable[Path], code: Iterable[Path]) -> bool:
 
 def prepare(*, all_at_once: bool) -> None:
     """Delete machine code unless it is known. Then compile all kernels if `all_at_once`: several processes are to
-    run tests, must not write the same index at the same time, and would each compile what is missing."""
+    run tests, must not write the same index at the same time, and would each compile what is missing. A stamp says
+    nothing about precisions: where both are wanted, what is missing of the second is compiled each time."""
     before = digests()
     assert compiling.knows_folders(), "this Numba does not say where its machine code is"
     code = {name: compiling.machine_code(name) for name in before}
     stale = {*unknown(STAMP, before, code), *(name for name in before if older(sources(name), code[name]))}
-    if not stale:
+    if not stale and not (all_at_once and both_precisions()):
         return
     _stamp({name: digest for name, digest in before.items() if name not in stale})
     for path in (path for name in stale for path in code[name]):
@@ -88,4 +103,5 @@ def _digest(files: Iterable[Path]) -> str:
 
 
 if __name__ == "__main__":
+    choose_precision()
     prepare(all_at_once=True)

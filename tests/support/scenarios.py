@@ -64,21 +64,28 @@ class Flights:
         self._recorded: dict[tuple[str, float], Recorded] = {}
         self._replayed: dict[tuple[float, tuple[str, ...]], Replayed] = {}
 
-    def __call__(self, scenario: str, *settings: str, until: float | None = None) -> Replayed:
-        """The scenario with its own configuration, and with these settings, for `until` s if not for `seconds`."""
+    def __call__(self, scenario: str, *settings: str, until: float | None = None, keep: bool = True) -> Replayed:
+        """The scenario with its own configuration, and with these settings, for `until` s if not for `seconds`.
+        `keep`: on disk, for flights of which nothing is patched."""
         end = seconds(scenario) if until is None else until
         key = (end, (scenario, *settings))
         if key not in self._replayed:
-            self._replayed[key] = self._replay(scenario, settings, end)
+            self._replayed[key] = self._replay(scenario, settings, end, keep=keep)
         return self._replayed[key]
 
-    def _replay(self, scenario: str, settings: tuple[str, ...], end: float) -> Replayed:
+    def _replay(self, scenario: str, settings: tuple[str, ...], end: float, *, keep: bool) -> Replayed:
         loaded = load_scenario(scenario)
         path = self._folder / f"{scenario}.toml"
         path.write_text(daemon_config(loaded), encoding="utf-8")
-        pipeline = Pipeline(load_config(path, settings))
-        flight = self._flight(scenario, end)
-        made = [o for d in flight.datagrams for o in pipeline.feed(d) if isinstance(o, Estimate) and o.is_primary]
+        config, flight = load_config(path, settings), self._flight(scenario, end)
+
+        def fly() -> tuple[list[Estimate], Health, list[str]]:
+            pipeline = Pipeline(config)
+            made = [o for d in flight.datagrams for o in pipeline.feed(d) if isinstance(o, Estimate)]
+            return made, pipeline.health(flight.datagrams[-1].t_recv_ns), pipeline.errors
+
+        made, health, errors = kept.flown((flight.datagrams, config), fly) if keep else fly()
+        made = [o for o in made if o.is_primary]
         own = [o for o in made if isinstance(o, NavState)]
         estimates = [o for o in made if not isinstance(o, NavState)]
         scorers = LeaderScorers(reference_from_records(flight.truths))
@@ -86,8 +93,7 @@ class Flights:
             scorers.add(estimate)
         score, beside = scorers.scores(math.inf)
         of_leader = [e for e in estimates if e.name == JUDGED]
-        health = pipeline.health(flight.datagrams[-1].t_recv_ns)
-        return Replayed(of_leader, score, boot_ns_of(loaded), own, health, pipeline.errors, beside)
+        return Replayed(of_leader, score, boot_ns_of(loaded), own, health, errors, beside)
 
     def _flight(self, scenario: str, end: float) -> Recorded:
         key = (scenario, end)

@@ -7,7 +7,7 @@ projected explicitly.
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
@@ -20,6 +20,7 @@ from onboard.messages import (
     Datagram,
     Encoding,
     Estimate,
+    Health,
     Heartbeat,
     Imu,
     LocalPosition,
@@ -31,6 +32,7 @@ from onboard.messages import (
 )
 from onboard.pipeline import Pipeline
 from onboard.wire.mavlink_encode import MavlinkEncoder
+from tests.support import kept
 from tests.support.honesty import nees
 
 MS: Final = 1_000_000
@@ -209,11 +211,25 @@ def make_config(*overrides: str) -> Config:
     return load_config(None, (f"estimator.leader.size_prior_m={SIZE}", *overrides))
 
 
-class Run(NamedTuple):
-    """A pipeline and all its outputs."""
+class Run:
+    """A pipeline and all its outputs. One whose outputs and health were kept is flown again if it is asked for."""
 
-    pipeline: Pipeline
-    outputs: list[Output]
+    def __init__(
+        self, pipeline: Pipeline | Callable[[], Pipeline], outputs: list[Output], kept: Health | None = None
+    ) -> None:
+        self._pipeline, self.outputs, self._kept = pipeline, outputs, kept
+
+    @property
+    def pipeline(self) -> Pipeline:
+        """The pipeline after all outputs, or what has been done to it since."""
+        if not isinstance(self._pipeline, Pipeline):
+            self._pipeline, self._kept = self._pipeline(), None
+        return self._pipeline
+
+    @property
+    def health(self) -> Health:
+        """The pipeline's health, its counts above all."""
+        return self.pipeline.health(0) if self._kept is None else self._kept
 
     @property
     def estimates(self) -> list[Estimate]:
@@ -235,7 +251,7 @@ class Run(NamedTuple):
     @property
     def rejected(self) -> dict[str, int]:
         """The pipeline's counts of rejected messages."""
-        return self.pipeline.health(0).rejected
+        return self.health.rejected
 
 
 def feed(datagrams: Iterable[Datagram], config: Config | None = None, *, errors: bool = False) -> Run:
@@ -246,6 +262,28 @@ def feed(datagrams: Iterable[Datagram], config: Config | None = None, *, errors:
         outputs.extend(pipeline.feed(datagram))
     assert errors or not pipeline.errors, pipeline.errors
     return Run(pipeline, outputs)
+
+
+def feed_once(datagrams: Iterable[Datagram], config: Config | None = None) -> Run:
+    """As `feed`, but kept on disk: for flights of which nothing is patched, and of which outputs and health are
+    asked."""
+    return _once(feed, [*datagrams], config or make_config())
+
+
+def advance_once(messages: Iterable[Message], config: Config | None = None) -> Run:
+    """As `advance`, but kept on disk, as by `feed_once`."""
+    return _once(advance, [*messages], config or make_config())
+
+
+def _once(fly: Callable[..., Run], sent: list[Any], config: Config) -> Run:
+    flown: list[Run] = []
+
+    def outputs_and_health() -> tuple[list[Output], Health]:
+        flown.append(fly(sent, config))
+        return flown[0].outputs, flown[0].health
+
+    outputs, health = kept.flown((fly.__name__, sent, config), outputs_and_health)
+    return flown[0] if flown else Run(lambda: fly(sent, config).pipeline, outputs, health)
 
 
 def advance(messages: Iterable[Message], config: Config | None = None) -> Run:

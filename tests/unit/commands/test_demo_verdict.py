@@ -46,7 +46,9 @@ def exit_code(
         duration_s=5.0,
         score=replace(score_leader([], None), diverged=diverged, confidently_wrong_percent=wrong),
         latency_ms=Latency(),
-        drops=Drops(images_sent=images, images_received=images, images_lost=0, estimates_missed=0, sink_drops=0),
+        drops=Drops(
+            images_sent=images, images_received=images, images_lost=0, estimates_missed=0, sink_drops=0, skipped=0
+        ),
         own_state=own,
     )
 

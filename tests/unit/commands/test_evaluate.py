@@ -60,6 +60,7 @@ def test_scores_are_by_family_and_others_can_add_to_them(
     pytest.importorskip("filterpy", reason="needs filterpy: the baseline")
     monkeypatch.setenv("COLUMNS", "200")
     ours, theirs = tmp_path / "ours.json", tmp_path / "theirs.json"
+    monkeypatch.setattr(os, "cpu_count", lambda: 1)  # in this process: new ones take longer than the flights
     assert main(["evaluate", str(dataset), "--json", str(ours)]) == 0
     rows = read_rows(ours)
     assert {name: set(filters) for name, filters in rows.items()} == {
@@ -81,7 +82,6 @@ def test_scores_are_by_family_and_others_can_add_to_them(
     }
     theirs.write_text(json.dumps(tree), encoding="utf-8")
     capsys.readouterr()
-    monkeypatch.setattr(os, "cpu_count", lambda: 1)  # in this process: new ones take longer than the flights
     assert main(["evaluate", str(dataset / "straight"), "--compare", "--with", str(theirs)]) == 0
     (line,) = [line for line in capsys.readouterr().out.splitlines() if "somebody" in line]
     assert "12.25" in line

@@ -5,6 +5,7 @@ import configparser
 import itertools
 import math
 import shlex
+import shutil
 import tomllib
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from onboard.commands.share import TOGETHER, shared_text
 from onboard.config import load_config
 from onboard.links import parse_link
 from tests.support.programs import ROOT
+from tests.support.tables import each
 
 CALIBRATION = """
 image_width: 1280
@@ -34,7 +36,11 @@ LINKS = (
 )
 CAMERAS = ("640x480:554.3", "1280x720:62deg", "front.yaml")
 AIRCRAFT = ("quadrotor", "hexarotor", "octorotor", "fixed-wing")
-TABLE = [*itertools.product(("ardupilot", "px4"), LINKS, CAMERAS, AIRCRAFT, ("follow", "watch"))]
+AUTOPILOTS, PURPOSES = ("ardupilot", "px4"), ("follow", "watch")
+ANSWERS = [  # every autopilot, link and purpose together, and every pair of answers
+    (AUTOPILOTS[a], LINKS[k], CAMERAS[(2 * a + p + 2 * k) % 3], AIRCRAFT[(2 * a + p + k) % 4], PURPOSES[p])
+    for k, a, p in itertools.product(range(len(LINKS)), (0, 1), (0, 1))
+]
 USUAL = ("--autopilot", "px4", "--camera", "640x480:554", "--span", "2", "--watch")
 
 
@@ -53,10 +59,12 @@ def rows(text: str) -> dict[str, float]:
     return {name: float(value) for name, value in pairs}
 
 
-@pytest.mark.parametrize(("autopilot", "link", "camera", "aircraft", "purpose"), TABLE)
+@each("answered", {" ".join(answered): answered for answered in ANSWERS})
 def test_what_is_written_loads_and_says_what_was_answered(
-    autopilot: str, link: str, camera: str, aircraft: str, purpose: str, folder: Path
+    answered: tuple[str, str, str, str, str], folder: Path
 ) -> None:
+    autopilot, link, camera, aircraft, purpose = answered
+    shutil.rmtree(folder / "new", ignore_errors=True)
     flags = ["--autopilot", autopilot, "--link", link, "--camera", camera, "--aircraft", aircraft, f"--{purpose}"]
     assert cli.main(["init", "new", *flags, "--span", "1.7", "--tilt", "-5"]) == 0
     config = load_config(folder / "new" / "companion.toml")
@@ -80,6 +88,11 @@ def test_what_is_written_loads_and_says_what_was_answered(
         assert_leads_to_the_slot(found, config.guidance.slot_m, config.leader_out[0].system)
     else:
         assert not any(name.startswith(("FOLL_", "FLW_")) for name in found)
+
+
+def test_every_pair_of_answers_is_tried() -> None:
+    for one, other in itertools.combinations(zip(*ANSWERS, strict=True), 2):
+        assert len({*zip(one, other, strict=True)}) == len({*one}) * len({*other})
 
 
 def assert_leads_to_the_slot(found: dict[str, float], slot: tuple[float, float, float], system: int) -> None:

@@ -165,6 +165,7 @@ def test_no_noise_at_all_seed_5() -> None:
     np.testing.assert_allclose(found.covariance, F @ belief.covariance @ F.T, rtol=1e-11, atol=1e-12)
 
 
+@pytest.mark.single
 def test_float32_remains_seed_6() -> None:
     belief, F, Q, H, R, y = (
         Belief(*(a.astype(np.float32) for a in part)) if isinstance(part, Belief) else part.astype(np.float32)

@@ -207,6 +207,7 @@ def test_angles_are_mixed_across_the_seam(side: int) -> None:
     assert update.innovation_covariance[0, 0] == pytest.approx(0.02 + 0.01, abs=1e-9)
 
 
+@pytest.mark.single
 def test_float32_remains_seed_6() -> None:
     state = imm.start((UKF, UKF), MEAN.astype(np.float32), P0.astype(np.float32), EQUAL)
     small = np.float32

@@ -120,11 +120,15 @@ def test_a_heading_is_predicted_across_the_seam_and_measured_there() -> None:
     assert angles.off(particle.belief(found.belief).mean[0], 3.1316 + 0.5 * 0.0516) < 0.02
 
 
-def test_single_precision_stays_and_misuse_is_refused() -> None:
+@pytest.mark.single
+def test_single_precision_stays() -> None:
     f4 = np.float32
     state = particle.start(np.zeros(1, f4), np.eye(1, dtype=f4), 100)
     found = particle.update(state, np.ones(1, f4), lambda rows: rows.copy(), np.eye(1, dtype=f4))
     assert {a.dtype for a in (*particle.belief(found.belief), *found[1:4])} == {np.dtype(f4)}
+
+
+def test_misuse_is_refused() -> None:
     state = particle.start(np.zeros(1), ONE, 100)
     wrong: list[tuple[Any, type[FilterError], str]] = [
         (lambda: particle.start(np.zeros(1), ONE, 1), FilterError, "particles 1"),

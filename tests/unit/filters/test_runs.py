@@ -98,6 +98,7 @@ def test_each_filter_takes_a_batch_of_which_each_member_misses_something_else_se
         np.testing.assert_allclose(alone.log_likelihood, logs, rtol=1e-8, atol=1e-8)
 
 
+@pytest.mark.single
 def test_the_compiled_loop_keeps_single_precision_seed_2() -> None:
     model, start, ys = problem(2)
     single = LinearModel(*(a.astype(np.float32) for a in model[:5]))

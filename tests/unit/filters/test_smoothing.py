@@ -132,6 +132,7 @@ def test_a_batch_equals_the_loop_seed_5(linear: bool) -> None:
         close(Belief(*(a[:, b] for a in together)), smooth(one[-1]), 1e-12)
 
 
+@pytest.mark.single
 def test_float32_stays_float32_seed_6() -> None:
     F, Q, inputs, _, filtered = record(6)
     single = Belief(*(a.astype(np.float32) for a in filtered))

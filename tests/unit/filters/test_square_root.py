@@ -254,6 +254,8 @@ def failures(dtype: type, advance: Callable[..., Any]) -> tuple[int, float]:
 CUBATURE = cubature_weights(9)
 
 
+@pytest.mark.slow
+@pytest.mark.single
 @pytest.mark.parametrize("update", [square_root.update, square_root.update_joseph], ids=["production", "joseph"])
 def test_centimetres_in_float32_survive_seeds_0_to_49(update: Callable[..., Any]) -> None:
     failed, worst = failures(np.float32, rooted(update, CUBATURE))
@@ -261,6 +263,8 @@ def test_centimetres_in_float32_survive_seeds_0_to_49(update: Callable[..., Any]
     assert worst < 0.5
 
 
+@pytest.mark.slow
+@pytest.mark.single
 def test_the_same_in_float32_without_a_square_root_fails_seeds_0_to_49() -> None:
     assert failures(np.float32, covariance_form)[0] > 10
     assert failures(np.float64, covariance_form)[0] == 0
@@ -274,6 +278,7 @@ def test_a_negative_centre_fails_in_any_precision_and_any_square_root_seeds_0_to
     assert failures(np.float64, rooted(square_root.update_classical, CUBATURE))[0] == 0
 
 
+@pytest.mark.single
 def test_downdates_fail_by_rounding_where_triangularisation_does_not() -> None:
     """A kilometre measured to a millimetre: 1 - 1e-12 has no float32."""
     state = square_root.start(np.zeros(2, np.float32), np.diag([1e6, 1e2]).astype(np.float32))

@@ -9,8 +9,14 @@ import pytest
 
 from tests.mutants.__main__ import PARTS, choose
 from tests.mutants.table import ROOT, Mutant, MutantError, read
+from tests.support.tables import each
 
 MUTANTS = read()
+
+
+@cache
+def text_of(path: Path) -> str:
+    return path.read_text(encoding="utf-8")
 
 
 @cache
@@ -21,10 +27,11 @@ def names_in(path: Path) -> set[str]:
     }
 
 
-@pytest.mark.parametrize("mutant", MUTANTS.values(), ids=MUTANTS)
+@each("mutant", MUTANTS)
 def test_a_mutant_can_be_made_and_its_tests_are_there(mutant: Mutant) -> None:
     assert mutant.file.partition("/")[0] in PARTS  # of the copy in which its tests run
-    wrong = mutant.applied_to((ROOT / mutant.file).read_text(encoding="utf-8"))
+    text = text_of(ROOT / mutant.file)
+    wrong = mutant.applied_to(text)
     ast.parse(wrong)  # what is no Python is seen by every test
     for test in mutant.tests:
         file, _, name = test.partition("::")

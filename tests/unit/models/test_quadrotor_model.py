@@ -179,9 +179,9 @@ def velocity_rmse(
     ("name", "none", "weak", "motor", "outliers"),
     [
         ("cubature", 0.0129, 0.574, 0.113, 0.031),
-        ("svsf-zero-layer", 0.048, 0.048, 0.048, 0.145),
-        ("csvsf-printed", 0.034, 0.040, 0.034, 0.092),
-        ("csvsf", 0.0129, 0.083, 0.065, 0.140),
+        pytest.param("svsf-zero-layer", 0.048, 0.048, 0.048, 0.145, marks=pytest.mark.slow),
+        pytest.param("csvsf-printed", 0.034, 0.040, 0.034, 0.092, marks=pytest.mark.slow),
+        pytest.param("csvsf", 0.0129, 0.083, 0.065, 0.140, marks=pytest.mark.slow),
         ("csvsf-robust", 0.0129, 0.126, 0.107, 0.0138),
     ],
 )

@@ -28,7 +28,7 @@ def slopes(model: Callable[[Array], Array], rows: Array, step: float) -> Array:
 # ----------------------------------------------------------------------------------- constant acceleration
 
 
-@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("dtype", [np.float64, pytest.param(np.float32, marks=pytest.mark.single)])
 def test_constant_acceleration_is_its_matrix_seed_1(dtype: type) -> None:
     rows = states(1).astype(dtype)
     after = constant_acceleration.process(rows, 0.3)
@@ -59,7 +59,11 @@ def test_eq_36_as_printed_folds_what_is_behind_to_the_front() -> None:
 def test_radar_derivatives_seed_2() -> None:
     rows = states(2)
     np.testing.assert_allclose(radar.jacobian(rows), slopes(radar.measure, rows, 0.01), atol=1e-8)
-    single = rows.astype(np.float32)
+
+
+@pytest.mark.single
+def test_a_radar_keeps_single_precision_seed_2() -> None:
+    single = states(2).astype(np.float32)
     assert radar.measure(single).dtype == radar.jacobian(single).dtype == np.float32
 
 

@@ -1,4 +1,5 @@
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -22,11 +23,15 @@ CLIMBING = Scenario(
 )
 
 
+@cache
+def one_flight(name: str) -> list[State]:
+    return flight(CLIMBING if name == "climbing" else load_scenario(name), 3, 50.0)
+
+
 @pytest.mark.parametrize("who", ["L", "F"])
 @pytest.mark.parametrize("name", ["formation-s-turn", "formation-speed-change", "climbing"])
 def test_velocity_and_acceleration_are_the_derivatives_seed_3(name: str, who: str) -> None:
-    scenario = CLIMBING if name == "climbing" else load_scenario(name)
-    rows = flight(scenario, 3, 50.0)
+    rows = one_flight(name)
     r, v, a = (column(rows, key) for key in (f"r_O{who}_n", f"v_{who}_n", f"a_{who}_n"))
     assert_allclose((r[2:] - r[:-2]) * HZ / 2, v[1:-1], atol=2e-5)
     assert_allclose((v[2:] - v[:-2]) * HZ / 2, a[1:-1], atol=4e-3)  # the pulses' curvature jumps at their ends

@@ -61,6 +61,16 @@ def test_nothing_is_claimed_without_a_reference() -> None:
     assert CLAIM not in [claim.claim for claim in found.claims]
 
 
+def test_an_encounter_is_flown_by_the_reference_too_seed_1(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(flown, "SECONDS", 5.0)
+    monkeypatch.setattr(reference, "SETTINGS", ("estimator.leader.particles=200",))
+    found = study.run(1, 1, 1, cases=[Case("hover")], compared=1)
+    (row,) = found.tables[2].rows
+    assert row[:2] == ("hover", 1.0)
+    assert all(1.0 / MOST < c.ours < MOST and c.ours != 1.0 for c in found.checks if "reference" in c.name)
+
+
+@pytest.mark.slow  # the one above is shorter
 def test_the_first_encounters_are_flown_by_the_reference_too_seeds_1_and_2(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

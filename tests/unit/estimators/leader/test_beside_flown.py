@@ -79,7 +79,8 @@ def fly(name: str, seed: int, seconds: float, folder: Path) -> Flight:
     return Flight(estimates, truths[0].size, when, r, counts)
 
 
-@pytest.mark.parametrize("name", ["formation-broadcast", pytest.param("formation-adsb", marks=pytest.mark.slow)])
+@pytest.mark.slow  # test_broadcast.py has a shorter one
+@pytest.mark.parametrize("name", ["formation-broadcast", "formation-adsb"])
 def test_a_broadcast_teaches_the_size_in_half_a_minute_seed_3(name: str, tmp_path: Path) -> None:
     """From a prior that is 80 % too large."""
     flight = fly(name, 3, 30.0, tmp_path)

@@ -49,7 +49,7 @@ def contradicted(found: Run) -> int:
     return found.pipeline.health(0).verdicts.get("leader.gimbal_contradicted", 0)
 
 
-@pytest.mark.parametrize(("frame", "yaw"), [("heading", 15.0), ("earth", 2.0)])
+@pytest.mark.parametrize(("frame", "yaw"), [("heading", 15.0), pytest.param("earth", 2.0, marks=pytest.mark.slow)])
 def test_flags_that_are_right_are_not_contradicted(frame: str, yaw: float) -> None:
     found = run(Mount(frame=frame, yaw=yaw))
     assert contradicted(found) == 0

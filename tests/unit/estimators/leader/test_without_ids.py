@@ -1,11 +1,13 @@
 """Images without ids (`"target": ""`): as many tracks as there are aircraft, whatever the noise does."""
 
+import itertools
 from collections import Counter
 
 import pytest
 from msgspec.structs import replace
 
 from onboard.messages import Estimate, Message, TargetPoints
+from tests.support.cases import slow_but
 from tests.support.streams import CIRCLE, Flight, S, Stream, advance
 
 STRAIGHT, TIGHT = Flight(radius=None, gap=25.0), Flight(radius=60.0, gap=15.0)
@@ -47,8 +49,10 @@ def test_one_aircraft_without_an_id_stays_one_track_seeds_1_to_3(flight: Flight,
     one_track(flight, seed, 35.0)
 
 
-@pytest.mark.parametrize("leader_id", ["", "leader"])
-@pytest.mark.parametrize("first", [True, False])
+@pytest.mark.parametrize(
+    ("first", "leader_id"),
+    slow_but([(True, ""), (False, "leader")], itertools.product([True, False], ["", "leader"])),
+)
 def test_two_aircraft_are_two_tracks_seed_2(first: bool, leader_id: str) -> None:
     messages: list[Message] = []
     for m in unnamed(CIRCLE, 2, 14.0, sparse=False):
@@ -76,8 +80,10 @@ def test_an_image_far_from_every_track_begins_one_although_it_is_alone_seed_1() 
     assert set(fused(messages)) == {"leader", "unnamed/1"}
 
 
-@pytest.mark.parametrize("leader_id", ["", "leader"])
-@pytest.mark.parametrize("stays", [False, True], ids=["goes", "stays, but is not valid"])
+@pytest.mark.parametrize(
+    ("stays", "leader_id"),  # goes, or stays, but is not valid
+    slow_but([(False, "leader"), (True, "")], itertools.product([False, True], ["", "leader"])),
+)
 def test_the_name_passes_on_from_what_was_seen_first_unless_images_name_it_seed_1(
     stays: bool, leader_id: str
 ) -> None:

@@ -98,9 +98,9 @@ def test_every_filter_flies_seed_11(name: str) -> None:
     [
         ("quadrotor-motor", FaultKind.MOTOR, "motor 1"),
         pytest.param("quadrotor-heavier", FaultKind.MASS, "", marks=pytest.mark.slow),  # the replay below names it
-        ("quadrotor-weak-inputs", FaultKind.MASS, ""),
+        pytest.param("quadrotor-weak-inputs", FaultKind.MASS, "", marks=pytest.mark.slow),
         ("quadrotor-gust", FaultKind.GUST, ""),
-        ("quadrotor-outliers", FaultKind.OUTLIERS, None),
+        pytest.param("quadrotor-outliers", FaultKind.OUTLIERS, None, marks=pytest.mark.slow),
     ],
 )
 def test_faults_are_named_with_their_onset_and_the_velocity_holds_seed_13(
@@ -122,7 +122,10 @@ def test_faults_are_named_with_their_onset_and_the_velocity_holds_seed_13(
 
 @pytest.mark.parametrize(
     ("name", "seconds"),
-    [("quadrotor-inertia-half", 11.0), ("quadrotor-gps-loss", 10.0)],  # without fixes from 7 s on
+    [
+        pytest.param("quadrotor-inertia-half", 11.0, marks=pytest.mark.slow),
+        ("quadrotor-gps-loss", 10.0),  # without fixes from 7 s on
+    ],
 )
 def test_nothing_is_named_where_nothing_is_wrong_or_only_the_inertia_seed_14(name: str, seconds: float) -> None:
     _, states, _ = flown(name, 14, seconds)

@@ -17,10 +17,11 @@ from onboard.models.own_motion import DISTURBANCE, OFFSET
 from onboard.models.quadrotor import ATTITUDE, POSITION, VELOCITY
 from onboard.wire.odometry import odometry_of
 from tests.support import own_vehicle as own
-from tests.support.honesty import assert_honest, nees
+from tests.support.cases import slow_but
+from tests.support.honesty import assert_honest, assert_neither_too_sure_nor_too_unsure, nees
 
 SEEDS = range(20)
-FILTERS = ("cubature", "csvsf-adaptive")
+FILTERS = slow_but(["csvsf-adaptive"], ["cubature", "csvsf-adaptive"])
 ZERO = (0.0, 0.0, 0.0)
 
 
@@ -108,10 +109,10 @@ def test_nees_of_all_twelve_seeds_0_to_19(filter_: str) -> None:
 
 
 @pytest.mark.parametrize("filter_", FILTERS)
-def test_nees_of_the_velocity_is_as_measured_seeds_0_to_19(filter_: str) -> None:
-    """It is pessimistic at rest, by the manoeuvres that it has to expect: by so much and no more."""
+def test_the_velocity_is_neither_too_sure_nor_too_unsure_seeds_0_to_19(filter_: str) -> None:
+    """It is pessimistic at rest, by the manoeuvres that it has to expect."""
     mean = np.mean([nees(error[3:6], P[3:6, 3:6]) for error, P in errors(filter_)])
-    assert mean == pytest.approx(1.93, rel=1 / 4)
+    assert_neither_too_sure_nor_too_unsure(float(mean), 3)
 
 
 @pytest.mark.parametrize("filter_", FILTERS)
@@ -119,7 +120,8 @@ def test_nees_of_odometry_seeds_0_to_19(filter_: str) -> None:
     assert_honest([nees(error, P) for error, P, _, _ in sent(filter_)], 6)
     assert_honest([nees(error[3:], P[3:, 3:]) for _, _, error, P in sent(filter_)], 3)
     velocity = np.mean([nees(error[:3], P[:3, :3]) for _, _, error, P in sent(filter_)])
-    assert velocity == pytest.approx(1.93, rel=1 / 4)  # as that of the state
+    of_state = np.mean([nees(error[3:6], P[3:6, 3:6]) for error, P in errors(filter_)])
+    assert velocity == pytest.approx(of_state, rel=1 / 4)
 
 
 def test_process_noise_is_what_the_configuration_says() -> None:

@@ -79,6 +79,7 @@ def test_the_residual_is_due_to_biases_and_our_own_position_by_hand() -> None:
     assert np.sort(registration.residual.times)[1] > 0.7 * CONFIG.report_bias_time_s / 2
 
 
+@pytest.mark.slow  # the one above is shorter
 def test_the_covariance_of_rotation_and_bias_is_that_of_their_errors_seeds_1_to_400() -> None:
     """The first anchor's, with a bias of 3 m and our own of 3 m, against errors drawn from the model."""
     off, covariances, bias = [], [], np.full((2, 3), np.hypot(3.0, 3.0))

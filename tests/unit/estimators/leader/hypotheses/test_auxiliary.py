@@ -205,6 +205,7 @@ def carried(seed: int, seconds: int = 20) -> float:
     return float(off @ np.linalg.solve(cloud.covariances[0, POSITION, POSITION], off))
 
 
-def test_carried_by_reports_for_20_s_it_is_as_sure_as_it_is_right_seeds_1_to_60() -> None:
+@pytest.mark.parametrize(("flights", "most"), [(20, 4.8), pytest.param(60, 4.0, marks=pytest.mark.slow)])
+def test_carried_by_reports_for_20_s_it_is_as_sure_as_it_is_right_seeds_1_to_60(flights: int, most: float) -> None:
     """The mean of the normalised square of three errors is 3, within what 60 flights show (2.1 to 4)."""
-    assert 1.5 < np.mean([carried(seed) for seed in range(1, 61)]) < 4.0
+    assert 1.5 < np.mean([carried(seed) for seed in range(1, 1 + flights)]) < most

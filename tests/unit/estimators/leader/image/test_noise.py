@@ -111,7 +111,7 @@ def test_the_scale_falls_again_and_a_new_track_keeps_it() -> None:
     assert learnt.scale < 1.3
 
 
-@pytest.mark.parametrize(("noise", "seed"), [(2.0, 3), (3.7, 4)])
+@pytest.mark.parametrize(("noise", "seed"), [pytest.param(2.0, 3, marks=pytest.mark.slow), (3.7, 4)])
 def test_the_reported_noise_is_that_of_a_flight_with_seed(noise: float, seed: int) -> None:
     """Through the pipeline, with images that arrive before our own motion at their exposure is known."""
     rng = np.random.default_rng(seed)
