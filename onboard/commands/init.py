@@ -49,6 +49,7 @@ QUESTIONS: Final = (
     Question("tilt", "by how many degrees the camera looks up", "15"),
     Question("aircraft", "the leader is a", "quadrotor", ("quadrotor", "hexarotor", "octorotor", "fixed-wing")),
     Question("span", "its span in m: wingtip to wingtip, or over its rotors, blades included"),
+    Question("vehicle", "its name, which no other vehicle has", "1"),
     Question("purpose", "shall the autopilot follow the leader, or you watch it", "", ("follow", "watch")),
 )
 
@@ -63,6 +64,7 @@ class Setup(NamedTuple):
     aircraft: str
     span: float
     follows: bool
+    vehicle: str
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -122,6 +124,7 @@ def setup_of(answers: Mapping[str, str]) -> Setup:
         aircraft=answers["aircraft"],
         span=_number("span", answers["span"], 0.05, 100.0),
         follows=answers["purpose"] == "follow",
+        vehicle=answers.get("vehicle", "1"),
     )
 
 
@@ -199,6 +202,7 @@ def configuration(setup: Setup) -> str:
     lines += [
         "",
         "[zenoh]",
+        f"vehicle = {json.dumps(setup.vehicle, ensure_ascii=False)}  # of each vehicle another",
         'mode = "router"',
         'listen = ["tcp/127.0.0.1:7447"]  # the detector sends here, `onboard status` and `view` look here',
         "",
@@ -276,7 +280,7 @@ def next_steps(setup: Setup, folder: Path, files: tuple[str, ...]) -> list[str]:
         )
     steps += [
         f"onboard compile {config}    (minutes, once)",
-        "start your detector; it sends to onboard/1/camera/front/detections (docs/fly-it.md)",
+        f"start your detector; it sends to onboard/{setup.vehicle}/camera/front/detections (docs/fly-it.md)",
         f"onboard check {config}",
         f"onboard run {config}, and beside it: onboard status, onboard view",
     ]

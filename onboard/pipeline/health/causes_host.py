@@ -47,7 +47,17 @@ def links(m: Moment) -> Iterator[Advice]:
     """A link without its peer, and datagrams that are lost."""
     for name, health in m.now.links.items():
         before = m.before.links.get(name, health)
-        if health.error:
+        if health.cause is Cause.NAME_SHARED:
+            yield Advice(
+                cause="name",
+                severity=Severity.ERROR,
+                about=f"link {name}",
+                what=health.error,
+                remedy="give each its own `vehicle` of [zenoh] (`onboard init --vehicle NAME`), and start it anew",
+                text="two vehicles have one name",
+                over="the vehicle's name is its own",
+            )
+        elif health.error:
             cause = "tls" if health.cause is Cause.TLS else "link"
             yield Advice(
                 cause=cause,

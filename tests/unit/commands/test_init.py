@@ -162,7 +162,7 @@ def test_without_a_terminal_what_is_missing_is_named(capsys: pytest.CaptureFixtu
 
 
 def test_at_a_terminal_it_asks_until_it_understands(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
-    given = iter(["x", "ardu", "tcp:127.0.0.1:5762", "", "640x480:554", "", "fixed", "2.5", "f"])
+    given = iter(["x", "ardu", "tcp:127.0.0.1:5762", "", "640x480:554", "", "fixed", "2.5", "uav-7", "f"])
     asked: list[str] = []
 
     def read(words: str) -> str:
@@ -177,6 +177,7 @@ def test_at_a_terminal_it_asks_until_it_understands(monkeypatch: pytest.MonkeyPa
     assert config.estimator["leader"].aircraft == "fixed-wing"
     assert config.camera.mount_rpy_deg == (0.0, 15.0, 0.0)
     assert (folder / "ardupilot.parm").exists()
+    assert config.zenoh.prefix == "onboard/uav-7"
     assert len(asked) == len(init.QUESTIONS) + 2  # "x" is no autopilot, "" no camera
     assert "[serial:/dev/ttyAMA0:921600]" in asked[2]
 

@@ -381,6 +381,13 @@ def test_16_a_router_that_is_off_is_no_matter_of_certificates(reason: str) -> No
     assert [advice.cause for advice in found] == ["daemon"]
 
 
+def test_16_two_vehicles_of_one_name() -> None:
+    error = "vehicle `1` is the name of two: of this session, a1, and of b2; no sample is used"
+    doctor = flown(rims=lambda _: Rim(links={"zenoh": LinkHealth(cause=Cause.NAME_SHARED, error=error)}))
+    advice = named(doctor, "name", "`vehicle` of [zenoh]")
+    assert (advice.severity, advice.what) == (Severity.ERROR, error)
+
+
 def test_16_tls_of_the_status_itself() -> None:
     error = "zenoh: no router answers at tls/hub:7447 (tls/hub:7447: its certificate is not accepted: expired)"
     (advice, *_) = why_absent(configured(link=[]), "tls/hub:7447", Reason(Cause.TLS, error))
