@@ -10,10 +10,12 @@ from typing import Final, NamedTuple
 from msgspec.structs import replace
 
 from onboard import UserError
+from onboard.clocks.reading import Span
 from onboard.commands.flight_folder import Documents, FlightFolder, flight_folder
 from onboard.config import Config, ConfigError, read_recorded, signing_key
 from onboard.messages import (
     DOUBT,
+    Clock,
     Datagram,
     Estimate,
     Health,
@@ -200,16 +202,19 @@ def read_flight(
     """
     flight = flight_of(log)
     documents = [Documents(path) for path in flight.detections]
-    last = 0
+    last, spans = 0, dict[Clock, Span]()
     for item, done in read_log(flight.log, lose, flown=flown):
         yield item, done
         if isinstance(item, Datagram | Message):
             last = max(last, item.t_recv_ns)
+            times = {Clock.HOST: last, Clock.BOOT: pipeline.ownship.now_ns}
+            spans |= {clock: Span(spans.get(clock, Span(t, t)).begin, t) for clock, t in times.items() if t > 0}
             for each in documents:
                 yield from ((document, done) for document in each.due(last, pipeline.ownship.now_ns))
     for each in documents:
-        if reason := each.rest():
-            pipeline.refuse(each.name, Reason(Cause.LOG, reason), last)
+        reason = each.rest(spans)
+        if reason.words:
+            pipeline.refuse(each.name, reason, last)
 
 
 def flight_of(log: Path) -> FlightFolder:

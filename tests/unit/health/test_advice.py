@@ -16,6 +16,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from onboard.arrays import Array
 from onboard.autopilot.notices import LENGTH, Notices
+from onboard.clocks.reading import Span, read_stamps
 from onboard.commands import absent
 from onboard.commands.absent import why_absent
 from onboard.commands.status import describe, is_healthy
@@ -308,6 +309,35 @@ def test_11_the_wrong_clock(off_ns: int, stated: str, meant: str) -> None:
     causes = [a for a in doctor.found.values() if a.cause == "clock"]
     assert causes, doctor.found
     assert any(f"clock: {meant}" in a.remedy + a.what for a in causes)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda t: (t + EPOCH) // 10**9, "Unix time in seconds"),
+        (lambda t: (t + EPOCH) // 10**6, "Unix time in milliseconds"),
+        (lambda t: (t + EPOCH) // 10**3, "Unix time in microseconds"),
+        (lambda t: t + EPOCH - 3600 * S, "Unix time of a clock that is 1 hours behind"),
+        (lambda t: t + EPOCH + 7 * 86_400 * S, "Unix time of a clock that is 7 days ahead"),
+        (lambda t: t // 10**6, "the autopilot's time since its boot in milliseconds"),
+        (lambda t: t + 1000 * S, "s after 1970, of a clock that began at 0, as a simulator's does"),
+    ],
+)
+def test_11_another_unit_or_a_clock_that_is_off(change: Callable[[int], int], words: str) -> None:
+    """The advice was to send `clock: boot`, which mended nothing."""
+    doctor = detected(lambda d, _: d.update(t_ns=change(d["t_ns"]), clock="host"))
+    causes = [a for a in doctor.health.advice if a.severity is not Severity.NOTICE]
+    assert [a.cause for a in causes] == ["clock"]
+    assert words in causes[0].what
+
+
+@pytest.mark.parametrize("began_s", [0, 1000])
+def test_11_a_simulator_s_clock_in_ros(began_s: int) -> None:
+    """There is no `clock` to send."""
+    spans = {Clock.HOST: Span(EPOCH, EPOCH), Clock.BOOT: Span(40 * S, 40 * S)}
+    reading = read_stamps([(40 + began_s) * S], Clock.HOST, spans, is_ros=True)
+    assert reading is not None
+    assert ("`use_sim_time`" in reading.remedy, "`clock" in reading.words + reading.remedy) == (True, False)
 
 
 def test_12_pixels_that_are_distorted() -> None:
