@@ -42,6 +42,7 @@ from onboard.messages import (
 )
 from onboard.pipeline import Pipeline, Rim
 from onboard.pipeline.health import Advisor, Needs
+from onboard.pipeline.health.causes_state import REMEDIES, VALID
 from onboard.sinks.console import Console
 from onboard.view import words
 from onboard.wire.signing import read_key
@@ -422,6 +423,30 @@ def test_16_tls_of_the_status_itself() -> None:
     error = "zenoh: no router answers at tls/hub:7447 (tls/hub:7447: its certificate is not accepted: expired)"
     (advice, *_) = why_absent(configured(link=[]), "tls/hub:7447", Reason(Cause.TLS, error))
     assert (advice.cause, "`ca_file`" in advice.remedy) == ("tls", True)
+
+
+def test_an_estimate_that_is_not_valid_for_five_seconds_has_advice() -> None:
+    """By each cause, whatever its state: one in doubt is still tracked. Of our own motion in doubt nothing was
+    said."""
+    healthy = flown(images(lambda m: replace(m, clock=Clock.BOOT))).health
+    for cause in set(Cause) - VALID:
+        advisor, found = Advisor(Needs()), list[tuple[Advice, ...]]()
+        for t_s in range(6):
+            doubted = replace(healthy, t_recv_ns=healthy.t_recv_ns + t_s * S, causes={"leader": cause})
+            found.append(tuple(a for a in advisor.advise(doubted) if a.about == "estimate leader"))
+        assert found[:5] == [()] * 5
+        remedies = [a for a in advisor.advise(doubted) if a.cause in ("not-valid", "misfit")]
+        assert all(a.remedy for a in remedies)
+        assert remedies, cause
+        if cause in (Cause.OWN_MOTION_DOUBT, Cause.FIXES_CONTRADICT):
+            assert remedies[0].severity is Severity.ERROR
+
+
+def test_every_cause_that_an_estimate_states_has_a_remedy_of_its_own() -> None:
+    """Those between the state of a track and the refusals of messages."""
+    causes = list(Cause)
+    stated = causes[causes.index(Cause.NO_MEASUREMENT) : causes.index(Cause.DOCUMENT)]
+    assert set(stated) - set(REMEDIES) == set()
 
 
 def test_17_a_port_in_use() -> None:
