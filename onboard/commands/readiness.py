@@ -194,7 +194,9 @@ def _disk(config: Config) -> Finding:
     path = config.recorder.path
     if path is None:
         return Finding("disk", "nothing is recorded", ("set `path` of [recorder]",), is_doubt=True)
-    folder = Path(path).absolute().parent
+    wanted = Path(path).absolute().parent
+    # The recorder makes the rest, but hardly means to below the root of the file system.
+    folder = next(each for each in (wanted, *wanted.parents) if each.exists() or str(each.parent) == each.root)
     try:
         free = shutil.disk_usage(folder).free
     except OSError as error:
