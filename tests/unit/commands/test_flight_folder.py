@@ -11,7 +11,7 @@ import pytest
 from onboard import UserError
 from onboard.commands.calibrate import collect
 from onboard.commands.cli import main
-from onboard.commands.log_replay import ReplayResult, replay
+from onboard.commands.log_replay import ReplayResult, check_log, replay
 from onboard.commands.many import ScorableFlight, score_flight
 from tests.support.dataflash import BOOT_UNIX_S, dataflash
 from tests.support.streams import F_PX, Flight, make_config
@@ -147,3 +147,19 @@ def test_a_folder_is_calibrated_as_a_log_is(tmp_path: Path, log: Path) -> None:
     images, own = collect(folder(tmp_path, log, lines("boot")), make_config(*CAMERA))
     assert len(images.t) > 22 * SECONDS
     assert len(own.t) > 22 * SECONDS
+
+
+@pytest.mark.parametrize(
+    ("head", "words"),
+    [
+        (b"\x1f\x8b\x08", "`gunzip` it"),
+        (b"PK\x03\x04", "ZIP archive: unpack"),
+        (b"SQLite format 3\0", "bag of ROS 2"),
+        (b"#ROSBAG V2.0", "bag of ROS 1"),
+        (b"FMT, 128, 89, FMT", "DataFlash log as text"),
+    ],
+)
+def test_a_log_of_another_kind_is_named_for_what_it_is(head: bytes, words: str, tmp_path: Path) -> None:
+    (tmp_path / "flight.log").write_bytes(head + bytes(100))
+    with pytest.raises(UserError, match=rf"is no \.tlog.*{words}"):
+        check_log(tmp_path / "flight.log")
