@@ -44,7 +44,7 @@ FOREIGN: Final = {  # by how a file begins: what it is, and what to do
     b"\x1f\x8b": "compressed (gzip): `gunzip` it first",
     b"PK\x03\x04": "a ZIP archive: unpack it, and replay the log in it",
     b"7z\xbc\xaf": "a 7-Zip archive: unpack it, and replay the log in it",
-    b"SQLite format 3": "a database, as a bag of ROS 2 is (.db3): replay the autopilot's own log; a bag is not read",
+    b"SQLite format 3": "a database, as a bag of ROS 2 (.db3): replay the autopilot's own log; a bag is not read",
     b"#ROSBAG": "a bag of ROS 1: replay the autopilot's own log; a bag is not read",
     b"FMT, ": "a DataFlash log as text: replay the .bin that it was made of",
 }
