@@ -178,7 +178,8 @@ def files_of(setup: Setup, program: Path | None = None) -> dict[str, str]:
         raise UserError(f"init: {error}") from error
     if (calibration := setup.calibration) is not None and is_in(calibration, HOMES):
         files[CALIBRATION] = calibration.read_text(encoding="utf-8")
-        files[CONFIG] = files[CONFIG].replace(*(json.dumps(str(p)) for p in (calibration, ETC / CALIBRATION)))
+        own, copied = (json.dumps(str(path), ensure_ascii=False) for path in (calibration, ETC / CALIBRATION))
+        files[CONFIG] = files[CONFIG].replace(own, copied)
     if parameters := autopilot_parameters(setup):
         files[PARAMETERS[setup.autopilot]] = parameters
     return files
