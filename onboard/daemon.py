@@ -125,7 +125,7 @@ class Daemon:
                 self._report(f"{error}; trying again")
         if config.recorder.path is not None:
             path, rotation = Path(config.recorder.path), _rotation(config)
-            recorder = recording.Recorder(path, rotation=rotation, metadata=of_flight(config))
+            recorder = recording.Recorder(path, rotation=rotation, metadata=of_flight(config), report=self._report)
             recorder.check()
             self._sinks["recorder"] = recording.runner(recorder)
             self._report(f"recording to {config.recorder.path}")

@@ -21,6 +21,7 @@ import msgspec
 from onboard.clocks.cameras import Followers
 from onboard.clocks.odd_stamps import OddStamps
 from onboard.clocks.offset import WINDOW_NS, Offset, Reply, lower
+from onboard.clocks.reading import Span, read_stamps
 from onboard.clocks.wall_clock import WallClock
 from onboard.messages import (
     ActuatorOutputs,
@@ -49,7 +50,6 @@ MOST_GIMBALS: Final = 8
 LONGEST_ROUND_TRIP_NS: Final = 200_000_000
 BACK_NS: Final = 150_000_000  # behind the newest stamp: one clock's streams are nearer to each other
 RATE: Final = Reason(Cause.CLOCK_RATE, "the autopilot's clock runs at another rate than this computer's")
-UNIX_NS: Final = 10**17  # three years: no autopilot runs so long
 LATER_NS: Final = 5_000_000  # a message is stamped later than it arrives by no more than its clock's jitter
 
 
@@ -164,8 +164,13 @@ class Clocks:
                 f"later_than_arrival: `t_ns` is {later * 1e-9:.3f} s later than the message arrived; expected the "
                 f"time of exposure on the clock `{message.clock.value}`, or a `delay` of as much",
             )
-            unix = Reason(Cause.OTHER_CLOCK, late.also("it looks like Unix time: send `clock: host`").words)
-            return self._refuse("later_than_arrival", unix if later > UNIX_NS else late)
+            arrived, boot = message.t_recv_ns, message.t_recv_ns - offset
+            spans = {Clock.HOST: Span(arrived, arrived), Clock.BOOT: Span(boot, boot)}
+            reading = read_stamps([message.t_ns], message.clock, spans)
+            if reading is not None:
+                words = late.also(f"it looks like {reading.words}: {reading.remedy}").words
+                return self._refuse("later_than_arrival", Reason(Cause.OTHER_CLOCK, words))
+            return self._refuse("later_than_arrival", late)
         return msgspec.structs.replace(message, t_ns=t_ns, clock=Clock.BOOT)
 
     def _notice_correction(self, t_recv: int, offset: int) -> None:

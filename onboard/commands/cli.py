@@ -124,6 +124,7 @@ def _add_init(init: argparse.ArgumentParser) -> None:
     kinds = ["quadrotor", "hexarotor", "octorotor", "fixed-wing"]
     init.add_argument("--aircraft", choices=kinds, help=aircraft)
     init.add_argument("--span", metavar="M", help="the leader's: wingtip to wingtip, or over rotors and blades")
+    init.add_argument("--vehicle", metavar="NAME", help="its name, which no other vehicle has (default: 1)")
     purpose = init.add_mutually_exclusive_group()
     follow, watch = "let the autopilot follow the leader", "send the autopilot nothing of the leader"
     purpose.add_argument("--follow", dest="purpose", action="store_const", const="follow", help=follow)

@@ -4,14 +4,15 @@ The documents are those that the detector sends in flight (`CameraDetections`). 
 their time: no document arrives before it was true.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import msgspec
 
 from onboard import UserError
-from onboard.messages import Clock, Datagram, Encoding
+from onboard.clocks.reading import Span, read_stamps
+from onboard.messages import NO_REASON, Cause, Clock, Datagram, Encoding, Reason
 from onboard.wire.tlog import NotALogError
 
 LOGS: Final = (".bin", ".mcap", ".tlog", ".ulg")
@@ -72,6 +73,7 @@ class Documents:
             raise NotALogError(f"cannot read {path.name}: {error.strerror or error}") from error
         self._decoder = msgspec.json.Decoder(Stamp)
         self._next: tuple[Stamp | None, bytes] | None = None
+        self._seen: dict[Clock, Span] = {}  # of the stamps, by their clock
         self._read()
 
     def due(self, t_recv_ns: int, boot_ns: int) -> Iterator[Datagram]:
@@ -84,26 +86,37 @@ class Documents:
             yield Datagram(channel=self.name, encoding=Encoding.DETECTIONS, t_recv_ns=t_recv_ns, data=line)
             self._read()
 
-    def rest(self) -> str:
-        """Why documents are left at the log's end; "" if none are. Closes the file."""
+    def rest(self, spans: Mapping[Clock, Span]) -> Reason:
+        """Why stamps are not those of the log, whose begin and end by each clock are `spans`, or why documents are
+        left at its end; NO_REASON if none are. Closes the file."""
         first, count = self._next, 0
         while self._next is not None:
             count += 1
             self._read()
         self._file.close()
+        for of, seen in self._seen.items():
+            reading = read_stamps(seen, of, spans)
+            if reading is not None:
+                times = f"images {seen}" + (f", the log {spans[of]}" if of in spans else "")
+                return Reason(Cause.OTHER_CLOCK, f"`t_ns` is {reading.words} ({times}): {reading.remedy}")
         if first is None or first[0] is None:
-            return ""
-        t_s, clock = first[0].t_ns * 1e-9, first[0].clock.value
-        return (
+            return NO_REASON
+        t_s, clock = first[0].t_ns * 1e-9, first[0].clock
+        return Reason(
+            Cause.LOG,
             f"{count} lines are later than the log's end, the first with `t_ns` of {t_s:.3f} s; expected the time "
-            f"of exposure on the clock `{clock}`: boot is the autopilot's time since its start, host the Unix time"
+            f"of exposure on the clock `{clock}`: boot is the autopilot's time since its start, host Unix time",
         )
 
     def _read(self) -> None:
         self._next = None
         while line := self._file.readline():
             if text := line.strip():
-                self._next = self._stamp(text), text
+                stamp = self._stamp(text)
+                self._next = stamp, text
+                if stamp is not None:
+                    seen = self._seen.get(stamp.clock, Span(stamp.t_ns, stamp.t_ns))
+                    self._seen[stamp.clock] = Span(min(seen.begin, stamp.t_ns), max(seen.end, stamp.t_ns))
                 return
 
     def _stamp(self, line: bytes) -> Stamp | None:

@@ -12,11 +12,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from onboard import UserError
+from onboard import UserError, __version__
 from onboard.commands.files import make_folder
 from onboard.commands.share import TOGETHER, copied_text, shared_text
 from onboard.commands.terminal import show
 from onboard.config import ConfigError, GuidanceConfig, LeaderOutConfig, parse_config
+from onboard.links import LinkError, parse_link
 
 CONFIG: Final = "companion.toml"
 UNIT: Final = "onboard.service"
@@ -24,9 +25,10 @@ PARAMETERS: Final[Mapping[str, str]] = {"ardupilot": "ardupilot.parm", "px4": "p
 INSTALLED: Final = Path("/opt/wingline/bin/onboard")  # as the shared unit starts it
 ETC: Final = Path("/etc/onboard")
 PRIVATE: Final = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")  # noqa: S108 - what the unit hides from the daemon
-LINK: Final = re.compile(
-    r"serial:[^:]+:[1-9]\d*|(udpin|udpout|tcp|tcpin):(\[[0-9a-fA-F:]+\]|[^:\[\]]+):[1-9]\d{0,4}"
-)
+HOMES: Final = ("/home", "/root", "/run/user")  # which ProtectHome of the unit hides
+ALLOWED: Final = ("ttyS", "ttyAMA", "ttyTHS", "ttyACM", "ttyUSB")  # serial devices that the shared unit may open
+CALIBRATION: Final = "camera.yaml"
+WIDEST_DEG: Final = 150.0
 LINK_WORDS: Final = "serial:DEVICE:BAUD, udpin:HOST:PORT, udpout:HOST:PORT or tcp:HOST:PORT"
 IMAGE: Final = re.compile(r"(\d+)x(\d+):(\d+(?:\.\d+)?)(deg)?")
 BAUD: Final = "921600"  # of the parameter files that are shared
@@ -49,6 +51,7 @@ QUESTIONS: Final = (
     Question("tilt", "by how many degrees the camera looks up", "15"),
     Question("aircraft", "the leader is a", "quadrotor", ("quadrotor", "hexarotor", "octorotor", "fixed-wing")),
     Question("span", "its span in m: wingtip to wingtip, or over its rotors, blades included"),
+    Question("vehicle", "its name, which no other vehicle has", "1"),
     Question("purpose", "shall the autopilot follow the leader, or you watch it", "", ("follow", "watch")),
 )
 
@@ -63,6 +66,8 @@ class Setup(NamedTuple):
     aircraft: str
     span: float
     follows: bool
+    vehicle: str
+    calibration: Path | None = None  # of the camera, if a file describes it
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -112,8 +117,12 @@ def ask(question: Question, read: Callable[[str], str]) -> str:
 
 def setup_of(answers: Mapping[str, str]) -> Setup:
     """Answers as numbers. Raises UserError for what cannot be."""
-    if LINK.fullmatch(answers["link"]) is None:
-        raise UserError(f"init: --link {answers['link']!r}: expected {LINK_WORDS}")
+    try:
+        parse_link(answers["link"], "autopilot")
+    except LinkError as error:
+        raise UserError(f"init: --link {answers['link']!r}: expected {LINK_WORDS}") from error
+    if answers["link"].startswith("json:"):
+        raise UserError(f"init: --link {answers['link']!r} is of a detector: expected {LINK_WORDS}")
     return Setup(
         autopilot=answers["autopilot"],
         link=answers["link"],
@@ -122,6 +131,8 @@ def setup_of(answers: Mapping[str, str]) -> Setup:
         aircraft=answers["aircraft"],
         span=_number("span", answers["span"], 0.05, 100.0),
         follows=answers["purpose"] == "follow",
+        vehicle=answers.get("vehicle", "1"),
+        calibration=None if IMAGE.fullmatch(answers["camera"]) else Path(answers["camera"]).absolute(),
     )
 
 
@@ -138,6 +149,12 @@ def _camera(text: str) -> tuple[str, ...]:
     f_px = round(0.5 * width / math.tan(math.radians(0.5 * number)), 1) if found[4] else number
     if not (width and height and f_px):
         raise UserError(f"init: --camera {text!r}: every number must be above 0")
+    seen_deg = math.degrees(2.0 * math.atan(0.5 * width / f_px))
+    if seen_deg > WIDEST_DEG:
+        raise UserError(
+            f"init: --camera {text!r}: a focal length of {f_px:g} pixels is a field of view of {seen_deg:.0f} "
+            f"degrees; {f_px:g} degrees are {width}x{height}:{f_px:g}deg, and a wider lens needs a calibration"
+        )
     return (f"f_px = {f_px}", f"width_px = {float(width)}", f"height_px = {float(height)}")
 
 
@@ -154,11 +171,15 @@ def _number(flag: str, text: str, low: float, high: float) -> float:
 def files_of(setup: Setup, program: Path | None = None) -> dict[str, str]:
     """The text of each file, by its name. `program`: which `onboard` the service starts, by default this one.
     Raises UserError for answers of which no configuration can be made."""
-    files = {CONFIG: configuration(setup), UNIT: service(program or _program())}
+    files = {CONFIG: configuration(setup), UNIT: service(program or _program(), setup.link)}
     try:
         parse_config(tomllib.loads(files[CONFIG]))
     except ConfigError as error:
         raise UserError(f"init: {error}") from error
+    if (calibration := setup.calibration) is not None and is_in(calibration, HOMES):
+        files[CALIBRATION] = calibration.read_text(encoding="utf-8")
+        own, copied = (json.dumps(str(path), ensure_ascii=False) for path in (calibration, ETC / CALIBRATION))
+        files[CONFIG] = files[CONFIG].replace(own, copied)
     if parameters := autopilot_parameters(setup):
         files[PARAMETERS[setup.autopilot]] = parameters
     return files
@@ -199,6 +220,7 @@ def configuration(setup: Setup) -> str:
     lines += [
         "",
         "[zenoh]",
+        f"vehicle = {json.dumps(setup.vehicle, ensure_ascii=False)}  # of each vehicle another",
         'mode = "router"',
         'listen = ["tcp/127.0.0.1:7447"]  # the detector sends here, `onboard status` and `view` look here',
         "",
@@ -211,15 +233,23 @@ def configuration(setup: Setup) -> str:
     return "\n".join(lines)
 
 
-def service(program: Path) -> str:
-    """The unit for systemd, which starts `program` on the configuration in /etc/onboard."""
-    installed = INSTALLED if is_private(program) else program
-    return shared_text(f"configs/{UNIT}").replace(str(INSTALLED), str(installed))
+def service(program: Path, link: str = "") -> str:
+    """The unit for systemd, which starts `program` on the configuration in /etc/onboard, and may open the serial
+    device of `link`."""
+    installed = INSTALLED if is_in(program, PRIVATE) else program
+    text = shared_text(f"configs/{UNIT}").replace(str(INSTALLED), str(installed))
+    kind, _, device = link.rpartition(":")[0].partition(":")
+    driver = Path(device).resolve().name.rstrip("0123456789")
+    if kind != "serial" or driver in ALLOWED:
+        return text
+    # A driver's name holds whenever the device comes; a path, where nothing says the driver, if it is there then.
+    allowed = f"char-{driver}" if driver.startswith("tty") else device.replace("%", "%%")
+    return text.replace("DeviceAllow=char-ttyS rw\n", f"DeviceAllow={allowed} rw\nDeviceAllow=char-ttyS rw\n")
 
 
-def is_private(program: Path) -> bool:
-    """Whether the unit, which sees no home and has a folder for temporary files of its own, cannot start it."""
-    return str(program).startswith(tuple(f"{folder}/" for folder in PRIVATE))
+def is_in(path: Path, folders: tuple[str, ...]) -> bool:
+    """Whether a path is in one of these folders, as those that the unit cannot see."""
+    return str(path).startswith(tuple(f"{folder}/" for folder in folders))
 
 
 def autopilot_parameters(setup: Setup) -> str:
@@ -270,13 +300,16 @@ def next_steps(setup: Setup, folder: Path, files: tuple[str, ...]) -> list[str]:
     config = shlex.quote(str(folder / CONFIG))
     unit = shlex.quote(str(folder / UNIT))
     steps = []
+    if CALIBRATION in files:
+        copied = shlex.quote(str(folder / CALIBRATION))
+        steps.append(f"sudo install -D -m 644 {copied} {ETC / CALIBRATION}    (the service sees no home)")
     if PARAMETERS[setup.autopilot] in files:
         steps.append(
             f"load {folder / PARAMETERS[setup.autopilot]} with a ground station, and restart the autopilot"
         )
     steps += [
         f"onboard compile {config}    (minutes, once)",
-        "start your detector; it sends to onboard/1/camera/front/detections (docs/fly-it.md)",
+        f"start your detector; it sends to onboard/{setup.vehicle}/camera/front/detections (docs/fly-it.md)",
         f"onboard check {config}",
         f"onboard run {config}, and beside it: onboard status, onboard view",
     ]
@@ -284,10 +317,10 @@ def next_steps(setup: Setup, folder: Path, files: tuple[str, ...]) -> list[str]:
         guide = "docs/ardupilot.md" if setup.autopilot == "ardupilot" else "docs/px4.md"
         steps.append(f"before the autopilot follows, read {guide}: in which order, and what silence does")
     install = []
-    if is_private(_program()):
-        install.append(
-            f"sudo python3 -m venv {INSTALLED.parents[1]} && sudo {INSTALLED.with_name('pip')} install wingline"
-        )
+    if is_in(_program(), PRIVATE):
+        # The wheel's own file: who owns a name in an index runs as root here.
+        install.append(f"sudo python3 -m venv {INSTALLED.parents[1]}")
+        install.append(f"sudo {INSTALLED.with_name('pip')} install ./wingline-{__version__}-*.whl")
     install.append(f"sudo install -D -m 644 {config} {ETC / CONFIG}")
     install.append(f"sudo install -m 644 {unit} /etc/systemd/system/")
     install.append("sudo systemctl enable --now onboard")

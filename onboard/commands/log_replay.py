@@ -10,10 +10,12 @@ from typing import Final, NamedTuple
 from msgspec.structs import replace
 
 from onboard import UserError
+from onboard.clocks.reading import Span
 from onboard.commands.flight_folder import Documents, FlightFolder, flight_folder
 from onboard.config import Config, ConfigError, read_recorded, signing_key
 from onboard.messages import (
     DOUBT,
+    Clock,
     Datagram,
     Estimate,
     Health,
@@ -38,6 +40,14 @@ UNVERIFIED: Final = (
     f"{DOUBT}{{}} signed frames were used unverified: this replay has not the key of link `{{}}`; name it in "
     "`key_file` of its [[link]]"
 )
+FOREIGN: Final = {  # by how a file begins: what it is, and what to do
+    b"\x1f\x8b": "compressed (gzip): `gunzip` it first",
+    b"PK\x03\x04": "a ZIP archive: unpack it, and replay the log in it",
+    b"7z\xbc\xaf": "a 7-Zip archive: unpack it, and replay the log in it",
+    b"SQLite format 3": "a database, as a bag of ROS 2 (.db3): replay the autopilot's own log; a bag is not read",
+    b"#ROSBAG": "a bag of ROS 1: replay the autopilot's own log; a bag is not read",
+    b"FMT, ": "a DataFlash log as text: replay the .bin that it was made of",
+}
 WORDS: Final = (Heartbeat, StatusText, ParamValue)
 ALONE: Final[Mapping[str, Config]] = {}
 
@@ -200,16 +210,19 @@ def read_flight(
     """
     flight = flight_of(log)
     documents = [Documents(path) for path in flight.detections]
-    last = 0
+    last, spans = 0, dict[Clock, Span]()
     for item, done in read_log(flight.log, lose, flown=flown):
         yield item, done
         if isinstance(item, Datagram | Message):
             last = max(last, item.t_recv_ns)
+            times = {Clock.HOST: last, Clock.BOOT: pipeline.ownship.now_ns}
+            spans |= {clock: Span(spans.get(clock, Span(t, t)).begin, t) for clock, t in times.items() if t > 0}
             for each in documents:
                 yield from ((document, done) for document in each.due(last, pipeline.ownship.now_ns))
     for each in documents:
-        if reason := each.rest():
-            pipeline.refuse(each.name, Reason(Cause.LOG, reason), last)
+        reason = each.rest(spans)
+        if reason.words:
+            pipeline.refuse(each.name, reason, last)
 
 
 def flight_of(log: Path) -> FlightFolder:
@@ -254,6 +267,8 @@ def read_log(
         raise ReplayError(f"cannot read {log}: {error.strerror or error}") from error
     if not head:
         raise ReplayError(f"{log} is empty")
+    if foreign := next((words for begin, words in FOREIGN.items() if head.startswith(begin)), None):
+        raise ReplayError(f"{log} is no .tlog, .bin, .ulg or .mcap, but {foreign}")
     return _read_tlog(log)
 
 

@@ -32,15 +32,15 @@ from onboard.messages import Advice, Health, Severity
 from onboard.messages.causes import Cause, Reason
 from onboard.pipeline.health.needs import ENOUGH
 from onboard.pipeline.needs import needs
+from onboard.sinks.recorder import SET_S
 from onboard.sinks.sink import SinkError
 from onboard.view.client import Client
 
 ANSWER_S: Final = 3.0  # for a daemon that runs to send its health, which comes once a second
 SETTLED_S: Final = 6.0  # of listening, before all is well: what is missing has advice after 5 s
-SET_S: Final = 1_735_689_600.0  # 2025: a clock before it was never set
 # The causes of advice (docs/status.md) that each line gathers; what is left is on a line of its own.
 GATHERED: Final = {
-    "links": ("link", "tls", "port"),
+    "links": ("link", "tls", "port", "name"),
     "autopilot": ("autopilot-silent", "system", "component", "signing"),
     "rates": ("attitude", "stream", "position", "rates", "origin"),
     "camera": (
@@ -194,7 +194,9 @@ def _disk(config: Config) -> Finding:
     path = config.recorder.path
     if path is None:
         return Finding("disk", "nothing is recorded", ("set `path` of [recorder]",), is_doubt=True)
-    folder = Path(path).absolute().parent
+    wanted = Path(path).absolute().parent
+    # The recorder makes the rest, but hardly means to below the root of the file system.
+    folder = next(each for each in (wanted, *wanted.parents) if each.exists() or str(each.parent) == each.root)
     try:
         free = shutil.disk_usage(folder).free
     except OSError as error:

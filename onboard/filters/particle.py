@@ -11,10 +11,12 @@ taken in parts, each of which leaves half of the particles counting (progressive
 and each resampling (systematic: Kitagawa 1996) spreads the copies by a kernel that keeps the cloud's mean and
 covariance (Musso, Oudjane & Le Gland 2001; shrunk as by Liu & West 2001).
 
-Of a measurement beyond the cloud, as an outlier is, no particle says anything: the nearest ones only seem to. The
-cloud is then moved and shrunk as a whole by its regression, as the members of an ensemble Kalman filter are
-(`ensemble`), and has the mean and covariance of a Kalman filter. A measurement is beyond where its NIS, and its
-squared distance from the nearest particle in units of R, are above what one of N particles would have by chance.
+Of a measurement beyond the cloud, as an outlier is, no particle says anything: the nearest only seem to. Where
+its regression explains it, as of a line, the cloud is moved and shrunk as a whole, as the members of an ensemble
+Kalman filter are (`ensemble`), and has the mean and covariance of a Kalman filter. Where it does not, as a range
+from the cloud's middle, the particles walk towards it, part by part (Del Moral, Doucet & Jasra 2006), as if the
+cloud had been a Gaussian: beyond it nothing else is known. A measurement is beyond where its NIS is above what one
+of N particles would have by chance, and for a line its squared distance from the nearest one in units of R, too.
 
 Where it is wrong: the kernel is as wide as a third of the whole cloud. Modes that are sharp and far apart are
 smeared; take `bandwidth` 0.1, or 0 for the plain bootstrap filter, which needs noise in every state. Beyond some
@@ -40,6 +42,9 @@ COUNTING: Final = 0.5  # of the particles, after a part of a measurement
 MOST_PARTS: Final = 100  # of a measurement; the last one is all that is left
 HALVINGS: Final = 60  # of what is left of a measurement, in search of a part's share
 RESAMPLED: Final = 0.7  # below this share of counting particles
+EXPLAINED: Final = 0.1  # squared, in units of R: by so much a measurement may be off its regression
+CURVED: Final = 0.01  # of what particles measure differently: so much of it may be no line
+STEPS: Final = (2.0, 0.6, 0.2)  # of a walk, over the root of n, in deviations of the cloud
 TOLERANCE: Final = 1e-9  # of a negative eigenvalue, relative to the largest
 
 
@@ -109,17 +114,23 @@ def update(
     noise = np.broadcast_to(R, (*lead, m, m)).reshape(-1, m, m).astype(float)
     root = _factor(noise)
     rng, bandwidth, parts = _rng(state.seed, state.draws, stream=1), state.bandwidth, 0
-    off = _off(measure, x[:], rows, angular)  # a view: what the function sees is read-only
+    seen = Measured(measure, rows, angular, root)
+    off = seen.off(x)
     innovation, spread = _moments(off, log_w)
     S = spread + noise
     nis = np.sum(innovation * np.linalg.solve(S, innovation[..., None])[..., 0], axis=-1)
-    beyond = _beyond(off, root, nis)
-    x[beyond] = _moved(x[beyond], log_w[beyond], off[beyond], S[beyond], root[beyond])
-    left = np.where(beyond, 0.0, 1.0)
-    evidence = np.where(beyond, -0.5 * (nis + np.linalg.slogdet(2 * np.pi * S)[1]), 0.0)
+    is_outlier, is_beyond = _beyond(off, root, nis)
+    is_line = is_outlier.copy()
+    if is_outlier.any():
+        moved = _moved(x, log_w, off, S, root)
+        is_line &= _is_explained((x, moved), log_w, (off, seen.off(moved)), root)
+        x = np.where((is_beyond & is_line)[:, None, None], moved, x)
+    left = np.where(is_beyond & is_line, 0.0, 1.0)
+    evidence = np.where(left == 0.0, -0.5 * (nis + np.linalg.slogdet(2 * np.pi * S)[1]), 0.0)
+    prior, walks = _moments(x, log_w), is_outlier & ~is_line
     while (open_ := np.flatnonzero(left > 0)).size:
         # of all members: a function may know which rows are whose
-        off = off if parts == 0 else _off(measure, x[:], rows, angular)
+        off = off if parts == 0 else seen.off(x)
         fit, parts = _log_density(off[open_], root[open_]), parts + 1
         share = _share(log_w[open_], fit, left[open_]) if parts < MOST_PARTS else left[open_]
         joint = log_w[open_] + share[:, None] * fit
@@ -127,8 +138,9 @@ def update(
         log_w[open_], evidence[open_] = joint - gained[:, None], evidence[open_] + gained
         left[open_] = np.where(share < left[open_], left[open_] - share, 0.0)
         for b in open_:
-            if left[b] > 0 or effective(log_w[b]) < RESAMPLED * count:
-                x[b], log_w[b] = _resampled(x[b], log_w[b], rng, bandwidth), -np.log(count)
+            if left[b] > 0 or walks[b] or effective(log_w[b]) < RESAMPLED * count:
+                x[b], log_w[b] = _resampled(x[b], log_w[b], rng, 0.0 if walks[b] else bandwidth), -np.log(count)
+        _walk(x, open_[walks[open_]], prior, 1.0 - left, seen, rng)
     after = Cloud(x.reshape(*lead, count, n).astype(dtype), log_w.reshape(*lead, count).astype(dtype), *state[2:])
     shown = innovation.reshape(y.shape).astype(dtype)
     covariance = S.reshape(*lead, m, m).astype(dtype)
@@ -149,13 +161,21 @@ def effective(log_weights: Array) -> Array:
     return np.asarray(np.sum(weights, axis=-1) ** 2 / np.sum(weights * weights, axis=-1))
 
 
-def _off(measure: Rows, x: Array, y: Array, angular: Indices) -> Array:
-    """What y (B, m) is off the measurements of particles (B, N, n)."""
-    images = images_of(measure, x, y)
-    if not np.isfinite(images).all() or not np.isfinite(y).all():
-        raise FilterError("measure or y: not finite")
-    off = y[:, None, :] - images
-    return beside(off, np.zeros_like(off), angular)
+class Measured(NamedTuple):
+    """y (B, m), what it measures, which components are angles, and the factor (B, m, m) of its noise."""
+
+    measure: Rows
+    y: Array
+    angular: Indices
+    root: Array
+
+    def off(self, x: Array) -> Array:
+        """What y is off the measurements of particles (B, N, n): (B, N, m)."""
+        images = images_of(self.measure, x[:], self.y)  # a view: what the function sees is read-only
+        if not np.isfinite(images).all() or not np.isfinite(self.y).all():
+            raise FilterError("measure or y: not finite")
+        off = self.y[:, None, :] - images
+        return beside(off, np.zeros_like(off), self.angular)
 
 
 def _log_density(off: Array, root: Array) -> Array:
@@ -179,15 +199,62 @@ def _share(log_w: Array, fit: Array, left: Array) -> Array:
     return np.where(low > 0.99 * left, left, np.maximum(low, left * 0.5**HALVINGS))
 
 
-def _beyond(off: Array, root: Array, nis: Array) -> Any:
-    """Which of a batch (B,) is measured where no particle is, by what the particles are off (B, N, m), the factor
-    of R, and the cloud's NIS (B,)."""
+def _beyond(off: Array, root: Array, nis: Array) -> tuple[Any, Any]:
+    """Which of a batch (B,) is measured where the cloud as a whole is not, by its NIS (B,); and which of these
+    where no particle is, by what the particles are off (B, N, m) and the factor of R."""
     count, m = off.shape[-2:]
     if not m:
-        return np.zeros(len(off), bool)
+        return np.zeros(len(off), bool), np.zeros(len(off), bool)
     farthest = chi_square_threshold(1 - 1 / count, m)
-    nearest = np.sum(np.linalg.solve(root, _t(off)) ** 2, axis=-2).min(axis=-1)
-    return (nis > farthest) & (nearest > farthest)
+    is_outlier = nis > farthest
+    return is_outlier, is_outlier & (_squares(off, root).min(axis=-1) > farthest)
+
+
+def _squares(off: Array, root: Array) -> Array:
+    """Squared differences (B, N) of (B, N, m), by the factor of their covariance."""
+    return np.asarray(np.sum(np.linalg.solve(root, _t(off)) ** 2, axis=-2))
+
+
+def _is_explained(x: tuple[Array, Array], log_w: Array, off: tuple[Array, Array], root: Array) -> Any:
+    """Which of a batch (B,) measures a line, for all that matters: over particles `x[0]` of these weights it is
+    nearly its regression, and where they were moved to, `x[1]`, too, but for a part of R. off: of y from both."""
+    mean, middle = (_mean(rows, log_w)[..., None, :] for rows in (x[0], off[0]))
+    weighted = np.exp(log_w)[..., None] * (x[0] - mean)
+    slope = np.linalg.pinv(_t(weighted) @ (x[0] - mean), hermitian=True) @ (_t(weighted) @ (off[0] - middle))
+
+    def squares(off: Array, x: Array) -> Array:
+        return np.asarray(np.sum(np.exp(log_w) * _squares(off - middle - (x - mean) @ slope, root), axis=-1))
+
+    is_line = squares(off[0], x[0]) <= CURVED * squares(off[0], np.zeros_like(x[0]) + mean)
+    return is_line & (squares(off[1], x[1]) < EXPLAINED * root.shape[-1])
+
+
+def _walk(
+    x: Array, walking: Any, prior: tuple[Array, Array], shares: Array, seen: Measured, rng: np.random.Generator
+) -> None:
+    """Move the particles of `walking` members in place by steps of Metropolis & al. (1953), which keep the
+    distribution of a Gaussian `prior`, its mean and covariance, after this share of the measurement."""
+    if not len(walking):
+        return
+    count, n = x.shape[1:]
+    information = np.linalg.pinv(prior[1], hermitian=True)
+
+    def log_density(rows: Array, off: Array) -> Array:
+        X = rows - prior[0][:, None, :]
+        return np.asarray(
+            -0.5 * (np.sum(X @ information * X, axis=-1) + shares[:, None] * _squares(off, seen.root))
+        )
+
+    now = log_density(x, seen.off(x))
+    for length in STEPS:
+        tried = x.copy()
+        for b in walking:
+            spread = _moments(x[b], np.full(count, -np.log(count)))[1]
+            tried[b] += length / np.sqrt(n) * rng.standard_normal((count, n)) @ _t(_root("covariance", spread))
+        then = log_density(tried, seen.off(tried))
+        for b in walking:
+            is_taken = np.log(rng.random(count)) < then[b] - now[b]
+            x[b], now[b] = np.where(is_taken[:, None], tried[b], x[b]), np.where(is_taken, then[b], now[b])
 
 
 def _moved(x: Array, log_w: Array, off: Array, S: Array, root: Array) -> Array:

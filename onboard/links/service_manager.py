@@ -10,11 +10,12 @@ class ServiceManager:
     """The service manager that has started this program, if one has and wants to know (`NOTIFY_SOCKET`)."""
 
     def __init__(self, environ: Mapping[str, str] = os.environ) -> None:
-        self._address = environ.get("NOTIFY_SOCKET", "")
+        address = environ.get("NOTIFY_SOCKET", "")
+        self._address = f"\0{address[1:]}" if address.startswith("@") else address  # of Linux's abstract names
 
     def notify(self, state: str) -> None:
         """Send READY=1, WATCHDOG=1 or STOPPING=1; it is lost where nobody listens."""
         if self._address:
             with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
                 sender.setblocking(False)
-                sender.sendto(state.encode(), self._address.replace("@", "\0", 1))
+                sender.sendto(state.encode(), self._address)

@@ -4,7 +4,10 @@
 `<prefix>/gnss/<peer>/pseudoranges`.
 
 Keys are unlimited, so samples that wait for the event loop have room by their source: our own camera's, other
-cameras', radars', receivers'. A flood of one never drops a sample of another."""
+cameras', radars', receivers'. A flood of one never drops a sample of another.
+
+A sample's key says for which vehicle it is, and nothing else does. While another session says that it is this
+vehicle, too, as from a copied card, no sample is used: it may show what the other one sees."""
 
 import asyncio
 import math
@@ -49,6 +52,8 @@ class ZenohLink(Link):
             **dict.fromkeys(ros, Encoding.ROS),
         }
         self._camera = f"{prefix}/camera/{camera}/"
+        self._prefix = prefix
+        self._others: set[str] = set()  # sessions that hold the same name
 
     async def open(self) -> None:
         """Raises LinkError if the session is closed. `run` subscribes."""
@@ -72,6 +77,9 @@ class ZenohLink(Link):
 
         def on_sample(sample: Any, encoding: Encoding) -> None:  # on one of Zenoh's threads
             t_recv_ns = now_ns()
+            if self._others:
+                self.errors += 1
+                return
             room = ours if str(sample.key_expr).startswith(self._camera) else rooms[encoding]
             if not room.acquire(blocking=False):
                 self.errors += 1
@@ -84,6 +92,7 @@ class ZenohLink(Link):
         threading.Thread(target=self._watch, args=(ended,), name="zenoh-watch", daemon=True).start()
         subscribers: list[Any] = []
         try:
+            subscribers.append(await asyncio.to_thread(self._session.watch_name, self._prefix, self._others))
             for key, encoding in self._keys.items():
                 callback = partial(on_sample, encoding=encoding)
                 subscribers.append(await asyncio.to_thread(self._session.declare_subscriber, key, callback))
@@ -105,16 +114,24 @@ class ZenohLink(Link):
 
     def health(self) -> LinkHealth:
         """Counts so far, how many routers are connected, and which cannot be reached."""
-        routers = 0 if self._session.is_closed() else len(self._session.info.routers_zid())
+        is_closed = self._session.is_closed()
+        routers = 0 if is_closed else len(self._session.info.routers_zid())
+        trouble = self.trouble if is_closed or not self._others else self._shared_name()
         return LinkHealth(
             received=self.received,
             sent=self.sent,
             errors=self.errors,
             skipped=self._backlog.skipped,
             routers=routers,
-            cause=self.trouble.cause,
-            error=self.trouble.words,
+            cause=trouble.cause,
+            error=trouble.words,
         )
+
+    def _shared_name(self) -> Reason:
+        own, others = self._session.own_id(), ", ".join(sorted(self._others))
+        name = self._prefix.rpartition("/")[2]
+        words = f"vehicle `{name}` is the name of two: of this session, {own}, and of {others}; no sample is used"
+        return Reason(Cause.NAME_SHARED, words)
 
     def send(self, data: bytes) -> None:  # noqa: ARG002 - the protocol's signature
         """This link cannot send; counts an error."""

@@ -106,6 +106,7 @@ class Cause(StrEnum):
     # Why a link or a sink does not work
     UNREACHABLE = "unreachable", "nobody answers, or the device is not there"
     TLS = "tls", "a certificate is not accepted"
+    NAME_SHARED = "name_shared", "another program says that it is this vehicle, too"
     DISK_FULL = "disk_full", "no space is left"
     FAILED = "failed", "any other error"
 

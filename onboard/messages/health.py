@@ -78,7 +78,7 @@ class Refusal(Record, frozen=True, kw_only=True):
 class CameraHealth(Record, frozen=True, kw_only=True):
     """Images of one camera that could be put on the time base. `rate` over the last seconds, Hz; `age`: s since
     the last one arrived. Of the last one: `latency`, s from exposure to arrival; `lead`, s from our own newest
-    motion to exposure (negative: before it); `clock` of its stamp. `off_axis`: the
+    motion to exposure (negative: before it); `clock` of its stamp, and the stamp as it came, ns. `off_axis`: the
     largest angle of a point of it off the optical axis, rad. `targets`, `classes`: names that its
     detector gives, of each the first few."""
 
@@ -88,6 +88,7 @@ class CameraHealth(Record, frozen=True, kw_only=True):
     latency: float | None = None
     lead: float | None = None
     clock: str = ""
+    stamp_ns: int | None = None
     off_axis: float = 0.0
     targets: tuple[str, ...] = ()
     classes: tuple[str, ...] = ()

@@ -26,6 +26,7 @@ def needs(config: Config) -> Needs:
         images=any(name in config.estimator for name in USES_IMAGES),
         classes=tuple(config.target),
         undistorted=tuple(name for name, camera in cameras.items() if camera.lens.is_pinhole),
+        ros=tuple(name for name, camera in cameras.items() if camera.ros.seen),
         wind=_has_fixed_wing(config),
         sends_places=tuple(out.link for out in config.leader_out if any(n in PLACES for n in out.rates_hz)),
     )

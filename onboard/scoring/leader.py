@@ -23,6 +23,7 @@ SETTLE: Final = 15.0
 LAST: Final = 5.0  # "diverged" is judged over these last seconds
 WRONG_SIGMAS, WRONG_SHARE = 3.0, 0.05  # a range that is off by more than both is confidently wrong
 SAMPLE_S: Final = 0.1  # between times at which availability is judged where there is no truth
+BACK_S: Final = 5.0  # an estimate that is earlier than the one before by more is of a rebooted clock
 LONGEST_TRUTH_GAP: Final = 0.5
 
 
@@ -88,6 +89,7 @@ class LeaderScorer:
     def __init__(self, reference: Reference | None, settle: float = SETTLE, piece: int = 4096) -> None:
         self._reference, self._settle, self._piece = reference, settle, piece
         self._begin: float | None = None
+        self._shift = 0.0  # s, by which the boot clock went back when the autopilot rebooted
         self._valid: list[Estimate] = []  # whose errors have not been computed yet
         self._errors: list[Errors] = []
         self._times, self._is_valid = array("d"), array("b")  # of all estimates
@@ -104,11 +106,15 @@ class LeaderScorer:
             known = reference is not None and len(reference.time)
             start = reference.time[0] if reference is not None and known else estimate.t_ns * 1e-9
             self._begin = float(start) + self._settle
+        t = estimate.t_ns * 1e-9 + self._shift
+        if self._reference is None and self._times and t < self._times[-1] - BACK_S:
+            self._shift += self._times[-1] - t
+            t = self._times[-1]
         self._counts["estimates"] += 1
         self._resets = estimate.reset_count
         self._add_image(estimate.measurement, self._begin)
         is_valid = estimate.valid and estimate.mean is not None and estimate.covariance is not None
-        self._times.append(estimate.t_ns * 1e-9)
+        self._times.append(t)
         self._is_valid.append(is_valid)
         if not is_valid:
             return
@@ -125,7 +131,7 @@ class LeaderScorer:
         all_errors = _joined(self._errors)
         errors = _since(all_errors, self._begin or 0.0)
         samples = self._samples()
-        samples = samples[samples <= end]
+        samples = samples[samples <= end + self._shift]
         available = availability(samples, self._times, self._is_valid)
         return LeaderScore(
             estimates=self._counts["estimates"],
@@ -168,7 +174,7 @@ class LeaderScorer:
         self._dof = self._dof or len(image.components)
         self._verdicts[image.verdict] += 1
         fused = image.verdict in {Verdict.FUSED, Verdict.FUSED_LATE}
-        if fused and image.nis is not None and image.t_ns * 1e-9 >= begin:
+        if fused and image.nis is not None and image.t_ns * 1e-9 + self._shift >= begin:
             self._nis.append(image.nis)
 
     def _compute(self) -> None:

@@ -1,12 +1,20 @@
 """The flight recorder: every datagram as received, and the estimates, in an MCAP file.
 
 Flushed records are synced to the disk: they survive a killed process and a loss of power. Such a recording ends
-without an index; `onboard.wire.recording` reads it nevertheless. A recording is never overwritten: if the name
-exists, the new file gets a number.
+without an index; `onboard.wire.recording` reads it nevertheless. A recording is never overwritten: it gets the
+number after the highest of its name. Metadata named RECORDING, before all else, hold that name and number, and
+the run, of which a file may be a part.
+
+**Age** is by these numbers, since a computer's clock may not be set: then it stamps 1970, or the time at which it
+was last switched off. A stamp counts if it follows those of all earlier recordings. A recording whose stamp does
+not count is at least as old as the next one whose stamp does.
 """
 
+import math
 import os
 import re
+import secrets
+import struct
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -14,6 +22,9 @@ from pathlib import Path
 from typing import IO, Any, Final, NamedTuple
 
 import msgspec
+from mcap.exceptions import McapError
+from mcap.records import Header, Metadata
+from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 
 from onboard.messages import Datagram, Estimate, Health, LeaderState, OwnPose, Record
@@ -31,6 +42,11 @@ FLUSH_S: Final = 0.85  # a crash loses at most a second: this, what is being gat
 FILE_MODE: Final = 0o600  # where somebody flew is nobody else's business
 FOLDER_MODE: Final = 0o700
 S_PER_DAY: Final = 86_400.0
+SET_S: Final = 1_735_689_600.0  # Unix time; a clock before 2025 is not set
+LONGEST_S: Final = 3e8  # nine years after the newest recording it is rather the clock that is wrong
+RECORDING: Final = "recording"  # of metadata
+LABEL_BYTES: Final = 1 << 20  # a longer record at a file's begin is no label of ours
+MOST_UNLABELLED: Final = 1000  # a higher number was not given by a version that wrote no label, but by a person
 CHUNK_BYTES: Final = 1 << 20
 CAPACITY: Final = 20_000  # queued datagrams: half a minute of a busy flight, if the card stalls
 OWN_TOPICS: Final = 10_000  # MCAP numbers channels with 16 bits; datagrams of further sources share OTHERS, ...
@@ -40,7 +56,7 @@ TARGETS: Final = 10_000  # ... and estimates of further targets are not recorded
 
 class Rotation(NamedTuple):
     """When a new file begins, and which older ones are then removed: bytes of a file, bytes of all together, and
-    days of age by their time stamps. None: never."""
+    days of age. None: never."""
 
     file_bytes: float | None = None
     keep_bytes: float | None = None
@@ -51,9 +67,21 @@ NO_ROTATION: Final = Rotation()
 NOTHING: Final[Mapping[str, Mapping[str, str]]] = {}
 
 
+class Kept(NamedTuple):
+    """A recording of ours on the disk: its number, file, size and time stamp, Unix s; `is_labelled`: it states its
+    number itself."""
+
+    is_labelled: bool
+    number: int
+    path: Path
+    size: int
+    stamp: float
+
+
 class Recorder:
-    """Sink that writes `path`, or `path` with a number before its suffix if that exists. Each file begins with
-    `metadata`, by their names."""
+    """Sink that writes `path`, or `path` with a number before its suffix. Each file begins with `metadata`, by
+    their names. `report` receives a line for a person about each recording that is removed; the sink's thread
+    calls it."""
 
     def __init__(
         self,
@@ -61,13 +89,17 @@ class Recorder:
         *,
         rotation: Rotation = NO_ROTATION,
         metadata: Mapping[str, Mapping[str, str]] = NOTHING,
+        report: Callable[[str], None] = lambda _: None,
         monotonic: Callable[[], float] = time.monotonic,
+        now_ns: Callable[[], int] = time.time_ns,
     ) -> None:
         self._rotation = rotation
         self._metadata = metadata
+        self._report = report
+        self._run = secrets.token_hex(8)
         self.path = path  # of the file being written, once open
         self._wanted = path
-        self._monotonic = monotonic
+        self._monotonic, self._now_ns = monotonic, now_ns
         self._encoder = msgspec.json.Encoder()
         self._file: IO[bytes] | None = None
         self._writer: Any = None
@@ -107,7 +139,9 @@ class Recorder:
         self._is_kept = False
         try:
             self._writer.start(library="onboard")
-            for name, data in self._metadata.items():
+            number = str(_number_of(self._wanted, self.path.name) or 0)
+            label = {"name": self.path.name, "number": number, "run": self._run}
+            for name, data in ({RECORDING: label} | dict(self._metadata)).items():
                 self._writer.add_metadata(name, dict(data))
             self._flush()
         except OSError as error:
@@ -117,19 +151,20 @@ class Recorder:
             self._remove_old()
 
     def _remove_old(self) -> None:
-        """Remove the oldest recordings of this name, but not the open one, as `Rotation` says. Ages count from the
-        open file's own stamp."""
-        limits, name = self._rotation, re.compile(rf"{re.escape(self._wanted.stem)}(-\d+)?")
-        now, left = self.path.stat().st_mtime, 0
-        others = [p for p in self._wanted.parent.glob(f"*{self._wanted.suffix}") if name.fullmatch(p.stem)]
-        found = sorted(
-            ((p.stat(), p) for p in others if p != self.path), key=lambda f: f[0].st_mtime, reverse=True
-        )
-        for stat, path in found:
-            left += stat.st_size
-            is_old = limits.keep_days is not None and now - stat.st_mtime > limits.keep_days * S_PER_DAY
-            if is_old or (limits.keep_bytes is not None and left > limits.keep_bytes):
-                path.unlink()
+        """Remove the oldest recordings of this name, but not the open one, as `Rotation` says."""
+        limits, now, together = self._rotation, self._now_ns() * 1e-9, 0
+        others = [one for one in recordings(self._wanted) if one.path != self.path]
+        for one, made in reversed([*zip(others, latest_times(others, now), strict=True)]):
+            together += one.size
+            days = None if made is None else (now - made) / S_PER_DAY
+            if days is not None and limits.keep_days is not None and days > limits.keep_days:
+                why = f"{days:.0f} days old; keep_days is {limits.keep_days:g}"
+            elif limits.keep_bytes is not None and together > limits.keep_bytes:
+                why = f"it and newer ones have {together * 1e-6:.0f} MB; keep_mb is {limits.keep_bytes * 1e-6:g}"
+            else:
+                continue
+            one.path.unlink()
+            self._report(f"recorder: removed {one.path}, {one.size * 1e-6:.1f} MB: {why}")
 
     def write(self, records: Sequence[Recorded]) -> None:
         """Append records; flush and sync `FLUSH_S` after the last time."""
@@ -227,12 +262,74 @@ def runner(recorder: Recorder) -> SinkRunner[Recorded]:
     return SinkRunner("recorder", recorder, CAPACITY, gives_way=gives_way, gathers_s=GATHERS_S)
 
 
+def recordings(wanted: Path) -> list[Kept]:
+    """The recordings that were made for the path `wanted`, oldest first: those without a label by their stamps,
+    since their numbers were given again, then by number. Raises OSError."""
+    found = []
+    for path in wanted.parent.glob(f"*{wanted.suffix}"):
+        number = _number_of(wanted, path.name)
+        if number is None or path.is_symlink() or not path.is_file():
+            continue
+        label = _label(path)
+        if label.get("name", path.name) == path.name and (label or number <= MOST_UNLABELLED):
+            stat = path.stat()
+            found.append(Kept(bool(label), number, path, stat.st_size, stat.st_mtime))
+    return sorted(found, key=_order)
+
+
+def _order(one: Kept) -> tuple[bool, float, int]:
+    """The order in which recordings were made. One without a label that was stamped before the clock was set
+    follows those that were stamped after it."""
+    stamp = 0.0 if one.is_labelled else one.stamp if one.stamp > SET_S else math.inf
+    return one.is_labelled, stamp, one.number
+
+
+def latest_times(found: Sequence[Kept], now: float) -> list[float | None]:
+    """When each recording was made, in their order, at the latest, Unix s; None where nothing says it, or the
+    time now, which may not be set, or be years ahead, cannot be compared."""
+    times: list[float | None] = []
+    newest = SET_S
+    for one in found:
+        is_believed = newest <= one.stamp <= now
+        newest = one.stamp if is_believed else newest
+        times.append(newest if is_believed else None)
+    if now - newest > LONGEST_S:
+        return [None] * len(found)
+    for i in reversed(range(len(times) - 1)):
+        # Nothing says which of two without a label is the older one, unless both are stamped.
+        if times[i] is None and (found[i].is_labelled or found[i + 1].is_labelled):
+            times[i] = times[i + 1]
+    return times
+
+
+def _number_of(wanted: Path, name: str) -> int | None:
+    """The number in a name that this program gives for the path `wanted`; None for any other name."""
+    found = re.fullmatch(rf"{re.escape(wanted.stem)}(?:-([1-9]\d*))?{re.escape(wanted.suffix)}", name)
+    if found is None or found[1] == "1":
+        return None
+    return int(found[1] or 1)
+
+
+def _label(path: Path) -> dict[str, str]:
+    """What a recording states of itself; nothing where it states nothing, or cannot be read."""
+    try:
+        with path.open("rb") as file:
+            for record in StreamReader(file, record_size_limit=LABEL_BYTES).records:
+                if isinstance(record, Metadata) and record.name == RECORDING:
+                    return dict(record.metadata)
+                if not isinstance(record, Header):
+                    break
+    except (OSError, McapError, ValueError, struct.error):
+        pass
+    return {}
+
+
 def create(wanted: Path) -> tuple[Path, IO[bytes]]:
-    """A new file, not readable by everybody: `flight.mcap`, else `flight-2.mcap` and so on. Raises OSError."""
-    path, number = wanted, 1
+    """A new file, not readable by everybody: `flight.mcap`, else `flight-2.mcap` and so on, after all that are
+    there. Raises OSError."""
+    number = max((one.number for one in recordings(wanted)), default=0)
     while True:
-        try:
+        number += 1
+        path = wanted if number == 1 else wanted.with_stem(f"{wanted.stem}-{number}")
+        with suppress(FileExistsError):
             return path, os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, FILE_MODE), "wb")
-        except FileExistsError:
-            number += 1
-            path = wanted.with_stem(f"{wanted.stem}-{number}")

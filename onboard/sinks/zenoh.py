@@ -2,9 +2,10 @@
 
 Below `onboard/<vehicle>/`: `estimate/<name>`, `own_state`, `ownship` and `health` are published as JSON, and
 queries return the latest value. The attachment of a published record is the time of publication, in ns of this
-computer's clock, as decimal ASCII. The liveliness token `alive` exists while the program runs. A reply has the
-attachment `{"age_s": ..., "stale": ...}`; in it an estimate older than the validity timeout is lost and not valid,
-so that a late joiner cannot mistake an old value for a new one.
+computer's clock, as decimal ASCII. The liveliness tokens `alive` and `alive/<session>` exist while the program
+runs; two of the latter are two vehicles of one name. A reply has the attachment `{"age_s": ..., "stale": ...}`; in
+it an estimate older than the validity timeout is lost and not valid, so that a late joiner cannot mistake an old
+value for a new one.
 """
 
 import time
@@ -48,13 +49,14 @@ class ZenohSink:
         self._declared: list[Any] = []
 
     def open(self) -> None:
-        """Declare the queryables and, last, the liveliness token. Raises SinkError if the session is closed."""
+        """Declare the queryables and, last, the liveliness tokens. Raises SinkError if the session is closed."""
         if self._session.is_closed():
             raise SinkError("zenoh: the session is closed")
         for pattern in QUERYABLE:
             key = f"{self._prefix}/{pattern}"
             self._declared.append(self._session.declare_queryable(key, self._answer))
-        self._declared.append(self._session.liveliness().declare_token(f"{self._prefix}/alive"))
+        for key in ("alive", f"alive/{self._session.own_id()}"):
+            self._declared.append(self._session.liveliness().declare_token(f"{self._prefix}/{key}"))
 
     def write(self, records: Sequence[Published]) -> None:
         """Publish each record."""

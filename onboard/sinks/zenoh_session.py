@@ -23,6 +23,7 @@ SECURE: Final = ("tls/", "quic/")
 FORBIDDEN: Final = "*$?#/"
 DEFAULT_LISTEN: Final = ("tcp/127.0.0.1:7447",)
 CLOSE_TIMEOUT_S: Final = 2.0
+MOST_OTHERS: Final = 16  # sessions of one name that are remembered
 RETRY_S: Final = 0.5  # until a router that does not answer is asked again
 TLS_SETTINGS: Final = (
     "root_ca_certificate",
@@ -122,6 +123,26 @@ class ZenohSession:
         """Subscribe to liveliness tokens, existing ones included. Raises SinkError if the session is closed."""
         with self._lock:
             return self._session.liveliness().declare_subscriber(key, self._counted(callback), history=True)
+
+    def own_id(self) -> str:
+        """The id of this session among all."""
+        return str(self._session.info.zid())
+
+    def watch_name(self, prefix: str, others: set[str]) -> Any:
+        """Subscribe to the sessions that say that they are the vehicle of `prefix`, other than this one, and keep
+        their ids in `others`; one of Zenoh's threads does. Raises SinkError if the session is closed."""
+        import zenoh  # noqa: PLC0415 - loaded already: there is a session
+
+        own = self.own_id()
+
+        def note(sample: Any) -> None:
+            session = str(sample.key_expr).rpartition("/")[2]
+            if sample.kind == zenoh.SampleKind.DELETE:
+                others.discard(session)
+            elif session != own and len(others) < MOST_OTHERS:
+                others.add(session)
+
+        return self.watch_liveliness(f"{prefix}/alive/*", note)
 
     def trouble(self) -> Reason:
         """Which endpoints of `connect` cannot be reached, and why; NO_REASON if all is well. May take seconds."""

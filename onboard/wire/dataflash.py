@@ -1,9 +1,9 @@
 """ArduPilot's DataFlash log (.bin) -> records of our vehicle, from the autopilot's own log. It never holds camera
 points.
 
-Stamps are the autopilot's boot clock. Arrivals are the same times on the Unix clock, as the GPS has it at its
-first 3-D fix (some 0.1 to 0.2 s late), so that images with Unix times can be matched; without a fix, on the
-boot clock.
+Stamps are the autopilot's boot clock. Arrivals are the same times on the Unix clock, as the GPS has it at most of
+its 3-D fixes (some 0.1 to 0.2 s late), so that images with Unix times can be matched; without a fix, on the boot
+clock.
 """
 
 import io
@@ -12,6 +12,7 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from pathlib import Path
+from statistics import median_low
 from typing import Any, Final
 
 from onboard.geometry.rotations import quaternion_from_euler
@@ -45,6 +46,7 @@ S_PER_DAY: Final = 86_400
 # By how much GPS time is ahead of UTC, s, since a day of GPS time: 2017, 2015, 2012, 2009, and before.
 LEAP_S: Final = ((13510, 18), (12960, 17), (11865, 16), (10588, 15), (0, 14))
 WEEK_S: Final = 604_800
+MOST_FIXES: Final = 1000  # by which the Unix time is judged
 LATEST_US: Final = 2**53  # 285 years after boot
 UNREADABLE: Final = Exception  # pymavlink raises that itself, besides all that Python does of damaged bytes
 INSTANCES: Final = ("I", "C", "Inst", "Instance")  # the field that numbers a row's sensor or core
@@ -299,14 +301,18 @@ def _rows(log: Any, kinds: tuple[str, ...], lose: Lose) -> Iterator[Any]:
 
 
 def _unix_offset_ns(log: Any) -> int:
-    """Unix time less boot time at the first 3-D fix; 0 without one. Only arrivals need it."""
+    """Unix time less boot time, the median over 3-D fixes, of which a receiver's first ones may have another week;
+    0 without one. Only arrivals need it."""
+    offsets = list[int]()
     for row in _rows(log, ("GPS", "GPS2"), lambda _: None):
         week = _field(row, "GWk", "Week") if int(row.Status) >= FIX_3D else 0
         if week > 0:
             gps_ms = week * WEEK_S * 1000 + _field(row, "GMS", "TimeMS")
             leap_s = next(seconds for since, seconds in LEAP_S if gps_ms >= since * S_PER_DAY * 1000)
-            return (gps_ms + (GPS_EPOCH_S - leap_s) * 1000) * 1_000_000 - _time_us(row) * 1000
-    return 0
+            offsets.append((gps_ms + (GPS_EPOCH_S - leap_s) * 1000) * 1_000_000 - _time_us(row) * 1000)
+            if len(offsets) >= MOST_FIXES:
+                break
+    return median_low(offsets) if offsets else 0
 
 
 def _time_us(row: Any) -> int:

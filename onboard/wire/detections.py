@@ -11,6 +11,7 @@ from typing import Any, Final
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from onboard.geometry.lens import Lens, LensError
 from onboard.messages import (
@@ -38,6 +39,7 @@ from onboard.wire.poses import relative_pose
 
 LEAST_CONFIDENCE: Final = 0.05  # noise is that of a detection with this confidence at most
 FARTHEST: Final = 1e5  # m, of a range
+UNSEEN: Final = (0.0, 0.0)  # pixels of a keypoint that Ultralytics and others do not see; no wingtip is just there
 Ignore = Callable[[str], None]
 
 INSIDE: Final[dict[str, type[Record]]] = {
@@ -99,8 +101,12 @@ def images_of(
             "range": detection.range_m,
             "range_sigma": detection.range_sigma_m,
         }
+        seen = {name: p for name, p in detection.points.items() if (p.u_px, p.v_px) != UNSEEN}
+        if len(seen) < len(detection.points):
+            ignore("points at exactly (0, 0): a keypoint model writes that for one that it does not see")
         try:
-            found.append(_message(detection, head, camera, lens, f"detections[{i}]"))
+            one = detection if len(seen) == len(detection.points) else replace(detection, points=seen)
+            found.append(_message(one, head, camera, lens, f"detections[{i}]"))
         except BadDocumentError as error:
             refuse(error.why)
         for name in detection.points.keys() - camera.points:

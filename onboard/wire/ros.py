@@ -44,18 +44,19 @@ def decode_boxes(data: bytes) -> CameraDetections:
     Raises BadDocumentError, as all below do, for bytes that are no such message.
     """
     reader = _opened(data)
-    t_ns, _ = reader.header()
-    return _image(t_ns, [reader.detection(f"detections[{i}]") for i in range(reader.count(least=4))])
+    reader.header()
+    found = [reader.detection(f"detections[{i}]") for i in range(reader.count(least=4))]
+    return _image(reader.t_ns, found)
 
 
 def decode_volumes(data: bytes) -> CameraDetections:
     """vision_msgs/Detection3DArray: a pose each, that of its best hypothesis, or the position of its box where
     that states none. The size of the box is not used."""
     reader = _opened(data)
-    t_ns, frame = reader.header()
+    _, frame = reader.header()
     found = [reader.volume() for _ in range(reader.count(least=4))]
     _check_frame(frame)
-    return _image(t_ns, found)
+    return _image(reader.t_ns, found)
 
 
 def decode_pose(data: bytes) -> CameraDetections:
@@ -151,6 +152,7 @@ class _Reader:
 
     def __init__(self, data: bytes, order: str) -> None:
         self._data, self._order, self._at = data, order, 0
+        self.t_ns = 0  # of the first header that states a time
 
     def numbers(self, form: str, size: int) -> tuple[Any, ...]:
         """Numbers of one size, aligned. Raises BadDocumentError beyond the end."""
@@ -178,7 +180,9 @@ class _Reader:
     def header(self) -> tuple[int, str]:
         """std_msgs/Header: time in ns, frame_id."""
         sec, nanosec = self.numbers("iI", 4)
-        return sec * 1_000_000_000 + nanosec, self.text()
+        t_ns = sec * 1_000_000_000 + nanosec
+        self.t_ns = self.t_ns or t_ns
+        return t_ns, self.text()
 
     def detection(self, at: str) -> Detection:
         """vision_msgs/Detection2D. A turned box counts with the sides of the upright one around it."""

@@ -1,6 +1,7 @@
 """PX4 ULog (.ulg) -> records of our vehicle, from the autopilot's own log. It never holds camera points.
 
-Stamps are the autopilot's boot clock; the time of arrival is taken to be the same, there being no link.
+Stamps are the autopilot's boot clock. Arrivals are the same times on the Unix clock, as most fixes of the GPS have
+it, so that images with Unix times can be matched; without UTC in the log, on the boot clock.
 """
 
 import heapq
@@ -9,6 +10,7 @@ import struct
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
+from statistics import median_low
 from typing import Any, BinaryIO, Final, NamedTuple
 
 import numpy as np
@@ -51,7 +53,18 @@ UNREADABLE: Final = (
     *(TypeError, ValueError, IndexError, KeyError, AttributeError, EOFError),
     *(OverflowError, MemoryError, RecursionError, struct.error),
 )
+UTC: Final = "time_utc_usec"  # of a fix
+BOOT_UTC: Final = "boot_time_utc_us"  # of the log's head
+SET_US: Final = 946_684_800_000_000  # a clock before 2000 was never set
+LATEST_UTC_US: Final = 2**53
 Lose = Callable[[str], None]
+
+
+class Source(NamedTuple):
+    """The MAVLink system of a log, and Unix time less boot time, ns."""
+
+    system: int
+    offset_ns: int
 
 
 def read_ulog(path: Path, lose: Lose = lambda _: None) -> Iterator[Message]:
@@ -80,7 +93,7 @@ def read_ulog(path: Path, lose: Lose = lambda _: None) -> Iterator[Message]:
     _choose_outputs(log.data_list, topics)
     topics = {name: _in_order(columns, partial(_name, lose, name)) for name, columns in topics.items()}
     _add_rates(topics)
-    system = int(_parameter(log, "MAV_SYS_ID", 1))
+    source = Source(_parameter(log, "MAV_SYS_ID", 1), _unix_offset_ns(log, topics.get("vehicle_gps_position")))
     streams = []
     for name, convert in CONVERT.items():
         if name not in topics:
@@ -89,13 +102,13 @@ def read_ulog(path: Path, lose: Lose = lambda _: None) -> Iterator[Message]:
         if missing:
             lose(f"{name}: it has no field {', '.join(missing)}; the topic is not used")
             continue
-        streams.append(_stream(convert, topics[name], system, partial(_name, lose, name)))
+        streams.append(_stream(convert, topics[name], source, partial(_name, lose, name)))
     if not streams:
         raise NotALogError("this ULog holds no attitude, position, IMU or GPS")
     kind, start_ns = int(_parameter(log, "MAV_TYPE", 2)), int(log.start_timestamp) * 1000
-    header = _header(start_ns, system)
+    header = _header(start_ns, source)
     yield Heartbeat(**header, vehicle_type=kind, autopilot=PX4, armed=False, status=ACTIVE)
-    messages = _texts(log, system, start_ns), _changes(log, system, start_ns)
+    messages = _texts(log, source, start_ns), _changes(log, source, start_ns)
     yield from _parameters(log, header)
     yield from heapq.merge(*streams, *messages, key=lambda m: m.t_ns)
 
@@ -109,17 +122,17 @@ def _parameters(log: Any, header: dict[str, Any]) -> Iterator[Message]:
         yield ParamValue(**head, name=str(name), value=float(value), default=default)
 
 
-def _changes(log: Any, system: int, start_ns: int) -> Iterator[Message]:
+def _changes(log: Any, source: Source, start_ns: int) -> Iterator[Message]:
     """Parameters that somebody has set later."""
     for t_us, name, value in sorted(log.changed_parameters, key=lambda change: int(change[0])):
-        head = _header(max(int(t_us) * 1000, start_ns), system) | {"clock": Clock.NONE}
+        head = _header(max(int(t_us) * 1000, start_ns), source) | {"clock": Clock.NONE}
         yield ParamValue(**head, extended=False, name=str(name), value=float(value))
 
 
-def _texts(log: Any, system: int, start_ns: int) -> Iterator[Message]:
+def _texts(log: Any, source: Source, start_ns: int) -> Iterator[Message]:
     """The texts of PX4; its levels are digits. No time base begins with a text."""
     for logged in sorted(log.logged_messages, key=lambda logged: int(logged.timestamp)):
-        header = _header(max(int(logged.timestamp) * 1000, start_ns), system) | {"clock": Clock.NONE}
+        header = _header(max(int(logged.timestamp) * 1000, start_ns), source) | {"clock": Clock.NONE}
         yield StatusText(**header, severity=int(logged.log_level) & 7, text=plain(str(logged.message), LINE))
 
 
@@ -206,7 +219,7 @@ def _add_rates(topics: dict[str, Any]) -> None:
         attitude[name] = np.interp(attitude["timestamp"], rates["timestamp"][known], rates[field][known])
 
 
-def _stream(convert: "Converter", columns: Any, system: int, lose: Lose) -> Iterator[Message]:
+def _stream(convert: "Converter", columns: Any, source: Source, lose: Lose) -> Iterator[Message]:
     """One topic's messages. `columns` maps each field's name to an array over the topic's rows."""
     needs = convert.needs(columns)
     for i, t_us in enumerate(columns["timestamp"].tolist()):
@@ -214,13 +227,25 @@ def _stream(convert: "Converter", columns: Any, system: int, lose: Lose) -> Iter
         if unknown:
             lose(f"a row's {', '.join(unknown)} is no finite number")
             continue
-        message = convert.read(columns, i, _header(t_us * 1000, system))
+        message = convert.read(columns, i, _header(t_us * 1000, source))
         if message is not None:
             yield message
 
 
-def _header(t_ns: int, system: int) -> dict[str, Any]:
-    return {"t_ns": t_ns, "t_recv_ns": t_ns, "clock": Clock.BOOT, "system": system}
+def _header(t_ns: int, source: Source) -> dict[str, Any]:
+    return {"t_ns": t_ns, "t_recv_ns": t_ns + source.offset_ns, "clock": Clock.BOOT, "system": source.system}
+
+
+def _unix_offset_ns(log: Any, fixes: Any) -> int:
+    """Unix time less boot time, the median over fixes that state both; without, as the log's head has it; 0 where
+    nothing does. Only arrivals need it."""
+    if fixes is not None and UTC in fixes:
+        pairs = zip(fixes[UTC].tolist(), fixes["timestamp"].tolist(), strict=True)
+        offsets = [int(utc) - int(boot) for utc, boot in pairs if utc > SET_US]
+        if offsets:
+            return 1000 * median_low(offsets)
+    boot_us = log.msg_info_dict.get(BOOT_UTC, 0)
+    return 1000 * boot_us if isinstance(boot_us, int) and SET_US < boot_us < LATEST_UTC_US else 0
 
 
 def _vector(columns: Any, i: int, *names: str) -> Any:

@@ -3,7 +3,7 @@
 import asyncio
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import partial
 from typing import Any
@@ -13,12 +13,12 @@ import pytest
 import zenoh
 
 from onboard.links.zenoh import WAITING, ZenohLink
-from onboard.messages import Datagram, Encoding, Estimate, Health, Lifecycle, OwnPose
+from onboard.messages import Cause, Datagram, Encoding, Estimate, Health, Lifecycle, OwnPose
 from onboard.sinks import SinkRunner
 from onboard.sinks.zenoh import ZenohSink
 from onboard.sinks.zenoh_session import ZenohConfig, open_session
 from onboard.wire.document import LARGEST
-from tests.support.programs import until
+from tests.support.programs import free_endpoint, until
 from tests.support.records import POSE, make_estimate
 
 TIMEOUT_S = 300.0  # what takes longer hangs
@@ -251,3 +251,51 @@ def test_the_health_says_whether_the_router_is_connected(session: Any, endpoint:
     finally:
         ours.close()
     assert link.health().routers == 0
+
+
+def test_of_two_vehicles_of_one_name_neither_uses_what_a_detector_sends(
+    session: Any, client: Any, endpoint: str
+) -> None:
+    """A copied card: the images of one vehicle's detector reached the other one's leader through their routers."""
+    config = ZenohConfig(vehicle="uav-1", listen=(free_endpoint(),), connect=(endpoint,))
+    copied, key, received = (
+        open_session(config),
+        f"{PREFIX}/camera/front/points",
+        [list[Datagram](), list[Datagram]()],
+    )
+
+    async def reaches(condition: Callable[[], bool], data: bytes = b"") -> None:
+        while not condition():
+            if data:
+                client.put(key, data)
+            await asyncio.sleep(0.01)
+
+    async def main() -> None:
+        sessions = session, copied
+        links = [ZenohLink(each, PREFIX, camera="front") for each in sessions]
+        runs = [link.run(to.append, time.time_ns) for link, to in zip(links, received, strict=True)]
+        tasks = [asyncio.create_task(run) for run in runs]
+        sinks = [ZenohSink(each, PREFIX) for each in sessions]
+        async with asyncio.timeout(TIMEOUT_S):
+            await reaches(lambda: all(received), b"one")
+            for sink in sinks:
+                sink.open()
+            await reaches(lambda: all(link.health().error for link in links))
+            before = [len(each) for each in received]
+            for link, own, other in zip(links, sessions, reversed(sessions), strict=True):
+                assert link.health().cause is Cause.NAME_SHARED
+                assert f"of this session, {own.own_id()}, and of {other.own_id()};" in link.health().error
+            await reaches(lambda: all(link.errors for link in links), b"whose?")
+            assert [len(each) for each in received] == before
+            sinks[1].close()
+            await reaches(lambda: not links[0].health().error)
+            await reaches(lambda: received[0][-1].data == b"ours", b"ours")
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        sinks[0].close()
+
+    try:
+        asyncio.run(main())
+    finally:
+        copied.close()

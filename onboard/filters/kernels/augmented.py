@@ -13,13 +13,14 @@ from onboard.filters.errors import (
     MEMBER,
     OK,
     POINTS,
+    POSTERIOR,
     Q_INDEFINITE,
     R_INDEFINITE,
     SHAPE,
 )
 from onboard.filters.kernels.cholesky import clear_known, factor_into, root_into, semifactor_into
 from onboard.filters.kernels.linear import innovate_into
-from onboard.filters.kernels.sigma_points import wrapped
+from onboard.filters.kernels.sigma_points import LITTLE, wrapped
 
 
 @njit(signatures(2, 3, 3, 3, "f"), **MAKING)
@@ -127,6 +128,20 @@ def whiten_into(points, mean, d, e, lower_t, w_cov, w, white):
             white[a, i] /= lower_t[a, a]
 
 
+@njit(**MAKING)
+def rebuild_into(points, mean, d, lower_t, half, w_cov, w, P_out):
+    """The covariance as a sum of squares, in which no digits cancel: of deviations of points (k, n) less the gain
+    times those of their images (k, m), which include the noise. half: chol(S)^-1 times the cross-covariance."""
+    k, m, n = points.shape[0], d.shape[1], mean.shape[0]
+    gain, off = np.empty((n, m), half.dtype), np.empty((k, n), half.dtype)
+    for i in range(n):
+        for a in range(m - 1, -1, -1):
+            gain[i, a] = (half[a, i] - np.sum(gain[i, a + 1 :] * lower_t[a, a + 1 :])) / lower_t[a, a]
+        for s in range(k):
+            off[s, i] = points[s, i] - mean[i] - np.sum(gain[i] * d[s])
+    covariance_into(off, w_cov, w, P_out)
+
+
 @njit(signatures(2, 3, 3, 3, 2, 3, "f", "f", FLAGS), **MAKING)
 def correct(mean, P, points, images, y, R, w_cov, w, angular):
     """(mean (B, n), covariance, innovation (B, m), S, predicted, NIS, status) after y (B, m), from points
@@ -137,6 +152,7 @@ def correct(mean, P, points, images, y, R, w_cov, w, angular):
     e, S, predicted = np.empty((count, m), dtype), np.empty((count, m, m), dtype), np.empty((count, m), dtype)
     d, lower_t, white = np.empty((k, m), dtype), np.empty((m, m), dtype), np.empty((m, n + 1), dtype)
     rounding = (P.dtype.type(4) * n) * np.finfo(dtype).eps
+    little = P.dtype.type(LITTLE) * np.sqrt(P.dtype.type(np.finfo(dtype).eps))
     status = OK if y.shape[0] == count and images.shape[1] == k and images.shape[2] == m else SHAPE
     for b in range(count):
         if status == OK:
@@ -153,12 +169,19 @@ def correct(mean, P, points, images, y, R, w_cov, w, angular):
         for a in range(R.shape[1]):
             exact |= R[b % R.shape[0], a, a] == 0
         nis[b] = np.sum(last * last)
+        cancelled = False
         for i in range(n):
             mean_out[b, i] += np.sum(half[:, i] * last)
+            cancelled |= not exact and P[b, i, i] - np.sum(half[:, i] ** 2) < little * P[b, i, i]
             for j in range(i, n):
                 reduction = np.sum(half[:, i] * half[:, j])
                 P_out[b, i, j] = P_out[b, j, i] = 0.5 * (P[b, i, j] + P[b, j, i]) - reduction
             if exact and abs(P_out[b, i, i]) <= rounding * P[b, i, i]:  # as in `sigma_points.reduce_into`
                 P_out[b, i, i] = 0.0
         clear_known(P_out[b])
+        if cancelled:
+            rebuild_into(points[b], mean[b], d, lower_t, half, w_cov, w, P_out[b])
+        if np.min(np.diag(P_out[b])) < 0:
+            status = POSTERIOR + MEMBER * b
+            break
     return mean_out, P_out, e, S, predicted, nis, status

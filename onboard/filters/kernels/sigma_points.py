@@ -20,6 +20,7 @@ from onboard.filters.errors import (
     MEASUREMENT,
     OK,
     POINTS,
+    POSTERIOR,
     Q_NOT_FINITE,
     SHAPE,
 )
@@ -27,6 +28,9 @@ from onboard.filters.kernels.cholesky import clear_known, factor_into, transpose
 from onboard.filters.kernels.products import offsets_by_into, padded, squares_into
 
 TWO_PI: Final = 2.0 * np.pi
+LITTLE: Final = (
+    8.0  # times the root of the type's epsilon: with less left of a variance, a difference has few digits
+)
 
 
 @njit(**FILLING, **CONTRACTED)
@@ -198,10 +202,11 @@ def move_into(centre, cross, w, lower, inverse, white, considered, mean_out):
 @njit(**FILLING, **CONTRACTED)
 def reduce_into(P, reductions, considered, exact, P_out):
     """P less the `reductions` (n, n), but for pairs of considered states. After an `exact` measurement a variance
-    of which only rounding is left is zero."""
+    of which only rounding is left is zero. Whether of another one so little is left that it has few digits."""
     n, zero = P.shape[0], P.dtype.type(0)
     rounding = (zero + 4 * n) * np.finfo(P.dtype).eps
-    any_considered = False
+    little = (zero + LITTLE) * np.sqrt(zero + np.finfo(P.dtype).eps)
+    any_considered = cancelled = False
     for i in range(n):
         any_considered |= considered[i]
     if any_considered:
@@ -210,6 +215,7 @@ def reduce_into(P, reductions, considered, exact, P_out):
                 if considered[i] and considered[j]:
                     reductions[i, j] = P.dtype.type(0)
     for i in range(n):
+        cancelled |= P[i, i] - reductions[i, i] < little * P[i, i]
         for j in range(i + 1):
             value = P[j, i] - reductions[i, j]
             P_out[i, j] = value
@@ -219,6 +225,62 @@ def reduce_into(P, reductions, considered, exact, P_out):
             if abs(P_out[i, i]) <= rounding * (P_out[i, i] + reductions[i, i]):
                 P_out[i, i] = zero
         clear_known(P_out)
+    return cancelled and not exact
+
+
+@njit(**FILLING, **CONTRACTED)
+def gain_into(cross, lower, inverse, considered):
+    """cross (n, m) = C L^-T := the gain K = C S^-1, zero for considered states."""
+    n, m = considered.shape[0], lower.shape[0]
+    for i in range(n):
+        for a in range(m - 1, -1, -1):
+            entry = cross[i, a]
+            for b in range(a + 1, m):
+                entry -= cross[i, b] * lower[b, a]
+            cross[i, a] = inverse[a] - inverse[a] if considered[i] else entry * inverse[a]
+
+
+@njit(**FILLING, **CONTRACTED)
+def dot(a, b):
+    """The sum of products of two vectors."""
+    total = a[0] * b[0]
+    for i in range(1, a.shape[0]):
+        total += a[i] * b[i]
+    return total
+
+
+@njit(**FILLING, **CONTRACTED)
+def rebuild_into(points, d, R, w_cov, w, K, even, row, P_out):
+    """The covariance as a sum of squares, in which no digits cancel: of deviations of points less K (n, m) times
+    those of their images, and K R K^T, as Joseph's form of the regression. d: of `deviations_into`; `even` (m, m)
+    and `row` (max(n, m),) are overwritten."""
+    n, m = P_out.shape[0], R.shape[0]
+    half = P_out.dtype.type(0.5)
+    for a in range(m):  # R, and what images deviate by that is even about the centre's
+        for b in range(m):
+            squares = w * dot(d[a, n : 2 * n], d[b, n : 2 * n])
+            even[a, b] = half * (R[a, b] + R[b, a] + squares) + w_cov * d[a, 2 * n] * d[b, 2 * n]
+    for i in range(n):
+        for a in range(m):
+            row[a] = dot(K[i, :m], even[:m, a])
+        for j in range(i + 1):
+            P_out[i, j] = P_out[j, i] = dot(row[:m], K[j, :m])
+    for s in range(n):
+        for i in range(n):
+            row[i] = half * (points[1 + s, i] - points[1 + n + s, i] - dot(K[i, :m], d[:m, s]))
+        for i in range(n):
+            for j in range(i + 1):
+                P_out[i, j] += (w + w) * row[i] * row[j]
+                P_out[j, i] = P_out[i, j]
+
+
+@njit(**FILLING)
+def smallest_variance(P):
+    """The smallest number on the diagonal of P (n, n)."""
+    smallest = P[0, 0]
+    for i in range(1, P.shape[0]):
+        smallest = min(smallest, P[i, i])
+    return smallest
 
 
 class CorrectedPoints(NamedTuple):
@@ -269,5 +331,8 @@ def correct_into(points, images, P, y, R, w_cov, w, angular, considered, scratch
     exact = False
     for a in range(m):
         exact |= R[a, a] == 0
-    reduce_into(P, reductions, considered, exact, P_out)
-    return OK, nis
+    if reduce_into(P, reductions, considered, exact, P_out):
+        whiten_into(S, innovation, lower, inverse, white)
+        gain_into(cross, lower, inverse, considered)
+        rebuild_into(points, d, R, w_cov, w, cross, sums, white, P_out)
+    return OK if smallest_variance(P_out) >= 0 else POSTERIOR, nis

@@ -9,6 +9,7 @@ from typing import Final
 from onboard.messages import Advice, Health, Severity
 from onboard.pipeline.health.causes import OF_MESSAGES, OF_THIS_COMPUTER
 from onboard.pipeline.health.causes_host import STOOD_STILL_S
+from onboard.pipeline.health.causes_state import invalid
 from onboard.pipeline.health.needs import Moment, Needs
 
 LOOKS_BACK_NS: Final = 5_000_000_000  # counts are compared with those of then
@@ -42,6 +43,8 @@ class Advisor:
         kept.append(health)
         # Silence, low rates and images without our motion follow from it: they are nobody else's fault.
         has_stood = self._stood_ns > 0 and 0 <= t_ns - self._stood_ns < SETTLES_NS
-        causes = OF_THIS_COMPUTER if has_stood else OF_MESSAGES + OF_THIS_COMPUTER
-        found = [advice for cause in causes for advice in cause(moment)]
+        found = [] if has_stood else [advice for cause in OF_MESSAGES for advice in cause(moment)]
+        if not has_stood and all(advice.severity is Severity.NOTICE for advice in found):
+            found += invalid(moment)  # for which nothing else is to blame
+        found += [advice for cause in OF_THIS_COMPUTER for advice in cause(moment)]
         return tuple(sorted(found, key=lambda a: ORDER.index(a.severity))[:MOST])

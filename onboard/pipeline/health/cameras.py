@@ -43,6 +43,7 @@ class _Camera:
         self.latency: float | None = None
         self.lead: float | None = None
         self.clock = ""
+        self.stamp_ns: int | None = None
         self.off_axis = 0.0
         self.targets: dict[str, None] = {}
         self.classes: dict[str, None] = {}
@@ -67,7 +68,7 @@ class Cameras:
         if exposed_ns == camera.exposed_ns:
             return  # another target of the same image
         camera.off_axis = max((math.atan(math.hypot(*point)) for point in image.image_points), default=0.0)
-        camera.exposed_ns, camera.clock = exposed_ns, image.clock.value
+        camera.exposed_ns, camera.clock, camera.stamp_ns = exposed_ns, image.clock.value, image.t_ns
         camera.count += 1
         camera.arrivals.append(image.t_recv_ns)
         _trim(camera.arrivals, image.t_recv_ns)
@@ -90,6 +91,7 @@ def _health(camera: _Camera, t_recv_ns: int) -> CameraHealth:
         latency=camera.latency,
         lead=camera.lead,
         clock=camera.clock,
+        stamp_ns=camera.stamp_ns,
         off_axis=camera.off_axis,
         targets=tuple(camera.targets),
         classes=tuple(name for name in camera.classes if name),

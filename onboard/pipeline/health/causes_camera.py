@@ -4,7 +4,8 @@ import math
 from collections.abc import Iterator
 from typing import Final
 
-from onboard.messages import Advice, CameraHealth, Severity
+from onboard.clocks.reading import Reading, Span, read_stamps
+from onboard.messages import Advice, CameraHealth, Clock, Severity
 from onboard.messages.causes import Cause
 from onboard.pipeline.health.needs import Moment
 
@@ -12,7 +13,7 @@ PATIENCE_S: Final = 5.0  # after the start, before an image is missing
 SILENT_S: Final = 2.0
 QUICKEST_S: Final = 0.003  # from exposure to the detector's answer; nothing is faster
 SLOWEST_S: Final = 0.4  # of 0.5 s, beyond which images are too old
-YEARS_S: Final = 1e8
+ODD_S: Final = 2.0  # no camera is so late: its stamp is of another clock, or in another unit
 WIDE: Final = 0.35  # rad off the axis
 NOISY: Final = 1.3  # times the configured noise
 QUIET: Final = 0.5
@@ -67,8 +68,9 @@ def stamps(m: Moment) -> Iterator[Advice]:
     for name, camera in m.now.cameras.items():
         if camera.latency is None or camera.age > SILENT_S or camera.count < FEWEST:
             continue
-        if abs(camera.latency) > YEARS_S:
-            yield _other_clock(name, camera)
+        if (reading := stamp_reading(m, name, camera)) is not None:
+            what = f"camera {name}: `t_ns` is {reading.words}"
+            yield _advice("clock", name, what, reading.remedy, f"camera {name}: stamps are of another clock")
             continue
         if camera.latency < QUICKEST_S:
             when = "after" if camera.latency > 0.0 else "before"
@@ -85,17 +87,15 @@ def stamps(m: Moment) -> Iterator[Advice]:
         yield _advice("stamps", name, what, remedy, f"camera {name}: stamps are off", Severity.WARNING)
 
 
-def _other_clock(name: str, camera: CameraHealth) -> Advice:
-    """Stamps that are years off: of Unix time, or of a time since boot."""
-    is_unix = (camera.latency or 0.0) < 0.0
-    it_is, clock = ("Unix time", "host") if is_unix else ("time since a boot", "boot")
-    return _advice(
-        "clock",
-        name,
-        f"camera {name}: `t_ns` is {it_is}, but `clock` is `{camera.clock}`",
-        f"let the detector send `clock: {clock}`",
-        f"camera {name}: clock is {clock}",
-    )
+def stamp_reading(m: Moment, name: str, camera: CameraHealth) -> Reading | None:
+    """What the newest stamp of a camera is, if it is not what it says."""
+    offset_ns, stamp_ns, late_s = m.now.clock_offset_ns, camera.stamp_ns, camera.latency
+    if offset_ns is None or stamp_ns is None or late_s is None or abs(late_s) < ODD_S or camera.age > SILENT_S:
+        return None
+    arrived_ns = m.now.t_recv_ns - round(camera.age * 1e9)
+    boot_ns = arrived_ns - offset_ns
+    spans = {Clock.HOST: Span(arrived_ns, arrived_ns), Clock.BOOT: Span(boot_ns, boot_ns)}
+    return read_stamps([stamp_ns], Clock(camera.clock), spans, is_ros=name in m.needs.ros)
 
 
 def lens(m: Moment) -> Iterator[Advice]:
@@ -226,7 +226,7 @@ def _is_refused(m: Moment) -> bool:
     source is the link, the Zenoh key or the ROS topic."""
     links = {k.name for k in m.needs.links if not k.is_autopilot}
     return any(
-        (r.source.startswith("camera ") or "/" in r.source or r.source in links)
+        (r.source.startswith("camera ") or "/" in r.source or r.source in links or r.cause is Cause.OTHER_CLOCK)
         and m.now.t_recv_ns - r.t_recv_ns < SILENT_S * 1e9
         for r in m.now.refusals
     )

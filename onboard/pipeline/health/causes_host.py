@@ -5,6 +5,7 @@ from typing import Final
 
 from onboard.messages import DOUBTS, Advice, Severity
 from onboard.messages.causes import Cause
+from onboard.pipeline.health.causes_camera import stamp_reading
 from onboard.pipeline.health.needs import Moment
 from onboard.pipeline.health.remedies import remedy_of
 
@@ -13,6 +14,7 @@ LATE_S: Final = 0.15  # by which the daemon's timer may be late
 STOOD_STILL_S: Final = 1.0  # by which it is late when the program did not run at all, or hardly
 LITTLE_ROOM: Final = 200_000_000  # bytes
 LITTLE_MEMORY: Final = 100_000_000
+BY_STAMP: Final = (Cause.TOO_OLD, Cause.TOO_NEW, Cause.NO_POSE, Cause.DUPLICATE)
 ROOM: Final = "make room (`df -h`, `du -sh *`), or set `path` of [recorder]"
 
 
@@ -37,9 +39,11 @@ def refused(m: Moment) -> Iterator[Advice]:
 
 
 def _follows(m: Moment, cause: Cause) -> bool:
-    """Whether a refusal follows from what has advice of its own: no autopilot, or no motion of ours."""
+    """Whether a refusal follows from what has advice of its own: no autopilot, no motion, another clock."""
     if not m.now.followed:
         return cause is Cause.BEFORE_HEARTBEAT
+    if cause in BY_STAMP and any(stamp_reading(m, *camera) is not None for camera in m.now.cameras.items()):
+        return True
     return cause is Cause.NO_POSE and not m.has_motion
 
 
@@ -47,7 +51,17 @@ def links(m: Moment) -> Iterator[Advice]:
     """A link without its peer, and datagrams that are lost."""
     for name, health in m.now.links.items():
         before = m.before.links.get(name, health)
-        if health.error:
+        if health.cause is Cause.NAME_SHARED:
+            yield Advice(
+                cause="name",
+                severity=Severity.ERROR,
+                about=f"link {name}",
+                what=health.error,
+                remedy="give each its own `vehicle` of [zenoh] (`onboard init --vehicle NAME`), and start it anew",
+                text="two vehicles have one name",
+                over="the vehicle's name is its own",
+            )
+        elif health.error:
             cause = "tls" if health.cause is Cause.TLS else "link"
             yield Advice(
                 cause=cause,

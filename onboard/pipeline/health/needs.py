@@ -24,8 +24,9 @@ class Needs(NamedTuple):
     """What a configuration needs. `prefix`: the beginning of our Zenoh keys, "" without Zenoh. `system`: the
     only MAVLink system that may be followed, 0 for any. `rates`: Hz that each stream (by its record) must have;
     `asked`: Hz that are asked for, by MAVLink name. `images`: an estimator needs images. `classes`: of targets,
-    that have a section. `undistorted`: names of cameras without distortion coefficients. `sends_places`: links
-    on which the leader's place on Earth is sent. `wind`: a leader is a fixed wing, whose nose it shows."""
+    that have a section. `undistorted`: names of cameras without distortion coefficients; `ros`: of those whose
+    images come over ROS. `sends_places`: links on which the leader's place on Earth is sent. `wind`: a leader is a
+    fixed wing, whose nose it shows."""
 
     prefix: str = ""
     system: int = 0
@@ -36,6 +37,7 @@ class Needs(NamedTuple):
     images: bool = False
     classes: tuple[str, ...] = ()
     undistorted: tuple[str, ...] = ()
+    ros: tuple[str, ...] = ()
     sends_places: tuple[str, ...] = ()
     wind: bool = False
 

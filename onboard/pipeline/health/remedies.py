@@ -49,7 +49,7 @@ REMEDIES: Final = {
         "images without a time",
     ),
     Cause.OTHER_CLOCK: Remedy(
-        "clock", "send the clock that is named, which is that of `t_ns`", "stamps of another clock"
+        "clock", "send nanoseconds of the clock that `clock` names", "stamps of another clock"
     ),
     **dict.fromkeys(
         (Cause.LATER_THAN_ARRIVAL, Cause.DUPLICATE, Cause.TOO_OLD, Cause.TOO_NEW, Cause.NO_POSE), STAMPS

@@ -98,7 +98,14 @@ def test_every_cause_that_is_gathered_is_one_that_there_is() -> None:
 
 
 @pytest.mark.parametrize(
-    ("path", "mark"), [(None, "note"), ("here.mcap", "ok"), ("/nowhere/flight.mcap", "FAIL"), ("full", "FAIL")]
+    ("path", "mark"),
+    [
+        (None, "note"),
+        ("here.mcap", "ok"),
+        ("logs/here.mcap", "ok"),
+        ("/nowhere/flight.mcap", "FAIL"),
+        ("full", "FAIL"),
+    ],
 )
 def test_the_disk(path: str | None, mark: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)

@@ -1,6 +1,7 @@
 """A flight's folder: the autopilot's log, and beside it the detector's documents, a line each."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
@@ -10,7 +11,7 @@ import pytest
 from onboard import UserError
 from onboard.commands.calibrate import collect
 from onboard.commands.cli import main
-from onboard.commands.log_replay import ReplayResult, replay
+from onboard.commands.log_replay import ReplayResult, check_log, replay
 from onboard.commands.many import ScorableFlight, score_flight
 from tests.support.dataflash import BOOT_UNIX_S, dataflash
 from tests.support.streams import F_PX, Flight, make_config
@@ -18,6 +19,7 @@ from tests.support.streams import F_PX, Flight, make_config
 FLIGHT: Final = Flight(radius=None, gap=25.0)
 SECONDS: Final = 9.0
 BEGIN: Final = 5.0
+DAY_NS: Final = 86_400 * 10**9
 TRUE_FROM: Final = BEGIN - 11.0  # the first 15 s of the truth are not scored
 CAMERA: Final = ("camera.cx_px=320", "camera.cy_px=240", f"camera.f_px={F_PX}")
 
@@ -75,12 +77,34 @@ def test_a_broken_line_costs_that_line_and_is_named(tmp_path: Path, log: Path) -
     assert sum(refusal.count for refusal in replayed.health.refusals) == 2
 
 
-def test_stamps_of_the_wrong_clock_are_explained(tmp_path: Path, log: Path) -> None:
-    documents = [line.replace('"host"', '"boot"') for line in lines("host")]
-    replayed = replay(folder(tmp_path, log, documents), make_config(*CAMERA))
-    (refusal,) = replayed.health.refusals
-    assert f"{len(documents)} lines are later than the log's end" in refusal.reason
-    assert "boot is the autopilot's time since its start, host the Unix time" in refusal.reason
+@pytest.mark.parametrize(
+    ("clock", "change", "stated", "words"),
+    [
+        ("host", lambda t: t, "boot", "is Unix time, but `clock` is `boot` "),
+        ("boot", lambda t: t, "host", "is the autopilot's time since its boot, but `clock` is `host` "),
+        (
+            "host",
+            lambda t: t // 10**6,
+            "host",
+            "is Unix time in milliseconds, expected are nanoseconds (images 17",
+        ),
+        ("boot", lambda t: t // 10**3, "boot", "is the autopilot's time since its boot in microseconds"),
+        ("host", lambda t: t - 7 * DAY_NS, "host", "of a clock that is 7 days behind (images 2024-12-24 "),
+        ("host", lambda t: t + 1024 * 7 * DAY_NS, "host", "of a clock that is 1 x 1,024 weeks ahead"),
+        ("host", lambda t: t + DAY_NS // 12, "host", "of a clock that is 2 hours ahead"),
+        ("boot", lambda t: t + 10**16, "boot", " lines are later than the log's end, the first with `t_ns` of 1"),
+    ],
+)
+def test_stamps_of_the_wrong_clock_are_explained(
+    clock: str, change: Callable[[int], int], stated: str, words: str, tmp_path: Path, log: Path
+) -> None:
+    """And the detector is not blamed for a camera that sees nothing."""
+    documents = [json.loads(line) for line in lines(clock)]
+    changed = [json.dumps(d | {"t_ns": change(d["t_ns"]), "clock": stated}) for d in documents]
+    health = replay(folder(tmp_path, log, changed), make_config(*CAMERA)).health
+    (refusal,) = [r for r in health.refusals if r.source == "detections.jsonl"]
+    assert words in refusal.reason
+    assert "camera-silent" not in {advice.cause for advice in health.advice}
 
 
 def test_a_folder_s_own_configuration_and_truth_are_used(
@@ -123,3 +147,19 @@ def test_a_folder_is_calibrated_as_a_log_is(tmp_path: Path, log: Path) -> None:
     images, own = collect(folder(tmp_path, log, lines("boot")), make_config(*CAMERA))
     assert len(images.t) > 22 * SECONDS
     assert len(own.t) > 22 * SECONDS
+
+
+@pytest.mark.parametrize(
+    ("head", "words"),
+    [
+        (b"\x1f\x8b\x08", "`gunzip` it"),
+        (b"PK\x03\x04", "ZIP archive: unpack"),
+        (b"SQLite format 3\0", "bag of ROS 2"),
+        (b"#ROSBAG V2.0", "bag of ROS 1"),
+        (b"FMT, 128, 89, FMT", "DataFlash log as text"),
+    ],
+)
+def test_a_log_of_another_kind_is_named_for_what_it_is(head: bytes, words: str, tmp_path: Path) -> None:
+    (tmp_path / "flight.log").write_bytes(head + bytes(100))
+    with pytest.raises(UserError, match=rf"is no \.tlog.*{words}"):
+        check_log(tmp_path / "flight.log")

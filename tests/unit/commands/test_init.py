@@ -137,6 +137,7 @@ def answers(**changed: str) -> dict[str, str]:
         ("link", "tcp:127.0.0.1", "expected serial:DEVICE:BAUD"),
         ("camera", "640x480", "expected WIDTHxHEIGHT:FOCAL"),
         ("camera", "640x480:170deg", "1 to 150 degrees"),
+        ("camera", "1280x720:62", "a field of view of 169 degrees; 62 degrees are 1280x720:62deg"),
         ("camera", "640x0:500", "above 0"),
         ("tilt", "up", "--tilt: must be a number from -90 to 90, not 'up'"),
         ("span", "-1", "--span: must be a number"),
@@ -175,7 +176,7 @@ def test_without_a_terminal_what_is_missing_is_named(capsys: pytest.CaptureFixtu
 
 
 def test_at_a_terminal_it_asks_until_it_understands(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
-    given = iter(["x", "ardu", "tcp:127.0.0.1:5762", "", "640x480:554", "", "fixed", "2.5", "f"])
+    given = iter(["x", "ardu", "tcp:127.0.0.1:5762", "", "640x480:554", "", "fixed", "2.5", "uav-7", "f"])
     asked: list[str] = []
 
     def read(words: str) -> str:
@@ -190,6 +191,7 @@ def test_at_a_terminal_it_asks_until_it_understands(monkeypatch: pytest.MonkeyPa
     assert config.estimator["leader"].aircraft == "fixed-wing"
     assert config.camera.mount_rpy_deg == (0.0, 15.0, 0.0)
     assert (folder / "ardupilot.parm").exists()
+    assert config.zenoh.prefix == "onboard/uav-7"
     assert len(asked) == len(init.QUESTIONS) + 2  # "x" is no autopilot, "" no camera
     assert "[serial:/dev/ttyAMA0:921600]" in asked[2]
 
@@ -253,3 +255,35 @@ def test_every_file_that_is_shared_is_in_an_example() -> None:
 def test_an_example_takes_no_other_flags(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["init", "--example", "fleet", "--span", "2"]) == 2
     assert "--example copies files as they are, without --span" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("device", "allowed"),
+    [
+        ("/dev/ttyAMA0", "char-ttyS"),  # the unit's own list
+        ("/dev/ttymxc2", "char-ttymxc"),
+        ("/dev/ttySAC1", "char-ttySAC"),
+        (
+            "/dev/serial/by-path/pci-0000:01:00.0-usb-0:1.3:1.0",
+            "/dev/serial/by-path/pci-0000:01:00.0-usb-0:1.3:1.0",
+        ),
+    ],
+)
+def test_the_service_may_open_the_link_s_own_device(device: str, allowed: str) -> None:
+    """Its list has no NXP's, and init refused a path with colons, which the daemon takes."""
+    files = init.files_of(init.setup_of(answers(link=f"serial:{device}:57600")))
+    first = next(line for line in files["onboard.service"].splitlines() if line.startswith("DeviceAllow="))
+    assert first == f"DeviceAllow={allowed} rw"
+
+
+def test_a_calibration_in_a_home_is_copied_to_where_the_service_reads_it(
+    monkeypatch: pytest.MonkeyPatch, folder: Path
+) -> None:
+    monkeypatch.setattr(init, "HOMES", (str(folder),))
+    setup = init.setup_of(answers(camera="front.yaml"))
+    files = init.files_of(setup)
+    assert 'calibration = "/etc/onboard/camera.yaml"' in files["companion.toml"]
+    assert files["camera.yaml"] == (folder / "front.yaml").read_text(encoding="utf-8")
+    steps = init.next_steps(setup, folder, tuple(files))
+    assert any("/camera.yaml /etc/onboard/camera.yaml" in step for step in steps)
+    assert not any("install wingline" in step for step in steps)

@@ -183,3 +183,54 @@ def test_each_of_a_batch_may_miss_something_else_though_some_are_done_seed_6() -
     found, want = (run(name, model, start, ys) for name in ("particle", "kalman"))
     sigma = np.sqrt(np.diagonal(want.beliefs.covariance, axis1=-2, axis2=-1))
     assert (np.abs(found.beliefs.mean - want.beliefs.mean) / sigma).max() < 0.6
+
+
+def by_grid(prior: Any, density: Any, value: Any, axes: Any) -> tuple[float, float, float]:
+    """Mean and sigma of a value after a measurement, and its log evidence, on a regular grid of points (k, n)."""
+    cell = np.prod([axis[1] - axis[0] for axis in axes])
+    points = np.stack([part.ravel() for part in np.meshgrid(*axes, indexing="ij")], axis=-1)
+    log_w = prior(points) + density(points)
+    w = np.exp(log_w - log_w.max())
+    mean = float(w @ value(points) / w.sum())
+    variance = float(w @ (value(points) - mean) ** 2 / w.sum())
+    return mean, variance**0.5, float(np.log(w.sum() * cell) + log_w.max())
+
+
+def distance(rows: Array) -> Array:
+    return np.hypot(rows[:, :1], rows[:, 1:2])
+
+
+def squared(rows: Array) -> Array:
+    return rows * rows / 20
+
+
+@pytest.mark.parametrize(
+    ("measure", "mean", "sigma", "y", "R"),
+    [
+        *((distance, (0.0, 0.0), 1.0, y, 0.04) for y in (4.0, 4.5, 5.0)),
+        *((squared, (0.0,), 1.0, y, R) for y, R in ((1.0, 0.01), (3.0, 0.01), (7.8, 1.0), (12.0, 1.0))),
+        *((squared, (5.0,), 2.0, y, R) for y, R in ((7.8, 0.01), (12.0, 1.0), (12.0, 0.01))),
+    ],
+)
+def test_what_no_line_explains_is_neither_ignored_nor_followed_seeds_0_to_2(
+    measure: Any, mean: tuple[float, ...], sigma: float, y: float, R: float
+) -> None:
+    """A beacon in the middle of the cloud has no slope: a range of 4.5 left 1.26 +- 0.65 for 4.34 +- 0.20."""
+    n, size = len(mean), abs if measure is squared else distance
+    axes = [np.linspace(-22, 22, 44_001 if n == 1 else 441)] * n
+
+    def prior(x: Array) -> Array:
+        return -0.5 * np.sum((x - mean) ** 2, axis=1) / sigma**2 - n * np.log(sigma * np.sqrt(2 * np.pi))
+
+    def density(x: Array) -> Array:
+        return -0.5 * (measure(x)[:, 0] - y) ** 2 / R - 0.5 * np.log(2 * np.pi * R)
+
+    want = by_grid(prior, density, lambda x: np.abs(size(x))[:, 0], axes)
+    for seed in range(3):
+        start = particle.start(np.array(mean), sigma**2 * np.eye(n), 1000, seed)
+        found = particle.update(start, np.array([y]), measure, np.array([[R]]))
+        weights, values = np.exp(found.belief.log_weights), np.abs(size(found.belief.particles))[:, 0]
+        middle = float(weights @ values)
+        assert abs(middle - want[0]) < 0.3 * want[1]
+        assert 0.75 < float(weights @ (values - middle) ** 2) ** 0.5 / want[1] < 1.25
+        assert float(found.log_evidence) == pytest.approx(want[2], abs=1.0)

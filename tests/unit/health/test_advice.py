@@ -16,6 +16,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from onboard.arrays import Array
 from onboard.autopilot.notices import LENGTH, Notices
+from onboard.clocks.reading import Span, read_stamps
 from onboard.commands import absent
 from onboard.commands.absent import why_absent
 from onboard.commands.status import describe, is_healthy
@@ -41,6 +42,7 @@ from onboard.messages import (
 )
 from onboard.pipeline import Pipeline, Rim
 from onboard.pipeline.health import Advisor, Needs
+from onboard.pipeline.health.causes_state import REMEDIES, VALID
 from onboard.sinks.console import Console
 from onboard.view import words
 from onboard.wire.signing import read_key
@@ -310,6 +312,35 @@ def test_11_the_wrong_clock(off_ns: int, stated: str, meant: str) -> None:
     assert any(f"clock: {meant}" in a.remedy + a.what for a in causes)
 
 
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda t: (t + EPOCH) // 10**9, "Unix time in seconds"),
+        (lambda t: (t + EPOCH) // 10**6, "Unix time in milliseconds"),
+        (lambda t: (t + EPOCH) // 10**3, "Unix time in microseconds"),
+        (lambda t: t + EPOCH - 3600 * S, "Unix time of a clock that is 1 hours behind"),
+        (lambda t: t + EPOCH + 7 * 86_400 * S, "Unix time of a clock that is 7 days ahead"),
+        (lambda t: t // 10**6, "the autopilot's time since its boot in milliseconds"),
+        (lambda t: t + 1000 * S, "s after 1970, of a clock that began at 0, as a simulator's does"),
+    ],
+)
+def test_11_another_unit_or_a_clock_that_is_off(change: Callable[[int], int], words: str) -> None:
+    """The advice was to send `clock: boot`, which mended nothing."""
+    doctor = detected(lambda d, _: d.update(t_ns=change(d["t_ns"]), clock="host"))
+    causes = [a for a in doctor.health.advice if a.severity is not Severity.NOTICE]
+    assert [a.cause for a in causes] == ["clock"]
+    assert words in causes[0].what
+
+
+@pytest.mark.parametrize("began_s", [0, 1000])
+def test_11_a_simulator_s_clock_in_ros(began_s: int) -> None:
+    """There is no `clock` to send."""
+    spans = {Clock.HOST: Span(EPOCH, EPOCH), Clock.BOOT: Span(40 * S, 40 * S)}
+    reading = read_stamps([(40 + began_s) * S], Clock.HOST, spans, is_ros=True)
+    assert reading is not None
+    assert ("`use_sim_time`" in reading.remedy, "`clock" in reading.words + reading.remedy) == (True, False)
+
+
 def test_12_pixels_that_are_distorted() -> None:
     """A wide lens without coefficients; the leader is far from the axis."""
 
@@ -381,10 +412,41 @@ def test_16_a_router_that_is_off_is_no_matter_of_certificates(reason: str) -> No
     assert [advice.cause for advice in found] == ["daemon"]
 
 
+def test_16_two_vehicles_of_one_name() -> None:
+    error = "vehicle `1` is the name of two: of this session, a1, and of b2; no sample is used"
+    doctor = flown(rims=lambda _: Rim(links={"zenoh": LinkHealth(cause=Cause.NAME_SHARED, error=error)}))
+    advice = named(doctor, "name", "`vehicle` of [zenoh]")
+    assert (advice.severity, advice.what) == (Severity.ERROR, error)
+
+
 def test_16_tls_of_the_status_itself() -> None:
     error = "zenoh: no router answers at tls/hub:7447 (tls/hub:7447: its certificate is not accepted: expired)"
     (advice, *_) = why_absent(configured(link=[]), "tls/hub:7447", Reason(Cause.TLS, error))
     assert (advice.cause, "`ca_file`" in advice.remedy) == ("tls", True)
+
+
+def test_an_estimate_that_is_not_valid_for_five_seconds_has_advice() -> None:
+    """By each cause, whatever its state: one in doubt is still tracked. Of our own motion in doubt nothing was
+    said."""
+    healthy = flown(images(lambda m: replace(m, clock=Clock.BOOT))).health
+    for cause in set(Cause) - VALID:
+        advisor, found = Advisor(Needs()), list[tuple[Advice, ...]]()
+        for t_s in range(6):
+            doubted = replace(healthy, t_recv_ns=healthy.t_recv_ns + t_s * S, causes={"leader": cause})
+            found.append(tuple(a for a in advisor.advise(doubted) if a.about == "estimate leader"))
+        assert found[:5] == [()] * 5
+        remedies = [a for a in advisor.advise(doubted) if a.cause in ("not-valid", "misfit")]
+        assert all(a.remedy for a in remedies)
+        assert remedies, cause
+        if cause in (Cause.OWN_MOTION_DOUBT, Cause.FIXES_CONTRADICT):
+            assert remedies[0].severity is Severity.ERROR
+
+
+def test_every_cause_that_an_estimate_states_has_a_remedy_of_its_own() -> None:
+    """Those between the state of a track and the refusals of messages."""
+    causes = list(Cause)
+    stated = causes[causes.index(Cause.NO_MEASUREMENT) : causes.index(Cause.DOCUMENT)]
+    assert set(stated) - set(REMEDIES) == set()
 
 
 def test_17_a_port_in_use() -> None:

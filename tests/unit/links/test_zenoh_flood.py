@@ -33,6 +33,9 @@ class Session:
             self._loop.call_soon_threadsafe(self.subscribed.set)
         return SimpleNamespace(undeclare=lambda: None)
 
+    def watch_name(self, prefix: str, others: set[str]) -> Any:  # noqa: ARG002
+        return SimpleNamespace(undeclare=lambda: None)
+
     def trouble(self) -> Reason:
         return NO_REASON
 

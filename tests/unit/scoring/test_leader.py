@@ -257,3 +257,11 @@ def test_a_truth_that_goes_on_after_the_flight_counts_until_its_end() -> None:
     assert whole.valid_percent == pytest.approx(100 * 15.5 / 75.0, abs=1.0)
     assert whole.diverged
     assert to_the_end.position_rmse_m == whole.position_rmse_m
+
+
+def test_after_a_reboot_on_the_ground_the_flight_s_time_goes_on() -> None:
+    """The settle time counted by the first boot's clock: 0 % of a good flight were valid."""
+    ground = [estimate(t, valid=False) for t in np.arange(500.0, 510.0, 0.1)]
+    for flown in (ground + flight(begin=5.0, end=35.0), ground + flight(begin=490.0, end=520.0)):
+        score = score_leader(flown, None)
+        assert (score.valid, score.valid_percent) == (300, 100.0)

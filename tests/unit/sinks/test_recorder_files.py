@@ -2,8 +2,11 @@
 
 import errno
 import os
+import re
 import stat
+from collections.abc import Callable
 from contextlib import suppress
+from itertools import repeat
 from pathlib import Path
 
 import pytest
@@ -53,14 +56,20 @@ def test_a_disk_that_is_full_later_keeps_what_was_written_and_leaves_no_empty_fi
     assert next(read_recording(tmp_path / "flight.mcap"))[0] == datagram(0)
 
 
-def recorded(path: Path, rotation: Rotation, files: int) -> None:
-    """Fill as many files, each a second apart."""
-    recorder = Recorder(path, rotation=rotation, monotonic=iter(range(100)).__next__)
-    for n in range(files):
+DAY = 86_400.0
+NOW = 1_795_000_000.0  # of tests, November 2026
+LATER = NOW + 200 * DAY
+
+
+def recorded(path: Path, rotation: Rotation, *stamps: float, report: Callable[[str], None] = print) -> None:
+    """Fill a file for each time that its computer's clock shows."""
+    for stamp in stamps:
+        now_ns = repeat(round(stamp * 1e9)).__next__
+        recorder = Recorder(path, rotation=rotation, report=report, monotonic=lambda: 0.0, now_ns=now_ns)
         recorder.open()
-        recorder.write([datagram(n)])
+        recorder.write([datagram(0)])
         recorder.close()
-        os.utime(recorder.path, (10**9 + n, 10**9 + n))
+        os.utime(recorder.path, (stamp, stamp))
 
 
 def test_a_file_that_is_large_enough_is_followed_by_another(tmp_path: Path) -> None:
@@ -86,13 +95,50 @@ def test_a_file_that_is_large_enough_is_followed_by_another(tmp_path: Path) -> N
 )
 def test_the_oldest_recordings_of_a_name_are_removed(rotation: Rotation, left: list[str], tmp_path: Path) -> None:
     """Each start left one more, until the disk was full."""
-    others = [tmp_path / name for name in ("flight-a.mcap", "flight2.mcap", "flight.csv", "other.mcap")]
+    others = [tmp_path / f"{name}.mcap" for name in ("flight-a", "flight2", "other", "flight-1", "flight-0042")]
     for other in others:
         other.write_text("mine")
-        os.utime(other, (1, 1))
-    recorded(tmp_path / "flight.mcap", Rotation(), 3)
-    recorded(tmp_path / "flight.mcap", rotation, 1)
+        os.utime(other, (NOW, NOW))
+    said: list[str] = []
+    recorded(tmp_path / "flight.mcap", Rotation(), NOW, NOW, NOW)
+    recorded(tmp_path / "flight.mcap", rotation, LATER, report=said.append)
     assert {p.name for p in tmp_path.iterdir()} == {*(f"flight{k}.mcap" for k in left), *(p.name for p in others)}
+    removed = [line for line in said if re.search(r"removed .*flight.*\.mcap, .*: .*keep_(mb|days) is", line)]
+    assert len(removed) == len(said) == 4 - len(left)
+
+
+@pytest.mark.parametrize(
+    ("stamps", "now", "left"),
+    [
+        # the numbers of those that are left, of recordings made at these times and one more, with keep_days 30
+        ((400.0, 1200.0), LATER, {1, 2, 3}),  # without a clock: who knows
+        ((400.0, NOW, 400.0), LATER, {3, 4}),  # the first is at least as old as the second
+        ((NOW, LATER - DAY, NOW + DAY), LATER, {2, 3, 4}),  # stamped as it was last switched off
+        ((NOW, NOW + DAY), 1200.0, {1, 2, 3}),  # the field is without a clock
+        ((NOW, NOW + DAY), NOW + 1024 * 7 * DAY, {1, 2, 3}),  # a GPS that is 1,024 weeks off
+        ((LATER + DAY, NOW, LATER - DAY), LATER, {3, 4}),  # the first clock was ahead
+    ],
+)
+def test_a_recording_is_not_old_because_its_clock_was_not_set(
+    stamps: tuple[float, ...], now: float, left: set[int], tmp_path: Path
+) -> None:
+    recorded(tmp_path / "flight.mcap", Rotation(), *stamps)
+    recorded(tmp_path / "flight.mcap", Rotation(keep_days=30.0), now)
+    names = {"flight.mcap" if n == 1 else f"flight-{n}.mcap" for n in left}
+    assert {p.name for p in tmp_path.iterdir()} == names
+
+
+def test_recordings_without_a_label_make_room_by_their_stamps_and_copies_never(tmp_path: Path) -> None:
+    """Versions that wrote no label gave a number again once it was free: 3 and 4 are older than 1 and 2. What a
+    pilot has copied keeps the label of the original."""
+    stamps = {"": 400.0, "-2": 1200.0, "-3": NOW, "-4": NOW + DAY, "-20260101": NOW}
+    for number, stamp in stamps.items():
+        (tmp_path / f"flight{number}.mcap").write_bytes(bytes(1000))
+        os.utime(tmp_path / f"flight{number}.mcap", (stamp, stamp))
+    recorded(tmp_path / "flight.mcap", Rotation(keep_bytes=2500.0), LATER)
+    (tmp_path / "flight-5.mcap").rename(tmp_path / "flight-42.mcap")
+    recorded(tmp_path / "flight.mcap", Rotation(keep_bytes=1.0), LATER + DAY)
+    assert {p.name for p in tmp_path.iterdir()} == {f"flight-{n}.mcap" for n in (20260101, 42, 3)}
 
 
 def test_a_recording_that_received_nothing_is_kept_if_it_was_ended_in_order(tmp_path: Path) -> None:

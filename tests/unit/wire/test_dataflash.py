@@ -179,6 +179,13 @@ def test_leap_seconds_are_those_of_the_date(year: int, leap_s: int, tmp_path: Pa
     assert found.t_recv_ns == round(noon) * 10**9
 
 
+def test_one_fix_of_another_week_decides_nothing(tmp_path: Path) -> None:
+    """A receiver's first fix had the week before; all images were then later than the log's end."""
+    fixes = [("GPS", t, FIX | {"GWk": WEEK - (t == 1), "GMS": WEEK_MS + 1000 * t}) for t in range(1, 6)]
+    found = of(written(tmp_path / "log.bin", fixes), GpsFix)
+    assert {m.t_recv_ns - m.t_ns for m in found} == {BOOT_UNIX_S * 10**9}
+
+
 def test_rows_of_firmware_before_2015_have_milliseconds(tmp_path: Path) -> None:
     """The log was refused for the name of the GPS's time, which arrivals alone want."""
     fix = {"Status": 3, "TimeMS": WEEK_MS, "Week": WEEK, "T": 5000, "Lat": 47.0}

@@ -222,6 +222,21 @@ def test_points_of_a_class_come_along_with_the_wing_or_without_it() -> None:
     assert [f.name for f in m.features] == ["left", "right", "nose", "tail"]
 
 
+def test_a_keypoint_at_exactly_0_0_is_not_seen_and_that_is_named_once() -> None:
+    """As Ultralytics writes it; it cost the whole image."""
+    unseen = {"u_px": 0.0, "v_px": 0.0}
+    image = {**HEAD, "detections": [{"points": {"center": CENTER, "left": unseen, "right": RIGHT}}]}
+    nothing = {**HEAD, "detections": [{"points": dict.fromkeys(("center", "left", "right"), unseen)}]}
+    decoded = Decoded(image, image)
+    found = [[f.name for f in m.features] for m in decoded.messages if isinstance(m, TargetDetection)]
+    assert found == [["center", "right"]] * 2
+    assert ["(0, 0)" in reason for reason in decoded.reasons] == [True]
+    assert "expected `points` with some of" in Decoded(nothing).reasons[-1]
+    assert [f.name for f in one(points={"left": {"u_px": 0.0, "v_px": 3.0}, "right": RIGHT}).features] == [
+        *("left", "right")
+    ]
+
+
 def test_an_image_in_which_nothing_was_found_is_no_refusal() -> None:
     assert Decoded({**HEAD, "detections": []}).reasons == []
 

@@ -85,6 +85,16 @@ def test_a_stamp_that_cannot_be_costs_its_row_alone(tmp_path: Path, k: int, t: f
     assert lost == ["vehicle_gps_position: a row's stamp is far from those of the rows around it"]
 
 
+@pytest.mark.parametrize("first_utc_us", [0, 1_735_084_800_000_000], ids=["no fix yet", "a week before"])
+def test_arrivals_are_unix_times_of_most_fixes(first_utc_us: int, tmp_path: Path) -> None:
+    """Images with Unix times were later than the log's end."""
+    rows = [row | {"time_utc_usec": 1_735_689_600_000_000 + row["timestamp"]} for row in rows_at(*STAMPS[:9])]
+    rows[0]["time_utc_usec"] = first_utc_us
+    path = ulog(tmp_path / "a.ulg", rows, fields=GPS | {"time_utc_usec": "uint64_t"})
+    messages, _ = read(path)
+    assert {m.t_recv_ns - m.t_ns for m in messages} == {1_735_689_600 * 10**9}
+
+
 def test_rows_out_of_order_are_put_in_order_and_gaps_are_kept(tmp_path: Path) -> None:
     stamps = (1.0, 1.4, 1.2, 1.6, 40.0, 40.2)
     (_, *fixes), lost = read(ulog(tmp_path / "a.ulg", rows_at(*stamps)))

@@ -4,7 +4,7 @@ of these holds, the leader is lost.
 **Another object** (`Exchange`). An aircraft moves on from image to image. An object that another one is
 exchanged for, by a detector, leaps: in direction, or in apparent size. If from a leap on no image fits the
 track, one of the two is not the target, and nothing says which. The new track is then in question until the
-images leap back, or until the old one would have been forgotten anyway.
+images leap back, in direction and size, or until the old one would have been forgotten anyway.
 
 **Another class** (`Classes`). A detector's classes flicker, and its first one may be wrong. So the class of most
 images of the last seconds is believed, and the size with it. While two classes come about equally often, nothing
@@ -43,6 +43,7 @@ from onboard.ownship import Ownship
 LONGEST_S: Final = 0.3  # between two images: over longer gaps an aircraft may have moved anywhere
 LEAP: Final = math.radians(2.0)  # a direction that changes by more ...
 SWIFTEST: Final = math.radians(60.0)  # ... and faster than this, 1/s, leaps; as 10 m/s across at 10 m
+SWIFTLY: Final = math.radians(10.0)  # 1/s, over seconds: as 3.5 m/s across at 20 m
 RATIO: Final = 1.3  # so does an apparent size that changes by more
 NOISE_SIGMAS: Final = 4.0  # of both sizes' noise, where that is larger
 OFTEN: Final = 0.75  # of the images of the believed class: another class that is as frequent leaves it open
@@ -93,7 +94,7 @@ class Exchange:
         self._fused = self._gated = None
         if last is None or first is None or not leaps(last, first):
             return
-        if self._before is not None and _is_as_big(self._before, first):
+        if self._before is not None and _is_back(self._before, first):
             self._before, self._until_ns = None, 0
             return
         if last.message.t_ns > self._until_ns:
@@ -152,10 +153,19 @@ def leaps(before: Image, after: Image) -> bool:
     dt = (after.message.t_ns - before.message.t_ns) / NS_PER_S
     if not 0.0 < dt < LONGEST_S:
         return False
-    angle = math.acos(float(np.clip(before.direction_n @ after.direction_n, -1.0, 1.0)))
-    return angle > LEAP + SWIFTEST * dt or (
+    return _angle(before, after) > LEAP + SWIFTEST * dt or (
         before.has_extent and after.has_extent and not _is_as_big(before, after)
     )
+
+
+def _is_back(before: Image, after: Image) -> bool:
+    """Whether an image shows what an earlier one did, some seconds ago: as large, and about where it was."""
+    dt = abs(after.message.t_ns - before.message.t_ns) / NS_PER_S
+    return _angle(before, after) < LEAP + SWIFTLY * dt and _is_as_big(before, after)
+
+
+def _angle(a: Image, b: Image) -> float:
+    return math.acos(float(np.clip(a.direction_n @ b.direction_n, -1.0, 1.0)))
 
 
 def _is_as_big(a: Image, b: Image) -> bool:

@@ -83,3 +83,13 @@ def test_the_newest_image_counts_in_whatever_order_they_come() -> None:
     exchange.gated(image(1.1, degrees=40.0))  # the first one counts
     exchange.ended()
     assert not asked_at(exchange, 1.1)
+
+
+def test_another_aircraft_of_the_same_size_elsewhere_is_not_the_first_one_again() -> None:
+    """A second exchange ended the question whatever it showed, if that was as large."""
+    for back_deg, is_asked in ((1.0, False), (7.0, False), (-25.0, True), (40.0, True)):
+        exchange = ended_after(image(1.0), image(1.05, degrees=20.0))
+        exchange.fused(image(1.5, degrees=20.0))
+        exchange.gated(image(1.55, degrees=back_deg))
+        exchange.ended()
+        assert asked_at(exchange, 1.6) == is_asked

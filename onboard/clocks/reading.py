@@ -1,0 +1,94 @@
+"""What the stamp of an image is, where it is not what it says: of the other clock, in another unit, of a clock
+that is whole hours, days or 1,024 weeks off, or of one that began at 0."""
+
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from typing import Final, NamedTuple
+
+from onboard.messages import Clock
+
+NS_PER_S: Final = 1_000_000_000
+UNITS: Final = {"nanoseconds": 1, "microseconds": 1_000, "milliseconds": 1_000_000, "seconds": NS_PER_S}
+NAMES: Final = {Clock.HOST: "Unix time", Clock.BOOT: "the autopilot's time since its boot"}
+# By what clocks are off: the rollover of GPS weeks, a day's mistake, a time zone; and at most so many of these.
+OFF: Final = (("{} x 1,024 weeks", 619_315_200, 3), ("{} days", 86_400, 400), ("{} hours", 3_600, 48))
+SIM_TIME: Final = "set `use_sim_time` of camera and detector to false: a ROS stamp is of this computer's clock"
+SLACK_NS: Final = 2 * NS_PER_S
+LATEST_NS: Final = 2**63
+BEGAN_NS: Final = 2 * 365 * 86_400 * NS_PER_S  # after 1970: no clock that was set says so
+
+
+class Span(NamedTuple):
+    """Times of one clock, ns: between these stamps may be."""
+
+    begin: int
+    end: int
+
+    def holds(self, times: Sequence[int]) -> bool:
+        """Whether all times are within."""
+        return self.begin - SLACK_NS <= min(times) and max(times) <= self.end + SLACK_NS
+
+    def __str__(self) -> str:
+        """Its begin and end for a person: dates and times, UTC, or seconds since a boot."""
+        if not BEGAN_NS < self.begin <= self.end < LATEST_NS:
+            return f"{self.begin / NS_PER_S:.3f} to {self.end / NS_PER_S:.3f} s"
+        times = (datetime.fromtimestamp(t_ns / NS_PER_S, UTC) for t_ns in self)
+        return " to ".join(f"{time:%Y-%m-%d %H:%M:%S}" for time in times)
+
+
+class Reading(NamedTuple):
+    """What stamps are, in words that follow "is", and what mends it."""
+
+    words: str
+    remedy: str
+
+
+def read_stamps(
+    stamps: Sequence[int], clock: Clock, spans: Mapping[Clock, Span], *, is_ros: bool = False
+) -> Reading | None:
+    """What stamps of this clock are, by the times that each clock may show; None where they are right, or nothing
+    says it. `is_ros`: of the header of a ROS message, which names no clock."""
+    if clock in spans and spans[clock].holds(stamps):
+        return None
+    for unit, ns in UNITS.items():
+        for of, span in spans.items():
+            if span.holds([stamp * ns for stamp in stamps]):
+                return _misread(clock, of, unit, ns, is_ros=is_ros)
+    if clock is not Clock.HOST or clock not in spans:
+        return None
+    return _off(stamps, spans[clock]) or _began(stamps, is_ros=is_ros)
+
+
+def _misread(clock: Clock, of: Clock, unit: str, ns: int, *, is_ros: bool) -> Reading:
+    words, remedies = [NAMES[of] + ("" if ns == 1 else f" in {unit}")], list[str]()
+    if ns != 1:
+        words.append("expected are nanoseconds")
+        remedies.append(f"send nanoseconds: {ns:,} times as much")
+    if of is not clock:
+        words.append("where a ROS stamp is Unix time" if is_ros else f"but `clock` is `{clock.value}`")
+        remedies.append(SIM_TIME if is_ros else f"let the detector send `clock: {of.value}`")
+    return Reading(", ".join(words), "; ".join(remedies))
+
+
+def _off(stamps: Sequence[int], span: Span) -> Reading | None:
+    by = min(stamps) - span.begin
+    for name, seconds, most in OFF:
+        whole = seconds * NS_PER_S
+        count = round(by / whole)
+        if not 0 < abs(count) <= most or 2 * (span.end - span.begin) > whole:
+            continue
+        if span.holds([stamp - count * whole for stamp in stamps]):
+            way = "ahead" if count > 0 else "behind"
+            words = f"Unix time of a clock that is {name.format(abs(count))} {way}"
+            return Reading(words, "set the clock of the computer that stamps, or the one that it is compared with")
+    return None
+
+
+def _began(stamps: Sequence[int], *, is_ros: bool) -> Reading | None:
+    if not 0 <= min(stamps) < BEGAN_NS:
+        return None
+    since = f"{min(stamps) / NS_PER_S:.1f} s after 1970"
+    words = f"{since}, of a clock that began at 0, as a simulator's does, or was never set"
+    if is_ros:
+        return Reading(words, SIM_TIME)
+    return Reading(words, "stamp by this computer's clock, or by the autopilot's with `clock: boot`")
