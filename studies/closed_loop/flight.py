@@ -30,6 +30,7 @@ DELAY_STEPS: Final = 2  # 10 ms, from the daemon to the autopilot
 ROWS_PER_S: Final = 10
 STEPS_PER_S: Final = 200
 HOVERS: Final = 0.5  # m/s; slower, the leader has no course
+TURNED_S: Final = 8.0  # s, of a leader that flies back: it has turned round, whatever its nose does
 NO_RATES: Final[dict[str, float]] = {}
 
 
@@ -37,7 +38,8 @@ class Flight(NamedTuple):
     """Ten rows a second (n,): time (s), the distance of both aircraft (m), the follower's distance from its slot
     (m), its speed over ground and that at which the distance shrinks (m/s), the leader's turn rate (rad/s),
     whether our estimate was valid and the autopilot followed, the follower's pitch and pitch rate (rad, rad/s),
-    its position north and east (m), and whether the leader was inside the image."""
+    its position north and east (m), whether the leader was inside the image, and how far the follower is from its
+    side of the leader (rad about it, in the plane)."""
 
     t: Array
     distance: Array
@@ -52,6 +54,7 @@ class Flight(NamedTuple):
     north: Array
     east: Array
     in_view: Array
+    aside: Array
 
 
 class Companion:
@@ -148,7 +151,7 @@ def fly(
 
 class Row:
     """Rows of one flight, made one after the other. The slot turns with the leader's path: a leader that backs up
-    keeps its course, and one that hovers its last one."""
+    keeps its course for TURNED_S, and one that hovers its last one."""
 
     def __init__(self, scenario: Scenario, seed: int) -> None:
         follow = scenario.follow
@@ -157,6 +160,7 @@ class Row:
         self._camera, self._size = scenario.camera, true_size(scenario, seed)
         self._mount = mount_quaternion(scenario.camera)
         self._course = math.radians(scenario.leader.course_deg)
+        self._back_for = 0.0  # s
 
     def of(self, tick: Tick, is_valid: bool, is_following: bool) -> tuple[float, ...]:
         """The row of one step."""
@@ -165,10 +169,13 @@ class Row:
         if speed > HOVERS:
             course = math.atan2(s.v_L_n[1], s.v_L_n[0])
             backs = math.cos(course - self._course) < 0.0
+            self._back_for = self._back_for + 1.0 / ROWS_PER_S if backs else 0.0
+            backs = backs and self._back_for < TURNED_S
             self._course = course + math.pi if backs else course
         c, n, (x, y, z) = math.cos(self._course), math.sin(self._course), self._offset
         slot = (s.r_OL_n[0] + c * x - n * y, s.r_OL_n[1] + n * x + c * y, s.r_OL_n[2] + z)
         r = np.subtract(s.r_OL_n, s.r_OF_n)
+        away = math.atan2(-r[1], -r[0]) - math.atan2(slot[1] - s.r_OL_n[1], slot[0] - s.r_OL_n[0])
         distance = float(np.linalg.norm(r))
         closing = -float(r @ np.subtract(s.v_L_n, s.v_F_n)) / distance
         _, pitch, _ = euler_from_quaternion(s.q_nF)
@@ -186,4 +193,5 @@ class Row:
             s.r_OF_n[0],
             s.r_OF_n[1],
             float(project(s, self._size, self._camera, self._mount) is not None),
+            abs(math.remainder(away, 2.0 * math.pi)),
         )

@@ -30,6 +30,7 @@ SLOW_ENOUGH: Final = 2.0  # m/s
 CLOSES: Final = 0.5  # m/s, at which a slot at its distance closes on the leader, at most: noise
 FOLLOW: Final = 23  # custom_mode of ArduCopter
 COPTERS: Final = frozenset({2, 3, 4, 13, 14, 15, 29, 35})  # MAV_TYPE
+SLOWEST_TURN: Final = 2.0  # m/s, about a leader that is as fast as the vehicle
 ENTERS: Final = 2.0  # m/s^2, at which it begins to close up once FOLLOW is entered
 BRAKING: Final = 2.2  # m/s^2: less than its 2.5, so that it stops where it is meant to
 
@@ -37,9 +38,9 @@ BRAKING: Final = 2.2  # m/s^2: less than its 2.5, so that it stops where it is m
 class ArduPilot:
     """A virtual leader."""
 
-    turn_speed = 7.0
     when_lost = "FOLLOW brakes within 3 s"
     begins: float | None = None
+    leads_round = True
 
     def __init__(self, config: GuidanceConfig) -> None:
         self._config, self._slot = config, np.array(config.slot_m)
@@ -56,9 +57,15 @@ class ArduPilot:
         """Whether it is in FOLLOW. Vehicles that are no copters have other numbers."""
         return heartbeat.custom_mode == FOLLOW if heartbeat.vehicle_type in COPTERS else None
 
-    def waits(self, track: Track, sigma: float, dt: float) -> bool:  # noqa: ARG002 - it stops where it is led to stop
-        """Always."""
-        return True
+    def turn_limits(self, v: Array, arm: Array) -> tuple[float, float]:
+        """By the vehicle's own speed and lean. The slot has the leader's velocity and its own about the leader, and
+        an acceleration of the rate times that."""
+        reach = max(math.hypot(arm[0], arm[1]), 1.0)
+        square, lean = float(v[0] * v[0] + v[1] * v[1]), self._config.acceleration_m_s2
+        by_lean = math.sqrt(math.sqrt(square * square + (2.0 * reach * lean) ** 2) - square) / (reach * math.sqrt(2.0))
+        aside = float(v @ across(arm)) / reach
+        spare = math.sqrt(max(self._config.speed_m_s**2 - square + aside * aside, SLOWEST_TURN**2))
+        return max(-by_lean, (-aside - spare) / reach), min(by_lean, (-aside + spare) / reach)
 
     def follow(self, track: Track, slot: Slot, r_L: Array, v_L: Array, r_F: Array, dt: float) -> Sent:
         """The slot's motion, and as much of its place as may be flown to at once."""
@@ -79,7 +86,7 @@ class ArduPilot:
         """At a standstill from now on: it brakes as it can."""
         speed = float(np.linalg.norm(v_F))
         a = v_F * (-EXTRA_BRAKING / speed) if brakes and speed > SLOW_ENOUGH else np.zeros(3)
-        return Sent(place, np.zeros(3), a, yaw)
+        return Sent(place, np.zeros(3), a, yaw, stands=True)
 
     def target(self, sent: Sent, slot: Slot, dt: float) -> Sent:  # noqa: ARG002 - it flies where it is led
         """Where its offset ends in the place."""

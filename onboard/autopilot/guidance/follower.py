@@ -12,11 +12,12 @@ INSIDE: Final = 0.9  # of the slot's distance: nearer, the smoothed leader no lo
 
 
 class Follower(Protocol):
-    """The mode of an autopilot that follows: what it makes of a target, so what it is to be sent."""
+    """The mode of an autopilot that follows: what it makes of a target, so what it is to be sent. It keeps nothing
+    of what it was asked for before but its own smooth trajectory."""
 
-    turn_speed: float  # m/s, about the leader
     when_lost: str  # what it does once the leader is lost, in at most 35 characters
     begins: float | None  # rad, the nose with which it stays if it begins on its last target; None: it forgets it
+    leads_round: bool  # it flies where it is led about the leader, and at the height at which it is led
 
     def is_entered(self, heartbeat: Heartbeat) -> bool | None:
         """Whether the autopilot follows, by its heartbeat; None: it does not say."""
@@ -24,9 +25,9 @@ class Follower(Protocol):
     def restart(self) -> None:
         """Forget the leader."""
 
-    def waits(self, track: Track, sigma: float, dt: float) -> bool:
-        """Whether it is to stay where it is while the range is unsure; `dt` s after the time before. `sigma`: of
-        the leader's velocity along itself, m/s."""
+    def turn_limits(self, v: Array, arm: Array) -> tuple[float, float]:
+        """The least and the greatest rate, rad/s, at which a slot `arm` (3,) m from a leader with velocity v can
+        turn about it."""
 
     def follow(self, track: Track, slot: Slot, r_L: Array, v_L: Array, r_F: Array, dt: float) -> Sent:
         """Where to fly, behind a leader that is smoothed as `track` and estimated at r_L with v_L. `v_L` is that
@@ -45,10 +46,10 @@ class Follower(Protocol):
 
 def kept_away(r: Array, r_L: Array, r_F: Array, yaw: Array, slot: Slot) -> Array:
     """The place nearest to r that is far enough from the leader and not too far. Where we are farther away
-    already, we need not come nearer."""
-    away = r - r_L
+    already, we need not come nearer; where we are nearer, we go away as far as is firm, and stay beyond."""
+    away, here = r - r_L, float(np.linalg.norm(r_F - r_L))
     distance = float(np.linalg.norm(away))
     if distance < 1e-3:
-        return r_L - slot.room * yaw
-    most = max(slot.most, float(np.linalg.norm(r_F - r_L)))
-    return r_L + away * (min(max(distance, slot.room), most) / distance)
+        return r_L - slot.firm * yaw
+    least = min(slot.room, max(here, slot.firm))
+    return r_L + away * (min(max(distance, least), max(slot.most, here)) / distance)
