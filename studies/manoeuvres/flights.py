@@ -98,7 +98,9 @@ class Result(NamedTuple):
 
 IN_A_CIRCLE: Final = (Turn(0.125, TURNING_SINCE),)
 CIRCLE_S: Final = 2.0 * math.pi / 0.22  # s
-EIGHT: Final = tuple(Turn(rate, BEGINS + k * CIRCLE_S, CIRCLE_S - 1.0) for k, rate in enumerate((0.22, -0.22, 0.22)))
+EIGHT: Final = tuple(
+    Turn(rate, BEGINS + k * CIRCLE_S, CIRCLE_S - 1.0) for k, rate in enumerate((0.22, -0.22, 0.22))
+)
 ZIGZAG: Final = tuple(
     turn_by(angle, 0.35, BEGINS + 8.0 * k) for k, angle in enumerate((30.0, -60.0, 60.0, -60.0, 60.0))
 )

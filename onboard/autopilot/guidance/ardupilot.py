@@ -30,6 +30,11 @@ SLOW_ENOUGH: Final = 2.0  # m/s
 CLOSES: Final = 0.5  # m/s, at which a slot at its distance closes on the leader, at most: noise
 FOLLOW: Final = 23  # custom_mode of ArduCopter
 COPTERS: Final = frozenset({2, 3, 4, 13, 14, 15, 29, 35})  # MAV_TYPE
+NEAR_SIGMAS: Final = 2.0  # the near end of the covariance
+NEAR_SHARE: Final = 2.0 / 3.0  # of the slot's distance, that is left to it
+MOST_NEARER: Final = (
+    2.0  # m/s, by which the leader may come at us faster than estimated; one sigma, if that is more
+)
 SLOWEST_TURN: Final = 2.0  # m/s, about a leader that is as fast as the vehicle
 ENTERS: Final = 2.0  # m/s^2, at which it begins to close up once FOLLOW is entered
 BRAKING: Final = 2.2  # m/s^2: less than its 2.5, so that it stops where it is meant to
@@ -58,11 +63,13 @@ class ArduPilot:
         return heartbeat.custom_mode == FOLLOW if heartbeat.vehicle_type in COPTERS else None
 
     def turn_limits(self, v: Array, arm: Array) -> tuple[float, float]:
-        """By the vehicle's own speed and lean. The slot has the leader's velocity and its own about the leader, and
-        an acceleration of the rate times that."""
+        """By the vehicle's own speed and lean. The slot has the leader's velocity and its own about the leader,
+        and an acceleration of the rate times that."""
         reach = max(math.hypot(arm[0], arm[1]), 1.0)
         square, lean = float(v[0] * v[0] + v[1] * v[1]), self._config.acceleration_m_s2
-        by_lean = math.sqrt(math.sqrt(square * square + (2.0 * reach * lean) ** 2) - square) / (reach * math.sqrt(2.0))
+        by_lean = math.sqrt(math.sqrt(square * square + (2.0 * reach * lean) ** 2) - square) / (
+            reach * math.sqrt(2.0)
+        )
         aside = float(v @ across(arm)) / reach
         spare = math.sqrt(max(self._config.speed_m_s**2 - square + aside * aside, SLOWEST_TURN**2))
         return max(-by_lean, (-aside - spare) / reach), min(by_lean, (-aside + spare) / reach)
@@ -110,18 +117,27 @@ class ArduPilot:
         return self._held, v * (0.0 if is_inside else 1.0)
 
     def _braked(self, r: Array, v: Array, track: Track, slot: Slot, r_L: Array, v_L: Array) -> Array:
-        """The velocity v at r, without what closes faster than can be stopped before the least distance. The
-        smoothed leader lags behind one that brakes: a slot at its distance does not close on the velocity as
-        observed, either. Nor does the distance grow faster than it may shrink."""
+        """The velocity v at r, without what closes faster than can be stopped: before the room that the leader as
+        estimated is left, and before two thirds of the slot's distance from the near end of where and how fast it
+        may be. What is unsure makes nobody flee, though. The smoothed leader lags behind one that brakes: a slot
+        at its distance does not close on the velocity as observed, either. Nor does the distance grow faster than it
+        may shrink."""
         away = r_L - r
         distance = float(np.linalg.norm(away))
         if distance < 1e-3:
             return v_L
         toward, fastest = away / distance, self._config.closing_speed_m_s
-        most = min(fastest, math.sqrt(2.0 * BRAKING * max(distance - slot.room, 0.0)))
-        beyond = max(distance - self._distance, 0.0)
-        most_observed = min(fastest, CLOSES + math.sqrt(2.0 * BRAKING * beyond))
-        excess = float((v - v_L) @ toward) - most
-        excess = max(excess, float((v - track.v_observed) @ toward) - most_observed, 0.0)
-        retreats = min(float((v - excess * toward - track.v_observed) @ toward) + fastest, 0.0)
-        return v - (excess + retreats) * toward
+        recedes, observed = float(v_L @ toward), float(track.v_observed @ toward)
+        slower = max(min(NEAR_SIGMAS * slot.speed_sigma, MOST_NEARER), slot.speed_sigma)
+        most = recedes - slower + _stopping(distance - slot.room)
+        near = distance - slot.nearer - NEAR_SHARE * self._distance
+        most = min(most, recedes - NEAR_SIGMAS * slot.speed_sigma + _stopping(near), recedes + fastest)
+        most = max(most, min(recedes, 0.0))
+        most = min(most, observed + min(fastest, CLOSES + _stopping(distance - self._distance)))
+        speed = float(v @ toward)
+        return v + (max(min(speed, most), observed - fastest) - speed) * toward
+
+
+def _stopping(way: float) -> float:
+    """The speed from which it stops within a way, m/s."""
+    return math.sqrt(2.0 * BRAKING * max(way, 0.0))

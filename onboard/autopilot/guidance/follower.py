@@ -30,8 +30,7 @@ class Follower(Protocol):
         turn about it."""
 
     def follow(self, track: Track, slot: Slot, r_L: Array, v_L: Array, r_F: Array, dt: float) -> Sent:
-        """Where to fly, behind a leader that is smoothed as `track` and estimated at r_L with v_L. `v_L` is that
-        of the near end of its covariance."""
+        """Where to fly, behind a leader that is smoothed as `track` and estimated at r_L with v_L."""
 
     def stop(self, place: Array, v_F: Array, yaw: float, *, brakes: bool) -> Sent:
         """How to come to rest at a place, with the nose at `yaw`."""
@@ -46,8 +45,11 @@ class Follower(Protocol):
 
 def kept_away(r: Array, r_L: Array, r_F: Array, yaw: Array, slot: Slot) -> Array:
     """The place nearest to r that is far enough from the leader and not too far. Where we are farther away
-    already, we need not come nearer; where we are nearer, we go away as far as is firm, and stay beyond."""
+    already, we need not come nearer; where we are nearer, we go straight away as far as is firm, and stay
+    beyond."""
     away, here = r - r_L, float(np.linalg.norm(r_F - r_L))
+    if 1e-3 < here < slot.firm:
+        away = (r_F - r_L) * (slot.firm / here)
     distance = float(np.linalg.norm(away))
     if distance < 1e-3:
         return r_L - slot.firm * yaw

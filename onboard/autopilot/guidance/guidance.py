@@ -36,10 +36,12 @@ TURN_ACCELERATION: Final = 2.0  # m/s^2, of the slot about the leader
 TURN_GAIN: Final = 0.8  # 1/s
 FAR_OFF: Final = math.radians(45.0)  # from its slot about the leader: the follower goes round from where it is
 NEAR_SIGMAS: Final = 2.0  # the near end of the covariance
-UNSURE, SURE = 0.3, 0.25  # of the range, its standard deviation: above, the vehicle comes no nearer than the near end
-MOST_NEARER: Final = 2.0  # m/s, by which the leader may come at us faster than it is estimated to
+UNSURE, SURE = (
+    0.3,
+    0.25,
+)  # of the range, its standard deviation: above, the vehicle comes no nearer than the near end
 MOST_STRETCH: Final = 1.5  # of the slot's distance
-CUTS: Final = 0.8  # of it, by which the vehicle cuts the corner at least
+CUTS: Final = 0.9  # of it, to which the vehicle cuts the corner, half way round to a leader that flies at it
 STRETCH_SPEED: Final = 2.0  # m/s
 HARD_BRAKING: Final = 5.0  # m/s^2, of a follower whose leader is lost
 LAST: Final = 0.3  # s
@@ -51,8 +53,8 @@ RANGE_UNSURE: Final = "range unsure: FOLLOW comes no nearer"
 
 
 class Guidance:
-    """State from tick to tick. `course`: the leader's, once learnt; that alone, if it `leads` nobody. `phase`: what
-    the vehicle is led to do. `is_unsure`: the range is too uncertain to come nearer."""
+    """State from tick to tick. `course`: the leader's, once learnt; that alone, if it `leads` nobody. `phase`:
+    what the vehicle is led to do. `is_unsure`: the range is too uncertain to come nearer."""
 
     def __init__(
         self,
@@ -210,22 +212,22 @@ class Guidance:
         return self._without(lost_for, r_F, v_F, clear, dt)
 
     def _passing(self, seen: LeaderState, r_F: Array, v_F: Array) -> str:
-        """Whether the way passes the leader that the mode takes when it begins, in words. Once the vehicle is led in
-        its mode, its way is the one that it is led."""
+        """Whether the way passes the leader that the mode takes when it begins, in words. Once the vehicle is led
+        in its mode, its way is the one that it is led."""
         is_led = self.is_entered and self.phase not in {Phase.UNLED, Phase.KEPT}
         if self.is_entered is None or is_led or not self._leads:
             return ""
-        return self.follower.passes(r_F - np.array(seen.r_OL_n), v_F, np.array(seen.v_L_n))
+        rests = self._course.motion.state is Motion.RESTS  # its velocity is noise, then
+        v_L = np.zeros(3) if rests else np.array(seen.v_L_n)
+        return self.follower.passes(r_F - np.array(seen.r_OL_n), v_F, v_L)
 
     def _follow(self, state: LeaderState, r_F: Array, dt: float) -> Sent:
         track, r_L, v_L = self._track, np.array(state.r_OL_n), np.array(state.v_L_n)
         assert track is not None  # noqa: S101 - `_see` has made it
-        toward, (length, sigma) = r_L - r_F, self._range(state, r_F)
-        slot = self._slot_at(self._look(track, r_F), length, sigma)
-        closing_sigma = sigma_along(np.array(state.covariance)[3:, 3:], toward)
-        nearer = min(NEAR_SIGMAS * closing_sigma, MOST_NEARER)
-        sent = self.follower.follow(track, slot, r_L, v_L - toward * (nearer / length), r_F, dt)
-        return self.follower.target(sent, slot, dt)
+        length, sigma = self._range(state, r_F)
+        speed_sigma = sigma_along(np.array(state.covariance)[3:, 3:], r_L - r_F)
+        slot = self._slot_at(self._look(track, r_F), length, sigma, speed_sigma)
+        return self.follower.target(self.follower.follow(track, slot, r_L, v_L, r_F, dt), slot, dt)
 
     def _keep(self, r_F: Array, v_F: Array, dt: float) -> Sent:
         """What keeps a vehicle where it is that begins to follow. While somebody else flies it, its place goes
@@ -239,8 +241,9 @@ class Guidance:
         yaw = self.follower.begins or 0.0
         return self.follower.target(self._stand(r_F, v_F, yaw, brakes=True), self._slot_at(yaw), dt)
 
-    def _slot_at(self, yaw: float, length: float = math.inf, sigma: float = 0.0) -> Slot:
-        """Where the slot is, by now. `sigma`: of the range, which is estimated as `length`.
+    def _slot_at(self, yaw: float, length: float = math.inf, sigma: float = 0.0, speed_sigma: float = 0.0) -> Slot:
+        """Where the slot is, by now. `sigma`: of the range, which is estimated as `length`; `speed_sigma`: of the
+        leader's speed along it.
 
         Where the range is unsure, the vehicle comes nearer for as long as the near end of the range is beyond the
         slot, and goes away from a leader only that is nearer than the slot as estimated."""
@@ -249,12 +252,12 @@ class Guidance:
         most, inside = MOST_STRETCH * self._distance, INSIDE * min(self._stretch, 1.0) * self._distance
         sure = min(max(self._least + NEAR_SIGMAS * sigma, inside), most)
         unsure = min(max((sigma / max(length, self._least) - SURE) / (UNSURE - SURE), 0.0), 1.0)
-        beyond = length * -math.expm1(-NEAR_SIGMAS * sigma / length) if sigma > 0.0 else 0.0
-        room = sure + unsure * (inside + beyond - sure)
+        nearer = length * -math.expm1(-NEAR_SIGMAS * sigma / length) if sigma > 0.0 else 0.0
+        room = sure + unsure * (inside + nearer - sure)
         firm = sure + unsure * (inside - sure)
         entered = self.is_entered is not False
         flies = self._course.motion.state is not Motion.RESTS and (entered or self._is_fast())
-        return Slot(arm, self._turn_rate, yaw, room, firm, most, entered, flies)
+        return Slot(arm, self._turn_rate, yaw, room, firm, most, nearer, speed_sigma, entered, flies)
 
     def _is_fast(self) -> bool:
         """The last target before the mode is entered is the one that it begins on: a leader that is slow rests."""
@@ -332,11 +335,11 @@ class Guidance:
 
     def _widen(self, relative_sigma: float, dt: float) -> None:
         """Let the slot's distance grow where the leader may be so near that it is too little. Let it shrink where
-        the slot is far round the leader: cutting the corner is a shorter way, which turns faster."""
+        the slot is far round a leader that flies on: cutting the corner is a shorter way, which turns faster."""
         room = self._distance * max(1.0 - NEAR_SIGMAS * relative_sigma, 0.01)
         wanted = min(max(self._least / room, 1.0), MOST_STRETCH)
         if self.follower.leads_round and self._course.value is not None:
             away = wrapped(self._course.value - self._direction)
-            wanted *= max(math.cos(0.5 * away), CUTS)
+            wanted *= 1.0 - (1.0 - CUTS) * math.sin(2.0 * min(abs(away), 0.5 * math.pi))
         step = STRETCH_SPEED / self._distance * dt
         self._stretch += min(max(wanted - self._stretch, -step), step)

@@ -42,9 +42,10 @@ class Sent(NamedTuple):
 
 class Slot(NamedTuple):
     """Where the follower belongs: its place from the leader (3,) in n, m, and the rate at which that turns about
-    the leader, rad/s. `yaw`: from us to the leader, rad. From the leader as estimated, m: `room`, nearer than which
-    it is not led; `firm`, up to which it is led away from a leader that is nearer; `most`, the greatest distance.
-    `is_entered`: nothing says that the autopilot is in another mode. `flies`: the leader does."""
+    the leader, rad/s. `yaw`: from us to the leader, rad. From the leader as estimated, m: `room`, nearer than
+    which it is not led; `firm`, up to which it is led away from a leader that is nearer; `most`, the greatest
+    distance; `nearer`, by which the near end of the range is nearer. `speed_sigma`: of the leader's speed along
+    the range, m/s. `is_entered`: nothing says that the autopilot is in another mode. `flies`: the leader does."""
 
     arm: Array
     turn_rate: float
@@ -52,6 +53,8 @@ class Slot(NamedTuple):
     room: float
     firm: float
     most: float
+    nearer: float
+    speed_sigma: float
     is_entered: bool
     flies: bool
 

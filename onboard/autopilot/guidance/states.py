@@ -32,8 +32,9 @@ class Motion(Enum):
     """What the leader does."""
 
     RESTS = "rests"
-    FLIES = "flies"
-    BACKS_UP = "backs up"  # it keeps its course
+    SETS_OFF = "sets off"  # it moves, and has been slow since it flew on its course: it may fly back
+    FLIES = "flies"  # on its course, whatever that turns to: a turn does not pass through zero
+    BACKS_UP = "backs up"  # its course is held
 
 
 class Event(Enum):
@@ -48,6 +49,7 @@ class Event(Enum):
     FAST = "it is faster than 2 m/s and 2 sigma"
     MOVES = "it is faster than 1 m/s"
     SLOW = "it is slower than 1 m/s"
+    CREEPS = "it is slower than 1.5 m/s"
     AGAINST = "it surely flies, more than 100 degrees off its course"
     ALONG = "it surely flies, within 80 degrees of its course"
 
@@ -77,11 +79,12 @@ PHASES: Final = (
     Transition((Phase.CLEARING,), Event.LOST, Phase.SILENT, CLEARS_S),
 )
 MOTIONS: Final = (
-    Transition((Motion.FLIES, Motion.BACKS_UP), Event.SLOW, Motion.RESTS, RESTS_S),
-    Transition((Motion.RESTS, Motion.FLIES), Event.AGAINST, Motion.BACKS_UP),
-    Transition((Motion.BACKS_UP,), Event.ALONG, Motion.FLIES),
-    Transition((Motion.BACKS_UP,), Event.MOVES, Motion.FLIES, TURNED_S),
-    Transition((Motion.RESTS,), Event.FAST, Motion.FLIES, SETS_OFF_S),
+    Transition((Motion.SETS_OFF, Motion.FLIES, Motion.BACKS_UP), Event.SLOW, Motion.RESTS, RESTS_S),
+    Transition((Motion.RESTS, Motion.SETS_OFF), Event.AGAINST, Motion.BACKS_UP),
+    Transition((Motion.RESTS, Motion.SETS_OFF, Motion.BACKS_UP), Event.ALONG, Motion.FLIES),
+    Transition((Motion.SETS_OFF, Motion.BACKS_UP), Event.MOVES, Motion.FLIES, TURNED_S),
+    Transition((Motion.RESTS,), Event.FAST, Motion.SETS_OFF, SETS_OFF_S),
+    Transition((Motion.FLIES,), Event.CREEPS, Motion.SETS_OFF),
 )
 
 

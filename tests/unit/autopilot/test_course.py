@@ -57,11 +57,12 @@ def test_a_leader_that_backs_up_for_long_has_turned(sigma: float) -> None:
 
 
 def test_a_turn_that_is_flown_unsurely_is_no_leader_that_backs_up() -> None:
-    """12 m wide at 3 m/s, of which the velocity is known to 0.9 m/s: a real leader turned so, and was taken to back
-    up to the end of the flight."""
+    """12 m wide at 3 m/s, of which the velocity is known to 0.9 m/s, and hardly at all half way: a real leader
+    turned so, and was taken to back up to the end of the flight."""
     course = fly(Course(), 6.0, 0.0, 3.0)
     for k in range(126):
-        fly(course, 3.0, 0.5 * DT * k, DT, sigma=0.9)
+        fly(course, 3.0, 0.5 * DT * k, DT, sigma=6.0 if 40 < k < 80 else 0.9)
+        assert not course.backs_up
     fly(course, 3.0, math.pi, 1.0, sigma=0.9)
     assert not course.backs_up
     assert course.value == pytest.approx(math.pi)

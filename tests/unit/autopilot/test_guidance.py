@@ -131,8 +131,8 @@ def test_in_a_turn_it_sends_the_slots_own_velocity_and_acceleration() -> None:
 
 
 def test_a_leader_that_reverses_is_kept_at_its_distance_on_the_same_side() -> None:
-    """From 10 m/s to -8 m/s at 2 m/s^2: it comes towards us, and the slot gives way. One that goes on so has turned:
-    the follower goes round it, to what is behind it now."""
+    """From 10 m/s to -8 m/s at 2 m/s^2: it comes towards us, and the slot gives way. One that goes on so has
+    turned: the follower goes round it, to what is behind it now."""
     chase, speed, x = Chase(), 10.0, 0.0
     for k in range(2500):
         a = -2.0 if k > 500 and speed > -8.0 else 0.0
@@ -217,8 +217,8 @@ def test_where_the_range_is_unsure_it_comes_as_near_as_its_near_end_allows(
 
 
 def test_a_leader_that_flies_off_is_gone_along_with_while_its_range_is_unsure() -> None:
-    """A real one that stood and looked was left behind by 97 m: it flies as fast as the leader surely does, and its
-    distance does not shrink."""
+    """A real one that stood and looked was left behind by 97 m: it flies as fast as the leader surely does, and
+    its distance does not shrink."""
     chase = Chase()
     for k in range(1000):
         r, v = straight(k)
@@ -229,7 +229,10 @@ def test_a_leader_that_flies_off_is_gone_along_with_while_its_range_is_unsure() 
 
 
 def test_nobody_is_warned_of_an_unsure_range_before_the_mode_is_entered() -> None:
-    chase, beat = Chase(), {"t_ns": 0, "t_recv_ns": 0, "vehicle_type": 2, "autopilot": 3, "armed": True, "status": 4}
+    chase, beat = (
+        Chase(),
+        {"t_ns": 0, "t_recv_ns": 0, "vehicle_type": 2, "autopilot": 3, "armed": True, "status": 4},
+    )
     warnings = []
     for number in (4, 23):
         chase.guidance.note_mode(Heartbeat(**beat, custom_mode=number))

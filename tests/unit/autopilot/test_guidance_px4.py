@@ -154,8 +154,8 @@ def test_a_velocity_that_may_be_its_error_is_no_flight() -> None:
 
 
 def test_a_stop_is_heard_whatever_was_led_to_before() -> None:
-    """A real one was begun east of a leader at rest: one moment of "PX4 will pass" left its target in the south, and
-    its nose turned away from the leader."""
+    """A real one was begun east of a leader at rest: one moment of "PX4 will pass" left its target in the south,
+    and its nose turned away from the leader."""
     follower = follower_of(PX4, GuidanceConfig())
     slot = guidance()._slot_at(0.0)._replace(arm=np.array([-30.0, 0.0, 3.0]))
     targets = []
