@@ -120,8 +120,8 @@ class ArduPilot:
         """The velocity v at r, without what closes faster than can be stopped: before the room that the leader as
         estimated is left, and before two thirds of the slot's distance from the near end of where and how fast it
         may be. What is unsure makes nobody flee, though. The smoothed leader lags behind one that brakes: a slot
-        at its distance does not close on the velocity as observed, either. Nor does the distance grow faster than it
-        may shrink."""
+        at its distance does not close on the velocity as observed, either. Nor does the distance grow faster than
+        it may shrink."""
         away = r_L - r
         distance = float(np.linalg.norm(away))
         if distance < 1e-3:

@@ -48,10 +48,10 @@ def kept_away(r: Array, r_L: Array, r_F: Array, yaw: Array, slot: Slot) -> Array
     already, we need not come nearer; where we are nearer, we go straight away as far as is firm, and stay
     beyond."""
     away, here = r - r_L, float(np.linalg.norm(r_F - r_L))
-    if 1e-3 < here < slot.firm:
-        away = (r_F - r_L) * (slot.firm / here)
     distance = float(np.linalg.norm(away))
     if distance < 1e-3:
         return r_L - slot.firm * yaw
+    if 1e-3 < here < slot.firm:
+        away = (r_F - r_L) * (distance / here)
     least = min(slot.room, max(here, slot.firm))
     return r_L + away * (min(max(distance, least), max(slot.most, here)) / distance)
