@@ -17,7 +17,7 @@ from onboard.autopilot.output import AutopilotOutput
 from onboard.config import Config, datagram_of, load_config
 from onboard.geometry.rotations import euler_from_quaternion
 from onboard.geometry.units import NS_PER_S
-from onboard.messages import Datagram, WarmState
+from onboard.messages import Datagram, Severity, WarmState
 from onboard.pipeline import Pipeline
 from simlink.scenarios.scenario import Scenario
 from simlink.sensors.camera import mount_quaternion, project
@@ -32,6 +32,10 @@ STEPS_PER_S: Final = 200
 HOVERS: Final = 0.5  # m/s; slower, the leader has no course
 TURNED_S: Final = 8.0  # s, of a leader that flies back: it has turned round, whatever its nose does
 NO_RATES: Final[dict[str, float]] = {}
+# The kinds of advice that name a part of the set-up, which is right in every flight here.
+SET_UP: Final = frozenset(
+    {"camera", "class", "clock", "focal", "lens", "misfit", "mount", "noise", "pixels", "stamps", "target"}
+)
 
 
 class Flight(NamedTuple):
@@ -39,7 +43,8 @@ class Flight(NamedTuple):
     (m), its speed over ground and that at which the distance shrinks (m/s), the leader's turn rate (rad/s),
     whether our estimate was valid and the autopilot followed, the follower's pitch and pitch rate (rad, rad/s),
     its position north and east (m), whether the leader was inside the image, and how far the follower is from its
-    side of the leader (rad about it, in the plane)."""
+    side of the leader (rad about it, in the plane). `advice`: kinds of advice about the set-up, worse than a
+    notice, that the daemon gave."""
 
     t: Array
     distance: Array
@@ -55,6 +60,7 @@ class Flight(NamedTuple):
     east: Array
     in_view: Array
     aside: Array
+    advice: tuple[str, ...] = ()
 
 
 class Companion:
@@ -65,6 +71,7 @@ class Companion:
         self.pipeline = Pipeline(config)
         self.output = AutopilotOutput(config)
         self.left: WarmState | None = None  # as the daemon keeps it, once a second
+        self.advice: set[str] = set()
         self._next_ns = 0
 
     def receive(self, datagram: Datagram) -> list[bytes]:
@@ -94,6 +101,8 @@ class Companion:
             self._next_ns = now_ns + NS_PER_S
             kept = self.output.warm_state(now_ns, offset_ns, self.pipeline.clocks.round_trip_ns)
             self.left = kept or self.left
+            advice = self.pipeline.health(now_ns).advice
+            self.advice |= {a.cause for a in advice if a.cause in SET_UP and a.severity is not Severity.NOTICE}
         return frames
 
 
@@ -123,6 +132,7 @@ def fly(
     run, companion = GuidedRun(scenario, seed, see), Companion(config_of(scenario, settings))
     row = Row(scenario, seed)
     epoch_ns: int | None = None
+    advice: set[str] = set()  # of a daemon that was killed
     on_way: deque[tuple[int, bytes]] = deque()
     rows = []
     for step in range(round(duration * STEPS_PER_S) + 1):
@@ -131,7 +141,7 @@ def fly(
         if killed[0] <= t < killed[1]:
             datagrams = []
         if t == killed[1] and epoch_ns is not None:
-            left, companion = companion.left, Companion(companion.config)
+            left, advice, companion = companion.left, companion.advice, Companion(companion.config)
             if left is not None:
                 companion.receive(datagram_of(left, epoch_ns + tick.t_ns))
         while on_way and on_way[0][0] <= step:
@@ -146,7 +156,7 @@ def fly(
         if step % (STEPS_PER_S // ROWS_PER_S) == 0:
             leader = companion.output.leader
             rows.append(row.of(tick, leader is not None and leader.valid, run.mode.is_following))
-    return Flight(*np.array(rows).T)
+    return Flight(*np.array(rows).T, advice=tuple(sorted(advice | companion.advice)))
 
 
 class Row:

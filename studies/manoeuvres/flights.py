@@ -86,7 +86,8 @@ class Manoeuvre(NamedTuple):
 class Result(NamedTuple):
     """Of one flight: least and greatest distance, percent of the slot's; percent of images with the leader inside
     and of the time with a valid estimate; degrees between the follower and its side of the leader, over the last
-    seconds; whether it is followed, seen, near its slot and on its side for these."""
+    seconds; whether it is followed, seen, near its slot and on its side for these; and how many kinds of advice
+    about the set-up, which is right, the daemon gave."""
 
     least: float
     greatest: float
@@ -94,6 +95,7 @@ class Result(NamedTuple):
     valid: float
     aside: float
     followed: bool
+    advised: int = 0
 
 
 IN_A_CIRCLE: Final = (Turn(0.125, TURNING_SINCE),)
@@ -190,4 +192,5 @@ def judged(flight: Flight) -> Result:
         valid=100.0 * float(flight.valid[counts].mean()),
         aside=math.degrees(float(np.median(flight.aside[last]))),
         followed=bool(followed[last].mean() > 0.9),
+        advised=len(flight.advice),
     )

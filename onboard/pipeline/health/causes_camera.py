@@ -173,7 +173,7 @@ def misfit(m: Moment) -> Iterator[Advice]:
 def contradicted(m: Moment) -> Iterator[Advice]:
     """An estimate that is not valid since images contradict it: those that come, not a prediction without any."""
     for estimator in LEADERS:
-        if m.now.causes.get(estimator) in CONTRADICTED and sum(_judged(m, estimator)) >= FEWEST:
+        if m.now.causes.get(estimator) in CONTRADICTED:
             for name in (name for name, camera in m.now.cameras.items() if camera.age <= SILENT_S):
                 what = f"camera {name}: the {estimator} estimate is not valid: {m.now.reasons[estimator]}"
                 yield _advice("misfit", name, what, _suspects(m, name), f"{estimator}: images do not fit")
