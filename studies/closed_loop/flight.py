@@ -156,7 +156,8 @@ def fly(
         if step % (STEPS_PER_S // ROWS_PER_S) == 0:
             leader = companion.output.leader
             rows.append(row.of(tick, leader is not None and leader.valid, run.mode.is_following))
-    return Flight(*np.array(rows).T, advice=tuple(sorted(advice | companion.advice)))
+    columns: list[Array] = list(np.array(rows).T)
+    return Flight(*columns)._replace(advice=tuple(sorted(advice | companion.advice)))
 
 
 class Row:

@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.autopilot.guidance.follower import kept_away
+from onboard.autopilot.guidance.follower import NEAR_SHARE, NEAR_SIGMAS, kept_away, stopping, surely_closing
 from onboard.autopilot.guidance.motion import FORWARD, Sent, Slot, Track, across, limited, turned
 from onboard.config import GuidanceConfig
 from onboard.messages import Heartbeat
@@ -30,14 +30,11 @@ SLOW_ENOUGH: Final = 2.0  # m/s
 CLOSES: Final = 0.5  # m/s, at which a slot at its distance closes on the leader, at most: noise
 FOLLOW: Final = 23  # custom_mode of ArduCopter
 COPTERS: Final = frozenset({2, 3, 4, 13, 14, 15, 29, 35})  # MAV_TYPE
-NEAR_SIGMAS: Final = 2.0  # the near end of the covariance
-NEAR_SHARE: Final = 2.0 / 3.0  # of the slot's distance, that is left to it
 MOST_NEARER: Final = (
     2.0  # m/s, by which the leader may come at us faster than estimated; one sigma, if that is more
 )
 SLOWEST_TURN: Final = 2.0  # m/s, about a leader that is as fast as the vehicle
 ENTERS: Final = 2.0  # m/s^2, at which it begins to close up once FOLLOW is entered
-BRAKING: Final = 2.2  # m/s^2: less than its 2.5, so that it stops where it is meant to
 
 
 class ArduPilot:
@@ -129,15 +126,9 @@ class ArduPilot:
         toward, fastest = away / distance, self._config.closing_speed_m_s
         recedes, observed = float(v_L @ toward), float(track.v_observed @ toward)
         slower = max(min(NEAR_SIGMAS * slot.speed_sigma, MOST_NEARER), slot.speed_sigma)
-        most = recedes - slower + _stopping(distance - slot.room)
-        near = distance - slot.nearer - NEAR_SHARE * self._distance
-        most = min(most, recedes - NEAR_SIGMAS * slot.speed_sigma + _stopping(near), recedes + fastest)
-        most = max(most, min(recedes, 0.0))
-        most = min(most, observed + min(fastest, CLOSES + _stopping(distance - self._distance)))
+        most = recedes - slower + stopping(distance - slot.room)
+        most = max(min(most, recedes + fastest), min(recedes, 0.0))
+        most = min(most, surely_closing(r, r_L, v_L, slot, NEAR_SHARE * self._distance))
+        most = min(most, observed + min(fastest, CLOSES + stopping(distance - self._distance)))
         speed = float(v @ toward)
         return v + (max(min(speed, most), observed - fastest) - speed) * toward
-
-
-def _stopping(way: float) -> float:
-    """The speed from which it stops within a way, m/s."""
-    return math.sqrt(2.0 * BRAKING * max(way, 0.0))

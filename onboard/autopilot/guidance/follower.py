@@ -1,5 +1,6 @@
 """What differs between autopilots that follow."""
 
+import math
 from typing import Final, Protocol
 
 import numpy as np
@@ -8,6 +9,10 @@ from onboard.arrays import Array
 from onboard.autopilot.guidance.motion import Sent, Slot, Track
 from onboard.messages import Heartbeat
 
+NEAR_SIGMAS: Final = 2.0  # the near end of the covariance
+NEAR_SHARE: Final = 2.0 / 3.0  # of the slot's distance, that is left to it
+NOISE: Final = 0.5  # m/s, of a speed that is no doubt
+BRAKING: Final = 2.2  # m/s^2: less than ArduPilot's 2.5, so that it stops where it is meant to
 INSIDE: Final = 0.9  # of the slot's distance: nearer, the smoothed leader no longer decides
 
 
@@ -51,7 +56,24 @@ def kept_away(r: Array, r_L: Array, r_F: Array, yaw: Array, slot: Slot) -> Array
     distance = float(np.linalg.norm(away))
     if distance < 1e-3:
         return r_L - slot.firm * yaw
-    if 1e-3 < here < slot.firm:
-        away = (r_F - r_L) * (distance / here)
+    beside = math.hypot(r_F[0] - r_L[0], r_F[1] - r_L[1])
+    if here < slot.firm and beside > 1e-3:
+        away[:2] = (r_F - r_L)[:2] * (math.hypot(away[0], away[1]) / beside)
     least = min(slot.room, max(here, slot.firm))
     return r_L + away * (min(max(distance, least), max(slot.most, here)) / distance)
+
+
+def surely_closing(r: Array, r_L: Array, v_L: Array, slot: Slot, left: float) -> float:
+    """The speed toward the leader, m/s over ground, from which one at r can stop `left` m before the near end (2
+    sigma) of where the leader may be and of how fast it may come. What is unsure makes nobody flee: it is no less
+    than the leader's own as estimated, where that comes, and else a standstill."""
+    away = r_L - r
+    distance = max(float(np.linalg.norm(away)), 1e-3)
+    recedes = float(v_L @ away) / distance
+    may_come = NEAR_SIGMAS * slot.speed_sigma - NOISE
+    return max(recedes - max(may_come, 0.0) + stopping(distance - slot.nearer - left), min(recedes, 0.0))
+
+
+def stopping(way: float) -> float:
+    """The speed from which it stops within a way, m/s."""
+    return math.sqrt(2.0 * BRAKING * max(way, 0.0))

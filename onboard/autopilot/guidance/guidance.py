@@ -14,7 +14,7 @@ from onboard.arrays import Array
 from onboard.autopilot.framing import Framing
 from onboard.autopilot.guidance.ardupilot import ArduPilot
 from onboard.autopilot.guidance.course import SLOW, Course, wrapped
-from onboard.autopilot.guidance.follower import INSIDE, Follower
+from onboard.autopilot.guidance.follower import INSIDE, NEAR_SIGMAS, Follower
 from onboard.autopilot.guidance.motion import (
     Sent,
     Slot,
@@ -35,7 +35,6 @@ LONGEST_STEP: Final = 0.1  # s
 TURN_ACCELERATION: Final = 2.0  # m/s^2, of the slot about the leader
 TURN_GAIN: Final = 0.8  # 1/s
 FAR_OFF: Final = math.radians(45.0)  # from its slot about the leader: the follower goes round from where it is
-NEAR_SIGMAS: Final = 2.0  # the near end of the covariance
 UNSURE, SURE = (
     0.3,
     0.25,

@@ -29,7 +29,7 @@ from typing import Final
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.autopilot.guidance.follower import kept_away
+from onboard.autopilot.guidance.follower import NEAR_SHARE, kept_away, surely_closing
 from onboard.autopilot.guidance.motion import FORWARD, Sent, Slot, Track, level, limited, turned
 from onboard.config import GuidanceConfig
 from onboard.messages import Heartbeat
@@ -89,16 +89,22 @@ class Px4:
         track: Track,
         slot: Slot,
         r_L: Array,
-        v_L: Array,  # noqa: ARG002 - it brakes by itself
+        v_L: Array,
         r_F: Array,
         dt: float,  # noqa: ARG002
     ) -> Sent:
-        """On the circle about the leader, where the vehicle is."""
-        r = track.r - math.hypot(slot.arm[0], slot.arm[1]) * turned(FORWARD, slot.yaw)
+        """On the circle about the leader, where the vehicle is. It flies with the velocity that is sent, and
+        closes up to the place: both together are no faster toward the leader than it can stop from."""
+        toward = turned(FORWARD, slot.yaw)
+        r = track.r - math.hypot(slot.arm[0], slot.arm[1]) * toward
         r[2] = r_F[2]
-        r = kept_away(r, r_L, r_F, turned(FORWARD, slot.yaw), slot)
-        r = r_F + limited(r - r_F, LAG_S * self._closes)
-        return Sent(np.array([r[0], r[1], track.r[2]]), track.v, np.zeros(3), slot.yaw)
+        r = kept_away(r, r_L, r_F, toward, slot)
+        ahead, v = limited(r - r_F, LAG_S * self._closes), track.v
+        most = surely_closing(level(r_F), level(r_L), level(v_L), slot, NEAR_SHARE * self._distance)
+        v = v - max(float(v @ toward) - most, 0.0) * toward
+        ahead = ahead - max(float(ahead @ toward) - LAG_S * max(most - float(v @ toward), 0.0), 0.0) * toward
+        r = r_F + ahead
+        return Sent(np.array([r[0], r[1], track.r[2]]), v, np.zeros(3), slot.yaw)
 
     def stop(self, place: Array, v_F: Array, yaw: float, *, brakes: bool) -> Sent:  # noqa: ARG002
         """At a standstill. A small velocity turns its course to us, so that it does not circle the place. The last

@@ -41,7 +41,7 @@ def test_it_flies_a_circle_at_its_speed() -> None:
 def test_the_guidance_and_a_warm_start_carry_it_to_one_place() -> None:
     """7 s without a daemon: carried on without its turn, a leader at 49 m was believed at 20."""
     prior = Prior(0, R, V, A, np.diag([1.0, 1.0, 1.0, 0.2, 0.2, 0.2]))
-    belief = prior.relative(7 * S, Here())  # type: ignore[arg-type]
+    belief = prior.relative(7 * S, Here())
     assert belief is not None
     r, v = carried(R, V, RATE, 7.0)
     assert_allclose(belief.mean, [*r, *v], atol=1e-9)
