@@ -60,7 +60,7 @@ class Flight(NamedTuple):
     east: Array
     in_view: Array
     aside: Array
-    advice: tuple[str, ...] = ()
+    advice: tuple[str, ...]
 
 
 class Companion:
@@ -156,8 +156,7 @@ def fly(
         if step % (STEPS_PER_S // ROWS_PER_S) == 0:
             leader = companion.output.leader
             rows.append(row.of(tick, leader is not None and leader.valid, run.mode.is_following))
-    columns: list[Array] = list(np.array(rows).T)
-    return Flight(*columns)._replace(advice=tuple(sorted(advice | companion.advice)))
+    return Flight._make([*np.array(rows).T, tuple(sorted(advice | companion.advice))])
 
 
 class Row:

@@ -11,7 +11,7 @@ from studies.manoeuvres.study import findings
 N = 900
 ONES, ZEROS = np.ones(N), np.zeros(N)
 T = np.arange(N) / 10.0
-GOOD = Flight(T, 30.0 * ONES, *(ZEROS,) * 4, ONES, ONES, *(ZEROS,) * 4, ONES, ZEROS)
+GOOD = Flight._make([T, 30.0 * ONES, *(ZEROS,) * 4, ONES, ONES, *(ZEROS,) * 4, ONES, ZEROS, ()])
 
 
 def test_a_change_takes_its_time_and_a_turn_its_lateral_acceleration() -> None:
@@ -41,6 +41,10 @@ def test_distances_count_once_the_mode_has_settled() -> None:
     found = judged(GOOD._replace(distance=distance))
     assert (found.least, found.greatest) == (pytest.approx(80.0), pytest.approx(120.0))
     assert (found.seen, found.valid, found.followed) == (100.0, 100.0, True)
+
+
+def test_advice_about_a_set_up_that_is_right_is_counted() -> None:
+    assert judged(GOOD._replace(advice=("noise", "pixels"))).advised == 2
 
 
 @pytest.mark.parametrize(
