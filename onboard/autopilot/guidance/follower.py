@@ -63,17 +63,19 @@ def kept_away(r: Array, r_L: Array, r_F: Array, yaw: Array, slot: Slot) -> Array
     return r_L + away * (min(max(distance, least), max(slot.most, here)) / distance)
 
 
-def surely_closing(r: Array, r_L: Array, v_L: Array, slot: Slot, left: float) -> float:
+def surely_closing(r: Array, r_L: Array, v_L: Array, slot: Slot, left: float, lag_s: float = 0.0) -> float:
     """The speed toward the leader, m/s over ground, from which one at r can stop `left` m before the near end (2
     sigma) of where the leader may be and of how fast it may come. What is unsure makes nobody flee: it is no less
-    than the leader's own as estimated, where that comes, and else a standstill."""
+    than the leader's own as estimated, where that comes, and else a standstill. `lag_s`: until it begins to
+    brake."""
     away = r_L - r
     distance = max(float(np.linalg.norm(away)), 1e-3)
     recedes = float(v_L @ away) / distance
     may_come = NEAR_SIGMAS * slot.speed_sigma - NOISE
-    return max(recedes - max(may_come, 0.0) + stopping(distance - slot.nearer - left), min(recedes, 0.0))
+    return max(recedes - max(may_come, 0.0) + stopping(distance - slot.nearer - left, lag_s), min(recedes, 0.0))
 
 
-def stopping(way: float) -> float:
-    """The speed from which it stops within a way, m/s."""
-    return math.sqrt(2.0 * BRAKING * max(way, 0.0))
+def stopping(way: float, lag_s: float = 0.0) -> float:
+    """The speed from which it stops within a way, m/s, when it begins to brake after `lag_s`."""
+    lost = BRAKING * lag_s
+    return math.sqrt(lost * lost + 2.0 * BRAKING * max(way, 0.0)) - lost

@@ -46,6 +46,7 @@ CREEPS: Final = 0.4  # m/s, of one that stands
 LEAPS: Final = 20.0  # m; it begins anew rather than travel farther
 QUICKER, BRAKES = 3.0, 5.0  # m/s^2, of the target
 LAG_S: Final = 2.4  # from a place ahead to the speed with which it is approached: 1 / MPC_XY_P, and the filters
+FILTERS_S: Final = 1.0  # until a velocity that it is sent changes its own
 POSITION_GAIN, RESPONSE_S, SPEED = 0.95, 0.6, 12.0  # MPC_XY_P, s, MPC_XY_VEL_MAX
 ORBIT_SPEED: Final = 8.0  # m/s, FLW_TGT_MAX_VEL: 30 m behind a leader that turns at 0.2 rad/s it is 6
 AWAY: Final = 0.9  # of the distance that it has: a way that goes nearer does not go away
@@ -100,7 +101,7 @@ class Px4:
         r[2] = r_F[2]
         r = kept_away(r, r_L, r_F, toward, slot)
         ahead, v = limited(r - r_F, LAG_S * self._closes), track.v
-        most = surely_closing(level(r_F), level(r_L), level(v_L), slot, NEAR_SHARE * self._distance)
+        most = surely_closing(level(r_F), level(r_L), level(v_L), slot, NEAR_SHARE * self._distance, FILTERS_S)
         v = v - max(float(v @ toward) - most, 0.0) * toward
         ahead = ahead - max(float(ahead @ toward) - LAG_S * max(most - float(v @ toward), 0.0), 0.0) * toward
         r = r_F + ahead
