@@ -4,8 +4,8 @@ import math
 from typing import Final
 
 from onboard.arrays import Array
-from onboard.autopilot.guidance.states import MOTIONS, Event, Machine, Motion
-from onboard.models.carried import turn_rate
+from onboard.autopilot.guidance.states import MOTIONS, Activity, Event, Machine
+from onboard.geometry.carried import turn_rate
 
 SLOW: Final = 1.0  # m/s; a slower leader keeps its last course
 FAST, FAST_SIGMAS = 2.0, 2.0  # m/s, of a leader that sets off: of a hover, its estimate has up to 1.3
@@ -25,7 +25,7 @@ class Course:
     def __init__(self) -> None:
         self.value: float | None = None
         self.is_learnt = False
-        self.motion = Machine(MOTIONS, Motion.RESTS)
+        self.motion = Machine(MOTIONS, Activity.RESTS)
         self._sure_for = 0.0
 
     def start(self, course: float) -> None:
@@ -54,14 +54,16 @@ class Course:
             },
             dt,
         )
-        flies_on = self.motion.state is Motion.FLIES and (backed_up or (self.is_learnt and speed > KEEPS * sigma))
+        flies_on = self.motion.state is Activity.FLIES and (
+            backed_up or (self.is_learnt and speed > KEEPS * sigma)
+        )
         if flies_on or (self.is_sure and not self.backs_up):
             self.value, self.is_learnt = course, True
 
     @property
     def backs_up(self) -> bool:
         """The leader flies against its course."""
-        return self.motion.state is Motion.BACKS_UP
+        return self.motion.state is Activity.BACKS_UP
 
     @property
     def is_sure(self) -> bool:
@@ -71,7 +73,7 @@ class Course:
     def rate(self, v: Array, a: Array) -> float:
         """The rate at which it turns, rad/s; 0 while it is held."""
         return (
-            turn_rate(v, a) if self.motion.state is Motion.FLIES or (self.is_sure and not self.backs_up) else 0.0
+            turn_rate(v, a) if self.motion.state is Activity.FLIES or (self.is_sure and not self.backs_up) else 0.0
         )
 
 

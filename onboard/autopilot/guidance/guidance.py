@@ -24,12 +24,12 @@ from onboard.autopilot.guidance.motion import (
     smoothed,
     turned,
 )
-from onboard.autopilot.guidance.states import GRACE_S, LOSING, PHASES, Event, Machine, Motion, Phase
+from onboard.autopilot.guidance.states import GRACE_S, LOSING, PHASES, Activity, Event, Machine, Phase
 from onboard.config import GuidanceConfig
 from onboard.geometry.camera import Camera
+from onboard.geometry.carried import turn_rate
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import Heartbeat, LeaderState, Quaternion
-from onboard.models.carried import turn_rate
 
 LONGEST_STEP: Final = 0.1  # s
 TURN_ACCELERATION: Final = 2.0  # m/s^2, of the slot about the leader
@@ -216,7 +216,7 @@ class Guidance:
         is_led = self.is_entered and self.phase not in {Phase.UNLED, Phase.KEPT}
         if self.is_entered is None or is_led or not self._leads:
             return ""
-        rests = self._course.motion.state is Motion.RESTS  # its velocity is noise, then
+        rests = self._course.motion.state is Activity.RESTS  # its velocity is noise, then
         v_L = np.zeros(3) if rests else np.array(seen.v_L_n)
         return self.follower.passes(r_F - np.array(seen.r_OL_n), v_F, v_L)
 
@@ -255,7 +255,7 @@ class Guidance:
         room = sure + unsure * (inside + nearer - sure)
         firm = sure + unsure * (inside - sure)
         entered = self.is_entered is not False
-        flies = self._course.motion.state is not Motion.RESTS and (entered or self._is_fast())
+        flies = self._course.motion.state is not Activity.RESTS and (entered or self._is_fast())
         return Slot(arm, self._turn_rate, yaw, room, firm, most, nearer, speed_sigma, entered, flies)
 
     def _is_fast(self) -> bool:

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.models.carried import carried
+from onboard.geometry.carried import carried
 
 ACCELERATION_RATE: Final = 5.0  # 1/s, with which the acceleration is smoothed
 VELOCITY_RATE: Final = 1.2  # 1/s, with which the velocity is

@@ -28,7 +28,7 @@ class Phase(Enum):
     SILENT = "silent"  # nothing is sent; it was led in its mode, and is led again when the leader is seen
 
 
-class Motion(Enum):
+class Activity(Enum):
     """What the leader does."""
 
     RESTS = "rests"
@@ -57,7 +57,7 @@ class Event(Enum):
 S = TypeVar("S", bound=Enum)
 
 
-class Transition(NamedTuple, Generic[S]):
+class StateChange(NamedTuple, Generic[S]):
     """From any of the states `of` to `to`, once `when` has been true for `after_s`."""
 
     of: tuple[S, ...]
@@ -68,30 +68,30 @@ class Transition(NamedTuple, Generic[S]):
 
 LOSING: Final = (Phase.CARRIED, Phase.STOPPED, Phase.CLEARING, Phase.SILENT)
 PHASES: Final = (
-    Transition((*LOSING, Phase.UNLED, Phase.FOLLOWED), Event.ELSEWHERE, Phase.KEPT),
-    Transition((*LOSING, Phase.UNLED, Phase.FOLLOWED), Event.PASSES, Phase.KEPT),
-    Transition((*LOSING, Phase.UNLED, Phase.KEPT), Event.SEEN, Phase.FOLLOWED),
-    Transition((Phase.KEPT,), Event.LOST, Phase.UNLED),
-    Transition((Phase.FOLLOWED,), Event.LOST, Phase.CARRIED),
-    Transition((Phase.CARRIED, Phase.STOPPED, Phase.CLEARING), Event.CLEAR, Phase.SILENT),
-    Transition((Phase.CARRIED, Phase.STOPPED), Event.HELD, Phase.CLEARING),
-    Transition((Phase.CARRIED,), Event.LOST, Phase.STOPPED, GRACE_S),
-    Transition((Phase.CLEARING,), Event.LOST, Phase.SILENT, CLEARS_S),
+    StateChange((*LOSING, Phase.UNLED, Phase.FOLLOWED), Event.ELSEWHERE, Phase.KEPT),
+    StateChange((*LOSING, Phase.UNLED, Phase.FOLLOWED), Event.PASSES, Phase.KEPT),
+    StateChange((*LOSING, Phase.UNLED, Phase.KEPT), Event.SEEN, Phase.FOLLOWED),
+    StateChange((Phase.KEPT,), Event.LOST, Phase.UNLED),
+    StateChange((Phase.FOLLOWED,), Event.LOST, Phase.CARRIED),
+    StateChange((Phase.CARRIED, Phase.STOPPED, Phase.CLEARING), Event.CLEAR, Phase.SILENT),
+    StateChange((Phase.CARRIED, Phase.STOPPED), Event.HELD, Phase.CLEARING),
+    StateChange((Phase.CARRIED,), Event.LOST, Phase.STOPPED, GRACE_S),
+    StateChange((Phase.CLEARING,), Event.LOST, Phase.SILENT, CLEARS_S),
 )
 MOTIONS: Final = (
-    Transition((Motion.SETS_OFF, Motion.FLIES, Motion.BACKS_UP), Event.SLOW, Motion.RESTS, RESTS_S),
-    Transition((Motion.RESTS, Motion.SETS_OFF), Event.AGAINST, Motion.BACKS_UP),
-    Transition((Motion.RESTS, Motion.SETS_OFF, Motion.BACKS_UP), Event.ALONG, Motion.FLIES),
-    Transition((Motion.SETS_OFF, Motion.BACKS_UP), Event.MOVES, Motion.FLIES, TURNED_S),
-    Transition((Motion.RESTS,), Event.FAST, Motion.SETS_OFF, SETS_OFF_S),
-    Transition((Motion.FLIES,), Event.CREEPS, Motion.SETS_OFF),
+    StateChange((Activity.SETS_OFF, Activity.FLIES, Activity.BACKS_UP), Event.SLOW, Activity.RESTS, RESTS_S),
+    StateChange((Activity.RESTS, Activity.SETS_OFF), Event.AGAINST, Activity.BACKS_UP),
+    StateChange((Activity.RESTS, Activity.SETS_OFF, Activity.BACKS_UP), Event.ALONG, Activity.FLIES),
+    StateChange((Activity.SETS_OFF, Activity.BACKS_UP), Event.MOVES, Activity.FLIES, TURNED_S),
+    StateChange((Activity.RESTS,), Event.FAST, Activity.SETS_OFF, SETS_OFF_S),
+    StateChange((Activity.FLIES,), Event.CREEPS, Activity.SETS_OFF),
 )
 
 
 class Machine(Generic[S]):
     """A state, and for how long each event has been true since it began."""
 
-    def __init__(self, table: Sequence[Transition[S]], state: S) -> None:
+    def __init__(self, table: Sequence[StateChange[S]], state: S) -> None:
         self._table, self.state = table, state
         self._true_for: dict[Event, float] = {}  # s
 

@@ -14,7 +14,7 @@ from onboard.autopilot.guidance import PX4, Guidance, follower_of
 from onboard.autopilot.guidance.ardupilot import FOLLOW
 from onboard.autopilot.guidance.course import wrapped
 from onboard.autopilot.guidance.px4 import FOLLOW_ME
-from onboard.autopilot.guidance.states import MOTIONS, PHASES, Event, Machine, Motion, Phase, Transition
+from onboard.autopilot.guidance.states import MOTIONS, PHASES, Activity, Event, Machine, Phase, StateChange
 from onboard.config import GuidanceConfig
 from onboard.messages import Heartbeat
 from tests.support.leader import S, T
@@ -41,18 +41,18 @@ def test_one_that_is_lost_is_given_up_from_every_phase(phase: Phase) -> None:
     assert machine.state in {Phase.SILENT, Phase.UNLED}
 
 
-@pytest.mark.parametrize("motion", Motion)
+@pytest.mark.parametrize("motion", Activity)
 @pytest.mark.parametrize(
     ("events", "end"),
     [
-        ({Event.SLOW: True, Event.CREEPS: True}, Motion.RESTS),
-        ({Event.MOVES: True, Event.FAST: True}, Motion.FLIES),
-        ({Event.MOVES: True, Event.FAST: True, Event.AGAINST: True}, Motion.FLIES),
-        ({Event.MOVES: True, Event.ALONG: True}, Motion.FLIES),
+        ({Event.SLOW: True, Event.CREEPS: True}, Activity.RESTS),
+        ({Event.MOVES: True, Event.FAST: True}, Activity.FLIES),
+        ({Event.MOVES: True, Event.FAST: True, Event.AGAINST: True}, Activity.FLIES),
+        ({Event.MOVES: True, Event.ALONG: True}, Activity.FLIES),
     ],
 )
 def test_whatever_a_leader_did_ends_by_what_it_does(
-    motion: Motion, events: dict[Event, bool], end: Motion
+    motion: Activity, events: dict[Event, bool], end: Activity
 ) -> None:
     machine = Machine(MOTIONS, motion)
     for _ in range(180):  # 9 s
@@ -61,20 +61,20 @@ def test_whatever_a_leader_did_ends_by_what_it_does(
 
 
 def test_a_transition_waits_for_as_long_as_its_event_lasts() -> None:
-    machine = Machine(MOTIONS, Motion.FLIES)
+    machine = Machine(MOTIONS, Activity.FLIES)
     for is_slow in (*[True] * 11, False, *[True] * 12):
         assert not machine.step({Event.SLOW: is_slow}, 0.25)
     assert machine.step({Event.SLOW: True}, 0.25)
-    assert machine.state is Motion.RESTS
+    assert machine.state is Activity.RESTS
 
 
 def test_the_page_has_the_table() -> None:
     page = (ROOT / "docs" / "follow.md").read_text(encoding="utf-8")
     shown = re.findall(r"^\| ([a-z, ]+) \| (.+) \| ([a-z ]+) \| ([0-9.]+ s|at once) \|$", page, re.MULTILINE)
-    assert shown == [row_of(row) for row in chain[Transition[Any]](PHASES, MOTIONS)]
+    assert shown == [row_of(row) for row in chain[StateChange[Any]](PHASES, MOTIONS)]
 
 
-def row_of(row: Transition[Any]) -> tuple[str, str, str, str]:
+def row_of(row: StateChange[Any]) -> tuple[str, str, str, str]:
     return words(row.of), row.when.value, row.to.value, f"{row.after_s:g} s" if row.after_s else "at once"
 
 

@@ -8,14 +8,17 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import DRIFT, Size
 from onboard.filters.belief import Belief
+from onboard.filters.discretisation import singer
+from onboard.geometry.carried import carried, turn_rate, turning
 from onboard.geometry.units import S_PER_NS
 from onboard.messages import WarmState
-from onboard.models.carried import carried, spread, turn_rate
 from onboard.models.relative_motion import A_LAT, A_LONG, POSITION, SIZE, VELOCITY, leader_acceleration
 from onboard.ownship import Ownship
 
 MOTION: Final = slice(0, 6)
 LONGEST_S: Final = 10.0  # later, the leader may be anywhere
+ACCELERATION: Final = np.array([1.0, 1.0, 0.5])  # m/s^2, 1 sigma by axis, beyond that of the turn, unseen
+LASTS_S: Final = 3.0  # s, correlation time of that acceleration
 SURELY: Final = 2.0  # standard deviations
 HOVERS: Final = 1.0  # m/s: a slower leader has no course to turn from
 
@@ -47,6 +50,17 @@ class Prior(NamedTuple):
         P = spread(self.P, rate, dt)
         P[POSITION, POSITION] += (DRIFT * dt) ** 2 * np.eye(3)
         return Belief(np.concatenate([r - pose.r_OF_n, v]), P)
+
+
+def spread(P: Array, rate: float, dt: float) -> Array:
+    """The covariance (6, 6) of position and velocity `dt` s later. The acceleration that nobody sees is that of
+    Singer (1970)."""
+    F = np.eye(6)
+    F[:3, 3:], F[3:, 3:] = turning(rate, dt)
+    unseen = singer(dt, LASTS_S, ACCELERATION**2)
+    G = unseen.F[:6, 6:]
+    spread_out: Array = F @ P @ F.T + (G * ACCELERATION**2) @ G.T + unseen.Q[:6, :6]
+    return spread_out
 
 
 def prior_of(state: WarmState) -> Prior:

@@ -1,5 +1,4 @@
-"""A leader carried on beyond what was seen of it: it flies on at its speed and in its turn, and may have begun
-something else meanwhile."""
+"""A leader carried on beyond what was seen of it: it flies on at its speed and in its turn."""
 
 import math
 from typing import Final
@@ -7,12 +6,9 @@ from typing import Final
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.filters.discretisation import singer
 
 SLOW: Final = 1.0  # m/s: a slower leader has no course to turn from
 FASTEST_TURN: Final = 0.5  # rad/s: an acceleration beyond is no turn that lasts
-ACCELERATION: Final = np.array([1.0, 1.0, 0.5])  # m/s^2, 1 sigma by axis, beyond that of the turn, unseen
-LASTS_S: Final = 3.0  # s, correlation time of that acceleration
 
 
 def turn_rate(v: Array, a: Array) -> float:
@@ -25,22 +21,11 @@ def turn_rate(v: Array, a: Array) -> float:
 
 def carried(r: Array, v: Array, rate: float, dt: float) -> tuple[Array, Array]:
     """Position and velocity (3,), n, `dt` s later: on a circle at `rate`, rad/s, and straight on in height."""
-    moved, rotated = _turning(rate, dt)
+    moved, rotated = turning(rate, dt)
     return r + moved @ v, rotated @ v
 
 
-def spread(P: Array, rate: float, dt: float) -> Array:
-    """The covariance (6, 6) of position and velocity `dt` s later. The acceleration that nobody sees is that of
-    Singer (1970)."""
-    F = np.eye(6)
-    F[:3, 3:], F[3:, 3:] = _turning(rate, dt)
-    unseen = singer(dt, LASTS_S, ACCELERATION**2)
-    G = unseen.F[:6, 6:]
-    spread_out: Array = F @ P @ F.T + (G * ACCELERATION**2) @ G.T + unseen.Q[:6, :6]
-    return spread_out
-
-
-def _turning(rate: float, dt: float) -> tuple[Array, Array]:
+def turning(rate: float, dt: float) -> tuple[Array, Array]:
     """What takes a velocity to the way flown and to the velocity after it, (3, 3) each."""
     half = 0.5 * rate * dt
     chord = dt * float(np.sinc(half / math.pi))

@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from onboard.autopilot.guidance.motion import Track, flown_on
-from onboard.estimators.leader.reports.prior import Prior
-from onboard.models.carried import FASTEST_TURN, carried, spread, turn_rate
+from onboard.estimators.leader.reports.prior import Prior, spread
+from onboard.geometry.carried import FASTEST_TURN, carried, turn_rate
 from tests.support.streams import S
 
 R, V = np.array([30.0, -5.0, -40.0]), np.array([7.0, 0.0, -0.5])
