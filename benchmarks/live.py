@@ -263,6 +263,29 @@ def start_in(environment: dict[str, str], kind: type[Daemon] = Daemon) -> float:
         return one.wait_for("link autopilot" if kind is Floor else "leader: ")
 
 
+def restarted() -> Figures:
+    """Seconds from a daemon's SIGKILL, when another is started at once in its place: until that has opened its
+    links, and until the first image that it has taken, of a camera that sends over Zenoh all the time."""
+    with ExitStack() as stack:
+        first = stack.enter_context(daemon())
+        first.wait_for("link autopilot")
+        subscriber = stack.enter_context(closing(Subscriber(first.endpoint)))
+        where = ("--udp", str(first.udp), "--zenoh", first.endpoint)
+        load = program(FLIGHT, *where, "--seconds", "300", "--heartbeats")
+        stack.callback(load.communicate)
+        stack.callback(load.terminate)
+        until(subscriber.arrivals, "an image", first.popen)
+        killed_ns = time.monotonic_ns()
+        in_flight_ns = killed_ns + 100_000_000  # what the first one has sent still
+        first.popen.kill()
+        first.popen.wait(PATIENCE_S)
+        second = stack.enter_context(daemon(udp=first.udp, more=(f"zenoh.listen=['{first.endpoint}']",)))
+        opened_s = second.wait_for("link autopilot") + second.began - killed_ns * 1e-9
+        until(lambda: max(subscriber.arrivals().values()) > in_flight_ns, "an image", second.popen)
+        first_ns = min(at for at in subscriber.arrivals().values() if at > in_flight_ns)
+    return {"links_s": opened_s, "image_s": (first_ns - killed_ns) * 1e-9}
+
+
 def machine() -> Figures:
     """What this was measured on."""
     cpu = [line.split(":")[1].strip() for line in _lines("/proc/cpuinfo") if line.startswith("model name")]
@@ -283,6 +306,7 @@ def measure(seconds: int) -> Figures:
     starts = [[start(cold=False, kind=kind) for kind in (Daemon, Floor)] for _ in range(STARTS)]
     ours, floor = np.min(starts, axis=0).tolist()
     found["start"] = {"warm_s": ours}
+    found["restarted"] = restarted()
     found["alone"], found["floor"] = under_load(seconds), under_load(seconds, kind=Floor)
     found["floor"]["start_s"] = floor
     found["floor"]["replay_times"] = found["stages"].pop("floor_replay_times")

@@ -89,6 +89,7 @@ class AutopilotOutput:
         self._leads = bool(config.leader_out)
         self._guidance = Guidance(config.guidance, self._camera, leads=self._leads)
         self._virtual: LeaderState | None = None
+        self._is_armed = False
 
     def signed(self, channel: str, frame: bytes, wall_ns: int) -> bytes:
         """A frame as it leaves on a channel's link: signed there if the link has a key. Times are Unix time."""
@@ -211,6 +212,7 @@ class AutopilotOutput:
             for m in messages:
                 if isinstance(m, Heartbeat) and (m.system, m.component) == (mine.system, mine.component):
                     self._guidance.note_mode(m)
+                    self._is_armed = m.armed
         frames = self._sessions[channel].respond(messages, now_ns)
         for out in self._leader_outputs:
             if out.link == channel:
@@ -271,8 +273,16 @@ class AutopilotOutput:
         """Say why nothing happens."""
         if self._autopilot is None:
             return
-        led, warning = self._virtual is not None, self._guidance.warning
-        for severity, text in self._reasons.tick(self.leader, view, now_ns, is_led=led, warning=warning):
+        texts = self._reasons.tick(
+            self.leader,
+            view,
+            now_ns,
+            is_led=self._virtual is not None,
+            warning=self._guidance.warning,
+            is_entered=self._guidance.is_entered,
+            is_armed=self._is_armed,
+        )
+        for severity, text in texts:
             self.notices.add(severity, text)
             self._said.append(text)
 

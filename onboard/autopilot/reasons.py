@@ -35,6 +35,7 @@ class Reasons:
         self._no_course_ns: int | None = None
         self._said: Cause | None = None
         self._warned, self._warned_ns = "", 0
+        self._is_entered: bool | None = None
         self._edge = ""
 
     def tick(
@@ -45,28 +46,37 @@ class Reasons:
         *,
         is_led: bool = False,
         warning: str = "",
+        is_entered: bool | None = None,
+        is_armed: bool = True,
     ) -> list[Text]:
         """What is to be sent at a time on this computer's clock. `state`: the leader; None before an estimate.
-        `is_led`: the autopilot is sent a target with a heading. `warning`: why it is not led as usual."""
+        `is_led`: the autopilot is sent a target with a heading. `warning`: why it is not led as usual; it is said
+        again when the mode is entered (`is_entered`). What our own motion contradicts before the vehicle
+        `is_armed`, while its filter aligns, is not said."""
         texts: list[Text] = []
         if self._start_ns is None:
             self._start_ns = now_ns
             texts.append((INFO, "onboard has started: no leader yet"))
+        if is_entered and not self._is_entered:
+            self._warned = ""
+        self._is_entered = is_entered
         if state is None or not state.valid:
-            return texts + self._without_leader(state, now_ns)
+            return texts + self._without_leader(state, now_ns, is_armed)
         self._no_leader_ns = self._said = None
         texts += self._warning(warning if self._follows else "", now_ns)
         return (
             texts + self._without_course(state, now_ns, is_led or bool(warning)) + self._out_of_view(state, view)
         )
 
-    def _without_leader(self, state: LeaderState | None, now_ns: int) -> list[Text]:
+    def _without_leader(self, state: LeaderState | None, now_ns: int, is_armed: bool) -> list[Text]:
         """Why there is none, once it has lasted, and again when the cause changes or a while has passed."""
         self._no_course_ns = None
         if self._no_leader_ns is None:
             self._no_leader_ns = now_ns
         why = NOTHING if state is None else Reason(state.cause, state.reason)
         waited_ns = now_ns - self._no_leader_ns
+        if why.cause is Cause.OWN_MOTION_DOUBT and not is_armed:
+            return []
         if waited_ns < (AGAIN_NS if why.cause is self._said else PATIENCE_NS):
             return []
         self._no_leader_ns, self._said = now_ns, why.cause

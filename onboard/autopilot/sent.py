@@ -59,7 +59,7 @@ SENT: Final[dict[type[Message], Kind]] = {
         BY_ITSELF,
         "requests for messages alone, never with `request_rates = false`: MAV_CMD_SET_MESSAGE_INTERVAL for each "
         "stream of `[autopilot.rates_hz]` that is too slow, every 5 s, and once a boot for EKF_STATUS_REPORT or "
-        "ESTIMATOR_STATUS; MAV_CMD_REQUEST_MESSAGE for GPS_GLOBAL_ORIGIN until it comes, every 5 s",
+        "ESTIMATOR_STATUS and ODOMETRY; MAV_CMD_REQUEST_MESSAGE for GPS_GLOBAL_ORIGIN until it comes, every 5 s",
     ),
     ComputerStatus: Kind(
         ("ONBOARD_COMPUTER_STATUS",), BY_ITSELF, "once a second, where this computer shows its load"

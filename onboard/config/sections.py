@@ -180,6 +180,9 @@ class GuidanceConfig(Record, frozen=True, kw_only=True):
     closing_speed_m_s: Positive = 5.0  # at which the distance may shrink or grow, at most
     start_course: Literal["bearing", "none"] = "bearing"  # before the leader has flown; none: it is not followed
     hold_s: NotNegative = 3.0  # for which the vehicle stops with its nose on a lost leader
+    clear_height_m: NotNegative = 10.0  # between it and the leader's height, when it falls silent after that
+    speed_m_s: Positive = 15.0  # that the vehicle can fly; ArduPilot: WPNAV_SPEED
+    acceleration_m_s2: Positive = 3.5  # level, that it can fly in a turn: 20 degrees of lean
 
 
 class Config(Record, frozen=True, kw_only=True):

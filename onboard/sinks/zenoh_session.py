@@ -259,8 +259,13 @@ def _ours(config: ZenohConfig, theirs: Any, stated: frozenset[str]) -> dict[str,
         "mode": config.mode,
         "listen/endpoints": [] if mode == "client" else list(config.listens(in_file)),
         "connect/endpoints": list(config.connect),
-        # a router that comes back is found within 2 s; the default waits up to 4
-        "connect/retry": {"period_init_ms": 500, "period_max_ms": 2000, "period_increase_factor": 2},
+        # a router that comes back is found within half a second on this computer, where a camera is blind for as
+        # long, and else within 2 s; the default waits up to 4
+        "connect/retry": {
+            "period_init_ms": 200,
+            "period_max_ms": 500 if all(map(_is_here, config.connect)) else 2000,
+            "period_increase_factor": 2,
+        },
         "scouting/delay": 0,  # else opening would wait half a second for replies to scouting, which is off
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
@@ -273,6 +278,11 @@ def _ours(config: ZenohConfig, theirs: Any, stated: frozenset[str]) -> dict[str,
         # A killed process would leave segments behind, and our messages are too short to benefit.
         "transport/shared_memory/enabled": False,
     }
+
+
+def _is_here(endpoint: str) -> bool:
+    """Whether an endpoint is on this computer."""
+    return any(name in endpoint for name in ("127.0.0.1", "localhost", "[::1]"))
 
 
 def _mode(settings: Any) -> str:

@@ -17,7 +17,7 @@ from onboard.autopilot.output import AutopilotOutput
 from onboard.config import Config, datagram_of, load_config
 from onboard.geometry.rotations import euler_from_quaternion
 from onboard.geometry.units import NS_PER_S
-from onboard.messages import Datagram, WarmState
+from onboard.messages import Datagram, Severity, WarmState
 from onboard.pipeline import Pipeline
 from simlink.scenarios.scenario import Scenario
 from simlink.sensors.camera import mount_quaternion, project
@@ -30,14 +30,21 @@ DELAY_STEPS: Final = 2  # 10 ms, from the daemon to the autopilot
 ROWS_PER_S: Final = 10
 STEPS_PER_S: Final = 200
 HOVERS: Final = 0.5  # m/s; slower, the leader has no course
+TURNED_S: Final = 8.0  # s, of a leader that flies back: it has turned round, whatever its nose does
 NO_RATES: Final[dict[str, float]] = {}
+# The kinds of advice that name a part of the set-up, which is right in every flight here.
+SET_UP: Final = frozenset(
+    {"camera", "class", "clock", "focal", "lens", "misfit", "mount", "noise", "pixels", "stamps", "target"}
+)
 
 
 class Flight(NamedTuple):
     """Ten rows a second (n,): time (s), the distance of both aircraft (m), the follower's distance from its slot
     (m), its speed over ground and that at which the distance shrinks (m/s), the leader's turn rate (rad/s),
     whether our estimate was valid and the autopilot followed, the follower's pitch and pitch rate (rad, rad/s),
-    its position north and east (m), and whether the leader was inside the image."""
+    its position north and east (m), whether the leader was inside the image, and how far the follower is from its
+    side of the leader (rad about it, in the plane). `advice`: kinds of advice about the set-up, worse than a
+    notice, that the daemon gave."""
 
     t: Array
     distance: Array
@@ -52,6 +59,8 @@ class Flight(NamedTuple):
     north: Array
     east: Array
     in_view: Array
+    aside: Array
+    advice: tuple[str, ...]
 
 
 class Companion:
@@ -62,6 +71,7 @@ class Companion:
         self.pipeline = Pipeline(config)
         self.output = AutopilotOutput(config)
         self.left: WarmState | None = None  # as the daemon keeps it, once a second
+        self.advice: set[str] = set()
         self._next_ns = 0
 
     def receive(self, datagram: Datagram) -> list[bytes]:
@@ -91,6 +101,8 @@ class Companion:
             self._next_ns = now_ns + NS_PER_S
             kept = self.output.warm_state(now_ns, offset_ns, self.pipeline.clocks.round_trip_ns)
             self.left = kept or self.left
+            advice = self.pipeline.health(now_ns).advice
+            self.advice |= {a.cause for a in advice if a.cause in SET_UP and a.severity is not Severity.NOTICE}
         return frames
 
 
@@ -120,6 +132,7 @@ def fly(
     run, companion = GuidedRun(scenario, seed, see), Companion(config_of(scenario, settings))
     row = Row(scenario, seed)
     epoch_ns: int | None = None
+    advice: set[str] = set()  # of a daemon that was killed
     on_way: deque[tuple[int, bytes]] = deque()
     rows = []
     for step in range(round(duration * STEPS_PER_S) + 1):
@@ -128,7 +141,7 @@ def fly(
         if killed[0] <= t < killed[1]:
             datagrams = []
         if t == killed[1] and epoch_ns is not None:
-            left, companion = companion.left, Companion(companion.config)
+            left, advice, companion = companion.left, companion.advice, Companion(companion.config)
             if left is not None:
                 companion.receive(datagram_of(left, epoch_ns + tick.t_ns))
         while on_way and on_way[0][0] <= step:
@@ -143,12 +156,12 @@ def fly(
         if step % (STEPS_PER_S // ROWS_PER_S) == 0:
             leader = companion.output.leader
             rows.append(row.of(tick, leader is not None and leader.valid, run.mode.is_following))
-    return Flight(*np.array(rows).T)
+    return Flight._make([*np.array(rows).T, tuple(sorted(advice | companion.advice))])
 
 
 class Row:
     """Rows of one flight, made one after the other. The slot turns with the leader's path: a leader that backs up
-    keeps its course, and one that hovers its last one."""
+    keeps its course for TURNED_S, and one that hovers its last one."""
 
     def __init__(self, scenario: Scenario, seed: int) -> None:
         follow = scenario.follow
@@ -157,6 +170,7 @@ class Row:
         self._camera, self._size = scenario.camera, true_size(scenario, seed)
         self._mount = mount_quaternion(scenario.camera)
         self._course = math.radians(scenario.leader.course_deg)
+        self._back_for = 0.0  # s
 
     def of(self, tick: Tick, is_valid: bool, is_following: bool) -> tuple[float, ...]:
         """The row of one step."""
@@ -165,10 +179,13 @@ class Row:
         if speed > HOVERS:
             course = math.atan2(s.v_L_n[1], s.v_L_n[0])
             backs = math.cos(course - self._course) < 0.0
+            self._back_for = self._back_for + 1.0 / ROWS_PER_S if backs else 0.0
+            backs = backs and self._back_for < TURNED_S
             self._course = course + math.pi if backs else course
         c, n, (x, y, z) = math.cos(self._course), math.sin(self._course), self._offset
         slot = (s.r_OL_n[0] + c * x - n * y, s.r_OL_n[1] + n * x + c * y, s.r_OL_n[2] + z)
         r = np.subtract(s.r_OL_n, s.r_OF_n)
+        away = math.atan2(-r[1], -r[0]) - math.atan2(slot[1] - s.r_OL_n[1], slot[0] - s.r_OL_n[0])
         distance = float(np.linalg.norm(r))
         closing = -float(r @ np.subtract(s.v_L_n, s.v_F_n)) / distance
         _, pitch, _ = euler_from_quaternion(s.q_nF)
@@ -186,4 +203,5 @@ class Row:
             s.r_OF_n[0],
             s.r_OF_n[1],
             float(project(s, self._size, self._camera, self._mount) is not None),
+            abs(math.remainder(away, 2.0 * math.pi)),
         )

@@ -26,6 +26,9 @@ COUNTS: Final = 15.0  # s, 5 s after FOLLOW is engaged
 FOR_GOOD: Final = 1000.0  # s
 AT_THE_END: Final = 5.0  # s
 NEAR_ITS_SLOT: Final = (0.5, 1.5)  # of the slot's distance
+ITS_SIDE: Final = math.radians(60.0)  # of the leader
+NARROW: Final = 3.0  # m/s, at which it turns round: 12 m wide at 0.5 rad/s
+SOUTH: Final = 180.0  # degrees
 
 
 class Change(NamedTuple):
@@ -44,25 +47,37 @@ class Change(NamedTuple):
 
 
 class Turn(NamedTuple):
-    """A circle at a `rate` (rad/s) from `start` on, for `hold` s."""
+    """A circle at a `rate` (rad/s) from `start` on, for `hold` s, at a `speed` (m/s; None: the leader's)."""
 
     rate: float
     start: float = BEGINS
     hold: float = FOR_GOOD
+    speed: float | None = None
 
     def of(self, speed: float) -> Pulse:
         """The lateral acceleration of a leader of a speed, m/s."""
-        return Pulse(start=self.start, end=self.start + 2.0 + self.hold, change=self.rate * speed, hold=self.hold)
+        change = self.rate * (speed if self.speed is None else self.speed)
+        return Pulse(start=self.start, end=self.start + 2.0 + self.hold, change=change, hold=self.hold)
+
+
+def turn_by(angle_deg: float, rate: float, start: float, speed: float | None = None) -> Turn:
+    """A turn by an angle, which takes a second longer than at its rate alone."""
+    angle = math.radians(angle_deg)
+    return Turn(math.copysign(rate, angle), start, abs(angle) / rate - 1.0, speed)
 
 
 class Manoeuvre(NamedTuple):
     """What a leader does after it has left the hover, when the camera is blind and the daemon dead (s, from and
-    to), and how long the flight is, s."""
+    to), and how long the flight is, s. `slows`: to NARROW from BEGINS on; `flies_back`: with that from then on,
+    having turned its nose in a hover at that time (s). `course_deg`: on which it leaves; we begin behind it."""
 
     name: str
     duration: float
     turns: tuple[Turn, ...] = ()
     changes: tuple[Change, ...] = ()
+    slows: bool = False
+    flies_back: float = math.inf
+    course_deg: float = SOUTH
     backs_up: bool = False
     blind: tuple[Interval, ...] = ()
     killed: tuple[float, float] = (math.inf, math.inf)
@@ -70,16 +85,27 @@ class Manoeuvre(NamedTuple):
 
 class Result(NamedTuple):
     """Of one flight: least and greatest distance, percent of the slot's; percent of images with the leader inside
-    and of the time with a valid estimate; whether it is followed, seen and near its slot for the last seconds."""
+    and of the time with a valid estimate; degrees between the follower and its side of the leader, over the last
+    seconds; whether it is followed, seen, near its slot and on its side for these; and how many kinds of advice
+    about the set-up, which is right, the daemon gave."""
 
     least: float
     greatest: float
     seen: float
     valid: float
+    aside: float
     followed: bool
+    advised: int = 0
 
 
 IN_A_CIRCLE: Final = (Turn(0.125, TURNING_SINCE),)
+CIRCLE_S: Final = 2.0 * math.pi / 0.22  # s
+EIGHT: Final = tuple(
+    Turn(rate, BEGINS + k * CIRCLE_S, CIRCLE_S - 1.0) for k, rate in enumerate((0.22, -0.22, 0.22))
+)
+ZIGZAG: Final = tuple(
+    turn_by(angle, 0.35, BEGINS + 8.0 * k) for k, angle in enumerate((30.0, -60.0, 60.0, -60.0, 60.0))
+)
 MANOEUVRES: Final = (
     Manoeuvre("flies straight on", 90.0),
     Manoeuvre("circle at 0.125 rad/s", 90.0, (Turn(0.125),)),
@@ -88,13 +114,22 @@ MANOEUVRES: Final = (
     Manoeuvre(
         "stops out of a circle at 0.2 rad/s", 75.0, (Turn(0.2, TURNING_SINCE, 10.0),), (Change(51.0, -1.0, 2.0),)
     ),
-    Manoeuvre("turns back and flies past us", 80.0, changes=(Change(BEGINS, -2.0, hold=6.0),)),
+    Manoeuvre("zigzag by 60 degrees every 8 s, then stops", 115.0, ZIGZAG, (Change(BEGINS + 40.0, -1.0),)),
+    Manoeuvre("eight at 0.22 rad/s, reversed twice", 135.0, EIGHT),
+    Manoeuvre("turns round 12 m wide, at 3 m/s", 110.0, (turn_by(180.0, 0.5, 55.0, NARROW),), slows=True),
+    Manoeuvre("stops, turns its nose, flies at us", 110.0, changes=(Change(BEGINS, -1.0),), flies_back=60.0),
+    Manoeuvre("turns back and flies past us", 110.0, changes=(Change(BEGINS, -2.0, hold=6.0),)),
     Manoeuvre("backs up at 4 m/s out of the hover", 60.0, backs_up=True),
     Manoeuvre("blind for 3 s, straight", 90.0, blind=(Interval(start=45.0, end=48.0),)),
     Manoeuvre("blind for 3 s, in a circle", 90.0, IN_A_CIRCLE, blind=(Interval(start=50.0, end=53.0),)),
     Manoeuvre("blind for 15 s, straight", 140.0, blind=(Interval(start=45.0, end=60.0),)),
     Manoeuvre("blind for 15 s, in a circle", 120.0, IN_A_CIRCLE, blind=(Interval(start=50.0, end=65.0),)),
     Manoeuvre("daemon killed for 2 s, in a circle", 90.0, IN_A_CIRCLE, killed=(50.0, 52.0)),
+    Manoeuvre("daemon killed for 7 s, in a circle", 100.0, (Turn(0.17, TURNING_SINCE),), killed=(50.0, 57.0)),
+    *(
+        Manoeuvre(f"begun {side} of a leader at rest", 70.0, course_deg=course)
+        for side, course in (("east", 270.0), ("south", 0.0), ("west", 90.0))
+    ),
 )
 
 
@@ -102,7 +137,13 @@ def scenario_of(autopilot: Autopilot, manoeuvre: Manoeuvre) -> Scenario:
     """The scenario of a flight."""
     base, v = load_scenario("guided-hover"), SPEEDS[autopilot]
     assert base.follow is not None  # noqa: S101 - it follows
-    changes = (Change(LEAVES, 1.0), *manoeuvre.changes)
+    changes: tuple[Change, ...] = (Change(LEAVES, 1.0), *manoeuvre.changes)
+    nose: tuple[Pulse, ...] = ()
+    if manoeuvre.slows:
+        changes = (*changes, Change(BEGINS, NARROW / v - 1.0))
+    if math.isfinite(back := manoeuvre.flies_back):
+        changes = (*changes, Change(back, -NARROW / v))
+        nose = (Pulse(start=back - 5.0, end=back + FOR_GOOD, change=180.0, hold=FOR_GOOD - 3.0),)
     speeds = tuple(c.of(v) for c in changes)
     if manoeuvre.backs_up:
         speeds = (Pulse(start=LEAVES, end=LEAVES + 16.0, change=-4.0, hold=12.0),)
@@ -112,7 +153,14 @@ def scenario_of(autopilot: Autopilot, manoeuvre: Manoeuvre) -> Scenario:
         duration=manoeuvre.duration,
         repeat=manoeuvre.duration + AT_THE_END,
         vehicle=replace(base.vehicle, autopilot=autopilot),
-        leader=replace(base.leader, speed_pulses=speeds, a_lat_pulses=turns, climb_pulses=(), course_deg=180.0),
+        leader=replace(
+            base.leader,
+            speed_pulses=speeds,
+            a_lat_pulses=turns,
+            climb_pulses=(),
+            yaw_pulses_deg=nose,
+            course_deg=manoeuvre.course_deg,
+        ),
         camera=replace(base.camera, blackouts=manoeuvre.blind),
         follower=replace(base.follower, slot=SLOT),
         follow=replace(base.follow, offset=SLOT),
@@ -130,12 +178,19 @@ def judged(flight: Flight) -> Result:
     counts, last = flight.t >= COUNTS, flight.t > flight.t[-1] - AT_THE_END
     low, high = NEAR_ITS_SLOT
     followed = (
-        (flight.following > 0) & (flight.valid > 0) & (flight.in_view > 0) & (of_slot > low) & (of_slot < high)
+        (flight.following > 0)
+        & (flight.valid > 0)
+        & (flight.in_view > 0)
+        & (of_slot > low)
+        & (of_slot < high)
+        & (flight.aside < ITS_SIDE)
     )
     return Result(
         least=100.0 * float(of_slot[counts].min()),
         greatest=100.0 * float(of_slot[counts].max()),
         seen=100.0 * float(flight.in_view[counts].mean()),
         valid=100.0 * float(flight.valid[counts].mean()),
+        aside=math.degrees(float(np.median(flight.aside[last]))),
         followed=bool(followed[last].mean() > 0.9),
+        advised=len(flight.advice),
     )

@@ -25,6 +25,7 @@ GREATEST: Final = 200.0  # percent, in circles
 HEADER: Final = (
     *("autopilot", "leader", "flights", "followed at the end"),
     *("least distance %", "median %", "greatest distance %", "median %", "images with the leader %", "valid %"),
+    *("degrees off its side", "false advice"),
 )
 
 Row = tuple[Autopilot, Manoeuvre, Sequence[Result]]
@@ -59,7 +60,9 @@ def findings(rows: Sequence[Row], first_seed: int) -> Findings:
             Table(
                 title="Manoeuvre by manoeuvre",
                 note="The worst and the median flight. Distances count from 5 s after the mode is entered. "
-                "Followed: seen, valid and at 50 to 150 % of the slot's distance for the last 5 s.",
+                "Followed: seen, valid, at 50 to 150 % of the slot's distance and within 60 degrees of its side "
+                "of the leader for the last 5 s. A leader that flies back for 8 s has turned: its other side "
+                "counts. False advice: about the set-up, which is right.",
                 header=HEADER,
                 rows=tuple((autopilot, m.name, *_row(found)) for autopilot, m, found in rows),
             ),
@@ -69,12 +72,12 @@ def findings(rows: Sequence[Row], first_seed: int) -> Findings:
 
 
 def _row(found: Sequence[Result]) -> tuple[float, ...]:
-    least, greatest, seen, valid, followed = np.array(found, float).T
+    least, greatest, seen, valid, aside, followed, advised = np.array(found, float).T
     return (
         float(len(found)),
         float(followed.sum()),
         *(float(least.min()), float(np.median(least)), float(greatest.max()), float(np.median(greatest))),
-        *(float(seen.mean()), float(valid.mean())),
+        *(float(seen.mean()), float(valid.mean()), float(aside.max()), float(advised.sum())),
     )
 
 
@@ -85,10 +88,12 @@ def _claims(autopilot: Autopilot, rows: Sequence[Row]) -> tuple[Claim, ...]:
         m.name for m, found in mine if m.name.startswith("circle") and max(r.greatest for r in found) > GREATEST
     ]
     lost = [m.name for m, found in mine if not all(r.followed for r in found)]
+    advised = [m.name for m, found in mine if any(r.advised for r in found)]
     said = (
         (f"{autopilot}: no flight comes nearer than two thirds of the slot's distance", near),
         (f"{autopilot}: in circles no flight is led farther than twice it", far),
         (f"{autopilot}: after each manoeuvre, drop-out and restart the leader is followed again", lost),
+        (f"{autopilot}: no flight is given advice about the set-up, which is right", advised),
     )
     return tuple(
         Claim(

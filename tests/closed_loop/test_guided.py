@@ -84,7 +84,7 @@ def test_a_break_off_lasts_until_the_follower_is_back_in_its_slot() -> None:
     zero = np.zeros(len(t))
     valid = 1.0 - ((t > 9.95) & (t < 17.05))
     error = np.where((t > 12.0) & (t < 19.95), 50.0, 1.0)
-    made = Flight(t, zero, error, zero, zero, zero, valid, valid, *(zero,) * 5)
+    made = Flight._make([t, zero, error, zero, zero, zero, valid, valid, *(zero,) * 6, ()])
     away = t[broken_off(made, error)]
     assert (away[0], away[-1]) == pytest.approx((10.0, 19.9), abs=0.051)
     swings = made._replace(slot_error=np.where((t > 22.0) & (t < 22.45), 50.0, error))  # through its slot and back

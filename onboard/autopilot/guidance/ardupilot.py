@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.autopilot.guidance.follower import kept_away
+from onboard.autopilot.guidance.follower import NEAR_SHARE, NEAR_SIGMAS, kept_away, stopping, surely_closing
 from onboard.autopilot.guidance.motion import FORWARD, Sent, Slot, Track, across, limited, turned
 from onboard.config import GuidanceConfig
 from onboard.messages import Heartbeat
@@ -30,16 +30,19 @@ SLOW_ENOUGH: Final = 2.0  # m/s
 CLOSES: Final = 0.5  # m/s, at which a slot at its distance closes on the leader, at most: noise
 FOLLOW: Final = 23  # custom_mode of ArduCopter
 COPTERS: Final = frozenset({2, 3, 4, 13, 14, 15, 29, 35})  # MAV_TYPE
+MOST_NEARER: Final = (
+    2.0  # m/s, by which the leader may come at us faster than estimated; one sigma, if that is more
+)
+SLOWEST_TURN: Final = 2.0  # m/s, about a leader that is as fast as the vehicle
 ENTERS: Final = 2.0  # m/s^2, at which it begins to close up once FOLLOW is entered
-BRAKING: Final = 2.2  # m/s^2: less than its 2.5, so that it stops where it is meant to
 
 
 class ArduPilot:
     """A virtual leader."""
 
-    turn_speed = 7.0
     when_lost = "FOLLOW brakes within 3 s"
     begins: float | None = None
+    leads_round = True
 
     def __init__(self, config: GuidanceConfig) -> None:
         self._config, self._slot = config, np.array(config.slot_m)
@@ -56,9 +59,17 @@ class ArduPilot:
         """Whether it is in FOLLOW. Vehicles that are no copters have other numbers."""
         return heartbeat.custom_mode == FOLLOW if heartbeat.vehicle_type in COPTERS else None
 
-    def waits(self, track: Track, sigma: float, dt: float) -> bool:  # noqa: ARG002 - it stops where it is led to stop
-        """Always."""
-        return True
+    def turn_limits(self, v: Array, arm: Array) -> tuple[float, float]:
+        """By the vehicle's own speed and lean. The slot has the leader's velocity and its own about the leader,
+        and an acceleration of the rate times that."""
+        reach = max(math.hypot(arm[0], arm[1]), 1.0)
+        square, lean = float(v[0] * v[0] + v[1] * v[1]), self._config.acceleration_m_s2
+        by_lean = math.sqrt(math.sqrt(square * square + (2.0 * reach * lean) ** 2) - square) / (
+            reach * math.sqrt(2.0)
+        )
+        aside = float(v @ across(arm)) / reach
+        spare = math.sqrt(max(self._config.speed_m_s**2 - square + aside * aside, SLOWEST_TURN**2))
+        return max(-by_lean, (-aside - spare) / reach), min(by_lean, (-aside + spare) / reach)
 
     def follow(self, track: Track, slot: Slot, r_L: Array, v_L: Array, r_F: Array, dt: float) -> Sent:
         """The slot's motion, and as much of its place as may be flown to at once."""
@@ -79,7 +90,7 @@ class ArduPilot:
         """At a standstill from now on: it brakes as it can."""
         speed = float(np.linalg.norm(v_F))
         a = v_F * (-EXTRA_BRAKING / speed) if brakes and speed > SLOW_ENOUGH else np.zeros(3)
-        return Sent(place, np.zeros(3), a, yaw)
+        return Sent(place, np.zeros(3), a, yaw, stands=True)
 
     def target(self, sent: Sent, slot: Slot, dt: float) -> Sent:  # noqa: ARG002 - it flies where it is led
         """Where its offset ends in the place."""
@@ -103,18 +114,21 @@ class ArduPilot:
         return self._held, v * (0.0 if is_inside else 1.0)
 
     def _braked(self, r: Array, v: Array, track: Track, slot: Slot, r_L: Array, v_L: Array) -> Array:
-        """The velocity v at r, without what closes faster than can be stopped before the least distance. The
-        smoothed leader lags behind one that brakes: a slot at its distance does not close on the velocity as
-        observed, either. Nor does the distance grow faster than it may shrink."""
+        """The velocity v at r, without what closes faster than can be stopped: before the room that the leader as
+        estimated is left, and before two thirds of the slot's distance from the near end of where and how fast it
+        may be. What is unsure makes nobody flee, though. The smoothed leader lags behind one that brakes: a slot
+        at its distance does not close on the velocity as observed, either. Nor does the distance grow faster than
+        it may shrink."""
         away = r_L - r
         distance = float(np.linalg.norm(away))
         if distance < 1e-3:
             return v_L
         toward, fastest = away / distance, self._config.closing_speed_m_s
-        most = min(fastest, math.sqrt(2.0 * BRAKING * max(distance - slot.room, 0.0)))
-        beyond = max(distance - self._distance, 0.0)
-        most_observed = min(fastest, CLOSES + math.sqrt(2.0 * BRAKING * beyond))
-        excess = float((v - v_L) @ toward) - most
-        excess = max(excess, float((v - track.v_observed) @ toward) - most_observed, 0.0)
-        retreats = min(float((v - excess * toward - track.v_observed) @ toward) + fastest, 0.0)
-        return v - (excess + retreats) * toward
+        recedes, observed = float(v_L @ toward), float(track.v_observed @ toward)
+        slower = max(min(NEAR_SIGMAS * slot.speed_sigma, MOST_NEARER), slot.speed_sigma)
+        most = recedes - slower + stopping(distance - slot.room)
+        most = max(min(most, recedes + fastest), min(recedes, 0.0))
+        most = min(most, surely_closing(r, r_L, v_L, slot, NEAR_SHARE * self._distance))
+        most = min(most, observed + min(fastest, CLOSES + stopping(distance - self._distance)))
+        speed = float(v @ toward)
+        return v + (max(min(speed, most), observed - fastest) - speed) * toward

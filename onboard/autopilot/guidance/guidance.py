@@ -1,7 +1,7 @@
-"""The leader's life from tick to tick: followed; waited for, where its range is not sure; lost.
+"""The leader from tick to tick: where the slot behind it is, and how near and how far the vehicle may be led.
 
-Common to all autopilots: where the slot is, and how near and how far the vehicle may be led. A `Follower` knows
-what its autopilot makes of a target.
+Common to all autopilots. What is remembered beyond smooth filters is in `states`. A `Follower` knows what its
+autopilot makes of a target.
 """
 
 import math
@@ -11,10 +11,10 @@ import numpy as np
 from msgspec.structs import replace
 
 from onboard.arrays import Array
-from onboard.autopilot.course import Course, wrapped
 from onboard.autopilot.framing import Framing
 from onboard.autopilot.guidance.ardupilot import ArduPilot
-from onboard.autopilot.guidance.follower import INSIDE, Follower
+from onboard.autopilot.guidance.course import SLOW, Course, wrapped
+from onboard.autopilot.guidance.follower import INSIDE, NEAR_SIGMAS, Follower
 from onboard.autopilot.guidance.motion import (
     Sent,
     Slot,
@@ -24,8 +24,10 @@ from onboard.autopilot.guidance.motion import (
     smoothed,
     turned,
 )
+from onboard.autopilot.guidance.states import GRACE_S, LOSING, PHASES, Activity, Event, Machine, Phase
 from onboard.config import GuidanceConfig
 from onboard.geometry.camera import Camera
+from onboard.geometry.carried import turn_rate
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import Heartbeat, LeaderState, Quaternion
 
@@ -33,25 +35,25 @@ LONGEST_STEP: Final = 0.1  # s
 TURN_ACCELERATION: Final = 2.0  # m/s^2, of the slot about the leader
 TURN_GAIN: Final = 0.8  # 1/s
 FAR_OFF: Final = math.radians(45.0)  # from its slot about the leader: the follower goes round from where it is
-NEAR_SIGMAS: Final = 2.0  # the near end of the covariance
-UNSURE, SURE = 0.3, 0.25  # of the range, its standard deviation: above, it is waited for; below, followed again
-MOST_NEARER: Final = 2.0  # m/s, by which the leader may come at us faster than it is estimated to
+UNSURE, SURE = (
+    0.3,
+    0.25,
+)  # of the range, its standard deviation: above, the vehicle comes no nearer than the near end
 MOST_STRETCH: Final = 1.5  # of the slot's distance
+CUTS: Final = 0.9  # of it, to which the vehicle cuts the corner, half way round to a leader that flies at it
 STRETCH_SPEED: Final = 2.0  # m/s
 HARD_BRAKING: Final = 5.0  # m/s^2, of a follower whose leader is lost
-GRACE: Final = 1.0  # s, before it brakes
 LAST: Final = 0.3  # s
 REMEMBERS_S, SILENCE_S = 10.0, 3.0  # s: of a run before; after which the autopilot stops by itself
-COMES: Final = 1.0  # m/s, of a leader that comes to us: nobody stays and looks
 OVERHEAD: Final = 2.0  # m; nearer in the plane, the leader has no bearing
+IS_CLEAR: Final = 1.0  # m, from the height that it is led to
 
-RANGE_UNSURE: Final = "range unsure: FOLLOW stays and looks"
+RANGE_UNSURE: Final = "range unsure: FOLLOW comes no nearer"
 
 
 class Guidance:
-    """State from tick to tick. `course`: the leader's, once learnt; that alone, if it `leads` nobody. `is_unsure`:
-    the range is too uncertain to be flown on. `is_waiting`: so the vehicle is led to stay where it is, with its
-    nose on the leader."""
+    """State from tick to tick. `course`: the leader's, once learnt; that alone, if it `leads` nobody. `phase`:
+    what the vehicle is led to do. `is_unsure`: the range is too uncertain to come nearer."""
 
     def __init__(
         self,
@@ -63,8 +65,7 @@ class Guidance:
     ) -> None:
         self._config, self._camera, self._leads = config, camera, leads
         self.follower: Follower = follower or ArduPilot(config)
-        self._follows: bool | None = None  # the autopilot is in its mode; None: not known
-        self._is_led = False  # in it, or before it was entered
+        self.is_entered: bool | None = None  # the autopilot is in its mode; None: not known
         self._slot = np.array(config.slot_m)
         self._distance = float(np.linalg.norm(self._slot))
         least = config.least_distance_m
@@ -74,10 +75,11 @@ class Guidance:
     def restart(self) -> None:
         """Forget the leader, and that something was sent of it."""
         self._last: LeaderState | None = None
+        self._phase = Machine(PHASES, Phase.UNLED)
         self._forget()
 
     def _forget(self) -> None:
-        self.is_unsure = self.is_waiting = False
+        self.is_unsure = False
         self.follower.restart()
         self._t_ns = 0
         self._track: Track | None = None
@@ -89,21 +91,12 @@ class Guidance:
         self._yaw: float | None = None
         self._valid_ns: int | None = None
         self._known: LeaderState | None = None  # of an earlier run, until it is used
-        self._stop: Array | None = None  # where the follower comes to rest
+        self._place: Array | None = None  # where the follower comes to rest, of this phase
         self._passes = ""
 
     def note_mode(self, heartbeat: Heartbeat) -> None:
         """Take the flight mode of a heartbeat."""
-        self._follows = self.follower.is_entered(heartbeat)
-
-    def _may_begin(self, state: LeaderState, r_F: Array, v_F: Array) -> bool:
-        """Whether it may be led to the leader. Where the mode's own way would pass the leader it may not, until
-        the vehicle is elsewhere; once it is led in its mode, its way is the one that it is led."""
-        if self._follows is None or (self._follows and self._is_led):
-            return True
-        self._passes = self.follower.passes(r_F - np.array(state.r_OL_n), v_F, np.array(state.v_L_n))
-        self._is_led = not self._passes
-        return self._is_led
+        self.is_entered = self.follower.is_entered(heartbeat)
 
     def resume(self, known: LeaderState, course: float | None) -> None:
         """Go on with what an earlier run knew, which stands for a leader that was lost just now."""
@@ -112,9 +105,14 @@ class Guidance:
             self._course.resume(course)
 
     @property
+    def phase(self) -> Phase:
+        """What the vehicle is led to do."""
+        return self._phase.state
+
+    @property
     def warning(self) -> str:
         """Why the vehicle is not led as usual, in words; else ""."""
-        return self._passes or (RANGE_UNSURE if self.is_waiting else "")
+        return self._passes or (RANGE_UNSURE if self.is_unsure and self.is_entered else "")
 
     @property
     def course(self) -> float | None:
@@ -126,21 +124,17 @@ class Guidance:
     ) -> LeaderState | None:
         """What to send at the state's time, from our own position and velocity in n and our attitude; None:
         nothing. It has no latitude or longitude. While the leader is lost the slot comes to rest, and the heading
-        stays on where the leader should be, for `hold_s`."""
+        stays on where the leader should be, for `hold_s` and until the vehicle is off the leader's height."""
         dt = min(max((state.t_ns - self._t_ns) / NS_PER_S, 0.0), LONGEST_STEP)
         self._t_ns = state.t_ns
-        self._passes = ""
-        if self._known is not None and np.isfinite(r_F).all():
+        has_place = bool(np.isfinite(r_F).all())
+        if self._known is not None and has_place:
             self._begin_again(self._known, state.t_ns, r_F)
             self._track = None if state.valid else self._track
-        if state.valid and np.isfinite(r_F).all():
-            self._valid_ns = state.t_ns
-            self._last = state
-            if self._leads and q_nb is not None and self._camera is not None:
-                self._framing.update(self._camera, q_nb, dt)
-            sent = self._follow(state, r_F, v_F, dt)
-        else:
-            sent = self._without(state.t_ns, r_F, v_F, dt)
+        seen = state if state.valid and has_place else None
+        if seen is not None:
+            self._see(seen, r_F, q_nb, dt)
+        sent = self._step(seen, r_F, v_F, dt) if has_place else None
         if sent is None or self._last is None or not self._leads:
             return None
         return replace(
@@ -156,7 +150,17 @@ class Guidance:
             alt_msl=None,
         )
 
-    def _follow(self, state: LeaderState, r_F: Array, v_F: Array, dt: float) -> Sent | None:
+    def _lost_for(self) -> float:
+        """Seconds since the leader was seen."""
+        return math.inf if self._valid_ns is None else (self._t_ns - self._valid_ns) / NS_PER_S
+
+    def _see(self, state: LeaderState, r_F: Array, q_nb: Quaternion | None, dt: float) -> None:
+        """The smoothed leader, and its course. One that was lost for long is no step of the one before."""
+        if self._lost_for() > GRACE_S:
+            self._track = None
+        self._valid_ns, self._last = state.t_ns, state
+        if self._leads and q_nb is not None and self._camera is not None:
+            self._framing.update(self._camera, q_nb, dt)
         r_L, v_L, P = np.array(state.r_OL_n), np.array(state.v_L_n), np.array(state.covariance)
         track = self._track = smoothed(self._track, r_L, v_L, np.array(state.a_L_n), dt)
         yaw = self._look(track, r_F)
@@ -164,52 +168,99 @@ class Guidance:
             self._course.start(yaw)
         self._course.learn(track.v_observed, math.sqrt(max(P[3, 3], P[4, 4])), dt)
         if self._course.value is None:
-            return None
+            return
         if not abs(wrapped(yaw - self._direction)) <= FAR_OFF:
             self._direction, self._turn_rate = yaw, 0.0
             if not self._course.is_learnt:
                 self._course.start(yaw)
         self._turn(self._course.value, track, dt)
-        if not self._leads:
-            return None
-        toward = r_L - r_F
-        length = max(float(np.linalg.norm(toward)), 1.0)
-        sigma = sigma_along(np.array(state.r_FL_covariance), toward)
-        self.is_unsure = sigma > (SURE if self.is_unsure else UNSURE) * max(length, self._least)
+        length, sigma = self._range(state, r_F)
+        self.is_unsure = sigma > UNSURE * max(length, self._least)
         self._widen(sigma / length, dt)
-        slot = self._slot_at(yaw, sigma)
-        waits = self.follower.waits(track, sigma_along(P[3:, 3:], track.v), dt)
-        closing, closing_sigma = -float(v_L @ toward) / length, sigma_along(P[3:, 3:], toward)
-        comes = closing > max(COMES, NEAR_SIGMAS * closing_sigma)
-        # what is unsure may be far off by a factor, not by a distance: beyond all slots it may be flown to
-        may_be_near = length * math.exp(-NEAR_SIGMAS * sigma / length) < slot.most
-        self.is_waiting = self.is_unsure and waits and may_be_near and not comes
-        if not self._may_begin(state, r_F, v_F):
-            return self._stay(r_F, v_F, slot, dt)
-        if self.is_waiting:
-            return self.follower.target(self._stand(r_F, v_F, yaw, brakes=True), slot, dt)
-        self._stop = None
-        nearer = min(NEAR_SIGMAS * closing_sigma, MOST_NEARER)
-        sent = self.follower.follow(track, slot, r_L, v_L - toward * (nearer / length), r_F, dt)
-        return self.follower.target(sent, slot, dt)
 
-    def _stay(self, r_F: Array, v_F: Array, slot: Slot, dt: float) -> Sent | None:
-        """What keeps a vehicle where it is that begins to follow; None: nothing is needed."""
-        if self.follower.begins is None:
-            return None
-        if not self._follows:  # somebody else flies it: its own place goes along
-            self._stop = None
+    @staticmethod
+    def _range(state: LeaderState, r_F: Array) -> tuple[float, float]:
+        """The range, and its standard deviation, m."""
+        toward = np.array(state.r_OL_n) - r_F
+        return max(float(np.linalg.norm(toward)), 1.0), sigma_along(np.array(state.r_FL_covariance), toward)
+
+    def _step(self, seen: LeaderState | None, r_F: Array, v_F: Array, dt: float) -> Sent | None:
+        """The next phase, and what it sends."""
+        lost_for, begins = self._lost_for(), self.follower.begins is not None
+        is_held = lost_for > self._config.hold_s
+        self._passes = "" if seen is None else self._passing(seen, r_F, v_F)
+        elsewhere = seen is None and self.is_entered is False and begins and self._last is not None
+        lost = seen is None and not elsewhere
+        clear = self._clear_height(r_F)
+        events = {
+            Event.SEEN: seen is not None and not self._passes,
+            Event.PASSES: bool(self._passes),
+            Event.LOST: lost,
+            Event.ELSEWHERE: elsewhere,
+            Event.HELD: lost and is_held,
+            Event.CLEAR: lost and is_held and (clear is None or abs(clear - float(r_F[2])) < IS_CLEAR),
+        }
+        if self._phase.step(events, dt):
+            self._place = None
+        if seen is None and is_held and self.phase is not Phase.CLEARING and self._valid_ns is not None:
+            self._forget()
+        if self.phase is Phase.KEPT:
+            return self._keep(r_F, v_F, dt)
+        if seen is not None:
+            return self._follow(seen, r_F, dt) if self._leads and self._course.value is not None else None
+        return self._without(lost_for, r_F, v_F, clear, dt)
+
+    def _passing(self, seen: LeaderState, r_F: Array, v_F: Array) -> str:
+        """Whether the way passes the leader that the mode takes when it begins, in words. Once the vehicle is led
+        in its mode, its way is the one that it is led."""
+        is_led = self.is_entered and self.phase not in {Phase.UNLED, Phase.KEPT}
+        if self.is_entered is None or is_led or not self._leads:
+            return ""
+        rests = self._course.motion.state is Activity.RESTS  # its velocity is noise, then
+        v_L = np.zeros(3) if rests else np.array(seen.v_L_n)
+        return self.follower.passes(r_F - np.array(seen.r_OL_n), v_F, v_L)
+
+    def _follow(self, state: LeaderState, r_F: Array, dt: float) -> Sent:
+        track, r_L, v_L = self._track, np.array(state.r_OL_n), np.array(state.v_L_n)
+        assert track is not None  # noqa: S101 - `_see` has made it
+        length, sigma = self._range(state, r_F)
+        speed_sigma = sigma_along(np.array(state.covariance)[3:, 3:], r_L - r_F)
+        slot = self._slot_at(self._look(track, r_F), length, sigma, speed_sigma)
+        return self.follower.target(self.follower.follow(track, slot, r_L, v_L, r_F, dt), slot, dt)
+
+    def _keep(self, r_F: Array, v_F: Array, dt: float) -> Sent:
+        """What keeps a vehicle where it is that begins to follow. While somebody else flies it, its place goes
+        along."""
+        if not self.is_entered or (
+            self._place is not None and math.dist(self._place, r_F) > self._config.closing_speed_m_s
+        ):
+            self._place = None
+        if not self.is_entered:
             self.follower.restart()
-        return self.follower.target(self._stand(r_F, v_F, self.follower.begins, brakes=True), slot, dt)
+        yaw = self.follower.begins or 0.0
+        return self.follower.target(self._stand(r_F, v_F, yaw, brakes=True), self._slot_at(yaw), dt)
 
-    def _slot_at(self, yaw: float, sigma: float = 0.0) -> Slot:
-        """Where the slot is, by now. `sigma`: of the range."""
+    def _slot_at(self, yaw: float, length: float = math.inf, sigma: float = 0.0, speed_sigma: float = 0.0) -> Slot:
+        """Where the slot is, by now. `sigma`: of the range, which is estimated as `length`; `speed_sigma`: of the
+        leader's speed along it.
+
+        Where the range is unsure, the vehicle comes nearer for as long as the near end of the range is beyond the
+        slot, and goes away from a leader only that is nearer than the slot as estimated."""
         arm = turned(self._stretch * self._slot, self._direction)
         arm[2] += self._framing.lift
-        most = MOST_STRETCH * self._distance
-        room = max(self._least + NEAR_SIGMAS * sigma, INSIDE * self._distance)
-        entered = self._follows is not False
-        return Slot(arm, self._turn_rate, yaw, min(room, most), most, entered)
+        most, inside = MOST_STRETCH * self._distance, INSIDE * min(self._stretch, 1.0) * self._distance
+        sure = min(max(self._least + NEAR_SIGMAS * sigma, inside), most)
+        unsure = min(max((sigma / max(length, self._least) - SURE) / (UNSURE - SURE), 0.0), 1.0)
+        nearer = length * -math.expm1(-NEAR_SIGMAS * sigma / length) if sigma > 0.0 else 0.0
+        room = sure + unsure * (inside + nearer - sure)
+        firm = sure + unsure * (inside - sure)
+        entered = self.is_entered is not False
+        flies = self._course.motion.state is not Activity.RESTS and (entered or self._is_fast())
+        return Slot(arm, self._turn_rate, yaw, room, firm, most, nearer, speed_sigma, entered, flies)
+
+    def _is_fast(self) -> bool:
+        """The last target before the mode is entered is the one that it begins on: a leader that is slow rests."""
+        return self._track is not None and math.hypot(*self._track.v_observed[:2]) > SLOW
 
     def _begin_again(self, known: LeaderState, t_ns: int, r_F: Array) -> None:
         """Suppose that a leader of a time before has flown on as it did, and is lost now. After a long silence the
@@ -218,56 +269,50 @@ class Guidance:
         age = (t_ns - known.t_ns) / NS_PER_S
         if not 0.0 <= age <= REMEMBERS_S:
             return
-        self._is_led = self._follows is not False
         v, a = np.array(known.v_L_n), np.array(known.a_L_n)
-        self._turn_rate = self._course.rate_of(v, a)
-        self._track = Track(np.array(known.r_OL_n), v, v, a)
-        steps = math.ceil(age / LONGEST_STEP)
-        for _ in range(steps):
-            self._track = flown_on(self._track, self._turn_rate, age / steps)
+        self._turn_rate = turn_rate(v, a)
+        self._track = flown_on(Track(np.array(known.r_OL_n), v, v, a), self._turn_rate, age)
         self._last = known
-        self._valid_ns = t_ns - (round(GRACE * NS_PER_S) if age > SILENCE_S else 0)
+        is_late = age > SILENCE_S
+        self._valid_ns = t_ns - (round(GRACE_S * NS_PER_S) if is_late else 0)
+        if self.is_entered is not False:
+            self._phase.enter(Phase.STOPPED if is_late else Phase.CARRIED)
         self._direction = self._look(self._track, r_F)
 
-    def _without(self, t_ns: int, r_F: Array, v_F: Array, dt: float) -> Sent | None:
-        """What to send while there is no leader."""
-        lost = math.inf if self._valid_ns is None else (t_ns - self._valid_ns) / NS_PER_S
-        if lost > self._config.hold_s and self._valid_ns is not None:
-            self._forget()
-        if self._follows is False and self.follower.begins is not None:
-            self._is_led = False
-            is_needed = self._last is not None and bool(np.isfinite(r_F).all())
-            return self._stay(r_F, v_F, self._slot_at(0.0), dt) if is_needed else None
-        is_free = self._leads and self._follows is not None and not self._is_led
-        if lost > self._config.hold_s or is_free:
-            return None
-        return self._hold(lost, r_F, v_F, dt)
-
-    def _hold(self, t: float, r_F: Array, v_F: Array, dt: float) -> Sent | None:
-        """What to send `t` s after the end of `valid`. The leader is supposed to fly on as it did, turns included;
-        it is followed for a moment, since most drop-outs are short."""
-        track = self._track
-        if track is None or not np.isfinite(r_F).all():
+    def _without(self, t: float, r_F: Array, v_F: Array, clear: float | None, dt: float) -> Sent | None:
+        """What to send `t` s after the leader was lost. It is supposed to fly on as it did, turns included; it is
+        followed for a moment, since most drop-outs are short."""
+        track, phase = self._track, self.phase
+        if track is None or phase not in LOSING or phase is Phase.SILENT:
             return None
         track = self._track = flown_on(track, self._turn_rate, dt)
         yaw = self._look(track, r_F)
-        if t < GRACE and not self.is_waiting:
+        slot = self._slot_at(yaw)
+        if phase is Phase.CARRIED:
             self._direction = wrapped(self._direction + self._turn_rate * dt)
             slot = self._slot_at(yaw)
-            sent = self.follower.follow(track, slot, track.r, track.v, r_F, dt)
-        else:
-            # the last messages have no acceleration: the autopilot carries it on in the silence that follows
-            slot = self._slot_at(yaw)
-            sent = self._stand(r_F, v_F, yaw, brakes=t < self._config.hold_s - LAST)
+            return self.follower.target(self.follower.follow(track, slot, track.r, track.v, r_F, dt), slot, dt)
+        # the last messages have no acceleration: the autopilot carries it on in the silence that follows
+        sent = self._stand(r_F, v_F, yaw, brakes=t < self._config.hold_s - LAST)
+        if phase is Phase.CLEARING and clear is not None:
+            sent = sent._replace(r=np.array([sent.r[0], sent.r[1], clear]))
         return self.follower.target(sent, slot, dt)
 
+    def _clear_height(self, r_F: Array) -> float | None:
+        """The height, down in n, at which a vehicle is off the leader's that stands where the leader may come by:
+        on the side of it where the vehicle is, above if there is no room below. None: it stays at its own."""
+        by = self._config.clear_height_m
+        if self._track is None or by == 0.0 or not self.follower.leads_round:
+            return None
+        above, below = float(self._track.r[2]) - by, float(self._track.r[2]) + by
+        is_below = float(r_F[2] - self._track.r[2]) > 0.0 and below <= -by  # of the origin
+        return max(below, float(r_F[2])) if is_below else min(above, float(r_F[2]))
+
     def _stand(self, r_F: Array, v_F: Array, yaw: float, *, brakes: bool) -> Sent:
-        """Come to rest, and stay there. Where somebody else flies the vehicle, the place goes along."""
-        on = v_F * (float(np.linalg.norm(v_F)) / (2.0 * HARD_BRAKING))
-        left = self._stop is not None and math.dist(self._stop, r_F + on) > self._config.closing_speed_m_s
-        if self._stop is None or (left and self.is_waiting):
-            self._stop = r_F + on
-        return self.follower.stop(self._stop, v_F, yaw, brakes=brakes)
+        """Come to rest, and stay there."""
+        if self._place is None:
+            self._place = r_F + v_F * (float(np.linalg.norm(v_F)) / (2.0 * HARD_BRAKING))
+        return self.follower.stop(self._place, v_F, yaw, brakes=brakes)
 
     def _look(self, track: Track, r_F: Array) -> float:
         """The direction from us to the leader, rad."""
@@ -277,18 +322,23 @@ class Guidance:
         return self._yaw
 
     def _turn(self, course: float, track: Track, dt: float) -> None:
-        """Turn the slot about the leader, towards its course."""
-        reach = max(math.hypot(self._slot[0], self._slot[1]), 1.0)
-        most, change = self.follower.turn_speed / reach, TURN_ACCELERATION / reach
+        """Turn the slot about the leader, towards its course, as fast as the vehicle can fly that."""
+        arm = turned(self._stretch * self._slot, self._direction)
+        change = TURN_ACCELERATION / max(math.hypot(arm[0], arm[1]), 1.0)
+        least, most = self.follower.turn_limits(track.v_observed, arm)
         away = wrapped(course - self._direction)
         rate = math.copysign(min(TURN_GAIN * abs(away), math.sqrt(change * abs(away))), away)
-        rate = min(max(rate + self._course.rate(track.v_observed, track.a), -most), most)
+        rate = min(max(rate + self._course.rate(track.v_observed, track.a), least), most)
         self._turn_rate += min(max(rate - self._turn_rate, -change * dt), change * dt)
         self._direction = wrapped(self._direction + self._turn_rate * dt)
 
     def _widen(self, relative_sigma: float, dt: float) -> None:
-        """Let the slot's distance grow, where the leader may be so near that it is too little."""
+        """Let the slot's distance grow where the leader may be so near that it is too little. Let it shrink where
+        the slot is far round a leader that flies on: cutting the corner is a shorter way, which turns faster."""
         room = self._distance * max(1.0 - NEAR_SIGMAS * relative_sigma, 0.01)
         wanted = min(max(self._least / room, 1.0), MOST_STRETCH)
+        if self.follower.leads_round and self._course.value is not None:
+            away = wrapped(self._course.value - self._direction)
+            wanted *= 1.0 - (1.0 - CUTS) * math.sin(2.0 * min(abs(away), 0.5 * math.pi))
         step = STRETCH_SPEED / self._distance * dt
         self._stretch += min(max(wanted - self._stretch, -step), step)

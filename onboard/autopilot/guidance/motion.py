@@ -6,6 +6,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.geometry.carried import carried
 
 ACCELERATION_RATE: Final = 5.0  # 1/s, with which the acceleration is smoothed
 VELOCITY_RATE: Final = 1.2  # 1/s, with which the velocity is
@@ -30,25 +31,32 @@ class Track(NamedTuple):
 class Sent(NamedTuple):
     """Position, velocity and acceleration of what is to be flown to, n, and the heading to have (rad). The
     acceleration is that of the turn and of braking only: an autopilot carries it on for as long as it waits for
-    the next message."""
+    the next message. `stands`: a place to come to rest at, and not one that goes with the leader."""
 
     r: Array
     v: Array
     a: Array
     yaw: float
+    stands: bool = False
 
 
 class Slot(NamedTuple):
     """Where the follower belongs: its place from the leader (3,) in n, m, and the rate at which that turns about
-    the leader, rad/s. `yaw`: from us to the leader, rad. `room` and `most`: the least and the greatest distance
-    from the leader that may be led to, m. `is_entered`: nothing says that the autopilot is in another mode."""
+    the leader, rad/s. `yaw`: from us to the leader, rad. From the leader as estimated, m: `room`, nearer than
+    which it is not led; `firm`, up to which it is led away from a leader that is nearer; `most`, the greatest
+    distance; `nearer`, by which the near end of the range is nearer. `speed_sigma`: of the leader's speed along
+    the range, m/s. `is_entered`: nothing says that the autopilot is in another mode. `flies`: the leader does."""
 
     arm: Array
     turn_rate: float
     yaw: float
     room: float
+    firm: float
     most: float
+    nearer: float
+    speed_sigma: float
     is_entered: bool
+    flies: bool
 
 
 def smoothed(track: Track | None, r: Array, v: Array, a_L: Array, dt: float) -> Track:
@@ -69,8 +77,8 @@ def smoothed(track: Track | None, r: Array, v: Array, a_L: Array, dt: float) -> 
 
 def flown_on(track: Track, turn_rate: float, dt: float) -> Track:
     """The leader `dt` s later, if it flies on as it did, turns included."""
-    v = track.v + dt * turn_rate * across(track.v)
-    return track._replace(r=track.r + dt * v, v=v, a=turn_rate * across(v))
+    r, v = carried(track.r, track.v, turn_rate, dt)
+    return Track(r, v, v, turn_rate * across(v))
 
 
 def _faster(error: Array, noise: float) -> float:

@@ -29,16 +29,14 @@ from typing import Final
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.autopilot.guidance.follower import kept_away
+from onboard.autopilot.guidance.follower import NEAR_SHARE, kept_away, surely_closing
 from onboard.autopilot.guidance.motion import FORWARD, Sent, Slot, Track, level, limited, turned
 from onboard.config import GuidanceConfig
 from onboard.messages import Heartbeat
 
 FOLLOW_ME: Final = 8 << 24 | 4 << 16  # custom_mode AUTO, FOLLOW_TARGET
 MOVES: Final = 1.0  # m/s, from which a velocity sets its course
-SETS_OFF, SETS_OFF_S = 2.0, 0.4  # m/s, s, of a leader that was at rest: of a hover, its estimate has up to 1.3
-RESTS_S: Final = 3.0  # s, of a slow one that flew: it may be turning round
-SURELY: Final = 2.0  # of the velocity's standard deviation: less may be its error
+FLIES: Final = 2.0  # m/s, of a target that is on its way
 STILL: Final = 0.8  # m/s, of a velocity that may be noise and must not set it
 TURNS: Final = 1.3  # m/s, of one that is to set it
 BEGINS_S: Final = 0.6  # s, after the mode is entered: until its filters have begun with it
@@ -48,6 +46,7 @@ CREEPS: Final = 0.4  # m/s, of one that stands
 LEAPS: Final = 20.0  # m; it begins anew rather than travel farther
 QUICKER, BRAKES = 3.0, 5.0  # m/s^2, of the target
 LAG_S: Final = 2.4  # from a place ahead to the speed with which it is approached: 1 / MPC_XY_P, and the filters
+FILTERS_S: Final = 1.0  # until a velocity that it is sent changes its own
 POSITION_GAIN, RESPONSE_S, SPEED = 0.95, 0.6, 12.0  # MPC_XY_P, s, MPC_XY_VEL_MAX
 ORBIT_SPEED: Final = 8.0  # m/s, FLW_TGT_MAX_VEL: 30 m behind a leader that turns at 0.2 rad/s it is 6
 AWAY: Final = 0.9  # of the distance that it has: a way that goes nearer does not go away
@@ -59,9 +58,9 @@ PASSES: Final = "PX4 will pass the leader: begin north of it, or 8 m higher"
 class Px4:
     """The leader itself. `FLW_TGT_DST` and `FLW_TGT_FA` are taken to be those of `slot_m`."""
 
-    turn_speed = ORBIT_SPEED
     when_lost = "Follow-Me is led to a stop"
     begins: float | None = math.pi  # north of its target
+    leads_round = False
 
     def __init__(self, config: GuidanceConfig) -> None:
         x, y, _ = config.slot_m
@@ -78,89 +77,82 @@ class Px4:
 
     def restart(self) -> None:
         """Forget the leader."""
-        self._side = FORWARD  # from the target to us, level, of length 1
-        self._stops = False
-        self._course = FORWARD  # that it is to have behind a leader at rest, level, of length 1
         self._entered_for = math.inf  # s; it has a course
-        self._moves = False
-        self._fast_for = self._slow_for = 0.0  # s, the smoothed leader
         self._sent: Sent | None = None  # the target before
 
-    def waits(self, track: Track, sigma: float, dt: float) -> bool:
-        """Behind a leader at rest only: one that flies off leaves the image of a vehicle that looks at a place."""
-        speed = math.hypot(track.v[0], track.v[1])
-        self._slow_for = 0.0 if speed > MOVES else self._slow_for + dt
-        if self._moves:
-            self._moves = self._slow_for < RESTS_S
-        else:
-            self._fast_for = self._fast_for + dt if speed > max(SETS_OFF, SURELY * sigma) else 0.0
-            self._moves = self._fast_for > SETS_OFF_S
-        return not self._moves
+    def turn_limits(self, v: Array, arm: Array) -> tuple[float, float]:  # noqa: ARG002 - it has its own limit
+        """`FLW_TGT_MAX_VEL`."""
+        most = ORBIT_SPEED / max(math.hypot(arm[0], arm[1]), 1.0)
+        return -most, most
 
     def follow(
         self,
         track: Track,
         slot: Slot,
         r_L: Array,
-        v_L: Array,  # noqa: ARG002 - it brakes by itself
+        v_L: Array,
         r_F: Array,
         dt: float,  # noqa: ARG002
     ) -> Sent:
-        """On the circle about the leader, where the vehicle is."""
-        self._stops = False
-        self._moves &= slot.is_entered or self._slow_for == 0.0  # the last before is the one that it begins on
-        x, y, _ = (r_F - track.r).tolist()
-        if math.hypot(x, y) > 1.0:
-            self._side = np.array([x, y, 0.0]) / math.hypot(x, y)
-        r = track.r + math.hypot(slot.arm[0], slot.arm[1]) * self._side
+        """On the circle about the leader, where the vehicle is. It flies with the velocity that is sent, and
+        closes up to the place: both together are no faster toward the leader than it can stop from."""
+        toward = turned(FORWARD, slot.yaw)
+        r = track.r - math.hypot(slot.arm[0], slot.arm[1]) * toward
         r[2] = r_F[2]
-        r = kept_away(r, r_L, r_F, turned(FORWARD, slot.yaw), slot)
-        r = r_F + limited(r - r_F, LAG_S * self._closes)
-        self._course = turned(level(slot.arm), -self._angle) / max(math.hypot(slot.arm[0], slot.arm[1]), 1e-9)
-        return Sent(np.array([r[0], r[1], track.r[2]]), track.v, np.zeros(3), slot.yaw)
+        r = kept_away(r, r_L, r_F, toward, slot)
+        ahead, v = limited(r - r_F, LAG_S * self._closes), track.v
+        most = surely_closing(level(r_F), level(r_L), level(v_L), slot, NEAR_SHARE * self._distance, FILTERS_S)
+        v = v - max(float(v @ toward) - most, 0.0) * toward
+        ahead = ahead - max(float(ahead @ toward) - LAG_S * max(most - float(v @ toward), 0.0), 0.0) * toward
+        r = r_F + ahead
+        return Sent(np.array([r[0], r[1], track.r[2]]), v, np.zeros(3), slot.yaw)
 
     def stop(self, place: Array, v_F: Array, yaw: float, *, brakes: bool) -> Sent:  # noqa: ARG002
         """At a standstill. A small velocity turns its course to us, so that it does not circle the place. The last
         message has it yet: its filter carries on a velocity that ends as one that turns round."""
-        if not self._stops:
-            self._stops, self._side = True, -turned(FORWARD, yaw)
-            self._course = turned(self._side, -self._angle)
-        return Sent(place, np.zeros(3), np.zeros(3), yaw)
+        return Sent(place, np.zeros(3), np.zeros(3), yaw, stands=True)
 
     def target(self, sent: Sent, slot: Slot, dt: float) -> Sent:
         """The centre of the circle, on from the one before. Before the mode is entered there is none."""
         self._entered_for = self._entered_for + dt if slot.is_entered else 0.0
-        aim, before = sent._replace(r=sent.r - self._distance * self._side), self._sent
+        aim, before = sent._replace(r=sent.r + self._distance * turned(FORWARD, sent.yaw)), self._sent
         if before is None or not slot.is_entered or math.dist(aim.r[:2], before.r[:2]) > LEAPS:
-            self._sent = aim._replace(v=self._sure(aim.v))
-            return self._with_course(self._sent)
-        speed = math.hypot(sent.v[0], sent.v[1])
-        most = CREEPS if self._stops else max(STILL, ASIDE * speed)
-        along = np.zeros(3) if self._stops else sent.v
-        v = self._sure(along + limited(PULL * level(aim.r - before.r - dt * along), most))
-        slows = self._stops or math.hypot(v[0], v[1]) < math.hypot(before.v[0], before.v[1])
-        v = before.v + limited(v - before.v, (BRAKES if slows else QUICKER) * dt)
-        r = before.r + dt * v
-        r[2] = aim.r[2]
-        self._sent = Sent(r, v, aim.a, aim.yaw)
-        return self._with_course(self._sent)
+            v = self._sure(aim, slot)
+        else:
+            most = CREEPS if sent.stands else max(STILL, ASIDE * math.hypot(sent.v[0], sent.v[1]))
+            back = limited(PULL * level(aim.r - before.r - dt * sent.v), most)
+            v = self._sure(sent._replace(v=sent.v + back), slot)
+            slows = sent.stands or math.hypot(v[0], v[1]) < math.hypot(before.v[0], before.v[1])
+            v = before.v + limited(v - before.v, (BRAKES if slows else QUICKER) * dt)
+            r = before.r + dt * v
+            r[2] = aim.r[2]
+            aim = aim._replace(r=r)
+        self._sent = aim._replace(v=v)
+        return self._with_course(self._sent, sent, slot)
 
-    def _sure(self, v: Array) -> Array:
+    def _course(self, at: Array, sent: Sent, slot: Slot) -> Array:
+        """That a target at `at` is to have, level, of length 1: behind a leader at rest the slot's, and of a place
+        to stay at that with which its circle leads there."""
+        side = level(sent.r - at) if sent.stands else level(slot.arm)
+        size = math.hypot(side[0], side[1])
+        return turned(side / size if size > 1.0 else -turned(FORWARD, sent.yaw), -self._angle)
+
+    def _sure(self, sent: Sent, slot: Slot) -> Array:
         """As much of a velocity as is surely the leader's, or sets no other course."""
-        if self._stops or self._moves:
-            return v
-        away = max(float(v @ self._course), 0.0) * self._course
-        return away + limited(v - away, STILL)
+        if sent.stands or slot.flies:
+            return sent.v
+        course = self._course(sent.r, sent, slot)
+        away = max(float(sent.v @ course), 0.0) * course
+        return away + limited(sent.v - away, STILL)
 
-    def _with_course(self, sent: Sent) -> Sent:
+    def _with_course(self, target: Sent, sent: Sent, slot: Slot) -> Sent:
         """With a velocity that sets the course where it stops or begins, and keeps it behind a leader at rest."""
-        speed = math.hypot(sent.v[0], sent.v[1])
-        if self._stops:
-            return sent._replace(v=sent.v + TURNS * self._course) if speed < STILL else sent
-        if self._moves or speed >= SETS_OFF:
-            return sent
-        begins = self._entered_for < BEGINS_S
-        return sent._replace(v=TURNS * self._course if begins else limited(sent.v, STILL))
+        speed, course = math.hypot(target.v[0], target.v[1]), TURNS * self._course(target.r, sent, slot)
+        if sent.stands:
+            return target._replace(v=target.v + course) if speed < STILL else target
+        if slot.flies or speed >= FLIES:
+            return target
+        return target._replace(v=course if self._entered_for < BEGINS_S else limited(target.v, STILL))
 
     def passes(self, r: Array, v_F: Array, v_L: Array) -> str:
         """Its way when it begins, about a leader that flies straight on. Too near already, it may only go away."""

@@ -39,7 +39,7 @@ class Advisor:
         waited = max((t_ns - self._first_ns) * 1e-9, health.uptime)
         if health.computer.lag > STOOD_STILL_S:
             self._stood_ns = t_ns
-        moment = Moment(health, before, self.needs, waited, self._stood_ns)
+        moment = Moment(health, before, self.needs, waited, self._stood_ns, tuple(kept))
         kept.append(health)
         # Silence, low rates and images without our motion follow from it: they are nobody else's fault.
         has_stood = self._stood_ns > 0 and 0 <= t_ns - self._stood_ns < SETTLES_NS

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from onboard.clocks.reading import Reading, Span, read_stamps
-from onboard.messages import Advice, CameraHealth, Clock, Severity
+from onboard.messages import Advice, CameraHealth, Clock, Health, Severity
 from onboard.messages.causes import Cause
 from onboard.pipeline.health.needs import Moment
 
@@ -34,7 +34,7 @@ def silent_camera(m: Moment) -> Iterator[Advice]:
         yield from _never_heard(m)
     for name, camera in m.now.cameras.items():
         if camera.age > SILENT_S and not _is_refused(m):
-            empty = _detector_sends(m)
+            empty = _detector_sends(m, m.since(camera.age))
             why = "its detector sends, but finds no aircraft" if empty else "is its detector running?"
             yield _advice(
                 "camera-silent",
@@ -51,7 +51,7 @@ def _never_heard(m: Moment) -> Iterator[Advice]:
     name = m.needs.cameras[0] if m.needs.cameras else "front"
     if _is_refused(m):
         return  # the advice on what is refused says why
-    if _detector_sends(m):
+    if _detector_sends(m, m.before):
         what = f"camera {name}: something comes, but no aircraft is in it"
         remedy = f"a detector that finds an aircraft sends `detections` on {_key(m, name)}"
     else:
@@ -147,7 +147,8 @@ def misfit(m: Moment) -> Iterator[Advice]:
             if source != name or estimator not in LEADERS:
                 continue
             ratio = f"NIS {found.nis:.1f} times the expected one (bounds {found.low:.2f} to {found.high:.2f})"
-            if found.noise > NOISY:
+            # where the images fit better than that noise would make them, it was a manoeuvre and is over
+            if found.noise > NOISY and found.nis >= found.low:
                 yield _advice(
                     "noise",
                     name,
@@ -157,7 +158,7 @@ def misfit(m: Moment) -> Iterator[Advice]:
                     f"detector {found.noise:.1f} times as noisy as set",
                     Severity.WARNING,
                 )
-            elif found.noise < QUIET:
+            elif found.noise < QUIET and found.nis <= found.high:
                 yield _advice(
                     "noise",
                     name,
@@ -170,18 +171,17 @@ def misfit(m: Moment) -> Iterator[Advice]:
 
 
 def contradicted(m: Moment) -> Iterator[Advice]:
-    """An estimate that is not valid since images contradict it."""
+    """An estimate that is not valid since images contradict it: those that come, not a prediction without any."""
     for estimator in LEADERS:
         if m.now.causes.get(estimator) in CONTRADICTED:
-            for name in m.now.cameras:
+            for name in (name for name, camera in m.now.cameras.items() if camera.age <= SILENT_S):
                 what = f"camera {name}: the {estimator} estimate is not valid: {m.now.reasons[estimator]}"
                 yield _advice("misfit", name, what, _suspects(m, name), f"{estimator}: images do not fit")
 
 
 def _gated(m: Moment, name: str) -> Iterator[Advice]:
     for estimator in LEADERS:
-        gated = m.verdicts(f"{estimator}.gated")
-        used = m.verdicts(f"{estimator}.fused") + m.verdicts(f"{estimator}.fused_late")
+        used, gated = _judged(m, estimator)
         if gated + used < FEWEST or gated < GATED * (gated + used):
             continue
         yield _advice(
@@ -193,6 +193,12 @@ def _gated(m: Moment, name: str) -> Iterator[Advice]:
             f"camera {name}: images do not fit",
             Severity.WARNING,
         )
+
+
+def _judged(m: Moment, estimator: str) -> tuple[int, int]:
+    """Images of the last seconds that an estimator has used, and those that its gate has stopped."""
+    used = m.verdicts(f"{estimator}.fused") + m.verdicts(f"{estimator}.fused_late")
+    return used, m.verdicts(f"{estimator}.gated")
 
 
 def _suspects(m: Moment, name: str) -> str:
@@ -212,10 +218,10 @@ def _leader_is_lost(m: Moment) -> bool:
     return not any(m.now.states[e].is_valid for e in LEADERS if e in m.now.states)
 
 
-def _detector_sends(m: Moment) -> bool:
-    """Whether anything came lately where detections come."""
+def _detector_sends(m: Moment, since: Health) -> bool:
+    """Whether anything has come where detections come, since an earlier health."""
     names = {k.name for k in m.needs.links if not k.is_autopilot} | {"zenoh"}
-    before = m.before.links
+    before = since.links
     return any(
         h.received > before[name].received for name, h in m.now.links.items() if name in names and name in before
     )

@@ -15,6 +15,7 @@ STOOD_STILL_S: Final = 1.0  # by which it is late when the program did not run a
 LITTLE_ROOM: Final = 200_000_000  # bytes
 LITTLE_MEMORY: Final = 100_000_000
 BY_STAMP: Final = (Cause.TOO_OLD, Cause.TOO_NEW, Cause.NO_POSE, Cause.DUPLICATE)
+OTHER_IMAGE: Final = 0.3  # share of all images that are beyond its edge
 ROOM: Final = "make room (`df -h`, `du -sh *`), or set `path` of [recorder]"
 
 
@@ -23,7 +24,7 @@ def refused(m: Moment) -> Iterator[Advice]:
     for refusal in reversed(m.now.refusals):
         if not 0 <= m.now.t_recv_ns - refusal.t_recv_ns <= RECENT_NS or refusal.t_recv_ns <= m.stood_ns:
             continue
-        if _follows(m, refusal.cause):
+        if _follows(m, refusal.cause) or _is_at_the_edge(m, refusal.cause):
             continue
         remedy = remedy_of(refusal.cause)
         what = "" if refusal.cause in DOUBTS else "refused from "
@@ -45,6 +46,13 @@ def _follows(m: Moment, cause: Cause) -> bool:
     if cause in BY_STAMP and any(stamp_reading(m, *camera) is not None for camera in m.now.cameras.items()):
         return True
     return cause is Cause.NO_POSE and not m.has_motion
+
+
+def _is_at_the_edge(m: Moment, cause: Cause) -> bool:
+    """Whether images were refused for a leader that is at the edge of the image: of pixels of another image, more
+    than a few are beyond it from the start."""
+    counts = [m.now.verdicts.get(f"leader.{verdict}", 0) for verdict in ("out_of_view", "fused", "fused_late")]
+    return cause is Cause.OUT_OF_VIEW and counts[0] < OTHER_IMAGE * sum(counts)
 
 
 def links(m: Moment) -> Iterator[Advice]:

@@ -1,6 +1,6 @@
 """What a configuration needs of its surroundings, and the moment that is judged."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
 from onboard.messages import Health
@@ -44,13 +44,20 @@ class Needs(NamedTuple):
 
 class Moment(NamedTuple):
     """What a cause is judged by: the health now, that of some seconds before, what is needed, how long (s) the
-    daemon has waited for it, and when it was noticed (its clock, ns) that the daemon had stood still; 0: never."""
+    daemon has waited for it, and when it was noticed (its clock, ns) that the daemon had stood still; 0: never.
+    `recent`: the healths from `before` on, oldest first."""
 
     now: Health
     before: Health
     needs: Needs
     waited: float
     stood_ns: int = 0
+    recent: Sequence[Health] = ()
+
+    def since(self, age: float) -> Health:
+        """The oldest health that is younger than `age` s, so that what is counted since then is no older."""
+        young = (h for h in self.recent if (self.now.t_recv_ns - h.t_recv_ns) * 1e-9 < age)
+        return next(young, self.now)
 
     def rejected(self, counted: str) -> int:
         """Messages of the last seconds that were counted as rejected."""

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from onboard.autopilot.course import Course
+from onboard.autopilot.guidance.course import Course
+from onboard.autopilot.guidance.states import TURNED_S
 
 DT = 0.05
 
@@ -30,13 +31,41 @@ def test_it_is_held_in_a_hover_and_when_the_leader_backs_up() -> None:
     course = fly(Course(), 10.0, 1.0, 2.0)
     fly(course, 0.2, -2.0, 10.0)
     assert course.value == 1.0
-    fly(course, 4.0, 1.0 + math.pi, 10.0)
+    fly(course, 4.0, 1.0 + math.pi, TURNED_S - 1.0)
     assert course.value == 1.0
     assert course.rate(np.array([-4.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])) == 0.0
-    fly(course, 4.0, 1.0 + math.radians(95), 10.0)  # neither within 80 degrees again, nor surely another course
+
+
+def test_between_back_and_ahead_it_keeps_what_it_has() -> None:
+    course = fly(Course(), 10.0, 1.0, 2.0)
+    fly(course, 0.2, -2.0, 1.0)
+    fly(course, 4.0, 1.0 + math.radians(105), 2.0)
+    fly(course, 4.0, 1.0 + math.radians(95), 2.0)  # neither within 80 degrees again, nor surely another course
     assert course.value == 1.0
     fly(course, 4.0, 1.0 + math.radians(75), 2.0)
     assert course.value == pytest.approx(1.0 + math.radians(75))
+
+
+@pytest.mark.parametrize("sigma", [0.2, 2.5])
+def test_a_leader_that_backs_up_for_long_has_turned(sigma: float) -> None:
+    """Also one whose velocity becomes unsure meanwhile: a doubt keeps nothing."""
+    course = fly(Course(), 10.0, 1.0, 2.0)
+    fly(course, 0.2, -2.0, 1.0)
+    fly(course, 4.0, 1.0 + math.pi, 2.0)
+    fly(course, 4.0, 1.0 + math.pi, TURNED_S, sigma)
+    assert course.value == pytest.approx(1.0 - math.pi)
+
+
+def test_a_turn_that_is_flown_unsurely_is_no_leader_that_backs_up() -> None:
+    """12 m wide at 3 m/s, of which the velocity is known to 0.9 m/s, and hardly at all half way: a real leader
+    turned so, and was taken to back up to the end of the flight."""
+    course = fly(Course(), 6.0, 0.0, 3.0)
+    for k in range(126):
+        fly(course, 3.0, 0.5 * DT * k, DT, sigma=6.0 if 40 < k < 80 else 0.9)
+        assert not course.backs_up
+    fly(course, 3.0, math.pi, 1.0, sigma=0.9)
+    assert not course.backs_up
+    assert course.value == pytest.approx(math.pi)
 
 
 def test_it_follows_a_turn_of_any_size() -> None:

@@ -104,3 +104,23 @@ def test_a_leader_that_leaves_the_image_is_said_once() -> None:
     assert texts(reasons, above, 3.0, 1.0) == [(1.0, "leader out of view: top edge by 10 deg")]
     assert texts(reasons, inside, 1.0, 5.0) == []
     assert len(texts(reasons, above, 3.0, 6.0)) == 1
+
+
+def test_a_warning_comes_again_when_the_mode_is_entered() -> None:
+    reasons, found = Reasons(follows=True), []
+    for k in range(100):
+        made = reasons.tick(leader_state(), view(), 1000 * S + k * S // 20, warning="passes", is_entered=k >= 50)
+        found += [(k / 20, text) for _, text in made]
+    assert found == [(0.0, BEGIN[0][1]), (0.0, "passes"), (2.5, "passes")]
+
+
+def test_our_own_motion_is_not_doubted_aloud_before_the_vehicle_is_armed() -> None:
+    """The attitude of an ArduCopter contradicts its rates while its filter aligns: in 7 of 7 starts."""
+    words = "our own motion is in doubt: attitude contradicts"
+    doubt = replace(lost_state(), cause=Cause.OWN_MOTION_DOUBT, reason=words)
+    said = []
+    for armed in (False, True):
+        reasons = Reasons(follows=True)
+        reasons.tick(doubt, None, 1000 * S, is_armed=armed)
+        said.append([text for _, text in reasons.tick(doubt, None, 1010 * S, is_armed=armed)])
+    assert said == [[], [f"no leader: {words}"]]

@@ -32,7 +32,7 @@ AUTOPILOT = Heartbeat(
     status=4,
 )
 SLOW: dict[str, float] = {}
-STATUS = {"EKF_STATUS_REPORT", "ESTIMATOR_STATUS"}
+STATUS = {"EKF_STATUS_REPORT", "ESTIMATOR_STATUS", "ODOMETRY"}
 FAST = {name: rate * 0.95 for name, rate in AutopilotConfig().rates_hz.items()}
 
 
@@ -151,14 +151,17 @@ def requests_of(sent: list[tuple[float, Any]]) -> list[tuple[str, float]]:
     return [(name, interval_us) for name, interval_us in found if name not in STATUS]
 
 
-@pytest.mark.parametrize(("autopilot", "name"), [(3, "EKF_STATUS_REPORT"), (12, "ESTIMATOR_STATUS")])
-def test_the_status_of_the_autopilots_filter_is_asked_for_once_per_boot(autopilot: int, name: str) -> None:
+@pytest.mark.parametrize(
+    ("autopilot", "names"), [(3, ["EKF_STATUS_REPORT"]), (12, ["ESTIMATOR_STATUS", "ODOMETRY"])]
+)
+def test_the_status_of_the_autopilots_filter_is_asked_for_once_per_boot(autopilot: int, names: list[str]) -> None:
     session = Session(AutopilotConfig())
     session.connect(replace(AUTOPILOT, autopilot=autopilot))
     for start in (0, 20):
         sent = talk(session, start, start + 20, FAST)
         asked = [(t, m) for t, m in sent if m.get_type() == "COMMAND_LONG"]
-        assert [(t, dialect.mavlink_map[int(m.param1)].msgname) for t, m in asked] == [(float(start), name)]
+        found = [(t, dialect.mavlink_map[int(m.param1)].msgname) for t, m in asked]
+        assert found == [(float(start), name) for name in names]
         session.reboot()
 
 

@@ -28,6 +28,7 @@ from onboard.messages import (
     Cause,
     Clock,
     ComputerLoad,
+    Consistency,
     Datagram,
     Encoding,
     Health,
@@ -36,6 +37,7 @@ from onboard.messages import (
     LocalPosition,
     Message,
     Reason,
+    Refusal,
     Severity,
     SinkHealth,
     TargetPoints,
@@ -273,6 +275,53 @@ def test_09_images_are_blamed_by_the_cause_and_not_by_words(cause: Cause, words:
     health = replace(flown().health, states={"leader": Lifecycle.LOST}, **why)
     found = [advice for advice in Advisor(Needs()).advise(health) if advice.cause == "misfit"]
     assert [a.what.endswith(f"the leader estimate is not valid: {words}") for a in found] == [True] * blamed
+
+
+def test_images_that_do_not_come_are_not_said_not_to_fit() -> None:
+    """A lost track's prediction went astray, and mount, delay and f_px were blamed."""
+    health = flown().health
+    silent = {name: replace(camera, age=3.0) for name, camera in health.cameras.items()}
+    why = {"reasons": {"leader": ""}, "causes": {"leader": Cause.ASTRAY}, "states": {"leader": Lifecycle.LOST}}
+    assert "misfit" in {a.cause for a in Advisor(Needs()).advise(replace(health, **why))}
+    assert "misfit" not in {a.cause for a in Advisor(Needs()).advise(replace(health, cameras=silent, **why))}
+
+
+@pytest.mark.parametrize("sends", [True, False])
+def test_a_detector_that_has_just_stopped_is_not_said_to_find_nothing(sends: bool) -> None:
+    """Its last images lay within the seconds that were looked back on."""
+    health, advisor = flown().health, Advisor(Needs(images=True))
+    for k in range(6):
+        received = 100 * min(k, 6 if sends else 2)
+        age = max(k - 2.0, 0.0) + 0.5
+        cameras = {name: replace(camera, age=age) for name, camera in health.cameras.items()}
+        links = {"zenoh": LinkHealth(received=received)}
+        now = replace(health, t_recv_ns=health.t_recv_ns + k * S, cameras=cameras, links=links)
+        advice = [a.what for a in advisor.advise(now) if a.cause == "camera-silent"]
+    assert ["finds no aircraft" in what for what in advice] == [sends]
+
+
+@pytest.mark.parametrize(("nis", "noisy"), [(0.6, False), (1.0, True)])
+def test_a_manoeuvre_that_is_over_is_no_noise(nis: float, noisy: bool) -> None:
+    """What was learnt as noise is more than the images show now: 1.7 times the noise, beside a NIS of 0.6."""
+    health = flown().health
+    found = {"leader.landing_target": Consistency(count=200, nis=nis, low=0.8, high=1.2, noise=1.7)}
+    advice = {a.cause for a in Advisor(Needs()).advise(replace(health, consistency=found))}
+    assert ("noise" in advice) is noisy
+
+
+@pytest.mark.parametrize(("beyond", "advised"), [(20, False), (300, True)])
+def test_a_leader_at_the_edge_is_not_one_of_another_image(beyond: int, advised: bool) -> None:
+    health = flown().health
+    edge = Refusal(
+        source="camera front",
+        cause=Cause.OUT_OF_VIEW,
+        reason="out_of_view: a point",
+        count=20,
+        t_recv_ns=health.t_recv_ns,
+    )
+    counts = {"leader.out_of_view": beyond, "leader.fused": 400}
+    now = replace(health, refusals=(edge,), verdicts=counts)
+    assert ("pixels" in {a.cause for a in Advisor(Needs()).advise(now)}) is advised
 
 
 def test_a_wind_of_exactly_zero_is_no_estimate() -> None:

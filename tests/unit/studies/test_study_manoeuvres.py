@@ -11,7 +11,7 @@ from studies.manoeuvres.study import findings
 N = 900
 ONES, ZEROS = np.ones(N), np.zeros(N)
 T = np.arange(N) / 10.0
-GOOD = Flight(T, 30.0 * ONES, *(ZEROS,) * 4, ONES, ONES, *(ZEROS,) * 4, ONES)
+GOOD = Flight._make([T, 30.0 * ONES, *(ZEROS,) * 4, ONES, ONES, *(ZEROS,) * 4, ONES, ZEROS, ()])
 
 
 def test_a_change_takes_its_time_and_a_turn_its_lateral_acceleration() -> None:
@@ -43,6 +43,10 @@ def test_distances_count_once_the_mode_has_settled() -> None:
     assert (found.seen, found.valid, found.followed) == (100.0, 100.0, True)
 
 
+def test_advice_about_a_set_up_that_is_right_is_counted() -> None:
+    assert judged(GOOD._replace(advice=("noise", "pixels"))).advised == 2
+
+
 @pytest.mark.parametrize(
     "end",
     [
@@ -51,6 +55,7 @@ def test_distances_count_once_the_mode_has_settled() -> None:
         {"following": np.where(T > 86.0, 0.0, 1.0)},
         {"distance": np.where(T > 86.0, 46.0, 30.0)},
         {"distance": np.where(T > 86.0, 14.0, 30.0)},
+        {"aside": np.where(T > 86.0, 1.1, 0.0)},  # rad
     ],
 )
 def test_followed_is_what_is_seen_valid_and_near_its_slot_at_the_end(end: dict[str, Array]) -> None:
@@ -58,10 +63,10 @@ def test_followed_is_what_is_seen_valid_and_near_its_slot_at_the_end(end: dict[s
 
 
 def test_one_flight_that_misses_takes_the_claim_away() -> None:
-    good = Result(least=70.0, greatest=150.0, seen=100.0, valid=100.0, followed=True)
-    bad = Result(least=60.0, greatest=230.0, seen=90.0, valid=100.0, followed=False)
+    good = Result(least=70.0, greatest=150.0, seen=100.0, valid=100.0, aside=0.0, followed=True)
+    bad = Result(least=60.0, greatest=230.0, seen=90.0, valid=100.0, aside=90.0, followed=False, advised=1)
     rows = [(name, m, [good, bad if m.name.startswith("circle") else good]) for name in SPEEDS for m in MANOEUVRES]
     found = findings([row if row[0] == "px4" else (*row[:2], [good, good]) for row in rows], 501)
-    assert [claim.verdict for claim in found.claims] == ["holds"] * 3 + ["does not hold"] * 3
-    assert found.claims[3].evidence == "misses: circle at 0.125 rad/s; circle at 0.2 rad/s"
+    assert [claim.verdict for claim in found.claims] == ["holds"] * 4 + ["does not hold"] * 4
+    assert found.claims[4].evidence == "misses: circle at 0.125 rad/s; circle at 0.2 rad/s"
     assert found.tables[0].rows[-1][2:6] == (2.0, 2.0, 70.0, 70.0)

@@ -8,6 +8,8 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import DRIFT, Size
 from onboard.filters.belief import Belief
+from onboard.filters.discretisation import singer
+from onboard.geometry.carried import carried, turn_rate, turning
 from onboard.geometry.path_axes import acceleration_of
 from onboard.geometry.units import S_PER_NS
 from onboard.messages import WarmState
@@ -16,7 +18,8 @@ from onboard.ownship import Ownship
 
 MOTION: Final = slice(0, 6)
 LONGEST_S: Final = 10.0  # later, the leader may be anywhere
-ACCELERATION: Final = np.array([1.0, 1.0, 0.5])  # m/s^2, 1 sigma, beyond the estimated one, unseen
+ACCELERATION: Final = np.array([1.0, 1.0, 0.5])  # m/s^2, 1 sigma by axis, beyond that of the turn, unseen
+LASTS_S: Final = 3.0  # s, correlation time of that acceleration
 SURELY: Final = 2.0  # standard deviations
 HOVERS: Final = 1.0  # m/s: a slower leader has no course to turn from
 
@@ -43,15 +46,22 @@ class Prior(NamedTuple):
         pose, dt = ownship.pose_at(t_ns), (t_ns - self.t_ns) * S_PER_NS
         if pose is None or not 0.0 <= dt <= LONGEST_S or not np.isfinite(pose.r_OF_n).all():
             return None
-        r = self.r_OL_n + dt * self.v_L_n + 0.5 * dt**2 * self.a_L_n - pose.r_OF_n
-        F, moved = np.eye(6), np.diag(ACCELERATION**2)
-        F[POSITION, VELOCITY] = dt * np.eye(3)
-        P = F @ self.P @ F.T
-        P[POSITION, POSITION] += 0.25 * dt**4 * moved + (DRIFT * dt) ** 2 * np.eye(3)
-        P[POSITION, VELOCITY] += 0.5 * dt**3 * moved
-        P[VELOCITY, POSITION] += 0.5 * dt**3 * moved
-        P[VELOCITY, VELOCITY] += dt**2 * moved
-        return Belief(np.concatenate([r, self.v_L_n + dt * self.a_L_n]), P)
+        rate = turn_rate(self.v_L_n, self.a_L_n)
+        r, v = carried(self.r_OL_n, self.v_L_n, rate, dt)
+        P = spread(self.P, rate, dt)
+        P[POSITION, POSITION] += (DRIFT * dt) ** 2 * np.eye(3)
+        return Belief(np.concatenate([r - pose.r_OF_n, v]), P)
+
+
+def spread(P: Array, rate: float, dt: float) -> Array:
+    """The covariance (6, 6) of position and velocity `dt` s later. The acceleration that nobody sees is that of
+    Singer (1970)."""
+    F = np.eye(6)
+    F[:3, 3:], F[3:, 3:] = turning(rate, dt)
+    unseen = singer(dt, LASTS_S, ACCELERATION**2)
+    G = unseen.F[:6, 6:]
+    spread_out: Array = F @ P @ F.T + (G * ACCELERATION**2) @ G.T + unseen.Q[:6, :6]
+    return spread_out
 
 
 def prior_of(state: WarmState) -> Prior:
