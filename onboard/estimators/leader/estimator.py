@@ -34,19 +34,19 @@ from onboard.geometry.camera import Camera
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import (
     Estimate,
+    Exposure,
     ImagePoint,
     Lifecycle,
     Message,
     TargetDetection,
     TargetImage,
-    TargetPoints,
     Verdict,
 )
 from onboard.messages.causes import Cause, Reason
 from onboard.ownship import Ownship
 
 NAME: Final = "leader"
-LISTENS: Final = (TargetPoints, TargetDetection, messages.Wind, messages.WarmState)
+LISTENS: Final = (Exposure, messages.Wind, messages.WarmState)
 CONTRADICTED: Final = "broadcast_contradicted"  # how often the leader was not where its broadcast had led
 NO_ID: Final = ""
 GIMBAL: Final = "gimbal_contradicted"  # how often the images began to contradict a gimbal's flags
@@ -106,10 +106,13 @@ class Estimator:
         return (*LISTENS, *(kind for source in self._sources for kind in source.listens))
 
     def observe(self, message: Message, ownship: Ownship) -> list[Estimate]:
-        """Fuse one image of one target at the time it was taken; or take what is measured beside them."""
-        if not isinstance(message, TargetImage):
+        """Fuse the detections of one image at the time it was taken; or take what is measured beside them."""
+        if not isinstance(message, Exposure):
             self._heed(message, ownship)
             return []
+        return [each for seen in message.detections for each in self._observe(seen, ownship)]
+
+    def _observe(self, message: TargetImage, ownship: Ownship) -> list[Estimate]:
         track, prepared = self._track_of(message, ownship)
         if track is None:
             return self._refuse(message, ownship)
