@@ -74,8 +74,10 @@ def parse_tree(kind: type[D], data: bytes, refuse: Refuse) -> tuple[D, list[int]
         document = msgspec.convert(tree, kind)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         tree = load(data, kind)
-        return *_row_by_row(kind, tree, refuse), tree
-    return *_whole_document(document), tree
+        document, numbers = _row_by_row(kind, tree, refuse)
+        return document, numbers, tree
+    document, numbers = _whole_document(document)
+    return document, numbers, tree
 
 
 def _check_length(data: bytes) -> None:

@@ -57,7 +57,7 @@ def play(one: leader.Estimator, items: list[Item]) -> Ownship:
     ownship = Ownship(max_extrapolation=0.1)
     for _, m in items:
         if not ownship.receive(m, m.t_ns):
-            one.observe(*exposed([m]), ownship)
+            one.observe(exposed([m])[0], ownship)
         else:
             one.tick(ownship)
     return ownship
@@ -187,10 +187,15 @@ def test_an_image_is_compared_with_tracks_near_its_direction_and_with_all_withou
     ownship = play(one, sorted(two_aircraft("leader", "target/1"), key=lambda i: i.message.t_ns))
     image = prepare(NEAR.image(ownship.now_ns), ownship, one._poses, one._filter.shape, one._config, 1.0)
     assert isinstance(image, Image)
-    assert [t.target for t in one._candidates(image)] == ["leader"]
+    tracks = list(one._tracks.values())
+
+    def compared(image: Image) -> list[str]:
+        return [tracks[k].target for k, _ in one._candidates({0: image}, tracks, ownship)]
+
+    assert compared(image) == ["leader"]
     for later in (ownship.now_ns + 200 * MS, ownship.now_ns + 400 * MS):
         for m in (NEAR.attitude(later), NEAR.position(later)):
             ownship.receive(m, later)
         one.tick(ownship)
     image = image._replace(message=replace(image.message, t_ns=ownship.now_ns))
-    assert [t.target for t in one._candidates(image)] == ["leader", "target/1"]
+    assert compared(image) == ["leader", "target/1"]
