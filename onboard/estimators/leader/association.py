@@ -1,6 +1,6 @@
 """Which detection of an exposure is of which track: global nearest neighbour, over all of them together.
 
-A cost is minus twice the log-likelihood that a track gives a detection (`hypotheses.belief.Comparison.cost`).
+A cost is minus twice the log-likelihood that a track gives a detection (`hypotheses.belief.ImageComparison.cost`).
 Where another assignment is about as likely, which gives a track another detection, none of the tracks in question
 gets any: for a moment they are predicted, instead of following each other's aircraft.
 """

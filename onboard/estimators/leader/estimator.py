@@ -32,7 +32,7 @@ from onboard.estimators.leader.image.prepare import Image, agree, prepare
 from onboard.estimators.leader.reports.broadcast import Broadcast
 from onboard.estimators.leader.reports.prior import prior_of, size_of
 from onboard.estimators.leader.reports.ranging import Ranging
-from onboard.estimators.leader.tracks.decisions import Candidate
+from onboard.estimators.leader.tracks.fusing import Candidate
 from onboard.estimators.leader.tracks.gimbal_frames import GimbalFrames, may_be_contradicted
 from onboard.estimators.leader.tracks.track import FULL, NO_IMAGE, Track
 from onboard.geometry.camera import Camera

@@ -79,7 +79,7 @@ class Prediction(NamedTuple):
     cloud: Cloud
 
 
-class Comparison(NamedTuple):
+class ImageComparison(NamedTuple):
     """A measurement beside what all hypotheses together expect of it: the expected measurement (m,), the
     innovation (m,), its covariance (m, m), its NIS, and what each hypothesis expects."""
 
@@ -143,7 +143,7 @@ class BeliefFilter:
             return Prediction(state, state.cloud)
         return Prediction(state, prediction.predict(self._noses(state), state.cloud, dt, moved))
 
-    def compare(self, predicted: Prediction, measurement: Measurement, pose: CameraPose) -> Comparison:
+    def compare(self, predicted: Prediction, measurement: Measurement, pose: CameraPose) -> ImageComparison:
         """A measurement, by a camera with this pose, beside what all hypotheses expect. Raises FilterError."""
         state, cloud = predicted
         noise_c = pose.noise_c
@@ -159,9 +159,9 @@ class BeliefFilter:
         nis = float(normalised_squared(innovation, S))
         if not math.isfinite(nis):
             raise FilterError("the hypotheses have lost their numbers")
-        return Comparison(predicted, measurement, pose, y, innovation, S, nis, each)
+        return ImageComparison(predicted, measurement, pose, y, innovation, S, nis, each)
 
-    def fuse(self, compared: Comparison) -> Update:
+    def fuse(self, compared: ImageComparison) -> Update:
         """The update of all hypotheses by a measurement. Raises FilterError."""
         (state, now), measurement, pose, y, innovation, S, nis, each = compared
         settings = self._noses(state)

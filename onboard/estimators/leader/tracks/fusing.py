@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
-from onboard.estimators.leader.hypotheses.belief import BeliefFilter, Comparison, Prediction
+from onboard.estimators.leader.hypotheses.belief import BeliefFilter, ImageComparison, Prediction
 from onboard.estimators.leader.hypotheses.wind import Wind
 from onboard.estimators.leader.image.camera_pose import CameraPoses
 from onboard.estimators.leader.image.detector import NoiseScale
@@ -24,6 +24,29 @@ class TrackState(NamedTuple):
     supposed: float = 1.0
 
 
+Predicted = tuple[TrackState, Prediction]  # a track at the time of an image, and its filter's hypotheses
+
+
+class Candidate(NamedTuple):
+    """An image that may be of a track: the track's state before it, and the image beside what the track expects,
+    None where it expects nothing; whether it `fits`, so that it passes the gate."""
+
+    image: Image
+    state: TrackState | None = None
+    compared: ImageComparison | None = None
+    fits: bool = False
+
+    @property
+    def nis(self) -> float:
+        """By what the track expects; 0 where it expects nothing."""
+        return 0.0 if self.compared is None else self.compared.nis
+
+    @property
+    def cost(self) -> float:
+        """See `ImageComparison.cost`; infinite where the track expects nothing."""
+        return math.inf if self.compared is None else self.compared.cost
+
+
 def advance(filter_: BeliefFilter, state: TrackState, t0_ns: int, t1_ns: int, ownship: Ownship) -> TrackState:
     """The state predicted from one time to another. Raises FilterError."""
     leader = state.leader
@@ -39,7 +62,7 @@ def compare(
     predicted: Prediction,
     image: Image,
     ownship: Ownship,
-) -> Comparison:
+) -> ImageComparison:
     """An image beside what is expected of it, by all that is known now of its detector and our own attitude.
     Raises FilterError."""
     pose = newest_pose(image, poses, ownship)
@@ -52,7 +75,7 @@ def fuse(
     state: TrackState,
     taken: Image | Auxiliary | Wind,
     ownship: Ownship,
-    compared: Comparison | None = None,
+    compared: ImageComparison | None = None,
 ) -> tuple[TrackState, Update | bool]:
     """The state after it; and the update by an image, or whether anything else was used. `compared`: the image
     beside what is expected of it, where that is known. Raises FilterError."""
@@ -79,7 +102,7 @@ def passes(outcome: Update | bool) -> bool:
 
 
 def _fused(
-    filter_: BeliefFilter, state: TrackState, image: Image, compared: Comparison
+    filter_: BeliefFilter, state: TrackState, image: Image, compared: ImageComparison
 ) -> tuple[TrackState, Update]:
     """The state after an image. It is fused if it passes the gate, and if the leader is then in front of the
     camera that saw it."""

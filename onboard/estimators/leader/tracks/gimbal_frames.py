@@ -37,7 +37,7 @@ MOST: Final = 4.0  # of log-likelihood that one image may add
 ENOUGH: Final = 150.0  # of log-likelihood: two seconds of images at least
 
 
-class Sight(NamedTuple):
+class FrameDirections(NamedTuple):
     """An image: the leader's direction in n by each frame (frames, 3), and how far we had moved (3,), m."""
 
     t_ns: int
@@ -52,7 +52,7 @@ class GimbalFrames:
         self._cameras = cameras
         self._poses = [CameraPoses(_against(cameras, frame)) for frame in WORDS]
         self._flagged: MountFrame = "heading"
-        self._sights: deque[Sight] = deque()
+        self._sights: deque[FrameDirections] = deque()
         self.clear()
 
     def clear(self) -> None:
@@ -87,7 +87,7 @@ class GimbalFrames:
         elif self._gains[best] == 0.0:
             self._found = None
 
-    def _sight(self, image: Image, ownship: Ownship) -> Sight | None:
+    def _sight(self, image: Image, ownship: Ownship) -> FrameDirections | None:
         """The directions of an image; None where it is late, or a pose is not known."""
         t_ns, message = image.message.t_ns, image.message
         moved = np.zeros(3)
@@ -104,7 +104,7 @@ class GimbalFrames:
         known = [pose.R_cn for pose in poses if pose is not None]
         if len(known) < len(poses):
             return None
-        return Sight(t_ns, image.measurement.axes[0] @ np.array(known), moved)
+        return FrameDirections(t_ns, image.measurement.axes[0] @ np.array(known), moved)
 
     @property
     def contradiction(self) -> Reason | None:
@@ -118,7 +118,7 @@ class GimbalFrames:
         )
 
 
-def misfit(first: Sight, middle: Sight, last: Sight, range_: float) -> Array:
+def misfit(first: FrameDirections, middle: FrameDirections, last: FrameDirections, range_: float) -> Array:
     """Negative log-likelihoods (frames,), but for a constant, that a leader so far away, m, which keeps its
     velocity, is seen in these three directions."""
     a, b = ((later.t_ns - earlier.t_ns) / NS_PER_S for earlier, later in ((first, middle), (middle, last)))

@@ -24,19 +24,25 @@ from onboard.estimators.leader.image.detector import NoiseScale, Repeats
 from onboard.estimators.leader.image.prepare import Image, hold, prepare
 from onboard.estimators.leader.reports.prior import Prior
 from onboard.estimators.leader.tracks.decisions import (
-    Begin,
-    Candidate,
+    BeginTrack,
     Decision,
-    End,
-    Fuse,
-    Late,
-    Predicted,
-    Reject,
-    Restart,
+    EndTrack,
+    FuseImage,
+    FuseLate,
+    RejectImage,
+    RestartTrack,
     TrackHistory,
 )
 from onboard.estimators.leader.tracks.doubts import ASTRAY, LEAPT, Classes, Exchange, Guard, LastSight
-from onboard.estimators.leader.tracks.fusing import TrackState, advance, compare, fuse, passes
+from onboard.estimators.leader.tracks.fusing import (
+    Candidate,
+    Predicted,
+    TrackState,
+    advance,
+    compare,
+    fuse,
+    passes,
+)
 from onboard.estimators.leader.tracks.life_cycle import Facts, LifeCycle
 from onboard.estimators.leader.tracks.report import RateLimit, modes_of, published, report, with_attitude
 from onboard.filters.belief import Belief, FilterError
@@ -252,15 +258,18 @@ class Track:
         comes later."""
         image, history, t_ns = found.image, self._history, found.image.message.t_ns
         if self.repeats.is_duplicate(image.message):  # after what is wrong with the image itself
-            return Reject(Verdict.DUPLICATE)
+            return RejectImage(Verdict.DUPLICATE)
         if self.repeats.add(image):
-            return End(HANGS, Verdict.STALE)
+            return EndTrack(HANGS, Verdict.STALE)
         if history is None:
-            return Begin() if image.has_extent else Reject(Verdict.DIRECTION_ONLY, image)
+            return BeginTrack() if image.has_extent else RejectImage(Verdict.DIRECTION_ONLY, image)
         if not history.reaches(t_ns):
-            return Reject(Verdict.TOO_OLD, image)
-        if self._is_wide(history, t_ns, ownship):
-            return Begin(history, found.fits) if image.has_extent else Reject(Verdict.DIRECTION_ONLY, image)
+            return RejectImage(Verdict.TOO_OLD, image)
+        is_wide = self._is_wide(history, t_ns, ownship)
+        if is_wide and not image.has_extent:
+            return RejectImage(Verdict.DIRECTION_ONLY, image)
+        if is_wide:
+            return BeginTrack(history, found.fits)
         state, known = found.state, None
         if state is not None:
             known = fuse(self._filter, self._poses, state, image, ownship, found.compared)
@@ -269,38 +278,38 @@ class Track:
         newest_ns = history.newest(passes)
         judged = self.life.judge(t_ns, passes=update.passes, has_extent=image.has_extent, newest_ns=newest_ns)
         if update.passes:
-            return Late(update) if judged.is_late else Fuse(update)
-        return Restart(ALL_GATED, update) if judged.is_over else Reject(Verdict.GATED, image, update)
+            return FuseLate(update) if judged.is_late else FuseImage(update)
+        return RestartTrack(ALL_GATED, update) if judged.is_over else RejectImage(Verdict.GATED, image, update)
 
     def _carry_out(self, decision: Decision, image: Image, ownship: Ownship) -> MeasurementReport:
         """Do what was decided; the report of the image."""
         message, t_ns = image.message, image.message.t_ns
         match decision:
-            case Fuse(update) | Late(update):
+            case FuseImage(update) | FuseLate(update):
                 self._exchange.fused(image)
                 self._sight.see(t_ns, image.measurement.axes, image.pose)
                 if image.measurement.has_wing:
                     self._guard.seen(image.measurement.span, image.measurement.span_sigma)
-                verdict = Verdict.FUSED_LATE if isinstance(decision, Late) else Verdict.FUSED
+                verdict = Verdict.FUSED_LATE if isinstance(decision, FuseLate) else Verdict.FUSED
                 return self._report(message, verdict, image, update)
-            case Begin(before, fits):
+            case BeginTrack(before, fits):
                 if before is not None and not fits:
                     self.life.led_elsewhere(t_ns)
                     self._guard.clear()
                 self._start(image, ownship, before)
                 return self._report(message, Verdict.INITIALISING, image)
-            case Restart(why, update):
+            case RestartTrack(why, update):
                 self._exchange.gated(image)
                 self.life.led_elsewhere(t_ns)
                 self._exchange.ended()
                 self._forget(why)
                 self._start(image, ownship, None)
                 return self._report(message, Verdict.GATED, image, update)
-            case End(why, verdict):
+            case EndTrack(why, verdict):
                 if self._history is not None:  # which has taken some of the same images
                     self._forget(why)
                 return self._report(message, verdict, image)
-            case Reject(verdict, seen, update):
+            case RejectImage(verdict, seen, update):
                 if verdict is Verdict.GATED:
                     self._exchange.gated(image)
                 return self._report(message, verdict, seen, update)
