@@ -17,7 +17,7 @@ import psutil
 
 from benchmarks.live import PATIENCE_S, Subscriber, free_port, percentiles, until
 from onboard.config import load_config
-from onboard.messages import TargetPoints
+from onboard.messages import Exposure
 from onboard.pipeline import Pipeline
 from onboard.wire.tlog import read_tlog
 
@@ -34,7 +34,7 @@ def fly(log: Path, udp: int) -> None:
     pipeline = Pipeline(load_config(None, ("estimator={}",)))
     sent: list[tuple[int, int]] = []
     flight = [
-        (datagram, [m.t_ns for m in pipeline.decode(datagram) if isinstance(m, TargetPoints)])
+        (datagram, [m.t_ns for m in pipeline.decode(datagram) if isinstance(m, Exposure)])
         for datagram, _ in read_tlog(log.read_bytes())
         if datagram is not None
     ]

@@ -19,7 +19,7 @@ from typing import Any, Final
 import msgspec
 
 from benchmarks.targets import EPOCH, LATE_MS, MS, flight
-from onboard.messages import Datagram, Encoding, GlobalOrigin, Heartbeat, Imu, TargetPoints
+from onboard.messages import Datagram, Encoding, GlobalOrigin, Heartbeat, Imu
 from onboard.wire.mavlink_encode import MavlinkEncoder
 from onboard.wire.points import decode_points
 from onboard.wire.signing import Signer
@@ -70,7 +70,7 @@ def _mavlink(encoder: MavlinkEncoder, message: Any, t_ms: int) -> Datagram:
 
 def as_mavlink(datagram: Datagram, encoder: MavlinkEncoder) -> bytes:
     """Camera points as LANDING_TARGETs, for a camera that needs no Zenoh."""
-    points: TargetPoints = decode_points(datagram.data, datagram.t_recv_ns)
+    (points,) = decode_points(datagram.data, datagram.t_recv_ns).detections
     return encoder.encode(points)
 
 

@@ -22,7 +22,7 @@ points, still = np.array([[0.0, 0.0], [-0.05, 0.0], [0.05, 0.0]]), np.zeros(3)
 filter_, pose = make_filter(Config()), CameraPose(np.eye(3), still, still, still)
 seen = measure_wing(points, np.full(3, 1e-3), filter_.shape)
 state = filter_.advance(filter_.start(seen, pose, None), Step(0.02, still, still, still))
-filter_.fuse(state, seen, pose)
+filter_.fuse(filter_.compare(filter_.predict(state), seen, pose))
 """
 PIPELINE = """
 from time import perf_counter

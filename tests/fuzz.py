@@ -23,7 +23,7 @@ from onboard.estimators import EstimatorProtocol
 from onboard.estimators.leader import estimator as leader
 from onboard.estimators.oh_johnson import estimator as oh_johnson
 from onboard.geometry.camera import make_camera
-from onboard.messages import Cause, Estimate, Lifecycle, Message, Reason, TargetPoints
+from onboard.messages import Cause, Estimate, Exposure, Lifecycle, Message, Reason, TargetPoints
 from onboard.ownship import Ownship
 from tests.support.streams import EPOCH, MS, Flight, S, make_config
 
@@ -81,7 +81,7 @@ def run(seed: int, number: int, name: str | None = None, longest: int = 8) -> Co
             one.reset(Reason(Cause.REBOOTED, "the autopilot has rebooted"))
             ownship = Ownship(max_extrapolation=0.1)
             continue
-        estimates = one.observe(message, ownship)
+        estimates = one.observe(Exposure.of(message), ownship)
         check(estimates, count)
         count.update(str(e.measurement.verdict) for e in estimates if e.measurement is not None)
     return count

@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from onboard.messages import Message, TargetImage
+from onboard.messages import Exposure, Message
 
 MOST: Final = 32  # sources that are known
 JUMPS: Final = 3  # of the autopilot's clock, that a source may not have followed
@@ -27,7 +27,7 @@ class Followers:
 
     def stamp(self, message: Message, t_ns: int, offset_ns: int) -> int:
         """The time of a message on the boot clock as it is now, at this offset, for a stamp of then or of now."""
-        source = type(message), message.camera if isinstance(message, TargetImage) else ""
+        source = type(message), message.camera if isinstance(message, Exposure) else ""
         times = [t_ns, *(t_ns + before - offset_ns for before in self._before)]
         usual = self._latency_ns.get(source)
         arrived = message.t_recv_ns - offset_ns

@@ -26,18 +26,18 @@ from onboard.clocks.wall_clock import WallClock
 from onboard.messages import (
     ActuatorOutputs,
     Clock,
+    Exposure,
     GimbalAttitude,
     GlobalPosition,
     Message,
     PeerRanges,
     RadarScan,
-    TargetImage,
     TimeSync,
 )
 from onboard.messages.causes import Cause, Reason
 
 # A sensor stamps these, perhaps by the boot clock, and they can be used once our own pose at that time is known.
-SENSED: Final = (TargetImage, RadarScan, PeerRanges)
+SENSED: Final = (Exposure, RadarScan, PeerRanges)
 SERVO_WRAP_NS: Final = 2**32 * 1000  # SERVO_OUTPUT_RAW stamps in 32 bits of microseconds: 71.6 minutes
 BOOT_WRAP_NS: Final = 2**32 * 1_000_000  # time_boot_ms: 49.7 days
 JUMP_NS: Final = 1_000_000_000
@@ -142,7 +142,7 @@ class Clocks:
         t_ns -= delay_ns
         if t_ns == message.t_ns and message.clock is Clock.BOOT:
             return message
-        return msgspec.structs.replace(message, t_ns=t_ns, clock=Clock.BOOT)
+        return message.at(t_ns)
 
     def _offset_at(self, t_ns: int) -> int:
         return self._offset.at(t_ns) or 0
@@ -171,7 +171,7 @@ class Clocks:
                 words = late.also(f"it looks like {reading.words}: {reading.remedy}").words
                 return self._refuse("later_than_arrival", Reason(Cause.OTHER_CLOCK, words))
             return self._refuse("later_than_arrival", late)
-        return msgspec.structs.replace(message, t_ns=t_ns, clock=Clock.BOOT)
+        return message.at(t_ns)
 
     def _notice_correction(self, t_recv: int, offset: int) -> None:
         """Whether stamps of this computer had been converted by a wrong offset."""

@@ -17,7 +17,7 @@ from onboard.commands.log_replay import check_log, flight_of, pipeline_of, read_
 from onboard.commands.terminal import show
 from onboard.config import Config, load_config
 from onboard.geometry.rotations import euler_from_quaternion, matrix_from_euler, quaternion_from_matrix
-from onboard.messages import Datagram, Message, OwnPose, TargetPoints
+from onboard.messages import Datagram, Exposure, Message, OwnPose, TargetPoints
 from onboard.wire.tlog import NotALogError
 
 ENOUGH: Final = {
@@ -71,11 +71,12 @@ def collect(log: Path, config: Config) -> tuple[Images, OwnMotion]:
             messages = pipeline.decode(item) if isinstance(item, Datagram) else [item]
             poses += [o for o in pipeline.advance(messages) if isinstance(o, OwnPose) and o.r_OF_n[0] is not None]
             for message in messages:
-                if isinstance(message, TargetPoints) and message.target in LEADER and message.camera not in names:
-                    if message.mount is not None:
-                        raise UserError(f"{log}: images with `attitude`: calibrate the camera held still")
-                    aligned = pipeline.clocks.align(message, pipeline.delay_ns(message))
-                    images += [aligned] if isinstance(aligned, TargetPoints) else []
+                if not isinstance(message, Exposure) or message.camera in names or not _of_leader(message):
+                    continue
+                if message.mount is not None:
+                    raise UserError(f"{log}: images with `attitude`: calibrate the camera held still")
+                aligned = pipeline.clocks.align(message, pipeline.delay_ns(message))
+                images += _of_leader(aligned) if isinstance(aligned, Exposure) else []
     except NotALogError as error:
         raise UserError(f"{log}: {error}") from error
     if len(poses) < 2 or not images:
@@ -83,6 +84,11 @@ def collect(log: Path, config: Config) -> tuple[Images, OwnMotion]:
             f"{log}: {len(images)} images of a leader and {len(poses)} own poses: nothing to calibrate with"
         )
     return _images(images[:: 1 + len(images) // MOST], camera.sigma), _own(poses)
+
+
+def _of_leader(exposure: Exposure) -> list[TargetPoints]:
+    """Its images of the leader with all three points."""
+    return [m for m in exposure.detections if isinstance(m, TargetPoints) and m.target in LEADER]
 
 
 def _images(images: list[TargetPoints], sigma: float) -> Images:

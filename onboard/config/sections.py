@@ -10,6 +10,7 @@ from onboard.geometry.camera import Camera
 from onboard.messages import (
     Attitude,
     Barometer,
+    Exposure,
     GlobalPosition,
     GpsFix,
     Imu,
@@ -19,8 +20,6 @@ from onboard.messages import (
     Positive,
     Record,
     TargetClass,
-    TargetDetection,
-    TargetPoints,
     Vec3,
 )
 from onboard.messages.ros import Ros2Config
@@ -283,8 +282,7 @@ def source_delays_ns(delay: DelayConfig, autopilot: int) -> dict[type[Message], 
         LocalPosition: ns(delay.local_position_s, 0.0225),
         GlobalPosition: ns(delay.global_position_s, 0.0225),
         GpsFix: ns(delay.gps_s, 0.095),
-        TargetPoints: ns(delay.camera_s, 0.0),
-        TargetDetection: ns(delay.camera_s, 0.0),
+        Exposure: ns(delay.camera_s, 0.0),
     }
 
 

@@ -2,7 +2,7 @@
 
 `[estimator.NAME]` in the configuration runs `onboard/estimators/NAME.py`. To add one, write that file with
 
-    LISTENS: Final = (TargetPoints,)                           # the messages it receives
+    LISTENS: Final = (Exposure,)                               # the messages it receives
     class Config(Record, frozen=True, kw_only=True): ...       # its section's keys, checked in __post_init__
     class Estimator:
         def __init__(self, config: Config, camera: Camera) -> None: ...

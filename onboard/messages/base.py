@@ -1,7 +1,7 @@
 """The base records of all messages, and bytes as they arrive on a link."""
 
 from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Self
 
 import msgspec
 
@@ -63,3 +63,7 @@ class Message(Record, frozen=True, kw_only=True):
     clock: Clock = Clock.BOOT
     system: int = 1
     component: int = 1
+
+    def at(self, t_ns: int) -> Self:
+        """The same, true at a time on the boot clock."""
+        return msgspec.structs.replace(self, t_ns=t_ns, clock=Clock.BOOT)

@@ -1,8 +1,9 @@
 """What a camera sees of a target: as detectors send it, and as image points; and where a moving mount points."""
 
-from typing import Literal
+from typing import Literal, Self
 
 import msgspec
+from msgspec.structs import replace
 
 from onboard.messages.base import Clock, ImagePoint, Message, Quaternion, Record, Vec3
 from onboard.messages.causes import Reason
@@ -108,6 +109,39 @@ class TargetDetection(TargetImage, frozen=True, kw_only=True):
     def image_points(self) -> tuple[ImagePoint, ...]:
         """The points that were seen."""
         return tuple(feature.point for feature in self.features)
+
+
+class Exposure(Message, frozen=True, kw_only=True):
+    """What one image of a camera shows: the `detections` in it, at least one, each with the image's stamps."""
+
+    camera: str
+    detections: tuple[TargetImage, ...]
+
+    @classmethod
+    def of(cls, first: TargetImage, *others: TargetImage) -> "Exposure":
+        """The exposure in which these are. Raises ValueError where they are not of one image."""
+        if any((other.camera, other.t_ns) != (first.camera, first.t_ns) for other in others):
+            raise ValueError("detections of one exposure have one camera and one time")
+        return cls(
+            t_ns=first.t_ns,
+            t_recv_ns=first.t_recv_ns,
+            clock=first.clock,
+            system=first.system,
+            component=first.component,
+            camera=first.camera,
+            detections=(first, *others),
+        )
+
+    @property
+    def mount(self) -> MountAttitude | None:
+        """Where a moving mount pointed, where that came with the image."""
+        return self.detections[0].mount
+
+    def at(self, t_ns: int) -> Self:
+        """The same, true at a time on the boot clock."""
+        stamped = {"t_ns": t_ns, "clock": Clock.BOOT}
+        detections = tuple(replace(detection, **stamped) for detection in self.detections)
+        return replace(self, detections=detections, **stamped)
 
 
 class Pixel(Record, frozen=True, kw_only=True):

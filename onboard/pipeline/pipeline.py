@@ -24,13 +24,13 @@ from onboard.messages import (
     Datagram,
     Estimate,
     EstimatorStatus,
+    Exposure,
     GlobalPosition,
     Health,
     Heartbeat,
     Message,
     NavState,
     Output,
-    TargetImage,
     TimeSync,
     WarmState,
     not_valid,
@@ -192,7 +192,7 @@ class Pipeline:
         if aligned is None:  # counted by the clocks
             self._monitor.refusals.add_message(message, clocks.why if self.autopilot else "before_heartbeat")
             return None, []
-        if isinstance(message, TargetImage):
+        if isinstance(message, Exposure):
             self._monitor.cameras.see(message, aligned.t_ns, clocks.offset_ns, self.ownship.now_ns)
         if clocks.reboots > reboots:
             ended = self._start_over(Reason(Cause.REBOOTED, "the autopilot has rebooted"))
@@ -208,7 +208,7 @@ class Pipeline:
     def delay_ns(self, message: Message) -> int:
         """How much older than its stamp a message is, as configured."""
         delay_ns = self._delays_ns.get(type(message), 0)
-        if isinstance(message, TargetImage):
+        if isinstance(message, Exposure):
             delay_ns = self._camera_delays_ns.get(message.camera, delay_ns)
         return delay_ns
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Final
 
 from onboard.config import OwnshipConfig
-from onboard.messages import Message, TargetImage
+from onboard.messages import Exposure, Message
 from onboard.ownship import Ownship
 
 MAX_WAITING: Final = 256  # of each source
@@ -75,7 +75,7 @@ class Waiting:
 
     def _awaits_gimbal(self, image: Message, ownship: Ownship) -> bool:
         """Whether an image is of a camera on a gimbal, whose attitude at its time may come soon."""
-        if not isinstance(image, TargetImage) or image.mount is not None:
+        if not isinstance(image, Exposure) or image.mount is not None:
             return False
         gimbal = self._gimbal_of(image.camera)
         may_come = gimbal is not None and ownship.gimbals.may_know(gimbal, image.t_ns)
@@ -84,4 +84,5 @@ class Waiting:
 
 def _source(message: Message) -> tuple[type[Message], bool]:
     """Whose room a message takes while it waits: other targets never cost the leader's images their place."""
-    return type(message), isinstance(message, TargetImage) and message.target in FIRST
+    first = isinstance(message, Exposure) and any(seen.target in FIRST for seen in message.detections)
+    return type(message), first

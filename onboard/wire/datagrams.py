@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Final
 
-from onboard.messages import Datagram, Encoding, Message, TargetImage
+from onboard.messages import Datagram, Encoding, Exposure, Message
 from onboard.messages.causes import Cause, Reason
 from onboard.wire import tlog
 from onboard.wire.cameras import Cameras, find
@@ -131,10 +131,11 @@ class DatagramDecoder:
             return [*self._ros.decode(datagram, refuse, ignored)]
         if datagram.encoding is not Encoding.DETECTIONS:
             message = DOCUMENTS[datagram.encoding](data, t_recv_ns, refuse)
-            if isinstance(message, TargetImage) and self._cameras:
+            if isinstance(message, Exposure) and self._cameras:
                 find(self._cameras, message.camera)
             return [message]
-        return [*decode_detections(data, t_recv_ns, self._cameras, refuse, ignored)]
+        found = decode_detections(data, t_recv_ns, self._cameras, refuse, ignored)
+        return [found] if found else []
 
     def _refuse(self, datagram: Datagram, why: Reason) -> None:
         self._bad[f"bad_{datagram.encoding}"] += 1

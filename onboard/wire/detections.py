@@ -7,6 +7,7 @@ Where no point is named, the position of a pose is the center.
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from functools import cache
 from typing import Any, Final
 
 import msgspec
@@ -20,6 +21,7 @@ from onboard.messages import (
     DetectedPoint,
     DetectedPose,
     Detection,
+    Exposure,
     ImageFeature,
     MountAttitude,
     Record,
@@ -33,7 +35,7 @@ from onboard.messages.target import WING_POINTS
 from onboard.messages.text import plain
 from onboard.wire import agreement, boxes
 from onboard.wire.cameras import CameraInput, Cameras, find
-from onboard.wire.document import BadDocumentError, Refuse, load, parse_rows
+from onboard.wire.document import BadDocumentError, Refuse, parse_tree
 from onboard.wire.points import check_target, doubt_of, lens_of
 from onboard.wire.poses import relative_pose
 
@@ -50,30 +52,28 @@ INSIDE: Final[dict[str, type[Record]]] = {
     "attitude": MountAttitude,
 }
 
-_decoder = msgspec.json.Decoder(CameraDetections)
-
 
 def decode_detections(
     data: bytes, t_recv_ns: int, cameras: Cameras, refuse: Refuse, ignore: Ignore
-) -> list[TargetImage]:
-    """A message for each detection of one JSON document of CameraDetections.
+) -> Exposure | None:
+    """What one JSON document of CameraDetections shows; None where none of its detections can be used.
 
     A detection that cannot be used costs the others nothing: `refuse` is called with the reason. `ignore` is
     called with each field and each point that is not known. Raises BadDocumentError (see `document.parse`) for a
     document that cannot be used at all.
     """
-    document, numbers = parse_rows(_decoder, data, refuse)
+    document, numbers, tree = parse_tree(CameraDetections, data, refuse)
     mount = document.attitude
     if mount is not None and not 0.5 < math.hypot(*mount.q) < 2.0:
         raise BadDocumentError("expected a quaternion w, x, y, z of length 1 - at `$.attitude.q`")
-    for field in _unknown(load(data, CameraDetections), CameraDetections, ""):
+    for field in _unknown(tree, CameraDetections, ""):
         ignore(field)
     camera = find(cameras, document.camera)
     lens = camera.lens if document.intrinsics is None else lens_of(document.intrinsics)
-    return images_of(document, t_recv_ns, camera, lens, refuse, ignore, numbers)
+    return exposure_of(document, t_recv_ns, camera, lens, refuse, ignore, numbers)
 
 
-def images_of(
+def exposure_of(
     document: CameraDetections,
     t_recv_ns: int,
     camera: CameraInput,
@@ -81,8 +81,8 @@ def images_of(
     refuse: Refuse,
     ignore: Ignore,
     numbers: Sequence[int] | None = None,
-) -> list[TargetImage]:
-    """A message for each detection of a document, whose pixels are those of `lens`; see `decode_detections`.
+) -> Exposure | None:
+    """What a document shows whose pixels are those of `lens`, None if nothing; see `decode_detections`.
     `numbers`: which detection each one was in what was sent; None: all are there."""
     found: list[TargetImage] = []
     for i, detection in zip(numbers or range(len(document.detections)), document.detections, strict=True):
@@ -111,7 +111,7 @@ def images_of(
             refuse(error.why)
         for name in detection.points.keys() - camera.points:
             ignore(f"the point `{name}`; the points that are used are {', '.join(camera.points)}")
-    return found
+    return Exposure.of(*found) if found else None
 
 
 def _message(detection: Detection, head: dict[str, Any], camera: CameraInput, lens: Lens, at: str) -> TargetImage:
@@ -202,16 +202,22 @@ def _confidence(detection: Detection, camera: CameraInput, at: str) -> float:
     return max(confidence, LEAST_CONFIDENCE)
 
 
-def _unknown(value: Any, kind: Any, at: str) -> Iterator[str]:
+@cache
+def _fields(kind: type[Record]) -> tuple[str, ...]:
+    """The names of a record's fields in a document, in order."""
+    return tuple(field.encode_name for field in msgspec.structs.fields(kind))
+
+
+def _unknown(value: Any, kind: type[Record], at: str) -> Iterator[str]:
     """The fields of a document, however deep, that its record does not have."""
     if isinstance(value, list):
         for item in value:
             yield from _unknown(item, kind, at)
     if not isinstance(value, dict):
         return
-    fields = {f.encode_name: f.type for f in msgspec.structs.fields(kind)}
-    known = ", ".join(fields)
-    yield from (f"the field `{at}{name}`; known: {known}" for name in value.keys() - fields)
+    fields = _fields(kind)
+    for name in value.keys() - set(fields):
+        yield f"the field `{at}{name}`; known: {', '.join(fields)}"
     for name, inner in value.items():
         record = INSIDE.get(name)
         if record is None or name not in fields:

@@ -58,17 +58,43 @@ def parse_rows(decoder: msgspec.json.Decoder[D], data: bytes, refuse: Refuse) ->
     A row that cannot be read costs the others nothing: it is left out, and `refuse` is called with the reason.
     Raises BadDocumentError as `parse` does, for all that is not in a row.
     """
-    if len(data) > LARGEST:
-        raise BadDocumentError(f"the document has more than {LARGEST} bytes")
-    name, _ = ROWS.get(decoder.type, ("", Record))
+    _check_length(data)
     try:
         document = decoder.decode(data)
-        numbers = list(range(len(getattr(document, name, ()))))
     except (msgspec.DecodeError, UnicodeDecodeError):  # the latter for text that is not UTF-8
-        document, numbers = _row_by_row(decoder.type, load(data, decoder.type), refuse)
+        return _row_by_row(decoder.type, load(data, decoder.type), refuse)
+    return _whole_document(document)
+
+
+def parse_tree(kind: type[D], data: bytes, refuse: Refuse) -> tuple[D, list[int], Any]:
+    """The same as `parse_rows`, and the document as dictionaries and lists, with what its record does not have."""
+    _check_length(data)
+    try:
+        tree = msgspec.json.decode(data)
+        document = msgspec.convert(tree, kind)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        tree = load(data, kind)
+        document, numbers = _row_by_row(kind, tree, refuse)
+        return document, numbers, tree
+    document, numbers = _whole_document(document)
+    return document, numbers, tree
+
+
+def _check_length(data: bytes) -> None:
+    if len(data) > LARGEST:
+        raise BadDocumentError(f"the document has more than {LARGEST} bytes")
+
+
+def _whole_document(document: D) -> tuple[D, list[int]]:
+    """A document whose rows can all be read, and their numbers."""
+    name, _ = ROWS.get(type(document), ("", Record))
+    return _checked(document), list(range(len(getattr(document, name, ()))))
+
+
+def _checked(document: D) -> D:
     if not -LATEST_NS < document.t_ns < LATEST_NS:
         raise BadDocumentError("a time must fit into 64 bits - at `$.t_ns`")
-    return document, numbers
+    return document
 
 
 def parse_measurements(
@@ -113,7 +139,7 @@ def _row_by_row(kind: type[D], tree: Any, refuse: Refuse) -> tuple[D, list[int]]
     name, row_kind = ROWS.get(kind, ("", Record))
     rows = tree.get(name) if isinstance(tree, dict) else None
     if not isinstance(rows, list):
-        return _convert(tree, kind, ""), []
+        return _checked(_convert(tree, kind, "")), []
     document = _convert({**_stated(tree, kind, refuse), name: []}, kind, "")
     found: dict[int, Any] = {}
     for i, row in enumerate(rows):
@@ -121,7 +147,7 @@ def _row_by_row(kind: type[D], tree: Any, refuse: Refuse) -> tuple[D, list[int]]
             found[i] = _convert(row, row_kind, f".{name}[{i}]")
         except BadDocumentError as error:
             refuse(error.why)
-    return msgspec.structs.replace(document, **{name: tuple(found.values())}), list(found)
+    return _checked(msgspec.structs.replace(document, **{name: tuple(found.values())})), list(found)
 
 
 def _stated(tree: dict[str, Any], kind: type[Record], refuse: Refuse) -> dict[str, Any]:

@@ -4,7 +4,7 @@ import math
 from collections import Counter
 from typing import Final
 
-from onboard.messages import ImagePoint, TargetPoints
+from onboard.messages import Exposure, ImagePoint, TargetPoints
 from onboard.wire.mavlink_records import Fields, Header, Layout
 
 LANDING_TARGET: Final = Layout("<Q5f2B7f2B", usec=0)
@@ -18,8 +18,8 @@ Pending = dict[tuple[int, int], dict[int, ImagePoint]]  # (time_usec, target) ->
 
 
 class PointAssembler:
-    """Three LANDING_TARGETs of one sender and one time_usec -> TargetPoints. What gives no image is counted in
-    `rejected`.
+    """Three LANDING_TARGETs of one sender and one time_usec -> an exposure of TargetPoints. What gives no image is
+    counted in `rejected`.
 
     target_num 0, 1, 2 are the center, left and right point of the leader; 3k, 3k+1, 3k+2 those of a further
     target k. The angles are those of the image axes: angle_x = atan(Y_c/X_c), angle_y = atan(Z_c/X_c).
@@ -37,7 +37,7 @@ class PointAssembler:
         """How many images wait."""
         return sum(len(images) for senders in (self._proven, self._new) for images in senders.values())
 
-    def add(self, fields: Fields, header: Header) -> TargetPoints | None:
+    def add(self, fields: Fields, header: Header) -> Exposure | None:
         """Add one point. The image's points once it has all three, else None."""
         time_usec, angle_x, angle_y, _, _, _, target_num, *_, position_valid = fields
         if position_valid:
@@ -55,7 +55,7 @@ class PointAssembler:
             return None
         del images[time_usec, number]
         self._prove(sender, images)
-        return TargetPoints(
+        image = TargetPoints(
             **header,
             camera="landing_target",
             target="leader" if number == 0 else f"target/{number}",
@@ -63,6 +63,7 @@ class PointAssembler:
             left=points[1],
             right=points[2],
         )
+        return Exposure.of(image)
 
     def _images(self, sender: Sender) -> Pending:
         """The images of a sender that wait for points."""

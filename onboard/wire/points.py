@@ -1,4 +1,4 @@
-"""Camera points as JSON <-> TargetPoints: pixels and intrinsics outside, image points inside."""
+"""Camera points as JSON <-> an exposure of TargetPoints: pixels and intrinsics outside, image points inside."""
 
 import re
 from functools import lru_cache
@@ -7,7 +7,7 @@ from typing import Final
 import msgspec
 
 from onboard.geometry.lens import Lens
-from onboard.messages import CameraPoints, Intrinsics, Pixel, TargetPoints
+from onboard.messages import CameraPoints, Exposure, Intrinsics, Pixel, TargetPoints
 from onboard.messages.causes import Cause, Reason
 from onboard.wire.document import BadDocumentError, check_name, parse
 
@@ -16,8 +16,9 @@ TARGET: Final = re.compile(r"(?=.{0,64}$)([A-Za-z0-9_.-]+(/[A-Za-z0-9_.-]+)*)?")
 _decoder = msgspec.json.Decoder(CameraPoints)
 
 
-def decode_points(data: bytes, t_recv_ns: int) -> TargetPoints:
-    """TargetPoints of one JSON document of CameraPoints: image points in focal lengths, right and down positive.
+def decode_points(data: bytes, t_recv_ns: int) -> Exposure:
+    """The exposure of one JSON document of CameraPoints: TargetPoints, whose image points are in focal lengths,
+    right and down positive.
 
     Raises BadDocumentError (see `document.parse`), also when a focal length is not positive or the target cannot
     be part of a key.
@@ -31,7 +32,7 @@ def decode_points(data: bytes, t_recv_ns: int) -> TargetPoints:
     def point(p: Pixel) -> tuple[float, float]:
         return lens.image_point(p.u_px, p.v_px)
 
-    return TargetPoints(
+    image = TargetPoints(
         t_ns=m.t_ns,
         t_recv_ns=t_recv_ns,
         clock=m.clock,
@@ -46,6 +47,7 @@ def decode_points(data: bytes, t_recv_ns: int) -> TargetPoints:
         doubt=doubt_of(lens),
         sigma=None if None in sigmas else tuple(s / lens.f_px for s in sigmas if s is not None),  # type: ignore[arg-type]  # three of three
     )
+    return Exposure.of(image)
 
 
 def doubt_of(lens: Lens) -> Reason | None:

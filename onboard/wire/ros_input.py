@@ -4,10 +4,10 @@ from collections.abc import Collection
 from typing import Final
 
 from onboard.geometry.lens import Lens
-from onboard.messages import Datagram, TargetImage
+from onboard.messages import Datagram, Exposure
 from onboard.messages.text import plain
 from onboard.wire.cameras import CameraInput, Cameras
-from onboard.wire.detections import Ignore, images_of
+from onboard.wire.detections import Ignore, exposure_of
 from onboard.wire.document import BadDocumentError, Refuse
 from onboard.wire.ros import CAMERA_INFO, DECODERS, decode_camera_info
 
@@ -23,8 +23,8 @@ class RosDecoder:
         self._infos = [camera for camera in cameras.values() if camera.ros.info]
         self._lenses: dict[str, Lens] = {}  # that a CameraInfo had, by camera
 
-    def decode(self, datagram: Datagram, refuse: Refuse, ignore: Ignore) -> list[TargetImage]:
-        """The images of one message; none of a CameraInfo. Raises BadDocumentError."""
+    def decode(self, datagram: Datagram, refuse: Refuse, ignore: Ignore) -> list[Exposure]:
+        """What one message shows; nothing of a CameraInfo. Raises BadDocumentError."""
         topic, kind = self._named(datagram.channel)
         of_info = [camera for camera in self._infos if camera.ros.info == topic]
         if of_info:
@@ -38,7 +38,8 @@ class RosDecoder:
         kind = kind or camera.ros.kind
         _check(kind, DECODERS)
         document = DECODERS[kind](datagram.data)
-        return images_of(document, datagram.t_recv_ns, camera, self._lens(camera), refuse, ignore)
+        found = exposure_of(document, datagram.t_recv_ns, camera, self._lens(camera), refuse, ignore)
+        return [found] if found else []
 
     def _named(self, key: str) -> tuple[str, str]:
         """The topic of a key, and the type that it states: `domain/topic/type/hash` (rmw_zenoh), or the topic

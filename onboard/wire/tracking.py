@@ -26,11 +26,11 @@ from onboard.messages import (
     DetectedPoint,
     DetectedPose,
     Detection,
-    TargetImage,
+    Exposure,
 )
 from onboard.messages.causes import Reason
 from onboard.wire.cameras import CameraInput, Cameras
-from onboard.wire.detections import FARTHEST, images_of
+from onboard.wire.detections import FARTHEST, exposure_of
 from onboard.wire.document import BadDocumentError
 from onboard.wire.poses import TO_C
 
@@ -63,7 +63,7 @@ class TrackerDecoder:
         """Whether each LANDING_TARGET is an aircraft, not one of its points."""
         return self._landing is not None
 
-    def tracking(self, fields: tuple[Any, ...], header: dict[str, Any]) -> TargetImage | None:
+    def tracking(self, fields: tuple[Any, ...], header: dict[str, Any]) -> Exposure | None:
         """The image of a CAMERA_TRACKING_IMAGE_STATUS, None where nothing is tracked or nobody listens."""
         camera = self._trackers.get(header["component"])
         status = fields[7]
@@ -84,7 +84,7 @@ class TrackerDecoder:
             zoom = 1.0
         self._lenses[component] = dataclasses.replace(lens, fx_px=zoom * lens.fx_px, fy_px=zoom * lens.fy_px)
 
-    def landing_target(self, fields: tuple[Any, ...], header: dict[str, Any]) -> TargetImage | None:
+    def landing_target(self, fields: tuple[Any, ...], header: dict[str, Any]) -> Exposure | None:
         """The image of a LANDING_TARGET that is a whole aircraft; target 0 is the leader."""
         camera = self._landing
         if camera is None:
@@ -92,20 +92,22 @@ class TrackerDecoder:
         number = fields[6]
         target = "leader" if number == 0 else f"target/{number}"
         ideal = camera.lens.undistorted
-        image = self._image(camera, ideal, header, lambda: _landed(fields, camera, ideal))
-        return None if image is None else replace(image, target=target)
+        return self._image(camera, ideal, header, lambda: replace(_landed(fields, camera, ideal), target=target))
 
     def _image(
         self, camera: CameraInput, lens: Lens, header: dict[str, Any], detect: Callable[[], Detection]
-    ) -> TargetImage | None:
+    ) -> Exposure | None:
         t_recv_ns = header["t_recv_ns"]
         try:
             document = CameraDetections(t_ns=header["t_ns"], clock=header["clock"], detections=(detect(),))
         except BadDocumentError as error:
             self._refuse(error.why, t_recv_ns)
             return None
-        found = images_of(document, t_recv_ns, camera, lens, lambda why: self._refuse(why, t_recv_ns), ignore)
-        return replace(found[0], system=header["system"], component=header["component"]) if found else None
+        found = exposure_of(document, t_recv_ns, camera, lens, lambda why: self._refuse(why, t_recv_ns), ignore)
+        if found is None:
+            return None
+        sender = {"system": header["system"], "component": header["component"]}
+        return Exposure.of(*(replace(image, **sender) for image in found.detections))
 
 
 def _tracked(f: tuple[Any, ...], lens: Lens) -> Detection:

@@ -26,7 +26,7 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.geometry.rotations import matrix_from_euler, matrix_from_quaternion
-from onboard.messages import Attitude, LocalPosition, Message, TargetDetection
+from onboard.messages import Attitude, Exposure, LocalPosition, Message, TargetDetection
 from simlink.encounters.encounter import BOOT_NS, Encounter
 from studies.encounters.flights import Flight, judged, received
 
@@ -63,7 +63,8 @@ def boxes(encounter: Encounter) -> list[Box]:
     lag = POSITION_LAG if encounter.scenario.vehicle.autopilot == "ardupilot" else 0.0
     places = _rows(messages, LocalPosition, "r_OF_n", -lag)
     R_bc, found = matrix_from_euler(*np.radians(camera.mount_rpy_deg)), []
-    for m in messages:
+    seen = [m for exposure in messages if isinstance(exposure, Exposure) for m in exposure.detections]
+    for m in seen:
         if not isinstance(m, TargetDetection) or m.half_width is None:
             continue
         t, box = (m.t_ns - BOOT_NS) * 1e-9, m.features[0]

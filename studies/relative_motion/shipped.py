@@ -9,7 +9,17 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.config import load_config
 from onboard.geometry.rotations import matrix_from_quaternion
-from onboard.messages import Attitude, Clock, Estimate, Heartbeat, LocalPosition, Message, TargetPoints, Verdict
+from onboard.messages import (
+    Attitude,
+    Clock,
+    Estimate,
+    Exposure,
+    Heartbeat,
+    LocalPosition,
+    Message,
+    TargetPoints,
+    Verdict,
+)
 from onboard.models.relative_motion import N
 from onboard.pipeline import Pipeline
 from simlink.autopilot import ACTIVE, AUTOPILOT, VEHICLE_TYPE
@@ -136,7 +146,7 @@ def _images(flight: Flight, camera: str, late: Lateness) -> Iterator[Message]:
     for ns, delivered, points in rows:
         if np.isfinite(points).all():
             center, left, right = ((float(y), float(z)) for y, z in points)
-            yield TargetPoints(
+            image = TargetPoints(
                 t_ns=ns,
                 t_recv_ns=EPOCH_NS + boot_ns(delivered + wait),
                 component=CAMERA_COMPONENT,
@@ -145,3 +155,4 @@ def _images(flight: Flight, camera: str, late: Lateness) -> Iterator[Message]:
                 left=left,
                 right=right,
             )
+            yield Exposure.of(image)

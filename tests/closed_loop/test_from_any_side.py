@@ -20,6 +20,7 @@ from simlink.encounters.families import FAMILIES, Scene, steep
 from studies.encounters.flights import estimated, judged, known
 from studies.encounters.scores import Score, score
 from tests.support.cases import slow_but
+from tests.support.images import detections, exposed
 
 SECONDS: Final = 30.0
 Change = Callable[[list[Message]], list[Message]]
@@ -53,7 +54,14 @@ def exchanged() -> Change:
 def flown(family: str, seed: int, change: Change, seconds: float = SECONDS) -> Score:
     encounter = make_encounter(family, seed, seconds)
     pipeline = Pipeline(load_config(None, known(encounter)))
-    return score([judged(estimated(pipeline, encounter.datagrams(), change), encounter.truth)])
+    return score(
+        [
+            judged(
+                estimated(pipeline, encounter.datagrams(), lambda messages: exposed(change(detections(messages)))),
+                encounter.truth,
+            )
+        ]
+    )
 
 
 FLIGHTS: Final = {

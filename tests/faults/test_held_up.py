@@ -12,6 +12,7 @@ from onboard.models.relative_motion import POSITION
 from onboard.pipeline import Pipeline
 from onboard.pipeline.silence import BEHIND, HELD_UP
 from tests.support.faulty_flight import ITEMS, T0, T1
+from tests.support.images import exposed
 from tests.support.streams import EPOCH, MS, Item, Run, S, Stream, encode, make_config, position_error
 
 BEGINS = EPOCH + 46 * S
@@ -31,7 +32,7 @@ def held_up(late_ns: Callable[[int], int], items: list[Item] = ITEMS) -> Run:
     for t_recv_ns, image, datagram in sorted(run, key=lambda r: r[0]):
         empty = Datagram(channel="udp", encoding=encode(ITEMS[:1])[0].encoding, t_recv_ns=t_recv_ns, data=b"")
         messages = pipeline.decode(replace(datagram or empty, wall_step_ns=0))
-        outputs.extend(pipeline.advance([replace(image, t_recv_ns=t_recv_ns)] if image else messages))
+        outputs.extend(pipeline.advance(exposed([replace(image, t_recv_ns=t_recv_ns)] if image else messages)))
     assert not pipeline.errors
     return Run(pipeline, outputs)
 

@@ -12,11 +12,12 @@ from msgspec.structs import replace
 from onboard.estimators.leader import estimator
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter
 from onboard.filters.belief import FilterError
-from onboard.messages import Estimate
+from onboard.messages import Estimate, Exposure
 from onboard.ownship import Ownship
 from onboard.pipeline import Pipeline
 from tests import fuzz
 from tests.support.cases import slow_but
+from tests.support.images import exposed
 from tests.support.streams import MS, Flight, S, Stream, make_config
 
 SEQUENCES = 100  # of each
@@ -45,7 +46,7 @@ def test_no_sequence_of_images_breaks_a_track_seed_7(name: str) -> None:
 def test_the_fuzz_would_find_unsound_estimates() -> None:
     pipeline, outputs = Pipeline(make_config()), []
     for item in Stream(t1=6.0).items():
-        outputs += pipeline.advance([item.message])
+        outputs += pipeline.advance(exposed([item.message]))
     good = next(e for e in reversed(outputs) if isinstance(e, Estimate) and e.mean is not None)
     fuzz.check([good], Counter())
     P = np.array(good.covariance)
@@ -73,7 +74,7 @@ def test_a_filter_that_fails_ends_its_track_and_not_the_program(monkeypatch: pyt
         t_ns = 5 * S + i * 20 * MS
         for message in (flight.attitude(t_ns), flight.position(t_ns)):
             ownship.receive(message, t_ns)
-        (estimate,) = one.observe(flight.image(t_ns), ownship) if i == 1 else one.tick(ownship)
+        (estimate,) = one.observe(Exposure.of(flight.image(t_ns)), ownship) if i == 1 else one.tick(ownship)
         if i == 1:
             assert estimate.mean is not None
             monkeypatch.setattr(BeliefFilter, "advance", fail)

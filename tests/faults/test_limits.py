@@ -19,6 +19,7 @@ from onboard.messages import (
     Clock,
     Datagram,
     Encoding,
+    Exposure,
     Pseudoranges,
     SatelliteRange,
     TargetPoints,
@@ -105,11 +106,13 @@ def test_images_beyond_the_room_do_not_wait() -> None:
     at: Any = {"t_recv_ns": 0, "clock": Clock.BOOT, "camera": "front", "system": 0, "component": 0}
     at |= dict.fromkeys(("center", "left", "right"), (0.0, 0.0))
     taken = [
-        images.takes(TargetPoints(t_ns=S + S // 5 + k, target="target/1", **at), ownship)
+        images.takes(Exposure.of(TargetPoints(t_ns=S + S // 5 + k, target="target/1", **at)), ownship)
         for k in range(MAX_WAITING + 10)
     ]
     assert taken == [True] * MAX_WAITING + [False] * 10
-    assert images.takes(TargetPoints(t_ns=S + S // 5, target="leader", **at), ownship), "its room is its own"
+    assert images.takes(Exposure.of(TargetPoints(t_ns=S + S // 5, target="leader", **at)), ownship), (
+        "its room is its own"
+    )
 
 
 def fail(kind: type[Exception]) -> None:

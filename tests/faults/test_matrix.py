@@ -31,6 +31,7 @@ from onboard.messages import (
 )
 from onboard.pipeline import Pipeline
 from tests.support.beginnings import Beginning
+from tests.support.images import exposed
 from tests.support.streams import (
     CIRCLE,
     EPOCH,
@@ -350,7 +351,7 @@ def taken(pipeline: Pipeline, sent: Item | Datagram) -> list[Output]:
     """What a pipeline makes of a message, or of its bytes."""
     if isinstance(sent, Datagram):
         return pipeline.feed(sent)
-    return pipeline.advance([replace(sent.message, t_recv_ns=sent.t_recv_ns)])
+    return pipeline.advance(exposed([replace(sent.message, t_recv_ns=sent.t_recv_ns)]))
 
 
 SHARED: Beginning[Item | Datagram] = Beginning(ITEMS, taken)  # two seconds of most rows

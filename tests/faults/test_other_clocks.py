@@ -10,6 +10,7 @@ from msgspec.structs import replace
 from onboard.messages import Clock, Estimate, Message, TargetPoints, TimeSync, Verdict, tagged
 from onboard.pipeline import Pipeline
 from tests.support.cases import slow_but
+from tests.support.images import exposed
 from tests.support.streams import EPOCH, MS, Item, Run, S, Stream, encode, feed, make_config, position_error
 
 T0, T1 = 40.0, 54.0
@@ -21,7 +22,7 @@ RIGHT = 2.2  # m
 def flown(items: Sequence[Item]) -> Run:
     pipeline, outputs = Pipeline(make_config()), []
     for t_recv_ns, message in sorted(items, key=lambda i: i.t_recv_ns):
-        outputs.extend(pipeline.advance([replace(message, t_recv_ns=t_recv_ns)]))
+        outputs.extend(pipeline.advance(exposed([replace(message, t_recv_ns=t_recv_ns)])))
     assert not pipeline.errors
     return Run(pipeline, outputs)
 

@@ -205,7 +205,7 @@ def test_a_detector_may_have_our_component_id() -> None:
         point = dialect.MAVLink_landing_target_message(1000, number, 8, 0.01 * number, 0, 0, 0, 0)
         data = bytes(point.pack(detector))
         made += pipeline.decode(Datagram(channel=LINK, encoding=Encoding.MAVLINK, t_recv_ns=NOW, data=data))
-    assert [type(m).__name__ for m in made] == ["TargetPoints"]
+    assert [type(m).__name__ for m in made] == ["Exposure"]
 
 
 FLIES = (

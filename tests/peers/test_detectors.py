@@ -21,6 +21,7 @@ from onboard.links.zenoh import ZenohLink
 from onboard.messages import Box, CameraDetections, Clock, Datagram, Detection, Encoding, TargetDetection
 from onboard.wire.datagrams import DatagramDecoder
 from tests.support import documents
+from tests.support.images import detections
 from tests.support.programs import PATIENCE, free_ports
 from tests.unit.wire.test_ros import KEY as ROS_KEY
 from tests.unit.wire.test_ros import golden
@@ -58,7 +59,7 @@ def decoded(datagram: Datagram) -> list[Any]:
     )
     messages = decoder.decode(datagram)
     assert reasons == []
-    return messages
+    return detections(messages)
 
 
 def test_the_page_s_python_example_sends_a_pair_of_wingtips(session: Any, endpoint: str) -> None:

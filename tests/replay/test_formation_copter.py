@@ -123,7 +123,7 @@ def test_every_image_has_a_verdict(copter: Copter) -> None:
     verdicts = run.verdicts()
     total = sum(verdicts.values())
     # the camera's clock is half a second ahead: the last images wait in vain for our own motion
-    missing = health.streams["TargetPoints"].count - total - len(run.pipeline._waiting)
+    missing = health.streams["Exposure"].count - total - len(run.pipeline._waiting)
     assert 0 <= missing <= 1  # one that comes before anything of our own motion, where a recording is cut
     assert len(run.pipeline._waiting) < 20
     assert verdicts[Verdict.FUSED] > 0.93 * total

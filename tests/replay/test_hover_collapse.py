@@ -22,6 +22,7 @@ from onboard.wire.recording import read_recording
 from onboard.wire.tlog import read_tlog
 from studies.encounters.flights import Flight
 from studies.encounters.scores import score
+from tests.support.images import detections, exposed
 from tests.support.streams import F_PX, S, make_config
 
 DATA: Final = Path(__file__).parents[3] / "shared" / "data" / "hover-collapse"
@@ -82,7 +83,9 @@ def flown(log: str, true: Truth, seed: int) -> Flight:
 def estimates(pipeline: Pipeline, log: str, rng: np.random.Generator) -> Iterator[Estimate]:
     for datagram in datagrams(log):
         messages = pipeline.decode(datagram)
-        for output in pipeline.advance([noisy(m, rng) if isinstance(m, TargetPoints) else m for m in messages]):
+        for output in pipeline.advance(
+            exposed(noisy(m, rng) if isinstance(m, TargetPoints) else m for m in detections(messages))
+        ):
             if isinstance(output, Estimate) and output.name == "leader" and output.is_primary:
                 yield output
 

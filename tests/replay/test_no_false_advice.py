@@ -1,4 +1,4 @@
-"""Flights in which the set-up is right are given no advice about it by the daemon's pipeline. The study of manoeuvres
+"""Flights in which the set-up is right are given no advice about it by the pipeline. The study of manoeuvres
 counts such advice in each of its flights.
 """
 

@@ -7,6 +7,7 @@ from pymavlink.dialects.v20 import common
 
 from onboard.messages import Message
 from onboard.wire.mavlink_decode import MavlinkDecoder
+from tests.support.images import detections
 
 RECV: Final = 1_735_689_605_000_000_000
 # LOCAL_POSITION_NED of system 3, component 1.
@@ -45,7 +46,7 @@ def decode(data: bytes, *, stream: bool = False) -> list[Message]:
 
 def one(data: bytes) -> Any:
     """The only message in these bytes."""
-    (message,) = decode(data)
+    (message,) = detections(decode(data))
     return message
 
 

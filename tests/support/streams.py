@@ -34,6 +34,7 @@ from onboard.pipeline import Pipeline
 from onboard.wire.mavlink_encode import MavlinkEncoder
 from tests.support import kept
 from tests.support.honesty import nees
+from tests.support.images import exposed
 
 MS: Final = 1_000_000
 S: Final = 1_000_000_000
@@ -290,7 +291,7 @@ def advance(messages: Iterable[Message], config: Config | None = None) -> Run:
     """Run all messages through a new pipeline, without encoding."""
     pipeline = Pipeline(config or make_config())
     outputs: list[Output] = []
-    for message in messages:
+    for message in exposed(messages):
         outputs.extend(pipeline.advance([message]))
     assert not pipeline.errors, pipeline.errors
     return Run(pipeline, outputs)

@@ -15,6 +15,7 @@ from onboard.geometry.camera import in_view, project
 from onboard.geometry.rotations import matrix_from_euler
 from onboard.messages import Datagram, Encoding, TargetPoints, Verdict
 from onboard.pipeline.needs import needs
+from tests.support.images import detections
 from tests.support.streams import CIRCLE, EPOCH, MS, SIZE, Run, S, Stream, encode, feed, position_error
 from tests.unit.wire.test_points import document
 
@@ -152,7 +153,7 @@ class Pipelined:
     def decode(self, sent: dict[str, Any]) -> Any:
         data = json.dumps(sent).encode()
         one = Datagram(channel="k", encoding=Encoding.DETECTIONS, t_recv_ns=EPOCH, data=data)
-        return self._pipeline.decode(one)
+        return detections(self._pipeline.decode(one))
 
 
 def test_camera_info_of_ros_is_read_as_it_is(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from onboard.config import AutopilotConfig, Config, ConfigError, load_config, parse_config, source_delays_ns
-from onboard.messages import Attitude, GpsFix, LocalPosition, TargetPoints
+from onboard.messages import Attitude, Exposure, GpsFix, LocalPosition
 
 
 def load(tmp_path: Path, text: str, *overrides: str) -> Config:
@@ -204,7 +204,7 @@ def test_delays_are_those_of_the_autopilot_unless_configured() -> None:
     assert set(px4.values()) == {0}
     mine = load_config(None, ("delay.local_position_s=0.0", "delay.camera_s=0.04")).delay
     assert source_delays_ns(mine, 3)[LocalPosition] == 0
-    assert source_delays_ns(mine, 3)[TargetPoints] == 40_000_000
+    assert source_delays_ns(mine, 3)[Exposure] == 40_000_000
 
 
 def test_the_errors_of_our_own_estimates_are_given_to_every_estimator(tmp_path: Path) -> None:

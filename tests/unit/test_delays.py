@@ -10,6 +10,7 @@ from onboard.messages import (
     Barometer,
     Clock,
     Estimate,
+    Exposure,
     GlobalPosition,
     GpsFix,
     Heartbeat,
@@ -37,7 +38,7 @@ SOURCES: dict[str, Message] = {
     "local_position_s": LocalPosition(**AT, r_OF_n=ZERO, v_F_n=ZERO),
     "global_position_s": GlobalPosition(**AT, **PLACE, v_F_n=ZERO),
     "gps_s": GpsFix(**AT, **FIX, **SPEED),
-    "camera_s": TargetPoints(**AT, **POINTS),
+    "camera_s": Exposure.of(TargetPoints(**AT, **POINTS)),
 }
 
 

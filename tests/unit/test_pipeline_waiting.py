@@ -4,7 +4,16 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.config import OwnshipConfig
-from onboard.messages import Attitude, GimbalAttitude, LocalPosition, Message, MountAttitude, TargetPoints, Verdict
+from onboard.messages import (
+    Attitude,
+    Exposure,
+    GimbalAttitude,
+    LocalPosition,
+    Message,
+    MountAttitude,
+    TargetPoints,
+    Verdict,
+)
 from onboard.ownship import Ownship
 from onboard.pipeline.waiting import Waiting
 from tests.support.streams import MS, Flight, S, Stream, advance
@@ -41,19 +50,20 @@ def flying(until: int) -> Ownship:
 def test_an_image_waits_for_its_camera_s_gimbal_but_not_for_ever() -> None:
     """The gimbal was heard 60 ms before the exposure, and then no more."""
     ownship, image = flying(6 * S), NEAR.image(6 * S)
+    exposure = Exposure.of(image)
     mount = MountAttitude(q=(1.0, 0.0, 0.0, 0.0), frame="earth")
     heard = GimbalAttitude(t_ns=6 * S - 60 * MS, t_recv_ns=0, device=154, mount=mount)
     ownship.receive(heard, heard.t_ns)
     fixed, waiting = (Waiting(OwnshipConfig(), lambda _, k=gimbal: k) for gimbal in (None, 154))
-    assert not fixed.takes(image, ownship)
-    assert not waiting.takes(replace(image, mount=mount), ownship)
-    assert waiting.takes(image, ownship)
+    assert not fixed.takes(exposure, ownship)
+    assert not waiting.takes(Exposure.of(replace(image, mount=mount)), ownship)
+    assert waiting.takes(exposure, ownship)
     assert waiting.ready(ownship) == []
     again = flying(6 * S + 360 * MS)
     again.receive(heard, heard.t_ns)
-    assert waiting.ready(again) == [image]
+    assert waiting.ready(again) == [exposure]
     ownship.receive(replace(heard, t_ns=6 * S + MS), 6 * S + MS)
-    assert not waiting.takes(image, ownship)
+    assert not waiting.takes(exposure, ownship)
 
 
 USED = {Verdict.INITIALISING, Verdict.FUSED, Verdict.FUSED_LATE}
@@ -113,13 +123,15 @@ def test_an_image_waits_no_longer_than_for_the_attitude_that_was_missing() -> No
 
 def test_no_image_waits_for_a_stream_that_has_stopped() -> None:
     ownship, waiting = flying(6 * S), Waiting(OwnshipConfig(), lambda _: None)
-    image = NEAR.image(6 * S + 200 * MS)
+    image = Exposure.of(NEAR.image(6 * S + 200 * MS))
     for t_ns in range(6 * S, 7 * S + 240 * MS, 20 * MS):
         ownship.receive(NEAR.attitude(t_ns), t_ns)
     assert waiting.takes(image, ownship)
     assert waiting.ready(ownship) == [image]  # for a second it has waited in vain
-    assert not waiting.takes(NEAR.image(7 * S + 50 * MS), ownship)
-    assert not waiting.takes(NEAR.image(6 * S + 90 * MS), ownship)  # our pose is carried on as far as that
+    assert not waiting.takes(Exposure.of(NEAR.image(7 * S + 50 * MS)), ownship)
+    assert not waiting.takes(
+        Exposure.of(NEAR.image(6 * S + 90 * MS)), ownship
+    )  # our pose is carried on as far as that
 
 
 def test_an_outlier_among_images_that_waited_begins_no_track_seed_1() -> None:

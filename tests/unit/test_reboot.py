@@ -9,6 +9,7 @@ from onboard.config import parse_config
 from onboard.messages import Cause, Estimate, Lifecycle, LocalPosition, Message, NavState, Reason, TargetPoints
 from onboard.pipeline import Pipeline
 from tests.support import own_vehicle as own
+from tests.support.images import exposed
 from tests.support.streams import S, Stream, heartbeat
 from tests.support.traffic import Sky, fly_with_reports
 
@@ -20,9 +21,9 @@ def rebooted(
 ) -> Pipeline:
     """A pipeline with one estimator, flown before and after a reboot."""
     pipeline = Pipeline(parse_config({"estimator": {name: section}}))
-    published = estimates(pipeline.advance(before))
+    published = estimates(pipeline.advance(exposed(before)))
     assert published[-1].valid
-    pipeline.advance(after)
+    pipeline.advance(exposed(after))
     assert pipeline.clocks.reboots == 1
     return pipeline
 
@@ -56,8 +57,8 @@ def test_the_reboot_is_said_though_images_come_before_our_position_seed_1() -> N
     before = [heartbeat(5 * S), *(item.message for item in Stream(t1=8.0).items())]
     after = [i.message for i in Stream(t0=1.0, t1=2.0).items() if not isinstance(i.message, LocalPosition)]
     pipeline = Pipeline(parse_config({"estimator": {"leader": LEADER}}))
-    pipeline.advance(before)
-    published = estimates(pipeline.advance([moved(message, 60.0) for message in after]))
+    pipeline.advance(exposed(before))
+    published = estimates(pipeline.advance(exposed(moved(message, 60.0) for message in after)))
     assert pipeline.clocks.reboots == 1
     reasons = [e.reason for e in published]
     assert "our own motion is not known" in reasons
@@ -123,7 +124,7 @@ def test_images_that_wait_at_a_reboot_are_dropped_seed_1() -> None:
     stream = [item.message for item in Stream(t1=6.0).items()]
     image = next(m for m in stream if isinstance(m, TargetPoints))
     ahead = replace(image, t_ns=round(6.4 * S))
-    pipeline.advance([heartbeat(5 * S), *stream, ahead])
+    pipeline.advance(exposed([heartbeat(5 * S), *stream, ahead]))
     assert len(pipeline._waiting) == 1
     pipeline.advance(own_motion(1.0, 1.3, 60.0))
     assert len(pipeline._waiting) == 0

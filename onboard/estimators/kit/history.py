@@ -68,10 +68,11 @@ class History(Generic[B, M]):
         """Whether a measurement of that time can still be inserted."""
         return t_ns >= self._nodes[0].t_ns
 
-    def insert(self, t_ns: int, measurement: Any, ownship: M) -> Any:
-        """Insert a measurement at its time (which must reach) and redo all later nodes; its outcome."""
+    def insert(self, t_ns: int, measurement: Any, ownship: M, fused: tuple[B, Any] | None = None) -> Any:
+        """Insert a measurement at its time (which must reach) and redo all later nodes; its outcome. `fused`: the
+        belief after it and its outcome, where what `belief_before` gives has been fused with it already."""
         later = self._cut(bisect_right(self._nodes, t_ns, key=TIME))
-        outcome = self._append(t_ns, measurement, ownship)
+        outcome = self._append(t_ns, measurement, ownship, fused)
         self._redo(later, ownship)
         return outcome
 
@@ -130,11 +131,13 @@ class History(Generic[B, M]):
             if node.measurement is not None:
                 self._append(node.t_ns, node.measurement, ownship)
 
-    def _append(self, t_ns: int, measurement: Any, ownship: M) -> Any:
+    def _append(self, t_ns: int, measurement: Any, ownship: M, fused: tuple[B, Any] | None = None) -> Any:
         self._pass_samples(t_ns, ownship)
-        newest = self._nodes[-1]
-        prior = self._advance(newest.belief, newest.t_ns, t_ns, ownship)
-        belief, outcome = self._fuse(prior, measurement, ownship)
+        if fused is None:
+            newest = self._nodes[-1]
+            prior = self._advance(newest.belief, newest.t_ns, t_ns, ownship)
+            fused = self._fuse(prior, measurement, ownship)
+        belief, outcome = fused
         self._nodes.append(Node(t_ns, belief, measurement, outcome))
         if self._provisional_ns is None and not ownship.knows(t_ns):
             self._provisional_ns = t_ns

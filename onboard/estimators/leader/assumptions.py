@@ -155,15 +155,8 @@ LEAST_RANGE_SIGMA: Final = 0.002  # of the range: no detector is more exact
 FLIPPED: Final = 0.2  # the probability that a rotation is the mirror image ...
 STRAY: Final = 0.02  # ... and that it says nothing
 
-# Of a fixed wing, of a leader that is supposed to fly calmly, and of the wind.
+# Of a fixed wing, and of the wind.
 CRAB: Final = math.radians(14.0)  # rad, of a fixed wing's nose: wind of a quarter of its speed, at one sigma
-CALM: Final[dict[str, Any]] = {
-    "intensity": (0.0, 0.0, 0.0),
-    "hovering": 0.0,
-    "accelerating": 0.0,
-    "acceleration_random_walk": (0.3, 0.3),
-    "bank": math.radians(1.0),
-}
 SLIP: Final = math.radians(3.0)  # rad, of a fixed wing's nose about its path through the air
 STRONGEST: Final = 60.0  # m/s: a stronger one is no wind
 # m/s on each axis. Of a report without one: the filters of autopilots end between 0.5 and 2, before turns above.

@@ -1,11 +1,15 @@
 """The motion of other aircraft relative to us, from three points of each in our camera.
 
-Every target has a track of its own (`track`), with a filter (`hypotheses.belief`). An image with an id goes to the
-track of that id, one without to the track whose prediction it fits best. If it fits none, it is either an outlier
-or of another aircraft: an outlier, if the camera sees no more aircraft at once than there are
-tracks (`Exposures`). Otherwise outliers would begin a second track of the same aircraft, which then takes half of
-its images. So would a detector that draws two boxes about one aircraft: images that lie half upon each other count
-as one.
+Every target has a track of its own (`track`), with a filter (`hypotheses.belief`). All that one image shows comes
+as one exposure: the tracks are predicted to it and compared with its detections, these are associated with them
+(`association`), and each track fuses its own.
+
+A detection with an id is of the track of that id, unless it and another one fit each other's tracks and not their
+own: then the detector has exchanged the ids. One without an id is of the track that explains it best, with all
+others. If it fits none, it is either an outlier or of another aircraft: an outlier, if a track near it has no
+other detection in the exposure. Otherwise outliers would begin a second track of the same aircraft, which then
+takes half of its images. So would a detector that draws two boxes about one aircraft: detections that lie half
+upon each other count as one.
 
 Ids are unlimited, so a flood of them must not cost the leader anything. A target without a track is published only
 when an image of it comes, and forgotten after a second without one. Their tracks begin one by one, not twenty at
@@ -14,45 +18,47 @@ the same moment. Images of one target too many are all counted, and few are repo
 
 import math
 from collections import Counter
-from collections.abc import Mapping
-from typing import Final, NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final
 
 from onboard import messages
+from onboard.estimators.leader.association import AN_ID, associate, exchanged
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
-from onboard.estimators.leader.hypotheses.belief import BeliefFilter, make_filter, make_plain_filter
+from onboard.estimators.leader.hypotheses.belief import BeliefFilter, make_filter
 from onboard.estimators.leader.hypotheses.wind import TIMEOUT_NS, UNKNOWN, Wind, wind_of
 from onboard.estimators.leader.image.camera_pose import CameraPoses
-from onboard.estimators.leader.image.prepare import Image, prepare
+from onboard.estimators.leader.image.prepare import Image, agree, prepare
 from onboard.estimators.leader.reports.broadcast import Broadcast
 from onboard.estimators.leader.reports.prior import prior_of, size_of
 from onboard.estimators.leader.reports.ranging import Ranging
-from onboard.estimators.leader.tracks.fusing import Distance
+from onboard.estimators.leader.tracks.fusing import Candidate
 from onboard.estimators.leader.tracks.gimbal_frames import GimbalFrames, may_be_contradicted
-from onboard.estimators.leader.tracks.track import Track
+from onboard.estimators.leader.tracks.track import FULL, NO_IMAGE, Track
 from onboard.geometry.camera import Camera
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import (
     Estimate,
+    Exposure,
     ImagePoint,
     Lifecycle,
     Message,
     TargetDetection,
     TargetImage,
-    TargetPoints,
     Verdict,
 )
 from onboard.messages.causes import Cause, Reason
 from onboard.ownship import Ownship
 
 NAME: Final = "leader"
-LISTENS: Final = (TargetPoints, TargetDetection, messages.Wind, messages.WarmState)
+LISTENS: Final = (Exposure, messages.Wind, messages.WarmState)
 CONTRADICTED: Final = "broadcast_contradicted"  # how often the leader was not where its broadcast had led
 NO_ID: Final = ""
 GIMBAL: Final = "gimbal_contradicted"  # how often the images began to contradict a gimbal's flags
 CLASS: Final = "class_changed"  # how often the detector has taken a target for something else from some image on
 RENAMED: Final = "target_renamed"  # how often a track has gone on under another id
 PASSED_ON: Final = "leader_passed_on"  # how often another target has become the leader
+EXCHANGED: Final = "ids_exchanged"  # how many detections have had another's id from some image on
 MISFIT: Final = "misfit_"  # before the names of points that fit no nose, in the health
 # An image is compared with the tracks at most this many times as far from it as the nearest one, plus this angle.
 FARTHER: Final = 3.0
@@ -62,7 +68,6 @@ WIND_PERIOD_NS: Final = 900_000_000  # between reports of the wind that are used
 BEGIN_NS: Final = 50_000_000  # between tracks that begin beside a leader's: each takes 10 ms
 REFUSAL_PERIOD_NS: Final = 100_000_000  # between reports of images that are one target too many
 UNNAMED: Final = "unnamed/"  # before the numbers of targets without an id
-REMEMBERED: Final = 128  # exposures: a second of four cameras
 
 
 class Estimator:
@@ -83,13 +88,13 @@ class Estimator:
         )
         self._frames: GimbalFrames | None = None
         if may_be_contradicted(camera):
-            self._frames = GimbalFrames(NAME, make_plain_filter(config), config, camera)
+            self._frames = GimbalFrames(camera)
         self._tracks = {NAME: self._track(NAME)}
         self._numbered = 0
         self._is_named = False  # images say which target is the leader
         self._heir_since_ns: int | None = None  # since when another could be the leader, who is not valid
         self._next_refusal_ns = self._next_begin_ns = 0
-        self._exposures = Exposures(config.max_targets)
+        self._ids: dict[str, str] = {}  # that a detector has exchanged: the track of each
         self._wind, self._wind_ns = UNKNOWN, 0
 
     @property
@@ -106,33 +111,111 @@ class Estimator:
         return (*LISTENS, *(kind for source in self._sources for kind in source.listens))
 
     def observe(self, message: Message, ownship: Ownship) -> list[Estimate]:
-        """Fuse one image of one target at the time it was taken; or take what is measured beside them."""
-        if not isinstance(message, TargetImage):
+        """Fuse the detections of one image at the time it was taken; or take what is measured beside them."""
+        if not isinstance(message, Exposure):
             self._heed(message, ownship)
             return []
-        track, prepared = self._track_of(message, ownship)
-        if track is None:
-            return self._refuse(message, ownship)
+        answers: dict[int, list[Estimate]] = {}
+        found: dict[int, Track] = {}  # the tracks of the exposure's detections
+        claims: dict[int, Candidate | Verdict] = {}
+        for i, seen in enumerate(message.detections):
+            if seen.target == NO_ID:
+                continue
+            self._is_named |= seen.target == NAME
+            track, answers[i] = self._named(self._ids.get(seen.target, seen.target), ownship), []
+            if track is None:
+                answers[i] = self._refuse(seen, ownship)
+                continue
+            if (before := self._renamed(seen, track, ownship)) is not None:
+                track, answers[i] = before, [self._rename(before, seen.target, ownship)]
+            found[i], claims[i] = track, track.claim(seen, ownship)
+        self._exchange(claims, found, ownship)
+        for i, claim in claims.items():
+            answers[i] += self._take(message.detections[i], found[i], claim, ownship)
+        answers |= self._unnamed(message.detections, found, ownship)
+        return [estimate for i in sorted(answers) for estimate in answers[i]]
+
+    def _take(
+        self, seen: TargetImage, track: Track, claim: Candidate | Verdict | None, ownship: Ownship
+    ) -> list[Estimate]:
+        """Let a track take a detection, as it was compared with the track, or None where it was not yet."""
+        known, filter_ = self._classes.get(seen.class_name), track.filter
         said: list[Estimate] = []
-        if (before := self._renamed(message, track, ownship)) is not None:
-            track, said = before, [self._rename(before, message.target, ownship)]
-        if message.target != NO_ID and track.is_followed:
-            self._exposures.add(message)
-        known = self._classes.get(message.class_name)
-        if track.take_for(message.class_name, message.t_ns, *(known or (None, self._config))):
+        if track.take_for(seen.class_name, seen.t_ns, *(known or (None, self._config))):
             self._verdicts[CLASS] += 1
             said.append(track.tick(ownship))
-        if track.target == NAME and self._frames is not None:
-            self._compare(self._frames, message, ownship)
-        if prepared is not None and not track.prepares_as(self._class_of(message)[0], prepared):
-            prepared = None
-        estimate = track.observe(message, ownship, prepared)
+        if claim is None or track.filter is not filter_:
+            claim = track.claim(seen, ownship)
+        if track.target == NAME and self._frames is not None and isinstance(claim, Candidate):
+            self._compare(self._frames, claim.image, track.range, ownship)
+        said.append(self._counted(track.take(seen, claim, ownship)))
+        for source in self._sources if track.target == NAME else ():
+            source.receive(seen, ownship)
+        return said
+
+    def _counted(self, estimate: Estimate) -> Estimate:
+        """An estimate that follows an image, whose verdict is counted."""
         if estimate.measurement is not None:
             self._verdicts[estimate.measurement.verdict] += 1
             self._verdicts.update(f"{MISFIT}{name}" for name in estimate.measurement.misfits)
-        for source in self._sources if track.target == NAME else ():
-            source.receive(message, ownship)
-        return [*said, estimate]
+        return estimate
+
+    def _exchange(self, claims: dict[int, Candidate | Verdict], found: dict[int, Track], ownship: Ownship) -> None:
+        """Where detections hardly fit the tracks of their ids, which were `found` for them, but fit each other's,
+        the ids have been exchanged: from now on they are those of the other tracks."""
+        firsts = {found[i].target: i for i in reversed(claims)}.values()  # of two detections with one id
+        every = ((i, claims[i]) for i in sorted(firsts))
+        known = {i: c for i, c in every if isinstance(c, Candidate) and c.compared is not None}
+        doubtful = [i for i, claim in known.items() if claim.nis > AN_ID]
+        if not doubtful or len(known) < 2:
+            return
+        near = {j for i in doubtful for j, claim in known.items() if offset(found[i], claim.image) < BESIDE}
+        pairs = {(i, i): known[i] for i in near.union(doubtful)}
+        for i, _ in list(pairs):
+            predicted = found[i].predict(known[i].image.message.t_ns, ownship)
+            others = {(i, j): found[i].compare(known[j].image, predicted, ownship) for _, j in pairs if j != i}
+            pairs |= {pair: candidate for pair, candidate in others.items() if candidate.fits}
+        tracks = exchanged({pair: candidate.cost for pair, candidate in pairs.items()})
+        self._verdicts[EXCHANGED] += len(tracks)
+        self._ids |= {known[j].image.message.target: found[i].target for j, i in tracks.items()}
+        claims |= {j: pairs[i, j] for j, i in tracks.items()}
+        found |= {j: found[i] for j, i in tracks.items()}
+
+    def _unnamed(
+        self, detections: Sequence[TargetImage], found: dict[int, Track], ownship: Ownship
+    ) -> dict[int, list[Estimate]]:
+        """Associate the detections without an id with the tracks that were `found` for no other one."""
+        answers: dict[int, list[Estimate]] = {}
+        images: dict[int, Image] = {}
+        for i, seen in enumerate(detections):
+            image = self._prepared(seen, ownship) if seen.target == NO_ID else None
+            if isinstance(image, Image):
+                images[i] = image
+            elif image is not None:
+                answers[i] = self._take(seen, self._tracks[NAME], image, ownship)
+        if not images:
+            return answers
+        tracks = [track for track in self._tracks.values() if track not in found.values()]
+        pairs = self._candidates(images, tracks, ownship)
+        decided, undecided = associate({pair: c.cost for pair, c in pairs.items() if c.fits})
+        found |= {i: tracks[k] for i, k in decided.items()}
+        for i, k in undecided.items():
+            answers[i] = [self._counted(tracks[k].take(detections[i], Verdict.UNASSOCIATED, ownship))]
+        for i, k in decided.items():
+            answers[i] = self._take(detections[i], tracks[k], pairs[k, i], ownship)
+        free = [track for k, track in enumerate(tracks) if k not in undecided.values()]
+        for i, image in images.items():
+            if i in answers:
+                continue
+            seen = detections[i]
+            twin = next((track for j, track in found.items() if overlap(seen, detections[j])), None)
+            if twin is not None:
+                answers[i] = [self._counted(twin.take(seen, Verdict.DUPLICATE, ownship))]
+            elif (track := self._left_over(image, [t for t in free if t not in found.values()], ownship)) is None:
+                answers[i] = self._refuse(seen, ownship)
+            else:
+                answers[i], found[i] = self._take(seen, track, None, ownship), track
+        return answers
 
     def tick(self, ownship: Ownship) -> list[Estimate]:
         """Predict the tracks to the newest navigation sample whose next estimate is due. Drop idle targets, except
@@ -140,6 +223,8 @@ class Estimator:
         if self._wind.is_known and ownship.now_ns - self._wind_ns > TIMEOUT_NS:
             self._set_wind(UNKNOWN, ownship)
         self._pass_name_on(ownship.now_ns)
+        if not self._tracks[NAME].is_followed:
+            self._ids.clear()  # which one is the leader, its detector says
         estimates = []
         for target, track in list(self._tracks.items()):
             if target == NAME or track.is_followed:
@@ -157,11 +242,12 @@ class Estimator:
         for track in self._tracks.values():
             track.reset(why)
         if self._frames is not None:
-            self._frames.clear(why)
+            self._frames.clear()
         for source in self._sources:
             source.clear()
         self._next_refusal_ns = self._next_begin_ns = 0
         self._heir_since_ns = None
+        self._ids.clear()
         self._wind = UNKNOWN
 
     def _pass_name_on(self, now_ns: int) -> None:
@@ -184,9 +270,10 @@ class Estimator:
             self._verdicts[PASSED_ON] += 1
             self._heir_since_ns = None
 
-    def _compare(self, frames: GimbalFrames, message: TargetImage, ownship: Ownship) -> None:
-        """Whether the images of the leader contradict what a gimbal states of its angles."""
-        frames.observe(message, ownship)
+    def _compare(self, frames: GimbalFrames, image: Image, range_: float, ownship: Ownship) -> None:
+        """Whether the images of the leader, so far away, contradict what a gimbal states of its angles."""
+        if math.isfinite(range_):
+            frames.observe(image, range_, ownship)
         found, before = frames.contradiction, self._poses.contradiction
         self._verdicts.update([GIMBAL] if found and not before else [])
         self._poses.contradiction = found
@@ -219,9 +306,9 @@ class Estimator:
         """What is measured of the leader beside its images."""
         return self._tracks[NAME].assist(taken, ownship)
 
-    def _track(self, target: str, *, full: bool = False) -> Track:
+    def _track(self, target: str, why: Reason = NO_IMAGE) -> Track:
         settings = self._filter, self._poses, self._config
-        return Track(NAME, target, *settings, full=full, may_begin=self._may_begin)
+        return Track(NAME, target, *settings, why=why, may_begin=self._may_begin)
 
     def _may_begin(self, target: str, now_ns: int) -> bool:
         """Whether a target's track may begin now: beside a leader's that is followed, one at a time."""
@@ -236,8 +323,11 @@ class Estimator:
         """The filter and the settings for what the detector takes the target for."""
         return self._classes.get(message.class_name, (self._filter, self._config))
 
-    def _prepared(self, message: TargetImage, ownship: Ownship, half_wing: float, noise: float) -> Image | Verdict:
+    def _prepared(self, message: TargetImage, ownship: Ownship) -> Image | Verdict:
+        """A detection that may be of any track, or why it cannot be used."""
         filter_, config = self._class_of(message)
+        half_wing = max(track.half_wing for track in self._tracks.values())
+        noise = max(track.noise.scale for track in self._tracks.values())
         return prepare(message, ownship, self._poses, filter_.shape, config, half_wing, noise)
 
     def _refuse(self, message: TargetImage, ownship: Ownship) -> list[Estimate]:
@@ -247,7 +337,7 @@ class Estimator:
             return []
         self._next_refusal_ns = ownship.now_ns + REFUSAL_PERIOD_NS
         target = message.target or f"{UNNAMED}{self._numbered}"
-        return [self._track(target, full=True).observe(message, ownship)]
+        return [self._track(target, FULL).take(message, Verdict.FULL, ownship)]
 
     def _named(self, target: str, ownship: Ownship) -> Track | None:
         """The track of that id, a new one if there is none; None if there are too many."""
@@ -264,13 +354,13 @@ class Estimator:
         """The track that goes on under the id of an image, whose own track is not followed yet."""
         if message.target in (NO_ID, NAME) or not awaits_name(track, message.t_ns):
             return None
-        image = self._prepared(message, ownship, track.half_wing, track.noise.scale)
+        image = track.prepare(message, ownship)
         if isinstance(image, Verdict):
             return None
         near = {
-            offset: self._tracks[target]
-            for target, offset in self._offsets(image).items()
-            if target != NAME and not target.startswith(UNNAMED) and offset < BESIDE
+            offset: each
+            for offset, each in self._offsets(image, self._tracks.values())
+            if each.target != NAME and not each.target.startswith(UNNAMED) and offset < BESIDE
         }
         return continued(track, image, near, ownship)
 
@@ -284,49 +374,53 @@ class Estimator:
         self._verdicts[RENAMED] += 1
         return before.tick(ownship)
 
-    def _track_of(self, message: TargetImage, ownship: Ownship) -> tuple[Track | None, Image | None]:
-        """The track that is to take an image, None with too many tracks; and the image, where comparing it has
-        prepared it. One without an id is for the track whose prediction it fits best."""
-        if message.target != NO_ID:
-            self._is_named |= message.target == NAME
-            return self._named(message.target, ownship), None
-        half_wing = max(track.half_wing for track in self._tracks.values())
-        noise = max(track.noise.scale for track in self._tracks.values())
-        image = self._prepared(message, ownship, half_wing, noise)
-        if isinstance(image, Verdict):
-            return self._tracks[NAME], None  # which reports the verdict
-        distances = {track.target: track.expects(image, ownship) for track in self._candidates(image)}
-        self._exposures.add(message)
-        return self._nearest(image, distances, ownship), image
+    def _candidates(
+        self, images: Mapping[int, Image], tracks: Sequence[Track], ownship: Ownship
+    ) -> dict[tuple[int, int], Candidate]:
+        """Detections beside what tracks expect, by the numbers of both. A detection is compared with all tracks
+        without a recent image, whose target may be anywhere, and of the others with those hardly farther from its
+        direction than the nearest one: to compare each with each would cost n^2 updates of n targets."""
+        predicted: dict[int, Any] = {}
+        found: dict[tuple[int, int], Candidate] = {}
+        for i, image in images.items():
+            offsets = {id(track): offset for offset, track in self._offsets(image, tracks)}
+            limit = FARTHER * min(offsets.values(), default=0.0) + BESIDE
+            for k, track in enumerate(tracks):
+                if offsets.get(id(track), 0.0) > limit:
+                    continue
+                if k not in predicted:
+                    predicted[k] = track.predict(image.message.t_ns, ownship)
+                own = track.prepared(image, self._class_of(image.message)[0], ownship)
+                if isinstance(own, Image):
+                    found[k, i] = track.compare(own, predicted[k], ownship)
+        return found
 
-    def _nearest(self, image: Image, distances: dict[str, Distance], ownship: Ownship) -> Track | None:
-        """The track whose prediction an image fits best, or a new one; None with too many tracks."""
-        nearest = min(distances, key=lambda target: distances[target])
-        if not distances[nearest].beyond or not image.has_extent:
-            return self._tracks[nearest]
+    def _left_over(self, image: Image, free: Sequence[Track], ownship: Ownship) -> Track | None:
+        """The track of a detection without an id that fits none, of those that are `free`: one that it may start,
+        or of which it is an outlier; or else a new one, None with too many."""
+        starting = (t for t in free if not t.is_followed and t.held and agree(t.held[-1], image))
+        near = min(self._offsets(image, free), key=lambda each: each[0], default=None)
+        if image.has_extent and (first := next(starting, None)) is not None:
+            return first
         if self._tracks[NAME].is_idle(ownship.now_ns):
             return self._tracks[NAME]
-        visible = self._offsets(image)
-        aircraft = self._exposures.aircraft(image.message)
-        if visible and len(visible) >= aircraft and min(visible.values()) < APART:
-            return self._tracks[min(visible, key=lambda target: visible[target])]  # an outlier of this track
+        if near is not None and (near[0] < APART or not image.has_extent):
+            return near[1]
+        if not image.has_extent:
+            return self._tracks[NAME]
         self._numbered += 1
         return self._named(f"{UNNAMED}{self._numbered}", ownship)
 
-    def _candidates(self, image: Image) -> list[Track]:
-        """The tracks that an image may belong to: all without a recent image, whose target may be anywhere, and
-        of the others those hardly farther from the image's direction than the nearest one. With n targets in an
-        image, to compare each image with each track would cost n^2 updates."""
-        offsets = self._offsets(image)
-        limit = FARTHER * min(offsets.values(), default=0.0) + BESIDE
-        return [t for t in self._tracks.values() if offsets.get(t.target, 0.0) <= limit]
+    def _offsets(self, image: Image, tracks: Iterable[Track]) -> list[tuple[float, Track]]:
+        """How far, rad, an image is from each track that had an image shortly before it: images that waited for
+        our own motion are older than the newest estimate."""
+        recent = [t for t in tracks if not t.life.is_coasting(image.message.t_ns) and t.direction_n is not None]
+        return [(offset(track, image), track) for track in recent]
 
-    def _offsets(self, image: Image) -> dict[str, float]:
-        """How far, rad, an image's direction is from each track that had an image shortly before it, by target:
-        images that waited for our own motion are older than the newest estimate."""
-        direction, t_ns = image.direction_n.tolist(), image.message.t_ns
-        recent = (t for t in self._tracks.values() if not t.life.is_coasting(t_ns))
-        return {t.target: math.dist(t.direction_n, direction) for t in recent if t.direction_n is not None}
+
+def offset(track: Track, image: Image) -> float:
+    """How far, rad, an image's direction is from where a track was estimated last; infinite without a track."""
+    return math.dist(track.direction_n, image.direction_n.tolist()) if track.direction_n is not None else math.inf
 
 
 def may_lead(track: Track) -> bool:
@@ -354,50 +448,20 @@ def continued(by: Track, image: Image, near: Mapping[float, Track], ownship: Own
         offset: t for offset, t in near.items() if t is not by and (t.repeats.newest_ns or since_ns) < since_ns
     }
     nearest = gone[min(gone)] if gone else None
-    return nearest if nearest is not None and not nearest.expects(image, ownship).beyond else None
+    claim = nearest.claim(image.message, ownship) if nearest is not None else None
+    return nearest if isinstance(claim, Candidate) and claim.fits else None
 
 
-class Disc(NamedTuple):
-    """Where an image is, and how far it reaches, in focal lengths."""
-
-    middle: ImagePoint
-    radius: float
-
-    def covers(self, other: "Disc") -> bool:
-        """Whether two images lie half upon each other."""
-        return self.middle == other.middle or math.dist(self.middle, other.middle) < max(self.radius, other.radius)
+def overlap(one: TargetImage, other: TargetImage) -> bool:
+    """Whether two detections lie half upon each other."""
+    (here, radius), (there, other_radius) = extent(one), extent(other)
+    return here == there or math.dist(here, there) < max(radius, other_radius)
 
 
-def disc_of(message: TargetImage) -> Disc:
-    """Of an image; without a radius where it shows one point alone."""
-    first, *others = message.image_points
+def extent(seen: TargetImage) -> tuple[ImagePoint, float]:
+    """Where a detection is and how far it reaches, in focal lengths; not at all where it shows one point alone."""
+    first, *others = seen.image_points
     radius = max([math.dist(first, point) for point in others], default=0.0)
-    if isinstance(message, TargetDetection):
-        radius = max(radius, message.half_width or 0.0)
-    return Disc(first, radius)
-
-
-class Exposures:
-    """The images of the last exposures, by camera and time; of one exposure at most one more than `targets`."""
-
-    def __init__(self, targets: int) -> None:
-        self._most = targets + 1
-        self._images: dict[tuple[str, int], list[Disc]] = {}
-
-    def add(self, message: TargetImage) -> None:
-        """Remember an image."""
-        disc, images = disc_of(message), self._images.setdefault((message.camera, message.t_ns), [])
-        if len(images) < self._most and not any(map(disc.covers, images)):
-            images.append(disc)
-        while len(self._images) > REMEMBERED:
-            del self._images[next(iter(self._images))]
-
-    def aircraft(self, message: TargetImage) -> int:
-        """The largest number of different images that the camera of `message` took at one time within a second of
-        it."""
-        sizes = (
-            len(images)
-            for (camera, t_ns), images in self._images.items()
-            if camera == message.camera and abs(message.t_ns - t_ns) <= NS_PER_S
-        )
-        return max(sizes, default=0)
+    if isinstance(seen, TargetDetection):
+        radius = max(radius, seen.half_width or 0.0)
+    return first, radius

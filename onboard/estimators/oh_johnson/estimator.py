@@ -27,14 +27,14 @@ from onboard.filters.gating import chi_square_threshold
 from onboard.geometry.camera import Camera
 from onboard.geometry.lens import WIDEST
 from onboard.geometry.units import NS_PER_S
-from onboard.messages import Estimate, Lifecycle, MeasurementReport, Message, TargetPoints, Verdict
+from onboard.messages import Estimate, Exposure, Lifecycle, MeasurementReport, Message, TargetPoints, Verdict
 from onboard.messages.causes import Cause, Reason
 from onboard.models import camera_angles, relative_motion
 from onboard.models.relative_motion import FollowerMotion
 from onboard.ownship import Ownship, head_attitude
 
 NAME: Final = "oh_johnson"
-LISTENS: Final = (TargetPoints,)
+LISTENS: Final = (Exposure,)
 LEADER: Final = ("leader", "")  # ids of its images
 WEIGHTS: Final = unscented.julier_weights(relative_motion.N)  # eqs 23-25
 REMEMBERED: Final = 64  # images whose repetition is noticed
@@ -83,15 +83,18 @@ class Estimator:
 
     def observe(self, message: Message, ownship: Ownship) -> list[Estimate]:
         """Fuse an image of the leader at the time it was taken."""
-        if not isinstance(message, TargetPoints) or message.target not in LEADER:
-            return []
+        seen = message.detections if isinstance(message, Exposure) else ()
+        images = [m for m in seen if isinstance(m, TargetPoints) and m.target in LEADER]
+        return [self._observe(image, ownship) for image in images]
+
+    def _observe(self, message: TargetPoints, ownship: Ownship) -> Estimate:
         image = self._prepare(message, ownship)
         try:
             report = self._report(message, image) if isinstance(image, Verdict) else self._take(image, ownship)
         except FilterError as error:
             self._fail(error)
             report = self._report(message, Verdict.NUMERICAL)
-        return [self._estimate(ownship, report)]
+        return self._estimate(ownship, report)
 
     def tick(self, ownship: Ownship) -> list[Estimate]:
         """After new own motion: compute again what it changes, and predict to now where an estimate is due."""

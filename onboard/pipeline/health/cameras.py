@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Final
 
-from onboard.messages import DOUBT, CameraHealth, TargetImage
+from onboard.messages import DOUBT, CameraHealth, Exposure, TargetImage
 from onboard.messages.causes import Cause, Reason
 
 MOST: Final = 16  # cameras
@@ -55,7 +55,7 @@ class Cameras:
     def __init__(self) -> None:
         self._cameras: dict[str, _Camera] = {}
 
-    def see(self, image: TargetImage, exposed_ns: int, offset_ns: int | None, now_ns: int) -> None:
+    def see(self, image: Exposure, exposed_ns: int, offset_ns: int | None, now_ns: int) -> None:
         """Take an image as it came; `exposed_ns`: its time of exposure on the boot clock; `offset_ns`: host
         clock minus boot clock; `now_ns`: the time of our newest own motion on the boot clock, 0 without any."""
         camera = self._cameras.get(image.camera)
@@ -63,11 +63,13 @@ class Cameras:
             if len(self._cameras) >= MOST:
                 return
             camera = self._cameras[image.camera] = _Camera()
-        _note(camera.targets, image.target)
-        _note(camera.classes, image.class_name)
+        for detection in image.detections:
+            _note(camera.targets, detection.target)
+            _note(camera.classes, detection.class_name)
         if exposed_ns == camera.exposed_ns:
             return  # another target of the same image
-        camera.off_axis = max((math.atan(math.hypot(*point)) for point in image.image_points), default=0.0)
+        points = image.detections[0].image_points
+        camera.off_axis = max((math.atan(math.hypot(*point)) for point in points), default=0.0)
         camera.exposed_ns, camera.clock, camera.stamp_ns = exposed_ns, image.clock.value, image.t_ns
         camera.count += 1
         camera.arrivals.append(image.t_recv_ns)

@@ -6,7 +6,7 @@ from collections import Counter, deque
 from collections.abc import Iterable, Mapping
 from typing import Final
 
-from onboard.messages import Estimate, Fault, Heartbeat, Lifecycle, Message, NavState, StreamHealth, TargetImage
+from onboard.messages import Estimate, Exposure, Fault, Heartbeat, Lifecycle, Message, NavState, StreamHealth
 from onboard.messages.causes import Cause, Reason
 from onboard.pipeline.health.cameras import Cameras, Hints
 from onboard.pipeline.health.consistency import Consistencies
@@ -80,8 +80,9 @@ class Monitor:
 
     def receive(self, message: Message) -> None:
         """Count a message of our own vehicle, or of one that an estimator listens to."""
-        if isinstance(message, TargetImage):
-            self._hints.see(message)
+        if isinstance(message, Exposure):
+            for detection in message.detections:
+                self._hints.see(detection)
         stream = self._streams.get(type(message))
         if stream is None:
             stream = self._streams[type(message)] = _Stream()

@@ -5,7 +5,7 @@ from typing import Final, NamedTuple
 
 from msgspec.structs import replace
 
-from onboard.messages import Estimate, MeasurementReport, Message, NavState, Refusal, TargetImage, Verdict
+from onboard.messages import Estimate, Exposure, MeasurementReport, Message, NavState, Refusal, Verdict
 from onboard.messages.causes import Cause, Reason
 from onboard.messages.text import plain, without_names, without_numbers
 
@@ -82,7 +82,7 @@ class Refusals:
     def add_message(self, message: Message, why: str | Reason) -> None:
         """Count a message that went no further, if it is of a camera: for a reason, or by what the health
         counts."""
-        if isinstance(message, TargetImage):
+        if isinstance(message, Exposure):
             found = why if isinstance(why, Reason) else Reason(Cause(why), REASONS[why])
             self.add(f"camera {message.camera}", found, message.t_recv_ns)
 

@@ -9,7 +9,7 @@ import pytest
 from onboard.config import load_config
 from onboard.estimators import EstimatorProtocol
 from onboard.geometry.camera import make_camera
-from onboard.messages import Cause, Reason, TargetDetection, TargetPoints
+from onboard.messages import Cause, Exposure, Reason, TargetDetection, TargetImage, TargetPoints
 from onboard.ownship import Ownship
 from onboard.wire.detections import decode_detections
 from onboard.wire.points import decode_points
@@ -26,7 +26,7 @@ def example() -> ModuleType:
 
 def test_the_example_estimates_a_range() -> None:
     module = example()
-    assert (TargetPoints,) == module.LISTENS
+    assert (Exposure,) == module.LISTENS
     estimator: EstimatorProtocol = module.Estimator(
         module.Config(size_m=3.0), make_camera(f_px=500.0, width_px=640, height_px=480)
     )
@@ -34,7 +34,7 @@ def test_the_example_estimates_a_range() -> None:
         t_ns=1, t_recv_ns=1, camera="front", center=(0.0, 0.0), left=(-0.05, 0.0), right=(0.05, 0.0)
     )
     ownship = Ownship(max_extrapolation=0.1)
-    (estimate,) = estimator.observe(image, ownship)
+    (estimate,) = estimator.observe(Exposure.of(image), ownship)
     assert estimate.mean is not None
     assert math.isclose(estimate.mean[0], 30.0)
     assert estimator.tick(ownship) == []
@@ -43,7 +43,8 @@ def test_the_example_estimates_a_range() -> None:
 
 def test_the_camera_points_of_the_page_decode() -> None:
     _, _, block, _ = documents.blocks(documents.text("fly-it"), "json")
-    points = decode_points(block.encode(), 1)
+    (points,) = decode_points(block.encode(), 1).detections
+    assert isinstance(points, TargetPoints)
     assert points.target == "leader"
     assert points.center == pytest.approx((11.2 / 600, -15.1 / 600))
     assert points.sigma == pytest.approx((1 / 600,) * 3)
@@ -68,17 +69,23 @@ def test_the_example_of_a_follower_uses_only_a_leader_that_it_may_fly_on() -> No
 def test_the_detections_of_the_page_decode() -> None:
     block, pose, _, turned = documents.blocks(documents.text("fly-it"), "json")
     cameras, refused = load_config(None).camera_inputs(), []
-    pair, box = decode_detections(block.encode(), 1, cameras, refused.append, refused.append)
+
+    def images(document: str) -> tuple[TargetImage, ...]:
+        exposure = decode_detections(document.encode(), 1, cameras, refused.append, refused.append)
+        assert exposure is not None
+        return exposure.detections
+
+    pair, box = images(block)
     assert refused == []
     assert isinstance(pair, TargetDetection)
     assert [f.name for f in pair.features] == ["left", "right"]
     assert pair.features[1].sigma == pytest.approx(2 / 554.256)
     assert (box.target, box.camera) == ("wingman", "front")
-    (away,) = decode_detections(pose.encode(), 1, cameras, refused.append, refused.append)
+    (away,) = images(pose)
     assert away.pose is not None
     assert away.pose.r_CL_c == (24.1, 1.2, -0.4)
     assert away.pose.q_cL == pytest.approx((1.0, 0.0, 0.0, 0.0))
-    (direction,) = decode_detections(turned.encode(), 1, cameras, refused.append, refused.append)
+    (direction,) = images(turned)
     assert refused == []
     assert direction.mount is not None
     assert direction.mount.frame == "body"

@@ -31,10 +31,18 @@ STRANGERS = {"estimators", "links", "sinks"}  # never see each other
 INSIDE = {
     "onboard.estimators": ({"kit"}, {"leader", "oh_johnson", "own_state", "traffic"}),
     "onboard.estimators.leader": (
-        *({"assumptions"}, {"config"}, {"image"}, {"hypotheses"}, {"reports"}, {"tracks"}, {"estimator"}),
+        *(
+            {"assumptions", "association"},
+            {"config"},
+            {"image"},
+            {"hypotheses"},
+            {"reports"},
+            {"tracks"},
+            {"estimator"},
+        ),
     ),
     "onboard.estimators.leader.tracks": (
-        *({"doubts", "life_cycle"}, {"fusing"}, {"report"}, {"track"}, {"gimbal_frames"}),
+        *({"doubts", "life_cycle", "gimbal_frames"}, {"fusing"}, {"decisions", "report"}, {"track"}),
     ),
     "onboard.estimators.leader.image": (
         *({"camera_pose"}, {"pose", "shape"}, {"measurement"}, {"prepare"}, {"detector"}),

@@ -19,7 +19,7 @@ from onboard.commands.report_page import FlightReport, html, write_pdf
 from onboard.commands.report_verdict import Check, Grade
 from onboard.commands.status import describe
 from onboard.config import Config, parse_config
-from onboard.messages import CameraHealth, Cause, Datagram, Encoding, Health, Reason, Refusal, TargetImage
+from onboard.messages import CameraHealth, Cause, Datagram, Encoding, Exposure, Health, Reason, Refusal
 from onboard.messages.text import LINE, plain, plain_record
 from onboard.pipeline import Pipeline
 from onboard.pipeline.health.refusals import Refusals
@@ -118,8 +118,9 @@ def test_no_text_from_outside_reaches_a_person_as_it_came(reader: str, evil: str
 @pytest.mark.parametrize("evil", EVIL)
 def test_a_class_is_64_plain_letters_from_the_door_on(evil: str) -> None:
     way = {"channel": "key", "encoding": Encoding.DETECTIONS}
-    (image,) = Pipeline(Config()).decode(Datagram(**way, t_recv_ns=2 * S, data=detections(EVIL[evil])))
-    assert isinstance(image, TargetImage)
+    (exposure,) = Pipeline(Config()).decode(Datagram(**way, t_recv_ns=2 * S, data=detections(EVIL[evil])))
+    assert isinstance(exposure, Exposure)
+    (image,) = exposure.detections
     assert 4 < len(image.class_name) <= 64
     assert image.class_name.isprintable()
 

@@ -19,6 +19,7 @@ from simlink.sensors.shapes import draw_rotors
 from simlink.world.constants import DT, G
 from simlink.world.noise import normals
 from studies.encounters.flights import received
+from tests.support.images import detections
 
 Array = NDArray[np.float64]
 SEEDS = range(1, 9)
@@ -177,7 +178,7 @@ def test_correlated_noise_reaches_points_and_boxes_seed_2() -> None:
         steps = []
         for time in (0.0, 2.0):
             e = make_encounter("hover", 2, 4.0, sees, departure=Departure(image_noise=5.0, image_noise_time=time))
-            images = [m for m in received(e) if isinstance(m, TargetPoints | TargetDetection)]
+            images = [m for m in detections(received(e)) if isinstance(m, TargetPoints | TargetDetection)]
             points = [m.center if isinstance(m, TargetPoints) else m.features[0].point for m in images]
             steps.append(np.std(np.diff(points, axis=0)))
         assert steps[1] < 0.6 * steps[0], sees
@@ -197,7 +198,7 @@ def test_a_box_around_rotors_hardly_depends_on_the_leader_s_nose_seeds_1_to_8() 
     """As a share of the wingspan at that range, the wing's box is 0.6 to 1 wide, that of rotors 0.9 to 1.4."""
     for seed in SEEDS:
         encounter = make_encounter("hover", seed, SECONDS, "rotor_box")
-        boxes = [m for m in received(encounter) if isinstance(m, TargetDetection)]
+        boxes = [m for m in detections(received(encounter)) if isinstance(m, TargetDetection)]
         wide = np.mean([m.sides[2][0] - m.sides[0][0] for m in boxes if m.sides is not None])
         span = encounter.scenario.leader.size / np.linalg.norm(encounter.truth.r_FL_n[0])
         assert 0.85 < wide / span < 1.45

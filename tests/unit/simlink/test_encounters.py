@@ -21,6 +21,7 @@ from simlink.sensors.camera import named_by_side
 from simlink.simulation import EPOCH_NS
 from simlink.world.constants import DT, steps_of
 from studies.encounters.flights import received
+from tests.support.images import detections
 
 Array = NDArray[np.float64]
 M = TypeVar("M", bound=Message)
@@ -43,7 +44,7 @@ def sampled(encounter: Encounter, values: Array, messages: Sequence[Message], la
 
 
 def of(encounter: Encounter, kind: type[M]) -> list[M]:
-    return [m for m in received(encounter) if isinstance(m, kind)]
+    return [m for m in detections(received(encounter)) if isinstance(m, kind)]
 
 
 @pytest.mark.parametrize("family", [family for family in FAMILIES if family not in ("cut", "two_cross")])

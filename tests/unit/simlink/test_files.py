@@ -27,6 +27,7 @@ from simlink.scenarios.scenario import (
 )
 from simlink.simulation import datagrams, simulate
 from studies.relative_motion.flight import fly
+from tests.support.images import detections
 
 
 def test_formation_toml_writes_every_default_out() -> None:
@@ -133,7 +134,9 @@ def test_a_recording_holds_what_was_flown_seed_5(tmp_path: Path) -> None:
     for record, _ in read_tlog(out.read_bytes()):
         assert record is not None
         times.append(record.t_recv_ns)
-        images += [m for m in decoder.decode(record.data, record.t_recv_ns) if isinstance(m, TargetPoints)]
+        images += [
+            m for m in detections(decoder.decode(record.data, record.t_recv_ns)) if isinstance(m, TargetPoints)
+        ]
     assert times == sorted(times)
     assert not decoder.rejected
     assert decoder.names["LOCAL_POSITION_NED"] == 201
@@ -186,9 +189,11 @@ def test_both_camera_links_carry_the_same_points_seed_3() -> None:
         decoder, found = MavlinkDecoder(stream=False), []
         for item in datagrams(load_scenario("formation"), 3, 2.0, camera):
             if isinstance(item, Datagram) and item.encoding is Encoding.POINTS:
-                found.append(decode_points(item.data, item.t_recv_ns))
+                found += decode_points(item.data, item.t_recv_ns).detections
             elif isinstance(item, Datagram) and item.channel == "camera":
-                found += [m for m in decoder.decode(item.data, item.t_recv_ns) if isinstance(m, TargetPoints)]
+                found += [
+                    m for m in detections(decoder.decode(item.data, item.t_recv_ns)) if isinstance(m, TargetPoints)
+                ]
         return found
 
     by_zenoh, by_mavlink = points("zenoh"), points("mavlink")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from onboard.config import load_config
-from onboard.messages import LocalPosition, Message, TargetPoints
+from onboard.messages import Exposure, LocalPosition, Message
 from onboard.pipeline import Pipeline
 from simlink.encounters.encounter import BOOT_NS, make_encounter
 from simlink.encounters.families import FAMILIES
@@ -223,7 +223,7 @@ def test_what_is_not_valid_has_no_position_seed_2() -> None:
 
     def images_until(seconds: float) -> Callable[[list[Message]], list[Message]]:
         end = BOOT_NS + round(seconds * 1e9)
-        return lambda messages: [m for m in messages if not isinstance(m, TargetPoints) or m.t_ns < end]
+        return lambda messages: [m for m in messages if not isinstance(m, Exposure) or m.t_ns < end]
 
     for seconds, is_valid in ((6.0, True), (0.0, False), (2.0, False)):
         pipeline = Pipeline(load_config(None, ("estimator.leader.publish_rate_hz=1000",)))

@@ -22,6 +22,7 @@ from studies.relative_motion.scores import truth_of
 from studies.relative_motion.shipped import DEFAULT, ON_WING, known, messages
 from studies.relative_motion.study import flown
 from studies.relative_motion.variants import BY_NAME, VARIANTS, scenario_of, setting_of
+from tests.support.images import detections
 
 ALLOWED = {
     *("camera.f_px", "camera.width_px", "camera.height_px", "camera.mount_rpy_deg", "camera.mount_offset_m"),
@@ -76,7 +77,7 @@ def test_messages_are_the_flight_in_the_order_of_arrival_seed_1(flight: Flight) 
     R_nb = matrix_from_quaternion(np.array([m.q_nb for m in attitudes]))
     turned = Rotation.from_rotvec(0.02 * np.array([m.omega_b for m in attitudes[1:]]))
     np.testing.assert_allclose(R_nb[:-1] @ turned.as_matrix(), R_nb[1:], atol=1e-4)
-    images = [m for m in found if isinstance(m, TargetPoints)]
+    images = [m for m in detections(found) if isinstance(m, TargetPoints)]
     seen = np.isfinite(flight.image_points).all(axis=(1, 2))
     np.testing.assert_allclose([m.t_ns for m in images], BOOT_NS + 1e9 * flight.image_t[seen], atol=1)
     np.testing.assert_array_equal([m.left for m in images], flight.image_points[seen, 1])
@@ -89,7 +90,7 @@ def test_messages_are_the_flight_in_the_order_of_arrival_seed_1(flight: Flight) 
 def test_late_stamps_and_late_delivery_are_those_of_the_images_seed_1(
     flight: Flight, late: Lateness, stamp: int, transport: int
 ) -> None:
-    images = [m for m in messages(flight, "front", late) if isinstance(m, TargetPoints)]
+    images = [m for m in detections(messages(flight, "front", late)) if isinstance(m, TargetPoints)]
     exposed = flight.image_t[np.isfinite(flight.image_points).all(axis=(1, 2))]
     np.testing.assert_allclose([m.t_ns for m in images], BOOT_NS + 1e9 * exposed + 1e6 * stamp, atol=1)
     np.testing.assert_allclose([m.t_recv_ns - m.t_ns - EPOCH_NS for m in images], 1e6 * transport, atol=2)

@@ -9,6 +9,7 @@ from onboard.geometry.lens import Lens
 from onboard.messages import Cause, Clock, Datagram, Encoding, TargetDetection, TargetPoints
 from onboard.wire.cameras import CameraInput
 from onboard.wire.datagrams import DatagramDecoder
+from tests.support.images import detections
 from tests.support.mavlink_frames import RECV
 
 LENS = Lens(fx_px=500.0, fy_px=500.0, cx_px=320.0, cy_px=240.0, width_px=640.0, height_px=480.0)
@@ -34,7 +35,7 @@ class Decoded:
         for document in documents:
             data = json.dumps(document).encode()
             datagram = Datagram(channel="c", encoding=Encoding.DETECTIONS, t_recv_ns=RECV, data=data)
-            self.messages += decoder.decode(datagram)
+            self.messages += detections(decoder.decode(datagram))
         self.rejected = dict(decoder.rejected)
 
 

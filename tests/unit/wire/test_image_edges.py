@@ -19,7 +19,7 @@ def intrinsics(**changes: float) -> bytes:
 
 
 def test_with_the_size_of_the_image_each_edge_is_where_it_is() -> None:
-    m = decode_points(intrinsics(width_px=640.0, height_px=480.0), 1)
+    m = decode_points(intrinsics(width_px=640.0, height_px=480.0), 1).detections[0]
     assert m.view == pytest.approx((-0.4, -0.6, 0.88, 0.6))
     assert in_view([(0.87, 0.0)], CAMERA, m.view, 1.0)
     assert not in_view([(0.89, 0.0)], CAMERA, m.view, 1.0)
@@ -29,8 +29,8 @@ def test_with_the_size_of_the_image_each_edge_is_where_it_is() -> None:
 
 
 def test_without_it_the_principal_point_is_taken_as_the_middle() -> None:
-    assert decode_points(intrinsics(), 1).view == pytest.approx((-0.4, -0.6, 0.4, 0.6))
-    assert decode_points(intrinsics(cx_px=0.0), 1).view is None
+    assert decode_points(intrinsics(), 1).detections[0].view == pytest.approx((-0.4, -0.6, 0.4, 0.6))
+    assert decode_points(intrinsics(cx_px=0.0), 1).detections[0].view is None
 
 
 def test_without_a_view_the_configured_camera_counts() -> None:

@@ -9,6 +9,7 @@ import pytest
 from onboard.messages import Clock, TargetPoints
 from onboard.wire.mavlink_decode import MavlinkDecoder
 from onboard.wire.mavlink_encode import MavlinkEncoder
+from tests.support.images import detections
 from tests.support.mavlink_frames import RECV, decode, frame, independent, one
 
 
@@ -41,7 +42,7 @@ def test_three_targets_in_any_order_are_one_image(order: tuple[int, ...]) -> Non
 def test_two_images_interleaved_over_datagrams_are_two() -> None:
     decoder = MavlinkDecoder(stream=False)
     a, b = labelled(5_000_000), labelled(5_040_000)
-    found = [m for f in (a[0], b[0], b[1], a[1], a[2], b[2]) for m in decoder.decode(f, RECV)]
+    found = [m for f in (a[0], b[0], b[1], a[1], a[2], b[2]) for m in detections(decoder.decode(f, RECV))]
     assert [m.t_ns for m in found] == [5_000_000_000, 5_040_000_000]
     assert not decoder.rejected
 
@@ -49,7 +50,7 @@ def test_two_images_interleaved_over_datagrams_are_two() -> None:
 def test_images_of_two_cameras_at_one_time_are_not_mixed() -> None:
     decoder = MavlinkDecoder(stream=False)
     frames = [landing(k, 0.1 * c, 0.0, component=c) for k in range(3) for c in (100, 101)]
-    found = [m for f in frames for m in decoder.decode(f, RECV)]
+    found = [m for f in frames for m in detections(decoder.decode(f, RECV))]
     assert [m.component for m in found] == [100, 101]
 
 
@@ -69,7 +70,9 @@ def test_target_numbers_from_three_on_are_another_target() -> None:
     m = one(b"".join(labelled(base=3)))
     assert m.target == "target/1"
     assert points_of(m) == pytest.approx(EXPECTED, abs=1e-7)
-    both = decode(b"".join([labelled()[0], labelled(base=3)[0], *labelled()[1:], *labelled(base=3)[1:]]))
+    both = detections(
+        decode(b"".join([labelled()[0], labelled(base=3)[0], *labelled()[1:], *labelled(base=3)[1:]]))
+    )
     assert [m.target for m in both if isinstance(m, TargetPoints)] == ["leader", "target/1"]
     encoded = MavlinkEncoder(1, 191).encode(m)
     assert [f.target_num for f in independent(encoded)] == [3, 4, 5]
@@ -102,7 +105,7 @@ def test_foreign_points_never_cost_a_pending_image() -> None:
                 landing(0, 0.1, 0.1, t_us=7_000_000 + 100 * i + 10 * k + n, component=99) for n in range(10)
             ]
             further = [landing(3 * n, 0.1, 0.1, t_us=5_000_000 + 40_000 * i + k) for n in range(1, 11)]
-            found += [m for g in (*foreign, *further, f) for m in decoder.decode(g, RECV)]
+            found += [m for g in (*foreign, *further, f) for m in detections(decoder.decode(g, RECV))]
     assert [(m.target, m.component) for m in found] == [("leader", 191)] * 100
 
 
@@ -112,7 +115,7 @@ def test_any_number_of_senders_neither_costs_an_image_nor_grows_what_waits() -> 
     for i in range(30):
         for f in labelled(5_000_000 + 40_000 * i):
             strangers = [landing(0, 0.1, 0.1, t_us=6_000_000 + i, component=c) for c in range(1, 190)]
-            found += [m for g in (*strangers, f) for m in decoder.decode(g, RECV)]
+            found += [m for g in (*strangers, f) for m in detections(decoder.decode(g, RECV))]
     assert [m.component for m in found] == [191] * 30
     assert len(decoder._points) <= 8 * 1024
 
@@ -123,7 +126,7 @@ def test_what_waits_is_bounded_whoever_sends_it() -> None:
         for component in range(1, 20):
             decoder.decode(frame_of(system, component), RECV)
     assert len(decoder._points) <= 8 * 1024
-    (m,) = [m for f in labelled() for m in decoder.decode(f, RECV)]
+    (m,) = [m for f in labelled() for m in detections(decoder.decode(f, RECV))]
     assert m.component == 191
 
 

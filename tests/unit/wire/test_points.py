@@ -33,7 +33,7 @@ def pixel(u: float, v: float, sigma: float | None = None) -> dict[str, Any]:
 
 
 def decode(value: Any) -> Any:
-    return decode_points(json.dumps(value).encode(), RECV)
+    return decode_points(json.dumps(value).encode(), RECV).detections[0]
 
 
 def test_pixels_become_image_points_right_and_down_positive() -> None:

@@ -12,6 +12,7 @@ from onboard.config import Config, ConfigError, parse_config
 from onboard.messages import Clock, Datagram, Encoding, TargetDetection
 from onboard.wire.document import BadDocumentError
 from onboard.wire.ros import decode_boxes
+from tests.support.images import detections
 from tests.support.streams import EPOCH, feed
 
 LITTLE = (
@@ -58,7 +59,7 @@ def test_a_message_becomes_images_of_the_camera_that_has_its_topic(key: str) -> 
     )
     first: Any
     second: Any
-    first, second = feed([], settings).pipeline.decode(sent(golden(), key))
+    first, second = detections(feed([], settings).pipeline.decode(sent(golden(), key)))
     assert isinstance(first, TargetDetection)
     assert (first.camera, second.camera) == ("tele", "tele")
     assert first.features[0].point == pytest.approx((0.5 / 554.256, 0.25 / 554.256))
@@ -112,7 +113,7 @@ def test_a_topic_that_no_camera_has_is_refused_by_name() -> None:
 
 def test_one_box_that_is_not_followed_costs_the_other_nothing() -> None:
     run = feed([], config(classes=["bird"]))
-    (message,) = run.pipeline.decode(sent(golden()))
+    (message,) = detections(run.pipeline.decode(sent(golden())))
     assert isinstance(message, TargetDetection)
     (refusal,) = run.pipeline.health(EPOCH).refusals
     assert refusal.reason.startswith("`drone` is not followed")

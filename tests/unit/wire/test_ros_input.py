@@ -13,6 +13,7 @@ from onboard.messages import Datagram, Encoding, TargetDetection, TargetPoints
 from onboard.wire.document import BadDocumentError
 from onboard.wire.ros import CAMERA_INFO, DECODERS, decode_camera_info, decode_pose
 from onboard.wire.ros_types import RosTypes
+from tests.support.images import detections
 from tests.support.streams import EPOCH, Run, feed
 
 pytest.importorskip("rosbags", reason="needs the extra `ros2`")
@@ -130,7 +131,7 @@ def sent(data: bytes, kind: str, topic: str = "eye/found") -> Datagram:
 
 def images(settings: Config, *datagrams: Datagram) -> tuple[list[Any], Run]:
     run = feed([], settings)
-    return [message for datagram in datagrams for message in run.pipeline.decode(datagram)], run
+    return [m for datagram in datagrams for m in detections(run.pipeline.decode(datagram))], run
 
 
 def reasons(run: Run) -> list[str]:

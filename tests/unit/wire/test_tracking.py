@@ -12,6 +12,7 @@ from onboard.geometry.rotations import matrix_from_euler, matrix_from_quaternion
 from onboard.messages import Clock, Message, TargetDetection
 from onboard.wire.mavlink_decode import MavlinkDecoder
 from onboard.wire.tracking import TrackerDecoder
+from tests.support.images import detections
 from tests.support.mavlink_frames import RECV, frame
 from tests.support.streams import EPOCH, Item, encode, feed, heartbeat
 from tests.unit.wire.test_landing_target import labelled
@@ -26,7 +27,7 @@ def decoded(data: bytes, **camera: Any) -> tuple[list[Message], list[str]]:
     reasons: list[str] = []
     inputs = parse_config({"camera": camera}).camera_inputs()
     trackers = TrackerDecoder(inputs, lambda why, _: reasons.append(why.words))
-    return MavlinkDecoder(stream=False, trackers=trackers).decode(data, RECV), reasons
+    return detections(MavlinkDecoder(stream=False, trackers=trackers).decode(data, RECV)), reasons
 
 
 def one(data: bytes, **camera: Any) -> TargetDetection:

@@ -7,22 +7,12 @@ noses and ranges in question.
 """
 
 import math
-from operator import is_
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.assumptions import (
-    CALM,
-    CRAB,
-    SLIP,
-    SMALLEST_SIGMA,
-    UNSURE,
-    NoseModel,
-    Size,
-    overridden,
-)
+from onboard.estimators.leader.assumptions import CRAB, SLIP, SMALLEST_SIGMA, UNSURE, NoseModel, Size, overridden
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses import prediction, update
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
@@ -53,7 +43,6 @@ from onboard.ownship import Step
 SIZES: Final = 3.0  # sigmas of the configured size
 LONGEST_S: Final = 0.25  # of a prediction of the hypotheses
 SURPRISED: Final = 1.5  # times what the hypotheses' own uncertainties say: none of them fits
-FEW: Final = 200  # hypotheses of a plain filter
 
 
 class Pending(NamedTuple):
@@ -84,15 +73,31 @@ class State(NamedTuple):
     wind: Wind | None = None
 
 
-class Expected(NamedTuple):
-    """A predicted measurement (m,), the innovation (m,), its covariance (m, m), and its NIS; and what each
-    hypothesis expects."""
+class Prediction(NamedTuple):
+    """A state, and its hypotheses predicted to the newest own motion that it has."""
 
+    before: State
+    cloud: Cloud
+
+
+class ImageComparison(NamedTuple):
+    """A measurement beside what all hypotheses together expect of it: the expected measurement (m,), the
+    innovation (m,), its covariance (m, m), its NIS, and what each hypothesis expects."""
+
+    prediction: Prediction
+    measurement: Measurement  # with the noise of our attitude and of the camera's unknown delay
+    pose: CameraPose
     y: Array
     innovation: Array
     S: Array
     nis: float
     each: Expectation
+
+    @property
+    def cost(self) -> float:
+        """Minus twice the log-likelihood of the measurement, but for a constant: of two predictions that it fits,
+        the sharper one explains it better."""
+        return self.nis + float(np.linalg.slogdet(self.S)[1])
 
 
 class BeliefFilter:
@@ -107,17 +112,6 @@ class BeliefFilter:
         self.measured_components, self.measured_units = MEASURED[:m], UNITS_MEASURED[:m]
         self.gate = settings.gate
         self._settings, self._delay_sigma = settings, delay_sigma
-        # What was made last, and of what: an image that is compared with a track is often fused next.
-        self._newest: tuple[State, Cloud] | None = None
-        self._seen: tuple[Measurement, CameraPose, Measurement] | None = None
-        self._late: tuple[Measurement, CameraPose, Measurement] | None = None
-        self._judged: tuple[Cloud, Measurement, CameraPose, Wind | None, Expected] | None = None
-
-    def seen(self, measurement: Measurement, pose: CameraPose) -> Measurement:
-        """The measurement of an image, with the noise of our attitude when it was taken."""
-        if self._seen is None or self._seen[0] is not measurement or self._seen[1] is not pose:
-            self._seen = measurement, pose, measurement.with_attitude_noise(pose.noise_c)
-        return self._seen[2]
 
     def start(
         self,
@@ -148,30 +142,50 @@ class BeliefFilter:
         advanced = State(state.cloud, state.summary, state.since.after(step), state.wind)
         if advanced.since.dt <= LONGEST_S:
             return advanced
-        now = self._at(advanced, self._now(advanced), state.summary)
+        now = self._at(advanced, self.predict(advanced).cloud, state.summary)
         return self._summarised(now)  # no image corrects it soon
 
-    def expects(self, state: State, measurement: Measurement, pose: CameraPose) -> Expected:
-        """What all hypotheses together expect of an image. Raises FilterError."""
-        return self._expected(state, self._now(state), measurement, pose)
+    def predict(self, state: State) -> Prediction:
+        """The hypotheses predicted to now."""
+        dt, moved, _ = state.since
+        if dt <= 0.0:
+            return Prediction(state, state.cloud)
+        return Prediction(state, prediction.predict(self._noses(state), state.cloud, dt, moved))
 
-    def fuse(self, state: State, measurement: Measurement, pose: CameraPose) -> Update:
-        """The update of all hypotheses."""
-        now = self._now(state)
-        expected, innovation, S, nis, each = self._expected(state, now, measurement, pose)
+    def compare(self, predicted: Prediction, measurement: Measurement, pose: CameraPose) -> ImageComparison:
+        """A measurement, by a camera with this pose, beside what all hypotheses expect. Raises FilterError."""
+        state, cloud = predicted
+        noise_c = pose.noise_c
+        if self._delay_sigma > 0.0:
+            noise_c = noise_c + self._delay_sigma**2 * (pose.omega_c[:, None] * pose.omega_c)
+        measurement = measurement.with_attitude_noise(noise_c)
+        y, S, each = update.predicted(self._noses(state), cloud, measurement, pose)
+        innovation, S = _ordered(measurement.y, y) - y, S + measurement.R
+        if measurement.shows is not None and measurement.shows.is_box:
+            box, S_box = update.of_box(cloud, measurement.shows, measurement.axes, pose)
+            innovation[:4], S[:4, :4], S[:4, 4:], S[4:, :4] = box, S_box, 0.0, 0.0
+            y[:4] = measurement.y[:4] - box
+        nis = float(normalised_squared(innovation, S))
+        if not math.isfinite(nis):
+            raise FilterError("the hypotheses have lost their numbers")
+        return ImageComparison(predicted, measurement, pose, y, innovation, S, nis, each)
+
+    def fuse(self, compared: ImageComparison) -> Update:
+        """The update of all hypotheses by a measurement. Raises FilterError."""
+        (state, now), measurement, pose, y, innovation, S, nis, each = compared
         settings = self._noses(state)
-        cloud, beyond = update.update(settings, now, self._delayed(measurement, pose), pose, each)
+        cloud, beyond = update.update(settings, now, measurement, pose, each)
         passes = max(nis, beyond) <= settings.gate
         after = self._at(state, cloud, summarise(settings, cloud)) if passes else state
         decided = nis if passes else max(nis, beyond)
-        return Update(after, innovation, S, expected, decided, cloud.misfits if passes else (), passes)
+        return Update(after, innovation, S, y, decided, cloud.misfits if passes else (), passes)
 
     def assist(self, state: State, taken: Auxiliary) -> State | None:
         """The state after what is measured beside the images; None where that contradicts it, or where what may be
         false would lead the size beyond SIZES sigmas of the configured one. Raises FilterError."""
         is_open = state.summary.after(state.since.dt, state.since.moved).range_sigma() > RESOLVED
         settings = self._noses(state)
-        cloud = update.assist(settings, self._now(state), taken, is_open=is_open)
+        cloud = update.assist(settings, self.predict(state).cloud, taken, is_open=is_open)
         if cloud is None:
             return None
         after, s = self._at(state, cloud, summarise(settings, cloud)), self._settings
@@ -182,7 +196,7 @@ class BeliefFilter:
         """The state in another wind, which shows where the nose of a fixed wing points."""
         if self._settings.crab == 0.0:
             return state
-        now = self._at(state, self._now(state), state.summary)
+        now = self._at(state, self.predict(state).cloud, state.summary)
         return self._summarised(now._replace(wind=wind if wind.is_known else None))
 
     def belief(self, state: State) -> Belief:
@@ -211,34 +225,6 @@ class BeliefFilter:
         """Whether the direction is less certain than `share`; an uncertain range is no obstacle to an image."""
         return state.summary.after(state.since.dt, state.since.moved).direction_sigma() > share
 
-    def _delayed(self, measurement: Measurement, pose: CameraPose) -> Measurement:
-        """The measurement with the noise of the camera's unknown delay."""
-        if self._delay_sigma <= 0.0:
-            return measurement
-        if self._late is None or self._late[0] is not measurement or self._late[1] is not pose:
-            noise_c = self._delay_sigma**2 * (pose.omega_c[:, None] * pose.omega_c)
-            self._late = measurement, pose, measurement.with_attitude_noise(noise_c)
-        return self._late[2]
-
-    def _expected(self, state: State, now: Cloud, measurement: Measurement, pose: CameraPose) -> Expected:
-        """What all hypotheses, predicted to `now`, expect of an image."""
-        judged, asked = self._judged, (now, measurement, pose, state.wind)
-        if judged is not None and all(map(is_, judged, asked)):
-            return judged[-1]
-        measurement = self._delayed(measurement, pose)
-        expected, S, each = update.predicted(self._noses(state), now, measurement, pose)
-        innovation, S = _ordered(measurement.y, expected) - expected, S + measurement.R
-        if measurement.shows is not None and measurement.shows.is_box:
-            box, S_box = update.of_box(now, measurement.shows, measurement.axes, pose)
-            innovation[:4], S[:4, :4], S[:4, 4:], S[4:, :4] = box, S_box, 0.0, 0.0
-            expected[:4] = measurement.y[:4] - box
-        nis = float(normalised_squared(innovation, S))
-        if not math.isfinite(nis):
-            raise FilterError("the hypotheses have lost their numbers")
-        found = Expected(expected, innovation, S, nis, each)
-        self._judged = *asked, found
-        return found
-
     def _noses(self, state: State) -> NoseModel:
         """What the hypotheses assume, with the size and the wind as they are known now."""
         return _in_wind(self._settings, state.wind)
@@ -249,23 +235,6 @@ class BeliefFilter:
     def _at(self, state: State, cloud: Cloud, summary: Summary) -> State:
         """The state now, of this cloud."""
         return State(cloud, summary, standing(state.since.v_F_n), state.wind)
-
-    def _now(self, state: State) -> Cloud:
-        """The hypotheses predicted to now."""
-        dt, moved, _ = state.since
-        if dt <= 0.0:
-            return state.cloud
-        if self._newest is not None and _is_same(self._newest[0], state):
-            return self._newest[1]
-        cloud = prediction.predict(self._noses(state), state.cloud, dt, moved)
-        self._newest = state, cloud
-        return cloud
-
-
-def _is_same(a: State, b: State) -> bool:
-    """Whether two states are to be predicted alike."""
-    alike = a.cloud is b.cloud and a.summary is b.summary and a.wind is b.wind and a.since.dt == b.since.dt
-    return alike and all(np.array_equal(x, y) for x, y in zip(a.since[1:], b.since[1:], strict=True))
 
 
 def _ordered(y: Array, expected: Array) -> Array:
@@ -280,14 +249,6 @@ def _ordered(y: Array, expected: Array) -> Array:
 def make_filter(config: Config) -> BeliefFilter:
     """The filter of a target of this configuration."""
     return BeliefFilter(nose_model(config), shape_of(config), config.delay_sigma_s)
-
-
-def make_plain_filter(config: Config) -> BeliefFilter:
-    """A filter that supposes a calm leader, whatever images show: by how badly they fit it, frames of a gimbal are
-    compared."""
-    shape = shape_of(config)._replace(center_on_wing=False)
-    calm = nose_model(config)._replace(**CALM, particles=FEW)
-    return BeliefFilter(calm, shape, config.delay_sigma_s)
 
 
 def nose_model(config: Config) -> NoseModel:

@@ -47,26 +47,23 @@ ROTATION_SIGMAS: Final = 3.0  # of a point: if the camera has rotated by more, i
 
 class NoiseScale(NamedTuple):
     """How many times (`scale`) the configured standard deviations of image points are used; the median NIS where
-    even the largest scale does not explain it, else 0; the NIS of the images since the last window; what their NIS
-    would be by their own noise alone; and whether it stays as it is."""
+    even the largest scale does not explain it, else 0; the NIS of the images since the last window; and what their
+    NIS would be by their own noise alone."""
 
     scale: float = 1.0
     beyond: float = 0.0
     window: tuple[float, ...] = ()
     alone: tuple[float, ...] = ()
-    is_fixed: bool = False
 
     def restarted(self) -> "NoiseScale":
         """For another track of the same detector."""
         if self.scale < 1.0:
-            return NoiseScale(is_fixed=self.is_fixed)
+            return NoiseScale()
         return self._replace(beyond=0.0)
 
     def after(self, innovation: Array, covariance: Array, noise: float = 0.0) -> "NoiseScale":
         """After an image was compared with its prediction: innovation (m,), covariance (m, m), the direction
         first. `noise`: the variance of each coordinate by the image's own noise; 0: that is not known."""
-        if self.is_fixed:
-            return self
         e, f = innovation[:2].tolist()
         (a, b), (_, d) = covariance[:2, :2].tolist()
         nis = (d * e * e - 2.0 * b * e * f + a * f * f) / (a * d - b * b)

@@ -1,16 +1,15 @@
 """A track's state, and what it becomes: by our own motion, an image, a report, a range, the wind."""
 
 import math
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
-from onboard.estimators.leader.hypotheses.belief import BeliefFilter
+from onboard.estimators.leader.hypotheses.belief import BeliefFilter, ImageComparison, Prediction
 from onboard.estimators.leader.hypotheses.wind import Wind
-from onboard.estimators.leader.image.camera_pose import CameraPose, CameraPoses
+from onboard.estimators.leader.image.camera_pose import CameraPoses
 from onboard.estimators.leader.image.detector import NoiseScale
-from onboard.estimators.leader.image.measurement import Measurement
 from onboard.estimators.leader.image.prepare import Image, measured, newest_pose
 from onboard.estimators.leader.tracks.doubts import sight
 from onboard.filters.belief import FilterError, Update
@@ -25,29 +24,27 @@ class TrackState(NamedTuple):
     supposed: float = 1.0
 
 
-class Distance(NamedTuple):
-    """How far an image is from a prediction, in order: whether it is beyond the gate, and then the NIS, or else
-    NIS and spread together: of two predictions that an image fits, the sharper one is nearer."""
-
-    beyond: bool
-    misfit: float
+Predicted = tuple[TrackState, Prediction]  # a track at the time of an image, and its filter's hypotheses
 
 
-FAR: Final = Distance(True, math.inf)
+class Candidate(NamedTuple):
+    """An image that may be of a track: the track's state before it, and the image beside what the track expects,
+    None where it expects nothing; whether it `fits`, so that it passes the gate."""
 
+    image: Image
+    state: TrackState | None = None
+    compared: ImageComparison | None = None
+    fits: bool = False
 
-class Outcome(NamedTuple):
-    """The filter's update by an image, and whether the gate let it pass."""
+    @property
+    def nis(self) -> float:
+        """By what the track expects; 0 where it expects nothing."""
+        return 0.0 if self.compared is None else self.compared.nis
 
-    fused: bool
-    update: Update
-
-
-class AuxiliaryOutcome(NamedTuple):
-    """What was inserted was no image: whether it was used."""
-
-    used: bool
-    fused: bool = False
+    @property
+    def cost(self) -> float:
+        """See `ImageComparison.cost`; infinite where the track expects nothing."""
+        return math.inf if self.compared is None else self.compared.cost
 
 
 def advance(filter_: BeliefFilter, state: TrackState, t0_ns: int, t1_ns: int, ownship: Ownship) -> TrackState:
@@ -58,58 +55,69 @@ def advance(filter_: BeliefFilter, state: TrackState, t0_ns: int, t1_ns: int, ow
     return TrackState(leader, state.noise, state.supposed)  # `_replace` takes thrice as long
 
 
-def seen(
-    filter_: BeliefFilter, poses: CameraPoses, state: TrackState, image: Image, ownship: Ownship
-) -> tuple[Measurement, CameraPose]:
-    """What an image measures, by all that is known now of its detector and our own attitude; its camera's pose."""
+def compare(
+    filter_: BeliefFilter,
+    poses: CameraPoses,
+    noise: NoiseScale,
+    predicted: Prediction,
+    image: Image,
+    ownship: Ownship,
+) -> ImageComparison:
+    """An image beside what is expected of it, by all that is known now of its detector and our own attitude.
+    Raises FilterError."""
     pose = newest_pose(image, poses, ownship)
-    return filter_.seen(measured(image, filter_.shape, state.noise.scale), pose), pose
+    return filter_.compare(predicted, measured(image, filter_.shape, noise.scale), pose)
 
 
 def fuse(
-    filter_: BeliefFilter, poses: CameraPoses, state: TrackState, taken: Image | Auxiliary | Wind, ownship: Ownship
-) -> tuple[TrackState, Any]:
-    """The state after it, and its outcome. An image is fused if it passes the gate, and if the leader is then in
-    front of the camera that saw it. Raises FilterError."""
+    filter_: BeliefFilter,
+    poses: CameraPoses,
+    state: TrackState,
+    taken: Image | Auxiliary | Wind,
+    ownship: Ownship,
+    compared: ImageComparison | None = None,
+) -> tuple[TrackState, Update | bool]:
+    """The state after it; and the update by an image, or whether anything else was used. `compared`: the image
+    beside what is expected of it, where that is known. Raises FilterError."""
     leader = state.leader
     if isinstance(taken, Wind):
-        return state._replace(leader=filter_.in_wind(leader, taken)), AuxiliaryOutcome(True)
+        return state._replace(leader=filter_.in_wind(leader, taken)), True
     if isinstance(taken, Auxiliary):
         after = filter_.assist(leader, taken)
-        return state if after is None else state._replace(leader=after), AuxiliaryOutcome(after is not None)
-    measurement, pose = seen(filter_, poses, state, taken, ownship)
+        return state if after is None else state._replace(leader=after), after is not None
     try:
-        update = filter_.fuse(leader, measurement, pose)
+        if compared is None:
+            compared = compare(filter_, poses, state.noise, filter_.predict(leader), taken, ownship)
+        return _fused(filter_, state, taken, compared)
     except FilterError:
         if taken.has_extent:
             raise
-        return state, Outcome(False, _refused(measurement, leader))
-    noise = state.noise
+        y = taken.measurement.y  # a direction that the filter cannot use without beginning again with it
+        return state, Update(leader, np.zeros(len(y)), np.eye(len(y)), y, math.inf, passes=False)
+
+
+def passes(outcome: Update | bool) -> bool:
+    """Whether what was inserted was an image that passed the gate."""
+    return isinstance(outcome, Update) and outcome.passes
+
+
+def _fused(
+    filter_: BeliefFilter, state: TrackState, image: Image, compared: ImageComparison
+) -> tuple[TrackState, Update]:
+    """The state after an image. It is fused if it passes the gate, and if the leader is then in front of the
+    camera that saw it."""
+    update, noise = filter_.fuse(compared), state.noise
     if math.isfinite(update.nis):
-        noise = noise.after(update.innovation, update.innovation_covariance, measurement.noise)
-    fused = update.passes
-    if fused and not sight(measurement.axes, pose).shows(filter_.place(update.belief)):
-        fused = False
-    next_ = state._replace(leader=update.belief if fused else leader, noise=noise)
-    if fused and taken.has_extent and noise.is_larger_than(state.supposed):
-        next_ = _begun_anew(filter_, next_, measured(taken, filter_.shape, noise.scale), pose)
-    return next_, Outcome(fused, update)
-
-
-def _begun_anew(
-    filter_: BeliefFilter, state: TrackState, measurement: Measurement, pose: CameraPose
-) -> TrackState:
-    """The state from one image alone, but for its noses: hypotheses that died of a noise that was supposed too
-    small do not come back by a larger one. By the larger one, the images before surprise the less."""
-    surprise = state.leader.cloud.surprise * (state.supposed / state.noise.scale) ** 2
-    leader = filter_.start(
-        measurement.with_attitude_noise(pose.noise_c), pose, state.leader, surprise=max(surprise, 1.0)
-    )
-    return state._replace(leader=leader, supposed=state.noise.scale)
-
-
-def _refused(measurement: Measurement, state: Any) -> Update:
-    """The update by a direction that the filter could not use, because it would have had to start again with
-    it."""
-    m = len(measurement.y)
-    return Update(state, np.zeros(m), np.eye(m), measurement.y, math.inf)
+        noise = noise.after(update.innovation, update.innovation_covariance, compared.measurement.noise)
+    if update.passes and not sight(compared.measurement.axes, compared.pose).shows(filter_.place(update.belief)):
+        update = update._replace(passes=False)
+    if not update.passes:
+        return state._replace(noise=noise), update
+    leader, supposed = update.belief, state.supposed
+    if image.has_extent and noise.is_larger_than(supposed):
+        # Begun anew from this image, but for its noses: hypotheses that died of a noise that was supposed too
+        # small do not come back by a larger one. By the larger one, the images before surprise the less.
+        measurement = measured(image, filter_.shape, noise.scale).with_attitude_noise(compared.pose.noise_c)
+        surprise = max(leader.cloud.surprise * (supposed / noise.scale) ** 2, 1.0)
+        leader, supposed = filter_.start(measurement, compared.pose, leader, surprise=surprise), noise.scale
+    return TrackState(leader, noise, supposed), update

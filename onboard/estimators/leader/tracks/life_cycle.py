@@ -20,6 +20,9 @@ from onboard.messages.causes import Cause, Reason
 
 CARRIED: Final = "carried by its broadcast"
 ELSEWHERE: Final = "its broadcast had led elsewhere"
+OUTSIDE: Final = ", and it should be outside the view"
+AGAIN: Final = "seen again: {} more images must agree"
+UNSEEN: Final = "no image has shown the wing, and so the range, for too long"
 AGAIN_NS: Final = NS_PER_S  # after so long without images the leader is seen again: is it where it was believed?
 DISTRUSTED_NS: Final = 10 * NS_PER_S  # for so long a broadcast that was wrong is not used
 CONTRADICTED: Final = 4  # reports in a row that contradict what is carried: it is not believed
@@ -36,6 +39,14 @@ class Facts(NamedTuple):
     in_view: bool
     finding: str
     question: str
+
+
+class Judgement(NamedTuple):
+    """What an image means for a track: whether it is older than the newest that was fused, and whether nothing has
+    passed the gate for so long that the track must end."""
+
+    is_late: bool
+    is_over: bool
 
 
 class LifeCycle:
@@ -65,26 +76,35 @@ class LifeCycle:
         self._gated_since_ns, self._to_agree = None, 0
         self.resets += again
 
-    def fused(self, t_ns: int, *, was_lost: bool, has_wing: bool) -> None:
-        """The gate let a new image pass. The gate of a lost track is wide: one image proves nothing, and one
-        without the wing nothing at all."""
+    def judge(self, t_ns: int, *, passes: bool, has_extent: bool, newest_ns: int | None) -> Judgement:
+        """An image of this time has passed the gate or not; `has_extent`: it shows the range; `newest_ns`: the
+        newest image that the gate lets pass now."""
+        is_late = self.last_fused_ns is not None and t_ns < self.last_fused_ns
+        was_lost = self.is_lost(t_ns)
+        self.judged_again(newest_ns)
+        if passes:
+            self._pass(t_ns, was_lost=was_lost, has_extent=has_extent)
+        return Judgement(is_late, not passes and has_extent and self._is_stopped(t_ns))
+
+    def _pass(self, t_ns: int, *, was_lost: bool, has_extent: bool) -> None:
+        """The gate let an image pass. The gate of a lost track is wide: one image proves nothing, and one without
+        the wing nothing at all."""
         self._gated_since_ns = None
         self.last_fused_ns = max(self.last_fused_ns or 0, t_ns)
-        if not has_wing:
+        if not has_extent:
             return
         self._last_wing_ns = max(self._last_wing_ns or 0, t_ns)
         if was_lost:
             self._to_agree = self._images
         self._to_agree = max(self._to_agree - 1, 0)
 
-    def gated(self, t_ns: int) -> bool:
-        """The gate stopped a new image. Whether nothing has passed it for too long, so that the track must end."""
+    def _is_stopped(self, t_ns: int) -> bool:
+        """The gate stopped an image. Whether nothing has passed it for too long."""
         self._gated_ns = t_ns
         if self._to_agree:
             self._to_agree = self._images
         if self._gated_since_ns is None:
             self._gated_since_ns = t_ns
-            return False
         return t_ns - self._gated_since_ns > self._config.relock_after_s * NS_PER_S
 
     def judged_again(self, fused_ns: int | None) -> None:
@@ -156,29 +176,25 @@ class LifeCycle:
         return self.age(t_ns) > self._config.reset_timeout_s and not is_reported
 
     def state(self, t_ns: int, facts: Facts) -> tuple[Lifecycle, Reason]:
-        """The state of a track, and its reason."""
-        doubt = next(filter(None, facts.doubts), None)
-        state, why = (Lifecycle.LOST, doubt) if doubt else self._of_reports(t_ns, in_view=facts.in_view)
+        """The state of a track, and its reason: the first of these rows that holds."""
+        doubt, where = next(filter(None, facts.doubts), None), "" if facts.in_view else OUTSIDE
+        rows: Iterable[tuple[bool, Lifecycle, Reason]] = (
+            (self._to_agree > 0, Lifecycle.LOST, Reason(Cause.SEEN_AGAIN, AGAIN.format(self._to_agree))),
+            (self._has_only_directions(t_ns), Lifecycle.LOST, Reason(Cause.NO_RANGE, UNSEEN + where)),
+            (True, *by_age(self.age(t_ns), self._config, one="image", many="images", where=where)),
+        )
+        state, why = next((state, why) for holds, state, why in rows if holds)
+        if doubt:
+            state, why = Lifecycle.LOST, doubt
+        elif state is not Lifecycle.TRACKING and not self._to_agree and self.is_carried(t_ns):
+            state, why = Lifecycle.COASTING, Reason(Cause.CARRIED, f"{CARRIED}; {why.words}")
+        elif self.was_led_elsewhere(t_ns):
+            why = why.also(ELSEWHERE)
         if facts.finding:
             why = why.also(facts.finding)
         if facts.question and state is not Lifecycle.LOST:
             why = why.also(facts.question)
         return state, why
-
-    def _of_reports(self, t_ns: int, *, in_view: bool) -> tuple[Lifecycle, Reason]:
-        state, why = self._of_images(t_ns, "" if in_view else ", and it should be outside the view")
-        if state is not Lifecycle.TRACKING and not self._to_agree and self.is_carried(t_ns):
-            return Lifecycle.COASTING, Reason(Cause.CARRIED, f"{CARRIED}; {why.words}")
-        return state, why.also(ELSEWHERE) if self.was_led_elsewhere(t_ns) else why
-
-    def _of_images(self, t_ns: int, where: str) -> tuple[Lifecycle, Reason]:
-        if self._to_agree:
-            again = f"seen again: {self._to_agree} more images must agree"
-            return Lifecycle.LOST, Reason(Cause.SEEN_AGAIN, again)
-        if self._has_only_directions(t_ns):
-            unseen = f"no image has shown the wing, and so the range, for too long{where}"
-            return Lifecycle.LOST, Reason(Cause.NO_RANGE, unseen)
-        return by_age(self.age(t_ns), self._config, one="image", many="images", where=where)
 
     @property
     def latest(self) -> Lifecycle:

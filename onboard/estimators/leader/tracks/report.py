@@ -12,9 +12,8 @@ from onboard.estimators.leader.hypotheses.belief import BeliefFilter
 from onboard.estimators.leader.hypotheses.places import Place
 from onboard.estimators.leader.image.measurement import points_of
 from onboard.estimators.leader.image.prepare import Image
-from onboard.estimators.leader.tracks.fusing import Outcome
 from onboard.estimators.leader.tracks.life_cycle import LifeCycle
-from onboard.filters.belief import Belief
+from onboard.filters.belief import Belief, Update
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import Estimate, ImagePoint, MeasurementReport, Mode, TargetImage, Vec3, Verdict
 from onboard.models import relative_motion
@@ -26,14 +25,13 @@ def report(
     message: TargetImage,
     verdict: Verdict,
     image: Image | None = None,
-    outcome: Outcome | None = None,
+    update: Update | None = None,
 ) -> MeasurementReport:
     """The report of a verdict, with as much as was known when it was reached."""
-    update, more = None, dict[str, Any]()
-    if image is not None and outcome is not None:
-        update = outcome.update
+    more = dict[str, Any]()
+    if image is not None and update is not None:
         more = {"misfits": update.misfits, "noise_scale": image.noise_scale}
-        more |= {"predicted_points": _predicted_points(image, outcome)}
+        more |= {"predicted_points": _predicted_points(image, update)}
     return image_report(
         message,
         verdict,
@@ -81,9 +79,9 @@ def modes_of(places: Iterable[Place]) -> tuple[Mode, ...]:
     return tuple(Mode(weight=p.weight, **of_belief(Belief(p.mean, p.covariance))) for p in places)
 
 
-def _predicted_points(image: Image, outcome: Outcome) -> tuple[ImagePoint, ...] | None:
+def _predicted_points(image: Image, update: Update) -> tuple[ImagePoint, ...] | None:
     """The predicted image points, None if one is behind the camera."""
-    points = points_of(image.measurement.axes, outcome.update.predicted).tolist()
+    points = points_of(image.measurement.axes, update.predicted).tolist()
     return tuple((u, v) for u, v in points) if all(math.isfinite(u + v) for u, v in points) else None
 
 

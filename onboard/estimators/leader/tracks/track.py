@@ -12,8 +12,6 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any, Final
 
-import numpy as np
-
 from onboard.estimators.kit.history import History
 from onboard.estimators.leader.assumptions import Size
 from onboard.estimators.leader.config import Config
@@ -23,10 +21,28 @@ from onboard.estimators.leader.hypotheses.places import OpenQuestion
 from onboard.estimators.leader.hypotheses.wind import Wind
 from onboard.estimators.leader.image.camera_pose import CameraPoses
 from onboard.estimators.leader.image.detector import NoiseScale, Repeats
-from onboard.estimators.leader.image.prepare import Image, agree, hold, prepare
+from onboard.estimators.leader.image.prepare import Image, hold, prepare
 from onboard.estimators.leader.reports.prior import Prior
+from onboard.estimators.leader.tracks.decisions import (
+    BeginTrack,
+    Decision,
+    EndTrack,
+    FuseImage,
+    FuseLate,
+    RejectImage,
+    RestartTrack,
+    TrackHistory,
+)
 from onboard.estimators.leader.tracks.doubts import ASTRAY, LEAPT, UNEXPECTED, Classes, Exchange, Guard, LastSight
-from onboard.estimators.leader.tracks.fusing import FAR, Distance, Outcome, TrackState, advance, fuse, seen
+from onboard.estimators.leader.tracks.fusing import (
+    Candidate,
+    Predicted,
+    TrackState,
+    advance,
+    compare,
+    fuse,
+    passes,
+)
 from onboard.estimators.leader.tracks.life_cycle import Facts, LifeCycle
 from onboard.estimators.leader.tracks.report import RateLimit, modes_of, published, report, with_attitude
 from onboard.filters.belief import Belief, FilterError
@@ -50,10 +66,10 @@ TOO_WIDE: Final = 0.2  # of the range: a position less certain is not corrected,
 
 
 class Track:
-    """All state of one target. `direction_n` (3,) is where the target was estimated last, None without a track;
-    `half_wing` how long half its wing appears at most, in focal lengths; `held`: images that are to start it;
-    `repeats`: its stamps; `rate_limit`: when a tick is due; `sequence` and `life`: counts that go on with its
-    name. A track that is `full`, one too many, rejects every image. `may_begin`: asked, by target and time, before
+    """All state of one target. `direction_n` (3,) is where the target was estimated last, None without a track,
+    and `range`, m, how far away; `half_wing` how long half its wing appears at most, in focal lengths; `held`:
+    images that are to start it; `repeats`: its stamps; `rate_limit`: when a tick is due; `sequence` and `life`:
+    counts that go on with its name; `why`: why there is none yet. `may_begin`: asked, by target and time, before
     its filter starts."""
 
     def __init__(
@@ -64,15 +80,14 @@ class Track:
         poses: CameraPoses,
         config: Config,
         *,
-        full: bool = False,
-        noise: NoiseScale = NOISE,
+        why: Reason = NO_IMAGE,
         may_begin: Callable[[str, int], bool] = lambda *_: True,
     ) -> None:
         self.target, self._may_begin = target, may_begin
         self.direction_n: tuple[float, ...] | None = None
-        self.half_wing, self._full = 1.0, full
+        self.half_wing, self.range = 1.0, math.inf
         self._name, self._filter, self._poses, self._config = name, filter_, poses, config
-        self._history: History[TrackState, Ownship] | None = None
+        self._history: TrackHistory | None = None
         self._images = config.initialise_images  # that must agree before a track starts
         self.held: deque[Image] = deque(maxlen=self._images)
         self.rate_limit = RateLimit(config.publish_rate_hz)
@@ -80,7 +95,7 @@ class Track:
         self._exchange = Exchange(config.reset_timeout_s)
         self._classes = Classes[BeliefFilter](0.5 * config.reset_timeout_s)
         self._guard = Guard()
-        self._sight, self._noise = LastSight(), noise  # of the tracks before
+        self._sight, self._noise = LastSight(), NOISE  # of the tracks before
         self._wind: Wind | None = None
         self._surprise = 1.0  # by the images before a track starts
         self.size: Size | None = None  # by more than images
@@ -88,23 +103,45 @@ class Track:
         self.prior_verdict = ""  # what became of it
         self._report = partial(report, filter_)
         self.sequence = 0
-        self.life = LifeCycle(config, self._images, FULL if full else NO_IMAGE)
+        self.life = LifeCycle(config, self._images, why)
 
-    def observe(self, message: TargetImage, ownship: Ownship, prepared: Image | None = None) -> Estimate:
-        """Check an image, then start the track with it or fuse it; `prepared`, where that has been done."""
+    def claim(self, message: TargetImage, ownship: Ownship) -> Candidate | Verdict:
+        """An image beside what this track expects at its time, or why it cannot be used. Pure."""
+        image = self.prepare(message, ownship)
+        if isinstance(image, Verdict):
+            return image
+        return self.compare(image, self.predict(message.t_ns, ownship), ownship)
+
+    def predict(self, t_ns: int, ownship: Ownship) -> Predicted | None:
+        """The track at the time of an image; None without one, or before all that is remembered. Pure."""
         try:
-            image = self._checked(message, ownship, prepared)
-            history = self._history
-            if isinstance(image, MeasurementReport):
-                measurement = image
-            elif history is not None and not self._is_wide(history, message.t_ns, ownship):
-                measurement = self._insert(history, image, ownship)
-            else:
-                measurement = self._begin(image, ownship, history)
+            state = None if self._history is None else self._history.belief_before(t_ns, ownship)
+            return None if state is None else (state, self._filter.predict(state.leader))
+        except FilterError:
+            return None
+
+    def compare(self, image: Image, predicted: Predicted | None, ownship: Ownship) -> Candidate:
+        """An image beside what this track, `predicted` to its time, expects. Pure."""
+        if predicted is None:
+            return Candidate(image)
+        state, prediction = predicted
+        try:
+            compared = compare(self._filter, self._poses, state.noise, prediction, image, ownship)
+        except FilterError:
+            return Candidate(image)
+        return Candidate(image, state, compared, compared.nis <= self._filter.gate)
+
+    def take(self, message: TargetImage, claim: Candidate | Verdict, ownship: Ownship) -> Estimate:
+        """Let an image start the track, fuse it, or reject it, as it was compared with the track; or report why it
+        is used for nothing."""
+        if isinstance(claim, Verdict):
+            return self._estimate(ownship, self._report(message, claim))
+        try:
+            report = self._carry_out(self._decide(claim, ownship), claim.image, ownship)
         except FilterError as error:
             self._fail(error)
-            measurement = self._report(message, Verdict.NUMERICAL)
-        return self._estimate(ownship, measurement)
+            report = self._report(message, Verdict.NUMERICAL)
+        return self._estimate(ownship, report)
 
     def tick(self, ownship: Ownship) -> Estimate:
         """Predict to the newest navigation sample, and check the timeouts."""
@@ -157,7 +194,7 @@ class Track:
             self.life.reported(taken.t_ns, used=verdict is Verdict.FUSED)
         return verdict
 
-    def _assist(self, history: History[TrackState, Ownship], taken: Auxiliary, ownship: Ownship) -> Verdict:
+    def _assist(self, history: TrackHistory, taken: Auxiliary, ownship: Ownship) -> Verdict:
         if isinstance(taken, Report):
             if self.life.was_led_elsewhere(taken.t_ns):
                 return Verdict.GATED
@@ -165,7 +202,7 @@ class Track:
                 return Verdict.UNASSOCIATED
         elif self._filter.is_too_wide(history.belief_at(taken.t_ns, ownship)[1].leader, KNOWN):
             return Verdict.UNASSOCIATED  # a tangent of the sphere says nothing of a leader far from it
-        used = bool(history.insert(taken.t_ns, taken, ownship).used)
+        used: bool = history.insert(taken.t_ns, taken, ownship)
         self._settle(history, ownship, inserted=True)
         if not used:
             return Verdict.GATED
@@ -187,6 +224,11 @@ class Track:
         return self._history is not None
 
     @property
+    def filter(self) -> BeliefFilter:
+        """That of the class that its target is believed to be of."""
+        return self._filter
+
+    @property
     def state(self) -> Lifecycle:
         """The state of the last estimate."""
         return self.life.latest
@@ -201,91 +243,85 @@ class Track:
         newest_ns = self.repeats.newest_ns
         return self._history is None and (newest_ns is None or t_ns - newest_ns > NS_PER_S)
 
-    def expects(self, image: Image, ownship: Ownship) -> Distance:
-        """How far an image is from what this track predicts. Pure."""
-        if self._history is None:
-            near = image.has_extent and bool(self.held) and agree(self.held[-1], image)
-            return Distance(False, math.inf) if near else FAR
-        try:
-            state = self._history.belief_before(image.message.t_ns, ownship)
-            if state is None:
-                return FAR
-            measurement, pose = seen(self._filter, self._poses, state, image, ownship)
-            expected = self._filter.expects(state.leader, measurement, pose)
-        except FilterError:
-            return FAR
-        if expected.nis > self._filter.gate:
-            return Distance(True, expected.nis)
-        return Distance(False, expected.nis + float(np.linalg.slogdet(expected.S)[1]))
-
-    def prepares_as(self, filter_: BeliefFilter, image: Image) -> bool:
-        """Whether this track would prepare an image as it is, by this filter."""
-        return self._filter is filter_ and image.supposes(self.half_wing, self.noise.scale)
-
     # ------------------------------------------------------------------------------- measurements
 
-    def _checked(
-        self, message: TargetImage, ownship: Ownship, prepared: Image | None
-    ) -> Image | MeasurementReport:
-        """The image if it can be used, else the report of why not."""
-        if self._full:
-            return self._report(message, Verdict.FULL)
+    def prepare(self, message: TargetImage, ownship: Ownship) -> Image | Verdict:
+        """The image of a target of this class, or why it cannot be used."""
         settings = self._filter.shape, self._config, self.half_wing, self.noise.scale
-        image = prepared or prepare(message, ownship, self._poses, *settings)
-        if isinstance(image, Verdict):
-            return self._report(message, image)
-        if self.repeats.is_duplicate(message):  # after what is wrong with the image itself
-            return self._report(message, Verdict.DUPLICATE)
+        return prepare(message, ownship, self._poses, *settings)
+
+    def prepared(self, image: Image, filter_: BeliefFilter, ownship: Ownship) -> Image | Verdict:
+        """An image that was prepared by this filter, as this track would prepare it."""
+        is_same = self._filter is filter_ and image.supposes(self.half_wing, self.noise.scale)
+        return image if is_same else self.prepare(image.message, ownship)
+
+    def _decide(self, found: Candidate, ownship: Ownship) -> Decision:
+        """What to do with an image. The history keeps it in either case, to judge it again where an earlier one
+        comes later."""
+        image, history, t_ns = found.image, self._history, found.image.message.t_ns
+        if self.repeats.is_duplicate(image.message):  # after what is wrong with the image itself
+            return RejectImage(Verdict.DUPLICATE)
         if self.repeats.add(image):
-            if self._history is not None:  # which has taken some of the same images
-                self._forget(HANGS)
-            return self._report(message, Verdict.STALE, image)
-        history = self._history
-        if history is not None and not history.reaches(message.t_ns):
-            return self._report(message, Verdict.TOO_OLD, image)
-        return image
+            return EndTrack(HANGS, Verdict.STALE)
+        if history is None:
+            return BeginTrack() if image.has_extent else RejectImage(Verdict.DIRECTION_ONLY, image)
+        if not history.reaches(t_ns):
+            return RejectImage(Verdict.TOO_OLD, image)
+        is_wide = self._is_wide(history, t_ns, ownship)
+        if is_wide and not image.has_extent:
+            return RejectImage(Verdict.DIRECTION_ONLY, image)
+        if is_wide:
+            return BeginTrack(history, found.fits)
+        state, known = found.state, None
+        if state is not None:
+            known = fuse(self._filter, self._poses, state, image, ownship, found.compared)
+        update = history.insert(t_ns, image, ownship, known)
+        history.settle(ownship)
+        newest_ns = history.newest(passes)
+        judged = self.life.judge(t_ns, passes=update.passes, has_extent=image.has_extent, newest_ns=newest_ns)
+        if update.passes:
+            return FuseLate(update) if judged.is_late else FuseImage(update)
+        return RestartTrack(ALL_GATED, update) if judged.is_over else RejectImage(Verdict.GATED, image, update)
 
-    def _begin(
-        self, image: Image, ownship: Ownship, history: History[TrackState, Ownship] | None
-    ) -> MeasurementReport:
-        """Let an image start the track, anew if there is one; a direction alone starts none."""
-        message = image.message
-        if not image.has_extent:
-            return self._report(message, Verdict.DIRECTION_ONLY, image)
-        if history is not None and self.expects(image, ownship).beyond:
-            self.life.led_elsewhere(message.t_ns)
-            self._guard.clear()
-        self._start(image, ownship, history)
-        return self._report(message, Verdict.INITIALISING, image)
-
-    def _insert(self, history: History[TrackState, Ownship], image: Image, ownship: Ownship) -> MeasurementReport:
-        """Fuse an image at its own time, unless the gate stops it."""
-        message, last_ns = image.message, self.life.last_fused_ns
-        late = last_ns is not None and message.t_ns < last_ns
-        was_lost = self.life.is_lost(message.t_ns)
-        outcome: Outcome = history.insert(message.t_ns, image, ownship)
-        self._settle(history, ownship, inserted=True)
-        if not outcome.fused:
-            self._exchange.gated(image)
-            if image.has_extent and self.life.gated(message.t_ns):
-                self.life.led_elsewhere(message.t_ns)
+    def _carry_out(self, decision: Decision, image: Image, ownship: Ownship) -> MeasurementReport:
+        """Do what was decided; the report of the image."""
+        message, t_ns = image.message, image.message.t_ns
+        match decision:
+            case FuseImage(update) | FuseLate(update):
+                self._exchange.fused(image)
+                self._sight.see(t_ns, image.measurement.axes, image.pose)
+                if image.measurement.has_wing:
+                    self._guard.seen(image.measurement.span, image.measurement.span_sigma)
+                verdict = Verdict.FUSED_LATE if isinstance(decision, FuseLate) else Verdict.FUSED
+                return self._report(message, verdict, image, update)
+            case BeginTrack(before, fits):
+                if before is not None and not fits:
+                    self.life.led_elsewhere(t_ns)
+                    self._guard.clear()
+                self._start(image, ownship, before)
+                return self._report(message, Verdict.INITIALISING, image)
+            case RestartTrack(why, update):
+                self._exchange.gated(image)
+                self.life.led_elsewhere(t_ns)
                 self._exchange.ended()
-                self._forget(ALL_GATED)
+                self._forget(why)
                 self._start(image, ownship, None)
-            return self._report(message, Verdict.GATED, image, outcome)
-        self._exchange.fused(image)
-        self._sight.see(message.t_ns, image.measurement.axes, image.pose)
-        if image.measurement.has_wing:
-            self._guard.seen(image.measurement.span, image.measurement.span_sigma)
-        self.life.fused(message.t_ns, was_lost=was_lost, has_wing=image.has_extent)
-        return self._report(message, Verdict.FUSED_LATE if late else Verdict.FUSED, image, outcome)
+                return self._report(message, Verdict.GATED, image, update)
+            case EndTrack(why, verdict):
+                if self._history is not None:  # which has taken some of the same images
+                    self._forget(why)
+                return self._report(message, verdict, image)
+            case RejectImage(verdict, seen, update):
+                if verdict is Verdict.GATED:
+                    self._exchange.gated(image)
+                return self._report(message, verdict, seen, update)
 
-    def _is_wide(self, history: History[TrackState, Ownship], t_ns: int, ownship: Ownship) -> bool:
+    def _is_wide(self, history: TrackHistory, t_ns: int, ownship: Ownship) -> bool:
         """Whether the track has coasted until its position is too uncertain to be corrected."""
         coasting = self.life.is_coasting(t_ns)
         return coasting and self._filter.is_too_wide(history.belief_at(t_ns, ownship)[1].leader, TOO_WIDE)
 
-    def _start(self, image: Image, ownship: Ownship, before: History[TrackState, Ownship] | None) -> None:
+    def _start(self, image: Image, ownship: Ownship, before: TrackHistory | None) -> None:
         """Hold images until enough of them agree; start at the oldest and fuse the rest."""
         held = self.held
         hold(held, image)
@@ -326,11 +362,11 @@ class Track:
         self.prior, self.prior_verdict = None, late if after is None else "warm_start_used"
         return started if after is None else after
 
-    def _settle(self, history: History[TrackState, Ownship], ownship: Ownship, *, inserted: bool = False) -> None:
+    def _settle(self, history: TrackHistory, ownship: Ownship, *, inserted: bool = False) -> None:
         """Come up to the newest own motion. The history fuses and gates its images anew where that changes them:
         the gate may let pass an image that it stopped at first."""
         if history.settle(ownship) or inserted:
-            self.life.judged_again(history.newest(lambda outcome: outcome.fused))
+            self.life.judged_again(history.newest(passes))
 
     def _fail(self, error: FilterError) -> None:
         self._forget(Reason(Cause.FILTER_FAILED, f"the filter failed: {error}"))
@@ -386,9 +422,9 @@ class Track:
             if left.reason and state.is_valid:
                 modes = modes_of(left.places)
             r = belief.mean[POSITION].tolist()
-            range_ = math.hypot(*r)
-            self.half_wing = min(0.5 * self._config.size_prior_m / max(range_, 1e-3), 1.0)
-            self.direction_n = tuple(x / range_ for x in r)
+            self.range = math.hypot(*r)
+            self.half_wing = min(0.5 * self._config.size_prior_m / max(self.range, 1e-3), 1.0)
+            self.direction_n = tuple(x / self.range for x in r)
         if belief is not None:
             tilt, yaw = math.radians(self._config.own_tilt_sigma_deg), math.radians(self._config.own_yaw_sigma_deg)
             belief = with_attitude(belief, ownship.attitude_sigma, (tilt, tilt, yaw))

@@ -9,8 +9,9 @@ from msgspec.structs import replace
 from onboard.estimators.leader import estimator as leader
 from onboard.estimators.leader.image.prepare import Image, in_view, prepare
 from onboard.geometry.camera import make_camera
-from onboard.messages import Attitude, Lifecycle, Message, TargetPoints, Verdict
+from onboard.messages import Attitude, Exposure, Lifecycle, Message, TargetPoints, Verdict
 from onboard.ownship import Ownship
+from tests.support.images import exposed
 from tests.support.streams import MS, Flight, Item, S, Stream, encode, feed, make_config
 
 NEAR, FAR = Flight(radius=None, gap=25.0), Flight(radius=None, gap=40.0, size=3.0)
@@ -56,7 +57,7 @@ def play(one: leader.Estimator, items: list[Item]) -> Ownship:
     ownship = Ownship(max_extrapolation=0.1)
     for _, m in items:
         if not ownship.receive(m, m.t_ns):
-            one.observe(m, ownship)
+            one.observe(exposed([m])[0], ownship)
         else:
             one.tick(ownship)
     return ownship
@@ -93,7 +94,7 @@ def test_there_are_no_more_targets_than_allowed() -> None:
         if isinstance(m, TargetPoints):
             images += 1
             for k in range(4):
-                for e in one.observe(replace(m, target=f"target/{k}"), ownship):
+                for e in one.observe(Exposure.of(replace(m, target=f"target/{k}")), ownship):
                     assert e.measurement is not None
                     reported[e.target] = reported.get(e.target, 0) + (e.measurement.verdict is Verdict.FULL)
         else:
@@ -174,7 +175,7 @@ def test_an_unusable_image_without_an_id_starts_no_track() -> None:
     one = estimator()
     ownship = play(one, sorted(two_aircraft("", ""), key=lambda i: i.message.t_ns))
     bad = replace(NEAR.image(ownship.now_ns), target="", center=(math.nan, 0.0))
-    (estimate,) = one.observe(bad, ownship)
+    (estimate,) = one.observe(Exposure.of(bad), ownship)
     assert estimate.measurement is not None
     assert estimate.measurement.verdict is Verdict.NOT_FINITE
     assert estimate.target == "leader"
@@ -186,10 +187,15 @@ def test_an_image_is_compared_with_tracks_near_its_direction_and_with_all_withou
     ownship = play(one, sorted(two_aircraft("leader", "target/1"), key=lambda i: i.message.t_ns))
     image = prepare(NEAR.image(ownship.now_ns), ownship, one._poses, one._filter.shape, one._config, 1.0)
     assert isinstance(image, Image)
-    assert [t.target for t in one._candidates(image)] == ["leader"]
+    tracks = list(one._tracks.values())
+
+    def compared(image: Image) -> list[str]:
+        return [tracks[k].target for k, _ in one._candidates({0: image}, tracks, ownship)]
+
+    assert compared(image) == ["leader"]
     for later in (ownship.now_ns + 200 * MS, ownship.now_ns + 400 * MS):
         for m in (NEAR.attitude(later), NEAR.position(later)):
             ownship.receive(m, later)
         one.tick(ownship)
     image = image._replace(message=replace(image.message, t_ns=ownship.now_ns))
-    assert [t.target for t in one._candidates(image)] == ["leader", "target/1"]
+    assert compared(image) == ["leader", "target/1"]

@@ -9,6 +9,7 @@ from onboard.estimators.leader import estimator as leader
 from onboard.geometry.camera import make_camera
 from onboard.messages import Estimate, Lifecycle, Message, TargetPoints, Verdict
 from onboard.ownship import Ownship
+from tests.support.images import exposed
 from tests.support.streams import Flight, Item, S, Stream, advance, make_config
 
 NEAR = Flight(radius=None, gap=25.0)
@@ -43,7 +44,7 @@ def estimator() -> leader.Estimator:
 def play(one: leader.Estimator, messages: list[Message]) -> list[Estimate]:
     ownship = Ownship(max_extrapolation=0.1)
     found = []
-    for m in messages:
+    for m in exposed(messages):
         found += one.tick(ownship) if ownship.receive(m, m.t_ns) else one.observe(m, ownship)
     return found
 

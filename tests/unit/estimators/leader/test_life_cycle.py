@@ -18,26 +18,32 @@ def life_cycle() -> LifeCycle:
     return made
 
 
+def gated(one: LifeCycle, t: float) -> bool:
+    """Whether a track must end when the gate stops an image of this time, s."""
+    return one.judge(round(t * NS_PER_S), passes=False, has_extent=True, newest_ns=None).is_over
+
+
 def test_a_track_ends_when_nothing_has_passed_the_gate_for_too_long() -> None:
     one = life_cycle()
     times = [11.0, 11.5, 12.0, 12.1]
-    assert [one.gated(round(t * NS_PER_S)) for t in times] == [False, False, False, True]
+    assert [gated(one, t) for t in times] == [False, False, False, True]
 
 
 def test_an_image_that_passes_begins_that_time_anew() -> None:
     one = life_cycle()
-    assert not one.gated(11 * NS_PER_S)
-    one.fused(round(11.5 * NS_PER_S), was_lost=False, has_wing=True)
-    assert not one.gated(round(12.5 * NS_PER_S))
-    assert not one.gated(round(13.4 * NS_PER_S))
-    assert one.gated(round(13.6 * NS_PER_S))
+    assert not gated(one, 11.0)
+    assert not one.judge(round(11.5 * NS_PER_S), passes=True, has_extent=True, newest_ns=None).is_late
+    assert one.judge(round(11.4 * NS_PER_S), passes=True, has_extent=True, newest_ns=None).is_late
+    assert not gated(one, 12.5)
+    assert not gated(one, 13.4)
+    assert gated(one, 13.6)
 
 
 def test_an_image_that_passes_when_judged_again_does_so_too() -> None:
     one = life_cycle()
-    assert not one.gated(11 * NS_PER_S)
+    assert not gated(one, 11.0)
     one.judged_again(round(11.5 * NS_PER_S))
-    assert not one.gated(round(12.5 * NS_PER_S))
+    assert not gated(one, 12.5)
     assert one.last_fused_ns == round(11.5 * NS_PER_S)
 
 

@@ -7,6 +7,7 @@ from msgspec.structs import replace
 from onboard.messages import Clock, Datagram, Encoding, Estimate, Lifecycle, TargetPoints, Verdict
 from onboard.pipeline import Pipeline
 from tests.support.cases import slow_but
+from tests.support.images import exposed
 from tests.support.streams import (
     CIRCLE,
     EPOCH,
@@ -64,7 +65,7 @@ def test_the_waiting_room_is_bounded() -> None:
     pipeline = Pipeline(make_config())
     pipeline.advance([heartbeat(5 * S), CIRCLE.attitude(5 * S), CIRCLE.position(5 * S)])
     for i in range(600):
-        pipeline.advance([replace(CIRCLE.image(5 * S), t_ns=5 * S + 200 * MS + i)])
+        pipeline.advance(exposed([replace(CIRCLE.image(5 * S), t_ns=5 * S + 200 * MS + i)]))
     assert len(pipeline._waiting) <= 256
     outputs = pipeline.advance([CIRCLE.attitude(6 * S), CIRCLE.position(6 * S)])
     assert len(pipeline._waiting) == 0
@@ -151,8 +152,8 @@ def test_health_counts_streams_verdicts_and_states() -> None:
     health = run.pipeline.health(EPOCH + 9 * S)
     assert health.streams["Attitude"].count == 200
     assert health.streams["Attitude"].rate == pytest.approx(50, abs=1)
-    assert health.streams["TargetPoints"].rate == pytest.approx(25, abs=1)
-    assert health.streams["TargetPoints"].age == pytest.approx(0.0, abs=0.06)
+    assert health.streams["Exposure"].rate == pytest.approx(25, abs=1)
+    assert health.streams["Exposure"].age == pytest.approx(0.0, abs=0.06)
     assert health.states == {"leader": Lifecycle.TRACKING}
     assert health.verdicts == {f"leader.{k}": n for k, n in run.verdicts().items()}
     assert health.rejected == {"bad_points": 1}

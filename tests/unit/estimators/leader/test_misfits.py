@@ -10,6 +10,7 @@ from onboard.messages import Estimate, ImageFeature, Message, TargetPoints
 from onboard.pipeline import Pipeline
 from simlink.encounters.encounter import BOOT_NS, make_encounter
 from studies.encounters.flights import FIVE_POINTS, known
+from tests.support.images import detections, exposed
 from tests.support.streams import make_config
 
 SECONDS = 9.0
@@ -29,7 +30,11 @@ def flown(moved: dict[str, tuple[float, float]], after: float = 4.0) -> tuple[li
         (u, v), (du, dv) = f.point, moved.get(f.name, (0.0, 0.0))
         return replace(f, point=(u + du, v + dv))
 
-    outputs = (o for d in encounter.datagrams() for o in pipeline.advance([*map(seen, pipeline.decode(d))]))
+    outputs = (
+        o
+        for d in encounter.datagrams()
+        for o in pipeline.advance(exposed(map(seen, detections(pipeline.decode(d)))))
+    )
     estimates = [o for o in outputs if isinstance(o, Estimate) and o.name == "leader"]
     verdicts = pipeline.health(0).verdicts
     counts = {k.removeprefix("leader.misfit_"): n for k, n in verdicts.items() if "misfit" in k}

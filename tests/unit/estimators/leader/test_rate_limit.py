@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from onboard.estimators.leader import estimator as leader
 from onboard.estimators.leader.tracks.report import RateLimit
 from onboard.geometry.camera import make_camera
-from onboard.messages import Cause, Estimate, Message, Reason, TargetPoints
+from onboard.messages import Cause, Estimate, Exposure, Message, Reason, TargetPoints
 from onboard.ownship import Ownship
 from tests.support.streams import CIRCLE, EPOCH, LATENCY, MS, Item, S, Stream, encode, feed, make_config
 
@@ -69,7 +69,7 @@ def flown() -> tuple[leader.Estimator, Ownship, list[Message]]:
     begun = [m for m in messages if m.t_ns < 7 * S]
     for m in begun:
         if isinstance(m, TargetPoints):
-            one.observe(m, ownship)
+            one.observe(Exposure.of(m), ownship)
         elif ownship.receive(m, m.t_ns):
             one.tick(ownship)
     return one, ownship, [m for m in messages if m.t_ns >= 7 * S and not isinstance(m, TargetPoints)]
@@ -83,7 +83,7 @@ def receive_sample(messages: list[Message], ownship: Ownship) -> None:
 
 def test_a_reset_is_published_at_the_next_sample() -> None:
     one, ownship, messages = flown()
-    (image,) = one.observe(CIRCLE.image(ownship.now_ns), ownship)
+    (image,) = one.observe(Exposure.of(CIRCLE.image(ownship.now_ns)), ownship)
     assert image.valid
     assert one.tick(ownship) == []
     one.reset(Reason(Cause.OWN_MOTION_DOUBT, "our own motion was in doubt"))
@@ -96,7 +96,7 @@ def test_a_target_that_was_reset_has_its_last_word_at_once() -> None:
     one, ownship, messages = flown()
     for k in range(3):
         t_ns = ownship.now_ns - (2 - k) * 30 * MS
-        one.observe(replace(CIRCLE.image(t_ns), target="target/1"), ownship)
+        one.observe(Exposure.of(replace(CIRCLE.image(t_ns), target="target/1")), ownship)
     assert one._tracks["target/1"].is_followed
     one.reset(Reason(Cause.OWN_MOTION_DOUBT, "our own motion was in doubt"))
     receive_sample(messages, ownship)

@@ -18,6 +18,7 @@ from onboard.estimators.leader.image.prepare import UNKNOWN, features_of, measur
 from onboard.estimators.leader.image.shape import HIGHEST, LOWEST, ROTORS, shape_of
 from onboard.messages import ImageFeature, TargetDetection, TargetPoints
 from onboard.models.relative_motion import POSITION
+from tests.support.images import fused
 from tests.support.streams import CIRCLE, F_PX, S, Stream, advance
 
 SIGMA = 1 / F_PX
@@ -283,7 +284,7 @@ def judged(box: Any, noise: float = 0.0) -> Any:
     filter_ = make_filter(leader())
     first = measured(detection(feature("box", 0.0, 0.0), half=(0.04, 0.012)))
     pose = CameraPose(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3), noise**2 * np.eye(3))
-    return filter_.fuse(filter_.start(first, pose, None), box.with_attitude_noise(pose.noise_c), pose)
+    return fused(filter_, filter_.start(first, pose, None), box, pose)
 
 
 def test_a_box_is_judged_by_where_its_middle_and_how_large_it_is() -> None:

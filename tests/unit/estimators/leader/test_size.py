@@ -5,6 +5,7 @@ import pytest
 from onboard.estimators.leader.assumptions import Size
 from onboard.messages import Cause, Reason
 from onboard.models.relative_motion import SIZE
+from tests.support.images import exposed
 from tests.support.streams import SIZE as TRUE_SIZE
 from tests.support.streams import Stream, feed, make_config
 
@@ -17,5 +18,5 @@ def test_a_track_that_starts_anew_starts_with_the_size_that_is_known() -> None:
     track.reset(Reason(Cause.REBOOTED, "the test says so"))
     track.size = LARGER
     for item in Stream(t0=6.0, t1=6.6).items():
-        run.pipeline.advance([item.message])
+        run.pipeline.advance(exposed([item.message]))
     assert track.tick(run.pipeline.ownship).mean[SIZE] == pytest.approx(LARGER.value)

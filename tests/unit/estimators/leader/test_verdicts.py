@@ -6,7 +6,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from onboard.estimators.leader.estimator import Estimator
-from onboard.messages import Cause, MeasurementReport, Reason, TargetPoints, Verdict
+from onboard.messages import Cause, Exposure, MeasurementReport, Reason, TargetPoints, Verdict
 from onboard.ownship import Ownship
 from tests.support.streams import F_PX, MS, Flight, S, Stream, advance, feed, heartbeat, make_config
 
@@ -24,7 +24,7 @@ def tracking() -> tuple[Estimator, Ownship, list[TargetPoints]]:
 
 
 def judged(estimator: Estimator, ownship: Ownship, image: TargetPoints) -> MeasurementReport:
-    (estimate,) = estimator.observe(image, ownship)
+    (estimate,) = estimator.observe(Exposure.of(image), ownship)
     assert estimate.measurement is not None
     return estimate.measurement
 

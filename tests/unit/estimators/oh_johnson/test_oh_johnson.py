@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from onboard.config import load_config, parse_config
 from onboard.filters.belief import FilterError
-from onboard.messages import Datagram, Estimate, Lifecycle, Output, TargetPoints, Verdict
+from onboard.messages import Datagram, Estimate, Exposure, Lifecycle, Output, TargetPoints, Verdict
 from onboard.pipeline import Pipeline
 from simlink.scenarios.scenario import load_scenario
 from tests.support import kept
@@ -65,7 +65,7 @@ def test_an_image_that_comes_again_is_a_duplicate_seed_3() -> None:
         left=last.points[1],
         right=last.points[2],
     )
-    made = pipeline.estimators["oh_johnson"].observe(again, pipeline.ownship)
+    made = pipeline.estimators["oh_johnson"].observe(Exposure.of(again), pipeline.ownship)
     assert made[0].measurement is not None
     assert made[0].measurement.verdict is Verdict.DUPLICATE
 

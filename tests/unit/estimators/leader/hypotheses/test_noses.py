@@ -18,6 +18,7 @@ from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import Measurement, from_points
 from onboard.estimators.leader.image.shape import shape_of
 from onboard.filters.belief import FilterError
+from tests.support.images import fused
 
 SETTINGS = NoseModel(
     size=2.0, size_sigma=0.04, misalignment=(0.007, 0.007, 0.024), misalignment_time=60.0, own_velocity=0.1
@@ -150,8 +151,8 @@ def test_what_is_beyond_the_gate_together_is_not_fused(monkeypatch: pytest.Monke
     filter_ = BeliefFilter(SETTINGS, shape_of(Config(size_prior_m=2.0)), 0.0)
     state = filter_.start(image(25.0, 0.3), STILL, None)
     monkeypatch.setattr(update, "update", lambda _settings, cloud, *_: (cloud, 0.0))
-    assert filter_.fuse(state, image(25.0, 0.3), STILL).passes
-    far = filter_.fuse(state, image(25.0, 0.3, east=15.0), STILL)
+    assert fused(filter_, state, image(25.0, 0.3), STILL).passes
+    far = fused(filter_, state, image(25.0, 0.3, east=15.0), STILL)
     assert far.nis > SETTINGS.gate
     assert not far.passes
 
