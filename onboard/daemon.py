@@ -335,6 +335,11 @@ class Daemon:
                         link.send(self._output.signed(channel, frame, self._wall_ns()))
 
 
+def check_link(url: str) -> None:
+    """Raise LinkError for what is no link string; nothing is opened."""
+    parse_link(url, "autopilot")
+
+
 def _rotation(config: Config) -> recording.Rotation:
     """Of recordings, as configured."""
     file_mb, keep_mb = config.recorder.file_mb, config.recorder.keep_mb

@@ -21,7 +21,6 @@ import msgspec
 from onboard.clocks.cameras import Followers
 from onboard.clocks.odd_stamps import OddStamps
 from onboard.clocks.offset import WINDOW_NS, Offset, Reply, lower
-from onboard.clocks.reading import Span, read_stamps
 from onboard.clocks.wall_clock import WallClock
 from onboard.messages import (
     ActuatorOutputs,
@@ -35,6 +34,7 @@ from onboard.messages import (
     TimeSync,
 )
 from onboard.messages.causes import Cause, Reason
+from onboard.messages.stamps import Span, read_stamps
 
 # A sensor stamps these, perhaps by the boot clock, and they can be used once our own pose at that time is known.
 SENSED: Final = (Exposure, RadarScan, PeerRanges)

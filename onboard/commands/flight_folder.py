@@ -11,8 +11,8 @@ from typing import Final, NamedTuple
 import msgspec
 
 from onboard import UserError
-from onboard.clocks.reading import Span, read_stamps
 from onboard.messages import NO_REASON, Cause, Clock, Datagram, Encoding, Reason
+from onboard.messages.stamps import Span, read_stamps
 from onboard.wire.tlog import NotALogError
 
 LOGS: Final = (".bin", ".mcap", ".tlog", ".ulg")

@@ -17,7 +17,7 @@ from onboard.commands.files import make_folder
 from onboard.commands.share import TOGETHER, copied_text, shared_text
 from onboard.commands.terminal import show
 from onboard.config import ConfigError, GuidanceConfig, LeaderOutConfig, parse_config
-from onboard.links import LinkError, parse_link
+from onboard.daemon import check_link
 
 CONFIG: Final = "companion.toml"
 UNIT: Final = "onboard.service"
@@ -118,8 +118,8 @@ def ask(question: Question, read: Callable[[str], str]) -> str:
 def setup_of(answers: Mapping[str, str]) -> Setup:
     """Answers as numbers. Raises UserError for what cannot be."""
     try:
-        parse_link(answers["link"], "autopilot")
-    except LinkError as error:
+        check_link(answers["link"])
+    except UserError as error:
         raise UserError(f"init: --link {answers['link']!r}: expected {LINK_WORDS}") from error
     if answers["link"].startswith("json:"):
         raise UserError(f"init: --link {answers['link']!r} is of a detector: expected {LINK_WORDS}")

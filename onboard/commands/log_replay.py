@@ -10,7 +10,6 @@ from typing import Final, NamedTuple
 from msgspec.structs import replace
 
 from onboard import UserError
-from onboard.clocks.reading import Span
 from onboard.commands.flight_folder import Documents, FlightFolder, flight_folder
 from onboard.config import Config, ConfigError, read_recorded, signing_key
 from onboard.messages import (
@@ -27,6 +26,7 @@ from onboard.messages import (
     StatusText,
 )
 from onboard.messages.causes import Cause, Reason
+from onboard.messages.stamps import Span
 from onboard.pipeline import Pipeline
 from onboard.scoring.beside import judged
 from onboard.wire import dataflash, ulog

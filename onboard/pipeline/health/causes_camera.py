@@ -4,9 +4,9 @@ import math
 from collections.abc import Iterator
 from typing import Final
 
-from onboard.clocks.reading import Reading, Span, read_stamps
 from onboard.messages import Advice, CameraHealth, Clock, Health, Severity
 from onboard.messages.causes import Cause
+from onboard.messages.stamps import Reading, Span, read_stamps
 from onboard.pipeline.health.needs import Moment
 
 PATIENCE_S: Final = 5.0  # after the start, before an image is missing

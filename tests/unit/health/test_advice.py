@@ -16,7 +16,6 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from onboard.arrays import Array
 from onboard.autopilot.notices import LENGTH, Notices
-from onboard.clocks.reading import Span, read_stamps
 from onboard.commands import absent
 from onboard.commands.absent import why_absent
 from onboard.commands.status import describe, is_healthy
@@ -42,6 +41,7 @@ from onboard.messages import (
     SinkHealth,
     TargetPoints,
 )
+from onboard.messages.stamps import Span, read_stamps
 from onboard.pipeline import Pipeline, Rim
 from onboard.pipeline.health import Advisor, Needs
 from onboard.pipeline.health.causes_state import REMEDIES, VALID
