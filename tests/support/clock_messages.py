@@ -1,7 +1,7 @@
 """Messages with stamps of two clocks."""
 
 from onboard.clocks import Clocks
-from onboard.messages import Clock, LocalPosition, TargetPoints, TimeSync
+from onboard.messages import Clock, Exposure, LocalPosition, TargetPoints, TimeSync
 from onboard.messages.vehicle import OUR_TAG
 
 MS = 1_000_000
@@ -13,9 +13,11 @@ def sample(t_ns: int, t_recv_ns: int) -> LocalPosition:
     return LocalPosition(t_ns=t_ns, t_recv_ns=t_recv_ns, r_OF_n=(0, 0, 0), v_F_n=(0, 0, 0))
 
 
-def image(t_ns: int, t_recv_ns: int, clock: Clock = Clock.BOOT) -> TargetPoints:
+def image(t_ns: int, t_recv_ns: int, clock: Clock = Clock.BOOT) -> Exposure:
     at = (0.0, 0.0)
-    return TargetPoints(t_ns=t_ns, t_recv_ns=t_recv_ns, clock=clock, camera="c", center=at, left=at, right=at)
+    return Exposure.of(
+        TargetPoints(t_ns=t_ns, t_recv_ns=t_recv_ns, clock=clock, camera="c", center=at, left=at, right=at)
+    )
 
 
 def run(clocks: Clocks, start_s: float, seconds: float, host_ns: int = EPOCH + 2 * MS, period_ms: int = 20) -> int:
