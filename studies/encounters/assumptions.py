@@ -74,10 +74,10 @@ ASSUMPTIONS: Final[Mapping[str, Assumption]] = {
     ),
     "its nose swings by 28 degrees": Assumption(Departure(nose_slack_deg=28.0), ("nose_about_course",), HOVERING),
     "its nose turns by up to 0.8 rad/s, 40 % of the time": Assumption(
-        Departure(nose_rate=0.8, nose_turns=0.4), ("nose_rate", "turning"), FIXED_WING
+        Departure(nose_rate=0.8, nose_turns=0.4), ("nose_rate", "still_for", "turns_for"), FIXED_WING
     ),
     "its nose turns by up to 3.1 rad/s, nearly always": Assumption(
-        Departure(nose_rate=3.1, nose_turns=0.95), ("nose_rate", "turning"), FIXED_WING
+        Departure(nose_rate=3.1, nose_turns=0.95), ("nose_rate", "still_for", "turns_for"), FIXED_WING
     ),
     "accelerations of 4 m/s^2": Assumption(Departure(acceleration=4.0), ("acceleration_random_walk",)),
     "accelerations of 9 m/s^2": Assumption(Departure(acceleration=9.0), ("acceleration_random_walk",)),
