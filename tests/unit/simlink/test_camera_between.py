@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from onboard.messages import Attitude, CameraDetections, Clock, Heartbeat, SimStatus, TargetPoints, Truth
+from onboard.messages import Attitude, CameraDetections, Clock, Exposure, Heartbeat, SimStatus, TargetPoints, Truth
 from onboard.wire.mavlink_decode import MavlinkDecoder
 from onboard.wire.mavlink_encode import MavlinkEncoder
 from simlink.autopilot import AutopilotLink
@@ -150,14 +150,14 @@ class Screen(asyncio.DatagramProtocol):
     """The receiver of the image points."""
 
     def __init__(self) -> None:
-        self.images: list[TargetPoints] = []
+        self.images: list[Exposure] = []
         self._decoder = MavlinkDecoder(stream=False)
 
     def datagram_received(self, data: bytes, _: Any) -> None:
         self.images += self._decoder.decode(data, 0)
 
 
-async def fly(lines: list[str], truths: list[Truth], **changed: Any) -> list[TargetPoints]:
+async def fly(lines: list[str], truths: list[Truth], **changed: Any) -> list[Exposure]:
     """The camera between a follower and an aircraft that flies where the follower's leader would be."""
     screen, stop = Screen(), asyncio.Event()
     loop = asyncio.get_running_loop()
@@ -189,7 +189,9 @@ def test_the_camera_sees_one_vehicle_from_the_other_seed_1() -> None:
     q_bc = mount_quaternion(SITL.camera)
     by_time = {truth.t_ns // 1000: truth for truth in truths}
     off = []
-    for image in images:
+    for exposure in images:
+        (image,) = exposure.detections
+        assert isinstance(image, TargetPoints)
         truth = by_time[image.t_ns // 1000]
         assert math.hypot(*truth.r_FL_n) == pytest.approx(25.0, abs=1.5)  # they do not begin at one instant
         x, y, z = attitude.to_b(q_bc, attitude.to_b(truth.q_nF, truth.r_FL_n))
