@@ -54,12 +54,13 @@ class Process(NamedTuple):
     popen: "subprocess.Popen[bytes]"
     log: Path
 
-    def check(self) -> None:
-        """Raise DemoError if it has ended with an error."""
+    def check(self) -> bool:
+        """Whether it still runs. Raises DemoError if it has ended with an error."""
         code = self.popen.poll()
         if code not in {None, 0}:
             words = self.log.read_text(errors="replace").strip().splitlines()
             raise DemoError(f"{self.name} ended with code {code}: {words[-1] if words else 'no output'}")
+        return code is None
 
 
 @contextlib.contextmanager
@@ -101,8 +102,7 @@ def connect(endpoint: str, vehicle: str, daemon: Process, on_wait: Callable[[flo
     client: Client | None = None
     with contextlib.ExitStack() as stack:
         while client is None or not client.alive.wait(RETRY_S):
-            daemon.check()
-            if daemon.popen.poll() is not None:
+            if not daemon.check():
                 raise DemoError("the daemon ended with code 0 before it was up")
             on_wait(time.monotonic() - begin)
             if client is None:
