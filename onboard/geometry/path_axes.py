@@ -14,17 +14,15 @@ from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from onboard.arrays import Array
 
 SLOW: Final = 1.0  # m/s, over ground
 
 
-@njit(cache=True, error_model="numpy")
-def path_angles(u, v, w, heading):
+def path_angles(u: float, v: float, w: float, heading: float) -> tuple[float, float, float, float]:
     """Cosine and sine of the course and of the climb angle of a velocity (m/s, in n). `heading` (rad): instead of
-    the course of a slow one, which then does not climb."""
+    the course of a slow one, which then does not climb. Kernels may compile it into their own machine code."""
     h2 = u * u + v * v
     if h2 <= SLOW * SLOW:
         return np.cos(heading), np.sin(heading), 1.0, 0.0

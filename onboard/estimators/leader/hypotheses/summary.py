@@ -245,6 +245,9 @@ def moments(noses, means, w, about, period, within, mean, S):
     return log_range
 
 
+_path_angles = njit(error_model="numpy")(path_angles)
+
+
 @njit(cache=True, error_model="numpy")
 def _derivatives(known, dt, J):
     """Of the leader's components (BASE,) by a summary `dt` seconds before, into J (BASE, N); and its a_lat, a_long
@@ -256,7 +259,7 @@ def _derivatives(known, dt, J):
     J[SIZE, LOG_SIZE] = np.exp(known[LOG_SIZE])
     J[HEADING, NOSE] = J[BANK_ERROR, BANK] = 1.0
     u, v, w = known[3] + dt * known[6], known[4] + dt * known[7], known[5] + dt * known[8]
-    c, s, cosine, sine = path_angles(u, v, w, known[NOSE])  # one that hovers has its accelerations along its nose
+    c, s, cosine, sine = _path_angles(u, v, w, known[NOSE])  # one that hovers has its accelerations along its nose
     level, right = c * known[6] + s * known[7], c * known[7] - s * known[6]
     a = right, -sine * level - cosine * known[8], cosine * level - sine * known[8]
     J[A_LAT, 6], J[A_LAT, 7] = -s, c
