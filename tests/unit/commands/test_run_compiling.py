@@ -27,9 +27,11 @@ SMALL = {"onboard.filters.kernels.cholesky", "onboard.filters.kernels.definite"}
 
 @pytest.fixture(autouse=True)
 def listeners() -> Any:
-    """Numba's listeners as they were; so are the signals, which `onboard run` sets."""
+    """None of Numba's listeners but a test's own: one that another file's run left would compile what that one
+    flies with. Then those and the signals, which `onboard run` sets, are as they were."""
     before = {kind: list(found) for kind, found in event._registered.items()}
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    event._registered.clear()
     yield
     event._registered.clear()
     event._registered.update(before)
