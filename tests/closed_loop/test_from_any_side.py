@@ -75,7 +75,7 @@ LEAST_VALID: Final = {
 }  # percent: its images are missing for 6 of 25 s, and it coasts for 2
 
 # percent: of one flight each, which draws more than is supposed
-LEAST_INSIDE: Final = {"a nose from the front": 75.0, "a track begun again": 85.0}
+LEAST_INSIDE: Final = {"a nose from the front": 70.0, "a track begun again": 85.0}
 
 
 @pytest.mark.parametrize("name", slow_but(["a nose from the front"], FLIGHTS))

@@ -67,7 +67,7 @@ class Copter(NamedTuple):
 def copter(request: pytest.FixtureRequest) -> Copter:
     if request.param == "excerpt":
         log = gzip.decompress((EXCERPT / "copter.tlog.gz").read_bytes())
-        return Copter(*replay(log), 450, truth_of(EXCERPT / "copter_truth.csv.gz"), 0.6, 0.015)
+        return Copter(*replay(log), 450, truth_of(EXCERPT / "copter_truth.csv.gz"), 0.7, 0.02)
     log = recording("formation-copter/follower.tlog").read_bytes()
     truth = truth_of(recording("formation-copter/follower_truth.csv.gz"))
     return Copter(*replay(log), 4500, truth, 1.9, 0.058)

@@ -64,7 +64,7 @@ LETS_GO2: Final = 9.0  # (m/s)^2: a slower leader's nose is not tied to its cour
 DRIFTS2: Final = 0.16  # (m/s)^2: a faster leader does not hover
 SURE: Final = 10.0  # times as long until a particle takes another nose, where points show the nose
 MOST_COST: Final = 20.0  # of what a hypothesis supposes: it is improbable enough then
-HORIZONTAL: Final = np.array([1.0, 1.0, 0.8])  # vertical accelerations are half as large
+HORIZONTAL: Final = np.array([1.0, 1.0, 0.8])  # vertical accelerations are smaller
 
 
 def predict(settings: NoseModel, cloud: Cloud, dt: float, moved: Array) -> Cloud:

@@ -87,19 +87,20 @@ class Exchange:
         if self._gated is None:
             self._gated = image
 
-    def ended(self) -> None:
-        """The track has ended, as no image fits it: the next one is in question if the images had leapt; unless
-        they have leapt back."""
+    def ended(self) -> bool:
+        """The track has ended, as no image fits it: whether the images had leapt. The next is then in question,
+        unless they have leapt back."""
         last, first = self._fused, self._gated
         self._fused = self._gated = None
         if last is None or first is None or not leaps(last, first):
-            return
+            return False
         if self._before is not None and _is_back(self._before, first):
             self._before, self._until_ns = None, 0
-            return
+            return True
         if last.message.t_ns > self._until_ns:
             self._before = last
         self._until_ns = last.message.t_ns + self._forgotten_after_ns
+        return True
 
     def is_in_question(self, t_ns: int) -> bool:
         """Whether what is followed may be another object."""

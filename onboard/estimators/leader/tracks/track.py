@@ -303,8 +303,9 @@ class Track:
             case RestartTrack(why, update):
                 self._exchange.gated(image)
                 self.life.led_elsewhere(t_ns)
-                self._exchange.ended()
+                leapt = self._exchange.ended()
                 self._forget(why)
+                self._surprise = 1.0 if leapt else NO_IMAGE_FITS  # another object is no surprise
                 self._start(image, ownship, None)
                 return self._report(message, Verdict.GATED, image, update)
             case EndTrack(why, verdict):
@@ -373,7 +374,7 @@ class Track:
 
     def _forget(self, why: Reason) -> None:
         self.life.forgotten(why, had_track=self._history is not None)
-        self._surprise = NO_IMAGE_FITS if why is ALL_GATED else 1.0
+        self._surprise = 1.0
         self._guard.clear()
         self._sight.clear()
         self.prior = None
