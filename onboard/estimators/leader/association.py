@@ -11,8 +11,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from onboard.filters.association import assign
-
 ABOUT: Final = 2.0 * math.log(10.0)  # of cost: an assignment that is ten times as likely is decided
 AN_ID: Final = 2.0 * math.log(100.0)  # of cost: so much likelier, without ids, than what an id says; of two 10^4
 
@@ -57,6 +55,9 @@ def exchanged(costs: Costs) -> dict[int, int]:
 
 def _assigned(costs: Costs, missed: float) -> dict[int, int]:
     """The track of each detection that has one, where a track without a detection costs so much."""
+    # With one track and one detection there is nothing to choose, and most flights load no SciPy.
+    from onboard.filters.association import assign  # noqa: PLC0415 - a quarter of a second
+
     pairs = list(costs)
     tracks = sorted({track for track, _ in pairs})
     nothing = 1 + max(i for _, i in pairs)  # the first number of those that stand for no detection

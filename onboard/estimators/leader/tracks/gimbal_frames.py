@@ -17,7 +17,6 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.leader.image.camera_pose import CameraPoses
 from onboard.estimators.leader.image.prepare import Image
-from onboard.estimators.leader.tracks.doubts import LONGEST_S
 from onboard.geometry.camera import Camera
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import MountFrame
@@ -30,6 +29,7 @@ WORDS: Final[Mapping[MountFrame, str]] = {
     "heading": "our heading and the horizon",
 }
 APART_S: Final = 0.5  # between the images whose directions are compared
+LONGEST_S: Final = 0.3  # between two images in a row
 ACCELERATION: Final = 1.0  # m/s^2, one standard deviation, of a leader that is not known to accelerate
 NOISE: Final = 0.005  # rad, of the change of a direction rate over `APART_S`, by the images and the gimbal
 MARGIN: Final = 0.5  # of log-likelihood an image: frames that fit about equally well decide nothing
