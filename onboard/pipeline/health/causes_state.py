@@ -11,7 +11,7 @@ LASTS_NS: Final = 5_000_000_000  # not valid for so long
 VALID: Final = frozenset({Cause.NONE, Cause.FUSED, Cause.PREDICTED, Cause.CARRIED})
 
 
-class Remedy(NamedTuple):
+class StateRemedy(NamedTuple):
     """What to do, and what it costs meanwhile."""
 
     words: str
@@ -19,21 +19,29 @@ class Remedy(NamedTuple):
 
 
 FIT: Final = "`onboard calibrate LOG` finds mount, delay and focal length of a recorded flight"
-ABSENT: Final = Remedy("nothing, if no leader is in view; else look at what the detector finds", Severity.NOTICE)
-STARTS: Final = Remedy("wait; if it lasts, look at what the detector finds", Severity.NOTICE)
-MISFIT: Final = Remedy(f"`mount_rpy_deg`, `delay_s`, `f_px` of [camera] or the size is wrong: {FIT}")
-ONE_TARGET: Final = Remedy("let the detector follow one aircraft, and name it by one `target`, `id` and `class`")
-STREAMS: Final = Remedy(
+ABSENT: Final = StateRemedy(
+    "nothing, if no leader is in view; else look at what the detector finds", Severity.NOTICE
+)
+STARTS: Final = StateRemedy("wait; if it lasts, look at what the detector finds", Severity.NOTICE)
+MISFIT: Final = StateRemedy(f"`mount_rpy_deg`, `delay_s`, `f_px` of [camera] or the size is wrong: {FIT}")
+UNEXPECTED: Final = StateRemedy(
+    "look at how the leader flies: no `leader_class` of [estimator.leader] flies aerobatics. If it flies "
+    f"steadily, `size_prior_m` of [estimator.leader] or `mount_rpy_deg`, `delay_s`, `f_px` of [camera] is wrong: {FIT}"
+)
+ONE_TARGET: Final = StateRemedy(
+    "let the detector follow one aircraft, and name it by one `target`, `id` and `class`"
+)
+STREAMS: Final = StateRemedy(
     "look at the autopilot's streams: ATTITUDE_QUATERNION and LOCAL_POSITION_NED, 10 Hz or more"
 )
-SENSORS: Final = Remedy(
+SENSORS: Final = StateRemedy(
     "look at the autopilot's own filter: vibration, compass, GPS; land, and restart it. `onboard report LOG` "
     "shows what contradicts what",
     Severity.ERROR,
 )
-SLOW: Final = Remedy("make the link faster, or this program's computer less busy (`top`)")
-RESTARTED: Final = Remedy("wait: it begins anew with the next images", Severity.NOTICE)
-OURS: Final = Remedy("report it, with the recording")
+SLOW: Final = StateRemedy("make the link faster, or this program's computer less busy (`top`)")
+RESTARTED: Final = StateRemedy("wait: it begins anew with the next images", Severity.NOTICE)
+OURS: Final = StateRemedy("report it, with the recording")
 REMEDIES: Final = {
     **dict.fromkeys((Cause.NO_MEASUREMENT, Cause.FORGOTTEN, Cause.TIMEOUT, Cause.DISPLACED), ABSENT),
     **dict.fromkeys((Cause.STARTING, Cause.SEEN_AGAIN), STARTS),
@@ -44,9 +52,12 @@ REMEDIES: Final = {
         ),
         MISFIT,
     ),
+    Cause.UNEXPECTED: UNEXPECTED,
     **dict.fromkeys((Cause.LEAPT, Cause.CLASS_OPEN, Cause.CLASS_CHANGED, Cause.RENAMED), ONE_TARGET),
-    Cause.FULL: Remedy("raise `max_targets` of [estimator.leader], or let the detector report fewer aircraft"),
-    Cause.STALE: Remedy("restart the camera: it sends the same image again"),
+    Cause.FULL: StateRemedy(
+        "raise `max_targets` of [estimator.leader], or let the detector report fewer aircraft"
+    ),
+    Cause.STALE: StateRemedy("restart the camera: it sends the same image again"),
     **dict.fromkeys(
         (
             *(Cause.REBOOTED, Cause.CLOCK_SET, Cause.CLOCK_CORRECTED, Cause.OTHER_AUTOPILOT, Cause.ORIGIN_MOVED),
@@ -54,11 +65,13 @@ REMEDIES: Final = {
         ),
         RESTARTED,
     ),
-    **dict.fromkeys((Cause.NO_POSITION, Cause.FIX_UNUSABLE), Remedy("wait for its GPS; look at its antenna")),
+    **dict.fromkeys((Cause.NO_POSITION, Cause.FIX_UNUSABLE), StateRemedy("wait for its GPS; look at its antenna")),
     **dict.fromkeys((Cause.NO_ATTITUDE, Cause.OWN_MOTION_UNKNOWN, Cause.SILENT), STREAMS),
     **dict.fromkeys((Cause.OWN_MOTION_DOUBT, Cause.FIXES_CONTRADICT), SENSORS),
-    Cause.OTHER_VEHICLE: Remedy("set `airframe` of [estimator.own_state] to what flies"),
-    Cause.CLOCK_RATE: Remedy("let a simulator run in real time, or stamp images by its clock (`clock: boot`)"),
+    Cause.OTHER_VEHICLE: StateRemedy("set `airframe` of [estimator.own_state] to what flies"),
+    Cause.CLOCK_RATE: StateRemedy(
+        "let a simulator run in real time, or stamp images by its clock (`clock: boot`)"
+    ),
     **dict.fromkeys((Cause.HELD_UP, Cause.BEHIND, Cause.OUTDATED), SLOW),
     **dict.fromkeys((Cause.FILTER_FAILED, Cause.ESTIMATOR_ERROR), OURS),
 }

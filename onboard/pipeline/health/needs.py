@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
-from onboard.messages import Health
+from onboard.messages import Exposure, Health
 
 SILENT_S: Final = 3.0
 ENOUGH: Final = 0.8  # of a rate that is needed
@@ -75,7 +75,7 @@ class Moment(NamedTuple):
     @property
     def silence(self) -> float:
         """Seconds since any stream of our vehicle."""
-        own = [s.age for name, s in self.now.streams.items() if not name.startswith("Target")]
+        own = [s.age for name, s in self.now.streams.items() if name != Exposure.__name__]
         return min(own, default=self.waited)
 
     @property

@@ -257,7 +257,10 @@ def test_09_a_size_that_is_four_times_too_small() -> None:
     """The leader is four times as large as configured, and so seems four times as near as it is. Three times as
     large fits another flight of a nearer leader, and nothing shows it (docs/status.md)."""
     doctor = flown(moved(lambda p: p[:1] + 4.0 * (p - p[:1])))
-    assert "not valid" in named(doctor, "misfit", "`size_prior_m`").what
+    advice = named(doctor, "not-valid", "`size_prior_m`")
+    assert "not valid: it moves as no hypothesis expects" in advice.what
+    suspects = "how the leader flies", "`mount_rpy_deg`", "`delay_s`", "`f_px`"
+    assert all(suspect in advice.remedy for suspect in suspects)
 
 
 @pytest.mark.parametrize(
