@@ -60,7 +60,7 @@ LATEST_UTC_US: Final = 2**53
 Lose = Callable[[str], None]
 
 
-class Source(NamedTuple):
+class LogSource(NamedTuple):
     """The MAVLink system of a log, and Unix time less boot time, ns."""
 
     system: int
@@ -93,7 +93,7 @@ def read_ulog(path: Path, lose: Lose = lambda _: None) -> Iterator[Message]:
     _choose_outputs(log.data_list, topics)
     topics = {name: _in_order(columns, partial(_name, lose, name)) for name, columns in topics.items()}
     _add_rates(topics)
-    source = Source(_parameter(log, "MAV_SYS_ID", 1), _unix_offset_ns(log, topics.get("vehicle_gps_position")))
+    source = LogSource(_parameter(log, "MAV_SYS_ID", 1), _unix_offset_ns(log, topics.get("vehicle_gps_position")))
     streams = []
     for name, convert in CONVERT.items():
         if name not in topics:
@@ -122,14 +122,14 @@ def _parameters(log: Any, header: dict[str, Any]) -> Iterator[Message]:
         yield ParamValue(**head, name=str(name), value=float(value), default=default)
 
 
-def _changes(log: Any, source: Source, start_ns: int) -> Iterator[Message]:
+def _changes(log: Any, source: LogSource, start_ns: int) -> Iterator[Message]:
     """Parameters that somebody has set later."""
     for t_us, name, value in sorted(log.changed_parameters, key=lambda change: int(change[0])):
         head = _header(max(int(t_us) * 1000, start_ns), source) | {"clock": Clock.NONE}
         yield ParamValue(**head, extended=False, name=str(name), value=float(value))
 
 
-def _texts(log: Any, source: Source, start_ns: int) -> Iterator[Message]:
+def _texts(log: Any, source: LogSource, start_ns: int) -> Iterator[Message]:
     """The texts of PX4; its levels are digits. No time base begins with a text."""
     for logged in sorted(log.logged_messages, key=lambda logged: int(logged.timestamp)):
         header = _header(max(int(logged.timestamp) * 1000, start_ns), source) | {"clock": Clock.NONE}
@@ -219,7 +219,7 @@ def _add_rates(topics: dict[str, Any]) -> None:
         attitude[name] = np.interp(attitude["timestamp"], rates["timestamp"][known], rates[field][known])
 
 
-def _stream(convert: "Converter", columns: Any, source: Source, lose: Lose) -> Iterator[Message]:
+def _stream(convert: "Converter", columns: Any, source: LogSource, lose: Lose) -> Iterator[Message]:
     """One topic's messages. `columns` maps each field's name to an array over the topic's rows."""
     needs = convert.needs(columns)
     for i, t_us in enumerate(columns["timestamp"].tolist()):
@@ -232,7 +232,7 @@ def _stream(convert: "Converter", columns: Any, source: Source, lose: Lose) -> I
             yield message
 
 
-def _header(t_ns: int, source: Source) -> dict[str, Any]:
+def _header(t_ns: int, source: LogSource) -> dict[str, Any]:
     return {"t_ns": t_ns, "t_recv_ns": t_ns + source.offset_ns, "clock": Clock.BOOT, "system": source.system}
 
 
