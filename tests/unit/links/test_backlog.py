@@ -68,3 +68,17 @@ def test_a_wall_clock_that_is_set_makes_no_backlog(monkeypatch: pytest.MonkeyPat
     found, link = read([HOUR] * 3, emptied_ns=HOUR - 40 * MS, monkeypatch=monkeypatch)
     assert found == [40, 40, 40]
     assert link.health().skipped == 0
+
+
+def test_a_datagram_does_not_arrive_before_it_was_sent_where_its_reader_is_held_up(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A reply to TIMESYNC was taken for another's, as it came before its request. The times are nanoseconds."""
+    clock = iter(range(HOUR, 2 * HOUR, 40 * MS))  # each reading of a clock is 40 ms after the one before
+    link = UdpLink("udpin:127.0.0.1:0", "a", "127.0.0.1", 0, listening=True, longest_wait_s=0.5)
+    monkeypatch.setattr(udp, "_waited_ns", lambda _: next(clock) - HOUR)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as reader, socket.socket(type=socket.SOCK_DGRAM) as sender:
+        reader.bind(("127.0.0.1", 0))
+        sender.sendto(b"x", reader.getsockname())
+        _, datagram, _ = next(link._group(reader, lambda: next(clock)))
+    assert datagram.t_recv_ns >= HOUR  # when it was sent
