@@ -77,7 +77,7 @@ def test_a_datagram_does_not_arrive_before_it_was_sent_where_its_reader_is_held_
     clock = iter(range(HOUR, 2 * HOUR, 40 * MS))  # each reading of a clock is 40 ms after the one before
     link = UdpLink("udpin:127.0.0.1:0", "a", "127.0.0.1", 0, listening=True, longest_wait_s=0.5)
     monkeypatch.setattr(udp, "_waited_ns", lambda _: next(clock) - HOUR)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as reader, socket.socket(type=socket.SOCK_DGRAM) as sender:
+    with socket.socket(type=socket.SOCK_DGRAM) as reader, socket.socket(type=socket.SOCK_DGRAM) as sender:
         reader.bind(("127.0.0.1", 0))
         sender.sendto(b"x", reader.getsockname())
         _, datagram, _ = next(link._group(reader, lambda: next(clock)))
