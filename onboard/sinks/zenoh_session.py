@@ -252,18 +252,20 @@ def _zenoh_config(config: ZenohConfig) -> Any:
 
 def _ours(config: ZenohConfig, theirs: Any, stated: frozenset[str]) -> dict[str, Any]:
     """Our settings, which count where the file's do not state them."""
-    in_file = [e for key in ("listen", "connect") for e in _endpoints(theirs, key) if is_stated(key, stated)]
+    listens, connects = (
+        _endpoints(theirs, key) if is_stated(key, stated) else [] for key in ("listen", "connect")
+    )
     mode = msgspec.json.decode(theirs.get_json("mode")) if is_stated("mode", stated) else config.mode
     return {
         **_credentials(config),
         "mode": config.mode,
-        "listen/endpoints": [] if mode == "client" else list(config.listens(in_file)),
+        "listen/endpoints": [] if mode == "client" else list(config.listens([*listens, *connects])),
         "connect/endpoints": list(config.connect),
         # a router that comes back is found within half a second on this computer, where a camera is blind for as
         # long, and else within 2 s; the default waits up to 4
         "connect/retry": {
             "period_init_ms": 200,
-            "period_max_ms": 500 if all(map(_is_here, config.connect)) else 2000,
+            "period_max_ms": 500 if all(map(_is_here, connects or config.connect)) else 2000,
             "period_increase_factor": 2,
         },
         "scouting/delay": 0,  # else opening would wait half a second for replies to scouting, which is off

@@ -35,9 +35,12 @@ def test_a_setting_that_equals_zenoh_s_default_counts(tmp_path: Path, key: str) 
 
 def test_what_a_file_leaves_out_of_a_group_keeps_our_default(tmp_path: Path) -> None:
     path = tmp_path / "z.json5"
-    path.write_text("{connect: {retry: {period_init_ms: 1000}}}")
-    found = json.loads(_zenoh_config(ZenohConfig(config_file=str(path))).get_json("connect/retry"))
-    assert (found["period_init_ms"], found["period_max_ms"]) == (1000, 2000)
+    for endpoint, most_ms in (("tcp/127.0.0.1:7447", 500), ("tcp/192.168.1.2:7447", 2000)):
+        for in_file, connect in ((f"endpoints: ['{endpoint}'], ", ()), ("", (endpoint,))):
+            path.write_text(f"{{connect: {{{in_file}retry: {{period_init_ms: 1000}}}}}}")
+            config = _zenoh_config(ZenohConfig(config_file=str(path), connect=connect))
+            found = json.loads(config.get_json("connect/retry"))
+            assert (found["period_init_ms"], found["period_max_ms"]) == (1000, most_ms)
 
 
 def test_every_spelling_of_json5_is_read(tmp_path: Path) -> None:
