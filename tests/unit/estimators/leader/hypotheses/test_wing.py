@@ -111,8 +111,9 @@ def test_an_image_that_fits_no_hypothesis_decides_little_between_them() -> None:
     P[:, 1, 1] = 0.1**2
     y, axes = seen(np.where(np.arange(model.N) == 1, 0.0, x[0]), 0.0, np.eye(3))
     camera = np.eye(3), np.zeros(3), axes
-    *_, each = model.prediction(x, P, np.zeros(2), np.full(2, 0.5), y[:4], camera, FREE)
-    _, log_l = model.update(x, P, np.zeros(2), y[:4], 1e-6 * np.eye(4), each, FREE)
+    free = FREE._replace(tied=np.full(2, model.FREE))
+    *_, each = model.prediction(x, P, np.zeros(2), np.full(2, 0.5), y[:4], camera, free)
+    _, log_l = model.update(x, P, np.zeros(2), y[:4], 1e-6 * np.eye(4), each, free)
     assert 0.5 < log_l[0] - log_l[1] < 4.0
 
 
