@@ -1,6 +1,7 @@
 """`onboard demo` as a user runs it: it prints a scorecard, writes files, and leaves no process behind."""
 
 import json
+import re
 import signal
 import subprocess
 from contextlib import suppress
@@ -85,6 +86,7 @@ def test_demo_seed_1_tracks_within_the_documented_error(settled: Flown) -> None:
     assert settled.code == 0, settled.stderr
     assert settled.numbers["diverged"] is False
     assert settled.numbers["settle_s"] == 15.0
+    assert re.search(r"\bdiverged\W+no\b", settled.stdout)
     if was_starved(settled.numbers):
         return
     assert 0 < settled.numbers["range_error_rms_percent"] <= 2.6
@@ -135,7 +137,9 @@ def test_demo_prints_a_scorecard_that_agrees_with_the_numbers(flown: Flown) -> N
     drops = flown.numbers["drops"]
     assert f"lost: {drops['images_lost']} of {drops['images_sent']} images" in flown.stdout
     assert (f"left out: {drops['skipped']} messages" in flown.stdout) is was_starved(flown.numbers)
-    assert "diverged" in flown.stdout
+    estimates, valid = flown.numbers["estimates"], flown.numbers["valid"]
+    assert f"{estimates} ({valid} valid, 0 scored)" in flown.stdout
+    assert ("diverged" in flown.stdout) is flown.numbers["diverged"]  # too short to be told that it has not
 
 
 def test_demo_writes_the_view_the_configuration_and_the_logs(flown: Flown) -> None:
