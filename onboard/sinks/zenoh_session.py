@@ -252,9 +252,8 @@ def _zenoh_config(config: ZenohConfig) -> Any:
 
 def _ours(config: ZenohConfig, theirs: Any, stated: frozenset[str]) -> dict[str, Any]:
     """Our settings, which count where the file's do not state them."""
-    listens, connects = (
-        _endpoints(theirs, key) if is_stated(key, stated) else [] for key in ("listen", "connect")
-    )
+    stated_of = {key: _endpoints(theirs, key) if is_stated(key, stated) else [] for key in ("listen", "connect")}
+    listens, connects = stated_of.values()
     mode = msgspec.json.decode(theirs.get_json("mode")) if is_stated("mode", stated) else config.mode
     return {
         **_credentials(config),
