@@ -102,7 +102,7 @@ def test_late_and_shuffled_images_of_seed(seed: int) -> None:
 
 
 def test_the_noise_of_a_detector_is_learnt_from_late_images_as_from_those_in_order_seeds_5_to_8() -> None:
-    """While the track lives: its first seconds, before the noise is learnt, end some, as nothing fits the images."""
+    """While the track lives: its first seconds, before the noise is learnt, may end it, as nothing fits."""
     lived = 0
     for seed in range(5, 9):
         rng = np.random.default_rng(seed)
