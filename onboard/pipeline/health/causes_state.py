@@ -26,8 +26,8 @@ STARTS: Final = StateRemedy("wait; if it lasts, look at what the detector finds"
 MISFIT: Final = StateRemedy(f"`mount_rpy_deg`, `delay_s`, `f_px` of [camera] or the size is wrong: {FIT}")
 UNEXPECTED: Final = StateRemedy(
     "look at how the leader flies: no `leader_class` of [estimator.leader] flies aerobatics. If it flies "
-    "steadily, `size_prior_m` of [estimator.leader] or `mount_rpy_deg`, `delay_s`, `f_px` of [camera] is "
-    f"wrong: {FIT}"
+    "steadily, the detector is noisier than `sigma_px` of [camera], or `size_prior_m` of [estimator.leader] or "
+    f"`mount_rpy_deg`, `delay_s`, `f_px` of [camera] is wrong: {FIT}"
 )
 ONE_TARGET: Final = StateRemedy(
     "let the detector follow one aircraft, and name it by one `target`, `id` and `class`"
