@@ -108,3 +108,14 @@ def test_the_slope_of_a_first_image_is_shared_by_lean_turn_and_bank_at_its_full_
     variance = (0.3 * WIND) ** 2 + leaning.OF_LEAN2 + 2.0 + 1.0
     cost = (0.3 * G) ** 2 * (1.0 / variance + 1.0 / leaning.LEANS2)
     assert log_l[0] == pytest.approx(-0.5 * (cost + math.log(variance)))
+
+
+def test_the_density_of_a_slope_is_one_whatever_share_of_the_wing_is_seen() -> None:
+    """Over all slopes each nose is as likely: without its Jacobian one that shows a fifth were so five times."""
+    noses, slopes = np.arccos(np.array([0.9, 0.5, 0.2])), np.linspace(-40.0, 40.0, 8001)
+    total = np.zeros(3)
+    for slope in slopes:
+        means, P = np.zeros((3, model.N)), np.tile(np.eye(model.N), (3, 1, 1))
+        means[:, 0] = 25.0
+        total += np.exp(leaning.first(means, P, noses, np.full(3, 0.16), slope, 3.0, np.full(3, 0.1)))
+    assert total / total[0] == pytest.approx(np.ones(3), rel=0.02)
