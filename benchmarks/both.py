@@ -19,7 +19,7 @@ from benchmarks.live import PATIENCE_S, Subscriber, free_port, percentiles, unti
 from onboard.config import load_config
 from onboard.messages import Exposure
 from onboard.pipeline import Pipeline
-from onboard.wire.tlog import read_tlog
+from onboard.wire.logs.tlog import read_tlog
 
 SETTLE_S: Final = 8  # of a flight, before anything counts
 BEGIN_NS: Final = 50_000_000  # after the datagrams are made

@@ -28,7 +28,7 @@ from benchmarks import fleet
 from benchmarks.live_flight import as_mavlink
 from benchmarks.targets import EPOCH, MS, flight
 from onboard.messages import Encoding, Estimate
-from onboard.wire.mavlink_encode import MavlinkEncoder
+from onboard.wire.mavlink.encode import MavlinkEncoder
 
 IMAGES_HZ: Final = 30  # of the flight; some are left out
 SETTLE_S: Final = 5.0  # of the flight, before anything counts

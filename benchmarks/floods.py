@@ -24,8 +24,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from benchmarks.live_flight import BEGIN_MS, client, imu
 from benchmarks.targets import MS
-from onboard.wire.mavlink_encode import MavlinkEncoder
-from onboard.wire.signing import Signer
+from onboard.wire.mavlink.encode import MavlinkEncoder
+from onboard.wire.mavlink.signing import Signer
 
 KINDS: Final = ("imu", "adsb", "param_set", "param_list", "ftp", "garbage", "unsigned", "points")
 AIRCRAFT: Final = 10_000

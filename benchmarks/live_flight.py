@@ -20,9 +20,9 @@ import msgspec
 
 from benchmarks.targets import EPOCH, LATE_MS, MS, flight
 from onboard.messages import Datagram, Encoding, GlobalOrigin, Heartbeat, Imu
-from onboard.wire.mavlink_encode import MavlinkEncoder
-from onboard.wire.points import decode_points
-from onboard.wire.signing import Signer
+from onboard.wire.documents.points import decode_points
+from onboard.wire.mavlink.encode import MavlinkEncoder
+from onboard.wire.mavlink.signing import Signer
 
 IMU_MS: Final = 5
 HEARTBEAT_MS: Final = 20

@@ -23,7 +23,7 @@ import sys, time
 import msgspec
 from onboard.config import load_config
 from onboard.pipeline import Pipeline
-from onboard.wire.tlog import read_tlog
+from onboard.wire.logs.tlog import read_tlog
 from pathlib import Path
 
 log, out, *settings = sys.argv[1:]

@@ -29,7 +29,7 @@ from onboard.messages import (
     TargetPoints,
 )
 from onboard.pipeline import Pipeline
-from onboard.wire.mavlink_encode import MavlinkEncoder
+from onboard.wire.mavlink.encode import MavlinkEncoder
 
 MS: Final = 1_000_000
 EPOCH: Final = 1_735_689_600_000 * MS

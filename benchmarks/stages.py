@@ -12,7 +12,7 @@ from benchmarks import floor
 from onboard.config import Config, load_config
 from onboard.messages import Datagram
 from onboard.pipeline import Pipeline
-from onboard.wire.tlog import read_tlog
+from onboard.wire.logs.tlog import read_tlog
 
 LOG: Final = Path(__file__).parents[1] / "tests" / "replay" / "data" / "copter.tlog.gz"
 FLIES: Final = ("camera.mount_rpy_deg=[0,15,0]", "estimator.leader.size_prior_m=2.0")

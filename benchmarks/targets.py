@@ -25,7 +25,7 @@ from onboard.messages import (
     Verdict,
 )
 from onboard.pipeline import Pipeline
-from onboard.wire.mavlink_encode import MavlinkEncoder
+from onboard.wire.mavlink.encode import MavlinkEncoder
 
 COUNT: Final = 100
 SETTLE_S: Final = 1

@@ -8,8 +8,8 @@ import matplotlib as mpl
 import numpy as np
 from drawings import BLUE, GREEN, INK, ORANGE, PICTURES, PINK
 
+from onboard.analysis.report.style import STYLE
 from onboard.arrays import Array
-from onboard.commands.report_style import STYLE
 from onboard.messages import Estimate, NavState, TrafficTruth, Truth
 
 SIGMAS: Final = 3.0

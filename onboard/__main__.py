@@ -2,7 +2,7 @@
 
 import sys
 
-from onboard.commands.terminal import end_at_once
+from onboard.terminal.output import end_at_once
 
 RUNS_FOR_HOURS = ("run", "router")  # for a service manager, which may stop them while they still load
 

@@ -29,8 +29,8 @@ from onboard.messages import (
     TimeSync,
     Wind,
 )
-from onboard.wire.mavlink_decode import MavlinkDecoder
-from onboard.wire.mavlink_encode import MavlinkEncoder
+from onboard.wire.mavlink.decode import MavlinkDecoder
+from onboard.wire.mavlink.encode import MavlinkEncoder
 from simlink.scenarios.vehicle import Vehicle
 from simlink.sensors.navigation import Reading
 from simlink.sensors.true_state import true_state

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import IO, Final
 
 from onboard.messages import Datagram, Encoding, TrafficTruth, Truth
-from onboard.wire.tlog import tlog_record
+from onboard.wire.logs.tlog import tlog_record
 from simlink.scenarios.scenario import Scenario
 from simlink.simulation import check_mavlink, datagrams
 from simlink.world.truth import State

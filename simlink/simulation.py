@@ -29,8 +29,8 @@ from onboard.messages import (
     TrafficTruth,
     Truth,
 )
-from onboard.wire.mavlink_encode import MavlinkEncoder
-from onboard.wire.tlog import frame_length
+from onboard.wire.logs.tlog import frame_length
+from onboard.wire.mavlink.encode import MavlinkEncoder
 from simlink.autopilot import Autopilot, AutopilotLink
 from simlink.scenarios.camera import is_plain
 from simlink.scenarios.scenario import Scenario, ScenarioError

@@ -16,13 +16,14 @@ from rich.table import Column, Table
 
 import studies
 from onboard import UserError
+from onboard.analysis.parallel.cluster import ClusterError
+from onboard.commands.compile import announce_once, compile_shown
 from onboard.commands.compiling import needed_by, needed_by_flight
 from onboard.commands.computers import computers
-from onboard.commands.console import Console
-from onboard.commands.files import check_targets, make_folder, write_json
-from onboard.commands.parallel.cluster import ClusterError
-from onboard.commands.progress import announce_once, compile_shown, progress_bar
 from onboard.config import estimator_modules
+from onboard.terminal.console import Console
+from onboard.terminal.files import check_targets, make_folder, write_json
+from onboard.terminal.progress import progress_bar
 from studies.report.findings import Verdict
 from studies.together import run_all, run_study
 

@@ -14,8 +14,8 @@ from typing import Any, Final
 import msgspec
 
 import studies
-from onboard.commands.parallel.processes import CONTEXT, end_with_parent, processes
-from onboard.commands.parallel.workers import Progress
+from onboard.analysis.parallel.processes import CONTEXT, end_with_parent, processes
+from onboard.analysis.parallel.workers import Progress
 
 AT_ONCE: Final = 2
 # the slowest first (as measured), so that the last ones are short

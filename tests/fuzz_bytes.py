@@ -38,7 +38,7 @@ class DifferenceError(AssertionError):
 
 def mavlink(data: bytes) -> None:
     """One datagram, and the same bytes as a stream cut in three."""
-    from onboard.wire.mavlink_decode import MavlinkDecoder  # noqa: PLC0415 - instrumented, so imported later
+    from onboard.wire.mavlink.decode import MavlinkDecoder  # noqa: PLC0415 - instrumented, so imported later
     from tests.support.pymavlink_reference import Reference  # noqa: PLC0415
 
     cuts = (data[: len(data) // 3], data[len(data) // 3 : len(data) // 2], data[len(data) // 2 :])
@@ -82,8 +82,8 @@ def documents(data: bytes) -> None:
 
 def logs(data: bytes) -> None:
     """A .tlog, and a recording of ours."""
-    from onboard.wire.recording import read_recording  # noqa: PLC0415
-    from onboard.wire.tlog import NotALogError, read_tlog  # noqa: PLC0415
+    from onboard.wire.logs.recording import read_recording  # noqa: PLC0415
+    from onboard.wire.logs.tlog import NotALogError, read_tlog  # noqa: PLC0415
 
     with tempfile.NamedTemporaryFile(dir=MEMORY) as file:
         file.write(data)
@@ -121,7 +121,7 @@ TARGETS: Final[dict[str, Callable[[bytes], None]]] = {
 def seeds(name: str) -> list[bytes]:
     """Good inputs to begin with."""
     from benchmarks.targets import flight  # noqa: PLC0415
-    from onboard.wire.tlog import tlog_record  # noqa: PLC0415
+    from onboard.wire.logs.tlog import tlog_record  # noqa: PLC0415
     from tests.support.mavlink_frames import NED_V1, NED_V2  # noqa: PLC0415
 
     flown = flight(1, 1)
@@ -170,7 +170,7 @@ def guided(name: str, seconds: int) -> None:
     with atheris.instrument_imports(include=["onboard.wire", "onboard.config"]):
         import onboard.config  # noqa: PLC0415
         import onboard.wire.datagrams  # noqa: PLC0415
-        import onboard.wire.recording  # noqa: PLC0415, F401
+        import onboard.wire.logs.recording  # noqa: PLC0415, F401
 
     folder = CORPUS / name
     folder.mkdir(parents=True, exist_ok=True)

@@ -10,7 +10,7 @@ from typing import Final
 
 from onboard.autopilot.requests import stamp
 from onboard.messages import FileError, FileReply, FileRequest
-from onboard.wire.files import MOST_DATA, crc32
+from onboard.wire.mavlink.files import MOST_DATA, crc32
 
 NOTHING, TERMINATE, RESET, LIST, OPEN, READ, CRC32, BURST = 0, 1, 2, 3, 4, 5, 14, 15  # opcodes
 SESSION: Final = 0

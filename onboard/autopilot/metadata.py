@@ -12,7 +12,7 @@ from onboard import __version__
 from onboard.autopilot.parameters import KEYS
 from onboard.autopilot.requests import stamp
 from onboard.messages import ComponentMetadata
-from onboard.wire.files import crc32
+from onboard.wire.mavlink.files import crc32
 
 GENERAL, PARAMETERS = "general.json", "parameters.json"
 PARAMETER_TYPE: Final = 1  # COMP_METADATA_TYPE

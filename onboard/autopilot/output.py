@@ -35,7 +35,7 @@ from onboard.messages import (
     WarmState,
 )
 from onboard.wire.datagrams import OnRefused, ignore
-from onboard.wire.signing import Signer
+from onboard.wire.mavlink.signing import Signer
 
 RECENT_NS: Final = 1_000_000_000  # of an estimate that is worth keeping
 

@@ -14,7 +14,7 @@ import msgspec
 from onboard.autopilot.requests import stamp
 from onboard.config import Config, ConfigError, Storing, parse_config, read_stored
 from onboard.messages import Message, ParamAck, ParamAction, ParamRequest, ParamValue
-from onboard.wire.parameters import decimal
+from onboard.wire.mavlink.parameters import decimal
 
 KEYS: Final[Mapping[str, tuple[str, float]]] = {  # name, at most 16 characters -> key, value if it is not set
     "LDR_SIZE_M": ("estimator.leader.size_prior_m", math.nan),

@@ -13,7 +13,7 @@ from onboard.config import FASTEST_OUT_HZ
 from onboard.messages import Clock, Command, Message, MessageInterval, Version
 from onboard.messages.causes import Cause, Reason
 from onboard.wire.datagrams import OnRefused, ignore
-from onboard.wire.mavlink_encode import message_number
+from onboard.wire.mavlink.encode import message_number
 
 STEERING: Final = (  # what an autopilot follows, fuses or avoids
     *("FOLLOW_TARGET", "GLOBAL_POSITION_INT", "TARGET_RELATIVE", "LANDING_TARGET", "ADSB_VEHICLE"),

@@ -31,7 +31,7 @@ from onboard.messages import (
     TimeSync,
     Version,
 )
-from onboard.wire.mavlink_encode import MavlinkEncoder
+from onboard.wire.mavlink.encode import MavlinkEncoder
 
 BY_ITSELF: Final = "by itself"  # on each link with `autopilot = true`, after the autopilot's first heartbeat
 IN_ANSWER: Final = "in answer"  # on the link that asked

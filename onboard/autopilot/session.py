@@ -33,7 +33,7 @@ from onboard.messages import (
 )
 from onboard.messages.causes import Cause, Reason
 from onboard.wire.datagrams import OnRefused, ignore
-from onboard.wire.mavlink_encode import message_number
+from onboard.wire.mavlink.encode import message_number
 
 TIMESYNC_HZ: Final = 5.0
 ASK_AGAIN_NS: Final = 5 * NS_PER_S

@@ -9,16 +9,16 @@ import numpy as np
 from msgspec.structs import replace
 
 from onboard import UserError
+from onboard.analysis.calibration.camera import CALM, Calibration, Images, OwnMotion, calibrate
+from onboard.analysis.flights.replay import check_log, flight_of, pipeline_of, read_flight
 from onboard.arrays import Array
 from onboard.commands.calibrate_airframe import calibrate_airframe
-from onboard.commands.calibration import CALM, Calibration, Images, OwnMotion, calibrate
-from onboard.commands.files import check_targets
-from onboard.commands.log_replay import check_log, flight_of, pipeline_of, read_flight
-from onboard.commands.terminal import show
 from onboard.config import Config, load_config
 from onboard.geometry.rotations import euler_from_quaternion, matrix_from_euler, quaternion_from_matrix
 from onboard.messages import Datagram, Exposure, Message, OwnPose, TargetPoints
-from onboard.wire.tlog import NotALogError
+from onboard.terminal.files import check_targets
+from onboard.terminal.output import show
+from onboard.wire.logs.tlog import NotALogError
 
 ENOUGH: Final = {
     "delay_s": 0.02,

@@ -10,19 +10,19 @@ import numpy as np
 from msgspec.structs import replace
 
 from onboard import UserError
-from onboard.arrays import Array
-from onboard.commands.airframe_calibration import (
+from onboard.analysis.calibration.airframe import (
     AirframeFit,
     AirframeMeasures,
     Found,
     RecordedFlight,
     fit_airframe,
 )
-from onboard.commands.log_replay import pipeline_of, read_flight
+from onboard.analysis.flights.replay import pipeline_of, read_flight
+from onboard.arrays import Array
 from onboard.config import Config
 from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.messages import ActuatorOutputs, Battery, Datagram, Imu, Message, OwnPose
-from onboard.wire.tlog import NotALogError
+from onboard.wire.logs.tlog import NotALogError
 
 ENOUGH: Final = 0.15  # sigma over value of what a fault is named by: one known worse is not offered
 MOTOR_TIME_S: Final = 0.02  # assumed: an ordinary flight does not show it

@@ -5,8 +5,8 @@ This file loads nothing with kernels: what is not compiled yet must be noticed, 
 import argparse
 
 from onboard import UserError
-from onboard.commands.terminal import show
 from onboard.filters.numba_internals import on_compile
+from onboard.terminal.output import show
 
 READY, NOT_READY = 0, 1
 

@@ -19,7 +19,7 @@ from typing import Final, NoReturn
 from onboard import UserError, __version__
 from onboard.commands import examples
 from onboard.commands.share import TOGETHER
-from onboard.commands.terminal import end_signals, one_line, report
+from onboard.terminal.output import end_signals, one_line, report
 
 USER_ERROR: Final = 2
 SET_HELP: Final = "put configuration keys over the file's, as camera.f_px=600 (one or more, repeatable)"

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from onboard import UserError
-from onboard.commands.parallel.processes import CONTEXT, processes
+from onboard.analysis.parallel.processes import CONTEXT, processes
 from onboard.filters import numba_internals
 from onboard.filters.shipped import Code
 

@@ -4,8 +4,8 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from onboard import UserError
-from onboard.commands.files import check_targets
-from onboard.commands.parallel.workers import Computers
+from onboard.analysis.parallel.workers import Computers
+from onboard.terminal.files import check_targets
 
 
 def computers(jobs: int | None, cluster: str | None, rows: Path | None) -> Computers:

@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
+from onboard.commands.compile import announce_once, compile_shown
 from onboard.commands.compiling import needed_by_flight
-from onboard.commands.console import Console
 from onboard.commands.demo_flight import DemoProgress, DemoReport, flight_name, run_demo
-from onboard.commands.files import check_targets, make_folder, write_json
-from onboard.commands.progress import announce_once, compile_shown, progress_bar
 from onboard.config import Config, estimator_modules
 from onboard.messages import Estimate, Record
 from onboard.scoring.scorecard import explain_bounds, print_leader_score, print_own_state_score
+from onboard.terminal.console import Console
+from onboard.terminal.files import check_targets, make_folder, write_json
+from onboard.terminal.progress import progress_bar
 
 if TYPE_CHECKING:
     from onboard.view.view import View

@@ -11,14 +11,14 @@ import numpy as np
 from rich.table import Table
 
 from onboard import UserError, __version__
+from onboard.analysis.flights.flight_folder import CONFIG, LOGS, TRUTHS, is_given
+from onboard.analysis.flights.many import FILTERPY, FlightScores, ScorableFlight, numbers_of, score_flights
 from onboard.commands.computers import computers
-from onboard.commands.console import Console
-from onboard.commands.files import check_targets, write_json
-from onboard.commands.flight_folder import CONFIG, LOGS, TRUTHS, is_given
-from onboard.commands.many import FILTERPY, FlightScores, ScorableFlight, numbers_of, score_flights
-from onboard.commands.terminal import show
 from onboard.messages import Record
 from onboard.scoring.leader import LeaderScore
+from onboard.terminal.console import Console
+from onboard.terminal.files import check_targets, write_json
+from onboard.terminal.output import show
 
 BASELINES: Final = ("paper", FILTERPY)
 

@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from onboard import UserError, __version__
-from onboard.commands.files import make_folder
 from onboard.commands.share import TOGETHER, copied_text, shared_text
-from onboard.commands.terminal import show
 from onboard.config import ConfigError, GuidanceConfig, LeaderOutConfig, parse_config
 from onboard.daemon import check_link
+from onboard.terminal.files import make_folder
+from onboard.terminal.output import show
 
 CONFIG: Final = "companion.toml"
 UNIT: Final = "onboard.service"

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import IO, Final, NamedTuple
 
 from onboard import UserError
-from onboard.commands.terminal import end_signals
 from onboard.messages import Cause
 from onboard.sinks.zenoh_session import RouterAbsentError
+from onboard.terminal.output import end_signals
 from onboard.view.client import Client
 
 STOP_TIMEOUT_S: Final = 5.0

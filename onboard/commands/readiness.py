@@ -28,9 +28,9 @@ from onboard.config import (
     load_config,
 )
 from onboard.daemon import Daemon
+from onboard.health.needs import ENOUGH
 from onboard.messages import Advice, Health, Severity
 from onboard.messages.causes import Cause, Reason
-from onboard.pipeline.health.needs import ENOUGH
 from onboard.pipeline.needs import needs
 from onboard.sinks.recorder import SET_S
 from onboard.sinks.sink import SinkError

@@ -11,8 +11,8 @@ from typing import Any, Final
 from mcap.writer import Writer
 
 from onboard import UserError
-from onboard.commands.terminal import show
-from onboard.wire.recording import CONFIGURATION, JSON, is_recording, read_configuration, read_messages
+from onboard.terminal.output import show
+from onboard.wire.logs.recording import CONFIGURATION, JSON, is_recording, read_configuration, read_messages
 
 MAGIC: Final = b"\x89MCAP0\r\n"  # at the begin and the end of a file
 FILE_MODE: Final = 0o600  # as the recorder's

@@ -10,22 +10,22 @@ from typing import Any, Final
 import msgspec
 
 from onboard import UserError
-from onboard.commands.compare import print_comparison, variants
+from onboard.analysis.exports.tables import check_exports, open_export, takes_health, write_truth
+from onboard.analysis.flights.compare import print_comparison, variants
+from onboard.analysis.flights.many import ScorableFlight, numbers_of, score_flights
+from onboard.analysis.flights.replay import ALONE, ReplayResult, check_log, flight_of, replay
 from onboard.commands.computers import computers
-from onboard.commands.console import Console
 from onboard.commands.evaluate import print_rows, rows_of
-from onboard.commands.exports import check_exports, open_export, takes_health, write_truth
-from onboard.commands.files import check_targets, write_json
-from onboard.commands.log_replay import ALONE, ReplayResult, check_log, flight_of, replay
-from onboard.commands.many import ScorableFlight, numbers_of, score_flights
-from onboard.commands.progress import progress_bar
-from onboard.commands.terminal import one_line, show
 from onboard.config import Config, load_config
 from onboard.messages import Estimate, NavState, Output
 from onboard.scoring.beside import LeaderScorers, judged
 from onboard.scoring.leader import LeaderScore
 from onboard.scoring.reference import reference_from_csv
 from onboard.scoring.scorecard import OwnStateSummary, explain_bounds, print_health, print_leader_score
+from onboard.terminal.console import Console
+from onboard.terminal.files import check_targets, write_json
+from onboard.terminal.output import one_line, show
+from onboard.terminal.progress import progress_bar
 
 OWN_STATE: Final = "own_state"
 

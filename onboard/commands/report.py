@@ -9,19 +9,19 @@ from pathlib import Path
 import msgspec
 
 from onboard import UserError, __version__
-from onboard.commands.console import Console
-from onboard.commands.files import check_targets
-from onboard.commands.log_replay import ReplayResult, check_log, flight_of, replay
-from onboard.commands.progress import progress_bar
-from onboard.commands.report_series import FlightSeries
-from onboard.commands.report_vehicle import Parameter, VehicleSeries
-from onboard.commands.report_verdict import Grade, judge, worst
-from onboard.commands.terminal import one_line
+from onboard.analysis.flights.replay import ReplayResult, check_log, flight_of, replay
+from onboard.analysis.report.series import FlightSeries
+from onboard.analysis.report.vehicle import Parameter, VehicleSeries
+from onboard.analysis.report.verdict import Grade, judge, worst
 from onboard.config import Config, load_config
 from onboard.messages import Output
 from onboard.scoring.beside import judged
 from onboard.scoring.leader import LeaderScorer
 from onboard.scoring.reference import reference_from_csv
+from onboard.terminal.console import Console
+from onboard.terminal.files import check_targets
+from onboard.terminal.output import one_line
+from onboard.terminal.progress import progress_bar
 
 OF_AUTOPILOT = {".bin", ".ulg"}
 EARLIEST_S = 1e9  # of Unix time; before it, arrivals are on a boot clock
@@ -43,9 +43,9 @@ def main(arguments: argparse.Namespace) -> int:
 
 def write_report(log: Path, config: Config, *, out: Path, pdf: Path | None, truth: Path | None) -> Grade:
     """Replay a log, write the page to `out` and `pdf`, and print the verdict. Raises UserError."""
-    from onboard.commands.report_figures import figures  # noqa: PLC0415 - Matplotlib is an extra
-    from onboard.commands.report_figures_vehicle import vehicle_figures  # noqa: PLC0415
-    from onboard.commands.report_page import FlightReport, html, summary, write_pdf  # noqa: PLC0415
+    from onboard.analysis.report.figures import figures  # noqa: PLC0415 - Matplotlib is an extra
+    from onboard.analysis.report.page import FlightReport, html, summary, write_pdf  # noqa: PLC0415
+    from onboard.analysis.report.vehicle_figures import vehicle_figures  # noqa: PLC0415
 
     reference = reference_from_csv(truth) if truth is not None else None
     series, scorer = FlightSeries(judged(config.estimator)), LeaderScorer(reference)

@@ -8,9 +8,9 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from typing import Final
 
-from onboard.commands.terminal import end_signals, report
 from onboard.config import load_config
 from onboard.sinks.zenoh_router import LOG_FILTER, open_router, refusal, users
+from onboard.terminal.output import end_signals, report
 
 REPORT_S: Final = 10.0  # between reports of the same refusal
 MOST_KINDS: Final = 1000  # of refusals that are counted apart; further kinds are counted together

@@ -9,9 +9,9 @@ from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from onboard import UserError
-from onboard.commands import terminal
 from onboard.commands.loading import go_first, loading, release_compiler, share_heap
 from onboard.filters.numba_internals import on_compile
+from onboard.terminal import output as terminal
 
 if TYPE_CHECKING:
     from onboard.config import Config

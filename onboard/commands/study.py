@@ -4,7 +4,7 @@ import argparse
 from importlib import import_module
 
 from onboard import UserError
-from onboard.commands.parallel.cluster import ROOT, STUDIES, find_studies
+from onboard.analysis.parallel.cluster import ROOT, STUDIES, find_studies
 
 
 def main(arguments: argparse.Namespace) -> int:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from onboard.geometry.lens import Lens
-from onboard.wire.camera_info import EXPECTED, lens_of_info, make_lens, model_of, numbers_of, shown
+from onboard.wire.ros.camera_info import EXPECTED, lens_of_info, make_lens, model_of, numbers_of, shown
 
 
 def read_calibration(path: Path) -> Lens:

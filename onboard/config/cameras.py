@@ -14,9 +14,9 @@ from onboard.geometry.camera import Camera, make_camera
 from onboard.geometry.lens import Lens, LensError
 from onboard.messages import NotNegative, Positive, Record, Vec3
 from onboard.messages.target import WING_POINTS
-from onboard.wire.camera_info import part_of
-from onboard.wire.cameras import CameraInput, RosTopics
-from onboard.wire.ros import RosKind
+from onboard.wire.documents.cameras import CameraInput, RosTopics
+from onboard.wire.ros.camera_info import part_of
+from onboard.wire.ros.cdr import RosKind
 
 # Of what gimbals say of their attitude, where nothing is configured. Their level is that of an accelerometer, as
 # an autopilot's, with some tenths of a degree of encoders and skew. Their yaw has no reference but gyros, which

@@ -23,8 +23,8 @@ from onboard.config.recorded import read_recorded
 from onboard.config.sections import AutopilotConfig, Config, LeaderOutConfig, LinkConfig, OwnErrors
 from onboard.estimators import config_type, flown_modules, known
 from onboard.messages import Record, TargetClass
-from onboard.wire.document import NAME
-from onboard.wire.mavlink_encode import message_number
+from onboard.wire.documents.document import NAME
+from onboard.wire.mavlink.encode import message_number
 
 ROWS: Final[dict[Any, type[Record]]] = {  # arrays of tables
     tuple[LinkConfig, ...]: LinkConfig,

@@ -7,7 +7,7 @@ from typing import Any, Final
 import msgspec
 
 from onboard.config.sections import Config
-from onboard.wire.recording import CONFIGURATION, JSON, read_configuration
+from onboard.wire.logs.recording import CONFIGURATION, JSON, read_configuration
 
 # of the computer that flew
 LEFT_OUT: Final = frozenset({"zenoh", "router", "recorder", "parameters", "warm_start"})

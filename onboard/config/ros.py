@@ -2,7 +2,7 @@
 
 from onboard.config.reading import ConfigError
 from onboard.config.sections import Config
-from onboard.wire.ros_messages import RosEncoder
+from onboard.wire.ros.messages import RosEncoder
 
 
 def ros_encoder(config: Config) -> RosEncoder | None:

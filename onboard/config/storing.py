@@ -12,7 +12,7 @@ from typing import Any, Final
 from onboard.config.reading import ConfigError, read_toml
 from onboard.config.sections import Config, LinkConfig
 from onboard.sinks.secrets import is_private
-from onboard.wire.signing import read_key
+from onboard.wire.mavlink.signing import read_key
 
 HEAD: Final = "# Written by onboard: parameters that were set over MAVLink. They go over the configuration file.\n"
 FILE_MODE: Final = 0o640

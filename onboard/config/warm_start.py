@@ -19,8 +19,8 @@ from onboard.config.sections import Config
 from onboard.config.storing import Storing, replace_file
 from onboard.messages import Datagram, Encoding, WarmState
 from onboard.messages.causes import Cause, Reason
-from onboard.wire.document import BadDocumentError
-from onboard.wire.warm_state import decode_warm_state, encode_warm_state
+from onboard.wire.documents.document import BadDocumentError
+from onboard.wire.documents.warm_state import decode_warm_state, encode_warm_state
 
 MOST_AGE_S: Final = 10.0  # a leader that manoeuvres for longer may be anywhere
 CHANNEL: Final = "warm_state"

@@ -21,7 +21,7 @@ from onboard.links.link import Backlog, Deliver, Link, LinkError, NowNs, guarded
 from onboard.messages import Datagram, Encoding, LinkHealth
 from onboard.messages.causes import Cause, Reason
 
-LARGEST: Final = 65_536  # bytes that the decoder accepts (`onboard.wire.document`)
+LARGEST: Final = 65_536  # bytes that the decoder accepts (`onboard.wire.documents.document`)
 WATCH_S: Final = 2.0  # between looks at who is connected
 WAITING: Final = 256  # samples of one source: in a flood the newest are dropped, memory stays bounded
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from onboard.config import Config
-from onboard.pipeline.health import LinkNeed, Needs
+from onboard.health import LinkNeed, Needs
 
 IMU_HZ: Final = 17.0  # below it, a yaw that is wrong is not noticed (docs/fly-it.md)
 GPS_HZ: Final = 1.0

@@ -18,6 +18,8 @@ from typing import Final
 from onboard.clocks import SENSED, Clocks
 from onboard.config import Config, source_delays_ns
 from onboard.estimators import CountsVerdicts, EstimatorProtocol, Listens, load
+from onboard.health import Advisor, Monitor
+from onboard.health.mounts import Mounts
 from onboard.messages import (
     Attitude,
     Clock,
@@ -36,17 +38,15 @@ from onboard.messages import (
     not_valid,
 )
 from onboard.messages.causes import Cause, Reason
-from onboard.ownship.mounts import Mounts
 from onboard.pipeline.admission import FROM_ARRIVAL, Admission
-from onboard.pipeline.health import Advisor, Monitor
 from onboard.pipeline.needs import needs
 from onboard.pipeline.own_motion import OwnMotionSource
 from onboard.pipeline.report import NO_RIM, Parts, Rim, health
 from onboard.pipeline.silence import BEHIND, HELD_UP, TIMEOUT_NS, LastWords
 from onboard.pipeline.waiting import Waiting
 from onboard.pipeline.warm_start import WarmStart
-from onboard.wire import tlog
 from onboard.wire.datagrams import NO_KEYS, DatagramDecoder, Keys
+from onboard.wire.logs import tlog
 from onboard.wire.surplus import surplus
 
 NO_POSITION: Final = Reason(

@@ -7,10 +7,10 @@ from msgspec.structs import replace
 
 from onboard.clocks import Clocks
 from onboard.estimators import EstimatorProtocol, counted_verdicts
+from onboard.health import Advisor, Monitor, autopilot_name, sender_of, total
 from onboard.messages import ComputerLoad, Health, LinkHealth, SinkHealth
 from onboard.ownship import Ownship
 from onboard.pipeline.admission import Admission
-from onboard.pipeline.health import Advisor, Monitor, autopilot_name, sender_of, total
 from onboard.wire.datagrams import DatagramDecoder
 
 

@@ -1,8 +1,8 @@
 """The flight recorder: every datagram as received, and the estimates, in an MCAP file.
 
 Flushed records are synced to the disk: they survive a killed process and a loss of power. Such a recording ends
-without an index; `onboard.wire.recording` reads it nevertheless. A recording is never overwritten: it gets the
-number after the highest of its name. Metadata named RECORDING, before all else, hold that name and number, and
+without an index; `onboard.wire.logs.recording` reads it nevertheless. A recording is never overwritten: it gets
+the number after the highest of its name. Metadata named RECORDING, before all else, hold that name and number, and
 the run, of which a file may be a part.
 
 **Age** is by these numbers, since a computer's clock may not be set: then it stamps 1970, or the time at which it

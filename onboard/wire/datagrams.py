@@ -7,18 +7,18 @@ from typing import Final
 
 from onboard.messages import Datagram, Encoding, Exposure, Message
 from onboard.messages.causes import Cause, Reason
-from onboard.wire import tlog
-from onboard.wire.cameras import Cameras, find
-from onboard.wire.detections import decode_detections
-from onboard.wire.document import BadDocumentError, Refuse
-from onboard.wire.mavlink_decode import IsOwn, MavlinkDecoder, OnError, nobody, raise_error
-from onboard.wire.points import decode_points
-from onboard.wire.pseudoranges import decode_ranges
-from onboard.wire.radar import decode_radar
-from onboard.wire.ros_input import RosDecoder
-from onboard.wire.signing import Stamps, Verifier
-from onboard.wire.tracking import TrackerDecoder
-from onboard.wire.warm_state import decode_warm_state
+from onboard.wire.documents.cameras import Cameras, find
+from onboard.wire.documents.detections import decode_detections
+from onboard.wire.documents.document import BadDocumentError, Refuse
+from onboard.wire.documents.points import decode_points
+from onboard.wire.documents.pseudoranges import decode_ranges
+from onboard.wire.documents.radar import decode_radar
+from onboard.wire.documents.warm_state import decode_warm_state
+from onboard.wire.logs import tlog
+from onboard.wire.mavlink.decode import IsOwn, MavlinkDecoder, OnError, nobody, raise_error
+from onboard.wire.mavlink.signing import Stamps, Verifier
+from onboard.wire.mavlink.tracking import TrackerDecoder
+from onboard.wire.ros.topics import RosDecoder
 
 DOCUMENTS: Final[dict[Encoding, Callable[[bytes, int, Refuse], Message]]] = {
     Encoding.POINTS: lambda data, t_recv_ns, _: decode_points(data, t_recv_ns),

@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from onboard.wire.mavlink_frame import CHECKSUM, SIGNATURE, SIGNED, V1, V1_HEAD, V2, V2_HEAD
+from onboard.wire.mavlink.frame import CHECKSUM, SIGNATURE, SIGNED, V1, V1_HEAD, V2, V2_HEAD
 
 NEEDED: Final = 0
 OF_IMU: Final = 1  # the next sample says nearly the same

@@ -18,9 +18,9 @@ import numpy as np
 
 from onboard.geometry.geodesy import ned_from_geodetic
 from onboard.messages import Attitude, Clock, GlobalPosition, GpsFix, Heartbeat, Imu, LocalPosition, Message
-from onboard.wire import dataflash, ulog
-from onboard.wire.mavlink_decode import MavlinkDecoder
-from onboard.wire.tlog import NotALogError, read_tlog
+from onboard.wire.logs import dataflash, ulog
+from onboard.wire.logs.tlog import NotALogError, read_tlog
+from onboard.wire.mavlink.decode import MavlinkDecoder
 from simlink.encounters.families import LeaderClass
 from simlink.sensors.arrays import Array
 

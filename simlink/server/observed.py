@@ -11,9 +11,9 @@ from typing import Final
 
 from onboard.geometry.geodesy import ned_from_geodetic
 from onboard.messages import Attitude, Clock, Command, Heartbeat, Message, Quaternion, Vec3, VehicleTruth
-from onboard.wire.mavlink_decode import MavlinkDecoder
-from onboard.wire.mavlink_encode import MavlinkEncoder
-from onboard.wire.sim_truth import CONVERT
+from onboard.wire.mavlink.decode import MavlinkDecoder
+from onboard.wire.mavlink.encode import MavlinkEncoder
+from onboard.wire.mavlink.sim_truth import CONVERT
 from simlink.autopilot import ATTITUDE_QUATERNION as ATTITUDE
 from simlink.autopilot import AUTOPILOT, SET_MESSAGE_INTERVAL, TRUTH
 from simlink.world.attitude import difference

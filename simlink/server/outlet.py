@@ -4,7 +4,7 @@ import asyncio
 from typing import Final, Literal
 
 from onboard.messages import Record
-from onboard.wire.mavlink_encode import MavlinkEncoder
+from onboard.wire.mavlink.encode import MavlinkEncoder
 from simlink.scenarios.scenario import Scenario
 from simlink.sensors.camera import Image, document, target_points
 from simlink.sensors.gimbal import make_gimbal

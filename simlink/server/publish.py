@@ -18,9 +18,9 @@ from onboard.messages import (
     TrafficTruth,
     Truth,
 )
-from onboard.wire.points import encode_points
-from onboard.wire.pseudoranges import encode_ranges
-from onboard.wire.radar import encode_radar
+from onboard.wire.documents.points import encode_points
+from onboard.wire.documents.pseudoranges import encode_ranges
+from onboard.wire.documents.radar import encode_radar
 from simlink.server.links import LinkError
 
 

@@ -11,7 +11,7 @@ from functools import partial
 from typing import Final, Protocol
 
 from onboard.messages import SimStatus
-from onboard.wire.mavlink_encode import MavlinkEncoder
+from onboard.wire.mavlink.encode import MavlinkEncoder
 from simlink.autopilot import AutopilotLink
 from simlink.sensors.navigation import Reading
 from simlink.server.links import TcpServer, UdpLink, parse_udp

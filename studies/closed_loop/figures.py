@@ -6,7 +6,7 @@ from typing import Final
 import matplotlib as mpl
 import numpy as np
 
-from onboard.commands.report_style import STYLE, panels
+from onboard.analysis.report.style import STYLE, panels
 from studies.closed_loop.flight import Flight
 from studies.report.drawing import COLOURS, save, shade
 

@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from onboard.commands.parallel.workers import Jobs, Part, Progress, compute
+from onboard.analysis.parallel.workers import Jobs, Part, Progress, compute
 from simlink.scenarios.scenario import Scenario, load_scenario
 from studies.closed_loop.flight import Flight, fly
 from studies.closed_loop.scores import MOST_STRAIGHT, MOST_TURNING, NEAREST, STOP_WITHIN, Score, score

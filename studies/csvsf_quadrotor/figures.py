@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from onboard.analysis.report.style import STYLE, panels
 from onboard.arrays import Array
-from onboard.commands.report_style import STYLE, panels
 from onboard.filters.cubature_smooth import FADING, PATIENCE
 from onboard.models.quadrotor import COMPONENTS, INPUTS
 from onboard.models.quadrotor_flight import DT

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from onboard.commands.parallel.workers import Jobs, Part, Progress, compute
+from onboard.analysis.parallel.workers import Jobs, Part, Progress, compute
 from onboard.filters.cubature_smooth import FADING, PATIENCE
 from studies.csvsf_quadrotor.cases import NAMED, VARIANTS, Case, one, simulate
 from studies.csvsf_quadrotor.claims import claims_of

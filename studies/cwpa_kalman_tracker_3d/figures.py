@@ -7,8 +7,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from onboard.analysis.report.style import STYLE, panels
 from onboard.arrays import Array
-from onboard.commands.report_style import STYLE, panels
 from onboard.filters.discretisation import wiener_acceleration
 from studies.cwpa_kalman_tracker_3d.runs import DENSITY, DT, Runs
 from studies.report.drawing import COLOURS, legend, save

@@ -9,8 +9,8 @@ from typing import Final
 
 import numpy as np
 
+from onboard.analysis.parallel.workers import Jobs, Part, Progress, compute
 from onboard.arrays import Array
-from onboard.commands.parallel.workers import Jobs, Part, Progress, compute
 from onboard.filters import kalman
 from onboard.filters.belief import Belief
 from onboard.filters.discretisation import wiener_acceleration

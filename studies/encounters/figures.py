@@ -8,7 +8,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 
-from onboard.commands.report_style import STYLE, TRUTH, panels
+from onboard.analysis.report.style import STYLE, TRUTH, panels
 from studies.encounters.flights import Case, Flight
 from studies.report.drawing import COLOURS, legend, save
 

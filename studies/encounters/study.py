@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from onboard.commands.parallel.workers import Jobs, Part, Progress, compute
+from onboard.analysis.parallel.workers import Jobs, Part, Progress, compute
 from studies.encounters import assumptions, peers, recorded, reference
 from studies.encounters.assumptions import BROKEN
 from studies.encounters.flights import CASES, DEFAULTS, Case, Flight, fly

@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from onboard.analysis.report.style import STYLE, panels
 from onboard.arrays import Array
-from onboard.commands.report_style import STYLE, panels
 from studies.joseph_srukf_sense_and_avoid import scenes
 from studies.joseph_srukf_sense_and_avoid.runs import JOSEPH, AllResults, Results, measurement_errors
 from studies.report.drawing import COLOURS, legend, save, shade

@@ -9,7 +9,7 @@ signal, and on GNSS with a degraded clock and without satellites.
 from pathlib import Path
 from typing import Final
 
-from onboard.commands.parallel.workers import Jobs, Part, Progress, compute
+from onboard.analysis.parallel.workers import Jobs, Part, Progress, compute
 from studies.joseph_srukf_sense_and_avoid import runs
 from studies.joseph_srukf_sense_and_avoid.claims import claims_of
 from studies.joseph_srukf_sense_and_avoid.misprints import filters, models, sensors

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 import matplotlib as mpl
 
-from onboard.commands.report_style import STYLE, panels
+from onboard.analysis.report.style import STYLE, panels
 from studies.manoeuvres.flights import MANOEUVRES, SPEEDS
 from studies.report.drawing import COLOURS, save
 

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from onboard.commands.parallel.workers import Jobs, Part, Progress, compute
+from onboard.analysis.parallel.workers import Jobs, Part, Progress, compute
 from studies.manoeuvres.flights import MANOEUVRES, SPEEDS, Autopilot, Manoeuvre, Result, flown
 from studies.report.files import drawing, publish, require_seeds
 from studies.report.findings import Claim, Findings, Table, verdict

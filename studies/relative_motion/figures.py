@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from onboard.analysis.report.style import STYLE, TRUTH, panels
 from onboard.arrays import Array
-from onboard.commands.report_style import STYLE, TRUTH, panels
 from onboard.filters.gating import normalised_squared
 from onboard.models.relative_motion import A_LAT, A_LONG, POSITION, SIZE, VELOCITY
 from simlink.scenarios.camera import Camera

@@ -5,8 +5,8 @@ from typing import Final
 import numpy as np
 from matplotlib.figure import Figure
 
+from onboard.analysis.report.style import TRUTH, panels
 from onboard.arrays import Array
-from onboard.commands.report_style import TRUTH, panels
 from onboard.geometry.rotations import matrix_from_euler, matrix_from_quaternion
 from onboard.models import camera_angles
 from onboard.models.relative_motion import POSITION, SIZE, N

@@ -12,8 +12,8 @@ from typing import Final, NamedTuple
 
 import msgspec
 
+from onboard.analysis.parallel.workers import Jobs, Part, Progress, compute
 from onboard.arrays import Array
-from onboard.commands.parallel.workers import Jobs, Part, Progress, compute
 from simlink.scenarios.camera import Camera
 from studies.relative_motion import shipped
 from studies.relative_motion.bound import FlightBound, bounds, over_flights

@@ -6,8 +6,8 @@ from typing import Final
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from onboard.analysis.report.style import panels
 from onboard.arrays import Array
-from onboard.commands.report_style import panels
 from studies.relative_motion.bound import VariantBound
 from studies.relative_motion.scores import Row
 from studies.relative_motion.variants import COMPARED, SHOWN, VARIANTS

@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from onboard.commands.parallel.workers import Jobs, Part, Progress, compute
+from onboard.analysis.parallel.workers import Jobs, Part, Progress, compute
 from onboard.config import parse_config
 from onboard.estimators.traffic.config import FilterName
 from onboard.messages import Estimate, TrafficTruth, Truth

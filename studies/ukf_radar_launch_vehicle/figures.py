@@ -6,7 +6,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from onboard.commands.report_style import STYLE, panels
+from onboard.analysis.report.style import STYLE, panels
 from onboard.models import radar
 from studies.report.drawing import COLOURS, legend, save, within_sigma
 from studies.tracking.outcomes import POSITION, VELOCITY

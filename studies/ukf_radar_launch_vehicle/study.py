@@ -8,7 +8,7 @@ trajectory and process noise are not public; ours is a PSLV-like ascent, and pro
 from pathlib import Path
 from typing import Final
 
-from onboard.commands.parallel.workers import Jobs, Part, Progress, compute
+from onboard.analysis.parallel.workers import Jobs, Part, Progress, compute
 from studies.report.files import drawing, publish, require_seeds
 from studies.report.findings import Check, Findings, check, near
 from studies.report.sampling import decided

@@ -10,13 +10,13 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from onboard.analysis.flights.replay import replay
 from onboard.clocks import LONGEST_ROUND_TRIP_NS
 from onboard.commands import cli
-from onboard.commands.log_replay import replay
 from onboard.config import load_config
 from onboard.messages import Cause, Estimate, TimeSync
 from onboard.wire.datagrams import DatagramDecoder
-from onboard.wire.recording import read_estimates, read_recording
+from onboard.wire.logs.recording import read_estimates, read_recording
 from tests.support.daemon import Observer, Relay, Setup, queried
 from tests.support.programs import PATIENCE, until
 

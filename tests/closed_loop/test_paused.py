@@ -8,10 +8,10 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from onboard.commands.log_replay import replay
+from onboard.analysis.flights.replay import replay
 from onboard.config import load_config
 from onboard.messages import Cause, Estimate, Health
-from onboard.wire.recording import read_estimates, read_recording
+from onboard.wire.logs.recording import read_estimates, read_recording
 from tests.support.daemon import Observer, Relay, Setup
 from tests.support.programs import until
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from onboard.commands.csv_rows import CsvWriter
+from onboard.analysis.exports.csv_rows import CsvWriter
 from onboard.messages import Estimate
 from simlink.scenarios.scenario import load_scenario
 from simlink.world.drawn import drawn

@@ -14,7 +14,7 @@ import pytest
 from onboard.links import tcp, udp
 from onboard.links.udp import Budget
 from onboard.messages import Attitude, Datagram, Encoding, Estimate, Heartbeat
-from onboard.wire.mavlink_encode import MavlinkEncoder
+from onboard.wire.mavlink.encode import MavlinkEncoder
 from tests.support.faulty_flight import DATAGRAMS, assert_on_target, clean
 from tests.support.running_link import until, with_link
 from tests.support.streams import MS, feed, heartbeat, make_config

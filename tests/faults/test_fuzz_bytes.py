@@ -2,7 +2,7 @@
 
 import pytest
 
-from onboard.wire import mavlink_decode
+from onboard.wire.mavlink import decode as mavlink_decode
 from tests import fuzz_bytes
 
 COUNTS = {"mavlink": 1500, "documents": 2000, "logs": 600, "configuration": 100}

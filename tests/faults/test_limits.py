@@ -15,6 +15,7 @@ from onboard.estimators.traffic import track as traffic_track
 from onboard.estimators.traffic import waiting as traffic_waiting
 from onboard.estimators.traffic.config import Config as TrafficConfig
 from onboard.estimators.traffic.track import Track
+from onboard.health.monitor import MOST_ERRORS, Exceptions
 from onboard.messages import (
     Clock,
     Datagram,
@@ -25,13 +26,13 @@ from onboard.messages import (
     TargetPoints,
     Verdict,
 )
-from onboard.pipeline.health.monitor import MOST_ERRORS, Exceptions
 from onboard.pipeline.waiting import MAX_WAITING, Waiting
 from onboard.sinks import zenoh
 from onboard.sinks.recorder import Recorder
-from onboard.wire import pseudoranges, radar, recording
-from onboard.wire.document import BadDocumentError
-from onboard.wire.landing_target import PENDING_IMAGES, SENDERS, PointAssembler
+from onboard.wire.documents import pseudoranges, radar
+from onboard.wire.documents.document import BadDocumentError
+from onboard.wire.logs import recording
+from onboard.wire.mavlink.landing_target import PENDING_IMAGES, SENDERS, PointAssembler
 from tests.support.mavlink_frames import RECV
 from tests.support.records import make_estimate
 from tests.unit.sinks.test_zenoh_queue import Nothing, waiting

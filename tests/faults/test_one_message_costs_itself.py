@@ -8,8 +8,8 @@ from msgspec.structs import replace
 
 from onboard.daemon import Daemon
 from onboard.messages import Message
-from onboard.wire.mavlink_encode import MavlinkEncoder
-from onboard.wire.mavlink_records import CONVERT
+from onboard.wire.mavlink.encode import MavlinkEncoder
+from onboard.wire.mavlink.records import CONVERT
 from tests.support.faulty_flight import DATAGRAMS, assert_on_target
 from tests.support.streams import CIRCLE, EPOCH, Run, S, feed, heartbeat, make_config
 from tests.unit.autopilot.test_session import command, connected, parsed

@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 
 from onboard.commands import cli
 from onboard.messages import Datagram
-from onboard.wire.recording import is_recording, read_recording
+from onboard.wire.logs.recording import is_recording, read_recording
 
 WRITER = """
 import asyncio, sys

@@ -22,8 +22,8 @@ from onboard.links.link import close_all
 from onboard.links.udp import UdpLink
 from onboard.messages import Clock, Datagram, Encoding, FileRequest, Message, ParamAction, ParamRequest, Reason
 from onboard.pipeline import Pipeline
-from onboard.wire.mavlink_encode import MavlinkEncoder, message_number
-from onboard.wire.signing import Signer
+from onboard.wire.mavlink.encode import MavlinkEncoder, message_number
+from onboard.wire.mavlink.signing import Signer
 from tests.support.emitted import LINK, answered, command_long, everything, sent
 from tests.support.leader import AUTOPILOT
 from tests.support.running_link import until, with_link

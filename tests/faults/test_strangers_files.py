@@ -10,7 +10,7 @@ import msgspec
 import pytest
 
 from onboard import UserError
-from onboard.commands.flight_folder import flight_folder
+from onboard.analysis.flights.flight_folder import flight_folder
 from onboard.config import ConfigError, LinkConfig, WarmFile, parse_config, read_stored, signing_key
 from onboard.config.calibration import read_calibration
 from onboard.config.storing import store
@@ -18,9 +18,9 @@ from onboard.config.warm_start import store_state
 from onboard.sinks.secrets import secret
 from onboard.sinks.sink import SinkError
 from onboard.sinks.zenoh_stated import stated_in
-from onboard.wire.dataflash import read_dataflash
-from onboard.wire.tlog import NotALogError
-from onboard.wire.ulog import read_ulog
+from onboard.wire.logs.dataflash import read_dataflash
+from onboard.wire.logs.tlog import NotALogError
+from onboard.wire.logs.ulog import read_ulog
 from tests.unit.wire.test_ulog import message
 
 HANGS_S = 60

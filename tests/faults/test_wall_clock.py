@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from onboard.messages import Datagram, TargetPoints, Verdict
 from onboard.sinks.recorder import Recorder
-from onboard.wire.recording import read_recording
+from onboard.wire.logs.recording import read_recording
 from tests.support.cases import slow_but
 from tests.support.faulty_flight import ITEMS, assert_on_target, flown
 from tests.support.streams import EPOCH, MS, Item, Run, S, encode

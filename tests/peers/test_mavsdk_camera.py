@@ -12,7 +12,7 @@ from typing import Any
 from onboard.autopilot.parameters import KEYS
 from onboard.messages import Datagram, Encoding
 from onboard.wire.datagrams import DatagramDecoder
-from onboard.wire.mavlink_encode import MavlinkEncoder
+from onboard.wire.mavlink.encode import MavlinkEncoder
 from tests.support.emitted import LINK, NOW, everything, sent
 from tests.support.leader import AUTOPILOT, S
 from tests.support.mavsdk_client import CONNECT, NEEDS_MAVSDK

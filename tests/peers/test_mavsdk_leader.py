@@ -12,7 +12,7 @@ from onboard.autopilot.leader_messages import View
 from onboard.autopilot.leader_output import LeaderOutput
 from onboard.config import LeaderOutConfig
 from onboard.geometry.camera import make_camera
-from onboard.wire.mavlink_encode import MavlinkEncoder
+from onboard.wire.mavlink.encode import MavlinkEncoder
 from tests.support.leader import AUTOPILOT, S, leader_state
 from tests.support.mavsdk_client import LISTEN, NEEDS_MAVSDK
 from tests.support.programs import PATIENCE, free_ports

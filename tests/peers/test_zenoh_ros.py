@@ -15,7 +15,7 @@ from zenoh.ext import Int64, z_deserialize
 from onboard.messages.ros import Ros2Config
 from onboard.sinks.sink import SinkError
 from onboard.sinks.zenoh_ros import RosRunner, RosSink
-from onboard.wire.ros_messages import RosEncoder
+from onboard.wire.ros.messages import RosEncoder
 from tests.support.daemon import Setup
 from tests.support.programs import until
 from tests.support.vehicle_records import nav_state

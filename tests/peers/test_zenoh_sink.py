@@ -17,7 +17,7 @@ from onboard.messages import Cause, Datagram, Encoding, Estimate, Health, Lifecy
 from onboard.sinks import SinkRunner
 from onboard.sinks.zenoh import ZenohSink
 from onboard.sinks.zenoh_session import ZenohConfig, open_session
-from onboard.wire.document import LARGEST
+from onboard.wire.documents.document import LARGEST
 from tests.support.programs import free_endpoint, until
 from tests.support.records import POSE, make_estimate
 

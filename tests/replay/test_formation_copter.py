@@ -17,7 +17,7 @@ import pytest
 from onboard.commands.replay import replay_log
 from onboard.messages import Estimate, Health, Lifecycle, Verdict
 from onboard.pipeline import Pipeline
-from onboard.wire.tlog import read_tlog
+from onboard.wire.logs.tlog import read_tlog
 from tests.support.honesty import assert_neither_too_sure_nor_too_unsure, nees
 from tests.support.streams import Run, assert_sane, make_config
 

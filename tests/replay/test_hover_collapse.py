@@ -18,8 +18,8 @@ from onboard.arrays import Array
 from onboard.filters.gating import normalised_squared
 from onboard.messages import Datagram, Estimate, TargetPoints
 from onboard.pipeline import Pipeline
-from onboard.wire.recording import read_recording
-from onboard.wire.tlog import read_tlog
+from onboard.wire.logs.recording import read_recording
+from onboard.wire.logs.tlog import read_tlog
 from studies.encounters.flights import Flight
 from studies.encounters.scores import score
 from tests.support.images import detections, exposed

@@ -8,7 +8,7 @@ import pytest
 
 from onboard.messages import Severity
 from onboard.pipeline import Pipeline
-from onboard.wire.tlog import read_tlog
+from onboard.wire.logs.tlog import read_tlog
 from studies.closed_loop.flight import SET_UP
 from tests.replay.test_formation_copter import CAMERA, EXCERPT, recording
 from tests.support.streams import make_config

@@ -12,8 +12,8 @@ import pytest
 from onboard.config import parse_config
 from onboard.messages import Barometer, Datagram, LocalPosition, Message, NavState
 from onboard.pipeline import Pipeline
-from onboard.wire.tlog import read_tlog
-from onboard.wire.ulog import read_ulog
+from onboard.wire.logs.tlog import read_tlog
+from onboard.wire.logs.ulog import read_ulog
 from tests.support.programs import DATA
 
 S = 1_000_000_000

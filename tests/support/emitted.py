@@ -19,7 +19,7 @@ from onboard.messages import (
     TimeSync,
 )
 from onboard.wire.datagrams import OnRefused, ignore
-from onboard.wire.mavlink_encode import message_number
+from onboard.wire.mavlink.encode import message_number
 from tests.support.leader import AUTOPILOT, S, T, estimate, origin, own_pose
 from tests.support.vehicle_records import TRAFFIC, nav_state
 

@@ -8,7 +8,7 @@ import csv
 import sys
 from pathlib import Path
 
-from onboard.commands.log_replay import replay
+from onboard.analysis.flights.replay import replay
 from onboard.config import load_config
 from onboard.messages import Estimate, Output
 

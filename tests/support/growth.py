@@ -11,7 +11,7 @@ from onboard.commands.compiling import needed_by
 from onboard.messages import not_valid
 from tests.support.programs import ROOT
 
-OF_SCORES = ("scoring", "view", "commands")  # there `valid` is a count, or shown
+OF_SCORES = ("scoring", "view", "analysis", "commands")  # there `valid` is a count, or shown
 OURS = ("onboard", "simlink", "studies", "benchmarks")
 KERNELS = "njit"
 COUNT_OF_STATES = {"N", "BASE", "STATE_SIZE"}  # what a module calls the length of its state vector

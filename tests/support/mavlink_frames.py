@@ -6,7 +6,7 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import common
 
 from onboard.messages import Message
-from onboard.wire.mavlink_decode import MavlinkDecoder
+from onboard.wire.mavlink.decode import MavlinkDecoder
 from tests.support.images import detections
 
 RECV: Final = 1_735_689_605_000_000_000

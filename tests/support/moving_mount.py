@@ -11,7 +11,7 @@ from onboard.arrays import Array
 from onboard.config import Config
 from onboard.geometry.rotations import matrix_from_euler, quaternion_from_matrix
 from onboard.messages import Datagram, Encoding, GimbalAttitude, MountAttitude, MountFrame, TargetPoints
-from onboard.wire.mavlink_encode import MavlinkEncoder
+from onboard.wire.mavlink.encode import MavlinkEncoder
 from tests.support.streams import EPOCH, MS, Flight, Run, S, Stream, encode, feed
 
 FLAT: Final = (0.0,) * 5

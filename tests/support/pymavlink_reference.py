@@ -32,7 +32,7 @@ def read_header(frame: Any, t_recv_ns: int) -> dict[str, Any]:
 
 
 class Reference:
-    """Decodes as `onboard.wire.mavlink_decode.MavlinkDecoder` should: messages, `names` and `rejected`."""
+    """Decodes as `onboard.wire.mavlink.decode.MavlinkDecoder` should: messages, `names` and `rejected`."""
 
     def __init__(self, *, stream: bool) -> None:
         self.rejected: Counter[str] = Counter()

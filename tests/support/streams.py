@@ -31,7 +31,7 @@ from onboard.messages import (
     Verdict,
 )
 from onboard.pipeline import Pipeline
-from onboard.wire.mavlink_encode import MavlinkEncoder
+from onboard.wire.mavlink.encode import MavlinkEncoder
 from tests.support import kept
 from tests.support.honesty import nees
 from tests.support.images import exposed

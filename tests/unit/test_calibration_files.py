@@ -10,7 +10,7 @@ from onboard.config.calibration import read_calibration
 from onboard.config.cameras import lens_of
 from onboard.geometry.lens import Lens, LensError
 from onboard.messages import Intrinsics
-from onboard.wire.points import lens_of as intrinsics_lens
+from onboard.wire.documents.points import lens_of as intrinsics_lens
 
 K = "900.0, 0.0, 640.0, 0.0, 905.0, 360.0, 0.0, 0.0, 1.0"
 D = "-0.3, 0.1, 0.001, -0.001, 0.0"

@@ -24,7 +24,7 @@ from onboard.messages import (
 )
 from onboard.ownship import head_attitude
 from onboard.ownship.gimbals import Gimbals
-from onboard.wire.mavlink_encode import MavlinkEncoder
+from onboard.wire.mavlink.encode import MavlinkEncoder
 from tests.support.mavlink_frames import frame, one
 from tests.support.moving_mount import BARREL, FLAT, GIMBAL, LENS, Mount, flown, range_error
 from tests.support.streams import EPOCH, MS, SIZE, S, feed

@@ -14,8 +14,8 @@ from onboard.config import Config, ConfigError, WarmFile, datagram_of
 from onboard.config.warm_start import MOST_AGE_S, digest, folder_of, store_state
 from onboard.messages import Datagram, WarmState
 from onboard.pipeline.warm_start import REBOOTED
-from onboard.wire.document import BadDocumentError
-from onboard.wire.warm_state import decode_warm_state, encode_warm_state
+from onboard.wire.documents.document import BadDocumentError
+from onboard.wire.documents.warm_state import decode_warm_state, encode_warm_state
 from studies.closed_loop.flight import Companion
 from tests.support.streams import EPOCH, S, Stream, feed, make_config, position_error
 

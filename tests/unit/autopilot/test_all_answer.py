@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from onboard.autopilot.output import AutopilotOutput
 from onboard.autopilot.sent import SENT, Encoder
 from onboard.messages import Attitude
-from onboard.wire.mavlink_encode import ENCODE, message_number
+from onboard.wire.mavlink.encode import ENCODE, message_number
 from tests.support.emitted import (
     ANSWERS,
     CAMERA,

@@ -16,8 +16,8 @@ from onboard.autopilot.metadata import DESCRIPTIONS, Metadata
 from onboard.autopilot.parameters import KEYS, Parameters
 from onboard.config import load_config
 from onboard.messages import Clock, FileError, FileReply, FileRequest
-from onboard.wire.files import crc32
-from onboard.wire.mavlink_decode import MavlinkDecoder
+from onboard.wire.mavlink.decode import MavlinkDecoder
+from onboard.wire.mavlink.files import crc32
 from tests.support.emitted import LINK, NOW, command, everything
 
 LONG = bytes(range(256)) * 20  # more than one burst carries

@@ -16,7 +16,7 @@ from onboard.config import ConfigError, LeaderOutConfig, parse_config
 from onboard.geometry.camera import make_camera
 from onboard.messages import Datagram, Encoding
 from onboard.pipeline import Pipeline
-from onboard.wire.mavlink_encode import MavlinkEncoder
+from onboard.wire.mavlink.encode import MavlinkEncoder
 from tests.support.emitted import LEADER
 from tests.support.leader import AUTOPILOT, S, T, leader_state, lost_state
 from tests.support.mavlink_frames import crc_x25

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from onboard.autopilot.output import AutopilotOutput
 from onboard.autopilot.parameters import KEYS, Parameters
 from onboard.config import Config, ConfigError, load_config, read_stored, store
-from onboard.wire.mavlink_decode import MavlinkDecoder
+from onboard.wire.mavlink.decode import MavlinkDecoder
 from tests.support.leader import AUTOPILOT, S
 
 NOW = 1_800_000_000 * S

@@ -14,7 +14,7 @@ from onboard.autopilot.session import Session
 from onboard.config import AutopilotConfig, Config, parse_config
 from onboard.messages import Clock, Command, CommandAck, Heartbeat, Ping, TimeSync
 from onboard.messages.vehicle import OUR_TAG
-from onboard.wire.mavlink_encode import MavlinkEncoder
+from onboard.wire.mavlink.encode import MavlinkEncoder
 from tests.support.emitted import command_long
 
 MS = 1_000_000

@@ -18,7 +18,7 @@ from onboard.messages import (
     ThreatLevel,
 )
 from onboard.pipeline import Pipeline
-from onboard.wire.mavlink_encode import MavlinkEncoder
+from onboard.wire.mavlink.encode import MavlinkEncoder
 from tests.support.vehicle_records import APPROACH, INTRUDER, TRAFFIC
 
 S = 1_000_000_000

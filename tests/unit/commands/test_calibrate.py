@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from onboard import UserError
+from onboard.analysis.calibration.camera import Calibration, Images, OwnMotion, calibrate
 from onboard.arrays import Array
 from onboard.commands import cli
 from onboard.commands.calibrate import described
-from onboard.commands.calibration import Calibration, Images, OwnMotion, calibrate
 from onboard.config import load_config
 from onboard.geometry.camera import make_camera
 from onboard.geometry.rotations import matrix_from_euler, quaternion_from_euler

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from onboard import UserError
-from onboard.commands.airframe_calibration import AirframeMeasures, RecordedFlight, fit_airframe
+from onboard.analysis.calibration.airframe import AirframeMeasures, RecordedFlight, fit_airframe
 from onboard.commands.calibrate_airframe import described_airframe
 from onboard.commands.cli import main as onboard
 from onboard.config import parse_config

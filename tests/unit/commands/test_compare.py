@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from onboard import UserError
+from onboard.analysis.flights.compare import filters, variants
+from onboard.analysis.flights.replay import FLOWN, replay
 from onboard.commands.cli import main
-from onboard.commands.compare import filters, variants
-from onboard.commands.log_replay import FLOWN, replay
 from onboard.estimators import config_type
 from onboard.messages import Estimate, Output
 from onboard.pipeline import Pipeline

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from onboard import UserError
+from onboard.analysis.flights.many import score_flight
 from onboard.commands.cli import main
 from onboard.commands.evaluate import find_flights, read_rows, rows_of
-from onboard.commands.many import score_flight
 from onboard.sinks.recorder import Recorder
 from tests.support.streams import Flight, Stream
 

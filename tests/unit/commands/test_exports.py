@@ -13,8 +13,8 @@ import pytest
 from mcap.reader import make_reader
 
 from onboard import UserError
+from onboard.analysis.exports.tables import check_exports
 from onboard.commands.cli import main
-from onboard.commands.exports import check_exports
 from onboard.sinks.recorder import Recorder
 from tests.support.dataflash import dataflash
 from tests.support.streams import CIRCLE, Stream

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from onboard import UserError
+from onboard.analysis.flights.many import ScorableFlight, score_flight
+from onboard.analysis.flights.replay import ReplayResult, check_log, replay
 from onboard.commands.calibrate import collect
 from onboard.commands.cli import main
-from onboard.commands.log_replay import ReplayResult, check_log, replay
-from onboard.commands.many import ScorableFlight, score_flight
 from tests.support.dataflash import BOOT_UNIX_S, dataflash
 from tests.support.streams import F_PX, Flight, make_config
 

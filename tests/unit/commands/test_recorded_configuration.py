@@ -5,11 +5,11 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from onboard.commands.log_replay import flight_of
+from onboard.analysis.flights.replay import flight_of
 from onboard.commands.recover import recover
 from onboard.config import Config, ConfigError, load_config, of_flight, parse_config
 from onboard.sinks.recorder import Recorder
-from onboard.wire.recording import CONFIGURATION, JSON, read_configuration
+from onboard.wire.logs.recording import CONFIGURATION, JSON, read_configuration
 from tests.support.streams import Stream, encode
 from tests.unit.commands.test_replay import replayed_numbers
 

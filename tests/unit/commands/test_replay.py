@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from onboard.commands.log_replay import replay
+from onboard.analysis.flights.replay import replay
 from onboard.commands.replay import replay_log
 from onboard.config import Config, load_config
 from onboard.messages import CameraPoints, Clock, Datagram, Encoding, Intrinsics, Pixel, TargetPoints

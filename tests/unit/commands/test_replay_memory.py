@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from onboard.commands import log_replay
-from onboard.commands.log_replay import replay
+from onboard.analysis.flights import replay as log_replay
+from onboard.analysis.flights.replay import replay
 from onboard.messages import Estimate
 from onboard.scoring.leader import LeaderScorer, score_leader
 from onboard.scoring.reference import Reference

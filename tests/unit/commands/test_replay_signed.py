@@ -7,17 +7,17 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
+from onboard.analysis.flights.replay import ReplayResult
+from onboard.analysis.flights.replay import replay as replayed_log
 from onboard.commands.calibrate import collect
 from onboard.commands.cli import main
-from onboard.commands.log_replay import ReplayResult
-from onboard.commands.log_replay import replay as replayed_log
 from onboard.config import Config, parse_config
 from onboard.messages import DOUBT, Datagram, Encoding, Estimate
 from onboard.pipeline import Pipeline
 from onboard.sinks.recorder import Recorder
-from onboard.wire.mavlink_encode import MavlinkEncoder
-from onboard.wire.signing import Signer
-from onboard.wire.tlog import frame_length
+from onboard.wire.logs.tlog import frame_length
+from onboard.wire.mavlink.encode import MavlinkEncoder
+from onboard.wire.mavlink.signing import Signer
 from tests.support.streams import CIRCLE, EPOCH, MS, SIZE, S, Stream
 
 KEY = bytes(range(32))

@@ -9,12 +9,12 @@ import msgspec
 import numpy as np
 import pytest
 
+from onboard.analysis.flights.replay import ReplayResult, replay
+from onboard.analysis.report.figures import figures
+from onboard.analysis.report.page import FlightReport, _table_pages, summary, write_pdf
+from onboard.analysis.report.series import FlightSeries
+from onboard.analysis.report.verdict import Check, Grade, judge, worst
 from onboard.commands.cli import main
-from onboard.commands.log_replay import ReplayResult, replay
-from onboard.commands.report_figures import figures
-from onboard.commands.report_page import FlightReport, _table_pages, summary, write_pdf
-from onboard.commands.report_series import FlightSeries
-from onboard.commands.report_verdict import Check, Grade, judge, worst
 from onboard.messages import Output, Verdict
 from onboard.scoring.leader import LeaderScorer
 from onboard.sinks.recorder import Recorder

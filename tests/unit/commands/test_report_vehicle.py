@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from onboard.commands.log_replay import replay
+from onboard.analysis.flights.replay import replay
+from onboard.analysis.report.page import FlightReport, _first, html
+from onboard.analysis.report.vehicle import MOST_PARAMETERS, MOST_WORDS, VehicleSeries, mode_name
+from onboard.analysis.report.vehicle_figures import vehicle_figures
 from onboard.commands.report import _parameters
-from onboard.commands.report_figures_vehicle import vehicle_figures
-from onboard.commands.report_page import FlightReport, _first, html
-from onboard.commands.report_vehicle import MOST_PARAMETERS, MOST_WORDS, VehicleSeries, mode_name
 from onboard.messages import ActuatorOutputs, Battery, GpsFix, Heartbeat, Imu, Message, ParamValue, StatusText
 from tests.support.dataflash import dataflash
 from tests.support.streams import Flight, make_config

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from onboard.commands.report_series import FlightSeries
-from onboard.commands.report_verdict import Grade, _own_state
+from onboard.analysis.report.series import FlightSeries
+from onboard.analysis.report.verdict import Grade, _own_state
 
 
 @pytest.mark.parametrize(

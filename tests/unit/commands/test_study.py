@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
+from onboard.analysis.parallel import cluster
+from onboard.analysis.parallel.workers import Computers
 from onboard.commands import cli
-from onboard.commands.parallel import cluster
-from onboard.commands.parallel.workers import Computers
 from studies import command
 
 

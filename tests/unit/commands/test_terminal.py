@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from onboard.commands.terminal import Lines, end_signals, report
+from onboard.terminal.output import Lines, end_signals, report
 from tests.support.programs import ROOT, environment, started
 
 

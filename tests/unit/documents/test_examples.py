@@ -11,8 +11,8 @@ from onboard.estimators import EstimatorProtocol
 from onboard.geometry.camera import make_camera
 from onboard.messages import Cause, Exposure, Reason, TargetDetection, TargetImage, TargetPoints
 from onboard.ownship import Ownship
-from onboard.wire.detections import decode_detections
-from onboard.wire.points import decode_points
+from onboard.wire.documents.detections import decode_detections
+from onboard.wire.documents.points import decode_points
 from tests.support import documents
 from tests.support.leader import leader_state, lost_state
 

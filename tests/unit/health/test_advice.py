@@ -20,6 +20,8 @@ from onboard.commands import absent
 from onboard.commands.absent import why_absent
 from onboard.commands.status import describe, is_healthy
 from onboard.config import Config, parse_config
+from onboard.health import Advisor, Needs
+from onboard.health.causes_state import REMEDIES, VALID
 from onboard.messages import (
     DOUBT,
     Advice,
@@ -43,11 +45,9 @@ from onboard.messages import (
 )
 from onboard.messages.stamps import Span, read_stamps
 from onboard.pipeline import Pipeline, Rim
-from onboard.pipeline.health import Advisor, Needs
-from onboard.pipeline.health.causes_state import REMEDIES, VALID
 from onboard.sinks.console import Console
 from onboard.view import words
-from onboard.wire.signing import read_key
+from onboard.wire.mavlink.signing import read_key
 from tests.support.streams import CIRCLE, EPOCH, F_PX, MS, SIZE, Item, S, Stream, encode
 
 SECONDS = 14

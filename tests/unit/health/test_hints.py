@@ -6,11 +6,11 @@ from msgspec.structs import replace
 
 from onboard.config import Config, parse_config
 from onboard.geometry.lens import Lens
+from onboard.health.cameras import Hints
+from onboard.health.remedies import remedy_of
 from onboard.messages import DOUBT, Reason, Severity, TargetPoints
-from onboard.pipeline.health.cameras import Hints
-from onboard.pipeline.health.remedies import remedy_of
 from onboard.sinks.console import Console
-from onboard.wire.points import doubt_of
+from onboard.wire.documents.points import doubt_of
 from tests.support.streams import CIRCLE, EPOCH, SIZE, Item, Run, S, Stream, advance
 
 SECONDS = 25.0

@@ -7,8 +7,8 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.daemon import Daemon
+from onboard.health.refusals import ALIKE, LONGEST, MOST, OTHERS, Refusals
 from onboard.messages import Cause, Clock, Datagram, Encoding, Health, LocalPosition, Reason, Verdict
-from onboard.pipeline.health.refusals import ALIKE, LONGEST, MOST, OTHERS, Refusals
 from onboard.sinks.console import MOST_LINES
 from onboard.view import words
 from tests.support.streams import CIRCLE, EPOCH, MS, Item, S, Stream, encode, feed, heartbeat, make_config

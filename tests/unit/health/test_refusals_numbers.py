@@ -2,8 +2,8 @@
 
 import pytest
 
+from onboard.health.refusals import Refusals
 from onboard.messages import Cause, Reason
-from onboard.pipeline.health.refusals import Refusals
 
 FIRST = "pixel (9000, -0.25) is outside - at `$.detections[0].points.left`"
 

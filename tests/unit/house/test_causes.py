@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from onboard.health.remedies import REMEDIES
 from onboard.messages import DOUBTS, Cause, Severity, Verdict
-from onboard.pipeline.health.remedies import REMEDIES
 from tests.support.programs import ROOT
 
 PROSE = {"reason", "reasons", "words", "error", "what", "text"}  # attributes that hold sentences

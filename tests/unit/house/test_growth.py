@@ -20,18 +20,20 @@ MOST_STATE_VECTORS = {"leader": 3, "oh_johnson": 1, "own_state": 2, "traffic": 3
 # A folder of `estimators` is a package of its own: each has an Estimator and its Config.
 PACKAGES = (
     *(
+        "analysis",
         "autopilot",
         "clocks",
         "commands",
         "config",
         "filters",
         "geometry",
+        "health",
         "links",
         "messages",
         "models",
         "ownship",
     ),
-    *("pipeline", "scoring", "sinks", "view", "wire", "estimators/leader", "estimators/oh_johnson"),
+    *("pipeline", "scoring", "sinks", "terminal", "view", "wire", "estimators/leader", "estimators/oh_johnson"),
     "estimators/own_state",
     *("estimators/traffic", "../simlink/encounters", "../simlink/scenarios", "../simlink/sensors"),
     *("../simlink/server", "../simlink/traffic", "../simlink/world", "../studies/report", "../studies/tracking"),

@@ -64,7 +64,7 @@ def test_a_draw_is_the_same_for_the_same_seed_and_each_is_a_program(monkeypatch:
 
 
 def test_tests_are_near_that_are_named_for_a_file_or_import_it() -> None:
-    tests = nearest("onboard/wire/tlog.py", TABLE)
+    tests = nearest("onboard/wire/logs/tlog.py", TABLE)
     assert tests[0] == "tests/unit/wire/test_tlog.py"
     assert len(tests) <= drawn.MOST_FILES
     assert all(Path(ROOT / test).exists() for test in tests)
@@ -75,7 +75,7 @@ def test_what_is_near_a_change_is_a_test_itself_or_reaches_it(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     test = "tests/unit/wire/test_radar.py"
-    found = near(["onboard/wire/tlog.py", "tests/support/dataflash.py", test, "README.md"], TABLE)
+    found = near(["onboard/wire/logs/tlog.py", "tests/support/dataflash.py", test, "README.md"], TABLE)
     assert {"tests/unit/wire/test_tlog.py", "tests/unit/commands/test_flight_folder.py", test} <= set(found)
     assert found == sorted(set(found))
     for command in (

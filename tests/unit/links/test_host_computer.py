@@ -6,7 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard.links.host_computer import HostComputer
-from onboard.wire.mavlink_encode import MavlinkEncoder
+from onboard.wire.mavlink.encode import MavlinkEncoder
 
 
 def write(folder: Path, busy: int, idle: int) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from onboard.links import Link, LinkError, parse_link
 from onboard.messages import Datagram, Encoding
-from onboard.wire.mavlink_encode import MavlinkEncoder
+from onboard.wire.mavlink.encode import MavlinkEncoder
 from tests.support.programs import free_ports
 from tests.support.running_link import TIMEOUT_S, until, with_link
 from tests.support.streams import heartbeat

@@ -14,7 +14,7 @@ from onboard.links import LinkError, parse_link, tcp
 from onboard.messages import Datagram, Encoding, LinkHealth
 from onboard.pipeline import Pipeline, Rim
 from onboard.sinks.console import Console
-from onboard.wire.mavlink_encode import MavlinkEncoder
+from onboard.wire.mavlink.encode import MavlinkEncoder
 from tests.support.programs import free_ports
 from tests.support.running_link import TIMEOUT_S, until, with_link
 from tests.support.streams import heartbeat

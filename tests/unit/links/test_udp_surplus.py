@@ -15,7 +15,7 @@ from onboard.links.udp import oldest_surplus
 from onboard.messages import Datagram, LinkHealth
 from onboard.pipeline import Pipeline, Rim
 from onboard.sinks.console import Console
-from onboard.wire.mavlink_frame import V1, V2
+from onboard.wire.mavlink.frame import V1, V2
 from onboard.wire.surplus import KINDS, NEEDED, OF_IMU, OF_OTHERS, surplus
 from tests.support.running_link import until, with_link
 

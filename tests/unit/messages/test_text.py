@@ -12,17 +12,17 @@ from matplotlib.figure import Figure
 from msgspec.structs import replace
 from rich.table import Table
 
+from onboard.analysis.report.page import FlightReport, html, write_pdf
+from onboard.analysis.report.verdict import Check, Grade
 from onboard.autopilot.notices import Notices
-from onboard.commands import terminal
-from onboard.commands.console import Console
-from onboard.commands.report_page import FlightReport, html, write_pdf
-from onboard.commands.report_verdict import Check, Grade
 from onboard.commands.status import describe
 from onboard.config import Config, parse_config
+from onboard.health.refusals import Refusals
 from onboard.messages import CameraHealth, Cause, Datagram, Encoding, Exposure, Health, Reason, Refusal
 from onboard.messages.text import LINE, plain, plain_record
 from onboard.pipeline import Pipeline
-from onboard.pipeline.health.refusals import Refusals
+from onboard.terminal import output as terminal
+from onboard.terminal.console import Console
 from tests.support.leader import S
 
 EVIL = {

@@ -8,7 +8,7 @@ import pytest
 
 from onboard.messages import EstimatorStatus
 from onboard.ownship.stated_attitude import AttitudeUncertainty
-from onboard.wire.mavlink_decode import MavlinkDecoder
+from onboard.wire.mavlink.decode import MavlinkDecoder
 from tests.support.mavlink_frames import RECV, frame, one
 
 MS = 1_000_000

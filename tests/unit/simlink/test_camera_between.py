@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from onboard.messages import Attitude, CameraDetections, Clock, Exposure, Heartbeat, SimStatus, TargetPoints, Truth
-from onboard.wire.mavlink_decode import MavlinkDecoder
-from onboard.wire.mavlink_encode import MavlinkEncoder
+from onboard.wire.mavlink.decode import MavlinkDecoder
+from onboard.wire.mavlink.encode import MavlinkEncoder
 from simlink.autopilot import AutopilotLink
 from simlink.cli import main
 from simlink.scenarios.scenario import Scenario, ScenarioError, load_scenario

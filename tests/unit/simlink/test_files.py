@@ -13,9 +13,9 @@ from msgspec.structs import replace
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard.messages import CameraPoints, Datagram, Encoding, TargetPoints, Truth
-from onboard.wire.mavlink_decode import MavlinkDecoder
-from onboard.wire.points import decode_points
-from onboard.wire.tlog import read_tlog
+from onboard.wire.documents.points import decode_points
+from onboard.wire.logs.tlog import read_tlog
+from onboard.wire.mavlink.decode import MavlinkDecoder
 from simlink.cli import main
 from simlink.scenarios.scenario import (
     Scenario,

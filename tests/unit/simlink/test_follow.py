@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from onboard.geometry.rotations import euler_from_quaternion
 from onboard.messages import FollowTarget
-from onboard.wire.mavlink_encode import MavlinkEncoder
+from onboard.wire.mavlink.encode import MavlinkEncoder
 from simlink.scenarios.profiles import GaussMarkov
 from simlink.scenarios.quadrotor import Quadrotor
 from simlink.scenarios.scenario import Scenario, load_scenario

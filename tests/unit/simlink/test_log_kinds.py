@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from onboard.wire.mavlink_decode import MavlinkDecoder
-from onboard.wire.tlog import read_tlog
+from onboard.wire.logs.tlog import read_tlog
+from onboard.wire.mavlink.decode import MavlinkDecoder
 from simlink.cli import main
 
 

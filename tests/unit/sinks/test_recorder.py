@@ -13,8 +13,8 @@ from mcap.writer import Writer
 from onboard.messages import Datagram, Encoding
 from onboard.sinks import SinkError
 from onboard.sinks.recorder import Recorder
-from onboard.wire.recording import is_recording, read_estimates, read_recording
-from onboard.wire.tlog import NotALogError
+from onboard.wire.logs.recording import is_recording, read_estimates, read_recording
+from onboard.wire.logs.tlog import NotALogError
 from tests.support.records import make_estimate
 
 CHANNELS = (

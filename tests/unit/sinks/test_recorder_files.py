@@ -15,7 +15,7 @@ from mcap.reader import make_reader
 from onboard.messages import Datagram, Encoding
 from onboard.sinks import SinkError
 from onboard.sinks.recorder import Recorder, Rotation
-from onboard.wire.recording import read_recording
+from onboard.wire.logs.recording import read_recording
 from tests.support.view_flight import health_of
 
 

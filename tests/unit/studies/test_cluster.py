@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from onboard.commands.parallel import cluster
-from onboard.commands.parallel.cluster import ClusterError, fingerprint, on_cluster
-from onboard.commands.parallel.workers import Computers, Part, compute
+from onboard.analysis.parallel import cluster
+from onboard.analysis.parallel.cluster import ClusterError, fingerprint, on_cluster
+from onboard.analysis.parallel.workers import Computers, Part, compute
 from tests.support.programs import ROOT
 
 pytest.importorskip("distributed", reason="needs Dask: the extra `cluster`")

@@ -15,8 +15,8 @@ from pathlib import Path
 import psutil
 import pytest
 
-from onboard.commands.parallel.processes import processes
-from onboard.commands.parallel.workers import Part, compute
+from onboard.analysis.parallel.processes import processes
+from onboard.analysis.parallel.workers import Part, compute
 
 ROOT = Path(__file__).parents[3]
 AT_WORK_S = 1.0  # of computing after the start

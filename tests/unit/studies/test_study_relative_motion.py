@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from onboard.commands.parallel.workers import Part, compute
+from onboard.analysis.parallel.workers import Part, compute
 from simlink.scenarios.scenario import load_scenario
 from studies.relative_motion import study
 from studies.relative_motion.report import Result, findings, targets_table

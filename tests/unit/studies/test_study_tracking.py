@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from onboard.analysis.parallel.workers import Part, compute
 from onboard.arrays import Array
-from onboard.commands.parallel.workers import Part, compute
 from onboard.filters.belief import FilterError, NotPositiveDefiniteError
 from onboard.filters.discretisation import wiener_acceleration
 from onboard.models import constant_acceleration, radar

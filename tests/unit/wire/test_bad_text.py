@@ -5,14 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from onboard.commands.log_replay import replay
+from onboard.analysis.flights.replay import replay
 from onboard.messages import Datagram, Encoding
 from onboard.sinks.recorder import Recorder
 from onboard.wire.datagrams import DatagramDecoder
-from onboard.wire.document import BadDocumentError
-from onboard.wire.points import decode_points
-from onboard.wire.pseudoranges import decode_ranges
-from onboard.wire.radar import decode_radar
+from onboard.wire.documents.document import BadDocumentError
+from onboard.wire.documents.points import decode_points
+from onboard.wire.documents.pseudoranges import decode_ranges
+from onboard.wire.documents.radar import decode_radar
 from tests.support.streams import make_config
 
 LATIN_1 = "\u00fc".encode("latin-1")

@@ -6,7 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard.messages import Battery, Message
-from onboard.wire.mavlink_decode import MavlinkDecoder
+from onboard.wire.mavlink.decode import MavlinkDecoder
 from tests.support.pymavlink_reference import Reference
 
 RECV = 1_735_689_605_000_000_000

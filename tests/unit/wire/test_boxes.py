@@ -7,8 +7,8 @@ import pytest
 
 from onboard.geometry.lens import Lens
 from onboard.messages import Box, DetectedPose, Detection
-from onboard.wire import agreement, boxes
-from onboard.wire.document import BadDocumentError
+from onboard.wire.documents import agreement, boxes
+from onboard.wire.documents.document import BadDocumentError
 
 PINHOLE = Lens(fx_px=500.0, fy_px=500.0, cx_px=320.0, cy_px=240.0, width_px=640.0, height_px=480.0)
 COEFFICIENTS = (0.03, -0.008, 0.002, -0.0003)

@@ -24,8 +24,8 @@ from onboard.messages import (
     ParamValue,
     StatusText,
 )
-from onboard.wire.dataflash import GPS_EPOCH_S, WEEK_S, read_dataflash
-from onboard.wire.tlog import NotALogError
+from onboard.wire.logs.dataflash import GPS_EPOCH_S, WEEK_S, read_dataflash
+from onboard.wire.logs.tlog import NotALogError
 from tests.support.dataflash import BOOT_UNIX_S, WEEK, WEEK_MS, DataFlash, dataflash
 from tests.support.streams import CIRCLE
 

@@ -7,8 +7,8 @@ import pytest
 
 from onboard.geometry.lens import Lens
 from onboard.messages import Cause, Clock, Datagram, Encoding, TargetDetection, TargetPoints
-from onboard.wire.cameras import CameraInput
 from onboard.wire.datagrams import DatagramDecoder
+from onboard.wire.documents.cameras import CameraInput
 from tests.support.images import detections
 from tests.support.mavlink_frames import RECV
 

@@ -6,8 +6,8 @@ import pytest
 
 from onboard.estimators.leader.image.prepare import in_view
 from onboard.geometry.camera import make_camera
-from onboard.wire.document import BadDocumentError
-from onboard.wire.points import decode_points
+from onboard.wire.documents.document import BadDocumentError
+from onboard.wire.documents.points import decode_points
 from tests.unit.wire.test_points import document
 
 CAMERA = make_camera(f_px=500.0, width_px=640.0, height_px=480.0)

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from onboard.messages import Clock, TargetPoints
-from onboard.wire.mavlink_decode import MavlinkDecoder
-from onboard.wire.mavlink_encode import MavlinkEncoder
+from onboard.wire.mavlink.decode import MavlinkDecoder
+from onboard.wire.mavlink.encode import MavlinkEncoder
 from tests.support.images import detections
 from tests.support.mavlink_frames import RECV, decode, frame, independent, one
 

@@ -22,7 +22,7 @@ from onboard.messages import (
     SystemTime,
     TimeSync,
 )
-from onboard.wire.mavlink_decode import MavlinkDecoder
+from onboard.wire.mavlink.decode import MavlinkDecoder
 from tests.support.mavlink_frames import NED_V1, NED_V2, RECV, frame, one
 
 

@@ -17,7 +17,7 @@ from onboard.messages import (
     TargetPoints,
     TimeSync,
 )
-from onboard.wire.mavlink_encode import MavlinkEncoder
+from onboard.wire.mavlink.encode import MavlinkEncoder
 from tests.support.mavlink_frames import RECV, independent, one
 from tests.support.mavlink_records import HEAD, RECORDS
 

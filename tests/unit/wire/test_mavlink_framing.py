@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 
 from onboard.messages import Message
-from onboard.wire.mavlink_decode import MavlinkDecoder
-from onboard.wire.mavlink_encode import MavlinkEncoder
+from onboard.wire.mavlink.decode import MavlinkDecoder
+from onboard.wire.mavlink.encode import MavlinkEncoder
 from tests.support.mavlink_frames import NED_V2, RECV, decode, frame
 from tests.support.mavlink_records import RECORDS
 

@@ -10,12 +10,12 @@ from msgspec.structs import astuple, replace
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard.messages import Attitude, Barometer, Encoding, GimbalAttitude, Message, TargetPoints
-from onboard.wire.landing_target import LANDING_TARGET
-from onboard.wire.mavlink_decode import MavlinkDecoder
-from onboard.wire.mavlink_records import CONVERT
-from onboard.wire.mavlink_table import MESSAGES
-from onboard.wire.recording import read_recording
-from onboard.wire.tlog import read_tlog
+from onboard.wire.logs.recording import read_recording
+from onboard.wire.logs.tlog import read_tlog
+from onboard.wire.mavlink.decode import MavlinkDecoder
+from onboard.wire.mavlink.landing_target import LANDING_TARGET
+from onboard.wire.mavlink.records import CONVERT
+from onboard.wire.mavlink.table import MESSAGES
 from tests.support.mavlink_frames import RECV, crc_x25, frame
 from tests.support.programs import ROOT
 from tests.support.pymavlink_reference import Reference

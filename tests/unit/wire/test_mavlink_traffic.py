@@ -9,8 +9,8 @@ from msgspec.structs import replace
 from pymavlink.dialects.v20 import common
 
 from onboard.messages import AdsbVehicle, AltitudeType, Clock, Collision
-from onboard.wire.mavlink_decode import MavlinkDecoder
-from onboard.wire.mavlink_encode import MavlinkEncoder
+from onboard.wire.mavlink.decode import MavlinkDecoder
+from onboard.wire.mavlink.encode import MavlinkEncoder
 from tests.support.mavlink_frames import RECV, crc_x25
 
 # Packed with struct from the field table of common.xml (size order), not with any encoder.

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from onboard.messages import CameraDetections, Cause, Reason
-from onboard.wire.document import BadDocumentError, parse_rows
+from onboard.wire.documents.document import BadDocumentError, parse_rows
 
 BOX = {"box": {"u_px": 1.0, "v_px": 2.0, "width_px": 3.0, "height_px": 4.0}}
 HEAD = {"t_ns": 5, "clock": "host", "camera": "front", "detections": [BOX]}

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from onboard.messages import CameraPoints, Clock
-from onboard.wire.document import BadDocumentError
-from onboard.wire.points import decode_points, encode_points
+from onboard.wire.documents.document import BadDocumentError
+from onboard.wire.documents.points import decode_points, encode_points
 from tests.support.mavlink_frames import RECV
 
 

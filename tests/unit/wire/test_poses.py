@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from onboard.client import pose_of
 from onboard.geometry.rotations import matrix_from_euler, matrix_from_quaternion, quaternion_from_matrix
 from onboard.messages import TargetDetection, TargetPoints
-from onboard.wire.poses import TURN
+from onboard.wire.documents.poses import TURN
 from tests.unit.wire.test_detections import BOX, CENTER, HEAD, LEFT, RIGHT, Decoded, one
 
 OPTICAL = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])  # from forward, right, down

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from onboard.messages import Clock, RadarDetection, RadarDetections, Reason
-from onboard.wire.document import BadDocumentError
-from onboard.wire.radar import decode_radar, encode_radar
+from onboard.wire.documents.document import BadDocumentError
+from onboard.wire.documents.radar import decode_radar, encode_radar
 from tests.support.mavlink_frames import RECV
 
 ECHO = {"range": 1234.5, "azimuth": -0.25, "elevation": 0.125}

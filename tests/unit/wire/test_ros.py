@@ -10,8 +10,8 @@ import pytest
 
 from onboard.config import Config, ConfigError, parse_config
 from onboard.messages import Clock, Datagram, Encoding, TargetDetection
-from onboard.wire.document import BadDocumentError
-from onboard.wire.ros import decode_boxes
+from onboard.wire.documents.document import BadDocumentError
+from onboard.wire.ros.cdr import decode_boxes
 from tests.support.images import detections
 from tests.support.streams import EPOCH, feed
 

@@ -15,8 +15,8 @@ from onboard.messages import (
     StreamHealth,
 )
 from onboard.messages.ros import Ros2Config
-from onboard.wire.ros_diagnostics import statuses
-from onboard.wire.ros_messages import RosEncoder
+from onboard.wire.ros.diagnostics import statuses
+from onboard.wire.ros.messages import RosEncoder
 
 
 def health(**changed: Any) -> Health:

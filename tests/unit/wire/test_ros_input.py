@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from onboard.config import Config, parse_config
 from onboard.messages import Datagram, Encoding, TargetDetection, TargetPoints
-from onboard.wire.document import BadDocumentError
-from onboard.wire.ros import CAMERA_INFO, DECODERS, decode_camera_info, decode_pose
-from onboard.wire.ros_types import RosTypes
+from onboard.wire.documents.document import BadDocumentError
+from onboard.wire.ros.cdr import CAMERA_INFO, DECODERS, decode_camera_info, decode_pose
+from onboard.wire.ros.types import RosTypes
 from tests.support.images import detections
 from tests.support.streams import EPOCH, Run, feed
 

@@ -15,7 +15,7 @@ from onboard.geometry.rotations import quaternion_from_euler
 from onboard.messages import Mode, OwnPose
 from onboard.messages.ros import Ros2Config, RosMessage
 from onboard.models import relative_motion
-from onboard.wire.ros_messages import UNKNOWN_ANGLE, RosEncoder
+from onboard.wire.ros.messages import UNKNOWN_ANGLE, RosEncoder
 from tests.support.records import make_estimate
 from tests.support.vehicle_records import EAST, nav_state
 

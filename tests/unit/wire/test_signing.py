@@ -15,9 +15,9 @@ from onboard.config import Config, ConfigError, LinkConfig, signing_key
 from onboard.geometry.camera import make_camera
 from onboard.messages import Datagram, Encoding
 from onboard.pipeline import Pipeline
-from onboard.wire.mavlink_decode import MavlinkDecoder
-from onboard.wire.mavlink_encode import MavlinkEncoder
-from onboard.wire.signing import Signer, Verifier, read_key
+from onboard.wire.mavlink.decode import MavlinkDecoder
+from onboard.wire.mavlink.encode import MavlinkEncoder
+from onboard.wire.mavlink.signing import Signer, Verifier, read_key
 from tests.support.leader import AUTOPILOT, leader_state
 from tests.support.mavlink_records import RECORDS
 

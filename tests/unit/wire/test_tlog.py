@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from onboard.messages import Encoding
-from onboard.wire import tlog
-from onboard.wire.mavlink_decode import MavlinkDecoder
-from onboard.wire.tlog import NotALogError, frame_length, read_tlog, tlog_record
+from onboard.wire.logs import tlog
+from onboard.wire.logs.tlog import NotALogError, frame_length, read_tlog, tlog_record
+from onboard.wire.mavlink.decode import MavlinkDecoder
 from tests.support.streams import STRAIGHT, Stream
 
 DATAGRAMS = Stream(flight=STRAIGHT, t1=6.0, images=lambda _t: False).datagrams()

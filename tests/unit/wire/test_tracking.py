@@ -10,8 +10,8 @@ from numpy.testing import assert_allclose
 from onboard.config import ConfigError, parse_config
 from onboard.geometry.rotations import matrix_from_euler, matrix_from_quaternion
 from onboard.messages import Clock, Message, TargetDetection
-from onboard.wire.mavlink_decode import MavlinkDecoder
-from onboard.wire.tracking import TrackerDecoder
+from onboard.wire.mavlink.decode import MavlinkDecoder
+from onboard.wire.mavlink.tracking import TrackerDecoder
 from tests.support.images import detections
 from tests.support.mavlink_frames import RECV, frame
 from tests.support.streams import EPOCH, Item, encode, feed, heartbeat

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from onboard.messages import ActuatorOutputs, Battery, Clock, GpsFix, Heartbeat, Message, ParamValue, StatusText
-from onboard.wire.tlog import NotALogError
-from onboard.wire.ulog import read_ulog
+from onboard.wire.logs.tlog import NotALogError
+from onboard.wire.logs.ulog import read_ulog
 
 TYPES = {"uint64_t": "Q", "int32_t": "i", "uint8_t": "B", "float": "f", "double": "d"}
 GPS = {

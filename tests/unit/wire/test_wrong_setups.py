@@ -6,8 +6,8 @@ import pytest
 
 from onboard.messages import Cause, Datagram, Encoding, Reason
 from onboard.wire.datagrams import FOREIGN, DatagramDecoder
-from onboard.wire.mavlink_encode import MavlinkEncoder
-from onboard.wire.signing import FORGED, UNSIGNED, Signer, read_key
+from onboard.wire.mavlink.encode import MavlinkEncoder
+from onboard.wire.mavlink.signing import FORGED, UNSIGNED, Signer, read_key
 from tests.support.mavlink_records import RECORDS
 
 KEY = bytes(range(32))

@@ -14,8 +14,8 @@ from onboard.geometry.geodesy import ecef_from_geodetic, geodetic_from_ecef, rot
 from onboard.messages import Clock, Estimate, Pseudoranges, Reason, SatelliteRange, TrafficTruth, Truth, Verdict
 from onboard.pipeline import Pipeline
 from onboard.scoring.traffic import TrafficScore, score_traffic
-from onboard.wire.document import BadDocumentError
-from onboard.wire.pseudoranges import decode_ranges, encode_ranges
+from onboard.wire.documents.document import BadDocumentError
+from onboard.wire.documents.pseudoranges import decode_ranges, encode_ranges
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario
 from simlink.sensors import almanac, gnss

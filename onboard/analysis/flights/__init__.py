@@ -1,0 +1,1 @@
+"""Recorded flights through the pipeline: one, many, and several filters on the same bytes."""

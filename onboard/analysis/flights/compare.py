@@ -1,0 +1,92 @@
+"""`onboard replay --compare`: other filters or settings on the same bytes, each named, and one table of all."""
+
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, get_args, get_type_hints
+
+from msgspec.structs import replace
+from rich.table import Table
+
+from onboard import UserError
+from onboard.analysis.flights.replay import FLOWN
+from onboard.config import Config, load_config
+from onboard.messages import Record
+from onboard.scoring.beside import JUDGED
+from onboard.scoring.leader import LeaderScore
+from onboard.scoring.scorecard import OwnStateSummary, score_rows
+from onboard.terminal.console import Console
+
+PAPER: Final = "paper"
+OH_JOHNSON: Final = "oh_johnson"
+
+
+def variants(words: Sequence[str], path: Path | None, sets: tuple[str, ...]) -> dict[str, Config]:
+    """The configuration of each word of `--compare`, by the name that its estimates get: FLOWN (the recording's
+    own estimates), `paper` (Oh & Johnson), a filter's name, or [NAME:]KEY=VALUE[;KEY=VALUE...] over the flight's
+    own.
+
+    Raises UserError for a word that is none of these, or comes twice.
+    """
+    base = load_config(path, sets)
+    found: dict[str, Config] = {}
+    for word in words:
+        name, keys = _named(word, base)
+        if name in found or name in base.estimator:
+            raise UserError(f"--compare {word}: {name} is there already; name it as in OTHER:{word}")
+        config = base if name == FLOWN else load_config(path, (*sets, *keys))
+        left_out = JUDGED if name == PAPER else OH_JOHNSON if JUDGED in config.estimator else ""
+        sections = {other: section for other, section in config.estimator.items() if other != left_out}
+        found[name] = replace(config, estimator=sections)  # one estimator of the leader in each
+    return found
+
+
+def print_comparison(
+    console: Console, scores: Mapping[str, LeaderScore], own: Mapping[str, OwnStateSummary]
+) -> None:
+    """One table, with a column for each name: of the leader, then of our own state."""
+    rows = {name: {label: value for label, value, _ in score_rows(score, None)} for name, score in scores.items()}
+    _print(console, "leader", rows)
+    _print(console, "own state", {name: one.figures() for name, one in own.items() if one.figures()})
+
+
+def _print(console: Console, title: str, columns: Mapping[str, Mapping[str, str]]) -> None:
+    if not columns:
+        return
+    table = Table(title=title, title_justify="left", title_style="bold", show_edge=False, pad_edge=False)
+    table.add_column("")
+    for name in columns:
+        table.add_column(name, justify="right", overflow="fold")
+    for label in dict.fromkeys(label for column in columns.values() for label in column):
+        table.add_row(label, *(column.get(label, "") for column in columns.values()))
+    console.print(table)
+
+
+def _named(word: str, base: Config) -> tuple[str, tuple[str, ...]]:
+    """The name of a word, and its `--set`."""
+    if word == FLOWN:
+        return word, ()
+    if word == PAPER:
+        return word, (f"estimator.{OH_JOHNSON}={{}}",)
+    if "=" in word:
+        name, colon, values = word.partition(":")
+        if not colon or "=" in name:
+            name, values = re.sub(r"[^A-Za-z0-9_.-]+", "-", word).strip("-"), word
+        return name, tuple(values.split(";"))
+    sections = base.estimator.items()
+    keys = tuple(f"estimator.{estimator}.filter={word}" for estimator, one in sections if word in filters(one))
+    if not keys:
+        known = ", ".join(f"{name} of {estimator}" for estimator, one in sections for name in filters(one))
+        raise UserError(
+            f"--compare {word}: no estimator of this configuration has such a filter; there are: {FLOWN} (of a "
+            f"recording), {PAPER}, {known}; or KEY=VALUE, as with --set"
+        )
+    return word, keys
+
+
+def filters(section: Record) -> tuple[str, ...]:
+    """The filters that an estimator with such a section can fly with."""
+    hints: dict[str, Any] = get_type_hints(type(section))
+    listed: tuple[str, ...] = getattr(sys.modules[type(section).__module__], "FILTERS", ())
+    return get_args(hints.get("filter")) or listed

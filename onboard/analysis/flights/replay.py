@@ -1,0 +1,284 @@
+"""A recorded flight through the same pipeline, as fast as it goes; bit-exact from run to run.
+
+Time is the recording's own, so nothing here depends on when or how fast it is replayed.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from msgspec.structs import replace
+
+from onboard import UserError
+from onboard.analysis.flights.flight_folder import Documents, FlightFolder, flight_folder
+from onboard.config import Config, ConfigError, read_recorded, signing_key
+from onboard.messages import (
+    DOUBT,
+    Clock,
+    Datagram,
+    Estimate,
+    Health,
+    Heartbeat,
+    Message,
+    NavState,
+    Output,
+    ParamValue,
+    StatusText,
+)
+from onboard.messages.causes import Cause, Reason
+from onboard.messages.stamps import Span
+from onboard.pipeline import Pipeline
+from onboard.scoring.beside import judged
+from onboard.wire.logs import dataflash, ulog
+from onboard.wire.logs.recording import is_recording, read_flown, read_recording
+from onboard.wire.logs.tlog import NotALogError, read_tlog
+
+PROGRESS_EVERY: Final = 2000
+HEALTH_NS: Final = 1_000_000_000  # between health records
+FLOWN: Final = "flown"
+UNVERIFIED: Final = (
+    f"{DOUBT}{{}} signed frames were used unverified: this replay has not the key of link `{{}}`; name it in "
+    "`key_file` of its [[link]]"
+)
+FOREIGN: Final = {  # by how a file begins: what it is, and what to do
+    b"\x1f\x8b": "compressed (gzip): `gunzip` it first",
+    b"PK\x03\x04": "a ZIP archive: unpack it, and replay the log in it",
+    b"7z\xbc\xaf": "a 7-Zip archive: unpack it, and replay the log in it",
+    b"SQLite format 3": "a database, as a bag of ROS 2 (.db3): replay the autopilot's own log; a bag is not read",
+    b"#ROSBAG": "a bag of ROS 1: replay the autopilot's own log; a bag is not read",
+    b"FMT, ": "a DataFlash log as text: replay the .bin that it was made of",
+}
+WORDS: Final = (Heartbeat, StatusText, ParamValue)
+ALONE: Final[Mapping[str, Config]] = {}
+
+
+class ReplayError(UserError, ValueError):
+    """The log cannot be replayed; the message says why in one line."""
+
+
+class ReplayResult(NamedTuple):
+    """What a replay made: every estimate of the leader and of our own state, the health at the end, records read,
+    stretches that were no record and rows that could not be used, the seconds that it lasted, and the boot time of
+    its end, s. `estimates` are the judged estimator's (`onboard.scoring.beside`); others are in `beside`."""
+
+    estimates: list[Estimate]
+    health: Health
+    records: int
+    damaged: int
+    duration: float
+    own_states: list[NavState]
+    end: float
+    beside: dict[str, list[Estimate]]
+
+
+def replay(
+    log: Path,
+    config: Config,
+    *,
+    take: Callable[[Output], None] = lambda _: None,
+    take_health: Callable[[Health], None] | None = None,
+    hear: Callable[[Message, float], None] | None = None,
+    progress: Callable[[int, int], None] = lambda _done, _total: None,
+    keep: bool = True,
+    others: Mapping[str, Config] = ALONE,
+) -> ReplayResult:
+    """Feed a log, or a flight's folder, through a pipeline. `take` sees each output in order, `take_health` the
+    health after each second; `hear` sees each message of the autopilot, with the boot time that it has reached, s;
+    `progress` gets bytes done and in all. Without `keep`, the result holds no estimates:
+    an hour of them would be gigabytes.
+
+    `others`: further configurations that get the same bytes, by the names that their estimates then have. That of
+    FLOWN gives way to the estimates of the recording itself.
+
+    Raises ReplayError.
+    """
+    pipeline = pipeline_of(config)
+    beside = {name: pipeline_of(other) for name, other in others.items() if name != FLOWN}
+    results = Results(take, keep)
+    total = _size(log)
+    count = damaged = first = last = lost = due = 0
+
+    def lose(reason: str) -> None:
+        nonlocal lost
+        lost += 1
+        pipeline.refuse(log.name, Reason(Cause.LOG, reason), last)
+
+    try:
+        for item, done in read_flight(log, pipeline, lose, flown=FLOWN in others):
+            if item is None:
+                damaged += 1
+                continue
+            if isinstance(item, Estimate):
+                results.add([item], FLOWN)
+                continue
+            messages = pipeline.decode(item) if isinstance(item, Datagram) else [item]
+            results.add(pipeline.advance(messages))
+            if hear is not None:
+                _tell(pipeline, messages, hear)
+            for name, other in beside.items():
+                results.add(_fed(other, item), name)
+            first = first or item.t_recv_ns
+            last = max(last, item.t_recv_ns)
+            if take_health is not None and last >= due:
+                due = last + HEALTH_NS
+                take_health(pipeline.health(last))
+            count += 1
+            if count % PROGRESS_EVERY == 0:
+                progress(done, total)
+    except NotALogError as error:
+        raise ReplayError(f"{log}: {error}") from error
+    progress(total, total)
+    for channel, number in pipeline.unverified.items():
+        pipeline.refuse(channel, Reason(Cause.UNVERIFIED, UNVERIFIED.format(number, channel)), last)
+    health, end = pipeline.health(last), pipeline.ownship.now_ns * 1e-9
+    main = results.estimates.pop(judged(results.estimates), [])
+    seconds = (last - first) * 1e-9
+    return ReplayResult(main, health, count, damaged + lost, seconds, results.own_states, end, results.estimates)
+
+
+def pipeline_of(config: Config) -> Pipeline:
+    """The pipeline that flew, with the keys of its links. One that cannot be read here verifies nothing: then what
+    is not signed is refused as in flight, and what is signed is counted."""
+    keys: dict[str, bytes | None] = {}
+    reasons: dict[str, str] = {}
+    for link in config.link:
+        if link.key_file is not None:
+            keys[link.name] = None
+            try:
+                keys[link.name] = signing_key(link)
+            except ConfigError as error:
+                reasons[link.name] = str(error)
+    pipeline = Pipeline(config, keys)
+    for name, reason in reasons.items():
+        pipeline.refuse(name, Reason(Cause.KEY_UNREADABLE, f"{DOUBT}{reason}"), 0)
+    return pipeline
+
+
+class Results:
+    """What pipelines have made, in order: to `take`, and kept if wanted. Those of another configuration than the
+    flight's go by its name."""
+
+    def __init__(self, take: Callable[[Output], None], keep: bool) -> None:
+        self._take, self._keep = take, keep
+        self.estimates: dict[str, list[Estimate]] = {}
+        self.own_states: list[NavState] = []
+
+    def add(self, outputs: Iterable[Output], name: str = "") -> None:
+        """The next outputs, of the configuration of this name."""
+        for made in outputs:
+            output = _renamed(made, name) if name else made
+            if output is None:
+                continue
+            self._take(output)
+            if not self._keep:
+                continue
+            if isinstance(output, NavState):
+                self.own_states += [] if name else [output]
+            elif isinstance(output, Estimate) and output.is_primary:
+                self.estimates.setdefault(output.name, []).append(output)
+
+
+def _renamed(output: Output, name: str) -> Estimate | None:
+    """An estimate of the leader or of our own state under another configuration's name; nothing else is
+    compared."""
+    if not isinstance(output, Estimate) or not output.is_primary:
+        return None
+    return replace(output, name=name, target=name)
+
+
+def _tell(pipeline: Pipeline, messages: Iterable[Message], hear: Callable[[Message, float], None]) -> None:
+    """Let the autopilot's own messages be heard: numbers once its clock is known, words from the begin."""
+    mine, t = pipeline.autopilot, pipeline.ownship.now_ns * 1e-9
+    for message in messages:
+        if mine is None or (message.system, message.component) != (mine.system, mine.component):
+            continue
+        if t > 0.0 or isinstance(message, WORDS):
+            hear(message, t)
+
+
+def _fed(pipeline: Pipeline, item: Datagram | Message) -> list[Output]:
+    return pipeline.feed(item) if isinstance(item, Datagram) else pipeline.advance([item])
+
+
+def read_flight(
+    log: Path, pipeline: Pipeline, lose: Callable[[str], None] = lambda _: None, *, flown: bool = False
+) -> Iterator[tuple[Datagram | Message | Estimate | None, int]]:
+    """What `read_log` gives of a log; of a flight's folder, the detectors' documents among it. A document follows
+    when `pipeline`, which must have been fed all before, has reached its time; one later than the log is refused.
+
+    Raises ReplayError, NotALogError.
+    """
+    flight = flight_of(log)
+    documents = [Documents(path) for path in flight.detections]
+    last, spans = 0, dict[Clock, Span]()
+    for item, done in read_log(flight.log, lose, flown=flown):
+        yield item, done
+        if isinstance(item, Datagram | Message):
+            last = max(last, item.t_recv_ns)
+            times = {Clock.HOST: last, Clock.BOOT: pipeline.ownship.now_ns}
+            spans |= {clock: Span(spans.get(clock, Span(t, t)).begin, t) for clock, t in times.items() if t > 0}
+            for each in documents:
+                yield from ((document, done) for document in each.due(last, pipeline.ownship.now_ns))
+    for each in documents:
+        reason = each.rest(spans)
+        if reason.words:
+            pipeline.refuse(each.name, reason, last)
+
+
+def flight_of(log: Path) -> FlightFolder:
+    """The files of a flight's folder, or of a log alone. A recording holds the configuration that it was made
+    with. Raises UserError."""
+    flight = flight_folder(log) if log.is_dir() else FlightFolder(log, (), None, None)
+    return flight._replace(config=flight.log) if flight.config is None and read_recorded(flight.log) else flight
+
+
+def check_log(log: Path) -> None:
+    """Raise ReplayError for what is no log, before anything is written for it."""
+    log = flight_of(log).log
+    try:
+        items = read_log(log)
+        is_whole = log.suffix.lower() in (".ulg", ".bin")  # which are parsed as a whole
+        empty = not is_whole and all(item is None for item, _ in items)
+    except (NotALogError, OSError) as error:
+        raise ReplayError(f"{log}: {error}") from error
+    if empty:
+        raise ReplayError(f"{log}: there is no record in it that can be read")
+
+
+def read_log(
+    log: Path, lose: Callable[[str], None] = lambda _: None, *, flown: bool = False
+) -> Iterator[tuple[Datagram | Message | Estimate | None, int]]:
+    """What a log holds, with the bytes read so far: the datagrams of a .tlog or a recording of ours, with `flown`
+    also the estimates in it; the messages of a ULog or a DataFlash log; None for damage. `lose` is called with the
+    reason for each row of a log that cannot be used.
+
+    Raises ReplayError, NotALogError.
+    """
+    try:
+        with log.open("rb") as file:
+            head = file.read(16)
+        if head.startswith(ulog.MAGIC):
+            return ((message, 0) for message in ulog.read_ulog(log, lose))
+        if head.startswith(dataflash.MAGIC):
+            return dataflash.read_dataflash(log, lose)
+        if is_recording(log):
+            return read_flown(log) if flown else read_recording(log)
+    except OSError as error:
+        raise ReplayError(f"cannot read {log}: {error.strerror or error}") from error
+    if not head:
+        raise ReplayError(f"{log} is empty")
+    if foreign := next((words for begin, words in FOREIGN.items() if head.startswith(begin)), None):
+        raise ReplayError(f"{log} is no .tlog, .bin, .ulg or .mcap, but {foreign}")
+    return _read_tlog(log)
+
+
+def _read_tlog(log: Path) -> Iterator[tuple[Datagram | None, int]]:
+    with log.open("rb") as file:
+        yield from read_tlog(file)
+
+
+def _size(log: Path) -> int:
+    try:
+        return flight_of(log).log.stat().st_size
+    except OSError as error:
+        raise ReplayError(f"cannot read {log}: {error.strerror or error}") from error

@@ -1,0 +1,229 @@
+"""PASS, AMBER or FAIL: a flight's figures against thresholds, each with what it means for a pilot."""
+
+from collections.abc import Iterator
+from enum import StrEnum
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from onboard.analysis.flights.replay import ReplayResult
+from onboard.analysis.report.series import FUSED, STARTING, FlightSeries
+from onboard.scoring.leader import LeaderScore
+
+
+class Grade(StrEnum):
+    """How good a figure is."""
+
+    PASS = "PASS"  # noqa: S105 - no password
+    AMBER = "AMBER"
+    FAIL = "FAIL"
+
+
+GRADES: Final = tuple(Grade)
+
+
+class Check(NamedTuple):
+    """A figure, its value and what was wanted in words, its grade, and what follows where it is not PASS."""
+
+    name: str
+    value: str
+    wanted: str
+    grade: Grade
+    advice: str
+
+
+def worst(checks: list[Check]) -> Grade:
+    """The grade of a flight: that of its worst figure."""
+    return max((check.grade for check in checks), key=GRADES.index, default=Grade.PASS)
+
+
+def judge(
+    series: FlightSeries, score: LeaderScore, replayed: ReplayResult, *, of_autopilot: bool = False
+) -> list[Check]:
+    """All checks of a flight. `of_autopilot`: its log was written by the autopilot itself (.bin, .ulg), so that no
+    message in it was requested."""
+    return [
+        *_leader(series, score),
+        *_consistency(score),
+        *_truth(score),
+        *_own_state(series),
+        *_log(replayed, of_autopilot),
+    ]
+
+
+def _leader(series: FlightSeries, score: LeaderScore) -> Iterator[Check]:
+    images = sum(series.counts.values())
+    if not images:
+        return
+    valid = score.valid_percent or 0.0
+    yield _least(
+        "leader: valid",
+        valid,
+        90.0,
+        50.0,
+        "%",
+        "of the time, after the first 15 s",
+        "look at the states and at the rejected images below; was the leader in the image?",
+    )
+    kept = sum(series.counts[verdict] for verdict in (*FUSED, *STARTING))
+    yield _most(
+        "leader: images rejected",
+        100.0 * (1.0 - kept / images),
+        10.0,
+        30.0,
+        "%",
+        "of all images",
+        "the table of rejected images says why; many `gated` are a wrong camera, mount, delay or size",
+    )
+    if np.isfinite(series.longest_gap_s):
+        yield _most(
+            "leader: longest gap",
+            series.longest_gap_s,
+            2.0,
+            10.0,
+            "s",
+            "between valid estimates",
+            "do not let an autopilot follow over such a gap",
+        )
+    yield _most(
+        "leader: begun anew",
+        float(score.resets),
+        0.0,
+        3.0,
+        "",
+        "times",
+        "tracks were given up: the leader was lost, or images contradicted what was known",
+    )
+
+
+def _consistency(score: LeaderScore) -> Iterator[Check]:
+    if score.nis_mean is None or not score.nis_dof:
+        return
+    ratio, wanted = score.nis_mean / score.nis_dof, "0.4 to 1.5 (AMBER: 0.1 to 2.5)"
+    grade = Grade.PASS if 0.4 <= ratio <= 1.5 else Grade.AMBER if 0.1 <= ratio <= 2.5 else Grade.FAIL
+    advice = (
+        f"the images are {ratio**0.5:.1f} times as noisy as configured: raise `sigma_px`, or calibrate the camera"
+        if ratio > 1.0
+        else f"the images are {ratio**-0.5:.1f} times as exact as configured: `sigma_px` may be lowered"
+    )
+    yield Check("images: NIS, of its expectation", f"{ratio:.2f}", wanted, grade, advice)
+
+
+def _truth(score: LeaderScore) -> Iterator[Check]:
+    if score.range_error_rms_percent is None:
+        if score.diverged:
+            yield Check("leader: diverged", "yes", "no", Grade.FAIL, "nothing could be compared with the truth")
+        return
+    yield _most(
+        "truth: range error",
+        score.range_error_rms_percent,
+        5.0,
+        15.0,
+        "%",
+        "RMS",
+        "the range is no better than the size that is configured",
+    )
+    yield _most(
+        "truth: confidently wrong",
+        score.confidently_wrong_percent or 0.0,
+        1.0,
+        5.0,
+        "%",
+        "off by more than 3 sigmas and 5 %",
+        "the sigmas cannot be relied on in this flight",
+    )
+    yield _least(
+        "truth: inside the 95 % ellipsoid",
+        score.inside_95_percent or 0.0,
+        85.0,
+        60.0,
+        "%",
+        "of the time",
+        "errors are larger than the filter claims",
+    )
+    if score.diverged:
+        yield Check("truth: diverged", "yes", "no", Grade.FAIL, "its last seconds are wrong, or empty")
+
+
+def _own_state(series: FlightSeries) -> Iterator[Check]:
+    rows = series.own_state.table()
+    if not len(rows):
+        return
+    first = int(np.argmax(rows[:, 1]))  # before it the vehicle waits on the ground for its filter and GPS
+    valid = 100.0 * float(rows[first:, 1].mean())
+    yield _least(
+        "own state: valid",
+        valid,
+        90.0,
+        70.0,
+        "%",
+        "of the time, since it first was",
+        "GPS, attitude or their rates: see the streams below",
+    )
+    ratios = rows[np.isfinite(rows[:, 2]), 2]
+    if len(ratios):
+        ratio = float(ratios.mean())
+        grade = (
+            Grade.PASS if 0.3 <= ratio <= 2.0 else Grade.AMBER
+        )  # it says how noisy sensors are, not how wrong we are
+        advice = "noisier sensors, or another airframe, than configured" if ratio > 1 else "too cautious"
+        yield Check("own state: NIS, of its expectation", f"{ratio:.2f}", "0.3 to 2", grade, advice)
+    names = dict.fromkeys(f"{kind} {part}".strip() for kind, part, _ in series.faults)
+    grade = Grade.AMBER if names else Grade.PASS
+    yield Check("faults named", ", ".join(names) or "none", "none", grade, "look at the vehicle first")
+
+
+def _log(replayed: ReplayResult, of_autopilot: bool) -> Iterator[Check]:
+    health = replayed.health
+    more = "`LOG_BITMASK` (ArduPilot) or `SDLOG_PROFILE` (PX4)" if of_autopilot else "`rates_hz` of [autopilot]"
+    yield _most(
+        "log: damaged",
+        float(replayed.damaged),
+        0.0,
+        100.0,
+        "",
+        "stretches that could not be read",
+        "was the recorder killed, the card full?",
+    )
+    yield _most(
+        "autopilot: reboots",
+        float(health.autopilot_reboots),
+        0.0,
+        0.0,
+        "",
+        "in this log",
+        "an estimate begins anew with each",
+    )
+    for name in ("Attitude", "LocalPosition"):
+        stream = health.streams.get(name)
+        rate = stream.count / replayed.duration if stream and replayed.duration > 0 else 0.0
+        yield _least(
+            f"rate: {name}",
+            rate,
+            20.0,
+            5.0,
+            "Hz",
+            "on average",
+            f"our own motion is interpolated between these. Ask for more: {more}",
+        )
+    errors = sum(count for name, count in health.rejected.items() if name.startswith("error"))
+    if errors:
+        yield Check("program errors", str(errors), "0", Grade.FAIL, "please report this log")
+
+
+def _least(name: str, value: float, good: float, fair: float, unit: str, what: str, advice: str) -> Check:
+    grade = Grade.PASS if value >= good else Grade.AMBER if value >= fair else Grade.FAIL
+    return Check(
+        name, f"{value:.4g} {unit}".strip(), f"at least {good:g} {unit} {what}{_amber(good, fair)}", grade, advice
+    )
+
+
+def _most(name: str, value: float, good: float, fair: float, unit: str, what: str, advice: str) -> Check:
+    grade = Grade.PASS if value <= good else Grade.AMBER if value <= fair else Grade.FAIL
+    return Check(
+        name, f"{value:.4g} {unit}".strip(), f"at most {good:g} {unit} {what}{_amber(good, fair)}", grade, advice
+    )
+
+
+def _amber(good: float, fair: float) -> str:
+    return "" if fair == good else f" (AMBER: {fair:g})"

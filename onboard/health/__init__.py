@@ -1,0 +1,19 @@
+"""What the health reports: counts and rates (`monitor`), which camera messages are refused (`refusals`), and
+what to do about all that is wrong (`advice`)."""
+
+from onboard.health.advice import Advisor
+from onboard.health.monitor import Exceptions, Monitor, autopilot_name, sender_of, total
+from onboard.health.needs import LinkNeed, Needs
+from onboard.health.refusals import Refusals
+
+__all__ = [
+    "Advisor",
+    "Exceptions",
+    "LinkNeed",
+    "Monitor",
+    "Needs",
+    "Refusals",
+    "autopilot_name",
+    "sender_of",
+    "total",
+]

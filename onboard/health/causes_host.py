@@ -1,0 +1,197 @@
+"""What can be wrong with what was sent to us, with links and sinks, and with this computer."""
+
+from collections.abc import Iterator
+from typing import Final
+
+from onboard.health.causes_camera import stamp_reading
+from onboard.health.needs import Moment
+from onboard.health.remedies import remedy_of
+from onboard.messages import DOUBTS, Advice, Severity
+from onboard.messages.causes import Cause
+
+RECENT_NS: Final = 10_000_000_000
+LATE_S: Final = 0.15  # by which the daemon's timer may be late
+STOOD_STILL_S: Final = 1.0  # by which it is late when the program did not run at all, or hardly
+LITTLE_ROOM: Final = 200_000_000  # bytes
+LITTLE_MEMORY: Final = 100_000_000
+BY_STAMP: Final = (Cause.TOO_OLD, Cause.TOO_NEW, Cause.NO_POSE, Cause.DUPLICATE)
+OTHER_IMAGE: Final = 0.3  # share of all images that are beyond its edge
+ROOM: Final = "make room (`df -h`, `du -sh *`), or set `path` of [recorder]"
+
+
+def refused(m: Moment) -> Iterator[Advice]:
+    """What was refused, by the cause that is known already."""
+    for refusal in reversed(m.now.refusals):
+        if not 0 <= m.now.t_recv_ns - refusal.t_recv_ns <= RECENT_NS or refusal.t_recv_ns <= m.stood_ns:
+            continue
+        if _follows(m, refusal.cause) or _is_at_the_edge(m, refusal.cause):
+            continue
+        remedy = remedy_of(refusal.cause)
+        what = "" if refusal.cause in DOUBTS else "refused from "
+        yield Advice(
+            cause=remedy.advice,
+            severity=remedy.severity,
+            about=f"{refusal.source}: {refusal.reason}",
+            what=f"{what}{refusal.source}: {refusal.reason}",
+            count=refusal.count,
+            remedy=remedy.remedy,
+            text=f"{_last(refusal.source)}: {remedy.short}",
+        )
+
+
+def _follows(m: Moment, cause: Cause) -> bool:
+    """Whether a refusal follows from what has advice of its own: no autopilot, no motion, another clock."""
+    if not m.now.followed:
+        return cause is Cause.BEFORE_HEARTBEAT
+    if cause in BY_STAMP and any(stamp_reading(m, *camera) is not None for camera in m.now.cameras.items()):
+        return True
+    return cause is Cause.NO_POSE and not m.has_motion
+
+
+def _is_at_the_edge(m: Moment, cause: Cause) -> bool:
+    """Whether images were refused for a leader that is at the edge of the image: of pixels of another image, more
+    than a few are beyond it from the start."""
+    counts = [m.now.verdicts.get(f"leader.{verdict}", 0) for verdict in ("out_of_view", "fused", "fused_late")]
+    return cause is Cause.OUT_OF_VIEW and counts[0] < OTHER_IMAGE * sum(counts)
+
+
+def links(m: Moment) -> Iterator[Advice]:
+    """A link without its peer, and datagrams that are lost."""
+    for name, health in m.now.links.items():
+        before = m.before.links.get(name, health)
+        if health.cause is Cause.NAME_SHARED:
+            yield Advice(
+                cause="name",
+                severity=Severity.ERROR,
+                about=f"link {name}",
+                what=health.error,
+                remedy="give each its own `vehicle` of [zenoh] (`onboard init --vehicle NAME`), and start it anew",
+                text="two vehicles have one name",
+                over="the vehicle's name is its own",
+            )
+        elif health.error:
+            cause = "tls" if health.cause is Cause.TLS else "link"
+            yield Advice(
+                cause=cause,
+                severity=Severity.WARNING,
+                about=f"link {name}",
+                what=f"link {name}: {health.error}; trying again",
+                remedy=_link_remedy(m, name, cause),
+                text=f"link {name} is not connected",
+                over=f"link {name}: connected",
+            )
+        if health.refused > before.refused:
+            yield Advice(
+                cause="link",
+                severity=Severity.WARNING,
+                about=f"link {name}",
+                what=f"link {name}: refused a connection from {health.refused_from}: another peer still sends",
+                remedy="close one of the two, or give each a [[link]] of its own",
+                text=f"link {name}: second peer refused",
+            )
+
+
+def _link_remedy(m: Moment, name: str, cause: str) -> str:
+    if cause == "tls":
+        return (
+            "check `ca_file`, `certificate_file` and `private_key_file` of [zenoh], and the clock of this computer"
+        )
+    if name == "zenoh":
+        return "start `onboard router CONFIG.toml` there, or set `connect` of [zenoh]"
+    url = next((link.url for link in m.needs.links if link.name == name), "")
+    if url.startswith("serial:"):
+        return f"plug the device in, or set `url` of [[link]] {name}: `ls /dev/serial/by-id` lists them"
+    return f"start what is at its other end, or set `url` of [[link]] {name} (now {url})"
+
+
+def sinks(m: Moment) -> Iterator[Advice]:
+    """A sink that fails: a recording may be missing."""
+    for name, health in m.now.sinks.items():
+        if health.error:
+            yield Advice(
+                cause="disk" if health.cause is Cause.DISK_FULL else "sink",
+                severity=Severity.WARNING,
+                about=name,
+                what=f"{name}: {health.error}",
+                remedy=ROOM if name == "recorder" else "",
+                text=f"{name}: {health.error}",
+                over=f"{name}: works again",
+            )
+
+
+def slow(m: Moment) -> Iterator[Advice]:
+    """This computer is too slow for what comes."""
+    signs, load = [], m.now.computer
+    has_stood = load.lag > STOOD_STILL_S  # what was skipped then shows no slow computer afterwards
+    for name, health in m.now.links.items():
+        before = m.before.links.get(name, health)
+        if health.dropped > before.dropped:
+            signs.append(f"link {name} lost {health.dropped - before.dropped} datagrams")
+        if health.skipped > before.skipped and (has_stood or m.before.t_recv_ns >= m.stood_ns):
+            count = health.skipped - before.skipped
+            signs.append(f"link {name}: {count} datagrams had waited too long and were left out")
+        if health.shed > before.shed:
+            signs.append(f"link {name}: too many messages; {health.shed - before.shed} were left out")
+    for name, sink in m.now.sinks.items():
+        before_it = m.before.sinks.get(name, sink)
+        lost = sink.dropped_important - before_it.dropped_important
+        if lost > 0 and not (sink.error or before_it.error or (name == "recorder" and _is_full(m))):
+            signs.append(f"{name} lost {lost} records")
+    if load.lag > LATE_S and m.before.computer.lag > LATE_S and m.before is not m.now:
+        signs.append(f"the daemon is {load.lag:.2f} s late")
+    if has_stood:
+        yield Advice(
+            cause="slow",
+            severity=Severity.WARNING,
+            about="pause",
+            what=", ".join([f"this program stood still for {load.lag:.1f} s", *signs]),
+            remedy="let nothing pause it (`docker pause`, suspend); give it storage that does not stall (`dmesg`),"
+            " memory without swap, and a share of the processor",
+            text=f"companion program stood still {load.lag:.0f} s",
+            over="this program runs again",
+        )
+    elif signs:
+        busy = "" if load.cpu is None else f" (all cores {load.cpu:.0f} % busy)"
+        yield Advice(
+            cause="slow",
+            severity=Severity.WARNING,
+            about="computer",
+            what="this computer is too slow for what comes: " + ", ".join(signs) + busy,
+            remedy="stop other programs (`top`), send fewer images or targets, or lower `particles` and "
+            "`publish_rate_hz` of [estimator.leader]",
+            text="companion computer too slow",
+        )
+
+
+def storage(m: Moment) -> Iterator[Advice]:
+    """Storage or memory that is about to run out."""
+    load = m.now.computer
+    if load.storage_free is not None and _is_full(m):
+        yield Advice(
+            cause="disk",
+            severity=Severity.WARNING,
+            about="storage",
+            what=f"{load.storage_free / 1e6:.0f} MB of storage are free: the recording ends when they are used up",
+            remedy=ROOM,
+            text=f"storage: {load.storage_free / 1e6:.0f} MB left",
+        )
+    if load.memory_free is not None and load.memory_free < LITTLE_MEMORY:
+        yield Advice(
+            cause="slow",
+            severity=Severity.WARNING,
+            about="memory",
+            what=f"{load.memory_free / 1e6:.0f} MB of memory are free",
+            remedy="stop other programs (`top`), or lower `max_targets` of [estimator.leader]",
+            text="companion computer: little memory",
+        )
+
+
+def _is_full(m: Moment) -> bool:
+    """Whether a recording has little room, and loses records for that."""
+    free = m.now.computer.storage_free
+    return "recorder" in m.now.sinks and free is not None and free < LITTLE_ROOM
+
+
+def _last(source: str) -> str:
+    """A source in few letters: the last parts of a key."""
+    return source if len(source) <= 24 else source[-24:].partition("/")[2] or source[:24]

@@ -1,0 +1,1 @@
+"""What commands show and write: the console, progress, plain lines, and files."""

@@ -1,0 +1,74 @@
+"""Whether the statements of one detection can all be true: where it is, how far, and how large it looks.
+
+A position in millimetres, or with Y up, beside a right box would be believed as far as each goes. Nothing says
+which of two is wrong, so the detection is refused, and both are named.
+"""
+
+import math
+from typing import Final
+
+from onboard.geometry.lens import Lens, LensError
+from onboard.messages import Box, Detection, Vec3
+from onboard.wire.documents import boxes
+from onboard.wire.documents.document import BadDocumentError
+
+NEAR: Final = math.radians(3.0)  # so far from a box or its center a position may lie
+SIGMAS: Final = 3.0
+SMALLEST, LARGEST = 0.2, 2.5  # of the wingspan: the larger side of a box of an aircraft, from wherever it is seen
+
+
+def check(detection: Detection, lens: Lens, sizes: tuple[float, float], sigma_px: float, at: str) -> None:
+    """Raises BadDocumentError, which names both statements. `sizes`: the smallest and the largest wingspan, m."""
+    pose, box = detection.pose, detection.box
+    position = None if pose is None else pose.position_m
+    if position is not None and not (position[2] > 0.0 and all(map(math.isfinite, position))):
+        position = None  # it is refused for itself
+    if position is not None:
+        _check_direction(detection, position, lens, sigma_px, at)
+    if box is None:
+        return
+    if position is not None:
+        _check_size(box, math.hypot(*position), lens, sizes, sigma_px, (f"{at}.pose.position_m", at))
+    if detection.range_m is not None:
+        _check_size(box, detection.range_m, lens, sizes, sigma_px, (f"{at}.range_m", at))
+
+
+def _check_direction(detection: Detection, position: Vec3, lens: Lens, sigma_px: float, at: str) -> None:
+    center, box = detection.points.get("center"), detection.box
+    seen, name = (center, "points.center") if center is not None else (box, "box")
+    if seen is None:
+        return
+    diagonal_px = math.hypot(seen.width_px, seen.height_px) if isinstance(seen, Box) else 0.0
+    try:
+        (u, v), angle = lens.image_point(seen.u_px, seen.v_px), lens.angle(seen.u_px, seen.v_px)
+    except LensError:
+        return  # it is refused for itself
+    right, down, forward = position
+    cosine = (forward + right * u + down * v) / math.hypot(*position) / math.hypot(1.0, u, v)
+    off = math.acos(max(-1.0, min(cosine, 1.0)))
+    if off <= NEAR + angle * (SIGMAS * (seen.sigma_px or sigma_px) + diagonal_px):
+        return
+    raise BadDocumentError(
+        f"the position is {math.degrees(off):.0f} degrees from `{name}`; expected right, down, forward in metres"
+        f" - at `$.{at}.pose.position_m` and `$.{at}.{name}`"
+    )
+
+
+def _check_size(
+    box: Box, range_m: float, lens: Lens, sizes: tuple[float, float], sigma_px: float, where: tuple[str, str]
+) -> None:
+    """A box that may be cut off is at least so large."""
+    try:
+        size = range_m * lens.angle(box.u_px, box.v_px) * boxes.larger_px(box)
+    except LensError:
+        return
+    if not math.isfinite(size) or size <= 0.0:
+        return
+    least = 0.0 if boxes.may_be_cut(box, lens, sigma_px) else SMALLEST * sizes[0]
+    if least <= size <= LARGEST * sizes[1]:
+        return
+    wingspan = f"{sizes[0]:.3g} to {sizes[1]:.3g} m"
+    raise BadDocumentError(
+        f"at {range_m:g} m the box would be {size:.3g} m large, of a wingspan of {wingspan}; expected metres"
+        f" - at `$.{where[0]}` and `$.{where[1]}.box`"
+    )

@@ -1,0 +1,227 @@
+"""Detections as JSON -> messages: pixels outside, image points inside.
+
+A detection may have all three points of the wing, some of them, further points of its class, only a box, or a
+pose. What it lacks is never made up: all three points become TargetPoints, anything less a TargetDetection.
+Where no point is named, the position of a pose is the center.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+from msgspec.structs import replace
+
+from onboard.geometry.lens import Lens, LensError
+from onboard.messages import (
+    Box,
+    CameraDetections,
+    DetectedPoint,
+    DetectedPose,
+    Detection,
+    Exposure,
+    ImageFeature,
+    MountAttitude,
+    Record,
+    RelativePose,
+    TargetDetection,
+    TargetImage,
+    TargetPoints,
+)
+from onboard.messages.causes import Cause
+from onboard.messages.target import WING_POINTS
+from onboard.messages.text import plain
+from onboard.wire.documents import agreement, boxes
+from onboard.wire.documents.cameras import CameraInput, Cameras, find
+from onboard.wire.documents.document import BadDocumentError, Refuse, parse_tree
+from onboard.wire.documents.points import check_target, doubt_of, lens_of
+from onboard.wire.documents.poses import relative_pose
+
+LEAST_CONFIDENCE: Final = 0.05  # noise is that of a detection with this confidence at most
+FARTHEST: Final = 1e5  # m, of a range
+UNSEEN: Final = (0.0, 0.0)  # pixels of a keypoint that Ultralytics and others do not see; no wingtip is just there
+Ignore = Callable[[str], None]
+
+INSIDE: Final[dict[str, type[Record]]] = {
+    "detections": Detection,
+    "points": DetectedPoint,
+    "box": Box,
+    "pose": DetectedPose,
+    "attitude": MountAttitude,
+}
+
+
+def decode_detections(
+    data: bytes, t_recv_ns: int, cameras: Cameras, refuse: Refuse, ignore: Ignore
+) -> Exposure | None:
+    """What one JSON document of CameraDetections shows; None where none of its detections can be used.
+
+    A detection that cannot be used costs the others nothing: `refuse` is called with the reason. `ignore` is
+    called with each field and each point that is not known. Raises BadDocumentError (see `document.parse`) for a
+    document that cannot be used at all.
+    """
+    document, numbers, tree = parse_tree(CameraDetections, data, refuse)
+    mount = document.attitude
+    if mount is not None and not 0.5 < math.hypot(*mount.q) < 2.0:
+        raise BadDocumentError("expected a quaternion w, x, y, z of length 1 - at `$.attitude.q`")
+    for field in _unknown(tree, CameraDetections, ""):
+        ignore(field)
+    camera = find(cameras, document.camera)
+    lens = camera.lens if document.intrinsics is None else lens_of(document.intrinsics)
+    return exposure_of(document, t_recv_ns, camera, lens, refuse, ignore, numbers)
+
+
+def exposure_of(
+    document: CameraDetections,
+    t_recv_ns: int,
+    camera: CameraInput,
+    lens: Lens,
+    refuse: Refuse,
+    ignore: Ignore,
+    numbers: Sequence[int] | None = None,
+) -> Exposure | None:
+    """What a document shows whose pixels are those of `lens`, None if nothing; see `decode_detections`.
+    `numbers`: which detection each one was in what was sent; None: all are there."""
+    found: list[TargetImage] = []
+    for i, detection in zip(numbers or range(len(document.detections)), document.detections, strict=True):
+        head = {
+            "t_ns": document.t_ns,
+            "t_recv_ns": t_recv_ns,
+            "clock": document.clock,
+            "system": 0,
+            "component": 0,
+            "camera": camera.name,
+            "target": detection.target,
+            "class_name": plain(detection.class_name.strip()),
+            "view": lens.view,
+            "doubt": doubt_of(lens),
+            "mount": document.attitude,
+            "range": detection.range_m,
+            "range_sigma": detection.range_sigma_m,
+        }
+        seen = {name: p for name, p in detection.points.items() if (p.u_px, p.v_px) != UNSEEN}
+        if len(seen) < len(detection.points):
+            ignore("points at exactly (0, 0): a keypoint model writes that for one that it does not see")
+        try:
+            one = detection if len(seen) == len(detection.points) else replace(detection, points=seen)
+            found.append(_message(one, head, camera, lens, f"detections[{i}]"))
+        except BadDocumentError as error:
+            refuse(error.why)
+        for name in detection.points.keys() - camera.points:
+            ignore(f"the point `{name}`; the points that are used are {', '.join(camera.points)}")
+    return Exposure.of(*found) if found else None
+
+
+def _message(detection: Detection, head: dict[str, Any], camera: CameraInput, lens: Lens, at: str) -> TargetImage:
+    """The message of one detection. Raises BadDocumentError."""
+    check_target(detection.target, f"{at}.target")
+    name = head["class_name"]
+    if camera.classes and name not in ("", *camera.classes):
+        followed = f"`classes` of camera {camera.name} are {', '.join(camera.classes)}"
+        raise BadDocumentError(f"`{name}` is not followed; {followed} - at `$.{at}.class`", Cause.UNKNOWN_CLASS)
+    _check_range(detection, at)
+    sigma_px = camera.sigma_px / _confidence(detection, camera, at)
+    agreement.check(detection, lens, camera.sizes, sigma_px, at)
+    points, box = detection.points, detection.box
+    if detection.pose is not None:
+        head["pose"] = relative_pose(detection.pose, sigma_px / lens.f_px, f"{at}.pose")
+    named = {name: points[name] for name in camera.points if name in points}
+    features = tuple(_feature(name, p, sigma_px, lens, f"{at}.points.{name}") for name, p in named.items())
+    if points.keys() >= set(WING_POINTS):
+        (center, left, right), others = features[:3], features[3:]
+        return TargetPoints(
+            **head,
+            center=center.point,
+            left=left.point,
+            right=right.point,
+            sigma=(center.sigma, left.sigma, right.sigma),
+            others=others,
+        )
+    if not features and detection.pose is not None:
+        features = _center(head["pose"])
+    if box is None and not features:
+        known = ", ".join(camera.points)
+        raise BadDocumentError(
+            f"expected `points` with some of {known}, a `box`, or a `pose` with `position_m` - at `$.{at}`"
+        )
+    if box is None:
+        return TargetDetection(**head, features=features)
+    if not (box.width_px > 0 and box.height_px > 0):
+        raise BadDocumentError(f"width and height must be positive - at `$.{at}.box`")
+    middle = _feature("box", box, boxes.noise_px(box, sigma_px), lens, f"{at}.box")
+    return TargetDetection(
+        **head,
+        features=(*features, middle),
+        half_width=0.5 * lens.scale(box.u_px, box.v_px) * boxes.larger_px(box),
+        sides=None if boxes.may_be_cut(box, lens, sigma_px) else boxes.sides(box, lens),
+    )
+
+
+def _feature(name: str, p: DetectedPoint | Box, sigma_px: float, lens: Lens, at: str) -> ImageFeature:
+    """A point as an image point; `sigma_px` where it has no sigma of its own. Raises BadDocumentError."""
+    own_px = sigma_px if p.sigma_px is None else p.sigma_px
+    try:
+        point, scale = lens.image_point(p.u_px, p.v_px), lens.scale(p.u_px, p.v_px)
+    except LensError as error:
+        raise BadDocumentError(f"{error} - at `$.{at}`") from error
+    return ImageFeature(name=name, point=point, sigma=own_px * scale)
+
+
+def _center(pose: RelativePose) -> tuple[ImageFeature, ...]:
+    """The center where a pose has it, with the noise of the coordinate that is known worst."""
+    if pose.r_CL_c is None or pose.r_covariance is None:
+        return ()
+    forward, right, down = pose.r_CL_c
+    point = right / forward, down / forward
+    J = np.array([[-point[0], 1.0, 0.0], [-point[1], 0.0, 1.0]]) / forward
+    sigma = math.sqrt(float(np.diag(J @ np.array(pose.r_covariance) @ J.T).max()))
+    return (ImageFeature(name="center", point=point, sigma=sigma),)
+
+
+def _check_range(detection: Detection, at: str) -> None:
+    """Raises BadDocumentError for a range that is none."""
+    for name, value in (("range_m", detection.range_m), ("range_sigma_m", detection.range_sigma_m)):
+        if value is not None and not 0.0 < value < FARTHEST:
+            raise BadDocumentError(f"expected metres above 0 and below {FARTHEST:g} - at `$.{at}.{name}`")
+    if detection.range_m is None and detection.range_sigma_m is not None:
+        raise BadDocumentError(f"a sigma of no range: expected `range_m` beside it - at `$.{at}.range_sigma_m`")
+
+
+def _confidence(detection: Detection, camera: CameraInput, at: str) -> float:
+    """How sure the detector is, 1 where it does not say. Raises BadDocumentError below the camera's threshold."""
+    confidence = detection.confidence
+    if confidence is None:
+        return 1.0
+    if not 0.0 <= confidence <= 1.0:
+        raise BadDocumentError(f"a confidence is from 0 to 1 - at `$.{at}.confidence`")
+    if confidence < camera.min_confidence:
+        least = f"`min_confidence` of camera {camera.name} is {camera.min_confidence:g}"
+        raise BadDocumentError(f"it is not confident enough; {least} - at `$.{at}.confidence`")
+    return max(confidence, LEAST_CONFIDENCE)
+
+
+@cache
+def _fields(kind: type[Record]) -> tuple[str, ...]:
+    """The names of a record's fields in a document, in order."""
+    return tuple(field.encode_name for field in msgspec.structs.fields(kind))
+
+
+def _unknown(value: Any, kind: type[Record], at: str) -> Iterator[str]:
+    """The fields of a document, however deep, that its record does not have."""
+    if isinstance(value, list):
+        for item in value:
+            yield from _unknown(item, kind, at)
+    if not isinstance(value, dict):
+        return
+    fields = _fields(kind)
+    for name in value.keys() - set(fields):
+        yield f"the field `{at}{name}`; known: {', '.join(fields)}"
+    for name, inner in value.items():
+        record = INSIDE.get(name)
+        if record is None or name not in fields:
+            continue
+        if name == "points" and isinstance(inner, dict):
+            inner = list(inner.values())  # noqa: PLW2901 - by their names, which are any
+        yield from _unknown(inner, record, f"{at}{name}.")

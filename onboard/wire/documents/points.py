@@ -1,0 +1,80 @@
+"""Camera points as JSON <-> an exposure of TargetPoints: pixels and intrinsics outside, image points inside."""
+
+import re
+from functools import lru_cache
+from typing import Final
+
+import msgspec
+
+from onboard.geometry.lens import Lens
+from onboard.messages import CameraPoints, Exposure, Intrinsics, Pixel, TargetPoints
+from onboard.messages.causes import Cause, Reason
+from onboard.wire.documents.document import BadDocumentError, check_name, parse
+
+TARGET: Final = re.compile(r"(?=.{0,64}$)([A-Za-z0-9_.-]+(/[A-Za-z0-9_.-]+)*)?")  # part of a key to publish under
+
+_decoder = msgspec.json.Decoder(CameraPoints)
+
+
+def decode_points(data: bytes, t_recv_ns: int) -> Exposure:
+    """The exposure of one JSON document of CameraPoints: TargetPoints, whose image points are in focal lengths,
+    right and down positive.
+
+    Raises BadDocumentError (see `document.parse`), also when a focal length is not positive or the target cannot
+    be part of a key.
+    """
+    m = parse(_decoder, data)
+    check_name(m.camera, "camera")
+    lens = lens_of(m.intrinsics)
+    check_target(m.target, "target")
+    sigmas = (m.center.sigma_px, m.left.sigma_px, m.right.sigma_px)
+
+    def point(p: Pixel) -> tuple[float, float]:
+        return lens.image_point(p.u_px, p.v_px)
+
+    image = TargetPoints(
+        t_ns=m.t_ns,
+        t_recv_ns=t_recv_ns,
+        clock=m.clock,
+        system=0,
+        component=0,
+        camera=m.camera,
+        target=m.target,
+        center=point(m.center),
+        left=point(m.left),
+        right=point(m.right),
+        view=lens.view,
+        doubt=doubt_of(lens),
+        sigma=None if None in sigmas else tuple(s / lens.f_px for s in sigmas if s is not None),  # type: ignore[arg-type]  # three of three
+    )
+    return Exposure.of(image)
+
+
+def doubt_of(lens: Lens) -> Reason | None:
+    """What is doubtful in a camera's intrinsics, None if nothing is."""
+    return Reason(Cause.OFF_CENTER if lens.binning == 1 else Cause.BINNED, lens.note) if lens.note else None
+
+
+@lru_cache(maxsize=64)  # all images of a camera have the same
+def lens_of(k: Intrinsics) -> Lens:
+    """The lens of an image's intrinsics. Raises BadDocumentError."""
+    if not (k.fx_px > 0 and k.fy_px > 0):
+        raise BadDocumentError("focal lengths must be positive - at `$.intrinsics`")
+    width, height = k.width_px, k.height_px
+    if width is None or height is None:
+        width, height = 0.0, 0.0
+    elif not (width > 0 and height > 0):
+        raise BadDocumentError("width and height must be positive - at `$.intrinsics`")
+    lens = Lens(fx_px=k.fx_px, fy_px=k.fy_px, cx_px=k.cx_px, cy_px=k.cy_px, width_px=width, height_px=height)
+    return lens.of_whole_image()
+
+
+def check_target(target: str, field: str) -> None:
+    """Raise BadDocumentError unless this can be a target's id: part of a key to publish under."""
+    if not TARGET.fullmatch(target):
+        raise BadDocumentError(f"letters, digits and -_. with / between, 64 at most - at `$.{field}`")
+
+
+def encode_points(message: CameraPoints) -> bytes:
+    """JSON of one image's points."""
+    return msgspec.json.encode(message)

@@ -1,0 +1,58 @@
+"""Pseudoranges as JSON <-> PeerRanges."""
+
+import math
+from typing import Final
+
+import msgspec
+
+from onboard.messages import PeerRanges, Pseudoranges, SatelliteRange
+from onboard.wire.documents.document import BadDocumentError, Refuse, parse_measurements, raise_reason
+
+MOST: Final = 64  # satellites; no receiver follows more of one kind
+ORBITS: Final = (6.4e6, 1e8)  # m from the Earth's centre
+FASTEST: Final = 2e4  # m/s
+FARTHEST: Final = 1e9  # m: a pseudorange contains the error of the receiver's clock
+POSSIBLE: Final = (
+    "orbits are 6400 to 100000 km from the Earth's centre, pseudoranges to 1e9 m, rates and "
+    "velocities to 20 km/s, sigma > 0"
+)
+
+_decoder = msgspec.json.Decoder(Pseudoranges)
+
+
+def decode_ranges(data: bytes, t_recv_ns: int, refuse: Refuse = raise_reason) -> PeerRanges:
+    """PeerRanges of one JSON document of Pseudoranges. `refuse` is called with the reason for each satellite that
+    cannot be used; it costs the others nothing.
+
+    Raises BadDocumentError (see `document.parse`), also when no satellite can be used, or one occurs twice.
+    """
+    m = parse_measurements(_decoder, data, _possible, POSSIBLE, refuse)
+    if not 1 <= m.peer <= 255:
+        raise BadDocumentError("a system number is 1 to 255 - at `$.peer`")
+    if len(m.satellites) > MOST or len({s.satellite for s in m.satellites}) < len(m.satellites):
+        raise BadDocumentError(f"at most {MOST} satellites, each once - at `$.satellites`")
+    return PeerRanges(
+        t_ns=m.t_ns,
+        t_recv_ns=t_recv_ns,
+        clock=m.clock,
+        system=0,
+        component=0,
+        peer=m.peer,
+        satellites=m.satellites,
+    )
+
+
+def encode_ranges(message: Pseudoranges) -> bytes:
+    """JSON of one epoch."""
+    return msgspec.json.encode(message)
+
+
+def _possible(s: SatelliteRange) -> bool:
+    low, high = ORBITS
+    return (
+        low < math.hypot(*s.r_e) < high
+        and math.hypot(*s.v_e) < FASTEST
+        and abs(s.pseudorange) < FARTHEST
+        and abs(s.rate) < FASTEST
+        and all(sigma is None or 0 < sigma < 1e6 for sigma in (s.sigma, s.rate_sigma))
+    )

@@ -1,0 +1,376 @@
+"""ArduPilot's DataFlash log (.bin) -> records of our vehicle, from the autopilot's own log. It never holds camera
+points.
+
+Stamps are the autopilot's boot clock. Arrivals are the same times on the Unix clock, as the GPS has it at most of
+its 3-D fixes (some 0.1 to 0.2 s late), so that images with Unix times can be matched; without a fix, on the boot
+clock.
+"""
+
+import io
+import math
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
+from pathlib import Path
+from statistics import median_low
+from typing import Any, Final
+
+from onboard.geometry.rotations import quaternion_from_euler
+from onboard.messages import (
+    ActuatorOutputs,
+    Attitude,
+    Battery,
+    Clock,
+    EstimatorStatus,
+    GlobalOrigin,
+    GpsFix,
+    Heartbeat,
+    Imu,
+    LocalPosition,
+    Message,
+    ParamValue,
+    StatusText,
+)
+from onboard.messages.base import Vec3
+from onboard.messages.text import LINE, plain
+from onboard.wire.logs.tlog import NotALogError
+from onboard.wire.mavlink.records import POS_HORIZ_ABS, POS_HORIZ_REL, VELOCITY_HORIZ, barometer
+
+MAGIC: Final = b"\xa3\x95"
+ARDUPILOT: Final = 3
+ACTIVE: Final = 4
+FIX_3D: Final = 3
+GPS_EPOCH_S: Final = 315_964_800  # 6 January 1980, Unix time
+STDERR: Final = 2
+S_PER_DAY: Final = 86_400
+# By how much GPS time is ahead of UTC, s, since a day of GPS time: 2017, 2015, 2012, 2009, and before.
+LEAP_S: Final = ((13510, 18), (12960, 17), (11865, 16), (10588, 15), (0, 14))
+WEEK_S: Final = 604_800
+MOST_FIXES: Final = 1000  # by which the Unix time is judged
+LATEST_US: Final = 2**53  # 285 years after boot
+UNREADABLE: Final = Exception  # pymavlink raises that itself, besides all that Python does of damaged bytes
+INSTANCES: Final = ("I", "C", "Inst", "Instance")  # the field that numbers a row's sensor or core
+RENAMED: Final = {  # of firmware that numbers rows in their names: the name today, and the instance
+    "GPS2": ("GPS", 1),
+    "GPA2": ("GPA", 1),
+    "IMU2": ("IMU", 1),
+    "IMU3": ("IMU", 2),
+    "BAR2": ("BARO", 1),
+    "NKF6": ("NKF1", 1),
+    "NKF9": ("NKF4", 1),
+    "XKF6": ("XKF1", 1),
+    "XKF9": ("XKF4", 1),
+}
+SILENT_US: Final = 2_000_000  # of a sensor, after which another one is read
+KINDS: Final = ("ATT", "IMU", "XKF1", "NKF1", "XKF4", "NKF4", "ORGN", "GPS", "GPA", "BARO", "RCOU", "BAT")
+INFO: Final = 6  # MAV_SEVERITY: a row of MSG has none
+SAID: Final = ("MODE", "ARM", "MSG")  # for people: no time base begins with them
+Lose = Callable[[str], None]
+Header = dict[str, Any]
+
+
+def read_dataflash(path: Path, lose: Lose = lambda _: None) -> Iterator[tuple[Message, int]]:
+    """(message, bytes of the file consumed so far) in the order of the log, after one heartbeat that names the
+    vehicle type; further ones say modes and arming. Parameters have the time of the row before. Of each sensor
+    it is the first instance that the log holds, until that brings nothing of use (a GPS: no 3-D fix) for 2 s; of
+    the EKF, the primary core.
+
+    A row that cannot be used is left out; `lose` is called with the reason. Raises NotALogError when the log
+    cannot be read.
+    """
+    from pymavlink import DFReader  # noqa: PLC0415 - a flight never needs it
+
+    log: Any = DFReader.DFReader_binary.__new__(DFReader.DFReader_binary)  # so that it is closed if reading fails
+    try:
+        with _quiet(), _quiet_library():
+            DFReader.DFReader_binary.__init__(log, str(path))
+            if "ATT" not in log.name_to_id:
+                raise NotALogError("this DataFlash log holds no attitude (ATT)")
+            for _ in _rows(log, ("PARM", "MSG"), lambda _: None):
+                pass  # which fills in the log's parameters and the vehicle's type
+            offset_ns = _unix_offset_ns(log)
+        yield from _messages(log, offset_ns, lose)
+    except UNREADABLE as error:
+        if isinstance(error, NotALogError):
+            raise
+        raise NotALogError(f"this DataFlash log cannot be read: {error}") from error
+    finally:
+        for part in ("data_map", "filehandle"):
+            with suppress(AttributeError, BufferError):  # not opened yet, or still in the error's traceback
+                getattr(log, part).close()
+
+
+def _messages(log: Any, offset_ns: int, lose: Lose) -> Iterator[tuple[Message, int]]:
+    system = int(log.params.get("SYSID_THISMAV", log.params.get("MAV_SYSID", 1)))
+    system = system if 0 < system < 256 else 1
+    converter, said = _Converter(), _Said(int(log.mav_type))
+    newest, waiting = Header(), list[Any]()
+    for row in _rows(log, (), lose):
+        kind, instance = RENAMED.get(row.get_type(), (row.get_type(), _instance(row)))
+        if kind == "PARM":
+            waiting.append(row)  # the first for the heartbeat; old ones have no time of their own
+            if newest:
+                yield from _parameters(log, waiting, newest, lose)
+        if kind not in KINDS and kind not in SAID:
+            continue
+        try:
+            header = _header(row, system, offset_ns)
+            message = (
+                said.convert(kind, row, header) if kind in SAID else converter.convert(kind, instance, row, header)
+            )
+        except UNREADABLE as error:
+            lose(f"{kind}: {error}")
+            continue
+        if message is None or (
+            not newest and kind in SAID
+        ):  # the first heartbeat has the mode that was set before
+            continue
+        if not newest:
+            yield said.heartbeat(header), log.offset
+            yield from _parameters(log, waiting, header, lose)
+        newest = header
+        yield message, log.offset
+
+
+def _parameters(log: Any, rows: list[Any], header: Header, lose: Lose) -> Iterator[tuple[Message, int]]:
+    """Parameters, which are taken off their list; their defaults are logged since ArduPilot 4.4."""
+    head = {**header, "clock": Clock.NONE, "extended": False}
+    for row in rows:
+        try:
+            default = float(row.Default) if "Default" in row.fmt.columns else math.nan
+            known = default if math.isfinite(default) else None
+            message = ParamValue(**head, name=str(row.Name), value=float(row.Value), default=known)
+        except UNREADABLE as error:
+            lose(f"PARM: {error}")
+            continue
+        yield message, log.offset
+    rows.clear()
+
+
+class _Said:
+    """Rows for people -> heartbeats with the mode and whether the motors are armed, and texts."""
+
+    def __init__(self, vehicle_type: int) -> None:
+        self._type, self._mode, self._armed = vehicle_type, 0, False
+
+    def convert(self, kind: str, row: Any, header: Header) -> Message:
+        """The message of a row."""
+        header = header | {"clock": Clock.NONE}
+        if kind == "MSG":
+            return StatusText(**header, severity=INFO, text=plain(str(row.Message), LINE))
+        if kind == "ARM":
+            self._armed = bool(row.ArmState)
+        else:
+            self._mode = _field(row, "ModeNum", "Mode")
+        return self.heartbeat(header)
+
+    def heartbeat(self, header: Header) -> Heartbeat:
+        """The newest mode, and whether the motors are armed."""
+        head = {**header, "vehicle_type": self._type, "autopilot": ARDUPILOT, "status": ACTIVE}
+        return Heartbeat(**head, armed=self._armed, custom_mode=self._mode)
+
+
+class _Converter:
+    """Rows -> messages. Rows that are wanted with others are kept until then: body rates with the attitude,
+    accuracies with the fix, which core is the primary one."""
+
+    def __init__(self) -> None:
+        self._rates: Vec3 = (0.0, 0.0, 0.0)
+        self._accuracy: tuple[float, float] | None = None
+        self._core = 0
+        self._read: dict[
+            str, tuple[int, int]
+        ] = {}  # by kind: the instance, and its last time with something of use
+
+    def convert(self, kind: str, instance: int, row: Any, header: Header) -> Message | None:
+        """The message of a row; None for one that has none, or is of another sensor."""
+        if kind in ("XKF4", "NKF4") and "PI" in row.fmt.columns:
+            self._core = int(row.PI)
+        if not self._is_read(kind, instance, row, header["t_ns"] // 1000):
+            return None
+        if kind == "GPA":
+            self._accuracy = (row.HAcc, row.VAcc)
+        elif kind == "IMU":
+            self._rates = _finite(row, "GyrX", "GyrY", "GyrZ")
+            return Imu(**header, f_b=_finite(row, "AccX", "AccY", "AccZ"), omega_b=self._rates)
+        elif kind == "ATT":
+            angles = (math.radians(angle) for angle in _finite(row, "Roll", "Pitch", "Yaw"))
+            w, x, y, z = quaternion_from_euler(*angles).tolist()
+            return Attitude(**header, q_nb=(w, x, y, z), omega_b=self._rates)
+        elif kind == "GPS":
+            return self._fix(row, header)
+        elif (convert := CONVERT.get(kind)) is not None:
+            return convert(row, header)
+        return None
+
+    def _is_read(self, kind: str, instance: int, row: Any, t_us: int) -> bool:
+        """Whether this is the instance of its kind that is read."""
+        if kind[1:3] == "KF":
+            return instance == self._core
+        if kind == "GPA":
+            return instance == self._read.get("GPS", (instance, 0))[0]
+        of_use = kind != "GPS" or int(row.Status) >= FIX_3D
+        read, last_us = self._read.get(kind, (instance, t_us))
+        if instance != read and not (of_use and t_us - last_us > SILENT_US):
+            return False
+        self._read[kind] = instance, t_us if of_use else last_us
+        return True
+
+    def _fix(self, row: Any, header: Header) -> Message:
+        lat, lon, alt = _finite(row, "Lat", "Lng", "Alt")
+        horizontal, vertical = self._accuracy or (None, None)
+        return GpsFix(
+            **header,
+            fix_type=int(row.Status),
+            satellites=int(row.NSats),
+            lat_deg=lat,
+            lon_deg=lon,
+            alt_msl=alt,
+            ground_speed=row.Spd,
+            course_rad=math.radians(row.GCrs),
+            h_acc=horizontal,
+            v_acc=vertical,
+            v_down=row.VZ if "VZ" in row.fmt.columns else None,
+        )
+
+
+def _local_position(row: Any, header: Header) -> Message:
+    return LocalPosition(**header, r_OF_n=_finite(row, "PN", "PE", "PD"), v_F_n=_finite(row, "VN", "VE", "VD"))
+
+
+def _status(row: Any, header: Header) -> Message:
+    """The same bits as in EKF_STATUS_REPORT, but for the constant position mode, which is logged elsewhere."""
+    flags = int(row.SS)
+    return EstimatorStatus(
+        **header,
+        horizontal_velocity=bool(flags & VELOCITY_HORIZ),
+        horizontal_position=bool(flags & (POS_HORIZ_REL | POS_HORIZ_ABS)),
+    )
+
+
+def _origin(row: Any, header: Header) -> Message | None:
+    """Type 0 is the EKF's origin, 1 is home."""
+    lat, lon, alt = _finite(row, "Lat", "Lng", "Alt")
+    return GlobalOrigin(**header, lat_deg=lat, lon_deg=lon, alt_msl=alt) if int(row.Type) == 0 else None
+
+
+def _outputs(row: Any, header: Header) -> Message:
+    values = row.to_dict()
+    return ActuatorOutputs(**header, pwm_us=tuple(int(values[f"C{i}"]) for i in range(1, 17) if f"C{i}" in values))
+
+
+def _barometer(row: Any, header: Header) -> Message:
+    message = barometer(header, row.Press * 0.01)
+    if not math.isfinite(message.pressure_altitude):
+        raise ValueError(f"its pressure is {row.Press} Pa")
+    return message
+
+
+def _battery(row: Any, header: Header) -> Message | None:
+    return Battery(**header, voltage_v=row.Volt) if row.Volt > 0 else None
+
+
+CONVERT: Final[dict[str, Callable[[Any, Header], Message | None]]] = {
+    "XKF1": _local_position,
+    "NKF1": _local_position,
+    "XKF4": _status,
+    "NKF4": _status,
+    "ORGN": _origin,
+    "BARO": _barometer,
+    "RCOU": _outputs,
+    "BAT": _battery,
+}
+
+
+def _rows(log: Any, kinds: tuple[str, ...], lose: Lose) -> Iterator[Any]:
+    """The log's rows of these kinds from its begin, as far as pymavlink's index goes: to the first damage. Without
+    kinds, all rows one after the other, over damage; what pymavlink prints of it goes to `lose`."""
+    log.rewind()
+    while True:
+        with _quiet() as printed:
+            try:
+                row = log.recv_match(type={*kinds}, strict=True) if kinds else log.recv_msg()
+            except UNREADABLE as error:
+                lose(f"the log cannot be read on: {error}")
+                return
+        if printed.tell():
+            lose("bytes that are no row of the log")
+        if row is None:
+            return
+        yield row
+
+
+def _unix_offset_ns(log: Any) -> int:
+    """Unix time less boot time, the median over 3-D fixes, of which a receiver's first ones may have another week;
+    0 without one. Only arrivals need it."""
+    offsets = list[int]()
+    for row in _rows(log, ("GPS", "GPS2"), lambda _: None):
+        week = _field(row, "GWk", "Week") if int(row.Status) >= FIX_3D else 0
+        if week > 0:
+            gps_ms = week * WEEK_S * 1000 + _field(row, "GMS", "TimeMS")
+            leap_s = next(seconds for since, seconds in LEAP_S if gps_ms >= since * S_PER_DAY * 1000)
+            offsets.append((gps_ms + (GPS_EPOCH_S - leap_s) * 1000) * 1_000_000 - _time_us(row) * 1000)
+            if len(offsets) >= MOST_FIXES:
+                break
+    return median_low(offsets) if offsets else 0
+
+
+def _time_us(row: Any) -> int:
+    """Since boot. Firmware before 2015 has milliseconds, and in a GPS row beside those of the GPS's week."""
+    return int(row.TimeUS) if "TimeUS" in row.fmt.columns else 1000 * _field(row, "T", "TimeMS")
+
+
+def _field(row: Any, *names: str) -> int:
+    """The first of these fields that the row has. Raises ValueError."""
+    for name in names:
+        if name in row.fmt.columns:
+            return int(getattr(row, name))
+    raise ValueError(f"it has none of {', '.join(names)}")
+
+
+def _header(row: Any, system: int, offset_ns: int) -> Header:
+    t_us = _time_us(row)
+    if not 0 <= t_us < LATEST_US:
+        raise ValueError("its time cannot be")
+    return {"t_ns": t_us * 1000, "t_recv_ns": t_us * 1000 + offset_ns, "clock": Clock.BOOT, "system": system}
+
+
+def _instance(row: Any) -> int:
+    return next((int(getattr(row, name)) for name in INSTANCES if name in row.fmt.columns), 0)
+
+
+def _finite(row: Any, *names: str) -> Vec3:
+    """Three fields. Raises ValueError for one that is no finite number."""
+    x, y, z = (float(getattr(row, name)) for name in names)
+    if not math.isfinite(x + y + z):
+        raise ValueError(f"one of {', '.join(names)} is no finite number")
+    return x, y, z
+
+
+@contextmanager
+def _quiet_library() -> Iterator[None]:
+    """Keeps off the screen what pymavlink's index, which is written in C, prints of each damaged byte."""
+    with Path(os.devnull).open("wb") as nowhere:
+        screen = os.dup(STDERR)
+        try:
+            os.dup2(nowhere.fileno(), STDERR)
+            yield
+        finally:
+            os.dup2(screen, STDERR)
+            os.close(screen)
+
+
+class _quiet(redirect_stdout[io.StringIO]):  # noqa: N801 - used as a function
+    """Keeps what pymavlink prints off the screen, in the string that is entered."""
+
+    def __init__(self) -> None:
+        super().__init__(io.StringIO())
+        self._error = redirect_stderr(self._new_target)  # type: ignore[attr-defined]
+
+    def __enter__(self) -> io.StringIO:
+        self._error.__enter__()
+        return super().__enter__()
+
+    def __exit__(self, *what: Any) -> None:
+        super().__exit__(*what)
+        self._error.__exit__(*what)

@@ -1,0 +1,164 @@
+"""Recordings as `onboard` writes them (MCAP): every datagram bit for bit, in the order it was fed, and the
+estimates made from them, as JSON.
+
+A channel whose message encoding is one of `Encoding` holds datagrams: its topic is their channel, the log time
+their arrival, ns, the publish time that arrival by the wall clock, and the sequence how long they waited in this
+program, microseconds. Each holds where the channel's metadata say so. A channel of encoding "json" holds
+published records; its topic is the key they were published on. Metadata named CONFIGURATION, before all else,
+hold the configuration of the flight, as JSON.
+"""
+
+import struct
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+from mcap.exceptions import McapError
+from mcap.records import Channel, Chunk, Footer, Header, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
+
+from onboard.messages import Datagram, Encoding, Estimate, NavState
+from onboard.wire.logs.tlog import NotALogError
+
+MAGIC: Final = b"\x89MCAP0\r\n"
+JSON: Final = "json"
+CONFIGURATION: Final = "configuration"  # of metadata
+LARGEST_RECORD: Final = 256 << 20  # bytes; a length beyond this is damage, not data
+DAMAGE: Final = (McapError, ValueError, OverflowError, MemoryError, struct.error)
+MADE: Final[Mapping[str, type[Estimate]]] = {"estimate": Estimate, "own_state": NavState}
+ENCODINGS: Final = {encoding.value: encoding for encoding in Encoding}
+
+
+def is_recording(path: Path) -> bool:
+    """Whether the file starts as a recording does. Raises OSError when it cannot be read."""
+    with path.open("rb") as file:
+        return file.read(len(MAGIC)) == MAGIC
+
+
+def read_configuration(path: Path) -> bytes | None:
+    """The configuration that a recording was made with, as JSON; None where it holds none, or is no recording.
+
+    Raises OSError.
+    """
+    with path.open("rb") as file:
+        if file.read(len(MAGIC)) != MAGIC:
+            return None
+        try:
+            for record in StreamReader(file, skip_magic=True, record_size_limit=LARGEST_RECORD).records:
+                if isinstance(record, Metadata) and record.name == CONFIGURATION:
+                    return record.metadata.get(JSON, "").encode()
+                if not isinstance(record, Header | Metadata):
+                    return None
+        except DAMAGE:
+            return None
+    return None
+
+
+def read_recording(path: Path) -> Iterator[tuple[Datagram | None, int]]:
+    """(Datagram, bytes of the file consumed so far) for each one; (None, ...) once for each stretch that cannot be
+    read, such as the missing end of a recording that was cut off.
+
+    Raises NotALogError at once when the file is not an MCAP file, OSError when it cannot be read.
+    """
+    return ((item, at) for item, at in read_flown(path, {}) if not isinstance(item, Estimate))
+
+
+def read_flown(
+    path: Path, made: Mapping[str, type[Estimate]] = MADE
+) -> Iterator[tuple[Datagram | Estimate | None, int]]:
+    """As `read_recording`, with the estimates among the datagrams that they were made of: those whose keys begin
+    as in `made`, of these records. One of another version of its record is left out.
+
+    Raises NotALogError at once when the file is not an MCAP file, OSError when it cannot be read.
+    """
+    lost = False
+    decoders = {begin: msgspec.json.Decoder(record) for begin, record in made.items()}
+    for item, at in _read(path):
+        if item is None:
+            if not lost:
+                yield None, at
+            lost = True
+            continue
+        lost = False
+        channel, message = item
+        encoding = ENCODINGS.get(channel.message_encoding)
+        if encoding is not None:
+            yield _datagram(channel, encoding, message), at
+        elif (decoder := decoders.get(channel.topic.partition("/")[0])) is not None:
+            with suppress(msgspec.DecodeError):
+                yield decoder.decode(message.data), at
+
+
+def read_messages(path: Path) -> Iterator[tuple[Any, Any, Any] | None]:
+    """(schema or None, channel, message) as mcap's records, of everything in the file; None for each part that
+    cannot be read.
+
+    Raises NotALogError, OSError.
+    """
+    schemas: dict[int, Any] = {}
+    for item, _ in _read(path, schemas):
+        yield None if item is None else (schemas.get(item[0].schema_id), *item)
+
+
+def read_estimates(path: Path) -> Iterator[Estimate]:
+    """The estimates that were made during the recording, to compare a replay with.
+
+    Raises NotALogError, OSError, and msgspec.DecodeError when one is of another version of the record.
+    """
+    decoder = msgspec.json.Decoder(Estimate)
+    for item, _ in _read(path):
+        if item is not None and item[0].message_encoding == JSON and item[0].topic.startswith("estimate/"):
+            yield decoder.decode(item[1].data)
+
+
+def _datagram(channel: Channel, encoding: Encoding, message: Any) -> Datagram:
+    """A datagram. Where the channel says so, the publish time is the wall clock's, and the sequence a wait."""
+    step_ns = message.publish_time - message.log_time if "publish_time" in channel.metadata else None
+    return Datagram(
+        channel=channel.topic,
+        encoding=encoding,
+        t_recv_ns=message.log_time,
+        data=message.data,
+        wall_step_ns=step_ns,
+        waited_us=message.sequence if "sequence" in channel.metadata else 0,
+    )
+
+
+def _read(path: Path, schemas: dict[int, Any] | None = None) -> Iterator[tuple[tuple[Any, Any] | None, int]]:
+    """((channel, message), bytes consumed) in file order; (None, ...) for a part that cannot be read. Schemas are
+    put into `schemas` by their number."""
+    with path.open("rb") as file:
+        if file.read(len(MAGIC)) != MAGIC:
+            raise NotALogError(f"{path.name}: this is not a recording: it does not begin as an MCAP file does")
+        reader = StreamReader(file, skip_magic=True, emit_chunks=True, record_size_limit=LARGEST_RECORD)
+        channels: dict[int, Any] = {}
+        ended = False
+        try:
+            for record in reader.records:
+                ended = isinstance(record, Footer)
+                for item in _messages(record, channels, {} if schemas is None else schemas):
+                    yield item, file.tell()
+        except DAMAGE:  # cut off, or a length that is damaged
+            ended = False
+        if not ended:
+            yield None, path.stat().st_size
+
+
+def _messages(record: Any, channels: dict[int, Any], schemas: dict[int, Any]) -> list[tuple[Any, Any] | None]:
+    """The messages of one record with their channels; None for one that cannot be read."""
+    try:
+        parts = breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record]
+    except Exception:  # a decompressor may raise anything on damaged bytes
+        return [None]
+    found: list[tuple[Any, Any] | None] = []
+    for part in parts:
+        if isinstance(part, Channel):
+            channels[part.id] = part
+        elif isinstance(part, Schema):
+            schemas[part.id] = part
+        elif isinstance(part, Message):
+            channel = channels.get(part.channel_id)
+            found.append(None if channel is None else (channel, part))
+    return found

@@ -1,0 +1,341 @@
+"""PX4 ULog (.ulg) -> records of our vehicle, from the autopilot's own log. It never holds camera points.
+
+Stamps are the autopilot's boot clock. Arrivals are the same times on the Unix clock, as most fixes of the GPS have
+it, so that images with Unix times can be matched; without UTC in the log, on the boot clock.
+"""
+
+import heapq
+import itertools
+import struct
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from statistics import median_low
+from typing import Any, BinaryIO, Final, NamedTuple
+
+import numpy as np
+
+from onboard.messages import (
+    ActuatorOutputs,
+    Attitude,
+    Barometer,
+    Battery,
+    Clock,
+    GpsFix,
+    Heartbeat,
+    Imu,
+    LocalPosition,
+    Message,
+    ParamValue,
+    StatusText,
+)
+from onboard.messages.text import LINE, plain
+from onboard.wire.logs.tlog import NotALogError
+
+MAGIC: Final = b"ULog\x01\x12\x35"
+PX4: Final = 12
+RATES: Final = "vehicle_angular_velocity"
+SPEEDS: Final = ("rollspeed", "pitchspeed", "yawspeed")
+ACTIVE: Final = 4
+DISORDER_US: Final = 1_000_000  # rows of one topic are in order but for this
+LONGEST_GAP_US: Final = 60_000_000  # in which a topic may be silent
+LATEST_US: Final = 2**53  # 285 years after boot
+LARGEST: Final = 65_535  # bytes of a message
+DEEPEST: Final = 16  # formats within one another; PX4 has two
+HEADER: Final = 16  # bytes of the file's head
+SIZES: Final = {
+    **dict.fromkeys(("int8_t", "uint8_t", "bool", "char"), 1),
+    **dict.fromkeys(("int16_t", "uint16_t"), 2),
+    **dict.fromkeys(("int32_t", "uint32_t", "float"), 4),
+    **dict.fromkeys(("int64_t", "uint64_t", "double"), 8),
+}
+UNREADABLE: Final = (
+    *(TypeError, ValueError, IndexError, KeyError, AttributeError, EOFError),
+    *(OverflowError, MemoryError, RecursionError, struct.error),
+)
+UTC: Final = "time_utc_usec"  # of a fix
+BOOT_UTC: Final = "boot_time_utc_us"  # of the log's head
+SET_US: Final = 946_684_800_000_000  # a clock before 2000 was never set
+LATEST_UTC_US: Final = 2**53
+Lose = Callable[[str], None]
+
+
+class LogSource(NamedTuple):
+    """The MAVLink system of a log, and Unix time less boot time, ns."""
+
+    system: int
+    offset_ns: int
+
+
+def read_ulog(path: Path, lose: Lose = lambda _: None) -> Iterator[Message]:
+    """The messages of a ULog in time order, its texts among them, after one heartbeat that names the autopilot and
+    the vehicle type, and its parameters. Of each topic it is the first instance that has rows; of the actuators'
+    outputs, that whose outputs move most: the others are other boards or unused.
+
+    A row that cannot be used is left out, and a topic without a field that it needs; `lose` is called with the
+    reason for each. Raises NotALogError when the log cannot be read.
+    """
+    from pyulog import ULog  # noqa: PLC0415 - a flight never needs it
+
+    try:
+        with path.open("rb") as file:
+            _check_formats(file)
+            file.seek(0)
+            log = ULog(file, [*CONVERT, RATES], disable_str_exceptions=True)
+    except UNREADABLE as error:
+        if isinstance(error, NotALogError):
+            raise
+        raise NotALogError(f"this ULog cannot be read: {error}") from error
+    topics: dict[str, Any] = {}
+    for topic in sorted(log.data_list, key=lambda topic: topic.multi_id, reverse=True):
+        if len(topic.data["timestamp"]):
+            topics[topic.name] = topic.data
+    _choose_outputs(log.data_list, topics)
+    topics = {name: _in_order(columns, partial(_name, lose, name)) for name, columns in topics.items()}
+    _add_rates(topics)
+    source = LogSource(_parameter(log, "MAV_SYS_ID", 1), _unix_offset_ns(log, topics.get("vehicle_gps_position")))
+    streams = []
+    for name, convert in CONVERT.items():
+        if name not in topics:
+            continue
+        missing = [field for field in convert.needs(topics[name]) if field not in topics[name]]
+        if missing:
+            lose(f"{name}: it has no field {', '.join(missing)}; the topic is not used")
+            continue
+        streams.append(_stream(convert, topics[name], source, partial(_name, lose, name)))
+    if not streams:
+        raise NotALogError("this ULog holds no attitude, position, IMU or GPS")
+    kind, start_ns = int(_parameter(log, "MAV_TYPE", 2)), int(log.start_timestamp) * 1000
+    header = _header(start_ns, source)
+    yield Heartbeat(**header, vehicle_type=kind, autopilot=PX4, armed=False, status=ACTIVE)
+    messages = _texts(log, source, start_ns), _changes(log, source, start_ns)
+    yield from _parameters(log, header)
+    yield from heapq.merge(*streams, *messages, key=lambda m: m.t_ns)
+
+
+def _parameters(log: Any, header: dict[str, Any]) -> Iterator[Message]:
+    """The parameters at the start. Where a log has defaults, it has those that somebody has changed."""
+    defaults = log.get_default_parameters(0)
+    head = {**header, "clock": Clock.NONE, "extended": False}
+    for name, value in log.initial_parameters.items():
+        default = float(defaults.get(name, value)) if defaults else None
+        yield ParamValue(**head, name=str(name), value=float(value), default=default)
+
+
+def _changes(log: Any, source: LogSource, start_ns: int) -> Iterator[Message]:
+    """Parameters that somebody has set later."""
+    for t_us, name, value in sorted(log.changed_parameters, key=lambda change: int(change[0])):
+        head = _header(max(int(t_us) * 1000, start_ns), source) | {"clock": Clock.NONE}
+        yield ParamValue(**head, extended=False, name=str(name), value=float(value))
+
+
+def _texts(log: Any, source: LogSource, start_ns: int) -> Iterator[Message]:
+    """The texts of PX4; its levels are digits. No time base begins with a text."""
+    for logged in sorted(log.logged_messages, key=lambda logged: int(logged.timestamp)):
+        header = _header(max(int(logged.timestamp) * 1000, start_ns), source) | {"clock": Clock.NONE}
+        yield StatusText(**header, severity=int(logged.log_level) & 7, text=plain(str(logged.message), LINE))
+
+
+def _check_formats(file: BinaryIO) -> None:
+    """pyulog writes a format out field by field, whatever a few bytes make of it. Raises NotALogError for one that
+    is larger than a message, or within itself."""
+    formats: dict[str, list[str]] = {}
+    file.seek(HEADER)
+    while len(head := file.read(3)) == 3 and head[2:] not in b"AL":  # which data follow
+        text = file.read(int.from_bytes(head[:2], "little")).decode(errors="ignore")
+        if head[2:] == b"F":
+            name, _, fields = text.partition(":")
+            formats[name] = [field.split(" ")[0] for field in fields.split(";") if field]
+    sizes: dict[str, int] = dict(SIZES)
+    for name in formats:
+        _add_size(name, formats, sizes, 0)
+
+
+def _add_size(name: str, formats: dict[str, list[str]], sizes: dict[str, int], depth: int) -> None:
+    """Put the size of a format, and of those within it, among `sizes`. Raises NotALogError, ValueError."""
+    total = 0
+    for field in formats.get(name, ()):
+        kind, _, count = field.partition("[")
+        if kind not in sizes:
+            if depth >= DEEPEST:
+                raise NotALogError(f"this ULog's format {plain(name)} has {DEEPEST} others within it, or itself")
+            _add_size(kind, formats, sizes, depth + 1)
+        total += sizes[kind] * max(1, int(count.partition("]")[0]) if count else 1)
+        if total > LARGEST:
+            raise NotALogError(f"this ULog's format {plain(name)} has more than {LARGEST} bytes")
+    sizes[name] = total
+
+
+def _name(lose: Lose, topic: str, reason: str) -> None:
+    lose(f"{topic}: {reason}")
+
+
+def _parameter(log: Any, name: str, default: int) -> int:
+    """A parameter from 1 to 255 at the start, the default where it is none."""
+    value = log.initial_parameters.get(name, default)
+    return int(value) if isinstance(value, (int, float)) and 1 <= value <= 255 else default
+
+
+def _in_order(columns: Any, lose: Lose) -> Any:
+    """A topic's rows in the order of their stamps, without those whose stamp is far from the rows around it."""
+    stamps = columns["timestamp"].tolist()
+    kept, last = [], None
+    for i, (t, following) in enumerate(itertools.zip_longest(stamps, stamps[1:])):
+        is_near = last is not None and abs(t - last) <= DISORDER_US
+        if following is None:
+            is_near = is_near or last is None or 0 <= t - last <= LONGEST_GAP_US
+        elif not is_near:
+            is_near = -DISORDER_US <= following - t <= LONGEST_GAP_US
+        if not is_near or t >= LATEST_US:
+            lose("a row's stamp is far from those of the rows around it")
+            continue
+        kept.append(i)
+        last = t
+    order = np.array(kept, dtype=int)[np.argsort([stamps[i] for i in kept], kind="stable")]
+    return {name: values[order] for name, values in columns.items()}
+
+
+def _choose_outputs(instances: Any, topics: dict[str, Any]) -> None:
+    """Put that instance of the actuators' outputs among the topics that moves most."""
+    boards = [one.data for one in instances if one.name == OUTPUTS and len(one.data["timestamp"])]
+    if len(boards) > 1:
+        topics[OUTPUTS] = max(
+            boards, key=lambda c: sum(float(np.ptp(c[f])) for f in OUTPUT if f in c and np.isfinite(c[f]).all())
+        )
+
+
+def _add_rates(topics: dict[str, Any]) -> None:
+    """Add body rates to the attitude in newer logs, which keep them apart: the gyro's, at the attitude's times."""
+    attitude = topics.get("vehicle_attitude")
+    rates, fields = topics.get(RATES), [f"xyz[{k}]" for k in range(3)]
+    if rates is None:
+        rates, fields = topics.get("sensor_combined"), [f"gyro_rad[{k}]" for k in range(3)]
+    if attitude is None or rates is None or "rollspeed" in attitude or not all(f in rates for f in fields):
+        return
+    known = np.isfinite([rates[field] for field in fields]).all(axis=0)
+    if not known.any():
+        return
+    for name, field in zip(SPEEDS, fields, strict=True):
+        attitude[name] = np.interp(attitude["timestamp"], rates["timestamp"][known], rates[field][known])
+
+
+def _stream(convert: "Converter", columns: Any, source: LogSource, lose: Lose) -> Iterator[Message]:
+    """One topic's messages. `columns` maps each field's name to an array over the topic's rows."""
+    needs = convert.needs(columns)
+    for i, t_us in enumerate(columns["timestamp"].tolist()):
+        unknown = [name for name in needs if not np.isfinite(columns[name][i])]
+        if unknown:
+            lose(f"a row's {', '.join(unknown)} is no finite number")
+            continue
+        message = convert.read(columns, i, _header(t_us * 1000, source))
+        if message is not None:
+            yield message
+
+
+def _header(t_ns: int, source: LogSource) -> dict[str, Any]:
+    return {"t_ns": t_ns, "t_recv_ns": t_ns + source.offset_ns, "clock": Clock.BOOT, "system": source.system}
+
+
+def _unix_offset_ns(log: Any, fixes: Any) -> int:
+    """Unix time less boot time, the median over fixes that state both; without, as the log's head has it; 0 where
+    nothing does. Only arrivals need it."""
+    if fixes is not None and UTC in fixes:
+        pairs = zip(fixes[UTC].tolist(), fixes["timestamp"].tolist(), strict=True)
+        offsets = [int(utc) - int(boot) for utc, boot in pairs if utc > SET_US]
+        if offsets:
+            return 1000 * median_low(offsets)
+    boot_us = log.msg_info_dict.get(BOOT_UTC, 0)
+    return 1000 * boot_us if isinstance(boot_us, int) and SET_US < boot_us < LATEST_UTC_US else 0
+
+
+def _vector(columns: Any, i: int, *names: str) -> Any:
+    """The named fields of one row, as a tuple of floats."""
+    return tuple(float(columns[name][i]) for name in names)
+
+
+def _known(columns: Any, i: int, name: str) -> float | None:
+    """A field that may be missing or NaN, which are unknown."""
+    value = float(columns[name][i]) if name in columns else np.nan
+    return value if np.isfinite(value) else None
+
+
+def _attitude(c: Any, i: int, header: dict[str, Any]) -> Message:
+    omega = _vector(c, i, *SPEEDS) if SPEEDS[0] in c else (0.0, 0.0, 0.0)
+    return Attitude(**header, q_nb=_vector(c, i, *QUATERNION), omega_b=omega)
+
+
+def _local_position(c: Any, i: int, header: dict[str, Any]) -> Message | None:
+    if not (c["xy_valid"][i] and c["z_valid"][i]):
+        return None
+    return LocalPosition(**header, r_OF_n=_vector(c, i, *POSITION[:3]), v_F_n=_vector(c, i, *POSITION[3:]))
+
+
+def _imu(c: Any, i: int, header: dict[str, Any]) -> Message:
+    return Imu(**header, f_b=_vector(c, i, *IMU[:3]), omega_b=_vector(c, i, *IMU[3:]))
+
+
+def _air_data(c: Any, i: int, header: dict[str, Any]) -> Message:
+    return Barometer(**header, pressure_altitude=float(c["baro_alt_meter"][i]))
+
+
+def _gps(c: Any, i: int, header: dict[str, Any]) -> Message:
+    lat, lon, alt = _vector(c, i, *_place(c)[:3])
+    if "latitude_deg" not in c:
+        lat, lon, alt = lat * 1e-7, lon * 1e-7, alt * 1e-3
+    return GpsFix(
+        **header,
+        fix_type=int(c["fix_type"][i]),
+        satellites=int(c["satellites_used"][i]) if "satellites_used" in c else None,
+        lat_deg=lat,
+        lon_deg=lon,
+        alt_msl=alt,
+        ground_speed=_known(c, i, "vel_m_s"),
+        course_rad=_known(c, i, "cog_rad"),
+        h_acc=_known(c, i, "eph"),
+        v_acc=_known(c, i, "epv"),
+        v_down=_known(c, i, "vel_d_m_s") if "vel_ned_valid" in c and c["vel_ned_valid"][i] else None,
+    )
+
+
+def _outputs(c: Any, i: int, header: dict[str, Any]) -> Message:
+    values = [float(c[name][i]) for name in OUTPUT[: int(c["noutputs"][i])] if name in c]
+    return ActuatorOutputs(**header, pwm_us=tuple(round(v) if np.isfinite(v) else 0 for v in values))
+
+
+def _battery(c: Any, i: int, header: dict[str, Any]) -> Message | None:
+    voltage = float(c["voltage_v"][i])
+    return Battery(**header, voltage_v=voltage) if voltage > 0 else None
+
+
+def _place(columns: Any) -> tuple[str, ...]:
+    """The fields that a fix needs: before PX4 1.14 in degE7 and mm."""
+    is_new = "latitude_deg" in columns
+    return (*(NEW_PLACE if is_new else ("lat", "lon", "alt")), "fix_type")
+
+
+class Converter(NamedTuple):
+    """What makes a message of a topic's row, and the fields that it cannot do without."""
+
+    read: Callable[[Any, int, dict[str, Any]], Message | None]
+    needs: Callable[[Any], tuple[str, ...]]
+
+
+def _always(*names: str) -> Callable[[Any], tuple[str, ...]]:
+    return lambda _: names
+
+
+QUATERNION: Final = tuple(f"q[{k}]" for k in range(4))
+POSITION: Final = ("x", "y", "z", "vx", "vy", "vz")
+IMU: Final = (*(f"accelerometer_m_s2[{k}]" for k in range(3)), *(f"gyro_rad[{k}]" for k in range(3)))
+OUTPUTS: Final = "actuator_outputs"
+OUTPUT: Final = tuple(f"output[{k}]" for k in range(16))
+NEW_PLACE: Final = ("latitude_deg", "longitude_deg", "altitude_msl_m")
+CONVERT: Final = {
+    "vehicle_attitude": Converter(_attitude, _always(*QUATERNION)),
+    "vehicle_local_position": Converter(_local_position, _always(*POSITION, "xy_valid", "z_valid")),
+    "sensor_combined": Converter(_imu, _always(*IMU)),
+    OUTPUTS: Converter(_outputs, _always("noutputs")),
+    "battery_status": Converter(_battery, _always("voltage_v")),
+    "vehicle_air_data": Converter(_air_data, _always("baro_alt_meter")),
+    "vehicle_gps_position": Converter(_gps, _place),
+}

@@ -1,0 +1,195 @@
+"""MAVLink bytes -> records in SI units. Sans-IO: bytes in, messages out; bad bytes are counted, not raised.
+
+Two framings. UDP: every datagram stands alone, so a truncated one cannot eat the next. Streams (TCP, serial): a
+frame that is cut off waits for its other part. Behind a bad checksum the search goes on at the next byte: the
+length may be what is wrong, and it must not eat good frames. Every frame's checksum is tested, but only the
+payloads of messages that become records are read. Signatures are tested where there is a key, and else skipped.
+Tests hold frames, counts and records to pymavlink's.
+"""
+
+import re
+from binascii import crc_hqx
+from collections import Counter
+from collections.abc import Callable, Mapping
+from typing import Final
+
+from onboard.messages import Message
+from onboard.wire.mavlink.frame import CHECKSUM, MIRRORED, SIGNATURE, SIGNED, V1, V1_HEAD, V2, V2_HEAD
+from onboard.wire.mavlink.landing_target import LANDING_TARGET, PointAssembler, is_point
+from onboard.wire.mavlink.records import CONVERT, Convert, Layout
+from onboard.wire.mavlink.signing import Verifier
+from onboard.wire.mavlink.table import MESSAGES
+from onboard.wire.mavlink.tracking import TrackerDecoder
+
+START: Final = re.compile(b"[\xfd\xfe]")
+NAMES: Final = {number: (name, bytes([MIRRORED[extra]])) for number, (name, extra) in MESSAGES.items()}
+UNKNOWN: Final = "unknown_message"
+TRACKING: Final = Layout("<7f4B")  # CAMERA_TRACKING_IMAGE_STATUS
+FIELD_OF_VIEW: Final = Layout("<I6i6f", boot_ms=0)  # CAMERA_FOV_STATUS
+OnError = Callable[[str, Exception], None]
+IsOwn = Callable[[int, int, str], bool]  # system, component, name
+OnOwn = Callable[[int, int, int], None]  # system, component, arrival
+
+
+def raise_error(_place: str, error: Exception) -> None:
+    """Raise an exception over one frame, where nobody counts it."""
+    raise error
+
+
+def nobody(_system: int, _component: int, _name: str) -> bool:
+    """Nothing is sent, so nothing comes back."""
+    return False
+
+
+class MavlinkDecoder:
+    """Decoder of one channel. `rejected` counts by reason the bytes and frames that gave no message; `names`
+    counts every well-formed frame by its MAVLink name. `on_error` is called with a frame's name and the exception
+    that it caused; the other frames are decoded. What `is_own` knows as ours has come back, and is refused before
+    its signature, which is good, is tested: `on_own` is called. With a `verifier`, only frames that it lets pass.
+    `trackers` read what is of whole aircraft. `also`: messages that are read beside those of `CONVERT`."""
+
+    def __init__(
+        self,
+        *,
+        stream: bool,
+        on_error: OnError = raise_error,
+        verifier: Verifier | None = None,
+        trackers: TrackerDecoder | None = None,
+        also: Mapping[str, tuple[Layout, Convert]] | None = None,
+        is_own: IsOwn = nobody,
+        on_own: OnOwn = lambda _system, _component, _t_recv_ns: None,
+    ) -> None:
+        self.rejected: Counter[str] = Counter()
+        self.names: Counter[str] = Counter()
+        self._stream = stream
+        self._on_error = on_error
+        self._verifier = verifier
+        self._untested = 0
+        self._is_own, self._on_own = is_own, on_own
+        self._rest = b""  # of a stream: the frame that is not complete yet
+        self._is_lost = False  # within a stretch of bytes that are no frames
+        self._points = PointAssembler(self.rejected)
+        self._trackers = trackers or TrackerDecoder({})
+        self._convert = CONVERT if also is None else {**CONVERT, **also}
+        self._wall_step_ns = 0
+
+    def decode(self, data: bytes, t_recv_ns: int, wall_step_ns: int = 0) -> list[Message]:
+        """Messages in `data`, in order. `t_recv_ns` is when the bytes arrived; `wall_step_ns` how far the wall
+        clock, by which signatures are stamped, has been set since."""
+        self._wall_step_ns = wall_step_ns
+        data = self._rest + data
+        messages: list[Message] = []
+        at = 0
+        self._is_lost = self._is_lost and self._stream
+        while at < len(data):
+            if data[at] not in (V1, V2):
+                start = START.search(data, at)
+                at = len(data) if start is None else start.start()
+                self._lose("bad_frame")
+                continue
+            end = at + _length(data, at)
+            if end > len(data) and self._stream:
+                break
+            frame = data[at:end]
+            reason = "truncated" if end > len(data) else flaw(frame)
+            if reason == UNKNOWN and end == len(data) and self._stream:
+                break  # the byte behind it says whether it is a frame
+            if reason == UNKNOWN and (end == len(data) or data[end] in (V1, V2)):
+                self.rejected[UNKNOWN] += 1  # no false start in noise: another frame follows
+            elif reason:
+                self._lose(reason)
+                at += 1  # a length that is not confirmed by a checksum may be wrong, too
+                continue
+            else:
+                message = self._message(frame, t_recv_ns)
+                if message is not None:
+                    messages.append(message)
+            self._is_lost = False
+            at = end
+        if self._stream:
+            self._rest = data[at:]
+        return messages
+
+    @property
+    def unverified(self) -> int:
+        """Signed frames that passed since their key is not at hand."""
+        return self._untested if self._verifier is None else self._verifier.unverified
+
+    def _lose(self, reason: str) -> None:
+        """Count a stretch of bytes that are no frame, once, by what was wrong first."""
+        if not self._is_lost:
+            self.rejected[reason] += 1
+        self._is_lost = True
+
+    def _message(self, frame: bytes, t_recv_ns: int) -> Message | None:
+        """The record of one sound frame, None if it has none."""
+        if frame[0] == V1:
+            head, number, system, component = V1_HEAD, frame[5], frame[3], frame[4]
+        else:
+            head, number = V2_HEAD, frame[7] | frame[8] << 8 | frame[9] << 16
+            system, component = frame[5], frame[6]
+        name, payload = NAMES[number][0], frame[head : head + frame[1]]
+        if self._is_own(system, component, name) and not (name == "LANDING_TARGET" and is_point(payload)):
+            self.rejected["our_own"] += 1
+            self._on_own(system, component, t_recv_ns)
+            return None
+        if self._verifier is None:
+            self._untested += frame[0] == V2 and frame[2] & SIGNED
+        elif reason := self._verifier.check(frame, t_recv_ns, self._wall_step_ns):
+            self.rejected[reason] += 1
+            return None
+        self.names[name] += 1
+        try:
+            return self._record(name, payload, t_recv_ns, system, component)
+        except Exception as error:  # of any kind: it costs this frame
+            self._on_error(name, error)
+            return None
+
+    def _record(self, name: str, payload: bytes, t_recv_ns: int, system: int, component: int) -> Message | None:
+        read = self._convert.get(name)
+        if read is not None:
+            layout, convert = read
+            fields = layout.fields(payload)
+            return convert(fields, layout.header(fields, t_recv_ns, system, component))
+        if name == "LANDING_TARGET":
+            fields = LANDING_TARGET.fields(payload)
+            header = LANDING_TARGET.header(fields, t_recv_ns, system, component)
+            trackers = self._trackers
+            is_whole = trackers.takes_landing_targets
+            return trackers.landing_target(fields, header) if is_whole else self._points.add(fields, header)
+        if name == "CAMERA_TRACKING_IMAGE_STATUS":
+            fields = TRACKING.fields(payload)
+            return self._trackers.tracking(fields, TRACKING.header(fields, t_recv_ns, system, component))
+        if name == "CAMERA_FOV_STATUS":
+            self._trackers.field_of_view(FIELD_OF_VIEW.fields(payload), component)
+        return None
+
+
+def _length(data: bytes, at: int) -> int:
+    """Length of the frame that starts at `at`, by its header; more than there is if that is cut off."""
+    if at + 3 > len(data):
+        return V1_HEAD + CHECKSUM
+    if data[at] == V1:
+        return V1_HEAD + data[at + 1] + CHECKSUM
+    return V2_HEAD + data[at + 1] + CHECKSUM + (SIGNATURE if data[at + 2] & SIGNED else 0)
+
+
+def flaw(frame: bytes) -> str:
+    """Why the bytes of one frame, of the length that its header says, cannot be read; empty if they can."""
+    if frame[0] == V1:
+        head, number = V1_HEAD, frame[5]
+    elif frame[2] & ~SIGNED:
+        return "bad_frame"
+    else:
+        head, number = V2_HEAD, frame[7] | frame[8] << 8 | frame[9] << 16
+    known = NAMES.get(number)
+    if known is None:
+        return UNKNOWN  # without its CRC_EXTRA the checksum cannot be tested
+    return "" if is_sound(frame, head + frame[1], known[1]) else "bad_frame"
+
+
+def is_sound(frame: bytes, end: int, extra: bytes) -> bool:
+    """Whether the checksum of a frame, which stands at `end`, is right; `extra` is the message's CRC_EXTRA,
+    mirrored."""
+    mirrored = frame.translate(MIRRORED)
+    return crc_hqx(extra, crc_hqx(mirrored[1:end], 0xFFFF)) == mirrored[end] << 8 | mirrored[end + 1]

@@ -1,0 +1,328 @@
+"""Payloads of MAVLink messages -> records in SI units: a layout and a function for each message that is read.
+
+Fields stand in the order of the wire: the largest types first, extensions last. A payload that is shorter than its
+layout ends in zeros that MAVLink 2 cuts off, or in extensions that its sender does not know; both are zeros.
+"""
+
+import math
+import struct
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+
+from onboard.geometry.rotations import quaternion_from_euler
+from onboard.messages import (
+    ActuatorOutputs,
+    AdsbVehicle,
+    AltitudeType,
+    Attitude,
+    Barometer,
+    Battery,
+    Clock,
+    Collision,
+    Command,
+    CommandAck,
+    EstimatorStatus,
+    GlobalOrigin,
+    GlobalPosition,
+    GpsFix,
+    Heartbeat,
+    Imu,
+    LocalPosition,
+    Message,
+    StatusText,
+    SystemTime,
+    TimeSync,
+)
+from onboard.wire.mavlink import distance, files, gimbal, guidance, parameters, wind
+
+SAFETY_ARMED: Final = 128  # MAV_MODE_FLAG of the base mode
+PRESSURE_ALT_UPDATED: Final = 2048  # HIGHRES_IMU_UPDATED_PRESSURE_ALT
+# ESTIMATOR_STATUS_FLAGS; those of EKF_STATUS_REPORT have the same bits
+VELOCITY_HORIZ: Final = 2
+POS_HORIZ_REL: Final = 8
+POS_HORIZ_ABS: Final = 16
+CONST_POS_MODE: Final = 128
+ATTITUDE_VARIANCES: Final = (29, 32, 34)  # in ODOMETRY, of the pose's covariance: roll, pitch, yaw
+MOST_VARIANCE: Final = math.pi**2  # rad^2, which says nothing
+GEOMETRIC_ALTITUDE: Final = 1  # ADSB_ALTITUDE_TYPE
+# ADSB_FLAGS
+VALID_COORDS: Final = 1
+VALID_ALTITUDE: Final = 2
+VALID_HEADING: Final = 4
+VALID_VELOCITY: Final = 8
+VALID_CALLSIGN: Final = 16
+VALID_SQUAWK: Final = 32
+SIMULATED: Final = 64
+VALID_CLIMB: Final = 128
+
+NO_VOLTAGE: Final = (0, 65535)  # mV: nobody measures it, or there is no such cell
+FIRST_BATTERY: Final = 0
+MAIN_PORT: Final = 0  # of SERVO_OUTPUT_RAW
+G: Final = 9.80665
+SEA_LEVEL_HPA: Final = 1013.25
+STANDARD_K: Final = 288.15
+LAPSE_K_PER_M: Final = 0.0065
+LAPSE_EXPONENT: Final = 0.190263
+UNIX_ERA_NS: Final = 10**18  # a 64-bit stamp above this (2001) is Unix time, below it time since boot
+
+Fields = tuple[Any, ...]
+Header = dict[str, Any]
+Convert = Callable[[Fields, Header], Message | None]
+
+
+class Layout:
+    """The fields of a message, as a format of `struct`; `boot_ms` or `usec` is the index of its time, if it has
+    one."""
+
+    def __init__(self, form: str, *, boot_ms: int | None = None, usec: int | None = None) -> None:
+        self.form = form
+        self._unpack = struct.Struct(form).unpack_from
+        self._size = struct.calcsize(form)
+        self._boot_ms, self._usec = boot_ms, usec
+
+    def fields(self, payload: bytes) -> Fields:
+        """The fields of a payload of any length."""
+        return self._unpack(payload.ljust(self._size, b"\0"))
+
+    def header(self, fields: Fields, t_recv_ns: int, system: int, component: int) -> Header:
+        """The fields that every record has. The stamp is the message's time field; without one the message is
+        taken as true when it arrived."""
+        t_ns, clock = t_recv_ns, Clock.NONE
+        if self._boot_ms is not None:
+            t_ns, clock = fields[self._boot_ms] * 1_000_000, Clock.BOOT
+        elif self._usec is not None and fields[self._usec] > 0:
+            t_ns = fields[self._usec] * 1000
+            clock = Clock.HOST if t_ns >= UNIX_ERA_NS else Clock.BOOT
+        return {"t_ns": t_ns, "t_recv_ns": t_recv_ns, "clock": clock, "system": system, "component": component}
+
+
+def _known(value: float, unknown: float, scale: float) -> float | None:
+    """A scaled field, None where it holds the number that stands for "unknown"."""
+    return None if value == unknown else value * scale
+
+
+def _heartbeat(f: Fields, h: Header) -> Message:
+    custom_mode, vehicle_type, autopilot, base_mode, status, _ = f
+    return Heartbeat(
+        **h,
+        vehicle_type=vehicle_type,
+        autopilot=autopilot,
+        armed=bool(base_mode & SAFETY_ARMED),
+        status=status,
+        custom_mode=custom_mode,
+    )
+
+
+def _attitude_quaternion(f: Fields, h: Header) -> Message:
+    return Attitude(**h, q_nb=f[1:5], omega_b=f[5:8])
+
+
+def _attitude(f: Fields, h: Header) -> Message:
+    _, roll, pitch, yaw, *rates = f
+    w, x, y, z = quaternion_from_euler(roll, pitch, yaw).tolist()
+    return Attitude(**h, q_nb=(w, x, y, z), omega_b=tuple(rates))
+
+
+def _local_position(f: Fields, h: Header) -> Message:
+    return LocalPosition(**h, r_OF_n=f[1:4], v_F_n=f[4:7])
+
+
+def _global_position(f: Fields, h: Header) -> Message:
+    _, lat, lon, alt, height, vx, vy, vz, heading = f
+    return GlobalPosition(
+        **h,
+        lat_deg=lat * 1e-7,
+        lon_deg=lon * 1e-7,
+        alt_msl=alt * 1e-3,
+        height=height * 1e-3,
+        v_F_n=(vx * 0.01, vy * 0.01, vz * 0.01),
+        heading_rad=_known(heading, 65535, math.pi / 18000),
+    )
+
+
+def _estimator_status(flags: int, ratios: Sequence[float], h: Header, *, is_px4: bool = False) -> Message:
+    """Both autopilots use the same bits. A report of zeros only is one that nobody has filled in. PX4 sets
+    constant-position mode also where it knows that it is at rest: its velocity is then known."""
+    if flags == 0 and not any(ratios):
+        return EstimatorStatus(**h, horizontal_velocity=None, horizontal_position=None)
+    fixed = bool(flags & CONST_POS_MODE)
+    unknown = fixed and not is_px4
+    return EstimatorStatus(
+        **h,
+        horizontal_velocity=bool(flags & VELOCITY_HORIZ) and not unknown,
+        horizontal_position=bool(flags & (POS_HORIZ_REL | POS_HORIZ_ABS)) and not unknown,
+        is_at_rest=fixed and is_px4,
+    )
+
+
+def _odometry(f: Fields, h: Header) -> Message | None:
+    """Of the autopilot's own: what it says of its attitude. Zero and NaN are unknown."""
+    roll, pitch, yaw = (f[i] for i in ATTITUDE_VARIANCES)
+    if not all(0.0 < variance < math.inf for variance in (roll, pitch, yaw)):
+        return None
+    return EstimatorStatus(
+        **h,
+        horizontal_velocity=None,
+        horizontal_position=None,
+        yaw_sigma=math.sqrt(min(yaw, MOST_VARIANCE)),
+        tilt_sigma=math.sqrt(min(max(roll, pitch), MOST_VARIANCE)),
+    )
+
+
+def _global_origin(f: Fields, h: Header) -> Message:
+    lat, lon, alt, _ = f
+    return GlobalOrigin(**h, lat_deg=lat * 1e-7, lon_deg=lon * 1e-7, alt_msl=alt * 1e-3)
+
+
+def _gps_fix(f: Fields, h: Header) -> Message:
+    _, lat, lon, alt, _, _, vel, cog, fix_type, satellites, _, h_acc, v_acc, *_ = f
+    return GpsFix(
+        **h,
+        fix_type=fix_type,
+        satellites=None if satellites == 255 else satellites,
+        lat_deg=lat * 1e-7,
+        lon_deg=lon * 1e-7,
+        alt_msl=alt * 1e-3,
+        ground_speed=_known(vel, 65535, 0.01),
+        course_rad=_known(cog, 65535, math.pi / 18000),
+        h_acc=_known(h_acc, 0, 1e-3),
+        v_acc=_known(v_acc, 0, 1e-3),
+    )
+
+
+def _highres_imu(f: Fields, h: Header) -> Message:
+    *_, pressure_alt, _, fields_updated, _ = f
+    altitude = pressure_alt if fields_updated & PRESSURE_ALT_UPDATED else None
+    return Imu(**h, f_b=f[1:4], omega_b=f[4:7], pressure_altitude=altitude)
+
+
+def barometer(h: Header, pressure_hpa: float) -> Barometer:
+    """The troposphere of the ISO standard atmosphere (ISO 2533); NaN for a pressure that is not positive."""
+    ratio = pressure_hpa / SEA_LEVEL_HPA
+    altitude = (1.0 - ratio**LAPSE_EXPONENT) * STANDARD_K / LAPSE_K_PER_M if ratio > 0.0 else math.nan
+    return Barometer(**h, pressure_altitude=altitude)
+
+
+def _scaled_imu(f: Fields, h: Header) -> Message:
+    milli_g, milli = G * 1e-3, 1e-3
+    _, ax, ay, az, wx, wy, wz, *_ = f
+    f_b = (ax * milli_g, ay * milli_g, az * milli_g)
+    return Imu(**h, f_b=f_b, omega_b=(wx * milli, wy * milli, wz * milli))
+
+
+def _servo_output(f: Fields, h: Header) -> Message | None:
+    """The main outputs, which hold the motors; auxiliary ones are another port's."""
+    if f[9] != MAIN_PORT:
+        return None
+    return ActuatorOutputs(**h, pwm_us=f[1:9] + f[10:18])
+
+
+def _battery(millivolts: int, h: Header) -> Message | None:
+    return None if millivolts in NO_VOLTAGE else Battery(**h, voltage_v=millivolts * 1e-3)
+
+
+def _battery_status(f: Fields, h: Header) -> Message | None:
+    """The first battery's cells; a voltage beyond 65.5 V is split over several. Others may drive no motor."""
+    cells = [mv for mv in (*f[3:13], *f[20:24]) if mv not in NO_VOLTAGE]
+    return _battery(sum(cells), h) if f[14] == FIRST_BATTERY else None
+
+
+def _command_long(f: Fields, h: Header) -> Message:
+    command, system, component, _ = f[7:]
+    return Command(**h, target_system=system, target_component=component, command=command, params=f[:7])
+
+
+def _command_int(f: Fields, h: Header) -> Message:
+    p1, p2, p3, p4, x, y, z, command, system, component, *_ = f
+    params = (p1, p2, p3, p4, float(x), float(y), z)
+    return Command(**h, target_system=system, target_component=component, command=command, params=params)
+
+
+def _command_ack(f: Fields, h: Header) -> Message:
+    command, result, _, _, system, component = f
+    return CommandAck(**h, target_system=system, target_component=component, command=command, result=result)
+
+
+def _status_text(f: Fields, h: Header) -> Message:
+    severity, text, *_ = f
+    return StatusText(**h, severity=severity, text=text.split(b"\0", 1)[0].decode("ascii", "replace"))
+
+
+def _adsb_vehicle(f: Fields, h: Header) -> Message:
+    """A field whose flag is not set is unknown."""
+    icao, lat, lon, altitude, heading, speed, climb, flags, squawk, kind, callsign, emitter, tslc = f
+
+    def has(flag: int) -> bool:
+        return bool(flags & flag)
+
+    return AdsbVehicle(
+        **h,
+        icao=icao,
+        lat_deg=lat * 1e-7 if has(VALID_COORDS) else None,
+        lon_deg=lon * 1e-7 if has(VALID_COORDS) else None,
+        altitude=altitude * 1e-3 if has(VALID_ALTITUDE) else None,
+        altitude_type=AltitudeType.GEOMETRIC if kind == GEOMETRIC_ALTITUDE else AltitudeType.PRESSURE,
+        course=heading * math.pi / 18000 if has(VALID_HEADING) else None,
+        ground_speed=speed * 0.01 if has(VALID_VELOCITY) else None,
+        climb=climb * 0.01 if has(VALID_CLIMB) else None,
+        callsign=_text(callsign) if has(VALID_CALLSIGN) else "",
+        emitter=emitter,
+        tslc=float(tslc),
+        squawk=squawk if has(VALID_SQUAWK) else None,
+        simulated=has(SIMULATED),
+    )
+
+
+def _text(field: bytes) -> str:
+    """A character field up to its first NUL, printable ASCII only."""
+    text = field.split(b"\0", 1)[0].decode("ascii", "replace")
+    return "".join(c for c in text if c.isascii() and c.isprintable()).strip()
+
+
+def _collision(f: Fields, h: Header) -> Message:
+    threat, time, vertical, horizontal, source, _, level = f
+    return Collision(
+        **h, source=source, threat=threat, threat_level=level, time=time, vertical=vertical, horizontal=horizontal
+    )
+
+
+CONVERT: Final[dict[str, tuple[Layout, Convert]]] = {
+    "HEARTBEAT": (Layout("<I5B"), _heartbeat),
+    "SYSTEM_TIME": (Layout("<QI", boot_ms=1), lambda f, h: SystemTime(**h, unix_ns=f[0] * 1000)),
+    "TIMESYNC": (Layout("<2q"), lambda f, h: TimeSync(**h, tc1_ns=f[0], ts1_ns=f[1])),
+    "ATTITUDE_QUATERNION": (Layout("<I11f", boot_ms=0), _attitude_quaternion),
+    "ATTITUDE": (Layout("<I6f", boot_ms=0), _attitude),
+    "LOCAL_POSITION_NED": (Layout("<I6f", boot_ms=0), _local_position),
+    "GLOBAL_POSITION_INT": (Layout("<I4i3hH", boot_ms=0), _global_position),
+    "EKF_STATUS_REPORT": (Layout("<5fHf"), lambda f, h: _estimator_status(f[5], f[:5], h)),
+    "ESTIMATOR_STATUS": (
+        Layout("<Q8fH", usec=0),
+        lambda f, h: _estimator_status(f[9], f[1:9], h, is_px4=True),
+    ),
+    "ODOMETRY": (Layout("<Q55f4Bb", usec=0), _odometry),
+    "GIMBAL_DEVICE_ATTITUDE_STATUS": (Layout(gimbal.FORM, boot_ms=0), gimbal.attitude),
+    "MOUNT_ORIENTATION": (Layout(gimbal.ORIENTATION, boot_ms=0), gimbal.orientation),
+    "DISTANCE_SENSOR": (Layout(distance.FORM), distance.reading),
+    "GPS_GLOBAL_ORIGIN": (Layout("<3iQ", usec=3), _global_origin),
+    "GPS_RAW_INT": (Layout("<Q3i4H2Bi4IH", usec=0), _gps_fix),
+    "HIGHRES_IMU": (Layout("<Q13fHB", usec=0), _highres_imu),
+    "SCALED_IMU": (Layout("<I10h", boot_ms=0), _scaled_imu),
+    "RAW_IMU": (Layout("<Q9hBh", usec=0), _scaled_imu),
+    "SCALED_PRESSURE": (Layout("<I2f2h", boot_ms=0), lambda f, h: barometer(h, f[1])),
+    "SERVO_OUTPUT_RAW": (Layout("<I8HB8H", usec=0), _servo_output),
+    "SYS_STATUS": (Layout("<3I2Hh6Hb3I"), lambda f, h: _battery(f[4], h)),
+    "BATTERY_STATUS": (Layout("<2ih10Hh3BbiB4HBI"), _battery_status),
+    "COMMAND_LONG": (Layout("<7fH3B"), _command_long),
+    "COMMAND_INT": (Layout("<4f2ifH5B"), _command_int),
+    "COMMAND_ACK": (Layout("<H2Bi2B"), _command_ack),
+    "STATUSTEXT": (Layout("<B50sHB"), _status_text),
+    "ADSB_VEHICLE": (Layout("<I3i2Hh2HB9s2B"), _adsb_vehicle),
+    "COLLISION": (Layout("<I3f3B"), _collision),
+    "WIND": (Layout(wind.FORM), wind.of_direction),
+    "WIND_COV": (Layout(wind.FORM_COV), wind.of_covariance),
+    "FOLLOW_TARGET": (Layout("<2Q2i17fB"), guidance.follow_target),
+    **{
+        name: (Layout(form), convert)
+        for name, (form, convert) in [*parameters.CONVERT.items(), *files.CONVERT.items()]
+    },
+}

@@ -1,0 +1,1 @@
+"""ROS 2: what cameras send, and our records as its messages."""

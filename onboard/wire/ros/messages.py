@@ -1,0 +1,230 @@
+"""Our records as messages of ROS 2, with its axes (REP 103) and frames (REP 105).
+
+    map           east, north, up from the autopilot's origin O
+    base_enu      the same axes at our vehicle
+    base_link     our vehicle: forward, left, up
+    leader        the leader, with axes east, north, up: its attitude is not estimated
+
+Each is the child of the one above; `leader` is one of `base_enu`. Where another node moves `base_link`, `base_enu`
+is its child, and `map` is left to that node. Only what is valid is published: the diagnostics say why something is
+not.
+"""
+
+import math
+import re
+from collections.abc import Iterator
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from onboard.geometry.enu import ENU_NED, FLU_FRD, flu_to_enu
+from onboard.geometry.rotations import quaternion_from_matrix
+from onboard.messages import Estimate, Health, NavState, OwnPose
+from onboard.messages.ros import Ros2Config, RosMessage, RosTopic
+from onboard.wire.odometry import full, odometry_of
+from onboard.wire.ros.diagnostics import statuses
+from onboard.wire.ros.types import RosTypes
+
+POSITION: Final = ("r_north", "r_east", "r_down")
+VELOCITY: Final = ("v_north", "v_east", "v_down")
+UNKNOWN_ANGLE: Final = math.pi**2 / 3.0  # rad^2: variance of an angle, or a rate, that may be any
+LEVEL: Final = (0.0, 0.0, 0.0, 1.0)  # x, y, z, w
+NEW_START_NS: Final = 10_000_000_000  # a clock that runs back by more has begun anew; tf2 remembers as much
+Numbers = NDArray[np.float64]
+
+
+class RosEncoder:
+    """Encodes records. `rate_hz`: of each topic at most; None: all."""
+
+    def __init__(self, config: Ros2Config, rate_hz: float | None = None) -> None:
+        self._types = RosTypes()
+        self._period_ns = 0 if rate_hz is None else round(1e9 / rate_hz)
+        self._root, prefix, self._tf = f"/{config.namespace}", config.frame_prefix, config.tf
+        self._map, self._prefix = "map", prefix
+        self._enu, self._body = f"{prefix}base_enu", f"{prefix}base_link"
+        self._topics: dict[str, RosTopic] = {}
+        self._last_ns: dict[str, int] = {}
+        self._moved_ns: dict[str, int] = {}  # of the newest transform of each frame
+
+    @property
+    def store(self) -> Any:
+        """The typestore of rosbags."""
+        return self._types.store
+
+    def encode(self, record: Any, t_ns: int) -> list[RosMessage]:
+        """The messages of a record with this time in their headers; none of a kind that is not published."""
+        if isinstance(record, Health):
+            return list(self._health(record, t_ns))
+        if isinstance(record, OwnPose):
+            return list(self._own_pose(record, t_ns))
+        if isinstance(record, NavState):
+            return list(self._own_state(record, t_ns))
+        return list(self._target(record, t_ns)) if isinstance(record, Estimate) else []
+
+    # ------------------------------------------------------------------------------- our own vehicle
+
+    def _own_pose(self, own: OwnPose, t_ns: int) -> Iterator[RosMessage]:
+        if not self._is_due("own", t_ns):
+            return
+        north, east, down = own.r_OF_n
+        R = flu_to_enu(own.q_nb)
+        if self._tf == "base_link":
+            yield from self._moved(t_ns, (self._body, self._enu, np.zeros(3), _turn(R.T)))
+            return
+        body = (self._enu, self._body, np.zeros(3), _turn(R))
+        if north is None or east is None:
+            yield from self._moved(t_ns, body)
+        else:
+            yield from self._moved(t_ns, (self._map, self._enu, ENU_NED @ [north, east, down], LEVEL), body)
+
+    def _own_state(self, state: NavState, t_ns: int) -> Iterator[RosMessage]:
+        odometry = odometry_of(state) if state.valid else None
+        if odometry is None or state.name != "own_state" or not self._is_due("own_state", t_ns):
+            return
+        R = flu_to_enu(odometry.q_nb)
+        # ROS's errors of an attitude are about the axes of the frame, ours about the body's
+        pose = self._pose(ENU_NED @ odometry.r_OF_n, _turn(R))
+        P = _spread(full(odometry.pose_covariance), ENU_NED, R @ FLU_FRD)
+        twist = self._twist(FLU_FRD @ odometry.v_F_b, FLU_FRD @ odometry.omega_b)
+        C = _spread(full(odometry.velocity_covariance), FLU_FRD, FLU_FRD)
+        yield self._odometry(f"{self._root}/odometry", t_ns, (self._map, self._body), (pose, P), (twist, C))
+
+    # ------------------------------------------------------------------------------- other aircraft
+
+    def _target(self, estimate: Estimate, t_ns: int) -> Iterator[RosMessage]:
+        if not estimate.valid or estimate.mean is None or estimate.covariance is None:
+            return
+        if estimate.components[:3] != POSITION or not self._is_due(f"{estimate.name}/{estimate.target}", t_ns):
+            return
+        mean, P = np.array(estimate.mean), np.array(estimate.covariance)
+        yield self._message(f"{self._root}/detections", self._detections(estimate, mean, P, t_ns), t_ns)
+        if not estimate.is_primary:
+            return
+        name = re.sub(r"\W", "_", estimate.name, flags=re.ASCII)
+        position, frame = ENU_NED @ mean[:3], f"{self._prefix}{name}"
+        yield from self._moved(t_ns, (self._enu, frame, position, LEVEL))
+        pose, spread = self._pose(position, LEVEL), _of_position(P)
+        stamped = self._with_covariance("Pose", pose, spread)
+        message = self._make("geometry_msgs/PoseWithCovarianceStamped", self._header(t_ns, self._enu), stamped)
+        yield self._message(f"{self._root}/{name}/pose", message, t_ns)
+        if estimate.components[3:6] == VELOCITY:
+            twist = self._twist(ENU_NED @ mean[3:6], np.zeros(3))
+            frames = (self._enu, frame)
+            both = (pose, spread), (twist, _of_position(P[3:6, 3:6]))
+            yield self._odometry(f"{self._root}/{name}/odometry", t_ns, frames, *both)
+
+    def _detections(self, estimate: Estimate, mean: Numbers, P: Numbers, t_ns: int) -> Any:
+        """An array of one: where it may be, the likeliest first, and a cube with its wingspan as side."""
+        header = self._header(t_ns, self._enu)
+        places = [(mode.weight, np.array(mode.mean), np.array(mode.covariance)) for mode in estimate.modes]
+        places = sorted(places, key=lambda place: -place[0]) or [(1.0, mean, P)]
+        results = [
+            self._make(
+                "vision_msgs/ObjectHypothesisWithPose",
+                self._make("vision_msgs/ObjectHypothesis", estimate.name, float(weight)),
+                self._with_covariance("Pose", self._pose(ENU_NED @ place[:3], LEVEL), _of_position(spread)),
+            )
+            for weight, place, spread in places
+        ]
+        side = float(mean[6]) if estimate.components[6:7] == ("size",) else 0.0
+        cube = self._make("geometry_msgs/Vector3", side, side, side)
+        box = self._make("vision_msgs/BoundingBox3D", self._pose(ENU_NED @ mean[:3], LEVEL), cube)
+        one = self._make("vision_msgs/Detection3D", header, results, box, estimate.target)
+        return self._make("vision_msgs/Detection3DArray", header, [one])
+
+    # ------------------------------------------------------------------------------- health
+
+    def _health(self, health: Health, t_ns: int) -> Iterator[RosMessage]:
+        make = self._make
+        found = [
+            make(
+                "diagnostic_msgs/DiagnosticStatus",
+                *(one.level, one.name, one.message, health.autopilot),
+                [make("diagnostic_msgs/KeyValue", key, value) for key, value in one.values.items()],
+            )
+            for one in statuses(health)
+        ]
+        array = make("diagnostic_msgs/DiagnosticArray", self._header(t_ns, ""), found)
+        yield self._message("/diagnostics", array, t_ns)
+
+    # ------------------------------------------------------------------------------- parts of messages
+
+    def _make(self, kind: str, *fields: Any) -> Any:
+        return self._types.make(kind, *fields)
+
+    def _message(self, topic: str, message: Any, t_ns: int) -> RosMessage:
+        if topic not in self._topics:
+            self._topics[topic] = self._types.topic(topic, message.__msgtype__.replace("/msg/", "/"))
+        return RosMessage(self._topics[topic], t_ns, self._types.encode(message))
+
+    def _header(self, t_ns: int, frame: str) -> Any:
+        seconds, rest = divmod(t_ns, 1_000_000_000)
+        return self._make("std_msgs/Header", self._make("builtin_interfaces/Time", seconds, rest), frame)
+
+    def _pose(self, r: Numbers, turn: tuple[float, ...]) -> Any:
+        point = self._make("geometry_msgs/Point", *map(float, r))
+        return self._make("geometry_msgs/Pose", point, self._make("geometry_msgs/Quaternion", *turn))
+
+    def _twist(self, v: Numbers, omega: Numbers) -> Any:
+        return self._make("geometry_msgs/Twist", self._vector(v), self._vector(omega))
+
+    def _vector(self, v: Numbers) -> Any:
+        return self._make("geometry_msgs/Vector3", *map(float, v))
+
+    def _moved(self, t_ns: int, *moved: tuple[str, str, Numbers, tuple[float, ...]]) -> Iterator[RosMessage]:
+        """Transforms from a parent to a child, of which those are left out that would go back in time."""
+        if self._tf == "none":
+            return
+        newer = [one for one in moved if self._is_newer(one[1], t_ns)]
+        if newer:
+            transforms = [self._transform(t_ns, *one) for one in newer]
+            yield self._message("/tf", self._make("tf2_msgs/TFMessage", transforms), t_ns)
+
+    def _is_newer(self, frame: str, t_ns: int) -> bool:
+        last_ns = self._moved_ns.get(frame)
+        if last_ns is not None and -NEW_START_NS < t_ns - last_ns <= 0:
+            return False
+        self._moved_ns[frame] = t_ns
+        return True
+
+    def _transform(self, t_ns: int, parent: str, child: str, r: Numbers, turn: tuple[float, ...]) -> Any:
+        rotation = self._make("geometry_msgs/Quaternion", *turn)
+        transform = self._make("geometry_msgs/Transform", self._vector(r), rotation)
+        return self._make("geometry_msgs/TransformStamped", self._header(t_ns, parent), child, transform)
+
+    def _with_covariance(self, kind: str, value: Any, spread: Numbers) -> Any:
+        return self._make(f"geometry_msgs/{kind}WithCovariance", value, spread.ravel())
+
+    def _odometry(self, topic: str, t_ns: int, frames: tuple[str, str], pose: Any, twist: Any) -> RosMessage:
+        parent, child = frames
+        header = self._header(t_ns, parent)
+        both = self._with_covariance("Pose", *pose), self._with_covariance("Twist", *twist)
+        return self._message(topic, self._make("nav_msgs/Odometry", header, child, *both), t_ns)
+
+    def _is_due(self, what: str, t_ns: int) -> bool:
+        """Whether a record is wanted by now; a clock that runs back begins anew."""
+        if 0 <= t_ns - self._last_ns.get(what, -self._period_ns) < self._period_ns:
+            return False
+        self._last_ns[what] = t_ns
+        return True
+
+
+def _turn(R: Numbers) -> tuple[float, ...]:
+    """ROS's order of a quaternion: x, y, z, w."""
+    w, x, y, z = quaternion_from_matrix(R).tolist()
+    return x, y, z, w
+
+
+def _spread(covariance: Numbers, first: Numbers, second: Numbers) -> Numbers:
+    """A covariance (6, 6) whose two halves are rotated."""
+    J = np.zeros((6, 6))
+    J[:3, :3], J[3:, 3:] = first, second
+    return np.asarray(J @ covariance @ J.T)
+
+
+def _of_position(P: Numbers) -> Numbers:
+    """The covariance (6, 6) of a pose, or of a twist, of which only the first half (3, 3) is known."""
+    spread = np.diag([UNKNOWN_ANGLE] * 6)
+    spread[:3, :3] = ENU_NED @ P[:3, :3] @ ENU_NED.T
+    return spread
