@@ -12,7 +12,6 @@ from onboard.estimators.traffic.config import Config, FilterName
 from onboard.estimators.traffic.estimator import Estimator
 from onboard.geometry.camera import make_camera
 from onboard.geometry.geodesy import ecef_from_geodetic, geodetic_from_ecef, rotation_ne
-from onboard.geometry.units import NS_PER_S
 from onboard.messages import (
     AdsbVehicle,
     AltitudeType,
@@ -24,6 +23,7 @@ from onboard.messages import (
     RadarScan,
 )
 from onboard.ownship import Ownship
+from onboard.units import NS_PER_S
 
 COUNTS: Final = (125, 250, 500)
 HOME: Final = (47.4, 8.5, 500.0)

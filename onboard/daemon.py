@@ -34,13 +34,14 @@ from onboard.sinks import zenoh as publishing
 from onboard.sinks.console import Console
 from onboard.sinks.zenoh_ros import RosRunner, RosSink
 from onboard.sinks.zenoh_session import RouterAbsentError, ZenohSession, open_session
+from onboard.units import NS_PER_S, S_PER_NS
 
 TICK_S: Final = 0.02
 ROUTER_RETRY_S: Final = 1.0
 LEADER_HZ: Final = 20.0
-HEALTH_PERIOD_NS: Final = 1_000_000_000
+HEALTH_PERIOD_NS: Final = NS_PER_S
 LONGEST_WAIT_US: Final = (1 << 32) - 1  # what a recording can hold: more than an hour
-SILENT_NS: Final = 3_000_000_000  # without a message of the latched autopilot: no longer healthy
+SILENT_NS: Final = 3 * NS_PER_S  # without a message of the latched autopilot: no longer healthy
 
 
 class Daemon:
@@ -78,7 +79,7 @@ class Daemon:
         self._rates: dict[str, float] = {}
         self._next_health_ns = 0
         self._lag_ns = 0  # the longest time by which the timer was late since the last health
-        self._max_age_ns = round(config.ownship.max_age_s * 1e9)
+        self._max_age_ns = round(config.ownship.max_age_s * NS_PER_S)
         self._offset_ns: int | None = None  # of the clocks, as of the last tick: other threads read it
         self._leader_stream = Stream(LEADER_HZ)
         self._service = ServiceManager()
@@ -147,7 +148,7 @@ class Daemon:
         self._zenoh = await asyncio.to_thread(open_session, config.zenoh)
         prefix = config.zenoh.prefix
         zenoh = publishing.ZenohSink(
-            self._zenoh, prefix, current=self._current, monotonic=lambda: self._now_ns() * 1e-9
+            self._zenoh, prefix, current=self._current, monotonic=lambda: self._now_ns() * S_PER_NS
         )
         sinks: list[SinkRunner[Any]] = [publishing.runner(zenoh)]
         if (encoder := self._encoder) is not None:
@@ -247,7 +248,7 @@ class Daemon:
             except Exception as error:  # of any kind: the next tick may succeed
                 self._pipeline.count_error("timer", error)
             self._console.show_errors(self._pipeline.errors)
-            due_ns = self._now_ns() + round(TICK_S * 1e9)
+            due_ns = self._now_ns() + round(TICK_S * NS_PER_S)
             await asyncio.sleep(TICK_S)
 
     def _tick(self, now_ns: int) -> None:
@@ -272,7 +273,7 @@ class Daemon:
             self._output.show_computer(computer := self._computer.read(now_ns))
             sinks = {name: sink.health() for name, sink in self._sinks.items()}
             links = {link.channel: link.health() for link in self._links}
-            load, self._lag_ns = load_of(computer, self._lag_ns * 1e-9), 0
+            load, self._lag_ns = load_of(computer, self._lag_ns * S_PER_NS), 0
             health = self._pipeline.health(now_ns, Rim(sinks, links, load))
             self._publish(health)
             self._console.show_health(health)
@@ -320,7 +321,7 @@ class Daemon:
     def _measure_rates(self) -> None:
         """Frames per second by MAVLink name, over the last health period."""
         frames = self._pipeline.frames
-        period_s = HEALTH_PERIOD_NS * 1e-9
+        period_s = HEALTH_PERIOD_NS * S_PER_NS
         self._rates = {name: (count - self._frames.get(name, 0)) / period_s for name, count in frames.items()}
         self._frames = frames
 

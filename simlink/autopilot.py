@@ -29,6 +29,7 @@ from onboard.messages import (
     TimeSync,
     Wind,
 )
+from onboard.units import S_PER_NS
 from onboard.wire.mavlink.decode import MavlinkDecoder
 from onboard.wire.mavlink.encode import MavlinkEncoder
 from simlink.scenarios.vehicle import Vehicle
@@ -302,7 +303,7 @@ class AutopilotLink:
         north, east, down = r_n.tolist()
         _, _, heading = euler_from_quaternion(message.q_nL or (1.0, 0.0, 0.0, 0.0))
         target = Target((north, east, down), message.v_n, heading, message.a_n or (0.0, 0.0, 0.0))
-        follow.receive(target, (t_ns - follow.begin_ns) * 1e-9)
+        follow.receive(target, (t_ns - follow.begin_ns) * S_PER_NS)
 
     def _encode(self, messages: Iterable[Message]) -> list[bytes]:
         return [self._encoder.encode(message) for message in messages]

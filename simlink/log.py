@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import IO, Final
 
 from onboard.messages import Datagram, Encoding, TrafficTruth, Truth
+from onboard.units import S_PER_NS
 from onboard.wire.logs.tlog import tlog_record
 from simlink.scenarios.scenario import Scenario
 from simlink.simulation import check_mavlink, datagrams
@@ -55,7 +56,7 @@ def write_log(
                 frames += 1
                 continue
             start_ns = item.t_ns if start_ns is None else start_ns
-            progress((item.t_ns - start_ns) * 1e-9)
+            progress((item.t_ns - start_ns) * S_PER_NS)
             tables.write(item)
     return frames, tables.rows
 
@@ -83,13 +84,13 @@ class TruthTables(ExitStack):
 def truth_row(truth: Truth) -> str:
     """One line of the leader's truth; its columns are `COLUMNS`."""
     numbers = (*truth.r_FL_n, *truth.v_FL_n, truth.size, truth.a_lat, truth.a_long, *truth.q_nL)
-    return f"{truth.t_ns * 1e-9:.3f}," + ",".join(f"{x:.6f}" for x in numbers) + "\n"
+    return f"{truth.t_ns * S_PER_NS:.3f}," + ",".join(f"{x:.6f}" for x in numbers) + "\n"
 
 
 def state_row(truth: Truth) -> str:
     """One line of the vehicle's own truth; its columns are `STATE_COLUMNS`."""
     numbers = (*truth.r_OF_n, *truth.v_F_n, *truth.q_nF, *truth.omega_b)
-    return f"{truth.t_ns * 1e-9:.3f}," + ",".join(f"{x:.6f}" for x in numbers) + f',"{truth.fault}"\n'
+    return f"{truth.t_ns * S_PER_NS:.3f}," + ",".join(f"{x:.6f}" for x in numbers) + f',"{truth.fault}"\n'
 
 
 def _open(path: Path, stack: ExitStack) -> IO[bytes]:

@@ -29,6 +29,7 @@ from onboard.messages import (
     TrafficTruth,
     Truth,
 )
+from onboard.units import NS_PER_S
 from onboard.wire.logs.tlog import frame_length
 from onboard.wire.mavlink.encode import MavlinkEncoder
 from simlink.autopilot import Autopilot, AutopilotLink
@@ -90,7 +91,7 @@ class InTransit(Generic[T]):
     """What has left a sensor and has not been delivered yet, in order."""
 
     def __init__(self, latency: float) -> None:
-        self._latency_ns = round(latency * 1e9)
+        self._latency_ns = round(latency * NS_PER_S)
         self._waiting: deque[tuple[int, T]] = deque()
 
     def put(self, t_ns: int, item: T) -> None:
@@ -131,7 +132,7 @@ def ticks(
     rangefinder = None
     if scenario.rangefinder is not None:
         rangefinder = RangefinderSensor(scenario.rangefinder, scenario.camera, seed, mount)
-    rate, stamp_late_ns = scenario.camera.rate, round(scenario.camera.stamp_late * 1e9)
+    rate, stamp_late_ns = scenario.camera.rate, round(scenario.camera.stamp_late * NS_PER_S)
     images: InTransit[Image] = InTransit(scenario.camera.latency)
     attitudes: InTransit[GimbalAttitude] = InTransit(0.0 if settings is None else settings.latency)
     traffic = Traffic(scenario, seed)

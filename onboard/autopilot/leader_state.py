@@ -11,7 +11,6 @@ from onboard.arrays import Array
 from onboard.config import OwnErrors
 from onboard.geometry.geodesy import geodetic_from_ned, ned_from_geodetic
 from onboard.geometry.path_axes import SLOW, acceleration_of
-from onboard.geometry.units import NS_PER_S
 from onboard.messages import (
     Estimate,
     GlobalOrigin,
@@ -25,6 +24,7 @@ from onboard.messages import (
     Vec3,
 )
 from onboard.messages.causes import Cause, Reason
+from onboard.units import NS_PER_S
 
 NAME: Final = "leader"
 ORIGIN_AGREES_M: Final = 20.0  # an origin farther from where our own positions put it is that of an earlier boot

@@ -3,9 +3,9 @@
 from enum import IntEnum
 from typing import Final, NamedTuple
 
-from onboard.geometry.units import NS_PER_S
 from onboard.messages import Advice, Clock, Estimate, Lifecycle, Severity, StatusText
 from onboard.messages.text import plain, without_numbers
+from onboard.units import NS_PER_S
 
 ERROR, WARNING, NOTICE, INFO = 3, 4, 5, 6  # MAV_SEVERITY
 MOST_WAITING: Final = 5  # of one rank

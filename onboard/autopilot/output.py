@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 from msgspec.structs import replace
 
 from onboard.autopilot.files import Files
-from onboard.autopilot.guidance import PX4, Guidance, follower_of
+from onboard.autopilot.guidance import Guidance, follower_of
 from onboard.autopilot.leader_messages import OWN_SYSTEM, View
 from onboard.autopilot.leader_output import LeaderOutput
 from onboard.autopilot.leader_state import LeaderStates
@@ -34,10 +34,12 @@ from onboard.messages import (
     Output,
     WarmState,
 )
+from onboard.messages.mavlink_enums import PX4
+from onboard.units import NS_PER_S
 from onboard.wire.datagrams import OnRefused, ignore
 from onboard.wire.mavlink.signing import Signer
 
-RECENT_NS: Final = 1_000_000_000  # of an estimate that is worth keeping
+RECENT_NS: Final = NS_PER_S  # of an estimate that is worth keeping
 
 
 class Outgoing(NamedTuple):

@@ -3,8 +3,8 @@ time that estimates need; a ration bounds both, whoever asks and however often."
 
 from typing import Final
 
-from onboard.geometry.units import NS_PER_S
 from onboard.messages import Message
+from onboard.units import NS_PER_S
 
 MOST_BYTES: Final = 8192  # of answers to one source at once: two lists of parameters, or three bursts of a file
 BYTES_PER_S: Final = 4096  # then; less than a serial line at 57,600 Bd carries

@@ -12,9 +12,9 @@ from onboard.autopilot.leader_messages import View
 from onboard.autopilot.notices import INFO, WARNING
 from onboard.geometry.camera import in_view, project
 from onboard.geometry.rotations import matrix_from_quaternion
-from onboard.geometry.units import NS_PER_S
 from onboard.messages import LeaderState
 from onboard.messages.causes import Cause, Reason
+from onboard.units import NS_PER_S
 
 Text = tuple[int, str]  # MAV_SEVERITY and the words
 

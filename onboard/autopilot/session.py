@@ -17,7 +17,6 @@ from onboard.autopilot.rations import STORED, Rations
 from onboard.autopilot.requests import Requests, sender_of, stamp
 from onboard.autopilot.stream import Stream
 from onboard.config import AutopilotConfig, Config
-from onboard.geometry.units import NS_PER_S
 from onboard.messages import (
     Command,
     CommandAck,
@@ -32,13 +31,14 @@ from onboard.messages import (
     tagged,
 )
 from onboard.messages.causes import Cause, Reason
+from onboard.messages.mavlink_enums import ARDUPILOT
+from onboard.units import NS_PER_S
 from onboard.wire.datagrams import OnRefused, ignore
 from onboard.wire.mavlink.encode import message_number
 
 TIMESYNC_HZ: Final = 5.0
 ASK_AGAIN_NS: Final = 5 * NS_PER_S
 STATUS_HZ: Final = 5.0
-ARDUPILOT: Final = 3
 SLOW: Final = 0.7  # a stream below this share of its wanted rate is asked for again
 ONBOARD_CONTROLLER: Final = 18
 INVALID: Final = 8

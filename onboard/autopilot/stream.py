@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from onboard.geometry.units import NS_PER_S
+from onboard.units import NS_PER_S
 
 CLOSE_NS: Final = 1_000_000  # what comes on a grid of its own is due this near to its time
 OFF: Final = -1  # us, of SET_MESSAGE_INTERVAL

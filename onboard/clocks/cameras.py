@@ -3,11 +3,12 @@
 from typing import Final
 
 from onboard.messages import Exposure, Message
+from onboard.units import NS_PER_S
 
 MOST: Final = 32  # sources that are known
 JUMPS: Final = 3  # of the autopilot's clock, that a source may not have followed
 ALIKE_NS: Final = 150_000_000  # by which a source's latency varies
-UNLIKE_NS: Final = 2_000_000_000  # so long another latency: it is the usual one now
+UNLIKE_NS: Final = 2 * NS_PER_S  # so long another latency: it is the usual one now
 
 Source = tuple[type[Message], str]
 

@@ -35,16 +35,17 @@ from onboard.messages import (
 )
 from onboard.messages.causes import Cause, Reason
 from onboard.messages.stamps import Span, read_stamps
+from onboard.units import NS_PER_S, S_PER_NS
 
 # A sensor stamps these, perhaps by the boot clock, and they can be used once our own pose at that time is known.
 SENSED: Final = (Exposure, RadarScan, PeerRanges)
 SERVO_WRAP_NS: Final = 2**32 * 1000  # SERVO_OUTPUT_RAW stamps in 32 bits of microseconds: 71.6 minutes
 BOOT_WRAP_NS: Final = 2**32 * 1_000_000  # time_boot_ms: 49.7 days
-JUMP_NS: Final = 1_000_000_000
-CONTINUES_NS: Final = 5_000_000_000
+JUMP_NS: Final = NS_PER_S
+CONTINUES_NS: Final = 5 * NS_PER_S
 CONFIRM_TAGGED: Final = 3
 AHEAD_NS: Final = 250_000_000  # of a stamp before its arrival; streams of one real autopilot are 140 ms apart
-STEP_LASTS_NS: Final = 3_000_000_000  # a link that is held up for longer is taken for a clock that was set
+STEP_LASTS_NS: Final = 3 * NS_PER_S  # a link that is held up for longer is taken for a clock that was set
 CORRECTED_NS: Final = 50_000_000  # stamps of this computer were converted so wrongly that estimates suffer
 MOST_GIMBALS: Final = 8
 LONGEST_ROUND_TRIP_NS: Final = 200_000_000
@@ -161,8 +162,8 @@ class Clocks:
         if later > LATER_NS:
             late = Reason(
                 Cause.LATER_THAN_ARRIVAL,
-                f"later_than_arrival: `t_ns` is {later * 1e-9:.3f} s later than the message arrived; expected the "
-                f"time of exposure on the clock `{message.clock.value}`, or a `delay` of as much",
+                f"later_than_arrival: `t_ns` is {later * S_PER_NS:.3f} s later than the message arrived; expected "
+                f"the time of exposure on the clock `{message.clock.value}`, or a `delay` of as much",
             )
             arrived, boot = message.t_recv_ns, message.t_recv_ns - offset
             spans = {Clock.HOST: Span(arrived, arrived), Clock.BOOT: Span(boot, boot)}

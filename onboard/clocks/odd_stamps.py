@@ -6,12 +6,13 @@ from typing import Final
 from msgspec.structs import replace
 
 from onboard.messages import Message
+from onboard.units import NS_PER_S
 
 CONFIRM: Final = 5
-AGREE_NS: Final = 1_000_000_000  # stamps of one clock differ from their arrivals alike
-REPEATED_NS: Final = 10_000_000_000  # a second link delivers what the first one lost so late at the most
+AGREE_NS: Final = NS_PER_S  # stamps of one clock differ from their arrivals alike
+REPEATED_NS: Final = 10 * NS_PER_S  # a second link delivers what the first one lost so late at the most
 REMEMBERED: Final = 10_000  # messages, to know them again however late
-ALONE_NS: Final = 1_000_000_000  # only stamps of the recent past for so long: no link repeats them
+ALONE_NS: Final = NS_PER_S  # only stamps of the recent past for so long: no link repeats them
 BACK_LASTS_NS: Final = 250_000_000  # only stamps behind the newest for so long: the clock has jumped back
 
 

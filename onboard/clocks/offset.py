@@ -10,12 +10,14 @@ import math
 from itertools import pairwise
 from typing import Final, NamedTuple
 
-WINDOW_NS: Final = 10_000_000_000
+from onboard.units import NS_PER_S
+
+WINDOW_NS: Final = 10 * NS_PER_S
 DRIFT: Final = 300e-6  # the most by which two clocks drift apart; simulated autopilots: 150e-6
 BLOCK_NS: Final = 250_000_000  # the fastest message of each such time shows how the offset changes
-FIT_NS: Final = 5_000_000_000  # over which the slope is fitted
+FIT_NS: Final = 5 * NS_PER_S  # over which the slope is fitted
 FEWEST: Final = 5  # points of a fit
-LEAST_NS: Final = {"timesync": 1_000_000_000, "arrival": 3_000_000_000}  # span of a fit that is followed
+LEAST_NS: Final = {"timesync": NS_PER_S, "arrival": 3 * NS_PER_S}  # span of a fit that is followed
 SHOWN_NS: Final = 750_000_000  # span of one that is a doubt
 FLOOR_NS: Final = {"timesync": 300_000, "arrival": 2_000_000}  # noise of a point, at least
 SLOPE: Final = 1e-3  # smaller ones are followed by the newest messages

@@ -3,8 +3,9 @@
 from typing import Final
 
 from onboard.messages import Message
+from onboard.units import NS_PER_S
 
-STEP_SEEN_NS: Final = 2_000_000_000  # so long after a step of the wall clock, stamps from before it may arrive
+STEP_SEEN_NS: Final = 2 * NS_PER_S  # so long after a step of the wall clock, stamps from before it may arrive
 
 
 class WallClock:

@@ -18,6 +18,7 @@ from onboard.geometry.rotations import euler_from_quaternion, matrix_from_euler,
 from onboard.messages import Datagram, Exposure, Message, OwnPose, TargetPoints
 from onboard.terminal.files import check_targets
 from onboard.terminal.output import show
+from onboard.units import S_PER_NS
 from onboard.wire.logs.tlog import NotALogError
 
 ENOUGH: Final = {
@@ -95,7 +96,7 @@ def _images(images: list[TargetPoints], sigma: float) -> Images:
     images = sorted(images, key=lambda m: m.t_ns)
     sigmas = [m.sigma[0] if m.sigma is not None else sigma for m in images]
     return Images(
-        np.array([m.t_ns * 1e-9 for m in images]),
+        np.array([m.t_ns * S_PER_NS for m in images]),
         np.array([m.center for m in images]),
         np.array([math.dist(m.left, m.right) for m in images]),
         np.array(sigmas),
@@ -108,7 +109,7 @@ def _own(poses: list[OwnPose]) -> OwnMotion:
     q = np.array([pose.q_nb for pose in poses])
     signs = np.cumprod(np.where(np.sum(q[1:] * q[:-1], axis=1) < 0, -1.0, 1.0))
     q[1:] *= signs[:, None]
-    return OwnMotion(np.array([p.t_ns * 1e-9 for p in poses]), np.array([p.r_OF_n for p in poses], float), q)
+    return OwnMotion(np.array([p.t_ns * S_PER_NS for p in poses]), np.array([p.r_OF_n for p in poses], float), q)
 
 
 def described(found: Calibration, config: Config) -> list[str]:

@@ -22,6 +22,7 @@ from onboard.arrays import Array
 from onboard.config import Config
 from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.messages import ActuatorOutputs, Battery, Datagram, Imu, Message, OwnPose
+from onboard.units import S_PER_NS
 from onboard.wire.logs.tlog import NotALogError
 
 ENOUGH: Final = 0.15  # sigma over value of what a fault is named by: one known worse is not offered
@@ -105,17 +106,17 @@ def _aligned(log: Path, config: Config, until: float | None) -> tuple[list[Messa
         raise UserError(f"{log}: {error}") from error
     ordered = sorted({(type(m), m.t_ns): m for m in found}.values(), key=lambda m: m.t_ns)
     start = ordered[0].t_ns if ordered else 0
-    return [m for m in ordered if until is None or (m.t_ns - start) * 1e-9 <= until], poses
+    return [m for m in ordered if until is None or (m.t_ns - start) * S_PER_NS <= until], poses
 
 
 def _seconds(messages: list[Imu] | list[ActuatorOutputs] | list[Battery]) -> Array:
-    return np.array([m.t_ns * 1e-9 for m in messages])
+    return np.array([m.t_ns * S_PER_NS for m in messages])
 
 
 def _velocity_b(poses: list[OwnPose], t: Array) -> Array:
     poses = list({pose.t_ns: pose for pose in sorted(poses, key=lambda p: p.t_ns)}.values())
     v_b = np.array([matrix_from_quaternion(np.array(p.q_nb)).T @ np.array(p.v_F_n) for p in poses])
-    return np.column_stack([np.interp(t, [p.t_ns * 1e-9 for p in poses], v_b[:, i]) for i in range(3)])
+    return np.column_stack([np.interp(t, [p.t_ns * S_PER_NS for p in poses], v_b[:, i]) for i in range(3)])
 
 
 def described_airframe(found: AirframeFit, known: AirframeMeasures, pwm_us: tuple[float, float]) -> list[str]:

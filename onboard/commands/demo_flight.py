@@ -23,6 +23,7 @@ from onboard.scoring.leader import LeaderScore, score_leader
 from onboard.scoring.own_state import OwnStateScore, score_own_state
 from onboard.scoring.reference import reference_from_records
 from onboard.scoring.statistics import Latency, percentiles
+from onboard.units import S_PER_NS
 from onboard.view.client import Client, PublishedRecord
 
 if TYPE_CHECKING:
@@ -214,7 +215,7 @@ def _watch(
                 _note_latency(flight, received)
             case Truth():
                 flight.truths.append(record)
-                on_progress((record.t_ns - flight.truths[0].t_ns) * 1e-9, newest)
+                on_progress((record.t_ns - flight.truths[0].t_ns) * S_PER_NS, newest)
             case Health():
                 flight = flight._replace(health=record)
             case SimStatus():

@@ -34,6 +34,7 @@ from onboard.messages.causes import Cause, Reason
 from onboard.pipeline.needs import needs
 from onboard.sinks.recorder import SET_S
 from onboard.sinks.sink import SinkError
+from onboard.units import S_PER_NS
 from onboard.view.client import Client
 
 ANSWER_S: Final = 3.0  # for a daemon that runs to send its health, which comes once a second
@@ -88,7 +89,7 @@ def load(path: Path | None, overrides: tuple[str, ...]) -> Config:
 
 def check(config: Config, wait_s: float, report: Callable[[str], None]) -> bool:
     """Report every line; whether nothing that is needed is missing. It takes some seconds more than `wait_s`."""
-    lines = [_disk(config), _clock(config, time.time_ns() * 1e-9)]
+    lines = [_disk(config), _clock(config, time.time_ns() * S_PER_NS)]
     for line in lines:
         _show(line, report)
     try:

@@ -22,6 +22,7 @@ from onboard.terminal.console import Console
 from onboard.terminal.files import check_targets
 from onboard.terminal.output import one_line
 from onboard.terminal.progress import progress_bar
+from onboard.units import S_PER_NS
 
 OF_AUTOPILOT = {".bin", ".ulg"}
 EARLIEST_S = 1e9  # of Unix time; before it, arrivals are on a boot clock
@@ -93,9 +94,9 @@ def write_report(log: Path, config: Config, *, out: Path, pdf: Path | None, trut
 
 def _facts(log: Path, config: Config, replayed: ReplayResult, truth: Path | None) -> list[tuple[str, str]]:
     health = replayed.health
-    end_s = health.t_recv_ns * 1e-9
+    end_s = health.t_recv_ns * S_PER_NS
     begin = datetime.datetime.fromtimestamp(end_s - replayed.duration, datetime.UTC)
-    offset = "none" if health.clock_offset_ns is None else f"{health.clock_offset_ns * 1e-9:.3f} s ahead of it"
+    offset = "none" if health.clock_offset_ns is None else f"{health.clock_offset_ns * S_PER_NS:.3f} s ahead of it"
     trip = "" if health.round_trip is None else f", round trip {health.round_trip * 1e3:.1f} ms"
     return [
         ("log", f"{log}, {replayed.records} records, {replayed.damaged} damaged"),
@@ -125,7 +126,7 @@ def _tables(series: FlightSeries, replayed: ReplayResult) -> dict[str, list[tupl
         "Faults of our own vehicle": [
             ("fault", "from, s", "size"),
             *(
-                (f"{f.kind} {f.part}".strip(), f"{f.t_onset_ns * 1e-9:.2f}", f"{f.magnitude:.2f} {f.unit}")
+                (f"{f.kind} {f.part}".strip(), f"{f.t_onset_ns * S_PER_NS:.2f}", f"{f.magnitude:.2f} {f.unit}")
                 for f in series.faults.values()
             ),
         ],
@@ -163,4 +164,4 @@ def _number(value: float | None) -> str:
 
 
 def _boot_s(t_recv_ns: int, replayed: ReplayResult) -> str:
-    return f"{replayed.end + (t_recv_ns - replayed.health.t_recv_ns) * 1e-9:.2f}"
+    return f"{replayed.end + (t_recv_ns - replayed.health.t_recv_ns) * S_PER_NS:.2f}"

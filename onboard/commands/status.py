@@ -17,6 +17,7 @@ from onboard.messages.causes import NO_REASON, Cause, Reason
 from onboard.messages.text import plain
 from onboard.sinks.sink import SinkError
 from onboard.sinks.zenoh_reach import worst
+from onboard.units import S_PER_NS
 from onboard.view.client import Client
 
 DEFAULT_ENDPOINT: Final = "tcp/127.0.0.1:7447"
@@ -151,7 +152,7 @@ def _advice(advice: tuple[Advice, ...]) -> list[str]:
 def _autopilot(health: Health) -> list[str]:
     beside = f"; also heard: {'; '.join(health.beside)}" if health.beside else ""
     trip = "none" if health.round_trip is None else f"{1e3 * health.round_trip:.1f} ms"
-    offset = "unknown" if health.clock_offset_ns is None else f"{health.clock_offset_ns * 1e-9:.4f} s"
+    offset = "unknown" if health.clock_offset_ns is None else f"{health.clock_offset_ns * S_PER_NS:.4f} s"
     senders = ", ".join(f"{name} ({count})" for name, count in sorted(health.senders.items()))
     return [
         f"autopilot  {health.autopilot}{beside}; reboots {health.autopilot_reboots}",
@@ -172,7 +173,7 @@ def _rejected(health: Health) -> list[str]:
     counts = ", ".join(f"{name} {count}" for name, count in sorted(health.rejected.items()))
     lines = ["", f"rejected   {counts or 'nothing'}"]
     for r in health.refusals[-LAST:]:
-        age = (health.t_recv_ns - r.t_recv_ns) * 1e-9
+        age = (health.t_recv_ns - r.t_recv_ns) * S_PER_NS
         lines.append(f"           {age:.0f} s ago, {r.source}: {r.reason} ({r.count} times)")
     return lines
 

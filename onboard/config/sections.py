@@ -22,12 +22,12 @@ from onboard.messages import (
     TargetClass,
     Vec3,
 )
+from onboard.messages.mavlink_enums import ARDUPILOT
 from onboard.messages.ros import Ros2Config
 from onboard.sinks.zenoh_router import RouterConfig
 from onboard.sinks.zenoh_session import ZenohConfig
 from onboard.wire.documents.cameras import CameraInput
 
-ARDUPILOT: Final = 3
 SystemId = Annotated[int, msgspec.Meta(ge=0, le=255)]
 
 

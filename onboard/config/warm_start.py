@@ -19,6 +19,7 @@ from onboard.config.sections import Config
 from onboard.config.storing import Storing, replace_file
 from onboard.messages import Datagram, Encoding, WarmState
 from onboard.messages.causes import Cause, Reason
+from onboard.units import S_PER_NS
 from onboard.wire.documents.document import BadDocumentError
 from onboard.wire.documents.warm_state import decode_warm_state, encode_warm_state
 
@@ -99,7 +100,7 @@ class WarmFile:
         state = decode_warm_state(data, wall_ns)
         if state.configuration != self.digest:
             raise BadDocumentError("it is of another configuration")
-        age = (wall_ns - state.wall_ns) * 1e-9
+        age = (wall_ns - state.wall_ns) * S_PER_NS
         if age < 0.0:
             raise BadDocumentError(f"it is of the future, by {-age:.1f} s: the wall clock was set")
         if age > MOST_AGE_S:

@@ -11,10 +11,11 @@ from onboard.health.causes_host import STOOD_STILL_S
 from onboard.health.causes_state import invalid
 from onboard.health.needs import Moment, Needs
 from onboard.messages import Advice, Health, Severity
+from onboard.units import NS_PER_S, S_PER_NS
 
-LOOKS_BACK_NS: Final = 5_000_000_000  # counts are compared with those of then
+LOOKS_BACK_NS: Final = 5 * NS_PER_S  # counts are compared with those of then
 ORDER: Final = (Severity.ERROR, Severity.WARNING, Severity.NOTICE)
-SETTLES_NS: Final = 3_000_000_000  # after this program stood still, until rates are again those that come
+SETTLES_NS: Final = 3 * NS_PER_S  # after this program stood still, until rates are again those that come
 MOST: Final = 16  # pieces of advice at once
 
 
@@ -36,7 +37,7 @@ class Advisor:
         while len(kept) > 1 and t_ns - kept[1].t_recv_ns >= LOOKS_BACK_NS:
             kept.popleft()
         before = kept[0] if kept else health
-        waited = max((t_ns - self._first_ns) * 1e-9, health.uptime)
+        waited = max((t_ns - self._first_ns) * S_PER_NS, health.uptime)
         if health.computer.lag > STOOD_STILL_S:
             self._stood_ns = t_ns
         moment = Moment(health, before, self.needs, waited, self._stood_ns, tuple(kept))

@@ -13,14 +13,14 @@ from typing import Final
 
 from onboard.messages import DOUBT, CameraHealth, Exposure, TargetImage
 from onboard.messages.causes import Cause, Reason
+from onboard.units import NS_PER_S, S_PER_NS
 
 MOST: Final = 16  # cameras
 NAMES: Final = 8  # targets, or classes, of each
-RATE_WINDOW_NS: Final = 2_000_000_000
-S_PER_NS: Final = 1e-9
+RATE_WINDOW_NS: Final = 2 * NS_PER_S
 MOST_WATCHED: Final = 32  # cameras whose images' quarter is watched
 IMAGES: Final = 500  # in a row, of one camera
-SPAN_NS: Final = 20_000_000_000  # that they last at least
+SPAN_NS: Final = 20 * NS_PER_S  # that they last at least
 UNUSED: Final = Reason(
     Cause.RANGE_UNUSED,
     f"{DOUBT}`range_m` of its detections is not used: set `detections = true` in [estimator.leader.range], or "

@@ -8,6 +8,7 @@ from onboard.health.needs import Moment
 from onboard.messages import Advice, CameraHealth, Clock, Health, Severity
 from onboard.messages.causes import Cause
 from onboard.messages.stamps import Reading, Span, read_stamps
+from onboard.units import NS_PER_S
 
 PATIENCE_S: Final = 5.0  # after the start, before an image is missing
 SILENT_S: Final = 2.0
@@ -92,7 +93,7 @@ def stamp_reading(m: Moment, name: str, camera: CameraHealth) -> Reading | None:
     offset_ns, stamp_ns, late_s = m.now.clock_offset_ns, camera.stamp_ns, camera.latency
     if offset_ns is None or stamp_ns is None or late_s is None or abs(late_s) < ODD_S or camera.age > SILENT_S:
         return None
-    arrived_ns = m.now.t_recv_ns - round(camera.age * 1e9)
+    arrived_ns = m.now.t_recv_ns - round(camera.age * NS_PER_S)
     boot_ns = arrived_ns - offset_ns
     spans = {Clock.HOST: Span(arrived_ns, arrived_ns), Clock.BOOT: Span(boot_ns, boot_ns)}
     return read_stamps([stamp_ns], Clock(camera.clock), spans, is_ros=name in m.needs.ros)
@@ -233,7 +234,7 @@ def _is_refused(m: Moment) -> bool:
     links = {k.name for k in m.needs.links if not k.is_autopilot}
     return any(
         (r.source.startswith("camera ") or "/" in r.source or r.source in links or r.cause is Cause.OTHER_CLOCK)
-        and m.now.t_recv_ns - r.t_recv_ns < SILENT_S * 1e9
+        and m.now.t_recv_ns - r.t_recv_ns < SILENT_S * NS_PER_S
         for r in m.now.refusals
     )
 

@@ -8,8 +8,9 @@ from onboard.health.needs import Moment
 from onboard.health.remedies import remedy_of
 from onboard.messages import DOUBTS, Advice, Severity
 from onboard.messages.causes import Cause
+from onboard.units import NS_PER_S
 
-RECENT_NS: Final = 10_000_000_000
+RECENT_NS: Final = 10 * NS_PER_S
 LATE_S: Final = 0.15  # by which the daemon's timer may be late
 STOOD_STILL_S: Final = 1.0  # by which it is late when the program did not run at all, or hardly
 LITTLE_ROOM: Final = 200_000_000  # bytes

@@ -6,8 +6,9 @@ from typing import Final, NamedTuple
 from onboard.health.needs import Moment
 from onboard.messages import Advice, Health, Severity
 from onboard.messages.causes import Cause
+from onboard.units import NS_PER_S
 
-LASTS_NS: Final = 5_000_000_000  # not valid for so long
+LASTS_NS: Final = 5 * NS_PER_S  # not valid for so long
 VALID: Final = frozenset({Cause.NONE, Cause.FUSED, Cause.PREDICTED, Cause.CARRIED})
 
 

@@ -11,11 +11,12 @@ from onboard.health.consistency import Consistencies
 from onboard.health.refusals import Refusals
 from onboard.messages import Estimate, Exposure, Fault, Heartbeat, Lifecycle, Message, NavState, StreamHealth
 from onboard.messages.causes import Cause, Reason
+from onboard.messages.mavlink_enums import AUTOPILOT_NAMES
+from onboard.units import NS_PER_S, S_PER_NS
 
-RATE_WINDOW_NS: Final = 2_000_000_000
+RATE_WINDOW_NS: Final = 2 * NS_PER_S
 MOST_SENDERS: Final = 32
 MOST_ERRORS: Final = 100  # kinds of exceptions that are described; all are counted
-AUTOPILOT_NAMES: Final = {3: "ArduPilot", 12: "PX4"}
 
 
 class Exceptions:
@@ -131,7 +132,7 @@ class _Stream:
             window.popleft()
         age_ns = t_recv_ns - window[-1]
         recent = len(window) if age_ns <= RATE_WINDOW_NS else 0
-        return StreamHealth(count=self._count, rate=recent / (RATE_WINDOW_NS * 1e-9), age=age_ns * 1e-9)
+        return StreamHealth(count=self._count, rate=recent / (RATE_WINDOW_NS * S_PER_NS), age=age_ns * S_PER_NS)
 
 
 def total(counts: Iterable[Mapping[str, int]]) -> dict[str, int]:

@@ -18,10 +18,10 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.geometry.camera import Camera
 from onboard.geometry.rotations import euler_from_quaternion, matrix_from_euler, quaternion_from_matrix
-from onboard.geometry.units import NS_PER_S
 from onboard.messages import DOUBT, Estimate, Verdict
 from onboard.messages.causes import Cause, Reason
 from onboard.ownship.ownship import Ownship
+from onboard.units import NS_PER_S
 
 FUSED: Final = (Verdict.FUSED, Verdict.FUSED_LATE)
 WINDOW_NS: Final = 2 * NS_PER_S

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
 from onboard.messages import Exposure, Health
+from onboard.units import S_PER_NS
 
 SILENT_S: Final = 3.0
 ENOUGH: Final = 0.8  # of a rate that is needed
@@ -56,7 +57,7 @@ class Moment(NamedTuple):
 
     def since(self, age: float) -> Health:
         """The oldest health that is younger than `age` s, so that what is counted since then is no older."""
-        young = (h for h in self.recent if (self.now.t_recv_ns - h.t_recv_ns) * 1e-9 < age)
+        young = (h for h in self.recent if (self.now.t_recv_ns - h.t_recv_ns) * S_PER_NS < age)
         return next(young, self.now)
 
     def rejected(self, counted: str) -> int:

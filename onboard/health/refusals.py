@@ -8,6 +8,7 @@ from msgspec.structs import replace
 from onboard.messages import Estimate, Exposure, MeasurementReport, Message, NavState, Refusal, Verdict
 from onboard.messages.causes import Cause, Reason
 from onboard.messages.text import plain, without_names, without_numbers
+from onboard.units import S_PER_NS
 
 MOST: Final = 32  # kinds that are remembered: a source and a reason each
 ALIKE: Final = 8  # of these, kinds that differ only in names: senders may choose any number of them
@@ -92,7 +93,7 @@ class Refusals:
         text = (OWN if is_own else VERDICTS).get(report.verdict)
         if text is None or (report.points is None and not is_own):
             return
-        lead = (report.t_ns - estimate.t_ns) * 1e-9
+        lead = (report.t_ns - estimate.t_ns) * S_PER_NS
         words = f"{report.verdict}: {text.format(lead=lead, age=-lead)}"
         source = f"{'our own' if is_own else 'camera'} {report.source}"
         self.add(source, Reason(Cause(report.verdict), words), report.t_recv_ns)

@@ -11,6 +11,7 @@ from typing import Any, Final, Protocol
 from onboard import UserError
 from onboard.messages import Datagram, LinkHealth
 from onboard.messages.causes import NO_REASON, Cause, Reason
+from onboard.units import NS_PER_S
 
 Deliver = Callable[[Datagram], bool | None]  # whether its sender may be answered
 NowNs = Callable[[], int]
@@ -39,7 +40,7 @@ class Backlog:
 
     def __init__(self, longest_s: float) -> None:
         self.skipped = 0
-        self._longest_ns = longest_s * 1e9
+        self._longest_ns = longest_s * NS_PER_S
         self._is_skipping = False
 
     def skips(self, waited_ns: int) -> bool:

@@ -23,11 +23,12 @@ from onboard.links.link import (
 )
 from onboard.messages import Datagram, Encoding, LinkHealth
 from onboard.messages.causes import NO_REASON
+from onboard.units import NS_PER_S
 
 CONNECT_TIMEOUT_S: Final = 3.0
 SEND_LIMIT: Final = 65_536  # bytes in the send buffer, beyond which data are dropped: seconds of our traffic
 READ_SIZE: Final = 8192  # bytes at once: a flood takes a few milliseconds, then other links have their turn
-OWNED_NS: Final = 3_000_000_000  # since its last message, a peer keeps its connection: three heartbeats
+OWNED_NS: Final = 3 * NS_PER_S  # since its last message, a peer keeps its connection: three heartbeats
 KEEPALIVE: Final = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3, "TCP_USER_TIMEOUT": 10_000}
 
 

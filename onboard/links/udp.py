@@ -34,6 +34,7 @@ from onboard.links.link import (
 )
 from onboard.messages import Datagram, Encoding, LinkHealth
 from onboard.messages.causes import NO_REASON
+from onboard.units import NS_PER_S
 
 Surplus = Callable[[bytes], int]
 Taken = tuple[int, Datagram, Any]  # a datagram after its `surplus` and before its sender
@@ -51,7 +52,7 @@ SO_TIMESTAMPNS: Final = 64  # SO_TIMESTAMPNS_NEW of Linux 5.1: two 64-bit number
 SO_RCVBUFFORCE: Final = 33  # of Linux: beyond net.core.rmem_max, for the privileged
 SO_RXQ_OVFL: Final = 40  # of Linux: with each datagram, how many were dropped before it
 BUDGET: Final = 30_000  # datagrams of one sender in a second: more than any autopilot sends, and we can decode
-BUDGET_NS: Final = 1_000_000_000
+BUDGET_NS: Final = NS_PER_S
 SENDERS: Final = 64  # with a budget of their own; all others share one
 ANCILLARY: Final = 128  # bytes: a time and a count, each with its header
 
@@ -302,7 +303,7 @@ def _waited_ns(ancillary: list[tuple[int, int, bytes]]) -> int:
     for level, kind, value in ancillary:
         if level == socket.SOL_SOCKET and kind == SO_TIMESTAMPNS and len(value) == 16:
             seconds, nanoseconds = struct.unpack("qq", value)
-            return int(max(time.time_ns() - (seconds * 1_000_000_000 + nanoseconds), 0))
+            return int(max(time.time_ns() - (seconds * NS_PER_S + nanoseconds), 0))
     return 0
 
 

@@ -6,8 +6,8 @@ from datetime import UTC, datetime
 from typing import Final, NamedTuple
 
 from onboard.messages.base import Clock
+from onboard.units import NS_PER_S
 
-NS_PER_S: Final = 1_000_000_000
 UNITS: Final = {"nanoseconds": 1, "microseconds": 1_000, "milliseconds": 1_000_000, "seconds": NS_PER_S}
 NAMES: Final = {Clock.HOST: "Unix time", Clock.BOOT: "the autopilot's time since its boot"}
 # By what clocks are off: the rollover of GPS weeks, a day's mistake, a time zone; and at most so many of these.

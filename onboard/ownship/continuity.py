@@ -5,6 +5,7 @@ from typing import Final
 
 from onboard.geometry.geodesy import ned_from_geodetic
 from onboard.messages import Attitude, GlobalPosition, LocalPosition, Message
+from onboard.units import S_PER_NS
 
 CLOCK_NS: Final = 200_000_000  # by which stamps may lag behind arrivals more or less than before
 POSITION_M: Final = 2.0  # from where both velocities lead ...
@@ -17,7 +18,7 @@ RATE: Final = 1.5  # rad/s
 
 def goes_on(before: Message, after: Message) -> bool:
     """Whether motion goes on, by arrivals: some stamp positions otherwise. An attitude's clock does, too."""
-    t = (after.t_recv_ns - before.t_recv_ns) * 1e-9
+    t = (after.t_recv_ns - before.t_recv_ns) * S_PER_NS
     if isinstance(before, Attitude) and isinstance(after, Attitude):
         lag_ns = (after.t_recv_ns - after.t_ns) - (before.t_recv_ns - before.t_ns)
         cosine = abs(sum(a * b for a, b in zip(before.q_nb, after.q_nb, strict=True)))

@@ -18,9 +18,10 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from onboard.ownship.scatter import TIME_S, Ceiling, Scatter
+from onboard.units import NS_PER_S, S_PER_NS
 
-HOLD_NS: Final = 1_000_000_000  # own motion is in doubt for so long after a contradiction
-YAW_HOLD_NS: Final = 10_000_000_000  # one that shows only while we accelerate; a turn and its reversal take less
+HOLD_NS: Final = NS_PER_S  # own motion is in doubt for so long after a contradiction
+YAW_HOLD_NS: Final = 10 * NS_PER_S  # one that shows only while we accelerate; a turn and its reversal take less
 LASTS_NS: Final = 280_000_000  # every step contradicts for so long: no correction of an autopilot, but a fault
 FEWEST: Final = 4  # strides in that time
 NOISE_SIGMAS: Final = 3.0  # a stream's own noise may explain so much
@@ -39,7 +40,7 @@ SPEED: Final = 0.5  # m/s, by which position may change otherwise than velocity 
 SPEED_SHARE: Final = 0.2  # ... and this share of it
 SAME_TURN: Final = math.radians(0.1)  # so far turned by its own rates, an attitude cannot be exactly the same
 SAME_WAY: Final = 0.02  # m; so far moved by its own velocity, a position cannot be exactly the same
-WINDOW_NS: Final = 1_000_000_000  # over which velocity is compared with the accelerometer, and at least this:
+WINDOW_NS: Final = NS_PER_S  # over which velocity is compared with the accelerometer, and at least this:
 SHORTEST_NS: Final = 800_000_000
 CHANGE: Final = 1.0  # m/s, horizontally in that time: more than an accelerometer's bias and a degree of tilt
 SLOWEST_IMU_NS: Final = 60_000_000
@@ -87,9 +88,9 @@ class Strides:
         self._sum = [x + e[0], y + e[1], z + e[2]]
         self._by += by
         self._steps += 1
-        elapsed = (t1_ns - self._start_ns) * 1e-9
+        elapsed = (t1_ns - self._start_ns) * S_PER_NS
         noise = NOISE_SIGMAS * self.scatter.deviation(self._steps) / elapsed
-        self.scatter.add(e, (t1_ns - t0_ns) * 1e-9)
+        self.scatter.add(e, (t1_ns - t0_ns) * S_PER_NS)
         if self.scatter.count >= KNOWN and self.scatter.exceeds(self._ceiling):
             return True
         contradicts = math.hypot(*self._sum) / elapsed > self._limit + self._share * self._by / elapsed + noise
@@ -150,7 +151,7 @@ class Gained:
     def add(self, t_ns: int, north: float, east: float) -> None:
         """Another sample, accelerations in m/s^2."""
         times = self._times
-        dt = (t_ns - times[-1]) * 1e-9
+        dt = (t_ns - times[-1]) * S_PER_NS
         before = self._sums[-1]
         times.append(t_ns)
         self._sums.append((before[0] + north * dt, before[1] + east * dt))
@@ -221,7 +222,7 @@ class Contradictions:
         self._attitude = now
         if before is None:
             return
-        dt = (t_ns - before.t_ns) * 1e-9
+        dt = (t_ns - before.t_ns) * S_PER_NS
         a, b, c = _between(before.rate, now.rate)
         speed = math.hypot(a, b, c)
         roll, pitch, yaw = turn(before.x, now.x)
@@ -263,7 +264,7 @@ class Contradictions:
         self._compare_with_imu(now)
         if before is None or math.isnan(sum(now.x) + sum(before.x)):
             return
-        dt = (t_ns - before.t_ns) * 1e-9
+        dt = (t_ns - before.t_ns) * S_PER_NS
         u, v_, w = _between(before.rate, now.rate)
         speed = math.hypot(u, v_, w)
         (x0, y0, z0), (x1, y1, z1) = before.x, now.x
@@ -301,7 +302,7 @@ class Contradictions:
             self._change = None
             self._speeds.skip()
             return
-        dt = (now.t_ns - before.t_ns) * 1e-9
+        dt = (now.t_ns - before.t_ns) * S_PER_NS
         (u0, v0, w0), (u1, v1, w1) = before.rate, now.rate
         slope = u, v, w = (u1 - u0) / dt, (v1 - v0) / dt, (w1 - w0) / dt
         if self._change is not None:

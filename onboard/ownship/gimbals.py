@@ -13,8 +13,9 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.geometry.rotations import matrix_from_quaternion, slerp
 from onboard.messages import GimbalAttitude, MountAttitude, MountFrame
+from onboard.units import NS_PER_S
 
-HISTORY_NS: Final = 5_000_000_000
+HISTORY_NS: Final = 5 * NS_PER_S
 APART_NS: Final = 500_000_000  # farther apart, two samples say nothing of the time between them
 MOST_DEVICES: Final = 8
 LONGEST_Q: Final = 2.0  # of a quaternion, which has length 1
@@ -25,7 +26,7 @@ class Gimbals:
 
     def __init__(self, max_extrapolation: float) -> None:
         self.count = 0
-        self._max_extrapolation_ns = round(max_extrapolation * 1e9)
+        self._max_extrapolation_ns = round(max_extrapolation * NS_PER_S)
         self._histories: dict[int, list[tuple[int, MountAttitude]]] = {}
         self._has_status: set[int] = set()  # devices whose MOUNT_ORIENTATIONs repeat what they send anyway
 

@@ -13,8 +13,9 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.messages import Quaternion, Vec3
 from onboard.ownship.turning import between, turned
+from onboard.units import NS_PER_S, S_PER_NS
 
-HISTORY_NS: Final = 5_000_000_000
+HISTORY_NS: Final = 5 * NS_PER_S
 AT_REST: Final = (0.0, 0.0, 0.0)
 LONGEST_GAP_NS: Final = 1_500_000_000  # between two samples; in a longer one pose and velocity are not known
 
@@ -66,7 +67,7 @@ class Attitudes:
             if not times or t_ns - times[-1] > self._max_extrapolation_ns:
                 return None
             q, omega, noise = self._samples[-1]
-            return AttitudeSample(turned(q, omega, (t_ns - times[-1]) * 1e-9), omega, noise)
+            return AttitudeSample(turned(q, omega, (t_ns - times[-1]) * S_PER_NS), omega, noise)
         if times[i] == t_ns:
             return self._samples[i]
         if i == 0 or times[i] - times[i - 1] > LONGEST_GAP_NS:
@@ -91,7 +92,7 @@ class Navigation:
     def append(self, t_ns: int, sample: NavSample) -> None:
         """Take a sample that is newer than the newest."""
         if self._samples:
-            dt, (u0, v0, w0), (u1, v1, w1) = (t_ns - self.times[-1]) * 1e-9, self._samples[-1].v, sample.v
+            dt, (u0, v0, w0), (u1, v1, w1) = (t_ns - self.times[-1]) * S_PER_NS, self._samples[-1].v, sample.v
             self._slopes.append(((u1 - u0) / dt, (v1 - v0) / dt, (w1 - w0) / dt))
         self.times.append(t_ns)
         self._samples.append(sample)
@@ -104,7 +105,7 @@ class Navigation:
         if not times or t_ns < times[0] or t_ns - times[-1] > self._max_extrapolation_ns:
             return None
         i = max(bisect_right(times, t_ns) - 1, 0)
-        ahead = (t_ns - times[i]) * 1e-9
+        ahead = (t_ns - times[i]) * S_PER_NS
         near = self._samples[i]
         a = self.slope(i)
         if i + 1 < len(times):
@@ -123,9 +124,9 @@ class Navigation:
         i = bisect_right(times, t0_ns) - 1  # of the last sample so far
         while t0_ns < t1_ns:
             end_ns = min(times[i + 1], t1_ns) if i + 1 < len(times) else t1_ns
-            dt, near = (end_ns - t0_ns) * 1e-9, max(i, 0)
+            dt, near = (end_ns - t0_ns) * S_PER_NS, max(i, 0)
             slope = self.slope(i)
-            v0 = _moved(self._samples[near].v, slope, (t0_ns - times[near]) * 1e-9)
+            v0 = _moved(self._samples[near].v, slope, (t0_ns - times[near]) * S_PER_NS)
             yield Step(dt, np.array(v0), np.array(_moved(v0, slope, dt)), np.array(slope))
             i, t0_ns = i + 1, end_ns
 

@@ -33,9 +33,10 @@ from onboard.ownship.reckoning import Reckoning
 from onboard.ownship.source import Comparison, OwnMotion, Source, Wanted
 from onboard.ownship.stated_attitude import AttitudeUncertainty
 from onboard.ownship.turning import turned, unit
+from onboard.units import NS_PER_S
 
 MOST_KEPT: Final = 256  # ways between two times, kept for the next target
-STATUS_NS: Final = 5_000_000_000  # the autopilot's report on its filter holds for so long after its arrival
+STATUS_NS: Final = 5 * NS_PER_S  # the autopilot's report on its filter holds for so long after its arrival
 UNKNOWN: Final = (math.nan, math.nan, 0.0)  # added to a position that is known in height only
 KNOWN: Final = (0.0, 0.0, 0.0)
 NO_NOISE: Final = (0.0, 0.0, 0.0)
@@ -43,7 +44,7 @@ NO_NOISE: Final = (0.0, 0.0, 0.0)
 # track that begins with images taken for exact begins with a velocity of 19 m/s that nobody flies.
 UNMEASURED: Final = (math.radians(1.5),) * 3
 ANOTHER_SPEED: Final = 1.0  # m/s; velocities of two sources that differ more are of two motions
-FALLBACK_NS: Final = 1_000_000_000  # GLOBAL_POSITION_INT serves once LOCAL_POSITION_NED is this long silent
+FALLBACK_NS: Final = NS_PER_S  # GLOBAL_POSITION_INT serves once LOCAL_POSITION_NED is this long silent
 
 
 class Pose(NamedTuple):
@@ -68,7 +69,7 @@ class Ownship:
         self.now_ns = 0
         self.samples = 0
         self.gimbals = Gimbals(max_extrapolation)
-        longest_ns = round(max_extrapolation * 1e9)
+        longest_ns = round(max_extrapolation * NS_PER_S)
         self._attitudes, self._nav = Attitudes(longest_ns), Navigation(longest_ns)
         self._source_of_attitude, self._source_of_velocity = Source("attitude", source), Source("velocity", source)
         self._last_local_ns = -FALLBACK_NS

@@ -3,6 +3,7 @@
 import math
 
 from onboard.messages import Vec3
+from onboard.units import S_PER_NS
 
 
 class Reckoning:
@@ -19,7 +20,7 @@ class Reckoning:
             moved = (0.0, 0.0, 0.0)
             if self._last is not None:
                 t0_ns, r0, v0 = self._last
-                dt = (t_ns - t0_ns) * 1e-9
+                dt = (t_ns - t0_ns) * S_PER_NS
                 x, y, z = (a + 0.5 * (u + v) * dt for a, u, v in zip(r0, v0, v_n, strict=True))
                 moved = x, y, z
             x, y, z = (a if math.isfinite(a) else b for a, b in zip(r, moved, strict=True))

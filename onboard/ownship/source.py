@@ -10,13 +10,14 @@ from collections.abc import Sequence
 from typing import Final, Literal, NamedTuple
 
 from onboard.messages import Quaternion, Vec3
+from onboard.units import NS_PER_S, S_PER_NS
 
 Wanted = Literal["autopilot", "own_state", "auto"]
 
 RAMP_S: Final = 1.0  # duration of a change of source
 SURER: Final = 0.5  # of the autopilot's standard deviation: with a smaller one the estimator is used ...
 LESS_SURE: Final = 0.8  # ... until it is larger than this share
-DWELL_NS: Final = 1_000_000_000  # the reason for a change must hold for so long; a loss of validity counts at once
+DWELL_NS: Final = NS_PER_S  # the reason for a change must hold for so long; a loss of validity counts at once
 LEAST_NOISE: Final = 1e-9
 
 
@@ -63,7 +64,7 @@ class Source:
 
     def correction(self, t_ns: int, compared: Comparison) -> tuple[float, tuple[float, ...]]:
         """(weight of the estimator, what to add to the autopilot's values) at a time."""
-        dt, self._t_ns = (t_ns - self._t_ns) * 1e-9 if self._t_ns else 0.0, t_ns
+        dt, self._t_ns = (t_ns - self._t_ns) * S_PER_NS if self._t_ns else 0.0, t_ns
         self._decide(t_ns, compared)
         step = max(dt, 0.0) / RAMP_S
         self._weight = min(self._weight + step, 1.0) if self.is_own else max(self._weight - step, 0.0)

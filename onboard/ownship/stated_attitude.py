@@ -15,8 +15,8 @@ longer.
 import math
 from typing import Final
 
-from onboard.geometry.units import NS_PER_S
 from onboard.messages import EstimatorStatus, Vec3
+from onboard.units import NS_PER_S
 
 AT_REST: Final = math.radians(10.0)  # rad
 TILT_SHARE: Final = 0.23  # of it, for the tilt

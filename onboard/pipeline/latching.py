@@ -11,21 +11,22 @@ it is followed sooner, and nothing that was learnt is forgotten.
 from typing import Final
 
 from onboard.messages import Attitude, GlobalPosition, Heartbeat, LocalPosition, Message
+from onboard.messages.mavlink_enums import NO_AUTOPILOT
 from onboard.ownship.continuity import goes_on
+from onboard.units import NS_PER_S
 
-MAV_AUTOPILOT_INVALID: Final = 8
 # MAV_TYPE of what flies, drives, swims or floats. A gimbal, camera or transponder may also claim an autopilot.
 VEHICLES: Final = frozenset({*range(1, 5), *range(7, 18), *range(19, 26), 28, 29, 35, 43, 45, 46, 47})
 GENERIC: Final = 0  # MAV_TYPE of a vehicle only from the component of an autopilot; MAV_AUTOPILOT of no known one
 AUTOPILOT_COMPONENT: Final = 1
-SILENT_NS: Final = 3_000_000_000  # silence after which another autopilot may be ours
-PATIENCE_NS: Final = 3_000_000_000  # in which an autopilot is to bring motion, once another one does
-RECENT_NS: Final = 2_000_000_000  # motion that is as new is brought
+SILENT_NS: Final = 3 * NS_PER_S  # silence after which another autopilot may be ours
+PATIENCE_NS: Final = 3 * NS_PER_S  # in which an autopilot is to bring motion, once another one does
+RECENT_NS: Final = 2 * NS_PER_S  # motion that is as new is brought
 OVERLAP_NS: Final = 200_000_000  # messages on their way: an autopilot may change its id
 SAME: Final = "the one before has another id now: its clock and its motion go on"
 SHOWS_NS: Final = 500_000_000  # in which one that goes on shows its motion: until its second heartbeat
 SAME_SILENT_NS: Final = 500_000_000  # silence of ours after which the same one may have another id
-SAME_LASTS_NS: Final = 10_000_000_000  # for so long motion tells whether it goes on
+SAME_LASTS_NS: Final = 10 * NS_PER_S  # for so long motion tells whether it goes on
 MOTION: Final = (Attitude, LocalPosition, GlobalPosition)
 MOST: Final = 16  # vehicles that are remembered
 
@@ -165,4 +166,4 @@ def _goes_on(ours: Vehicle, other: Vehicle) -> bool:
 def _is_vehicle(heartbeat: Heartbeat) -> bool:
     """Whether this is the heartbeat of a vehicle's autopilot."""
     is_generic = heartbeat.vehicle_type == GENERIC and heartbeat.component == AUTOPILOT_COMPONENT
-    return heartbeat.autopilot != MAV_AUTOPILOT_INVALID and (heartbeat.vehicle_type in VEHICLES or is_generic)
+    return heartbeat.autopilot != NO_AUTOPILOT and (heartbeat.vehicle_type in VEHICLES or is_generic)

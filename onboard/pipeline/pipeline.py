@@ -45,6 +45,7 @@ from onboard.pipeline.report import NO_RIM, Parts, Rim, health
 from onboard.pipeline.silence import BEHIND, HELD_UP, TIMEOUT_NS, LastWords
 from onboard.pipeline.waiting import Waiting
 from onboard.pipeline.warm_start import WarmStart
+from onboard.units import NS_PER_S
 from onboard.wire.datagrams import NO_KEYS, DatagramDecoder, Keys
 from onboard.wire.logs import tlog
 from onboard.wire.surplus import surplus
@@ -85,7 +86,7 @@ class Pipeline:
         self._camera_delays_ns = config.camera_delays_ns()
         self._first_recv_ns: int | None = None
         self._taken_ns = self._waited_ns = 0  # when the newest datagram was taken, and how long it had waited here
-        self._max_age_ns = round(config.ownship.max_age_s * 1e9)
+        self._max_age_ns = round(config.ownship.max_age_s * NS_PER_S)
         self._own_recv_ns = self._attitude_recv_ns = 0  # arrivals of our last position and velocity, and attitude
         self._last_words = LastWords()
         self._doubt = ""  # of our own motion; estimates that follow from it are not valid

@@ -11,6 +11,7 @@ from onboard.health import Advisor, Monitor, autopilot_name, sender_of, total
 from onboard.messages import ComputerLoad, Health, LinkHealth, SinkHealth
 from onboard.ownship import Ownship
 from onboard.pipeline.admission import Admission
+from onboard.units import S_PER_NS
 from onboard.wire.datagrams import DatagramDecoder
 
 
@@ -44,7 +45,7 @@ def health(parts: Parts, t_recv_ns: int, first_recv_ns: int, rim: Rim) -> Health
     record = Health(
         t_ns=t_recv_ns - offset if offset is not None else 0,
         t_recv_ns=t_recv_ns,
-        uptime=(t_recv_ns - first_recv_ns) * 1e-9,
+        uptime=(t_recv_ns - first_recv_ns) * S_PER_NS,
         autopilot=autopilot_name(parts.admission.autopilot),
         autopilot_reboots=clocks.reboots,
         clock_source=clocks.source,
@@ -52,7 +53,7 @@ def health(parts: Parts, t_recv_ns: int, first_recv_ns: int, rim: Rim) -> Health
         clock_rate=clocks.rate,
         beside=tuple(map(autopilot_name, parts.admission.beside)),
         beside_ids=tuple(map(sender_of, parts.admission.beside)),
-        round_trip=None if clocks.round_trip_ns is None else clocks.round_trip_ns * 1e-9,
+        round_trip=None if clocks.round_trip_ns is None else clocks.round_trip_ns * S_PER_NS,
         streams=monitor.streams(t_recv_ns),
         states=dict(monitor.states),
         verdicts=dict(monitor.verdicts) | counted_verdicts(parts.estimators),

@@ -7,9 +7,10 @@ from msgspec.structs import replace
 
 from onboard.messages import Estimate, Lifecycle, not_valid
 from onboard.messages.causes import Cause, Reason
+from onboard.units import NS_PER_S
 
 # If no message of our own motion arrives for this long, estimates are invalid: they can no longer be predicted.
-TIMEOUT_NS: Final = 1_000_000_000
+TIMEOUT_NS: Final = NS_PER_S
 WITHDRAWN: Final = Reason(Cause.SILENT, "withdrawn: nothing usable of our own motion arrives")
 HELD_UP: Final = Reason(Cause.HELD_UP, "the autopilot's messages are held up on their way")
 BEHIND: Final = Reason(Cause.BEHIND, "this program is late: what it reads has waited in it")

@@ -7,6 +7,7 @@ from typing import Final
 from onboard.config import OwnshipConfig
 from onboard.messages import Exposure, Message
 from onboard.ownship import Ownship
+from onboard.units import NS_PER_S
 
 MAX_WAITING: Final = 256  # of each source
 GIMBAL_NS: Final = 350_000_000  # an image waits so long for the attitude of its camera's gimbal
@@ -20,8 +21,8 @@ class Waiting:
 
     def __init__(self, config: OwnshipConfig, gimbal_of: Callable[[str], int | None]) -> None:
         self._gimbal_of = gimbal_of
-        self._longest_ns = config.max_lead_s * 1e9
-        self._extrapolated_ns = config.max_extrapolation_s * 1e9
+        self._longest_ns = config.max_lead_s * NS_PER_S
+        self._extrapolated_ns = config.max_extrapolation_s * NS_PER_S
         self._waiting: list[Message] = []
         self._places: Counter[tuple[type[Message], bool]] = Counter()  # taken, by source
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from onboard.messages import Fault, FaultKind, NavState, Record, Truth
+from onboard.units import NS_PER_S, S_PER_NS
 
 GUST: Final = "gust"  # the air's doing, not the vehicle's: in a flight with both, the fault is the other one
 KINDS: Final = {"inputs": FaultKind.MASS, "mass": FaultKind.MASS, GUST: FaultKind.GUST}
@@ -12,7 +13,7 @@ JUDGED: Final = (
     FaultKind.MASS,
     FaultKind.GUST,
 )  # kinds that are in the truth
-AFTER_NS: Final = 3_000_000_000  # a fault that is over may be reported for so long
+AFTER_NS: Final = 3 * NS_PER_S  # a fault that is over may be reported for so long
 
 
 class FaultScore(Record, frozen=True, kw_only=True):
@@ -55,9 +56,9 @@ def score_fault(states: Sequence[NavState], truths: Sequence[Truth]) -> FaultSco
     }
     return FaultScore(
         happened=happened,
-        at_s=None if at_ns is None else at_ns * 1e-9,
+        at_s=None if at_ns is None else at_ns * S_PER_NS,
         named=None if named is None else _name(last[named]),
-        after_s=None if named is None or at_ns is None else (first[named] - at_ns) * 1e-9,
+        after_s=None if named is None or at_ns is None else (first[named] - at_ns) * S_PER_NS,
         magnitude=None if named is None else last[named].magnitude,
         unit=None if named is None else last[named].unit,
         wrong=tuple(sorted(wrong)),

@@ -18,6 +18,7 @@ from onboard.filters.gating import chi_square_threshold, mean_bounds, normalised
 from onboard.messages import Estimate, MeasurementReport, Record, Verdict
 from onboard.scoring.reference import Reference
 from onboard.scoring.statistics import availability, percent, rms, single_bounds
+from onboard.units import S_PER_NS
 
 SETTLE: Final = 15.0
 LAST: Final = 5.0  # "diverged" is judged over these last seconds
@@ -104,9 +105,9 @@ class LeaderScorer:
         if self._begin is None:
             reference = self._reference
             known = reference is not None and len(reference.time)
-            start = reference.time[0] if reference is not None and known else estimate.t_ns * 1e-9
+            start = reference.time[0] if reference is not None and known else estimate.t_ns * S_PER_NS
             self._begin = float(start) + self._settle
-        t = estimate.t_ns * 1e-9 + self._shift
+        t = estimate.t_ns * S_PER_NS + self._shift
         if self._reference is None and self._times and t < self._times[-1] - BACK_S:
             self._shift += self._times[-1] - t
             t = self._times[-1]
@@ -174,7 +175,7 @@ class LeaderScorer:
         self._dof = self._dof or len(image.components)
         self._verdicts[image.verdict] += 1
         fused = image.verdict in {Verdict.FUSED, Verdict.FUSED_LATE}
-        if fused and image.nis is not None and image.t_ns * 1e-9 + self._shift >= begin:
+        if fused and image.nis is not None and image.t_ns * S_PER_NS + self._shift >= begin:
             self._nis.append(image.nis)
 
     def _compute(self) -> None:
@@ -203,7 +204,7 @@ def _since(errors: Errors | None, begin: float) -> Errors | None:
 
 def _errors(valid: Sequence[Estimate], reference: Reference) -> Errors | None:
     """Errors against the truth interpolated at each estimate's time; None when no estimate can be judged."""
-    times = np.array([e.t_ns * 1e-9 for e in valid])
+    times = np.array([e.t_ns * S_PER_NS for e in valid])
     if not len(times) or not len(reference.time):
         return None
     after = np.clip(np.searchsorted(reference.time, times), 1, max(len(reference.time) - 1, 1))

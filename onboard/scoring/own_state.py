@@ -11,6 +11,7 @@ from onboard.filters.gating import normalised_squared
 from onboard.messages import NavState, Quaternion, Record, Truth
 from onboard.messages.between import nav_state_at
 from onboard.scoring.statistics import availability, percent, rms, single_bounds
+from onboard.units import NS_PER_S, S_PER_NS
 
 SETTLE: Final = 10.0  # s after the first state
 DOF: Final = 6
@@ -56,10 +57,10 @@ def score_own_state(
         return None
     faults = {(f.t_onset_ns, f.kind, f.part) for s in states for f in s.faults}
     ratios = [s.nis_ratio for s in states if s.nis_ratio is not None]
-    begin_ns = states[0].t_ns + round(settle * 1e9)
+    begin_ns = states[0].t_ns + round(settle * NS_PER_S)
     errors = list(_errors(states, truths, begin_ns))
-    samples = np.array([t.t_ns * 1e-9 for t in truths if t.t_ns >= begin_ns])
-    available = availability(samples, [s.t_ns * 1e-9 for s in states], [s.valid for s in states])
+    samples = np.array([t.t_ns * S_PER_NS for t in truths if t.t_ns >= begin_ns])
+    available = availability(samples, [s.t_ns * S_PER_NS for s in states], [s.valid for s in states])
     return OwnStateScore(
         states=len(states),
         valid=sum(s.valid for s in states),

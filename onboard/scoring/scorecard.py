@@ -12,6 +12,7 @@ from onboard.scoring.fault import FaultScore
 from onboard.scoring.leader import LeaderScore
 from onboard.scoring.own_state import OwnStateScore
 from onboard.scoring.statistics import Latency
+from onboard.units import S_PER_NS
 
 Row = tuple[str, str, str]  # figure, value, what it should be
 
@@ -126,7 +127,9 @@ class OwnStateSummary:
         console.print(f"own state: {text}", highlight=False)
         for f in sorted(self._faults.values(), key=lambda f: f.t_onset_ns):
             name = f"{f.kind} {f.part}".strip()
-            console.print(f"  {f.t_onset_ns * 1e-9:.2f} s: {name}, {f.magnitude:.2f} {f.unit}", highlight=False)
+            console.print(
+                f"  {f.t_onset_ns * S_PER_NS:.2f} s: {name}, {f.magnitude:.2f} {f.unit}", highlight=False
+            )
 
 
 def print_own_state_score(

@@ -12,6 +12,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.filters.gating import chi_square_threshold
 from onboard.messages import Estimate, TrafficTruth
+from onboard.units import NS_PER_S
 
 LEAD_S: Final = 10.0  # the prediction this long before the closest approach is compared with it
 NEAR_M: Final = 1000.0  # closest approaches beyond are no encounters
@@ -23,7 +24,6 @@ KNOWN_S: Final = 10.0  # detections or messages must have come all this time for
 BEGIN_S: Final = 4.0  # that a new aircraft may be without a track
 SWAPPED_S: Final = 1.0  # a track off its own aircraft and on another for so long is swapped
 APART: Final = chi_square_threshold(0.9999, 3)
-NS_PER_S: Final = 1e9
 
 
 class Encounter(NamedTuple):

@@ -4,13 +4,14 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from onboard.messages import Advice, Estimate, Health, Lifecycle
+from onboard.units import NS_PER_S, S_PER_NS
 
 MOST_LINES: Final = 5  # of advice at once; afterwards one a second
 MOST_KINDS: Final = 64
 RATE_CHANGES: Final = 0.005
-AGAIN_NS: Final = 10_000_000_000  # before the same advice is shown again; each time twice as long
-LONGEST_NS: Final = 640_000_000_000
-FORGOTTEN_NS: Final = 30_000_000_000  # after its last sign, advice is new when it comes again
+AGAIN_NS: Final = 10 * NS_PER_S  # before the same advice is shown again; each time twice as long
+LONGEST_NS: Final = 640 * NS_PER_S
+FORGOTTEN_NS: Final = 30 * NS_PER_S  # after its last sign, advice is new when it comes again
 
 Kind = tuple[str, str]  # cause, and what it is about
 
@@ -40,7 +41,9 @@ class Console:
         """An estimator's state, when it has changed."""
         if self._states.get(estimate.name) is not estimate.state:
             self._states[estimate.name] = estimate.state
-            self._report(f"{estimate.t_ns * 1e-9:.2f} s  {estimate.name}: {estimate.state} ({estimate.reason})")
+            self._report(
+                f"{estimate.t_ns * S_PER_NS:.2f} s  {estimate.name}: {estimate.state} ({estimate.reason})"
+            )
 
     def show_errors(self, lines: Sequence[str]) -> None:
         """Exceptions over single messages, the first of each kind. `lines` only grows."""

@@ -30,6 +30,7 @@ from mcap.writer import Writer
 from onboard.messages import Datagram, Estimate, Health, LeaderState, OwnPose, Record
 from onboard.messages.schemas import key_of, schema
 from onboard.sinks.sink import SinkError, SinkRunner
+from onboard.units import S_PER_NS
 
 Recorded = Datagram | Estimate | OwnPose | LeaderState | Health
 
@@ -152,7 +153,7 @@ class Recorder:
 
     def _remove_old(self) -> None:
         """Remove the oldest recordings of this name, but not the open one, as `Rotation` says."""
-        limits, now, together = self._rotation, self._now_ns() * 1e-9, 0
+        limits, now, together = self._rotation, self._now_ns() * S_PER_NS, 0
         others = [one for one in recordings(self._wanted) if one.path != self.path]
         for one, made in reversed([*zip(others, latest_times(others, now), strict=True)]):
             together += one.size

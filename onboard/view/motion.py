@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from onboard.arrays import Array
 from onboard.geometry.rotations import matrix_from_quaternion, quaternion_from_euler
 from onboard.messages import Estimate, OwnPose, Truth
+from onboard.units import S_PER_NS
 
 COMPONENTS = ("r_north", "r_east", "r_down", "v_north", "v_east", "v_down", "size", "a_lat", "a_long")
 
@@ -109,7 +110,7 @@ def heading_quaternion(q_nb: ArrayLike) -> Array:
 
 def own_position(pose: OwnPose, t_ns: int) -> Array:
     """Our position r_OF_n (3,) at t_ns, extrapolated at constant velocity from the latest pose."""
-    dt = np.clip((t_ns - pose.t_ns) * 1e-9, -0.5, 0.5)
+    dt = np.clip((t_ns - pose.t_ns) * S_PER_NS, -0.5, 0.5)
     return np.asarray(np.asarray(pose.r_OF_n, dtype=float) + dt * np.asarray(pose.v_F_n), dtype=float)
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from onboard import UserError
 from onboard.geometry.camera import Camera
 from onboard.messages import Estimate, Health, Lifecycle, NavState, OwnPose, Picture, ThreatLevel, Truth
+from onboard.units import NS_PER_S
 from onboard.view import beside, image, own, palette, plots, scene, space, traffic, words
 from onboard.view.columns import HIDDEN, Columns, ImagePoints, colours_2d, labels, pictures, texts, transforms
 from onboard.view.layout import LEADER_ALONE, blueprint
@@ -23,14 +24,14 @@ from onboard.view.viewer import free_port, start_viewer, start_web_viewer
 
 BATCH_NS = 200_000_000  # of flight, for a viewer
 PLOT_EVERY = 3  # batches
-BATCH_FILE_NS = 2_000_000_000  # for a file alone: a tenth of the overhead
+BATCH_FILE_NS = 2 * NS_PER_S  # for a file alone: a tenth of the overhead
 STATUS_HZ = 5.0
-STATUS_AGAIN_NS = 1_000_000_000
+STATUS_AGAIN_NS = NS_PER_S
 LEADER, TRAFFIC = "leader", "traffic"
 APPLICATION = "onboard"
 MEMORY_LIMIT = "256MiB"  # of what the server keeps for viewers that connect later
-LINGERS_NS = 10_000_000_000  # the page of traffic after a threat has passed
-RESTART_NS = 5_000_000_000  # a time that far back is another boot, not a late record
+LINGERS_NS = 10 * NS_PER_S  # the page of traffic after a threat has passed
+RESTART_NS = 5 * NS_PER_S  # a time that far back is another boot, not a late record
 
 
 class View:

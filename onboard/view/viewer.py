@@ -13,6 +13,7 @@ from typing import Final
 from urllib.parse import quote
 
 from onboard import UserError
+from onboard.units import S_PER_NS
 from onboard.view.columns import TIMELINE
 
 EQUAL_PICTURES: Final = 5  # in a row, RETRY_S apart: painting is complete
@@ -142,11 +143,11 @@ def screenshot(
 def time_shown(at: float, start_ns: int, end_ns: int) -> float:
     """The time, s since boot, that is `at` seconds after the start of a recording from `start_ns` to `end_ns`.
     Raises `UserError` if the recording does not hold it: a viewer would show an empty picture."""
-    length = (end_ns - start_ns) * 1e-9
+    length = (end_ns - start_ns) * S_PER_NS
     if not 0.0 <= at <= length:
         # rounded down, so that the time named is one that the recording holds
         raise UserError(f"no picture at {at:g} s: the recording holds 0 to {math.floor(10.0 * length) / 10.0:g} s")
-    return start_ns * 1e-9 + at
+    return start_ns * S_PER_NS + at
 
 
 def _end_of_log(log: str) -> str:

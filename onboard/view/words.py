@@ -7,6 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.messages import DOUBT, Estimate, Fault, FaultKind, Health, MeasurementReport, Mode, NavState, Severity
+from onboard.units import S_PER_NS
 from onboard.view.motion import LeaderState, RangeEstimate, leader_state, open_interval, range_estimate
 
 WELL: Final = "nothing is wrong"
@@ -127,7 +128,7 @@ def health(record: Health) -> str:
     if record.round_trip is not None:
         rows[0] += f", round trip {record.round_trip * 1e3:.1f} ms"
     rows += [
-        f"**{f.kind.upper()} {f.part}** since {f.t_onset_ns * 1e-9:.1f} s: {f.magnitude:.2f} {f.unit}"
+        f"**{f.kind.upper()} {f.part}** since {f.t_onset_ns * S_PER_NS:.1f} s: {f.magnitude:.2f} {f.unit}"
         for f in record.faults
     ]
     rows += ["", "| stream | Hz | age s | count |", "|---|---:|---:|---:|"]
@@ -155,7 +156,7 @@ def own_status(state: NavState, advice: str = "") -> str:
     """The status panel where there is no leader, Markdown: `advice`, our own state, and its faults."""
     rows = [advice, "", f"| {state.state.upper()} | {'' if state.valid else 'not valid'} |", "|---|---|"]
     rows += [f"| quality | **{state.quality} %** |"] if state.quality >= 0 else []
-    rows += [f"| {one.kind} | **{fault(one)}**, since {one.t_onset_ns * 1e-9:.1f} s |" for one in state.faults]
+    rows += [f"| {one.kind} | **{fault(one)}**, since {one.t_onset_ns * S_PER_NS:.1f} s |" for one in state.faults]
     return "\n".join([*rows, "", f"*{plain(state.reason)}*"])
 
 

@@ -18,13 +18,13 @@ import numpy as np
 
 from onboard.geometry.geodesy import ned_from_geodetic
 from onboard.messages import Attitude, Clock, GlobalPosition, GpsFix, Heartbeat, Imu, LocalPosition, Message
+from onboard.units import S_PER_NS
 from onboard.wire.logs import dataflash, ulog
 from onboard.wire.logs.tlog import NotALogError, read_tlog
 from onboard.wire.mavlink.decode import MavlinkDecoder
 from simlink.encounters.families import LeaderClass
 from simlink.sensors.arrays import Array
 
-S_PER_NS: Final = 1e-9
 FIXED_WING: Final = 1  # MAV_TYPE
 FIX_3D: Final = 3
 SUFFIXES: Final = (".bin", ".ulg", ".tlog", ".csv")

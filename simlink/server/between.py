@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import Final
 
 from onboard.messages import SimStatus, Truth
+from onboard.units import NS_PER_S
 from simlink.scenarios.scenario import ScenarioError
 from simlink.sensors.camera import Image
 from simlink.sensors.detector import Vision
@@ -23,7 +24,6 @@ from simlink.world.drawn import drawn
 from simlink.world.truth import Motion, true_size, truth_record, world_of
 
 TURN: Final = 0.004  # s
-NS_PER_S: Final = 1_000_000_000
 MOST_LATE_NS: Final = NS_PER_S // 2  # an exposure for which no true state comes is left out then
 GRACE_NS: Final = 3 * NS_PER_S  # before what is missing is named
 STATUS_NS: Final = NS_PER_S // 5

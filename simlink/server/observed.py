@@ -11,6 +11,7 @@ from typing import Final
 
 from onboard.geometry.geodesy import ned_from_geodetic
 from onboard.messages import Attitude, Clock, Command, Heartbeat, Message, Quaternion, Vec3, VehicleTruth
+from onboard.units import NS_PER_S
 from onboard.wire.mavlink.decode import MavlinkDecoder
 from onboard.wire.mavlink.encode import MavlinkEncoder
 from onboard.wire.mavlink.sim_truth import CONVERT
@@ -22,7 +23,7 @@ from simlink.world.truth import Motion
 TRUTH_HZ: Final = 50.0
 OUR_SYSTEM, OUR_COMPONENT = 254, 191  # a ground station's number, so that we are no vehicle of the flight
 ONBOARD_CONTROLLER, NO_AUTOPILOT, ACTIVE = 18, 8, 4  # MAV_TYPE, MAV_AUTOPILOT, MAV_STATE
-REQUEST_NS: Final = 1_000_000_000  # between heartbeats, and between requests while the truth does not come
+REQUEST_NS: Final = NS_PER_S  # between heartbeats, and between requests while the truth does not come
 KEPT: Final = 200  # states: 4 s
 OFFSET_SHARE: Final = 0.01  # of a new difference of clocks in their mean: 2 s
 STEP_NS: Final = 500_000_000  # a difference that is this far from the mean begins a new one

@@ -11,6 +11,7 @@ from functools import partial
 from typing import Final, Protocol
 
 from onboard.messages import SimStatus
+from onboard.units import NS_PER_S, S_PER_NS
 from onboard.wire.mavlink.encode import MavlinkEncoder
 from simlink.autopilot import AutopilotLink
 from simlink.sensors.navigation import Reading
@@ -51,12 +52,12 @@ class BootClock:
     def ns(self) -> int:
         """Time since boot, ns."""
         wall, boot_ns = self._anchor
-        return boot_ns + round((self._now() - wall) * self._speed * 1e9)
+        return boot_ns + round((self._now() - wall) * self._speed * NS_PER_S)
 
     def wait_for(self, t_ns: int) -> float:
         """Wall seconds until `t_ns`, negative when it has passed. The clock is set back when that was too long
         ago."""
-        ahead = (t_ns - self.ns()) * 1e-9 / self._speed
+        ahead = (t_ns - self.ns()) * S_PER_NS / self._speed
         if ahead < -MOST_BEHIND:
             self._anchor = (self._now(), t_ns)
             return 0.0
@@ -146,7 +147,7 @@ class Server:
     async def _fly(self, stop: asyncio.Event) -> None:
         o = self._options
         boot_ns = -(-self._clock.ns() // STEP_NS) * STEP_NS
-        end_ns = None if o.duration is None else boot_ns + round(o.duration * 1e9)
+        end_ns = None if o.duration is None else boot_ns + round(o.duration * NS_PER_S)
         self._report("flying" + (" until stopped" if o.duration is None else f" for {o.duration:g} s"))
         t_ns = boot_ns
         world = self._world
@@ -162,7 +163,7 @@ class Server:
         await self._outlet.finish()
         self._status(t_ns, finished=True)
         self._report(
-            f"sent {self.frames} MAVLink frames and {self.images} images in {(t_ns - boot_ns) * 1e-9:.1f} s"
+            f"sent {self.frames} MAVLink frames and {self.images} images in {(t_ns - boot_ns) * S_PER_NS:.1f} s"
         )
         await self._outlet.flush()
 

@@ -2,9 +2,11 @@
 
 from typing import Final
 
+from onboard.units import NS_PER_S
+
 G: Final = 9.80665  # m/s^2
 STEPS_PER_SECOND: Final = 200
-STEP_NS: Final = 1_000_000_000 // STEPS_PER_SECOND
+STEP_NS: Final = NS_PER_S // STEPS_PER_SECOND
 DT: Final = 1.0 / STEPS_PER_SECOND  # s
 
 

@@ -16,9 +16,9 @@ from onboard.arrays import Array
 from onboard.autopilot.output import AutopilotOutput
 from onboard.config import Config, datagram_of, load_config
 from onboard.geometry.rotations import euler_from_quaternion
-from onboard.geometry.units import NS_PER_S
 from onboard.messages import Datagram, Severity, WarmState
 from onboard.pipeline import Pipeline
+from onboard.units import NS_PER_S
 from simlink.scenarios.scenario import Scenario
 from simlink.sensors.camera import mount_quaternion, project
 from simlink.simulation import GuidedRun, See, Tick, boot_ns_of

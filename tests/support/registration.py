@@ -8,8 +8,8 @@ from onboard.arrays import Array
 from onboard.estimators.traffic.config import Config
 from onboard.estimators.traffic.registration import AnchorEcho, Registration
 from onboard.estimators.traffic.reports import Report
-from onboard.geometry.units import NS_PER_S
 from onboard.messages import PeerPosition
+from onboard.units import NS_PER_S
 
 CONFIG: Final = Config(own_yaw_sigma_deg=0.6, own_tilt_sigma_deg=0.4, report_bias_m=3.0, own_position_sigma_m=1.0)
 PRIOR_SIGMA: Final = np.radians([0.4, 0.4, 0.6])

@@ -12,7 +12,6 @@ from onboard.estimators.traffic.estimator import Estimator
 from onboard.geometry.camera import make_camera
 from onboard.geometry.geodesy import ecef_from_geodetic, geodetic_from_ecef, rotation_ne
 from onboard.geometry.rotations import quaternion_from_euler
-from onboard.geometry.units import NS_PER_S
 from onboard.messages import (
     AdsbVehicle,
     AltitudeType,
@@ -25,6 +24,7 @@ from onboard.messages import (
     RadarScan,
 )
 from onboard.ownship import Ownship
+from onboard.units import NS_PER_S
 
 HOME: Final = (47.397742, 8.545594, 500.0)
 ICAO: Final = 0x4B1A2C

@@ -10,6 +10,7 @@ from onboard.messages import Estimate, NavState, Output
 from onboard.models import relative_motion
 from onboard.models.own_motion import COMPONENTS as OWN_COMPONENTS
 from onboard.models.own_motion import UNITS as OWN_UNITS
+from onboard.units import S_PER_NS
 
 OWN_STATE: Final = "own_state"  # not that of another configuration which flew beside
 UNIT_SUFFIX: Final = {"m": "m", "m/s": "m_s", "m/s^2": "m_s2", "rad": "rad", "rad/s": "rad_s"}
@@ -66,7 +67,7 @@ def _values(estimate: Estimate, n: int) -> Values:
         numbers = [*estimate.mean[:n], *sigma[:n].tolist()]
     report = estimate.measurement
     return [
-        estimate.t_ns * 1e-9,
+        estimate.t_ns * S_PER_NS,
         str(estimate.state),
         *numbers,
         str(report.verdict) if report else None,

@@ -12,6 +12,7 @@ from onboard.analysis.exports.csv_rows import LEADER, OWN, TEXT, CsvTable, CsvWr
 from onboard.messages import Estimate, Health, NavState, Output
 from onboard.messages.ros import Ros2Config
 from onboard.scoring.reference import Reference
+from onboard.units import S_PER_NS
 
 BATCH: Final = 10_000  # rows of Parquet that are written at once
 EXTRAS: Final = {  # module and extra
@@ -95,7 +96,7 @@ class TumWriter:
             return
         self._last_ns = output.t_ns
         q = output.q_nb if isinstance(output, NavState) and output.q_nb is not None else IDENTITY
-        write_pose(self._file.write, output.t_ns * 1e-9, output.mean[:3], q)
+        write_pose(self._file.write, output.t_ns * S_PER_NS, output.mean[:3], q)
 
     def close(self) -> None:
         """Finish the file."""

@@ -15,6 +15,7 @@ from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.messages import Cause, Estimate, Lifecycle, Output, OwnPose
 from onboard.models import relative_motion
 from onboard.scoring.beside import JUDGED
+from onboard.units import S_PER_NS
 
 NAME: Final = "filterpy"
 NEAR_NS: Final = 60_000_000  # between an image and our own attitude
@@ -55,7 +56,7 @@ class Baseline:
         return self._estimate()
 
     def _step(self, z: Array, R_cn: Array, t_ns: int) -> None:
-        dt = (t_ns - self._t_ns) * 1e-9
+        dt = (t_ns - self._t_ns) * S_PER_NS
         if self._filter is None or dt > GAP_S:
             self._begin(z, R_cn)
         else:

@@ -13,6 +13,7 @@ import msgspec
 from onboard import UserError
 from onboard.messages import NO_REASON, Cause, Clock, Datagram, Encoding, Reason
 from onboard.messages.stamps import Span, read_stamps
+from onboard.units import S_PER_NS
 from onboard.wire.logs.tlog import NotALogError
 
 LOGS: Final = (".bin", ".mcap", ".tlog", ".ulg")
@@ -101,7 +102,7 @@ class Documents:
                 return Reason(Cause.OTHER_CLOCK, f"`t_ns` is {reading.words} ({times}): {reading.remedy}")
         if first is None or first[0] is None:
             return NO_REASON
-        t_s, clock = first[0].t_ns * 1e-9, first[0].clock
+        t_s, clock = first[0].t_ns * S_PER_NS, first[0].clock
         return Reason(
             Cause.LOG,
             f"{count} lines are later than the log's end, the first with `t_ns` of {t_s:.3f} s; expected the time "

@@ -29,12 +29,13 @@ from onboard.messages.causes import Cause, Reason
 from onboard.messages.stamps import Span
 from onboard.pipeline import Pipeline
 from onboard.scoring.beside import judged
+from onboard.units import NS_PER_S, S_PER_NS
 from onboard.wire.logs import dataflash, ulog
 from onboard.wire.logs.recording import is_recording, read_flown, read_recording
 from onboard.wire.logs.tlog import NotALogError, read_tlog
 
 PROGRESS_EVERY: Final = 2000
-HEALTH_NS: Final = 1_000_000_000  # between health records
+HEALTH_NS: Final = NS_PER_S  # between health records
 FLOWN: Final = "flown"
 UNVERIFIED: Final = (
     f"{DOUBT}{{}} signed frames were used unverified: this replay has not the key of link `{{}}`; name it in "
@@ -130,7 +131,7 @@ def replay(
     progress(total, total)
     for channel, number in pipeline.unverified.items():
         pipeline.refuse(channel, Reason(Cause.UNVERIFIED, UNVERIFIED.format(number, channel)), last)
-    health, end = pipeline.health(last), pipeline.ownship.now_ns * 1e-9
+    health, end = pipeline.health(last), pipeline.ownship.now_ns * S_PER_NS
     main = results.estimates.pop(judged(results.estimates), [])
     seconds = (last - first) * 1e-9
     return ReplayResult(main, health, count, damaged + lost, seconds, results.own_states, end, results.estimates)
@@ -188,7 +189,7 @@ def _renamed(output: Output, name: str) -> Estimate | None:
 
 def _tell(pipeline: Pipeline, messages: Iterable[Message], hear: Callable[[Message, float], None]) -> None:
     """Let the autopilot's own messages be heard: numbers once its clock is known, words from the begin."""
-    mine, t = pipeline.autopilot, pipeline.ownship.now_ns * 1e-9
+    mine, t = pipeline.autopilot, pipeline.ownship.now_ns * S_PER_NS
     for message in messages:
         if mine is None or (message.system, message.component) != (mine.system, mine.component):
             continue

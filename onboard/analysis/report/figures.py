@@ -14,6 +14,7 @@ from onboard.filters.gating import chi_square_threshold
 from onboard.messages import Lifecycle
 from onboard.scoring.leader import Errors
 from onboard.scoring.reference import Reference
+from onboard.units import S_PER_NS
 
 MOST_POINTS: Final = 2000  # of a curve
 BINS: Final = 120  # of windowed figures
@@ -145,9 +146,9 @@ def _own_state(series: FlightSeries) -> Figure:
     axis.plot(table[:, 0], table[:, 2], color=OWN, label="NIS, of its expectation")
     axis.axhline(1.0, color=GREY, linewidth=0.8)
     for fault in series.faults.values():
-        axis.axvline(fault.t_onset_ns * 1e-9, color=BAD, linewidth=1.0)
+        axis.axvline(fault.t_onset_ns * S_PER_NS, color=BAD, linewidth=1.0)
         name = f"{fault.kind} {fault.part}".strip()
-        at = fault.t_onset_ns * 1e-9, 1.0
+        at = fault.t_onset_ns * S_PER_NS, 1.0
         axis.annotate(name, at, xycoords=("data", "axes fraction"), color=BAD, rotation=90, va="top", ha="right")
     axis.set(yscale="log")
     axis.legend(loc="best", fontsize=8)

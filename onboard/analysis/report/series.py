@@ -10,6 +10,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.geometry.rotations import euler_from_quaternion
 from onboard.messages import Estimate, Fault, Lifecycle, MeasurementReport, NavState, Output, OwnPose, Verdict
+from onboard.units import S_PER_NS
 
 ROW_NS: Final = 100_000_000  # between rows of one kind
 FUSED: Final = (Verdict.FUSED, Verdict.FUSED_LATE)
@@ -74,7 +75,7 @@ class FlightSeries:
             if self.own.is_due(output.t_ns):
                 place = (np.nan if north is None else north, np.nan if east is None else east, down)
                 angles = np.degrees(euler_from_quaternion(output.q_nb)).tolist()
-                self.own.append(output.t_ns * 1e-9, *place, *output.v_F_n, *angles)
+                self.own.append(output.t_ns * S_PER_NS, *place, *output.v_F_n, *angles)
         elif isinstance(output, NavState):
             self._add_own_state(output)
         elif output.name == self.estimator and output.is_primary:
@@ -87,10 +88,10 @@ class FlightSeries:
             ratio = np.nan if state.nis_ratio is None else state.nis_ratio
             known = state.valid and state.mean is not None
             velocity = state.mean[3:6] if known and state.mean is not None else (np.nan,) * 3
-            self.own_state.append(state.t_ns * 1e-9, state.valid, ratio, *velocity)
+            self.own_state.append(state.t_ns * S_PER_NS, state.valid, ratio, *velocity)
 
     def _add_leader(self, estimate: Estimate) -> None:
-        t = self.end_s = estimate.t_ns * 1e-9
+        t = self.end_s = estimate.t_ns * S_PER_NS
         if estimate.measurement is not None:
             self._add_image(estimate.measurement)
         if estimate.state is not self._state:
@@ -111,7 +112,7 @@ class FlightSeries:
         self.leader.append(t, 1.0, *r.tolist(), float(np.sqrt(direction @ P @ direction)))
 
     def _add_image(self, image: MeasurementReport) -> None:
-        t, verdict = image.t_ns * 1e-9, image.verdict
+        t, verdict = image.t_ns * S_PER_NS, image.verdict
         self.counts[verdict] += 1
         fused = verdict in FUSED
         nis = image.nis if fused and image.nis is not None else np.nan

@@ -8,7 +8,9 @@ import numpy as np
 
 from onboard.analysis.report.series import NumberRows
 from onboard.messages import ActuatorOutputs, Battery, GpsFix, Heartbeat, Imu, Message, ParamValue, StatusText
+from onboard.messages.mavlink_enums import ARDUPILOT, PX4
 from onboard.messages.text import LINE, plain
+from onboard.units import NS_PER_S
 
 WINDOW_S: Final = 0.5  # over which the accelerometer's scatter is taken
 MOTORS: Final = 8  # outputs that are drawn
@@ -16,8 +18,6 @@ MOST_WORDS: Final = 500  # lines of modes and messages
 MOST_PARAMETERS: Final = 3000  # PX4 has some 1,200, ArduPilot 1,500
 LONGEST_NAME: Final = 16  # letters of a parameter's name
 ROUNDED: Final = 1e-6  # of a value: less is the rounding to 32 bits
-PX4: Final = 12
-ARDUPILOT: Final = 3
 PX4_MODES: Final = {1: "MANUAL", 2: "ALTCTL", 3: "POSCTL", 4: "AUTO", 5: "ACRO", 6: "OFFBOARD", 7: "STABILIZED"}
 PX4_AUTO: Final = dict(enumerate(("READY", "TAKEOFF", "LOITER", "MISSION", "RTL", "LAND"), start=1)) | {
     8: "FOLLOW_TARGET",
@@ -67,7 +67,7 @@ class VehicleSeries:
 
     def hear(self, message: Message, t: float) -> None:
         """The next message of the autopilot, at a time of its clock."""
-        t_ns = round(t * 1e9)
+        t_ns = round(t * NS_PER_S)
         match message:
             case Battery() if self.battery.is_due(t_ns):
                 self.battery.append(t, message.voltage_v)

@@ -1,16 +1,13 @@
 """From an estimate of the leader to what an autopilot's follow mode can fly; a file for each autopilot."""
 
-from typing import Final
-
 from onboard.autopilot.guidance.ardupilot import ArduPilot
 from onboard.autopilot.guidance.follower import Follower
 from onboard.autopilot.guidance.guidance import Guidance
 from onboard.autopilot.guidance.px4 import Px4
 from onboard.config import GuidanceConfig
+from onboard.messages.mavlink_enums import PX4
 
-PX4: Final = 12  # MAV_AUTOPILOT
-
-__all__ = ["PX4", "Guidance", "follower_of"]
+__all__ = ["Guidance", "follower_of"]
 
 
 def follower_of(autopilot: int, config: GuidanceConfig) -> Follower:

@@ -28,8 +28,8 @@ from onboard.autopilot.guidance.states import GRACE_S, LOSING, PHASES, Activity,
 from onboard.config import GuidanceConfig
 from onboard.geometry.camera import Camera
 from onboard.geometry.carried import turn_rate
-from onboard.geometry.units import NS_PER_S
 from onboard.messages import Heartbeat, LeaderState, Quaternion
+from onboard.units import NS_PER_S
 
 LONGEST_STEP: Final = 0.1  # s
 TURN_ACCELERATION: Final = 2.0  # m/s^2, of the slot about the leader

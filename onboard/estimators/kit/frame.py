@@ -12,9 +12,9 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.geometry.geodesy import ecef_from_geodetic, geodetic_rows, rotation_ne
-from onboard.geometry.units import NS_PER_S, S_PER_NS
 from onboard.messages import GlobalPosition
 from onboard.ownship import Ownship
+from onboard.units import NS_PER_S, S_PER_NS
 
 
 class OwnMotion(NamedTuple):

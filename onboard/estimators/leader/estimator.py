@@ -36,7 +36,6 @@ from onboard.estimators.leader.tracks.fusing import Candidate
 from onboard.estimators.leader.tracks.gimbal_frames import GimbalFrames, may_be_contradicted
 from onboard.estimators.leader.tracks.track import FULL, NO_IMAGE, Track
 from onboard.geometry.camera import Camera
-from onboard.geometry.units import NS_PER_S
 from onboard.messages import (
     Estimate,
     Exposure,
@@ -49,6 +48,7 @@ from onboard.messages import (
 )
 from onboard.messages.causes import Cause, Reason
 from onboard.ownship import Ownship
+from onboard.units import NS_PER_S
 
 NAME: Final = "leader"
 LISTENS: Final = (Exposure, messages.Wind, messages.WarmState)

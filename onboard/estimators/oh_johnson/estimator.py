@@ -26,12 +26,12 @@ from onboard.filters.belief import Belief, FilterError, Update
 from onboard.filters.gating import chi_square_threshold
 from onboard.geometry.camera import Camera
 from onboard.geometry.lens import WIDEST
-from onboard.geometry.units import NS_PER_S
 from onboard.messages import Estimate, Exposure, Lifecycle, MeasurementReport, Message, TargetPoints, Verdict
 from onboard.messages.causes import Cause, Reason
 from onboard.models import camera_angles, relative_motion
 from onboard.models.relative_motion import FollowerMotion
 from onboard.ownship import Ownship, head_attitude
+from onboard.units import NS_PER_S
 
 NAME: Final = "oh_johnson"
 LISTENS: Final = (Exposure,)

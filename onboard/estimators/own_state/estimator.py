@@ -25,7 +25,6 @@ from onboard.estimators.own_state.track import Outcome, Track
 from onboard.filters.belief import FilterError
 from onboard.geometry.camera import Camera
 from onboard.geometry.rotations import matrix_from_quaternion
-from onboard.geometry.units import NS_PER_S
 from onboard.messages import (
     NOT_LIFTED,
     ActuatorOutputs,
@@ -44,6 +43,7 @@ from onboard.messages import (
 )
 from onboard.messages.causes import Cause, Reason
 from onboard.ownship import OwnMotion, Ownship
+from onboard.units import NS_PER_S
 
 __all__ = ["LISTENS", "Config", "Estimator"]
 

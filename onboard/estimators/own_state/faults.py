@@ -16,9 +16,9 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.own_state.config import Airframe
 from onboard.estimators.own_state.thrust import ThrustScale
-from onboard.geometry.units import NS_PER_S
 from onboard.messages import ActuatorOutputs, Fault, FaultKind, Imu
 from onboard.models.own_motion import GRAVITY
+from onboard.units import NS_PER_S
 
 WINDOW_NS: Final = 300_000_000  # means over this are compared
 HOLD_NS: Final = 150_000_000  # a finding must last so long to be named

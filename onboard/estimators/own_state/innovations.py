@@ -14,8 +14,8 @@ from onboard.arrays import Array
 from onboard.estimators.own_state.inputs import FADING_S
 from onboard.estimators.own_state.measurements import GPS, Measurement
 from onboard.filters.belief import Update
-from onboard.geometry.units import NS_PER_S
 from onboard.messages import Fault, FaultKind
+from onboard.units import NS_PER_S
 
 WRONG_VALUES: Final = 3  # within a second make a fault
 NEAR: Final = 2.0  # deviations: before and after a wrong value, innovations are this small

@@ -10,14 +10,14 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.own_state.noise import SensorNoise
-from onboard.geometry.units import S_PER_NS
 from onboard.models.own_motion import GRAVITY
+from onboard.units import NS_PER_S, S_PER_NS
 
-KEPT_NS: Final = 3_000_000_000
+KEPT_NS: Final = 3 * NS_PER_S
 HELD_NS: Final = 200_000_000  # a sample holds for so long after it; then the input is unknown
 DOWN: Final = np.array([0.0, 0.0, 1.0])
 SHORTEST_NS: Final = 900_000_000  # between fixes that are compared
-LONGEST_NS: Final = 2_000_000_000
+LONGEST_NS: Final = 2 * NS_PER_S
 FADING_S: Final = 5.0
 UNKNOWN_DENSITY: Final = 4.0  # (m/s^2)^2/Hz, before fixes have shown it
 KEPT_DENSITIES: Final = 100

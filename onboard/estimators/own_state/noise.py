@@ -14,9 +14,9 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.own_state.config import Config
-from onboard.geometry.units import S_PER_NS
 from onboard.ownship.contradictions import RATE_NOISE, SPEED_NOISE
 from onboard.ownship.scatter import Scatter
+from onboard.units import S_PER_NS
 
 LEAST_ATTITUDE: Final = np.radians(0.02)  # rad: MAVLink's quaternions and the autopilot's own timing
 LEAST_RATE: Final = np.radians(0.2)  # rad/s

@@ -9,9 +9,9 @@ from onboard.estimators.own_state.config import Config
 from onboard.estimators.own_state.measurements import HIGHEST, Measurement, from_attitude, from_barometer, from_fix
 from onboard.estimators.own_state.noise import SensorNoise
 from onboard.geometry.geodesy import geodetic_from_ned, ned_from_geodetic
-from onboard.geometry.units import NS_PER_S
 from onboard.messages import Attitude, Barometer, GlobalOrigin, GlobalPosition, GpsFix, Imu, Vec3, Verdict
 from onboard.ownship import Ownship
+from onboard.units import NS_PER_S
 
 ATTITUDES: Final = 200  # kept for the start of a track
 NEAREST_NS: Final = NS_PER_S // 2  # of an attitude to the fix at which a track starts

@@ -7,7 +7,7 @@ load that falls off is still a load that fell off.
 
 from typing import Final
 
-from onboard.geometry.units import NS_PER_S
+from onboard.units import NS_PER_S
 
 LEARNS_S: Final = 30.0  # a cell loses 1 % of its thrust in this time, at the end of its charge some 5 %
 LEAST, MOST = 0.5, 1.5  # times the airframe's thrust; beyond, it is no matter of charge

@@ -18,9 +18,9 @@ from onboard.estimators.own_state.inputs import Inputs
 from onboard.estimators.own_state.measurements import BAROMETER, GPS, Measurement, measurement_model, relative_to
 from onboard.filters.belief import Belief, Update
 from onboard.filters.gating import chi_square_threshold
-from onboard.geometry.units import NS_PER_S, S_PER_NS
 from onboard.models import own_motion
 from onboard.models.quadrotor import ATTITUDE, POSITION, RATES, VELOCITY
+from onboard.units import NS_PER_S, S_PER_NS
 
 DATUM_SIGMA: Final = 300.0  # m, of the barometer's datum over O
 PATIENCE: Final = 2  # measurements in a row that a gate may reject

@@ -13,10 +13,10 @@ from onboard.arrays import Array
 from onboard.estimators.traffic.filter import TrackFilter, join, put, take
 from onboard.filters.association import Places
 from onboard.filters.belief import Belief, FilterError
-from onboard.geometry.units import NS_PER_S, S_PER_NS
 from onboard.models.intruder import measurement
 from onboard.models.intruder.attitude_error import AttitudeErrorModel, ReportErrors, correct_attitude_error
 from onboard.models.intruder.motion import N, earlier_position
+from onboard.units import NS_PER_S, S_PER_NS
 
 NO_ROWS: Final = np.zeros(0, np.int64)
 Measure = Callable[[Array, Places], Array]  # of rows of states, and of each row's measurement, by its place

@@ -13,7 +13,6 @@ from onboard.estimators.traffic.config import Config
 from onboard.estimators.traffic.publication import estimates
 from onboard.estimators.traffic.tracker import Tracker
 from onboard.geometry.camera import Camera
-from onboard.geometry.units import NS_PER_S
 from onboard.messages import (
     AdsbVehicle,
     Estimate,
@@ -25,6 +24,7 @@ from onboard.messages import (
 )
 from onboard.messages.causes import Reason
 from onboard.ownship import Ownship
+from onboard.units import NS_PER_S
 
 __all__ = ["LISTENS", "Config", "Estimator"]
 

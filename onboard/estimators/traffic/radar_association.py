@@ -14,9 +14,9 @@ from onboard.estimators.traffic.track import Track
 from onboard.filters.association import Places, assign, candidates
 from onboard.filters.belief import Belief
 from onboard.filters.gating import chi_square_threshold, normalised_squared
-from onboard.geometry.units import NS_PER_S
 from onboard.models.intruder.measurement import ECHO, REPORT, expected_echo, position, position_noise
 from onboard.models.intruder.motion import displacement
+from onboard.units import NS_PER_S
 
 
 class RadarAssociation(NamedTuple):

@@ -24,9 +24,9 @@ from onboard.filters.association import Places
 from onboard.filters.belief import Belief, FilterError
 from onboard.filters.gating import chi_square_threshold, normalised_squared
 from onboard.geometry.rotations import matrix_from_quaternion, quaternion_from_vector
-from onboard.geometry.units import NS_PER_S
 from onboard.models.intruder.attitude_error import AttitudeErrorModel
 from onboard.models.intruder.measurement import cross_matrix, position
+from onboard.units import NS_PER_S
 
 MAX_ANCHORS: Final = 12  # twice as many would improve it by a third, and take eight times as long
 ROTATION, OWN = slice(0, 3), slice(3, 6)

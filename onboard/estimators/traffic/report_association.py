@@ -17,9 +17,9 @@ from onboard.estimators.traffic.reports import Key, Report
 from onboard.estimators.traffic.track import Track
 from onboard.filters.association import Places
 from onboard.filters.gating import chi_square_threshold
-from onboard.geometry.units import NS_PER_S
 from onboard.messages import MeasurementReport, Verdict
 from onboard.models.intruder.measurement import REPORT
+from onboard.units import NS_PER_S
 
 OUTLIERS: Final = 3  # reports that fit each other and not their track, before they are believed ...
 OUTLIERS_WITHIN_S: Final = 5.0  # ... if consecutive ones are no farther apart: one in a thousand is due to chance

@@ -11,8 +11,8 @@ from onboard.estimators.kit.frame import Frame
 from onboard.estimators.kit.peer_position import ReportedPosition, is_plausible, of_adsb, of_peer
 from onboard.estimators.traffic.config import Config
 from onboard.estimators.traffic.pseudoranges import solve
-from onboard.geometry.units import NS_PER_S
 from onboard.messages import AdsbVehicle, PeerPosition, PeerRanges, Verdict
+from onboard.units import NS_PER_S
 
 UNKNOWN_SPEED_SIGMA: Final = 300.0  # m/s: of a velocity that is not reported
 ROUNDED_AGE: Final = 0.5  # s: mean error of an age that is given in whole seconds,

@@ -5,9 +5,9 @@ from typing import Final, NamedTuple
 from onboard.estimators.kit.life_cycle import by_age
 from onboard.estimators.traffic.config import Config
 from onboard.estimators.traffic.reports import Key, Report
-from onboard.geometry.units import NS_PER_S
 from onboard.messages import AdsbVehicle, Lifecycle, MeasurementReport
 from onboard.messages.causes import Cause, Reason
+from onboard.units import NS_PER_S
 
 MOST_SOURCES: Final = 16  # of one track, the newest: names of radars are unlimited
 

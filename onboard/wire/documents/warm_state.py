@@ -7,6 +7,7 @@ import msgspec
 from msgspec.structs import replace
 
 from onboard.messages import WARM_VERSION, WarmState
+from onboard.units import NS_PER_S
 from onboard.wire.documents.document import BadDocumentError, load, parse
 
 FARTHEST: Final = 1e5  # m: what is farther away is no leader, or no position of ours
@@ -47,6 +48,6 @@ def _impossible(state: WarmState) -> str:
     own = state.own
     if any(x is None or abs(x) > FARTHEST for x in own.r_OF_n) or math.hypot(*own.v_F_n) > FASTEST:
         return "expected a known position within 100 km - at `$.own`"
-    if abs(state.own.t_ns - state.t_ns) > 1_000_000_000 or state.estimate.t_ns != state.t_ns:
+    if abs(state.own.t_ns - state.t_ns) > NS_PER_S or state.estimate.t_ns != state.t_ns:
         return "expected one time - at `$.t_ns`"
     return ""

@@ -32,12 +32,12 @@ from onboard.messages import (
     StatusText,
 )
 from onboard.messages.base import Vec3
+from onboard.messages.mavlink_enums import ARDUPILOT
 from onboard.messages.text import LINE, plain
 from onboard.wire.logs.tlog import NotALogError
 from onboard.wire.mavlink.records import POS_HORIZ_ABS, POS_HORIZ_REL, VELOCITY_HORIZ, barometer
 
 MAGIC: Final = b"\xa3\x95"
-ARDUPILOT: Final = 3
 ACTIVE: Final = 4
 FIX_3D: Final = 3
 GPS_EPOCH_S: Final = 315_964_800  # 6 January 1980, Unix time

@@ -29,11 +29,11 @@ from onboard.messages import (
     ParamValue,
     StatusText,
 )
+from onboard.messages.mavlink_enums import PX4
 from onboard.messages.text import LINE, plain
 from onboard.wire.logs.tlog import NotALogError
 
 MAGIC: Final = b"ULog\x01\x12\x35"
-PX4: Final = 12
 RATES: Final = "vehicle_angular_velocity"
 SPEEDS: Final = ("rollspeed", "pitchspeed", "yawspeed")
 ACTIVE: Final = 4

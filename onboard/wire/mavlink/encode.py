@@ -29,9 +29,9 @@ from onboard.messages import (
     TargetPoints,
     TimeSync,
 )
+from onboard.messages.mavlink_enums import BODY_FRD
 from onboard.wire.mavlink import companion, distance, files, gimbal, guidance, parameters, sim_truth, wind
 
-BODY_FRD: Final = 12
 STATUSTEXT_LENGTH: Final = 50
 ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 GPS_RAW_INT_HDOP: Final = 121  # a typical 1.21, in hundredths

@@ -22,13 +22,13 @@ from onboard.messages import (
     TargetRelative,
     Vec3,
 )
+from onboard.messages.mavlink_enums import BODY_FRD
 from onboard.wire.mavlink.frame import TARGET_RELATIVE
 from onboard.wire.mavlink.unlisted import UnlistedMessage
 
 POSITION, VELOCITY, ACCELERATION, ATTITUDE = 1, 2, 4, 8  # bits of est_capabilities
 LOCAL_OFFSET_NED: Final = 2  # TARGET_OBS_FRAME: NED, travels with the vehicle
 VISION_OTHER: Final = 3  # LANDING_TARGET_TYPE
-BODY_FRD: Final = 12
 TRACKING_IDLE, TRACKING_ACTIVE = 0, 1
 TRACK_POINT: Final = 1
 IN_STATUS: Final = 4  # CAMERA_TRACKING_TARGET_DATA: the target's place is in the status

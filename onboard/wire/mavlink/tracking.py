@@ -29,6 +29,7 @@ from onboard.messages import (
     Exposure,
 )
 from onboard.messages.causes import Reason
+from onboard.messages.mavlink_enums import BODY_FRD
 from onboard.wire.documents.cameras import CameraInput, Cameras
 from onboard.wire.documents.detections import FARTHEST, exposure_of
 from onboard.wire.documents.document import BadDocumentError
@@ -36,7 +37,6 @@ from onboard.wire.documents.poses import TO_C
 
 ACTIVE, COASTING = 1, 8  # CAMERA_TRACKING_STATUS_FLAGS
 POINT, RECTANGLE = 1, 2  # CAMERA_TRACKING_MODE
-BODY_FRD: Final = 12  # MAV_FRAME
 AS_CONFIGURED: Final = (
     0.05  # of the focal length: a calibrated one is better than one so near that a camera states
 )

@@ -21,6 +21,7 @@ import numpy as np
 from onboard.geometry.lens import Lens
 from onboard.messages import Box, CameraDetections, Clock, DetectedPoint, DetectedPose, Detection
 from onboard.messages.text import plain
+from onboard.units import NS_PER_S
 from onboard.wire.documents.document import LARGEST, LATEST_NS, BadDocumentError
 from onboard.wire.ros.camera_info import lens_of_info
 
@@ -180,7 +181,7 @@ class _Reader:
     def header(self) -> tuple[int, str]:
         """std_msgs/Header: time in ns, frame_id."""
         sec, nanosec = self.numbers("iI", 4)
-        t_ns = sec * 1_000_000_000 + nanosec
+        t_ns = sec * NS_PER_S + nanosec
         self.t_ns = self.t_ns or t_ns
         return t_ns, self.text()
 

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 from onboard.messages import Fault, Health, Lifecycle, Severity
+from onboard.units import S_PER_NS
 
 OK, WARN, ERROR = 0, 1, 2  # diagnostic_msgs/DiagnosticStatus
 OF_SEVERITY: Final = {Severity.ERROR: ERROR, Severity.WARNING: WARN, Severity.NOTICE: OK}
@@ -51,6 +52,6 @@ def _program(health: Health) -> Status:
     values |= {f"{name}, Hz": f"{stream.rate:.1f}" for name, stream in health.streams.items()}
     values |= {f"camera {name}, Hz": f"{camera.rate:.1f}" for name, camera in health.cameras.items()}
     if health.clock_offset_ns is not None:
-        values["clock offset, s"] = f"{health.clock_offset_ns * 1e-9:.6f}"
+        values["clock offset, s"] = f"{health.clock_offset_ns * S_PER_NS:.6f}"
     message = health.advice[0].what if health.advice else "nothing is wrong"
     return Status(max(levels, default=OK), "onboard", message, values)

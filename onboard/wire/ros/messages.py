@@ -22,6 +22,7 @@ from onboard.geometry.enu import ENU_NED, FLU_FRD, flu_to_enu
 from onboard.geometry.rotations import quaternion_from_matrix
 from onboard.messages import Estimate, Health, NavState, OwnPose
 from onboard.messages.ros import Ros2Config, RosMessage, RosTopic
+from onboard.units import NS_PER_S
 from onboard.wire.odometry import full, odometry_of
 from onboard.wire.ros.diagnostics import statuses
 from onboard.wire.ros.types import RosTypes
@@ -30,7 +31,7 @@ POSITION: Final = ("r_north", "r_east", "r_down")
 VELOCITY: Final = ("v_north", "v_east", "v_down")
 UNKNOWN_ANGLE: Final = math.pi**2 / 3.0  # rad^2: variance of an angle, or a rate, that may be any
 LEVEL: Final = (0.0, 0.0, 0.0, 1.0)  # x, y, z, w
-NEW_START_NS: Final = 10_000_000_000  # a clock that runs back by more has begun anew; tf2 remembers as much
+NEW_START_NS: Final = 10 * NS_PER_S  # a clock that runs back by more has begun anew; tf2 remembers as much
 Numbers = NDArray[np.float64]
 
 
@@ -159,7 +160,7 @@ class RosEncoder:
         return RosMessage(self._topics[topic], t_ns, self._types.encode(message))
 
     def _header(self, t_ns: int, frame: str) -> Any:
-        seconds, rest = divmod(t_ns, 1_000_000_000)
+        seconds, rest = divmod(t_ns, NS_PER_S)
         return self._make("std_msgs/Header", self._make("builtin_interfaces/Time", seconds, rest), frame)
 
     def _pose(self, r: Numbers, turn: tuple[float, ...]) -> Any:

@@ -8,10 +8,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from onboard.arrays import Array
-from onboard.autopilot.guidance import PX4, Guidance, follower_of
+from onboard.autopilot.guidance import Guidance, follower_of
 from onboard.autopilot.guidance.px4 import FOLLOW_ME, MOVES, PASSES
 from onboard.config import GuidanceConfig
 from onboard.messages import Heartbeat, LeaderState
+from onboard.messages.mavlink_enums import PX4
 from simlink.scenarios.formation import Follow
 from simlink.world.constants import DT
 from simlink.world.follow import NOWHERE, Target

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from onboard.autopilot.guidance import PX4, Guidance, follower_of
+from onboard.autopilot.guidance import Guidance, follower_of
 from onboard.autopilot.guidance.ardupilot import FOLLOW
 from onboard.autopilot.guidance.course import wrapped
 from onboard.autopilot.guidance.px4 import FOLLOW_ME
 from onboard.autopilot.guidance.states import MOTIONS, PHASES, Activity, Event, Machine, Phase, StateChange
 from onboard.config import GuidanceConfig
 from onboard.messages import Heartbeat
+from onboard.messages.mavlink_enums import PX4
 from tests.support.leader import S, T
 from tests.support.programs import ROOT
 from tests.unit.autopilot.test_guidance import state

@@ -8,11 +8,11 @@ import pytest
 
 from onboard.config import parse_config
 from onboard.geometry.rotations import matrix_from_euler
-from onboard.geometry.units import NS_PER_S
 from onboard.health.mounts import FEWEST_WINDOWS, Sight, _why, equations, errors
 from onboard.health.remedies import remedy_of
 from onboard.messages import DOUBT, Advice, Datagram
 from onboard.pipeline import Pipeline
+from onboard.units import NS_PER_S
 from simlink.scenarios.scenario import Scenario, load_scenario
 from simlink.simulation import datagrams
 from tests.support.streams import S

@@ -6,10 +6,10 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.geometry.camera import Camera, in_view
-from onboard.geometry.units import S_PER_NS
 from onboard.messages import MountAttitude
 from onboard.messages.causes import Reason
 from onboard.ownship import Ownship, Pose, head_attitude
+from onboard.units import S_PER_NS
 
 RATE_NS: Final = 40_000_000  # interval over which the camera's rates are computed
 NO_NOISE: Final = np.zeros((3, 3))

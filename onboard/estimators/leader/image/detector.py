@@ -28,9 +28,9 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.leader.image.prepare import Image
-from onboard.geometry.units import NS_PER_S
 from onboard.messages import ImagePoint, TargetDetection, TargetImage, TargetPoints
 from onboard.messages.causes import Cause, Reason
+from onboard.units import NS_PER_S
 
 WINDOW: Final = 60  # images
 MEDIAN: Final = 2.0 * math.log(2.0)  # of chi-square with two degrees of freedom

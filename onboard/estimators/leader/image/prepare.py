@@ -30,7 +30,6 @@ from onboard.estimators.leader.image.pose import measured_pose
 from onboard.estimators.leader.image.shape import MIDDLE_AND_SIZE, Shape, of_box, of_points
 from onboard.geometry.camera import Camera
 from onboard.geometry.lens import WIDEST, Edges
-from onboard.geometry.units import NS_PER_S
 from onboard.messages import (
     ImageFeature,
     ImagePoint,
@@ -43,6 +42,7 @@ from onboard.messages import (
     Verdict,
 )
 from onboard.ownship import Ownship
+from onboard.units import NS_PER_S
 
 UNKNOWN: Final = 100.0  # rad: the noise of what is not measured. A minute of images with it says nothing
 TIPS: Final = 0.3  # of the wing: noise of tips that are to say only which one is left ...

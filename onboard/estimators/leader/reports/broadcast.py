@@ -23,7 +23,6 @@ from onboard.estimators.leader.hypotheses.auxiliary import (
     Report,
 )
 from onboard.estimators.leader.hypotheses.cloud import Bias
-from onboard.geometry.units import NS_PER_S
 from onboard.messages import (
     AdsbVehicle,
     FollowTarget,
@@ -33,6 +32,7 @@ from onboard.messages import (
     Verdict,
 )
 from onboard.ownship import Ownship
+from onboard.units import NS_PER_S
 
 COUNTED: Final = "broadcast_"  # before the verdicts in the health
 OWN_POSITION_TIMEOUT_S: Final = 3.0

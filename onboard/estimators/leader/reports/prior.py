@@ -11,10 +11,10 @@ from onboard.filters.belief import Belief
 from onboard.filters.discretisation import singer
 from onboard.geometry.carried import carried, turn_rate, turning
 from onboard.geometry.path_axes import acceleration_of
-from onboard.geometry.units import S_PER_NS
 from onboard.messages import WarmState
 from onboard.models.relative_motion import POSITION, SIZE, VELOCITY
 from onboard.ownship import Ownship
+from onboard.units import S_PER_NS
 
 MOTION: Final = slice(0, 6)
 LONGEST_S: Final = 10.0  # later, the leader may be anywhere

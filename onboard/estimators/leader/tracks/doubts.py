@@ -35,10 +35,10 @@ from onboard.arrays import Array
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.prepare import Image
 from onboard.filters.belief import Belief
-from onboard.geometry.units import NS_PER_S
 from onboard.messages.causes import Cause, Reason
 from onboard.models.relative_motion import POSITION, SIZE, VELOCITY
 from onboard.ownship import Ownship
+from onboard.units import NS_PER_S
 
 LONGEST_S: Final = 0.3  # between two images: over longer gaps an aircraft may have moved anywhere
 LEAP: Final = math.radians(2.0)  # a direction that changes by more ...

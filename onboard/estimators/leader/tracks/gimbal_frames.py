@@ -18,10 +18,10 @@ from onboard.arrays import Array
 from onboard.estimators.leader.image.camera_pose import CameraPoses
 from onboard.estimators.leader.image.prepare import Image
 from onboard.geometry.camera import Camera
-from onboard.geometry.units import NS_PER_S
 from onboard.messages import MountFrame
 from onboard.messages.causes import Cause, Reason
 from onboard.ownship import Ownship
+from onboard.units import NS_PER_S
 
 WORDS: Final[Mapping[MountFrame, str]] = {
     "body": "our body",

@@ -14,9 +14,9 @@ from typing import Final, NamedTuple
 
 from onboard.estimators.kit.life_cycle import by_age
 from onboard.estimators.leader.config import Config
-from onboard.geometry.units import NS_PER_S
 from onboard.messages import Lifecycle
 from onboard.messages.causes import Cause, Reason
+from onboard.units import NS_PER_S
 
 CARRIED: Final = "carried by its broadcast"
 ELSEWHERE: Final = "its broadcast had led elsewhere"

@@ -14,10 +14,10 @@ from onboard.estimators.leader.image.measurement import points_of
 from onboard.estimators.leader.image.prepare import Image
 from onboard.estimators.leader.tracks.life_cycle import LifeCycle
 from onboard.filters.belief import Belief, Update
-from onboard.geometry.units import NS_PER_S
 from onboard.messages import Estimate, ImagePoint, MeasurementReport, Mode, TargetImage, Vec3, Verdict
 from onboard.models import relative_motion
 from onboard.models.relative_motion import POSITION, VELOCITY
+from onboard.units import NS_PER_S
 
 
 def report(

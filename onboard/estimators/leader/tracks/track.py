@@ -47,11 +47,11 @@ from onboard.estimators.leader.tracks.life_cycle import Facts, LifeCycle
 from onboard.estimators.leader.tracks.report import RateLimit, modes_of, published, report, with_attitude
 from onboard.filters.belief import Belief, FilterError
 from onboard.filters.definite import factor
-from onboard.geometry.units import NS_PER_S
 from onboard.messages import Estimate, Lifecycle, MeasurementReport, Mode, TargetImage, Verdict
 from onboard.messages.causes import Cause, Reason
 from onboard.models.relative_motion import POSITION, SIZE
 from onboard.ownship import Ownship
+from onboard.units import NS_PER_S
 
 NOISE: Final = NoiseScale()  # before anything is learnt
 KNOWN: Final = 0.1  # rad, of the direction: a range says nothing of a leader whose direction is known less well

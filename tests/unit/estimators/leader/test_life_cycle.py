@@ -7,8 +7,8 @@ import pytest
 
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.tracks.life_cycle import Facts, LifeCycle
-from onboard.geometry.units import NS_PER_S
 from onboard.messages.causes import Cause, Reason
+from onboard.units import NS_PER_S
 
 
 def life_cycle() -> LifeCycle:

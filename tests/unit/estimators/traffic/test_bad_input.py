@@ -11,8 +11,8 @@ from msgspec.structs import replace
 
 from onboard.estimators.traffic.config import Config
 from onboard.estimators.traffic.estimator import Estimator
-from onboard.geometry.units import NS_PER_S
 from onboard.messages import RadarScan
+from onboard.units import NS_PER_S
 from tests.support.traffic import CAMERA, NAME, NORTH, R0, V0, Sky, fly_with_reports, mean
 
 

@@ -7,7 +7,7 @@ from msgspec import structs
 
 from onboard.estimators.traffic.registration import MAX_ANCHORS, AnchorEcho, Registration
 from onboard.estimators.traffic.reports import Report
-from onboard.geometry.units import NS_PER_S
+from onboard.units import NS_PER_S
 from tests.support.registration import (
     AHEAD,
     CONFIG,

@@ -10,8 +10,8 @@ from onboard.estimators.traffic.motion import first_covariance
 from onboard.estimators.traffic.reports import Key, Report
 from onboard.estimators.traffic.tracker import Tracker
 from onboard.filters.belief import Belief
-from onboard.geometry.units import NS_PER_S
 from onboard.models.intruder import motion
+from onboard.units import NS_PER_S
 from tests.support.registration import AHEAD, CONFIG, MESSAGE, RADAR, World, after_scans
 
 

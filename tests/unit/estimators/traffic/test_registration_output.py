@@ -6,8 +6,8 @@ from msgspec import structs
 
 from onboard.estimators.traffic.registration import Registration
 from onboard.geometry.rotations import matrix_from_quaternion, quaternion_from_vector
-from onboard.geometry.units import NS_PER_S
 from onboard.models.intruder import measurement
+from onboard.units import NS_PER_S
 from tests.support.registration import (
     CONFIG,
     PRIOR_SIGMA,

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from onboard.geometry.units import NS_PER_S
 from onboard.messages import AltitudeType, Lifecycle, PeerPosition, ThreatLevel
+from onboard.units import NS_PER_S
 from tests.support.traffic import HOME, ICAO, NAME, R0, V0, Sky, fly_with_reports, fly_with_scans, mean
 
 
