@@ -32,7 +32,6 @@ ALL: Final = {
     "adsb": 10_000,
     "param_set": 200,
     "param_list": 50,
-    "ftp": 100,
     "garbage": 1_000,
     "unsigned": 200,
     "points": 500,

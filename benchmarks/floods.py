@@ -3,7 +3,7 @@
     python -m benchmarks.floods --udp 14540 --seconds 20 --begin-ns 123 --kind imu=10000 --kind adsb=10000
 
 All kinds: `imu`, samples of the autopilot's own in single datagrams; `adsb`, reports of 10,000 aircraft;
-`param_set` and `param_list`, by a ground station; `ftp`, bursts of a file, for another one; `garbage`, bytes that
+`param_set` and `param_list`, by a ground station; `garbage`, bytes that
 are no frame; `unsigned`, heartbeats of the autopilot's number without a key; `points`, images of cameras and
 targets that nobody knows, over Zenoh. With --key, all but `garbage` and `unsigned` are signed: whoever sends them
 holds the key. Prints, as JSON, how many of each were sent.
@@ -27,18 +27,16 @@ from benchmarks.targets import MS
 from onboard.wire.mavlink.encode import MavlinkEncoder
 from onboard.wire.mavlink.signing import Signer
 
-KINDS: Final = ("imu", "adsb", "param_set", "param_list", "ftp", "garbage", "unsigned", "points")
+KINDS: Final = ("imu", "adsb", "param_set", "param_list", "garbage", "unsigned", "points")
 AIRCRAFT: Final = 10_000
 STRANGERS: Final = 100  # cameras of points, and as many targets
 BURST_S: Final = 0.001
 LATE_S: Final = 0.01
-OPEN, READ_BURST = 4, 15  # opcodes of MAVLink FTP
 SENDERS: Final = {  # system and component
     "adsb": (1, 1),
     "unsigned": (1, 1),
     "param_set": (255, 190),
     "param_list": (255, 190),
-    "ftp": (254, 190),
 }
 Make = Callable[[], bytes]
 
@@ -75,13 +73,8 @@ def _messages(kind: str) -> Iterator[Any]:
     elif kind == "param_set":
         for k in range(100):
             yield dialect.MAVLink_param_set_message(1, 191, b"CAM_SIGMA_PX", 1.0 + 0.01 * k, 9)
-    elif kind == "param_list":
-        yield dialect.MAVLink_param_request_list_message(1, 191)
     else:
-        for opcode, data in ((OPEN, b"parameters.json"), (READ_BURST, b"")):
-            head = bytes([0, 0, 0, opcode, len(data) or 239, 0, 0, 0, 0, 0, 0, 0])
-            payload = list((head + data).ljust(251, b"\0"))
-            yield dialect.MAVLink_file_transfer_protocol_message(0, 1, 191, payload)
+        yield dialect.MAVLink_param_request_list_message(1, 191)
 
 
 def run(rates: Mapping[str, int], options: argparse.Namespace) -> dict[str, int]:

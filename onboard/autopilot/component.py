@@ -4,7 +4,7 @@ from typing import Final
 
 from onboard.autopilot.requests import UNSUPPORTED, Requests, stamp
 from onboard.autopilot.sent import Encoder
-from onboard.messages import Command, CommandAck, FileRequest, Message, ParamRequest
+from onboard.messages import Command, CommandAck, Message, ParamRequest
 
 TO_ALL: Final = 0  # as a target component
 
@@ -21,7 +21,7 @@ class Component:
         """A message of ours as a frame."""
         return self._encoder.encode(message)
 
-    def is_target(self, m: Command | CommandAck | FileRequest | ParamRequest) -> bool:
+    def is_target(self, m: Command | CommandAck | ParamRequest) -> bool:
         """Whether a message is addressed to us, or to all components of our system."""
         return m.target_system == self._system and m.target_component in {self._component, TO_ALL}
 

@@ -6,12 +6,10 @@ from typing import Final, NamedTuple
 
 from msgspec.structs import replace
 
-from onboard.autopilot.files import Files
 from onboard.autopilot.guidance import Guidance, follower_of
 from onboard.autopilot.leader_messages import OWN_SYSTEM, View
 from onboard.autopilot.leader_output import LeaderOutput
 from onboard.autopilot.leader_state import LeaderStates
-from onboard.autopilot.metadata import Metadata
 from onboard.autopilot.notices import WARNING, Notices, Rank
 from onboard.autopilot.odometry import OdometryStream
 from onboard.autopilot.parameters import Parameters
@@ -71,13 +69,9 @@ class AutopilotOutput:
         self._requests = Requests(config.autopilot.trusted, refuse)
         self._requests.offer("AUTOPILOT_VERSION", version)
         parameters = parameters or Parameters(config)
-        metadata = Metadata(parameters.names, config.autopilot.component)
-        self._requests.offer("COMPONENT_METADATA", metadata.message)
-        files, self._rations = Files(metadata.files), Rations()
+        self._rations = Rations()
         self._sessions = {
-            link.name: Session(
-                config.autopilot, link.name, self._requests, parameters, files, self._rations, refuse
-            )
+            link.name: Session(config.autopilot, link.name, self._requests, parameters, self._rations, refuse)
             for link in config.link
             if link.is_autopilot
         }

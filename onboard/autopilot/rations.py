@@ -6,7 +6,7 @@ from typing import Final
 from onboard.messages import Message
 from onboard.units import NS_PER_S
 
-MOST_BYTES: Final = 8192  # of answers to one source at once: two lists of parameters, or three bursts of a file
+MOST_BYTES: Final = 8192  # of answers to one source at once: two lists of parameters
 BYTES_PER_S: Final = 4096  # then; less than a serial line at 57,600 Bd carries
 STORED: Final = 400  # bytes that a parameter counts for that is set: it is checked and stored
 SOURCES: Final = 16  # with a ration of their own; all others share one

@@ -132,7 +132,6 @@ def version(now_ns: int) -> Version:
     major, minor, patch = (int(part) for part in __version__.split(".")[:3])
     bits = (
         dialect.MAV_PROTOCOL_CAPABILITY_MAVLINK2
-        | dialect.MAV_PROTOCOL_CAPABILITY_FTP
         | dialect.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
         | dialect.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST
     )

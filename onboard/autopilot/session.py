@@ -10,8 +10,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from onboard.autopilot.component import TO_ALL, Component
-from onboard.autopilot.files import Files
+from onboard.autopilot.component import Component
 from onboard.autopilot.parameters import Parameters
 from onboard.autopilot.rations import STORED, Rations
 from onboard.autopilot.requests import Requests, sender_of, stamp
@@ -21,7 +20,6 @@ from onboard.messages import (
     Command,
     CommandAck,
     ComputerStatus,
-    FileRequest,
     Heartbeat,
     Message,
     ParamAction,
@@ -50,7 +48,7 @@ ORIGIN_AGAIN_NS: Final = 5 * NS_PER_S
 RATIONED: Final = Reason(Cause.RATIONED, "answers are rationed: it asks for too much in too short a time")
 
 
-ASKING: Final = (TimeSync, Ping, ParamRequest, FileRequest, CommandAck, Command)
+ASKING: Final = (TimeSync, Ping, ParamRequest, CommandAck, Command)
 
 
 class Session:
@@ -63,14 +61,13 @@ class Session:
         channel: str = "",
         requests: Requests | None = None,
         parameters: Parameters | None = None,
-        files: Files | None = None,
         rations: Rations | None = None,
         refuse: OnRefused = ignore,
     ) -> None:
         self.refusals: list[tuple[str, str]] = []  # sender and line for a person, since they were taken
         self._config, self._channel, self._requests_of_us = config, channel, requests or Requests()
-        self._parameters, self._files = parameters or Parameters(Config()), files or Files({})
-        self._rations, self._refuse = rations or Rations(), refuse
+        self._parameters, self._rations = parameters or Parameters(Config()), rations or Rations()
+        self._refuse = refuse
         self._refusals = self._status_requests = 0
         self.computer: ComputerStatus | None = None
         self._us: Component | None = None
@@ -159,8 +156,6 @@ class Session:
             if refusal:
                 self.refusals.append((sender_of(m), f"refused: {refusal}"))
             return list(map(self._pack, replies))
-        if isinstance(m, FileRequest) and us.is_target(m) and m.target_component != TO_ALL:
-            return list(map(self._pack, self._files.answer(m, now_ns)))
         if isinstance(m, CommandAck) and us.is_target(m):
             self._read_ack(m)
         if isinstance(m, Command) and us.is_target(m):

@@ -54,7 +54,6 @@ from onboard.messages.estimates import (
     ThreatLevel,
     Verdict,
 )
-from onboard.messages.files import ComponentMetadata, FileError, FileReply, FileRequest
 from onboard.messages.guidance import (
     CameraTracking,
     CameraTrackingGeo,
@@ -155,7 +154,6 @@ __all__ = [
     "Collision",
     "Command",
     "CommandAck",
-    "ComponentMetadata",
     "ComputerLoad",
     "ComputerStatus",
     "Consistency",
@@ -170,9 +168,6 @@ __all__ = [
     "Exposure",
     "Fault",
     "FaultKind",
-    "FileError",
-    "FileReply",
-    "FileRequest",
     "FollowTarget",
     "GimbalAttitude",
     "GlobalOrigin",

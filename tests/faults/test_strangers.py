@@ -20,7 +20,7 @@ from onboard.config import Config, Storing, parse_config, read_stored
 from onboard.daemon import Daemon
 from onboard.links.link import close_all
 from onboard.links.udp import UdpLink
-from onboard.messages import Clock, Datagram, Encoding, FileRequest, Message, ParamAction, ParamRequest, Reason
+from onboard.messages import Clock, Datagram, Encoding, Message, ParamAction, ParamRequest, Reason
 from onboard.pipeline import Pipeline
 from onboard.wire.mavlink.encode import MavlinkEncoder, message_number
 from onboard.wire.mavlink.signing import Signer
@@ -137,7 +137,7 @@ def test_signatures_are_compared_with_the_clock_that_is_set() -> None:
     assert not Signed().accepts(began + 30 * S, arrival=began, step=HALF_A_YEAR)
 
 
-UNREAD = 2  # of what we send, nothing of which is read: TARGET_RELATIVE and COMPONENT_METADATA
+UNREAD = 1  # message of ours is never read: TARGET_RELATIVE
 REPEATED = {"fc": KEY, "gcs": KEY, "other": KEY[::-1]}
 
 
@@ -256,42 +256,38 @@ def test_a_refused_request_is_in_the_health() -> None:
     assert "FOLLOW_TARGET" in refusal.reason
 
 
-def asks(kind: str, system: int, number: int) -> Message:
+def asks(kind: str, system: int) -> Message:
     """A message whose answer is much longer."""
     who: dict[str, Any] = {"t_ns": NOW, "t_recv_ns": NOW, "clock": Clock.NONE, "system": system, "component": 66}
     to_us = {"target_system": 7, "target_component": 191}
-    if kind == "file":
-        return FileRequest(**who, **to_us, number=number, session=0, opcode=15, size=239, offset=0, data=b"")
     if kind in {"list", "extended list"}:
         return ParamRequest(**who, **to_us, action=ParamAction.LIST, extended=kind != "list")
     to = 100 if kind == "CAMERA_INFORMATION" else 191
     return replace(command_long(512, message_number(kind), component=to), system=system, component=66)
 
 
-@pytest.mark.parametrize("kind", ["list", "extended list", "file", "AUTOPILOT_VERSION", "CAMERA_INFORMATION"])
+@pytest.mark.parametrize("kind", ["list", "extended list", "AUTOPILOT_VERSION", "CAMERA_INFORMATION"])
 def test_answers_are_rationed_by_source_and_counted(kind: str) -> None:
     refused: list[tuple[str, Reason, int]] = []
     out = everything(refuse=lambda *r: refused.append(r))
-    opens = replace(asks("file", 66, 0), opcode=4, data=b"general.json")
-    out.respond(LINK, [opens], NOW)
     sent = 0
     for k in range(1000):  # in ten seconds
-        sent += sum(map(len, out.respond(LINK, [asks(kind, 66, k)], NOW + 10 * k * 10**6).frames))
+        sent += sum(map(len, out.respond(LINK, [asks(kind, 66)], NOW + 10 * k * 10**6).frames))
     assert BYTES_PER_S < sent / 10 < BYTES_PER_S + (MOST_BYTES + 4000) / 10
     assert {source for source, *_ in refused} == {"system 66, component 66"}
-    assert out.respond(LINK, [asks("list", 255, 0)], NOW + 10 * S).frames, "others are answered"
+    assert out.respond(LINK, [asks("list", 255)], NOW + 10 * S).frames, "others are answered"
 
 
 def test_strangers_without_number_share_one_ration() -> None:
     out = everything()
-    answered = [out.respond(LINK, [asks("list", k % 250, k // 250)], NOW + k).frames for k in range(2000)]
+    answered = [out.respond(LINK, [asks("list", k % 250)], NOW + k).frames for k in range(2000)]
     sent = sum(len(frame) for frames in answered for frame in frames)
     assert sent < (SOURCES + 1) * (MOST_BYTES + 2000)
     assert len(out._rations._left) <= SOURCES + 1
 
 
 def test_a_ration_is_whole_again_after_two_seconds_and_not_by_a_clock_that_goes_back() -> None:
-    rations, m = Rations(), asks("list", 66, 0)
+    rations, m = Rations(), asks("list", 66)
     rations.spend(m, 2 * MOST_BYTES, NOW)
     assert not rations.admits(m, NOW)
     assert not rations.admits(m, NOW - 100 * S)
@@ -314,7 +310,7 @@ def test_a_parameter_is_stored_beside_the_event_loop_and_of_several_the_newest(
     rows = {"parameters": {"path": str(path)}, "zenoh": {"enabled": False}}
     daemon = Daemon(parse_config(rows), report=lambda _: None)
     daemon._output.connect(AUTOPILOT)
-    sets = replace(asks("list", 66, 0), action=ParamAction.SET, name="CAM_SIGMA_PX")
+    sets = replace(asks("list", 66), action=ParamAction.SET, name="CAM_SIGMA_PX")
     for k in range(1000):
         daemon._output.respond("autopilot", [replace(sets, value=1.0 + k / 1000)], NOW)
     assert not path.exists()

@@ -21,17 +21,8 @@ OnboardComputerStatus.FIELDS = [
   new MavLinkPacketField('cpu_cores', 'cpuCores', 197, false, 1, 'uint8_t[]', '%', 8),
 ]
 
-class ComponentMetadata extends MavLinkData {}
-ComponentMetadata.MSG_ID = 397
-ComponentMetadata.MSG_NAME = 'COMPONENT_METADATA'
-ComponentMetadata.MAGIC_NUMBER = 182
-ComponentMetadata.FIELDS = [
-  new MavLinkPacketField('file_crc', 'fileCrc', 4, false, 4, 'uint32_t', ''),
-  new MavLinkPacketField('uri', 'uri', 8, false, 1, 'char[]', '', 100),
-]
-
 const registry = { ...minimal.REGISTRY, ...standard?.REGISTRY, ...common.REGISTRY, ...ardupilotmega.REGISTRY,
-  ...development.REGISTRY, 390: OnboardComputerStatus, 397: ComponentMetadata }
+  ...development.REGISTRY, 390: OnboardComputerStatus }
 const secret = Buffer.from(key, 'hex')
 const found = []
 const plain = (_, value) => typeof value === 'bigint' ? Number(value) : value

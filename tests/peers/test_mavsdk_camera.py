@@ -1,5 +1,5 @@
-"""MAVSDK's camera plugin finds the camera in which we track the leader, by our heartbeat and our answers. Its
-plugin for component metadata reads that of our parameters over MAVLink FTP."""
+"""MAVSDK's camera plugin finds the camera in which we track the leader, by our heartbeat and our
+answers."""
 
 import json
 import os
@@ -9,7 +9,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from onboard.autopilot.parameters import KEYS
 from onboard.messages import Datagram, Encoding
 from onboard.wire.datagrams import DatagramDecoder
 from onboard.wire.mavlink.encode import MavlinkEncoder
@@ -22,9 +21,7 @@ pytestmark = NEEDS_MAVSDK
 CLIENT = (
     CONNECT
     + """\
-import threading
 from mavsdk.plugins.camera import Camera
-from mavsdk.plugins.component_metadata import ComponentMetadata, MetadataType
 
 camera = Camera(system)
 until(lambda: camera.camera_list().cameras)
@@ -33,27 +30,11 @@ for c in camera.camera_list().cameras:
     size = [c.horizontal_resolution_px, c.vertical_resolution_px]
     found.append([c.component_id, c.vendor_name, c.model_name, *size])
 print("FOUND " + json.dumps(found), flush=True)
-received, done = [], threading.Event()
-metadata = ComponentMetadata(system)
-
-
-def take(update, _):
-    if update.type == MetadataType.PARAMETER:
-        received.append([update.compid, json.loads(update.json_metadata)])
-        done.set()
-
-
-metadata.subscribe_metadata_available(take)
-metadata.request_component(191)
-done.wait(60)
-print("METADATA " + json.dumps(received), flush=True)
 """
 )
 
 
-def test_mavsdk_finds_the_camera_in_which_we_track_and_reads_the_metadata_of_our_parameters(
-    tmp_path: Path,
-) -> None:
+def test_mavsdk_finds_the_camera_in_which_we_track(tmp_path: Path) -> None:
     (port,) = free_ports(socket.SOCK_DGRAM)
     out, autopilot, decoder = everything(), MavlinkEncoder(7, 1), DatagramDecoder()
     command = [sys.executable, "-c", CLIENT, f"udpin://127.0.0.1:{port}"]
@@ -76,8 +57,6 @@ def test_mavsdk_finds_the_camera_in_which_we_track_and_reads_the_metadata_of_our
         client.wait()
     found: list[Any] = json.loads(text.split("FOUND ")[1].splitlines()[0])
     assert found == [[100, "wingline", "front", 640, 480]], text
-    ((component, described),) = json.loads(text.split("METADATA ")[1].splitlines()[0])
-    assert (component, [p["name"] for p in described["parameters"]]) == (191, list(KEYS)), text
 
 
 def exchange(ours: socket.socket, frame: bytes) -> None:

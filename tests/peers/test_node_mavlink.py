@@ -78,7 +78,6 @@ def test_node_mavlink_decodes_all_that_we_send_and_each_end_trusts_the_others_si
     computer, camera = by_name["ONBOARD_COMPUTER_STATUS"]["fields"], by_name["CAMERA_INFORMATION"]
     assert (computer["cpuCores"], computer["ramTotal"]) == ([12, 100, *[255] * 6], 4096)
     assert (camera["component"], camera["fields"]["resolutionH"]) == (100, 640)
-    assert by_name["COMPONENT_METADATA"]["fields"]["uri"] == "mftp://[;comp=191]general.json"
     assert by_name["PARAM_EXT_ACK"]["fields"]["paramId"] == "CAM_SIGMA_PX"
 
 

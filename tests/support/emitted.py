@@ -11,7 +11,6 @@ from onboard.messages import (
     Clock,
     Command,
     ComputerStatus,
-    FileRequest,
     Message,
     ParamAction,
     ParamRequest,
@@ -30,12 +29,12 @@ STREAMS: Final = frozenset({*LEADER, "ODOMETRY", "COLLISION", "HEARTBEAT", "TIME
 CAMERA: Final = 100  # the component that sends what a camera does
 OF_CAMERA: Final = frozenset({"CAMERA_TRACKING_IMAGE_STATUS", "CAMERA_TRACKING_GEO_STATUS", "CAMERA_INFORMATION"})
 FIXED: Final = frozenset({"HEARTBEAT", "TIMESYNC"})  # whose rates others rely on
-ON_REQUEST: Final = frozenset({"AUTOPILOT_VERSION", "CAMERA_INFORMATION", "COMPONENT_METADATA"})
+ON_REQUEST: Final = frozenset({"AUTOPILOT_VERSION", "CAMERA_INFORMATION"})
 # Answers and events, which are nobody's to request: what they answer is requested instead.
 ANSWERS: Final = frozenset(
     {
         *("COMMAND_ACK", "MESSAGE_INTERVAL", "PING", "PARAM_VALUE", "PARAM_EXT_VALUE", "PARAM_EXT_ACK"),
-        *("COMMAND_LONG", "STATUSTEXT", "FILE_TRANSFER_PROTOCOL"),
+        *("COMMAND_LONG", "STATUSTEXT"),
     }
 )
 
@@ -96,7 +95,6 @@ def answered(out: AutopilotOutput) -> list[bytes]:
         ParamRequest(**sender, **to_us, action=ParamAction.LIST, extended=True),
         ParamRequest(**sender, **to_us, action=ParamAction.SET, extended=True, name="CAM_SIGMA_PX", value=2.0),
     ]
-    messages.append(FileRequest(**sender, **to_us, number=1, session=0, opcode=3, size=1, offset=0, data=b"/"))
     asked = ((510, "FOLLOW_TARGET"), *((512, name) for name in sorted(ON_REQUEST)))
     commands: list[Message] = [command(name, number) for number, name in asked]
     return out.respond(LINK, [*messages, *commands], NOW).frames

@@ -1,4 +1,4 @@
-"""What others ask of us, from pymavlink's messages: commands, parameters, pings, files. As `pymavlink_records`."""
+"""What others ask of us, from pymavlink's messages: commands, parameters, pings. As `pymavlink_records`."""
 
 import struct
 from collections.abc import Callable
@@ -8,7 +8,6 @@ from onboard.messages import (
     Clock,
     Command,
     CommandAck,
-    FileRequest,
     Message,
     ParamAction,
     ParamRequest,
@@ -58,22 +57,7 @@ def _ping(m: Any, h: dict[str, Any]) -> Message:
     return Ping(**unstamped, **_addressee(m), time_us=m.time_usec, number=m.seq)
 
 
-def _file_request(m: Any, h: dict[str, Any]) -> Message:
-    payload = bytes(m.payload)
-    return FileRequest(
-        **h,
-        **_addressee(m),
-        number=payload[0] | payload[1] << 8,
-        session=payload[2],
-        opcode=payload[3],
-        size=payload[4],
-        offset=int.from_bytes(payload[8:12], "little"),
-        data=payload[12 : 12 + payload[4]],
-    )
-
-
 PROTOCOLS: Final[dict[str, Callable[[Any, dict[str, Any]], Message | None]]] = {
-    "FILE_TRANSFER_PROTOCOL": _file_request,
     "COMMAND_LONG": lambda m, h: _command(m, h, m.param5, m.param6, m.param7),
     "COMMAND_INT": lambda m, h: _command(m, h, float(m.x), float(m.y), m.z),
     "COMMAND_ACK": lambda m, h: CommandAck(**h, **_addressee(m), command=m.command, result=m.result),

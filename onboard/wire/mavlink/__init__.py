@@ -1,1 +1,1 @@
-"""MAVLink bytes and messages <-> records in SI units; frames, signatures, and the files of MAVLink FTP."""
+"""MAVLink bytes and messages <-> records in SI units; frames and signatures."""

@@ -30,7 +30,7 @@ from onboard.messages import (
     TimeSync,
 )
 from onboard.messages.mavlink_enums import BODY_FRD
-from onboard.wire.mavlink import companion, distance, files, gimbal, guidance, parameters, sim_truth, wind
+from onboard.wire.mavlink import companion, distance, gimbal, guidance, parameters, sim_truth, wind
 
 STATUSTEXT_LENGTH: Final = 50
 ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
@@ -58,9 +58,8 @@ class MavlinkEncoder:
 
 def message_number(name: str) -> int:
     """The number of a MAVLink message. Raises KeyError for an unknown name."""
-    for unlisted in (guidance.TargetRelativeMessage, files.ComponentMetadataMessage):
-        if name == unlisted.msgname:
-            return unlisted.id
+    if name == guidance.TargetRelativeMessage.msgname:
+        return guidance.TargetRelativeMessage.id
     number = getattr(dialect, f"MAVLINK_MSG_ID_{name}", None)
     if not isinstance(number, int):
         raise KeyError(name)
@@ -230,7 +229,6 @@ ENCODE: Final[dict[type[Message], Callable[[Any], list[Any]]]] = {
     Collision: _collision,
     Odometry: _odometry,
     **companion.ENCODE,
-    **files.ENCODE,
     **distance.ENCODE,
     **gimbal.ENCODE,
     **guidance.ENCODE,

@@ -12,6 +12,5 @@ SIGNED: Final = 0x01  # the only incompatibility flag there is; a frame with ano
 # MAVLink's checksum (CRC-16/MCRF4XX) runs through the bits of each byte in the other order than `crc_hqx`.
 MIRRORED: Final = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 # Not in pymavlink's dialects: number, and the byte that the checksum is seeded with.
-COMPONENT_METADATA: Final = 397  # of MAVLink's common.xml
 TARGET_RELATIVE: Final = 511  # of MAVLink's development.xml
-UNLISTED_EXTRA: Final = {COMPONENT_METADATA: 182, TARGET_RELATIVE: 28}
+UNLISTED_EXTRA: Final = {TARGET_RELATIVE: 28}

@@ -33,7 +33,7 @@ from onboard.messages import (
     SystemTime,
     TimeSync,
 )
-from onboard.wire.mavlink import distance, files, gimbal, guidance, parameters, wind
+from onboard.wire.mavlink import distance, gimbal, guidance, parameters, wind
 
 SAFETY_ARMED: Final = 128  # MAV_MODE_FLAG of the base mode
 PRESSURE_ALT_UPDATED: Final = 2048  # HIGHRES_IMU_UPDATED_PRESSURE_ALT
@@ -321,8 +321,5 @@ CONVERT: Final[dict[str, tuple[Layout, Convert]]] = {
     "WIND": (Layout(wind.FORM), wind.of_direction),
     "WIND_COV": (Layout(wind.FORM_COV), wind.of_covariance),
     "FOLLOW_TARGET": (Layout("<2Q2i17fB"), guidance.follow_target),
-    **{
-        name: (Layout(form), convert)
-        for name, (form, convert) in [*parameters.CONVERT.items(), *files.CONVERT.items()]
-    },
+    **{name: (Layout(form), convert) for name, (form, convert) in parameters.CONVERT.items()},
 }

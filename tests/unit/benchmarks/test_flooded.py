@@ -16,7 +16,6 @@ NAMES = {
     "adsb": {"ADSB_VEHICLE"},
     "param_set": {"PARAM_SET"},
     "param_list": {"PARAM_REQUEST_LIST"},
-    "ftp": {"FILE_TRANSFER_PROTOCOL"},
     "unsigned": {"HEARTBEAT"},
 }
 
