@@ -31,7 +31,7 @@ from onboard.pipeline.silence import BEHIND
 from onboard.sinks import SinkRunner
 from onboard.sinks import recorder as recording
 from onboard.sinks import zenoh as publishing
-from onboard.sinks.console import Console
+from onboard.sinks.console import ConsoleLines
 from onboard.sinks.zenoh_ros import RosRunner, RosSink
 from onboard.sinks.zenoh_session import RouterAbsentError, ZenohSession, open_session
 from onboard.units import NS_PER_S, S_PER_NS
@@ -67,7 +67,7 @@ class Daemon:
         self._output = AutopilotOutput(config, parameters, keys, self._pipeline.refuse)
         self._warm = WarmFile(config, report, self._pipeline.refuse)
         self._encoder = ros_encoder(config)
-        self._console = Console(report, pilot=self._output.notices.advise)
+        self._console = ConsoleLines(report, pilot=self._output.notices.advise)
         longest_s = config.ownship.max_age_s
         self._links: list[Link] = [
             parse_link(link.url, link.name, surplus=Pipeline.surplus, longest_wait_s=longest_s)

@@ -30,7 +30,7 @@ CALLSIGN: Final = "LEADER"
 UNKNOWN_YAW: Final = math.pi  # a standard deviation that says nothing
 
 
-class View(NamedTuple):
+class CameraView(NamedTuple):
     """Our own attitude and camera, and whether the autopilot is a PX4."""
 
     q_nb: Quaternion
@@ -38,7 +38,7 @@ class View(NamedTuple):
     is_px4: bool
 
 
-def follow_target(s: LeaderState, _: View) -> Message | None:
+def follow_target(s: LeaderState, _: CameraView) -> Message | None:
     """With the yaw of its course as its attitude: offsets are relative to it."""
     place = _place(s)
     if place is None or s.v_L_n is None:
@@ -47,7 +47,7 @@ def follow_target(s: LeaderState, _: View) -> Message | None:
     return FollowTarget(**_stamp(s), **place, v_n=s.v_L_n, a_n=s.a_L_n, q_nL=q, position_sigma=_sigmas(s)[0])
 
 
-def global_position(s: LeaderState, _: View) -> Message | None:
+def global_position(s: LeaderState, _: CameraView) -> Message | None:
     """`height` is above the autopilot's origin, which is not home, but near it."""
     place = _place(s)
     if place is None or s.v_L_n is None or s.r_OL_n is None:
@@ -55,7 +55,7 @@ def global_position(s: LeaderState, _: View) -> Message | None:
     return GlobalPosition(**_stamp(s), **place, height=-s.r_OL_n[2], v_F_n=s.v_L_n, heading_rad=s.course)
 
 
-def target_relative(s: LeaderState, _: View) -> Message | None:
+def target_relative(s: LeaderState, _: CameraView) -> Message | None:
     """The leader from us, in NED."""
     if s.r_FL_n is None or s.r_FL_covariance is None:
         return None
@@ -75,7 +75,7 @@ def target_relative(s: LeaderState, _: View) -> Message | None:
     )
 
 
-def landing_target(s: LeaderState, view: View) -> Message | None:
+def landing_target(s: LeaderState, view: CameraView) -> Message | None:
     """In the frame that the autopilot reads: PX4 the local one, ArduPilot the body."""
     if s.r_FL_n is None or s.r_OL_n is None:
         return None
@@ -92,7 +92,7 @@ def landing_target(s: LeaderState, view: View) -> Message | None:
     )
 
 
-def adsb_vehicle(s: LeaderState, _: View) -> Message | None:
+def adsb_vehicle(s: LeaderState, _: CameraView) -> Message | None:
     """The leader on the map of a ground station."""
     place = _place(s)
     if place is None or s.v_L_n is None:
@@ -117,7 +117,7 @@ def adsb_vehicle(s: LeaderState, _: View) -> Message | None:
     )
 
 
-def camera_tracking(s: LeaderState, view: View) -> Message | None:
+def camera_tracking(s: LeaderState, view: CameraView) -> Message | None:
     """Active also while coasting; idle without a valid estimate, which must be sent, too."""
     if s.r_FL_n is None:
         return CameraTracking(**_stamp(s), is_active=False)
@@ -132,7 +132,7 @@ def camera_tracking(s: LeaderState, view: View) -> Message | None:
     return CameraTracking(**_stamp(s), is_active=True, point=at, radius=radius)
 
 
-def camera_tracking_geo(s: LeaderState, _: View) -> Message | None:
+def camera_tracking_geo(s: LeaderState, _: CameraView) -> Message | None:
     """Where the leader is; idle without a valid estimate."""
     place = _place(s)
     if place is None or s.r_FL_n is None:
@@ -151,7 +151,7 @@ def camera_tracking_geo(s: LeaderState, _: View) -> Message | None:
     )
 
 
-MAKE: Final[dict[str, Callable[[LeaderState, View], Message | None]]] = {
+MAKE: Final[dict[str, Callable[[LeaderState, CameraView], Message | None]]] = {
     "FOLLOW_TARGET": follow_target,
     "GLOBAL_POSITION_INT": global_position,
     "TARGET_RELATIVE": target_relative,
@@ -187,5 +187,5 @@ def _yaw(course: float) -> Quaternion:
     return math.cos(0.5 * course), 0.0, 0.0, math.sin(0.5 * course)
 
 
-def _in_body(s: LeaderState, view: View) -> Array:
+def _in_body(s: LeaderState, view: CameraView) -> Array:
     return np.asarray(matrix_from_quaternion(view.q_nb).T @ np.array(s.r_FL_n))

@@ -8,7 +8,7 @@ from typing import Final
 
 from onboard import __version__
 from onboard.autopilot.component import Component
-from onboard.autopilot.leader_messages import MAKE, OWN_SYSTEM, View
+from onboard.autopilot.leader_messages import MAKE, OWN_SYSTEM, CameraView
 from onboard.autopilot.requests import Requests, stamp
 from onboard.autopilot.sent import Encoder
 from onboard.autopilot.stream import Stream
@@ -59,7 +59,7 @@ class LeaderOutput:
         return [frame for m in commands for frame in camera.answer(m, now_ns)]
 
     def frames(
-        self, state: LeaderState | None, virtual: LeaderState | None, view: View | None, now_ns: int
+        self, state: LeaderState | None, virtual: LeaderState | None, view: CameraView | None, now_ns: int
     ) -> list[bytes]:
         """Frames due at a time on this computer's clock. `virtual`: the leader that an autopilot is to follow."""
         frames = []
@@ -71,14 +71,14 @@ class LeaderOutput:
             frames.extend(self._reports(state, virtual, view, now_ns))
         return frames
 
-    def can_send(self, name: str, state: LeaderState | None, view: View | None) -> bool:
+    def can_send(self, name: str, state: LeaderState | None, view: CameraView | None) -> bool:
         """Whether a message could be sent of this state."""
         if state is None or view is None or not (state.valid or name in TELLS_IDLE):
             return False
         return MAKE[name](state, view) is not None
 
     def _reports(
-        self, state: LeaderState, virtual: LeaderState | None, view: View, now_ns: int
+        self, state: LeaderState, virtual: LeaderState | None, view: CameraView, now_ns: int
     ) -> Iterator[bytes]:
         for name, stream in self.streams.items():
             of = virtual if name in OWN_SYSTEM else state

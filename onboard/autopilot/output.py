@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 from msgspec.structs import replace
 
 from onboard.autopilot.guidance import Guidance, follower_of
-from onboard.autopilot.leader_messages import OWN_SYSTEM, View
+from onboard.autopilot.leader_messages import OWN_SYSTEM, CameraView
 from onboard.autopilot.leader_output import LeaderOutput
 from onboard.autopilot.leader_state import LeaderStates
 from onboard.autopilot.notices import WARNING, Notices, Rank
@@ -265,7 +265,7 @@ class AutopilotOutput:
             state = replace(state, course=self._guidance.course) if state.valid else state
         self.leader = state
 
-    def _explain(self, view: View | None, now_ns: int) -> None:
+    def _explain(self, view: CameraView | None, now_ns: int) -> None:
         """Say why nothing happens."""
         if self._autopilot is None:
             return
@@ -282,7 +282,7 @@ class AutopilotOutput:
             self.notices.add(severity, text)
             self._said.append(text)
 
-    def _view(self) -> View | None:
+    def _view(self) -> CameraView | None:
         q_nb = self._leader_states.q_nb
         is_px4 = self._autopilot is not None and self._autopilot.autopilot == PX4
-        return None if q_nb is None else View(q_nb, self._camera, is_px4)
+        return None if q_nb is None else CameraView(q_nb, self._camera, is_px4)

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from onboard.autopilot.leader_messages import View
+from onboard.autopilot.leader_messages import CameraView
 from onboard.autopilot.notices import INFO, WARNING
 from onboard.geometry.camera import in_view, project
 from onboard.geometry.rotations import matrix_from_quaternion
@@ -41,7 +41,7 @@ class Reasons:
     def tick(
         self,
         state: LeaderState | None,
-        view: View | None,
+        view: CameraView | None,
         now_ns: int,
         *,
         is_led: bool = False,
@@ -101,7 +101,7 @@ class Reasons:
         self._no_course_ns = now_ns + AGAIN_NS
         return [(WARNING, "no course yet: FOLLOW waits for leader to move")]
 
-    def _out_of_view(self, state: LeaderState, view: View | None) -> list[Text]:
+    def _out_of_view(self, state: LeaderState, view: CameraView | None) -> list[Text]:
         """Over which edge of the image the leader has gone, by the prediction."""
         edge = ""
         if view is not None and state.age is not None and state.age > UNSEEN_S:
@@ -111,7 +111,7 @@ class Reasons:
         return [(WARNING, f"leader out of view: {edge}")] if is_new else []
 
 
-def edge_of(state: LeaderState, view: View) -> str:
+def edge_of(state: LeaderState, view: CameraView) -> str:
     """Beyond which edge of the image the predicted leader is, and by how many degrees; "" if it is inside."""
     camera = view.camera
     if state.r_FL_n is None or camera.gimbal is not None:

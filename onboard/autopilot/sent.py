@@ -36,7 +36,7 @@ IN_ANSWER: Final = "in answer"  # on the link that asked
 WHERE_NAMED: Final = "where named"  # on a link that the configuration names for it, and only there
 
 
-class Kind(NamedTuple):
+class SentKind(NamedTuple):
     """A message that we send: its MAVLink names, on which occasion, and what of it a person should know."""
 
     names: tuple[str, ...]
@@ -44,46 +44,56 @@ class Kind(NamedTuple):
     when: str
 
 
-SENT: Final[dict[type[Message], Kind]] = {
-    Heartbeat: Kind(
+SENT: Final[dict[type[Message], SentKind]] = {
+    Heartbeat: SentKind(
         ("HEARTBEAT",),
         BY_ITSELF,
         "once a second, as an onboard controller of the autopilot's system; on a link of `[[leader_out]]` also "
         "as the virtual leader and as a camera",
     ),
-    TimeSync: Kind(("TIMESYNC",), BY_ITSELF, "five requests a second; an answer to each request"),
-    Command: Kind(
+    TimeSync: SentKind(("TIMESYNC",), BY_ITSELF, "five requests a second; an answer to each request"),
+    Command: SentKind(
         ("COMMAND_LONG",),
         BY_ITSELF,
         "requests for messages alone, never with `request_rates = false`: MAV_CMD_SET_MESSAGE_INTERVAL for each "
         "stream of `[autopilot.rates_hz]` that is too slow, every 5 s, and once a boot for EKF_STATUS_REPORT or "
         "ESTIMATOR_STATUS and ODOMETRY; MAV_CMD_REQUEST_MESSAGE for GPS_GLOBAL_ORIGIN until it comes, every 5 s",
     ),
-    ComputerStatus: Kind(
+    ComputerStatus: SentKind(
         ("ONBOARD_COMPUTER_STATUS",), BY_ITSELF, "once a second, where this computer shows its load"
     ),
-    StatusText: Kind(("STATUSTEXT",), BY_ITSELF, "seldom: what a pilot must know"),
-    CommandAck: Kind(
+    StatusText: SentKind(("STATUSTEXT",), BY_ITSELF, "seldom: what a pilot must know"),
+    CommandAck: SentKind(
         ("COMMAND_ACK",),
         IN_ANSWER,
         "to commands for our components: requests for a message of ours or its interval are done or denied, all "
         "others are unsupported",
     ),
-    MessageInterval: Kind(("MESSAGE_INTERVAL",), IN_ANSWER, "to MAV_CMD_GET_MESSAGE_INTERVAL"),
-    Ping: Kind(("PING",), IN_ANSWER, "to a PING for all"),
-    ParamValue: Kind(("PARAM_VALUE", "PARAM_EXT_VALUE"), IN_ANSWER, "tunable keys of the configuration"),
-    ParamAck: Kind(("PARAM_EXT_ACK",), IN_ANSWER, "whether a key was stored, for the next start"),
-    Version: Kind(("AUTOPILOT_VERSION",), IN_ANSWER, "to a request for it"),
-    CameraInformation: Kind(("CAMERA_INFORMATION",), IN_ANSWER, "to a request of the camera of `[[leader_out]]`"),
-    FollowTarget: Kind(("FOLLOW_TARGET",), WHERE_NAMED, "`[[leader_out]]`: a virtual leader to follow"),
-    GlobalPosition: Kind(("GLOBAL_POSITION_INT",), WHERE_NAMED, "`[[leader_out]]`: the same"),
-    TargetRelative: Kind(("TARGET_RELATIVE",), WHERE_NAMED, "`[[leader_out]]`: the leader from us"),
-    LandingTarget: Kind(("LANDING_TARGET",), WHERE_NAMED, "`[[leader_out]]`: its direction and range"),
-    CameraTracking: Kind(("CAMERA_TRACKING_IMAGE_STATUS",), WHERE_NAMED, "`[[leader_out]]`: where in the image"),
-    CameraTrackingGeo: Kind(("CAMERA_TRACKING_GEO_STATUS",), WHERE_NAMED, "`[[leader_out]]`: where on the map"),
-    AdsbVehicle: Kind(("ADSB_VEHICLE",), WHERE_NAMED, "`[traffic_out]`, `[[leader_out]]`: aircraft on the map"),
-    Collision: Kind(("COLLISION",), WHERE_NAMED, "`[traffic_out]`: a threat, reported with no action asked for"),
-    Odometry: Kind(("ODOMETRY",), WHERE_NAMED, "`[odometry]`: our own state"),
+    MessageInterval: SentKind(("MESSAGE_INTERVAL",), IN_ANSWER, "to MAV_CMD_GET_MESSAGE_INTERVAL"),
+    Ping: SentKind(("PING",), IN_ANSWER, "to a PING for all"),
+    ParamValue: SentKind(("PARAM_VALUE", "PARAM_EXT_VALUE"), IN_ANSWER, "tunable keys of the configuration"),
+    ParamAck: SentKind(("PARAM_EXT_ACK",), IN_ANSWER, "whether a key was stored, for the next start"),
+    Version: SentKind(("AUTOPILOT_VERSION",), IN_ANSWER, "to a request for it"),
+    CameraInformation: SentKind(
+        ("CAMERA_INFORMATION",), IN_ANSWER, "to a request of the camera of `[[leader_out]]`"
+    ),
+    FollowTarget: SentKind(("FOLLOW_TARGET",), WHERE_NAMED, "`[[leader_out]]`: a virtual leader to follow"),
+    GlobalPosition: SentKind(("GLOBAL_POSITION_INT",), WHERE_NAMED, "`[[leader_out]]`: the same"),
+    TargetRelative: SentKind(("TARGET_RELATIVE",), WHERE_NAMED, "`[[leader_out]]`: the leader from us"),
+    LandingTarget: SentKind(("LANDING_TARGET",), WHERE_NAMED, "`[[leader_out]]`: its direction and range"),
+    CameraTracking: SentKind(
+        ("CAMERA_TRACKING_IMAGE_STATUS",), WHERE_NAMED, "`[[leader_out]]`: where in the image"
+    ),
+    CameraTrackingGeo: SentKind(
+        ("CAMERA_TRACKING_GEO_STATUS",), WHERE_NAMED, "`[[leader_out]]`: where on the map"
+    ),
+    AdsbVehicle: SentKind(
+        ("ADSB_VEHICLE",), WHERE_NAMED, "`[traffic_out]`, `[[leader_out]]`: aircraft on the map"
+    ),
+    Collision: SentKind(
+        ("COLLISION",), WHERE_NAMED, "`[traffic_out]`: a threat, reported with no action asked for"
+    ),
+    Odometry: SentKind(("ODOMETRY",), WHERE_NAMED, "`[odometry]`: our own state"),
 }
 COMMANDS: Final = {  # of COMMAND_LONG; none of them moves a vehicle
     dialect.MAV_CMD_SET_MESSAGE_INTERVAL: "MAV_CMD_SET_MESSAGE_INTERVAL",

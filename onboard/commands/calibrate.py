@@ -9,7 +9,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from onboard import UserError
-from onboard.analysis.calibration.camera import CALM, Calibration, Images, OwnMotion, calibrate
+from onboard.analysis.calibration.camera import CALM, Calibration, Images, OwnPoses, calibrate
 from onboard.analysis.flights.replay import check_log, flight_of, pipeline_of, read_flight
 from onboard.arrays import Array
 from onboard.commands.calibrate_airframe import calibrate_airframe
@@ -55,7 +55,7 @@ def main(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def collect(log: Path, config: Config) -> tuple[Images, OwnMotion]:
+def collect(log: Path, config: Config) -> tuple[Images, OwnPoses]:
     """The first camera's images of the leader with all three points, at their time on the boot clock less the
     configured delay, and our own motion. Raises UserError."""
     pipeline = pipeline_of(replace(config, estimator={}))
@@ -103,13 +103,13 @@ def _images(images: list[TargetPoints], sigma: float) -> Images:
     )
 
 
-def _own(poses: list[OwnPose]) -> OwnMotion:
+def _own(poses: list[OwnPose]) -> OwnPoses:
     """Our own motion, with quaternions on one side so that they can be interpolated."""
     poses = list({pose.t_ns: pose for pose in sorted(poses, key=lambda p: p.t_ns)}.values())
     q = np.array([pose.q_nb for pose in poses])
     signs = np.cumprod(np.where(np.sum(q[1:] * q[:-1], axis=1) < 0, -1.0, 1.0))
     q[1:] *= signs[:, None]
-    return OwnMotion(np.array([p.t_ns * S_PER_NS for p in poses]), np.array([p.r_OF_n for p in poses], float), q)
+    return OwnPoses(np.array([p.t_ns * S_PER_NS for p in poses]), np.array([p.r_OF_n for p in poses], float), q)
 
 
 def described(found: Calibration, config: Config) -> list[str]:

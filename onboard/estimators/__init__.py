@@ -24,7 +24,7 @@ from onboard.messages import Estimate, Message, Record
 from onboard.messages.causes import Reason
 
 if TYPE_CHECKING:  # it loads numerics, which reading a configuration need not
-    from onboard.ownship import OwnMotion, Ownship
+    from onboard.ownship import Ownship, StatedMotion
 
 KIT: Final = "kit"  # what estimators share
 
@@ -55,7 +55,7 @@ class Listens(Protocol):
 class StatesOwnMotion(Protocol):
     """An estimator of our own motion that may replace the autopilot's (`[ownship] source`)."""
 
-    def own_motion_at(self, t_ns: int) -> "OwnMotion | None":
+    def own_motion_at(self, t_ns: int) -> "StatedMotion | None":
         """Our own motion at a time, by measurements until then; None where it is not valid."""
 
 

@@ -22,7 +22,7 @@ from onboard.filters.gating import chi_square_threshold, normalised_squared
 from onboard.filters.runs import Run
 
 
-class Consistency(NamedTuple):
+class ConsistencyBounds(NamedTuple):
     """At each time the mean (T,) over the runs, what is expected (T,), and the bounds (T,) that hold it with the
     probability that was asked for; NaN where nothing was measured. `inside`: the share of times within the
     bounds."""
@@ -36,7 +36,7 @@ class Consistency(NamedTuple):
 
 def nees(
     beliefs: Belief | Run, truth: Array, probability: float = 0.95, angular_states: Indices | None = None
-) -> Consistency:
+) -> ConsistencyBounds:
     """Normalised estimation error squared of beliefs, mean (T, n) or (T, B, n), against a truth of the same
     shape. `angular_states` are the states that are angles, by default those of the run.
 
@@ -49,7 +49,7 @@ def nees(
     return _judged(each.reshape(len(error), -1), n * known, probability)
 
 
-def nis(found: Run, probability: float = 0.95) -> Consistency:
+def nis(found: Run, probability: float = 0.95) -> ConsistencyBounds:
     """Normalised innovation squared of a run, or of a batch."""
     return _judged(found.nis.reshape(len(found.ts), -1), found.degrees, probability)
 
@@ -93,7 +93,7 @@ def of_run(beliefs: Belief | Run) -> Belief:
     return beliefs.beliefs if isinstance(beliefs, Run) else beliefs
 
 
-def _judged(values: Array, degrees: Array, probability: float) -> Consistency:
+def _judged(values: Array, degrees: Array, probability: float) -> ConsistencyBounds:
     total, runs = degrees.reshape(len(values), -1).sum(axis=1), values.shape[1]
     tail, bounds = 0.5 * (1 - probability), np.full((2, len(values)), np.nan)
     for count in np.unique(total[total > 0]):
@@ -103,4 +103,4 @@ def _judged(values: Array, degrees: Array, probability: float) -> Consistency:
     measured = total > 0
     inside = (mean >= bounds[0]) & (mean <= bounds[1])
     share = float(np.mean(inside[measured])) if measured.any() else float("nan")
-    return Consistency(mean, np.where(measured, total / runs, np.nan), bounds[0], bounds[1], share)
+    return ConsistencyBounds(mean, np.where(measured, total / runs, np.nan), bounds[0], bounds[1], share)

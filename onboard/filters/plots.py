@@ -93,7 +93,7 @@ def errors(
     return made[:, 0]
 
 
-def _judged(found: consistency.Consistency, ts: Array | None, name: str, axes: Any) -> Any:
+def _judged(found: consistency.ConsistencyBounds, ts: Array | None, name: str, axes: Any) -> Any:
     made, time = _axes(axes), _times(ts, len(found.mean))
     made.fill_between(time, found.low, found.high, color="tab:green", alpha=0.2, label="bounds")
     made.plot(time, found.mean, color="tab:blue", label=f"{name}, {100 * found.inside:.0f} % inside")

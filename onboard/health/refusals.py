@@ -48,7 +48,7 @@ OWN: Final = {  # of our own state's sensors
 }
 
 
-class Kind(NamedTuple):
+class RefusalKind(NamedTuple):
     """What is counted together: a source and words without their numbers. `alike`: without names, too."""
 
     source: str
@@ -61,7 +61,7 @@ class Refusals:
     not that of other kinds: of those that differ only in names, a few are kept apart."""
 
     def __init__(self) -> None:
-        self._kinds: dict[Kind, Refusal] = {}  # the latest last
+        self._kinds: dict[RefusalKind, Refusal] = {}  # the latest last
 
     @property
     def latest(self) -> tuple[Refusal, ...]:
@@ -72,7 +72,7 @@ class Refusals:
         """Count a message that was refused. Reasons that differ only in numbers are one: the first is kept."""
         source, words, key = _sorted(source, why.words)
         if key not in self._kinds and sum(other.alike == key.alike for other in self._kinds) >= ALIKE:
-            source, key = OTHERS, Kind(OTHERS, key.alike, key.alike)
+            source, key = OTHERS, RefusalKind(OTHERS, key.alike, key.alike)
         before = self._kinds.pop(key, None)
         if before is None:
             before = Refusal(source=source, cause=why.cause, reason=words, count=0, t_recv_ns=t_recv_ns)
@@ -100,8 +100,8 @@ class Refusals:
 
 
 @lru_cache(maxsize=4 * MOST)  # a flood says the same
-def _sorted(source: str, words: str) -> tuple[str, str, Kind]:
+def _sorted(source: str, words: str) -> tuple[str, str, RefusalKind]:
     """Source and words as they are shown, and their kind."""
     source, words = plain(source.partition(ROS_HASH)[0], LONGEST), plain(words, LONGEST)
     kind = without_numbers(words)
-    return source, words, Kind(source, kind, without_names(kind))
+    return source, words, RefusalKind(source, kind, without_names(kind))

@@ -32,7 +32,7 @@ OWNED_NS: Final = 3 * NS_PER_S  # since its last message, a peer keeps its conne
 KEEPALIVE: Final = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3, "TCP_USER_TIMEOUT": 10_000}
 
 
-class Stream(asyncio.Protocol):
+class TcpConnection(asyncio.Protocol):
     """One TCP connection. The future `lost` is done when it has ended. `on_made` is called once it stands.
     `peer`: the other end, as text."""
 
@@ -41,7 +41,7 @@ class Stream(asyncio.Protocol):
         link: Link,
         deliver: Deliver,
         now_ns: NowNs,
-        on_made: "Callable[[Stream], None]" = lambda _: None,
+        on_made: "Callable[[TcpConnection], None]" = lambda _: None,
     ) -> None:
         self.lost: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self.peer = ""
@@ -100,7 +100,7 @@ class Stream(asyncio.Protocol):
 class _StreamLink(Link):
     """What both ends of TCP share: one stream at a time."""
 
-    _stream: Stream | None = None
+    _stream: TcpConnection | None = None
 
     def send(self, data: bytes) -> None:
         """Put data into the send buffer, if connected and the buffer has room; else drop it."""
@@ -134,7 +134,7 @@ class TcpClientLink(_StreamLink):
         """One connection until it ends, which raises LinkError."""
         sock, self._socket = self._socket or await self._connect(), None
         loop = asyncio.get_running_loop()
-        _, stream = await loop.create_connection(lambda: Stream(self, deliver, now_ns), sock=sock)
+        _, stream = await loop.create_connection(lambda: TcpConnection(self, deliver, now_ns), sock=sock)
         self._stream = stream
         self.trouble = NO_REASON
         try:
@@ -209,8 +209,8 @@ class TcpServerLink(_StreamLink):
         failed: asyncio.Future[None] = loop.create_future()
         safe = guarded(deliver, failed)
 
-        def accept() -> Stream:
-            return Stream(self, safe, now_ns, self._take)
+        def accept() -> TcpConnection:
+            return TcpConnection(self, safe, now_ns, self._take)
 
         servers = [await loop.create_server(accept, sock=sock) for sock in self._sockets]
         try:
@@ -223,7 +223,7 @@ class TcpServerLink(_StreamLink):
                 self._stream.abort()
                 self._stream = None
 
-    def _take(self, stream: Stream) -> None:
+    def _take(self, stream: TcpConnection) -> None:
         """Take a new connection, or refuse it."""
         if self._stream is not None and self._stream.sends():
             self.refused += 1

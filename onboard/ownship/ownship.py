@@ -30,7 +30,7 @@ from onboard.ownship.gimbals import Gimbals
 from onboard.ownship.histories import Attitudes, AttitudeSample, Navigation, NavSample, Step
 from onboard.ownship.limits import FARTHEST, FASTEST, QUICKEST, within
 from onboard.ownship.reckoning import Reckoning
-from onboard.ownship.source import Comparison, OwnMotion, Source, Wanted
+from onboard.ownship.source import Comparison, Source, StatedMotion, Wanted
 from onboard.ownship.stated_attitude import AttitudeUncertainty
 from onboard.ownship.turning import turned, unit
 from onboard.units import NS_PER_S
@@ -81,7 +81,7 @@ class Ownship:
         self._posed: tuple[int, int, Pose | None] | None = None  # the last pose, with its time and `samples`
         self.rejected: dict[str, int] = {}
 
-    def receive(self, message: Message, stamp_ns: int, own: OwnMotion | None = None) -> bool:
+    def receive(self, message: Message, stamp_ns: int, own: StatedMotion | None = None) -> bool:
         """Take one message, true at `message.t_ns` and stamped `stamp_ns` before its delay was taken off; `own` is
         what an estimator states of that time, if there is one. True if it brought a new navigation sample."""
         if isinstance(message, Attitude):
@@ -207,7 +207,7 @@ class Ownship:
         self.rejected[reason] = self.rejected.get(reason, 0) + 1
         return False
 
-    def _add_attitude(self, m: Attitude, stamp_ns: int, own: OwnMotion | None) -> bool:
+    def _add_attitude(self, m: Attitude, stamp_ns: int, own: StatedMotion | None) -> bool:
         q, omega = m.q_nb, m.omega_b
         if not (within(q, 2.0) and within(omega, QUICKEST)) or sum(x * x for x in q) < 0.25:
             return self._reject("attitude_unusable")
@@ -223,7 +223,7 @@ class Ownship:
         self._attitudes.append(m.t_ns, self._sourced(m.t_ns, AttitudeSample(q, omega, NO_NOISE), own))
         return True
 
-    def _sourced(self, t_ns: int, stated: AttitudeSample, own: OwnMotion | None) -> AttitudeSample:
+    def _sourced(self, t_ns: int, stated: AttitudeSample, own: StatedMotion | None) -> AttitudeSample:
         """An attitude as its source states it, with its noise."""
         noise = self._contradictions.attitude_noise
         if own is None and self._source_of_attitude.is_fixed:
@@ -261,7 +261,7 @@ class Ownship:
         r_n: Vec3,
         v_n: Vec3,
         stamp_ns: int,
-        own: OwnMotion | None,
+        own: StatedMotion | None,
         unknown: Vec3 = KNOWN,
     ) -> bool:
         """Take a sample. What is not known of the position is NaN in `unknown`, added after the checks."""
@@ -281,7 +281,7 @@ class Ownship:
         self._nav.append(m.t_ns, self._moving(m.t_ns, NavSample(r, v_n), own))
         return True
 
-    def _moving(self, t_ns: int, stated: NavSample, own: OwnMotion | None) -> NavSample:
+    def _moving(self, t_ns: int, stated: NavSample, own: StatedMotion | None) -> NavSample:
         """Position and velocity as their source states them."""
         if own is None and self._source_of_velocity.is_fixed:
             return stated

@@ -21,7 +21,7 @@ DWELL_NS: Final = NS_PER_S  # the reason for a change must hold for so long; a l
 LEAST_NOISE: Final = 1e-9
 
 
-class OwnMotion(NamedTuple):
+class StatedMotion(NamedTuple):
     """What an estimator states of our own motion at one time: attitude and body rates (rad/s), position from O (m)
     and velocity (m/s) in n. Standard deviations without biases: of the attitude about b's axes (rad), and of the
     velocity."""

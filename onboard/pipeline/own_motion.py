@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from onboard.config.sections import OwnshipConfig
 from onboard.estimators import EstimatorProtocol, StatesOwnMotion
 from onboard.messages import Attitude, GlobalPosition, LocalPosition, Message
-from onboard.ownship import OwnMotion, Ownship
+from onboard.ownship import Ownship, StatedMotion
 
 STATES: tuple[type[Message], ...] = (Attitude, LocalPosition, GlobalPosition)  # the autopilot's own motion
 
@@ -27,7 +27,7 @@ class OwnMotionSource:
         """Our own motion before any message."""
         return Ownship(max_extrapolation=self._config.max_extrapolation_s, source=self._config.source)
 
-    def at(self, message: Message) -> OwnMotion | None:
+    def at(self, message: Message) -> StatedMotion | None:
         """The estimator's own motion at the time of a message that states the autopilot's; None without one."""
         if not isinstance(message, STATES):
             return None

@@ -25,7 +25,7 @@ class _Shown:
         self.is_over = False
 
 
-class Console:
+class ConsoleLines:
     """Lines for a person about changes: states of estimators, and the advice of the health. `pilot` gets the
     advice that is shown here, for those who see no lines."""
 

@@ -9,7 +9,7 @@ from onboard.messages import Estimate
 from onboard.view import palette, plots, scene, shapes, space
 from onboard.view.columns import HIDDEN, Columns, Transform, no_tags, scalars, tags, transforms
 from onboard.view.memory import Memory
-from onboard.view.motion import LeaderState
+from onboard.view.motion import LeaderArrays
 from onboard.view.sdk import rr
 
 COMPONENTS: Final = ("range", *plots.QUANTITIES.values())
@@ -32,7 +32,7 @@ def log_static(stream: "rr.RecordingStream", name: str, colour: palette.Colour) 
 
 
 def draw(
-    columns: Columns, memory: Memory, estimate: Estimate, leader: LeaderState | None, colour: palette.Colour
+    columns: Columns, memory: Memory, estimate: Estimate, leader: LeaderArrays | None, colour: palette.Colour
 ) -> None:
     """Its range and components; its error follows with the truth (`plots.plot_errors`)."""
     name, t_ns = estimate.name, estimate.t_ns

@@ -8,7 +8,7 @@ from onboard.messages import MeasurementReport
 from onboard.view import palette, scene, words
 from onboard.view.columns import Columns, ImagePoints, circles, image_points, labels, lines_2d
 from onboard.view.memory import Memory
-from onboard.view.motion import LeaderState, range_estimate
+from onboard.view.motion import LeaderArrays, range_estimate
 
 IMAGE_HZ = 25.0
 MAGNIFICATION = 5.0
@@ -29,7 +29,7 @@ def wing(px: Array) -> Array:
     return px[[1, 0, 2]] if len(px) == 3 else NO_POINTS
 
 
-def expected_error(camera: Camera, leader: LeaderState | None) -> float:
+def expected_error(camera: Camera, leader: LeaderArrays | None) -> float:
     """Three sigma of an image point's error, px: of pixel noise and of the position across the line of sight."""
     if leader is None:
         return scene.SIGMAS * camera.sigma_px
@@ -57,7 +57,7 @@ def draw_points(
 
 
 def draw_image(
-    columns: Columns, memory: Memory, camera: Camera, report: MeasurementReport, leader: LeaderState | None
+    columns: Columns, memory: Memory, camera: Camera, report: MeasurementReport, leader: LeaderArrays | None
 ) -> None:
     """The measured points, in the colour of the verdict, over the predicted ones."""
     t_ns = report.t_ns

@@ -4,7 +4,7 @@ from collections import defaultdict, deque
 from dataclasses import dataclass, field
 
 from onboard.messages import Estimate, MeasurementReport, NavState, OwnPose, Truth
-from onboard.view.motion import LeaderState
+from onboard.view.motion import LeaderArrays
 
 NEVER = -(10**18)
 
@@ -15,7 +15,7 @@ class Memory:
 
     own: OwnPose | None = None
     truths: deque[Truth] = field(default_factory=lambda: deque(maxlen=100))
-    waiting: defaultdict[str, deque[LeaderState]] = field(  # by estimator, for a truth of their time
+    waiting: defaultdict[str, deque[LeaderArrays]] = field(  # by estimator, for a truth of their time
         default_factory=lambda: defaultdict(lambda: deque(maxlen=200))
     )
     own_states: deque[NavState] = field(default_factory=lambda: deque(maxlen=100))

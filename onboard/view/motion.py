@@ -18,7 +18,7 @@ OPEN_SHARE: Final = 0.1  # of the range: with a larger sigma the range is open
 OPEN_SIGMAS: Final = 2.0  # either side, where it is
 
 
-class LeaderState(NamedTuple):
+class LeaderArrays(NamedTuple):
     """An estimate of the leader as arrays: mean (9,) in the order of COMPONENTS, covariance (9, 9); NaN where not
     estimated."""
 
@@ -37,7 +37,7 @@ class LeaderState(NamedTuple):
         return np.asarray(np.sqrt(np.clip(np.diag(self.covariance), 0.0, None)))
 
 
-def leader_state(estimate: Estimate) -> LeaderState | None:
+def leader_state(estimate: Estimate) -> LeaderArrays | None:
     """The state in an estimate; None if it has none, or if its relative position is not finite."""
     if estimate.mean is None or estimate.covariance is None:
         return None
@@ -51,7 +51,7 @@ def leader_state(estimate: Estimate) -> LeaderState | None:
     covariance[np.ix_(known, known)] = np.asarray(estimate.covariance, dtype=float)[np.ix_(source, source)]
     if not (np.all(np.isfinite(mean[:3])) and np.all(np.isfinite(covariance[:3, :3]))):
         return None
-    return LeaderState(t_ns=estimate.t_ns, mean=mean, covariance=covariance)
+    return LeaderArrays(t_ns=estimate.t_ns, mean=mean, covariance=covariance)
 
 
 class RangeEstimate(NamedTuple):
@@ -64,7 +64,7 @@ class RangeEstimate(NamedTuple):
     sigma_across: float
 
 
-def range_estimate(leader: LeaderState) -> RangeEstimate:
+def range_estimate(leader: LeaderArrays) -> RangeEstimate:
     """The components of a state along and across the line of sight."""
     distance = float(np.linalg.norm(leader.r))
     u = leader.r / max(distance, 1e-6)
@@ -78,7 +78,7 @@ def range_estimate(leader: LeaderState) -> RangeEstimate:
     )
 
 
-def open_interval(leader: LeaderState) -> tuple[float, float] | None:
+def open_interval(leader: LeaderArrays) -> tuple[float, float] | None:
     """The nearest and the farthest range, m (95 %), where the estimate leaves the range open; else None."""
     r = range_estimate(leader)
     if r.sigma <= OPEN_SHARE * r.range:

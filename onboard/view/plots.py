@@ -7,7 +7,7 @@ from onboard.messages import Estimate, Health, MeasurementReport, Truth
 from onboard.view import palette, scene
 from onboard.view.columns import Columns, scalars, states
 from onboard.view.memory import Memory
-from onboard.view.motion import LeaderState, range_estimate, truth_at, truth_vector
+from onboard.view.motion import LeaderArrays, range_estimate, truth_at, truth_vector
 from onboard.view.sdk import rr
 from onboard.view.words import plain
 
@@ -31,7 +31,7 @@ def banded(value: float, sigma: float) -> Array:
     return np.array([value, value + scene.SIGMAS * sigma, value - scene.SIGMAS * sigma])
 
 
-def plot_leader(columns: Columns, memory: Memory, t_ns: int, leader: LeaderState | None) -> None:
+def plot_leader(columns: Columns, memory: Memory, t_ns: int, leader: LeaderArrays | None) -> None:
     """Range and components with their bands; gaps without a state."""
     if leader is None:
         for name in ("range", *QUANTITIES.values()):
@@ -66,7 +66,7 @@ def plot_errors(columns: Columns, memory: Memory) -> None:
             _plot_error(columns, name, leader, truth[:3])
 
 
-def _plot_error(columns: Columns, name: str, leader: LeaderState, r: Array) -> None:
+def _plot_error(columns: Columns, name: str, leader: LeaderArrays, r: Array) -> None:
     """The error of a state where the leader truly is at `r` (3,) m: ours with its band, another's without."""
     ours = range_estimate(leader)
     errors = [ours.range - float(np.linalg.norm(r)), *(leader.r - r)]

@@ -9,7 +9,7 @@ from onboard.view import palette, scene
 from onboard.view.columns import HIDDEN, LEVEL, Columns, Transform, ellipsoids, lines_3d, no_tags, tags, transforms
 from onboard.view.memory import Memory
 from onboard.view.motion import (
-    LeaderState,
+    LeaderArrays,
     course_quaternion,
     ellipsoid,
     heading_quaternion,
@@ -97,7 +97,7 @@ def hide_leader(columns: Columns, t_ns: int) -> None:
     columns.add(no_tags, scene.TAG, t_ns, None)
 
 
-def draw_leader(columns: Columns, memory: Memory, estimate: Estimate, leader: LeaderState | None) -> None:
+def draw_leader(columns: Columns, memory: Memory, estimate: Estimate, leader: LeaderArrays | None) -> None:
     """The estimated leader, its uncertainty and velocity, and lines from it to us and to the grid."""
     t_ns = estimate.t_ns
     if not memory.due("leader", t_ns, SCENE_HZ):
@@ -142,7 +142,7 @@ def draw_open_range(columns: Columns, t_ns: int, body: Transform, ends: tuple[fl
     columns.add(lines_3d, scene.OPEN_RANGE, t_ns, np.array(places))
 
 
-def draw_tag(columns: Columns, t_ns: int, leader: LeaderState, colour: palette.Colour, text: str) -> None:
+def draw_tag(columns: Columns, t_ns: int, leader: LeaderArrays, colour: palette.Colour, text: str) -> None:
     """A label above the leader, or above the nearest place where its range is open."""
     ends = open_interval(leader)
     place = leader.r if ends is None else leader.r * ends[0] / max(float(np.linalg.norm(leader.r)), 1e-6)

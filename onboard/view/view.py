@@ -18,7 +18,7 @@ from onboard.view import beside, image, own, palette, plots, scene, space, traff
 from onboard.view.columns import HIDDEN, Columns, ImagePoints, colours_2d, labels, pictures, texts, transforms
 from onboard.view.layout import LEADER_ALONE, blueprint
 from onboard.view.memory import Memory
-from onboard.view.motion import LeaderState, leader_state
+from onboard.view.motion import LeaderArrays, leader_state
 from onboard.view.sdk import rr
 from onboard.view.viewer import free_port, start_viewer, start_web_viewer
 
@@ -261,7 +261,7 @@ class View:
         if health.t_ns - self._memory.drawn_ns.get("status", 0) > STATUS_AGAIN_NS:
             self._columns.add(texts, "status", health.t_ns, self._memory.advice or words.WELL)
 
-    def _show_status(self, estimate: Estimate, leader: LeaderState | None) -> None:
+    def _show_status(self, estimate: Estimate, leader: LeaderArrays | None) -> None:
         """The texts: the banner, the panel, and the tag beside the leader."""
         columns, t_ns = self._columns, estimate.t_ns
         fresh = t_ns - self._memory.t_image_ns <= image.STALE_NS

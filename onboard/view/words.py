@@ -8,7 +8,7 @@ import numpy as np
 
 from onboard.messages import DOUBT, Estimate, Fault, FaultKind, Health, MeasurementReport, Mode, NavState, Severity
 from onboard.units import S_PER_NS
-from onboard.view.motion import LeaderState, RangeEstimate, leader_state, open_interval, range_estimate
+from onboard.view.motion import LeaderArrays, RangeEstimate, leader_state, open_interval, range_estimate
 
 WELL: Final = "nothing is wrong"
 REFUSALS: Final = 5  # of the kinds of refused messages, the latest
@@ -45,7 +45,7 @@ def nis_words(report: MeasurementReport | None) -> str:
 
 
 def headline(
-    estimate: Estimate, leader: LeaderState | None, report: MeasurementReport | None, wrong: str = ""
+    estimate: Estimate, leader: LeaderArrays | None, report: MeasurementReport | None, wrong: str = ""
 ) -> str:
     """One line: state, range, closing speed, size; without a track, what is `wrong`. The ± are one standard
     deviation."""
@@ -78,7 +78,7 @@ def fault(one: Fault) -> str:
     return f"{one.kind.upper()} {one.part}".strip() + f": {one.magnitude:.2f} {one.unit}"
 
 
-def tag(estimate: Estimate, leader: LeaderState) -> str:
+def tag(estimate: Estimate, leader: LeaderArrays) -> str:
     """The label of the leader in the 3-D view."""
     words = f"{estimate.state.upper()}  {_range(leader, range_estimate(leader))}"
     why = plain(estimate.reason).split("; ")[-1]  # what is open comes last
@@ -95,7 +95,7 @@ def verdict_label(report: MeasurementReport) -> str:
 
 def status(
     estimate: Estimate,
-    leader: LeaderState | None,
+    leader: LeaderArrays | None,
     report: MeasurementReport | None,
     error: float | None,
     advice: str = "",
@@ -179,7 +179,7 @@ def fleet(vehicles: Mapping[str, VehicleRecords]) -> str:
     return plain("\n".join(rows))
 
 
-def _range(leader: LeaderState, r: RangeEstimate) -> str:
+def _range(leader: LeaderArrays, r: RangeEstimate) -> str:
     """Where the range is open, from where to where: a mean would look like a place."""
     ends = open_interval(leader)
     return f"{r.range:.1f} ± {r.sigma:.1f} m" if ends is None else f"OPEN: {ends[0]:.0f} to {ends[1]:.0f} m"

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from onboard.autopilot.leader_messages import View
+from onboard.autopilot.leader_messages import CameraView
 from onboard.autopilot.leader_output import LeaderOutput
 from onboard.config import LeaderOutConfig
 from onboard.geometry.camera import make_camera
@@ -69,7 +69,7 @@ def test_mavsdk_decodes_everything_that_we_send_of_the_leader() -> None:
     (port,) = free_ports(socket.SOCK_DGRAM)
     config = LeaderOutConfig(link="a", system=99, rates_hz=dict.fromkeys(NAMES, 20.0))
     out, autopilot = LeaderOutput(config, 7, 191), MavlinkEncoder(7, 1)
-    view = View(EAST, make_camera(f_px=500.0, width_px=640.0, height_px=480.0), is_px4=False)
+    view = CameraView(EAST, make_camera(f_px=500.0, width_px=640.0, height_px=480.0), is_px4=False)
     client = subprocess.Popen(
         [sys.executable, "-c", CLIENT, f"udpin://127.0.0.1:{port}", *NAMES],
         stdout=subprocess.PIPE,

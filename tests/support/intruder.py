@@ -23,7 +23,7 @@ MODEL: Final = MotionModel(
 ATTITUDE_ERROR: Final = AttitudeErrorModel(np.diag([0.01, 0.01, 0.02]), np.ones(3), np.full(3, 10.0))
 
 
-def complete_step(dt: float, model: MotionModel) -> motion.Step:
+def complete_step(dt: float, model: MotionModel) -> motion.MotionStep:
     return with_attitude_error(motion.step(dt, model), ATTITUDE_ERROR)
 
 

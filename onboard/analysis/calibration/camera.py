@@ -30,7 +30,7 @@ DERIVATIVE: Final = 1e-5
 FEWEST: Final = 100
 
 
-class OwnMotion(NamedTuple):
+class OwnPoses(NamedTuple):
     """Our own poses: times (n,) s, positions (n, 3) m in local NED, attitudes q_nb (n, 4)."""
 
     t: Array
@@ -78,7 +78,7 @@ class Calibration(NamedTuple):
     after: Array
 
 
-def calibrate(images: Images, own: OwnMotion, camera: Camera, size: float) -> Calibration:
+def calibrate(images: Images, own: OwnPoses, camera: Camera, size: float) -> Calibration:
     """The corrections of a camera that fit one flight best. `size`: the leader's wingspan, m.
 
     Raises UserError for a flight with too few images.
@@ -111,7 +111,7 @@ class Problem:
     """Residuals of a flight and their derivatives; the unknowns are the five corrections and the leader's path,
     whose accelerations have one sigma of `calm`."""
 
-    def __init__(self, images: Images, own: OwnMotion, camera: Camera, size: float) -> None:
+    def __init__(self, images: Images, own: OwnPoses, camera: Camera, size: float) -> None:
         self._images, self._own, self._camera, self._size = images, own, camera, size
         first, last = images.t[0] - 0.5, images.t[-1] + 0.5
         inner = np.linspace(first, last, max(2, round((last - first) / KNOTS_S)))

@@ -17,7 +17,7 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.autopilot.guidance.follower import NEAR_SHARE, NEAR_SIGMAS, kept_away, stopping, surely_closing
-from onboard.autopilot.guidance.motion import FORWARD, Sent, Slot, Track, across, limited, turned
+from onboard.autopilot.guidance.motion import FORWARD, Sent, Slot, SmoothedLeader, across, limited, turned
 from onboard.config import GuidanceConfig
 from onboard.messages import Heartbeat
 
@@ -71,7 +71,7 @@ class ArduPilot:
         spare = math.sqrt(max(self._config.speed_m_s**2 - square + aside * aside, SLOWEST_TURN**2))
         return max(-by_lean, (-aside - spare) / reach), min(by_lean, (-aside + spare) / reach)
 
-    def follow(self, track: Track, slot: Slot, r_L: Array, v_L: Array, r_F: Array, dt: float) -> Sent:
+    def follow(self, track: SmoothedLeader, slot: Slot, r_L: Array, v_L: Array, r_F: Array, dt: float) -> Sent:
         """The slot's motion, and as much of its place as may be flown to at once."""
         turn = slot.turn_rate
         v = track.v + turn * across(slot.arm)
@@ -113,7 +113,7 @@ class ArduPilot:
         self._held = held if is_inside else r + away * (self._band / length if length > 0.0 else 0.0)
         return self._held, v * (0.0 if is_inside else 1.0)
 
-    def _braked(self, r: Array, v: Array, track: Track, slot: Slot, r_L: Array, v_L: Array) -> Array:
+    def _braked(self, r: Array, v: Array, track: SmoothedLeader, slot: Slot, r_L: Array, v_L: Array) -> Array:
         """The velocity v at r, without what closes faster than can be stopped: before the room that the leader as
         estimated is left, and before two thirds of the slot's distance from the near end of where and how fast it
         may be. What is unsure makes nobody flee, though. The smoothed leader lags behind one that brakes: a slot

@@ -6,7 +6,7 @@ from typing import Final, Protocol
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.autopilot.guidance.motion import Sent, Slot, Track
+from onboard.autopilot.guidance.motion import Sent, Slot, SmoothedLeader
 from onboard.messages import Heartbeat
 
 NEAR_SIGMAS: Final = 2.0  # the near end of the covariance
@@ -34,7 +34,7 @@ class Follower(Protocol):
         """The least and the greatest rate, rad/s, at which a slot `arm` (3,) m from a leader with velocity v can
         turn about it."""
 
-    def follow(self, track: Track, slot: Slot, r_L: Array, v_L: Array, r_F: Array, dt: float) -> Sent:
+    def follow(self, track: SmoothedLeader, slot: Slot, r_L: Array, v_L: Array, r_F: Array, dt: float) -> Sent:
         """Where to fly, behind a leader that is smoothed as `track` and estimated at r_L with v_L."""
 
     def stop(self, place: Array, v_F: Array, yaw: float, *, brakes: bool) -> Sent:

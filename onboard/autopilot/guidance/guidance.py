@@ -18,7 +18,7 @@ from onboard.autopilot.guidance.follower import INSIDE, NEAR_SIGMAS, Follower
 from onboard.autopilot.guidance.motion import (
     Sent,
     Slot,
-    Track,
+    SmoothedLeader,
     flown_on,
     sigma_along,
     smoothed,
@@ -82,7 +82,7 @@ class Guidance:
         self.is_unsure = False
         self.follower.restart()
         self._t_ns = 0
-        self._track: Track | None = None
+        self._track: SmoothedLeader | None = None
         self._course = Course()
         self._direction = math.nan  # from the slot to the leader; NaN before there is one
         self._turn_rate = 0.0  # of the slot about the leader
@@ -271,7 +271,7 @@ class Guidance:
             return
         v, a = np.array(known.v_L_n), np.array(known.a_L_n)
         self._turn_rate = turn_rate(v, a)
-        self._track = flown_on(Track(np.array(known.r_OL_n), v, v, a), self._turn_rate, age)
+        self._track = flown_on(SmoothedLeader(np.array(known.r_OL_n), v, v, a), self._turn_rate, age)
         self._last = known
         is_late = age > SILENCE_S
         self._valid_ns = t_ns - (round(GRACE_S * NS_PER_S) if is_late else 0)
@@ -314,14 +314,14 @@ class Guidance:
             self._place = r_F + v_F * (float(np.linalg.norm(v_F)) / (2.0 * HARD_BRAKING))
         return self.follower.stop(self._place, v_F, yaw, brakes=brakes)
 
-    def _look(self, track: Track, r_F: Array) -> float:
+    def _look(self, track: SmoothedLeader, r_F: Array) -> float:
         """The direction from us to the leader, rad."""
         x, y, _ = (track.r - r_F).tolist()
         if self._yaw is None or math.hypot(x, y) > OVERHEAD:
             self._yaw = math.atan2(y, x)
         return self._yaw
 
-    def _turn(self, course: float, track: Track, dt: float) -> None:
+    def _turn(self, course: float, track: SmoothedLeader, dt: float) -> None:
         """Turn the slot about the leader, towards its course, as fast as the vehicle can fly that."""
         arm = turned(self._stretch * self._slot, self._direction)
         change = TURN_ACCELERATION / max(math.hypot(arm[0], arm[1]), 1.0)

@@ -19,7 +19,7 @@ MOST_ACCELERATION: Final = 4.0  # m/s^2, of the smoothed leader
 FORWARD: Final = np.array([1.0, 0.0, 0.0])
 
 
-class Track(NamedTuple):
+class SmoothedLeader(NamedTuple):
     """The smoothed leader: position and its derivative, and velocity and acceleration as observed (m, NED)."""
 
     r: Array
@@ -59,12 +59,12 @@ class Slot(NamedTuple):
     flies: bool
 
 
-def smoothed(track: Track | None, r: Array, v: Array, a_L: Array, dt: float) -> Track:
+def smoothed(track: SmoothedLeader | None, r: Array, v: Array, a_L: Array, dt: float) -> SmoothedLeader:
     """The smoothed leader after `dt` s, when it is estimated at r, with v and a_L. Velocity and acceleration are
     smoothed first; then position and its derivative follow them, as one trajectory. What is too large for noise is
     followed faster."""
     if track is None:
-        return Track(r, v, v, a_L)
+        return SmoothedLeader(r, v, v, a_L)
     away, behind = v - track.v_observed, r - (track.r + dt * track.v)
     a = track.a + min(dt * ACCELERATION_RATE, 1.0) * (limited(a_L, MOST_ACCELERATION) - track.a)
     v_observed = track.v_observed + dt * (a + VELOCITY_RATE * _faster(away, NOISE[0]) * away)
@@ -72,13 +72,13 @@ def smoothed(track: Track | None, r: Array, v: Array, a_L: Array, dt: float) -> 
     pull = 2.0 * rate * (v_observed - track.v) + rate**2 * behind
     v_next = track.v + dt * limited(a + pull, 2.0 * MOST_ACCELERATION)
     v_next = v_observed + limited(v_next - v_observed, CATCHES_UP)
-    return Track(track.r + dt * v_next, v_next, v_observed, a)
+    return SmoothedLeader(track.r + dt * v_next, v_next, v_observed, a)
 
 
-def flown_on(track: Track, turn_rate: float, dt: float) -> Track:
+def flown_on(track: SmoothedLeader, turn_rate: float, dt: float) -> SmoothedLeader:
     """The leader `dt` s later, if it flies on as it did, turns included."""
     r, v = carried(track.r, track.v, turn_rate, dt)
-    return Track(r, v, v, turn_rate * across(v))
+    return SmoothedLeader(r, v, v, turn_rate * across(v))
 
 
 def _faster(error: Array, noise: float) -> float:

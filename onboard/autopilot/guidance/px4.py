@@ -30,7 +30,7 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.autopilot.guidance.follower import NEAR_SHARE, kept_away, surely_closing
-from onboard.autopilot.guidance.motion import FORWARD, Sent, Slot, Track, level, limited, turned
+from onboard.autopilot.guidance.motion import FORWARD, Sent, Slot, SmoothedLeader, level, limited, turned
 from onboard.config import GuidanceConfig
 from onboard.messages import Heartbeat
 
@@ -87,7 +87,7 @@ class Px4:
 
     def follow(
         self,
-        track: Track,
+        track: SmoothedLeader,
         slot: Slot,
         r_L: Array,
         v_L: Array,

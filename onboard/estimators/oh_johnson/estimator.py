@@ -40,22 +40,22 @@ WEIGHTS: Final = unscented.julier_weights(relative_motion.N)  # eqs 23-25
 REMEMBERED: Final = 64  # images whose repetition is noticed
 
 
-class CameraPose(NamedTuple):
+class CameraPlace(NamedTuple):
     """The camera's attitude R_cn (3, 3), n to camera, and its place r_FC_n (3,) m."""
 
     R_cn: Array
     r_FC_n: Array
 
 
-class Image(NamedTuple):
+class AngleImage(NamedTuple):
     """A usable image: its three angles (3,) rad, and where the camera was as far as was known on its arrival."""
 
     message: TargetPoints
     angles: Array
-    pose: CameraPose
+    pose: CameraPlace
 
 
-class Outcome(NamedTuple):
+class GatedUpdate(NamedTuple):
     """The update by an image, and whether the gate let it pass."""
 
     fused: bool
@@ -117,7 +117,7 @@ class Estimator:
 
     # ------------------------------------------------------------------------ one image
 
-    def _prepare(self, message: TargetPoints, ownship: Ownship) -> Image | Verdict:
+    def _prepare(self, message: TargetPoints, ownship: Ownship) -> AngleImage | Verdict:
         """The image's angles and the camera's pose; or why it cannot be used."""
         key = message.camera, message.t_ns
         if key in self._seen:
@@ -131,9 +131,9 @@ class Estimator:
         if pose is None:
             return Verdict.TOO_NEW if message.t_ns > ownship.now_ns > 0 else Verdict.NO_POSE
         self._seen.append(key)
-        return Image(message, camera_angles.angles_from_points(points), pose)  # eq 18
+        return AngleImage(message, camera_angles.angles_from_points(points), pose)  # eq 18
 
-    def _take(self, image: Image, ownship: Ownship) -> MeasurementReport:
+    def _take(self, image: AngleImage, ownship: Ownship) -> MeasurementReport:
         """Start with an image, or insert it into the history at its own time."""
         message, history = image.message, self._history
         if history is None:
@@ -148,7 +148,7 @@ class Estimator:
         if not history.reaches(message.t_ns):
             return self._report(message, Verdict.TOO_OLD, image)
         late = message.t_ns < self._fused_ns
-        outcome: Outcome = history.insert(message.t_ns, image, ownship)
+        outcome: GatedUpdate = history.insert(message.t_ns, image, ownship)
         self._settle(ownship)
         if not outcome.fused:
             return self._report(message, Verdict.GATED, image, outcome)
@@ -171,15 +171,15 @@ class Estimator:
             belief = unscented.predict(belief, process, self._Q * step.dt, WEIGHTS)
         return belief
 
-    def _fuse(self, belief: Belief, image: Image, ownship: Ownship) -> tuple[Belief, Outcome]:
+    def _fuse(self, belief: Belief, image: AngleImage, ownship: Ownship) -> tuple[Belief, GatedUpdate]:
         """Measurement update, eqs 34-42, with the angles of eqs 11-17. The gate is ours."""
         pose = self._pose(image.message, ownship) or image.pose
         measure = partial(camera_angles.measure, R_cn=pose.R_cn, r_FC_n=pose.r_FC_n)
         update = unscented.update(belief, image.angles, measure, ANGLES, WEIGHTS, camera_angles.ANGULAR)
         fused = update.nis <= self._gate
-        return (update.belief if fused else belief), Outcome(fused, update)
+        return (update.belief if fused else belief), GatedUpdate(fused, update)
 
-    def _pose(self, message: TargetPoints, ownship: Ownship) -> CameraPose | None:
+    def _pose(self, message: TargetPoints, ownship: Ownship) -> CameraPlace | None:
         """The camera's pose when an image was taken; None where ours, or its gimbal's, is not known."""
         camera, pose = self._camera.named(message.camera), ownship.pose_at(message.t_ns)
         if pose is None:
@@ -190,7 +190,7 @@ class Estimator:
             if mount is None:
                 return None
         R_nm = R_nb if mount is None else head_attitude(mount, R_nb)
-        return CameraPose((R_nm @ camera.R_bc).T, R_nb @ camera.r_FC_b)
+        return CameraPlace((R_nm @ camera.R_bc).T, R_nb @ camera.r_FC_b)
 
     # ------------------------------------------------------------------------ what is published
 
@@ -246,8 +246,8 @@ class Estimator:
         self,
         message: TargetPoints,
         verdict: Verdict,
-        image: Image | None = None,
-        outcome: Outcome | None = None,
+        image: AngleImage | None = None,
+        outcome: GatedUpdate | None = None,
     ) -> MeasurementReport:
         """The record of one image, with as much as was known when the verdict was reached."""
         return image_report(

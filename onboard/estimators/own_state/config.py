@@ -31,7 +31,7 @@ FILTERS: Final = (
 )
 
 
-class Airframe(Record, frozen=True, kw_only=True):
+class AirframeConfig(Record, frozen=True, kw_only=True):
     """Constants of a multirotor. Each of `rotors` has its place forward and right of the centre (m), and the sign
     of the torque about b's z axis that its drag gives: +1 where it turns counter-clockwise seen from above.
     A rotor gives no thrust at the first of `pwm_us` and `thrust_max_n` at the second; between them thrust grows
@@ -58,7 +58,7 @@ class Airframe(Record, frozen=True, kw_only=True):
 
 AIRFRAMES: Final = {
     # Al-Shabi, Gadsden & Wilkerson; the rotors' places follow from d_pitch and d_roll, the thrust is simlink's
-    "csvsf": Airframe(
+    "csvsf": AirframeConfig(
         mass_kg=0.468,
         inertia_kg_m2=(4.856e-3, 4.856e-3, 8.801e-3),
         rotors=((0.225, 0.0, 1), (0.0, 0.225, -1), (-0.225, 0.0, 1), (0.0, -0.225, -1)),
@@ -68,7 +68,7 @@ AIRFRAMES: Final = {
         full_voltage_v=12.6,  # simlink's
     ),
     # PX4's Gazebo model x500: motorConstant 8.54858e-06, 1000 rad/s, momentConstant .016; outputs are rad/s
-    "x500": Airframe(
+    "x500": AirframeConfig(
         mass_kg=2.064,
         inertia_kg_m2=(0.02166666666666667, 0.02166666666666667, 0.04000000000000001),
         rotors=((0.174, 0.174, 1), (-0.174, -0.174, 1), (0.174, -0.174, -1), (-0.174, 0.174, -1)),
@@ -84,7 +84,7 @@ class Config(Record, frozen=True, kw_only=True):
 
     filter: str = "csvsf-adaptive"  # one of FILTERS
     airframe: Literal["unknown", "csvsf", "x500", "custom"] = "unknown"
-    custom: Airframe | None = None
+    custom: AirframeConfig | None = None
     force: Literal["accelerometer", "thrust"] = "accelerometer"  # thrust: f_z only, lateral force is estimated
     # noise of attitudes, rates, turns and a fix's velocity is that of their scatter, once it is known
     learn_noise: bool = True
@@ -126,6 +126,6 @@ class Config(Record, frozen=True, kw_only=True):
 
         return (module_name(self.filter),)
 
-    def known_airframe(self) -> Airframe | None:
+    def known_airframe(self) -> AirframeConfig | None:
         """The airframe's constants, None where they are unknown."""
         return self.custom if self.airframe == "custom" else AIRFRAMES.get(self.airframe)

@@ -42,7 +42,7 @@ from onboard.messages import (
     Verdict,
 )
 from onboard.messages.causes import Cause, Reason
-from onboard.ownship import OwnMotion, Ownship
+from onboard.ownship import Ownship, StatedMotion
 from onboard.units import NS_PER_S
 
 __all__ = ["LISTENS", "Config", "Estimator"]
@@ -123,7 +123,7 @@ class Estimator:
             return [self._publish(None)]
         return []
 
-    def own_motion_at(self, t_ns: int) -> OwnMotion | None:
+    def own_motion_at(self, t_ns: int) -> StatedMotion | None:
         """See `onboard.estimators.StatesOwnMotion`."""
         if self._track is None or not self._life(t_ns)[0].is_valid:
             return None

@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.own_state.config import Airframe
+from onboard.estimators.own_state.config import AirframeConfig
 from onboard.estimators.own_state.thrust import ThrustScale
 from onboard.messages import ActuatorOutputs, Fault, FaultKind, Imu
 from onboard.models.own_motion import GRAVITY
@@ -91,7 +91,7 @@ TORQUE, LATERAL, THRUSTS = slice(1, 4), slice(4, 6), slice(6, None)
 class FaultMonitor:
     """Compares commands with motion; does nothing without an airframe."""
 
-    def __init__(self, airframe: Airframe | None) -> None:
+    def __init__(self, airframe: AirframeConfig | None) -> None:
         self._airframe = airframe
         if airframe is not None:
             places = np.array(airframe.rotors)
@@ -159,7 +159,7 @@ class FaultMonitor:
         self._judge(a, now)
         return np.asarray((torque + self._missing_torque) / self._inertia)
 
-    def _judge(self, a: Airframe, now: Balance) -> None:
+    def _judge(self, a: AirframeConfig, now: Balance) -> None:
         """Compare the means over the window with what each fault would leave."""
         while len(self._balances) > 1 and self._balances[1].t_ns <= now.t_ns - WINDOW_NS:
             self._balances.popleft()
@@ -189,7 +189,7 @@ class FaultMonitor:
         for alarm in (self._motor, self._mass, self._gust):
             alarm.absent(t_ns)
 
-    def _is_flying(self, a: Airframe, t_ns: int, thrust: float) -> bool:
+    def _is_flying(self, a: AirframeConfig, t_ns: int, thrust: float) -> bool:
         """Whether the thrust (N) has carried the vehicle for a second."""
         if thrust < WEAKEST * a.mass_kg * GRAVITY:
             self._flying_since_ns = None

@@ -14,7 +14,7 @@ from onboard.messages import Fault, Lifecycle, MeasurementReport, Message, NavSt
 from onboard.messages.causes import Reason
 from onboard.models import own_motion as model
 from onboard.models.quadrotor import POSITION, RATES, VELOCITY
-from onboard.ownship import OwnMotion
+from onboard.ownship import StatedMotion
 
 NAME: Final = "own_state"
 FIELDS_OF_TRACK: Final = ("age", "switch_fraction", "nis_ratio", "mean", "covariance", "q_nb", "omega_b")
@@ -86,13 +86,13 @@ def nav_state(
     )
 
 
-def own_motion(posterior: Posterior) -> OwnMotion:
+def own_motion(posterior: Posterior) -> StatedMotion:
     """The belief at a time as our own motion."""
     _, R_na, (x, P) = posterior
     w, a, b, c = quaternion_from_matrix(R_na @ model.rotations(x[None])[0]).tolist()
     sigma = np.sqrt(np.diag(model.navigation_covariance(P, x)))
     p, q, r = x[list(RATES)].tolist()
-    return OwnMotion(
+    return StatedMotion(
         (w, a, b, c),
         (p, q, r),
         _vec3(sigma[6:9]),

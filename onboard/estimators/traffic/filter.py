@@ -97,11 +97,11 @@ def _mixture(
     return TrackFilter(start, predict, update, belief, change, polar=True)
 
 
-def _process(step: motion.Step) -> Rows:
+def _process(step: motion.MotionStep) -> Rows:
     return lambda rows: motion.propagate(rows, step)
 
 
-def _cached_step(model: motion.MotionModel) -> Callable[[float], motion.Step]:
+def _cached_step(model: motion.MotionModel) -> Callable[[float], motion.MotionStep]:
     """The model's step: few different `dt` occur."""
     return lru_cache(maxsize=64)(lambda dt: motion.step(dt, model))
 

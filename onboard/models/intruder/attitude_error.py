@@ -9,7 +9,7 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.filters.belief import Belief
-from onboard.models.intruder.motion import ATTITUDE_ERROR, BIAS, Step
+from onboard.models.intruder.motion import ATTITUDE_ERROR, BIAS, MotionStep
 
 SMALLEST_DIVISOR: Final = 1e-9
 
@@ -38,7 +38,7 @@ class ReportErrors(NamedTuple):
     attitude_covariance: Array
 
 
-def with_attitude_error(step: Step, model: AttitudeErrorModel) -> Step:
+def with_attitude_error(step: MotionStep, model: AttitudeErrorModel) -> MotionStep:
     """The step with the attitude error's transition and noise."""
     F, Q = step.F.copy(), step.Q.copy()
     axes, decay = model.axes, np.exp(-step.dt / model.times)
@@ -47,7 +47,7 @@ def with_attitude_error(step: Step, model: AttitudeErrorModel) -> Step:
     return step._replace(F=F, Q=Q)
 
 
-def with_report_errors(step: Step, errors: ReportErrors, model: AttitudeErrorModel) -> Step:
+def with_report_errors(step: MotionStep, errors: ReportErrors, model: AttitudeErrorModel) -> MotionStep:
     """The step of k tracks, with the attitude error, and with its noise and our own position's drift correlated
     with their reports' bias.
 
@@ -70,7 +70,7 @@ def with_report_errors(step: Step, errors: ReportErrors, model: AttitudeErrorMod
     return step._replace(Q=Q)
 
 
-def _correlations(step: Step, errors: ReportErrors, model: AttitudeErrorModel) -> Array:
+def _correlations(step: MotionStep, errors: ReportErrors, model: AttitudeErrorModel) -> Array:
     """Of the attitude error along each of its axes and the bias, (k, 3, 3), limited to what the drift's
     correlation leaves: Q stays positive semidefinite."""
     sigma = np.maximum(np.sqrt(model.variances), SMALLEST_DIVISOR)

@@ -46,7 +46,7 @@ class MotionModel(NamedTuple):
     bias_time: float
 
 
-class Step(NamedTuple):
+class MotionStep(NamedTuple):
     """The transition over `dt` seconds: x' = F x + noise of covariance Q, both (15, 15), or Q (k, 15, 15) for
     tracks that differ; `keeps_turn` as in `MotionModel`. `drift`: the variance (m^2) that it adds to the error of
     our own position."""
@@ -58,7 +58,7 @@ class Step(NamedTuple):
     drift: float
 
 
-def step(dt: float, model: MotionModel) -> Step:
+def step(dt: float, model: MotionModel) -> MotionStep:
     """The transition over `dt` > 0 seconds and its noise. The attitude error and the correlations of report errors
     are added by `onboard.models.intruder.attitude_error`.
 
@@ -78,10 +78,10 @@ def step(dt: float, model: MotionModel) -> Step:
     Q[POSITION, POSITION] += drift * np.eye(3)
     F[BIAS, BIAS] = np.exp(-dt / model.bias_time) * np.eye(3)
     Q[BIAS, BIAS] = (1.0 - np.exp(-2.0 * dt / model.bias_time)) * np.eye(3)
-    return Step(F, Q, dt, model.keeps_turn, drift)
+    return MotionStep(F, Q, dt, model.keeps_turn, drift)
 
 
-def propagate(rows: Array, step: Step) -> Array:
+def propagate(rows: Array, step: MotionStep) -> Array:
     """State rows (k, 15) a step later, without noise. Where the aircraft keeps its turn, its horizontal
     acceleration is that at the middle of the step and rotates with the velocity: steps much shorter than a turn
     give an arc."""

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from numpy.testing import assert_allclose
 from pymavlink.dialects.v20 import common
 
-from onboard.autopilot.leader_messages import View
+from onboard.autopilot.leader_messages import CameraView
 from onboard.autopilot.leader_output import LeaderOutput
 from onboard.config import ConfigError, LeaderOutConfig, parse_config
 from onboard.geometry.camera import make_camera
@@ -24,7 +24,7 @@ from tests.support.vehicle_records import EAST
 
 NOW = 1_800_000_000 * S
 CAMERA = make_camera(f_px=500.0, width_px=640.0, height_px=480.0)
-VIEW = View((1.0, 0.0, 0.0, 0.0), CAMERA, is_px4=False)
+VIEW = CameraView((1.0, 0.0, 0.0, 0.0), CAMERA, is_px4=False)
 
 
 def output(*names: Any, rate: float = 20.0) -> LeaderOutput:
@@ -36,7 +36,7 @@ def parsed(frames: list[bytes]) -> list[Any]:
     return [m for frame in frames for m in parser.parse_buffer(frame) or []]
 
 
-def only(name: str, view: View = VIEW) -> Any:
+def only(name: str, view: CameraView = VIEW) -> Any:
     (m,) = (
         m for m in parsed(output(name).frames(leader_state(), leader_state(), view, NOW)) if m.get_type() == name
     )
@@ -132,12 +132,12 @@ def test_target_relative_is_laid_out_as_in_mavlinks_definition() -> None:
 
 def test_landing_target_is_in_the_frame_that_the_autopilot_reads() -> None:
     """Nose east: the leader, 30 m north, is to the left."""
-    m = only("LANDING_TARGET", View(EAST, CAMERA, is_px4=False))
+    m = only("LANDING_TARGET", CameraView(EAST, CAMERA, is_px4=False))
     assert (m.frame, m.position_valid, m.time_usec) == (12, 1, 20_000_000)
     assert_allclose((m.x, m.y, m.z), (4.0, -30.0, 2.0), atol=1e-5)
     assert_allclose((m.angle_x, m.angle_y), (math.atan2(-30, 4), math.atan2(2, 4)), atol=1e-6)
     assert m.distance == pytest.approx(math.hypot(30, 4, 2))
-    m = only("LANDING_TARGET", View(EAST, CAMERA, is_px4=True))
+    m = only("LANDING_TARGET", CameraView(EAST, CAMERA, is_px4=True))
     assert (m.frame, m.x, m.y, m.z) == (1, 130.0, 54.0, -38.0)
 
 
@@ -160,7 +160,7 @@ def test_the_cameras_target_is_where_the_camera_sees_it() -> None:
     assert (m.tracking_status, m.tracking_mode, m.target_data) == (1, 1, 4)
     assert_allclose((m.point_x, m.point_y), (0.5 + 500 * 4 / 30 / 640, 0.5 + 500 * 2 / 30 / 480), atol=1e-6)
     assert m.radius == pytest.approx(0.5 * 2.5 * 500 / math.hypot(30, 4, 2) / 640)
-    behind = only("CAMERA_TRACKING_IMAGE_STATUS", View((0.0, 0.0, 0.0, 1.0), CAMERA, is_px4=False))
+    behind = only("CAMERA_TRACKING_IMAGE_STATUS", CameraView((0.0, 0.0, 0.0, 1.0), CAMERA, is_px4=False))
     assert (behind.tracking_status, behind.target_data) == (1, 0)
     assert math.isnan(behind.point_x)
     m = only("CAMERA_TRACKING_GEO_STATUS")

@@ -11,7 +11,7 @@ import pytest
 from msgspec.structs import replace
 from numpy.testing import assert_allclose
 
-from onboard.autopilot.leader_messages import View, follow_target
+from onboard.autopilot.leader_messages import CameraView, follow_target
 from onboard.autopilot.leader_state import LeaderStates, acceleration
 from onboard.config import OwnErrors
 from onboard.geometry.camera import make_camera
@@ -59,7 +59,7 @@ def test_the_covariance_is_that_of_the_estimate_and_of_our_own_position_carried_
 def test_the_sigmas_of_follow_target_are_roots_of_the_covariance() -> None:
     s = states(OwnErrors(position_sigma_m=2.0, velocity_sigma_m_s=0.3)).at(T + 500 * MS, HOST)
     placed = replace(s, lat_deg=47.0, lon_deg=8.0, alt_msl=500.0)
-    view = View((1.0, 0.0, 0.0, 0.0), make_camera(f_px=554.0, width_px=640.0, height_px=480.0), is_px4=True)
+    view = CameraView((1.0, 0.0, 0.0, 0.0), make_camera(f_px=554.0, width_px=640.0, height_px=480.0), is_px4=True)
     sent = follow_target(placed, view)
     assert isinstance(sent, FollowTarget)
     assert_allclose(np.square(sent.position_sigma), np.diag(np.array(s.covariance))[:3])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from onboard.autopilot.leader_messages import View
+from onboard.autopilot.leader_messages import CameraView
 from onboard.autopilot.reasons import Reasons, edge_of
 from onboard.geometry.camera import make_camera
 from onboard.geometry.rotations import quaternion_from_euler
@@ -17,9 +17,9 @@ CAMERA = make_camera(f_px=554.256, width_px=640, height_px=480)  # to 30 degrees
 BEGIN = [(6, "onboard has started: no leader yet")]
 
 
-def view(pitch_deg: float = 0.0) -> View:
+def view(pitch_deg: float = 0.0) -> CameraView:
     w, x, y, z = quaternion_from_euler(0.0, np.radians(pitch_deg), 0.0).tolist()
-    return View((w, x, y, z), CAMERA, is_px4=False)
+    return CameraView((w, x, y, z), CAMERA, is_px4=False)
 
 
 def texts(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from onboard import UserError
-from onboard.analysis.calibration.camera import Calibration, Images, OwnMotion, calibrate
+from onboard.analysis.calibration.camera import Calibration, Images, OwnPoses, calibrate
 from onboard.arrays import Array
 from onboard.commands import cli
 from onboard.commands.calibrate import described
@@ -56,11 +56,11 @@ class Weaving:
         return points
 
 
-def flight(seed: int, weave: float = 15.0, seconds: float = 50.0) -> tuple[Images, OwnMotion]:
+def flight(seed: int, weave: float = 15.0, seconds: float = 50.0) -> tuple[Images, OwnPoses]:
     flown, rng = Weaving(weave), np.random.default_rng(seed)
     t = np.arange(0.0, seconds + 2, 0.02)
     own = [flown.own(float(x)) for x in t]
-    motion = OwnMotion(t, np.array([r for r, _ in own]), np.array([quaternion_from_euler(*rpy) for _, rpy in own]))
+    motion = OwnPoses(t, np.array([r for r, _ in own]), np.array([quaternion_from_euler(*rpy) for _, rpy in own]))
     exposed = np.arange(2.0, seconds, 1 / 8)
     points = np.array([flown.points(float(x), rng) for x in exposed])
     span = np.linalg.norm(points[:, 2] - points[:, 1], axis=1)

@@ -14,7 +14,7 @@ from onboard.analysis.calibration.airframe import AirframeMeasures, RecordedFlig
 from onboard.commands.calibrate_airframe import described_airframe
 from onboard.commands.cli import main as onboard
 from onboard.config import parse_config
-from onboard.estimators.own_state.config import Airframe
+from onboard.estimators.own_state.config import AirframeConfig
 from onboard.estimators.own_state.faults import FaultMonitor
 from onboard.messages import ActuatorOutputs, Fault, FaultKind, Imu, NavState, Truth
 from simlink.cli import main as simlink
@@ -81,7 +81,7 @@ def pasted(lines: str) -> dict[str, Any]:
     return dict(section["estimator"]["own_state"])
 
 
-def named(airframe: Airframe, flown: RecordedFlight) -> Iterator[tuple[float, Fault]]:
+def named(airframe: AirframeConfig, flown: RecordedFlight) -> Iterator[tuple[float, Fault]]:
     """Each fault that is present, by time."""
     monitor = FaultMonitor(airframe)
     for t, f, omega, v, command in zip(flown.t, flown.f_b, flown.omega_b, flown.v_b, flown.commands, strict=True):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from onboard.autopilot.guidance.motion import Track, flown_on
+from onboard.autopilot.guidance.motion import SmoothedLeader, flown_on
 from onboard.estimators.leader.reports.prior import Prior, spread
 from onboard.geometry.carried import FASTEST_TURN, carried, turn_rate
 from tests.support.streams import S
@@ -45,7 +45,7 @@ def test_the_guidance_and_a_warm_start_carry_it_to_one_place() -> None:
     assert belief is not None
     r, v = carried(R, V, RATE, 7.0)
     assert_allclose(belief.mean, [*r, *v], atol=1e-9)
-    track = flown_on(Track(R, V, V, A), turn_rate(V, A), 7.0)
+    track = flown_on(SmoothedLeader(R, V, V, A), turn_rate(V, A), 7.0)
     assert_allclose([*track.r, *track.v], [*r, *v], atol=1e-9)
 
 

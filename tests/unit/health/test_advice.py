@@ -45,7 +45,7 @@ from onboard.messages import (
 )
 from onboard.messages.stamps import Span, read_stamps
 from onboard.pipeline import Pipeline, Rim
-from onboard.sinks.console import Console
+from onboard.sinks.console import ConsoleLines
 from onboard.view import words
 from onboard.wire.mavlink.signing import read_key
 from tests.support.streams import CIRCLE, EPOCH, F_PX, MS, SIZE, Item, S, Stream, encode
@@ -625,7 +625,7 @@ def test_all_four_readers_show_the_same_advice() -> None:
     (advice,) = [a for a in health.advice if a.cause == "camera-silent"]
     lines: list[str] = []
     notices = Notices()
-    Console(lines.append, pilot=notices.advise).show_health(health)
+    ConsoleLines(lines.append, pilot=notices.advise).show_health(health)
     assert any(advice.what in line and advice.remedy in line for line in lines)
     assert advice.text[:LENGTH] in [m.text for m in notices.due(0)]
     assert words.plain(advice.remedy).replace("`", "") in words.advice(health)
@@ -637,7 +637,7 @@ def test_all_four_readers_show_the_same_advice() -> None:
 
 def test_advice_ends_with_its_cause() -> None:
     lines: list[str] = []
-    console = Console(lines.append, pilot=lambda _: None)
+    console = ConsoleLines(lines.append, pilot=lambda _: None)
     flown_twice = flown(images(lambda m: None if 12 * S < m.t_ns < 20 * S else m))
     pipeline = Pipeline(configured())
     for datagram in encode(Stream(t1=5.0 + SECONDS).items(), "autopilot")[:1]:

@@ -9,7 +9,7 @@ from onboard.geometry.lens import Lens
 from onboard.health.cameras import Hints
 from onboard.health.remedies import remedy_of
 from onboard.messages import DOUBT, Reason, Severity, TargetPoints
-from onboard.sinks.console import Console
+from onboard.sinks.console import ConsoleLines
 from onboard.wire.documents.points import doubt_of
 from tests.support.streams import CIRCLE, EPOCH, SIZE, Item, Run, S, Stream, advance
 
@@ -43,7 +43,7 @@ def test_pixels_of_an_image_of_half_the_size_are_noticed() -> None:
     assert [r for r in reasons(run) if "upper left quarter" in r]
     assert any(e.valid for e in run.estimates)
     lines: list[str] = []
-    Console(lines.append, pilot=lambda _: None).show_health(run.pipeline.health(EPOCH + 31 * S))
+    ConsoleLines(lines.append, pilot=lambda _: None).show_health(run.pipeline.health(EPOCH + 31 * S))
     (line,) = [line for line in lines if "quarter" in line]
     assert line.startswith(f"camera landing_target: {DOUBT}")
 

@@ -13,7 +13,7 @@ from onboard.config import Config
 from onboard.links import LinkError, parse_link, tcp
 from onboard.messages import Datagram, Encoding, LinkHealth
 from onboard.pipeline import Pipeline, Rim
-from onboard.sinks.console import Console
+from onboard.sinks.console import ConsoleLines
 from onboard.wire.mavlink.encode import MavlinkEncoder
 from tests.support.programs import free_ports
 from tests.support.running_link import TIMEOUT_S, until, with_link
@@ -139,7 +139,7 @@ def test_tcpin_is_free_again_once_its_peer_has_left_or_is_silent(monkeypatch: py
 
 def test_who_knocks_is_reported_seldom() -> None:
     lines: list[str] = []
-    console, pipeline = Console(lines.append, pilot=lambda _: None), Pipeline(Config())
+    console, pipeline = ConsoleLines(lines.append, pilot=lambda _: None), Pipeline(Config())
     for k in range(100):
         links = {"autopilot": LinkHealth(refused=k, refused_from=f"192.0.2.{k}:1000")}
         console.show_health(pipeline.health(k * 10**9, Rim(links=links)))

@@ -14,7 +14,7 @@ from onboard.links import udp
 from onboard.links.udp import oldest_surplus
 from onboard.messages import Datagram, LinkHealth
 from onboard.pipeline import Pipeline, Rim
-from onboard.sinks.console import Console
+from onboard.sinks.console import ConsoleLines
 from onboard.wire.mavlink.frame import V1, V2
 from onboard.wire.surplus import KINDS, NEEDED, OF_IMU, OF_OTHERS, surplus
 from tests.support.running_link import until, with_link
@@ -163,7 +163,7 @@ def test_fewer_than_a_group_are_all_delivered() -> None:
 
 def test_that_something_is_left_out_is_reported_once() -> None:
     lines: list[str] = []
-    console, pipeline = Console(lines.append, pilot=lambda _: None), Pipeline(Config())
+    console, pipeline = ConsoleLines(lines.append, pilot=lambda _: None), Pipeline(Config())
     for second, shed in enumerate((0, 10, 20)):
         rim = Rim(links={"a": LinkHealth(received=1, sent=0, errors=0, shed=shed)})
         console.show_health(pipeline.health(second * 10**9, rim))

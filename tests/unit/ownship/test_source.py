@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from onboard.messages import Attitude, LocalPosition, Quaternion, Vec3
-from onboard.ownship import OwnMotion, Ownship
+from onboard.ownship import Ownship, StatedMotion
 from onboard.ownship.source import Wanted
 
 MS, S = 1_000_000, 1_000_000_000
@@ -17,11 +17,11 @@ def about_down(yaw: float) -> Quaternion:
     return math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)
 
 
-def stated(sigma: float, *, yaw: float = 0.0, v: Vec3 = STILL) -> OwnMotion:
-    return OwnMotion(about_down(yaw), STILL, (sigma,) * 3, (5.0, 6.0, 7.0), v, (0.05,) * 3)
+def stated(sigma: float, *, yaw: float = 0.0, v: Vec3 = STILL) -> StatedMotion:
+    return StatedMotion(about_down(yaw), STILL, (sigma,) * 3, (5.0, 6.0, 7.0), v, (0.05,) * 3)
 
 
-def yaws(own: Ownship, noise: float, stated_at: dict[float, OwnMotion | None], until: float) -> list[float]:
+def yaws(own: Ownship, noise: float, stated_at: dict[float, StatedMotion | None], until: float) -> list[float]:
     """Our yaw at each attitude of a hovering vehicle whose yaw has white noise, seed 71. `stated_at`: what the
     estimator states from a time on."""
     rng, made, own_motion = np.random.default_rng(71), [], None

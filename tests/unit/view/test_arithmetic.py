@@ -14,7 +14,7 @@ from tests.support.view_flight import NEEDS_RERUN
 
 def test_range_along_an_axis() -> None:
     mean = np.array([0.0, 30.0, 0.0, 5.0, -2.0, 1.0, 2.0, 0.0, 0.0])
-    leader = motion.LeaderState(t_ns=0, mean=mean, covariance=np.diag([0.25, 4.0, *[1.0] * 7]))
+    leader = motion.LeaderArrays(t_ns=0, mean=mean, covariance=np.diag([0.25, 4.0, *[1.0] * 7]))
     assert motion.range_estimate(leader) == pytest.approx(
         (30.0, 2.0, 2.0, 1.0)
     )  # range, its sigma, closing, the larger sigma across

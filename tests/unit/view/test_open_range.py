@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from onboard.arrays import Array
 from onboard.messages import Estimate, Mode, OwnPose
 from onboard.view import words
-from onboard.view.motion import LeaderState, leader_state, open_interval
+from onboard.view.motion import LeaderArrays, leader_state, open_interval
 from tests.support.view_flight import NEEDS_RERUN, flight
 
 
@@ -22,7 +22,7 @@ def estimate_with(sigma_range: float) -> Estimate:
     return replace(estimate, mean=mean, covariance=covariance, reason="images fused; heading not resolved")
 
 
-def state(estimate: Estimate) -> LeaderState:
+def state(estimate: Estimate) -> LeaderArrays:
     found = leader_state(estimate)
     assert found is not None
     return found

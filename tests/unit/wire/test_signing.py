@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from onboard.autopilot.leader_messages import View, target_relative
+from onboard.autopilot.leader_messages import CameraView, target_relative
 from onboard.autopilot.output import AutopilotOutput
 from onboard.config import Config, ConfigError, LinkConfig, signing_key
 from onboard.geometry.camera import make_camera
@@ -62,7 +62,7 @@ def test_what_we_sign_pymavlink_verifies(record: Any) -> None:
 
 
 def test_a_message_that_pymavlink_does_not_know_is_signed_too() -> None:
-    view = View((1.0, 0.0, 0.0, 0.0), make_camera(f_px=1.0, width_px=1.0, height_px=1.0), is_px4=False)
+    view = CameraView((1.0, 0.0, 0.0, 0.0), make_camera(f_px=1.0, width_px=1.0, height_px=1.0), is_px4=False)
     message = target_relative(leader_state(), view)
     assert message is not None
     plain = MavlinkEncoder(7, 191).encode(message)

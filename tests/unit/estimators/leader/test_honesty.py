@@ -11,7 +11,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.arrays import Array
-from onboard.autopilot.leader_messages import View, follow_target
+from onboard.autopilot.leader_messages import CameraView, follow_target
 from onboard.autopilot.leader_state import LeaderStates
 from onboard.config import OwnErrors
 from onboard.geometry.camera import make_camera
@@ -24,7 +24,7 @@ from tests.support.streams import Flight, S, Stream, advance_once, heartbeat, ma
 
 SEEDS = range(20)
 LATER = 200_000_000  # ns, until the leader is flown on
-VIEW = View((1.0, 0.0, 0.0, 0.0), make_camera(f_px=554.0, width_px=640.0, height_px=480.0), is_px4=True)
+VIEW = CameraView((1.0, 0.0, 0.0, 0.0), make_camera(f_px=554.0, width_px=640.0, height_px=480.0), is_px4=True)
 ERRORS = OwnErrors(position_sigma_m=0.5)  # else the leader's part would not show beside our own
 NO_ERRORS = OwnErrors(tilt_sigma_deg=0.0, yaw_sigma_deg=0.0, velocity_sigma_m_s=0.0, position_sigma_m=0.0)
 EXACT = tuple(

@@ -4,11 +4,11 @@ from collections.abc import Callable
 
 import pytest
 
-from onboard.estimators.own_state.config import AIRFRAMES, Airframe
+from onboard.estimators.own_state.config import AIRFRAMES, AirframeConfig
 from onboard.estimators.own_state.faults import FaultMonitor
 from onboard.messages import ActuatorOutputs, FaultKind, Imu
 
-CRAFT: Airframe = AIRFRAMES["csvsf"]
+CRAFT: AirframeConfig = AIRFRAMES["csvsf"]
 GRAVITY = 9.80665  # m/s^2, standard (CGPM 1901)
 S = 1_000_000_000
 STEP_NS = S // 10
