@@ -4,7 +4,7 @@
 
 The flights are simulated in this process, byte for byte the same every time; pictures of the view need Vulkan
 (`apt install mesa-vulkan-drivers`), the plots matplotlib. Without names all are drawn: the drawings, the plots
-of errors inside their bounds, and the view's first page for each kind of flight, and each of its pages."""
+of errors inside their bounds, the recorded flights, and the view's first page for each kind of flight, and each of its pages."""
 
 import sys
 import tempfile
@@ -15,6 +15,7 @@ from typing import Any, Final, NamedTuple
 
 import drawings
 import error_plots
+import real_flights
 from PIL import Image
 
 from onboard.commands.demo_flight import flown_beside
@@ -142,6 +143,8 @@ def main(names: list[str]) -> None:
         drawings.main()
     if not names or "errors" in names:
         error_plots.main(flown)
+    if (not names or "real-flights" in names) and not real_flights.main():
+        print(f"real-flights: not drawn, {real_flights.DATA} is not here", flush=True)
     for name, picture in VIEWS.items():
         if not names or name in names:
             print(f"{name}: {picture.scenario}", flush=True)

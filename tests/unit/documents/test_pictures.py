@@ -55,9 +55,8 @@ def test_drawings_have_colours_for_light_and_dark(drawings: Any) -> None:
 
 
 def test_every_picture_is_shown_and_can_be_drawn() -> None:
-    made = (documents.DOCS / "pictures.py").read_text(encoding="utf-8")
-    made += (documents.DOCS / "error_plots.py").read_text(encoding="utf-8")
-    made += (documents.DOCS / "drawings.py").read_text(encoding="utf-8")
+    programs = ("pictures", "error_plots", "drawings", "real_flights")
+    made = "".join((documents.DOCS / f"{name}.py").read_text(encoding="utf-8") for name in programs)
     shown = {name for path in documents.ALL for name in re.findall(r"pictures/([\w.-]+)\)", documents.text(path))}
     assert shown == {path.name for path in PICTURES.iterdir()}
     for name in shown:

@@ -156,7 +156,7 @@ def test_the_tests_are_there(test: str) -> None:
 
 
 def test_each_attack_that_was_made_names_tests_that_are_there() -> None:
-    for attack, _, named in ATTACKS:
+    for attack, named in ATTACKS:
         assert documents.names(named), attack
         for test in documents.names(named):
             folder, _, name = test.partition("::")
