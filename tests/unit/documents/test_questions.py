@@ -16,7 +16,7 @@ NUMBERS += ("thirteen", "fourteen", "fifteen", "sixteen", "seventeen", "eighteen
 
 
 def test_what_is_sent_is_the_table_of_the_code() -> None:
-    (table,) = documents.tables(documents.section("architecture", "What is sent to the autopilot"))
+    (table,) = documents.tables(documents.section("published", "What is sent to the autopilot"))
     wanted = [[", ".join(sent.names), sent.occasion, sent.when] for sent in SENT.values()]
     assert table == wanted, "\n".join(f"| {' | '.join(row)} |" for row in wanted)
 
