@@ -39,10 +39,9 @@ def of_own_state(result: Json) -> Figures:
     accuracy, naming = (table["rows"] for table in result["tables"])
     found = {"own_seeds": str(result["seeds"])}
     for scenario, used, velocity, worst, *_ in accuracy:
-        kind = {"csvsf-adaptive": "", "csvsf-adaptive, no barometer": "_no_barometer"}.get(used)
-        if kind is not None:
-            found[f"{own_key(scenario)}{kind}_velocity_m_s"] = f"{velocity:.3f}"
-            found[f"{own_key(scenario)}{kind}_worst_m_s"] = f"{worst:.2f}"
+        if used == "csvsf-adaptive":
+            found[f"{own_key(scenario)}_velocity_m_s"] = f"{velocity:.3f}"
+            found[f"{own_key(scenario)}_worst_m_s"] = f"{worst:.2f}"
     for scenario, right, median, longest, *_ in naming:
         if right is not None:
             found[f"{own_key(scenario)}_named_percent"] = f"{right:.0f}"

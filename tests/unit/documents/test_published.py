@@ -145,8 +145,6 @@ def test_studies_give_the_figures_of_their_pages() -> None:
         "own_seeds": "60",
         "own_nothing_velocity_m_s": "0.054",
         "own_nothing_worst_m_s": "0.13",
-        "own_gust_no_barometer_velocity_m_s": "0.088",
-        "own_gust_no_barometer_worst_m_s": "0.30",
         "own_gust_named_percent": "100",
         "own_gust_delay_median_s": "0.30",
         "own_gust_delay_longest_s": "0.40",
