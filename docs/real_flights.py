@@ -5,6 +5,7 @@ The recordings are not part of the repository: without `../shared/data` nothing 
 
 import csv
 import gzip
+import math
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -87,14 +88,15 @@ def flown(recording: Recording) -> Drawn:
     rows: list[tuple[float, ...]] = []
     for datagram, _ in read_tlog(_read(DATA / recording.log)):
         for record in () if datagram is None else pipeline.feed(datagram):
-            if isinstance(record, OwnPose) and None not in record.r_OF_n:
-                poses.append((record.t_ns * 1e-9, *record.r_OF_n))
+            if isinstance(record, OwnPose):
+                poses.append((record.t_ns * 1e-9, *(math.nan if x is None else x for x in record.r_OF_n)))
             if isinstance(record, Estimate) and record.valid and record.mean and record.covariance:
                 rows.append((record.t_ns * 1e-9, *record.mean[:3], _range_sigma(record)))
     with gzip.open(DATA / recording.truth, "rt") as file:
         names = ("time_boot_s", "r_north_m", "r_east_m", "r_down_m")
         true = np.array([[float(row[name]) for name in names] for row in csv.DictReader(file)])
     table, own = np.array(rows), np.array(poses)
+    own = own[np.isfinite(own).all(axis=1)]
     began = true[0, 0]
     table = table[(table[:, 0] > began + recording.begin) & (table[:, 0] < began + recording.end)]
     t = table[:, 0]

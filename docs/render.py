@@ -5,8 +5,9 @@
 
 docs/figures.json holds every measured figure by its key, as it is shown. "measured" is written here, from the
 JSON files of the commands in docs/measurements.md; "noted" is written by hand, for what no command writes to JSON.
-Only figures that a page or README's table shows are kept. A page has a figure as <!--key-->1.9<!--/-->: the comments are not shown, and what stands between is written here.
-No line may begin with one: Markdown takes such a line as HTML. Several files of `make bench` give a range.
+Only figures that a page or README's table shows are kept. A page has a figure as <!--key-->1.9<!--/-->: comments
+are not shown, and the text between is written here. No line may begin with one:
+Markdown takes such a line as HTML. Several files of `make bench` give a range.
 """
 
 import argparse
@@ -50,9 +51,9 @@ range {hover_range_percent} %; {hover_inside_percent} % inside |
 {own_motor_delay_median_s} s (median) |
 | traffic, 20 aircraft | {traffic_minutes} simulated minutes, `onboard study traffic` | \
 {traffic_swaps} tracks changed aircraft; 95 % ellipsoids contain {traffic_inside_percent} % of the truth |
-| daemon with one leader, 30 images a second | {live_cores} cores of an {live_cpu}, busy with other work, `make bench` | \
-{live_alone_cpu_percent} % of a core, {live_alone_memory_mb} MB; image to estimate {live_alone_arrival_p50_ms} ms (p50), \
-{live_alone_arrival_p99_ms} ms (p99) |
+| daemon with one leader, 30 images a second | {live_cores} cores of an {live_cpu}, busy with other work, \
+`make bench` | {live_alone_cpu_percent} % of a core, {live_alone_memory_mb} MB; image to estimate \
+{live_alone_arrival_p50_ms} ms (p50), {live_alone_arrival_p99_ms} ms (p99) |
 | one step of a nine-state unscented filter | the same, `make bench` | {bench_radar_us} µs; filterpy takes \
 {bench_radar_filterpy} times as long |"""
 
