@@ -112,7 +112,7 @@ def of_encounters(result: Json) -> Figures:
             "–" if number is None else f"{number:.1f}" for number in numbers
         )
         found["encounters_" + _key(name)] = (
-            f"{valid} | {error} ({worst}) | {sigma} | {inside} ± {inside_error} | {wrong} ± {wrong_error}"
+            f"{valid} | {error} ({worst}) | {sigma} | {inside}±{inside_error} | {wrong}±{wrong_error}"
         )
     return found
 

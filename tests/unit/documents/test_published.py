@@ -162,8 +162,8 @@ def test_studies_give_the_figures_of_their_pages() -> None:
     tables = [{"title": "Family by family", "rows": rows}]
     assert render.of_studies({"encounters": {"seeds": 40, "tables": tables}}) == {
         "encounters_flights": "40",
-        "encounters_behind": "100.0 | 2.3 (3.3) | 2.6 | 96.5 ± 2.9 | 0.0 ± 0.0",
-        "encounters_hover_center_on_wing": "0.0 | – (–) | – | – ± – | – ± –",
+        "encounters_behind": "100.0 | 2.3 (3.3) | 2.6 | 96.5±2.9 | 0.0±0.0",
+        "encounters_hover_center_on_wing": "0.0 | – (–) | – | –±– | –±–",
     }
     names = ("range_percent", "nees", "inside_percent", "valid_percent")
     values = {name: {"value": x} for name, x in zip(names, (2.06, 6.36, 96.51, 100.0), strict=True)}
