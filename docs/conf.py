@@ -14,6 +14,7 @@ version = release
 copyright = "BSD-3-Clause"  # noqa: A001 - Sphinx reads this name
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.viewcode"]
 autodoc_member_order = "bysource"
+autodoc_default_options = {"members": True}
 autodoc_typehints = "signature"
 exclude_patterns = ["_build"]
 html_theme = "furo"

@@ -4,19 +4,23 @@
 
 The flights are simulated in this process, byte for byte the same every time; pictures of the view need Vulkan
 (`apt install mesa-vulkan-drivers`), the plots matplotlib. Without names all are drawn: the drawings, the plots
-of errors inside their bounds, and the view's first page for each kind of flight, and each of its pages."""
+of errors inside their bounds, the recorded flights, the view's first page for each kind of flight and each of its
+pages, and the report."""
 
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import chdir
 from functools import cache
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import drawings
 import error_plots
-from PIL import Image
+import real_flights
+from PIL import Image, ImageOps
 
+from onboard.commands import cli as onboard
 from onboard.commands.demo_flight import flown_beside
 from onboard.config import Config, load_config
 from onboard.messages import Datagram, TrafficTruth, Truth
@@ -24,11 +28,13 @@ from onboard.pipeline import Pipeline
 from onboard.view.fleet import Views
 from onboard.view.view import View
 from onboard.view.viewer import screenshot
+from simlink import cli as simlink
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario
 from simlink.simulation import datagrams
 
 PICTURES: Final = drawings.PICTURES
+REPORT_PAGES, REPORT_SCALE, MARGIN = (0, 1, 3), 1.6, 20  # of the PDF: the verdict, the map, the range
 HEALTH_NS: Final = 1_000_000_000
 PAGES: Final = ("Overview", "Errors", "Motion", "Filter", "Own state", "Links")
 
@@ -122,6 +128,30 @@ def draw_fleet() -> None:
         take(rrd.with_name("fleet-uav-1.rrd"), "view-fleet", 36.0)
 
 
+def draw_report() -> None:
+    """The first page of `onboard report` of a simulated flight, with its map and its range. It needs pypdfium2."""
+    from pypdfium2 import PdfDocument  # type: ignore[import-not-found, import-untyped, unused-ignore]  # noqa: PLC0415
+
+    with tempfile.TemporaryDirectory() as folder, chdir(folder):
+        Path("formation.toml").write_text(daemon_config(load_scenario("formation")), encoding="utf-8")
+        fly = [*("log", "formation", "--seed", "1"), *("--out", "flight.tlog", "--truth", "truth.csv.gz")]
+        report = [*("report", "flight.tlog", "--config", "formation.toml"), *("--truth", "truth.csv.gz")]
+        if simlink.main(fly) or onboard.main([*report, "--pdf", "flight.pdf"]):
+            raise RuntimeError("the flight of the report failed")
+        document = PdfDocument("flight.pdf")
+        pages = [document[k].render(scale=REPORT_SCALE).to_pil() for k in REPORT_PAGES]
+    first, *others = (page.crop(ImageOps.invert(page.convert("L")).getbbox()) for page in pages)
+    width = max(other.width for other in others)
+    height = max(first.height, sum(other.height for other in others))
+    picture = Image.new("RGB", (first.width + width + 3 * MARGIN, height + 2 * MARGIN), "white")
+    picture.paste(first, (MARGIN, MARGIN))
+    y = MARGIN
+    for other in others:
+        picture.paste(other, (first.width + 2 * MARGIN, y))
+        y += other.height
+    picture.quantize(256).save(PICTURES.parent / "report.png", optimize=True)
+
+
 def by_time(flights: Mapping[str, Iterable[Any]]) -> list[tuple[str, Any]]:
     """The records of all vehicles in the order of their flights' times."""
     found = []
@@ -142,12 +172,16 @@ def main(names: list[str]) -> None:
         drawings.main()
     if not names or "errors" in names:
         error_plots.main(flown)
+    if (not names or "real-flights" in names) and not real_flights.main():
+        print(f"real-flights: not drawn, {real_flights.DATA} is not here", flush=True)
     for name, picture in VIEWS.items():
         if not names or name in names:
             print(f"{name}: {picture.scenario}", flush=True)
             draw_view(name, picture)
     if not names or "view-fleet" in names:
         draw_fleet()
+    if not names or "report" in names:
+        draw_report()
 
 
 if __name__ == "__main__":

@@ -5,8 +5,9 @@
 
 docs/figures.json holds every measured figure by its key, as it is shown. "measured" is written here, from the
 JSON files of the commands in docs/measurements.md; "noted" is written by hand, for what no command writes to JSON.
-A page has a figure as <!--key-->1.9<!--/-->: the comments are not shown, and what stands between is written here.
-No line may begin with one: Markdown takes such a line as HTML. Several files of `make bench` give a range.
+Only figures that a page or README's table shows are kept. A page has a figure as <!--key-->1.9<!--/-->: comments
+are not shown, and the text between is written here. No line may begin with one:
+Markdown takes such a line as HTML. Several files of `make bench` give a range.
 """
 
 import argparse
@@ -25,28 +26,35 @@ README = DOCS.parent / "README.md"
 PUBLISHED = DOCS / "published.md"
 PAGES = DOCS
 FIGURE = re.compile(r"<!--(\w+)-->(.*?)<!--/-->", re.DOTALL)
+TABLE_KEY = re.compile(r"\{(\w+)\}")
 
 README_TABLE = """\
-| what | measured with | result (RMS) |
+| what | measured on, with | result |
 |---|---|---|
-| both estimators on a simulated quadrotor, one motor at 75 % from 30 s on | \
+| leader and own state, one motor at 75 % from 30 s on | simulated quadrotor, \
 `onboard demo --headless --duration 60 --seed 1` | \
 leader: valid {mission_valid_percent} % of the time, range {mission_range_percent} %, position \
 {mission_position_m} m at {mission_distance_m} m; own state: velocity {mission_own_velocity_m_s} m/s, attitude \
 {mission_own_attitude_deg}°; motor named after {mission_fault_after_s} s |
-| leader, simulated flight of two fixed wings | the same with `--scenario formation` | \
+| leader, two fixed wings | simulated, the same with `--scenario formation` | \
 range {demo_range_percent} %, position {demo_position_m} m at {demo_distance_m} m, \
 velocity {demo_velocity_m_s} m/s; {demo_inside_percent} % of true positions inside the 95 % ellipsoid |
-| leader, MAVLink stream of an ArduPilot, simulated camera | `onboard replay`, [251 s](docs/measurements.md) | \
+| leader, circles at 12 m/s | a real ArduPilot's stream, 251 s, simulated camera, `onboard replay` | \
 range {copter_range_percent} %, position {copter_position_m} m at {copter_distance_m} m, \
 velocity {copter_velocity_m_s} m/s; {copter_inside_percent} % inside |
-| own state, one motor at 75 % | `onboard study own-state --seeds {own_seeds}` | velocity \
+| leader hovers near us | two real ArduPilots' streams, 31 s, simulated camera, `onboard replay` | \
+range {hover_range_percent} %; {hover_inside_percent} % inside |
+| leaders that strangers flew (without racers) | 47 encounters of their recorded flights, simulated camera, \
+`onboard study encounters --leaders-from` | valid 90 % of the time, confidently wrong 1.4 %, inside 96 % |
+| own state, one motor at 75 % | {own_seeds} simulated flights, `onboard study own-state` | velocity \
 {own_motor_velocity_m_s} m/s; fault named within 1 s in {own_motor_named_percent} % of flights, after \
 {own_motor_delay_median_s} s (median) |
-| traffic, 20 aircraft, {traffic_minutes} minutes | `onboard study traffic --seeds {traffic_seeds}` | \
-{traffic_swaps} tracks changed aircraft; 95 % ellipsoids hold {traffic_inside_percent} % of the truth |
-| 100 leaders at 30 images a second | `make bench` | {bench_leaders_cores} cores |
-| one step of a nine-state unscented filter | `make bench` | {bench_radar_us} µs; filterpy takes \
+| traffic, 20 aircraft | {traffic_minutes} simulated minutes, `onboard study traffic` | \
+{traffic_swaps} tracks changed aircraft; 95 % ellipsoids contain {traffic_inside_percent} % of the truth |
+| daemon with one leader, 30 images a second | {live_cores} cores of an {live_cpu}, busy with other work, \
+`make bench` | {live_alone_cpu_percent} % of a core, {live_alone_memory_mb} MB; image to estimate \
+{live_alone_arrival_p50_ms} ms (p50), {live_alone_arrival_p99_ms} ms (p99) |
+| one step of a nine-state unscented filter | the same, `make bench` | {bench_radar_us} µs; filterpy takes \
 {bench_radar_filterpy} times as long |"""
 
 SCORE = {
@@ -64,7 +72,6 @@ OWN_SCORE: dict[str, tuple[Callable[[Json], float], str]] = {
     "own_nees": (lambda s: s["own_state"]["nees_mean"], ".1f"),
     "fault_after_s": (lambda s: s["fault"]["after_s"], ".2f"),
 }
-RATES = (5_000, 10_000, 20_000, 30_000, 50_000)  # of `benchmarks.live`
 NOT_MEASURED = "–"
 SCORED = {"mission": "mission", "formation": "demo"}  # scenario -> what the keys of its figures begin with
 # figure -> where `make bench` has it, and how it is shown
@@ -127,47 +134,26 @@ def of_live(history: str) -> Figures:
         "live_load_average": f"{machine['load_average']:.1f}",
         "live_start_s": f"{live['start']['warm_s']:.1f}",
         "live_replay_times": f"{stages['replay_times']:.0f}",
-        "live_most_per_s": f"{most_without_a_drop(live['input']):,}" if "input" in live else NOT_MEASURED,
     }
     for key in ("read", "decode", "align", "estimate", "encode"):
         found[f"live_{key}_us"] = f"{stages[f'{key}_us']:.1f}"
-    for key, short in (("alone", "alone"), ("beside_two_busy_loops", "busy"), ("half_of_one_core", "half")):
-        flown = live.get(key, {})
-        for what in ("p50", "p99", "max"):
-            found[f"live_{short}_arrival_{what}_ms"] = _shown(flown.get("arrival_ms", {}).get(what), ".1f")
-        found[f"live_{short}_cpu_percent"] = _shown(flown.get("cpu_percent"), ".0f")
-        found[f"live_{short}_memory_mb"] = _shown(flown.get("memory_mb"), ".0f")
+    alone = live["alone"]
+    for what in ("p50", "p99", "max"):
+        found[f"live_alone_arrival_{what}_ms"] = format(alone["arrival_ms"][what], ".1f")
+        found[f"live_alone_exposure_{what}_ms"] = format(alone["exposure_ms"][what], ".1f")
+    found["live_alone_cpu_percent"] = format(alone["cpu_percent"], ".0f")
+    found["live_alone_memory_mb"] = format(alone["memory_mb"], ".0f")
+    found["live_alone_answered"] = f"{alone['answered']} of {alone['images']}"
     found |= {f"live_floor_arrival_{what}_ms": f"{floor['arrival_ms'][what]:.1f}" for what in ("p50", "p99")}
     for what, shown in (("cpu_percent", ".1f"), ("memory_mb", ".0f"), ("replay_times", ".0f"), ("start_s", ".1f")):
         found[f"live_floor_{what}"] = _shown(floor.get(what), shown)
     for what in ("arrival_p50", "arrival_p99", "cpu", "memory", "replay", "start"):
         found[f"live_ratio_{what}"] = _shown(live["ratios"].get(what), ".1f")
-    alone = live["alone"]
-    found["live_alone_answered"] = f"{alone['answered']} of {alone['images']}"
-    for what, value in alone["exposure_ms"].items():
-        found[f"live_alone_exposure_{what}_ms"] = f"{value:.1f}"
-    rows = {row["asked"]: row for row in live.get("input", ())}
-    for rate in RATES:
-        row = rows.get(rate, {})
-        lost = 100 * row["dropped"] / max(row["sent"], 1) if row else None
-        found[f"live_{rate}_sent"] = _shown(row.get("sent_per_s"), ",.0f")
-        found[f"live_{rate}_dropped"] = _shown(lost, ".1f")
-        found[f"live_{rate}_us"] = _shown(row.get("cpu_us_per_message"), ".0f")
     return found
 
 
 def _shown(value: float | None, how: str) -> str:
     return NOT_MEASURED if value is None else format(value, how)
-
-
-def most_without_a_drop(rows: Sequence[Json]) -> int:
-    """The highest rate (messages a second) up to which nothing was dropped or shed; 0 if there is none."""
-    most = 0
-    for row in rows:
-        if row["dropped"] or row["received"] < row["sent"]:
-            break
-        most = int(row["asked"])
-    return most
 
 
 def readme_table(figures: Figures) -> str:
@@ -184,6 +170,12 @@ def between(text: str, marker: str, inside: str) -> str:
     """`text` with what stands between the comments `marker: begin` and `marker: end` replaced."""
     pattern = rf"(<!-- {marker}: begin[^>]*-->\n).*?(<!-- {marker}: end -->)"
     return re.sub(pattern, lambda m: f"{m[1]}{inside}\n{m[2]}", text, count=1, flags=re.DOTALL)
+
+
+def named() -> set[str]:
+    """The figures that the pages and README's table show."""
+    pages = (path.read_text(encoding="utf-8") for path in PAGES.rglob("*.md"))
+    return {match[1] for page in pages for match in FIGURE.finditer(page)} | {*TABLE_KEY.findall(README_TABLE)}
 
 
 def read(path: Path) -> Json:
@@ -212,6 +204,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     measured |= of_live(given.live.read_text(encoding="utf-8")) if given.live else {}
     for path in given.studies:
         measured |= of_studies(read(path))
+    groups["measured"] = measured = {key: shown for key, shown in measured.items() if key in named()}
     FIGURES.write_text(json.dumps(groups, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
     for path, marker, inside in (
         (README, "figures", readme_table(groups["noted"] | measured)),

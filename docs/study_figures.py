@@ -3,8 +3,6 @@
 import re
 from typing import Any
 
-DEPARTED_WRONG, DEPARTED_INSIDE = 5.0, 88.0  # percent, as wanted with one assumption false
-
 Json = dict[str, Any]
 Figures = dict[str, str]
 
@@ -41,10 +39,9 @@ def of_own_state(result: Json) -> Figures:
     accuracy, naming = (table["rows"] for table in result["tables"])
     found = {"own_seeds": str(result["seeds"])}
     for scenario, used, velocity, worst, *_ in accuracy:
-        kind = {"csvsf-adaptive": "", "csvsf-adaptive, no barometer": "_no_barometer"}.get(used)
-        if kind is not None:
-            found[f"{own_key(scenario)}{kind}_velocity_m_s"] = f"{velocity:.3f}"
-            found[f"{own_key(scenario)}{kind}_worst_m_s"] = f"{worst:.2f}"
+        if used == "csvsf-adaptive":
+            found[f"{own_key(scenario)}_velocity_m_s"] = f"{velocity:.3f}"
+            found[f"{own_key(scenario)}_worst_m_s"] = f"{worst:.2f}"
     for scenario, right, median, longest, *_ in naming:
         if right is not None:
             found[f"{own_key(scenario)}_named_percent"] = f"{right:.0f}"
@@ -107,66 +104,17 @@ def of_manoeuvres(result: Json) -> Figures:
 
 
 def of_encounters(result: Json) -> Figures:
-    """Figures of the study of encounters: a row of the page's tables for each encounter."""
-    found = of_reference(result) | of_velocity(result) | of_departures(result)
-    found |= {"encounters_flights": f"{result['seeds']:.0f}"} if result["tables"][0]["rows"] else {}
+    """Figures of the study of encounters: a row of the page's table for each encounter."""
+    found = {"encounters_flights": f"{result['seeds']:.0f}"}
     for name, _, *numbers in result["tables"][0]["rows"]:
         # a family without a valid estimate has none of the others
         valid, _, error, _, _, worst, sigma, inside, inside_error, wrong, wrong_error = (
             "–" if number is None else f"{number:.1f}" for number in numbers
         )
         found["encounters_" + _key(name)] = (
-            f"{valid} | {error} ({worst}) | {sigma} | {inside} ± {inside_error} | {wrong} ± {wrong_error}"
+            f"{valid} | {error} ({worst}) | {sigma} | {inside}±{inside_error} | {wrong}±{wrong_error}"
         )
     return found
-
-
-def of_reference(result: Json) -> Figures:
-    """Figures of the encounters beside their reference posterior; none where none was flown."""
-    found: Figures = {}
-    for table in result["tables"]:
-        for name, flights, *numbers in table["rows"] if table["title"].startswith("Beside") else ():
-            ratios, percents = numbers[:3], numbers[3:]
-            ratio, least, greatest = ("–" if x is None else f"{x:.2f}" for x in ratios)
-            shown = ("–" if x is None else f"{x:.1f}" for x in percents)
-            found["reference_flights"] = f"{flights:.0f}"
-            found["reference_" + _key(name)] = f"{ratio} ({least} to {greatest}) | " + " | ".join(shown)
-    return found
-
-
-def of_velocity(result: Json) -> Figures:
-    """Figures of what follows a manoeuvre, of velocity and position."""
-    return {
-        "velocity_" + _key(name): " | ".join(
-            f"{_shown(share)} ± {_shown(error)}" for share, error in zip(numbers[::2], numbers[1::2], strict=True)
-        )
-        for table in result["tables"]
-        for name, _, *numbers in (table["rows"] if table["title"] == "Velocity" else ())
-        if name.endswith("from the manoeuvre on")
-    }
-
-
-def of_departures(result: Json) -> Figures:
-    """Figures of the encounters with one assumption false: all families together, and those outside of what is
-    wanted."""
-    tables = {table["title"]: table["rows"] for table in result["tables"]}
-    found: Figures = {}
-    for name, _, flights, *numbers in tables.get("One assumption false, all families", ()):
-        wrong, wrong_error, inside, inside_error, error, error_error, sigma, *_ = map(_shown, numbers)
-        outside = [
-            f"{row[1]} {_shown(row[3])} % wrong, {_shown(row[5])} % inside"
-            for row in tables["One assumption false"]
-            if row[0] == name and row[3] is not None and (row[3] > DEPARTED_WRONG or row[5] < DEPARTED_INSIDE)
-        ]
-        found["departed_" + re.sub(r"\W+", "_", name)] = (
-            f"{flights:.0f} | {wrong} ± {wrong_error} | {inside} ± {inside_error} | {error} ± {error_error}"
-            f" | {sigma} | {'; '.join(outside) or 'none'}"
-        )
-    return found
-
-
-def _shown(number: float | None) -> str:
-    return "–" if number is None else f"{number:.1f}"
 
 
 def _key(encounter: str) -> str:

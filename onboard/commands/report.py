@@ -99,13 +99,13 @@ def _facts(log: Path, config: Config, replayed: ReplayResult, truth: Path | None
     offset = "none" if health.clock_offset_ns is None else f"{health.clock_offset_ns * S_PER_NS:.3f} s ahead of it"
     trip = "" if health.round_trip is None else f", round trip {health.round_trip * 1e3:.1f} ms"
     return [
-        ("log", f"{log}, {replayed.records} records, {replayed.damaged} damaged"),
+        ("log", f"{log.name}, {replayed.records} records, {replayed.damaged} damaged"),
         ("begin", f"{begin:%Y-%m-%d %H:%M:%S} UTC" if end_s > EARLIEST_S else "not known: no clock of the world"),
         ("duration", f"{replayed.duration / 60:.1f} min"),
         ("autopilot", health.autopilot),
         ("estimators", ", ".join(config.estimator)),
         ("clocks", f"boot clock by {health.clock_source}: ours is {offset}{trip}, rate {health.clock_rate:.4f}"),
-        ("truth", str(truth) if truth is not None else "none: only what needs no truth is judged"),
+        ("truth", truth.name if truth is not None else "none: only what needs no truth is judged"),
         ("program", f"wingline {__version__}; the log was replayed with it"),
     ]
 

@@ -4,7 +4,7 @@ accelerometer, and two statements about one instant.
 Nothing here depends on an estimator. Each check compares two streams of the autopilot, so that one that hangs, is
 wrong, or comes from another vehicle is contradicted by the other. A single step proves nothing: an autopilot may
 correct itself. A contradiction that goes on does. The limits lie well above what recorded flights show, but for
-those whose autopilot loses its own state (docs/fly-it.md, "What is noticed").
+those whose autopilot loses its own state (docs/fly-it.md, "Faults it detects").
 
 Noise is no contradiction. How noisy a stream is, is learnt from it (`scatter`). A stream is compared over strides
 that are long enough for its noise to be small beside the limit: of a quiet stream each step is one, a noisy one

@@ -28,8 +28,8 @@ from tests.unit.wire.test_ros import golden
 
 
 def example(k: int) -> str:
-    """The k-th Python example of the page on flying."""
-    return documents.blocks(documents.text("fly-it"), "python")[k]
+    """The k-th Python example of the page on detectors."""
+    return documents.blocks(documents.text("detectors"), "python")[k]
 
 
 def received(link: Link, send: Callable[[], None]) -> Datagram:

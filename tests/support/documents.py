@@ -10,7 +10,7 @@ ALL = (*(ROOT / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md"
 
 
 def text(path: Path | str) -> str:
-    """A document; of docs/ by its name, as `scorecard`."""
+    """A document; of docs/ by its name, as `published`."""
     whole = path if isinstance(path, Path) else DOCS / f"{path}.md"
     return whole.read_text(encoding="utf-8")
 
@@ -53,7 +53,7 @@ def names(cell: str) -> list[str]:
 def scorecard_keys(command: str) -> set[str]:
     """The documented keys of `demo --json` or `replay --json`."""
     other = {"demo": "(replay)", "replay": "(demo)"}[command]
-    (table,) = tables(section("scorecard", "The scorecard"))
+    (table,) = tables(section("published", "Scorecard"))
     return {name for key, what in table if not what.endswith(other) for name in names(key)}
 
 

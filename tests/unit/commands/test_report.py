@@ -21,6 +21,10 @@ from onboard.sinks.recorder import Recorder
 from tests.support.streams import Stream, make_config
 
 SIZE = ("--set", "estimator.leader.size_prior_m=2.0")
+TRUTH = (
+    "time_boot_s,r_north_m,r_east_m,r_down_m,v_north_m_s,v_east_m_s,v_down_m_s,size_m\n"
+    "1,30,0,0,0,0,0,2\n99,30,0,0,0,0,0,2\n"
+)
 
 
 def seen(t: float) -> bool:
@@ -104,6 +108,17 @@ def test_the_page_needs_no_other_file_and_is_the_same_every_time(
     assert "size_prior_m" in text
     assert text == pages[1].read_text("utf-8")
     assert (tmp_path / "a.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_the_page_names_files_and_shows_no_path(log: Path, tmp_path: Path) -> None:
+    page, truth = tmp_path / "report.html", tmp_path / "truth.csv"
+    truth.write_text(TRUTH, encoding="utf-8")
+    main(["report", str(log), *SIZE, "--out", str(page), "--truth", str(truth)])
+    text = page.read_text(encoding="utf-8")
+    assert f"{log.name}, " in text
+    assert truth.name in text
+    assert str(log.parent) not in text
+    assert str(tmp_path) not in text
 
 
 def test_the_pdf_has_the_tables_that_the_page_has(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from tests.support.leader import leader_state, lost_state
 
 
 def example() -> ModuleType:
-    (block,) = documents.blocks(documents.text("extending"), "python")
+    (block,) = documents.blocks(documents.text("contributing"), "python")
     module = ModuleType("example")
     exec(block, module.__dict__)  # noqa: S102 - what a reader would paste
     return module
@@ -42,7 +42,7 @@ def test_the_example_estimates_a_range() -> None:
 
 
 def test_the_camera_points_of_the_page_decode() -> None:
-    _, _, block, _ = documents.blocks(documents.text("fly-it"), "json")
+    _, _, block, _ = documents.blocks(documents.text("detectors"), "json")
     (points,) = decode_points(block.encode(), 1).detections
     assert isinstance(points, TargetPoints)
     assert points.target == "leader"
@@ -67,7 +67,7 @@ def test_the_example_of_a_follower_uses_only_a_leader_that_it_may_fly_on() -> No
 
 
 def test_the_detections_of_the_page_decode() -> None:
-    block, pose, _, turned = documents.blocks(documents.text("fly-it"), "json")
+    block, pose, _, turned = documents.blocks(documents.text("detectors"), "json")
     cameras, refused = load_config(None).camera_inputs(), []
 
     def images(document: str) -> tuple[TargetImage, ...]:

@@ -54,10 +54,16 @@ def test_drawings_have_colours_for_light_and_dark(drawings: Any) -> None:
             assert (light + 0.05) / (dark + 0.05) >= 3.0, (colour, background)
 
 
+@pytest.mark.parametrize("path", sorted(documents.DOCS.rglob("*.svg")), ids=documents.name)
+def test_a_drawing_shows_names_and_no_path(path: Any) -> None:
+    """Of pictures in pixels, `test_report` sees to it: those of the view show a flight, and no file."""
+    shown = re.findall(r">([^<]+)<", path.read_text(encoding="utf-8"))
+    assert [text for text in shown if re.search(r"(^|\s)/\w+/", text)] == []
+
+
 def test_every_picture_is_shown_and_can_be_drawn() -> None:
-    made = (documents.DOCS / "pictures.py").read_text(encoding="utf-8")
-    made += (documents.DOCS / "error_plots.py").read_text(encoding="utf-8")
-    made += (documents.DOCS / "drawings.py").read_text(encoding="utf-8")
+    programs = ("pictures", "error_plots", "drawings", "real_flights")
+    made = "".join((documents.DOCS / f"{name}.py").read_text(encoding="utf-8") for name in programs)
     shown = {name for path in documents.ALL for name in re.findall(r"pictures/([\w.-]+)\)", documents.text(path))}
     assert shown == {path.name for path in PICTURES.iterdir()}
     for name in shown:

@@ -16,7 +16,7 @@ NUMBERS += ("thirteen", "fourteen", "fifteen", "sixteen", "seventeen", "eighteen
 
 
 def test_what_is_sent_is_the_table_of_the_code() -> None:
-    (table,) = documents.tables(documents.section("questions", "What is sent to the autopilot?"))
+    (table,) = documents.tables(documents.section("published", "What is sent to the autopilot"))
     wanted = [[", ".join(sent.names), sent.occasion, sent.when] for sent in SENT.values()]
     assert table == wanted, "\n".join(f"| {' | '.join(row)} |" for row in wanted)
 
@@ -34,7 +34,7 @@ def test_commands_are_named_with_what_is_sent() -> None:
 
 
 def test_every_file_that_decides_valid_is_named_and_no_other() -> None:
-    text = documents.section("questions", "What decides `valid`?")
+    text = documents.section("architecture", "What decides `valid`")
     firsts = [cells[1] for cells in documents.tables(text)[0]]
     others = [cells[0] for cells in documents.tables(text)[1]]
     named = {file for cell in (*firsts, *others) for file in CODE.findall(cell)}
@@ -44,7 +44,7 @@ def test_every_file_that_decides_valid_is_named_and_no_other() -> None:
 
 
 def test_the_times_after_which_nothing_is_valid_are_the_defaults() -> None:
-    text = documents.section("questions", "What decides `valid`?")
+    text = documents.section("architecture", "What decides `valid`")
     assert f"`validity_timeout_s` ({Leader().validity_timeout_s:g} s)" in text
     assert f"no own motion for {TIMEOUT_NS / 1e9:g} s" in text
 
@@ -53,9 +53,16 @@ def test_an_image_goes_through_the_files_of_the_filter() -> None:
     """Its constants may stand in a file that one of these imports."""
     way = way_of_one_image()
     imported = {name for file in way.files for name in imported_by(file[:-3].replace("/", "."), at_once=True)}
-    named = set(CODE.findall(documents.section("questions", "Where does the leader's filter predict and update?")))
+    named = set(CODE.findall(prediction_row()))
     assert named <= way.files | {f"{name.replace('.', '/')}.py" for name in imported}
     assert way.deepest[-1][0] in named
+
+
+def prediction_row() -> str:
+    """Where the page says that the leader's filter predicts and updates."""
+    table, *_ = documents.tables(documents.section("architecture", "Where is ...?"))
+    (place,) = (place for what, place in table if what == "the leader's prediction and update")
+    return place
 
 
 def test_the_components_are_counted() -> None:

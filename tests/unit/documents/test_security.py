@@ -16,7 +16,7 @@ from tests.support import documents
 from tests.support.programs import ROOT
 from tests.support.streams import EPOCH, Item, Stream, advance
 
-WHO, LIMITS, ATTACKS = documents.tables(documents.text("security"))
+WHO, LIMITS = documents.tables(documents.text("security"))
 NUMBERED = [(documents.names(what)[0], int(limit.split()[0])) for what, limit, _ in LIMITS]
 
 
@@ -153,14 +153,6 @@ def test_every_limit_has_a_test_of_what_lies_beyond() -> None:
 def test_the_tests_are_there(test: str) -> None:
     file, _, name = test.partition("::")
     assert f"def {name}(" in (ROOT / file).read_text(encoding="utf-8")
-
-
-def test_each_attack_that_was_made_names_tests_that_are_there() -> None:
-    for attack, _, named in ATTACKS:
-        assert documents.names(named), attack
-        for test in documents.names(named):
-            folder, _, name = test.partition("::")
-            assert f"def test_{name}(" in (ROOT / "tests" / folder).read_text(encoding="utf-8"), test
 
 
 def test_no_command_ends_the_daemon_or_changes_an_estimate() -> None:

@@ -8,7 +8,7 @@ given number.
 State (N = 14), vectors in n: r_FL (3), from the follower F to the leader L, m; v_L (3), m/s; a_L (3), m/s^2;
 `bank_error`, rad, beyond the bank that the thrust implies; `lean` (2), m/s^2, north and east: what a multirotor's
 thrust needs against the air, drag times the airspeed; `stretch`: the logarithm of a slow error of the apparent
-length, of a nose that wobbles and of a detector that misplaces a tip; `log_size`: the logarithm of the wingspan,
+length, of a nose that wobbles and of a detector that misplaces a tip; last the logarithm of the wingspan,
 m, which is constant. Behind these may stand biases of measurements, which decay: W >= N components.
 
 The follower's own errors are no states. An error of our velocity moves the leader's velocity alike, and one of our

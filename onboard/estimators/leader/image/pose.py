@@ -1,4 +1,4 @@
-"""What a detector's pose shows beyond the direction of the center: rows of `models.apparent_pose`."""
+"""What a detector's pose shows beyond the direction of the center: rows of the update."""
 
 import math
 from typing import Final, NamedTuple

@@ -1,6 +1,6 @@
 """The leader's own broadcast position: it teaches the size, and carries the track while no image shows it.
 
-What arrives is prepared here; `filters.auxiliary` says what it measures, `tracks.track` when it is used."""
+What arrives is prepared here; `hypotheses.auxiliary` says what it measures, `tracks.track` when it is used."""
 
 import math
 from collections import Counter
