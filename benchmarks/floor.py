@@ -24,7 +24,9 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.commands.loading import release_compiler
-from onboard.estimators.leader.hypotheses import wing as model
+from onboard.estimators.leader.hypotheses import motion as model
+from onboard.estimators.leader.hypotheses import view
+from onboard.estimators.leader.image.measurement import measure_wing
 from onboard.messages import CameraPoints, Datagram, Estimate
 
 HYPOTHESES: Final = 84
@@ -37,7 +39,7 @@ STILL: Final = np.zeros(3)
 NOISE: Final = model.Noise(np.full(model.N, 1e-9), np.zeros((3, model.N)), np.zeros(model.N), 1e-9, 0.7)
 HOVER: Final = model.Hover(1.0, 1.0, 0.0, 0.0)
 COURSE: Final = model.Course(np.zeros(HYPOTHESES), (0.0, 0.0))
-R_Y: Final = 3e-6 * np.eye(4)
+ROWS: Final = measure_wing([(0.0, 0.0), (-0.04, 0.0), (0.04, 0.0)], [1e-3] * 3).rows
 
 
 class Arithmetic:
@@ -59,9 +61,9 @@ class Arithmetic:
         means, P, noses = (array.copy() for array in self._first)
         step = model.Interval(DT, STILL, NOISE, HOVER, self._lasts)
         model.predict(means, P, noses, self._steady, self._alike, self._drags, step, COURSE)
-        camera = np.eye(3), STILL, np.eye(3)
-        *_, each = model.prediction(means, P, noses, self._weights, y, camera, COURSE)
-        nis, _ = model.update(means, P, noses, y, R_Y, each, COURSE)
+        rows = view.view_of(ROWS._replace(y=y), (np.eye(3), STILL, np.eye(3)), COURSE.tied, COURSE.air)
+        *_, each = view.expect(means, P, noses, self._weights, rows)
+        nis, _ = view.update(means, P, noses, rows, each)
         return nis
 
 

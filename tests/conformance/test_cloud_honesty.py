@@ -19,7 +19,7 @@ from onboard.estimators.leader.hypotheses.places import Place
 from onboard.estimators.leader.hypotheses.start import start
 from onboard.estimators.leader.hypotheses.summary import MOTION, summarise
 from onboard.estimators.leader.image.camera_pose import CameraPose
-from onboard.estimators.leader.image.measurement import Measurement, from_points
+from onboard.estimators.leader.image.measurement import Measurement, measure_wing
 from tests.support import bootstrap
 from tests.support.honesty import assert_honest, nees
 
@@ -53,9 +53,7 @@ def measurement(seen: Array) -> Measurement:
     """Of what `bootstrap.image_of` returns, with noise."""
     half = 0.5 * seen[2:]
     points = np.stack([seen[:2], seen[:2] - half, seen[:2] + half])
-    y, R, axes = from_points(points[None], np.full((1, 3), SIGMA), 4)
-    span = math.hypot(y[0, 2], y[0, 3])
-    return Measurement(y[0], R[0], span, math.sqrt(R[0, 2, 2]), axes[0])
+    return measure_wing(points.tolist(), [SIGMA] * 3)
 
 
 @cache

@@ -11,7 +11,7 @@ from onboard.estimators.leader.hypotheses import prediction, update
 from onboard.estimators.leader.hypotheses.cloud import Cloud
 from onboard.estimators.leader.hypotheses.start import start
 from onboard.estimators.leader.image.camera_pose import CameraPose
-from onboard.estimators.leader.image.measurement import Measurement, from_points
+from onboard.estimators.leader.image.measurement import Measurement, measure_wing
 from tests.support import bootstrap
 
 SIGMA: Final = 2.0 / 554.0
@@ -24,10 +24,8 @@ def image(aspect: float, east: float, rng: np.random.Generator) -> tuple[Array, 
     wing = np.array([-math.sin(aspect), math.cos(aspect), 0.0])
     ends = [np.array([25.0, -east, 0.0]) + side * wing for side in (0.0, -1.0, 1.0)]
     points = np.array([p[1:] / p[0] for p in ends]) + SIGMA * rng.normal(size=(3, 2))
-    y, R, axes = from_points(points[None], np.full((1, 3), SIGMA), 4)
-    span = math.hypot(y[0, 2], y[0, 3])
     seen = np.concatenate([points[0], points[2] - points[1]])
-    return seen, Measurement(y[0], R[0], span, math.sqrt(R[0, 2, 2]), axes[0])
+    return seen, measure_wing(points.tolist(), [SIGMA] * 3)
 
 
 @pytest.mark.parametrize("aspect_deg", [20.0, 60.0])

@@ -3,7 +3,7 @@
 the wind.
 
 How a measurement is gated and weighed stands with the code that does it (`hypotheses.update`). So do the speeds at
-which compiled arithmetic changes from one case to another (`hypotheses.wing`, `hypotheses.prediction`): machine
+which compiled arithmetic changes from one case to another (`hypotheses.motion`, `hypotheses.prediction`): machine
 code is made anew only when its own file changes.
 
 Plain numbers: reading a configuration imports neither NumPy nor Numba.

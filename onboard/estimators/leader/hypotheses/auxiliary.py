@@ -11,7 +11,7 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.leader.hypotheses.cloud import Bias, Cloud
-from onboard.estimators.leader.hypotheses.wing import ACCELERATION, POSITION, VELOCITY
+from onboard.estimators.leader.hypotheses.motion import ACCELERATION, POSITION, VELOCITY
 
 ABOUT_DOWN: Final = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
 REPORT_POSITION: Final = ("report_north", "report_east", "report_down")  # names of biases: of a report's position,
@@ -21,7 +21,7 @@ DELAY: Final = "report_delay"  # of the time at which a report was true;
 DISTANCE: Final = "range"  # and of a range
 
 
-class Rows(NamedTuple):
+class LinearRows(NamedTuple):
     """Derivatives H (K, m, W), innovations (K, m), white noise R_y (m, m), and the columns that are considered and
     not estimated."""
 
@@ -42,7 +42,7 @@ class Report(NamedTuple):
     biases: tuple[Bias, ...]
     trusted: bool
 
-    def rows(self, cloud: Cloud) -> Rows:
+    def rows(self, cloud: Cloud) -> LinearRows:
         """The rows of it, of a cloud that has its biases.
 
         The delay is considered: in a turn a delay shortens positions and velocities alike, as a smaller size does,
@@ -59,7 +59,7 @@ class Report(NamedTuple):
         late = x[:, delay, None]
         r = self.r - (x[:, POSITION] - x[:, turn, None] * turned + x[:, at] - late * x[:, VELOCITY])
         v = self.v - (x[:, VELOCITY] + x[:, of_v] - late * x[:, ACCELERATION])
-        return Rows(H, np.hstack([r, v]), self.R_y, (delay,))
+        return LinearRows(H, np.hstack([r, v]), self.R_y, (delay,))
 
 
 class Range(NamedTuple):
@@ -71,13 +71,13 @@ class Range(NamedTuple):
     biases: tuple[Bias, ...]
     trusted: bool = True
 
-    def rows(self, cloud: Cloud) -> Rows:
+    def rows(self, cloud: Cloud) -> LinearRows:
         """The row of it, of a cloud that has its bias."""
         x, at = cloud.means, cloud.column(DISTANCE)
         range_ = np.linalg.norm(x[:, POSITION], axis=1)
         H = np.zeros((len(x), 1, x.shape[1]))
         H[:, 0, POSITION], H[:, 0, at] = x[:, POSITION] / range_[:, None], 1.0
-        return Rows(H, (self.distance - range_ - x[:, at])[:, None], np.array([[self.sigma**2]]))
+        return LinearRows(H, (self.distance - range_ - x[:, at])[:, None], np.array([[self.sigma**2]]))
 
 
 Auxiliary = Report | Range

@@ -29,11 +29,8 @@ from onboard.estimators.leader.hypotheses.summary import (
     summarise,
 )
 from onboard.estimators.leader.hypotheses.wind import Wind
-from onboard.estimators.leader.hypotheses.wing import Expectation
 from onboard.estimators.leader.image.camera_pose import CameraPose
-from onboard.estimators.leader.image.measurement import COMPONENTS as MEASURED
-from onboard.estimators.leader.image.measurement import UNITS as UNITS_MEASURED
-from onboard.estimators.leader.image.measurement import Measurement, size_of
+from onboard.estimators.leader.image.measurement import WING, Measurement
 from onboard.estimators.leader.image.shape import Shape, shape_of
 from onboard.filters.belief import Belief, FilterError, Update
 from onboard.filters.gating import normalised_squared
@@ -91,7 +88,7 @@ class ImageComparison(NamedTuple):
     innovation: Array
     S: Array
     nis: float
-    each: Expectation
+    expected: update.Expected
 
     @property
     def cost(self) -> float:
@@ -108,9 +105,7 @@ class BeliefFilter:
     units: tuple[str, ...] = UNITS
 
     def __init__(self, settings: NoseModel, shape: Shape, delay_sigma: float) -> None:
-        self.shape, m = shape, size_of(shape)
-        self.measured_components, self.measured_units = MEASURED[:m], UNITS_MEASURED[:m]
-        self.gate = settings.gate
+        self.shape, self.gate = shape, settings.gate
         self._settings, self._delay_sigma = settings, delay_sigma
 
     def start(
@@ -159,22 +154,19 @@ class BeliefFilter:
         if self._delay_sigma > 0.0:
             noise_c = noise_c + self._delay_sigma**2 * (pose.omega_c[:, None] * pose.omega_c)
         measurement = measurement.with_attitude_noise(noise_c)
-        y, S, each = update.predicted(self._noses(state), cloud, measurement, pose)
-        innovation, S = _ordered(measurement.y, y) - y, S + measurement.R
-        if measurement.shows is not None and measurement.shows.is_box:
-            box, S_box = update.of_box(cloud, measurement.shows, measurement.axes, pose)
-            innovation[:4], S[:4, :4], S[:4, 4:], S[4:, :4] = box, S_box, 0.0, 0.0
-            y[:4] = measurement.y[:4] - box
+        expected = update.expect(self._noses(state), cloud, measurement, pose)
+        y, S = expected.y, expected.S + measurement.rows.R
+        innovation = _ordered(measurement, y) - y
         nis = float(normalised_squared(innovation, S))
         if not math.isfinite(nis):
             raise FilterError("the hypotheses have lost their numbers")
-        return ImageComparison(predicted, measurement, pose, y, innovation, S, nis, each)
+        return ImageComparison(predicted, measurement, pose, y, innovation, S, nis, expected)
 
     def fuse(self, compared: ImageComparison) -> Update:
         """The update of all hypotheses by a measurement. Raises FilterError."""
-        (state, now), measurement, pose, y, innovation, S, nis, each = compared
+        (state, now), measurement, pose, y, innovation, S, nis, expected = compared
         settings = self._noses(state)
-        cloud, beyond = update.update(settings, now, measurement, pose, each)
+        cloud, beyond = update.update(settings, now, measurement, pose, expected)
         passes = max(nis, beyond) <= settings.gate
         after = self._at(state, cloud, summarise(settings, cloud)) if passes else state
         decided = nis if passes else max(nis, beyond)
@@ -237,12 +229,13 @@ class BeliefFilter:
         return State(cloud, summary, standing(state.since.v_F_n), state.wind)
 
 
-def _ordered(y: Array, expected: Array) -> Array:
-    """A measurement with its wingtips exchanged where that is nearer to what is expected."""
-    if y[2] * expected[2] + y[3] * expected[3] >= 0.0:
+def _ordered(measurement: Measurement, expected: Array) -> Array:
+    """What is measured, with wingtips exchanged where that is nearer to what is expected."""
+    y = measurement.y
+    if not measurement.has_wing or y[WING] @ expected[WING] >= 0.0:
         return y
     y = y.copy()
-    y[2:4] *= -1.0
+    y[WING] *= -1.0
     return y
 
 

@@ -1,7 +1,7 @@
 """A cloud of noses: what is known of a leader whose nose may point anywhere.
 
 One image leaves the nose open, and with it the range. Each particle supposes a nose, and whether the leader
-turns it or changes its speed; given those, the rest is nearly linear (`wing`). A new cloud has
+turns it or changes its speed; given those, the rest is nearly linear (`motion`). A new cloud has
 noses over half a circle: a wing looks the same from the front and from behind. A particle loses weight only by
 evidence.
 
@@ -22,7 +22,7 @@ from numba import njit, types
 from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import NoseModel
 from onboard.estimators.leader.hypotheses.draws import uniform
-from onboard.estimators.leader.hypotheses.wing import LEAST_VISIBLE, NUMBER, POSITION, N
+from onboard.estimators.leader.hypotheses.motion import LEAST_VISIBLE, NUMBER, POSITION, N
 from onboard.filters.compiled import VECTOR
 
 ARRAYS: Final = 9  # of the fields, the first: each has one row a particle

@@ -14,7 +14,7 @@ from numba import njit, types
 from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import NoseModel
 from onboard.estimators.leader.hypotheses.draws import normal
-from onboard.estimators.leader.hypotheses.wing import BANK_ERROR, LEAST_VISIBLE, NUMBER, G
+from onboard.estimators.leader.hypotheses.motion import BANK_ERROR, LEAST_VISIBLE, NUMBER, G
 from onboard.filters.compiled import CUBE, OUT, ROWS, VECTOR
 
 OF_LEAN2: Final = 0.01  # (m/s^2)^2: the variance of a lean of one that has no drag

@@ -11,7 +11,7 @@ from numba import njit, types
 from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import NoseModel
 from onboard.estimators.leader.hypotheses import leaning
-from onboard.estimators.leader.hypotheses import wing as model
+from onboard.estimators.leader.hypotheses import motion as model
 from onboard.estimators.leader.hypotheses.cloud import Bias, Cloud, charged
 from onboard.estimators.leader.hypotheses.draws import (
     DRAW,
@@ -32,7 +32,7 @@ from onboard.estimators.leader.hypotheses.draws import (
     uniform_of,
 )
 from onboard.estimators.leader.hypotheses.leaning import appears, banked, lean, likely, lognormal, slope_of
-from onboard.estimators.leader.hypotheses.wing import (
+from onboard.estimators.leader.hypotheses.motion import (
     ACCELERATING,
     ACCELERATION,
     BANK_ERROR,
@@ -108,7 +108,7 @@ def _hover(s: NoseModel, dt: float) -> model.Hover:
 
 
 def _noise(s: NoseModel, dt: float, biases: tuple[Bias, ...]) -> model.Noise:
-    """What `dt` seconds add, in proportion to the range that a nose implies (`wing.Noise`)."""
+    """What `dt` seconds add, in proportion to the range that a nose implies (`motion.Noise`)."""
     per_second = _densities(s)
     new, of_bank = -math.expm1(-2.0 * dt / s.stretch_time), s.bank**2 * -math.expm1(-2.0 * dt / s.bank_time)
     fixed = per_second.fixed.copy()
@@ -122,7 +122,7 @@ def _noise(s: NoseModel, dt: float, biases: tuple[Bias, ...]) -> model.Noise:
 
 
 class Densities(NamedTuple):
-    """Of the noise of a step (`wing.Noise`): what any step adds (`fixed`), and what grows with its duration,
+    """Of the noise of a step (`motion.Noise`): what any step adds (`fixed`), and what grows with its duration,
     `broad` each second and `range_` over half of the time of the misalignment."""
 
     fixed: Array
@@ -168,8 +168,8 @@ class Changes(NamedTuple):
 
 class Passed(NamedTuple):
     """What has passed since the last step, seconds and our own way (3,) m; what is seen along a nose
-    (`wing.visible`); whether ranges are metric, so that they do not depend on the noses; the velocity of the `air`
-    (2,), and its standard deviation where that is not known, m/s."""
+    (`motion.visible`); whether ranges are metric, so that they do not depend on the noses; the velocity of the
+    `air` (2,), and its standard deviation where that is not known, m/s."""
 
     dt: float
     moved: Array

@@ -7,9 +7,9 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import NoseModel
-from onboard.estimators.leader.hypotheses import leaning, points
-from onboard.estimators.leader.hypotheses import wing as model
-from onboard.estimators.leader.hypotheses.cloud import Cloud, resampled, weighted
+from onboard.estimators.leader.hypotheses import leaning, view
+from onboard.estimators.leader.hypotheses import motion as model
+from onboard.estimators.leader.hypotheses.cloud import Bias, Cloud, resampled, weighted
 from onboard.estimators.leader.hypotheses.draws import (
     OF_FIRST_DRAG,
     OF_FIRST_HOVERING,
@@ -21,9 +21,7 @@ from onboard.estimators.leader.hypotheses.draws import (
     normal,
     uniform,
 )
-from onboard.estimators.leader.hypotheses.prediction import HORIZONTAL, MOST_CRAB
-from onboard.estimators.leader.hypotheses.update import ANY_NOSE, of_boxes, of_ranges
-from onboard.estimators.leader.hypotheses.wing import (
+from onboard.estimators.leader.hypotheses.motion import (
     ACCELERATION,
     BANK_ERROR,
     LEAN,
@@ -33,6 +31,8 @@ from onboard.estimators.leader.hypotheses.wing import (
     VELOCITY,
     N,
 )
+from onboard.estimators.leader.hypotheses.prediction import HORIZONTAL, MOST_CRAB
+from onboard.estimators.leader.hypotheses.update import ANY_NOSE, BOXES, of_ranges
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import Measurement
 
@@ -54,8 +54,7 @@ def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Clou
         known = resampled(before, settings.particles).noses
         noses, prior = np.where(kept, known, noses), np.full(len(noses), 1.0 / len(noses))
     k = len(noses)
-    shows = None if seen.has_wing else seen.shows
-    edge_on = model.LEAST_VISIBLE if shows is None else shows.edge_on
+    edge_on = model.LEAST_VISIBLE if seen.edge_on is None else seen.edge_on
     if seen.is_metric:
         edge_on = ANY_NOSE
     of_size = settings.size_sigma / settings.size
@@ -69,14 +68,14 @@ def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Clou
         range_ = sizes * leaning.shown(noses, direction, slope) / seen.span
     if seen.is_metric:
         range_ = np.full(k, settings.size / seen.span)
-    elif shows is not None:
-        range_ = sizes * points.spread(shows.extent, noses, seen.axes @ pose.R_cn) / seen.span
+    elif seen.extent is not None:
+        range_ = sizes * view.spread(seen.extent.rows, noses, seen.axes @ pose.R_cn) / seen.span
         range_ = np.maximum(range_, LEAST_RANGE * range_.max())
     means, P = np.zeros((k, N)), np.zeros((k, N, N))
     means[:, POSITION], means[:, VELOCITY] = range_[:, None] * direction + pose.r_FC_n, pose.v_F_n
     line = np.outer(direction, direction)
     along = (max(seen.span_sigma / seen.span, 0.01) * range_) ** 2
-    across = seen.R[0, 0] * range_**2
+    across = (seen.rows.R[0, 0] + seen.off**2) * range_**2
     P[:, POSITION, POSITION] = along[:, None, None] * line + across[:, None, None] * (np.eye(3) - line)
     hovers = uniform(OF_FIRST_HOVERING, k) < (settings.hovering if settings.crab == 0.0 else 0.0)
     drawn = [normal(of_one, k) for of_one in OF_FIRST_INTENSITIES]
@@ -125,8 +124,8 @@ def _scaled(cloud: Cloud, seen: Measurement, r: Array, size_sigma: float) -> Clo
         _scale(cloud, r, STRETCH, np.sqrt(cloud.covariances[:, STRETCH, STRETCH]), 1.0)
     if seen.is_metric and seen.pose is not None:
         bias, share = of_ranges(seen.pose), -1.0
-    elif not seen.has_wing and seen.shows is not None and seen.shows.is_box:
-        bias, share = of_boxes(seen.shows), 1.0
+    elif seen.rows.bias is not None:
+        bias, share = Bias(BOXES, seen.rows.bias), 1.0
     else:
         return cloud
     cloud = cloud.with_biases(bias)
@@ -169,7 +168,7 @@ def _slope(seen: Measurement, pose: CameraPose) -> float:
     level = math.hypot(ahead[0], ahead[1])
     aside = float(ahead[0] * wing[1] - ahead[1] * wing[0]) / max(level, 1e-9)
     below = float(wing[2]) / max(level, 1e-9)
-    return below / math.copysign(max(abs(aside), math.sqrt(float(seen.R[2, 2]))), aside)
+    return below / math.copysign(max(abs(aside), math.sqrt(float(seen.rows.R[2, 2]))), aside)
 
 
 def _lean(settings: NoseModel, means: Array, P: Array, drags: Array) -> None:

@@ -18,7 +18,7 @@ from numba import njit, types
 
 from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import NoseModel
-from onboard.estimators.leader.hypotheses import wing
+from onboard.estimators.leader.hypotheses import motion
 from onboard.estimators.leader.hypotheses.cloud import Cloud
 from onboard.estimators.leader.hypotheses.places import Place, places
 from onboard.filters.belief import Belief
@@ -44,7 +44,7 @@ N: Final = 12
 VECTORS: Final = 9  # of them, position, velocity and acceleration, which a cloud has in the same places
 # of a summary, and of a particle: what both of them have
 OF_SUMMARY: Final = (*range(VECTORS), LOG_SIZE, BANK)
-OF_PARTICLE: Final = (*range(VECTORS), wing.LOG_SIZE, wing.BANK_ERROR)
+OF_PARTICLE: Final = (*range(VECTORS), motion.LOG_SIZE, motion.BANK_ERROR)
 NUMBER: Final = types.float64
 CLOUD: Final = packed(NUMBER, 1), packed(NUMBER, 2), packed(NUMBER, 1)
 VECTOR_OUT: Final = out(NUMBER, 1)
@@ -150,7 +150,7 @@ def with_course(settings: NoseModel, cloud: Cloud) -> Array:
     a, b = v / speed2, -u / speed2
     S = a * a * P[:, 3, 3] + 2.0 * a * b * P[:, 3, 4] + b * b * P[:, 4, 4] + settings.nose_about_course**2
     S += settings.air_sigma**2 / speed2
-    share = speed2**2 / (speed2**2 + wing.FOLLOWS4)
+    share = speed2**2 / (speed2**2 + motion.FOLLOWS4)
     likely = np.exp(-0.5 * aside**2 / S) / np.sqrt(2.0 * math.pi * S)
     w *= (1.0 - share) / math.pi + share * likely
     return np.asarray(w / w.sum())
@@ -162,7 +162,7 @@ def _by_points(cloud: Cloud, mean: Array) -> float:
     if not cloud.misplaced:
         return 0.0
     direction = mean[None, R_FL] / np.linalg.norm(mean[R_FL])
-    seen = float(wing.visible(mean[NOSE : NOSE + 1], direction, 0.0)[0])
+    seen = float(motion.visible(mean[NOSE : NOSE + 1], direction, 0.0)[0])
     return (cloud.misplaced * (1.0 - seen**2)) ** 2
 
 
@@ -214,8 +214,8 @@ def _components(nose, x, about, period, row):
     for i in range(VECTORS):
         row[i] = x[i]
     row[NOSE] = nose - period * np.rint((nose - about) / period)
-    row[LOG_SIZE] = x[wing.LOG_SIZE]
-    row[BANK] = x[wing.BANK_ERROR]
+    row[LOG_SIZE] = x[motion.LOG_SIZE]
+    row[BANK] = x[motion.BANK_ERROR]
 
 
 @njit((*CLOUD, NUMBER, NUMBER, ROWS, VECTOR_OUT, OUT), cache=True, error_model="numpy")
@@ -224,7 +224,7 @@ def moments(noses, means, w, about, period, within, mean, S):
     `within` (W, W), added to `mean` (N,) and S (N, N); and the mean logarithm of the range. Each nose is taken as
     near to `about` as it may be: it repeats after `period`, rad."""
     row, log_range = np.zeros(N), 0.0
-    width = S.shape[1]  # not known to the compiler: `particle_update`
+    width = S.shape[1]  # not known to the compiler: `view.correct`
     for k in range(w.shape[0]):
         x = means[k]
         _components(noses[k], x, about, period, row)

@@ -17,16 +17,15 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import FLIPPED, STRAY, TURN_BIAS, NoseModel
-from onboard.estimators.leader.hypotheses import points
-from onboard.estimators.leader.hypotheses import wing as model
+from onboard.estimators.leader.hypotheses import motion as model
+from onboard.estimators.leader.hypotheses import view
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
 from onboard.estimators.leader.hypotheses.cloud import Bias, Cloud, charged, fitting, weighted
+from onboard.estimators.leader.hypotheses.motion import BANK_ERROR, FREE, LEAST_VISIBLE, POSITION, TIED, VELOCITY
 from onboard.estimators.leader.hypotheses.prediction import supposed
-from onboard.estimators.leader.hypotheses.wing import BANK_ERROR, FREE, LEAST_VISIBLE, POSITION, TIED, VELOCITY
 from onboard.estimators.leader.image.camera_pose import CameraPose
-from onboard.estimators.leader.image.measurement import Measurement
+from onboard.estimators.leader.image.measurement import Measurement, Rows
 from onboard.estimators.leader.image.pose import PoseFeatures
-from onboard.estimators.leader.image.shape import MIDDLE_AND_SIZE, ShapeFeatures, only
 from onboard.filters.belief import Belief, FilterError
 from onboard.filters.gating import chi_square_threshold
 
@@ -46,52 +45,69 @@ POSES: Final = "poses"
 ANY_NOSE: Final = 1.0  # as `edge_on`: of a leader whose range is measured, noise depends little on its nose
 
 
-def predicted(
-    settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPose
-) -> tuple[Array, Array, model.Expectation]:
-    """What the whole cloud expects of an image: mean (m,) and covariance (m, m), without the image's own noise;
-    and what each particle expects."""
-    w, camera = np.exp(cloud.log_weights), (pose.R_cn, pose.r_FC_n, seen.axes)
-    arrays = cloud.means, cloud.covariances, cloud.noses
-    return model.prediction(*arrays, w, seen.y, camera, model.Course(cloud.tied, settings.air))
+class Expected(NamedTuple):
+    """A cloud, with the bias that an image has, and what it expects of the image's view: mean (m,) and covariance
+    (m, m), without the image's own noise; and what each particle expects."""
+
+    cloud: Cloud
+    view: view.ImageRows
+    y: Array
+    S: Array
+    each: view.Expectation
+
+
+def expect(settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPose) -> Expected:
+    """What a cloud expects of the rows by which an image is judged."""
+    cloud, shown = _view(settings, cloud, seen.rows, seen.axes, pose)
+    w = np.exp(cloud.log_weights)
+    return Expected(cloud, shown, *view.expect(cloud.means, cloud.covariances, cloud.noses, w, shown))
+
+
+def _view(
+    settings: NoseModel, cloud: Cloud, rows: Rows, axes: Array, pose: CameraPose
+) -> tuple[Cloud, view.ImageRows]:
+    """The cloud with the rows' bias, if they have one, and what it sees of them."""
+    column = 0
+    if rows.bias is not None:
+        cloud = cloud.with_biases(Bias(BOXES, rows.bias))
+        column = cloud.column(BOXES)
+    return cloud, view.view_of(rows, (pose.R_cn, pose.r_FC_n, axes), cloud.tied, settings.air, column)
 
 
 def update(
-    settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPose, each: model.Expectation | None = None
+    settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPose, expected: Expected | None = None
 ) -> tuple[Cloud, float]:
-    """The cloud after an image, and the NIS that EXPECTING of its weight have at most. If that exceeds the
-    gate, too few expected the image, and the cloud is returned as it was. What an image shows beyond center and
-    wing has a gate of its own. `each`: what the particles expected of the image, where that is known. Raises
-    FilterError."""
-    shows, given = seen.shows, cloud
+    """The cloud after an image, and the NIS that EXPECTING of its weight have at most; of a box OF_SHAPE, as only
+    the right noses expect one. If that exceeds the gate, too few expected the image, and the cloud is returned as
+    it was. What an image shows beyond these rows has a gate of its own. `expected`: what the cloud expects of the
+    image, where that is known. Raises FilterError."""
+    rows, given = seen.rows, cloud
+    cloud, shown, _, _, each = expected or expect(settings, cloud, seen, pose)
     if seen.is_metric and seen.pose is not None:
         cloud = _seen_by(cloud, ANY_NOSE, metric=True)
-    elif seen.has_wing or (shows is not None and not shows.is_box):
+    elif seen.has_wing or seen.further is not None:
         cloud = _seen_by(cloud, LEAST_VISIBLE, metric=False)
-    if shows is None or not shows.is_box:
-        if each is None:
-            _, _, each = predicted(settings, cloud, seen, pose)
-        noses, means, P = cloud.noses.copy(), cloud.means.copy(), cloud.covariances.copy()
-        nis, log_l = model.update(means, P, noses, seen.y, seen.R, each, model.Course(cloud.tied, settings.air))
-        least = expected(cloud, nis, EXPECTING)
-        if least > settings.gate:
-            return given, least
+    noses, means, P = cloud.noses.copy(), cloud.means.copy(), cloud.covariances.copy()
+    nis, log_l = view.update(means, P, noses, shown, each)
+    least = at_most(cloud, nis, OF_SHAPE if rows.is_box else EXPECTING)
+    if least > settings.gate + (PER_ROW * len(rows.y) if rows.is_box else 0.0):
+        return given, least
+    after = cloud._replace(noses=noses, means=means, covariances=P, misfits=())
+    if rows.is_box:
+        least = 0.0
+    else:
         off = min(float(np.exp(cloud.log_weights) @ np.minimum(nis, settings.gate)), MOST_SURPRISE) / SHOWN
         surprise = off + math.exp(-cloud.unseen / SURPRISE_S) * (cloud.surprise - off)
-        after = cloud._replace(noses=noses, means=means, covariances=P, misfits=(), surprise=surprise)
-    else:
-        after, log_l, least = cloud._replace(misfits=()), np.zeros(len(cloud.noses)), 0.0
-    if shows is not None:
-        fit = fitted(settings, after, shows, seen.axes, pose)
+        after = after._replace(surprise=surprise)
+    if seen.further is not None:
+        fit = fitted(settings, after, seen.further, seen.axes, pose)
         if fit.cloud is not None:
-            after, log_l = fit.cloud._replace(sided=cloud.sided or shows.rows.named), log_l + fit.log_l
-            after = after._replace(misplaced=max(cloud.misplaced, shows.misplaced))
-        elif shows.is_box:
-            return given, fit.beyond
+            after, log_l = fit.cloud._replace(sided=True), log_l + fit.log_l
+            after = after._replace(misplaced=max(cloud.misplaced, seen.misplaced))
         after = after._replace(misfits=fit.misfits)
     if seen.pose is not None:
         found, pose_nis, more = posed(after, seen.pose, pose, settings.air)
-        beyond = expected(cloud, pose_nis, OF_SHAPE)
+        beyond = at_most(after, pose_nis, OF_SHAPE)
         if beyond <= settings.gate:
             after, log_l = found, log_l + more
         elif seen.is_metric:
@@ -132,23 +148,9 @@ def assist(settings: NoseModel, cloud: Cloud, taken: Auxiliary, *, is_open: bool
     rows = taken.rows(known)
     found, nis, log_l = corrected(known, *rows, settings.air)
     limit = chi_square_threshold(TRUE, rows.innovations.shape[1])
-    if expected(known, nis, OF_SHAPE if is_open else EXPECTING) > limit:
+    if at_most(known, nis, OF_SHAPE if is_open else EXPECTING) > limit:
         return None
     return fitting(settings, weighted(found, log_l, min(settings.evidence_rate * APART_S, 1.0)))
-
-
-def of_box(cloud: Cloud, shows: ShapeFeatures, axes: Array, pose: CameraPose) -> tuple[Array, Array]:
-    """Innovation (4,) and its covariance (4, 4) of a box: its middle, right and down, and its width and height."""
-    known = cloud.with_biases(of_boxes(shows))
-    particles_ = known.means, known.covariances, known.noses, np.exp(known.log_weights)
-    camera = pose.R_cn, pose.r_FC_n, axes
-    expected, S = points.expected_box(*particles_, shows.rows, shows.posture, camera, known.column(BOXES))
-    S = MIDDLE_AND_SIZE @ (S + np.diag(shows.rows.sigma**2)) @ MIDDLE_AND_SIZE.T
-    turns = np.array([axes[2], -axes[1]])  # the sides move together, and not each for itself
-    common = turns @ pose.noise_c @ turns.T
-    S[:2, :2] += common - 0.5 * np.diag(common.diagonal())
-    S[2:, 2:] -= 2.0 * np.diag(common.diagonal())
-    return MIDDLE_AND_SIZE @ (shows.rows.y - expected), S
 
 
 class ShapeFit(NamedTuple):
@@ -161,28 +163,35 @@ class ShapeFit(NamedTuple):
     misfits: tuple[str, ...] = ()
 
 
-def fitted(settings: NoseModel, cloud: Cloud, shows: ShapeFeatures, axes: Array, pose: CameraPose) -> ShapeFit:
-    """The cloud after what an image shows of the leader's shape. If all of it fits no nose, the points that fit
-    none by themselves are left out: one point that a detector finds elsewhere costs the others nothing. Raises
-    FilterError."""
+def fitted(settings: NoseModel, cloud: Cloud, points: Rows, axes: Array, pose: CameraPose) -> ShapeFit:
+    """The cloud after named points. If all of them fit no nose, those that fit none by themselves are left out:
+    one point that a detector finds elsewhere costs the others nothing. Raises FilterError."""
 
-    def fit(part: ShapeFeatures) -> ShapeFit:
-        found, nis, log_l = shaped(cloud, part, axes, pose)
-        beyond = expected(cloud, nis, OF_SHAPE)
-        fits = beyond <= settings.gate + PER_ROW * len(part.rows.y)
-        return ShapeFit(found if fits else None, log_l, beyond)
+    def fit(which: Sequence[int]) -> ShapeFit:
+        at = [2 * k + axis for k in which for axis in (0, 1)]
+        rows = points._replace(y=points.y[at], R=points.R[np.ix_(at, at)], of=points.of[at])
+        rows = rows._replace(shares=points.shares[at], axis=points.axis[at])
+        _, shown = _view(settings, cloud, rows, axes, pose)
+        noses, means, P = cloud.noses.copy(), cloud.means.copy(), cloud.covariances.copy()
+        each = view.orient(means, P, noses, shown)
+        nis, log_l = view.update(means, P, noses, shown, each)
+        beyond = at_most(cloud, nis, OF_SHAPE)
+        if beyond > settings.gate + PER_ROW * len(rows.y):
+            return ShapeFit(None, log_l, beyond)
+        tied = _still(cloud, noses)
+        return ShapeFit(cloud._replace(noses=noses, means=means, covariances=P, tied=tied), log_l, beyond)
 
-    whole = fit(shows)
-    if whole.cloud is not None or shows.is_box:
+    every = range(len(points.names))
+    whole = fit(every)
+    if whole.cloud is not None:
         return whole
-    every = range(len(shows.names))
-    fitting = [k for k in every if fit(only(shows, [k])).cloud is not None]
-    misfits = tuple(shows.names[k] for k in every if k not in fitting)
-    rest = fit(only(shows, fitting)) if misfits and fitting else whole
+    fitting = [k for k in every if fit([k]).cloud is not None]
+    misfits = tuple(points.names[k] for k in every if k not in fitting)
+    rest = fit(fitting) if misfits and fitting else whole
     return rest._replace(misfits=misfits)
 
 
-def expected(cloud: Cloud, nis: Array, share: float) -> float:
+def at_most(cloud: Cloud, nis: Array, share: float) -> float:
     """The NIS that a share of the weight has at most. Raises FilterError."""
     order = nis.argsort()
     least = float(nis[order[np.exp(cloud.log_weights[order]).cumsum().searchsorted(share)]])
@@ -199,7 +208,7 @@ def informed(settings: NoseModel, cloud: Cloud, prior: Belief, *, flew: bool) ->
     found, nis, log_l = corrected(
         cloud, H, prior.mean - cloud.means[:, MOTION], prior.covariance, (), settings.air
     )
-    if expected(cloud, nis, OF_SHAPE) > settings.gate:
+    if at_most(cloud, nis, OF_SHAPE) > settings.gate:
         return None
     after = weighted(found, log_l)
     hovers = after.regimes == model.HOVERING
@@ -240,23 +249,6 @@ def corrected(
     turned = model.courses(means, air) - model.courses(cloud.means, air)
     noses = cloud.noses + np.where(cloud.tied == TIED, turned, 0.0)
     return cloud._replace(noses=noses, means=means, covariances=0.5 * (P + P.transpose(0, 2, 1))), nis, log_l
-
-
-def shaped(cloud: Cloud, shows: ShapeFeatures, axes: Array, pose: CameraPose) -> tuple[Cloud, Array, Array]:
-    """The cloud after what an image shows of the leader's shape, with each particle's NIS and log likelihood."""
-    bias = 0
-    if shows.is_box:
-        cloud = cloud.with_biases(of_boxes(shows))
-        bias = cloud.column(BOXES)
-    noses, means, P = cloud.noses.copy(), cloud.means.copy(), cloud.covariances.copy()
-    camera = pose.R_cn, pose.r_FC_n, axes
-    nis, log_l = points.update(means, P, noses, shows.rows, shows.posture, camera, bias)
-    return cloud._replace(noses=noses, means=means, covariances=P, tied=_still(cloud, noses)), nis, log_l
-
-
-def of_boxes(shows: ShapeFeatures) -> Bias:
-    """By how much boxes are too large, in the logarithm."""
-    return Bias(BOXES, shows.bias)
 
 
 def of_ranges(shows: PoseFeatures) -> Bias:

@@ -10,7 +10,7 @@ import numpy as np
 from onboard.estimators.kit.reports import image_report, of_belief
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter
 from onboard.estimators.leader.hypotheses.places import Place
-from onboard.estimators.leader.image.measurement import points_of
+from onboard.estimators.leader.image.measurement import COMPONENTS, points_of
 from onboard.estimators.leader.image.prepare import Image
 from onboard.estimators.leader.tracks.life_cycle import LifeCycle
 from onboard.filters.belief import Belief, Update
@@ -28,15 +28,15 @@ def report(
     update: Update | None = None,
 ) -> MeasurementReport:
     """The report of a verdict, with as much as was known when it was reached."""
-    more = dict[str, Any]()
+    more, count = dict[str, Any](), 0 if image is None else len(image.measurement.y)
     if image is not None and update is not None:
         more = {"misfits": update.misfits, "noise_scale": image.noise_scale}
         more |= {"predicted_points": _predicted_points(image, update)}
     return image_report(
         message,
         verdict,
-        components=filter_.measured_components,
-        units=filter_.measured_units,
+        components=COMPONENTS[:count],
+        units=("rad",) * count,
         gate=filter_.gate,
         measured=None if image is None else image.measurement.y,
         update=update,

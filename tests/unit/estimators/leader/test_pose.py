@@ -12,9 +12,9 @@ from onboard.estimators.leader.assumptions import TURN_BIAS
 from onboard.estimators.leader.hypotheses import prediction, update
 from onboard.estimators.leader.hypotheses.belief import make_filter
 from onboard.estimators.leader.hypotheses.cloud import Cloud
+from onboard.estimators.leader.hypotheses.motion import LEAST_VISIBLE
 from onboard.estimators.leader.hypotheses.start import start
 from onboard.estimators.leader.hypotheses.summary import LOG_SIZE, summarise
-from onboard.estimators.leader.hypotheses.wing import LEAST_VISIBLE
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.pose import measured_pose
 from onboard.geometry.rotations import matrix_from_euler, quaternion_from_euler, quaternion_from_matrix
@@ -73,7 +73,7 @@ def weight(cloud: Cloud, nose: float, within: float = 0.2) -> float:
 
 def test_a_pose_alone_is_a_direction_with_a_range_of_its_own() -> None:
     m = measured(image(pose()))
-    assert (m.has_wing, m.has_extent, m.is_metric, m.shows) == (False, True, True, None)
+    assert (m.has_wing, m.has_extent, m.is_metric, m.further) == (False, True, True, None)
     assert (m.span, m.span_sigma / m.span) == (pytest.approx(2.0 / RANGE), pytest.approx(0.5 / RANGE))
     assert m.pose.range_ == RANGE
     assert_allclose(m.pose.forward, (math.cos(0.6), math.sin(0.6), 0.0), atol=1e-12)
@@ -85,7 +85,7 @@ def test_a_pose_beside_a_wing_or_points_leaves_the_range_to_the_size() -> None:
     assert whole.pose.range_ == RANGE
     assert measured(replace(IMAGE, pose=pose())).y.tolist() == measured(IMAGE).y.tolist()
     box = replace(detection(feature("center", 0.0, 0.0), feature("box", 0.0, 0.0), half=(0.04, 0.01)), pose=pose())
-    assert (measured(box).is_metric, measured(box).shows) == (True, None)
+    assert (measured(box).is_metric, measured(box).further) == (True, None)
 
 
 def test_a_rotation_alone_shows_no_range() -> None:

@@ -11,8 +11,7 @@ from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses import prediction, update
 from onboard.estimators.leader.hypotheses.auxiliary import DELAY, DISTANCE, TURN, Auxiliary, Range, Report
 from onboard.estimators.leader.hypotheses.cloud import Bias, Cloud
-from onboard.estimators.leader.hypotheses.update import corrected
-from onboard.estimators.leader.hypotheses.wing import (
+from onboard.estimators.leader.hypotheses.motion import (
     ACCELERATION,
     FREE,
     LOG_SIZE,
@@ -23,6 +22,7 @@ from onboard.estimators.leader.hypotheses.wing import (
     N,
     courses,
 )
+from onboard.estimators.leader.hypotheses.update import corrected
 from onboard.estimators.leader.reports.broadcast import biases_of
 from onboard.filters.belief import FilterError
 from tests.unit.estimators.leader.hypotheses.test_belief import filter_of, watched

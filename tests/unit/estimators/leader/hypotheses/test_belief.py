@@ -8,11 +8,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from onboard.estimators.leader.config import Config
-from onboard.estimators.leader.hypotheses import update, wing
+from onboard.estimators.leader.hypotheses import motion, update
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter, State, make_filter
 from onboard.estimators.leader.hypotheses.wind import Wind
 from onboard.estimators.leader.image.camera_pose import CameraPose
-from onboard.estimators.leader.image.measurement import Measurement, points_of
+from onboard.estimators.leader.image.measurement import measure_direction, points_of
 from onboard.estimators.leader.reports.prior import Prior
 from onboard.filters.belief import Belief, FilterError
 from onboard.models.relative_motion import POSITION, VELOCITY
@@ -70,7 +70,7 @@ def test_a_leader_that_flew_when_an_earlier_run_ended_hardly_hovers(speed: float
     belief = Belief(np.array([25.0, 0.0, 0.0, 0.0, speed, 0.0]), np.diag([29.0, 29.0, 9.0, 9.6, 9.6, 2.0]))
     after = filter_.informed(state, belief, flew=known.flew)
     assert after is not None
-    hovering = float(np.exp(after.cloud.log_weights[after.cloud.regimes == wing.HOVERING]).sum())
+    hovering = float(np.exp(after.cloud.log_weights[after.cloud.regimes == motion.HOVERING]).sum())
     assert hovering == pytest.approx(0.05) if flew else hovering > 0.6
 
 
@@ -143,15 +143,13 @@ def test_hypotheses_without_numbers_are_an_error() -> None:
         fused(filter_, state, image(25.0, 0.3), STILL)
 
 
-def test_a_box_is_judged_by_its_direction_too() -> None:
-    """What shows no wing has noise without bound in its place, and a NIS of the direction alone."""
+def test_a_direction_is_judged_by_itself() -> None:
     filter_ = filter_of()
     state, _ = watched(filter_, 4.0, sway=2.0)
-    seen = image(25.0, 0.7, seed=5)
-    R_y = seen.R.copy()
-    R_y[2, 2] = R_y[3, 3] = 1e4
-    direction = Measurement(seen.y * [1, 1, 0, 0], R_y, seen.span, math.inf, seen.axes, has_wing=False)
-    assert fused(filter_, state, direction, STILL).passes
+    direction = measure_direction((0.0, 0.0), 1.0 / 554.0)
+    update = fused(filter_, state, direction, STILL)
+    assert (update.passes, update.innovation.shape) == (True, (2,))
+    assert not fused(filter_, state, measure_direction((0.5, 0.0), 1.0 / 554.0), STILL).passes
 
 
 def test_what_is_expected_depends_on_the_wind() -> None:

@@ -8,8 +8,8 @@ import pytest
 from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import NoseModel
 from onboard.estimators.leader.hypotheses import leaning
-from onboard.estimators.leader.hypotheses import wing as model
-from onboard.estimators.leader.hypotheses.wing import ACCELERATION, BANK_ERROR, LEAN, POSITION, VELOCITY, G
+from onboard.estimators.leader.hypotheses import motion as model
+from onboard.estimators.leader.hypotheses.motion import ACCELERATION, BANK_ERROR, LEAN, POSITION, VELOCITY, G
 
 MODEL = NoseModel(
     size=2.0, size_sigma=0.04, misalignment=(0.0, 0.0, 0.0), misalignment_time=60.0, own_velocity=0.1

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
-from onboard.estimators.leader.hypotheses import summary, wing
+from onboard.estimators.leader.hypotheses import motion, summary
 from onboard.estimators.leader.hypotheses.cloud import occupied
 from onboard.estimators.leader.hypotheses.summary import BANK, NOSE, N, Summary, as_leader
 from onboard.filters.belief import Belief
@@ -25,17 +25,17 @@ def test_the_moments_are_those_of_the_particles_seed1() -> None:
     rng = np.random.default_rng(1)
     k = 50
     noses, w = rng.uniform(-9.0, 9.0, k), rng.dirichlet(np.ones(k))
-    means = rng.normal(size=(k, wing.N)) + 3.0
-    mean, S, within = np.zeros(N), np.zeros((N, N)), rng.normal(size=(wing.N, wing.N))
+    means = rng.normal(size=(k, motion.N)) + 3.0
+    mean, S, within = np.zeros(N), np.zeros((N, N)), rng.normal(size=(motion.N, motion.N))
     log_range = summary.moments(noses, means, w, 0.5, math.pi, within, mean, S)
     rows = np.zeros((k, N))
-    rows[:, :9], rows[:, BANK] = means[:, :9], means[:, wing.BANK_ERROR]
-    rows[:, summary.LOG_SIZE] = means[:, wing.LOG_SIZE]
+    rows[:, :9], rows[:, BANK] = means[:, :9], means[:, motion.BANK_ERROR]
+    rows[:, summary.LOG_SIZE] = means[:, motion.LOG_SIZE]
     rows[:, NOSE] = 0.5 + (noses - 0.5 + math.pi / 2) % math.pi - math.pi / 2
     np.testing.assert_allclose(mean, np.average(rows, axis=0, weights=w), rtol=1e-12, atol=1e-12)
     each = np.zeros((N, N))
     of_summary = [*range(9), summary.LOG_SIZE, BANK]
-    of_particle = [*range(9), wing.LOG_SIZE, wing.BANK_ERROR]
+    of_particle = [*range(9), motion.LOG_SIZE, motion.BANK_ERROR]
     each[np.ix_(of_summary, of_summary)] = within[np.ix_(of_particle, of_particle)]
     np.testing.assert_allclose(S, np.cov(rows.T, aweights=w, ddof=0) + each, rtol=1e-10, atol=1e-12)
     ranges = np.linalg.norm(means[:, :3], axis=1)

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import FLIPPED, STRAY
 from onboard.estimators.leader.hypotheses import update
-from onboard.estimators.leader.hypotheses.wing import BANK_ERROR, N
+from onboard.estimators.leader.hypotheses.motion import BANK_ERROR, N
 
 
 def particles(count: int, seed: int) -> tuple[Array, Array]:

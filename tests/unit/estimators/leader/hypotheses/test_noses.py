@@ -8,14 +8,14 @@ import pytest
 from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import NoseModel
 from onboard.estimators.leader.config import Config
+from onboard.estimators.leader.hypotheses import motion as model
 from onboard.estimators.leader.hypotheses import prediction, update
-from onboard.estimators.leader.hypotheses import wing as model
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter
 from onboard.estimators.leader.hypotheses.cloud import Cloud, enough, resampled
 from onboard.estimators.leader.hypotheses.start import start
 from onboard.estimators.leader.hypotheses.summary import LOG_SIZE, Summary, summarise, with_course
 from onboard.estimators.leader.image.camera_pose import CameraPose
-from onboard.estimators.leader.image.measurement import Measurement, from_points
+from onboard.estimators.leader.image.measurement import Measurement, measure_wing
 from onboard.estimators.leader.image.shape import shape_of
 from onboard.filters.belief import FilterError
 from tests.support.images import fused
@@ -37,8 +37,7 @@ def image(
     points = points + np.random.default_rng(seed).normal(size=(3, 2)) / 554.0
     if (points[1, 0] > points[2, 0]) != swap:
         points = points[[0, 2, 1]]  # detectors name wingtips by their side in the image
-    y, R, axes = from_points(points[None], np.full((1, 3), 1.0 / 554.0), 4)
-    return Measurement(y[0], R[0], float(np.hypot(y[0, 2], y[0, 3])), math.sqrt(R[0, 2, 2]), axes[0])
+    return measure_wing(points.tolist(), [1.0 / 554.0] * 3)
 
 
 def watched(

@@ -8,7 +8,7 @@ import pytest
 from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import NoseModel
 from onboard.estimators.leader.config import Config
-from onboard.estimators.leader.hypotheses import wing as model
+from onboard.estimators.leader.hypotheses import motion as model
 from onboard.estimators.leader.hypotheses.belief import make_filter
 from onboard.estimators.leader.hypotheses.cloud import Cloud
 from onboard.estimators.leader.hypotheses.places import Place, places
@@ -87,10 +87,10 @@ def test_a_range_that_is_known_has_no_places() -> None:
 
 def test_the_filter_says_what_is_open_and_where_relative_to_us() -> None:
     filter_ = make_filter(Config(size_prior_sigma_m=0.04))
-    points = np.array([[0.0, 0.0], [-0.02, 0.0], [0.02, 0.0]])
+    points = [(0.0, 0.0), (-0.02, 0.0), (0.02, 0.0)]
     v_F_n = np.array([2.0, 0.0, 0.0])
     pose = CameraPose(np.eye(3), np.zeros(3), v_F_n, np.zeros(3))
-    state = filter_.start(measure_wing(points, np.full(3, 0.002), filter_.shape), pose, None)
+    state = filter_.start(measure_wing(points, [0.002] * 3), pose, None)
     reason, found_places, _ = filter_.open_question(state)
     assert reason == "heading not resolved: the range is uncertain"
     assert sum(place.weight for place in found_places) == pytest.approx(1.0)

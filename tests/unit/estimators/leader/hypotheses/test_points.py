@@ -1,14 +1,16 @@
 """What an image shows of a leader's shape, against plain geometry and a plain Kalman filter."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 
 from onboard.arrays import Array
-from onboard.estimators.leader.hypotheses import points as model
-from onboard.estimators.leader.hypotheses.wing import ACCELERATION, LEAN, LOG_SIZE, POSITION, N
-from onboard.estimators.leader.image.shape import HIGHEST, LOWEST, Posture, ShapeRows, measured_spread
+from onboard.estimators.leader.hypotheses import view as model
+from onboard.estimators.leader.hypotheses.motion import ACCELERATION, LEAN, LOG_SIZE, POSITION, N
+from onboard.estimators.leader.image.measurement import HIGHEST, LOWEST, Rows, measured_spread
+from onboard.estimators.leader.image.shape import Posture
 from onboard.geometry.rotations import matrix_from_euler
 
 SIZE = 2.0
@@ -48,21 +50,32 @@ def axes_of(x: Array, R_cn: Array) -> Array:
     return np.array([first, second, np.cross(first, second)])
 
 
-def named(y: Array, *, named: bool = True) -> ShapeRows:
+def named(y: Array, *, named: bool = True, posture: Posture = EXACT) -> Rows:
     """The rows of all points at coordinates (k, 2)."""
     k = len(POINTS)
-    return ShapeRows(
-        POINTS, np.repeat(np.arange(float(k)), 2), np.tile([0.0, 1.0], k), y.ravel(), SIGMA * np.ones(2 * k), named
-    )
+    of, axis = np.repeat(np.arange(k), 2), np.tile([0, 1], k)
+    names = tuple("abcd") if named else ()
+    return rows_of(y.ravel(), of, axis, names=names, posture=posture)
+
+
+def rows_of(y: Array, of: Array, axis: Array, **more: Any) -> Rows:
+    """Rows of single coordinates of POINTS."""
+    shares = np.tile([1.0, 0.0], (len(y), 1))
+    more = {"posture": EXACT} | more
+    return Rows(y, SIGMA**2 * np.eye(len(y)), POINTS, np.column_stack([of, of]), shares, axis, **more)
 
 
 def corrected(
-    x: Array, P: Array, nose: float, rows: ShapeRows, R_cn: Array, posture: Posture = EXACT
+    x: Array, P: Array, nose: float, rows: Rows, R_cn: Array, bias: int = 0
 ) -> tuple[Array, Array, float, float]:
     """Mean, covariance, nose and NIS of one particle after an image."""
     means, covariances, noses = x[None].copy(), P[None].copy(), np.array([nose])
-    camera = R_cn, np.zeros(3), axes_of(x, R_cn)
-    nis, _ = model.update(means, covariances, noses, rows, posture, camera)
+    seen = model.view_of(rows, (R_cn, np.zeros(3), axes_of(x[:N], R_cn)), np.zeros(1), (0.0, 0.0), bias)
+    if rows.named:
+        each = model.orient(means, covariances, noses, seen)
+    else:
+        *_, each = model.expect(means, covariances, noses, np.ones(1), seen)
+    nis, _ = model.update(means, covariances, noses, seen, each)
     return means[0], covariances[0], float(noses[0]), float(nis[0])
 
 
@@ -99,7 +112,7 @@ def test_a_nose_where_the_tail_is_turns_round_and_the_bank_with_it_seed_0_to_4(s
     assert turned[2] == pytest.approx(nose)
     assert turned[0] == pytest.approx(right[0], abs=1e-9)
     assert turned[1] == pytest.approx(right[1], abs=1e-9)
-    unnamed = corrected(other, P, nose - math.pi, rows._replace(named=False), R_cn)
+    unnamed = corrected(other, P, nose - math.pi, rows._replace(names=()), R_cn)
     assert unnamed[2] == nose - math.pi
     assert unnamed[3] > 50.0
 
@@ -109,12 +122,12 @@ def test_the_sides_of_a_box_are_those_points_that_reach_farthest_seed_0_to_4(see
     x, P, nose, R_cn = drawn(seed)
     at = coordinates(x, nose, axes_of(x, R_cn) @ R_cn)
     y = np.array([at[:, 0].min(), at[:, 0].max(), at[:, 1].min(), at[:, 1].max()])
-    which, axis = np.array([LOWEST, HIGHEST, LOWEST, HIGHEST]), np.array([0.0, 0.0, 1.0, 1.0])
-    box = ShapeRows(POINTS, which, axis, y, np.full(4, SIGMA), named=False)
+    which, axis = np.array([LOWEST, HIGHEST, LOWEST, HIGHEST]), np.array([0, 0, 1, 1])
+    box = rows_of(y, which, axis)
     assert corrected(x, P, nose, box, R_cn)[3] == pytest.approx(0.0, abs=1e-9)
-    ends = np.array([at[:, 0].argmin(), at[:, 0].argmax(), at[:, 1].argmin(), at[:, 1].argmax()], dtype=float)
+    ends = np.array([at[:, 0].argmin(), at[:, 0].argmax(), at[:, 1].argmin(), at[:, 1].argmax()])
     off = y + SIGMA * np.array([-2.0, 1.0, 0.5, 1.5])
-    as_box, as_points = (corrected(x, P, nose, box._replace(y=off, which=w), R_cn) for w in (which, ends))
+    as_box, as_points = (corrected(x, P, nose, rows_of(off, w, axis), R_cn) for w in (which, ends))
     assert as_box[0] == pytest.approx(as_points[0])
     assert as_box[3] == pytest.approx(as_points[3])
 
@@ -128,7 +141,7 @@ def test_a_pitch_that_is_open_leaves_up_and_down_open_and_a_misplaced_point_all(
     up[:2, 1] += np.radians(12.0) * SIZE * np.array([-0.36, 0.4]) / np.linalg.norm(x[POSITION])
 
     def nis(y: Array, pitch: float, misplaced: float) -> float:
-        return corrected(x, 1e-6 * P, nose, named(y), R_cn, Posture(1.0, pitch, misplaced))[3]
+        return corrected(x, 1e-6 * P, nose, named(y, posture=Posture(1.0, pitch, misplaced)), R_cn)[3]
 
     assert nis(up, 0.0, 0.0) > 8.0
     assert nis(up, np.radians(12.0), 0.0) < 2.0
@@ -143,16 +156,14 @@ def test_what_lasts_of_a_box_s_error_is_a_column_of_the_state() -> None:
     rows = named(coordinates(x, nose, axes_of(x, R_cn) @ R_cn), named=False)
     wider, more = np.append(x, 0.1), np.pad(1e-4 * P, ((0, 1), (0, 1)))
     more[-1, -1] = 0.04
-    camera = R_cn, np.zeros(3), axes_of(x, R_cn)
     nis = []
     for mean, covariance, bias in ((wider, more, N), (np.append(x, 0.0), more, N), (wider, more, 0)):
-        means, covariances, noses = mean[None].copy(), covariance[None].copy(), np.array([nose])
-        nis.append(float(model.update(means, covariances, noses, rows, EXACT, camera, bias)[0][0]))
-        assert (means[0, N], covariances[0, N, N]) == (mean[N], 0.04)  # it is considered
+        after, P_after, _, of_it = corrected(mean, covariance, nose, rows, R_cn, bias)
+        nis.append(of_it)
+        assert (after[N], P_after[N, N]) == (mean[N], 0.04)  # it is considered
     surer = more.copy()
     surer[-1, -1] = 1e-8
-    state = wider[None].copy(), surer[None].copy(), np.array([nose])
-    assert float(model.update(*state, rows, EXACT, camera, N)[0][0]) > 5.0 * nis[0]
+    assert corrected(wider, surer, nose, rows, R_cn, N)[3] > 5.0 * nis[0]
     assert nis[0] > 0.01
     assert max(nis[1:]) < 1e-6
 

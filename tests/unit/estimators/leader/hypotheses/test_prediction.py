@@ -7,33 +7,31 @@ import pytest
 
 from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import NoseModel
-from onboard.estimators.leader.hypotheses import prediction
-from onboard.estimators.leader.hypotheses import wing as model
+from onboard.estimators.leader.hypotheses import motion as model
+from onboard.estimators.leader.hypotheses import prediction, view
 from onboard.estimators.leader.hypotheses.cloud import Cloud
 from onboard.estimators.leader.hypotheses.start import start
 from onboard.estimators.leader.image.camera_pose import CameraPose
-from onboard.estimators.leader.image.measurement import Measurement
+from onboard.estimators.leader.image.measurement import measure_wing
 
 NOSES = NoseModel(
     size=2.0, size_sigma=0.04, misalignment=(0.007, 0.007, 0.024), misalignment_time=60.0, own_velocity=0.1
 )
 STILL = CameraPose(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
 # 25 m to the north
-IMAGE = Measurement(np.array([0.0, 0.0, 0.07, 0.0]), 3e-6 * np.eye(4), 0.07, 1.8e-3, np.eye(3))
+IMAGE = measure_wing([(0.0, 0.0), (-0.035, 0.0), (0.035, 0.0)], [1.3e-3] * 3)
 
 
 def wings(cloud: Cloud) -> Array:
     """What each particle expects of the wing in the image (K, 2), the right tip on the right."""
     camera = STILL.R_cn, STILL.r_FC_n, IMAGE.axes
     found = [
-        model.prediction(
+        view.expect(
             cloud.means[k : k + 1],
             cloud.covariances[k : k + 1],
             cloud.noses[k : k + 1],
             np.ones(1),
-            IMAGE.y,
-            camera,
-            model.Course(cloud.tied[k : k + 1], (0.0, 0.0)),
+            view.view_of(IMAGE.rows, camera, cloud.tied[k : k + 1], (0.0, 0.0)),
         )[0][2:4]
         for k in range(len(cloud.noses))
     ]

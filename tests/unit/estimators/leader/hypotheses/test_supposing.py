@@ -7,10 +7,10 @@ import pytest
 
 from onboard.estimators.leader.hypotheses import leaning, prediction, update
 from onboard.estimators.leader.hypotheses.cloud import Cloud
+from onboard.estimators.leader.hypotheses.motion import BANK_ERROR, LEAN, POSITION, STRETCH
 from onboard.estimators.leader.hypotheses.start import start
-from onboard.estimators.leader.hypotheses.wing import BANK_ERROR, LEAN, POSITION, STRETCH
 from onboard.estimators.leader.image.camera_pose import CameraPose
-from onboard.estimators.leader.image.measurement import Measurement, from_points
+from onboard.estimators.leader.image.measurement import measure_wing
 from onboard.geometry.rotations import matrix_from_euler
 from tests.unit.estimators.leader.hypotheses.test_noses import SETTINGS, STILL, image
 
@@ -107,8 +107,7 @@ def test_of_a_wing_that_points_at_us_from_above_the_noses_are_left_that_need_no_
     R_cn = matrix_from_euler(0.0, math.radians(55.0), 0.0).T
     wing = np.array([-math.sin(math.radians(aspect_deg)), math.cos(math.radians(aspect_deg)), 0.0])
     ends = (R_cn @ (np.array([13.0, 0.0, -18.6]) + k * wing) for k in (0.0, -1.0, 1.0))
-    y, R, axes = from_points(np.array([[p[1:] / p[0] for p in ends]]), np.full((1, 3), 1.0 / 554.0), 4)
-    seen = Measurement(y[0], R[0], float(np.hypot(y[0, 2], y[0, 3])), math.sqrt(R[0, 2, 2]), axes[0])
+    seen = measure_wing([p[1:] / p[0] for p in ends], [1.0 / 554.0] * 3)
     cloud = start(SETTINGS, seen, CameraPose(R_cn, np.zeros(3), np.zeros(3), np.zeros(3)))
     w, distances = np.exp(cloud.log_weights), np.linalg.norm(cloud.means[:, POSITION], axis=1)
     assert 1.0 / np.sum(w * w) > 25.0

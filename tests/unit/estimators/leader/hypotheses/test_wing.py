@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
-from onboard.estimators.leader.hypotheses import wing as model
-from onboard.estimators.leader.image.measurement import from_points
+from onboard.estimators.leader.hypotheses import motion as model
+from onboard.estimators.leader.hypotheses import view
+from onboard.estimators.leader.image.measurement import measure_wing
 from onboard.geometry.rotations import matrix_from_euler
 
 SIZE, F_PX = 2.0, 500.0
+Camera = tuple[Array, Array, Array]
+LEVEL = [(0.0, 0.0), (-0.04, 0.0), (0.04, 0.0)]
 NOISE = np.diag([1.0, 1.0, 2.0, 2.0, 1.5, 1.5]) / F_PX**2
 
 
@@ -28,8 +31,25 @@ def seen(x: Array, nose: float, R_cn: Array, *, exchanged: bool = False) -> tupl
     half = 0.5 * math.exp(x[model.STRETCH] + x[model.LOG_SIZE]) * wing(force, nose, x[model.BANK_ERROR])
     signs = (0.0, 1.0, -1.0) if exchanged else (0.0, -1.0, 1.0)
     points = np.array([p[1:] / p[0] for p in (R_cn @ (x[model.POSITION] + k * half) for k in signs)])
-    y, _, axes = from_points(points[None], np.full((1, 3), 1.0 / F_PX), 6)
-    return y[0], axes[0]
+    measured = measure_wing(points.tolist(), [1.0 / F_PX] * 3, middle=True)
+    return measured.y, measured.axes
+
+
+def foreseen(
+    means: Array,
+    P: Array,
+    noses: Array,
+    w: Array,
+    y: Array,
+    camera: tuple[Array, Array, Array],
+    course: model.Course,
+) -> tuple[Array, Array, view.ImageRows, view.Expectation]:
+    """What particles expect of a wing at y (m,): mean and covariance; the view, and what each expects."""
+    m, rows = len(y), measure_wing(LEVEL, [1.0 / F_PX] * 3, middle=True).rows
+    rows = rows._replace(y=y, R=NOISE[:m, :m].copy(), of=rows.of[:m], shares=rows.shares[:m], axis=rows.axis[:m])
+    seen = view.view_of(rows, camera, course.tied, course.air)
+    mean, S, each = view.expect(means, P, noses, w, seen)
+    return mean, S, seen, each
 
 
 QUIET = model.Noise(np.zeros(model.N), np.zeros((3, model.N)), np.zeros(model.N), 0.0, 0.0)
@@ -55,9 +75,9 @@ def corrected(
     """Mean, covariance and NIS of one particle after an image."""
     means, covariances = x[None].copy(), P[None].copy()
     camera = R_cn, np.zeros(3), axes
-    noses, noise = np.array([nose]), NOISE[: len(y), : len(y)]
-    *_, each = model.prediction(means, covariances, noses, np.ones(1), y, camera, course)
-    nis, _ = model.update(means, covariances, noses, y, noise, each, course)
+    noses = np.array([nose])
+    *_, rows, each = foreseen(means, covariances, noses, np.ones(1), y, camera, course)
+    nis, _ = view.update(means, covariances, noses, rows, each)
     return means[0], covariances[0], float(nis[0])
 
 
@@ -85,9 +105,9 @@ def test_an_update_is_that_of_a_plain_kalman_filter_seed_0_to_4(seed: int) -> No
     assert mean == pytest.approx(expected, abs=2e-4)
     assert covariance == pytest.approx(its_covariance, abs=2e-4)
     particle, camera = (x[None].copy(), P[None].copy(), np.array([nose])), (R_cn, np.zeros(3), axes)
-    *_, each = model.prediction(*particle, np.ones(1), y, camera, FREE)
-    _, log_l = model.update(*particle, y, NOISE, each, FREE)
-    determinants = np.linalg.slogdet(S)[1] - np.linalg.slogdet(NOISE)[1]
+    *_, rows, each = foreseen(*particle, np.ones(1), y, camera, FREE)
+    _, log_l = view.update(*particle, rows, each)
+    determinants = np.linalg.slogdet(S)[1]
     assert log_l[0] == pytest.approx(-0.5 * (10.0 * math.log1p(nis / 4.0) + determinants), abs=0.01)
 
 
@@ -99,8 +119,8 @@ def test_a_length_that_differs_by_a_factor_moves_the_range_by_that_factor(factor
     y, axes = seen(x[0], 0.0, np.eye(3))
     y[2:4] *= factor
     camera = np.eye(3), np.zeros(3), axes
-    *_, each = model.prediction(x, P, np.zeros(1), np.ones(1), y[:4], camera, FREE)
-    model.update(x, P, np.zeros(1), y[:4], 1e-8 * np.eye(4), each, FREE)
+    *_, rows, each = foreseen(x, P, np.zeros(1), np.ones(1), y[:4].copy(), camera, FREE)
+    view.update(x, P, np.zeros(1), rows._replace(R=1e-8 * np.eye(4)), each)
     assert x[0, 0] == pytest.approx(20.0 / factor, rel=0.01)
 
 
@@ -112,8 +132,8 @@ def test_an_image_that_fits_no_hypothesis_decides_little_between_them() -> None:
     y, axes = seen(np.where(np.arange(model.N) == 1, 0.0, x[0]), 0.0, np.eye(3))
     camera = np.eye(3), np.zeros(3), axes
     free = FREE._replace(tied=np.full(2, model.FREE))
-    *_, each = model.prediction(x, P, np.zeros(2), np.full(2, 0.5), y[:4], camera, free)
-    _, log_l = model.update(x, P, np.zeros(2), y[:4], 1e-6 * np.eye(4), each, free)
+    *_, rows, each = foreseen(x, P, np.zeros(2), np.full(2, 0.5), y[:4].copy(), camera, free)
+    _, log_l = view.update(x, P, np.zeros(2), rows._replace(R=1e-6 * np.eye(4)), each)
     assert 0.5 < log_l[0] - log_l[1] < 4.0
 
 
@@ -218,9 +238,8 @@ def test_what_particles_expect_together_is_the_mixture_of_what_each_expects_seed
     y, axes = seen(x, nose, R_cn, exchanged=True)
     other, w = x + 0.1 * np.random.default_rng(seed).normal(size=model.N), np.array([0.3, 0.7])
     means, noses, camera = np.array([x, other]), np.array([nose, nose + 0.3]), (R_cn, np.zeros(3), axes)
-    mean, S, _ = model.prediction(
-        means, np.array([P, 2.0 * P]), noses, w, y, camera, model.Course(np.zeros(2), (0.0, 0.0))
-    )
+    free = model.Course(np.zeros(2), (0.0, 0.0))
+    mean, S, *_ = foreseen(means, np.array([P, 2.0 * P]), noses, w, y, camera, free)
     exchanged = np.array([1.0, 1.0, -1.0, -1.0, 1.0, 1.0])
     each = [exchanged * shown(m, n, R_cn, axes) for m, n in zip(means, noses, strict=True)]
     assert mean == pytest.approx(w @ each, abs=1e-9)
@@ -276,7 +295,7 @@ def test_a_tied_nose_turns_with_the_course_through_the_air_in_a_step_and_by_an_i
     assert noses[0] > before + 1e-3
     predicted, axes = seen(x[0], noses[0], np.eye(3))
     off, before = predicted + np.full(6, 1e-2), float(noses[0])
-    *_, each = model.prediction(x, P, noses, np.ones(1), off, (np.eye(3), np.zeros(3), axes), course)
-    model.update(x, P, noses, off, NOISE, each, course)
+    *_, rows, each = foreseen(x, P, noses, np.ones(1), off, (np.eye(3), np.zeros(3), axes), course)
+    view.update(x, P, noses, rows, each)
     assert noses[0] == pytest.approx(ahead(x[0], course.air) + aside)
     assert abs(noses[0] - before) > 1e-3

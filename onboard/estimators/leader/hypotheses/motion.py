@@ -1,4 +1,4 @@
-"""A leader whose nose is known, as one of many particles supposes: how it moves, and what an image shows of it.
+"""How a leader moves whose nose is known, as one of many particles supposes.
 
 One image leaves the nose open, and with it the range. But if the nose is given, the rest is nearly linear: the
 wing's apparent length gives the range, its slope the bank. So the nose is sampled
@@ -21,15 +21,7 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.estimators.leader.hypotheses.particle_update import (
-    correct,
-    dot,
-    factor,
-    log_likelihood,
-    project,
-    whiten,
-)
-from onboard.filters.compiled import CUBE, OUT, ROWS, VECTOR, out, record
+from onboard.filters.compiled import OUT, ROWS, VECTOR, out, record
 
 G: Final = 9.80665
 N: Final = 14  # at least: behind these are biases of measurements
@@ -40,6 +32,9 @@ BANK_ERROR: Final = 9
 LEAN: Final = slice(10, 12)
 STRETCH: Final = 12
 LOG_SIZE: Final = 13
+# their components one by one
+RX, RY, RZ, VX, VY, VZ, AX, AY, AZ = range(9)
+LEAN_NORTH, LEAN_EAST = 10, 11
 LEAST_VISIBLE: Final = 0.05  # of the wing: seen exactly along itself, it still shows a tip
 SLOW2: Final = 1.0  # (m/s)^2: in place of 0/0 where a course would be divided by
 TURNS2: Final = 4.0  # (m/s)^2: a leader slower than its root does not turn its velocity
@@ -108,49 +103,6 @@ HOVER: Final = record(Hover, *[NUMBER] * len(Hover._fields))
 PAIR: Final = record(tuple, NUMBER, NUMBER)
 COURSE: Final = record(Course, NOSES, PAIR, NUMBER)
 INTERVAL: Final = record(Interval, NUMBER, NOSES, NOISE, HOVER, NOSES)
-
-
-class Expectation(NamedTuple):
-    """What each particle expects of a measurement (K, m), and its derivatives by the state (K, m, W)."""
-
-    y: Array
-    by_state: Array
-
-
-def prediction(
-    means: Array,
-    P: Array,
-    noses: Array,
-    w: Array,
-    y: Array,
-    camera: tuple[Array, Array, Array],
-    course: Course,
-) -> tuple[Array, Array, Expectation]:
-    """What particles of weights w (K,) expect together of a measurement y (m,): mean (m,) and covariance (m, m),
-    without the measurement's own noise, with each particle's wingtips in the order of those measured; and what
-    each of them expects. The `camera` is R_cn (3, 3), r_FC_n (3,) m, and the measured axes (3, 3) in c."""
-    R_cn, r_FC, seen = camera
-    axes = np.ascontiguousarray(seen @ R_cn)
-    count, width, m = *means.shape, len(y)
-    each = Expectation(np.empty((count, m)), np.empty((count, m, width)))
-    mean, covariance = _prediction(means, P, noses, w, y, r_FC, axes, course.tied, np.array(course.air), *each)
-    return mean, covariance, each
-
-
-def update(
-    means: Array,
-    P: Array,
-    noses: Array,
-    y: Array,
-    R_y: Array,
-    expected: Expectation,
-    course: Course,
-) -> tuple[Array, Array]:
-    """NIS (K,) and logarithms of the likelihoods (K,), without their common constant, of an image: y (m,) of
-    `image.measurement` with noise R_y (m, m), of which the same means and noses `expected` this. Means (K, W),
-    covariances (K, W, W) and tied noses are corrected in place."""
-    nis, log_l = _update(means, P, noses, y, R_y, *expected, course.tied, np.array(course.air))
-    return nis, log_l
 
 
 @njit(cache=True, error_model="numpy")
@@ -306,147 +258,6 @@ def predict(means, P, noses, regimes, intensities, drags, interval, course):
             _stop(x, S, hover, drag, bold)
         if tied[k] == TIED:
             noses[k] = course_of(x, air) + aside
-
-
-@njit(cache=True, error_model="numpy")
-def _linearised(x, nose, axes, r_FC, m, h, J, is_tied, air):
-    """The predicted measurement into h (m,), its derivatives by the state into J (m, N); `axes` (3, 3) in n."""
-    c, s = np.cos(nose), np.sin(nose)
-    across, weight = (x[7] + x[11]) * c - (x[6] + x[10]) * s, G - x[8]
-    bank = np.arctan2(across, weight) + x[9]
-    half = 0.5 * np.exp(x[12] + x[13])
-    level, steep = half * np.cos(bank), half * np.sin(bank)
-    wing = (-s * level, c * level, steep)
-    by_bank = (s * steep, -c * steep, level)
-    by_nose = (-c * level, -s * level, 0.0)
-    square = across * across + weight * weight
-    u_air, v_air = x[3] - air[0], x[4] - air[1]
-    speed2 = u_air * u_air + v_air * v_air + SLOW2
-    banked = -((x[7] + x[11]) * s + (x[6] + x[10]) * c) * weight / square
-    h[:] = 0.0
-    J[:] = 0.0
-    for point in range(3):  # the centre, the left and the right wingtip
-        side = (0.0, -1.0, 1.0)[point]
-        p0, p1, p2 = (
-            x[0] - r_FC[0] + side * wing[0],
-            x[1] - r_FC[1] + side * wing[1],
-            x[2] - r_FC[2] + side * wing[2],
-        )
-        length = np.sqrt(p0 * p0 + p1 * p1 + p2 * p2)
-        twice = 2.0 / max(length + axes[0, 0] * p0 + axes[0, 1] * p1 + axes[0, 2] * p2, 1e-9 * length)
-        u = (p0 / length + axes[0, 0], p1 / length + axes[0, 1], p2 / length + axes[0, 2])
-        for k in range(2):  # to the right, and down
-            e = axes[1 + k]
-            seen = twice * (e[0] * p0 + e[1] * p1 + e[2] * p2)
-            turned, aside = 0.0, 0.0
-            row, share = (k, 1.0) if point == 0 else (2 + k, side)
-            h[row] += share * seen
-            for i in range(3):
-                gradient = twice * (e[i] - 0.5 * seen * u[i])
-                J[row, i] += share * gradient
-                turned += gradient * side * by_bank[i]
-                aside += gradient * side * by_nose[i]
-                if m > 4 and point > 0:
-                    J[4 + k, i] += 0.5 * gradient
-            J[row, 9] += share * turned
-            if m > 4 and point > 0:
-                h[4 + k] += 0.5 * seen
-                J[4 + k, 9] += 0.5 * turned
-            if is_tied:
-                aside += turned * banked
-                J[row, 3] -= share * aside * v_air / speed2
-                J[row, 4] += share * aside * u_air / speed2
-                if m > 4 and point > 0:
-                    J[4 + k, 3] -= 0.5 * aside * v_air / speed2
-                    J[4 + k, 4] += 0.5 * aside * u_air / speed2
-    for j in range(m):
-        J[j, 10] = -s * weight / square * J[j, 9]
-        J[j, 11] = c * weight / square * J[j, 9]
-        J[j, 8] = across / square * J[j, 9]
-        J[j, 6], J[j, 7] = J[j, 10] + LEAD * J[j, 3], J[j, 11] + LEAD * J[j, 4]  # an acceleration turns the course
-    J[2, 12], J[3, 12] = h[2], h[3]
-    if m > 4:
-        J[4, 12], J[5, 12] = 2.0 * (h[4] - h[0]), 2.0 * (h[5] - h[1])  # it grows with the wing's square
-    J[:, 13] = J[:, 12]
-
-
-@njit(cache=True, error_model="numpy")
-def _side(h, y):
-    """-1 where wingtips are expected in the other order than measured: detectors name tips by their side."""
-    return -1.0 if h[2] * y[2] + h[3] * y[3] < 0 else 1.0
-
-
-@njit(
-    (ROWS, CUBE, VECTOR, VECTOR, VECTOR, VECTOR, ROWS, VECTOR, VECTOR, OUT, COVARIANCES),
-    cache=True,
-    error_model="numpy",
-)
-def _prediction(means, P, noses, w, y, r_FC, axes, tied, air, expected, by_state):
-    m = y.shape[0]
-    mean, S = np.zeros(m), np.zeros((m, m))
-    c = np.empty(P.shape[2])
-    for k in range(means.shape[0]):
-        h, J = expected[k], by_state[k]
-        _linearised(means[k], noses[k], axes, r_FC, m, h, J, tied[k] == TIED, air)
-        side = _side(h, y)
-        for i in range(m):
-            project(J[i], P[k], c)
-            sign = side if 2 <= i < 4 else 1.0
-            for j in range(i + 1):
-                S[i, j] += w[k] * (sign * (side if 2 <= j < 4 else 1.0) * (h[i] * h[j] + dot(J[j], c)))
-            mean[i] += w[k] * (sign * h[i])
-    for i in range(m):
-        for j in range(i + 1):
-            S[i, j] -= mean[i] * mean[j]
-            S[j, i] = S[i, j]
-    return mean, S
-
-
-@njit(cache=True, error_model="numpy")
-def _logarithmic(right, down, h, variance, e, J):
-    """A wing's innovation and derivatives, in place, by the logarithm of its length and by its angle, in which a
-    range is linear: a line through lengths draws it to the near side. A wing that hardly shows stays as it is."""
-    least2, seen2, expected2 = 9.0 * variance, right * right + down * down, h[2] * h[2] + h[3] * h[3]
-    if seen2 < least2 or expected2 < least2:
-        return
-    a, b = (right * h[2] + down * h[3]) / expected2, (down * h[2] - right * h[3]) / expected2
-    if a < abs(b):
-        return
-    length, angle = 0.5 * np.log(a * a + b * b), np.arctan2(b, a)
-    e[2], e[3] = right * length - down * angle, right * angle + down * length
-    for j in range(J.shape[1]):
-        u, v = J[2, j], J[3, j]
-        J[2, j], J[3, j] = a * u - b * v, a * v + b * u
-
-
-@njit((OUT, COVARIANCES, NOSES, VECTOR, ROWS, ROWS, CUBE, VECTOR, VECTOR), cache=True, error_model="numpy")
-def _update(means, P, noses, y, R_y, expected, by_state, tied, air):
-    m, count, width = y.shape[0], means.shape[0], P.shape[2]
-    nis, log_l = np.empty(count), np.empty(count)
-    e, J, L = np.empty(m), np.empty((m, width)), factor(R_y)
-    c, dx = np.empty(width), np.empty(width)
-    for k in range(count):
-        h = expected[k]
-        side = _side(h, y)
-        for i in range(m):
-            e[i] = (side if 2 <= i < 4 else 1.0) * y[i] - h[i]
-            for j in range(width):
-                J[i, j] = by_state[k, i, j]
-        _logarithmic(side * y[2], side * y[3], h, R_y[2, 2], e, J)
-        whiten(L, e, J)
-        aside = noses[k] - course_of(means[k], air)
-        r0, r1, r2 = means[k, 0], means[k, 1], means[k, 2]  # a range changes by a factor, as its logarithm does
-        nis[k], det = correct(means[k], P[k], e, J, c, dx, 0)
-        square = r0 * r0 + r1 * r1 + r2 * r2
-        step = (r0 * dx[0] + r1 * dx[1] + r2 * dx[2]) / square
-        more = np.exp(min(step, 1.0)) - 1.0 - step
-        means[k, 0] += more * r0
-        means[k, 1] += more * r1
-        means[k, 2] += more * r2
-        log_l[k] = log_likelihood(nis[k], m, det)
-        if tied[k] == TIED:
-            noses[k] = course_of(means[k], air) + aside
-    return nis, log_l
 
 
 def courses(means: Array, air: tuple[float, float]) -> Array:
