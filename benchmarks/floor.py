@@ -25,7 +25,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.commands.loading import release_compiler
 from onboard.estimators.leader.hypotheses import motion as model
-from onboard.estimators.leader.hypotheses import view
+from onboard.estimators.leader.hypotheses import prediction, view
 from onboard.estimators.leader.image.measurement import measure_wing
 from onboard.messages import CameraPoints, Datagram, Estimate
 
@@ -37,8 +37,10 @@ IMAGES: Final = "onboard/1/camera/*/points"
 DT: Final = 1.0 / 30.0
 STILL: Final = np.zeros(3)
 NOISE: Final = model.Noise(np.full(model.N, 1e-9), np.zeros((3, model.N)), np.zeros(model.N), 1e-9, 0.7)
-HOVER: Final = model.Hover(1.0, 1.0, 0.0, 0.0)
-COURSE: Final = model.Course(np.zeros(HYPOTHESES), (0.0, 0.0))
+INTERVAL: Final = model.Interval(DT, STILL, NOISE, model.Hover(1.0, 1.0, 0.0, 0.0), np.full(3, 0.99))
+SELDOM: Final = np.array([1e9, 1e9, *[1e-9] * 9])  # no hypothesis changes its mind
+CHANGES: Final = prediction.Changes(SELDOM, 0.99, (0.1, 0.1, 0.1), 0.1, 0.0, (0.15, 0.4), (0.01, 0.1, 0.99))
+PASSED: Final = prediction.Passed(DT, STILL, 0.05, False, (0.0, 0.0), 3.0, 0.05, True)
 ROWS: Final = measure_wing([(0.0, 0.0), (-0.04, 0.0), (0.04, 0.0)], [1e-3] * 3).rows
 
 
@@ -51,20 +53,21 @@ class Arithmetic:
         means[:, 0] += 25.0
         means[:, model.LOG_SIZE] = 0.7
         P = np.tile(0.01 * np.eye(model.N), (HYPOTHESES, 1, 1))
-        self._first = means, P, rng.uniform(-1.0, 1.0, HYPOTHESES)
+        drags, zero = np.full(HYPOTHESES, 0.16), np.zeros(HYPOTHESES)
+        noses, steady = rng.uniform(-1.0, 1.0, HYPOTHESES), np.zeros((HYPOTHESES, 3))
+        self._first = prediction.Particles(noses, zero, zero, means, P, steady, zero, drags, zero)
         self._weights = np.full(HYPOTHESES, 1.0 / HYPOTHESES)
-        self._alike, self._lasts = np.zeros((HYPOTHESES, 3)), np.full(3, 0.99)
-        self._steady, self._drags = np.zeros(HYPOTHESES), np.full(HYPOTHESES, 0.16)
 
     def image(self, y: Array) -> Array:
         """The NIS (HYPOTHESES,) of a measurement y (4,) of `leader.image.measurement`."""
-        means, P, noses = (array.copy() for array in self._first)
-        step = model.Interval(DT, STILL, NOISE, HOVER, self._lasts)
-        model.predict(means, P, noses, self._steady, self._alike, self._drags, step, COURSE)
-        rows = view.view_of(ROWS._replace(y=y), (np.eye(3), STILL, np.eye(3)), COURSE.tied, COURSE.air)
-        *_, each = view.expect(means, P, noses, self._weights, rows)
-        nis, _ = view.update(means, P, noses, rows, each)
-        return nis
+        particles = prediction.Particles(*(array.copy() for array in self._first))
+        prediction.step(particles, 4, CHANGES, PASSED, INTERVAL)
+        shown = ROWS.points, ROWS.of, ROWS.shares, ROWS.axis, y, ROWS.R, True, False, *ROWS.posture
+        rows = view.ImageRows(*shown, STILL, np.eye(3), 0, particles.tied, (0.0, 0.0))
+        state = particles.means, particles.covariances, particles.noses
+        *_, each = view.expect(*state, self._weights, rows)
+        nis, _ = view.update(*state, rows, each)
+        return np.asarray(nis)
 
 
 def unpacked(frame: bytes) -> tuple[Any, ...] | None:

@@ -38,6 +38,7 @@ from onboard.models.relative_motion import POSITION, VELOCITY
 from onboard.ownship import Step
 
 SIZES: Final = 3.0  # sigmas of the configured size
+EXCHANGED: Final = np.array([1.0, 1.0, -1.0, -1.0, 1.0, 1.0])  # wingtips
 LONGEST_S: Final = 0.25  # of a prediction of the hypotheses
 SURPRISED: Final = 1.5  # times what the hypotheses' own uncertainties say: none of them fits
 
@@ -49,11 +50,6 @@ class Pending(NamedTuple):
     moved: Array
     v_F_n: Array
 
-    def after(self, step: Step) -> "Pending":
-        """After another step."""
-        moved = self.moved + step.dt * step.v0 + (0.5 * step.dt**2) * step.a
-        return Pending(self.dt + step.dt, moved, step.v1)
-
 
 def standing(v_F_n: Array) -> Pending:
     """No motion yet, at v_F_n (3,) m/s."""
@@ -61,13 +57,13 @@ def standing(v_F_n: Array) -> Pending:
 
 
 class State(NamedTuple):
-    """The hypotheses at some time, and their summary; our own motion since then; and the wind, if it is known
-    otherwise than by configuration."""
+    """The hypotheses at some time, and their summary; our own motion since then; and what they assume, in the wind
+    as it was known last."""
 
     cloud: Cloud
     summary: Summary
     since: Pending
-    wind: Wind | None = None
+    settings: NoseModel
 
 
 class Prediction(NamedTuple):
@@ -118,34 +114,34 @@ class BeliefFilter:
     ) -> State:
         """Of what was believed before, the noses are kept. `size`: as it is known by more than images; `surprise`:
         how far from all hypotheses the images before were, None: as it was."""
-        wind = None if before is None else before.wind
-        settings = _in_wind(self._settings, wind)
+        settings = of_size = self._settings if before is None else before.settings
         if size is not None:
-            settings = settings._replace(size=size.value, size_sigma=size.sigma)
-        cloud = start(settings, measurement, pose, None if before is None else before.cloud)
+            of_size = settings._replace(size=size.value, size_sigma=size.sigma)
+        cloud = start(of_size, measurement, pose, None if before is None else before.cloud)
         if surprise is not None:
             cloud = cloud._replace(surprise=surprise)
-        return State(cloud, summarise(settings, cloud), standing(pose.v_F_n), wind=wind)
+        return State(cloud, summarise(of_size, cloud), standing(pose.v_F_n), settings)
 
     def informed(self, state: State, prior: Belief, *, flew: bool) -> State | None:
         """See `update.informed`."""
         cloud = update.informed(self._settings, state.cloud, prior, flew=flew)
-        return None if cloud is None else self._summarised(state._replace(cloud=cloud))
+        return None if cloud is None else self._at(state, cloud)
 
     def advance(self, state: State, step: Step) -> State:
         """The hypotheses are predicted when an image comes, or after a while."""
-        advanced = State(state.cloud, state.summary, state.since.after(step), state.wind)
-        if advanced.since.dt <= LONGEST_S:
+        dt, moved, _ = state.since
+        since = Pending(dt + step.dt, moved + step.dt * step.v0 + (0.5 * step.dt**2) * step.a, step.v1)
+        advanced = State(state.cloud, state.summary, since, state.settings)
+        if since.dt <= LONGEST_S:
             return advanced
-        now = self._at(advanced, self.predict(advanced).cloud, state.summary)
-        return self._summarised(now)  # no image corrects it soon
+        return self._at(advanced, self.predict(advanced).cloud)  # no image corrects it soon
 
     def predict(self, state: State) -> Prediction:
         """The hypotheses predicted to now."""
         dt, moved, _ = state.since
         if dt <= 0.0:
             return Prediction(state, state.cloud)
-        return Prediction(state, prediction.predict(self._noses(state), state.cloud, dt, moved))
+        return Prediction(state, prediction.predict(state.settings, state.cloud, dt, moved))
 
     def compare(self, predicted: Prediction, measurement: Measurement, pose: CameraPose) -> ImageComparison:
         """A measurement, by a camera with this pose, beside what all hypotheses expect. Raises FilterError."""
@@ -154,9 +150,11 @@ class BeliefFilter:
         if self._delay_sigma > 0.0:
             noise_c = noise_c + self._delay_sigma**2 * (pose.omega_c[:, None] * pose.omega_c)
         measurement = measurement.with_attitude_noise(noise_c)
-        expected = update.expect(self._noses(state), cloud, measurement, pose)
+        expected, measured = update.expect(state.settings, cloud, measurement, pose), measurement.rows.y
         y, S = expected.y, expected.S + measurement.rows.R
-        innovation = _ordered(measurement, y) - y
+        if measurement.has_wing and measured[WING] @ y[WING] < 0.0:  # its tips are named the other way round
+            measured = measured * EXCHANGED[: len(y)]
+        innovation = measured - y
         nis = float(normalised_squared(innovation, S))
         if not math.isfinite(nis):
             raise FilterError("the hypotheses have lost their numbers")
@@ -165,10 +163,9 @@ class BeliefFilter:
     def fuse(self, compared: ImageComparison) -> Update:
         """The update of all hypotheses by a measurement. Raises FilterError."""
         (state, now), measurement, pose, y, innovation, S, nis, expected = compared
-        settings = self._noses(state)
-        cloud, beyond = update.update(settings, now, measurement, pose, expected)
-        passes = max(nis, beyond) <= settings.gate
-        after = self._at(state, cloud, summarise(settings, cloud)) if passes else state
+        cloud, beyond = update.update(state.settings, now, measurement, pose, expected)
+        passes = max(nis, beyond) <= self.gate
+        after = self._at(state, cloud) if passes else state
         decided = nis if passes else max(nis, beyond)
         return Update(after, innovation, S, y, decided, cloud.misfits if passes else (), passes)
 
@@ -176,11 +173,10 @@ class BeliefFilter:
         """The state after what is measured beside the images; None where that contradicts it, or where what may be
         false would lead the size beyond SIZES sigmas of the configured one. Raises FilterError."""
         is_open = state.summary.after(state.since.dt, state.since.moved).range_sigma() > RESOLVED
-        settings = self._noses(state)
-        cloud = update.assist(settings, self.predict(state).cloud, taken, is_open=is_open)
+        cloud = update.assist(state.settings, self.predict(state).cloud, taken, is_open=is_open)
         if cloud is None:
             return None
-        after, s = self._at(state, cloud, summarise(settings, cloud)), self._settings
+        after, s = self._at(state, cloud), self._settings
         apart = abs(float(after.summary.mean[LOG_SIZE]) - math.log(s.size)) * s.size
         return after if taken.trusted or apart < SIZES * s.size_sigma else None
 
@@ -188,8 +184,11 @@ class BeliefFilter:
         """The state in another wind, which shows where the nose of a fixed wing points."""
         if self._settings.crab == 0.0:
             return state
-        now = self._at(state, self.predict(state).cloud, state.summary)
-        return self._summarised(now._replace(wind=wind if wind.is_known else None))
+        settings = self._settings
+        if wind.is_known:
+            (north, east, _), sigma = wind.velocity.tolist(), wind.sigma
+            settings = settings._replace(air=(north, east), air_sigma=sigma, nose_about_course=SLIP)
+        return self._at(state._replace(settings=settings), self.predict(state).cloud)
 
     def belief(self, state: State) -> Belief:
         """Mean and covariance of all hypotheses."""
@@ -217,26 +216,9 @@ class BeliefFilter:
         """Whether the direction is less certain than `share`; an uncertain range is no obstacle to an image."""
         return state.summary.after(state.since.dt, state.since.moved).direction_sigma() > share
 
-    def _noses(self, state: State) -> NoseModel:
-        """What the hypotheses assume, with the size and the wind as they are known now."""
-        return _in_wind(self._settings, state.wind)
-
-    def _summarised(self, state: State) -> State:
-        return state._replace(summary=summarise(self._noses(state), state.cloud))
-
-    def _at(self, state: State, cloud: Cloud, summary: Summary) -> State:
+    def _at(self, state: State, cloud: Cloud) -> State:
         """The state now, of this cloud."""
-        return State(cloud, summary, standing(state.since.v_F_n), state.wind)
-
-
-def _ordered(measurement: Measurement, expected: Array) -> Array:
-    """What is measured, with wingtips exchanged where that is nearer to what is expected."""
-    y = measurement.y
-    if not measurement.has_wing or y[WING] @ expected[WING] >= 0.0:
-        return y
-    y = y.copy()
-    y[WING] *= -1.0
-    return y
+        return State(cloud, summarise(state.settings, cloud), standing(state.since.v_F_n), state.settings)
 
 
 def make_filter(config: Config) -> BeliefFilter:
@@ -267,11 +249,3 @@ def nose_model(config: Config) -> NoseModel:
             nose_about_course=CRAB,
         )
     return overridden(model, config.process_noise)
-
-
-def _in_wind(settings: NoseModel, wind: Wind | None) -> NoseModel:
-    """What is assumed, with the wind as it is known now."""
-    if wind is not None:
-        north, east, _ = wind.velocity.tolist()
-        settings = settings._replace(air=(north, east), air_sigma=wind.sigma, nose_about_course=SLIP)
-    return settings

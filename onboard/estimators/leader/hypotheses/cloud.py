@@ -22,8 +22,8 @@ from numba import njit, types
 from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import NoseModel
 from onboard.estimators.leader.hypotheses.draws import uniform
-from onboard.estimators.leader.hypotheses.motion import LEAST_VISIBLE, NUMBER, POSITION, N
-from onboard.filters.compiled import VECTOR
+from onboard.estimators.leader.hypotheses.motion import LEAST_VISIBLE, NUMBER, N
+from onboard.filters.compiled import ROWS, VECTOR
 
 ARRAYS: Final = 9  # of the fields, the first: each has one row a particle
 NOSE_BIN: Final = math.radians(6.0)  # rad
@@ -77,6 +77,10 @@ class Cloud(NamedTuple):
     surprise: float = 1.0
     biases: tuple[Bias, ...] = ()
 
+    def leans(self, settings: NoseModel) -> bool:
+        """Whether leaders lean, and images show it."""
+        return settings.drag != 0.0 and self.edge_on <= LEAST_VISIBLE
+
     def column(self, name: str) -> int:
         """Of a bias in the state."""
         return N + [bias.name for bias in self.biases].index(name)
@@ -94,17 +98,17 @@ class Cloud(NamedTuple):
         return self._replace(means=means, covariances=P, biases=(*self.biases, *new))
 
 
-def weighted(cloud: Cloud, log_l: Array, believed: float = 1.0) -> Cloud:
-    """The cloud with each particle's weight times its likelihood, of which these are the logarithms (K,), as far
-    as that is `believed`, from 0 to 1."""
-    return charged(cloud, believed * np.maximum(log_l, np.maximum.reduce(log_l) - MOST_EVIDENCE))
-
-
-def charged(cloud: Cloud, log_l: Array) -> Cloud:
-    """The cloud with each particle's weight times all of a likelihood, of which these are the logarithms (K,)."""
+def weighted(cloud: Cloud, log_l: Array) -> Cloud:
+    """The cloud with each particle's weight times a likelihood, of which these are the logarithms (K,)."""
     log_weights = cloud.log_weights + log_l
     log_weights -= np.maximum.reduce(log_weights)  # the methods of an array cost as much again
     return cloud._replace(log_weights=log_weights - math.log(np.add.reduce(np.exp(log_weights))))
+
+
+def evidence(log_l: Array, believed: float = 1.0) -> Array:
+    """The logarithms of likelihoods (K,) as far as they are `believed`, from 0 to 1."""
+    found: Array = believed * np.maximum(log_l, np.maximum.reduce(log_l) - MOST_EVIDENCE)
+    return found
 
 
 def fitting(settings: NoseModel, cloud: Cloud) -> Cloud:
@@ -120,12 +124,9 @@ def enough(settings: NoseModel, cloud: Cloud) -> int:
     """How many particles there should be: in proportion to the number of different noses and ranges that have
     weight, as in KLD-sampling (Fox, 2003). Where points show the nose, the right noses are few degrees wide: what
     follows a nose that turns must be dense there."""
-    r = cloud.means[:, POSITION]
-    log_range = 0.5 * np.log(np.einsum("ki,ki->k", r, r))
-    turn = math.tau if cloud.sided else math.pi
+    turn, fewest = (math.tau, settings.fewest_sided) if cloud.sided else (math.pi, settings.fewest)
     sizes = NOSE_BIN, RANGE_BIN, LEAST_WEIGHT
-    bins = int(occupied(cloud.noses, log_range, np.exp(cloud.log_weights), turn, *sizes))
-    fewest = settings.fewest_sided if cloud.sided else settings.fewest
+    bins = int(occupied(cloud.noses, cloud.means, np.exp(cloud.log_weights), turn, *sizes))
     return min(max(PER_BIN * bins, fewest), settings.particles)
 
 
@@ -139,19 +140,21 @@ def resampled(cloud: Cloud, k: int) -> Cloud:
 
 
 @njit(
-    types.int64(VECTOR, VECTOR, VECTOR, NUMBER, NUMBER, NUMBER, NUMBER),
+    types.int64(VECTOR, ROWS, VECTOR, NUMBER, NUMBER, NUMBER, NUMBER),
     cache=True,
     error_model="numpy",
 )
-def occupied(noses, log_range, w, turn, nose_bin, range_bin, least):
-    """How many bins of noses (K,), which repeat after `turn`, and of logarithms of ranges (K,) have at least so
-    much of the weights w (K,)."""
+def occupied(noses, means, w, turn, nose_bin, range_bin, least):
+    """How many bins of noses (K,), which repeat after `turn`, and of logarithms of the means' ranges (K, W) have
+    at least so much of the weights w (K,)."""
     size, nothing, last = 1, np.int64(-(1 << 62)), 1e15  # what is no number is in the last bin
     while size < 2 * w.shape[0]:  # so much room that few keys meet
         size *= 2
     keys, weights = np.full(size, nothing), np.zeros(size)
     for k in range(w.shape[0]):
-        bin_ = np.floor(noses[k] % turn / nose_bin) + 1000.0 * np.floor(log_range[k] / range_bin)
+        x = means[k]
+        log_range = 0.5 * np.log(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
+        bin_ = np.floor(noses[k] % turn / nose_bin) + 1000.0 * np.floor(log_range / range_bin)
         key = np.int64(bin_) if abs(bin_) < last else np.int64(last)
         at = key & (size - 1)
         while keys[at] != key and keys[at] != nothing:

@@ -9,16 +9,17 @@ import math
 from typing import Final
 
 import numpy as np
-from numba import njit, types
+from numba import njit
 
 from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import NoseModel
 from onboard.estimators.leader.hypotheses.draws import normal
 from onboard.estimators.leader.hypotheses.motion import BANK_ERROR, LEAST_VISIBLE, NUMBER, G
-from onboard.filters.compiled import CUBE, OUT, ROWS, VECTOR
+from onboard.filters.compiled import CUBE, OUT, VECTOR
 
 OF_LEAN2: Final = 0.01  # (m/s^2)^2: the variance of a lean of one that has no drag
 LEANS2: Final = 12.0  # (m/s^2)^2: of any multirotor's steady lean, on each axis; 20 degrees are one sigma
+MOST_COST: Final = 20.0  # of what a hypothesis supposes: it is improbable enough then
 TINY: Final = 1e-9  # in place of 0/0: of the distance straight above us, m, and of a wing that shows no width
 
 
@@ -78,18 +79,12 @@ def likely(nose, x, P, drag, wind, more):
     return -0.5 * (off * off / variance + np.log(variance) + across * across / LEANS2)
 
 
-@njit(
-    types.float64[::1](VECTOR, ROWS, CUBE, VECTOR, VECTOR, NUMBER, NUMBER, NUMBER), cache=True, error_model="numpy"
-)
-def plausible(noses, means, P, drags, rolled, wind, rolls, most):
-    """The logarithms of the likelihoods (K,) of the leans that hypotheses have come to suppose, and of means of
-    their bank's errors that have `rolled` (K,) by a standard deviation of `rolls`; -`most` at least."""
-    found = np.empty(len(noses))
-    for k in range(len(noses)):
-        by = rolled[k] / rolls
-        cost = likely(noses[k], means[k], P[k], drags[k], wind, 0.0) - 0.5 * (by * by)
-        found[k] = -most if cost < -most else cost
-    return found
+@njit(cache=True, error_model="numpy")
+def plausible(nose, x, P, drag, rolled, wind, rolls):
+    """The logarithm of the likelihood of the lean that a hypothesis has come to suppose, and of a mean of its
+    bank's errors that has `rolled` by a standard deviation of `rolls`; -MOST_COST at least."""
+    by = rolled / rolls
+    return max(likely(nose, x, P, drag, wind, 0.0) - 0.5 * (by * by), -MOST_COST)
 
 
 @njit(cache=True, error_model="numpy")

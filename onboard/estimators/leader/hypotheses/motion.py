@@ -77,15 +77,6 @@ class Hover(NamedTuple):
     acceleration: float
 
 
-class Course(NamedTuple):
-    """Which noses are `tied` (K,) to their courses, TIED, FREE or UNDECIDED, and the velocity of the `air` (2,)
-    through which these lead, m/s to north and east; and what is seen along a nose, `edge_on` as in `visible`."""
-
-    tied: Array
-    air: tuple[float, float]
-    edge_on: float = LEAST_VISIBLE
-
-
 class Interval(NamedTuple):
     """A step of `dt` seconds, in which the follower moves by `moved` (3,) m, in n: the noise that it adds, what it
     leaves of one that hovers, and of the acceleration along the track, the bank's error, the stretch and biases:
@@ -101,7 +92,6 @@ class Interval(NamedTuple):
 NOISE: Final = record(Noise, NOSES, OUT, NOSES, NUMBER, NUMBER)
 HOVER: Final = record(Hover, *[NUMBER] * len(Hover._fields))
 PAIR: Final = record(tuple, NUMBER, NUMBER)
-COURSE: Final = record(Course, NOSES, PAIR, NUMBER)
 INTERVAL: Final = record(Interval, NUMBER, NOSES, NOISE, HOVER, NOSES)
 
 
@@ -197,67 +187,60 @@ def _stop(x, S, hover, drag, bold):
             S[i, i] += variance * (1.0 if i < first + 2 else UPRIGHT2)
 
 
-@njit(
-    (OUT, COVARIANCES, NOSES, VECTOR, ROWS, VECTOR, INTERVAL, COURSE),
-    cache=True,
-    error_model="numpy",
-)
-def predict(means, P, noses, regimes, intensities, drags, interval, course):
-    """Means (K, W) and covariances (K, W, W), in place, after an interval; the noses (K,) turn with the course.
-    `regimes` (K,) are STEADY, ACCELERATING or HOVERING; `intensities` (K, 3) are the logarithms of factors of a
-    steady leader's manoeuvres, of the bank's error and of the wobble; `drags` (K,) are in 1/s."""
+@njit(cache=True, error_model="numpy")
+def fly_on(k, particles, interval, air, edge_on):
+    """Mean and covariance of a particle, in place, after an interval; its nose turns with its course."""
+    noses, _, regimes, means, P, intensities, tied, drags, _ = particles
     dt, moved, noise, hover, decay = interval
     fixed, broad, range_, wobble, usual = noise
-    tied, air, edge_on = course
     half, width = 0.5 * dt * dt, P.shape[2]
-    for k in range(means.shape[0]):
-        x, S = means[k], P[k]
-        u, v, a, b, drag = x[3], x[4], x[6], x[7], drags[k]
-        square = x[0] * x[0] + x[1] * x[1] + x[2] * x[2]
-        seen2 = visible2(noses[k], x[0], x[1], square, edge_on)
-        mode = int(regimes[k])
-        bold = np.exp(2.0 * intensities[k, 0])
-        scale2 = seen2 * np.exp(2.0 * (x[13] - usual))
-        banks, wobbles = np.exp(2.0 * intensities[k, 1]), np.exp(2.0 * intensities[k, 2])
-        speed2 = u * u + v * v
-        rate = (u * b - v * a) / (speed2 + SLOW2)
-        aside = noses[k] - course_of(x, air)
-        noses[k] += speed2 * speed2 / (speed2 * speed2 + FOLLOWS4) * rate * dt
-        turn = rate * dt * speed2 / (speed2 + TURNS2)
-        c, s = np.cos(turn), np.sin(turn)
-        # what is along the track decays, and all of a slow leader's
-        slow = 1.0 - (1.0 - decay[0]) * TURNS2 / (speed2 + TURNS2)
-        lost = (1.0 - decay[0]) / (speed2 + SLOW2)
-        k00, k01 = slow * (1.0 - lost * u * u), -slow * lost * u * v
-        k11 = slow * (1.0 - lost * v * v)
-        t00, t01 = c * k00 - s * k01, c * k01 - s * k11
-        t10, t11 = s * k00 + c * k01, s * k01 + c * k11
-        down = decay[0] * slow
-        transition = Transition(dt, half, drag, t00, t01, t10, t11, down, decay[1], decay[2])
-        for side in range(2):
-            for j in range(width):
-                _advance(S, j, side, transition)
-        for i in range(N):
-            factor2 = bold if i < BANK_ERROR else (banks if i == BANK_ERROR else 1.0)
-            S[i, i] += fixed[i] + factor2 * scale2 * broad[mode, i] + square * range_[i]
-            for j in range(i):
-                S[i, j] = S[j, i] = 0.5 * (S[i, j] + S[j, i])
-        steep = ((x[7] + x[11]) * np.cos(noses[k]) - (x[6] + x[10]) * np.sin(noses[k])) / (G - x[8])
-        S[12, 12] += wobbles * wobble * shortens2(seen2, steep * steep)
-        for i in range(3):
-            x[i] += dt * x[3 + i] + half * x[6 + i] - moved[i]
-            x[3 + i] += dt * x[6 + i]
-        x[10] += drag * dt * a
-        x[11] += drag * dt * b
-        x[6], x[7], x[8] = t00 * a + t01 * b, t10 * a + t11 * b, down * x[8]
-        x[9] *= decay[1]
-        x[12] *= decay[2]
-        if width > N:
-            _forget(x, S, decay[3:], fixed)
-        if mode == HOVERING:
-            _stop(x, S, hover, drag, bold)
-        if tied[k] == TIED:
-            noses[k] = course_of(x, air) + aside
+    x, S = means[k], P[k]
+    u, v, a, b, drag = x[3], x[4], x[6], x[7], drags[k]
+    square = x[0] * x[0] + x[1] * x[1] + x[2] * x[2]
+    seen2 = visible2(noses[k], x[0], x[1], square, edge_on)
+    mode = int(regimes[k])
+    bold = np.exp(2.0 * intensities[k, 0])
+    scale2 = seen2 * np.exp(2.0 * (x[13] - usual))
+    banks, wobbles = np.exp(2.0 * intensities[k, 1]), np.exp(2.0 * intensities[k, 2])
+    speed2 = u * u + v * v
+    rate = (u * b - v * a) / (speed2 + SLOW2)
+    aside = noses[k] - course_of(x, air)
+    noses[k] += speed2 * speed2 / (speed2 * speed2 + FOLLOWS4) * rate * dt
+    turn = rate * dt * speed2 / (speed2 + TURNS2)
+    c, s = np.cos(turn), np.sin(turn)
+    # what is along the track decays, and all of a slow leader's
+    slow = 1.0 - (1.0 - decay[0]) * TURNS2 / (speed2 + TURNS2)
+    lost = (1.0 - decay[0]) / (speed2 + SLOW2)
+    k00, k01 = slow * (1.0 - lost * u * u), -slow * lost * u * v
+    k11 = slow * (1.0 - lost * v * v)
+    t00, t01 = c * k00 - s * k01, c * k01 - s * k11
+    t10, t11 = s * k00 + c * k01, s * k01 + c * k11
+    down = decay[0] * slow
+    transition = Transition(dt, half, drag, t00, t01, t10, t11, down, decay[1], decay[2])
+    for side in range(2):
+        for j in range(width):
+            _advance(S, j, side, transition)
+    for i in range(N):
+        factor2 = bold if i < BANK_ERROR else (banks if i == BANK_ERROR else 1.0)
+        S[i, i] += fixed[i] + factor2 * scale2 * broad[mode, i] + square * range_[i]
+        for j in range(i):
+            S[i, j] = S[j, i] = 0.5 * (S[i, j] + S[j, i])
+    steep = ((x[7] + x[11]) * np.cos(noses[k]) - (x[6] + x[10]) * np.sin(noses[k])) / (G - x[8])
+    S[12, 12] += wobbles * wobble * shortens2(seen2, steep * steep)
+    for i in range(3):
+        x[i] += dt * x[3 + i] + half * x[6 + i] - moved[i]
+        x[3 + i] += dt * x[6 + i]
+    x[10] += drag * dt * a
+    x[11] += drag * dt * b
+    x[6], x[7], x[8] = t00 * a + t01 * b, t10 * a + t11 * b, down * x[8]
+    x[9] *= decay[1]
+    x[12] *= decay[2]
+    if width > N:
+        _forget(x, S, decay[3:], fixed)
+    if mode == HOVERING:
+        _stop(x, S, hover, drag, bold)
+    if tied[k] == TIED:
+        noses[k] = course_of(x, air) + aside
 
 
 def courses(means: Array, air: tuple[float, float]) -> Array:

@@ -10,9 +10,8 @@ from numba import njit, types
 
 from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import NoseModel
-from onboard.estimators.leader.hypotheses import leaning
 from onboard.estimators.leader.hypotheses import motion as model
-from onboard.estimators.leader.hypotheses.cloud import Bias, Cloud, charged
+from onboard.estimators.leader.hypotheses.cloud import Cloud, weighted
 from onboard.estimators.leader.hypotheses.draws import (
     DRAW,
     DRAWS,
@@ -31,7 +30,15 @@ from onboard.estimators.leader.hypotheses.draws import (
     normal_of,
     uniform_of,
 )
-from onboard.estimators.leader.hypotheses.leaning import appears, banked, lean, likely, lognormal, slope_of
+from onboard.estimators.leader.hypotheses.leaning import (
+    appears,
+    banked,
+    lean,
+    likely,
+    lognormal,
+    plausible,
+    slope_of,
+)
 from onboard.estimators.leader.hypotheses.motion import (
     ACCELERATING,
     ACCELERATION,
@@ -40,8 +47,8 @@ from onboard.estimators.leader.hypotheses.motion import (
     FOLLOWS4,
     FREE,
     HOVERING,
+    INTERVAL,
     LEAN,
-    LEAST_VISIBLE,
     NOSES,
     NUMBER,
     PAIR,
@@ -54,6 +61,7 @@ from onboard.estimators.leader.hypotheses.motion import (
     VELOCITY,
     N,
     course_of,
+    fly_on,
     visible2,
 )
 from onboard.filters.compiled import OUT, record
@@ -63,62 +71,47 @@ MOST_CRAB: Final = 2.5  # standard deviations of a fixed wing's nose about its c
 LETS_GO2: Final = 9.0  # (m/s)^2: a slower leader's nose is not tied to its course
 DRIFTS2: Final = 0.16  # (m/s)^2: a faster leader does not hover
 SURE: Final = 10.0  # times as long until a particle takes another nose, where points show the nose
-MOST_COST: Final = 20.0  # of what a hypothesis supposes: it is improbable enough then
 HORIZONTAL: Final = np.array([1.0, 1.0, 0.8])  # vertical accelerations are smaller
 
 
-def predict(settings: NoseModel, cloud: Cloud, dt: float, moved: Array) -> Cloud:
-    """The cloud after `dt` seconds in which we move by `moved` (3,) m, in n."""
-    s = settings
-    changed = Particles(*(array.copy() for array in cloud[: len(Particles._fields)]))  # type: ignore[union-attr]
-    passed = Passed(dt, moved, cloud.edge_on, cloud.metric, s.air, s.wind)
-    change(s, changed, cloud.draws, passed, (SURE if cloud.sided else 1.0) * s.doubted_after)
-    noses, _, regimes, means, P, intensities, tied, drags = changed
-    lasts = [bias.time for bias in cloud.biases]
-    decay = np.exp(-dt / np.array([s.acceleration_time, s.bank_time, s.stretch_time, *lasts]))
-    after = cloud._replace(**changed._asdict(), draws=cloud.draws + DRAWS, unseen=cloud.unseen + dt)
-    before = supposed(s, after)
-    slack = s.nose_about_course, math.exp(-dt / s.slack_time)
-    _wander(changed, cloud.draws, s.nose_random_walk * math.sqrt(dt), slack, passed)
-    interval = model.Interval(dt, moved, _noise(s, dt, cloud.biases), _hover(s, dt), decay)
-    course = model.Course(tied, s.air, cloud.edge_on)
-    model.predict(means, P, noses, regimes, intensities, drags, interval, course)
-    return charged(after, supposed(s, after) - before)
-
-
-def supposed(s: NoseModel, cloud: Cloud) -> Array:
-    """Logarithms of the likelihoods (K,) of the leans, and of the banks that have lasted. Whatever an image makes
-    of them counts in full: a hypothesis may suppose any, and not get one for nothing where few images count. One
+def predict(s: NoseModel, cloud: Cloud, dt: float, moved: Array) -> Cloud:
+    """The cloud after `dt` seconds in which we move by `moved` (3,) m, in n. What a step makes of the leans, and
+    of the banks that have lasted, counts in full: a hypothesis may suppose any, and not get one for nothing. One
     that takes another nose has paid: it is accepted by the same likelihood."""
-    if s.drag == 0.0 or cloud.edge_on > LEAST_VISIBLE:
-        return np.zeros(len(cloud.noses))
-    arrays = cloud.noses, cloud.means, cloud.covariances, cloud.drags, cloud.rolled
-    found: Array = leaning.plausible(*arrays, s.wind, s.rolled, MOST_COST)
-    return found
-
-
-def _hover(s: NoseModel, dt: float) -> model.Hover:
-    velocity, acceleration = math.exp(-dt / s.hover_time), math.exp(-dt / s.hover_acceleration_time)
-    return model.Hover(
-        velocity,
-        acceleration,
-        s.hover_speed**2 * (1.0 - velocity**2),
-        s.hover_acceleration**2 * (1.0 - acceleration**2),
+    flies_for = s.flies_for if s.crab == 0.0 else math.inf  # a fixed wing cannot hover
+    doubted_after = (SURE if cloud.sided else 1.0) * s.doubted_after
+    means_of = s.accelerates_for, s.steady_for, flies_for, s.hovers_for, doubted_after, s.tied_for, s.undecided_for
+    chances = [-math.expm1(-dt / mean) for mean in means_of]
+    # of the noses that are looked at anew, so many are tied that the share of all stays what it is
+    anew = s.tied * doubted_after / (s.tied * doubted_after + (1.0 - s.tied) * s.tied_for)
+    # in one step: a nose stops or begins to turn, a leader stops or begins to accelerate, to hover, leaves, a
+    # particle takes another nose, or one that is tied does, a fast leader's nose is tied or not; and it is tied
+    each = np.array([s.turns_for, s.still_for, *chances, s.tied, anew])
+    wanders = s.nose_random_walk * math.sqrt(dt), s.nose_about_course, math.exp(-dt / s.slack_time)
+    changes = Changes(
+        each, math.exp(-dt / s.intensity_time), s.intensity, s.nose_rate, s.crab, lognormal(s), wanders
     )
 
-
-def _noise(s: NoseModel, dt: float, biases: tuple[Bias, ...]) -> model.Noise:
-    """What `dt` seconds add, in proportion to the range that a nose implies (`motion.Noise`)."""
-    per_second = _densities(s)
-    new, of_bank = -math.expm1(-2.0 * dt / s.stretch_time), s.bank**2 * -math.expm1(-2.0 * dt / s.bank_time)
-    fixed = per_second.fixed.copy()
+    # what the step adds, in proportion to the range that a nose implies (`motion.Noise`)
+    per_second, times = _densities(s), [s.acceleration_time, s.bank_time, s.stretch_time]
+    decay = np.exp(-dt / np.array([*times, *(bias.time for bias in cloud.biases)]))
+    new = -math.expm1(-2.0 * dt / s.stretch_time)
+    fixed, broad = per_second.fixed.copy(), per_second.broad * dt
     fixed[VELOCITY], fixed[STRETCH] = 2.0 * dt / s.own_velocity_time * s.own_velocity**2, s.stretch**2 * new
-    if biases:
-        fixed = np.append(fixed, [bias.sigma**2 * -math.expm1(-2.0 * dt / bias.time) for bias in biases])
-    broad = per_second.broad * dt
-    broad[:, BANK_ERROR] = of_bank
+    broad[:, BANK_ERROR] = s.bank**2 * -math.expm1(-2.0 * dt / s.bank_time)
+    if cloud.biases:
+        fixed = np.append(fixed, [bias.sigma**2 * -math.expm1(-2.0 * dt / bias.time) for bias in cloud.biases])
     range_ = 2.0 * dt / s.misalignment_time * per_second.range_
-    return model.Noise(fixed, broad, range_, s.nose_wobble**2 * new, math.log(s.size))
+    noise = model.Noise(fixed, broad, range_, s.nose_wobble**2 * new, math.log(s.size))
+    v, a = math.exp(-dt / s.hover_time), math.exp(-dt / s.hover_acceleration_time)
+    hover = model.Hover(v, a, s.hover_speed**2 * (1.0 - v**2), s.hover_acceleration**2 * (1.0 - a**2))
+    interval = model.Interval(dt, moved, noise, hover, decay)
+
+    passed = Passed(dt, moved, cloud.edge_on, cloud.metric, s.air, s.wind, s.rolled, cloud.leans(s))
+    changed = Particles(*(array.copy() for array in cloud[: len(Particles._fields)]))  # type: ignore[union-attr]
+    gained = step(changed, cloud.draws, changes, passed, interval)
+    after = cloud._replace(**changed._asdict(), draws=cloud.draws + DRAWS, unseen=cloud.unseen + dt)
+    return weighted(after, gained)
 
 
 class Densities(NamedTuple):
@@ -151,25 +144,29 @@ class Particles(NamedTuple):
     intensities: Array
     tied: Array
     drags: Array
+    rolled: Array
 
 
 class Changes(NamedTuple):
-    """How far a step changes what changes: what it `keeps` of the logarithms of the intensities, and their
-    standard deviations; the rate of a nose that is turned, rad/s; how far one that is tied, and that of a fixed
-    wing, is from its course, rad; median of the drag, 1/s, and standard deviation of its logarithm."""
+    """How far a step changes what changes: the `chances` that it does; what it `keeps` of the logarithms of the
+    intensities, and their standard deviations; the rate of a nose that is turned, rad/s; how far that of a fixed
+    wing is from its course, rad; median of the drag, 1/s, and standard deviation of its logarithm; how far a nose
+    wanders, rad, and one that is tied about its course, rad, and what it keeps of that."""
 
+    chances: Array
     keeps: float
     intensity: tuple[float, float, float]
     nose_rate: float
-    slack: float
     crab: float
     drag: tuple[float, float]
+    wanders: tuple[float, float, float]
 
 
 class Passed(NamedTuple):
     """What has passed since the last step, seconds and our own way (3,) m; what is seen along a nose
     (`motion.visible`); whether ranges are metric, so that they do not depend on the noses; the velocity of the
-    `air` (2,), and its standard deviation where that is not known, m/s."""
+    `air` (2,), and its standard deviation where that is not known, m/s; that of a mean bank error, rad; and
+    whether leaders lean, so that a wing's slope shows it."""
 
     dt: float
     moved: Array
@@ -177,26 +174,14 @@ class Passed(NamedTuple):
     metric: bool
     air: tuple[float, float]
     wind: float
+    rolled: float
+    leans: bool
 
 
-PARTICLES: Final = record(Particles, NOSES, NOSES, NOSES, OUT, COVARIANCES, OUT, NOSES, NOSES)
-CHANGES: Final = record(Changes, NUMBER, record(tuple, NUMBER, NUMBER, NUMBER), NUMBER, NUMBER, NUMBER, PAIR)
-PASSED: Final = record(Passed, NUMBER, NOSES, NUMBER, types.boolean, PAIR, NUMBER)
-
-
-def change(s: NoseModel, particles: Particles, draws: int, passed: Passed, doubted_after: float) -> None:
-    """Change particles in place, by the random numbers from `draws` on. A particle keeps its nose for
-    `doubted_after` seconds on average."""
-    dt, flies_for = passed.dt, s.flies_for if s.crab == 0.0 else math.inf  # a fixed wing cannot hover
-    means_of = (s.accelerates_for, s.steady_for, flies_for, s.hovers_for, doubted_after)
-    chances = [-math.expm1(-dt / mean) for mean in (*means_of, s.tied_for, s.undecided_for)]
-    # of the noses that are looked at anew, so many are tied that the share of all stays what it is
-    anew = s.tied * doubted_after / (s.tied * doubted_after + (1.0 - s.tied) * s.tied_for)
-    keeps = math.exp(-dt / s.intensity_time)
-    changes = Changes(keeps, s.intensity, s.nose_rate, s.nose_about_course, s.crab, lognormal(s))
-    # in one step: a nose stops or begins to turn, a leader stops or begins to accelerate, to hover, leaves, a
-    # particle takes another nose, or one that is tied does, a fast leader's nose is tied or not; and it is tied
-    _change(particles, draws, np.array([s.turns_for, s.still_for, *chances, s.tied, anew]), changes, passed)
+PARTICLES: Final = record(Particles, NOSES, NOSES, NOSES, OUT, COVARIANCES, OUT, NOSES, NOSES, NOSES)
+THREE: Final = record(tuple, NUMBER, NUMBER, NUMBER)
+CHANGES: Final = record(Changes, NOSES, NUMBER, THREE, NUMBER, NUMBER, PAIR, THREE)
+PASSED: Final = record(Passed, NUMBER, NOSES, NUMBER, types.boolean, PAIR, NUMBER, NUMBER, types.boolean)
 
 
 @njit(cache=True, error_model="numpy")
@@ -228,8 +213,8 @@ def _takes(nose, other, x, P, passed, hovers, drags, chance):
     lean is unlikely that its wing's slope needs then (Metropolis and Hastings, with the logarithm of a `chance`).
     The narrower a wing looks, the steeper its slope for the same bank: the density of slopes is lower by that
     factor. Of what shows no slope, or does not lean, each nose is as likely."""
-    dt, moved, edge_on, metric, _, wind = passed
-    if drags[0] == 0.0 or edge_on > LEAST_VISIBLE:
+    dt, moved, edge_on, metric, wind = passed.dt, passed.moved, passed.edge_on, passed.metric, passed.wind
+    if not passed.leans:
         if not metric:
             _doubt(_fraction(other, x, edge_on) / _fraction(nose, x, edge_on), x, P, dt, moved, hovers)
         return True
@@ -299,68 +284,101 @@ def _decided(tied, x, regime, drawn, which, decides, doubted, unties, ties, anew
     return tied, False, False
 
 
-@njit((PARTICLES, DRAW, NOSES, CHANGES, PASSED), cache=True, error_model="numpy")
-def _change(particles, draws, chances, changes, passed):
-    noses, rates, regimes, means, P, intensities, tied, drags = particles
-    turns_for, still_for, steadies, begins, hovers, leaves, doubted, unties, decides, ties, anew = chances
-    keeps, spread, nose_rate, slack, crab, drag = changes
-    dt, moved, edge_on, _, air, _ = passed
-    for k in range(noses.shape[0]):
-        x = means[k]
-        restless = np.exp(intensities[k, 2])
-        stops, turns = -np.expm1(-dt * np.sqrt(restless) / turns_for), -np.expm1(-dt * restless**2 / still_for)
-        new_rate = 0.0
-        of_turning = uniform_of(draws + OF_TURNING, k)
-        if rates[k] == 0.0 and of_turning < turns:
-            new_rate = nose_rate * restless * normal_of(draws + OF_TURN_RATE, k)
-        rates[k] = _rate(rates[k], of_turning, stops, turns, new_rate)
-        for i in range(3):
-            bold = normal_of(draws + OF_INTENSITIES[i], k) if spread[i] > 0.0 else 0.0
-            new = spread[i] * np.sqrt(1.0 - keeps * keeps) * bold
-            intensities[k, i] = keeps * intensities[k, i] + new
-        of_speed = uniform_of(draws + OF_REGIME, k)
-        regimes[k] = _next(regimes[k], x, P[k], of_speed, steadies, begins, hovers, leaves)
-        tied_before = tied[k]
-        tied[k], becomes_tied, doubts = _decided(
-            *(tied[k], x, regimes[k], uniform_of(draws + OF_DOUBT, k)),
-            *(uniform_of(draws + OF_TYING, k), decides, doubted, unties, ties, anew),
-        )
-        if becomes_tied or doubts:
-            where = uniform_of(draws + OF_NOSE, k)
-            other = noses[k] + np.pi * where
-            of_heading = spread[2] * normal_of(draws + OF_NEW_WOBBLE, k)
-            if becomes_tied:
-                aside = slack * np.exp(of_heading) * normal_of(draws + OF_SLACK, k)
-                other, rates[k] = _tied_nose(noses[k], aside, x, dt, moved, edge_on, air), 0.0
-            elif crab > 0.0:  # a fixed wing's nose stays about its course
-                other = np.arctan2(x[4], x[3]) + crab * MOST_CRAB * (2.0 * where - 1.0)
-            new_drag = drag[0] * np.exp(drag[1] * normal_of(draws + OF_DRAG, k))
-            accepted = uniform_of(draws + OF_ACCEPTANCE, k)
-            hovering, both = regimes[k] == HOVERING, (drags[k], new_drag)
-            if _takes(noses[k], other, x, P[k], passed, hovering, both, np.log(accepted)):
-                drags[k] = new_drag
-                intensities[k, 2] = of_heading
-            else:
-                other, tied[k] = noses[k], tied_before
-            noses[k] = other
+@njit(cache=True, error_model="numpy")
+def _change(k, particles, draws, changes, passed):
+    """Let chance change a particle, in place, by the random numbers from `draws` on."""
+    noses, rates, regimes, means, P, intensities, tied, drags, _ = particles
+    turns_for, still_for, steadies, begins, hovers, leaves, doubted, unties, decides, ties, anew = changes.chances
+    keeps, spread, slack, crab, drag = (
+        changes.keeps,
+        changes.intensity,
+        changes.wanders[1],
+        changes.crab,
+        changes.drag,
+    )
+    dt, x = passed.dt, means[k]
+    restless = np.exp(intensities[k, 2])
+    stops, turns = -np.expm1(-dt * np.sqrt(restless) / turns_for), -np.expm1(-dt * restless**2 / still_for)
+    new_rate = 0.0
+    of_turning = uniform_of(draws + OF_TURNING, k)
+    if rates[k] == 0.0 and of_turning < turns:
+        new_rate = changes.nose_rate * restless * normal_of(draws + OF_TURN_RATE, k)
+    rates[k] = _rate(rates[k], of_turning, stops, turns, new_rate)
+    for i in range(3):
+        bold = normal_of(draws + OF_INTENSITIES[i], k) if spread[i] > 0.0 else 0.0
+        new = spread[i] * np.sqrt(1.0 - keeps * keeps) * bold
+        intensities[k, i] = keeps * intensities[k, i] + new
+    of_speed = uniform_of(draws + OF_REGIME, k)
+    regimes[k] = _next(regimes[k], x, P[k], of_speed, steadies, begins, hovers, leaves)
+    tied_before = tied[k]
+    tied[k], becomes_tied, doubts = _decided(
+        *(tied[k], x, regimes[k], uniform_of(draws + OF_DOUBT, k)),
+        *(uniform_of(draws + OF_TYING, k), decides, doubted, unties, ties, anew),
+    )
+    if not (becomes_tied or doubts):
+        return
+    where = uniform_of(draws + OF_NOSE, k)
+    other = noses[k] + np.pi * where
+    of_heading = spread[2] * normal_of(draws + OF_NEW_WOBBLE, k)
+    if becomes_tied:
+        aside = slack * np.exp(of_heading) * normal_of(draws + OF_SLACK, k)
+        other, rates[k] = _tied_nose(noses[k], aside, x, dt, passed.moved, passed.edge_on, passed.air), 0.0
+    elif crab > 0.0:  # a fixed wing's nose stays about its course
+        other = np.arctan2(x[4], x[3]) + crab * MOST_CRAB * (2.0 * where - 1.0)
+    new_drag = drag[0] * np.exp(drag[1] * normal_of(draws + OF_DRAG, k))
+    accepted = uniform_of(draws + OF_ACCEPTANCE, k)
+    hovering, both = regimes[k] == HOVERING, (drags[k], new_drag)
+    if _takes(noses[k], other, x, P[k], passed, hovering, both, np.log(accepted)):
+        drags[k] = new_drag
+        intensities[k, 2] = of_heading
+    else:
+        other, tied[k] = noses[k], tied_before
+    noses[k] = other
 
 
-@njit((PARTICLES, DRAW, NUMBER, PAIR, PASSED), cache=True, error_model="numpy")
-def _wander(particles, draws, walk, slack, passed):
-    """Turn the noses in place. One that is tied to its course wanders about it: `slack` are how far at one sigma,
-    rad, and what a step keeps of that."""
-    noses, rates, _, means, _, intensities, tied, _ = particles
-    dt, _, edge_on, _, air, _ = passed
-    sigma, keeps = slack
-    for k in range(noses.shape[0]):
-        x = means[k]
-        broad = _fraction(noses[k], x, edge_on)
-        # the less is seen of the wing, the more does it show of a small turn
-        restless = np.exp(intensities[k, 2])
-        step = walk * restless * min(1.0, broad / np.sqrt(max(1.0 - broad * broad, 1e-9)))
-        turned = dt * rates[k]
-        if tied[k] == TIED:
-            aside = noses[k] - course_of(x, air)
-            aside -= 2.0 * np.pi * np.rint(aside / (2.0 * np.pi))
-            turned, step = aside * (keeps - 1.0), sigma * restless * np.sqrt(1.0 - keeps * keeps)
-        noses[k] += turned + step * normal_of(draws + OF_WANDERING, k)
+@njit(cache=True, error_model="numpy")
+def _wander(k, particles, draws, wanders, passed):
+    """Turn a nose, in place. One that is tied to its course wanders about it."""
+    noses, x = particles.noses, particles.means[k]
+    walk, sigma, keeps = wanders
+    broad = _fraction(noses[k], x, passed.edge_on)
+    # the less is seen of the wing, the more does it show of a small turn
+    restless = np.exp(particles.intensities[k, 2])
+    far = walk * restless * min(1.0, broad / np.sqrt(max(1.0 - broad * broad, 1e-9)))
+    turned = passed.dt * particles.rates[k]
+    if particles.tied[k] == TIED:
+        aside = noses[k] - course_of(x, passed.air)
+        aside -= 2.0 * np.pi * np.rint(aside / (2.0 * np.pi))
+        turned, far = aside * (keeps - 1.0), sigma * restless * np.sqrt(1.0 - keeps * keeps)
+    noses[k] += turned + far * normal_of(draws + OF_WANDERING, k)
+
+
+@njit(cache=True, error_model="numpy")
+def _prior(k, particles, passed):
+    """The logarithm of the likelihood of a particle's lean, and of its mean bank error."""
+    if not passed.leans:
+        return 0.0
+    noses, _, _, means, P, _, _, drags, rolled = particles
+    return plausible(noses[k], means[k], P[k], drags[k], rolled[k], passed.wind, passed.rolled)
+
+
+@njit((PARTICLES, DRAW, CHANGES, PASSED, INTERVAL), cache=True, error_model="numpy")
+def step(particles, draws, changes, passed, interval):
+    """Predict particles, in place; by how much the logarithms of their priors (K,) grow."""
+    gained = np.empty(particles.noses.shape[0])
+    for k in range(gained.shape[0]):
+        _change(k, particles, draws, changes, passed)
+        gained[k] = -_prior(k, particles, passed)
+        _wander(k, particles, draws, changes.wanders, passed)
+        fly_on(k, particles, interval, passed.air, passed.edge_on)
+        gained[k] += _prior(k, particles, passed)
+    return gained
+
+
+@njit((PARTICLES, PASSED), cache=True, error_model="numpy")
+def priors(particles, passed):
+    """The logarithms of the likelihoods (K,) of the leans, and of the mean bank errors."""
+    found = np.empty(particles.noses.shape[0])
+    for k in range(found.shape[0]):
+        found[k] = _prior(k, particles, passed)
+    return found

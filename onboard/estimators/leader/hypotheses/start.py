@@ -9,7 +9,7 @@ from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import NoseModel
 from onboard.estimators.leader.hypotheses import leaning, view
 from onboard.estimators.leader.hypotheses import motion as model
-from onboard.estimators.leader.hypotheses.cloud import Bias, Cloud, resampled, weighted
+from onboard.estimators.leader.hypotheses.cloud import Bias, Cloud, evidence, resampled, weighted
 from onboard.estimators.leader.hypotheses.draws import (
     OF_FIRST_DRAG,
     OF_FIRST_HOVERING,
@@ -114,7 +114,7 @@ def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Clou
         fresh=settings.first_evidence,
         surprise=1.0 if before is None else before.surprise,
     )
-    return _scaled(weighted(cloud, log_l), seen, range_[:, None] * direction, within)
+    return _scaled(weighted(cloud, evidence(log_l)), seen, range_[:, None] * direction, within)
 
 
 def _scaled(cloud: Cloud, seen: Measurement, r: Array, size_sigma: float) -> Cloud:

@@ -90,47 +90,65 @@ class Summary(NamedTuple):
 
 
 def summarise(settings: NoseModel, cloud: Cloud) -> Summary:
-    """The cloud as one Gaussian about its geometric mean range, with the errors that are ours: of our attitude
-    and our velocity."""
-    w = with_course(settings, cloud)
-    about, period = _middle(cloud.noses, w) if cloud.sided else (cloud.noses[int(np.argmax(w))], math.pi)
-    mean, covariance = np.zeros(N), np.zeros((N, N))
+    """The cloud as one Gaussian, with the errors that are ours: of our attitude and our velocity.
+
+    It is one about the geometric mean range: an open range has a long tail to the far side, which drags a mean
+    with it. Once the range is resolved, it is one about its median: from behind, the many noses that are not quite
+    on the course all mean a nearer leader, and drag a mean to that side."""
+    w = np.exp(cloud.log_weights) if settings.crab == 0.0 else with_course(settings, cloud)
+    if cloud.sided:
+        about = math.atan2(float(w @ np.sin(cloud.noses)), float(w @ np.cos(cloud.noses)))
+        period = 2.0 * math.pi
+    else:
+        about, period = cloud.noses[int(np.argmax(w))], math.pi
+    mean, P = np.zeros(N), np.zeros((N, N))
     within = (w @ cloud.covariances.reshape(len(w), -1)).reshape(cloud.covariances.shape[1:])
-    log_range = moments(cloud.noses, cloud.means, w, about, period, within, mean, covariance)
-    log_range += _resolved(mean, covariance) * (_median(cloud.means[:, R_FL], w) - log_range)
-    mean, covariance = _about(mean, covariance, math.exp(log_range))
-    r, by_points = mean[R_FL], _by_points(cloud, mean)
-    covariance[R_FL, R_FL] += by_points * (r[:, None] * r)
-    covariance[MOTION, MOTION] += _by_pose(settings, mean[R_FL])
-    covariance[NOSE, NOSE] += settings.misalignment[2] ** 2
-
-    def ours(r_FL_n: Array) -> Array:
-        by_pose = _by_pose(settings, r_FL_n)
-        by_pose[:3, :3] += by_points * np.outer(r_FL_n, r_FL_n)
-        return by_pose
-
-    whole = Summary(mean, 0.5 * (covariance + covariance.T))
+    log_range = moments(cloud.noses, cloud.means, w, about, period, within, mean, P)
+    r = mean[R_FL]
+    square = float(r @ r)
+    along = P[:, R_FL] @ r
+    sigma = math.sqrt(max(float(along[R_FL] @ r), 0.0)) / square
+    is_resolved = min(max(2.0 - sigma / RESOLVED, 0.0), 1.0)
+    if is_resolved > 0.0:
+        places_ = cloud.means[:, R_FL]
+        log_ranges = 0.5 * np.log(np.einsum("ki,ki->k", places_, places_))
+        order = log_ranges.argsort()
+        sorted_w = w[order]
+        median = float(np.interp(0.5, sorted_w.cumsum() - 0.5 * sorted_w, log_ranges[order]))
+        log_range += is_resolved * (median - log_range)
+    # the mean moved to that range, what goes with it, and the second moments about it there
+    distance = math.sqrt(square)
+    along /= distance
+    step = (math.exp(log_range) - distance) / (float(along[R_FL] @ r) / distance) * along
+    step[LOG_SIZE] = 0.0  # whatever moves the range, it is not the size
+    mean, P = mean + step, P + step[:, None] * step
+    by_points = 0.0
+    if (
+        cloud.misplaced
+    ):  # bias of named points makes a nose wrong, the more the range, the less is seen of the wing
+        line = mean[None, R_FL] / np.linalg.norm(mean[R_FL])
+        seen = float(motion.visible(mean[NOSE : NOSE + 1], line, 0.0)[0])
+        by_points = (cloud.misplaced * (1.0 - seen**2)) ** 2
+    P[MOTION, MOTION] += ours(settings, mean[R_FL], by_points)
+    P[NOSE, NOSE] += settings.misalignment[2] ** 2
+    whole = Summary(mean, 0.5 * (P + P.T))
     if whole.range_sigma() <= RESOLVED:
         return whole
-    return whole._replace(places=places(w, cloud.means[:, MOTION], cloud.covariances[:, MOTION, MOTION], ours))
+    found = places(
+        w, cloud.means[:, MOTION], cloud.covariances[:, MOTION, MOTION], lambda r: ours(settings, r, by_points)
+    )
+    return whole._replace(places=found)
 
 
-def _resolved(mean: Array, covariance: Array) -> float:
-    """How far the range is resolved, from 0 to 1: then its median is published. From behind, the many noses that
-    are not quite on the course all mean a nearer leader, and drag a mean to that side. An open range has far
-    modes, and of these a mean is about as likely to be twice too far as twice too near."""
-    r = mean[R_FL]
-    sigma = math.sqrt(max(float(r @ covariance[R_FL, R_FL] @ r), 0.0)) / float(r @ r)
-    return min(max(2.0 - sigma / RESOLVED, 0.0), 1.0)
-
-
-def _median(r: Array, w: Array) -> float:
-    """The median of the logarithms of the ranges of places r (K, 3) with weights w (K,)."""
-    log_range = 0.5 * np.log(np.einsum("ki,ki->k", r, r))
-    order = log_range.argsort()
-    sorted_w = w[order]
-    below = sorted_w.cumsum() - 0.5 * sorted_w
-    return float(np.interp(0.5, below, log_range[order]))
+def ours(settings: NoseModel, r_FL_n: Array, by_points: float) -> Array:
+    """The covariance (6, 6) of position and velocity that errors of our attitude and velocity cause, and a
+    variance of the range's logarithm by named points."""
+    x, y, z = r_FL_n.tolist()
+    turned = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    P = np.zeros((6, 6))
+    P[:3, :3] = turned.T @ (_variances(settings.misalignment) * turned) + by_points * (r_FL_n[:, None] * r_FL_n)
+    P[3, 3] = P[4, 4] = P[5, 5] = settings.own_velocity**2
+    return P
 
 
 def with_course(settings: NoseModel, cloud: Cloud) -> Array:
@@ -140,8 +158,6 @@ def with_course(settings: NoseModel, cloud: Cloud) -> Array:
     That is prior knowledge about an angle that lasts. It is applied to what is reported and not to the cloud
     itself, where each image would count it again."""
     w = np.exp(cloud.log_weights)
-    if settings.crab == 0.0:
-        return np.asarray(w)
     x, P = cloud.means, cloud.covariances
     u, v = x[:, 3] - settings.air[0], x[:, 4] - settings.air[1]
     speed2 = u * u + v * v + 1e-6
@@ -156,50 +172,10 @@ def with_course(settings: NoseModel, cloud: Cloud) -> Array:
     return np.asarray(w / w.sum())
 
 
-def _by_points(cloud: Cloud, mean: Array) -> float:
-    """The variance of the range's logarithm by the bias of named points. They make a nose wrong,
-    and with it the range: the more, the less is seen of the wing."""
-    if not cloud.misplaced:
-        return 0.0
-    direction = mean[None, R_FL] / np.linalg.norm(mean[R_FL])
-    seen = float(motion.visible(mean[NOSE : NOSE + 1], direction, 0.0)[0])
-    return (cloud.misplaced * (1.0 - seen**2)) ** 2
-
-
-def _by_pose(settings: NoseModel, r_FL_n: Array) -> Array:
-    """The covariance (6, 6) of position and velocity that errors of our attitude and velocity cause."""
-    x, y, z = r_FL_n.tolist()
-    turned = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    P = np.zeros((6, 6))
-    P[:3, :3] = turned.T @ (_variances(settings.misalignment) * turned)
-    P[3, 3] = P[4, 4] = P[5, 5] = settings.own_velocity**2
-    return P
-
-
 @lru_cache(maxsize=64)
 def _variances(sigmas: tuple[float, float, float]) -> Array:
     """As a column (3, 1)."""
     return np.array([[sigma * sigma] for sigma in sigmas])
-
-
-def _about(mean: Array, covariance: Array, range_: float) -> tuple[Array, Array]:
-    """The mean moved to another range, m, and what goes with it, and the second moments about it there.
-
-    An open range has a long tail to the far side, which drags a mean with it. The geometric mean is about as
-    likely to be twice too far as twice too near."""
-    r = mean[R_FL]
-    distance = math.sqrt(r @ r)
-    along = covariance[:, R_FL] @ (r / distance)
-    variance = float(along[R_FL] @ r) / distance
-    step = (range_ - distance) / variance * along
-    step[LOG_SIZE] = 0.0  # whatever moves the range, it is not the size
-    return mean + step, covariance + step[:, None] * step
-
-
-def _middle(noses: Array, w: Array) -> tuple[float, float]:
-    """The middle of noses (K,) with weights (K,) that are distinguished from tails, and after what angle they
-    repeat, both in rad."""
-    return math.atan2(float(w @ np.sin(noses)), float(w @ np.cos(noses))), 2.0 * math.pi
 
 
 def as_leader(known: Summary, dt: float, moved: Array, v_F_n: Array) -> Belief:

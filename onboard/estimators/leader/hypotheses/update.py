@@ -20,9 +20,9 @@ from onboard.estimators.leader.assumptions import FLIPPED, STRAY, TURN_BIAS, Nos
 from onboard.estimators.leader.hypotheses import motion as model
 from onboard.estimators.leader.hypotheses import view
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
-from onboard.estimators.leader.hypotheses.cloud import Bias, Cloud, charged, fitting, weighted
+from onboard.estimators.leader.hypotheses.cloud import Bias, Cloud, evidence, fitting, weighted
 from onboard.estimators.leader.hypotheses.motion import BANK_ERROR, FREE, LEAST_VISIBLE, POSITION, TIED, VELOCITY
-from onboard.estimators.leader.hypotheses.prediction import supposed
+from onboard.estimators.leader.hypotheses.prediction import Particles, Passed, priors
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import Measurement, Rows
 from onboard.estimators.leader.image.pose import PoseFeatures
@@ -40,6 +40,7 @@ MOST_SURPRISE: Final = 12.0  # NIS of an image: one stray image is no surprise
 SHOWN: Final = 4.0  # components of an image that show something: both of the center and of the wing
 OF_SHAPE: Final = 0.02  # of the weight: so much must have expected a shape; only the right noses do
 PER_ROW: Final = 2.1  # more of the gate for each row of what an image shows of a shape
+NOWHERE: Final = np.zeros(3)
 BOXES: Final = "boxes"  # the names of biases
 POSES: Final = "poses"
 ANY_NOSE: Final = 1.0  # as `edge_on`: of a leader whose range is measured, noise depends little on its nose
@@ -58,20 +59,25 @@ class Expected(NamedTuple):
 
 def expect(settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPose) -> Expected:
     """What a cloud expects of the rows by which an image is judged."""
-    cloud, shown = _view(settings, cloud, seen.rows, seen.axes, pose)
+    cloud, rows = with_rows(settings, cloud, seen.rows, seen.axes, pose)
     w = np.exp(cloud.log_weights)
-    return Expected(cloud, shown, *view.expect(cloud.means, cloud.covariances, cloud.noses, w, shown))
+    return Expected(cloud, rows, *view.expect(cloud.means, cloud.covariances, cloud.noses, w, rows))
 
 
-def _view(
+def with_rows(
     settings: NoseModel, cloud: Cloud, rows: Rows, axes: Array, pose: CameraPose
 ) -> tuple[Cloud, view.ImageRows]:
-    """The cloud with the rows' bias, if they have one, and what it sees of them."""
+    """The cloud with the rows' bias, if they have one, and the rows as it sees them about these axes (3, 3) in
+    c."""
     column = 0
     if rows.bias is not None:
         cloud = cloud.with_biases(Bias(BOXES, rows.bias))
         column = cloud.column(BOXES)
-    return cloud, view.view_of(rows, (pose.R_cn, pose.r_FC_n, axes), cloud.tied, settings.air, column)
+    kind = rows.is_wing, bool(rows.names), *rows.posture
+    place = pose.r_FC_n, axes @ pose.R_cn, column
+    return cloud, view.ImageRows(
+        rows.points, rows.of, rows.shares, rows.axis, rows.y, rows.R, *kind, *place, cloud.tied, settings.air
+    )
 
 
 def update(
@@ -85,7 +91,7 @@ def update(
     cloud, shown, _, _, each = expected or expect(settings, cloud, seen, pose)
     if seen.is_metric and seen.pose is not None:
         cloud = _seen_by(cloud, ANY_NOSE, metric=True)
-    elif seen.has_wing or seen.further is not None:
+    elif rows.is_wing or seen.further is not None:
         cloud = _seen_by(cloud, LEAST_VISIBLE, metric=False)
     noses, means, P = cloud.noses.copy(), cloud.means.copy(), cloud.covariances.copy()
     nis, log_l = view.update(means, P, noses, shown, each)
@@ -112,33 +118,35 @@ def update(
             after, log_l = found, log_l + more
         elif seen.is_metric:
             return given, beyond
-    believed, fresh = _counted(settings, cloud, pose)
+    # The faster the view of the leader changes, the more does an image count; while the view stays the same, so do
+    # the errors of what each particle supposes. Images that fit no particle count less for each of them.
+    r = cloud.means[:, POSITION]
+    moves = (cloud.means[:, VELOCITY] - pose.v_F_n) / np.sqrt(np.add.reduce(r * r, axis=1, keepdims=True))
+    moving = np.exp(cloud.log_weights) @ moves
+    change, seconds = math.sqrt(moving @ moving), max(cloud.unseen, TOGETHER_S)  # 1/s
+    rate = settings.steady_evidence + change / settings.new_view + cloud.fresh / FRESH_S
+    believed = min(min(rate, settings.evidence_rate) * seconds, 1.0) * min(1.0, 1.0 / cloud.surprise)
+    fresh = cloud.fresh * math.exp(-seconds / FRESH_S)
     new = -math.expm1(-cloud.unseen / settings.rolled_time)
     rolled = after.rolled + new * (after.means[:, BANK_ERROR] - after.rolled)
     after = after._replace(rolled=rolled, unseen=0.0, fresh=fresh)
-    costs = supposed(settings, after) - supposed(settings, cloud)
-    return fitting(settings, charged(weighted(after, log_l, believed), costs)), least
+    gained = evidence(log_l, believed)
+    if cloud.leans(settings):  # what an image makes of a lean counts in full
+        gained = gained + (supposed(settings, after) - supposed(settings, cloud))
+    return fitting(settings, weighted(after, gained)), least
+
+
+def supposed(s: NoseModel, cloud: Cloud) -> Array:
+    """The logarithms of the likelihoods (K,) of the leans, and of the banks that have lasted."""
+    passed = Passed(0.0, NOWHERE, cloud.edge_on, cloud.metric, s.air, s.wind, s.rolled, cloud.leans(s))
+    found: Array = priors(Particles(*cloud[: len(Particles._fields)]), passed)
+    return found
 
 
 def _seen_by(cloud: Cloud, edge_on: float, *, metric: bool) -> Cloud:
     """The cloud of which images show so much along its wing, and its range by poses or not."""
     is_same = cloud.edge_on == edge_on and cloud.metric is metric
     return cloud if is_same else cloud._replace(edge_on=edge_on, metric=metric)
-
-
-def _counted(settings: NoseModel, cloud: Cloud, pose: CameraPose) -> tuple[float, float]:
-    """As what share of an independent image one counts, and what is left of the evidence of a new track. The
-    faster the view of the leader changes, the more does an image count; while the view stays the same, so do the
-    errors of what each particle supposes. Images that fit no particle count less for each of them."""
-    r = cloud.means[:, POSITION]
-    moves = (cloud.means[:, VELOCITY] - pose.v_F_n) / np.sqrt(np.add.reduce(r * r, axis=1, keepdims=True))
-    moving = np.exp(cloud.log_weights) @ moves
-    change = math.sqrt(moving @ moving)  # 1/s
-    rate = settings.steady_evidence + change / settings.new_view + cloud.fresh / FRESH_S
-    seconds = max(cloud.unseen, TOGETHER_S)
-    left = cloud.fresh * math.exp(-seconds / FRESH_S)
-    fits = min(1.0, 1.0 / cloud.surprise)
-    return min(min(rate, settings.evidence_rate) * seconds, 1.0) * fits, left
 
 
 def assist(settings: NoseModel, cloud: Cloud, taken: Auxiliary, *, is_open: bool) -> Cloud | None:
@@ -150,7 +158,7 @@ def assist(settings: NoseModel, cloud: Cloud, taken: Auxiliary, *, is_open: bool
     limit = chi_square_threshold(TRUE, rows.innovations.shape[1])
     if at_most(known, nis, OF_SHAPE if is_open else EXPECTING) > limit:
         return None
-    return fitting(settings, weighted(found, log_l, min(settings.evidence_rate * APART_S, 1.0)))
+    return fitting(settings, weighted(found, evidence(log_l, min(settings.evidence_rate * APART_S, 1.0))))
 
 
 class ShapeFit(NamedTuple):
@@ -171,7 +179,7 @@ def fitted(settings: NoseModel, cloud: Cloud, points: Rows, axes: Array, pose: C
         at = [2 * k + axis for k in which for axis in (0, 1)]
         rows = points._replace(y=points.y[at], R=points.R[np.ix_(at, at)], of=points.of[at])
         rows = rows._replace(shares=points.shares[at], axis=points.axis[at])
-        _, shown = _view(settings, cloud, rows, axes, pose)
+        _, shown = with_rows(settings, cloud, rows, axes, pose)
         noses, means, P = cloud.noses.copy(), cloud.means.copy(), cloud.covariances.copy()
         each = view.orient(means, P, noses, shown)
         nis, log_l = view.update(means, P, noses, shown, each)
@@ -185,9 +193,9 @@ def fitted(settings: NoseModel, cloud: Cloud, points: Rows, axes: Array, pose: C
     whole = fit(every)
     if whole.cloud is not None:
         return whole
-    fitting = [k for k in every if fit([k]).cloud is not None]
-    misfits = tuple(points.names[k] for k in every if k not in fitting)
-    rest = fit(fitting) if misfits and fitting else whole
+    fit_alone = [k for k in every if fit([k]).cloud is not None]
+    misfits = tuple(points.names[k] for k in every if k not in fit_alone)
+    rest = fit(fit_alone) if misfits and fit_alone else whole
     return rest._replace(misfits=misfits)
 
 
@@ -210,7 +218,7 @@ def informed(settings: NoseModel, cloud: Cloud, prior: Belief, *, flew: bool) ->
     )
     if at_most(cloud, nis, OF_SHAPE) > settings.gate:
         return None
-    after = weighted(found, log_l)
+    after = weighted(found, evidence(log_l))
     hovers = after.regimes == model.HOVERING
     share = float(np.exp(after.log_weights[hovers]).sum())
     stopped = 1.0 / settings.flies_for  # as of one that was slow for a second meanwhile

@@ -111,32 +111,6 @@ def view_of(
     return ImageRows(*body, *kind, r_FC, measured @ R_cn, bias, tied, air)
 
 
-def expect(means: Array, P: Array, noses: Array, w: Array, view: ImageRows) -> tuple[Array, Array, Expectation]:
-    """What particles of weights w (K,) expect together of a view: mean (m,) and covariance (m, m), without the
-    measurement's own noise, with each particle's wingtips in the order of those measured; and what each of them
-    expects."""
-    count, width, m = *means.shape, len(view.y)
-    each = Expectation(np.empty((count, m)), np.empty((count, m, width)), np.empty((count, m)))
-    mean, covariance = _expect(means, P, noses, w, view, each)
-    return mean, covariance, each
-
-
-def orient(means: Array, P: Array, noses: Array, view: ImageRows) -> Expectation:
-    """What each particle expects of named points. One whose nose is where they show the tail turns round, in
-    place."""
-    count, width, m = *means.shape, len(view.y)
-    each = Expectation(np.empty((count, m)), np.empty((count, m, width)), np.empty((count, m)))
-    _orient(means, P, noses, view, each)
-    return each
-
-
-def update(means: Array, P: Array, noses: Array, view: ImageRows, expected: Expectation) -> tuple[Array, Array]:
-    """NIS (K,) and logarithms of the likelihoods (K,), without their common constant, of a view of which the same
-    particles `expected` this. Means (K, W), covariances (K, W, W) and tied noses are corrected in place."""
-    nis, log_l = _update(means, P, noses, view, expected)
-    return nis, log_l
-
-
 def spread(rows: Rows, noses: Array, axes: Array) -> Array:
     """How far (k,) the rows' coordinates are apart, root of the sum of squares, of a leader of wingspan 1 at
     distance 1 that flies level with these noses (k,), without perspective; `axes` (3, 3) in n."""
@@ -388,9 +362,18 @@ def _side(view, h):
     return -1.0 if view.is_wing and h[2] * view.y[2] + h[3] * view.y[3] < 0 else 1.0
 
 
-@njit((OUT, COVARIANCES, NOSES, VECTOR, IMAGE_ROWS, EXPECTATION), cache=True, error_model="numpy")
-def _expect(means, P, noses, w, view, expected):
-    m, pitch2 = view.y.shape[0], view.pitch * view.pitch
+@njit(cache=True, error_model="numpy")
+def _expectation(means, view):
+    count, m = means.shape[0], view.y.shape[0]
+    return Expectation(np.empty((count, m)), np.empty((count, m, means.shape[1])), np.empty((count, m)))
+
+
+@njit((OUT, COVARIANCES, NOSES, VECTOR, IMAGE_ROWS), cache=True, error_model="numpy")
+def expect(means, P, noses, w, view):
+    """What particles of weights w (K,) expect together of a view: mean (m,) and covariance (m, m), without the
+    measurement's own noise, with each particle's wingtips in the order of those measured; and what each of them
+    expects."""
+    m, pitch2, expected = view.y.shape[0], view.pitch * view.pitch, _expectation(means, view)
     mean, S, scratch = np.zeros(m), np.zeros((m, m)), _scratch(view)
     c = np.empty(P.shape[2])
     for k in range(means.shape[0]):
@@ -409,7 +392,7 @@ def _expect(means, P, noses, w, view, expected):
         for j in range(i + 1):
             S[i, j] -= mean[i] * mean[j]
             S[j, i] = S[i, j]
-    return mean, S
+    return mean, S, expected
 
 
 @njit(cache=True, error_model="numpy")
@@ -429,9 +412,11 @@ def _misfit(view, x, nose, scratch, each, e, R):
     return off
 
 
-@njit((OUT, COVARIANCES, NOSES, IMAGE_ROWS, EXPECTATION), cache=True, error_model="numpy")
-def _orient(means, P, noses, view, expected):
-    m = view.y.shape[0]
+@njit((OUT, COVARIANCES, NOSES, IMAGE_ROWS), cache=True, error_model="numpy")
+def orient(means, P, noses, view):
+    """What each particle expects of named points. One whose nose is where they show the tail turns round, in
+    place."""
+    m, expected = view.y.shape[0], _expectation(means, view)
     scratch, e, R = _scratch(view), np.empty(m), np.empty((m, m))
     for k in range(means.shape[0]):
         x, each = means[k], (expected.y[k], expected.by_state[k], expected.by_pitch[k])
@@ -445,6 +430,7 @@ def _orient(means, P, noses, view, expected):
         else:
             x[BANK_ERROR] = -x[BANK_ERROR]
             _linearised(x, noses[k], False, view, scratch, *each)
+    return expected
 
 
 @njit(cache=True, error_model="numpy")
@@ -465,7 +451,9 @@ def _logarithmic(right, down, h, variance, e, J):
 
 
 @njit((OUT, COVARIANCES, NOSES, IMAGE_ROWS, EXPECTATION), cache=True, error_model="numpy")
-def _update(means, P, noses, view, expected):
+def update(means, P, noses, view, expected):
+    """NIS (K,) and logarithms of the likelihoods (K,), without their common constant, of a view of which the same
+    particles `expected` this. Means (K, W), covariances (K, W, W) and tied noses are corrected in place."""
     m, count, width = view.y.shape[0], means.shape[0], P.shape[2]
     nis, log_l = np.empty(count), np.empty(count)
     e, J, R = np.empty(m), np.empty((m, width)), np.empty((m, m))

@@ -17,7 +17,7 @@ A box is its middle, its width and its height. A direction is two rows, and a na
 
 import math
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -171,7 +171,7 @@ def rows_of_points(axes: Array, known: Sequence[tuple[str, Array, ImagePoint, fl
     names, places, seen, sigmas = zip(*known, strict=True)
     y, _ = coordinates(axes, seen)
     k = len(known)
-    of: Array = np.repeat(np.arange(k), 4).reshape(-1, 2)
+    of: Any = np.repeat(np.arange(k), 4).reshape(-1, 2)
     layout = Layout(of, np.tile([1.0, 0.0], (2 * k, 1)), np.tile(BOTH_AXES, k))
     R = np.diag(np.repeat(np.square(sigmas), 2))
     return Rows(y.ravel(), R, np.array(places), *layout, names=tuple(names), posture=posture)
