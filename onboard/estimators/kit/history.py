@@ -71,9 +71,11 @@ class History(Generic[B, M]):
     def insert(self, t_ns: int, measurement: Any, ownship: M, fused: tuple[B, Any] | None = None) -> Any:
         """Insert a measurement at its time (which must reach) and redo all later nodes; its outcome. `fused`: the
         belief after it and its outcome, where what `belief_before` gives has been fused with it already."""
-        later = self._cut(bisect_right(self._nodes, t_ns, key=TIME))
+        index = bisect_right(self._nodes, t_ns, key=TIME)
+        later = self._cut(index) if index < len(self._nodes) else []
         outcome = self._append(t_ns, measurement, ownship, fused)
-        self._redo(later, ownship)
+        if later:
+            self._redo(later, ownship)
         return outcome
 
     def settle(self, ownship: M) -> bool:
@@ -83,8 +85,8 @@ class History(Generic[B, M]):
         if first is not None and ownship.knows(first):
             redone = True
             self._redo(self._cut(self._before(first) + 1), ownship)
-        if ownship.nav_times:
-            self._pass_samples(ownship.nav_times[-1] + 1, ownship)
+        if times := ownship.nav_times:
+            self._pass_samples(times[-1] + 1, ownship)
         oldest = self._nodes[-1].t_ns - self._horizon_ns
         keep = max(bisect_right(self._nodes, oldest, key=TIME) - 1, 0)
         if self._provisional_ns is not None:  # it will be computed again, from the node before it
@@ -101,9 +103,9 @@ class History(Generic[B, M]):
 
     def belief_before(self, t_ns: int, ownship: M) -> B | None:
         """The belief at a time within the history, by measurements until then alone; None before the history."""
-        if not self.reaches(t_ns):
+        if t_ns < self._nodes[0].t_ns:
             return None
-        node = self._nodes[self._before(t_ns + 1)]
+        node = self._nodes[bisect_right(self._nodes, t_ns, key=TIME) - 1]
         return node.belief if node.t_ns == t_ns else self._advance(node.belief, node.t_ns, t_ns, ownship)
 
     def newest(self, holds: Callable[[Any], bool]) -> int | None:

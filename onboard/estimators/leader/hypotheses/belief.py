@@ -197,15 +197,10 @@ class BeliefFilter:
         belief.covariance[POSITION, POSITION] += late[:, None] * late
         return belief
 
-    def place(self, state: State) -> Array:
-        """The mean position (3,) of all hypotheses, r_FL in n, m."""
-        after = state.summary.after(state.since.dt, state.since.moved)
-        return after.mean[POSITION]
-
     def open_question(self, state: State) -> OpenQuestion:
         """Whether the range is open, and then the places where the leader may be."""
         known, is_misfit = state.summary, state.cloud.surprise > SURPRISED
-        if known.range_sigma() <= RESOLVED:
+        if not known.places:
             return OpenQuestion(is_misfit=is_misfit)
         dt, moved, v_F_n = state.since
         places = tuple(place.after(dt, moved).relative_to(v_F_n) for place in known.places)

@@ -29,7 +29,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.leader.image.prepare import Image
 from onboard.geometry.units import NS_PER_S
-from onboard.messages import ImagePoint, TargetDetection, TargetImage, TargetPoints
+from onboard.messages import ImagePoint, TargetDetection, TargetImage, TargetPoints, Verdict
 from onboard.messages.causes import Cause, Reason
 
 WINDOW: Final = 60  # images
@@ -86,10 +86,6 @@ class NoiseScale(NamedTuple):
             scale = _quieter(scale, median(alone) / MEDIAN)
         return NoiseScale(scale, beyond)
 
-    def is_larger_than(self, supposed: float) -> bool:
-        """Whether a noise that was supposed, in the same measure, is too small by more than chance."""
-        return self.scale > math.sqrt(TOO_LARGE) * max(supposed, 1.0)
-
     @property
     def finding(self) -> str:
         """What there is to report of it, "" if nothing."""
@@ -125,24 +121,23 @@ class Repeats:
         """The newest of the stamps."""
         return max((t_ns for t_ns, _ in self._stamps), default=None)
 
-    def is_duplicate(self, message: TargetImage) -> bool:
-        """Whether an image of this time and camera has been added."""
-        return (message.t_ns, message.camera) in self._stamps
-
-    def add(self, image: Image) -> bool:
-        """Remember an image. Whether the camera hangs: its points have stayed for too long, although it has
-        rotated."""
+    def judge(self, image: Image) -> Verdict | None:
+        """Remember an image. DUPLICATE if one of this time and camera has been added, STALE if the camera hangs:
+        its points have stayed for too long, although it has rotated; else None."""
         message = image.message
-        self._stamps.append((message.t_ns, message.camera))
+        stamp = message.t_ns, message.camera
+        if stamp in self._stamps:
+            return Verdict.DUPLICATE
+        self._stamps.append(stamp)
         points = message.image_points
         before = self._unchanged.get(message.camera)
         if before is None or not _stay(before[0], points, QUIET * self._sigma(message)):
             self._unchanged[message.camera] = before = points, image
         first = before[1]
         if message.t_ns - first.message.t_ns <= self._stale_after_s * NS_PER_S:
-            return False
+            return None
         rotation = float(np.abs(image.pose.R_cn - first.pose.R_cn).max())
-        return rotation > ROTATION_SIGMAS * self._point_sigma
+        return Verdict.STALE if rotation > ROTATION_SIGMAS * self._point_sigma else None
 
     def _sigma(self, message: TargetImage) -> float:
         """The smallest standard deviation of a point, as stated or as configured: a simulated camera may have next

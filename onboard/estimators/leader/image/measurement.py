@@ -101,12 +101,6 @@ class Measurement(NamedTuple):
         """Whether it says something of the range."""
         return math.isfinite(self.span_sigma)
 
-    @property
-    def noise(self) -> float:
-        """The variance of each coordinate of a box's middle by its own noise; 0 of a wing, whose tips may be
-        noisier than its center."""
-        return float(self.rows.R[0, 0]) if self.rows.is_box else 0.0
-
     def with_attitude_noise(self, noise_c: Array) -> "Measurement":
         """The measurement by a camera whose attitude has white noise, a small rotation in c of covariance noise_c
         (3, 3): all directions move together, and a wing turns about them."""

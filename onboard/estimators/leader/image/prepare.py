@@ -274,17 +274,8 @@ def _why_no_pose(t_ns: int, ownship: Ownship, config: Config) -> Verdict:
     return Verdict.TOO_OLD if is_old and ownship.lead_ns(t_ns) <= 0 else Verdict.NO_POSE
 
 
-def measured(image: Image, shape: Shape, noise_scale: float) -> Measurement:
-    """What an image measures by a detector that is so many times as noisy as configured."""
-    if noise_scale == image.noise_scale:
-        return image.measurement
-    return measure(shape, image.points.noisier(noise_scale))
-
-
 def newest_pose(image: Image, poses: CameraPoses, ownship: Ownship) -> CameraPose:
     """The pose from which an image was taken, as it is known now."""
-    if image.final:
-        return image.pose
     message = image.message
     return poses.at(message.t_ns, ownship, poses.camera.named(message.camera), message.mount) or image.pose
 
