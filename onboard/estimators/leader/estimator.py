@@ -122,7 +122,8 @@ class Estimator:
             if seen.target == NO_ID:
                 continue
             self._is_named |= seen.target == NAME
-            track, answers[i] = self._named(self._ids.get(seen.target, seen.target), ownship), []
+            target, answers[i] = self._ids.get(seen.target, seen.target), []
+            track = self._tracks.get(target) or self._named(target, ownship)
             if track is None:
                 answers[i] = self._refuse(seen, ownship)
                 continue

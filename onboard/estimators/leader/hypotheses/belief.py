@@ -39,6 +39,7 @@ from onboard.ownship import Step
 
 SIZES: Final = 3.0  # sigmas of the configured size
 EXCHANGED: Final = np.array([1.0, 1.0, -1.0, -1.0, 1.0, 1.0])  # wingtips
+NOWHERE: Final = np.zeros(3)
 LONGEST_S: Final = 0.25  # of a prediction of the hypotheses
 SURPRISED: Final = 1.5  # times what the hypotheses' own uncertainties say: none of them fits
 
@@ -49,11 +50,6 @@ class Pending(NamedTuple):
     dt: float
     moved: Array
     v_F_n: Array
-
-
-def standing(v_F_n: Array) -> Pending:
-    """No motion yet, at v_F_n (3,) m/s."""
-    return Pending(0.0, np.zeros(3), v_F_n)
 
 
 class State(NamedTuple):
@@ -120,7 +116,7 @@ class BeliefFilter:
         cloud = start(of_size, measurement, pose, None if before is None else before.cloud)
         if surprise is not None:
             cloud = cloud._replace(surprise=surprise)
-        return State(cloud, summarise(of_size, cloud), standing(pose.v_F_n), settings)
+        return State(cloud, summarise(of_size, cloud), Pending(0.0, NOWHERE, pose.v_F_n), settings)
 
     def informed(self, state: State, prior: Belief, *, flew: bool) -> State | None:
         """See `update.informed`."""
@@ -152,7 +148,7 @@ class BeliefFilter:
         measurement = measurement.with_attitude_noise(noise_c)
         expected, measured = update.expect(state.settings, cloud, measurement, pose), measurement.rows.y
         y, S = expected.y, expected.S + measurement.rows.R
-        if measurement.has_wing and measured[WING] @ y[WING] < 0.0:  # its tips are named the other way round
+        if measurement.rows.is_wing and measured[WING] @ y[WING] < 0.0:  # its tips are named the other way round
             measured = measured * EXCHANGED[: len(y)]
         innovation = measured - y
         nis = float(normalised_squared(innovation, S))
@@ -192,7 +188,7 @@ class BeliefFilter:
 
     def belief(self, state: State) -> Belief:
         """Mean and covariance of all hypotheses."""
-        belief = as_leader(state.summary, *state.since)
+        belief = Belief(*as_leader(state.summary.mean, state.summary.covariance, *state.since))
         late = self._delay_sigma * belief.mean[VELOCITY]
         belief.covariance[POSITION, POSITION] += late[:, None] * late
         return belief
@@ -213,7 +209,8 @@ class BeliefFilter:
 
     def _at(self, state: State, cloud: Cloud) -> State:
         """The state now, of this cloud."""
-        return State(cloud, summarise(state.settings, cloud), standing(state.since.v_F_n), state.settings)
+        since = Pending(0.0, NOWHERE, state.since.v_F_n)
+        return State(cloud, summarise(state.settings, cloud), since, state.settings)
 
 
 def make_filter(config: Config) -> BeliefFilter:

@@ -113,20 +113,21 @@ def evidence(log_l: Array, believed: float = 1.0) -> Array:
 
 def fitting(settings: NoseModel, cloud: Cloud) -> Cloud:
     """The cloud with as many particles as there should be, drawn anew where few have the weight."""
-    w, count = np.exp(cloud.log_weights), enough(settings, cloud)
+    w = np.exp(cloud.log_weights)
+    count = enough(settings, cloud, w)
     is_apt = len(w) / CHANGE < count < len(w) * CHANGE
     if 1.0 / float(np.add.reduce(w * w)) > settings.resample * len(w) and is_apt:
         return cloud
     return resampled(cloud, count)
 
 
-def enough(settings: NoseModel, cloud: Cloud) -> int:
+def enough(settings: NoseModel, cloud: Cloud, w: Array) -> int:
     """How many particles there should be: in proportion to the number of different noses and ranges that have
     weight, as in KLD-sampling (Fox, 2003). Where points show the nose, the right noses are few degrees wide: what
     follows a nose that turns must be dense there."""
     turn, fewest = (math.tau, settings.fewest_sided) if cloud.sided else (math.pi, settings.fewest)
     sizes = NOSE_BIN, RANGE_BIN, LEAST_WEIGHT
-    bins = int(occupied(cloud.noses, cloud.means, np.exp(cloud.log_weights), turn, *sizes))
+    bins = int(occupied(cloud.noses, cloud.means, w, turn, *sizes))
     return min(max(PER_BIN * bins, fewest), settings.particles)
 
 

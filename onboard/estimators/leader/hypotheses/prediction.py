@@ -375,10 +375,10 @@ def step(particles, draws, changes, passed, interval):
     return gained
 
 
-@njit((PARTICLES, PASSED), cache=True, error_model="numpy")
-def priors(particles, passed):
-    """The logarithms of the likelihoods (K,) of the leans, and of the mean bank errors."""
-    found = np.empty(particles.noses.shape[0])
+@njit((PARTICLES, PARTICLES, PASSED), cache=True, error_model="numpy")
+def gain(before, after, passed):
+    """By how much the logarithms of the priors (K,) of particles grow."""
+    found = np.empty(before.noses.shape[0])
     for k in range(found.shape[0]):
-        found[k] = _prior(k, particles, passed)
+        found[k] = _prior(k, after, passed) - _prior(k, before, passed)
     return found

@@ -21,7 +21,6 @@ from onboard.estimators.leader.assumptions import NoseModel
 from onboard.estimators.leader.hypotheses import motion
 from onboard.estimators.leader.hypotheses.cloud import Cloud
 from onboard.estimators.leader.hypotheses.places import Place, places
-from onboard.filters.belief import Belief
 from onboard.filters.compiled import OUT, ROWS, VECTOR, out, packed
 from onboard.geometry.path_axes import SLOW, path_angles
 from onboard.models import relative_motion
@@ -178,12 +177,6 @@ def _variances(sigmas: tuple[float, float, float]) -> Array:
     return np.array([[sigma * sigma] for sigma in sigmas])
 
 
-def as_leader(known: Summary, dt: float, moved: Array, v_F_n: Array) -> Belief:
-    """The belief `dt` seconds after a summary, in which we move by `moved` (3,) m, in n, with the components that
-    are published."""
-    return Belief(*_as_leader(known.mean, known.covariance, dt, moved, v_F_n))
-
-
 @njit(cache=True, error_model="numpy")
 def _components(nose, x, about, period, row):
     """A particle's mean as components of a summary, into `row`. Noses repeat after `period`."""
@@ -255,9 +248,9 @@ def _derivatives(known, dt, J):
 
 
 @njit((VECTOR, ROWS, NUMBER, VECTOR, VECTOR), cache=True, error_model="numpy")
-def _as_leader(known, C, dt, moved, v_F):
-    """See `as_leader`: mean (BASE,) and covariance (BASE, BASE), of a summary with mean `known` and
-    covariance C."""
+def as_leader(known, C, dt, moved, v_F):
+    """Mean (BASE,) and covariance (BASE, BASE) of the components that are published, `dt` seconds after a summary
+    with mean `known` and covariance C, in which we move by `moved` (3,) m, in n, and then at v_F (3,) m/s."""
     x, P = np.zeros(BASE), np.zeros((BASE, BASE))
     J, JC = np.empty((BASE, N)), np.zeros((BASE, N))
     a = _derivatives(known, dt, J)

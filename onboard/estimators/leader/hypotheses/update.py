@@ -22,7 +22,7 @@ from onboard.estimators.leader.hypotheses import view
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
 from onboard.estimators.leader.hypotheses.cloud import Bias, Cloud, evidence, fitting, weighted
 from onboard.estimators.leader.hypotheses.motion import BANK_ERROR, FREE, LEAST_VISIBLE, POSITION, TIED, VELOCITY
-from onboard.estimators.leader.hypotheses.prediction import Particles, Passed, priors
+from onboard.estimators.leader.hypotheses.prediction import Particles, Passed, gain
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import Measurement, Rows
 from onboard.estimators.leader.image.pose import PoseFeatures
@@ -87,19 +87,19 @@ def update(
     the right noses expect one. If that exceeds the gate, too few expected the image, and the cloud is returned as
     it was. What an image shows beyond these rows has a gate of its own. `expected`: what the cloud expects of the
     image, where that is known. Raises FilterError."""
-    rows, given = seen.rows, cloud
+    rows, given, is_box = seen.rows, cloud, seen.rows.bias is not None
     cloud, shown, _, _, each = expected or expect(settings, cloud, seen, pose)
     if seen.is_metric and seen.pose is not None:
-        cloud = _seen_by(cloud, ANY_NOSE, metric=True)
+        cloud = cloud._replace(edge_on=ANY_NOSE, metric=True)
     elif rows.is_wing or seen.further is not None:
-        cloud = _seen_by(cloud, LEAST_VISIBLE, metric=False)
+        cloud = cloud._replace(edge_on=LEAST_VISIBLE, metric=False)
     noses, means, P = cloud.noses.copy(), cloud.means.copy(), cloud.covariances.copy()
     nis, log_l = view.update(means, P, noses, shown, each)
-    least = at_most(cloud, nis, OF_SHAPE if rows.is_box else EXPECTING)
-    if least > settings.gate + (PER_ROW * len(rows.y) if rows.is_box else 0.0):
+    least = at_most(cloud, nis, OF_SHAPE if is_box else EXPECTING)
+    if least > settings.gate + (PER_ROW * len(rows.y) if is_box else 0.0):
         return given, least
     after = cloud._replace(noses=noses, means=means, covariances=P, misfits=())
-    if rows.is_box:
+    if is_box:
         least = 0.0
     else:
         off = min(float(np.exp(cloud.log_weights) @ np.minimum(nis, settings.gate)), MOST_SURPRISE) / SHOWN
@@ -131,22 +131,11 @@ def update(
     rolled = after.rolled + new * (after.means[:, BANK_ERROR] - after.rolled)
     after = after._replace(rolled=rolled, unseen=0.0, fresh=fresh)
     gained = evidence(log_l, believed)
-    if cloud.leans(settings):  # what an image makes of a lean counts in full
-        gained = gained + (supposed(settings, after) - supposed(settings, cloud))
+    if cloud.leans(settings):  # what an image makes of a lean, and of a mean bank error, counts in full
+        s, count = settings, len(Particles._fields)
+        passed = Passed(0.0, NOWHERE, cloud.edge_on, cloud.metric, s.air, s.wind, s.rolled, True)
+        gained = gained + gain(Particles(*cloud[:count]), Particles(*after[:count]), passed)
     return fitting(settings, weighted(after, gained)), least
-
-
-def supposed(s: NoseModel, cloud: Cloud) -> Array:
-    """The logarithms of the likelihoods (K,) of the leans, and of the banks that have lasted."""
-    passed = Passed(0.0, NOWHERE, cloud.edge_on, cloud.metric, s.air, s.wind, s.rolled, cloud.leans(s))
-    found: Array = priors(Particles(*cloud[: len(Particles._fields)]), passed)
-    return found
-
-
-def _seen_by(cloud: Cloud, edge_on: float, *, metric: bool) -> Cloud:
-    """The cloud of which images show so much along its wing, and its range by poses or not."""
-    is_same = cloud.edge_on == edge_on and cloud.metric is metric
-    return cloud if is_same else cloud._replace(edge_on=edge_on, metric=metric)
 
 
 def assist(settings: NoseModel, cloud: Cloud, taken: Auxiliary, *, is_open: bool) -> Cloud | None:

@@ -29,7 +29,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.leader.image.prepare import Image
 from onboard.geometry.units import NS_PER_S
-from onboard.messages import ImagePoint, TargetDetection, TargetImage, TargetPoints, Verdict
+from onboard.messages import ImagePoint, TargetDetection, TargetPoints, Verdict
 from onboard.messages.causes import Cause, Reason
 
 WINDOW: Final = 60  # images
@@ -131,23 +131,21 @@ class Repeats:
         self._stamps.append(stamp)
         points = message.image_points
         before = self._unchanged.get(message.camera)
-        if before is None or not _stay(before[0], points, QUIET * self._sigma(message)):
+        # the smallest deviation of a point, as stated or as configured: a simulated camera may have next to
+        # none, and then no formation is too steady
+        stated: tuple[float, ...] = ()
+        if isinstance(message, TargetPoints):
+            stated = message.sigma or ()
+        elif isinstance(message, TargetDetection):
+            stated = tuple(feature.sigma for feature in message.features)
+        within = QUIET * min(stated, default=self._point_sigma)
+        if before is None or not _stay(before[0], points, within):
             self._unchanged[message.camera] = before = points, image
         first = before[1]
         if message.t_ns - first.message.t_ns <= self._stale_after_s * NS_PER_S:
             return None
         rotation = float(np.abs(image.pose.R_cn - first.pose.R_cn).max())
         return Verdict.STALE if rotation > ROTATION_SIGMAS * self._point_sigma else None
-
-    def _sigma(self, message: TargetImage) -> float:
-        """The smallest standard deviation of a point, as stated or as configured: a simulated camera may have next
-        to none, and then no formation is too steady."""
-        stated: tuple[float, ...] = ()
-        if isinstance(message, TargetPoints):
-            stated = message.sigma or ()
-        elif isinstance(message, TargetDetection):
-            stated = tuple(feature.sigma for feature in message.features)
-        return min(stated, default=self._point_sigma)
 
     def clear(self) -> None:
         """Forget all images."""

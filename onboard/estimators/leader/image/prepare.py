@@ -86,11 +86,6 @@ class Features(NamedTuple):
         named = tuple(map(noisy, self.named))
         return self._replace(sigmas=tuple(scale * sigma for sigma in self.sigmas), named=named, box=box)
 
-    @property
-    def has_wing(self) -> bool:
-        """Whether it was seen."""
-        return len(self.points) > 1
-
 
 def features_of(message: TargetImage, camera_sigma: float, *, center_on_wing: bool, half_wing: float) -> Features:
     """What a message shows. `camera_sigma`: of a point without its own; `half_wing`: half the wing as it appears
@@ -139,7 +134,7 @@ def _tips(left: ImagePoint, right: ImagePoint, sigmas: tuple[float, ...]) -> tup
 
 def measure(shape: Shape, saw: Features) -> Measurement:
     """What it measures of a target of this shape."""
-    if saw.has_wing:
+    if len(saw.points) > 1:
         middle = shape.center_on_wing and saw.has_center  # which was not taken for the center
         measured = measure_wing(saw.points, saw.sigmas, middle=middle)
     else:
@@ -154,7 +149,7 @@ def measure(shape: Shape, saw: Features) -> Measurement:
         if f.name in shape.names
     ]:
         measured = _with_points(measured, shape, known, saw.points[0] if saw.has_center else None)
-    if saw.has_wing or measured.has_extent:
+    if measured.span_sigma < math.inf:  # a wing's, or that of points
         return measured
     if measured.pose is not None and measured.pose.range_ is not None:
         range_, sigma = measured.pose.range_, measured.pose.range_sigma
@@ -182,7 +177,7 @@ def _with_points(
     length = float(np.ptp(np.append(further.points[:, 0], 0.0)))
     misplaced = math.sqrt(2.0) * MISPLACED / length if length > SHORTEST else 0.0
     measured = measured._replace(further=further, misplaced=misplaced)
-    if measured.has_wing:
+    if measured.rows.is_wing:
         return measured
     seen = known if center is None else [*known, ("center", np.zeros(3), center, 0.0)]
     sigma = math.sqrt(2.0) * max(sigma for *_, sigma in known)
@@ -254,11 +249,12 @@ def prepare(
     if not in_view(saw.points, camera, message.view, config.edge_px):
         return Verdict.OUT_OF_VIEW
     measurement = measure(shape, saw)
-    if saw.has_wing and not measurement.span > 0.0:
+    has_wing = measurement.rows.is_wing
+    if has_wing and not measurement.span > 0.0:
         return Verdict.DEGENERATE
     # A track takes small spans, too: without them those would be left that noise has made larger.
-    is_small = saw.has_wing and measurement.span < SMALLEST_SPAN_SIGMA * measurement.span_sigma
-    has_extent = measurement.has_extent and not is_small
+    is_small = has_wing and measurement.span < SMALLEST_SPAN_SIGMA * measurement.span_sigma
+    has_extent = measurement.span_sigma < math.inf and not is_small
     is_final = poses.is_final(message.t_ns, ownship, camera, message.mount)
     supposed = half_wing if saw.offset == half_wing else 0.0
     return Image(message, has_extent, measurement, pose, is_final, stated, noise_scale, supposed)

@@ -180,7 +180,7 @@ class LifeCycle:
             state, why = Lifecycle.LOST, doubt
         elif state is not Lifecycle.TRACKING and not self._to_agree and self.is_carried(t_ns):
             state, why = Lifecycle.COASTING, Reason(Cause.CARRIED, f"{CARRIED}; {why.words}")
-        elif self.was_led_elsewhere(t_ns):
+        elif self._elsewhere_ns is not None and self.was_led_elsewhere(t_ns):
             why = why.also(ELSEWHERE)
         if facts.finding:
             why = why.also(facts.finding)

@@ -26,7 +26,7 @@ def report(
     update: Update | None = None,
 ) -> MeasurementReport:
     """The report of a verdict, with as much as was known when it was reached."""
-    more, count = dict[str, Any](), 0 if image is None else len(image.measurement.y)
+    more, count = dict[str, Any](), 0 if image is None else len(image.measurement.rows.y)
     if image is not None and update is not None:
         more = {"misfits": update.misfits, "noise_scale": image.noise_scale}
         points = points_of(image.measurement.axes, update.predicted).tolist()
@@ -38,7 +38,7 @@ def report(
         components=COMPONENTS[:count],
         units=("rad",) * count,
         gate=filter_.gate,
-        measured=None if image is None else image.measurement.y,
+        measured=None if image is None else image.measurement.rows.y,
         update=update,
         **more,
     )

@@ -248,7 +248,7 @@ class Track:
     @property
     def noise(self) -> NoiseScale:
         """Of its detector, by all images until now."""
-        return self._noise if self._history is None else self._history.newest_belief.noise
+        return self._noise if self._history is None else self._history.nodes[-1].belief.noise
 
     def is_idle(self, t_ns: int) -> bool:
         """Whether there is no track, nor any image within the last second: older images are not held."""
