@@ -108,7 +108,7 @@ def predict(s: NoseModel, cloud: Cloud, dt: float, moved: Array) -> Cloud:
     interval = model.Interval(dt, moved, noise, hover, decay)
 
     passed = Passed(dt, moved, cloud.edge_on, cloud.metric, s.air, s.wind, s.rolled, cloud.leans(s))
-    changed = Particles(*(array.copy() for array in cloud[: len(Particles._fields)]))  # type: ignore[union-attr]
+    changed = Particles(*(array.copy() for array in particles_of(cloud)))
     gained = step(changed, cloud.draws, changes, passed, interval)
     after = cloud._replace(**changed._asdict(), draws=cloud.draws + DRAWS, unseen=cloud.unseen + dt)
     return weighted(after, gained)
@@ -145,6 +145,11 @@ class Particles(NamedTuple):
     tied: Array
     drags: Array
     rolled: Array
+
+
+def particles_of(cloud: Cloud) -> Particles:
+    """Those arrays of a cloud."""
+    return Particles(*cloud[: len(Particles._fields)])  # type: ignore[arg-type]
 
 
 class Changes(NamedTuple):

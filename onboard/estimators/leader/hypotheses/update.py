@@ -22,7 +22,7 @@ from onboard.estimators.leader.hypotheses import view
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
 from onboard.estimators.leader.hypotheses.cloud import Bias, Cloud, evidence, fitting, weighted
 from onboard.estimators.leader.hypotheses.motion import BANK_ERROR, FREE, LEAST_VISIBLE, POSITION, TIED, VELOCITY
-from onboard.estimators.leader.hypotheses.prediction import Particles, Passed, gain
+from onboard.estimators.leader.hypotheses.prediction import Passed, gain, particles_of
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import Measurement, Rows
 from onboard.estimators.leader.image.pose import PoseFeatures
@@ -132,9 +132,9 @@ def update(
     after = after._replace(rolled=rolled, unseen=0.0, fresh=fresh)
     gained = evidence(log_l, believed)
     if cloud.leans(settings):  # what an image makes of a lean, and of a mean bank error, counts in full
-        s, count = settings, len(Particles._fields)
+        s = settings
         passed = Passed(0.0, NOWHERE, cloud.edge_on, cloud.metric, s.air, s.wind, s.rolled, True)
-        gained = gained + gain(Particles(*cloud[:count]), Particles(*after[:count]), passed)
+        gained = gained + gain(particles_of(cloud), particles_of(after), passed)
     return fitting(settings, weighted(after, gained)), least
 
 

@@ -10,7 +10,6 @@ from numpy.testing import assert_allclose
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses import motion, update
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter, State, make_filter
-from onboard.estimators.leader.hypotheses.wind import Wind
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import measure_direction, points_of
 from onboard.estimators.leader.reports.prior import Prior
@@ -160,7 +159,7 @@ def test_what_is_expected_depends_on_the_wind() -> None:
     means[:, 3:5] = [9.0, 2.0]
     state = state._replace(cloud=state.cloud._replace(means=means, tied=np.ones(len(means))))
     expected = [
-        filter_.compare(filter_.predict(state._replace(wind=wind)), measurement, STILL).S
-        for wind in (None, Wind(np.array([0.0, 6.0, 0.0]), 1.0))
+        filter_.compare(filter_.predict(state._replace(settings=settings)), measurement, STILL).S
+        for settings in (state.settings, state.settings._replace(air=(0.0, 6.0), air_sigma=1.0))
     ]
     assert np.abs(expected[1] - expected[0]).max() > 1e-6

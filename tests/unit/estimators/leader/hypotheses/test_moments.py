@@ -45,8 +45,9 @@ def test_the_moments_are_those_of_the_particles_seed1() -> None:
 def test_a_belief_after_a_while_is_that_of_the_summary_after_it_seed2() -> None:
     known = Summary(*spread(2, N))
     moved, v_F = np.array([1.0, -2.0, 0.5]), np.array([8.0, 1.0, 0.1])
-    at_once = as_leader(known, 0.3, moved, v_F)
-    in_two = as_leader(known.after(0.3, moved), 0.0, np.zeros(3), v_F)
+    after = known.after(0.3, moved)
+    at_once = Belief(*as_leader(known.mean, known.covariance, 0.3, moved, v_F))
+    in_two = Belief(*as_leader(after.mean, after.covariance, 0.0, np.zeros(3), v_F))
     np.testing.assert_allclose(at_once.mean, in_two.mean, rtol=1e-12)
     np.testing.assert_allclose(at_once.covariance, in_two.covariance, rtol=1e-10, atol=1e-12)
     np.testing.assert_array_equal(at_once.covariance, at_once.covariance.T)
@@ -58,7 +59,7 @@ def test_accelerations_are_those_of_the_path_and_linearised_about_it_seed3() -> 
     mean[summary.V_L], mean[summary.A_L] = [5.0, -3.0, -2.0], [1.0, 2.0, -1.5]
 
     def published(change: Array) -> Array:
-        return as_leader(Summary(mean + change, covariance), 0.2, moved, v_F).mean
+        return np.asarray(as_leader(mean + change, covariance, 0.2, moved, v_F)[0])
 
     found = published(np.zeros(N))
     v, a = mean[summary.V_L] + 0.2 * mean[summary.A_L], mean[summary.A_L]
@@ -66,8 +67,13 @@ def test_accelerations_are_those_of_the_path_and_linearised_about_it_seed3() -> 
     np.testing.assert_allclose(found[[A_LAT, A_LONG]], across, rtol=1e-12)
     np.testing.assert_allclose(found[summary.A_ALONG], v @ a / np.linalg.norm(v), rtol=1e-12)
     J = np.column_stack([(published(h * e) - published(-h * e)) / (2.0 * h) for e in np.eye(N)])
-    expected = as_leader(Summary(mean, covariance), 0.2, moved, v_F).covariance
+    expected = as_leader(mean, covariance, 0.2, moved, v_F)[1]
     np.testing.assert_allclose(J @ covariance @ J.T, expected, rtol=1e-6, atol=1e-8)
+
+
+def ranges(log_range: Array) -> Array:
+    """Means of particles to the north."""
+    return np.exp(log_range)[:, None] * np.array([[1.0, 0.0, 0.0]])
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -78,9 +84,9 @@ def test_occupied_bins_are_those_that_have_enough_weight_seed_0_to_2(seed: int) 
     _, at = np.unique(bins, axis=1, return_inverse=True)
     expected = np.count_nonzero(np.bincount(at.ravel(), w) > 0.002)
     assert 100 < expected < 400
-    assert occupied(noses, log_range, w, math.pi, 0.1, 0.05, 0.002) == expected
+    assert occupied(noses, ranges(log_range), w, math.pi, 0.1, 0.05, 0.002) == expected
 
 
 def test_a_range_that_is_no_number_occupies_one_bin() -> None:
     log_range, w = np.array([math.nan, math.nan, math.inf, 3.0]), np.full(4, 0.25)
-    assert occupied(np.zeros(4), log_range, w, math.pi, 0.1, 0.05, 0.002) == 2
+    assert occupied(np.zeros(4), ranges(log_range), w, math.pi, 0.1, 0.05, 0.002) == 2

@@ -186,8 +186,8 @@ def test_where_points_show_the_nose_particles_stay_dense() -> None:
     cloud = watched(0.5, 5.0, sway=3.0)
     agreed = resampled(cloud, SETTINGS.particles)
     agreed.noses[:], agreed.means[:] = agreed.noses[0], agreed.means[0]
-    assert enough(SETTINGS, agreed) == SETTINGS.fewest
-    assert enough(SETTINGS, agreed._replace(sided=True)) == SETTINGS.fewest_sided
+    assert enough(SETTINGS, agreed, np.exp(agreed.log_weights)) == SETTINGS.fewest
+    assert enough(SETTINGS, agreed._replace(sided=True), np.exp(agreed.log_weights)) == SETTINGS.fewest_sided
 
 
 def test_as_many_particles_as_fit_are_no_surer_than_very_many() -> None:

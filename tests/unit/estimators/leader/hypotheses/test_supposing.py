@@ -27,8 +27,8 @@ def gained(before: Cloud, after: Cloud) -> np.ndarray:
 
 def leans(cloud: Cloud) -> np.ndarray:
     """Logarithms of how likely the leans are, those that are improbable anyway left alike."""
-    arrays = cloud.noses, cloud.means, cloud.covariances, cloud.drags, np.zeros(len(cloud.noses))
-    return leaning.plausible(*arrays, SILENT.wind, SILENT.rolled, prediction.MOST_COST)
+    arrays = zip(cloud.noses, cloud.means, cloud.covariances, cloud.drags, strict=True)
+    return np.array([leaning.plausible(*each, 0.0, SILENT.wind, SILENT.rolled) for each in arrays])
 
 
 def test_what_an_image_makes_of_a_lean_counts_in_full_though_images_count_for_nothing() -> None:

@@ -1,6 +1,7 @@
 """A leader with a given nose: its image and its motion, against plain geometry and a plain Kalman filter."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -8,11 +9,38 @@ import pytest
 from onboard.arrays import Array
 from onboard.estimators.leader.hypotheses import motion as model
 from onboard.estimators.leader.hypotheses import view
+from onboard.estimators.leader.hypotheses.prediction import Particles
 from onboard.estimators.leader.image.measurement import measure_wing
 from onboard.geometry.rotations import matrix_from_euler
 
 SIZE, F_PX = 2.0, 500.0
 Camera = tuple[Array, Array, Array]
+
+
+class Course(NamedTuple):
+    """Which noses are tied (K,), and the velocity of the air."""
+
+    tied: Array
+    air: tuple[float, float]
+
+
+def fly_on(
+    means: Array,
+    P: Array,
+    noses: Array,
+    regimes: Array,
+    intensities: Array,
+    drags: Array,
+    step: model.Interval,
+    course: Course,
+) -> None:
+    """Each particle after a step, in place."""
+    rest = regimes, means, P, intensities, course.tied, drags, np.zeros(len(noses))
+    particles = Particles(noses, np.zeros(len(noses)), *rest)
+    for k in range(len(noses)):
+        model.fly_on(k, particles, step, course.air, model.LEAST_VISIBLE)
+
+
 LEVEL = [(0.0, 0.0), (-0.04, 0.0), (0.04, 0.0)]
 NOISE = np.diag([1.0, 1.0, 2.0, 2.0, 1.5, 1.5]) / F_PX**2
 
@@ -42,7 +70,7 @@ def foreseen(
     w: Array,
     y: Array,
     camera: tuple[Array, Array, Array],
-    course: model.Course,
+    course: Course,
 ) -> tuple[Array, Array, view.ImageRows, view.Expectation]:
     """What particles expect of a wing at y (m,): mean and covariance; the view, and what each expects."""
     m, rows = len(y), measure_wing(LEVEL, [1.0 / F_PX] * 3, middle=True).rows
@@ -54,7 +82,7 @@ def foreseen(
 
 QUIET = model.Noise(np.zeros(model.N), np.zeros((3, model.N)), np.zeros(model.N), 0.0, 0.0)
 ALIKE = np.zeros((1, 3))  # intensities
-FREE, TIED = (model.Course(np.full(1, kind), (0.0, 0.0)) for kind in (model.FREE, model.TIED))
+FREE, TIED = (Course(np.full(1, kind), (0.0, 0.0)) for kind in (model.FREE, model.TIED))
 AT_REST = model.Hover(0.5, 0.1, 0.03, 0.02)
 STEP = model.Interval(0.1, np.zeros(3), QUIET, AT_REST, np.ones(3))
 
@@ -70,7 +98,7 @@ def drawn(seed: int) -> tuple[Array, Array, float, Array]:
 
 
 def corrected(
-    x: Array, P: Array, nose: float, y: Array, axes: Array, R_cn: Array, course: model.Course = FREE
+    x: Array, P: Array, nose: float, y: Array, axes: Array, R_cn: Array, course: Course = FREE
 ) -> tuple[Array, Array, float]:
     """Mean, covariance and NIS of one particle after an image."""
     means, covariances = x[None].copy(), P[None].copy()
@@ -165,7 +193,7 @@ def test_a_short_step_is_that_of_plain_kinematics_seed_0_to_4(seed: int) -> None
     moved, dt = np.array([0.3, -0.2, 0.1]), 1e-3
     after, covariance, noses = x[None].copy(), P[None].copy(), np.array([nose])
     step = model.Interval(dt, moved, QUIET, AT_REST, np.ones(3))
-    model.predict(after, covariance, noses, np.zeros(1), ALIKE, np.full(1, 0.2), step, FREE)
+    fly_on(after, covariance, noses, np.zeros(1), ALIKE, np.full(1, 0.2), step, FREE)
     assert after[0, model.POSITION] == pytest.approx(
         x[model.POSITION] + dt * x[model.VELOCITY] + 0.5 * dt**2 * x[model.ACCELERATION] - moved, abs=1e-9
     )
@@ -190,7 +218,7 @@ def test_a_step_adds_noise_by_range_and_by_what_is_seen_seed_0_to_2(seed: int, a
         mean, covariance, noses = (array[k : k + 1] for array in both)
         step = model.Interval(1e-9, np.zeros(3), added, AT_REST, np.ones(3))
         regimes = np.full(1, float(accelerates))
-        model.predict(mean, covariance, noses, regimes, intensities, np.full(1, 0.2), step, FREE)
+        fly_on(mean, covariance, noses, regimes, intensities, np.full(1, 0.2), step, FREE)
     along = (math.cos(nose) * x[1] - math.sin(nose) * x[0]) / np.linalg.norm(x[model.POSITION])
     seen_of_it = 1.0 - along**2 + model.LEAST_VISIBLE**2
     factors = np.exp(2.0 * intensities[0])
@@ -214,7 +242,7 @@ def test_a_fast_leader_turns_its_nose_with_its_course_and_a_slow_one_does_not() 
         noses = np.zeros(1)
         for _ in range(10):
             P = np.eye(model.N)[None].copy()
-            model.predict(x, P, noses, np.zeros(1), ALIKE, np.zeros(1), STEP, FREE)
+            fly_on(x, P, noses, np.zeros(1), ALIKE, np.zeros(1), STEP, FREE)
         assert noses[0] == pytest.approx(turned, abs=0.01)
 
 
@@ -226,7 +254,7 @@ def test_a_leader_that_hovers_comes_to_rest_over_ground_and_stays_uncertain_by_a
     hover = model.Hover(decay, 0.1, 0.04 * (1.0 - decay**2), 1e-9)
     for _ in range(300):
         step = STEP._replace(hover=hover)
-        model.predict(x, P, noses, np.full(1, float(model.HOVERING)), ALIKE, np.zeros(1), step, FREE)
+        fly_on(x, P, noses, np.full(1, float(model.HOVERING)), ALIKE, np.zeros(1), step, FREE)
     assert x[0, model.VELOCITY] == pytest.approx(np.zeros(3), abs=1e-6)
     assert np.diag(P[0])[model.VELOCITY] == pytest.approx(0.04 * np.array([1.0, 1.0, model.UPRIGHT2]), rel=0.02)
     assert np.linalg.eigvalsh(P[0]).min() > 0.0
@@ -238,7 +266,7 @@ def test_what_particles_expect_together_is_the_mixture_of_what_each_expects_seed
     y, axes = seen(x, nose, R_cn, exchanged=True)
     other, w = x + 0.1 * np.random.default_rng(seed).normal(size=model.N), np.array([0.3, 0.7])
     means, noses, camera = np.array([x, other]), np.array([nose, nose + 0.3]), (R_cn, np.zeros(3), axes)
-    free = model.Course(np.zeros(2), (0.0, 0.0))
+    free = Course(np.zeros(2), (0.0, 0.0))
     mean, S, *_ = foreseen(means, np.array([P, 2.0 * P]), noses, w, y, camera, free)
     exchanged = np.array([1.0, 1.0, -1.0, -1.0, 1.0, 1.0])
     each = [exchanged * shown(m, n, R_cn, axes) for m, n in zip(means, noses, strict=True)]
@@ -290,7 +318,7 @@ def test_a_tied_nose_turns_with_the_course_through_the_air_in_a_step_and_by_an_i
     x[0, :3], x[0, 3:5], x[0, 7] = [30.0, 0.0, 0.0], [12.0, 2.0], 1.0
     course = TIED._replace(air=(2.0, -3.0))
     noses[0] = before = ahead(x[0], course.air) + aside
-    model.predict(x, P, noses, np.zeros(1), ALIKE, np.zeros(1), STEP, course)
+    fly_on(x, P, noses, np.zeros(1), ALIKE, np.zeros(1), STEP, course)
     assert noses[0] == pytest.approx(ahead(x[0], course.air) + aside)
     assert noses[0] > before + 1e-3
     predicted, axes = seen(x[0], noses[0], np.eye(3))
