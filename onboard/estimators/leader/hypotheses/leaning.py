@@ -14,7 +14,22 @@ from numba import njit
 from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import NoseModel
 from onboard.estimators.leader.hypotheses.draws import normal
-from onboard.estimators.leader.hypotheses.motion import BANK_ERROR, LEAST_VISIBLE, NUMBER, G
+from onboard.estimators.leader.hypotheses.motion import (
+    AX,
+    AY,
+    AZ,
+    BANK_ERROR,
+    LEAN_EAST,
+    LEAN_NORTH,
+    LEAST_VISIBLE,
+    NUMBER,
+    RX,
+    RY,
+    RZ,
+    VX,
+    VY,
+    G,
+)
 from onboard.filters.compiled import CUBE, OUT, VECTOR
 
 OF_LEAN2: Final = 0.01  # (m/s^2)^2: the variance of a lean of one that has no drag
@@ -42,10 +57,10 @@ def drags_of(s: NoseModel, draw: int | np.uint64, count: int) -> Array:
 def appears(nose, x):
     """What is seen of a wing with that nose, per length: to the right and down of a level one, down of one on its
     side. `x` begins with its place (3,) m."""
-    level = np.sqrt(x[0] * x[0] + x[1] * x[1]) + TINY
-    range_ = np.sqrt(level * level + x[2] * x[2])
-    right = (np.cos(nose) * x[0] + np.sin(nose) * x[1]) / level
-    down = (np.sin(nose) * x[0] - np.cos(nose) * x[1]) / level * x[2] / range_
+    level = np.sqrt(x[RX] * x[RX] + x[RY] * x[RY]) + TINY
+    range_ = np.sqrt(level * level + x[RZ] * x[RZ])
+    right = (np.cos(nose) * x[RX] + np.sin(nose) * x[RY]) / level
+    down = (np.sin(nose) * x[RX] - np.cos(nose) * x[RY]) / level * x[RZ] / range_
     # from above or below, one that points at us shows its length, and needs no tip
     least = np.sqrt(max(LEAST_VISIBLE * LEAST_VISIBLE - down * down, TINY * TINY))
     return right if abs(right) > least else math.copysign(least, right), down, level / range_
@@ -55,8 +70,8 @@ def appears(nose, x):
 def slope_of(nose, x):
     """Of the wing in the image."""
     right, down, upright = appears(nose, x)
-    across = (x[7] + x[11]) * np.cos(nose) - (x[6] + x[10]) * np.sin(nose)
-    return (down + np.tan(np.arctan2(across, G - x[8]) + x[BANK_ERROR]) * upright) / right
+    across = (x[AY] + x[LEAN_EAST]) * np.cos(nose) - (x[AX] + x[LEAN_NORTH]) * np.sin(nose)
+    return (down + np.tan(np.arctan2(across, G - x[AZ]) + x[BANK_ERROR]) * upright) / right
 
 
 @njit(cache=True, error_model="numpy")
@@ -72,9 +87,9 @@ def likely(nose, x, P, drag, wind, more):
     """The logarithm of the likelihood of a lean across that nose, of which `more` is the variance beside that of
     an airspeed in an unknown wind."""
     c, s = np.cos(nose), np.sin(nose)
-    across = x[11] * c - x[10] * s
-    off = across - drag * (x[4] * c - x[3] * s)
-    speeds = P[4, 4] * c * c - 2.0 * P[3, 4] * c * s + P[3, 3] * s * s
+    across = x[LEAN_EAST] * c - x[LEAN_NORTH] * s
+    off = across - drag * (x[VY] * c - x[VX] * s)
+    speeds = P[VY, VY] * c * c - 2.0 * P[VX, VY] * c * s + P[VX, VX] * s * s
     variance = drag * drag * (wind * wind + speeds) + OF_LEAN2 + more
     return -0.5 * (off * off / variance + np.log(variance) + across * across / LEANS2)
 
@@ -94,22 +109,22 @@ def lean(slope, nose, other, x, P, drag, wind):
     c, s = np.cos(other), np.sin(other)
     a, b = -np.sin(nose), np.cos(nose)
     for i in range(P.shape[0]):  # all rows of the new lean, then all columns
-        across = a * P[10, i] + b * P[11, i]
-        along = drag * (c * P[3, i] + s * P[4, i])
-        P[10, i], P[11, i] = -s * across + c * along, c * across + s * along
+        across = a * P[LEAN_NORTH, i] + b * P[LEAN_EAST, i]
+        along = drag * (c * P[VX, i] + s * P[VY, i])
+        P[LEAN_NORTH, i], P[LEAN_EAST, i] = -s * across + c * along, c * across + s * along
     for i in range(P.shape[0]):
-        across = a * P[i, 10] + b * P[i, 11]
-        along = drag * (c * P[i, 3] + s * P[i, 4])
-        P[i, 10], P[i, 11] = -s * across + c * along, c * across + s * along
+        across = a * P[i, LEAN_NORTH] + b * P[i, LEAN_EAST]
+        along = drag * (c * P[i, VX] + s * P[i, VY])
+        P[i, LEAN_NORTH], P[i, LEAN_EAST] = -s * across + c * along, c * across + s * along
     along2 = drag * drag * wind * wind
-    P[10, 10] += along2 * c * c
-    P[11, 11] += along2 * s * s
-    P[10, 11] += along2 * c * s
-    P[11, 10] += along2 * c * s
+    P[LEAN_NORTH, LEAN_NORTH] += along2 * c * c
+    P[LEAN_EAST, LEAN_EAST] += along2 * s * s
+    P[LEAN_NORTH, LEAN_EAST] += along2 * c * s
+    P[LEAN_EAST, LEAN_NORTH] += along2 * c * s
     bank, _ = banked(slope, other, x)
-    across = np.tan(bank - x[BANK_ERROR]) * (G - x[8]) - x[7] * c + x[6] * s
-    along = drag * (c * x[3] + s * x[4])
-    x[10], x[11] = -s * across + c * along, c * across + s * along
+    across = np.tan(bank - x[BANK_ERROR]) * (G - x[AZ]) - x[AY] * c + x[AX] * s
+    along = drag * (c * x[VX] + s * x[VY])
+    x[LEAN_NORTH], x[LEAN_EAST] = -s * across + c * along, c * across + s * along
 
 
 @njit((OUT, CUBE, VECTOR, VECTOR, NUMBER, NUMBER, VECTOR), cache=True, error_model="numpy")
@@ -120,17 +135,21 @@ def first(means, P, noses, drags, slope, wind, banks):
     log_l = np.zeros(len(noses))
     for k in range(len(noses)):
         x, S, c, s = means[k], P[k], np.cos(noses[k]), np.sin(noses[k])
-        of_lean = S[11, 11] * c * c - 2.0 * S[10, 11] * c * s + S[10, 10] * s * s
-        of_turn = S[7, 7] * c * c - 2.0 * S[6, 7] * c * s + S[6, 6] * s * s
+        of_lean = (
+            S[LEAN_EAST, LEAN_EAST] * c * c
+            - 2.0 * S[LEAN_NORTH, LEAN_EAST] * c * s
+            + S[LEAN_NORTH, LEAN_NORTH] * s * s
+        )
+        of_turn = S[AY, AY] * c * c - 2.0 * S[AX, AY] * c * s + S[AX, AX] * s * s
         of_bank = (G * banks[k]) ** 2
-        off = np.tan(banked(slope, noses[k], x)[0]) * G - (x[11] * c - x[10] * s)
-        x[10], x[11] = x[10] - s * off, x[11] + c * off
+        off = np.tan(banked(slope, noses[k], x)[0]) * G - (x[LEAN_EAST] * c - x[LEAN_NORTH] * s)
+        x[LEAN_NORTH], x[LEAN_EAST] = x[LEAN_NORTH] - s * off, x[LEAN_EAST] + c * off
         narrower = np.log(abs(appears(noses[k], x)[0]))  # a density of slopes: `prediction._takes`
         log_l[k] = likely(noses[k], x, S, drags[k], wind, of_turn + of_bank) + narrower
         share = off / (of_lean + of_turn + of_bank)
         rest = off - of_lean * share  # not the lean's
-        x[10], x[11] = x[10] + s * rest, x[11] - c * rest
-        x[6], x[7] = -s * of_turn * share, c * of_turn * share
+        x[LEAN_NORTH], x[LEAN_EAST] = x[LEAN_NORTH] + s * rest, x[LEAN_EAST] - c * rest
+        x[AX], x[AY] = -s * of_turn * share, c * of_turn * share
         x[BANK_ERROR] = of_bank * share / G
     return log_l
 

@@ -25,16 +25,12 @@ from onboard.filters.compiled import OUT, ROWS, VECTOR, out, record
 
 G: Final = 9.80665
 N: Final = 14  # at least: behind these are biases of measurements
-POSITION: Final = slice(0, 3)
-VELOCITY: Final = slice(3, 6)
-ACCELERATION: Final = slice(6, 9)
-BANK_ERROR: Final = 9
-LEAN: Final = slice(10, 12)
-STRETCH: Final = 12
-LOG_SIZE: Final = 13
-# their components one by one
-RX, RY, RZ, VX, VY, VZ, AX, AY, AZ = range(9)
-LEAN_NORTH, LEAN_EAST = 10, 11
+RX, RY, RZ, VX, VY, VZ, AX, AY, AZ, BANK_ERROR, LEAN_NORTH, LEAN_EAST, STRETCH, LOG_SIZE = range(N)
+POSITION: Final = slice(RX, VX)
+VELOCITY: Final = slice(VX, AX)
+ACCELERATION: Final = slice(AX, BANK_ERROR)
+LEAN: Final = slice(LEAN_NORTH, STRETCH)
+MOTION: Final = slice(RX, AX)  # position and velocity
 LEAST_VISIBLE: Final = 0.05  # of the wing: seen exactly along itself, it still shows a tip
 SLOW2: Final = 1.0  # (m/s)^2: in place of 0/0 where a course would be divided by
 TURNS2: Final = 4.0  # (m/s)^2: a leader slower than its root does not turn its velocity
@@ -98,8 +94,8 @@ INTERVAL: Final = record(Interval, NUMBER, NOSES, NOISE, HOVER, NOSES)
 @njit(cache=True, error_model="numpy")
 def course_of(x, air):
     """The course through the air LEAD seconds ahead, of a leader with the mean x (N,), rad."""
-    u, v = x[3] - air[0], x[4] - air[1]
-    return np.arctan2(v, u) + LEAD * (u * x[7] - v * x[6]) / (u * u + v * v + SLOW2)
+    u, v = x[VX] - air[0], x[VY] - air[1]
+    return np.arctan2(v, u) + LEAD * (u * x[AY] - v * x[AX]) / (u * u + v * v + SLOW2)
 
 
 @njit(cache=True, error_model="numpy")
@@ -138,18 +134,18 @@ def _advance(S, j, side, transition):
     """One column (side 0) or row (side 1) of a covariance through the transition."""
     dt, half, drag, t00, t01, t10, t11, down, bank_error, stretch = transition
     w = S[:, j] if side == 0 else S[j]
-    a, b, d = w[6], w[7], w[8]
-    w[0] += dt * w[3] + half * a
-    w[1] += dt * w[4] + half * b
-    w[2] += dt * w[5] + half * d
-    w[3] += dt * a
-    w[4] += dt * b
-    w[5] += dt * d
-    w[10] += drag * dt * a
-    w[11] += drag * dt * b
-    w[6], w[7], w[8] = t00 * a + t01 * b, t10 * a + t11 * b, down * d
-    w[9] *= bank_error
-    w[12] *= stretch
+    a, b, d = w[AX], w[AY], w[AZ]
+    w[RX] += dt * w[VX] + half * a
+    w[RY] += dt * w[VY] + half * b
+    w[RZ] += dt * w[VZ] + half * d
+    w[VX] += dt * a
+    w[VY] += dt * b
+    w[VZ] += dt * d
+    w[LEAN_NORTH] += drag * dt * a
+    w[LEAN_EAST] += drag * dt * b
+    w[AX], w[AY], w[AZ] = t00 * a + t01 * b, t10 * a + t11 * b, down * d
+    w[BANK_ERROR] *= bank_error
+    w[STRETCH] *= stretch
 
 
 @njit(cache=True, error_model="numpy")
@@ -171,13 +167,13 @@ def _stop(x, S, hover, drag, bold):
     v_decay, a_decay, v_variance, a_variance = hover
     v_variance, a_variance = bold * v_variance, bold * a_variance
     lost = drag * (1.0 - v_decay)
-    for i in range(10, 12):
-        x[i] -= lost * x[i - 7]
+    for i in range(LEAN_NORTH, STRETCH):
+        x[i] -= lost * x[i - LEAN_NORTH + VX]
         for j in range(S.shape[0]):
-            S[i, j] -= lost * S[i - 7, j]
+            S[i, j] -= lost * S[i - LEAN_NORTH + VX, j]
         for j in range(S.shape[0]):
-            S[j, i] -= lost * S[j, i - 7]
-    for first, decay, variance in ((3, v_decay, v_variance), (6, a_decay, a_variance)):
+            S[j, i] -= lost * S[j, i - LEAN_NORTH + VX]
+    for first, decay, variance in ((VX, v_decay, v_variance), (AX, a_decay, a_variance)):
         for i in range(first, first + 3):
             x[i] *= decay
             for j in range(S.shape[0]):
@@ -195,12 +191,12 @@ def fly_on(k, particles, interval, air, edge_on):
     fixed, broad, range_, wobble, usual = noise
     half, width = 0.5 * dt * dt, P.shape[2]
     x, S = means[k], P[k]
-    u, v, a, b, drag = x[3], x[4], x[6], x[7], drags[k]
-    square = x[0] * x[0] + x[1] * x[1] + x[2] * x[2]
-    seen2 = visible2(noses[k], x[0], x[1], square, edge_on)
+    u, v, a, b, drag = x[VX], x[VY], x[AX], x[AY], drags[k]
+    square = x[RX] * x[RX] + x[RY] * x[RY] + x[RZ] * x[RZ]
+    seen2 = visible2(noses[k], x[RX], x[RY], square, edge_on)
     mode = int(regimes[k])
     bold = np.exp(2.0 * intensities[k, 0])
-    scale2 = seen2 * np.exp(2.0 * (x[13] - usual))
+    scale2 = seen2 * np.exp(2.0 * (x[LOG_SIZE] - usual))
     banks, wobbles = np.exp(2.0 * intensities[k, 1]), np.exp(2.0 * intensities[k, 2])
     speed2 = u * u + v * v
     rate = (u * b - v * a) / (speed2 + SLOW2)
@@ -225,16 +221,16 @@ def fly_on(k, particles, interval, air, edge_on):
         S[i, i] += fixed[i] + factor2 * scale2 * broad[mode, i] + square * range_[i]
         for j in range(i):
             S[i, j] = S[j, i] = 0.5 * (S[i, j] + S[j, i])
-    steep = ((x[7] + x[11]) * np.cos(noses[k]) - (x[6] + x[10]) * np.sin(noses[k])) / (G - x[8])
-    S[12, 12] += wobbles * wobble * shortens2(seen2, steep * steep)
+    steep = ((x[AY] + x[LEAN_EAST]) * np.cos(noses[k]) - (x[AX] + x[LEAN_NORTH]) * np.sin(noses[k])) / (G - x[AZ])
+    S[STRETCH, STRETCH] += wobbles * wobble * shortens2(seen2, steep * steep)
     for i in range(3):
-        x[i] += dt * x[3 + i] + half * x[6 + i] - moved[i]
-        x[3 + i] += dt * x[6 + i]
-    x[10] += drag * dt * a
-    x[11] += drag * dt * b
-    x[6], x[7], x[8] = t00 * a + t01 * b, t10 * a + t11 * b, down * x[8]
-    x[9] *= decay[1]
-    x[12] *= decay[2]
+        x[i] += dt * x[VX + i] + half * x[AX + i] - moved[i]
+        x[VX + i] += dt * x[AX + i]
+    x[LEAN_NORTH] += drag * dt * a
+    x[LEAN_EAST] += drag * dt * b
+    x[AX], x[AY], x[AZ] = t00 * a + t01 * b, t10 * a + t11 * b, down * x[AZ]
+    x[BANK_ERROR] *= decay[1]
+    x[STRETCH] *= decay[2]
     if width > N:
         _forget(x, S, decay[3:], fixed)
     if mode == HOVERING:
@@ -245,8 +241,8 @@ def fly_on(k, particles, interval, air, edge_on):
 
 def courses(means: Array, air: tuple[float, float]) -> Array:
     """Of leaders with these means (K, W), the courses (K,) through the `air` (2,) m/s, rad."""
-    u, v = means[:, 3] - air[0], means[:, 4] - air[1]
-    found: Array = np.arctan2(v, u) + LEAD * (u * means[:, 7] - v * means[:, 6]) / (u * u + v * v + SLOW2)
+    u, v = means[:, VX] - air[0], means[:, VY] - air[1]
+    found: Array = np.arctan2(v, u) + LEAD * (u * means[:, AY] - v * means[:, AX]) / (u * u + v * v + SLOW2)
     return found
 
 

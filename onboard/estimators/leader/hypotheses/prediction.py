@@ -53,12 +53,17 @@ from onboard.estimators.leader.hypotheses.motion import (
     NUMBER,
     PAIR,
     POSITION,
+    RX,
+    RY,
+    RZ,
     SLOW2,
     STEADY,
     STRETCH,
     TIED,
     UNDECIDED,
     VELOCITY,
+    VX,
+    VY,
     N,
     course_of,
     fly_on,
@@ -192,7 +197,7 @@ PASSED: Final = record(Passed, NUMBER, NOSES, NUMBER, types.boolean, PAIR, NUMBE
 @njit(cache=True, error_model="numpy")
 def _fraction(nose, x, edge_on):
     """The fraction that is seen of a level wing of a leader with the mean x (N,)."""
-    return np.sqrt(visible2(nose, x[0], x[1], x[0] * x[0] + x[1] * x[1] + x[2] * x[2], edge_on))
+    return np.sqrt(visible2(nose, x[RX], x[RY], x[RX] * x[RX] + x[RY] * x[RY] + x[RZ] * x[RZ], edge_on))
 
 
 @njit(cache=True, error_model="numpy")
@@ -200,7 +205,7 @@ def _doubt(ratio, x, P, dt, moved, hovers):
     """Give a particle another nose, in place: the one that is supposed may be wrong after all. Seen so, the same
     images are those of a leader that is nearer or farther by a `ratio`, and moves in proportion; one that hovers
     stands still there, too."""
-    scaled = 3 if hovers else BANK_ERROR + 1
+    scaled = VX if hovers else BANK_ERROR + 1
     for i in range(x.shape[0]):
         scale = ratio if i < scaled else 1.0
         x[i] *= scale
@@ -209,7 +214,7 @@ def _doubt(ratio, x, P, dt, moved, hovers):
     if hovers:
         return
     for i in range(3):
-        x[3 + i] += (1.0 - ratio) * moved[i] / dt
+        x[VX + i] += (1.0 - ratio) * moved[i] / dt
 
 
 @njit(cache=True, error_model="numpy")
@@ -239,8 +244,8 @@ def _takes(nose, other, x, P, passed, hovers, drags, chance):
 def _next(regime, x, P, drawn, steadies, begins, hovers, leaves):
     """The regime after a step, by a number that is `drawn` from (0, 1). Only a slow leader begins to hover."""
     if regime == HOVERING:
-        return ACCELERATING if drawn < leaves or x[3] * x[3] + x[4] * x[4] > DRIFTS2 else HOVERING
-    speed2 = (x[3] * x[3] + x[4] * x[4]) / (SLOW2 + P[3, 3] + P[4, 4])
+        return ACCELERATING if drawn < leaves or x[VX] * x[VX] + x[VY] * x[VY] > DRIFTS2 else HOVERING
+    speed2 = (x[VX] * x[VX] + x[VY] * x[VY]) / (SLOW2 + P[VX, VX] + P[VY, VY])
     if drawn > 1.0 - hovers * np.exp(-0.5 * speed2):
         return HOVERING
     if regime == ACCELERATING:
@@ -261,11 +266,11 @@ def _tied_nose(nose, aside, x, dt, moved, edge_on, air):
     """The nose so far `aside`, rad, of the course that the leader would have with that nose: its range and
     velocity depend on it."""
     other = course_of(x, air) + aside
-    aside += course_of(x, air) - np.arctan2(x[4] - air[1], x[3] - air[0])
+    aside += course_of(x, air) - np.arctan2(x[VY] - air[1], x[VX] - air[0])
     for _ in range(CIRCLES):
         ratio = _fraction(other, x, edge_on) / _fraction(nose, x, edge_on)
-        u = ratio * x[3] + (1.0 - ratio) * moved[0] / dt
-        v = ratio * x[4] + (1.0 - ratio) * moved[1] / dt
+        u = ratio * x[VX] + (1.0 - ratio) * moved[0] / dt
+        v = ratio * x[VY] + (1.0 - ratio) * moved[1] / dt
         other = np.arctan2(v - air[1], u - air[0]) + aside
     return other
 
@@ -274,7 +279,7 @@ def _tied_nose(nose, aside, x, dt, moved, edge_on, air):
 def _decided(tied, x, regime, drawn, which, decides, doubted, unties, ties, anew):
     """Whether a nose is tied to its course after a step, whether it is from now on, and whether it is doubted, by
     numbers that are `drawn` from (0, 1). Of a slow leader that is undecided."""
-    speed2 = x[3] * x[3] + x[4] * x[4]
+    speed2 = x[VX] * x[VX] + x[VY] * x[VY]
     if ties > 0.0 and (regime == HOVERING or speed2 < LETS_GO2):
         tied = UNDECIDED
     if tied == TIED and drawn >= unties:
@@ -329,7 +334,7 @@ def _change(k, particles, draws, changes, passed):
         aside = slack * np.exp(of_heading) * normal_of(draws + OF_SLACK, k)
         other, rates[k] = _tied_nose(noses[k], aside, x, dt, passed.moved, passed.edge_on, passed.air), 0.0
     elif crab > 0.0:  # a fixed wing's nose stays about its course
-        other = np.arctan2(x[4], x[3]) + crab * MOST_CRAB * (2.0 * where - 1.0)
+        other = np.arctan2(x[VY], x[VX]) + crab * MOST_CRAB * (2.0 * where - 1.0)
     new_drag = drag[0] * np.exp(drag[1] * normal_of(draws + OF_DRAG, k))
     accepted = uniform_of(draws + OF_ACCEPTANCE, k)
     hovering, both = regimes[k] == HOVERING, (drags[k], new_drag)

@@ -29,6 +29,8 @@ from onboard.estimators.leader.hypotheses.motion import (
     POSITION,
     STRETCH,
     VELOCITY,
+    VX,
+    VZ,
     N,
 )
 from onboard.estimators.leader.hypotheses.prediction import HORIZONTAL, MOST_CRAB
@@ -40,6 +42,7 @@ LEAST_RANGE: Final = 0.05  # of the largest possible range of a first image: poi
 SIZES_APART: Final = 0.05  # of the size: what is less certain is sampled, as a Gaussian's curvature would mislead
 FORGETS: Final = 5  # of so many particles one has a new nose when a track starts again
 MOST_BANK: Final = math.radians(35.0)  # rad, of noses that are looked at closely
+LEVEL: Final = slice(VX, VZ)
 MOVING: Final = 3.0  # m/s: if we fly faster, a leader that flies along with us is likely
 
 
@@ -173,10 +176,10 @@ def _slope(seen: Measurement, pose: CameraPose) -> float:
 
 def _lean(settings: NoseModel, means: Array, P: Array, drags: Array) -> None:
     """What is known of a lean against the air: the drag times an airspeed, with an unknown wind."""
-    of_air = P[:, 3:5, 3:5] + settings.wind**2 * np.eye(2)
-    means[:, LEAN] = drags[:, None] * means[:, 3:5]
+    of_air = P[:, LEVEL, LEVEL] + settings.wind**2 * np.eye(2)
+    means[:, LEAN] = drags[:, None] * means[:, LEVEL]
     P[:, LEAN, LEAN] = (drags**2)[:, None, None] * of_air + 1e-8 * np.eye(2)
-    P[:, LEAN, 3:5] = P[:, 3:5, LEAN] = drags[:, None, None] * P[:, 3:5, 3:5]
+    P[:, LEAN, LEVEL] = P[:, LEVEL, LEAN] = drags[:, None, None] * P[:, LEVEL, LEVEL]
 
 
 def _first_noses(settings: NoseModel, direction: Array, v_F_n: Array, slope: float | None) -> tuple[Any, Any]:

@@ -20,6 +20,18 @@ from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import NoseModel
 from onboard.estimators.leader.hypotheses import motion
 from onboard.estimators.leader.hypotheses.cloud import Cloud
+from onboard.estimators.leader.hypotheses.motion import (
+    ACCELERATION,
+    AX,
+    AY,
+    AZ,
+    MOTION,
+    POSITION,
+    VELOCITY,
+    VX,
+    VY,
+    VZ,
+)
 from onboard.estimators.leader.hypotheses.places import Place, places
 from onboard.filters.compiled import OUT, ROWS, VECTOR, out, packed
 from onboard.geometry.path_axes import SLOW, path_angles
@@ -32,28 +44,22 @@ BANK_ERROR: Final = 11
 BASE: Final = 12  # the number of states that are published
 COMPONENTS: Final = (*relative_motion.COMPONENTS, "a_along", "heading", "bank_error")
 UNITS: Final = (*relative_motion.UNITS, "m/s^2", "rad", "rad")
-# the components of a summary (N,)
-R_FL: Final = slice(0, 3)
-V_L: Final = slice(3, 6)
-A_L: Final = slice(6, 9)
-LOG_SIZE: Final = 9
-NOSE: Final = 10
-BANK: Final = 11
-N: Final = 12
-VECTORS: Final = 9  # of them, position, velocity and acceleration, which a cloud has in the same places
+# The components of a summary (N,): position, velocity and acceleration, in the same places as a particle's, ...
+LOG_SIZE: Final = motion.BANK_ERROR  # ... the size, and, as in what is published, HEADING and BANK_ERROR
+N: Final = BASE
+VECTORS: Final = LOG_SIZE
 # of a summary, and of a particle: what both of them have
-OF_SUMMARY: Final = (*range(VECTORS), LOG_SIZE, BANK)
+OF_SUMMARY: Final = (*range(VECTORS), LOG_SIZE, BANK_ERROR)
 OF_PARTICLE: Final = (*range(VECTORS), motion.LOG_SIZE, motion.BANK_ERROR)
 NUMBER: Final = types.float64
 CLOUD: Final = packed(NUMBER, 1), packed(NUMBER, 2), packed(NUMBER, 1)
 VECTOR_OUT: Final = out(NUMBER, 1)
 RESOLVED: Final = 0.15  # of the range: a cloud that is less certain leaves it open, and confirms nothing
-MOTION: Final = slice(0, 6)  # position and velocity
 STAYS: Final = np.eye(N)
 MOVES: Final = np.zeros((N, N))
-MOVES[R_FL, V_L] = MOVES[V_L, A_L] = np.eye(3)
+MOVES[POSITION, VELOCITY] = MOVES[VELOCITY, ACCELERATION] = np.eye(3)
 CURVES: Final = np.zeros((N, N))
-CURVES[R_FL, A_L] = np.eye(3)
+CURVES[POSITION, ACCELERATION] = np.eye(3)
 
 
 class Summary(NamedTuple):
@@ -70,21 +76,21 @@ class Summary(NamedTuple):
             return self
         F = STAYS + dt * MOVES + 0.5 * dt * dt * CURVES
         mean = F @ self.mean
-        mean[R_FL] -= moved
+        mean[POSITION] -= moved
         return Summary(mean, F @ self.covariance @ F.T, tuple(p.after(dt, moved) for p in self.places))
 
     def range_sigma(self) -> float:
         """The standard deviation of the range, as a share of it."""
-        x, y, z = self.mean[R_FL].tolist()  # three numbers: Python's arithmetic is fast
-        (xx, xy, xz), (_, yy, yz), (_, _, zz) = self.covariance[R_FL, R_FL].tolist()
+        x, y, z = self.mean[POSITION].tolist()  # three numbers: Python's arithmetic is fast
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = self.covariance[POSITION, POSITION].tolist()
         along = x * x * xx + y * y * yy + z * z * zz + 2.0 * (x * y * xy + x * z * xz + y * z * yz)
         return math.sqrt(max(along, 0.0)) / float(x * x + y * y + z * z)
 
     def direction_sigma(self) -> float:
         """The standard deviation of the direction where it is least certain, rad."""
-        r = self.mean[R_FL]
+        r = self.mean[POSITION]
         across = np.eye(3) - np.outer(r, r) / float(r @ r)
-        largest = float(np.linalg.eigvalsh(across @ self.covariance[R_FL, R_FL] @ across)[-1])
+        largest = float(np.linalg.eigvalsh(across @ self.covariance[POSITION, POSITION] @ across)[-1])
         return math.sqrt(max(largest, 0.0)) / float(np.linalg.norm(r))
 
 
@@ -103,13 +109,13 @@ def summarise(settings: NoseModel, cloud: Cloud) -> Summary:
     mean, P = np.zeros(N), np.zeros((N, N))
     within = (w @ cloud.covariances.reshape(len(w), -1)).reshape(cloud.covariances.shape[1:])
     log_range = moments(cloud.noses, cloud.means, w, about, period, within, mean, P)
-    r = mean[R_FL]
+    r = mean[POSITION]
     square = float(r @ r)
-    along = P[:, R_FL] @ r
-    sigma = math.sqrt(max(float(along[R_FL] @ r), 0.0)) / square
+    along = P[:, POSITION] @ r
+    sigma = math.sqrt(max(float(along[POSITION] @ r), 0.0)) / square
     is_resolved = min(max(2.0 - sigma / RESOLVED, 0.0), 1.0)
     if is_resolved > 0.0:
-        places_ = cloud.means[:, R_FL]
+        places_ = cloud.means[:, POSITION]
         log_ranges = 0.5 * np.log(np.einsum("ki,ki->k", places_, places_))
         order = log_ranges.argsort()
         sorted_w = w[order]
@@ -118,18 +124,18 @@ def summarise(settings: NoseModel, cloud: Cloud) -> Summary:
     # the mean moved to that range, what goes with it, and the second moments about it there
     distance = math.sqrt(square)
     along /= distance
-    step = (math.exp(log_range) - distance) / (float(along[R_FL] @ r) / distance) * along
+    step = (math.exp(log_range) - distance) / (float(along[POSITION] @ r) / distance) * along
     step[LOG_SIZE] = 0.0  # whatever moves the range, it is not the size
     mean, P = mean + step, P + step[:, None] * step
     by_points = 0.0
     if (
         cloud.misplaced
     ):  # bias of named points makes a nose wrong, the more the range, the less is seen of the wing
-        line = mean[None, R_FL] / np.linalg.norm(mean[R_FL])
-        seen = float(motion.visible(mean[NOSE : NOSE + 1], line, 0.0)[0])
+        line = mean[None, POSITION] / np.linalg.norm(mean[POSITION])
+        seen = float(motion.visible(mean[HEADING : HEADING + 1], line, 0.0)[0])
         by_points = (cloud.misplaced * (1.0 - seen**2)) ** 2
-    P[MOTION, MOTION] += ours(settings, mean[R_FL], by_points)
-    P[NOSE, NOSE] += settings.misalignment[2] ** 2
+    P[MOTION, MOTION] += ours(settings, mean[POSITION], by_points)
+    P[HEADING, HEADING] += settings.misalignment[2] ** 2
     whole = Summary(mean, 0.5 * (P + P.T))
     if whole.range_sigma() <= RESOLVED:
         return whole
@@ -146,7 +152,7 @@ def ours(settings: NoseModel, r_FL_n: Array, by_points: float) -> Array:
     turned = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     P = np.zeros((6, 6))
     P[:3, :3] = turned.T @ (_variances(settings.misalignment) * turned) + by_points * (r_FL_n[:, None] * r_FL_n)
-    P[3, 3] = P[4, 4] = P[5, 5] = settings.own_velocity**2
+    P[VX, VX] = P[VY, VY] = P[VZ, VZ] = settings.own_velocity**2
     return P
 
 
@@ -158,12 +164,12 @@ def with_course(settings: NoseModel, cloud: Cloud) -> Array:
     itself, where each image would count it again."""
     w = np.exp(cloud.log_weights)
     x, P = cloud.means, cloud.covariances
-    u, v = x[:, 3] - settings.air[0], x[:, 4] - settings.air[1]
+    u, v = x[:, VX] - settings.air[0], x[:, VY] - settings.air[1]
     speed2 = u * u + v * v + 1e-6
     aside = cloud.noses - np.arctan2(v, u)
     aside -= math.pi * np.round(aside / math.pi)
     a, b = v / speed2, -u / speed2
-    S = a * a * P[:, 3, 3] + 2.0 * a * b * P[:, 3, 4] + b * b * P[:, 4, 4] + settings.nose_about_course**2
+    S = a * a * P[:, VX, VX] + 2.0 * a * b * P[:, VX, VY] + b * b * P[:, VY, VY] + settings.nose_about_course**2
     S += settings.air_sigma**2 / speed2
     share = speed2**2 / (speed2**2 + motion.FOLLOWS4)
     likely = np.exp(-0.5 * aside**2 / S) / np.sqrt(2.0 * math.pi * S)
@@ -182,9 +188,9 @@ def _components(nose, x, about, period, row):
     """A particle's mean as components of a summary, into `row`. Noses repeat after `period`."""
     for i in range(VECTORS):
         row[i] = x[i]
-    row[NOSE] = nose - period * np.rint((nose - about) / period)
+    row[HEADING] = nose - period * np.rint((nose - about) / period)
     row[LOG_SIZE] = x[motion.LOG_SIZE]
-    row[BANK] = x[motion.BANK_ERROR]
+    row[BANK_ERROR] = x[motion.BANK_ERROR]
 
 
 @njit((*CLOUD, NUMBER, NUMBER, ROWS, VECTOR_OUT, OUT), cache=True, error_model="numpy")
@@ -223,27 +229,29 @@ def _derivatives(known, dt, J):
     and a_along, which alone are not linear but for the size."""
     J[:] = 0.0
     for i in range(3):
-        J[i, i], J[i, 3 + i], J[i, 6 + i] = 1.0, dt, 0.5 * dt * dt
-        J[3 + i, 3 + i], J[3 + i, 6 + i] = 1.0, dt
+        J[i, i], J[i, VX + i], J[i, AX + i] = 1.0, dt, 0.5 * dt * dt
+        J[VX + i, VX + i], J[VX + i, AX + i] = 1.0, dt
     J[SIZE, LOG_SIZE] = np.exp(known[LOG_SIZE])
-    J[HEADING, NOSE] = J[BANK_ERROR, BANK] = 1.0
-    u, v, w = known[3] + dt * known[6], known[4] + dt * known[7], known[5] + dt * known[8]
-    c, s, cosine, sine = _path_angles(u, v, w, known[NOSE])  # one that hovers has its accelerations along its nose
-    level, right = c * known[6] + s * known[7], c * known[7] - s * known[6]
-    a = right, -sine * level - cosine * known[8], cosine * level - sine * known[8]
-    J[A_LAT, 6], J[A_LAT, 7] = -s, c
-    J[A_LONG, 6], J[A_LONG, 7], J[A_LONG, 8] = -c * sine, -s * sine, -cosine
-    J[A_ALONG, 6], J[A_ALONG, 7], J[A_ALONG, 8] = c * cosine, s * cosine, -sine
+    J[HEADING, HEADING] = J[BANK_ERROR, BANK_ERROR] = 1.0
+    u, v, w = known[VX] + dt * known[AX], known[VY] + dt * known[AY], known[VZ] + dt * known[AZ]
+    c, s, cosine, sine = _path_angles(
+        u, v, w, known[HEADING]
+    )  # one that hovers has its accelerations along its nose
+    level, right = c * known[AX] + s * known[AY], c * known[AY] - s * known[AX]
+    a = right, -sine * level - cosine * known[AZ], cosine * level - sine * known[AZ]
+    J[A_LAT, AX], J[A_LAT, AY] = -s, c
+    J[A_LONG, AX], J[A_LONG, AY], J[A_LONG, AZ] = -c * sine, -s * sine, -cosine
+    J[A_ALONG, AX], J[A_ALONG, AY], J[A_ALONG, AZ] = c * cosine, s * cosine, -sine
     h = np.sqrt(u * u + v * v)
     if h > SLOW:  # by course and climb, the axes turn with the velocity
         course, climb, rise = (-s / h, c / h, 0.0), (c * w, s * w, -h), h * h + w * w
         for i in range(3):
-            J[A_LAT, 3 + i] = -level * course[i]
-            J[A_LONG, 3 + i] = -sine * right * course[i] - a[2] * climb[i] / rise
-            J[A_ALONG, 3 + i] = cosine * right * course[i] + a[1] * climb[i] / rise
+            J[A_LAT, VX + i] = -level * course[i]
+            J[A_LONG, VX + i] = -sine * right * course[i] - a[2] * climb[i] / rise
+            J[A_ALONG, VX + i] = cosine * right * course[i] + a[1] * climb[i] / rise
         for i in range(3):
             for row in (A_LAT, A_LONG, A_ALONG):
-                J[row, 6 + i] += dt * J[row, 3 + i]
+                J[row, AX + i] += dt * J[row, VX + i]
     return a
 
 
@@ -263,7 +271,7 @@ def as_leader(known, C, dt, moved, v_F):
                     JC[i, j] += J[i, k] * C[k, j]
     for i in range(3):
         x[i] -= moved[i]
-        x[3 + i] -= v_F[i]
+        x[VX + i] -= v_F[i]
     x[SIZE] = J[SIZE, LOG_SIZE]
     x[A_LAT], x[A_LONG], x[A_ALONG] = a
     for i in range(BASE):

@@ -21,7 +21,15 @@ from onboard.estimators.leader.hypotheses import motion as model
 from onboard.estimators.leader.hypotheses import view
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
 from onboard.estimators.leader.hypotheses.cloud import Bias, Cloud, evidence, fitting, weighted
-from onboard.estimators.leader.hypotheses.motion import BANK_ERROR, FREE, LEAST_VISIBLE, POSITION, TIED, VELOCITY
+from onboard.estimators.leader.hypotheses.motion import (
+    BANK_ERROR,
+    FREE,
+    LEAST_VISIBLE,
+    MOTION,
+    POSITION,
+    TIED,
+    VELOCITY,
+)
 from onboard.estimators.leader.hypotheses.prediction import Passed, gain, particles_of
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import Measurement, Rows
@@ -34,7 +42,6 @@ TRUE: Final = 0.9999  # the probability that a report or a range passes that is 
 APART_S: Final = 0.2  # of the evidence of one of these, in seconds
 FRESH_S: Final = 8.0  # over which the evidence of a new track is used
 TOGETHER_S: Final = 0.05  # what is measured at one time, by different means, counts as if it came so soon after
-MOTION: Final = slice(0, 6)  # position and velocity
 SURPRISE_S: Final = 3.0  # over which the surprise is averaged
 MOST_SURPRISE: Final = 12.0  # NIS of an image: one stray image is no surprise
 SHOWN: Final = 4.0  # components of an image that show something: both of the center and of the wing

@@ -159,9 +159,11 @@ def whiten(L, e, J):
 def dot(a, b, bias):
     """The product of two state vectors (W,), one of which has no downward velocity, which no image shows, and of
     the biases at most that in the column `bias` (0: none)."""
-    middle = a[6] * b[6] + a[7] * b[7] + a[8] * b[8] + a[13] * b[13]
-    rest = (a[9] * b[9] + a[10] * b[10]) + (a[11] * b[11] + a[12] * b[12])
-    found = (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]) + middle + rest + (a[3] * b[3] + a[4] * b[4])
+    middle = a[AX] * b[AX] + a[AY] * b[AY] + a[AZ] * b[AZ] + a[LOG_SIZE] * b[LOG_SIZE]
+    rest = (a[BANK_ERROR] * b[BANK_ERROR] + a[LEAN_NORTH] * b[LEAN_NORTH]) + (
+        a[LEAN_EAST] * b[LEAN_EAST] + a[STRETCH] * b[STRETCH]
+    )
+    found = (a[RX] * b[RX] + a[RY] * b[RY] + a[RZ] * b[RZ]) + middle + rest + (a[VX] * b[VX] + a[VY] * b[VY])
     return found + a[bias] * b[bias] if bias > 0 else found
 
 
@@ -169,10 +171,12 @@ def dot(a, b, bias):
 def project(w, P, bias, c):
     """The product of a row of derivatives w (W,) as in `dot`, and a covariance (W, W), into c (W,)."""
     for n in range(P.shape[1]):
-        near = w[0] * P[0, n] + w[1] * P[1, n] + w[2] * P[2, n]
-        middle = w[6] * P[6, n] + w[7] * P[7, n] + w[8] * P[8, n] + w[13] * P[13, n]
-        far = (w[9] * P[9, n] + w[10] * P[10, n]) + (w[11] * P[11, n] + w[12] * P[12, n])
-        c[n] = near + middle + far + (w[3] * P[3, n] + w[4] * P[4, n])
+        near = w[RX] * P[RX, n] + w[RY] * P[RY, n] + w[RZ] * P[RZ, n]
+        middle = w[AX] * P[AX, n] + w[AY] * P[AY, n] + w[AZ] * P[AZ, n] + w[LOG_SIZE] * P[LOG_SIZE, n]
+        far = (w[BANK_ERROR] * P[BANK_ERROR, n] + w[LEAN_NORTH] * P[LEAN_NORTH, n]) + (
+            w[LEAN_EAST] * P[LEAN_EAST, n] + w[STRETCH] * P[STRETCH, n]
+        )
+        c[n] = near + middle + far + (w[VX] * P[VX, n] + w[VY] * P[VY, n])
     if bias > 0:
         for n in range(P.shape[1]):
             c[n] += w[bias] * P[bias, n]
