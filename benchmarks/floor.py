@@ -54,17 +54,17 @@ class Arithmetic:
         means[:, model.LOG_SIZE] = 0.7
         P = np.tile(0.01 * np.eye(model.N), (HYPOTHESES, 1, 1))
         drags, zero = np.full(HYPOTHESES, 0.16), np.zeros(HYPOTHESES)
-        noses, steady = rng.uniform(-1.0, 1.0, HYPOTHESES), np.zeros((HYPOTHESES, 3))
-        self._first = prediction.Particles(noses, zero, zero, means, P, steady, zero, drags, zero)
+        headings, steady = rng.uniform(-1.0, 1.0, HYPOTHESES), np.zeros((HYPOTHESES, 3))
+        self._first = prediction.ParticleArrays(headings, zero, zero, means, P, steady, zero, drags, zero)
         self._weights = np.full(HYPOTHESES, 1.0 / HYPOTHESES)
 
     def image(self, y: Array) -> Array:
         """The NIS (HYPOTHESES,) of a measurement y (4,) of `leader.image.measurement`."""
-        particles = prediction.Particles(*(array.copy() for array in self._first))
+        particles = prediction.ParticleArrays(*(array.copy() for array in self._first))
         prediction.step(particles, 4, CHANGES, PASSED, INTERVAL)
         shown = ROWS.points, ROWS.of, ROWS.shares, ROWS.axis, y, ROWS.R, True, False, *ROWS.posture
-        rows = view.ImageRows(*shown, STILL, np.eye(3), 0, particles.tied, (0.0, 0.0))
-        state = particles.means, particles.covariances, particles.noses
+        rows = view.ImageRows(*shown, STILL, np.eye(3), 0, particles.course_locked, (0.0, 0.0))
+        state = particles.means, particles.covariances, particles.headings
         *_, each = view.expect(*state, self._weights, rows)
         nis, _ = view.update(*state, rows, each)
         return np.asarray(nis)

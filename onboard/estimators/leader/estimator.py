@@ -59,7 +59,7 @@ CLASS: Final = "class_changed"  # how often the detector has taken a target for 
 RENAMED: Final = "target_renamed"  # how often a track has gone on under another id
 PASSED_ON: Final = "leader_passed_on"  # how often another target has become the leader
 EXCHANGED: Final = "ids_exchanged"  # how many detections have had another's id from some image on
-MISFIT: Final = "misfit_"  # before the names of points that fit no nose, in the health
+MISFIT: Final = "misfit_"  # before the names of points that fit no heading, in the health
 # An image is compared with the tracks at most this many times as far from it as the nearest one, plus this angle.
 FARTHER: Final = 3.0
 BESIDE: Final = 0.04  # rad

@@ -1,8 +1,8 @@
 """What is believed of one leader. `belief` is the filter: at its own time an image is compared with what all
 hypotheses expect, and corrects each of them.
 
-    start        the cloud of hypotheses (`cloud`) after a first image
-    prediction   a step: each leader flies on (`motion`), and chance changes it (`draws`, `leaning`)
+    start        the particles of hypotheses (`particles`) after a first image
+    prediction   a step: each leader flies on (`motion`), and chance changes it (`draws`, `tilt`)
     update       an image (`view`), a pose, and what is measured beside the images (`auxiliary`)
     summary      mean and covariance of the whole, and what is published; `places`, where the range is open
 

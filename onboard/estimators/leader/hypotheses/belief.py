@@ -1,9 +1,10 @@
-"""One belief about one leader: weighted hypotheses with a Gaussian each (`cloud`). `make_filter` makes its filter.
+"""One belief about one leader: weighted hypotheses with a Gaussian each (`particles`). `make_filter` makes its
+filter.
 
-Each hypothesis supposes where the leader's nose points, whether it flies steadily, accelerates or hovers, and how
-boldly; all share the errors of our own state, which are considered and not estimated. Every image corrects every
-hypothesis, and what they expected together is what an image is judged by. As many are kept as there are different
-noses and ranges in question.
+Each hypothesis supposes where the leader's heading points, whether it flies steadily, accelerates or hovers, and
+how boldly; all share the errors of our own state, which are considered and not estimated. Every image corrects
+every hypothesis, and what they expected together is what an image is judged by. As many are kept as there are
+different headings and ranges in question.
 """
 
 import math
@@ -12,11 +13,11 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.assumptions import CRAB, SLIP, SMALLEST_SIGMA, UNSURE, NoseModel, Size, overridden
+from onboard.estimators.leader.assumptions import CRAB, SLIP, SMALLEST_SIGMA, UNSURE, LeaderModel, Size, overridden
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses import prediction, update
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
-from onboard.estimators.leader.hypotheses.cloud import Cloud
+from onboard.estimators.leader.hypotheses.particles import Particles
 from onboard.estimators.leader.hypotheses.places import OpenQuestion
 from onboard.estimators.leader.hypotheses.start import start
 from onboard.estimators.leader.hypotheses.summary import (
@@ -56,17 +57,17 @@ class State(NamedTuple):
     """The hypotheses at some time, and their summary; our own motion since then; and what they assume, in the wind
     as it was known last."""
 
-    cloud: Cloud
+    particles: Particles
     summary: Summary
     since: Pending
-    settings: NoseModel
+    settings: LeaderModel
 
 
 class Prediction(NamedTuple):
     """A state, and its hypotheses predicted to the newest own motion that it has."""
 
     before: State
-    cloud: Cloud
+    particles: Particles
 
 
 class ImageComparison(NamedTuple):
@@ -96,7 +97,7 @@ class BeliefFilter:
     components: tuple[str, ...] = COMPONENTS
     units: tuple[str, ...] = UNITS
 
-    def __init__(self, settings: NoseModel, shape: Shape, delay_sigma: float) -> None:
+    def __init__(self, settings: LeaderModel, shape: Shape, delay_sigma: float) -> None:
         self.shape, self.gate = shape, settings.gate
         self._settings, self._delay_sigma = settings, delay_sigma
 
@@ -108,45 +109,45 @@ class BeliefFilter:
         size: Size | None = None,
         surprise: float | None = None,
     ) -> State:
-        """Of what was believed before, the noses are kept. `size`: as it is known by more than images; `surprise`:
-        how far from all hypotheses the images before were, None: as it was."""
+        """Of what was believed before, the headings are kept. `size`: as it is known by more than images;
+        `surprise`: how far from all hypotheses the images before were, None: as it was."""
         settings = of_size = self._settings if before is None else before.settings
         if size is not None:
             of_size = settings._replace(size=size.value, size_sigma=size.sigma)
-        cloud = start(of_size, measurement, pose, None if before is None else before.cloud)
+        particles = start(of_size, measurement, pose, None if before is None else before.particles)
         if surprise is not None:
-            cloud = cloud._replace(surprise=surprise)
-        return State(cloud, summarise(of_size, cloud), Pending(0.0, NOWHERE, pose.v_F_n), settings)
+            particles = particles._replace(surprise=surprise)
+        return State(particles, summarise(of_size, particles), Pending(0.0, NOWHERE, pose.v_F_n), settings)
 
     def informed(self, state: State, prior: Belief, *, flew: bool) -> State | None:
         """See `update.informed`."""
-        cloud = update.informed(self._settings, state.cloud, prior, flew=flew)
-        return None if cloud is None else self._at(state, cloud)
+        particles = update.informed(self._settings, state.particles, prior, flew=flew)
+        return None if particles is None else self._at(state, particles)
 
     def advance(self, state: State, step: Step) -> State:
         """The hypotheses are predicted when an image comes, or after a while."""
         dt, moved, _ = state.since
         since = Pending(dt + step.dt, moved + step.dt * step.v0 + (0.5 * step.dt**2) * step.a, step.v1)
-        advanced = State(state.cloud, state.summary, since, state.settings)
+        advanced = State(state.particles, state.summary, since, state.settings)
         if since.dt <= LONGEST_S:
             return advanced
-        return self._at(advanced, self.predict(advanced).cloud)  # no image corrects it soon
+        return self._at(advanced, self.predict(advanced).particles)  # no image corrects it soon
 
     def predict(self, state: State) -> Prediction:
         """The hypotheses predicted to now."""
         dt, moved, _ = state.since
         if dt <= 0.0:
-            return Prediction(state, state.cloud)
-        return Prediction(state, prediction.predict(state.settings, state.cloud, dt, moved))
+            return Prediction(state, state.particles)
+        return Prediction(state, prediction.predict(state.settings, state.particles, dt, moved))
 
     def compare(self, predicted: Prediction, measurement: Measurement, pose: CameraPose) -> ImageComparison:
         """A measurement, by a camera with this pose, beside what all hypotheses expect. Raises FilterError."""
-        state, cloud = predicted
+        state, particles = predicted
         noise_c = pose.noise_c
         if self._delay_sigma > 0.0:
             noise_c = noise_c + self._delay_sigma**2 * (pose.omega_c[:, None] * pose.omega_c)
         measurement = measurement.with_attitude_noise(noise_c)
-        expected, measured = update.expect(state.settings, cloud, measurement, pose), measurement.rows.y
+        expected, measured = update.expect(state.settings, particles, measurement, pose), measurement.rows.y
         y, S = expected.y, expected.S + measurement.rows.R
         if measurement.rows.is_wing and measured[WING] @ y[WING] < 0.0:  # its tips are named the other way round
             measured = measured * EXCHANGED[: len(y)]
@@ -159,32 +160,32 @@ class BeliefFilter:
     def fuse(self, compared: ImageComparison) -> Update:
         """The update of all hypotheses by a measurement. Raises FilterError."""
         (state, now), measurement, pose, y, innovation, S, nis, expected = compared
-        cloud, beyond = update.update(state.settings, now, measurement, pose, expected)
+        particles, beyond = update.update(state.settings, now, measurement, pose, expected)
         passes = max(nis, beyond) <= self.gate
-        after = self._at(state, cloud) if passes else state
+        after = self._at(state, particles) if passes else state
         decided = nis if passes else max(nis, beyond)
-        return Update(after, innovation, S, y, decided, cloud.misfits if passes else (), passes)
+        return Update(after, innovation, S, y, decided, particles.misfits if passes else (), passes)
 
     def assist(self, state: State, taken: Auxiliary) -> State | None:
         """The state after what is measured beside the images; None where that contradicts it, or where what may be
         false would lead the size beyond SIZES sigmas of the configured one. Raises FilterError."""
         is_open = state.summary.after(state.since.dt, state.since.moved).range_sigma() > RESOLVED
-        cloud = update.assist(state.settings, self.predict(state).cloud, taken, is_open=is_open)
-        if cloud is None:
+        particles = update.assist(state.settings, self.predict(state).particles, taken, is_open=is_open)
+        if particles is None:
             return None
-        after, s = self._at(state, cloud), self._settings
+        after, s = self._at(state, particles), self._settings
         apart = abs(float(after.summary.mean[LOG_SIZE]) - math.log(s.size)) * s.size
         return after if taken.trusted or apart < SIZES * s.size_sigma else None
 
     def in_wind(self, state: State, wind: Wind) -> State:
-        """The state in another wind, which shows where the nose of a fixed wing points."""
+        """The state in another wind, which shows where the heading of a fixed wing points."""
         if self._settings.crab == 0.0:
             return state
         settings = self._settings
         if wind.is_known:
             (north, east, _), sigma = wind.velocity.tolist(), wind.sigma
             settings = settings._replace(air=(north, east), air_sigma=sigma, nose_about_course=SLIP)
-        return self._at(state._replace(settings=settings), self.predict(state).cloud)
+        return self._at(state._replace(settings=settings), self.predict(state).particles)
 
     def belief(self, state: State) -> Belief:
         """Mean and covariance of all hypotheses."""
@@ -195,34 +196,34 @@ class BeliefFilter:
 
     def open_question(self, state: State) -> OpenQuestion:
         """Whether the range is open, and then the places where the leader may be."""
-        known, is_misfit = state.summary, state.cloud.surprise > SURPRISED
+        known, is_misfit = state.summary, state.particles.surprise > SURPRISED
         if not known.places:
             return OpenQuestion(is_misfit=is_misfit)
         dt, moved, v_F_n = state.since
         places = tuple(place.after(dt, moved).relative_to(v_F_n) for place in known.places)
-        why = "" if state.cloud.metric else "heading not resolved: "
+        why = "" if state.particles.metric else "heading not resolved: "
         return OpenQuestion(f"{why}the range is uncertain", places, is_misfit)
 
     def is_too_wide(self, state: State, share: float) -> bool:
         """Whether the direction is less certain than `share`; an uncertain range is no obstacle to an image."""
         return state.summary.after(state.since.dt, state.since.moved).direction_sigma() > share
 
-    def _at(self, state: State, cloud: Cloud) -> State:
-        """The state now, of this cloud."""
+    def _at(self, state: State, particles: Particles) -> State:
+        """The state now, of this particles."""
         since = Pending(0.0, NOWHERE, state.since.v_F_n)
-        return State(cloud, summarise(state.settings, cloud), since, state.settings)
+        return State(particles, summarise(state.settings, particles), since, state.settings)
 
 
 def make_filter(config: Config) -> BeliefFilter:
     """The filter of a target of this configuration."""
-    return BeliefFilter(nose_model(config), shape_of(config), config.delay_sigma_s)
+    return BeliefFilter(leader_model(config), shape_of(config), config.delay_sigma_s)
 
 
-def nose_model(config: Config) -> NoseModel:
+def leader_model(config: Config) -> LeaderModel:
     """What is assumed of a leader and of our own errors."""
     known = config.own_tilt_sigma_deg, config.own_yaw_sigma_deg
     tilt, yaw = (max(UNSURE * math.radians(sigma), SMALLEST_SIGMA) for sigma in known)
-    model = NoseModel(
+    model = LeaderModel(
         size=config.size_prior_m,
         size_sigma=config.size_prior_sigma_m or 0.02 * config.size_prior_m,
         misalignment=(tilt, tilt, yaw),

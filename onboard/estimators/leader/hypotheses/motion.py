@@ -1,15 +1,14 @@
-"""How a leader moves whose nose is known, as one of many particles supposes.
+"""How a leader moves whose heading is known, as one of many particles assumes.
 
-One image leaves the nose open, and with it the range. But if the nose is given, the rest is nearly linear: the
-wing's apparent length gives the range, its slope the bank. So the nose is sampled
-(`cloud`), and each sample has a Gaussian over the other states, with the nose as a
-given number.
+One image leaves the heading open, and with it the range. But if the heading is given, the rest is nearly linear:
+the wing's apparent length gives the range, its slope the bank. So the heading is sampled (`particles`), and each
+sample has a Gaussian over the other states, with the heading as a given number.
 
 State (N = 14), vectors in n: r_FL (3), from the follower F to the leader L, m; v_L (3), m/s; a_L (3), m/s^2;
-`bank_error`, rad, beyond the bank that the thrust implies; `lean` (2), m/s^2, north and east: what a multirotor's
-thrust needs against the air, drag times the airspeed; `stretch`: the logarithm of a slow error of the apparent
-length, of a nose that wobbles and of a detector that misplaces a tip; `log_size`: the logarithm of the wingspan,
-m, which is constant. Behind these may stand biases of measurements, which decay: W >= N components.
+`bank_error`, rad, beyond the bank that the thrust implies; `tilt` (2), m/s^2, north and east: what a multirotor's
+thrust needs against the air, drag times the airspeed; `wing scale error`: the logarithm of a slow error of the
+apparent length, of a heading that wobbles and of a detector that misplaces a tip; `log_size`: the logarithm of the
+wingspan, m, which is constant. Behind these may stand biases of measurements, which decay: W >= N components.
 
 The follower's own errors are no states. An error of our velocity moves the leader's velocity alike, and one of our
 attitude turns the whole scene; both are added to what is reported.
@@ -25,36 +24,36 @@ from onboard.filters.compiled import OUT, ROWS, VECTOR, out, record
 
 G: Final = 9.80665
 N: Final = 14  # at least: behind these are biases of measurements
-RX, RY, RZ, VX, VY, VZ, AX, AY, AZ, BANK_ERROR, LEAN_NORTH, LEAN_EAST, STRETCH, LOG_SIZE = range(N)
+RX, RY, RZ, VX, VY, VZ, AX, AY, AZ, BANK_ERROR, TILT_NORTH, TILT_EAST, WING_SCALE_ERROR, LOG_SIZE = range(N)
 POSITION: Final = slice(RX, VX)
 VELOCITY: Final = slice(VX, AX)
 ACCELERATION: Final = slice(AX, BANK_ERROR)
-LEAN: Final = slice(LEAN_NORTH, STRETCH)
+TILT: Final = slice(TILT_NORTH, WING_SCALE_ERROR)
 MOTION: Final = slice(RX, AX)  # position and velocity
 LEAST_VISIBLE: Final = 0.05  # of the wing: seen exactly along itself, it still shows a tip
 SLOW2: Final = 1.0  # (m/s)^2: in place of 0/0 where a course would be divided by
 TURNS2: Final = 4.0  # (m/s)^2: a leader slower than its root does not turn its velocity
-LEAD: Final = 0.5  # s: a nose tied to its course points where the course leads so much later
-FOLLOWS4: Final = 81.0  # (m/s)^4: a leader faster than its fourth root turns its nose with its course
+LEAD: Final = 0.5  # s: a heading locked to its course points where the course leads so much later
+FOLLOWS4: Final = 81.0  # (m/s)^4: a leader faster than its fourth root turns its heading with its course
 
 STEADY: Final = 0  # the regimes
 ACCELERATING: Final = 1
 HOVERING: Final = 2
-TIED: Final = 1.0  # to its course is a nose,
+COURSE_LOCKED: Final = 1.0  # to its course is a heading,
 FREE: Final = 0.0  # or not,
 UNDECIDED: Final = -1.0  # or so slow is the leader
 UPRIGHT2: Final = 0.3  # of the variance of a hovering leader: its height is held better than its place
 
 NUMBER: Final = types.float64
-NOSES: Final = out(types.float64, 1)
+HEADINGS: Final = out(types.float64, 1)
 COVARIANCES: Final = out(types.float64, 3)
 
 
 class Noise(NamedTuple):
     """The variances that a step adds: `fixed` (W,); `broad`, times the square of the fraction that is seen of a
     wing of `usual` length (its logarithm, m), of a steady leader, of one that accelerates, and of one that hovers
-    (3, N); `range_` (N,), times the square of the range; and that of `stretch` by a nose that wobbles, times the
-    square of the share by which a radian shortens the wing."""
+    (3, N); `range_` (N,), times the square of the range; and that of `wing scale error` by a heading that wobbles,
+    times the square of the share by which a radian shortens the wing."""
 
     fixed: Array
     broad: Array
@@ -75,8 +74,8 @@ class Hover(NamedTuple):
 
 class Interval(NamedTuple):
     """A step of `dt` seconds, in which the follower moves by `moved` (3,) m, in n: the noise that it adds, what it
-    leaves of one that hovers, and of the acceleration along the track, the bank's error, the stretch and biases:
-    `decay` (3 + W - N,)."""
+    leaves of one that hovers, and of the acceleration along the track, the bank's error, the wing scale error and
+    biases: `decay` (3 + W - N,)."""
 
     dt: float
     moved: Array
@@ -85,10 +84,10 @@ class Interval(NamedTuple):
     decay: Array
 
 
-NOISE: Final = record(Noise, NOSES, OUT, NOSES, NUMBER, NUMBER)
+NOISE: Final = record(Noise, HEADINGS, OUT, HEADINGS, NUMBER, NUMBER)
 HOVER: Final = record(Hover, *[NUMBER] * len(Hover._fields))
 PAIR: Final = record(tuple, NUMBER, NUMBER)
-INTERVAL: Final = record(Interval, NUMBER, NOSES, NOISE, HOVER, NOSES)
+INTERVAL: Final = record(Interval, NUMBER, HEADINGS, NOISE, HOVER, HEADINGS)
 
 
 @njit(cache=True, error_model="numpy")
@@ -99,23 +98,24 @@ def course_of(x, air):
 
 
 @njit(cache=True, error_model="numpy")
-def visible2(nose, x, y, square, edge_on):
+def visible2(heading, x, y, square, edge_on_visibility):
     """The square of the fraction that is seen of a level wing of a leader at (x, y); `square` is its range's."""
-    along = np.cos(nose) * y - np.sin(nose) * x
-    return max(1.0 - along * along / square, 0.0) + edge_on * edge_on
+    along = np.cos(heading) * y - np.sin(heading) * x
+    return max(1.0 - along * along / square, 0.0) + edge_on_visibility * edge_on_visibility
 
 
 @njit(cache=True, error_model="numpy")
 def shortens2(seen2, steep2):
-    """The square of the share by which a radian of the nose shortens what is seen of a wing. `seen2` is as in
-    `visible2`, `steep2` the square of the tangent of its bank: what shows for that does not depend on the nose."""
+    """The square of the share by which a radian of the heading shortens what is seen of a wing. `seen2` is as in
+    `visible2`, `steep2` the square of the tangent of its bank: what shows for that does not depend on the
+    heading."""
     length2 = seen2 + steep2
     return max(1.0 - seen2, 0.0) * seen2 / (length2 * length2)
 
 
 class Transition(NamedTuple):
     """A step of `dt` seconds, half its square, the drag, what it makes of the acceleration, level (2, 2) and down,
-    and what it leaves of the bank's error and of the stretch."""
+    and what it leaves of the bank's error and of the wing scale error."""
 
     dt: float
     half: float
@@ -141,11 +141,11 @@ def _advance(S, j, side, transition):
     w[VX] += dt * a
     w[VY] += dt * b
     w[VZ] += dt * d
-    w[LEAN_NORTH] += drag * dt * a
-    w[LEAN_EAST] += drag * dt * b
+    w[TILT_NORTH] += drag * dt * a
+    w[TILT_EAST] += drag * dt * b
     w[AX], w[AY], w[AZ] = t00 * a + t01 * b, t10 * a + t11 * b, down * d
     w[BANK_ERROR] *= bank_error
-    w[STRETCH] *= stretch
+    w[WING_SCALE_ERROR] *= stretch
 
 
 @njit(cache=True, error_model="numpy")
@@ -163,16 +163,16 @@ def _forget(x, S, decay, fixed):
 
 @njit(cache=True, error_model="numpy")
 def _stop(x, S, hover, drag, bold):
-    """The state of a leader that hovers after a step, in place: it comes to rest over ground, and leans less."""
+    """The state of a leader that hovers after a step, in place: it comes to rest over ground, and tilts less."""
     v_decay, a_decay, v_variance, a_variance = hover
     v_variance, a_variance = bold * v_variance, bold * a_variance
     lost = drag * (1.0 - v_decay)
-    for i in range(LEAN_NORTH, STRETCH):
-        x[i] -= lost * x[i - LEAN_NORTH + VX]
+    for i in range(TILT_NORTH, WING_SCALE_ERROR):
+        x[i] -= lost * x[i - TILT_NORTH + VX]
         for j in range(S.shape[0]):
-            S[i, j] -= lost * S[i - LEAN_NORTH + VX, j]
+            S[i, j] -= lost * S[i - TILT_NORTH + VX, j]
         for j in range(S.shape[0]):
-            S[j, i] -= lost * S[j, i - LEAN_NORTH + VX]
+            S[j, i] -= lost * S[j, i - TILT_NORTH + VX]
     for first, decay, variance in ((VX, v_decay, v_variance), (AX, a_decay, a_variance)):
         for i in range(first, first + 3):
             x[i] *= decay
@@ -184,24 +184,24 @@ def _stop(x, S, hover, drag, bold):
 
 
 @njit(cache=True, error_model="numpy")
-def fly_on(k, particles, interval, air, edge_on):
-    """Mean and covariance of a particle, in place, after an interval; its nose turns with its course."""
-    noses, _, regimes, means, P, intensities, tied, drags, _ = particles
+def fly_on(k, particles, interval, air, edge_on_visibility):
+    """Mean and covariance of a particle, in place, after an interval; its heading turns with its course."""
+    headings, _, regimes, means, P, intensities, course_locked, drags, _ = particles
     dt, moved, noise, hover, decay = interval
     fixed, broad, range_, wobble, usual = noise
     half, width = 0.5 * dt * dt, P.shape[2]
     x, S = means[k], P[k]
     u, v, a, b, drag = x[VX], x[VY], x[AX], x[AY], drags[k]
     square = x[RX] * x[RX] + x[RY] * x[RY] + x[RZ] * x[RZ]
-    seen2 = visible2(noses[k], x[RX], x[RY], square, edge_on)
+    seen2 = visible2(headings[k], x[RX], x[RY], square, edge_on_visibility)
     mode = int(regimes[k])
     bold = np.exp(2.0 * intensities[k, 0])
     scale2 = seen2 * np.exp(2.0 * (x[LOG_SIZE] - usual))
     banks, wobbles = np.exp(2.0 * intensities[k, 1]), np.exp(2.0 * intensities[k, 2])
     speed2 = u * u + v * v
     rate = (u * b - v * a) / (speed2 + SLOW2)
-    aside = noses[k] - course_of(x, air)
-    noses[k] += speed2 * speed2 / (speed2 * speed2 + FOLLOWS4) * rate * dt
+    aside = headings[k] - course_of(x, air)
+    headings[k] += speed2 * speed2 / (speed2 * speed2 + FOLLOWS4) * rate * dt
     turn = rate * dt * speed2 / (speed2 + TURNS2)
     c, s = np.cos(turn), np.sin(turn)
     # what is along the track decays, and all of a slow leader's
@@ -221,22 +221,24 @@ def fly_on(k, particles, interval, air, edge_on):
         S[i, i] += fixed[i] + factor2 * scale2 * broad[mode, i] + square * range_[i]
         for j in range(i):
             S[i, j] = S[j, i] = 0.5 * (S[i, j] + S[j, i])
-    steep = ((x[AY] + x[LEAN_EAST]) * np.cos(noses[k]) - (x[AX] + x[LEAN_NORTH]) * np.sin(noses[k])) / (G - x[AZ])
-    S[STRETCH, STRETCH] += wobbles * wobble * shortens2(seen2, steep * steep)
+    steep = ((x[AY] + x[TILT_EAST]) * np.cos(headings[k]) - (x[AX] + x[TILT_NORTH]) * np.sin(headings[k])) / (
+        G - x[AZ]
+    )
+    S[WING_SCALE_ERROR, WING_SCALE_ERROR] += wobbles * wobble * shortens2(seen2, steep * steep)
     for i in range(3):
         x[i] += dt * x[VX + i] + half * x[AX + i] - moved[i]
         x[VX + i] += dt * x[AX + i]
-    x[LEAN_NORTH] += drag * dt * a
-    x[LEAN_EAST] += drag * dt * b
+    x[TILT_NORTH] += drag * dt * a
+    x[TILT_EAST] += drag * dt * b
     x[AX], x[AY], x[AZ] = t00 * a + t01 * b, t10 * a + t11 * b, down * x[AZ]
     x[BANK_ERROR] *= decay[1]
-    x[STRETCH] *= decay[2]
+    x[WING_SCALE_ERROR] *= decay[2]
     if width > N:
         _forget(x, S, decay[3:], fixed)
     if mode == HOVERING:
         _stop(x, S, hover, drag, bold)
-    if tied[k] == TIED:
-        noses[k] = course_of(x, air) + aside
+    if course_locked[k] == COURSE_LOCKED:
+        headings[k] = course_of(x, air) + aside
 
 
 def courses(means: Array, air: tuple[float, float]) -> Array:
@@ -246,16 +248,16 @@ def courses(means: Array, air: tuple[float, float]) -> Array:
     return found
 
 
-def visible(noses: Array, directions: Array, edge_on: float = LEAST_VISIBLE) -> Array:
-    """The fraction (k,) that is seen of a level wing's length: its nose at `cloud` (k,), the leader in the unit
-    `directions` (k, 3). Seen along the wing, it shows `edge_on` of it: a tip, or its fuselage."""
-    found: Array = np.sqrt(_all_visible2(noses, directions, edge_on))
+def visible(headings: Array, directions: Array, edge_on_visibility: float = LEAST_VISIBLE) -> Array:
+    """The fraction (k,) that is seen of a level wing's length: its heading at `particles` (k,), the leader in the
+    unit `directions` (k, 3). Seen along the wing, it shows `edge_on` of it: a tip, or its fuselage."""
+    found: Array = np.sqrt(_all_visible2(headings, directions, edge_on_visibility))
     return found
 
 
 @njit(types.float64[::1](VECTOR, ROWS, NUMBER), cache=True, error_model="numpy")
-def _all_visible2(noses, directions, edge_on):
-    found = np.empty(noses.shape[0])
-    for k in range(noses.shape[0]):
-        found[k] = visible2(noses[k], directions[k, 0], directions[k, 1], 1.0, edge_on)
+def _all_visible2(headings, directions, edge_on_visibility):
+    found = np.empty(headings.shape[0])
+    for k in range(headings.shape[0]):
+        found[k] = visible2(headings[k], directions[k, 0], directions[k, 1], 1.0, edge_on_visibility)
     return found

@@ -1,10 +1,10 @@
-"""Mean and covariance of a whole cloud of noses, what they come to a moment later, and what is published of them.
+"""Mean and covariance of a whole particles, what they come to a moment later, and what is published of them.
 
 Published are the states of Oh & Johnson's model, and more: the nine of `models.relative_motion` first,
 [r_FL_n (3), v_FL_n (3), b, a_lat, a_long], then
 - `a_along`: acceleration along the track (m/s^2), which the paper leaves out; the axes of all three are those of
   `geometry.path_axes`;
-- `heading`: of the nose, rad from north, not wrapped;
+- `heading`: of the heading, rad from north, not wrapped;
 - `bank_error`: rad beyond the bank that the acceleration requires, tan(bank) = a_right / (g - a_down). Lift, or
   the rotors' thrust, turns any aircraft, and the wing stands square to it.
 """
@@ -17,9 +17,8 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.estimators.leader.assumptions import NoseModel
+from onboard.estimators.leader.assumptions import LeaderModel
 from onboard.estimators.leader.hypotheses import motion
-from onboard.estimators.leader.hypotheses.cloud import Cloud
 from onboard.estimators.leader.hypotheses.motion import (
     ACCELERATION,
     AX,
@@ -32,6 +31,7 @@ from onboard.estimators.leader.hypotheses.motion import (
     VY,
     VZ,
 )
+from onboard.estimators.leader.hypotheses.particles import Particles
 from onboard.estimators.leader.hypotheses.places import Place, places
 from onboard.filters.compiled import OUT, ROWS, VECTOR, out, packed
 from onboard.geometry.path_axes import SLOW, path_angles
@@ -54,7 +54,7 @@ OF_PARTICLE: Final = (*range(VECTORS), motion.LOG_SIZE, motion.BANK_ERROR)
 NUMBER: Final = types.float64
 CLOUD: Final = packed(NUMBER, 1), packed(NUMBER, 2), packed(NUMBER, 1)
 VECTOR_OUT: Final = out(NUMBER, 1)
-RESOLVED: Final = 0.15  # of the range: a cloud that is less certain leaves it open, and confirms nothing
+RESOLVED: Final = 0.15  # of the range: particles that is less certain leaves it open, and confirms nothing
 STAYS: Final = np.eye(N)
 MOVES: Final = np.zeros((N, N))
 MOVES[POSITION, VELOCITY] = MOVES[VELOCITY, ACCELERATION] = np.eye(3)
@@ -63,8 +63,8 @@ CURVES[POSITION, ACCELERATION] = np.eye(3)
 
 
 class Summary(NamedTuple):
-    """Mean (12,) and covariance (12, 12) of [r_FL_n, v_L, a_L, log of the size, nose, bank's error], vectors in n.
-    Where the range is open, also the places where the leader may be."""
+    """Mean (12,) and covariance (12, 12) of [r_FL_n, v_L, a_L, log of the size, heading, bank's error], vectors in
+    n. Where the range is open, also the places where the leader may be."""
 
     mean: Array
     covariance: Array
@@ -94,28 +94,28 @@ class Summary(NamedTuple):
         return math.sqrt(max(largest, 0.0)) / float(np.linalg.norm(r))
 
 
-def summarise(settings: NoseModel, cloud: Cloud) -> Summary:
-    """The cloud as one Gaussian, with the errors that are ours: of our attitude and our velocity.
+def summarise(settings: LeaderModel, particles: Particles) -> Summary:
+    """The particles as one Gaussian, with the errors that are ours: of our attitude and our velocity.
 
     It is one about the geometric mean range: an open range has a long tail to the far side, which drags a mean
-    with it. Once the range is resolved, it is one about its median: from behind, the many noses that are not quite
-    on the course all mean a nearer leader, and drag a mean to that side."""
-    w = np.exp(cloud.log_weights) if settings.crab == 0.0 else with_course(settings, cloud)
-    if cloud.sided:
-        about = math.atan2(float(w @ np.sin(cloud.noses)), float(w @ np.cos(cloud.noses)))
+    with it. Once the range is resolved, it is one about its median: from behind, the many headings that are not
+    quite on the course all mean a nearer leader, and drag a mean to that side."""
+    w = np.exp(particles.log_weights) if settings.crab == 0.0 else with_course(settings, particles)
+    if particles.heading_observed:
+        about = math.atan2(float(w @ np.sin(particles.headings)), float(w @ np.cos(particles.headings)))
         period = 2.0 * math.pi
     else:
-        about, period = cloud.noses[int(np.argmax(w))], math.pi
+        about, period = particles.headings[int(np.argmax(w))], math.pi
     mean, P = np.zeros(N), np.zeros((N, N))
-    within = (w @ cloud.covariances.reshape(len(w), -1)).reshape(cloud.covariances.shape[1:])
-    log_range = moments(cloud.noses, cloud.means, w, about, period, within, mean, P)
+    within = (w @ particles.covariances.reshape(len(w), -1)).reshape(particles.covariances.shape[1:])
+    log_range = moments(particles.headings, particles.means, w, about, period, within, mean, P)
     r = mean[POSITION]
     square = float(r @ r)
     along = P[:, POSITION] @ r
     sigma = math.sqrt(max(float(along[POSITION] @ r), 0.0)) / square
     is_resolved = min(max(2.0 - sigma / RESOLVED, 0.0), 1.0)
     if is_resolved > 0.0:
-        places_ = cloud.means[:, POSITION]
+        places_ = particles.means[:, POSITION]
         log_ranges = 0.5 * np.log(np.einsum("ki,ki->k", places_, places_))
         order = log_ranges.argsort()
         sorted_w = w[order]
@@ -129,23 +129,26 @@ def summarise(settings: NoseModel, cloud: Cloud) -> Summary:
     mean, P = mean + step, P + step[:, None] * step
     by_points = 0.0
     if (
-        cloud.misplaced
-    ):  # bias of named points makes a nose wrong, the more the range, the less is seen of the wing
+        particles.keypoint_bias
+    ):  # bias of named points makes a heading wrong, the more the range, the less is seen of the wing
         line = mean[None, POSITION] / np.linalg.norm(mean[POSITION])
         seen = float(motion.visible(mean[HEADING : HEADING + 1], line, 0.0)[0])
-        by_points = (cloud.misplaced * (1.0 - seen**2)) ** 2
+        by_points = (particles.keypoint_bias * (1.0 - seen**2)) ** 2
     P[MOTION, MOTION] += ours(settings, mean[POSITION], by_points)
     P[HEADING, HEADING] += settings.misalignment[2] ** 2
     whole = Summary(mean, 0.5 * (P + P.T))
     if whole.range_sigma() <= RESOLVED:
         return whole
     found = places(
-        w, cloud.means[:, MOTION], cloud.covariances[:, MOTION, MOTION], lambda r: ours(settings, r, by_points)
+        w,
+        particles.means[:, MOTION],
+        particles.covariances[:, MOTION, MOTION],
+        lambda r: ours(settings, r, by_points),
     )
     return whole._replace(places=found)
 
 
-def ours(settings: NoseModel, r_FL_n: Array, by_points: float) -> Array:
+def ours(settings: LeaderModel, r_FL_n: Array, by_points: float) -> Array:
     """The covariance (6, 6) of position and velocity that errors of our attitude and velocity cause, and a
     variance of the range's logarithm by named points."""
     x, y, z = r_FL_n.tolist()
@@ -156,17 +159,17 @@ def ours(settings: NoseModel, r_FL_n: Array, by_points: float) -> Array:
     return P
 
 
-def with_course(settings: NoseModel, cloud: Cloud) -> Array:
-    """Weights (K,) of the particles, with what is likely of the nose of a fixed wing and its course. Of others,
-    the particles themselves suppose that (`cloud.Cloud.tied`).
+def with_course(settings: LeaderModel, particles: Particles) -> Array:
+    """Weights (K,) of the particles, with what is likely of the heading of a fixed wing and its course. Of others,
+    the particles themselves suppose that (`particles.Cloud.tied`).
 
-    That is prior knowledge about an angle that lasts. It is applied to what is reported and not to the cloud
+    That is prior knowledge about an angle that lasts. It is applied to what is reported and not to the particles
     itself, where each image would count it again."""
-    w = np.exp(cloud.log_weights)
-    x, P = cloud.means, cloud.covariances
+    w = np.exp(particles.log_weights)
+    x, P = particles.means, particles.covariances
     u, v = x[:, VX] - settings.air[0], x[:, VY] - settings.air[1]
     speed2 = u * u + v * v + 1e-6
-    aside = cloud.noses - np.arctan2(v, u)
+    aside = particles.headings - np.arctan2(v, u)
     aside -= math.pi * np.round(aside / math.pi)
     a, b = v / speed2, -u / speed2
     S = a * a * P[:, VX, VX] + 2.0 * a * b * P[:, VX, VY] + b * b * P[:, VY, VY] + settings.nose_about_course**2
@@ -184,30 +187,30 @@ def _variances(sigmas: tuple[float, float, float]) -> Array:
 
 
 @njit(cache=True, error_model="numpy")
-def _components(nose, x, about, period, row):
-    """A particle's mean as components of a summary, into `row`. Noses repeat after `period`."""
+def _components(heading, x, about, period, row):
+    """A particle's mean as components of a summary, into `row`. Headings repeat after `period`."""
     for i in range(VECTORS):
         row[i] = x[i]
-    row[HEADING] = nose - period * np.rint((nose - about) / period)
+    row[HEADING] = heading - period * np.rint((heading - about) / period)
     row[LOG_SIZE] = x[motion.LOG_SIZE]
     row[BANK_ERROR] = x[motion.BANK_ERROR]
 
 
 @njit((*CLOUD, NUMBER, NUMBER, ROWS, VECTOR_OUT, OUT), cache=True, error_model="numpy")
-def moments(noses, means, w, about, period, within, mean, S):
-    """Mean and covariance of a cloud (`cloud.Cloud`) with weights w (K,), whose particles have the mean covariance
-    `within` (W, W), added to `mean` (N,) and S (N, N); and the mean logarithm of the range. Each nose is taken as
-    near to `about` as it may be: it repeats after `period`, rad."""
+def moments(headings, means, w, about, period, within, mean, S):
+    """Mean and covariance of particles (`particles.Cloud`) with weights w (K,), whose particles have the mean
+    covariance `within` (W, W), added to `mean` (N,) and S (N, N); and the mean logarithm of the range. Each
+    heading is taken as near to `about` as it may be: it repeats after `period`, rad."""
     row, log_range = np.zeros(N), 0.0
     width = S.shape[1]  # not known to the compiler: `view.correct`
     for k in range(w.shape[0]):
         x = means[k]
-        _components(noses[k], x, about, period, row)
+        _components(headings[k], x, about, period, row)
         for i in range(N):
             mean[i] += w[k] * row[i]
         log_range += 0.5 * w[k] * np.log(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
     for k in range(w.shape[0]):
-        _components(noses[k], means[k], about, period, row)
+        _components(headings[k], means[k], about, period, row)
         for i in range(N):
             row[i] -= mean[i]
         for i in range(N):
@@ -236,7 +239,7 @@ def _derivatives(known, dt, J):
     u, v, w = known[VX] + dt * known[AX], known[VY] + dt * known[AY], known[VZ] + dt * known[AZ]
     c, s, cosine, sine = _path_angles(
         u, v, w, known[HEADING]
-    )  # one that hovers has its accelerations along its nose
+    )  # one that hovers has its accelerations along its heading
     level, right = c * known[AX] + s * known[AY], c * known[AY] - s * known[AX]
     a = right, -sine * level - cosine * known[AZ], cosine * level - sine * known[AZ]
     J[A_LAT, AX], J[A_LAT, AY] = -s, c

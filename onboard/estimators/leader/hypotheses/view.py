@@ -21,22 +21,22 @@ from onboard.estimators.leader.hypotheses.motion import (
     AY,
     AZ,
     BANK_ERROR,
+    COURSE_LOCKED,
     COVARIANCES,
+    HEADINGS,
     LEAD,
-    LEAN_EAST,
-    LEAN_NORTH,
     LOG_SIZE,
-    NOSES,
     NUMBER,
     PAIR,
     RX,
     RY,
     RZ,
     SLOW2,
-    STRETCH,
-    TIED,
+    TILT_EAST,
+    TILT_NORTH,
     VX,
     VY,
+    WING_SCALE_ERROR,
     G,
     course_of,
 )
@@ -54,7 +54,7 @@ class ImageRows(NamedTuple):
     along which axis (m,); what is measured (m,), and its noise (m, m); whether they are of a wing, or of points
     with names; how the body pitches as it accelerates, the standard deviations of its pitch, rad, and of a point's
     place, as a share of the wingspan. From where, r_FC (3,) m, and about which axes (3, 3) in n; the column of the
-    bias of the size, 0 without one; and which noses are tied (K,) to the course through the `air`."""
+    bias of the size, 0 without one; and which headings are course-locked (K,) to the course through the `air`."""
 
     points: Array
     of: Array
@@ -64,13 +64,13 @@ class ImageRows(NamedTuple):
     R: Array
     is_wing: bool
     named: bool
-    leans: float
+    tilts: float
     pitch: float
-    misplaced: float
+    place_sigma: float
     r_FC: Array
     axes: Array
     bias: int
-    tied: Array
+    course_locked: Array
     air: tuple[float, float]
 
 
@@ -94,27 +94,27 @@ class Expectation(NamedTuple):
 
 IMAGE_ROWS: Final = record(
     ImageRows,
-    *(OUT, out(types.int64), OUT, out(types.int64, 1), NOSES, OUT, types.boolean, types.boolean),
-    *(NUMBER, NUMBER, NUMBER, NOSES, OUT, types.int64, NOSES, PAIR),
+    *(OUT, out(types.int64), OUT, out(types.int64, 1), HEADINGS, OUT, types.boolean, types.boolean),
+    *(NUMBER, NUMBER, NUMBER, HEADINGS, OUT, types.int64, HEADINGS, PAIR),
 )
 EXPECTATION: Final = record(Expectation, OUT, COVARIANCES, OUT)
 
 
 def view_of(
-    rows: Rows, camera: tuple[Array, Array, Array], tied: Array, air: tuple[float, float], bias: int = 0
+    rows: Rows, camera: tuple[Array, Array, Array], course_locked: Array, air: tuple[float, float], bias: int = 0
 ) -> ImageRows:
     """The view of rows by a `camera`: its attitude R_cn (3, 3), its place r_FC_n (3,) m, and the measured axes (3,
     3) in c."""
     R_cn, r_FC, measured = camera
     body = rows.points, rows.of, rows.shares, rows.axis, rows.y, rows.R
     kind = rows.is_wing, rows.named, *rows.posture
-    return ImageRows(*body, *kind, r_FC, measured @ R_cn, bias, tied, air)
+    return ImageRows(*body, *kind, r_FC, measured @ R_cn, bias, course_locked, air)
 
 
-def spread(rows: Rows, noses: Array, axes: Array) -> Array:
+def spread(rows: Rows, headings: Array, axes: Array) -> Array:
     """How far (k,) the rows' coordinates are apart, root of the sum of squares, of a leader of wingspan 1 at
-    distance 1 that flies level with these noses (k,), without perspective; `axes` (3, 3) in n."""
-    c, s, zero, one = np.cos(noses), np.sin(noses), np.zeros_like(noses), np.ones_like(noses)
+    distance 1 that flies level with these headings (k,), without perspective; `axes` (3, 3) in n."""
+    c, s, zero, one = np.cos(headings), np.sin(headings), np.zeros_like(headings), np.ones_like(headings)
     body = np.array([[c, -s, zero], [s, c, zero], [zero, zero, one]])  # (3, 3, k)
     seen = np.einsum("ai,ijk,pj->kap", axes[1:], body, rows.points)  # (k, 2, points)
     ends = np.concatenate([seen, seen.max(axis=2, keepdims=True), seen.min(axis=2, keepdims=True)], axis=2)
@@ -160,8 +160,8 @@ def dot(a, b, bias):
     """The product of two state vectors (W,), one of which has no downward velocity, which no image shows, and of
     the biases at most that in the column `bias` (0: none)."""
     middle = a[AX] * b[AX] + a[AY] * b[AY] + a[AZ] * b[AZ] + a[LOG_SIZE] * b[LOG_SIZE]
-    rest = (a[BANK_ERROR] * b[BANK_ERROR] + a[LEAN_NORTH] * b[LEAN_NORTH]) + (
-        a[LEAN_EAST] * b[LEAN_EAST] + a[STRETCH] * b[STRETCH]
+    rest = (a[BANK_ERROR] * b[BANK_ERROR] + a[TILT_NORTH] * b[TILT_NORTH]) + (
+        a[TILT_EAST] * b[TILT_EAST] + a[WING_SCALE_ERROR] * b[WING_SCALE_ERROR]
     )
     found = (a[RX] * b[RX] + a[RY] * b[RY] + a[RZ] * b[RZ]) + middle + rest + (a[VX] * b[VX] + a[VY] * b[VY])
     return found + a[bias] * b[bias] if bias > 0 else found
@@ -173,8 +173,8 @@ def project(w, P, bias, c):
     for n in range(P.shape[1]):
         near = w[RX] * P[RX, n] + w[RY] * P[RY, n] + w[RZ] * P[RZ, n]
         middle = w[AX] * P[AX, n] + w[AY] * P[AY, n] + w[AZ] * P[AZ, n] + w[LOG_SIZE] * P[LOG_SIZE, n]
-        far = (w[BANK_ERROR] * P[BANK_ERROR, n] + w[LEAN_NORTH] * P[LEAN_NORTH, n]) + (
-            w[LEAN_EAST] * P[LEAN_EAST, n] + w[STRETCH] * P[STRETCH, n]
+        far = (w[BANK_ERROR] * P[BANK_ERROR, n] + w[TILT_NORTH] * P[TILT_NORTH, n]) + (
+            w[TILT_EAST] * P[TILT_EAST, n] + w[WING_SCALE_ERROR] * P[WING_SCALE_ERROR, n]
         )
         c[n] = near + middle + far + (w[VX] * P[VX, n] + w[VY] * P[VY, n])
     if bias > 0:
@@ -221,23 +221,23 @@ def correct(x, P, e, J, c, dx, bias):
 
 
 @njit(cache=True, error_model="numpy")
-def _posture(x, nose, leans, B, by):
+def _posture(x, heading, tilts, B, by):
     """Body axes into B (3, 3), forward, right and down as columns, and the derivatives of bank and pitch by the
-    forces: `by` (2, 3), by the acceleration north and east, and down. That of the bank by the nose, and sine and
-    cosine of the bank."""
-    c, s = np.cos(nose), np.sin(nose)
-    north, east, weight = x[AX] + x[LEAN_NORTH], x[AY] + x[LEAN_EAST], G - x[AZ]
+    forces: `by` (2, 3), by the acceleration north and east, and down. That of the bank by the heading, and sine
+    and cosine of the bank."""
+    c, s = np.cos(heading), np.sin(heading)
+    north, east, weight = x[AX] + x[TILT_NORTH], x[AY] + x[TILT_EAST], G - x[AZ]
     across, along = east * c - north * s, north * c + east * s
     bank, pitch = np.arctan2(across, weight) + x[BANK_ERROR], 0.0
     square = across * across + weight * weight
     by[0, 0], by[0, 1], by[0, 2] = -s * weight / square, c * weight / square, across / square
     turned = -along * weight / square
     by[1] = 0.0
-    if leans > 0.0:
-        pitch = leans * np.arctan2(-along, weight)
+    if tilts > 0.0:
+        pitch = tilts * np.arctan2(-along, weight)
         square = along * along + weight * weight
-        by[1, 0], by[1, 1] = -leans * c * weight / square, -leans * s * weight / square
-        by[1, 2] = -leans * along / square
+        by[1, 0], by[1, 1] = -tilts * c * weight / square, -tilts * s * weight / square
+        by[1, 2] = -tilts * along / square
     sb, cb, sp, cp = np.sin(bank), np.cos(bank), np.sin(pitch), np.cos(pitch)
     B[0, 0], B[1, 0], B[2, 0] = c * cp, s * cp, -sp
     B[0, 1], B[1, 1], B[2, 1] = c * sp * sb - s * cb, s * sp * sb + c * cb, cp * sb
@@ -275,7 +275,7 @@ def _project(x, size, view, B, q):
 @njit(cache=True, error_model="numpy")
 def _derivatives(point, size, q, axes, a, share, B, sb, cb, J):
     """Of a share of a coordinate, along the axis a, of a point of the body seen at q (5,): by the place, added to
-    J; by bank, pitch, nose, and the logarithm of the size."""
+    J; by bank, pitch, heading, and the logarithm of the size."""
     banked, pitched, turned, grown = 0.0, 0.0, 0.0, 0.0
     length = np.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2)
     below = length + axes[0, 0] * q[0] + axes[0, 1] * q[1] + axes[0, 2] * q[2]
@@ -296,13 +296,13 @@ def _derivatives(point, size, q, axes, a, share, B, sb, cb, J):
 
 
 @njit(cache=True, error_model="numpy")
-def _linearised(x, nose, is_tied, view, scratch, h, J, d):
+def _linearised(x, heading, is_course_locked, view, scratch, h, J, d):
     """The rows that are expected into h (m,), their derivatives by the state into J (m, W), by the pitch into d
     (m,)."""
     B, by, q = scratch.body, scratch.by, scratch.q
-    bank_turned, sb, cb = _posture(x, nose, view.leans, B, by)
+    bank_turned, sb, cb = _posture(x, heading, view.tilts, B, by)
     bias = view.bias
-    scale = x[LOG_SIZE] + (x[STRETCH] if view.is_wing else 0.0)
+    scale = x[LOG_SIZE] + (x[WING_SCALE_ERROR] if view.is_wing else 0.0)
     size = np.exp(scale + (x[bias] if bias > 0 else 0.0))
     _project(x, size, view, B, q)
     u_air, v_air = x[VX] - view.air[0], x[VY] - view.air[1]
@@ -323,14 +323,14 @@ def _linearised(x, nose, is_tied, view, scratch, h, J, d):
         if view.is_wing:
             if j > 1:  # its length by the first order, and its middle by the second
                 grown = h[j] if j < 4 else 2.0 * (h[j] - h[j - 4])
-            row[STRETCH] = grown
+            row[WING_SCALE_ERROR] = grown
         d[j], row[BANK_ERROR], row[LOG_SIZE] = pitched, banked, grown
         if bias > 0:
             row[bias] = grown
-        row[LEAN_NORTH] = banked * by[0, 0] + pitched * by[1, 0]
-        row[LEAN_EAST] = banked * by[0, 1] + pitched * by[1, 1]
-        row[AX], row[AY], row[AZ] = row[LEAN_NORTH], row[LEAN_EAST], banked * by[0, 2] + pitched * by[1, 2]
-        if is_tied and view.is_wing:
+        row[TILT_NORTH] = banked * by[0, 0] + pitched * by[1, 0]
+        row[TILT_EAST] = banked * by[0, 1] + pitched * by[1, 1]
+        row[AX], row[AY], row[AZ] = row[TILT_NORTH], row[TILT_EAST], banked * by[0, 2] + pitched * by[1, 2]
+        if is_course_locked and view.is_wing:
             aside = turned + banked * bank_turned
             row[VX], row[VY] = -aside * v_air / speed2, aside * u_air / speed2
             row[AX] += LEAD * row[VX]  # an acceleration turns the course
@@ -343,9 +343,9 @@ def _scratch(view):
 
 
 @njit(cache=True, error_model="numpy")
-def _place2(x, misplaced):
+def _place2(x, place_sigma):
     """The variance of a point's coordinate that is misplaced by such a share of the wingspan."""
-    place = misplaced * np.exp(x[LOG_SIZE])
+    place = place_sigma * np.exp(x[LOG_SIZE])
     return place * place / (x[RX] * x[RX] + x[RY] * x[RY] + x[RZ] * x[RZ])
 
 
@@ -353,7 +353,7 @@ def _place2(x, misplaced):
 def _noise(view, x, d, R):
     """The rows' noise into R (m, m): their own, that of the points' places, and that of the pitch, which is
     common."""
-    place2, pitch2 = _place2(x, view.misplaced), view.pitch * view.pitch
+    place2, pitch2 = _place2(x, view.place_sigma), view.pitch * view.pitch
     for i in range(d.shape[0]):
         for j in range(d.shape[0]):
             R[i, j] = view.R[i, j] + pitch2 * d[i] * d[j]
@@ -372,8 +372,8 @@ def _expectation(means, view):
     return Expectation(np.empty((count, m)), np.empty((count, m, means.shape[1])), np.empty((count, m)))
 
 
-@njit((OUT, COVARIANCES, NOSES, VECTOR, IMAGE_ROWS), cache=True, error_model="numpy")
-def expect(means, P, noses, w, view):
+@njit((OUT, COVARIANCES, HEADINGS, VECTOR, IMAGE_ROWS), cache=True, error_model="numpy")
+def expect(means, P, headings, w, view):
     """What particles of weights w (K,) expect together of a view: mean (m,) and covariance (m, m), without the
     measurement's own noise, with each particle's wingtips in the order of those measured; and what each of them
     expects."""
@@ -382,8 +382,8 @@ def expect(means, P, noses, w, view):
     c = np.empty(P.shape[2])
     for k in range(means.shape[0]):
         h, J, d = expected.y[k], expected.by_state[k], expected.by_pitch[k]
-        _linearised(means[k], noses[k], view.tied[k] == TIED, view, scratch, h, J, d)
-        side, place2 = _side(view, h), _place2(means[k], view.misplaced)
+        _linearised(means[k], headings[k], view.course_locked[k] == COURSE_LOCKED, view, scratch, h, J, d)
+        side, place2 = _side(view, h), _place2(means[k], view.place_sigma)
         for i in range(m):
             project(J[i], P[k], view.bias, c)
             sign = side if 2 <= i < 4 else 1.0
@@ -400,10 +400,10 @@ def expect(means, P, noses, w, view):
 
 
 @njit(cache=True, error_model="numpy")
-def _misfit(view, x, nose, scratch, each, e, R):
-    """How far, squared, in units of its noise, a view is from what a particle with that nose expects."""
+def _misfit(view, x, heading, scratch, each, e, R):
+    """How far, squared, in units of its noise, a view is from what a particle with that heading expects."""
     h, J, d = each
-    _linearised(x, nose, False, view, scratch, h, J, d)
+    _linearised(x, heading, False, view, scratch, h, J, d)
     for j in range(h.shape[0]):
         e[j] = view.y[j] - h[j]
     _noise(view, x, d, R)
@@ -416,24 +416,24 @@ def _misfit(view, x, nose, scratch, each, e, R):
     return off
 
 
-@njit((OUT, COVARIANCES, NOSES, IMAGE_ROWS), cache=True, error_model="numpy")
-def orient(means, P, noses, view):
+@njit((OUT, COVARIANCES, HEADINGS, IMAGE_ROWS), cache=True, error_model="numpy")
+def orient(means, P, headings, view):
     """What each particle expects of named points. One whose nose is where they show the tail turns round, in
     place."""
     m, expected = view.y.shape[0], _expectation(means, view)
     scratch, e, R = _scratch(view), np.empty(m), np.empty((m, m))
     for k in range(means.shape[0]):
         x, each = means[k], (expected.y[k], expected.by_state[k], expected.by_pitch[k])
-        same = _misfit(view, x, noses[k], scratch, each, e, R)
+        same = _misfit(view, x, headings[k], scratch, each, e, R)
         x[BANK_ERROR] = -x[BANK_ERROR]  # the other way round, it banks to the other side
-        if _misfit(view, x, noses[k] + np.pi, scratch, each, e, R) < same:
-            noses[k] += np.pi
+        if _misfit(view, x, headings[k] + np.pi, scratch, each, e, R) < same:
+            headings[k] += np.pi
             for i in range(P.shape[2]):
                 P[k, BANK_ERROR, i] = -P[k, BANK_ERROR, i]
                 P[k, i, BANK_ERROR] = -P[k, i, BANK_ERROR]
         else:
             x[BANK_ERROR] = -x[BANK_ERROR]
-            _linearised(x, noses[k], False, view, scratch, *each)
+            _linearised(x, headings[k], False, view, scratch, *each)
     return expected
 
 
@@ -454,15 +454,15 @@ def _logarithmic(right, down, h, variance, e, J):
         J[2, j], J[3, j] = a * u - b * v, a * v + b * u
 
 
-@njit((OUT, COVARIANCES, NOSES, IMAGE_ROWS, EXPECTATION), cache=True, error_model="numpy")
-def update(means, P, noses, view, expected):
+@njit((OUT, COVARIANCES, HEADINGS, IMAGE_ROWS, EXPECTATION), cache=True, error_model="numpy")
+def update(means, P, headings, view, expected):
     """NIS (K,) and logarithms of the likelihoods (K,), without their common constant, of a view of which the same
-    particles `expected` this. Means (K, W), covariances (K, W, W) and tied noses are corrected in place."""
+    particles `expected` this. Means (K, W), covariances (K, W, W) and tied headings are corrected in place."""
     m, count, width = view.y.shape[0], means.shape[0], P.shape[2]
     nis, log_l = np.empty(count), np.empty(count)
     e, J, R = np.empty(m), np.empty((m, width)), np.empty((m, m))
     c, dx, L = np.empty(width), np.empty(width), factor(view.R)
-    is_alike = view.misplaced == 0.0 and view.pitch == 0.0
+    is_alike = view.place_sigma == 0.0 and view.pitch == 0.0
     for k in range(count):
         x, h = means[k], expected.y[k]
         side = _side(view, h)
@@ -479,7 +479,7 @@ def update(means, P, noses, view, expected):
         log_noise = 0.0
         for j in range(m):
             log_noise += np.log(L[j, j])
-        aside = noses[k] - course_of(x, view.air)
+        aside = headings[k] - course_of(x, view.air)
         r0, r1, r2 = x[RX], x[RY], x[RZ]
         nis[k], det = correct(x, P[k], e, J, c, dx, view.bias)
         # by Student's t in place of a Gaussian (Roth, Ozkan and Gustafsson, 2013): one image that fits no
@@ -492,6 +492,6 @@ def update(means, P, noses, view, expected):
             x[RX] += more * r0
             x[RY] += more * r1
             x[RZ] += more * r2
-            if view.tied[k] == TIED:
-                noses[k] = course_of(x, view.air) + aside
+            if view.course_locked[k] == COURSE_LOCKED:
+                headings[k] = course_of(x, view.air) + aside
     return nis, log_l

@@ -3,8 +3,8 @@
 The innovations of the direction say how far images are from what was predicted. Where half of them are farther off
 for a whole window than the configured noise allows, the noise is larger than configured, and is taken for so much
 larger. Up to `MOST` times: images that fit worse come of something else, and nothing is valid with them. A median,
-so that neither outliers nor a short manoeuvre count; the direction alone, as the wing misleads where the nose is
-not on the course.
+so that neither outliers nor a short manoeuvre count; the direction alone, as the wing misleads where the heading
+is not on the course.
 
 The noise is taken for smaller, too, down to `LEAST`, but with more care. What was predicted is not exact either,
 so the noise is no larger than all of an innovation. Only where what is assumed of the images alone exceeds even

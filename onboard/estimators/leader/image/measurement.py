@@ -78,11 +78,11 @@ class Measurement(NamedTuple):
     axes: Array  # (3, 3) unit vectors in c: to the center, and the two along which the wing is measured
     further: Rows | None = None  # named points, beyond these
     extent: Extent | None = None  # of points or a box, where no wing was seen
-    edge_on: float | None = (
+    edge_on_visibility: float | None = (
         None  # of the wing's length, what the edge-on aircraft shows of these; None: nothing new
     )
     off: float = 0.0  # rad, by which the center may be off a box's middle
-    misplaced: float = 0.0  # of the length between nose and tail: the bias of named points
+    keypoint_bias: float = 0.0  # of the length between nose and tail: the bias of named points
     pose: PoseFeatures | None = None
     is_metric: bool = False  # a pose alone shows the range, which does not depend on the size
 

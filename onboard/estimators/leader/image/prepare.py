@@ -161,8 +161,8 @@ def measure(shape: Shape, saw: Features) -> Measurement:
     sides, share = saw.box
     rows = rows_of_box(axes, sides, share, shape)
     sigma = math.sqrt(0.5 * rows.R[2, 2])
-    measured = measured._replace(rows=rows, further=None, misplaced=0.0, off=BIAS_COUNTS * saw.offset)
-    return _with_extent(measured, Extent(rows, 0.0, sigma), shape.edge_on)
+    measured = measured._replace(rows=rows, further=None, keypoint_bias=0.0, off=BIAS_COUNTS * saw.offset)
+    return _with_extent(measured, Extent(rows, 0.0, sigma), shape.edge_on_visibility)
 
 
 def _with_points(
@@ -175,21 +175,21 @@ def _with_points(
     seen. Without a wing, how far they and the center are apart may show the range."""
     further = rows_of_points(measured.axes, known, shape.posture)
     length = float(np.ptp(np.append(further.points[:, 0], 0.0)))
-    misplaced = math.sqrt(2.0) * MISPLACED / length if length > SHORTEST else 0.0
-    measured = measured._replace(further=further, misplaced=misplaced)
+    keypoint_bias = math.sqrt(2.0) * MISPLACED / length if length > SHORTEST else 0.0
+    measured = measured._replace(further=further, keypoint_bias=keypoint_bias)
     if measured.rows.is_wing:
         return measured
     seen = known if center is None else [*known, ("center", np.zeros(3), center, 0.0)]
     sigma = math.sqrt(2.0) * max(sigma for *_, sigma in known)
     return _with_extent(
-        measured, Extent(rows_of_points(measured.axes, seen, shape.posture), 0.0, sigma), shape.edge_on
+        measured, Extent(rows_of_points(measured.axes, seen, shape.posture), 0.0, sigma), shape.edge_on_visibility
     )
 
 
-def _with_extent(measured: Measurement, extent: Extent, edge_on: float) -> Measurement:
+def _with_extent(measured: Measurement, extent: Extent, edge_on_visibility: float) -> Measurement:
     """The measurement with an extent, whose spread says something of the range if it is more than noise."""
     extent = extent._replace(spread=float(measured_spread(extent.rows, extent.rows.y)))
-    measured = measured._replace(extent=extent, edge_on=edge_on)
+    measured = measured._replace(extent=extent, edge_on_visibility=edge_on_visibility)
     if extent.spread <= SMALLEST_SPAN_SIGMA * extent.sigma:
         return measured
     return measured._replace(span=extent.spread, span_sigma=extent.sigma)

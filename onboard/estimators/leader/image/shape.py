@@ -28,12 +28,12 @@ RIM: Final = 12  # points of the circle that stands for all rotors
 
 
 class Posture(NamedTuple):
-    """How a leader holds itself: `leans` is 1 if it pitches to accelerate, else 0; the standard deviation of its
+    """How a leader holds itself: `tilts` is 1 if it pitches to accelerate, else 0; the standard deviation of its
     pitch about that, rad; and that of a point's place, as a share of the wingspan."""
 
-    leans: float
+    tilts: float
     pitch: float
-    misplaced: float
+    place_sigma: float
 
 
 RIGID: Final = Posture(0.0, 0.0, 0.0)  # of a wing, whose tips are where they are
@@ -46,8 +46,8 @@ class Shape(NamedTuple):
     points: Array  # (k, 3)
     bounds: Array  # (j, 3) what a box bounds
     box_bias: float  # of a box's size, one standard deviation
-    edge_on: float  # of the wing's length: what the edge-on aircraft shows
-    posture: Posture  # how it leans
+    edge_on_visibility: float  # of the wing's length: what the edge-on aircraft shows
+    posture: Posture  # how it tilts
     size: float = 2.0  # m, the wingspan
     pose_bias: float = 0.0  # of the range of poses, one standard deviation
     height: float = 0.0  # of the wingspan: how well top and bottom are known
@@ -69,11 +69,11 @@ def shape_of(config: Config) -> Shape:
     names = *config.points_m, *tips
     points = np.array([*body, *WINGTIPS[: len(tips)]]).reshape(-1, 3)
     outline = outline_of(config)
-    edge_on = min(max(float(np.ptp(outline.bounds[:, 0])), 0.1), 1.0)
-    leans = 1.0 if config.leader_class == "multirotor" else 0.0
-    posture = Posture(leans, PITCH, MISPLACED)
+    edge_on_visibility = min(max(float(np.ptp(outline.bounds[:, 0])), 0.1), 1.0)
+    tilts = 1.0 if config.leader_class == "multirotor" else 0.0
+    posture = Posture(tilts, PITCH, MISPLACED)
     size, pose = config.size_prior_m, config.pose_scale_sigma
-    known = names, points, outline.bounds, outline.bias, edge_on, posture, size, pose, outline.height
+    known = names, points, outline.bounds, outline.bias, edge_on_visibility, posture, size, pose, outline.height
     return Shape(*known, config.center_on_wing)
 
 
@@ -93,8 +93,8 @@ def outline_of(config: Config) -> Outline:
 
 def _rotors(count: int) -> Array:
     """What bounds a multirotor (j, 3) in b that is 1 wide across its rotors, none of which is in front: a circle
-    as wide as they are on average, and canopy and feet. By Cauchy's theorem the mean width is the perimeter of
-    the hull over pi. With the rotors themselves, particles agreed on one width, and so on a nose, for no reason.
+    as wide as they are on average, and canopy and feet. By Cauchy's theorem the mean width is the perimeter of the
+    hull over pi. With the rotors themselves, particles agreed on one width, and so on a heading, for no reason.
     """
     side = math.sin(math.pi / count)  # half the distance between two rotors, on a circle of radius 1
     perimeter = 2.0 * count * side + math.tau * ROTOR * side

@@ -111,10 +111,10 @@ def fuse(
         return state._replace(noise=noise), update
     leader = update.belief
     if taken.has_extent and noise.scale > math.sqrt(TOO_LARGE) * max(supposed, 1.0):
-        # Begun anew from this image, but for its noses: hypotheses that died of a noise that was supposed too
+        # Begun anew from this image, but for its headings: hypotheses that died of a noise that was supposed too
         # small do not come back by a larger one. By the larger one, the images before surprise the less.
         again = measure(filter_.shape, taken.points.noisier(noise.scale)).with_attitude_noise(pose.noise_c)
-        surprise = max(leader.cloud.surprise * (supposed / noise.scale) ** 2, 1.0)
+        surprise = max(leader.particles.surprise * (supposed / noise.scale) ** 2, 1.0)
         leader, supposed = filter_.start(again, pose, leader, surprise=surprise), noise.scale
     return TrackState(leader, noise, supposed), update
 

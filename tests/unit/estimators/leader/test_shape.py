@@ -155,13 +155,13 @@ def test_named_wingtips_say_which_one_is_left_and_nothing_of_their_distance() ->
     assert sided.further.points[:, 1].tolist() == [-0.5, 0.5]
     assert np.sqrt(sided.further.R.diagonal()) == pytest.approx(np.full(4, 0.3 * span))
     assert sided.y.tolist() == plain.y.tolist()
-    assert sided.misplaced == 0.0
+    assert sided.keypoint_bias == 0.0
 
 
 def test_further_points_are_misplaced_as_a_share_of_the_length_that_shows_the_nose() -> None:
     """3 % of the span of 2 m at both ends of 1.5 m."""
     image = detection(*(feature(n, 0.1, 0.05) for n in ("center", "left", "right", "nose", "tail")))
-    assert measured(image, **PLANE).misplaced == pytest.approx(math.sqrt(2.0) * 0.06 / 1.5)
+    assert measured(image, **PLANE).keypoint_bias == pytest.approx(math.sqrt(2.0) * 0.06 / 1.5)
 
 
 @pytest.mark.parametrize(
@@ -257,11 +257,14 @@ def test_images_do_not_reduce_the_bias_of_named_points() -> None:
     cloud = start(settings, named, pose)
     for seen_ in (named, named, measured(IMAGE, **PLANE)):
         cloud, _ = update.update(settings, prediction.predict(settings, cloud, 0.1, np.zeros(3)), seen_, pose)
-    assert cloud.misplaced == named.misplaced > 0.03
+    assert cloud.keypoint_bias == named.keypoint_bias > 0.03
     line = cloud.means[:, POSITION] / np.linalg.norm(cloud.means[:, POSITION], axis=1)[:, None]
-    edge_on = cloud._replace(noses=np.arctan2(line[:, 1], line[:, 0]) + 0.5 * np.pi)
-    with_it, without = (summarise(settings, c).range_sigma() for c in (edge_on, edge_on._replace(misplaced=0.0)))
-    assert with_it**2 - without**2 == pytest.approx(cloud.misplaced**2, rel=0.1)
+    edge_on_visibility = cloud._replace(headings=np.arctan2(line[:, 1], line[:, 0]) + 0.5 * np.pi)
+    with_it, without = (
+        summarise(settings, c).range_sigma()
+        for c in (edge_on_visibility, edge_on_visibility._replace(keypoint_bias=0.0))
+    )
+    assert with_it**2 - without**2 == pytest.approx(cloud.keypoint_bias**2, rel=0.1)
 
 
 def test_the_bias_of_boxes_is_in_the_range_and_points_reduce_it_seed_3() -> None:
@@ -274,7 +277,7 @@ def test_the_bias_of_boxes_is_in_the_range_and_points_reduce_it_seed_3() -> None
     with_it, without = (summarise(settings, c).range_sigma() for c in (cloud, exact))
     assert with_it**2 - without**2 == pytest.approx(GUESS_BIAS**2, rel=0.03)
     after, _ = update.update(settings, cloud, measured(IMAGE), pose)
-    assert after.edge_on == motion.LEAST_VISIBLE
+    assert after.edge_on_visibility == motion.LEAST_VISIBLE
 
 
 def judged(box: Any, noise: float = 0.0) -> Any:

@@ -1,4 +1,4 @@
-"""The compiled arithmetic of a cloud's summary is that of NumPy."""
+"""The compiled arithmetic of the particles' summary is that of NumPy."""
 
 import math
 
@@ -7,8 +7,8 @@ import pytest
 
 from onboard.arrays import Array
 from onboard.estimators.leader.hypotheses import motion, summary
-from onboard.estimators.leader.hypotheses.cloud import occupied
-from onboard.estimators.leader.hypotheses.summary import BANK, NOSE, N, Summary, as_leader
+from onboard.estimators.leader.hypotheses.particles import occupied
+from onboard.estimators.leader.hypotheses.summary import BANK_ERROR, HEADING, N, Summary, as_leader
 from onboard.filters.belief import Belief
 from onboard.models.relative_motion import A_LAT, A_LONG
 from simlink.world.truth import path_accelerations
@@ -24,17 +24,17 @@ def spread(seed: int, n: int) -> Belief:
 def test_the_moments_are_those_of_the_particles_seed1() -> None:
     rng = np.random.default_rng(1)
     k = 50
-    noses, w = rng.uniform(-9.0, 9.0, k), rng.dirichlet(np.ones(k))
+    headings, w = rng.uniform(-9.0, 9.0, k), rng.dirichlet(np.ones(k))
     means = rng.normal(size=(k, motion.N)) + 3.0
     mean, S, within = np.zeros(N), np.zeros((N, N)), rng.normal(size=(motion.N, motion.N))
-    log_range = summary.moments(noses, means, w, 0.5, math.pi, within, mean, S)
+    log_range = summary.moments(headings, means, w, 0.5, math.pi, within, mean, S)
     rows = np.zeros((k, N))
-    rows[:, :9], rows[:, BANK] = means[:, :9], means[:, motion.BANK_ERROR]
+    rows[:, :9], rows[:, BANK_ERROR] = means[:, :9], means[:, motion.BANK_ERROR]
     rows[:, summary.LOG_SIZE] = means[:, motion.LOG_SIZE]
-    rows[:, NOSE] = 0.5 + (noses - 0.5 + math.pi / 2) % math.pi - math.pi / 2
+    rows[:, HEADING] = 0.5 + (headings - 0.5 + math.pi / 2) % math.pi - math.pi / 2
     np.testing.assert_allclose(mean, np.average(rows, axis=0, weights=w), rtol=1e-12, atol=1e-12)
     each = np.zeros((N, N))
-    of_summary = [*range(9), summary.LOG_SIZE, BANK]
+    of_summary = [*range(9), summary.LOG_SIZE, BANK_ERROR]
     of_particle = [*range(9), motion.LOG_SIZE, motion.BANK_ERROR]
     each[np.ix_(of_summary, of_summary)] = within[np.ix_(of_particle, of_particle)]
     np.testing.assert_allclose(S, np.cov(rows.T, aweights=w, ddof=0) + each, rtol=1e-10, atol=1e-12)
@@ -56,13 +56,13 @@ def test_a_belief_after_a_while_is_that_of_the_summary_after_it_seed2() -> None:
 def test_accelerations_are_those_of_the_path_and_linearised_about_it_seed3() -> None:
     rng, v_F, moved, h = np.random.default_rng(3), np.array([1.0, 2.0, 0.0]), np.zeros(3), 1e-5
     mean, covariance = rng.normal(size=N), spread(3, N).covariance
-    mean[summary.V_L], mean[summary.A_L] = [5.0, -3.0, -2.0], [1.0, 2.0, -1.5]
+    mean[motion.VELOCITY], mean[motion.ACCELERATION] = [5.0, -3.0, -2.0], [1.0, 2.0, -1.5]
 
     def published(change: Array) -> Array:
         return np.asarray(as_leader(mean + change, covariance, 0.2, moved, v_F)[0])
 
     found = published(np.zeros(N))
-    v, a = mean[summary.V_L] + 0.2 * mean[summary.A_L], mean[summary.A_L]
+    v, a = mean[motion.VELOCITY] + 0.2 * mean[motion.ACCELERATION], mean[motion.ACCELERATION]
     across = path_accelerations(tuple(v.tolist()), tuple(a.tolist()))
     np.testing.assert_allclose(found[[A_LAT, A_LONG]], across, rtol=1e-12)
     np.testing.assert_allclose(found[summary.A_ALONG], v @ a / np.linalg.norm(v), rtol=1e-12)
@@ -79,12 +79,12 @@ def ranges(log_range: Array) -> Array:
 @pytest.mark.parametrize("seed", range(3))
 def test_occupied_bins_are_those_that_have_enough_weight_seed_0_to_2(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    noses, log_range, w = rng.uniform(-9.0, 9.0, 700), rng.normal(3.0, 0.3, 700), rng.dirichlet(np.ones(700))
-    bins = np.stack([np.floor(np.mod(noses, math.pi) / 0.1), np.floor(log_range / 0.05)])
+    headings, log_range, w = rng.uniform(-9.0, 9.0, 700), rng.normal(3.0, 0.3, 700), rng.dirichlet(np.ones(700))
+    bins = np.stack([np.floor(np.mod(headings, math.pi) / 0.1), np.floor(log_range / 0.05)])
     _, at = np.unique(bins, axis=1, return_inverse=True)
     expected = np.count_nonzero(np.bincount(at.ravel(), w) > 0.002)
     assert 100 < expected < 400
-    assert occupied(noses, ranges(log_range), w, math.pi, 0.1, 0.05, 0.002) == expected
+    assert occupied(headings, ranges(log_range), w, math.pi, 0.1, 0.05, 0.002) == expected
 
 
 def test_a_range_that_is_no_number_occupies_one_bin() -> None:
