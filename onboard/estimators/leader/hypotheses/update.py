@@ -105,10 +105,10 @@ def update(
     pose: CameraPose,
     expected: Expected | None = None,
 ) -> tuple[Particles, float]:
-    """The particles after an image, and the NIS that EXPECTING of its weight have at most; of a box OF_SHAPE, as
+    """The particles after an image, and the NIS that EXPECTING of their weight have at most; of a box OF_SHAPE, as
     only the right headings expect one. If that exceeds the gate, too few expected the image, and the particles are
-    returned as they were. What an image shows beyond these rows has a gate of its own. `expected`: what the particles
-    expect of the image, where that is known. Raises FilterError."""
+    returned as they were. What an image shows beyond these rows has a gate of its own. `expected`: what they expect
+    of the image, where that is known. Raises FilterError."""
     rows, given, is_box = seen.rows, particles, seen.rows.bias is not None
     particles, shown, _, _, each = expected or expect(settings, particles, seen, pose)
     if seen.is_metric and seen.pose is not None:
