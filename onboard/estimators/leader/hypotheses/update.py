@@ -54,7 +54,7 @@ ANY_HEADING: Final = 1.0  # as `edge_on`: of a leader whose range is measured, n
 
 
 class Expected(NamedTuple):
-    """particles, with the bias that an image has, and what it expects of the image's view: mean (m,) and
+    """Particles, with the bias that an image has, and what they expect of the image's view: mean (m,) and
     covariance (m, m), without the image's own noise; and what each particle expects."""
 
     particles: Particles
@@ -76,8 +76,8 @@ def expect(settings: LeaderModel, particles: Particles, seen: Measurement, pose:
 def with_rows(
     settings: LeaderModel, particles: Particles, rows: Rows, axes: Array, pose: CameraPose
 ) -> tuple[Particles, view.ImageRows]:
-    """The particles with the rows' bias, if they have one, and the rows as it sees them about these axes (3, 3) in
-    c."""
+    """The particles with the rows' bias, if they have one, and the rows as they see them about these axes (3, 3)
+    in c."""
     column = 0
     if rows.bias is not None:
         particles = particles.with_biases(Bias(BOXES, rows.bias))
@@ -107,8 +107,8 @@ def update(
 ) -> tuple[Particles, float]:
     """The particles after an image, and the NIS that EXPECTING of their weight have at most; of a box OF_SHAPE, as
     only the right headings expect one. If that exceeds the gate, too few expected the image, and the particles are
-    returned as they were. What an image shows beyond these rows has a gate of its own. `expected`: what they expect
-    of the image, where that is known. Raises FilterError."""
+    returned as they were. What an image shows beyond these rows has a gate of its own. `expected`: what they
+    expect of the image, where that is known. Raises FilterError."""
     rows, given, is_box = seen.rows, particles, seen.rows.bias is not None
     particles, shown, _, _, each = expected or expect(settings, particles, seen, pose)
     if seen.is_metric and seen.pose is not None:
