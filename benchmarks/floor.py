@@ -24,7 +24,9 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.commands.loading import release_compiler
-from onboard.estimators.leader.hypotheses import wing as model
+from onboard.estimators.leader.hypotheses import motion as model
+from onboard.estimators.leader.hypotheses import prediction, view
+from onboard.estimators.leader.image.measurement import measure_wing
 from onboard.messages import CameraPoints, Datagram, Estimate
 
 HYPOTHESES: Final = 84
@@ -35,9 +37,11 @@ IMAGES: Final = "onboard/1/camera/*/points"
 DT: Final = 1.0 / 30.0
 STILL: Final = np.zeros(3)
 NOISE: Final = model.Noise(np.full(model.N, 1e-9), np.zeros((3, model.N)), np.zeros(model.N), 1e-9, 0.7)
-HOVER: Final = model.Hover(1.0, 1.0, 0.0, 0.0)
-COURSE: Final = model.Course(np.zeros(HYPOTHESES), (0.0, 0.0))
-R_Y: Final = 3e-6 * np.eye(4)
+INTERVAL: Final = model.Interval(DT, STILL, NOISE, model.Hover(1.0, 1.0, 0.0, 0.0), np.full(3, 0.99))
+SELDOM: Final = np.array([1e9, 1e9, *[1e-9] * 9])  # no hypothesis changes its mind
+CHANGES: Final = prediction.Changes(SELDOM, 0.99, (0.1, 0.1, 0.1), 0.1, 0.0, (0.15, 0.4), (0.01, 0.1, 0.99))
+PASSED: Final = prediction.Passed(DT, STILL, 0.05, False, (0.0, 0.0), 3.0, 0.05, True)
+ROWS: Final = measure_wing([(0.0, 0.0), (-0.04, 0.0), (0.04, 0.0)], [1e-3] * 3).rows
 
 
 class Arithmetic:
@@ -49,20 +53,21 @@ class Arithmetic:
         means[:, 0] += 25.0
         means[:, model.LOG_SIZE] = 0.7
         P = np.tile(0.01 * np.eye(model.N), (HYPOTHESES, 1, 1))
-        self._first = means, P, rng.uniform(-1.0, 1.0, HYPOTHESES)
+        drags, zero = np.full(HYPOTHESES, 0.16), np.zeros(HYPOTHESES)
+        headings, steady = rng.uniform(-1.0, 1.0, HYPOTHESES), np.zeros((HYPOTHESES, 3))
+        self._first = prediction.ParticleArrays(headings, zero, zero, means, P, steady, zero, drags, zero)
         self._weights = np.full(HYPOTHESES, 1.0 / HYPOTHESES)
-        self._alike, self._lasts = np.zeros((HYPOTHESES, 3)), np.full(3, 0.99)
-        self._steady, self._drags = np.zeros(HYPOTHESES), np.full(HYPOTHESES, 0.16)
 
     def image(self, y: Array) -> Array:
         """The NIS (HYPOTHESES,) of a measurement y (4,) of `leader.image.measurement`."""
-        means, P, noses = (array.copy() for array in self._first)
-        step = model.Interval(DT, STILL, NOISE, HOVER, self._lasts)
-        model.predict(means, P, noses, self._steady, self._alike, self._drags, step, COURSE)
-        camera = np.eye(3), STILL, np.eye(3)
-        *_, each = model.prediction(means, P, noses, self._weights, y, camera, COURSE)
-        nis, _ = model.update(means, P, noses, y, R_Y, each, COURSE)
-        return nis
+        particles = prediction.ParticleArrays(*(array.copy() for array in self._first))
+        prediction.step(particles, 4, CHANGES, PASSED, INTERVAL)
+        shown = ROWS.points, ROWS.of, ROWS.shares, ROWS.axis, y, ROWS.R, True, False, *ROWS.posture
+        rows = view.ImageRows(*shown, STILL, np.eye(3), 0, particles.course_locked, (0.0, 0.0))
+        state = particles.means, particles.covariances, particles.headings
+        *_, each = view.expect(*state, self._weights, rows)
+        nis, _ = view.update(*state, rows, each)
+        return np.asarray(nis)
 
 
 def unpacked(frame: bytes) -> tuple[Any, ...] | None:

@@ -18,9 +18,9 @@ with loading():  # as `onboard run` does
     from onboard.estimators.leader.image.camera_pose import CameraPose
     from onboard.estimators.leader.image.measurement import measure_wing
     from onboard.ownship import Step
-points, still = np.array([[0.0, 0.0], [-0.05, 0.0], [0.05, 0.0]]), np.zeros(3)
+points, still = [(0.0, 0.0), (-0.05, 0.0), (0.05, 0.0)], np.zeros(3)
 filter_, pose = make_filter(Config()), CameraPose(np.eye(3), still, still, still)
-seen = measure_wing(points, np.full(3, 1e-3), filter_.shape)
+seen = measure_wing(points, [1e-3] * 3)
 state = filter_.advance(filter_.start(seen, pose, None), Step(0.02, still, still, still))
 filter_.fuse(filter_.compare(filter_.predict(state), seen, pose))
 """

@@ -59,7 +59,7 @@ class Notices:
         """Let advice be sent; a mere notice is for those on the ground."""
         if advice.severity is not Severity.NOTICE:
             severity, text = WARNING if advice.severity is Severity.ERROR else NOTICE, plain(advice.text, LENGTH)
-            self._wait((Rank.ADVICE, f"{advice.cause} {advice.about}"), _Text(severity, text, text))
+            self._wait((Rank.ADVICE, f"{advice.kind} {advice.about}"), _Text(severity, text, text))
 
     def note(self, estimate: Estimate) -> None:
         """Whether the leader is tracked, when that changes."""

@@ -34,7 +34,7 @@ def why_absent(
     if error.cause is Cause.TLS:
         remedy = "check `ca_file`, `certificate_file`, `private_key_file` of [zenoh], the clock, and `--config`"
         return (_error("tls", f"{endpoint}: {error.words}", remedy), *found)
-    if any(advice.cause == "daemon" for advice in found):
+    if any(advice.kind == "daemon" for advice in found):
         return tuple(found)
     remedy = "start `onboard run CONFIG.toml`, or set `--connect`"
     if config.zenoh.enabled and not config.zenoh.listens():
@@ -122,4 +122,4 @@ def _storage(config: Config) -> Iterator[Advice]:
 
 
 def _error(cause: str, what: str, remedy: str) -> Advice:
-    return Advice(cause=cause, severity=Severity.ERROR, about="daemon", what=what, remedy=remedy, text=what[:50])
+    return Advice(kind=cause, severity=Severity.ERROR, about="daemon", what=what, remedy=remedy, text=what[:50])

@@ -100,7 +100,7 @@ def check(config: Config, wait_s: float, report: Callable[[str], None]) -> bool:
     except UserError as error:
         found = why_absent(config, "this computer", Reason(Cause.UNREACHABLE, str(error)))
         lines.append(
-            Finding.fails("links", str(error), *(f"{a.what}: {a.remedy}" for a in found if a.cause == "port"))
+            Finding.fails("links", str(error), *(f"{a.what}: {a.remedy}" for a in found if a.kind == "port"))
         )
         _show(lines[-1], report)
         return False
@@ -130,12 +130,12 @@ def judged(config: Config, health: Health, whose: str) -> Iterator[Finding]:
         ("clock", _offset(health)),
         ("disk", ""),
     ):
-        mine = [a for a in advice if a.cause in GATHERED[name]]
+        mine = [a for a in advice if a.kind in GATHERED[name]]
         advice = [a for a in advice if a not in mine]
         if words or mine:
             yield _gathered(name, words, mine, fails=name in _missing(config, health))
     for one in advice:
-        yield _gathered(one.cause, "", [one])
+        yield _gathered(one.kind, "", [one])
 
 
 def _gathered(name: str, words: str, advice: Iterable[Advice], *, fails: bool = False) -> Finding:

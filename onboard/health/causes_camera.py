@@ -258,5 +258,5 @@ def _advice(
     over: str = "",
 ) -> Advice:
     return Advice(
-        cause=cause, severity=severity, about=f"camera {camera}", what=what, remedy=remedy, text=text, over=over
+        kind=cause, severity=severity, about=f"camera {camera}", what=what, remedy=remedy, text=text, over=over
     )

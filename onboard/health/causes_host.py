@@ -30,7 +30,7 @@ def refused(m: Moment) -> Iterator[Advice]:
         remedy = remedy_of(refusal.cause)
         what = "" if refusal.cause in DOUBTS else "refused from "
         yield Advice(
-            cause=remedy.advice,
+            kind=remedy.advice,
             severity=remedy.severity,
             about=f"{refusal.source}: {refusal.reason}",
             what=f"{what}{refusal.source}: {refusal.reason}",
@@ -62,7 +62,7 @@ def links(m: Moment) -> Iterator[Advice]:
         before = m.before.links.get(name, health)
         if health.cause is Cause.NAME_SHARED:
             yield Advice(
-                cause="name",
+                kind="name",
                 severity=Severity.ERROR,
                 about=f"link {name}",
                 what=health.error,
@@ -73,7 +73,7 @@ def links(m: Moment) -> Iterator[Advice]:
         elif health.error:
             cause = "tls" if health.cause is Cause.TLS else "link"
             yield Advice(
-                cause=cause,
+                kind=cause,
                 severity=Severity.WARNING,
                 about=f"link {name}",
                 what=f"link {name}: {health.error}; trying again",
@@ -83,7 +83,7 @@ def links(m: Moment) -> Iterator[Advice]:
             )
         if health.refused > before.refused:
             yield Advice(
-                cause="link",
+                kind="link",
                 severity=Severity.WARNING,
                 about=f"link {name}",
                 what=f"link {name}: refused a connection from {health.refused_from}: another peer still sends",
@@ -110,7 +110,7 @@ def sinks(m: Moment) -> Iterator[Advice]:
     for name, health in m.now.sinks.items():
         if health.error:
             yield Advice(
-                cause="disk" if health.cause is Cause.DISK_FULL else "sink",
+                kind="disk" if health.cause is Cause.DISK_FULL else "sink",
                 severity=Severity.WARNING,
                 about=name,
                 what=f"{name}: {health.error}",
@@ -142,7 +142,7 @@ def slow(m: Moment) -> Iterator[Advice]:
         signs.append(f"the daemon is {load.lag:.2f} s late")
     if has_stood:
         yield Advice(
-            cause="slow",
+            kind="slow",
             severity=Severity.WARNING,
             about="pause",
             what=", ".join([f"this program stood still for {load.lag:.1f} s", *signs]),
@@ -154,7 +154,7 @@ def slow(m: Moment) -> Iterator[Advice]:
     elif signs:
         busy = "" if load.cpu is None else f" (all cores {load.cpu:.0f} % busy)"
         yield Advice(
-            cause="slow",
+            kind="slow",
             severity=Severity.WARNING,
             about="computer",
             what="this computer is too slow for what comes: " + ", ".join(signs) + busy,
@@ -169,7 +169,7 @@ def storage(m: Moment) -> Iterator[Advice]:
     load = m.now.computer
     if load.storage_free is not None and _is_full(m):
         yield Advice(
-            cause="disk",
+            kind="disk",
             severity=Severity.WARNING,
             about="storage",
             what=f"{load.storage_free / 1e6:.0f} MB of storage are free: the recording ends when they are used up",
@@ -178,7 +178,7 @@ def storage(m: Moment) -> Iterator[Advice]:
         )
     if load.memory_free is not None and load.memory_free < LITTLE_MEMORY:
         yield Advice(
-            cause="slow",
+            kind="slow",
             severity=Severity.WARNING,
             about="memory",
             what=f"{load.memory_free / 1e6:.0f} MB of memory are free",

@@ -72,7 +72,7 @@ def other_vehicles(m: Moment) -> Iterator[Advice]:
         return
     for name in m.now.beside:
         yield Advice(
-            cause="system",
+            kind="system",
             severity=Severity.NOTICE,
             about=name,
             what=f"also heard: {name}; followed is {m.now.autopilot}",
@@ -114,7 +114,7 @@ def missing_streams(m: Moment) -> Iterator[Advice]:
             continue
         came = "does not come" if rate == 0.0 else f"comes at {rate:.1f} Hz"
         yield Advice(
-            cause="attitude" if name == "Attitude" and rate == 0.0 else "stream",
+            kind="attitude" if name == "Attitude" and rate == 0.0 else "stream",
             severity=severity,
             about=message,
             what=f"{message} {came}; needed are {needed:g} Hz: {loss}",
@@ -130,7 +130,7 @@ def no_origin(m: Moment) -> Iterator[Advice]:
         return
     if "GlobalOrigin" not in m.now.streams and "GlobalPosition" not in m.now.streams:
         yield Advice(
-            cause="origin",
+            kind="origin",
             severity=Severity.WARNING,
             about="origin",
             what="the autopilot has no origin (GPS_GLOBAL_ORIGIN) and no global position: the leader's place on "
@@ -157,7 +157,7 @@ def clock(m: Moment) -> Iterator[Advice]:
     else:
         return
     yield Advice(
-        cause="timesync",
+        kind="timesync",
         severity=Severity.NOTICE,
         about="clock",
         what=what,
@@ -171,7 +171,7 @@ def no_wind(m: Moment) -> Iterator[Advice]:
     if not m.needs.wind or not m.verdicts("leader.wind_implausible"):
         return
     yield Advice(
-        cause="wind",
+        kind="wind",
         severity=Severity.NOTICE,
         about="wind",
         what="the autopilot's reports of the wind are not used: exactly 0 without an uncertainty is none "
@@ -210,5 +210,5 @@ def _names(links: list[LinkNeed]) -> str:
 
 def _error(cause: str, what: str, remedy: str, text: str, over: str = "") -> Advice:
     return Advice(
-        cause=cause, severity=Severity.ERROR, about="autopilot", what=what, remedy=remedy, text=text, over=over
+        kind=cause, severity=Severity.ERROR, about="autopilot", what=what, remedy=remedy, text=text, over=over
     )

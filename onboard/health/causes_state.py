@@ -89,7 +89,7 @@ def invalid(m: Moment) -> Iterator[Advice]:
         cause, why = m.now.causes.get(name, Cause.NONE), m.now.reasons.get(name, "")
         remedy = REMEDIES.get(cause, OURS)
         yield Advice(
-            cause="not-valid",
+            kind="not-valid",
             severity=remedy.severity,
             about=f"estimate {name}",
             what=f"the {name} estimate is not valid: {why or cause.meaning}",

@@ -4,6 +4,7 @@ from enum import StrEnum
 from typing import Final
 
 import msgspec
+from msgspec.structs import force_setattr
 
 from onboard.messages.base import Record
 from onboard.messages.causes import Cause
@@ -128,12 +129,14 @@ class Severity(StrEnum):
 
 
 class Advice(Record, frozen=True, kw_only=True):
-    """Something that is wrong, and its remedy. `cause`: the advice's name, of the table in docs/status.md;
+    """Something that is wrong, and its remedy. `kind`: the advice's name, of the table in docs/status.md; `cause`:
+    the same under its old name, for one release, as one of the two at least is given;
     `about`: the camera, stream or link. `what`: what was found and what is needed, with figures; `remedy`: the
     line to type, or the key to change. `text`: the same for a pilot, as STATUSTEXT. `over`: what is reported once
     it is over. `count`: messages that were refused."""
 
-    cause: str
+    kind: str = ""
+    cause: str = ""
     severity: Severity
     about: str
     what: str
@@ -141,6 +144,10 @@ class Advice(Record, frozen=True, kw_only=True):
     text: str
     over: str = ""
     count: int = 1
+
+    def __post_init__(self) -> None:
+        force_setattr(self, "kind", self.kind or self.cause)
+        force_setattr(self, "cause", self.kind)
 
 
 class Health(Record, frozen=True, kw_only=True):

@@ -93,7 +93,7 @@ def askew(rng: np.random.Generator, t: Array, vigour: float) -> Scene:
     return scene._replace(nose=course + np.radians(5.0))
 
 
-@pytest.mark.slow  # hypotheses/test_noses.py has what a nose off its course does in one step
+@pytest.mark.slow  # hypotheses/test_headings.py has what a nose off its course does in one step
 @pytest.mark.parametrize("seed", [6, 9])  # of which the leader flies on
 def test_a_nose_that_is_5_degrees_off_its_course_for_good_is_no_other_range_seeds_6_and_9(
     seed: int, monkeypatch: pytest.MonkeyPatch

@@ -13,7 +13,7 @@ FLIGHTS = DATA / "field4" / "streams"
 MOST = 5.0  # percent
 
 
-@pytest.mark.slow  # 25 s of a core each; `test_leaning` is beside it
+@pytest.mark.slow  # 25 s of a core each; `test_tilt` is beside it
 @pytest.mark.skipif(not FLIGHTS.exists(), reason="the recorded flights of ../shared/data are not here")
 @pytest.mark.parametrize("flight", ["75010", "75013", "75015"])
 def test_it_is_not_surely_wrong_where_a_nose_off_the_course_leaves_the_range_open(

@@ -1,7 +1,8 @@
-"""A bootstrap particle filter of a leader whose nose may point anywhere: every state is drawn, none is a Gaussian.
+"""A bootstrap particle filter of a leader whose heading may point anywhere: every state is drawn, none is a
+Gaussian.
 
-An independent and slow answer to what the cloud of noses answers: the same model of flight (`NoseModel`), but
-its own code for the motion, the image and the weights.
+An independent and slow answer to what the particles answer: the same model of flight (`LeaderModel`), but its own
+code for the motion, the image and the weights.
 """
 
 import math
@@ -10,12 +11,12 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.assumptions import NoseModel
+from onboard.estimators.leader.assumptions import LeaderModel
 
 G: Final = 9.80665
 HORIZONTAL: Final = np.array([1.0, 1.0, 0.8])
 # Slow and calm, nothing considered: what this filter can follow.
-CALM: Final = NoseModel(
+CALM: Final = LeaderModel(
     size=2.0,
     size_sigma=1e-6,
     misalignment=(1e-6,) * 3,
@@ -44,9 +45,9 @@ CALM: Final = NoseModel(
 
 
 class Particles(NamedTuple):
-    """K draws: nose (K,) rad, r_FL_n, v_L, a_L (K, 3), bank's error (K,) rad, and stretch (K,)."""
+    """K draws: heading (K,) rad, r_FL_n, v_L, a_L (K, 3), bank's error (K,) rad, and wing scale error (K,)."""
 
-    nose: Array
+    heading: Array
     r: Array
     v: Array
     a: Array
@@ -56,47 +57,47 @@ class Particles(NamedTuple):
 
 def broadness(p: Particles) -> Array:
     """The fraction (K,) that is seen of a level wing."""
-    along = (np.cos(p.nose) * p.r[:, 1] - np.sin(p.nose) * p.r[:, 0]) / np.linalg.norm(p.r, axis=1)
+    along = (np.cos(p.heading) * p.r[:, 1] - np.sin(p.heading) * p.r[:, 0]) / np.linalg.norm(p.r, axis=1)
     return np.asarray(np.sqrt(np.maximum(1.0 - along**2, 0.0) + 0.05**2))
 
 
 def image_of(p: Particles, size: float) -> Array:
     """Where the center is seen (K, 2), and the vector from the left to the right tip (K, 2), in focal lengths, by
     a camera at F that looks north."""
-    bank = np.arctan2(p.a[:, 1] * np.cos(p.nose) - p.a[:, 0] * np.sin(p.nose), G - p.a[:, 2]) + p.bank
+    bank = np.arctan2(p.a[:, 1] * np.cos(p.heading) - p.a[:, 0] * np.sin(p.heading), G - p.a[:, 2]) + p.bank
     half = 0.5 * size * np.exp(p.stretch)
     wing = half[:, None] * np.stack(
-        [-np.sin(p.nose) * np.cos(bank), np.cos(p.nose) * np.cos(bank), np.sin(bank)], axis=1
+        [-np.sin(p.heading) * np.cos(bank), np.cos(p.heading) * np.cos(bank), np.sin(bank)], axis=1
     )
     center, left, right = (q[:, 1:] / q[:, :1] for q in (p.r, p.r - wing, p.r + wing))
     return np.concatenate([center, right - left], axis=1)
 
 
-def start(s: NoseModel, seen: Array, sigma: float, count: int, rng: np.random.Generator) -> Particles:
+def start(s: LeaderModel, seen: Array, sigma: float, count: int, rng: np.random.Generator) -> Particles:
     """What a first image `seen` (4,), as `image_of`, leaves possible; `sigma` is of a point."""
-    nose = math.pi * rng.uniform(size=count)
+    heading = math.pi * rng.uniform(size=count)
     center = seen[:2] + sigma * rng.normal(size=(count, 2))
     line = np.column_stack([np.ones(count), center])
     line /= np.linalg.norm(line, axis=1)[:, None]
     zero = np.zeros(count)
-    broad = broadness(Particles(nose, line, line, line, zero, zero))
+    broad = broadness(Particles(heading, line, line, line, zero, zero))
     span = math.hypot(seen[2], seen[3])
     span = span + max(math.sqrt(2.0) * sigma, 0.01 * span) * rng.normal(size=count)
     r = (s.size * broad / np.maximum(span, 0.1 * sigma))[:, None] * line
     v = broad[:, None] * s.speed * np.array([1.0, 1.0, 0.4]) * rng.normal(size=(count, 3))
     a = broad[:, None] * s.acceleration * HORIZONTAL * rng.normal(size=(count, 3))
-    return Particles(nose, r, v, a, broad * s.bank * rng.normal(size=count), s.stretch * rng.normal(size=count))
+    return Particles(heading, r, v, a, broad * s.bank * rng.normal(size=count), s.stretch * rng.normal(size=count))
 
 
-def predict(s: NoseModel, p: Particles, dt: float, moved: Array, rng: np.random.Generator) -> Particles:
+def predict(s: LeaderModel, p: Particles, dt: float, moved: Array, rng: np.random.Generator) -> Particles:
     """After `dt` seconds in which we move by `moved` (3,)."""
-    count, broad = len(p.nose), broadness(p)
+    count, broad = len(p.heading), broadness(p)
     level = p.v[:, :2]
     speed2 = np.sum(level**2, axis=1)
     rate = (p.v[:, 0] * p.a[:, 1] - p.v[:, 1] * p.a[:, 0]) / (speed2 + 1.0)
-    nose = p.nose + speed2**2 / (speed2**2 + 81.0) * rate * dt
+    heading = p.heading + speed2**2 / (speed2**2 + 81.0) * rate * dt
     wobble = s.nose_random_walk * np.minimum(1.0, broad / np.sqrt(np.maximum(1.0 - broad**2, 1e-9)))
-    nose = nose + wobble * math.sqrt(dt) * rng.normal(size=count)
+    heading = heading + wobble * math.sqrt(dt) * rng.normal(size=count)
     r = p.r + dt * p.v + 0.5 * dt**2 * p.a - moved
     v = p.v + dt * p.a + (broad * s.velocity_random_walk * math.sqrt(dt))[:, None] * rng.normal(size=(count, 3))
     a = _accelerations(s, p, dt, speed2, rate)
@@ -105,10 +106,10 @@ def predict(s: NoseModel, p: Particles, dt: float, moved: Array, rng: np.random.
     kept, kept_stretch = math.exp(-dt / s.bank_time), math.exp(-dt / s.stretch_time)
     bank = kept * p.bank + broad * s.bank * math.sqrt(1.0 - kept**2) * rng.normal(size=count)
     stretch = kept_stretch * p.stretch + s.stretch * math.sqrt(1.0 - kept_stretch**2) * rng.normal(size=count)
-    return Particles(nose, r, v, a, bank, stretch)
+    return Particles(heading, r, v, a, bank, stretch)
 
 
-def _accelerations(s: NoseModel, p: Particles, dt: float, speed2: Array, rate: Array) -> Array:
+def _accelerations(s: LeaderModel, p: Particles, dt: float, speed2: Array, rate: Array) -> Array:
     """What is along the track decays, and of a slow leader everything; what is across it turns with it."""
     left = math.exp(-dt / s.acceleration_time)
     slow = 1.0 - (1.0 - left) * 4.0 / (speed2 + 4.0)
@@ -119,7 +120,7 @@ def _accelerations(s: NoseModel, p: Particles, dt: float, speed2: Array, rate: A
     return np.stack([c * x - sn * y, sn * x + c * y, left * slow * p.a[:, 2]], axis=1)
 
 
-def update(s: NoseModel, p: Particles, seen: Array, sigma: float, rng: np.random.Generator) -> Particles:
+def update(s: LeaderModel, p: Particles, seen: Array, sigma: float, rng: np.random.Generator) -> Particles:
     """Drawn anew by the likelihood of an image."""
     h = image_of(p, s.size)
     sign = np.where(np.sum(h[:, 2:] * seen[2:], axis=1) < 0.0, -1.0, 1.0)

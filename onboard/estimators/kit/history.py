@@ -40,8 +40,9 @@ TIME: Final = attrgetter("t_ns")
 
 
 class History(Generic[B, M]):
-    """Beliefs of one track. `advance(belief, t0_ns, t1_ns, ownship)` predicts; `fuse(belief, measurement,
-    ownship)` updates and returns (belief, outcome). Both must be pure; their errors pass through."""
+    """Beliefs of one track, and its `nodes`, the newest at the end. `advance(belief, t0_ns, t1_ns, ownship)`
+    predicts; `fuse(belief, measurement, ownship)` updates and returns (belief, outcome). Both must be pure; their
+    errors pass through."""
 
     def __init__(
         self,
@@ -52,28 +53,24 @@ class History(Generic[B, M]):
         advance: Callable[[B, int, int, M], B],
         fuse: Callable[[B, Any, M], tuple[B, Any]],
     ) -> None:
-        self._nodes = [Node(t_ns, belief)]
+        self.nodes = [Node(t_ns, belief)]
         self._provisional_ns: int | None = None  # of the first node reached with extrapolated motion
         self._horizon_ns = horizon_ns
         self._advance = advance
         self._fuse = fuse
 
-    @property
-    def newest_belief(self) -> B:
-        """The belief at the newest node."""
-        belief: B = self._nodes[-1].belief
-        return belief
-
     def reaches(self, t_ns: int) -> bool:
         """Whether a measurement of that time can still be inserted."""
-        return t_ns >= self._nodes[0].t_ns
+        return t_ns >= self.nodes[0].t_ns
 
     def insert(self, t_ns: int, measurement: Any, ownship: M, fused: tuple[B, Any] | None = None) -> Any:
         """Insert a measurement at its time (which must reach) and redo all later nodes; its outcome. `fused`: the
         belief after it and its outcome, where what `belief_before` gives has been fused with it already."""
-        later = self._cut(bisect_right(self._nodes, t_ns, key=TIME))
+        index = bisect_right(self.nodes, t_ns, key=TIME)
+        later = self._cut(index) if index < len(self.nodes) else []
         outcome = self._append(t_ns, measurement, ownship, fused)
-        self._redo(later, ownship)
+        if later:
+            self._redo(later, ownship)
         return outcome
 
     def settle(self, ownship: M) -> bool:
@@ -83,32 +80,32 @@ class History(Generic[B, M]):
         if first is not None and ownship.knows(first):
             redone = True
             self._redo(self._cut(self._before(first) + 1), ownship)
-        if ownship.nav_times:
-            self._pass_samples(ownship.nav_times[-1] + 1, ownship)
-        oldest = self._nodes[-1].t_ns - self._horizon_ns
-        keep = max(bisect_right(self._nodes, oldest, key=TIME) - 1, 0)
+        if times := ownship.nav_times:
+            self._pass_samples(times[-1] + 1, ownship)
+        oldest = self.nodes[-1].t_ns - self._horizon_ns
+        keep = max(bisect_right(self.nodes, oldest, key=TIME) - 1, 0)
         if self._provisional_ns is not None:  # it will be computed again, from the node before it
             keep = min(keep, self._before(self._provisional_ns))
-        del self._nodes[:keep]
+        del self.nodes[:keep]
         return redone
 
     def belief_at(self, t_ns: int, ownship: M) -> tuple[int, B]:
         """(time, belief): the newest belief, predicted to t_ns unless it is of a later time already."""
-        newest = self._nodes[-1]
+        newest = self.nodes[-1]
         if t_ns <= newest.t_ns:
             return newest.t_ns, newest.belief
         return t_ns, self._advance(newest.belief, newest.t_ns, t_ns, ownship)
 
     def belief_before(self, t_ns: int, ownship: M) -> B | None:
         """The belief at a time within the history, by measurements until then alone; None before the history."""
-        if not self.reaches(t_ns):
+        if t_ns < self.nodes[0].t_ns:
             return None
-        node = self._nodes[self._before(t_ns + 1)]
+        node = self.nodes[bisect_right(self.nodes, t_ns, key=TIME) - 1]
         return node.belief if node.t_ns == t_ns else self._advance(node.belief, node.t_ns, t_ns, ownship)
 
     def newest(self, holds: Callable[[Any], bool]) -> int | None:
         """Time of the newest measurement whose last outcome fulfils `holds`."""
-        for node in reversed(self._nodes):
+        for node in reversed(self.nodes):
             if node.measurement is not None and holds(node.outcome):
                 t_ns: int = node.t_ns
                 return t_ns
@@ -116,13 +113,13 @@ class History(Generic[B, M]):
 
     def _before(self, t_ns: int) -> int:
         """Index of the last node before a time, or of the first."""
-        return max(bisect_left(self._nodes, t_ns, key=TIME) - 1, 0)
+        return max(bisect_left(self.nodes, t_ns, key=TIME) - 1, 0)
 
     def _cut(self, index: int) -> list[Node]:
         """Remove the nodes from an index on; the first node always stays."""
-        later = self._nodes[index:]
-        del self._nodes[index:]
-        if self._provisional_ns is not None and self._provisional_ns > self._nodes[-1].t_ns:
+        later = self.nodes[index:]
+        del self.nodes[index:]
+        if self._provisional_ns is not None and self._provisional_ns > self.nodes[-1].t_ns:
             self._provisional_ns = None
         return later
 
@@ -134,11 +131,11 @@ class History(Generic[B, M]):
     def _append(self, t_ns: int, measurement: Any, ownship: M, fused: tuple[B, Any] | None = None) -> Any:
         self._pass_samples(t_ns, ownship)
         if fused is None:
-            newest = self._nodes[-1]
+            newest = self.nodes[-1]
             prior = self._advance(newest.belief, newest.t_ns, t_ns, ownship)
             fused = self._fuse(prior, measurement, ownship)
         belief, outcome = fused
-        self._nodes.append(Node(t_ns, belief, measurement, outcome))
+        self.nodes.append(Node(t_ns, belief, measurement, outcome))
         if self._provisional_ns is None and not ownship.knows(t_ns):
             self._provisional_ns = t_ns
         return outcome
@@ -146,10 +143,10 @@ class History(Generic[B, M]):
     def _pass_samples(self, until_ns: int, ownship: M) -> None:
         """Nodes at the navigation samples after the newest node and before `until_ns`."""
         times = ownship.nav_times
-        newest = self._nodes[-1]
+        newest = self.nodes[-1]
         for t_ns in times[bisect_right(times, newest.t_ns) :]:
             if t_ns >= until_ns:
                 break
             belief = self._advance(newest.belief, newest.t_ns, t_ns, ownship)
             newest = Node(t_ns, belief)
-            self._nodes.append(newest)
+            self.nodes.append(newest)

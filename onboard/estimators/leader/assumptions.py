@@ -1,9 +1,9 @@
-"""The numbers that the leader's filter believes, and why: how a leader flies (`NoseModel`, of which
+"""The numbers that the leader's filter believes, and why: how a leader flies (`LeaderModel`, of which
 `process_noise` overrides single ones), and below that how aircraft look, how detectors and our own state err, and
 the wind.
 
 How a measurement is gated and weighed stands with the code that does it (`hypotheses.update`). So do the speeds at
-which compiled arithmetic changes from one case to another (`hypotheses.wing`, `hypotheses.prediction`): machine
+which compiled arithmetic changes from one case to another (`hypotheses.motion`, `hypotheses.prediction`): machine
 code is made anew only when its own file changes.
 
 Plain numbers: reading a configuration imports neither NumPy nor Numba.
@@ -24,17 +24,17 @@ class Size(NamedTuple):
     sigma: float
 
 
-class NoseModel(NamedTuple):
-    """What the cloud of noses assumes: how a leader of unknown nose flies, and our own errors.
+class LeaderModel(NamedTuple):
+    """What the particles assumes: how a leader of unknown heading flies, and our own errors.
 
     Values are standard deviations, unless they are named otherwise. A `_random_walk` is a process noise density:
     the state's variance grows by its square each second. A state with a `_time` is a Gauss-Markov process with
     that correlation time. A `_for` is a mean duration. Speeds, accelerations and banks are those of a leader at
     the largest possible range, and proportionally less for nearer ones.
 
-    The reasons: a copter leaned by 0.12 / s of its airspeed at 6 m/s and 0.22 / s at 12 m/s
-    (../shared/data/formation-copter); small racers lean by 0.03 / s, heavy lifters by 0.5 / s; winds of 3 m/s
-    along an axis are a gentle breeze. The nose wobbles by 2 degrees in the reference flight of Oh & Johnson.
+    The reasons: a copter tilted by 0.12 / s of its airspeed at 6 m/s and 0.22 / s at 12 m/s
+    (../shared/data/formation-copter); small racers tilt by 0.03 / s, heavy lifters by 0.5 / s; winds of 3 m/s
+    along an axis are a gentle breeze. The heading wobbles by 2 degrees in the reference flight of Oh & Johnson.
     The copter's is 4 degrees (RMS) off its course at more than 3 m/s: 5 to one side or the other in its circles.
     Errors of our velocity last some seconds (a receiver's noise, filtered) to a minute (multipath): 20 s.
     Other leaders, flown by hand or fast, differ by large factors: headings 13 to 28 degrees off the course and
@@ -42,7 +42,7 @@ class NoseModel(NamedTuple):
     three factors (`intensity`), wide enough for all of these.
     `evidence_rate` is there because errors of images and of flight are correlated over some tenths of a second,
     and those of what a hypothesis supposes as long as the view stays the same: so new views count (`new_view`),
-    and of the same view few images. It, `tied`, `stretch`, `bank` and the doubt were chosen on
+    and of the same view few images. It, `tied`, `wing scale error`, `bank` and the doubt were chosen on
     encounters, simulated and with recorded leaders: no measurement stands behind them."""
 
     size: float  # m, the value itself
@@ -51,10 +51,12 @@ class NoseModel(NamedTuple):
     misalignment_time: float  # s
     own_velocity: float  # m/s, of our velocity
     own_velocity_time: float = 20.0  # s
-    crab: float = 0.0  # rad, of the nose about the course, of a fixed wing; 0: the nose may point anywhere
-    heading: float = math.radians(5.0)  # rad, of the nose about our own course, of one that flies along with us
+    crab: float = 0.0  # rad, of the heading about the course, of a fixed wing; 0: the heading may point anywhere
+    heading: float = math.radians(5.0)  # rad, of the heading about our own course, of one that flies along with us
     on_course: float = 0.3  # the prior probability that it does, if we fly
-    nose_about_course: float = math.radians(5.0)  # rad, of a nose that is tied to its course, or a fixed wing's
+    nose_about_course: float = math.radians(
+        5.0
+    )  # rad, of a heading that is locked to its course, or a fixed wing's
     air: tuple[float, float] = (0.0, 0.0)  # m/s, velocity to north and east of the air that a course is through
     air_sigma: float = 0.0  # m/s, on each axis
     particles: int = PARTICLES
@@ -75,15 +77,15 @@ class NoseModel(NamedTuple):
     hover_acceleration_time: float = 0.05  # s
     intensity: tuple[float, float, float] = (0.8, 0.5, 0.8)  # of the logarithms: manoeuvres, bank, heading
     intensity_time: float = 200.0  # s, over which a leader changes them
-    slack_time: float = 4.0  # s, over which a tied nose changes its angle to the course
-    tied: float = 0.5  # the probability that the nose of a leader that flies fast is tied to its course
+    slack_time: float = 4.0  # s, over which a tied heading changes its angle to the course
+    tied: float = 0.5  # the probability that the heading of a leader that flies fast is locked to its course
     tied_for: float = 30.0  # s, until that is decided anew
     undecided_for: float = 2.0  # s, of a fast one
-    fewest: int = 80  # particles: as many as the noses and ranges in question need, but so many at least
-    fewest_sided: int = 400  # where points show the nose
-    still_for: float = 30.0  # s, of a nose, beside the turn of its course, ...
+    fewest: int = 80  # particles: as many as the headings and ranges in question need, but so many at least
+    fewest_sided: int = 400  # where points show the heading
+    still_for: float = 30.0  # s, of a heading, beside the turn of its course, ...
     turns_for: float = 4.0  # s, ... which then turns; a restless heading turns more often and for shorter
-    nose_rate: float = 0.2  # rad/s, of a nose that is turned
+    nose_rate: float = 0.2  # rad/s, of a heading that is turned
     nose_random_walk: float = math.radians(0.7)  # rad / sqrt(s)
     bank: float = math.radians(5.0)  # rad, about the bank of its thrust
     bank_time: float = 1.0  # s
@@ -100,18 +102,18 @@ class NoseModel(NamedTuple):
     first_evidence: float = 8.0  # so many images of a new track count, whatever the view does
     steady_evidence: float = 0.15  # 1/s: so many while the view stays the same
     new_view: float = 0.12  # rad, or share of the range: so much another view is one image more
-    doubted_after: float = 8.0  # s, the mean time after which a particle takes another nose
+    doubted_after: float = 8.0  # s, the mean time after which a particle takes another heading
     resample: float = 0.35  # of the particles: with fewer effective ones they are drawn anew
     gate: float = 25.0  # NIS above which no Gaussian expected an image
 
 
-OVERRIDABLE: Final = frozenset(NoseModel._fields) - {
+OVERRIDABLE: Final = frozenset(LeaderModel._fields) - {
     *("size", "size_sigma", "misalignment_time", "own_velocity", "air_sigma"),  # keys of their own
 }
 PROBABILITIES: Final = frozenset({"on_course", "accelerating", "hovering", "tied", "resample"})
 
 
-def overridden(model: NoseModel, overrides: Mapping[str, float]) -> NoseModel:
+def overridden(model: LeaderModel, overrides: Mapping[str, float]) -> LeaderModel:
     """The model with single numbers of it overridden.
 
     Raises ValueError, which names the key: a name that is no number of the model, or a value out of range.
@@ -156,8 +158,8 @@ FLIPPED: Final = 0.2  # the probability that a rotation is the mirror image ...
 STRAY: Final = 0.02  # ... and that it says nothing
 
 # Of a fixed wing, and of the wind.
-CRAB: Final = math.radians(14.0)  # rad, of a fixed wing's nose: wind of a quarter of its speed, at one sigma
-SLIP: Final = math.radians(3.0)  # rad, of a fixed wing's nose about its path through the air
+CRAB: Final = math.radians(14.0)  # rad, of a fixed wing's heading: wind of a quarter of its speed, at one sigma
+SLIP: Final = math.radians(3.0)  # rad, of a fixed wing's heading about its path through the air
 STRONGEST: Final = 60.0  # m/s: a stronger one is no wind
 # m/s on each axis. Of a report without one: the filters of autopilots end between 0.5 and 2, before turns above.
 USUAL_SIGMA: Final = 1.5

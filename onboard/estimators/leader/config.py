@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from onboard.estimators.kit.life_cycle import check_order
-from onboard.estimators.leader.assumptions import PARTICLES, NoseModel, overridden
+from onboard.estimators.leader.assumptions import PARTICLES, LeaderModel, overridden
 from onboard.messages import NotNegative, Positive, Record, TargetClass, Vec3
 from onboard.messages.target import Aircraft, check_bounds, check_points
 
@@ -116,7 +116,7 @@ class Config(Record, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         check_order(self, "reset_timeout_s")
-        overridden(NoseModel(1.0, 1.0, (0.0, 0.0, 0.0), 1.0, 1.0), self.process_noise)
+        overridden(LeaderModel(1.0, 1.0, (0.0, 0.0, 0.0), 1.0, 1.0), self.process_noise)
         check_points(self.points_m, self.size_prior_m)
         check_bounds(self.points_m, self.aircraft, wings=self.wings)
 

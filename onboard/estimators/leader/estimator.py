@@ -59,7 +59,7 @@ CLASS: Final = "class_changed"  # how often the detector has taken a target for 
 RENAMED: Final = "target_renamed"  # how often a track has gone on under another id
 PASSED_ON: Final = "leader_passed_on"  # how often another target has become the leader
 EXCHANGED: Final = "ids_exchanged"  # how many detections have had another's id from some image on
-MISFIT: Final = "misfit_"  # before the names of points that fit no nose, in the health
+MISFIT: Final = "misfit_"  # before the names of points that fit no heading, in the health
 # An image is compared with the tracks at most this many times as far from it as the nearest one, plus this angle.
 FARTHER: Final = 3.0
 BESIDE: Final = 0.04  # rad
@@ -122,29 +122,35 @@ class Estimator:
             if seen.target == NO_ID:
                 continue
             self._is_named |= seen.target == NAME
-            track, answers[i] = self._named(self._ids.get(seen.target, seen.target), ownship), []
+            target, answers[i] = self._ids.get(seen.target, seen.target), []
+            track = self._tracks.get(target) or self._named(target, ownship)
             if track is None:
                 answers[i] = self._refuse(seen, ownship)
                 continue
-            if (before := self._renamed(seen, track, ownship)) is not None:
+            if seen.target != NAME and (before := self._renamed(seen, track, ownship)) is not None:
                 track, answers[i] = before, [self._rename(before, seen.target, ownship)]
             found[i], claims[i] = track, track.claim(seen, ownship)
-        self._exchange(claims, found, ownship)
+        if len(claims) > 1:
+            self._exchange(claims, found, ownship)
         for i, claim in claims.items():
             answers[i] += self._take(message.detections[i], found[i], claim, ownship)
-        answers |= self._unnamed(message.detections, found, ownship)
+        if len(answers) < len(message.detections):
+            answers |= self._unnamed(message.detections, found, ownship)
         return [estimate for i in sorted(answers) for estimate in answers[i]]
 
     def _take(
         self, seen: TargetImage, track: Track, claim: Candidate | Verdict | None, ownship: Ownship
     ) -> list[Estimate]:
         """Let a track take a detection, as it was compared with the track, or None where it was not yet."""
-        known, filter_ = self._classes.get(seen.class_name), track.filter
         said: list[Estimate] = []
-        if track.take_for(seen.class_name, seen.t_ns, *(known or (None, self._config))):
-            self._verdicts[CLASS] += 1
-            said.append(track.tick(ownship))
-        if claim is None or track.filter is not filter_:
+        if self._classes:
+            filter_ = track.filter
+            known = self._classes.get(seen.class_name, (None, self._config))
+            if track.take_for(seen.class_name, seen.t_ns, *known):
+                self._verdicts[CLASS] += 1
+                said.append(track.tick(ownship))
+            claim = claim if track.filter is filter_ else None
+        if claim is None:
             claim = track.claim(seen, ownship)
         if track.target == NAME and self._frames is not None and isinstance(claim, Candidate):
             self._compare(self._frames, claim.image, track.range, ownship)
@@ -352,7 +358,7 @@ class Estimator:
 
     def _renamed(self, message: TargetImage, track: Track, ownship: Ownship) -> Track | None:
         """The track that goes on under the id of an image, whose own track is not followed yet."""
-        if message.target in (NO_ID, NAME) or not awaits_name(track, message.t_ns):
+        if not awaits_name(track, message.t_ns):
             return None
         image = track.prepare(message, ownship)
         if isinstance(image, Verdict):

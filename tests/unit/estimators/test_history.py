@@ -37,7 +37,7 @@ def test_a_late_measurement_gives_the_belief_of_one_in_order() -> None:
         for t_ms in order:
             assert each.insert(t_ms * MS, float(t_ms), Motion(60)) == 10.0 * t_ms
             each.settle(Motion(60))
-    assert one.newest_belief == two.newest_belief == (60.0, 20.0, 40.0)
+    assert one.nodes[-1].belief == two.nodes[-1].belief == (60.0, 20.0, 40.0)
     assert one.belief_at(65 * MS, Motion(60)) == (65 * MS, (65.0, 20.0, 40.0))
     assert one.belief_at(5 * MS, Motion(60)) == (60 * MS, (60.0, 20.0, 40.0)), "the newest one"
     assert two.belief_before(30 * MS, Motion(60)) == (30.0, 20.0)
@@ -48,7 +48,7 @@ def test_a_late_measurement_gives_the_belief_of_one_in_order() -> None:
 def test_what_is_older_than_the_horizon_is_dropped_but_for_the_node_before_it() -> None:
     one = history()
     one.settle(Motion(200))
-    assert one.newest_belief == (200.0,)
+    assert one.nodes[-1].belief == (200.0,)
     assert one.reaches(100 * MS)
     assert not one.reaches(99 * MS)
     assert one.belief_before(99 * MS, Motion(200)) is None
@@ -60,4 +60,4 @@ def test_a_measurement_beyond_the_known_motion_is_judged_again_once_it_is_known(
     one.insert(45 * MS, 45.0, Motion(known_ms))
     assert one.settle(Motion(known_ms)) is False
     assert one.settle(Motion(80)) is (known_ms < 45)
-    assert one.newest_belief == (80.0, 45.0)
+    assert one.nodes[-1].belief == (80.0, 45.0)

@@ -213,10 +213,10 @@ def test_a_tree_of_sources_has_none(tmp_path: Path) -> None:
 def test_the_sources_of_a_kernel_are_its_own_and_those_that_it_imports() -> None:
     sources = compiling.sources()
     assert len(sources) == len(compiling.kernel_modules())
-    of_shape = sources["onboard/estimators/leader/hypotheses/points.py"]
+    of_shape = sources["onboard/estimators/leader/hypotheses/view.py"]
     assert {
-        "onboard/estimators/leader/hypotheses/points.py",
-        "onboard/estimators/leader/hypotheses/particle_update.py",
+        "onboard/estimators/leader/hypotheses/view.py",
+        "onboard/estimators/leader/hypotheses/motion.py",
     } < {*of_shape}
     assert "onboard/models/radar.py" not in of_shape
     assert all((shipped.PACKAGES / path).is_file() for paths in sources.values() for path in paths)

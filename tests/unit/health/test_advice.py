@@ -90,7 +90,7 @@ def flown(
         while datagram.t_recv_ns > EPOCH + (6 + second) * S:
             second += 1
             health = pipeline.health(EPOCH + (5 + second) * S, rims(second))
-            found |= {advice.cause: advice for advice in reversed(health.advice)}
+            found |= {advice.kind: advice for advice in reversed(health.advice)}
         pipeline.feed(datagram)
     return Doctor(health, found)
 
@@ -188,7 +188,7 @@ def test_01_a_detector_that_is_refused_is_not_said_to_find_nothing(
         t_ns = EPOCH + k * S
         pipeline.decode(Datagram(channel=channel, encoding=encoding, t_recv_ns=t_ns, data=data))
         health = pipeline.health(t_ns, Rim(links={name: LinkHealth(received=k + 1)}))
-    assert "camera-silent" not in [advice.cause for advice in health.advice]
+    assert "camera-silent" not in [advice.kind for advice in health.advice]
     assert any(channel[:10] in advice.what for advice in health.advice)
 
 
@@ -197,7 +197,7 @@ def test_02_a_silent_autopilot() -> None:
     advice = [pipeline.health(EPOCH + k * S).advice for k in range(6)]
     assert advice[0] == ()
     (autopilot, _camera) = advice[5]
-    assert (autopilot.cause, autopilot.severity) == ("autopilot-silent", Severity.ERROR)
+    assert (autopilot.kind, autopilot.severity) == ("autopilot-silent", Severity.ERROR)
     assert "mavproxy.py --out=udpout:127.0.0.1:14540" in autopilot.remedy
 
 
@@ -241,7 +241,7 @@ def test_08_a_mount_that_is_off() -> None:
     pipeline = Pipeline(configured())
     reason = f"{DOUBT}the leader moves as we lean, as if the camera looked higher than `mount_rpy_deg` says"
     pipeline.refuse("camera front", Reason(Cause.MOUNT, reason), EPOCH)
-    (advice,) = [a for a in pipeline.health(EPOCH + S).advice if a.cause == "mount"]
+    (advice,) = [a for a in pipeline.health(EPOCH + S).advice if a.kind == "mount"]
     assert advice.severity is Severity.WARNING
     assert "`onboard calibrate LOG`" in advice.remedy
 
@@ -276,7 +276,7 @@ def test_09_images_are_blamed_by_the_cause_and_not_by_words(cause: Cause, words:
     """The camera was blamed where our own motion contradicts itself: a word of one was in the other's sentence."""
     why = {"reasons": {"leader": words}, "causes": {"leader": cause}}
     health = replace(flown().health, states={"leader": Lifecycle.LOST}, **why)
-    found = [advice for advice in Advisor(Needs()).advise(health) if advice.cause == "misfit"]
+    found = [advice for advice in Advisor(Needs()).advise(health) if advice.kind == "misfit"]
     assert [a.what.endswith(f"the leader estimate is not valid: {words}") for a in found] == [True] * blamed
 
 
@@ -285,8 +285,8 @@ def test_images_that_do_not_come_are_not_said_not_to_fit() -> None:
     health = flown().health
     silent = {name: replace(camera, age=3.0) for name, camera in health.cameras.items()}
     why = {"reasons": {"leader": ""}, "causes": {"leader": Cause.ASTRAY}, "states": {"leader": Lifecycle.LOST}}
-    assert "misfit" in {a.cause for a in Advisor(Needs()).advise(replace(health, **why))}
-    assert "misfit" not in {a.cause for a in Advisor(Needs()).advise(replace(health, cameras=silent, **why))}
+    assert "misfit" in {a.kind for a in Advisor(Needs()).advise(replace(health, **why))}
+    assert "misfit" not in {a.kind for a in Advisor(Needs()).advise(replace(health, cameras=silent, **why))}
 
 
 @pytest.mark.parametrize("sends", [True, False])
@@ -308,7 +308,7 @@ def test_a_manoeuvre_that_is_over_is_no_noise(nis: float, noisy: bool) -> None:
     """What was learnt as noise is more than the images show now: 1.7 times the noise, beside a NIS of 0.6."""
     health = flown().health
     found = {"leader.landing_target": Consistency(count=200, nis=nis, low=0.8, high=1.2, noise=1.7)}
-    advice = {a.cause for a in Advisor(Needs()).advise(replace(health, consistency=found))}
+    advice = {a.kind for a in Advisor(Needs()).advise(replace(health, consistency=found))}
     assert ("noise" in advice) is noisy
 
 
@@ -324,7 +324,7 @@ def test_a_leader_at_the_edge_is_not_one_of_another_image(beyond: int, advised: 
     )
     counts = {"leader.out_of_view": beyond, "leader.fused": 400}
     now = replace(health, refusals=(edge,), verdicts=counts)
-    assert ("pixels" in {a.cause for a in Advisor(Needs()).advise(now)}) is advised
+    assert ("pixels" in {a.kind for a in Advisor(Needs()).advise(now)}) is advised
 
 
 def test_a_wind_of_exactly_zero_is_no_estimate() -> None:
@@ -461,7 +461,7 @@ def test_16_a_router_that_is_off_is_no_matter_of_certificates(reason: str) -> No
     assert (advice.cause, "start `onboard router CONFIG.toml` there" in advice.remedy) == ("link", True)
     why = Reason(Cause.UNREACHABLE, f"zenoh: no router answers at {error}")
     found = why_absent(configured(link=[]), "tls/hub:7447", why)
-    assert [advice.cause for advice in found] == ["daemon"]
+    assert [advice.kind for advice in found] == ["daemon"]
 
 
 def test_16_two_vehicles_of_one_name() -> None:
@@ -558,7 +558,7 @@ def test_18_a_full_disk_is_no_slow_computer() -> None:
         return Rim(sinks=sinks, computer=load)
 
     pipeline = Pipeline(configured(estimator={}))
-    found = [{a.cause for a in pipeline.health(EPOCH + k * S, rims(k)).advice} for k in range(14)]
+    found = [{a.kind for a in pipeline.health(EPOCH + k * S, rims(k)).advice} for k in range(14)]
     assert all("disk" in causes and "slow" not in causes for causes in found)
 
 
@@ -653,3 +653,10 @@ def test_storage_of_the_recorder_that_is_full(tmp_path: Path, monkeypatch: pytes
     monkeypatch.setattr("shutil.disk_usage", lambda _: usage)
     found = why_absent(config, "tcp/127.0.0.1:1", UNREACHABLE)
     assert [a.cause for a in found] == ["disk", "daemon"]
+
+
+def test_an_advice_is_published_under_its_old_name_too_and_read_by_either() -> None:
+    given = {"severity": Severity.ERROR, "about": "udp", "what": "w", "remedy": "r", "text": "t"}
+    new, old = Advice(kind="link", **given), Advice(cause="link", **given)
+    assert new == old
+    assert (new.kind, new.cause) == ("link", "link")

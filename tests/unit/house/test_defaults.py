@@ -10,7 +10,7 @@ import pytest
 
 from onboard.config import CameraConfig, OwnErrors
 from onboard.config.cameras import mount_errors
-from onboard.estimators.leader.assumptions import NoseModel
+from onboard.estimators.leader.assumptions import LeaderModel
 from onboard.estimators.leader.config import Config as Leader
 from onboard.estimators.own_state.config import AIRFRAMES
 from onboard.estimators.own_state.config import Config as OwnState
@@ -22,7 +22,7 @@ from simlink.world.drawn import drawn
 SEEDS = range(1, 61)
 ROOT12 = math.sqrt(12.0)
 LEADER, OWN, TRAFFIC = Leader(), OwnState(), Traffic()
-NOSES = NoseModel(2.0, 0.04, (0.01, 0.01, 0.01), 60.0, 0.1)
+HEADINGS = LeaderModel(2.0, 0.04, (0.01, 0.01, 0.01), 60.0, 0.1)
 
 
 class Pair(NamedTuple):
@@ -51,10 +51,10 @@ FORMATION = (
     Pair("own_velocity_sigma_m_s", LEADER.own_velocity_sigma_m_s, lambda s: s.nav.velocity.sigma),
     Pair("tilt_sigma_deg", OwnErrors().tilt_sigma_deg, lambda s: s.nav.attitude_deg.sigma),
     Pair("sigma_px", CameraConfig().sigma_px, lambda s: s.camera.sigma_px),
-    Pair("nose_wobble", math.degrees(NOSES.nose_wobble), lambda s: s.leader.heading_wobble_deg.sigma),
-    Pair("stretch_time", NOSES.stretch_time, lambda s: s.leader.heading_wobble_deg.time),
-    Pair("bank", math.degrees(NOSES.bank), lambda s: s.leader.bank_wobble_deg.sigma, False),
-    Pair("bank_time", NOSES.bank_time, lambda s: s.leader.bank_wobble_deg.time),
+    Pair("nose_wobble", math.degrees(HEADINGS.nose_wobble), lambda s: s.leader.heading_wobble_deg.sigma),
+    Pair("stretch_time", HEADINGS.stretch_time, lambda s: s.leader.heading_wobble_deg.time),
+    Pair("bank", math.degrees(HEADINGS.bank), lambda s: s.leader.bank_wobble_deg.sigma, False),
+    Pair("bank_time", HEADINGS.bank_time, lambda s: s.leader.bank_wobble_deg.time),
 )
 QUADROTOR = (
     Pair("attitude_sigma_deg", OWN.attitude_sigma_deg[0], lambda s: math.degrees(s.nav.attitude_white[0])),

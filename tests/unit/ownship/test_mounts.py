@@ -115,7 +115,7 @@ def test_the_status_advises_a_mount_that_is_20_degrees_off_seed_5() -> None:
             pipeline.feed(item)
             if item.t_recv_ns >= due:
                 due = item.t_recv_ns + NS_PER_S
-                found += [advice for advice in pipeline.health(item.t_recv_ns).advice if advice.cause == "mount"]
+                found += [advice for advice in pipeline.health(item.t_recv_ns).advice if advice.kind == "mount"]
     assert found, "no advice in 100 s"
     measured = re.search(r"looked (\d+) degrees higher", found[-1].what)
     assert measured is not None

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from onboard.config import CameraConfig
-from onboard.estimators.leader.assumptions import NoseModel
+from onboard.estimators.leader.assumptions import LeaderModel
 from onboard.estimators.leader.config import Config
 from simlink.encounters.departures import Departure
 from simlink.encounters.encounter import make_encounter
@@ -34,7 +34,7 @@ def test_each_assumption_is_broken_in_every_family_that_has_it() -> None:
 
 
 def test_each_assumption_names_priors_that_there_are() -> None:
-    known = {*NoseModel._fields, *Config.__struct_fields__, *CameraConfig.__struct_fields__}
+    known = {*LeaderModel._fields, *Config.__struct_fields__, *CameraConfig.__struct_fields__}
     for assumption in ASSUMPTIONS.values():
         assert assumption.priors
         assert set(assumption.priors) <= known

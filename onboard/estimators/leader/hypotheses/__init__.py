@@ -1,9 +1,9 @@
 """What is believed of one leader. `belief` is the filter: at its own time an image is compared with what all
 hypotheses expect, and corrects each of them.
 
-    start        the cloud of hypotheses (`cloud`) after a first image
-    prediction   a step: each leader flies on (`wing`), and chance changes it (`draws`, `leaning`)
-    update       an image (`wing`, `points`), a pose, and what is measured beside the images (`auxiliary`)
+    start        the particles of hypotheses (`particles`) after a first image
+    prediction   a step: each leader flies on (`motion`), and chance changes it (`draws`, `tilt`)
+    update       an image (`view`), a pose, and what is measured beside the images (`auxiliary`)
     summary      mean and covariance of the whole, and what is published; `places`, where the range is open
 
 A new sensor's measurements of the leader come in as rows: `auxiliary`. What is assumed is in `assumptions`.

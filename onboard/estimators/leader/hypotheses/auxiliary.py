@@ -1,7 +1,7 @@
 """What is measured of the leader beside its images, as rows of an update: its own reports, and ranges.
 
 A row is a value with its white noise, and the errors that last and that it has a share of. These are a part of
-each particle's state (`cloud.Bias`): so a report corrects the size as far as its own bias allows, and a bias
+each particle's state (`particles.Bias`): so a report corrects the size as far as its own bias allows, and a bias
 is known as well as the images show the position.
 """
 
@@ -10,8 +10,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.hypotheses.cloud import Bias, Cloud
-from onboard.estimators.leader.hypotheses.wing import ACCELERATION, POSITION, VELOCITY
+from onboard.estimators.leader.hypotheses.motion import ACCELERATION, POSITION, VELOCITY
+from onboard.estimators.leader.hypotheses.particles import Bias, Particles
 
 ABOUT_DOWN: Final = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
 REPORT_POSITION: Final = ("report_north", "report_east", "report_down")  # names of biases: of a report's position,
@@ -21,7 +21,7 @@ DELAY: Final = "report_delay"  # of the time at which a report was true;
 DISTANCE: Final = "range"  # and of a range
 
 
-class Rows(NamedTuple):
+class LinearRows(NamedTuple):
     """Derivatives H (K, m, W), innovations (K, m), white noise R_y (m, m), and the columns that are considered and
     not estimated."""
 
@@ -42,15 +42,18 @@ class Report(NamedTuple):
     biases: tuple[Bias, ...]
     trusted: bool
 
-    def rows(self, cloud: Cloud) -> Rows:
-        """The rows of it, of a cloud that has its biases.
+    def rows(self, particles: Particles) -> LinearRows:
+        """The rows of it, of particles that has its biases.
 
         The delay is considered: in a turn a delay shortens positions and velocities alike, as a smaller size does,
         and the derivatives do not show that. They hold for a straight line."""
-        x = cloud.means
+        x = particles.means
         K, W = x.shape
-        at, of_v = [cloud.column(name) for name in REPORT_POSITION], [cloud.column(name) for name in OWN_VELOCITY]
-        turn, delay = cloud.column(TURN), cloud.column(DELAY)
+        at, of_v = (
+            [particles.column(name) for name in REPORT_POSITION],
+            [particles.column(name) for name in OWN_VELOCITY],
+        )
+        turn, delay = particles.column(TURN), particles.column(DELAY)
         turned = x[:, POSITION] @ ABOUT_DOWN.T
         H = np.zeros((K, 6, W))
         H[:, :3, POSITION], H[:, 3:, VELOCITY] = np.eye(3) - x[:, turn, None, None] * ABOUT_DOWN, np.eye(3)
@@ -59,7 +62,7 @@ class Report(NamedTuple):
         late = x[:, delay, None]
         r = self.r - (x[:, POSITION] - x[:, turn, None] * turned + x[:, at] - late * x[:, VELOCITY])
         v = self.v - (x[:, VELOCITY] + x[:, of_v] - late * x[:, ACCELERATION])
-        return Rows(H, np.hstack([r, v]), self.R_y, (delay,))
+        return LinearRows(H, np.hstack([r, v]), self.R_y, (delay,))
 
 
 class Range(NamedTuple):
@@ -71,13 +74,13 @@ class Range(NamedTuple):
     biases: tuple[Bias, ...]
     trusted: bool = True
 
-    def rows(self, cloud: Cloud) -> Rows:
-        """The row of it, of a cloud that has its bias."""
-        x, at = cloud.means, cloud.column(DISTANCE)
+    def rows(self, particles: Particles) -> LinearRows:
+        """The row of it, of particles that has its bias."""
+        x, at = particles.means, particles.column(DISTANCE)
         range_ = np.linalg.norm(x[:, POSITION], axis=1)
         H = np.zeros((len(x), 1, x.shape[1]))
         H[:, 0, POSITION], H[:, 0, at] = x[:, POSITION] / range_[:, None], 1.0
-        return Rows(H, (self.distance - range_ - x[:, at])[:, None], np.array([[self.sigma**2]]))
+        return LinearRows(H, (self.distance - range_ - x[:, at])[:, None], np.array([[self.sigma**2]]))
 
 
 Auxiliary = Report | Range

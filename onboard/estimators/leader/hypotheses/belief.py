@@ -1,9 +1,10 @@
-"""One belief about one leader: weighted hypotheses with a Gaussian each (`cloud`). `make_filter` makes its filter.
+"""One belief about one leader: weighted hypotheses with a Gaussian each (`particles`). `make_filter` makes its
+filter.
 
-Each hypothesis supposes where the leader's nose points, whether it flies steadily, accelerates or hovers, and how
-boldly; all share the errors of our own state, which are considered and not estimated. Every image corrects every
-hypothesis, and what they expected together is what an image is judged by. As many are kept as there are different
-noses and ranges in question.
+Each hypothesis supposes where the leader's heading points, whether it flies steadily, accelerates or hovers, and
+how boldly; all share the errors of our own state, which are considered and not estimated. Every image corrects
+every hypothesis, and what they expected together is what an image is judged by. As many are kept as there are
+different headings and ranges in question.
 """
 
 import math
@@ -12,11 +13,11 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.assumptions import CRAB, SLIP, SMALLEST_SIGMA, UNSURE, NoseModel, Size, overridden
+from onboard.estimators.leader.assumptions import CRAB, SLIP, SMALLEST_SIGMA, UNSURE, LeaderModel, Size, overridden
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses import prediction, update
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
-from onboard.estimators.leader.hypotheses.cloud import Cloud
+from onboard.estimators.leader.hypotheses.particles import Particles
 from onboard.estimators.leader.hypotheses.places import OpenQuestion
 from onboard.estimators.leader.hypotheses.start import start
 from onboard.estimators.leader.hypotheses.summary import (
@@ -29,11 +30,8 @@ from onboard.estimators.leader.hypotheses.summary import (
     summarise,
 )
 from onboard.estimators.leader.hypotheses.wind import Wind
-from onboard.estimators.leader.hypotheses.wing import Expectation
 from onboard.estimators.leader.image.camera_pose import CameraPose
-from onboard.estimators.leader.image.measurement import COMPONENTS as MEASURED
-from onboard.estimators.leader.image.measurement import UNITS as UNITS_MEASURED
-from onboard.estimators.leader.image.measurement import Measurement, size_of
+from onboard.estimators.leader.image.measurement import WING, Measurement
 from onboard.estimators.leader.image.shape import Shape, shape_of
 from onboard.filters.belief import Belief, FilterError, Update
 from onboard.filters.gating import normalised_squared
@@ -41,6 +39,8 @@ from onboard.models.relative_motion import POSITION, VELOCITY
 from onboard.ownship import Step
 
 SIZES: Final = 3.0  # sigmas of the configured size
+EXCHANGED: Final = np.array([1.0, 1.0, -1.0, -1.0, 1.0, 1.0])  # wingtips
+NOWHERE: Final = np.zeros(3)
 LONGEST_S: Final = 0.25  # of a prediction of the hypotheses
 SURPRISED: Final = 1.5  # times what the hypotheses' own uncertainties say: none of them fits
 
@@ -52,32 +52,22 @@ class Pending(NamedTuple):
     moved: Array
     v_F_n: Array
 
-    def after(self, step: Step) -> "Pending":
-        """After another step."""
-        moved = self.moved + step.dt * step.v0 + (0.5 * step.dt**2) * step.a
-        return Pending(self.dt + step.dt, moved, step.v1)
-
-
-def standing(v_F_n: Array) -> Pending:
-    """No motion yet, at v_F_n (3,) m/s."""
-    return Pending(0.0, np.zeros(3), v_F_n)
-
 
 class State(NamedTuple):
-    """The hypotheses at some time, and their summary; our own motion since then; and the wind, if it is known
-    otherwise than by configuration."""
+    """The hypotheses at some time, and their summary; our own motion since then; and what they assume, in the wind
+    as it was known last."""
 
-    cloud: Cloud
+    particles: Particles
     summary: Summary
     since: Pending
-    wind: Wind | None = None
+    settings: LeaderModel
 
 
 class Prediction(NamedTuple):
     """A state, and its hypotheses predicted to the newest own motion that it has."""
 
     before: State
-    cloud: Cloud
+    particles: Particles
 
 
 class ImageComparison(NamedTuple):
@@ -91,7 +81,7 @@ class ImageComparison(NamedTuple):
     innovation: Array
     S: Array
     nis: float
-    each: Expectation
+    expected: update.Expected
 
     @property
     def cost(self) -> float:
@@ -107,10 +97,8 @@ class BeliefFilter:
     components: tuple[str, ...] = COMPONENTS
     units: tuple[str, ...] = UNITS
 
-    def __init__(self, settings: NoseModel, shape: Shape, delay_sigma: float) -> None:
-        self.shape, m = shape, size_of(shape)
-        self.measured_components, self.measured_units = MEASURED[:m], UNITS_MEASURED[:m]
-        self.gate = settings.gate
+    def __init__(self, settings: LeaderModel, shape: Shape, delay_sigma: float) -> None:
+        self.shape, self.gate = shape, settings.gate
         self._settings, self._delay_sigma = settings, delay_sigma
 
     def start(
@@ -121,141 +109,121 @@ class BeliefFilter:
         size: Size | None = None,
         surprise: float | None = None,
     ) -> State:
-        """Of what was believed before, the noses are kept. `size`: as it is known by more than images; `surprise`:
-        how far from all hypotheses the images before were, None: as it was."""
-        wind = None if before is None else before.wind
-        settings = _in_wind(self._settings, wind)
+        """Of what was believed before, the headings are kept. `size`: as it is known by more than images;
+        `surprise`: how far from all hypotheses the images before were, None: as it was."""
+        settings = of_size = self._settings if before is None else before.settings
         if size is not None:
-            settings = settings._replace(size=size.value, size_sigma=size.sigma)
-        cloud = start(settings, measurement, pose, None if before is None else before.cloud)
+            of_size = settings._replace(size=size.value, size_sigma=size.sigma)
+        particles = start(of_size, measurement, pose, None if before is None else before.particles)
         if surprise is not None:
-            cloud = cloud._replace(surprise=surprise)
-        return State(cloud, summarise(settings, cloud), standing(pose.v_F_n), wind=wind)
+            particles = particles._replace(surprise=surprise)
+        return State(particles, summarise(of_size, particles), Pending(0.0, NOWHERE, pose.v_F_n), settings)
 
     def informed(self, state: State, prior: Belief, *, flew: bool) -> State | None:
         """See `update.informed`."""
-        cloud = update.informed(self._settings, state.cloud, prior, flew=flew)
-        return None if cloud is None else self._summarised(state._replace(cloud=cloud))
+        particles = update.informed(self._settings, state.particles, prior, flew=flew)
+        return None if particles is None else self._at(state, particles)
 
     def advance(self, state: State, step: Step) -> State:
         """The hypotheses are predicted when an image comes, or after a while."""
-        advanced = State(state.cloud, state.summary, state.since.after(step), state.wind)
-        if advanced.since.dt <= LONGEST_S:
+        dt, moved, _ = state.since
+        since = Pending(dt + step.dt, moved + step.dt * step.v0 + (0.5 * step.dt**2) * step.a, step.v1)
+        advanced = State(state.particles, state.summary, since, state.settings)
+        if since.dt <= LONGEST_S:
             return advanced
-        now = self._at(advanced, self.predict(advanced).cloud, state.summary)
-        return self._summarised(now)  # no image corrects it soon
+        return self._at(advanced, self.predict(advanced).particles)  # no image corrects it soon
 
     def predict(self, state: State) -> Prediction:
         """The hypotheses predicted to now."""
         dt, moved, _ = state.since
         if dt <= 0.0:
-            return Prediction(state, state.cloud)
-        return Prediction(state, prediction.predict(self._noses(state), state.cloud, dt, moved))
+            return Prediction(state, state.particles)
+        return Prediction(state, prediction.predict(state.settings, state.particles, dt, moved))
 
     def compare(self, predicted: Prediction, measurement: Measurement, pose: CameraPose) -> ImageComparison:
         """A measurement, by a camera with this pose, beside what all hypotheses expect. Raises FilterError."""
-        state, cloud = predicted
+        state, particles = predicted
         noise_c = pose.noise_c
         if self._delay_sigma > 0.0:
             noise_c = noise_c + self._delay_sigma**2 * (pose.omega_c[:, None] * pose.omega_c)
         measurement = measurement.with_attitude_noise(noise_c)
-        y, S, each = update.predicted(self._noses(state), cloud, measurement, pose)
-        innovation, S = _ordered(measurement.y, y) - y, S + measurement.R
-        if measurement.shows is not None and measurement.shows.is_box:
-            box, S_box = update.of_box(cloud, measurement.shows, measurement.axes, pose)
-            innovation[:4], S[:4, :4], S[:4, 4:], S[4:, :4] = box, S_box, 0.0, 0.0
-            y[:4] = measurement.y[:4] - box
+        expected, measured = update.expect(state.settings, particles, measurement, pose), measurement.rows.y
+        y, S = expected.y, expected.S + measurement.rows.R
+        if measurement.rows.is_wing and measured[WING] @ y[WING] < 0.0:  # its tips are named the other way round
+            measured = measured * EXCHANGED[: len(y)]
+        innovation = measured - y
         nis = float(normalised_squared(innovation, S))
         if not math.isfinite(nis):
             raise FilterError("the hypotheses have lost their numbers")
-        return ImageComparison(predicted, measurement, pose, y, innovation, S, nis, each)
+        return ImageComparison(predicted, measurement, pose, y, innovation, S, nis, expected)
 
     def fuse(self, compared: ImageComparison) -> Update:
         """The update of all hypotheses by a measurement. Raises FilterError."""
-        (state, now), measurement, pose, y, innovation, S, nis, each = compared
-        settings = self._noses(state)
-        cloud, beyond = update.update(settings, now, measurement, pose, each)
-        passes = max(nis, beyond) <= settings.gate
-        after = self._at(state, cloud, summarise(settings, cloud)) if passes else state
+        (state, now), measurement, pose, y, innovation, S, nis, expected = compared
+        particles, beyond = update.update(state.settings, now, measurement, pose, expected)
+        passes = max(nis, beyond) <= self.gate
+        after = self._at(state, particles) if passes else state
         decided = nis if passes else max(nis, beyond)
-        return Update(after, innovation, S, y, decided, cloud.misfits if passes else (), passes)
+        return Update(after, innovation, S, y, decided, particles.misfits if passes else (), passes)
 
     def assist(self, state: State, taken: Auxiliary) -> State | None:
         """The state after what is measured beside the images; None where that contradicts it, or where what may be
         false would lead the size beyond SIZES sigmas of the configured one. Raises FilterError."""
         is_open = state.summary.after(state.since.dt, state.since.moved).range_sigma() > RESOLVED
-        settings = self._noses(state)
-        cloud = update.assist(settings, self.predict(state).cloud, taken, is_open=is_open)
-        if cloud is None:
+        particles = update.assist(state.settings, self.predict(state).particles, taken, is_open=is_open)
+        if particles is None:
             return None
-        after, s = self._at(state, cloud, summarise(settings, cloud)), self._settings
+        after, s = self._at(state, particles), self._settings
         apart = abs(float(after.summary.mean[LOG_SIZE]) - math.log(s.size)) * s.size
         return after if taken.trusted or apart < SIZES * s.size_sigma else None
 
     def in_wind(self, state: State, wind: Wind) -> State:
-        """The state in another wind, which shows where the nose of a fixed wing points."""
+        """The state in another wind, which shows where the heading of a fixed wing points."""
         if self._settings.crab == 0.0:
             return state
-        now = self._at(state, self.predict(state).cloud, state.summary)
-        return self._summarised(now._replace(wind=wind if wind.is_known else None))
+        settings = self._settings
+        if wind.is_known:
+            (north, east, _), sigma = wind.velocity.tolist(), wind.sigma
+            settings = settings._replace(air=(north, east), air_sigma=sigma, nose_about_course=SLIP)
+        return self._at(state._replace(settings=settings), self.predict(state).particles)
 
     def belief(self, state: State) -> Belief:
         """Mean and covariance of all hypotheses."""
-        belief = as_leader(state.summary, *state.since)
+        belief = Belief(*as_leader(state.summary.mean, state.summary.covariance, *state.since))
         late = self._delay_sigma * belief.mean[VELOCITY]
         belief.covariance[POSITION, POSITION] += late[:, None] * late
         return belief
 
-    def place(self, state: State) -> Array:
-        """The mean position (3,) of all hypotheses, r_FL in n, m."""
-        after = state.summary.after(state.since.dt, state.since.moved)
-        return after.mean[POSITION]
-
     def open_question(self, state: State) -> OpenQuestion:
         """Whether the range is open, and then the places where the leader may be."""
-        known, is_misfit = state.summary, state.cloud.surprise > SURPRISED
-        if known.range_sigma() <= RESOLVED:
+        known, is_misfit = state.summary, state.particles.surprise > SURPRISED
+        if not known.places:
             return OpenQuestion(is_misfit=is_misfit)
         dt, moved, v_F_n = state.since
         places = tuple(place.after(dt, moved).relative_to(v_F_n) for place in known.places)
-        why = "" if state.cloud.metric else "heading not resolved: "
+        why = "" if state.particles.metric else "heading not resolved: "
         return OpenQuestion(f"{why}the range is uncertain", places, is_misfit)
 
     def is_too_wide(self, state: State, share: float) -> bool:
         """Whether the direction is less certain than `share`; an uncertain range is no obstacle to an image."""
         return state.summary.after(state.since.dt, state.since.moved).direction_sigma() > share
 
-    def _noses(self, state: State) -> NoseModel:
-        """What the hypotheses assume, with the size and the wind as they are known now."""
-        return _in_wind(self._settings, state.wind)
-
-    def _summarised(self, state: State) -> State:
-        return state._replace(summary=summarise(self._noses(state), state.cloud))
-
-    def _at(self, state: State, cloud: Cloud, summary: Summary) -> State:
-        """The state now, of this cloud."""
-        return State(cloud, summary, standing(state.since.v_F_n), state.wind)
-
-
-def _ordered(y: Array, expected: Array) -> Array:
-    """A measurement with its wingtips exchanged where that is nearer to what is expected."""
-    if y[2] * expected[2] + y[3] * expected[3] >= 0.0:
-        return y
-    y = y.copy()
-    y[2:4] *= -1.0
-    return y
+    def _at(self, state: State, particles: Particles) -> State:
+        """The state now, of this particles."""
+        since = Pending(0.0, NOWHERE, state.since.v_F_n)
+        return State(particles, summarise(state.settings, particles), since, state.settings)
 
 
 def make_filter(config: Config) -> BeliefFilter:
     """The filter of a target of this configuration."""
-    return BeliefFilter(nose_model(config), shape_of(config), config.delay_sigma_s)
+    return BeliefFilter(leader_model(config), shape_of(config), config.delay_sigma_s)
 
 
-def nose_model(config: Config) -> NoseModel:
+def leader_model(config: Config) -> LeaderModel:
     """What is assumed of a leader and of our own errors."""
     known = config.own_tilt_sigma_deg, config.own_yaw_sigma_deg
     tilt, yaw = (max(UNSURE * math.radians(sigma), SMALLEST_SIGMA) for sigma in known)
-    model = NoseModel(
+    model = LeaderModel(
         size=config.size_prior_m,
         size_sigma=config.size_prior_sigma_m or 0.02 * config.size_prior_m,
         misalignment=(tilt, tilt, yaw),
@@ -274,11 +242,3 @@ def nose_model(config: Config) -> NoseModel:
             nose_about_course=CRAB,
         )
     return overridden(model, config.process_noise)
-
-
-def _in_wind(settings: NoseModel, wind: Wind | None) -> NoseModel:
-    """What is assumed, with the wind as it is known now."""
-    if wind is not None:
-        north, east, _ = wind.velocity.tolist()
-        settings = settings._replace(air=(north, east), air_sigma=wind.sigma, nose_about_course=SLIP)
-    return settings

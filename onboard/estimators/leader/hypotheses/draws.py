@@ -22,12 +22,14 @@ SHIFTS: Final = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(11)
 # The streams of a step: DRAWS of them until the next step's begin, and as many in series that lie APART.
 DRAWS: Final = 8
 APART: Final = 1 << 40
-OF_TURNING, OF_TURN_RATE, _, OF_REGIME, OF_WANDERING, _, OF_DOUBT, OF_NOSE = map(np.uint64, range(DRAWS))
+OF_TURNING, OF_TURN_RATE, _, OF_REGIME, OF_WANDERING, _, OF_RESAMPLED_HEADING, OF_HEADING = map(
+    np.uint64, range(DRAWS)
+)
 OF_MANOEUVRES, _, OF_BANK, _, OF_WOBBLE, _, OF_TYING, _ = (np.uint64(APART + n) for n in range(DRAWS))
 OF_DRAG, OF_ACCEPTANCE, OF_NEW_WOBBLE, OF_SLACK = (np.uint64(n * APART) for n in range(2, 6))
 OF_INTENSITIES: Final = OF_MANOEUVRES, OF_BANK, OF_WOBBLE
 
-# Those of a new cloud, beside OF_TURNING, OF_TURN_RATE and OF_REGIME. Its first step, which begins at 4, draws
+# Those of a new particles, beside OF_TURNING, OF_TURN_RATE and OF_REGIME. Its first step, which begins at 4, draws
 # some of these numbers again for other ends.
 OF_FIRST_HOVERING, *firsts = (np.uint64(APART + n) for n in range(11))
 OF_FIRST_MANOEUVRES, _, OF_FIRST_BANK, _, OF_FIRST_WOBBLE, _, OF_FIRST_SIZE, _, OF_FIRST_DRAG, _ = firsts

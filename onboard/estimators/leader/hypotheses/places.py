@@ -1,4 +1,4 @@
-"""The places where a leader may be: the modes of a cloud of noses along its line of sight.
+"""The places where a leader may be: the modes of particles along its line of sight.
 
 A mean with its covariance cannot say "at 12 m or at 25 m". Where the range is open, the modes can.
 """

@@ -1,4 +1,5 @@
-"""The cloud after a first image: noses over half a circle, those along our own course likelier if we fly."""
+"""The particles after a first image: headings over half a circle, those along our own course likelier if we
+fly."""
 
 import math
 from typing import Any, Final
@@ -6,10 +7,9 @@ from typing import Any, Final
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.assumptions import NoseModel
-from onboard.estimators.leader.hypotheses import leaning, points
-from onboard.estimators.leader.hypotheses import wing as model
-from onboard.estimators.leader.hypotheses.cloud import Cloud, resampled, weighted
+from onboard.estimators.leader.assumptions import LeaderModel
+from onboard.estimators.leader.hypotheses import motion as model
+from onboard.estimators.leader.hypotheses import tilt, view
 from onboard.estimators.leader.hypotheses.draws import (
     OF_FIRST_DRAG,
     OF_FIRST_HOVERING,
@@ -21,73 +21,78 @@ from onboard.estimators.leader.hypotheses.draws import (
     normal,
     uniform,
 )
-from onboard.estimators.leader.hypotheses.prediction import HORIZONTAL, MOST_CRAB
-from onboard.estimators.leader.hypotheses.update import ANY_NOSE, of_boxes, of_ranges
-from onboard.estimators.leader.hypotheses.wing import (
+from onboard.estimators.leader.hypotheses.motion import (
     ACCELERATION,
     BANK_ERROR,
-    LEAN,
     LOG_SIZE,
     POSITION,
-    STRETCH,
+    TILT,
     VELOCITY,
+    VX,
+    VZ,
+    WING_SCALE_ERROR,
     N,
 )
+from onboard.estimators.leader.hypotheses.particles import Bias, Particles, evidence, resampled, weighted
+from onboard.estimators.leader.hypotheses.prediction import HORIZONTAL, MOST_CRAB
+from onboard.estimators.leader.hypotheses.update import ANY_HEADING, BOXES, of_ranges
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import Measurement
 
 LEAST_RANGE: Final = 0.05  # of the largest possible range of a first image: points in a row may hide each other
 SIZES_APART: Final = 0.05  # of the size: what is less certain is sampled, as a Gaussian's curvature would mislead
-FORGETS: Final = 5  # of so many particles one has a new nose when a track starts again
-MOST_BANK: Final = math.radians(35.0)  # rad, of noses that are looked at closely
+FORGETS: Final = 5  # of so many particles one has a new heading when a track starts again
+MOST_BANK: Final = math.radians(35.0)  # rad, of headings that are looked at closely
+LEVEL: Final = slice(VX, VZ)
 MOVING: Final = 3.0  # m/s: if we fly faster, a leader that flies along with us is likely
 
 
-def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Cloud | None = None) -> Cloud:
-    """The cloud after one image. Of what was known `before` of the same leader only the noses are kept, of all but
-    each FORGETS-th particle; where it is and how it moves may have changed while it was not seen."""
+def start(
+    settings: LeaderModel, seen: Measurement, pose: CameraPose, before: Particles | None = None
+) -> Particles:
+    """The particles after one image. Of what was known `before` of the same leader only the headings are kept, of
+    all but each FORGETS-th particle; where it is and how it moves may have changed while it was not seen."""
     direction = seen.axes[0] @ pose.R_cn
     slope = _slope(seen, pose) if seen.has_wing and settings.drag > 0.0 else None
-    noses, prior = _first_noses(settings, direction, pose.v_F_n, slope)
+    headings, prior = _first_headings(settings, direction, pose.v_F_n, slope)
     if before is not None:
-        kept = np.arange(len(noses)) % FORGETS > 0
-        known = resampled(before, settings.particles).noses
-        noses, prior = np.where(kept, known, noses), np.full(len(noses), 1.0 / len(noses))
-    k = len(noses)
-    shows = None if seen.has_wing else seen.shows
-    edge_on = model.LEAST_VISIBLE if shows is None else shows.edge_on
+        kept = np.arange(len(headings)) % FORGETS > 0
+        known = resampled(before, settings.particles).headings
+        headings, prior = np.where(kept, known, headings), np.full(len(headings), 1.0 / len(headings))
+    k = len(headings)
+    edge_on_visibility = model.LEAST_VISIBLE if seen.edge_on_visibility is None else seen.edge_on_visibility
     if seen.is_metric:
-        edge_on = ANY_NOSE
+        edge_on_visibility = ANY_HEADING
     of_size = settings.size_sigma / settings.size
     within = min(of_size, SIZES_APART)
     sizes = settings.size * np.exp(math.sqrt(of_size**2 - within**2) * normal(OF_FIRST_SIZE, k))
     # about the range, as a share of the largest possible
-    visible = model.visible(noses, np.tile(direction, (k, 1)), edge_on)
+    visible = model.visible(headings, np.tile(direction, (k, 1)), edge_on_visibility)
     broad = visible * sizes / settings.size
     range_ = sizes * visible / seen.span
     if slope is not None:
-        range_ = sizes * leaning.shown(noses, direction, slope) / seen.span
+        range_ = sizes * tilt.shown(headings, direction, slope) / seen.span
     if seen.is_metric:
         range_ = np.full(k, settings.size / seen.span)
-    elif shows is not None:
-        range_ = sizes * points.spread(shows.extent, noses, seen.axes @ pose.R_cn) / seen.span
+    elif seen.extent is not None:
+        range_ = sizes * view.spread(seen.extent.rows, headings, seen.axes @ pose.R_cn) / seen.span
         range_ = np.maximum(range_, LEAST_RANGE * range_.max())
     means, P = np.zeros((k, N)), np.zeros((k, N, N))
     means[:, POSITION], means[:, VELOCITY] = range_[:, None] * direction + pose.r_FC_n, pose.v_F_n
     line = np.outer(direction, direction)
     along = (max(seen.span_sigma / seen.span, 0.01) * range_) ** 2
-    across = seen.R[0, 0] * range_**2
+    across = (seen.rows.R[0, 0] + seen.off**2) * range_**2
     P[:, POSITION, POSITION] = along[:, None, None] * line + across[:, None, None] * (np.eye(3) - line)
     hovers = uniform(OF_FIRST_HOVERING, k) < (settings.hovering if settings.crab == 0.0 else 0.0)
     drawn = [normal(of_one, k) for of_one in OF_FIRST_INTENSITIES]
     intensities = np.column_stack([s * one for s, one in zip(settings.intensity, drawn, strict=True)])
     means[hovers, VELOCITY] = 0.0
     P[:, range(N), range(N)] += _variances(settings, broad, hovers, np.exp(intensities), visible, slope or 0.0)
-    drags = leaning.drags_of(settings, OF_FIRST_DRAG, k)
-    _lean(settings, means, P, drags)
+    drags = tilt.drags_of(settings, OF_FIRST_DRAG, k)
+    _tilt(settings, means, P, drags)
     log_l = np.zeros(k)
     if slope is not None:
-        log_l = leaning.first(means, P, noses, drags, slope, settings.wind, np.sqrt(P[:, BANK_ERROR, BANK_ERROR]))
+        log_l = tilt.first(means, P, headings, drags, slope, settings.wind, np.sqrt(P[:, BANK_ERROR, BANK_ERROR]))
     means[:, LOG_SIZE] = np.log(sizes)
     restless = np.exp(intensities[:, 2])
     often = restless**1.5 * settings.turns_for / settings.still_for
@@ -98,8 +103,8 @@ def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Clou
         model.HOVERING,
         np.where(uniform(OF_REGIME, k) < settings.accelerating, model.ACCELERATING, model.STEADY),
     )
-    cloud = Cloud(
-        noses,
+    particles = Particles(
+        headings,
         rates,
         regimes.astype(float),
         means,
@@ -110,41 +115,42 @@ def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Clou
         np.zeros(k),
         np.log(prior),
         4,
-        edge_on,
+        edge_on_visibility,
         metric=seen.is_metric,
-        fresh=settings.first_evidence,
+        startup_evidence=settings.first_evidence,
         surprise=1.0 if before is None else before.surprise,
     )
-    return _scaled(weighted(cloud, log_l), seen, range_[:, None] * direction, within)
+    return _scaled(weighted(particles, evidence(log_l)), seen, range_[:, None] * direction, within)
 
 
-def _scaled(cloud: Cloud, seen: Measurement, r: Array, size_sigma: float) -> Cloud:
-    """The cloud with what scales the places r (K, 3) m that an image shows: the size, and the image's bias."""
-    _scale(cloud, r, LOG_SIZE, size_sigma, 0.0 if seen.is_metric else 1.0)
+def _scaled(particles: Particles, seen: Measurement, r: Array, size_sigma: float) -> Particles:
+    """The particles with what scales the places r (K, 3) m that an image shows: the size, and the image's bias."""
+    _scale(particles, r, LOG_SIZE, size_sigma, 0.0 if seen.is_metric else 1.0)
     if seen.has_wing:
-        _scale(cloud, r, STRETCH, np.sqrt(cloud.covariances[:, STRETCH, STRETCH]), 1.0)
+        sigma = np.sqrt(particles.covariances[:, WING_SCALE_ERROR, WING_SCALE_ERROR])
+        _scale(particles, r, WING_SCALE_ERROR, sigma, 1.0)
     if seen.is_metric and seen.pose is not None:
         bias, share = of_ranges(seen.pose), -1.0
-    elif not seen.has_wing and seen.shows is not None and seen.shows.is_box:
-        bias, share = of_boxes(seen.shows), 1.0
+    elif seen.rows.bias is not None:
+        bias, share = Bias(BOXES, seen.rows.bias), 1.0
     else:
-        return cloud
-    cloud = cloud.with_biases(bias)
-    _scale(cloud, r, cloud.column(bias.name), bias.sigma, share)
-    return cloud
+        return particles
+    particles = particles.with_biases(bias)
+    _scale(particles, r, particles.column(bias.name), bias.sigma, share)
+    return particles
 
 
-def _scale(cloud: Cloud, r: Array, column: int, sigma: float | Array, share: float) -> None:
+def _scale(particles: Particles, r: Array, column: int, sigma: float | Array, share: float) -> None:
     """Add the uncertainty of a scale's logarithm, `sigma` or (K,), in place. The places r (K, 3) m grow with this
     share of it."""
-    P, variance = cloud.covariances, np.broadcast_to(np.square(sigma), len(r))
+    P, variance = particles.covariances, np.broadcast_to(np.square(sigma), len(r))
     P[:, column, column] = variance
     P[:, POSITION, column] = P[:, column, POSITION] = share * variance[:, None] * r
     P[:, POSITION, POSITION] += share**2 * variance[:, None, None] * r[:, :, None] * r[:, None, :]
 
 
 def _variances(
-    settings: NoseModel, broad: Array, hovers: Any, factors: Array, visible: Array, slope: float
+    settings: LeaderModel, broad: Array, hovers: Any, factors: Array, visible: Array, slope: float
 ) -> Array:
     """Of the first states (K, N), beside what the image shows: in proportion to the share of the largest range,
     `broad` (K,), but for leaders that hover; `factors` (K, 3) of the intensities, `visible` (K,) of the wing, and
@@ -156,9 +162,9 @@ def _variances(
     found[hovers, VELOCITY] = bold2 * settings.hover_speed**2 + settings.own_velocity**2
     found[hovers, ACCELERATION] = bold2 * settings.hover_acceleration**2
     found[:, BANK_ERROR] = (broad * factors[:, 1] * settings.bank) ** 2
-    level2 = visible**2 * (1.0 + slope**2) ** 2  # what shows by its bank does not depend on the nose
+    level2 = visible**2 * (1.0 + slope**2) ** 2  # what shows by its bank does not depend on the heading
     shortens2 = np.maximum(1.0 - visible**2, 0.0) / level2
-    found[:, STRETCH] = settings.stretch**2 + (factors[:, 2] * settings.nose_wobble) ** 2 * shortens2
+    found[:, WING_SCALE_ERROR] = settings.stretch**2 + (factors[:, 2] * settings.nose_wobble) ** 2 * shortens2
     return found
 
 
@@ -169,21 +175,22 @@ def _slope(seen: Measurement, pose: CameraPose) -> float:
     level = math.hypot(ahead[0], ahead[1])
     aside = float(ahead[0] * wing[1] - ahead[1] * wing[0]) / max(level, 1e-9)
     below = float(wing[2]) / max(level, 1e-9)
-    return below / math.copysign(max(abs(aside), math.sqrt(float(seen.R[2, 2]))), aside)
+    return below / math.copysign(max(abs(aside), math.sqrt(float(seen.rows.R[2, 2]))), aside)
 
 
-def _lean(settings: NoseModel, means: Array, P: Array, drags: Array) -> None:
-    """What is known of a lean against the air: the drag times an airspeed, with an unknown wind."""
-    of_air = P[:, 3:5, 3:5] + settings.wind**2 * np.eye(2)
-    means[:, LEAN] = drags[:, None] * means[:, 3:5]
-    P[:, LEAN, LEAN] = (drags**2)[:, None, None] * of_air + 1e-8 * np.eye(2)
-    P[:, LEAN, 3:5] = P[:, 3:5, LEAN] = drags[:, None, None] * P[:, 3:5, 3:5]
+def _tilt(settings: LeaderModel, means: Array, P: Array, drags: Array) -> None:
+    """What is known of a tilt against the air: the drag times an airspeed, with an unknown wind."""
+    of_air = P[:, LEVEL, LEVEL] + settings.wind**2 * np.eye(2)
+    means[:, TILT] = drags[:, None] * means[:, LEVEL]
+    P[:, TILT, TILT] = (drags**2)[:, None, None] * of_air + 1e-8 * np.eye(2)
+    P[:, TILT, LEVEL] = P[:, LEVEL, TILT] = drags[:, None, None] * P[:, LEVEL, LEVEL]
 
 
-def _first_noses(settings: NoseModel, direction: Array, v_F_n: Array, slope: float | None) -> tuple[Any, Any]:
-    """Noses (K,) and their prior probabilities: all noses alike, and those along our own course more likely if we
-    fly; for a fixed wing only noses about our course. The closer where the wing's `slope` is that of a bank which
-    a multirotor may have: of a steep one few noses are left, and many drags and winds are possible with each."""
+def _first_headings(settings: LeaderModel, direction: Array, v_F_n: Array, slope: float | None) -> tuple[Any, Any]:
+    """Headings (K,) and their prior probabilities: all headings alike, and those along our own course more likely
+    if we fly; for a fixed wing only headings about our course. The closer where the wing's `slope` is that of a
+    bank which a multirotor may have: of a steep one few headings are left, and many drags and winds are possible
+    with each."""
     k = settings.particles
     moving = math.hypot(v_F_n[0], v_F_n[1]) > MOVING
     course = math.atan2(v_F_n[1], v_F_n[0])
@@ -203,10 +210,10 @@ def _first_noses(settings: NoseModel, direction: Array, v_F_n: Array, slope: flo
         closer = math.pi * steep * np.abs(np.sin(around + turned)) / (2.0 * widest * (1.0 + across**2))
         prior = 1.0 / (1.0 + np.where(np.abs(across) <= math.tan(widest), closer, 0.0))
         prior /= prior.sum()
-    noses = math.atan2(direction[1], direction[0]) + around
+    headings = math.atan2(direction[1], direction[0]) + around
     if few:
         apart = 2.5 * (2.0 * (np.arange(few) + 0.5) / few - 1.0)
         likely = np.exp(-0.5 * apart**2)
-        noses = np.append(noses, course + apart * settings.heading)
+        headings = np.append(headings, course + apart * settings.heading)
         prior = np.append(prior * (1.0 - settings.on_course), likely * settings.on_course / likely.sum())
-    return noses, prior
+    return headings, prior

@@ -1,10 +1,10 @@
-"""Mean and covariance of a whole cloud of noses, what they come to a moment later, and what is published of them.
+"""Mean and covariance of a whole particles, what they come to a moment later, and what is published of them.
 
 Published are the states of Oh & Johnson's model, and more: the nine of `models.relative_motion` first,
 [r_FL_n (3), v_FL_n (3), b, a_lat, a_long], then
 - `a_along`: acceleration along the track (m/s^2), which the paper leaves out; the axes of all three are those of
   `geometry.path_axes`;
-- `heading`: of the nose, rad from north, not wrapped;
+- `heading`: of the heading, rad from north, not wrapped;
 - `bank_error`: rad beyond the bank that the acceleration requires, tan(bank) = a_right / (g - a_down). Lift, or
   the rotors' thrust, turns any aircraft, and the wing stands square to it.
 """
@@ -17,11 +17,22 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.estimators.leader.assumptions import NoseModel
-from onboard.estimators.leader.hypotheses import wing
-from onboard.estimators.leader.hypotheses.cloud import Cloud
+from onboard.estimators.leader.assumptions import LeaderModel
+from onboard.estimators.leader.hypotheses import motion
+from onboard.estimators.leader.hypotheses.motion import (
+    ACCELERATION,
+    AX,
+    AY,
+    AZ,
+    MOTION,
+    POSITION,
+    VELOCITY,
+    VX,
+    VY,
+    VZ,
+)
+from onboard.estimators.leader.hypotheses.particles import Particles
 from onboard.estimators.leader.hypotheses.places import Place, places
-from onboard.filters.belief import Belief
 from onboard.filters.compiled import OUT, ROWS, VECTOR, out, packed
 from onboard.geometry.path_axes import SLOW, path_angles
 from onboard.models import relative_motion
@@ -33,33 +44,27 @@ BANK_ERROR: Final = 11
 BASE: Final = 12  # the number of states that are published
 COMPONENTS: Final = (*relative_motion.COMPONENTS, "a_along", "heading", "bank_error")
 UNITS: Final = (*relative_motion.UNITS, "m/s^2", "rad", "rad")
-# the components of a summary (N,)
-R_FL: Final = slice(0, 3)
-V_L: Final = slice(3, 6)
-A_L: Final = slice(6, 9)
-LOG_SIZE: Final = 9
-NOSE: Final = 10
-BANK: Final = 11
-N: Final = 12
-VECTORS: Final = 9  # of them, position, velocity and acceleration, which a cloud has in the same places
+# The components of a summary (N,): position, velocity and acceleration, in the same places as a particle's, ...
+LOG_SIZE: Final = motion.BANK_ERROR  # ... the size, and, as in what is published, HEADING and BANK_ERROR
+N: Final = BASE
+VECTORS: Final = LOG_SIZE
 # of a summary, and of a particle: what both of them have
-OF_SUMMARY: Final = (*range(VECTORS), LOG_SIZE, BANK)
-OF_PARTICLE: Final = (*range(VECTORS), wing.LOG_SIZE, wing.BANK_ERROR)
+OF_SUMMARY: Final = (*range(VECTORS), LOG_SIZE, BANK_ERROR)
+OF_PARTICLE: Final = (*range(VECTORS), motion.LOG_SIZE, motion.BANK_ERROR)
 NUMBER: Final = types.float64
 CLOUD: Final = packed(NUMBER, 1), packed(NUMBER, 2), packed(NUMBER, 1)
 VECTOR_OUT: Final = out(NUMBER, 1)
-RESOLVED: Final = 0.15  # of the range: a cloud that is less certain leaves it open, and confirms nothing
-MOTION: Final = slice(0, 6)  # position and velocity
+RESOLVED: Final = 0.15  # of the range: particles that is less certain leaves it open, and confirms nothing
 STAYS: Final = np.eye(N)
 MOVES: Final = np.zeros((N, N))
-MOVES[R_FL, V_L] = MOVES[V_L, A_L] = np.eye(3)
+MOVES[POSITION, VELOCITY] = MOVES[VELOCITY, ACCELERATION] = np.eye(3)
 CURVES: Final = np.zeros((N, N))
-CURVES[R_FL, A_L] = np.eye(3)
+CURVES[POSITION, ACCELERATION] = np.eye(3)
 
 
 class Summary(NamedTuple):
-    """Mean (12,) and covariance (12, 12) of [r_FL_n, v_L, a_L, log of the size, nose, bank's error], vectors in n.
-    Where the range is open, also the places where the leader may be."""
+    """Mean (12,) and covariance (12, 12) of [r_FL_n, v_L, a_L, log of the size, heading, bank's error], vectors in
+    n. Where the range is open, also the places where the leader may be."""
 
     mean: Array
     covariance: Array
@@ -71,109 +76,108 @@ class Summary(NamedTuple):
             return self
         F = STAYS + dt * MOVES + 0.5 * dt * dt * CURVES
         mean = F @ self.mean
-        mean[R_FL] -= moved
+        mean[POSITION] -= moved
         return Summary(mean, F @ self.covariance @ F.T, tuple(p.after(dt, moved) for p in self.places))
 
     def range_sigma(self) -> float:
         """The standard deviation of the range, as a share of it."""
-        x, y, z = self.mean[R_FL].tolist()  # three numbers: Python's arithmetic is fast
-        (xx, xy, xz), (_, yy, yz), (_, _, zz) = self.covariance[R_FL, R_FL].tolist()
+        x, y, z = self.mean[POSITION].tolist()  # three numbers: Python's arithmetic is fast
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = self.covariance[POSITION, POSITION].tolist()
         along = x * x * xx + y * y * yy + z * z * zz + 2.0 * (x * y * xy + x * z * xz + y * z * yz)
         return math.sqrt(max(along, 0.0)) / float(x * x + y * y + z * z)
 
     def direction_sigma(self) -> float:
         """The standard deviation of the direction where it is least certain, rad."""
-        r = self.mean[R_FL]
+        r = self.mean[POSITION]
         across = np.eye(3) - np.outer(r, r) / float(r @ r)
-        largest = float(np.linalg.eigvalsh(across @ self.covariance[R_FL, R_FL] @ across)[-1])
+        largest = float(np.linalg.eigvalsh(across @ self.covariance[POSITION, POSITION] @ across)[-1])
         return math.sqrt(max(largest, 0.0)) / float(np.linalg.norm(r))
 
 
-def summarise(settings: NoseModel, cloud: Cloud) -> Summary:
-    """The cloud as one Gaussian about its geometric mean range, with the errors that are ours: of our attitude
-    and our velocity."""
-    w = with_course(settings, cloud)
-    about, period = _middle(cloud.noses, w) if cloud.sided else (cloud.noses[int(np.argmax(w))], math.pi)
-    mean, covariance = np.zeros(N), np.zeros((N, N))
-    within = (w @ cloud.covariances.reshape(len(w), -1)).reshape(cloud.covariances.shape[1:])
-    log_range = moments(cloud.noses, cloud.means, w, about, period, within, mean, covariance)
-    log_range += _resolved(mean, covariance) * (_median(cloud.means[:, R_FL], w) - log_range)
-    mean, covariance = _about(mean, covariance, math.exp(log_range))
-    r, by_points = mean[R_FL], _by_points(cloud, mean)
-    covariance[R_FL, R_FL] += by_points * (r[:, None] * r)
-    covariance[MOTION, MOTION] += _by_pose(settings, mean[R_FL])
-    covariance[NOSE, NOSE] += settings.misalignment[2] ** 2
+def summarise(settings: LeaderModel, particles: Particles) -> Summary:
+    """The particles as one Gaussian, with the errors that are ours: of our attitude and our velocity.
 
-    def ours(r_FL_n: Array) -> Array:
-        by_pose = _by_pose(settings, r_FL_n)
-        by_pose[:3, :3] += by_points * np.outer(r_FL_n, r_FL_n)
-        return by_pose
-
-    whole = Summary(mean, 0.5 * (covariance + covariance.T))
+    It is one about the geometric mean range: an open range has a long tail to the far side, which drags a mean
+    with it. Once the range is resolved, it is one about its median: from behind, the many headings that are not
+    quite on the course all mean a nearer leader, and drag a mean to that side."""
+    w = np.exp(particles.log_weights) if settings.crab == 0.0 else with_course(settings, particles)
+    if particles.heading_observed:
+        about = math.atan2(float(w @ np.sin(particles.headings)), float(w @ np.cos(particles.headings)))
+        period = 2.0 * math.pi
+    else:
+        about, period = particles.headings[int(np.argmax(w))], math.pi
+    mean, P = np.zeros(N), np.zeros((N, N))
+    within = (w @ particles.covariances.reshape(len(w), -1)).reshape(particles.covariances.shape[1:])
+    log_range = moments(particles.headings, particles.means, w, about, period, within, mean, P)
+    r = mean[POSITION]
+    square = float(r @ r)
+    along = P[:, POSITION] @ r
+    sigma = math.sqrt(max(float(along[POSITION] @ r), 0.0)) / square
+    is_resolved = min(max(2.0 - sigma / RESOLVED, 0.0), 1.0)
+    if is_resolved > 0.0:
+        places_ = particles.means[:, POSITION]
+        log_ranges = 0.5 * np.log(np.einsum("ki,ki->k", places_, places_))
+        order = log_ranges.argsort()
+        sorted_w = w[order]
+        median = float(np.interp(0.5, sorted_w.cumsum() - 0.5 * sorted_w, log_ranges[order]))
+        log_range += is_resolved * (median - log_range)
+    # the mean moved to that range, what goes with it, and the second moments about it there
+    distance = math.sqrt(square)
+    along /= distance
+    step = (math.exp(log_range) - distance) / (float(along[POSITION] @ r) / distance) * along
+    step[LOG_SIZE] = 0.0  # whatever moves the range, it is not the size
+    mean, P = mean + step, P + step[:, None] * step
+    by_points = 0.0
+    if (
+        particles.keypoint_bias
+    ):  # bias of named points makes a heading wrong, the more the range, the less is seen of the wing
+        line = mean[None, POSITION] / np.linalg.norm(mean[POSITION])
+        seen = float(motion.visible(mean[HEADING : HEADING + 1], line, 0.0)[0])
+        by_points = (particles.keypoint_bias * (1.0 - seen**2)) ** 2
+    P[MOTION, MOTION] += ours(settings, mean[POSITION], by_points)
+    P[HEADING, HEADING] += settings.misalignment[2] ** 2
+    whole = Summary(mean, 0.5 * (P + P.T))
     if whole.range_sigma() <= RESOLVED:
         return whole
-    return whole._replace(places=places(w, cloud.means[:, MOTION], cloud.covariances[:, MOTION, MOTION], ours))
+    found = places(
+        w,
+        particles.means[:, MOTION],
+        particles.covariances[:, MOTION, MOTION],
+        lambda r: ours(settings, r, by_points),
+    )
+    return whole._replace(places=found)
 
 
-def _resolved(mean: Array, covariance: Array) -> float:
-    """How far the range is resolved, from 0 to 1: then its median is published. From behind, the many noses that
-    are not quite on the course all mean a nearer leader, and drag a mean to that side. An open range has far
-    modes, and of these a mean is about as likely to be twice too far as twice too near."""
-    r = mean[R_FL]
-    sigma = math.sqrt(max(float(r @ covariance[R_FL, R_FL] @ r), 0.0)) / float(r @ r)
-    return min(max(2.0 - sigma / RESOLVED, 0.0), 1.0)
-
-
-def _median(r: Array, w: Array) -> float:
-    """The median of the logarithms of the ranges of places r (K, 3) with weights w (K,)."""
-    log_range = 0.5 * np.log(np.einsum("ki,ki->k", r, r))
-    order = log_range.argsort()
-    sorted_w = w[order]
-    below = sorted_w.cumsum() - 0.5 * sorted_w
-    return float(np.interp(0.5, below, log_range[order]))
-
-
-def with_course(settings: NoseModel, cloud: Cloud) -> Array:
-    """Weights (K,) of the particles, with what is likely of the nose of a fixed wing and its course. Of others,
-    the particles themselves suppose that (`cloud.Cloud.tied`).
-
-    That is prior knowledge about an angle that lasts. It is applied to what is reported and not to the cloud
-    itself, where each image would count it again."""
-    w = np.exp(cloud.log_weights)
-    if settings.crab == 0.0:
-        return np.asarray(w)
-    x, P = cloud.means, cloud.covariances
-    u, v = x[:, 3] - settings.air[0], x[:, 4] - settings.air[1]
-    speed2 = u * u + v * v + 1e-6
-    aside = cloud.noses - np.arctan2(v, u)
-    aside -= math.pi * np.round(aside / math.pi)
-    a, b = v / speed2, -u / speed2
-    S = a * a * P[:, 3, 3] + 2.0 * a * b * P[:, 3, 4] + b * b * P[:, 4, 4] + settings.nose_about_course**2
-    S += settings.air_sigma**2 / speed2
-    share = speed2**2 / (speed2**2 + wing.FOLLOWS4)
-    likely = np.exp(-0.5 * aside**2 / S) / np.sqrt(2.0 * math.pi * S)
-    w *= (1.0 - share) / math.pi + share * likely
-    return np.asarray(w / w.sum())
-
-
-def _by_points(cloud: Cloud, mean: Array) -> float:
-    """The variance of the range's logarithm by the bias of named points. They make a nose wrong,
-    and with it the range: the more, the less is seen of the wing."""
-    if not cloud.misplaced:
-        return 0.0
-    direction = mean[None, R_FL] / np.linalg.norm(mean[R_FL])
-    seen = float(wing.visible(mean[NOSE : NOSE + 1], direction, 0.0)[0])
-    return (cloud.misplaced * (1.0 - seen**2)) ** 2
-
-
-def _by_pose(settings: NoseModel, r_FL_n: Array) -> Array:
-    """The covariance (6, 6) of position and velocity that errors of our attitude and velocity cause."""
+def ours(settings: LeaderModel, r_FL_n: Array, by_points: float) -> Array:
+    """The covariance (6, 6) of position and velocity that errors of our attitude and velocity cause, and a
+    variance of the range's logarithm by named points."""
     x, y, z = r_FL_n.tolist()
     turned = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     P = np.zeros((6, 6))
-    P[:3, :3] = turned.T @ (_variances(settings.misalignment) * turned)
-    P[3, 3] = P[4, 4] = P[5, 5] = settings.own_velocity**2
+    P[:3, :3] = turned.T @ (_variances(settings.misalignment) * turned) + by_points * (r_FL_n[:, None] * r_FL_n)
+    P[VX, VX] = P[VY, VY] = P[VZ, VZ] = settings.own_velocity**2
     return P
+
+
+def with_course(settings: LeaderModel, particles: Particles) -> Array:
+    """Weights (K,) of the particles, with what is likely of the heading of a fixed wing and its course. Of others,
+    the particles themselves suppose that (`particles.Particles.course_locked`).
+
+    That is prior knowledge about an angle that lasts. It is applied to what is reported and not to the particles
+    itself, where each image would count it again."""
+    w = np.exp(particles.log_weights)
+    x, P = particles.means, particles.covariances
+    u, v = x[:, VX] - settings.air[0], x[:, VY] - settings.air[1]
+    speed2 = u * u + v * v + 1e-6
+    aside = particles.headings - np.arctan2(v, u)
+    aside -= math.pi * np.round(aside / math.pi)
+    a, b = v / speed2, -u / speed2
+    S = a * a * P[:, VX, VX] + 2.0 * a * b * P[:, VX, VY] + b * b * P[:, VY, VY] + settings.nose_about_course**2
+    S += settings.air_sigma**2 / speed2
+    share = speed2**2 / (speed2**2 + motion.FOLLOWS4)
+    likely = np.exp(-0.5 * aside**2 / S) / np.sqrt(2.0 * math.pi * S)
+    w *= (1.0 - share) / math.pi + share * likely
+    return np.asarray(w / w.sum())
 
 
 @lru_cache(maxsize=64)
@@ -182,57 +186,31 @@ def _variances(sigmas: tuple[float, float, float]) -> Array:
     return np.array([[sigma * sigma] for sigma in sigmas])
 
 
-def _about(mean: Array, covariance: Array, range_: float) -> tuple[Array, Array]:
-    """The mean moved to another range, m, and what goes with it, and the second moments about it there.
-
-    An open range has a long tail to the far side, which drags a mean with it. The geometric mean is about as
-    likely to be twice too far as twice too near."""
-    r = mean[R_FL]
-    distance = math.sqrt(r @ r)
-    along = covariance[:, R_FL] @ (r / distance)
-    variance = float(along[R_FL] @ r) / distance
-    step = (range_ - distance) / variance * along
-    step[LOG_SIZE] = 0.0  # whatever moves the range, it is not the size
-    return mean + step, covariance + step[:, None] * step
-
-
-def _middle(noses: Array, w: Array) -> tuple[float, float]:
-    """The middle of noses (K,) with weights (K,) that are distinguished from tails, and after what angle they
-    repeat, both in rad."""
-    return math.atan2(float(w @ np.sin(noses)), float(w @ np.cos(noses))), 2.0 * math.pi
-
-
-def as_leader(known: Summary, dt: float, moved: Array, v_F_n: Array) -> Belief:
-    """The belief `dt` seconds after a summary, in which we move by `moved` (3,) m, in n, with the components that
-    are published."""
-    return Belief(*_as_leader(known.mean, known.covariance, dt, moved, v_F_n))
-
-
 @njit(cache=True, error_model="numpy")
-def _components(nose, x, about, period, row):
-    """A particle's mean as components of a summary, into `row`. Noses repeat after `period`."""
+def _components(heading, x, about, period, row):
+    """A particle's mean as components of a summary, into `row`. Headings repeat after `period`."""
     for i in range(VECTORS):
         row[i] = x[i]
-    row[NOSE] = nose - period * np.rint((nose - about) / period)
-    row[LOG_SIZE] = x[wing.LOG_SIZE]
-    row[BANK] = x[wing.BANK_ERROR]
+    row[HEADING] = heading - period * np.rint((heading - about) / period)
+    row[LOG_SIZE] = x[motion.LOG_SIZE]
+    row[BANK_ERROR] = x[motion.BANK_ERROR]
 
 
 @njit((*CLOUD, NUMBER, NUMBER, ROWS, VECTOR_OUT, OUT), cache=True, error_model="numpy")
-def moments(noses, means, w, about, period, within, mean, S):
-    """Mean and covariance of a cloud (`cloud.Cloud`) with weights w (K,), whose particles have the mean covariance
-    `within` (W, W), added to `mean` (N,) and S (N, N); and the mean logarithm of the range. Each nose is taken as
-    near to `about` as it may be: it repeats after `period`, rad."""
+def moments(headings, means, w, about, period, within, mean, S):
+    """Mean and covariance of particles (`particles.Particles`) with weights w (K,), whose particles have the mean
+    covariance `within` (W, W), added to `mean` (N,) and S (N, N); and the mean logarithm of the range. Each
+    heading is taken as near to `about` as it may be: it repeats after `period`, rad."""
     row, log_range = np.zeros(N), 0.0
-    width = S.shape[1]  # not known to the compiler: `particle_update`
+    width = S.shape[1]  # not known to the compiler: `view.correct`
     for k in range(w.shape[0]):
         x = means[k]
-        _components(noses[k], x, about, period, row)
+        _components(headings[k], x, about, period, row)
         for i in range(N):
             mean[i] += w[k] * row[i]
         log_range += 0.5 * w[k] * np.log(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
     for k in range(w.shape[0]):
-        _components(noses[k], means[k], about, period, row)
+        _components(headings[k], means[k], about, period, row)
         for i in range(N):
             row[i] -= mean[i]
         for i in range(N):
@@ -254,34 +232,36 @@ def _derivatives(known, dt, J):
     and a_along, which alone are not linear but for the size."""
     J[:] = 0.0
     for i in range(3):
-        J[i, i], J[i, 3 + i], J[i, 6 + i] = 1.0, dt, 0.5 * dt * dt
-        J[3 + i, 3 + i], J[3 + i, 6 + i] = 1.0, dt
+        J[i, i], J[i, VX + i], J[i, AX + i] = 1.0, dt, 0.5 * dt * dt
+        J[VX + i, VX + i], J[VX + i, AX + i] = 1.0, dt
     J[SIZE, LOG_SIZE] = np.exp(known[LOG_SIZE])
-    J[HEADING, NOSE] = J[BANK_ERROR, BANK] = 1.0
-    u, v, w = known[3] + dt * known[6], known[4] + dt * known[7], known[5] + dt * known[8]
-    c, s, cosine, sine = _path_angles(u, v, w, known[NOSE])  # one that hovers has its accelerations along its nose
-    level, right = c * known[6] + s * known[7], c * known[7] - s * known[6]
-    a = right, -sine * level - cosine * known[8], cosine * level - sine * known[8]
-    J[A_LAT, 6], J[A_LAT, 7] = -s, c
-    J[A_LONG, 6], J[A_LONG, 7], J[A_LONG, 8] = -c * sine, -s * sine, -cosine
-    J[A_ALONG, 6], J[A_ALONG, 7], J[A_ALONG, 8] = c * cosine, s * cosine, -sine
+    J[HEADING, HEADING] = J[BANK_ERROR, BANK_ERROR] = 1.0
+    u, v, w = known[VX] + dt * known[AX], known[VY] + dt * known[AY], known[VZ] + dt * known[AZ]
+    c, s, cosine, sine = _path_angles(
+        u, v, w, known[HEADING]
+    )  # one that hovers has its accelerations along its heading
+    level, right = c * known[AX] + s * known[AY], c * known[AY] - s * known[AX]
+    a = right, -sine * level - cosine * known[AZ], cosine * level - sine * known[AZ]
+    J[A_LAT, AX], J[A_LAT, AY] = -s, c
+    J[A_LONG, AX], J[A_LONG, AY], J[A_LONG, AZ] = -c * sine, -s * sine, -cosine
+    J[A_ALONG, AX], J[A_ALONG, AY], J[A_ALONG, AZ] = c * cosine, s * cosine, -sine
     h = np.sqrt(u * u + v * v)
     if h > SLOW:  # by course and climb, the axes turn with the velocity
         course, climb, rise = (-s / h, c / h, 0.0), (c * w, s * w, -h), h * h + w * w
         for i in range(3):
-            J[A_LAT, 3 + i] = -level * course[i]
-            J[A_LONG, 3 + i] = -sine * right * course[i] - a[2] * climb[i] / rise
-            J[A_ALONG, 3 + i] = cosine * right * course[i] + a[1] * climb[i] / rise
+            J[A_LAT, VX + i] = -level * course[i]
+            J[A_LONG, VX + i] = -sine * right * course[i] - a[2] * climb[i] / rise
+            J[A_ALONG, VX + i] = cosine * right * course[i] + a[1] * climb[i] / rise
         for i in range(3):
             for row in (A_LAT, A_LONG, A_ALONG):
-                J[row, 6 + i] += dt * J[row, 3 + i]
+                J[row, AX + i] += dt * J[row, VX + i]
     return a
 
 
 @njit((VECTOR, ROWS, NUMBER, VECTOR, VECTOR), cache=True, error_model="numpy")
-def _as_leader(known, C, dt, moved, v_F):
-    """See `as_leader`: mean (BASE,) and covariance (BASE, BASE), of a summary with mean `known` and
-    covariance C."""
+def as_leader(known, C, dt, moved, v_F):
+    """Mean (BASE,) and covariance (BASE, BASE) of the components that are published, `dt` seconds after a summary
+    with mean `known` and covariance C, in which we move by `moved` (3,) m, in n, and then at v_F (3,) m/s."""
     x, P = np.zeros(BASE), np.zeros((BASE, BASE))
     J, JC = np.empty((BASE, N)), np.zeros((BASE, N))
     a = _derivatives(known, dt, J)
@@ -294,7 +274,7 @@ def _as_leader(known, C, dt, moved, v_F):
                     JC[i, j] += J[i, k] * C[k, j]
     for i in range(3):
         x[i] -= moved[i]
-        x[3 + i] -= v_F[i]
+        x[VX + i] -= v_F[i]
     x[SIZE] = J[SIZE, LOG_SIZE]
     x[A_LAT], x[A_LONG], x[A_ALONG] = a
     for i in range(BASE):

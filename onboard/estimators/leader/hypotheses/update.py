@@ -1,12 +1,12 @@
-"""What an image makes of a cloud of noses, and what is measured beside the images: means and weights.
+"""What an image makes of particles, and what is measured beside the images: means and weights.
 
 An image shows center and wing, and may show a shape, or a pose. Points and boxes show the range of a leader of
 some size; a pose alone shows the range itself. Each of them has an error that lasts, which no number of images
 reduces: it is a part of each particle's state.
 
 The rotation of a planar marker has a known ambiguity: its mirror image about the line of sight looks nearly alike.
-So a nose is where it was measured with most of the probability, and else at the mirror image, as of a marker that
-stands across the forward axis, or anywhere.
+So a heading is where it was measured with most of the probability, and else at the mirror image, as of a marker
+that stands across the forward axis, or anywhere.
 """
 
 import math
@@ -16,192 +16,229 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.assumptions import FLIPPED, STRAY, TURN_BIAS, NoseModel
-from onboard.estimators.leader.hypotheses import points
-from onboard.estimators.leader.hypotheses import wing as model
+from onboard.estimators.leader.assumptions import FLIPPED, STRAY, TURN_BIAS, LeaderModel
+from onboard.estimators.leader.hypotheses import motion as model
+from onboard.estimators.leader.hypotheses import view
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
-from onboard.estimators.leader.hypotheses.cloud import Bias, Cloud, charged, fitting, weighted
-from onboard.estimators.leader.hypotheses.prediction import supposed
-from onboard.estimators.leader.hypotheses.wing import BANK_ERROR, FREE, LEAST_VISIBLE, POSITION, TIED, VELOCITY
+from onboard.estimators.leader.hypotheses.motion import (
+    BANK_ERROR,
+    COURSE_LOCKED,
+    FREE,
+    LEAST_VISIBLE,
+    MOTION,
+    POSITION,
+    VELOCITY,
+)
+from onboard.estimators.leader.hypotheses.particles import Bias, Particles, evidence, fitting, weighted
+from onboard.estimators.leader.hypotheses.prediction import Passed, gain, particles_of
 from onboard.estimators.leader.image.camera_pose import CameraPose
-from onboard.estimators.leader.image.measurement import Measurement
+from onboard.estimators.leader.image.measurement import Measurement, Rows
 from onboard.estimators.leader.image.pose import PoseFeatures
-from onboard.estimators.leader.image.shape import MIDDLE_AND_SIZE, ShapeFeatures, only
 from onboard.filters.belief import Belief, FilterError
 from onboard.filters.gating import chi_square_threshold
 
 EXPECTING: Final = 0.3  # of the weight: at least so many particles must have expected an image
 TRUE: Final = 0.9999  # the probability that a report or a range passes that is true
 APART_S: Final = 0.2  # of the evidence of one of these, in seconds
-FRESH_S: Final = 8.0  # over which the evidence of a new track is used
+STARTUP_S: Final = 8.0  # over which the evidence of a new track is used
 TOGETHER_S: Final = 0.05  # what is measured at one time, by different means, counts as if it came so soon after
-MOTION: Final = slice(0, 6)  # position and velocity
 SURPRISE_S: Final = 3.0  # over which the surprise is averaged
 MOST_SURPRISE: Final = 12.0  # NIS of an image: one stray image is no surprise
 SHOWN: Final = 4.0  # components of an image that show something: both of the center and of the wing
-OF_SHAPE: Final = 0.02  # of the weight: so much must have expected a shape; only the right noses do
+OF_SHAPE: Final = 0.02  # of the weight: so much must have expected a shape; only the right headings do
 PER_ROW: Final = 2.1  # more of the gate for each row of what an image shows of a shape
+NOWHERE: Final = np.zeros(3)
 BOXES: Final = "boxes"  # the names of biases
 POSES: Final = "poses"
-ANY_NOSE: Final = 1.0  # as `edge_on`: of a leader whose range is measured, noise depends little on its nose
+ANY_HEADING: Final = (
+    1.0  # as `edge_on_visibility`: of a leader whose range is measured, noise depends little on its heading
+)
 
 
-def predicted(
-    settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPose
-) -> tuple[Array, Array, model.Expectation]:
-    """What the whole cloud expects of an image: mean (m,) and covariance (m, m), without the image's own noise;
-    and what each particle expects."""
-    w, camera = np.exp(cloud.log_weights), (pose.R_cn, pose.r_FC_n, seen.axes)
-    arrays = cloud.means, cloud.covariances, cloud.noses
-    return model.prediction(*arrays, w, seen.y, camera, model.Course(cloud.tied, settings.air))
+class Expected(NamedTuple):
+    """Particles, with the bias that an image has, and what they expect of the image's view: mean (m,) and
+    covariance (m, m), without the image's own noise; and what each particle expects."""
+
+    particles: Particles
+    view: view.ImageRows
+    y: Array
+    S: Array
+    each: view.Expectation
+
+
+def expect(settings: LeaderModel, particles: Particles, seen: Measurement, pose: CameraPose) -> Expected:
+    """What particles expect of the rows by which an image is judged."""
+    particles, rows = with_rows(settings, particles, seen.rows, seen.axes, pose)
+    w = np.exp(particles.log_weights)
+    return Expected(
+        particles, rows, *view.expect(particles.means, particles.covariances, particles.headings, w, rows)
+    )
+
+
+def with_rows(
+    settings: LeaderModel, particles: Particles, rows: Rows, axes: Array, pose: CameraPose
+) -> tuple[Particles, view.ImageRows]:
+    """The particles with the rows' bias, if they have one, and the rows as they see them about these axes (3, 3)
+    in c."""
+    column = 0
+    if rows.bias is not None:
+        particles = particles.with_biases(Bias(BOXES, rows.bias))
+        column = particles.column(BOXES)
+    kind = rows.is_wing, bool(rows.names), *rows.posture
+    place = pose.r_FC_n, axes @ pose.R_cn, column
+    return particles, view.ImageRows(
+        rows.points,
+        rows.of,
+        rows.shares,
+        rows.axis,
+        rows.y,
+        rows.R,
+        *kind,
+        *place,
+        particles.course_locked,
+        settings.air,
+    )
 
 
 def update(
-    settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPose, each: model.Expectation | None = None
-) -> tuple[Cloud, float]:
-    """The cloud after an image, and the NIS that EXPECTING of its weight have at most. If that exceeds the
-    gate, too few expected the image, and the cloud is returned as it was. What an image shows beyond center and
-    wing has a gate of its own. `each`: what the particles expected of the image, where that is known. Raises
-    FilterError."""
-    shows, given = seen.shows, cloud
+    settings: LeaderModel,
+    particles: Particles,
+    seen: Measurement,
+    pose: CameraPose,
+    expected: Expected | None = None,
+) -> tuple[Particles, float]:
+    """The particles after an image, and the NIS that EXPECTING of their weight have at most; of a box OF_SHAPE, as
+    only the right headings expect one. If that exceeds the gate, too few expected the image, and the particles are
+    returned as they were. What an image shows beyond these rows has a gate of its own. `expected`: what they
+    expect of the image, where that is known. Raises FilterError."""
+    rows, given, is_box = seen.rows, particles, seen.rows.bias is not None
+    particles, shown, _, _, each = expected or expect(settings, particles, seen, pose)
     if seen.is_metric and seen.pose is not None:
-        cloud = _seen_by(cloud, ANY_NOSE, metric=True)
-    elif seen.has_wing or (shows is not None and not shows.is_box):
-        cloud = _seen_by(cloud, LEAST_VISIBLE, metric=False)
-    if shows is None or not shows.is_box:
-        if each is None:
-            _, _, each = predicted(settings, cloud, seen, pose)
-        noses, means, P = cloud.noses.copy(), cloud.means.copy(), cloud.covariances.copy()
-        nis, log_l = model.update(means, P, noses, seen.y, seen.R, each, model.Course(cloud.tied, settings.air))
-        least = expected(cloud, nis, EXPECTING)
-        if least > settings.gate:
-            return given, least
-        off = min(float(np.exp(cloud.log_weights) @ np.minimum(nis, settings.gate)), MOST_SURPRISE) / SHOWN
-        surprise = off + math.exp(-cloud.unseen / SURPRISE_S) * (cloud.surprise - off)
-        after = cloud._replace(noses=noses, means=means, covariances=P, misfits=(), surprise=surprise)
+        particles = particles._replace(edge_on_visibility=ANY_HEADING, metric=True)
+    elif rows.is_wing or seen.further is not None:
+        particles = particles._replace(edge_on_visibility=LEAST_VISIBLE, metric=False)
+    headings, means, P = particles.headings.copy(), particles.means.copy(), particles.covariances.copy()
+    nis, log_l = view.update(means, P, headings, shown, each)
+    least = at_most(particles, nis, OF_SHAPE if is_box else EXPECTING)
+    if least > settings.gate + (PER_ROW * len(rows.y) if is_box else 0.0):
+        return given, least
+    after = particles._replace(headings=headings, means=means, covariances=P, misfits=())
+    if is_box:
+        least = 0.0
     else:
-        after, log_l, least = cloud._replace(misfits=()), np.zeros(len(cloud.noses)), 0.0
-    if shows is not None:
-        fit = fitted(settings, after, shows, seen.axes, pose)
-        if fit.cloud is not None:
-            after, log_l = fit.cloud._replace(sided=cloud.sided or shows.rows.named), log_l + fit.log_l
-            after = after._replace(misplaced=max(cloud.misplaced, shows.misplaced))
-        elif shows.is_box:
-            return given, fit.beyond
+        off = min(float(np.exp(particles.log_weights) @ np.minimum(nis, settings.gate)), MOST_SURPRISE) / SHOWN
+        surprise = off + math.exp(-particles.unseen / SURPRISE_S) * (particles.surprise - off)
+        after = after._replace(surprise=surprise)
+    if seen.further is not None:
+        fit = fitted(settings, after, seen.further, seen.axes, pose)
+        if fit.particles is not None:
+            after, log_l = fit.particles._replace(heading_observed=True), log_l + fit.log_l
+            after = after._replace(keypoint_bias=max(particles.keypoint_bias, seen.keypoint_bias))
         after = after._replace(misfits=fit.misfits)
     if seen.pose is not None:
         found, pose_nis, more = posed(after, seen.pose, pose, settings.air)
-        beyond = expected(cloud, pose_nis, OF_SHAPE)
+        beyond = at_most(after, pose_nis, OF_SHAPE)
         if beyond <= settings.gate:
             after, log_l = found, log_l + more
         elif seen.is_metric:
             return given, beyond
-    believed, fresh = _counted(settings, cloud, pose)
-    new = -math.expm1(-cloud.unseen / settings.rolled_time)
-    rolled = after.rolled + new * (after.means[:, BANK_ERROR] - after.rolled)
-    after = after._replace(rolled=rolled, unseen=0.0, fresh=fresh)
-    costs = supposed(settings, after) - supposed(settings, cloud)
-    return fitting(settings, charged(weighted(after, log_l, believed), costs)), least
+    # The faster the view of the leader changes, the more does an image count; while the view stays the same, so do
+    # the errors of what each particle supposes. Images that fit no particle count less for each of them.
+    r = particles.means[:, POSITION]
+    moves = (particles.means[:, VELOCITY] - pose.v_F_n) / np.sqrt(np.add.reduce(r * r, axis=1, keepdims=True))
+    moving = np.exp(particles.log_weights) @ moves
+    change, seconds = math.sqrt(moving @ moving), max(particles.unseen, TOGETHER_S)  # 1/s
+    rate = settings.steady_evidence + change / settings.new_view + particles.startup_evidence / STARTUP_S
+    believed = min(min(rate, settings.evidence_rate) * seconds, 1.0) * min(1.0, 1.0 / particles.surprise)
+    startup_evidence = particles.startup_evidence * math.exp(-seconds / STARTUP_S)
+    new = -math.expm1(-particles.unseen / settings.rolled_time)
+    mean_bank_error = after.mean_bank_error + new * (after.means[:, BANK_ERROR] - after.mean_bank_error)
+    after = after._replace(mean_bank_error=mean_bank_error, unseen=0.0, startup_evidence=startup_evidence)
+    gained = evidence(log_l, believed)
+    if particles.tilts(settings):  # what an image makes of a tilt, and of a mean bank error, counts in full
+        s = settings
+        passed = Passed(
+            0.0, NOWHERE, particles.edge_on_visibility, particles.metric, s.air, s.wind, s.rolled, True
+        )
+        gained = gained + gain(particles_of(particles), particles_of(after), passed)
+    return fitting(settings, weighted(after, gained)), least
 
 
-def _seen_by(cloud: Cloud, edge_on: float, *, metric: bool) -> Cloud:
-    """The cloud of which images show so much along its wing, and its range by poses or not."""
-    is_same = cloud.edge_on == edge_on and cloud.metric is metric
-    return cloud if is_same else cloud._replace(edge_on=edge_on, metric=metric)
-
-
-def _counted(settings: NoseModel, cloud: Cloud, pose: CameraPose) -> tuple[float, float]:
-    """As what share of an independent image one counts, and what is left of the evidence of a new track. The
-    faster the view of the leader changes, the more does an image count; while the view stays the same, so do the
-    errors of what each particle supposes. Images that fit no particle count less for each of them."""
-    r = cloud.means[:, POSITION]
-    moves = (cloud.means[:, VELOCITY] - pose.v_F_n) / np.sqrt(np.add.reduce(r * r, axis=1, keepdims=True))
-    moving = np.exp(cloud.log_weights) @ moves
-    change = math.sqrt(moving @ moving)  # 1/s
-    rate = settings.steady_evidence + change / settings.new_view + cloud.fresh / FRESH_S
-    seconds = max(cloud.unseen, TOGETHER_S)
-    left = cloud.fresh * math.exp(-seconds / FRESH_S)
-    fits = min(1.0, 1.0 / cloud.surprise)
-    return min(min(rate, settings.evidence_rate) * seconds, 1.0) * fits, left
-
-
-def assist(settings: NoseModel, cloud: Cloud, taken: Auxiliary, *, is_open: bool) -> Cloud | None:
-    """The cloud after what is measured beside the images; None where too few particles expected it: of a cloud
-    whose range `is_open`, the right ones are few. Raises FilterError."""
-    known = cloud.with_biases(*taken.biases)
+def assist(settings: LeaderModel, particles: Particles, taken: Auxiliary, *, is_open: bool) -> Particles | None:
+    """The particles after what is measured beside the images; None where too few particles expected it: of
+    particles whose range `is_open`, the right ones are few. Raises FilterError."""
+    known = particles.with_biases(*taken.biases)
     rows = taken.rows(known)
     found, nis, log_l = corrected(known, *rows, settings.air)
     limit = chi_square_threshold(TRUE, rows.innovations.shape[1])
-    if expected(known, nis, OF_SHAPE if is_open else EXPECTING) > limit:
+    if at_most(known, nis, OF_SHAPE if is_open else EXPECTING) > limit:
         return None
-    return fitting(settings, weighted(found, log_l, min(settings.evidence_rate * APART_S, 1.0)))
-
-
-def of_box(cloud: Cloud, shows: ShapeFeatures, axes: Array, pose: CameraPose) -> tuple[Array, Array]:
-    """Innovation (4,) and its covariance (4, 4) of a box: its middle, right and down, and its width and height."""
-    known = cloud.with_biases(of_boxes(shows))
-    particles_ = known.means, known.covariances, known.noses, np.exp(known.log_weights)
-    camera = pose.R_cn, pose.r_FC_n, axes
-    expected, S = points.expected_box(*particles_, shows.rows, shows.posture, camera, known.column(BOXES))
-    S = MIDDLE_AND_SIZE @ (S + np.diag(shows.rows.sigma**2)) @ MIDDLE_AND_SIZE.T
-    turns = np.array([axes[2], -axes[1]])  # the sides move together, and not each for itself
-    common = turns @ pose.noise_c @ turns.T
-    S[:2, :2] += common - 0.5 * np.diag(common.diagonal())
-    S[2:, 2:] -= 2.0 * np.diag(common.diagonal())
-    return MIDDLE_AND_SIZE @ (shows.rows.y - expected), S
+    return fitting(settings, weighted(found, evidence(log_l, min(settings.evidence_rate * APART_S, 1.0))))
 
 
 class ShapeFit(NamedTuple):
-    """The cloud after what an image shows of a shape, None if that fits no nose, with the particles' logarithms of
-    likelihoods (K,), the NIS that OF_SHAPE of the weight have at most, and the named points that fit none."""
+    """The particles after what an image shows of a shape, None if that fits no heading, with the particles'
+    logarithms of likelihoods (K,), the NIS that OF_SHAPE of the weight have at most, and the named points that fit
+    none."""
 
-    cloud: Cloud | None
+    particles: Particles | None
     log_l: Array
     beyond: float
     misfits: tuple[str, ...] = ()
 
 
-def fitted(settings: NoseModel, cloud: Cloud, shows: ShapeFeatures, axes: Array, pose: CameraPose) -> ShapeFit:
-    """The cloud after what an image shows of the leader's shape. If all of it fits no nose, the points that fit
-    none by themselves are left out: one point that a detector finds elsewhere costs the others nothing. Raises
-    FilterError."""
+def fitted(settings: LeaderModel, particles: Particles, points: Rows, axes: Array, pose: CameraPose) -> ShapeFit:
+    """The particles after named points. If all of them fit no heading, those that fit none by themselves are left
+    out: one point that a detector finds elsewhere costs the others nothing. Raises FilterError."""
 
-    def fit(part: ShapeFeatures) -> ShapeFit:
-        found, nis, log_l = shaped(cloud, part, axes, pose)
-        beyond = expected(cloud, nis, OF_SHAPE)
-        fits = beyond <= settings.gate + PER_ROW * len(part.rows.y)
-        return ShapeFit(found if fits else None, log_l, beyond)
+    def fit(which: Sequence[int]) -> ShapeFit:
+        at = [2 * k + axis for k in which for axis in (0, 1)]
+        rows = points._replace(y=points.y[at], R=points.R[np.ix_(at, at)], of=points.of[at])
+        rows = rows._replace(shares=points.shares[at], axis=points.axis[at])
+        _, shown = with_rows(settings, particles, rows, axes, pose)
+        headings, means, P = particles.headings.copy(), particles.means.copy(), particles.covariances.copy()
+        each = view.orient(means, P, headings, shown)
+        nis, log_l = view.update(means, P, headings, shown, each)
+        beyond = at_most(particles, nis, OF_SHAPE)
+        if beyond > settings.gate + PER_ROW * len(rows.y):
+            return ShapeFit(None, log_l, beyond)
+        course_locked = _still(particles, headings)
+        return ShapeFit(
+            particles._replace(headings=headings, means=means, covariances=P, course_locked=course_locked),
+            log_l,
+            beyond,
+        )
 
-    whole = fit(shows)
-    if whole.cloud is not None or shows.is_box:
+    every = range(len(points.names))
+    whole = fit(every)
+    if whole.particles is not None:
         return whole
-    every = range(len(shows.names))
-    fitting = [k for k in every if fit(only(shows, [k])).cloud is not None]
-    misfits = tuple(shows.names[k] for k in every if k not in fitting)
-    rest = fit(only(shows, fitting)) if misfits and fitting else whole
+    fit_alone = [k for k in every if fit([k]).particles is not None]
+    misfits = tuple(points.names[k] for k in every if k not in fit_alone)
+    rest = fit(fit_alone) if misfits and fit_alone else whole
     return rest._replace(misfits=misfits)
 
 
-def expected(cloud: Cloud, nis: Array, share: float) -> float:
+def at_most(particles: Particles, nis: Array, share: float) -> float:
     """The NIS that a share of the weight has at most. Raises FilterError."""
     order = nis.argsort()
-    least = float(nis[order[np.exp(cloud.log_weights[order]).cumsum().searchsorted(share)]])
+    least = float(nis[order[np.exp(particles.log_weights[order]).cumsum().searchsorted(share)]])
     if not math.isfinite(least):
-        raise FilterError("the cloud of noses has lost its numbers")
+        raise FilterError("the particles have lost their numbers")
     return least
 
 
-def informed(settings: NoseModel, cloud: Cloud, prior: Belief, *, flew: bool) -> Cloud | None:
-    """The cloud with what was believed of position and velocity before, (6,) and (6, 6), in n; None where less
-    than OF_SHAPE of its weight agrees: only the right noses do. If it `flew`, few hypotheses say that it hovers:
-    a velocity that may have changed meanwhile does not contradict them enough. Raises FilterError."""
-    H = np.eye(cloud.means.shape[1])[MOTION]
+def informed(settings: LeaderModel, particles: Particles, prior: Belief, *, flew: bool) -> Particles | None:
+    """The particles with what was believed of position and velocity before, (6,) and (6, 6), in n; None where less
+    than OF_SHAPE of its weight agrees: only the right headings do. If it `flew`, few hypotheses say that it
+    hovers: a velocity that may have changed meanwhile does not contradict them enough. Raises FilterError."""
+    H = np.eye(particles.means.shape[1])[MOTION]
     found, nis, log_l = corrected(
-        cloud, H, prior.mean - cloud.means[:, MOTION], prior.covariance, (), settings.air
+        particles, H, prior.mean - particles.means[:, MOTION], prior.covariance, (), settings.air
     )
-    if expected(cloud, nis, OF_SHAPE) > settings.gate:
+    if at_most(particles, nis, OF_SHAPE) > settings.gate:
         return None
-    after = weighted(found, log_l)
+    after = weighted(found, evidence(log_l))
     hovers = after.regimes == model.HOVERING
     share = float(np.exp(after.log_weights[hovers]).sum())
     stopped = 1.0 / settings.flies_for  # as of one that was slow for a second meanwhile
@@ -212,18 +249,18 @@ def informed(settings: NoseModel, cloud: Cloud, prior: Belief, *, flew: bool) ->
 
 
 def corrected(
-    cloud: Cloud,
+    particles: Particles,
     H: Array,
     innovations: Array,
     R_y: Array,
     considered: Sequence[int] = (),
     air: tuple[float, float] = (0.0, 0.0),
-) -> tuple[Cloud, Array, Array]:
-    """The cloud after rows with derivatives H (m, W) or (K, m, W), innovations (K, m) and noise R_y (m, m), with
-    each particle's NIS (K,) and logarithm of the likelihood (K,), without their common constant. The components
-    that are `considered` stay as they are. Tied noses turn with their courses through the `air` (2,) m/s. Raises
-    FilterError."""
-    HP = H @ cloud.covariances
+) -> tuple[Particles, Array, Array]:
+    """The particles after rows with derivatives H (m, W) or (K, m, W), innovations (K, m) and noise R_y (m, m),
+    with each particle's NIS (K,) and logarithm of the likelihood (K,), without their common constant. The
+    components that are `considered` stay as they are. Tied headings turn with their courses through the `air` (2,)
+    m/s. Raises FilterError."""
+    HP = H @ particles.covariances
     S = HP @ np.swapaxes(H, -1, -2) + R_y
     try:
         gain = np.linalg.solve(S, HP).transpose(0, 2, 1)
@@ -233,30 +270,17 @@ def corrected(
     nis = np.einsum("ki,ki->k", innovations, off)
     at = list(considered)
     gain[:, at] = 0.0
-    means = cloud.means + np.einsum("kij,kj->ki", gain, innovations)
-    P = cloud.covariances - gain @ HP
+    means = particles.means + np.einsum("kij,kj->ki", gain, innovations)
+    P = particles.covariances - gain @ HP
     P[:, at] = P[:, :, at].transpose(0, 2, 1)
     log_l = -0.5 * (nis + np.linalg.slogdet(S)[1])
-    turned = model.courses(means, air) - model.courses(cloud.means, air)
-    noses = cloud.noses + np.where(cloud.tied == TIED, turned, 0.0)
-    return cloud._replace(noses=noses, means=means, covariances=0.5 * (P + P.transpose(0, 2, 1))), nis, log_l
-
-
-def shaped(cloud: Cloud, shows: ShapeFeatures, axes: Array, pose: CameraPose) -> tuple[Cloud, Array, Array]:
-    """The cloud after what an image shows of the leader's shape, with each particle's NIS and log likelihood."""
-    bias = 0
-    if shows.is_box:
-        cloud = cloud.with_biases(of_boxes(shows))
-        bias = cloud.column(BOXES)
-    noses, means, P = cloud.noses.copy(), cloud.means.copy(), cloud.covariances.copy()
-    camera = pose.R_cn, pose.r_FC_n, axes
-    nis, log_l = points.update(means, P, noses, shows.rows, shows.posture, camera, bias)
-    return cloud._replace(noses=noses, means=means, covariances=P, tied=_still(cloud, noses)), nis, log_l
-
-
-def of_boxes(shows: ShapeFeatures) -> Bias:
-    """By how much boxes are too large, in the logarithm."""
-    return Bias(BOXES, shows.bias)
+    turned = model.courses(means, air) - model.courses(particles.means, air)
+    headings = particles.headings + np.where(particles.course_locked == COURSE_LOCKED, turned, 0.0)
+    return (
+        particles._replace(headings=headings, means=means, covariances=0.5 * (P + P.transpose(0, 2, 1))),
+        nis,
+        log_l,
+    )
 
 
 def of_ranges(shows: PoseFeatures) -> Bias:
@@ -265,49 +289,65 @@ def of_ranges(shows: PoseFeatures) -> Bias:
 
 
 def posed(
-    cloud: Cloud, shows: PoseFeatures, camera: CameraPose, air: tuple[float, float]
-) -> tuple[Cloud, Array, Array]:
-    """The cloud after a pose, with each particle's NIS and log likelihood; the `air` (2,) m/s."""
-    nis, log_l, nose = np.zeros(len(cloud.noses)), np.zeros(len(cloud.noses)), shows.nose(camera)
+    particles: Particles, shows: PoseFeatures, camera: CameraPose, air: tuple[float, float]
+) -> tuple[Particles, Array, Array]:
+    """The particles after a pose, with each particle's NIS and log likelihood; the `air` (2,) m/s."""
+    nis, log_l, heading = (
+        np.zeros(len(particles.headings)),
+        np.zeros(len(particles.headings)),
+        shows.heading(camera),
+    )
     if shows.range_ is not None:
-        cloud = cloud.with_biases(of_ranges(shows))
-        bias = cloud.column(POSES)
-        off = cloud.means[:, POSITION] - camera.r_FC_n
+        particles = particles.with_biases(of_ranges(shows))
+        bias = particles.column(POSES)
+        off = particles.means[:, POSITION] - camera.r_FC_n
         distance = np.linalg.norm(off, axis=1)
-        appears = distance * np.exp(cloud.means[:, bias])
-        H = np.zeros((len(off), 1, cloud.means.shape[1]))
+        appears = distance * np.exp(particles.means[:, bias])
+        H = np.zeros((len(off), 1, particles.means.shape[1]))
         H[:, 0, POSITION], H[:, 0, bias] = off * (appears / distance**2)[:, None], appears
-        cloud, nis, log_l = corrected(
-            cloud, H, (shows.range_ - appears)[:, None], np.array([[shows.range_sigma**2]]), (), air
+        particles, nis, log_l = corrected(
+            particles, H, (shows.range_ - appears)[:, None], np.array([[shows.range_sigma**2]]), (), air
         )
-    noses, means, P = cloud.noses.copy(), cloud.means.copy(), cloud.covariances.copy()
-    if nose is not None:
-        log_l = log_l + measure_nose(noses, means, P, *nose)
-        cloud = cloud._replace(sided=True, misplaced=max(cloud.misplaced, TURN_BIAS))
-    return cloud._replace(noses=noses, means=means, covariances=P, tied=_still(cloud, noses)), nis, log_l
+    headings, means, P = particles.headings.copy(), particles.means.copy(), particles.covariances.copy()
+    if heading is not None:
+        log_l = log_l + measure_heading(headings, means, P, *heading)
+        particles = particles._replace(
+            heading_observed=True, keypoint_bias=max(particles.keypoint_bias, TURN_BIAS)
+        )
+    return (
+        particles._replace(
+            headings=headings, means=means, covariances=P, course_locked=_still(particles, headings)
+        ),
+        nis,
+        log_l,
+    )
 
 
-def _still(cloud: Cloud, noses: Array) -> Array:
-    """Which noses (K,) are still tied to their courses: not those that were measured elsewhere."""
-    return np.where(noses == cloud.noses, cloud.tied, np.minimum(cloud.tied, FREE))
+def _still(particles: Particles, headings: Array) -> Array:
+    """Which headings (K,) are still locked to their courses: not those that were measured elsewhere."""
+    return np.where(
+        headings == particles.headings, particles.course_locked, np.minimum(particles.course_locked, FREE)
+    )
 
 
-def measure_nose(noses: Array, means: Array, P: Array, nose: float, mirrored: float, sigma: float) -> Array:
+def measure_heading(
+    headings: Array, means: Array, P: Array, heading: float, mirrored: float, sigma: float
+) -> Array:
     """Logarithms of the likelihoods (K,) of a nose measured at `nose`, or at its mirror image. Noses (K,), means
     (K, N) and covariances (K, N, N) of particles that have it the wrong way round are turned in place: they bank
     to the other side."""
-    likely, turned = (_likelihood(noses + way, nose, mirrored, sigma) for way in (0.0, math.pi))
+    likely, turned = (_likelihood(headings + way, heading, mirrored, sigma) for way in (0.0, math.pi))
     turns = turned > likely
-    noses[turns] += math.pi
+    headings[turns] += math.pi
     means[turns, BANK_ERROR] *= -1.0
     P[turns, BANK_ERROR, :] *= -1.0
     P[turns, :, BANK_ERROR] *= -1.0
     return np.asarray(np.log(np.maximum(likely, turned)))
 
 
-def _likelihood(noses: Array, nose: float, mirrored: float, sigma: float) -> Array:
-    found = np.full(len(noses), STRAY / (2.0 * math.pi))
-    for share, at in ((1.0 - FLIPPED - STRAY, nose), (FLIPPED, mirrored)):
-        off = (noses - at + math.pi) % (2.0 * math.pi) - math.pi
+def _likelihood(headings: Array, heading: float, mirrored: float, sigma: float) -> Array:
+    found = np.full(len(headings), STRAY / (2.0 * math.pi))
+    for share, at in ((1.0 - FLIPPED - STRAY, heading), (FLIPPED, mirrored)):
+        off = (headings - at + math.pi) % (2.0 * math.pi) - math.pi
         found += share * np.exp(-0.5 * (off / sigma) ** 2) / (math.sqrt(2.0 * math.pi) * sigma)
     return found

@@ -1,4 +1,4 @@
-"""The wind, where our autopilot estimates it: a fixed wing points its nose along its path through the air.
+"""The wind, where our autopilot estimates it: a fixed wing points its heading along its path through the air.
 
 Without it, a crab cannot be distinguished from another range: all that both do in the image is shorten the wing.
 """

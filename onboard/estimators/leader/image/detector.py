@@ -3,8 +3,8 @@
 The innovations of the direction say how far images are from what was predicted. Where half of them are farther off
 for a whole window than the configured noise allows, the noise is larger than configured, and is taken for so much
 larger. Up to `MOST` times: images that fit worse come of something else, and nothing is valid with them. A median,
-so that neither outliers nor a short manoeuvre count; the direction alone, as the wing misleads where the nose is
-not on the course.
+so that neither outliers nor a short manoeuvre count; the direction alone, as the wing misleads where the heading
+is not on the course.
 
 The noise is taken for smaller, too, down to `LEAST`, but with more care. What was predicted is not exact either,
 so the noise is no larger than all of an innovation. Only where what is assumed of the images alone exceeds even
@@ -28,7 +28,7 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.leader.image.prepare import Image
-from onboard.messages import ImagePoint, TargetDetection, TargetImage, TargetPoints
+from onboard.messages import ImagePoint, TargetDetection, TargetPoints, Verdict
 from onboard.messages.causes import Cause, Reason
 from onboard.units import NS_PER_S
 
@@ -86,10 +86,6 @@ class NoiseScale(NamedTuple):
             scale = _quieter(scale, median(alone) / MEDIAN)
         return NoiseScale(scale, beyond)
 
-    def is_larger_than(self, supposed: float) -> bool:
-        """Whether a noise that was supposed, in the same measure, is too small by more than chance."""
-        return self.scale > math.sqrt(TOO_LARGE) * max(supposed, 1.0)
-
     @property
     def finding(self) -> str:
         """What there is to report of it, "" if nothing."""
@@ -125,34 +121,31 @@ class Repeats:
         """The newest of the stamps."""
         return max((t_ns for t_ns, _ in self._stamps), default=None)
 
-    def is_duplicate(self, message: TargetImage) -> bool:
-        """Whether an image of this time and camera has been added."""
-        return (message.t_ns, message.camera) in self._stamps
-
-    def add(self, image: Image) -> bool:
-        """Remember an image. Whether the camera hangs: its points have stayed for too long, although it has
-        rotated."""
+    def judge(self, image: Image) -> Verdict | None:
+        """Remember an image. DUPLICATE if one of this time and camera has been added, STALE if the camera hangs:
+        its points have stayed for too long, although it has rotated; else None."""
         message = image.message
-        self._stamps.append((message.t_ns, message.camera))
+        stamp = message.t_ns, message.camera
+        if stamp in self._stamps:
+            return Verdict.DUPLICATE
+        self._stamps.append(stamp)
         points = message.image_points
         before = self._unchanged.get(message.camera)
-        if before is None or not _stay(before[0], points, QUIET * self._sigma(message)):
-            self._unchanged[message.camera] = before = points, image
-        first = before[1]
-        if message.t_ns - first.message.t_ns <= self._stale_after_s * NS_PER_S:
-            return False
-        rotation = float(np.abs(image.pose.R_cn - first.pose.R_cn).max())
-        return rotation > ROTATION_SIGMAS * self._point_sigma
-
-    def _sigma(self, message: TargetImage) -> float:
-        """The smallest standard deviation of a point, as stated or as configured: a simulated camera may have next
-        to none, and then no formation is too steady."""
+        # the smallest deviation of a point, as stated or as configured: a simulated camera may have next to
+        # none, and then no formation is too steady
         stated: tuple[float, ...] = ()
         if isinstance(message, TargetPoints):
             stated = message.sigma or ()
         elif isinstance(message, TargetDetection):
             stated = tuple(feature.sigma for feature in message.features)
-        return min(stated, default=self._point_sigma)
+        within = QUIET * min(stated, default=self._point_sigma)
+        if before is None or not _stay(before[0], points, within):
+            self._unchanged[message.camera] = before = points, image
+        first = before[1]
+        if message.t_ns - first.message.t_ns <= self._stale_after_s * NS_PER_S:
+            return None
+        rotation = float(np.abs(image.pose.R_cn - first.pose.R_cn).max())
+        return Verdict.STALE if rotation > ROTATION_SIGMAS * self._point_sigma else None
 
     def clear(self) -> None:
         """Forget all images."""

@@ -11,11 +11,11 @@ from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.messages import RelativePose
 
-LEAST_LEVEL: Final = 0.2  # of the nose: one that points up or down more steeply has no heading
+LEAST_LEVEL: Final = 0.2  # of the heading: one that points up or down more steeply has no heading
 
 
-class Nose(NamedTuple):
-    """Azimuths in n, rad: of the nose, and of its mirror image about the line of sight; and its sigma."""
+class MeasuredHeading(NamedTuple):
+    """Azimuths in n, rad: of the heading, and of its mirror image about the line of sight; and its sigma."""
 
     at: float
     mirrored: float
@@ -32,8 +32,8 @@ class PoseFeatures(NamedTuple):
     forward: Array | None  # (3,) the aircraft's axis; None where the rotation is not known
     turn: Array  # (3, 3) rad^2, covariance of the rotation
 
-    def nose(self, camera: CameraPose) -> Nose | None:
-        """Where the nose points; None if it is not known."""
+    def heading(self, camera: CameraPose) -> MeasuredHeading | None:
+        """Where the heading points; None if it is not known."""
         if self.forward is None:
             return None
         fx, fy, fz = (self.forward @ camera.R_cn).tolist()
@@ -45,7 +45,7 @@ class PoseFeatures(NamedTuple):
         sigma = math.sqrt(float(by @ self.turn @ by) + TURN_BIAS**2)
         line = self.line @ camera.R_cn
         at, sight = math.atan2(fy, fx), math.atan2(line[1], line[0])
-        return Nose(at, 2.0 * sight - at, sigma)
+        return MeasuredHeading(at, 2.0 * sight - at, sigma)
 
 
 def measured_pose(pose: RelativePose, range_bias: float, line: Array) -> PoseFeatures:

@@ -7,7 +7,7 @@ A detection may have not all three points of the wing, or more:
 - The center, one wingtip, another point, or a box: a direction. A wingtip is half a wing off the center, the
   middle of a box may be a tenth of the box off, and that of a box which the image's edge may cut off half a wing.
   Such an offset is a bias, which images do not average out: it counts `BIAS_COUNTS` times.
-- Further points of the class, and, where the wing was not seen, the sides of a box: see `shape`.
+- Further points of the class, and, where the wing was not seen, a box: see `measurement`.
 - A pose: see `pose`. Where nothing else shows the size, its range is the range.
 
 A direction alone starts no track: it says nothing of the range.
@@ -22,12 +22,20 @@ import numpy as np
 from msgspec.structs import replace
 
 from onboard.arrays import Array
-from onboard.estimators.leader.assumptions import BIAS_COUNTS, BOX_SHARE, OFF_BOX, OFF_WING, ON_WING
+from onboard.estimators.leader.assumptions import BIAS_COUNTS, BOX_SHARE, MISPLACED, OFF_BOX, OFF_WING, ON_WING
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.image.camera_pose import CameraPose, CameraPoses
-from onboard.estimators.leader.image.measurement import Measurement, measure_wing
+from onboard.estimators.leader.image.measurement import (
+    Extent,
+    Measurement,
+    measure_direction,
+    measure_wing,
+    measured_spread,
+    rows_of_box,
+    rows_of_points,
+)
 from onboard.estimators.leader.image.pose import measured_pose
-from onboard.estimators.leader.image.shape import MIDDLE_AND_SIZE, Shape, of_box, of_points
+from onboard.estimators.leader.image.shape import Shape
 from onboard.geometry.camera import Camera
 from onboard.geometry.lens import WIDEST, Edges
 from onboard.messages import (
@@ -38,30 +46,30 @@ from onboard.messages import (
     TargetDetection,
     TargetImage,
     TargetPoints,
-    Vec3,
     Verdict,
 )
 from onboard.ownship import Ownship
 from onboard.units import NS_PER_S
 
-UNKNOWN: Final = 100.0  # rad: the noise of what is not measured. A minute of images with it says nothing
 TIPS: Final = 0.3  # of the wing: noise of tips that are to say only which one is left ...
 SIDES: Final = 3.0  # ... and of their own at least
-FAKE: Final = 1e-3  # focal lengths: half the wing of an image that shows none; its noise is UNKNOWN
 AGREE_RAD: Final = np.radians(5.0)  # images of one aircraft point the same way this nearly ...
 AGREE_RATIO: Final = 1.3  # ... and show the same span within this factor
 SMALLEST_SPAN_SIGMA: Final = 2.0  # a span below this many of its sigmas says nothing of the range by itself
+SHORTEST: Final = 0.1  # of the wingspan, from nose to tail: closer points show no nose
 SIGMAS: Final = (1e-7, 10.0)  # focal lengths: no detector is more exact or less
+
+
+NamedPoint = tuple[str, Array, ImagePoint, float]  # its place (3,) in b, where it was seen, and its sigma
 
 
 class Features(NamedTuple):
     """What an image shows of an aircraft, in focal lengths."""
 
-    points: tuple[ImagePoint, ImagePoint, ImagePoint]  # center, left and right
-    sigmas: Vec3  # theirs
+    points: tuple[ImagePoint, ...]  # center, left and right; or a direction alone
+    sigmas: tuple[float, ...]  # theirs
     offset: float = 0.0  # how far off the center may be by a bias
-    has_center: bool = True  # it was seen, and does not stand for what was not
-    has_wing: bool = True
+    has_center: bool = True  # it was seen, and nothing stands for it
     named: tuple[ImageFeature, ...] = ()  # all points that have names
     box: tuple[Sides, float] | None = None  # and the noise of each side, in shares of the larger one
     pose: RelativePose | None = None  # the detector's own
@@ -74,15 +82,9 @@ class Features(NamedTuple):
         def noisy(feature: ImageFeature) -> ImageFeature:
             return replace(feature, sigma=scale * feature.sigma)
 
-        a, b, c = self.sigmas
         box = None if self.box is None else (self.box[0], scale * self.box[1])
         named = tuple(map(noisy, self.named))
-        return self._replace(sigmas=(scale * a, scale * b, scale * c), named=named, box=box)
-
-    @property
-    def named_points(self) -> tuple[ImagePoint, ...]:
-        """Where the named points are."""
-        return tuple(feature.point for feature in self.named)
+        return self._replace(sigmas=tuple(scale * sigma for sigma in self.sigmas), named=named, box=box)
 
 
 def features_of(message: TargetImage, camera_sigma: float, *, center_on_wing: bool, half_wing: float) -> Features:
@@ -111,13 +113,11 @@ def features_of(message: TargetImage, camera_sigma: float, *, center_on_wing: bo
     of_whole_box = 2.0 * OFF_BOX * half_width * _angle(one.point)
     of_box = of_whole_box if message.sides else max(of_whole_box, half_wing)
     offset = {"center": 0.0, "box": of_box}.get(one.name, half_wing)
-    u, v = one.point
-    points = one.point, (u - FAKE, v), (u + FAKE, v)
     has_center = one.name == "center"
     box = None
     if message.sides and half_width:
         box = message.sides, max(features["box"].sigma / (2.0 * half_width), BOX_SHARE)
-    return Features(points, (one.sigma,) * 3, offset, has_center, False, message.features, box, message.pose)
+    return Features((one.point,), (one.sigma,), offset, has_center, message.features, box, message.pose)
 
 
 def _angle(point: ImagePoint) -> float:
@@ -133,41 +133,66 @@ def _tips(left: ImagePoint, right: ImagePoint, sigmas: tuple[float, ...]) -> tup
 
 
 def measure(shape: Shape, saw: Features) -> Measurement:
-    """What it measures of a target of this shape: what was not seen has noise without bound."""
-    measured = measure_wing(np.array(saw.points), np.array(saw.sigmas), shape)
-    if saw.named and shape.names:
-        shows = of_points(shape, saw.named, measured.axes, has_center=saw.has_center)
-        measured = measured._replace(shows=shows)
+    """What it measures of a target of this shape."""
+    if len(saw.points) > 1:
+        middle = shape.center_on_wing and saw.has_center  # which was not taken for the center
+        measured = measure_wing(saw.points, saw.sigmas, middle=middle)
+    else:
+        measured = measure_direction(saw.points[0], saw.sigmas[0])
+    axes = measured.axes
+    measured.rows.R[[0, 1], [0, 1]] += (BIAS_COUNTS * saw.offset) ** 2
     if saw.pose is not None:
-        measured = measured._replace(pose=measured_pose(saw.pose, shape.pose_bias, measured.axes[0]))
-    if saw.has_center and saw.has_wing:
+        measured = measured._replace(pose=measured_pose(saw.pose, shape.pose_bias, axes[0]))
+    if known := [
+        (f.name, shape.points[shape.names.index(f.name)], f.point, f.sigma)
+        for f in saw.named
+        if f.name in shape.names
+    ]:
+        measured = _with_points(measured, shape, known, saw.points[0] if saw.has_center else None)
+    if measured.span_sigma < math.inf:  # a wing's, or that of points
         return measured
-    y, R = measured.y.copy(), measured.R.copy()
-    R[[0, 1], [0, 1]] += (BIAS_COUNTS * saw.offset) ** 2
-    first = 4 if saw.has_wing else 2  # the wing's middle was taken for the center: it is not measured twice
-    for i in range(first, len(y)):
-        y[i], R[i, :], R[:, i] = 0.0, 0.0, 0.0
-        R[i, i] = UNKNOWN**2
-    measured = measured._replace(y=y, R=R)
-    if saw.has_wing:
+    if measured.pose is not None and measured.pose.range_ is not None:
+        range_, sigma = measured.pose.range_, measured.pose.range_sigma
+        return measured._replace(
+            span=shape.size / range_, span_sigma=shape.size * sigma / range_**2, is_metric=True
+        )
+    if saw.box is None:
         return measured
-    shows = measured.shows
-    box = saw.box
-    if shows and shows.has_extent:
-        box = None
-    elif measured.pose is not None and measured.pose.range_ is not None:
-        return _metric(measured, measured.pose.range_, shape.size)
-    if box is not None:
-        shows = of_box(shape, *box, measured.axes)
-        y[:4] = MIDDLE_AND_SIZE @ shows.rows.y
-    extent = (shows.spread, shows.spread_sigma) if shows and shows.has_extent else (measured.span, math.inf)
-    return measured._replace(span=extent[0], span_sigma=extent[1], shows=shows, has_wing=False)
+    sides, share = saw.box
+    rows = rows_of_box(axes, sides, share, shape)
+    sigma = math.sqrt(0.5 * rows.R[2, 2])
+    measured = measured._replace(rows=rows, further=None, keypoint_bias=0.0, off=BIAS_COUNTS * saw.offset)
+    return _with_extent(measured, Extent(rows, 0.0, sigma), shape.edge_on_visibility)
 
 
-def _metric(measured: Measurement, range_: float, size: float) -> Measurement:
-    """The measurement where a pose alone shows the range."""
-    span, sigma = size / range_, measured.pose.range_sigma if measured.pose is not None else math.inf
-    return measured._replace(span=span, span_sigma=span * sigma / range_, has_wing=False, is_metric=True)
+def _with_points(
+    measured: Measurement,
+    shape: Shape,
+    known: list[tuple[str, Array, ImagePoint, float]],
+    center: ImagePoint | None,
+) -> Measurement:
+    """The measurement with named points of the class, each with its place (3,) and where and how exactly it was
+    seen. Without a wing, how far they and the center are apart may show the range."""
+    further = rows_of_points(measured.axes, known, shape.posture)
+    length = float(np.ptp(np.append(further.points[:, 0], 0.0)))
+    keypoint_bias = math.sqrt(2.0) * MISPLACED / length if length > SHORTEST else 0.0
+    measured = measured._replace(further=further, keypoint_bias=keypoint_bias)
+    if measured.rows.is_wing:
+        return measured
+    seen = known if center is None else [*known, ("center", np.zeros(3), center, 0.0)]
+    sigma = math.sqrt(2.0) * max(sigma for *_, sigma in known)
+    return _with_extent(
+        measured, Extent(rows_of_points(measured.axes, seen, shape.posture), 0.0, sigma), shape.edge_on_visibility
+    )
+
+
+def _with_extent(measured: Measurement, extent: Extent, edge_on_visibility: float) -> Measurement:
+    """The measurement with an extent, whose spread says something of the range if it is more than noise."""
+    extent = extent._replace(spread=float(measured_spread(extent.rows, extent.rows.y)))
+    measured = measured._replace(extent=extent, edge_on_visibility=edge_on_visibility)
+    if extent.spread <= SMALLEST_SPAN_SIGMA * extent.sigma:
+        return measured
+    return measured._replace(span=extent.spread, span_sigma=extent.sigma)
 
 
 class Image(NamedTuple):
@@ -213,7 +238,7 @@ def prepare(
     stated, saw = saw, saw.noisier(noise_scale)
     # a few: Python's arithmetic is fast
     sigmas = *saw.sigmas, *(feature.sigma for feature in saw.named)
-    numbers = [x for points in (saw.points, saw.named_points) for point in points for x in point]
+    numbers = [x for point in (*saw.points, *(feature.point for feature in saw.named)) for x in point]
     if not (all(map(math.isfinite, numbers)) and all(map(math.isfinite, sigmas))):
         return Verdict.NOT_FINITE
     pose = poses.at(message.t_ns, ownship, camera, message.mount)
@@ -221,15 +246,15 @@ def prepare(
         return _why_no_pose(message.t_ns, ownship, config)
     if max(map(abs, numbers)) > WIDEST or min(sigmas) < SIGMAS[0] or max(sigmas) > SIGMAS[1]:
         return Verdict.DEGENERATE
-    points = saw.points if saw.has_wing else saw.points[:1]
-    if not in_view(points, camera, message.view, config.edge_px):
+    if not in_view(saw.points, camera, message.view, config.edge_px):
         return Verdict.OUT_OF_VIEW
     measurement = measure(shape, saw)
-    if saw.has_wing and not measurement.span > 0.0:
+    has_wing = measurement.rows.is_wing
+    if has_wing and not measurement.span > 0.0:
         return Verdict.DEGENERATE
     # A track takes small spans, too: without them those would be left that noise has made larger.
-    is_small = saw.has_wing and measurement.span < SMALLEST_SPAN_SIGMA * measurement.span_sigma
-    has_extent = measurement.has_extent and not is_small
+    is_small = has_wing and measurement.span < SMALLEST_SPAN_SIGMA * measurement.span_sigma
+    has_extent = measurement.span_sigma < math.inf and not is_small
     is_final = poses.is_final(message.t_ns, ownship, camera, message.mount)
     supposed = half_wing if saw.offset == half_wing else 0.0
     return Image(message, has_extent, measurement, pose, is_final, stated, noise_scale, supposed)
@@ -245,17 +270,8 @@ def _why_no_pose(t_ns: int, ownship: Ownship, config: Config) -> Verdict:
     return Verdict.TOO_OLD if is_old and ownship.lead_ns(t_ns) <= 0 else Verdict.NO_POSE
 
 
-def measured(image: Image, shape: Shape, noise_scale: float) -> Measurement:
-    """What an image measures by a detector that is so many times as noisy as configured."""
-    if noise_scale == image.noise_scale:
-        return image.measurement
-    return measure(shape, image.points.noisier(noise_scale))
-
-
 def newest_pose(image: Image, poses: CameraPoses, ownship: Ownship) -> CameraPose:
     """The pose from which an image was taken, as it is known now."""
-    if image.final:
-        return image.pose
     message = image.message
     return poses.at(message.t_ns, ownship, poses.camera.named(message.camera), message.mount) or image.pose
 

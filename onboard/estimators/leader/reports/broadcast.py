@@ -1,6 +1,6 @@
 """The leader's own broadcast position: it teaches the size, and carries the track while no image shows it.
 
-What arrives is prepared here; `hypotheses.auxiliary` says what it measures, `tracks.track` when it is used."""
+What arrives is prepared here; `filters.auxiliary` says what it measures, `tracks.track` when it is used."""
 
 import math
 from collections import Counter
@@ -12,7 +12,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.kit.frame import Frame
 from onboard.estimators.kit.peer_position import STANDSTILL, ReportedPosition, of_adsb, of_peer
-from onboard.estimators.leader.assumptions import DELAY_TIME, PRESSURE_BIAS, UNSURE, NoseModel
+from onboard.estimators.leader.assumptions import DELAY_TIME, PRESSURE_BIAS, UNSURE, LeaderModel
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses.auxiliary import (
     DELAY,
@@ -22,7 +22,7 @@ from onboard.estimators.leader.hypotheses.auxiliary import (
     Auxiliary,
     Report,
 )
-from onboard.estimators.leader.hypotheses.cloud import Bias
+from onboard.estimators.leader.hypotheses.particles import Bias
 from onboard.messages import (
     AdsbVehicle,
     FollowTarget,
@@ -129,7 +129,7 @@ def biases_of(config: Config) -> tuple[Bias, ...]:
     b = config.broadcast
     height = b.altitude_bias_m if b.altitude_bias_m is not None else (PRESSURE_BIAS if b.icao else b.bias_m)
     position = np.hypot([b.bias_m, b.bias_m, height], config.own_position_sigma_m).tolist()
-    velocity, its_time = UNSURE * config.own_velocity_sigma_m_s, NoseModel._field_defaults["own_velocity_time"]
+    velocity, its_time = UNSURE * config.own_velocity_sigma_m_s, LeaderModel._field_defaults["own_velocity_time"]
     return (
         *(Bias(name, sigma, b.bias_time_s) for name, sigma in zip(REPORT_POSITION, position, strict=True)),
         *(Bias(name, velocity, its_time) for name in OWN_VELOCITY),

@@ -7,7 +7,7 @@ from typing import Final
 
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses.auxiliary import DISTANCE, Auxiliary, Range
-from onboard.estimators.leader.hypotheses.cloud import Bias
+from onboard.estimators.leader.hypotheses.particles import Bias
 from onboard.messages import DistanceReading, Message, TargetImage, Verdict
 from onboard.ownship import Ownship
 from onboard.units import NS_PER_S

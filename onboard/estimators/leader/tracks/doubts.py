@@ -32,7 +32,6 @@ from typing import Final, Generic, NamedTuple, TypeVar
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.prepare import Image
 from onboard.filters.belief import Belief
 from onboard.messages.causes import Cause, Reason
@@ -74,7 +73,7 @@ class Exchange:
         self._fused: Image | None = None
         self._gated: Image | None = None
         self._before: Image | None = None  # the newest image of what was followed before
-        self._until_ns = 0
+        self.until_ns = 0  # what is followed may be another object
 
     def fused(self, image: Image) -> None:
         """A track took an image."""
@@ -95,21 +94,17 @@ class Exchange:
         if last is None or first is None or not leaps(last, first):
             return False
         if self._before is not None and _is_back(self._before, first):
-            self._before, self._until_ns = None, 0
+            self._before, self.until_ns = None, 0
             return True
-        if last.message.t_ns > self._until_ns:
+        if last.message.t_ns > self.until_ns:
             self._before = last
-        self._until_ns = last.message.t_ns + self._forgotten_after_ns
+        self.until_ns = last.message.t_ns + self._forgotten_after_ns
         return True
-
-    def is_in_question(self, t_ns: int) -> bool:
-        """Whether what is followed may be another object."""
-        return t_ns < self._until_ns
 
     def clear(self) -> None:
         """Forget all images."""
         self._fused = self._gated = self._before = None
-        self._until_ns = 0
+        self.until_ns = 0
 
 
 class Classes(Generic[K]):
@@ -265,13 +260,8 @@ class LineOfSight(NamedTuple):
         return bool(self.direction_n @ r > math.cos(FARTHEST) * math.sqrt(r @ r))
 
 
-def sight(axes: Array, pose: CameraPose) -> LineOfSight:
-    """The sight of an image with these measured `axes` (3, 3) in c (see `image.measurement`)."""
-    return LineOfSight(axes[0] @ pose.R_cn, pose.r_FC_n)
-
-
 class LastSight:
-    """The newest sight of one leader."""
+    """The newest sight of one leader; None before the first."""
 
     def __init__(self) -> None:
         self.clear()
@@ -279,13 +269,9 @@ class LastSight:
     def clear(self) -> None:
         """Forget it: another track begins."""
         self._t_ns = 0
-        self._sight: LineOfSight | None = None
+        self.newest: LineOfSight | None = None
 
-    def see(self, t_ns: int, axes: Array, pose: CameraPose) -> None:
+    def see(self, t_ns: int, sight: LineOfSight) -> None:
         """An image was fused."""
         if t_ns >= self._t_ns:
-            self._t_ns, self._sight = t_ns, sight(axes, pose)
-
-    def contradicts(self, r_FL_n: Array) -> bool:
-        """Whether a place (3,) m is far from it."""
-        return self._sight is not None and not self._sight.shows(r_FL_n)
+            self._t_ns, self.newest = t_ns, sight

@@ -9,10 +9,11 @@ from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter, ImageComparison, Prediction
 from onboard.estimators.leader.hypotheses.wind import Wind
 from onboard.estimators.leader.image.camera_pose import CameraPoses
-from onboard.estimators.leader.image.detector import NoiseScale
-from onboard.estimators.leader.image.prepare import Image, measured, newest_pose
-from onboard.estimators.leader.tracks.doubts import sight
+from onboard.estimators.leader.image.detector import TOO_LARGE, NoiseScale
+from onboard.estimators.leader.image.prepare import Image, measure, newest_pose
+from onboard.estimators.leader.tracks.doubts import LineOfSight
 from onboard.filters.belief import FilterError, Update
+from onboard.models.relative_motion import POSITION
 from onboard.ownship import Ownship
 
 
@@ -65,8 +66,11 @@ def compare(
 ) -> ImageComparison:
     """An image beside what is expected of it, by all that is known now of its detector and our own attitude.
     Raises FilterError."""
-    pose = newest_pose(image, poses, ownship)
-    return filter_.compare(predicted, measured(image, filter_.shape, noise.scale), pose)
+    pose = image.pose if image.final else newest_pose(image, poses, ownship)
+    measured = image.measurement
+    if noise.scale != image.noise_scale:
+        measured = measure(filter_.shape, image.points.noisier(noise.scale))
+    return filter_.compare(predicted, measured, pose)
 
 
 def fuse(
@@ -78,8 +82,9 @@ def fuse(
     compared: ImageComparison | None = None,
 ) -> tuple[TrackState, Update | bool]:
     """The state after it; and the update by an image, or whether anything else was used. `compared`: the image
-    beside what is expected of it, where that is known. Raises FilterError."""
-    leader = state.leader
+    beside what is expected of it, where that is known. An image is fused if it passes the gate, and if the leader
+    is then in front of the camera that saw it. Raises FilterError."""
+    leader, noise, supposed = state
     if isinstance(taken, Wind):
         return state._replace(leader=filter_.in_wind(leader, taken)), True
     if isinstance(taken, Auxiliary):
@@ -87,37 +92,33 @@ def fuse(
         return state if after is None else state._replace(leader=after), after is not None
     try:
         if compared is None:
-            compared = compare(filter_, poses, state.noise, filter_.predict(leader), taken, ownship)
-        return _fused(filter_, state, taken, compared)
+            compared = compare(filter_, poses, noise, filter_.predict(leader), taken, ownship)
+        update = filter_.fuse(compared)
     except FilterError:
         if taken.has_extent:
             raise
-        y = taken.measurement.y  # a direction that the filter cannot use without beginning again with it
+        y = taken.measurement.rows.y  # a direction that the filter cannot use without beginning again with it
         return state, Update(leader, np.zeros(len(y)), np.eye(len(y)), y, math.inf, passes=False)
+    measurement, pose = compared.measurement, compared.pose
+    if math.isfinite(update.nis):
+        of_middle = float(measurement.rows.R[0, 0]) if measurement.rows.bias is not None else 0.0
+        noise = noise.after(update.innovation, update.innovation_covariance, of_middle)
+    if update.passes:
+        sight = LineOfSight(measurement.axes[0] @ pose.R_cn, pose.r_FC_n)
+        if not sight.shows(update.belief.summary.mean[POSITION]):
+            update = update._replace(passes=False)
+    if not update.passes:
+        return state._replace(noise=noise), update
+    leader = update.belief
+    if taken.has_extent and noise.scale > math.sqrt(TOO_LARGE) * max(supposed, 1.0):
+        # Begun anew from this image, but for its headings: hypotheses that died of a noise that was supposed too
+        # small do not come back by a larger one. By the larger one, the images before surprise the less.
+        again = measure(filter_.shape, taken.points.noisier(noise.scale)).with_attitude_noise(pose.noise_c)
+        surprise = max(leader.particles.surprise * (supposed / noise.scale) ** 2, 1.0)
+        leader, supposed = filter_.start(again, pose, leader, surprise=surprise), noise.scale
+    return TrackState(leader, noise, supposed), update
 
 
 def passes(outcome: Update | bool) -> bool:
     """Whether what was inserted was an image that passed the gate."""
     return isinstance(outcome, Update) and outcome.passes
-
-
-def _fused(
-    filter_: BeliefFilter, state: TrackState, image: Image, compared: ImageComparison
-) -> tuple[TrackState, Update]:
-    """The state after an image. It is fused if it passes the gate, and if the leader is then in front of the
-    camera that saw it."""
-    update, noise = filter_.fuse(compared), state.noise
-    if math.isfinite(update.nis):
-        noise = noise.after(update.innovation, update.innovation_covariance, compared.measurement.noise)
-    if update.passes and not sight(compared.measurement.axes, compared.pose).shows(filter_.place(update.belief)):
-        update = update._replace(passes=False)
-    if not update.passes:
-        return state._replace(noise=noise), update
-    leader, supposed = update.belief, state.supposed
-    if image.has_extent and noise.is_larger_than(supposed):
-        # Begun anew from this image, but for its noses: hypotheses that died of a noise that was supposed too
-        # small do not come back by a larger one. By the larger one, the images before surprise the less.
-        measurement = measured(image, filter_.shape, noise.scale).with_attitude_noise(compared.pose.noise_c)
-        surprise = max(leader.cloud.surprise * (supposed / noise.scale) ** 2, 1.0)
-        leader, supposed = filter_.start(measurement, compared.pose, leader, surprise=surprise), noise.scale
-    return TrackState(leader, noise, supposed), update

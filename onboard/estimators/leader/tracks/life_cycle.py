@@ -30,12 +30,12 @@ KEPT_NS: Final = 30 * NS_PER_S  # without a report: nothing that was known of th
 
 
 class Facts(NamedTuple):
-    """What a track knows of itself. `doubts`: what may contradict it, asked one after the other until one does;
-    `in_view`: whether the target should be in the image; `finding`: what else there is to report; `question`: what
-    is open about it while it is followed. Both may be "".
+    """What a track knows of itself. `doubt`: what contradicts it; `in_view`: whether the target should be in the
+    image; `finding`: what else there is to report; `question`: what is open about it while it is followed. Both
+    may be "".
     """
 
-    doubts: Iterable[Reason | None]
+    doubt: Reason | None
     in_view: bool
     finding: str
     question: str
@@ -78,34 +78,26 @@ class LifeCycle:
 
     def judge(self, t_ns: int, *, passes: bool, has_extent: bool, newest_ns: int | None) -> Judgement:
         """An image of this time has passed the gate or not; `has_extent`: it shows the range; `newest_ns`: the
-        newest image that the gate lets pass now."""
+        newest image that the gate lets pass now. The gate of a lost track is wide: one image proves nothing, and
+        one without the wing nothing at all."""
         is_late = self.last_fused_ns is not None and t_ns < self.last_fused_ns
         was_lost = self.is_lost(t_ns)
         self.judged_again(newest_ns)
         if passes:
-            self._pass(t_ns, was_lost=was_lost, has_extent=has_extent)
-        return Judgement(is_late, not passes and has_extent and self._is_stopped(t_ns))
-
-    def _pass(self, t_ns: int, *, was_lost: bool, has_extent: bool) -> None:
-        """The gate let an image pass. The gate of a lost track is wide: one image proves nothing, and one without
-        the wing nothing at all."""
-        self._gated_since_ns = None
-        self.last_fused_ns = max(self.last_fused_ns or 0, t_ns)
+            self._gated_since_ns = None
+            self.last_fused_ns = max(self.last_fused_ns or 0, t_ns)
+            if has_extent:
+                self._last_wing_ns = max(self._last_wing_ns or 0, t_ns)
+                self._to_agree = max((self._images if was_lost else self._to_agree) - 1, 0)
+            return Judgement(is_late, False)
         if not has_extent:
-            return
-        self._last_wing_ns = max(self._last_wing_ns or 0, t_ns)
-        if was_lost:
-            self._to_agree = self._images
-        self._to_agree = max(self._to_agree - 1, 0)
-
-    def _is_stopped(self, t_ns: int) -> bool:
-        """The gate stopped an image. Whether nothing has passed it for too long."""
+            return Judgement(is_late, False)
         self._gated_ns = t_ns
         if self._to_agree:
             self._to_agree = self._images
         if self._gated_since_ns is None:
             self._gated_since_ns = t_ns
-        return t_ns - self._gated_since_ns > self._config.relock_after_s * NS_PER_S
+        return Judgement(is_late, t_ns - self._gated_since_ns > self._config.relock_after_s * NS_PER_S)
 
     def judged_again(self, fused_ns: int | None) -> None:
         """The history was computed again; `fused_ns` is the time of the newest image that the gate lets pass now,
@@ -157,13 +149,13 @@ class LifeCycle:
 
     def is_coasting(self, t_ns: int) -> bool:
         """Whether the last fused image is so old that the track is no longer tracking."""
-        return self.age(t_ns) > self._config.coast_after_s
+        newest_ns = self.last_fused_ns
+        return newest_ns is None or (t_ns - newest_ns) / NS_PER_S > self._config.coast_after_s
 
     def is_lost(self, t_ns: int) -> bool:
         """Whether the last fused image is so old that the track is no longer valid."""
-        if self.is_carried(t_ns):
-            return False
-        return self.age(t_ns) > self._config.validity_timeout_s or self._has_only_directions(t_ns)
+        is_old = self.age(t_ns) > self._config.validity_timeout_s or self._has_only_directions(t_ns)
+        return is_old and not self.is_carried(t_ns)
 
     def _has_only_directions(self, t_ns: int) -> bool:
         """Whether no image has shown the range for so long that it is no longer known."""
@@ -177,7 +169,7 @@ class LifeCycle:
 
     def state(self, t_ns: int, facts: Facts) -> tuple[Lifecycle, Reason]:
         """The state of a track, and its reason: the first of these rows that holds."""
-        doubt, where = next(filter(None, facts.doubts), None), "" if facts.in_view else OUTSIDE
+        doubt, where = facts.doubt, "" if facts.in_view else OUTSIDE
         rows: Iterable[tuple[bool, Lifecycle, Reason]] = (
             (self._to_agree > 0, Lifecycle.LOST, Reason(Cause.SEEN_AGAIN, AGAIN.format(self._to_agree))),
             (self._has_only_directions(t_ns), Lifecycle.LOST, Reason(Cause.NO_RANGE, UNSEEN + where)),
@@ -188,7 +180,7 @@ class LifeCycle:
             state, why = Lifecycle.LOST, doubt
         elif state is not Lifecycle.TRACKING and not self._to_agree and self.is_carried(t_ns):
             state, why = Lifecycle.COASTING, Reason(Cause.CARRIED, f"{CARRIED}; {why.words}")
-        elif self.was_led_elsewhere(t_ns):
+        elif self._elsewhere_ns is not None and self.was_led_elsewhere(t_ns):
             why = why.also(ELSEWHERE)
         if facts.finding:
             why = why.also(facts.finding)

@@ -10,12 +10,10 @@ import numpy as np
 from onboard.estimators.kit.reports import image_report, of_belief
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter
 from onboard.estimators.leader.hypotheses.places import Place
-from onboard.estimators.leader.image.measurement import points_of
+from onboard.estimators.leader.image.measurement import COMPONENTS, points_of
 from onboard.estimators.leader.image.prepare import Image
-from onboard.estimators.leader.tracks.life_cycle import LifeCycle
 from onboard.filters.belief import Belief, Update
-from onboard.messages import Estimate, ImagePoint, MeasurementReport, Mode, TargetImage, Vec3, Verdict
-from onboard.models import relative_motion
+from onboard.messages import MeasurementReport, Mode, TargetImage, Vec3, Verdict
 from onboard.models.relative_motion import POSITION, VELOCITY
 from onboard.units import NS_PER_S
 
@@ -28,36 +26,21 @@ def report(
     update: Update | None = None,
 ) -> MeasurementReport:
     """The report of a verdict, with as much as was known when it was reached."""
-    more = dict[str, Any]()
+    more, count = dict[str, Any](), 0 if image is None else len(image.measurement.rows.y)
     if image is not None and update is not None:
         more = {"misfits": update.misfits, "noise_scale": image.noise_scale}
-        more |= {"predicted_points": _predicted_points(image, update)}
+        points = points_of(image.measurement.axes, update.predicted).tolist()
+        if all(math.isfinite(u + v) for u, v in points):  # none is behind the camera
+            more["predicted_points"] = tuple((u, v) for u, v in points)
     return image_report(
         message,
         verdict,
-        components=filter_.measured_components,
-        units=filter_.measured_units,
+        components=COMPONENTS[:count],
+        units=("rad",) * count,
         gate=filter_.gate,
-        measured=None if image is None else image.measurement.y,
+        measured=None if image is None else image.measurement.rows.y,
         update=update,
         **more,
-    )
-
-
-def published(filter_: BeliefFilter, life: LifeCycle, belief: Belief | None, **fields: Any) -> Estimate:
-    """The estimate of a belief (None: there is none) in these fields, with what follows from them."""
-    t_ns, state = fields["t_ns"], fields["state"]
-    age = life.age(t_ns)
-    return Estimate(
-        state_since_ns=life.since(state, t_ns),
-        valid=state.is_valid,
-        frame=relative_motion.FRAME,
-        components=filter_.components,
-        units=filter_.units,
-        age=None if age == math.inf else age,
-        reset_count=life.resets,
-        **of_belief(belief),
-        **fields,
     )
 
 
@@ -77,12 +60,6 @@ def with_attitude(belief: Belief, stated: Vec3, known: Vec3) -> Belief:
 def modes_of(places: Iterable[Place]) -> tuple[Mode, ...]:
     """Places as records."""
     return tuple(Mode(weight=p.weight, **of_belief(Belief(p.mean, p.covariance))) for p in places)
-
-
-def _predicted_points(image: Image, update: Update) -> tuple[ImagePoint, ...] | None:
-    """The predicted image points, None if one is behind the camera."""
-    points = points_of(image.measurement.axes, update.predicted).tolist()
-    return tuple((u, v) for u, v in points) if all(math.isfinite(u + v) for u, v in points) else None
 
 
 class RateLimit:

@@ -8,16 +8,16 @@ what state it is in.
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from typing import Any, Final
 
 from onboard.estimators.kit.history import History
+from onboard.estimators.kit.reports import of_belief
 from onboard.estimators.leader.assumptions import Size
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary, Report
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter
-from onboard.estimators.leader.hypotheses.places import OpenQuestion
 from onboard.estimators.leader.hypotheses.wind import Wind
 from onboard.estimators.leader.image.camera_pose import CameraPoses
 from onboard.estimators.leader.image.detector import NoiseScale, Repeats
@@ -33,7 +33,16 @@ from onboard.estimators.leader.tracks.decisions import (
     RestartTrack,
     TrackHistory,
 )
-from onboard.estimators.leader.tracks.doubts import ASTRAY, LEAPT, UNEXPECTED, Classes, Exchange, Guard, LastSight
+from onboard.estimators.leader.tracks.doubts import (
+    ASTRAY,
+    LEAPT,
+    UNEXPECTED,
+    Classes,
+    Exchange,
+    Guard,
+    LastSight,
+    LineOfSight,
+)
 from onboard.estimators.leader.tracks.fusing import (
     Candidate,
     Predicted,
@@ -44,11 +53,12 @@ from onboard.estimators.leader.tracks.fusing import (
     passes,
 )
 from onboard.estimators.leader.tracks.life_cycle import Facts, LifeCycle
-from onboard.estimators.leader.tracks.report import RateLimit, modes_of, published, report, with_attitude
+from onboard.estimators.leader.tracks.report import RateLimit, modes_of, report, with_attitude
 from onboard.filters.belief import Belief, FilterError
 from onboard.filters.definite import factor
 from onboard.messages import Estimate, Lifecycle, MeasurementReport, Mode, TargetImage, Verdict
 from onboard.messages.causes import Cause, Reason
+from onboard.models import relative_motion
 from onboard.models.relative_motion import POSITION, SIZE
 from onboard.ownship import Ownship
 from onboard.units import NS_PER_S
@@ -108,9 +118,11 @@ class Track:
     def claim(self, message: TargetImage, ownship: Ownship) -> Candidate | Verdict:
         """An image beside what this track expects at its time, or why it cannot be used. Pure."""
         image = self.prepare(message, ownship)
-        if isinstance(image, Verdict):
-            return image
-        return self.compare(image, self.predict(message.t_ns, ownship), ownship)
+        return (
+            image
+            if isinstance(image, Verdict)
+            else self.compare(image, self.predict(message.t_ns, ownship), ownship)
+        )
 
     def predict(self, t_ns: int, ownship: Ownship) -> Predicted | None:
         """The track at the time of an image; None without one, or before all that is remembered. Pure."""
@@ -236,7 +248,7 @@ class Track:
     @property
     def noise(self) -> NoiseScale:
         """Of its detector, by all images until now."""
-        return self._noise if self._history is None else self._history.newest_belief.noise
+        return self._noise if self._history is None else self._history.nodes[-1].belief.noise
 
     def is_idle(self, t_ns: int) -> bool:
         """Whether there is no track, nor any image within the last second: older images are not held."""
@@ -259,19 +271,23 @@ class Track:
         """What to do with an image. The history keeps it in either case, to judge it again where an earlier one
         comes later."""
         image, history, t_ns = found.image, self._history, found.image.message.t_ns
-        if self.repeats.is_duplicate(image.message):  # after what is wrong with the image itself
+        repeated = self.repeats.judge(image)  # after what is wrong with the image itself
+        if repeated is Verdict.DUPLICATE:
             return RejectImage(Verdict.DUPLICATE)
-        if self.repeats.add(image):
-            return EndTrack(HANGS, Verdict.STALE)
+        if repeated is not None:
+            return EndTrack(HANGS, repeated)
         if history is None:
             return BeginTrack() if image.has_extent else RejectImage(Verdict.DIRECTION_ONLY, image)
         if not history.reaches(t_ns):
             return RejectImage(Verdict.TOO_OLD, image)
-        is_wide = self._is_wide(history, t_ns, ownship)
-        if is_wide and not image.has_extent:
-            return RejectImage(Verdict.DIRECTION_ONLY, image)
-        if is_wide:
-            return BeginTrack(history, found.fits)
+        if self.life.is_coasting(t_ns):  # until its position is too uncertain to be corrected?
+            coasted = history.belief_at(t_ns, ownship)[1].leader
+            if self._filter.is_too_wide(coasted, TOO_WIDE):
+                return (
+                    BeginTrack(history, found.fits)
+                    if image.has_extent
+                    else RejectImage(Verdict.DIRECTION_ONLY, image)
+                )
         state, known = found.state, None
         if state is not None:
             known = fuse(self._filter, self._poses, state, image, ownship, found.compared)
@@ -289,9 +305,10 @@ class Track:
         match decision:
             case FuseImage(update) | FuseLate(update):
                 self._exchange.fused(image)
-                self._sight.see(t_ns, image.measurement.axes, image.pose)
-                if image.measurement.has_wing:
-                    self._guard.seen(image.measurement.span, image.measurement.span_sigma)
+                measurement = image.measurement
+                self._sight.see(t_ns, LineOfSight(measurement.axes[0] @ image.pose.R_cn, image.pose.r_FC_n))
+                if measurement.rows.is_wing:
+                    self._guard.seen(measurement.span, measurement.span_sigma)
                 verdict = Verdict.FUSED_LATE if isinstance(decision, FuseLate) else Verdict.FUSED
                 return self._report(message, verdict, image, update)
             case BeginTrack(before, fits):
@@ -317,11 +334,6 @@ class Track:
                     self._exchange.gated(image)
                 return self._report(message, verdict, seen, update)
 
-    def _is_wide(self, history: TrackHistory, t_ns: int, ownship: Ownship) -> bool:
-        """Whether the track has coasted until its position is too uncertain to be corrected."""
-        coasting = self.life.is_coasting(t_ns)
-        return coasting and self._filter.is_too_wide(history.belief_at(t_ns, ownship)[1].leader, TOO_WIDE)
-
     def _start(self, image: Image, ownship: Ownship, before: TrackHistory | None) -> None:
         """Hold images until enough of them agree; start at the oldest and fuse the rest."""
         held = self.held
@@ -346,7 +358,7 @@ class Track:
         for other in images[1:]:
             self._history.insert(other.message.t_ns, other, ownship)
         self.life.started(first.message.t_ns, again=before is not None)
-        self._sight.see(image.message.t_ns, image.measurement.axes, image.pose)
+        self._sight.see(image.message.t_ns, LineOfSight(image.direction_n, image.pose.r_FC_n))
         self._settle(self._history, ownship, inserted=True)
         held.clear()
 
@@ -383,55 +395,65 @@ class Track:
 
     # ---------------------------------------------------------------------------------- estimates
 
-    def _belief(self, ownship: Ownship) -> tuple[int, Belief, OpenQuestion] | None:
-        """The belief now, its time, and what is open. A covariance without a Cholesky factor ends the track."""
-        if self._history is None:
-            return None
-        try:
-            t_ns, state = self._history.belief_at(ownship.now_ns, ownship)
-            belief = self._filter.belief(state.leader)
-            factor(belief.covariance)
-        except FilterError as error:
-            self._fail(error)
-            return None
-        return t_ns, belief, self._filter.open_question(state.leader)
-
-    def _doubts(self, t_ns: int, belief: Belief, left: OpenQuestion, ownship: Ownship) -> Iterator[Reason | None]:
-        """What may contradict a belief, which leaves something open."""
-        yield LEAPT if self._exchange.is_in_question(t_ns) else None
-        yield self._classes.doubt
-        is_seen = not self.life.is_carried(t_ns)
-        yield ASTRAY if is_seen and self._sight.contradicts(belief.mean[POSITION]) else None
-        yield self._poses.contradiction
-        yield self.noise.contradiction
-        yield self._guard.contradiction(t_ns, belief, ownship)
-        yield UNEXPECTED if left.is_misfit else None
-
     def _estimate(self, ownship: Ownship, measurement: MeasurementReport | None) -> Estimate:
-        """The estimate now, with the report on the image that it follows, if any."""
-        found = self._belief(ownship)
-        t_ns, belief = ownship.now_ns, None
-        state, why = Lifecycle.INITIALISING if self.held else Lifecycle.SEARCHING, self.life.why
+        """The estimate now, with the report on the image that it follows, if any. A covariance without a Cholesky
+        factor ends the track."""
+        t_ns, belief, life = ownship.now_ns, None, self.life
         modes: tuple[Mode, ...] = ()
         self.direction_n = None
-        if found is not None:
-            t_ns, belief, left = found
-            coasting = self.life.is_coasting(t_ns)
-            in_view = not coasting or self._poses.see(belief.mean[POSITION], t_ns, ownship)
-            doubts = self._doubts(t_ns, belief, left, ownship)
-            state, why = self.life.state(t_ns, Facts(doubts, in_view, self.noise.finding, left.reason))
+        if self._history is not None:
+            try:
+                at_ns, track = self._history.belief_at(t_ns, ownship)
+                belief = self._filter.belief(track.leader)
+                factor(belief.covariance)
+                t_ns = at_ns
+            except FilterError as error:
+                self._fail(error)
+                belief = None
+        state, why = Lifecycle.INITIALISING if self.held else Lifecycle.SEARCHING, life.why
+        if belief is not None:
+            left, noise = self._filter.open_question(track.leader), track.noise
+            r_FL_n = belief.mean[POSITION]
+            coasting, sight = life.is_coasting(t_ns), self._sight.newest
+            is_astray = sight is not None and not life.is_carried(t_ns) and not sight.shows(r_FL_n)
+            doubt = (
+                (LEAPT if t_ns < self._exchange.until_ns else None)
+                or self._classes.doubt
+                or (ASTRAY if is_astray else None)
+                or self._poses.contradiction
+                or (noise.contradiction if noise.beyond else None)
+                or self._guard.contradiction(t_ns, belief, ownship)
+                or (UNEXPECTED if left.is_misfit else None)
+            )
+            in_view = not coasting or self._poses.see(r_FL_n, t_ns, ownship)
+            state, why = life.state(t_ns, Facts(doubt, in_view, noise.finding, left.reason))
             if left.reason and state.is_valid:
                 modes = modes_of(left.places)
-            r = belief.mean[POSITION].tolist()
+            r = r_FL_n.tolist()
             self.range = math.hypot(*r)
             self.half_wing = min(0.5 * self._config.size_prior_m / max(self.range, 1e-3), 1.0)
             self.direction_n = tuple(x / self.range for x in r)
-        if belief is not None:
             tilt, yaw = math.radians(self._config.own_tilt_sigma_deg), math.radians(self._config.own_yaw_sigma_deg)
             belief = with_attitude(belief, ownship.attitude_sigma, (tilt, tilt, yaw))
         self.sequence += 1
         self.rate_limit.published(t_ns)
-        fields = {"name": self._name, "target": self.target, "sequence": self.sequence, "t_ns": t_ns}
-        fields |= {"state": state, "cause": why.cause, "reason": why.words}
-        fields |= {"measurement": measurement, "modes": modes}
-        return published(self._filter, self.life, belief, **fields)
+        age = life.age(t_ns)
+        return Estimate(
+            name=self._name,
+            target=self.target,
+            sequence=self.sequence,
+            t_ns=t_ns,
+            state=state,
+            cause=why.cause,
+            reason=why.words,
+            measurement=measurement,
+            modes=modes,
+            state_since_ns=life.since(state, t_ns),
+            valid=state.is_valid,
+            frame=relative_motion.FRAME,
+            components=self._filter.components,
+            units=self._filter.units,
+            age=None if age == math.inf else age,
+            reset_count=life.resets,
+            **of_belief(belief),
+        )

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from onboard.config import ConfigError, load_config
-from onboard.estimators.leader.assumptions import PROBABILITIES, NoseModel, overridden
+from onboard.estimators.leader.assumptions import PROBABILITIES, LeaderModel, overridden
 from onboard.estimators.leader.config import Config
 
 ROOT = Path(__file__).parents[4]
@@ -64,7 +64,7 @@ def test_a_filter_that_is_gone_is_refused(name: str) -> None:
 
 
 def test_overrides_replace_single_numbers() -> None:
-    model = NoseModel(2.0, 0.04, (0.01, 0.01, 0.02), 60.0, 0.1)
+    model = LeaderModel(2.0, 0.04, (0.01, 0.01, 0.02), 60.0, 0.1)
     assert overridden(model, {}) == model
     assert overridden(model, {"velocity_random_walk": 0.5, "evidence_rate": 0.9}) == model._replace(
         velocity_random_walk=0.5, evidence_rate=0.9

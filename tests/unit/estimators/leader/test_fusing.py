@@ -23,7 +23,9 @@ def test_an_image_that_shows_the_whole_ends_the_track_and_a_direction_alone_cost
     none: Any = None
 
     def image(*, has_extent: bool) -> Any:
-        return SimpleNamespace(has_extent=has_extent, measurement=SimpleNamespace(y=np.zeros(4)))
+        return SimpleNamespace(
+            has_extent=has_extent, measurement=SimpleNamespace(rows=SimpleNamespace(y=np.zeros(4)))
+        )
 
     compared: Any = SimpleNamespace()
     before = fusing.TrackState("a state", NoiseScale())

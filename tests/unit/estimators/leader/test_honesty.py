@@ -103,7 +103,7 @@ def test_the_sigmas_of_follow_target_are_those_of_its_errors_seeds_0_to_19() -> 
 )
 def test_it_is_neither_too_sure_nor_too_unsure_seeds_0_to_19(radius: float | None, part: str) -> None:
     """These leaders fly more calmly than it expects, and it leaves the heading open, which costs certainty. Of
-    leaders drawn as it expects: tests/conformance/test_cloud_honesty.py."""
+    leaders drawn as it expects: tests/conformance/test_particles_honesty.py."""
     found = [flown(seed, radius, (), ERRORS) for seed in SEEDS]
     each = [
         nees(end.relative[:6], end.P[:6, :6]) if part == "relative" else nees(end.absolute, end.P_absolute)

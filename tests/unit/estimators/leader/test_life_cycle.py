@@ -1,6 +1,5 @@
 """The life cycle of a track by hand: what the gate lets pass, and what it stops."""
 
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -52,35 +51,23 @@ CASES = [
     ("an image was fused just now", 0.1, {}, "tracking", Cause.FUSED),
     ("none for a moment", 1.0, {}, "coasting", Cause.PREDICTED),
     ("none within the validity timeout", 3.0, {}, "lost", Cause.TIMEOUT),
-    ("something contradicts it", 0.1, {"doubts": [None, Reason(Cause.LEAPT, "leapt")]}, "lost", Cause.LEAPT),
-    ("it contradicts it when lost, too", 3.0, {"doubts": [Reason(Cause.LEAPT, "leapt")]}, "lost", Cause.LEAPT),
+    ("something contradicts it", 0.1, {"doubt": Reason(Cause.LEAPT, "leapt")}, "lost", Cause.LEAPT),
+    ("it contradicts it when lost, too", 3.0, {"doubt": Reason(Cause.LEAPT, "leapt")}, "lost", Cause.LEAPT),
     ("its heading is open", 0.1, {"question": "open"}, "tracking", Cause.FUSED),
 ]
 
 
 @pytest.mark.parametrize(("age_s", "facts", "state", "cause"), [c[1:] for c in CASES], ids=[c[0] for c in CASES])
 def test_what_decides_the_state(age_s: float, facts: dict[str, Any], state: str, cause: Cause) -> None:
-    given = {"doubts": [], "in_view": True, "finding": "", "question": ""} | facts
+    given = {"doubt": None, "in_view": True, "finding": "", "question": ""} | facts
     found, why = life_cycle().state(round((10.0 + age_s) * NS_PER_S), Facts(**given))
     assert (found.value, why.cause) == (state, cause)
-
-
-def test_doubts_are_asked_until_one_contradicts() -> None:
-    asked = []
-
-    def doubts() -> Iterator[Reason | None]:
-        for k, doubt in enumerate([None, Reason(Cause.ASTRAY, "astray"), Reason(Cause.NOISE, "noise")]):
-            asked.append(k)
-            yield doubt
-
-    _, why = life_cycle().state(10 * NS_PER_S, Facts(doubts(), in_view=True, finding="", question=""))
-    assert (why, asked) == (Reason(Cause.ASTRAY, "astray"), [0, 1])
 
 
 def test_what_is_found_is_told_always_and_what_is_open_while_it_is_followed() -> None:
     one = life_cycle()
     reasons = [
-        one.state(round(t * NS_PER_S), Facts([], in_view=False, finding="noisy", question="open"))[1].words
+        one.state(round(t * NS_PER_S), Facts(None, in_view=False, finding="noisy", question="open"))[1].words
         for t in (10.0, 11.0, 13.0)
     ]
     outside = ", and it should be outside the view"

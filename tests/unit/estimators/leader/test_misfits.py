@@ -1,4 +1,4 @@
-"""Named points that fit no nose: left out, named, and no harm to the others."""
+"""Named points that fit no heading: left out, named, and no harm to the others."""
 
 import math
 from typing import Any

@@ -11,10 +11,10 @@ from numpy.testing import assert_allclose
 from onboard.estimators.leader.assumptions import TURN_BIAS
 from onboard.estimators.leader.hypotheses import prediction, update
 from onboard.estimators.leader.hypotheses.belief import make_filter
-from onboard.estimators.leader.hypotheses.cloud import Cloud
+from onboard.estimators.leader.hypotheses.motion import LEAST_VISIBLE
+from onboard.estimators.leader.hypotheses.particles import Particles
 from onboard.estimators.leader.hypotheses.start import start
 from onboard.estimators.leader.hypotheses.summary import LOG_SIZE, summarise
-from onboard.estimators.leader.hypotheses.wing import LEAST_VISIBLE
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.pose import measured_pose
 from onboard.geometry.rotations import matrix_from_euler, quaternion_from_euler, quaternion_from_matrix
@@ -35,7 +35,7 @@ def rows(P: Any) -> Any:
 def pose(
     *, range_: float = RANGE, sigma: float = 0.5, yaw: float | None = 0.6, turn: float = 0.05
 ) -> RelativePose:
-    """Ahead of the camera, its nose this far to the right of the line of sight."""
+    """Ahead of the camera, its heading this far to the right of the line of sight."""
     return RelativePose(
         r_CL_c=(range_, 0.0, 0.0),
         r_covariance=rows(np.diag([sigma**2, 0.01, 0.01])),
@@ -52,20 +52,20 @@ def settings_of(**section: Any) -> Any:
     return make_filter(leader(**section))._settings
 
 
-def cloud_after(*poses: RelativePose, **section: Any) -> Cloud:
-    """A cloud that starts with a pose, and takes others."""
+def cloud_after(*poses: RelativePose, **section: Any) -> Particles:
+    """particles that starts with a pose, and takes others."""
     settings = settings_of(**section)
-    cloud = start(settings, measured(image(poses[0]), **section), LEVEL)
+    particles = start(settings, measured(image(poses[0]), **section), LEVEL)
     for each in poses:
-        cloud, nis = update.update(settings, cloud, measured(image(each), **section), LEVEL)
+        particles, nis = update.update(settings, particles, measured(image(each), **section), LEVEL)
         assert nis < settings.gate
-    return cloud
+    return particles
 
 
-def weight(cloud: Cloud, nose: float, within: float = 0.2) -> float:
-    """Of the noses about an angle, not of those the other way round."""
-    off = (cloud.noses - nose + math.pi) % (2 * math.pi) - math.pi
-    return float(np.exp(cloud.log_weights)[np.abs(off) < within].sum())
+def weight(particles: Particles, heading: float, within: float = 0.2) -> float:
+    """Of the headings about an angle, not of those the other way round."""
+    off = (particles.headings - heading + math.pi) % (2 * math.pi) - math.pi
+    return float(np.exp(particles.log_weights)[np.abs(off) < within].sum())
 
 
 # ------------------------------------------------------------------------------------ what it measures
@@ -73,7 +73,7 @@ def weight(cloud: Cloud, nose: float, within: float = 0.2) -> float:
 
 def test_a_pose_alone_is_a_direction_with_a_range_of_its_own() -> None:
     m = measured(image(pose()))
-    assert (m.has_wing, m.has_extent, m.is_metric, m.shows) == (False, True, True, None)
+    assert (m.has_wing, m.has_extent, m.is_metric, m.further) == (False, True, True, None)
     assert (m.span, m.span_sigma / m.span) == (pytest.approx(2.0 / RANGE), pytest.approx(0.5 / RANGE))
     assert m.pose.range_ == RANGE
     assert_allclose(m.pose.forward, (math.cos(0.6), math.sin(0.6), 0.0), atol=1e-12)
@@ -85,7 +85,7 @@ def test_a_pose_beside_a_wing_or_points_leaves_the_range_to_the_size() -> None:
     assert whole.pose.range_ == RANGE
     assert measured(replace(IMAGE, pose=pose())).y.tolist() == measured(IMAGE).y.tolist()
     box = replace(detection(feature("center", 0.0, 0.0), feature("box", 0.0, 0.0), half=(0.04, 0.01)), pose=pose())
-    assert (measured(box).is_metric, measured(box).shows) == (True, None)
+    assert (measured(box).is_metric, measured(box).further) == (True, None)
 
 
 def test_a_rotation_alone_shows_no_range() -> None:
@@ -94,13 +94,13 @@ def test_a_rotation_alone_shows_no_range() -> None:
 
 
 def test_the_nose_s_azimuth_and_its_mirror_image_follow_the_camera_s_attitude() -> None:
-    """A camera that looks to the east and 20 degrees down sees a nose 0.6 rad to the right of its axis."""
+    """A camera that looks to the east and 20 degrees down sees a heading 0.6 rad to the right of its axis."""
     R_nc = matrix_from_euler(0.0, math.radians(-20), math.pi / 2)
     camera = LEVEL._replace(R_cn=R_nc.T)
     R_nL = matrix_from_euler(0.2, -0.1, math.pi / 2 + 0.6)
     nose_c = R_nc.T @ R_nL
     q = tuple(np.asarray(quaternion_from_matrix(nose_c)).tolist())
-    shown = measured_pose(replace(pose(), q_cL=q), 0.02, np.array([1.0, 0.0, 0.0])).nose(camera)
+    shown = measured_pose(replace(pose(), q_cL=q), 0.02, np.array([1.0, 0.0, 0.0])).heading(camera)
     assert shown is not None
     assert shown.at == pytest.approx(math.pi / 2 + 0.6)
     assert shown.mirrored == pytest.approx(math.pi / 2 - 0.6)
@@ -109,46 +109,46 @@ def test_the_nose_s_azimuth_and_its_mirror_image_follow_the_camera_s_attitude() 
 
 def test_a_nose_that_points_straight_up_has_no_azimuth() -> None:
     up = tuple(quaternion_from_euler(0.0, math.radians(85), 0.0).tolist())
-    assert measured_pose(replace(pose(), q_cL=up), 0.02, np.array([1.0, 0.0, 0.0])).nose(LEVEL) is None
+    assert measured_pose(replace(pose(), q_cL=up), 0.02, np.array([1.0, 0.0, 0.0])).heading(LEVEL) is None
 
 
-# ------------------------------------------------------------------------------------ what the cloud becomes
+# ------------------------------------------------------------------------------------ what the particles becomes
 
 
 @pytest.mark.parametrize("size_sigma", [0.02, 0.6])
 def test_the_range_of_a_pose_has_its_bias_and_not_that_of_the_size(size_sigma: float) -> None:
     section = {"size_prior_sigma_m": size_sigma, "pose_scale_sigma": 0.05}
-    settings, cloud = settings_of(**section), cloud_after(*[pose(sigma=0.05)] * 20, **section)
-    known = summarise(settings, cloud)
+    settings, particles = settings_of(**section), cloud_after(*[pose(sigma=0.05)] * 20, **section)
+    known = summarise(settings, particles)
     assert known.mean[:3] == pytest.approx((RANGE, 0.0, 0.0), abs=0.05)
     assert known.range_sigma() == pytest.approx(0.05, rel=0.05)
     assert math.sqrt(known.covariance[LOG_SIZE, LOG_SIZE]) == pytest.approx(size_sigma / 2.0, rel=0.1)
 
 
 def test_a_rotation_resolves_the_nose_and_its_mirror_image_stays_possible() -> None:
-    cloud = cloud_after(*[pose()] * 8)
-    assert cloud.sided
-    assert weight(cloud, 0.6) > 0.4
-    assert weight(cloud, -0.6) > 0.05
-    assert weight(cloud, 0.6 + math.pi) == weight(cloud, -0.6 + math.pi) == 0.0
+    particles = cloud_after(*[pose()] * 8)
+    assert particles.heading_observed
+    assert weight(particles, 0.6) > 0.4
+    assert weight(particles, -0.6) > 0.05
+    assert weight(particles, 0.6 + math.pi) == weight(particles, -0.6 + math.pi) == 0.0
 
 
 def test_without_a_rotation_every_nose_stays_as_likely() -> None:
-    cloud = cloud_after(*[pose(yaw=None)] * 3)
-    assert not cloud.sided
-    assert np.ptp(cloud.log_weights) < 1e-6
+    particles = cloud_after(*[pose(yaw=None)] * 3)
+    assert not particles.heading_observed
+    assert np.ptp(particles.log_weights) < 1e-6
 
 
 def test_a_few_flipped_or_stray_rotations_do_not_move_the_nose() -> None:
-    cloud = cloud_after(*[pose()] * 15, pose(yaw=-0.6), pose(yaw=2.0), pose(yaw=-0.6))
-    assert weight(cloud, 0.6) > 0.7
+    particles = cloud_after(*[pose()] * 15, pose(yaw=-0.6), pose(yaw=2.0), pose(yaw=-0.6))
+    assert weight(particles, 0.6) > 0.7
 
 
 def test_a_range_that_no_particle_expected_is_gated_and_the_cloud_stays() -> None:
-    settings, cloud = settings_of(), cloud_after(*[pose(sigma=0.1)] * 10)
-    after, nis = update.update(settings, cloud, measured(image(pose(range_=35.0, sigma=0.1))), LEVEL)
+    settings, particles = settings_of(), cloud_after(*[pose(sigma=0.1)] * 10)
+    after, nis = update.update(settings, particles, measured(image(pose(range_=35.0, sigma=0.1))), LEVEL)
     assert nis > settings.gate
-    assert after is cloud
+    assert after is particles
     # beside a wing, only the pose is left out
     half = 1.0 / RANGE
     wing = replace(
@@ -164,17 +164,17 @@ def test_a_range_that_no_particle_expected_is_gated_and_the_cloud_stays() -> Non
 
 def test_points_after_poses_leave_the_range_as_it_is_known_whatever_the_size() -> None:
     section = {"size_prior_sigma_m": 0.2}
-    settings, cloud = settings_of(**section), cloud_after(*[pose(sigma=0.05, yaw=None)] * 5, **section)
-    assert cloud.metric
+    settings, particles = settings_of(**section), cloud_after(*[pose(sigma=0.05, yaw=None)] * 5, **section)
+    assert particles.metric
     half = 1.1 / RANGE  # a wing of 2.2 m, which is one sigma larger
     wing = measured(
         replace(IMAGE, center=(0.0, 0.0), left=(-half, 0.0), right=(half, 0.0), sigma=(SIGMA,) * 3), **section
     )
-    after = cloud
+    after = particles
     for _ in range(5):
         after, nis = update.update(settings, after, wing, LEVEL)
         assert nis < settings.gate
-    assert (after.metric, after.edge_on) == (False, LEAST_VISIBLE)
+    assert (after.metric, after.edge_on_visibility) == (False, LEAST_VISIBLE)
     assert 0.015 < summarise(settings, after).range_sigma() < 0.05
     again, _ = update.update(settings, after, measured(image(pose(sigma=0.05, yaw=None))), LEVEL)
     assert again.metric
@@ -218,7 +218,7 @@ def test_poses_that_are_askew_and_flip_make_no_range_confidently_wrong_seed_16()
 
 
 def test_another_nose_moves_no_range_that_poses_show() -> None:
-    settings, cloud = settings_of()._replace(doubted_after=1e-9), cloud_after(pose(yaw=None))
-    after = prediction.predict(settings, cloud, 1e-6, np.zeros(3))
-    assert np.abs(after.noses - cloud.noses).max() > 1.0
-    assert_allclose(after.means[:, :3], cloud.means[:, :3], rtol=1e-4)
+    settings, particles = settings_of()._replace(doubted_after=1e-9), cloud_after(pose(yaw=None))
+    after = prediction.predict(settings, particles, 1e-6, np.zeros(3))
+    assert np.abs(after.headings - particles.headings).max() > 1.0
+    assert_allclose(after.means[:, :3], particles.means[:, :3], rtol=1e-4)

@@ -66,7 +66,7 @@ def test_a_rangefinder_teaches_the_size_seed_2() -> None:
     run = fly(readings(6.0, 20.0, lambda t: true_range(t) + 0.1 * rng.normal()), 20.0, configured())
     error, sigma = size_of(run)
     assert abs(error) < 0.06
-    assert abs(error) / 3.0 < sigma < 0.08  # as sure as the images are of the nose
+    assert abs(error) / 3.0 < sigma < 0.08  # as sure as the images are of the heading
     assert run.estimates[-1].valid
     found = counts(run)  # few of an open range expect the first readings
     assert set(found) <= {"fused", "gated"}

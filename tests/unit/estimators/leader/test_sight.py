@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from onboard.estimators.leader.image.camera_pose import CameraPose
-from onboard.estimators.leader.tracks.doubts import LastSight, sight
+from onboard.estimators.leader.tracks.doubts import LastSight, LineOfSight
 from tests.support.streams import S
 
 NORTH = CameraPose(np.eye(3), np.array([0.3, 0.0, 0.0]), np.zeros(3), np.zeros(3))  # looks north, from our nose
@@ -22,15 +22,12 @@ def place(degrees: float, range_: float = 28.0) -> np.ndarray:
     [(0.0, True), (29.0, True), (-29.0, True), (31.0, False), (90.0, False), (180.0, False)],
 )
 def test_a_place_is_believed_within_30_degrees_of_the_last_sight(degrees: float, is_shown: bool) -> None:
-    last = LastSight()
-    assert not last.contradicts(place(degrees))
-    last.see(S, np.eye(3), NORTH)
-    assert last.contradicts(place(degrees)) is not is_shown
-    assert sight(np.eye(3), NORTH).shows(place(degrees)) is is_shown
+    sight = LineOfSight(NORTH.R_cn[0], NORTH.r_FC_n)
+    assert sight.shows(place(degrees)) is is_shown
 
 
 def test_an_older_image_is_not_the_last_sight() -> None:
-    last = LastSight()
-    last.see(2 * S, np.eye(3), NORTH)
-    last.see(S, -np.eye(3), NORTH)
-    assert not last.contradicts(place(0.0))
+    last, older, newer = LastSight(), LineOfSight(np.ones(3), np.zeros(3)), LineOfSight(np.ones(3), np.ones(3))
+    last.see(2 * S, newer)
+    last.see(S, older)
+    assert last.newest is newer

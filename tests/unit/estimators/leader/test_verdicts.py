@@ -70,6 +70,6 @@ def test_small_spans_are_fused_and_start_nothing_seed_1() -> None:
     for share, alone in ((0.05, Verdict.DIRECTION_ONLY), (0.0, Verdict.DEGENERATE)):
         tips = (tuple((center + share * (tip - center)).tolist()) for tip in (left, right))
         small = replace(image, **dict(zip(("left", "right"), tips, strict=True)))
-        fresh = deepcopy(estimator)
-        fresh.reset(Reason(Cause.REBOOTED, "the autopilot has rebooted"))
-        assert judged(fresh, ownship, small).verdict is alone
+        startup_evidence = deepcopy(estimator)
+        startup_evidence.reset(Reason(Cause.REBOOTED, "the autopilot has rebooted"))
+        assert judged(startup_evidence, ownship, small).verdict is alone

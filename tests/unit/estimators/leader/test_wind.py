@@ -1,4 +1,4 @@
-"""The wind says where a fixed wing's nose points: reports of it, and what the leader's tracks make of them."""
+"""The wind says where a fixed wing's heading points: reports of it, and what the leader's tracks make of them."""
 
 import math
 import struct
@@ -28,7 +28,7 @@ FIXED_WING: Final = "estimator.leader.leader_class=fixed_wing"
 
 @dataclass(frozen=True)
 class Crabbing(Flight):
-    """Both fly north, the leader's nose to the right of its course: the wind blows to the left."""
+    """Both fly north, the leader's heading to the right of its course: the wind blows to the left."""
 
     radius: float | None = None
 
@@ -99,7 +99,7 @@ def test_an_autopilot_that_estimates_no_wind_reports_none_and_not_calm() -> None
     assert calm.sigma == math.hypot(0.5, GUST)
 
 
-def nose(estimate: Estimate) -> tuple[float, float]:
+def heading(estimate: Estimate) -> tuple[float, float]:
     """The heading and its standard deviation, degrees; a wing looks the same from the front and from behind."""
     assert estimate.mean is not None
     variance = np.array(estimate.covariance)[HEADING, HEADING]
@@ -114,24 +114,24 @@ def test_a_crab_is_told_from_another_range_by_the_wind_seed_1() -> None:
     assert abs(right) < 0.02
     without, within = (run.estimates[-1] for run in runs)
     assert within.reason == "images fused"
-    assert nose(within)[0] == pytest.approx(20.0, abs=2.0)
-    assert abs(nose(without)[0]) < nose(without)[1]
-    assert nose(within)[1] < 7.0  # the wind's error over the airspeed
-    assert nose(without)[1] > 10.0  # any wind
+    assert heading(within)[0] == pytest.approx(20.0, abs=2.0)
+    assert abs(heading(without)[0]) < heading(without)[1]
+    assert heading(within)[1] < 7.0  # the wind's error over the airspeed
+    assert heading(without)[1] > 10.0  # any wind
     assert within.mean is not None
     assert np.linalg.norm(within.mean[VELOCITY]) < 0.3  # relative to us, whatever the air does
 
 
 def test_a_track_that_starts_in_wind_knows_it_seed_1() -> None:
-    assert nose(flown(9.0, report(5.001)).estimates[-1])[0] > 10.0
+    assert heading(flown(9.0, report(5.001)).estimates[-1])[0] > 10.0
 
 
 def test_wind_is_forgotten_when_its_reports_end_seed_1(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(estimator, "TIMEOUT_NS", 6 * S)
     run = flown(22.0, *winds(5.0, 8.0))
-    before = [nose(e)[0] for e in run.estimates if e.valid and 12.0 < e.t_ns / S < 13.0]
+    before = [heading(e)[0] for e in run.estimates if e.valid and 12.0 < e.t_ns / S < 13.0]
     assert min(before) > 15.0
-    assert abs(nose(run.estimates[-1])[0]) < 8.0
+    assert abs(heading(run.estimates[-1])[0]) < 8.0
 
 
 @pytest.mark.parametrize("east", [math.nan, math.inf, 61.0])
@@ -142,7 +142,7 @@ def test_a_wind_that_cannot_be_is_counted_and_changes_nothing_seed_1(east: float
 
 
 def test_a_copter_makes_no_use_of_the_wind_seed_1() -> None:
-    """It may point its nose anywhere in any wind."""
+    """It may point its heading anywhere in any wind."""
     one_, other = flown(7.0, *winds(5.0, 7.0), settings=()), flown(7.0, settings=())
     assert along(one_.estimates[-1]) == along(other.estimates[-1])
 
@@ -150,4 +150,4 @@ def test_a_copter_makes_no_use_of_the_wind_seed_1() -> None:
 def test_wind_reaches_the_leader_as_mavlink_seed_1() -> None:
     items = [*Stream(flight=Crabbing(), t1=9.0, sparse=True).items(), *((w.t_recv_ns, w) for w in winds(5.0, 9.0))]
     run = feed(encode(sorted(items, key=lambda item: item[0])), make_config(FIXED_WING))
-    assert nose(run.estimates[-1])[0] > 10.0
+    assert heading(run.estimates[-1])[0] > 10.0

@@ -1,4 +1,4 @@
-"""Reports and ranges as rows: what a cloud becomes by them, on errors as they are assumed."""
+"""Reports and ranges as rows: what particles becomes by them, on errors as they are assumed."""
 
 import math
 
@@ -10,19 +10,19 @@ from onboard.arrays import Array
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses import prediction, update
 from onboard.estimators.leader.hypotheses.auxiliary import DELAY, DISTANCE, TURN, Auxiliary, Range, Report
-from onboard.estimators.leader.hypotheses.cloud import Bias, Cloud
-from onboard.estimators.leader.hypotheses.update import corrected
-from onboard.estimators.leader.hypotheses.wing import (
+from onboard.estimators.leader.hypotheses.motion import (
     ACCELERATION,
+    COURSE_LOCKED,
     FREE,
     LOG_SIZE,
     POSITION,
     STEADY,
-    TIED,
     VELOCITY,
     N,
     courses,
 )
+from onboard.estimators.leader.hypotheses.particles import Bias, Particles
+from onboard.estimators.leader.hypotheses.update import corrected
 from onboard.estimators.leader.reports.broadcast import biases_of
 from onboard.filters.belief import FilterError
 from tests.unit.estimators.leader.hypotheses.test_belief import filter_of, watched
@@ -34,7 +34,7 @@ WHITE = np.diag([4.0] * 3 + [0.09] * 3)
 NEW = Range(0, RANGE, 0.1, (Bias(DISTANCE, 0.5),))
 
 
-def cloud_of(count: int, seed: int = 1, *, sizes: float = 0.3) -> Cloud:
+def cloud_of(count: int, seed: int = 1, *, sizes: float = 0.3) -> Particles:
     """Particles about a leader 28 m ahead of us that flies ahead; their sizes are uncertain by a share."""
     rng = np.random.default_rng(seed)
     means = np.zeros((count, N))
@@ -45,10 +45,16 @@ def cloud_of(count: int, seed: int = 1, *, sizes: float = 0.3) -> Cloud:
     by_size[:, POSITION], by_size[:, LOG_SIZE] = means[:, POSITION], 1.0
     P[:, LOG_SIZE, LOG_SIZE] = 0.0
     P += sizes**2 * by_size[:, :, None] * by_size[:, None, :]
-    noses, zeros = np.arctan2(means[:, 4], means[:, 3]), np.zeros(count)
+    headings, zeros = np.arctan2(means[:, 4], means[:, 3]), np.zeros(count)
     weights = np.full(count, -math.log(count))
-    regimes, tied, drags = np.full(count, float(STEADY)), np.full(count, TIED), np.full(count, settings_of().drag)
-    return Cloud(noses, zeros, regimes, means, P, np.zeros((count, 3)), tied, drags, zeros, weights, 0)
+    regimes, course_locked, drags = (
+        np.full(count, float(STEADY)),
+        np.full(count, COURSE_LOCKED),
+        np.full(count, settings_of().drag),
+    )
+    return Particles(
+        headings, zeros, regimes, means, P, np.zeros((count, 3)), course_locked, drags, zeros, weights, 0
+    )
 
 
 def report(r: Array, v: Array) -> Report:
@@ -60,24 +66,24 @@ TRUE_REPORT = report(np.array([RANGE, 0.0, 0.0]), np.array([SPEED, 0.0, 0.0]))
 
 @pytest.mark.parametrize("taken", [NEW, TRUE_REPORT])
 def test_the_rows_are_the_derivatives_of_what_is_expected_seed_1(taken: Auxiliary) -> None:
-    cloud = cloud_of(3).with_biases(*taken.biases)
-    cloud.means[:, N : N + len(taken.biases) - 1] += 0.01  # all but the delay, which is never learnt
-    rows, step = taken.rows(cloud), 1e-6
-    for i in range(cloud.means.shape[1]):
-        moved = cloud.means.copy()
+    particles = cloud_of(3).with_biases(*taken.biases)
+    particles.means[:, N : N + len(taken.biases) - 1] += 0.01  # all but the delay, which is never learnt
+    rows, step = taken.rows(particles), 1e-6
+    for i in range(particles.means.shape[1]):
+        moved = particles.means.copy()
         moved[:, i] += step
-        change = rows.innovations - taken.rows(cloud._replace(means=moved)).innovations
+        change = rows.innovations - taken.rows(particles._replace(means=moved)).innovations
         assert_allclose(change / step, rows.H[:, :, i], atol=1e-5)
 
 
 def test_rows_are_a_kalman_update_of_each_particle_seed_2() -> None:
-    cloud = cloud_of(4, 2).with_biases(*NEW.biases)
-    rows = NEW.rows(cloud)
-    after, nis, log_l = corrected(cloud, *rows)
+    particles = cloud_of(4, 2).with_biases(*NEW.biases)
+    rows = NEW.rows(particles)
+    after, nis, log_l = corrected(particles, *rows)
     for k in range(4):
-        P, h, off = cloud.covariances[k], rows.H[k, 0], rows.innovations[k, 0]
+        P, h, off = particles.covariances[k], rows.H[k, 0], rows.innovations[k, 0]
         S = h @ P @ h + NEW.sigma**2
-        assert_allclose(after.means[k], cloud.means[k] + P @ h / S * off)
+        assert_allclose(after.means[k], particles.means[k] + P @ h / S * off)
         assert_allclose(after.covariances[k], P - np.outer(P @ h, h @ P) / S, atol=1e-10)
         assert nis[k] == pytest.approx(off**2 / S)
         assert log_l[k] == pytest.approx(-0.5 * (off**2 / S + math.log(S)))
@@ -85,26 +91,26 @@ def test_rows_are_a_kalman_update_of_each_particle_seed_2() -> None:
 
 def test_a_range_whose_error_lasts_stays_as_uncertain_as_that() -> None:
     """0.5 m that last, of 28 m: a hundred ranges of 0.1 m say no more than 1.8 % of the size."""
-    cloud = cloud_of(1)
-    cloud.covariances[:, POSITION, POSITION] -= 0.25 * np.eye(3) * 0.99  # for a size, the place is known
+    particles = cloud_of(1)
+    particles.covariances[:, POSITION, POSITION] -= 0.25 * np.eye(3) * 0.99  # for a size, the place is known
     for _ in range(100):
-        after = update.assist(settings_of(), cloud, NEW, is_open=False)
+        after = update.assist(settings_of(), particles, NEW, is_open=False)
         assert after is not None
-        cloud = after
-    sigma = math.sqrt(cloud.covariances[0, LOG_SIZE, LOG_SIZE])
+        particles = after
+    sigma = math.sqrt(particles.covariances[0, LOG_SIZE, LOG_SIZE])
     assert sigma == pytest.approx(0.5 / RANGE, rel=0.15)
 
 
 def test_a_delay_is_considered_and_not_learnt() -> None:
-    cloud = cloud_of(1)
+    particles = cloud_of(1)
     for _ in range(20):
-        after = update.assist(settings_of(), cloud, TRUE_REPORT, is_open=False)
+        after = update.assist(settings_of(), particles, TRUE_REPORT, is_open=False)
         assert after is not None
-        cloud = after
-    at = cloud.column(DELAY)
-    assert cloud.covariances[0, at, at] == pytest.approx(0.01)
-    assert cloud.means[0, at] == 0.0
-    P = cloud.covariances[0]
+        particles = after
+    at = particles.column(DELAY)
+    assert particles.covariances[0, at, at] == pytest.approx(0.01)
+    assert particles.means[0, at] == 0.0
+    P = particles.covariances[0]
     assert P[0, at] / 0.1 > 0.5  # m, ahead: the leader may be 2 m along its course by the delay
     assert_allclose(P, P.T)
     assert np.linalg.eigvalsh(P).min() > -1e-9
@@ -112,29 +118,29 @@ def test_a_delay_is_considered_and_not_learnt() -> None:
 
 def test_what_is_considered_is_that_of_a_gain_without_it_seed_4() -> None:
     """In Joseph's form, which holds for any gain."""
-    cloud = cloud_of(3, 4).with_biases(*BIASES)
-    rows = TRUE_REPORT.rows(cloud)
-    after, _, _ = corrected(cloud, *rows)
-    at = cloud.column(DELAY)
+    particles = cloud_of(3, 4).with_biases(*BIASES)
+    rows = TRUE_REPORT.rows(particles)
+    after, _, _ = corrected(particles, *rows)
+    at = particles.column(DELAY)
     for k in range(3):
-        P, H = cloud.covariances[k], rows.H[k]
+        P, H = particles.covariances[k], rows.H[k]
         gain = P @ H.T @ np.linalg.inv(H @ P @ H.T + WHITE)
         gain[at] = 0.0
         left = np.eye(len(P)) - gain @ H
-        assert_allclose(after.means[k], cloud.means[k] + gain @ rows.innovations[k], atol=1e-9)
+        assert_allclose(after.means[k], particles.means[k] + gain @ rows.innovations[k], atol=1e-9)
         assert_allclose(after.covariances[k], left @ P @ left.T + gain @ WHITE @ gain.T, atol=1e-8)
 
 
 def test_our_own_yaw_turns_what_a_report_says() -> None:
     """It is to the right by 1.4 m, as our yaw of 0.05 rad makes it: that is learnt, and not the leader's place."""
-    cloud = cloud_of(1, sizes=0.02)
+    particles = cloud_of(1, sizes=0.02)
     exact = tuple(bias._replace(sigma=0.05 if bias.name == TURN else 1e-3) for bias in BIASES)
-    r, v = cloud.means[0, POSITION], cloud.means[0, VELOCITY]
+    r, v = particles.means[0, POSITION], particles.means[0, VELOCITY]
     turned = Report(
         0, r + np.array([-r[1], r[0], 0.0]) * 0.05, v, np.diag([1e-4] * 3 + [1.0] * 3), exact, trusted=True
     )
-    cloud.covariances[:, POSITION, POSITION] = 1e-4 * np.eye(3)
-    after = update.assist(settings_of(), cloud, turned, is_open=False)
+    particles.covariances[:, POSITION, POSITION] = 1e-4 * np.eye(3)
+    after = update.assist(settings_of(), particles, turned, is_open=False)
     assert after is not None
     assert after.means[0, after.column(TURN)] == pytest.approx(-0.05, abs=0.002)
     assert_allclose(after.means[0, POSITION], r, atol=0.02)
@@ -142,10 +148,10 @@ def test_our_own_yaw_turns_what_a_report_says() -> None:
 
 def test_what_most_particles_did_not_expect_is_not_used_unless_the_range_is_open() -> None:
     """Of 50 particles three are where the range says."""
-    cloud = cloud_of(50, sizes=0.005)
-    cloud.means[3:, POSITION] *= 2.0
-    assert update.assist(settings_of(), cloud, NEW, is_open=False) is None
-    after = update.assist(settings_of(), cloud, NEW, is_open=True)
+    particles = cloud_of(50, sizes=0.005)
+    particles.means[3:, POSITION] *= 2.0
+    assert update.assist(settings_of(), particles, NEW, is_open=False) is None
+    after = update.assist(settings_of(), particles, NEW, is_open=True)
     assert after is not None
     assert np.exp(after.log_weights) @ (np.linalg.norm(after.means[:, POSITION], axis=1) < 30.0) > 0.9
 
@@ -158,22 +164,22 @@ def test_a_report_that_may_be_false_leads_the_size_no_farther_than_3_sigmas(
     """Whatever leads it there, and however slowly."""
     filter_ = filter_of()  # of a size that is known to 2 %
     state, _ = watched(filter_, 2.0, sway=1.0)
-    state.cloud.means[:, LOG_SIZE] += 0.02 * off
+    state.particles.means[:, LOG_SIZE] += 0.02 * off
     x = state.summary.mean
     at = Report(0, x[POSITION], x[VELOCITY], np.diag([1e4] * 6), BIASES, trusted=trusted)
     assert (filter_.assist(state, at) is not None) is (trusted or is_credible)
 
 
 def test_tied_noses_turn_with_the_courses_that_a_report_corrects_and_free_ones_stay() -> None:
-    cloud, air = cloud_of(4).with_biases(*TRUE_REPORT.biases), (1.0, -2.0)
-    cloud.noses[:2] += 0.05
-    cloud.tied[1::2] = FREE
+    particles, air = cloud_of(4).with_biases(*TRUE_REPORT.biases), (1.0, -2.0)
+    particles.headings[:2] += 0.05
+    particles.course_locked[1::2] = FREE
     taken = report(np.array([RANGE, 0.0, 0.0]), np.array([SPEED, 3.0, 0.0]))
-    after, _, _ = corrected(cloud, *taken.rows(cloud), air)
-    was, now = (courses(c.means, air) for c in (cloud, after))
+    after, _, _ = corrected(particles, *taken.rows(particles), air)
+    was, now = (courses(c.means, air) for c in (particles, after))
     assert np.abs(now - was).min() > 1e-3
-    assert (after.noses - cloud.noses)[::2] == pytest.approx((now - was)[::2])
-    assert_allclose(after.noses[1::2], cloud.noses[1::2], rtol=0.0, atol=0.0)
+    assert (after.headings - particles.headings)[::2] == pytest.approx((now - was)[::2])
+    assert_allclose(after.headings[1::2], particles.headings[1::2], rtol=0.0, atol=0.0)
 
 
 def test_numbers_that_are_none_are_an_error() -> None:
@@ -183,14 +189,16 @@ def test_numbers_that_are_none_are_an_error() -> None:
 
 def carried(seed: int, seconds: int = 20) -> float:
     """The normalised square of the error of r_FL_n after reports alone, of a leader that holds its course."""
-    settings = settings_of()._replace(doubted_after=1e9, tied_for=1e9)  # one hypothesis keeps its nose
-    rng, cloud = np.random.default_rng(seed), cloud_of(1, sizes=0.02)
-    first = cloud.covariances[0, :9, :9]
-    x = np.concatenate([cloud.means[0, :6] + np.linalg.cholesky(first[:6, :6]) @ rng.normal(size=6), np.zeros(3)])
+    settings = settings_of()._replace(doubted_after=1e9, tied_for=1e9)  # one hypothesis keeps its heading
+    rng, particles = np.random.default_rng(seed), cloud_of(1, sizes=0.02)
+    first = particles.covariances[0, :9, :9]
+    x = np.concatenate(
+        [particles.means[0, :6] + np.linalg.cholesky(first[:6, :6]) @ rng.normal(size=6), np.zeros(3)]
+    )
     bias, delay, yaw = rng.normal(size=3) * [2.0, 2.0, 2.0], 0.1 * rng.normal(), 0.025 * rng.normal()
     for _ in range(seconds):
         for _ in range(10):
-            cloud = prediction.predict(settings, cloud, 0.1, np.zeros(3))
+            particles = prediction.predict(settings, particles, 0.1, np.zeros(3))
             x[POSITION], x[VELOCITY], x[ACCELERATION] = (
                 x[POSITION] + 0.1 * x[VELOCITY],
                 x[VELOCITY] + 0.1 * x[ACCELERATION],
@@ -199,10 +207,10 @@ def carried(seed: int, seconds: int = 20) -> float:
         turned = x[POSITION] - yaw * np.array([-x[1], x[0], 0.0])
         noise = np.sqrt(np.diag(WHITE)) * rng.normal(size=6)
         y = np.concatenate([turned + bias - delay * x[VELOCITY], x[VELOCITY]]) + noise
-        after = update.assist(settings, cloud, report(y[:3], y[3:]), is_open=False)
-        cloud = cloud if after is None else after
-    off = cloud.means[0, POSITION] - x[POSITION]
-    return float(off @ np.linalg.solve(cloud.covariances[0, POSITION, POSITION], off))
+        after = update.assist(settings, particles, report(y[:3], y[3:]), is_open=False)
+        particles = particles if after is None else after
+    off = particles.means[0, POSITION] - x[POSITION]
+    return float(off @ np.linalg.solve(particles.covariances[0, POSITION, POSITION], off))
 
 
 @pytest.mark.parametrize(("flights", "most"), [(20, 4.8), pytest.param(60, 4.0, marks=pytest.mark.slow)])

@@ -8,17 +8,16 @@ import pytest
 from numpy.testing import assert_allclose
 
 from onboard.estimators.leader.config import Config
-from onboard.estimators.leader.hypotheses import update, wing
+from onboard.estimators.leader.hypotheses import motion, update
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter, State, make_filter
-from onboard.estimators.leader.hypotheses.wind import Wind
 from onboard.estimators.leader.image.camera_pose import CameraPose
-from onboard.estimators.leader.image.measurement import Measurement, points_of
+from onboard.estimators.leader.image.measurement import measure_direction, points_of
 from onboard.estimators.leader.reports.prior import Prior
 from onboard.filters.belief import Belief, FilterError
 from onboard.models.relative_motion import POSITION, VELOCITY
 from onboard.ownship import Step
 from tests.support.images import fused
-from tests.unit.estimators.leader.hypotheses.test_noses import image
+from tests.unit.estimators.leader.hypotheses.test_headings import image
 
 STILL = CameraPose(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
 DT = 1.0 / 30.0
@@ -35,8 +34,8 @@ def step(moved: float) -> Step:
 
 
 def watched(filter_: BeliefFilter, seconds: float, *, sway: float) -> tuple[State, list[float]]:
-    """The state, and each image's NIS, after watching a leader 25 m away that hovers, its nose 40 degrees off the
-    line of sight, while we sway by `sway` m, with a period of 4 s."""
+    """The state, and each image's NIS, after watching a leader 25 m away that hovers, its heading 40 degrees off
+    the line of sight, while we sway by `sway` m, with a period of 4 s."""
     state = filter_.start(image(25.0, 0.7), STILL, None)
     east, nis = 0.0, []
     for k in range(1, round(seconds / DT) + 1):
@@ -70,7 +69,7 @@ def test_a_leader_that_flew_when_an_earlier_run_ended_hardly_hovers(speed: float
     belief = Belief(np.array([25.0, 0.0, 0.0, 0.0, speed, 0.0]), np.diag([29.0, 29.0, 9.0, 9.6, 9.6, 2.0]))
     after = filter_.informed(state, belief, flew=known.flew)
     assert after is not None
-    hovering = float(np.exp(after.cloud.log_weights[after.cloud.regimes == wing.HOVERING]).sum())
+    hovering = float(np.exp(after.particles.log_weights[after.particles.regimes == motion.HOVERING]).sum())
     assert hovering == pytest.approx(0.05) if flew else hovering > 0.6
 
 
@@ -78,7 +77,7 @@ def test_a_gated_image_reports_what_gated_it(monkeypatch: pytest.MonkeyPatch) ->
     """All together may expect an image that most of them do not."""
     filter_ = filter_of()
     state = filter_.start(image(25.0, 0.7), STILL, None)
-    monkeypatch.setattr(update, "update", lambda _settings, cloud, *_: (cloud, 40.0))
+    monkeypatch.setattr(update, "update", lambda _settings, particles, *_: (particles, 40.0))
     after = fused(filter_, state, image(25.0, 0.7), STILL)
     assert (after.passes, after.nis) == (False, 40.0)
 
@@ -87,8 +86,8 @@ def test_few_hypotheses_are_kept_once_the_nose_is_known_and_many_while_it_is_ope
     filter_ = filter_of()
     known, _ = watched(filter_, 10.0, sway=3.0)
     is_open, _ = watched(filter_, 4.0, sway=0.0)
-    assert len(filter_.start(image(25.0, 0.7), STILL, None).cloud.noses) == 900
-    assert len(known.cloud.noses) < 0.6 * len(is_open.cloud.noses)
+    assert len(filter_.start(image(25.0, 0.7), STILL, None).particles.headings) == 900
+    assert len(known.particles.headings) < 0.6 * len(is_open.particles.headings)
 
 
 def test_an_image_that_nothing_expected_does_not_pass_and_changes_nothing() -> None:
@@ -138,31 +137,29 @@ def test_the_points_of_what_is_predicted_are_where_the_leader_is() -> None:
 def test_hypotheses_without_numbers_are_an_error() -> None:
     filter_ = filter_of()
     state = filter_.start(image(25.0, 0.3), STILL, None)
-    state.cloud.means[:] = math.nan
+    state.particles.means[:] = math.nan
     with pytest.raises(FilterError, match="lost their numbers"):
         fused(filter_, state, image(25.0, 0.3), STILL)
 
 
-def test_a_box_is_judged_by_its_direction_too() -> None:
-    """What shows no wing has noise without bound in its place, and a NIS of the direction alone."""
+def test_a_direction_is_judged_by_itself() -> None:
     filter_ = filter_of()
     state, _ = watched(filter_, 4.0, sway=2.0)
-    seen = image(25.0, 0.7, seed=5)
-    R_y = seen.R.copy()
-    R_y[2, 2] = R_y[3, 3] = 1e4
-    direction = Measurement(seen.y * [1, 1, 0, 0], R_y, seen.span, math.inf, seen.axes, has_wing=False)
-    assert fused(filter_, state, direction, STILL).passes
+    direction = measure_direction((0.0, 0.0), 1.0 / 554.0)
+    update = fused(filter_, state, direction, STILL)
+    assert (update.passes, update.innovation.shape) == (True, (2,))
+    assert not fused(filter_, state, measure_direction((0.5, 0.0), 1.0 / 554.0), STILL).passes
 
 
 def test_what_is_expected_depends_on_the_wind() -> None:
-    """Noses that are tied to their courses are on them through the air."""
+    """Headings that are locked to their courses are on them through the air."""
     filter_, measurement = filter_of(), image(25.0, 0.2)
     state = filter_.start(measurement, STILL._replace(v_F_n=np.array([9.0, 0.0, 0.0])), None)
-    means = state.cloud.means.copy()
+    means = state.particles.means.copy()
     means[:, 3:5] = [9.0, 2.0]
-    state = state._replace(cloud=state.cloud._replace(means=means, tied=np.ones(len(means))))
+    state = state._replace(particles=state.particles._replace(means=means, course_locked=np.ones(len(means))))
     expected = [
-        filter_.compare(filter_.predict(state._replace(wind=wind)), measurement, STILL).S
-        for wind in (None, Wind(np.array([0.0, 6.0, 0.0]), 1.0))
+        filter_.compare(filter_.predict(state._replace(settings=settings)), measurement, STILL).S
+        for settings in (state.settings, state.settings._replace(air=(0.0, 6.0), air_sigma=1.0))
     ]
     assert np.abs(expected[1] - expected[0]).max() > 1e-6

@@ -1,4 +1,4 @@
-"""The random numbers of the cloud of noses: fixed, uniform, normal, and not alike from one draw to the next."""
+"""The random numbers of the particles: fixed, uniform, normal, and not alike from one draw to the next."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The compiled arithmetic of a cloud's summary is that of NumPy."""
+"""The compiled arithmetic of the particles' summary is that of NumPy."""
 
 import math
 
@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
-from onboard.estimators.leader.hypotheses import summary, wing
-from onboard.estimators.leader.hypotheses.cloud import occupied
-from onboard.estimators.leader.hypotheses.summary import BANK, NOSE, N, Summary, as_leader
+from onboard.estimators.leader.hypotheses import motion, summary
+from onboard.estimators.leader.hypotheses.particles import occupied
+from onboard.estimators.leader.hypotheses.summary import BANK_ERROR, HEADING, N, Summary, as_leader
 from onboard.filters.belief import Belief
 from onboard.models.relative_motion import A_LAT, A_LONG
 from simlink.world.truth import path_accelerations
@@ -24,18 +24,18 @@ def spread(seed: int, n: int) -> Belief:
 def test_the_moments_are_those_of_the_particles_seed1() -> None:
     rng = np.random.default_rng(1)
     k = 50
-    noses, w = rng.uniform(-9.0, 9.0, k), rng.dirichlet(np.ones(k))
-    means = rng.normal(size=(k, wing.N)) + 3.0
-    mean, S, within = np.zeros(N), np.zeros((N, N)), rng.normal(size=(wing.N, wing.N))
-    log_range = summary.moments(noses, means, w, 0.5, math.pi, within, mean, S)
+    headings, w = rng.uniform(-9.0, 9.0, k), rng.dirichlet(np.ones(k))
+    means = rng.normal(size=(k, motion.N)) + 3.0
+    mean, S, within = np.zeros(N), np.zeros((N, N)), rng.normal(size=(motion.N, motion.N))
+    log_range = summary.moments(headings, means, w, 0.5, math.pi, within, mean, S)
     rows = np.zeros((k, N))
-    rows[:, :9], rows[:, BANK] = means[:, :9], means[:, wing.BANK_ERROR]
-    rows[:, summary.LOG_SIZE] = means[:, wing.LOG_SIZE]
-    rows[:, NOSE] = 0.5 + (noses - 0.5 + math.pi / 2) % math.pi - math.pi / 2
+    rows[:, :9], rows[:, BANK_ERROR] = means[:, :9], means[:, motion.BANK_ERROR]
+    rows[:, summary.LOG_SIZE] = means[:, motion.LOG_SIZE]
+    rows[:, HEADING] = 0.5 + (headings - 0.5 + math.pi / 2) % math.pi - math.pi / 2
     np.testing.assert_allclose(mean, np.average(rows, axis=0, weights=w), rtol=1e-12, atol=1e-12)
     each = np.zeros((N, N))
-    of_summary = [*range(9), summary.LOG_SIZE, BANK]
-    of_particle = [*range(9), wing.LOG_SIZE, wing.BANK_ERROR]
+    of_summary = [*range(9), summary.LOG_SIZE, BANK_ERROR]
+    of_particle = [*range(9), motion.LOG_SIZE, motion.BANK_ERROR]
     each[np.ix_(of_summary, of_summary)] = within[np.ix_(of_particle, of_particle)]
     np.testing.assert_allclose(S, np.cov(rows.T, aweights=w, ddof=0) + each, rtol=1e-10, atol=1e-12)
     ranges = np.linalg.norm(means[:, :3], axis=1)
@@ -45,8 +45,9 @@ def test_the_moments_are_those_of_the_particles_seed1() -> None:
 def test_a_belief_after_a_while_is_that_of_the_summary_after_it_seed2() -> None:
     known = Summary(*spread(2, N))
     moved, v_F = np.array([1.0, -2.0, 0.5]), np.array([8.0, 1.0, 0.1])
-    at_once = as_leader(known, 0.3, moved, v_F)
-    in_two = as_leader(known.after(0.3, moved), 0.0, np.zeros(3), v_F)
+    after = known.after(0.3, moved)
+    at_once = Belief(*as_leader(known.mean, known.covariance, 0.3, moved, v_F))
+    in_two = Belief(*as_leader(after.mean, after.covariance, 0.0, np.zeros(3), v_F))
     np.testing.assert_allclose(at_once.mean, in_two.mean, rtol=1e-12)
     np.testing.assert_allclose(at_once.covariance, in_two.covariance, rtol=1e-10, atol=1e-12)
     np.testing.assert_array_equal(at_once.covariance, at_once.covariance.T)
@@ -55,32 +56,37 @@ def test_a_belief_after_a_while_is_that_of_the_summary_after_it_seed2() -> None:
 def test_accelerations_are_those_of_the_path_and_linearised_about_it_seed3() -> None:
     rng, v_F, moved, h = np.random.default_rng(3), np.array([1.0, 2.0, 0.0]), np.zeros(3), 1e-5
     mean, covariance = rng.normal(size=N), spread(3, N).covariance
-    mean[summary.V_L], mean[summary.A_L] = [5.0, -3.0, -2.0], [1.0, 2.0, -1.5]
+    mean[motion.VELOCITY], mean[motion.ACCELERATION] = [5.0, -3.0, -2.0], [1.0, 2.0, -1.5]
 
     def published(change: Array) -> Array:
-        return as_leader(Summary(mean + change, covariance), 0.2, moved, v_F).mean
+        return np.asarray(as_leader(mean + change, covariance, 0.2, moved, v_F)[0])
 
     found = published(np.zeros(N))
-    v, a = mean[summary.V_L] + 0.2 * mean[summary.A_L], mean[summary.A_L]
+    v, a = mean[motion.VELOCITY] + 0.2 * mean[motion.ACCELERATION], mean[motion.ACCELERATION]
     across = path_accelerations(tuple(v.tolist()), tuple(a.tolist()))
     np.testing.assert_allclose(found[[A_LAT, A_LONG]], across, rtol=1e-12)
     np.testing.assert_allclose(found[summary.A_ALONG], v @ a / np.linalg.norm(v), rtol=1e-12)
     J = np.column_stack([(published(h * e) - published(-h * e)) / (2.0 * h) for e in np.eye(N)])
-    expected = as_leader(Summary(mean, covariance), 0.2, moved, v_F).covariance
+    expected = as_leader(mean, covariance, 0.2, moved, v_F)[1]
     np.testing.assert_allclose(J @ covariance @ J.T, expected, rtol=1e-6, atol=1e-8)
+
+
+def ranges(log_range: Array) -> Array:
+    """Means of particles to the north."""
+    return np.exp(log_range)[:, None] * np.array([[1.0, 0.0, 0.0]])
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_occupied_bins_are_those_that_have_enough_weight_seed_0_to_2(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    noses, log_range, w = rng.uniform(-9.0, 9.0, 700), rng.normal(3.0, 0.3, 700), rng.dirichlet(np.ones(700))
-    bins = np.stack([np.floor(np.mod(noses, math.pi) / 0.1), np.floor(log_range / 0.05)])
+    headings, log_range, w = rng.uniform(-9.0, 9.0, 700), rng.normal(3.0, 0.3, 700), rng.dirichlet(np.ones(700))
+    bins = np.stack([np.floor(np.mod(headings, math.pi) / 0.1), np.floor(log_range / 0.05)])
     _, at = np.unique(bins, axis=1, return_inverse=True)
     expected = np.count_nonzero(np.bincount(at.ravel(), w) > 0.002)
     assert 100 < expected < 400
-    assert occupied(noses, log_range, w, math.pi, 0.1, 0.05, 0.002) == expected
+    assert occupied(headings, ranges(log_range), w, math.pi, 0.1, 0.05, 0.002) == expected
 
 
 def test_a_range_that_is_no_number_occupies_one_bin() -> None:
     log_range, w = np.array([math.nan, math.nan, math.inf, 3.0]), np.full(4, 0.25)
-    assert occupied(np.zeros(4), log_range, w, math.pi, 0.1, 0.05, 0.002) == 2
+    assert occupied(np.zeros(4), ranges(log_range), w, math.pi, 0.1, 0.05, 0.002) == 2

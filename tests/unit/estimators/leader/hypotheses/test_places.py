@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
-from onboard.estimators.leader.assumptions import NoseModel
+from onboard.estimators.leader.assumptions import LeaderModel
 from onboard.estimators.leader.config import Config
-from onboard.estimators.leader.hypotheses import wing as model
+from onboard.estimators.leader.hypotheses import motion as model
 from onboard.estimators.leader.hypotheses.belief import make_filter
-from onboard.estimators.leader.hypotheses.cloud import Cloud
+from onboard.estimators.leader.hypotheses.particles import Particles
 from onboard.estimators.leader.hypotheses.places import Place, places
 from onboard.estimators.leader.hypotheses.summary import summarise
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import measure_wing
 
-SETTINGS = NoseModel(
+SETTINGS = LeaderModel(
     size=2.0, size_sigma=0.02, misalignment=(0.01, 0.01, 0.01), misalignment_time=60.0, own_velocity=0.1
 )
 
@@ -62,18 +62,18 @@ def test_a_place_moves_with_its_leader_and_against_us() -> None:
     assert later.relative_to(np.array([0.0, 0.0, 1.0])).mean[5] == pytest.approx(1.0, rel=0.03)
 
 
-def cloud(ranges: Sequence[float], weights: Sequence[float]) -> Cloud:
+def particles(ranges: Sequence[float], weights: Sequence[float]) -> Particles:
     motion, w = clumps(ranges, weights)
     means = np.zeros((len(w), model.N))
     means[:, :6] = motion
     P = np.tile(1e-4 * np.eye(model.N), (len(w), 1, 1))
     zeros = np.zeros(len(w))
     of_hypotheses = zeros, zeros, zeros, means, P, np.zeros((len(w), 3)), zeros, zeros, zeros
-    return Cloud(*of_hypotheses, np.log(w), 0)
+    return Particles(*of_hypotheses, np.log(w), 0)
 
 
 def test_an_open_range_is_reported_about_its_geometric_mean_with_the_places() -> None:
-    whole = summarise(SETTINGS, cloud([10.0, 40.0], [0.5, 0.5]))
+    whole = summarise(SETTINGS, particles([10.0, 40.0], [0.5, 0.5]))
     assert whole.mean[0] == pytest.approx(20.0, rel=0.05)
     # second moments about the mean that is reported
     assert whole.covariance[0, 0] == pytest.approx((10.0**2 + 20.0**2) / 2.0, rel=0.05)
@@ -82,15 +82,15 @@ def test_an_open_range_is_reported_about_its_geometric_mean_with_the_places() ->
 
 
 def test_a_range_that_is_known_has_no_places() -> None:
-    assert summarise(SETTINGS, cloud([20.0], [1.0])).places == ()
+    assert summarise(SETTINGS, particles([20.0], [1.0])).places == ()
 
 
 def test_the_filter_says_what_is_open_and_where_relative_to_us() -> None:
     filter_ = make_filter(Config(size_prior_sigma_m=0.04))
-    points = np.array([[0.0, 0.0], [-0.02, 0.0], [0.02, 0.0]])
+    points = [(0.0, 0.0), (-0.02, 0.0), (0.02, 0.0)]
     v_F_n = np.array([2.0, 0.0, 0.0])
     pose = CameraPose(np.eye(3), np.zeros(3), v_F_n, np.zeros(3))
-    state = filter_.start(measure_wing(points, np.full(3, 0.002), filter_.shape), pose, None)
+    state = filter_.start(measure_wing(points, [0.002] * 3), pose, None)
     reason, found_places, _ = filter_.open_question(state)
     assert reason == "heading not resolved: the range is uncertain"
     assert sum(place.weight for place in found_places) == pytest.approx(1.0)

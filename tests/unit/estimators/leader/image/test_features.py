@@ -8,7 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.estimators.leader.assumptions import BIAS_COUNTS, OFF_WING
-from onboard.estimators.leader.image.prepare import UNKNOWN, features_of, measure
+from onboard.estimators.leader.image.prepare import features_of, measure
 from onboard.estimators.leader.image.shape import shape_of
 from onboard.messages import ImageFeature, Lifecycle, Message, TargetDetection, TargetPoints, Verdict
 from tests.support.streams import CIRCLE, F_PX, Run, S, Stream, advance, make_config, position_error
@@ -40,8 +40,8 @@ def test_a_pair_of_wingtips_measures_the_wing_and_its_middle_with_the_doubt_of_t
     shape = shape_of(make_config().estimator["leader"])
     whole, pair = measure(shape, saw(IMAGE)), measure(shape, saw(less(IMAGE, "left", "right")))
     assert pair.span == pytest.approx(whole.span, rel=1e-3)
-    assert pair.R[2, 2] == pytest.approx(whole.R[2, 2], rel=1e-2)
-    assert math.sqrt(pair.R[0, 0]) == pytest.approx(BIAS_COUNTS * OFF_WING * SPAN, rel=0.1)
+    assert pair.rows.R[2, 2] == pytest.approx(whole.rows.R[2, 2], rel=1e-2)
+    assert math.sqrt(pair.rows.R[0, 0]) == pytest.approx(BIAS_COUNTS * OFF_WING * SPAN, rel=0.1)
     middle = (np.array(IMAGE.left) + np.array(IMAGE.right)) / 2
     assert pair.axes[0][1:] / pair.axes[0][0] == pytest.approx(middle)
 
@@ -49,9 +49,9 @@ def test_a_pair_of_wingtips_measures_the_wing_and_its_middle_with_the_doubt_of_t
 def test_with_the_center_on_the_wing_the_middle_is_the_center_and_is_measured_once() -> None:
     shape = shape_of(make_config("estimator.leader.center_on_wing=true").estimator["leader"])
     pair = measure(shape, saw(less(IMAGE, "left", "right"), center_on_wing=True))
-    assert math.sqrt(pair.R[0, 0]) < 0.1 * SPAN
-    assert np.sqrt(np.diag(pair.R)[4:]).tolist() == [UNKNOWN] * 2
-    assert not pair.R[:4, 4:].any()
+    assert math.sqrt(pair.rows.R[0, 0]) < 0.1 * SPAN
+    assert len(pair.y) == 4
+    assert len(measure(shape, saw(IMAGE, center_on_wing=True)).y) == 6
 
 
 @pytest.mark.parametrize("what", ["center", "left", "box"])
@@ -62,11 +62,10 @@ def test_one_point_or_a_box_measures_a_direction_and_no_wing(what: str) -> None:
     expected = {
         "center": SIGMA,
         "left": math.hypot(SIGMA, BIAS_COUNTS * 0.04),
-        "box": math.hypot(3 * SIGMA, BIAS_COUNTS * 0.1 * 2 * 0.05),
+        "box": math.hypot(0.05 * 0.1 / math.sqrt(2.0), BIAS_COUNTS * 0.1 * 2 * 0.05),
     }
-    assert math.sqrt(m.R[0, 0]) == pytest.approx(expected[what], rel=0.05)
-    assert np.sqrt(np.diag(m.R)[2:]).tolist() == [UNKNOWN] * (len(m.y) - 2)
-    assert m.y[2:].tolist() == pytest.approx([0.098, 0.0] if what == "box" else [0.0] * (len(m.y) - 2), abs=1e-3)
+    assert math.hypot(math.sqrt(m.rows.R[0, 0]), m.off) == pytest.approx(expected[what], rel=0.05)
+    assert m.y[2:].tolist() == pytest.approx([0.098, 0.0] if what == "box" else [], abs=1e-3)
 
 
 def flown(change: Any, *overrides: str, t1: float = 10.0, after: float = 8.0) -> Run:

@@ -1,4 +1,4 @@
-"""A pose's nose as a measurement of a cloud's particles."""
+"""A pose's heading as a measurement of particles."""
 
 import math
 
@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import FLIPPED, STRAY
 from onboard.estimators.leader.hypotheses import update
-from onboard.estimators.leader.hypotheses.wing import BANK_ERROR, N
+from onboard.estimators.leader.hypotheses.motion import BANK_ERROR, N
 
 
 def particles(count: int, seed: int) -> tuple[Array, Array]:
@@ -24,27 +24,27 @@ def density(sigma: float, share: float) -> float:
 
 
 def test_a_nose_is_where_it_was_measured_or_at_the_mirror_image_or_anywhere_seed_2() -> None:
-    noses = np.array([0.5, 2.5, 1.5])
+    headings = np.array([0.5, 2.5, 1.5])
     means, P = particles(3, 2)
-    log_l = update.measure_nose(noses, means, P, 0.5, 2.5, 0.1)
+    log_l = update.measure_heading(headings, means, P, 0.5, 2.5, 0.1)
     found = [density(0.1, 1 - FLIPPED - STRAY), density(0.1, FLIPPED), STRAY / (2 * math.pi)]
     assert_allclose(np.exp(log_l), found, rtol=1e-9)
-    assert noses.tolist() == [0.5, 2.5, 1.5]
+    assert headings.tolist() == [0.5, 2.5, 1.5]
 
 
 def test_a_nose_is_the_same_a_turn_later() -> None:
     means, P = particles(2, 3)
-    log_l = update.measure_nose(np.array([0.5, 0.5 + 6 * math.pi]), means, P, 0.5, 2.5, 0.1)
+    log_l = update.measure_heading(np.array([0.5, 0.5 + 6 * math.pi]), means, P, 0.5, 2.5, 0.1)
     assert log_l[0] == pytest.approx(log_l[1])
 
 
 def test_a_particle_whose_nose_is_where_the_tail_is_turns_round_and_banks_to_the_other_side_seed_4() -> None:
-    noses = np.array([0.5 - math.pi, 0.5])
+    headings = np.array([0.5 - math.pi, 0.5])
     means, P = particles(2, 4)
     means[1], P[1] = means[0], P[0]
     before, before_P = means[0].copy(), P[0].copy()
-    update.measure_nose(noses, means, P, 0.5, 2.5, 0.1)
-    assert_allclose(noses, 0.5)
+    update.measure_heading(headings, means, P, 0.5, 2.5, 0.1)
+    assert_allclose(headings, 0.5)
     sign = np.ones(N)
     sign[BANK_ERROR] = -1.0
     assert_allclose(means[0], sign * before)

@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
-from onboard.estimators.leader.assumptions import NoseModel
+from onboard.estimators.leader.assumptions import LeaderModel
 from onboard.estimators.leader.config import Config
+from onboard.estimators.leader.hypotheses import motion as model
 from onboard.estimators.leader.hypotheses import prediction, update
-from onboard.estimators.leader.hypotheses import wing as model
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter
-from onboard.estimators.leader.hypotheses.cloud import Cloud, enough, resampled
+from onboard.estimators.leader.hypotheses.particles import Particles, enough, resampled
 from onboard.estimators.leader.hypotheses.start import start
 from onboard.estimators.leader.hypotheses.summary import LOG_SIZE, Summary, summarise, with_course
 from onboard.estimators.leader.image.camera_pose import CameraPose
-from onboard.estimators.leader.image.measurement import Measurement, from_points
+from onboard.estimators.leader.image.measurement import Measurement, measure_wing
 from onboard.estimators.leader.image.shape import shape_of
 from onboard.filters.belief import FilterError
 from tests.support.images import fused
 
-SETTINGS = NoseModel(
+SETTINGS = LeaderModel(
     size=2.0, size_sigma=0.04, misalignment=(0.007, 0.007, 0.024), misalignment_time=60.0, own_velocity=0.1
 )
 STILL = CameraPose(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
@@ -29,7 +29,8 @@ STILL = CameraPose(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
 def image(
     range_m: float, aspect: float, *, east: float = 0.0, lean: float = 0.0, seed: int = 1, swap: bool = False
 ) -> Measurement:
-    """A leader to the north, its nose `aspect` rad off the line of sight, banked by `lean`, with 1 px of noise."""
+    """A leader to the north, its heading `aspect` rad off the line of sight, banked by `tilt`, with 1 px of
+    noise."""
     level = math.cos(lean)
     wing = np.array([-math.sin(aspect) * level, math.cos(aspect) * level, math.sin(lean)])
     ends = [np.array([range_m, -east, 0.0]) + k * wing for k in (0.0, -1.0, 1.0)]
@@ -37,8 +38,7 @@ def image(
     points = points + np.random.default_rng(seed).normal(size=(3, 2)) / 554.0
     if (points[1, 0] > points[2, 0]) != swap:
         points = points[[0, 2, 1]]  # detectors name wingtips by their side in the image
-    y, R, axes = from_points(points[None], np.full((1, 3), 1.0 / 554.0), 4)
-    return Measurement(y[0], R[0], float(np.hypot(y[0, 2], y[0, 3])), math.sqrt(R[0, 2, 2]), axes[0])
+    return measure_wing(points.tolist(), [1.0 / 554.0] * 3)
 
 
 def watched(
@@ -50,21 +50,22 @@ def watched(
     swap: bool = False,
     turn: float = 0.0,
     gated: int = 6,
-) -> Cloud:
-    """The cloud after watching a leader 25 m away that hovers, while we sway from side to side by `sway` m. Its
-    nose turns by `turn` rad from a third of the time to two thirds; at most `gated` images are not believed."""
-    cloud = start(SETTINGS, image(25.0, aspect, lean=lean), STILL)
+) -> Particles:
+    """The particles after watching a leader 25 m away that hovers, while we sway from side to side by `sway` m.
+    Its heading turns by `turn` rad from a third of the time to two thirds; at most `gated` images are not
+    believed."""
+    particles = start(SETTINGS, image(25.0, aspect, lean=lean), STILL)
     east, steps, left = 0.0, round(10 * seconds), gated
     for k in range(1, steps):
         new = sway * math.sin(2.0 * math.pi * k / 40.0)
-        cloud = prediction.predict(SETTINGS, cloud, 0.1, np.array([0.0, new - east, 0.0]))
+        particles = prediction.predict(SETTINGS, particles, 0.1, np.array([0.0, new - east, 0.0]))
         east = new
-        nose = aspect + turn * min(max(3.0 * k / steps - 1.0, 0.0), 1.0)
-        seen = image(25.0, nose, east=east, lean=lean, seed=k, swap=swap and k % 2 == 1)
-        cloud, nis = update.update(SETTINGS, cloud, seen, STILL)
+        heading = aspect + turn * min(max(3.0 * k / steps - 1.0, 0.0), 1.0)
+        seen = image(25.0, heading, east=east, lean=lean, seed=k, swap=swap and k % 2 == 1)
+        particles, nis = update.update(SETTINGS, particles, seen, STILL)
         left -= nis >= SETTINGS.gate
     assert left >= 0
-    return cloud
+    return particles
 
 
 def off_by(summary: Summary) -> float:
@@ -81,7 +82,7 @@ def test_one_image_leaves_range_and_nose_open() -> None:
 
 @pytest.mark.parametrize("aspect_deg", [20.0, 45.0, 65.0])
 def test_a_leader_and_a_camera_at_rest_leave_the_range_open(aspect_deg: float) -> None:
-    """Nothing but noise distinguishes the noses, and no weight drifts to one of them for long."""
+    """Nothing but noise distinguishes the headings, and no weight drifts to one of them for long."""
     summary = summarise(SETTINGS, watched(math.radians(aspect_deg), 20.0))
     assert summary.range_sigma() > 0.1
     assert abs(off_by(summary)) < 4.0  # 3.1 +- 0.4 at 65 degrees: a broad wing needs no wobble to explain it
@@ -98,8 +99,8 @@ def test_our_own_motion_resolves_the_range(aspect_deg: float) -> None:
 @pytest.mark.parametrize("aspect_deg", [50.0, 70.0])
 @pytest.mark.parametrize("lean_deg", [-5.0, 5.0])
 def test_a_steady_lean_against_the_wind_is_no_nose(aspect_deg: float, lean_deg: float) -> None:
-    """A copter that hovers in wind leans for as long as it blows. Its wing's slope must not be taken for a
-    nose."""
+    """A copter that hovers in wind tilts for as long as it blows. Its wing's slope must not be taken for a
+    heading."""
     settled = summarise(SETTINGS, watched(math.radians(aspect_deg), 15.0, sway=2.0, lean=math.radians(lean_deg)))
     assert abs(off_by(settled)) < 2.0
 
@@ -113,18 +114,18 @@ def test_exchanged_wingtips_change_nothing() -> None:
 @pytest.mark.parametrize(("turn_deg", "gated"), [(-70.0, 6), (70.0, 6), (110.0, 36)])
 def test_a_nose_that_turns_and_stays_is_followed(turn_deg: float, gated: int) -> None:
     """Whether it turns out of the image plane or through it, the leader is not taken for one that flies away. Of a
-    nose that turns through the image plane, images of up to four seconds are not believed."""
+    heading that turns through the image plane, images of up to four seconds are not believed."""
     summary = summarise(SETTINGS, watched(0.3, 18.0, sway=3.0, turn=math.radians(turn_deg), gated=gated))
     assert abs(off_by(summary)) < 2.0
 
 
 def test_a_restarted_cloud_forgets_the_nose_but_a_gap_does_not() -> None:
     known = watched(0.3, 12.0, sway=3.0)
-    fresh = start(SETTINGS, image(25.0, 0.3), STILL)
+    startup_evidence = start(SETTINGS, image(25.0, 0.3), STILL)
     later = known
     for _ in range(8):
         later = prediction.predict(SETTINGS, later, 0.25, np.zeros(3))
-    assert summarise(SETTINGS, later).range_sigma() < 0.6 * summarise(SETTINGS, fresh).range_sigma()
+    assert summarise(SETTINGS, later).range_sigma() < 0.6 * summarise(SETTINGS, startup_evidence).range_sigma()
 
 
 def test_our_attitude_is_considered_not_estimated() -> None:
@@ -140,17 +141,17 @@ def test_the_size_is_considered_not_estimated() -> None:
 
 
 def test_an_image_that_nothing_expected_changes_nothing() -> None:
-    cloud = watched(0.3, 3.0)
-    after, nis = update.update(SETTINGS, cloud, image(25.0, 0.3, east=15.0), STILL)
+    particles = watched(0.3, 3.0)
+    after, nis = update.update(SETTINGS, particles, image(25.0, 0.3, east=15.0), STILL)
     assert nis > SETTINGS.gate
-    assert after is cloud
+    assert after is particles
 
 
 def test_what_is_beyond_the_gate_together_is_not_fused(monkeypatch: pytest.MonkeyPatch) -> None:
     """The NIS that is published is that of all hypotheses, though enough of them may have expected an image."""
     filter_ = BeliefFilter(SETTINGS, shape_of(Config(size_prior_m=2.0)), 0.0)
     state = filter_.start(image(25.0, 0.3), STILL, None)
-    monkeypatch.setattr(update, "update", lambda _settings, cloud, *_: (cloud, 0.0))
+    monkeypatch.setattr(update, "update", lambda _settings, particles, *_: (particles, 0.0))
     assert fused(filter_, state, image(25.0, 0.3), STILL).passes
     far = fused(filter_, state, image(25.0, 0.3, east=15.0), STILL)
     assert far.nis > SETTINGS.gate
@@ -158,62 +159,67 @@ def test_what_is_beyond_the_gate_together_is_not_fused(monkeypatch: pytest.Monke
 
 
 def test_a_cloud_without_numbers_is_an_error() -> None:
-    cloud = start(SETTINGS, image(25.0, 0.3), STILL)
-    cloud.means[:] = math.nan
+    particles = start(SETTINGS, image(25.0, 0.3), STILL)
+    particles.means[:] = math.nan
     with pytest.raises(FilterError, match="lost its numbers"):
-        update.update(SETTINGS, cloud, image(25.0, 0.3), STILL)
+        update.update(SETTINGS, particles, image(25.0, 0.3), STILL)
 
 
 def test_particles_spread_along_the_line_of_sight() -> None:
-    cloud = start(SETTINGS, image(25.0, 0.0), STILL)
-    ranges: Array = np.linalg.norm(cloud.means[:, model.POSITION], axis=1)
+    particles = start(SETTINGS, image(25.0, 0.0), STILL)
+    ranges: Array = np.linalg.norm(particles.means[:, model.POSITION], axis=1)
     assert ranges.max() == pytest.approx(25.0, rel=0.05)
     assert ranges.min() < 1.7
 
 
 def test_the_nose_of_a_fixed_wing_is_likely_on_its_course_but_no_more() -> None:
-    """The cloud itself knows nothing of it: each image would count it again."""
+    """The particles itself knows nothing of it: each image would count it again."""
     settings = SETTINGS._replace(crab=math.radians(14.0), nose_about_course=math.radians(14.0))
     pose = STILL._replace(v_F_n=np.array([10.0, 0.0, 0.0]))
-    cloud = start(settings, image(25.0, 0.0), pose)
-    cloud.covariances[:, 3:6, 3:6] = 0.01 * np.eye(3)
-    near = np.abs(np.sin(cloud.noses)) < math.sin(math.radians(14.0))
-    assert 0.6 < with_course(settings, cloud)[near].sum() < 0.75
-    assert np.exp(cloud.log_weights)[near].sum() == pytest.approx(0.4, abs=0.02)
+    particles = start(settings, image(25.0, 0.0), pose)
+    particles.covariances[:, 3:6, 3:6] = 0.01 * np.eye(3)
+    near = np.abs(np.sin(particles.headings)) < math.sin(math.radians(14.0))
+    assert 0.6 < with_course(settings, particles)[near].sum() < 0.75
+    assert np.exp(particles.log_weights)[near].sum() == pytest.approx(0.4, abs=0.02)
 
 
 def test_where_points_show_the_nose_particles_stay_dense() -> None:
-    """A few noses and one range are in question: a turn of the nose is followed by those that are there."""
-    cloud = watched(0.5, 5.0, sway=3.0)
-    agreed = resampled(cloud, SETTINGS.particles)
-    agreed.noses[:], agreed.means[:] = agreed.noses[0], agreed.means[0]
-    assert enough(SETTINGS, agreed) == SETTINGS.fewest
-    assert enough(SETTINGS, agreed._replace(sided=True)) == SETTINGS.fewest_sided
+    """A few headings and one range are in question: a turn of the heading is followed by those that are there."""
+    particles = watched(0.5, 5.0, sway=3.0)
+    agreed = resampled(particles, SETTINGS.particles)
+    agreed.headings[:], agreed.means[:] = agreed.headings[0], agreed.means[0]
+    assert enough(SETTINGS, agreed, np.exp(agreed.log_weights)) == SETTINGS.fewest
+    assert (
+        enough(SETTINGS, agreed._replace(heading_observed=True), np.exp(agreed.log_weights))
+        == SETTINGS.fewest_sided
+    )
 
 
 def test_as_many_particles_as_fit_are_no_surer_than_very_many() -> None:
     """The same model with ten times as many particles: ours is neither surer nor much less sure."""
     few = summarise(SETTINGS, watched(1.0, 3.0, sway=3.0)).range_sigma()
     many = SETTINGS._replace(particles=6000)
-    cloud = start(many, image(25.0, 1.0), STILL)
+    particles = start(many, image(25.0, 1.0), STILL)
     east = 0.0
     for k in range(1, 30):
         new = 3.0 * math.sin(2.0 * math.pi * k / 40.0)
-        cloud = prediction.predict(many, cloud, 0.1, np.array([0.0, new - east, 0.0]))
+        particles = prediction.predict(many, particles, 0.1, np.array([0.0, new - east, 0.0]))
         east = new
-        cloud, _ = update.update(many, cloud, image(25.0, 1.0, east=east, seed=k), STILL)
-    assert 0.67 < few / summarise(many, cloud).range_sigma() < 1.5
+        particles, _ = update.update(many, particles, image(25.0, 1.0, east=east, seed=k), STILL)
+    assert 0.67 < few / summarise(many, particles).range_sigma() < 1.5
 
 
 @pytest.mark.parametrize(("aspect_deg", "share"), [(0.0, 0.0), (90.0, 1.0), (30.0, 0.25)])
 def test_points_that_are_always_misplaced_make_the_range_wrong_as_the_wing_is_foreshortened(
     aspect_deg: float, share: float
 ) -> None:
-    """A nose that is off by d (1 - seen^2) / (seen, cross) changes the seen length by d (1 - seen^2)."""
-    cloud = start(SETTINGS, image(25.0, 0.2), STILL)
-    known = cloud._replace(noses=np.full(len(cloud.noses), math.radians(aspect_deg)), sided=True)
+    """A heading that is off by d (1 - seen^2) / (seen, cross) changes the seen length by d (1 - seen^2)."""
+    particles = start(SETTINGS, image(25.0, 0.2), STILL)
+    known = particles._replace(
+        headings=np.full(len(particles.headings), math.radians(aspect_deg)), heading_observed=True
+    )
     r = summarise(SETTINGS, known).mean[:3]
-    plain, wide = (summarise(SETTINGS, known._replace(misplaced=m)).covariance for m in (0.0, 0.056))
+    plain, wide = (summarise(SETTINGS, known._replace(keypoint_bias=m)).covariance for m in (0.0, 0.056))
     added = float(r @ (wide - plain)[:3, :3] @ r) / float(r @ r) ** 2
     assert added == pytest.approx((0.056 * share) ** 2, abs=1e-6)
 
@@ -222,13 +228,15 @@ def test_evidence_counts_by_seconds_and_not_by_images() -> None:
     """Four times as long after the image before, four times as much."""
     settings = SETTINGS._replace(
         fewest=SETTINGS.particles, resample=1e-9, drag=0.0
-    )  # what a lean costs counts whole
-    cloud = prediction.predict(settings, start(settings, image(25.0, 0.3), STILL), 0.1, np.array([0.0, 0.3, 0.0]))
+    )  # what a tilt costs counts whole
+    particles = prediction.predict(
+        settings, start(settings, image(25.0, 0.3), STILL), 0.1, np.array([0.0, 0.3, 0.0])
+    )
 
     def weight_of(unseen: float) -> float:
-        after = update.update(settings, cloud._replace(unseen=unseen), image(25.0, 0.3, east=0.3), STILL)[0]
+        after = update.update(settings, particles._replace(unseen=unseen), image(25.0, 0.3, east=0.3), STILL)[0]
         assert after.unseen == 0.0
-        return float(np.ptp(after.log_weights - cloud.log_weights))
+        return float(np.ptp(after.log_weights - particles.log_weights))
 
     assert weight_of(0.4) == pytest.approx(4.0 * weight_of(0.1))
     assert weight_of(5.0) == pytest.approx(weight_of(1.0))  # no image counts more than once
@@ -236,11 +244,11 @@ def test_evidence_counts_by_seconds_and_not_by_images() -> None:
 
 @pytest.mark.parametrize(("near", "published"), [(20.0, 25.0), (10.0, 25.0**0.7 * 10.0**0.3)])
 def test_a_resolved_range_is_the_median_and_an_open_one_the_geometric_mean(near: float, published: float) -> None:
-    cloud = start(SETTINGS, image(25.0, 0.0), STILL)
-    k = len(cloud.noses)
+    particles = start(SETTINGS, image(25.0, 0.0), STILL)
+    k = len(particles.headings)
     ranges = np.where(np.arange(k) < 0.3 * k, near, 25.0)
     covariances = np.repeat(1e-4 * np.eye(model.N)[None], k, axis=0)
-    means = np.zeros_like(cloud.means)
+    means = np.zeros_like(particles.means)
     means[:, 0] = ranges
-    known = cloud._replace(means=means, covariances=covariances, log_weights=np.full(k, -math.log(k)))
+    known = particles._replace(means=means, covariances=covariances, log_weights=np.full(k, -math.log(k)))
     assert np.linalg.norm(summarise(SETTINGS, known).mean[:3]) == pytest.approx(published, rel=0.01)

@@ -1,9 +1,10 @@
-"""The cloud of noses is as sure as it may be: leaders drawn from its own model, by code of its own (`bootstrap`).
+"""The particles are as sure as they may be: leaders drawn from its own model, by code of its own (`bootstrap`).
 
-What is drawn is what the model supposes: the nose, how the leader flies, the size, and the errors of our attitude
-and velocity. The cloud counts each image whole (`evidence_rate`), because these images' errors are independent of
-each other, and is without doubt about the nose, because no draw exchanges it. Then the mean NEES is the number of
-components, however far from Gaussian the belief is: each covariance is the second moment about what is published.
+What is drawn is what the model supposes: the heading, how the leader flies, the size, and the errors of our
+attitude and velocity. The particles count each image whole (`evidence_rate`), because these images' errors are
+independent of each other, and is without doubt about the heading, because no draw exchanges it. Then the mean NEES
+is the number of components, however far from Gaussian the belief is: each covariance is the second moment about
+what is published.
 """
 
 import math
@@ -15,11 +16,12 @@ import pytest
 
 from onboard.arrays import Array
 from onboard.estimators.leader.hypotheses import prediction, update
+from onboard.estimators.leader.hypotheses.motion import MOTION
 from onboard.estimators.leader.hypotheses.places import Place
 from onboard.estimators.leader.hypotheses.start import start
-from onboard.estimators.leader.hypotheses.summary import MOTION, summarise
+from onboard.estimators.leader.hypotheses.summary import summarise
 from onboard.estimators.leader.image.camera_pose import CameraPose
-from onboard.estimators.leader.image.measurement import Measurement, from_points
+from onboard.estimators.leader.image.measurement import Measurement, measure_wing
 from tests.support import bootstrap
 from tests.support.honesty import assert_honest, nees
 
@@ -53,9 +55,7 @@ def measurement(seen: Array) -> Measurement:
     """Of what `bootstrap.image_of` returns, with noise."""
     half = 0.5 * seen[2:]
     points = np.stack([seen[:2], seen[:2] - half, seen[:2] + half])
-    y, R, axes = from_points(points[None], np.full((1, 3), SIGMA), 4)
-    span = math.hypot(y[0, 2], y[0, 3])
-    return Measurement(y[0], R[0], span, math.sqrt(R[0, 2, 2]), axes[0])
+    return measure_wing(points.tolist(), [SIGMA] * 3)
 
 
 @cache
@@ -66,17 +66,17 @@ def flown(seed: int, images: int) -> End:
     seen = np.array([0.0, 0.0, math.cos(0.2 * angle), math.sin(0.2 * angle)]) * 2.0 / rng.uniform(25.0, 45.0)
     size = s.size * math.exp(s.size_sigma / s.size * rng.normal())
     leader = bootstrap.start(s._replace(size=size), seen, SIGMA, 1, rng)
-    cloud, east = start(s, measurement(seen), STILL), 0.0
+    particles, east = start(s, measurement(seen), STILL), 0.0
     for k in range(1, images + 1):
         new = 3.0 * math.sin(0.15 * k)
         moved, east = np.array([0.0, new - east, 0.0]), new
         leader = bootstrap.predict(s, leader, DT, moved, rng)
         noise = SIGMA * np.array([1.0, 1.0, math.sqrt(2.0), math.sqrt(2.0)]) * rng.normal(size=4)
-        cloud = prediction.predict(s, cloud, DT, moved)
-        cloud, _ = update.update(s, cloud, measurement(bootstrap.image_of(leader, size)[0] + noise), STILL)
+        particles = prediction.predict(s, particles, DT, moved)
+        particles, _ = update.update(s, particles, measurement(bootstrap.image_of(leader, size)[0] + noise), STILL)
     turned, off_v = rng.normal(size=3) * s.misalignment, s.own_velocity * rng.normal(size=3)
     truth = np.array([*(leader.r[0] + np.cross(turned, leader.r[0])), *(leader.v[0] + off_v)])
-    known = summarise(s, cloud)
+    known = summarise(s, particles)
     return End(truth, known.mean[MOTION], known.covariance[MOTION, MOTION], known.places)
 
 

@@ -1,0 +1,159 @@
+"""Particles: what is known of a leader whose heading may point anywhere.
+
+One image leaves the heading open, and with it the range. Each particle supposes a heading, and whether the leader
+turns it or changes its speed; given those, the rest is nearly linear (`motion`). New particles have
+headings over half a circle: a wing looks the same from the front and from behind. A particle loses weight only by
+evidence.
+
+Smoothness is no evidence. A near leader that flies calmly and a far one that flies twice as boldly look alike, and
+how boldly a leader flies is not known. So all noise is proportional to the range that a particle's heading
+implies, and no heading fits smooth motion better than another. Evidence is our own known motion, and a line of
+sight that turns while the heading does not.
+
+Random numbers are a fixed function of the count of steps, so the same images give the same particles.
+"""
+
+import math
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numba import njit, types
+
+from onboard.arrays import Array
+from onboard.estimators.leader.assumptions import LeaderModel
+from onboard.estimators.leader.hypotheses.draws import uniform
+from onboard.estimators.leader.hypotheses.motion import LEAST_VISIBLE, NUMBER, N
+from onboard.filters.compiled import ROWS, VECTOR
+
+ARRAYS: Final = 9  # of the fields, the first: each has one row a particle
+HEADING_BIN: Final = math.radians(6.0)  # rad
+RANGE_BIN: Final = 0.05  # of the range's logarithm
+LEAST_WEIGHT: Final = 0.002  # of a bin that counts
+PER_BIN: Final = 6  # particles
+CHANGE: Final = 1.5  # the number of particles changes by this factor at least
+MOST_EVIDENCE: Final = 40.0  # of the logarithm of a likelihood ratio, by one measurement
+
+
+class Bias(NamedTuple):
+    """An error of measurements that lasts: its standard deviation, and its correlation time, s."""
+
+    name: str
+    sigma: float
+    time: float = math.inf
+
+
+class Particles(NamedTuple):
+    """K weighted hypotheses about one leader, and what its images so far have in common."""
+
+    headings: Array  # (K,) rad from north, not wrapped
+    rates: Array  # (K,) rad/s, at which headings are turned; 0: they are not
+    regimes: Array  # (K,) STEADY, ACCELERATING or HOVERING
+    means: Array  # (K, W) of `motion`, with the `biases` behind the first N
+    covariances: Array  # (K, W, W)
+    intensities: Array  # (K, 3) logarithms of how much more than others a leader manoeuvres, banks and wobbles
+    course_locked: Array  # (K,) COURSE_LOCKED, FREE or UNDECIDED: whether the heading is locked to the course
+    drags: Array  # (K,) 1/s
+    mean_bank_error: Array  # (K,) rad, lately
+    log_weights: Array  # (K,)
+    draws: int  # random numbers so far
+    edge_on_visibility: float = LEAST_VISIBLE  # of the wing's length, that the edge-on aircraft shows
+    heading_observed: bool = False  # points have distinguished the nose from the tail
+    keypoint_bias: float = 0.0  # of the length that shows the nose, one standard deviation
+    metric: bool = False  # ranges are those of poses, and not of a leader of some size
+    unseen: float = 0.0  # s, since the last image that corrected them
+    startup_evidence: float = 0.0  # images whose evidence of a new track is not used yet
+    misfits: tuple[str, ...] = ()  # named points of the last image that fitted no heading
+    surprise: float = (
+        1.0  # mean NIS per component of the last seconds' images, by the particles' own uncertainties
+    )
+    biases: tuple[Bias, ...] = ()
+
+    def tilts(self, settings: LeaderModel) -> bool:
+        """Whether leaders tilt, and images show it."""
+        return settings.drag != 0.0 and self.edge_on_visibility <= LEAST_VISIBLE
+
+    def column(self, name: str) -> int:
+        """Of a bias in the state."""
+        return N + [bias.name for bias in self.biases].index(name)
+
+    def with_biases(self, *biases: Bias) -> "Particles":
+        """With those of them that it has not yet. Nothing is known of a new one but its standard deviation."""
+        known = {bias.name for bias in self.biases}
+        new = tuple(bias for bias in biases if bias.name not in known)
+        if not new:
+            return self
+        wider = ((0, 0), (0, len(new)))
+        means, P = np.pad(self.means, wider), np.pad(self.covariances, (*wider, wider[1]))
+        at = np.arange(len(new)) + self.means.shape[1]
+        P[:, at, at] = np.square([bias.sigma for bias in new])
+        return self._replace(means=means, covariances=P, biases=(*self.biases, *new))
+
+
+def weighted(particles: Particles, log_l: Array) -> Particles:
+    """The particles with each particle's weight times a likelihood, of which these are the logarithms (K,)."""
+    log_weights = particles.log_weights + log_l
+    log_weights -= np.maximum.reduce(log_weights)  # the methods of an array cost as much again
+    return particles._replace(log_weights=log_weights - math.log(np.add.reduce(np.exp(log_weights))))
+
+
+def evidence(log_l: Array, believed: float = 1.0) -> Array:
+    """The logarithms of likelihoods (K,) as far as they are `believed`, from 0 to 1."""
+    found: Array = believed * np.maximum(log_l, np.maximum.reduce(log_l) - MOST_EVIDENCE)
+    return found
+
+
+def fitting(settings: LeaderModel, particles: Particles) -> Particles:
+    """The particles with as many particles as there should be, drawn anew where few have the weight."""
+    w = np.exp(particles.log_weights)
+    count = enough(settings, particles, w)
+    is_apt = len(w) / CHANGE < count < len(w) * CHANGE
+    if 1.0 / float(np.add.reduce(w * w)) > settings.resample * len(w) and is_apt:
+        return particles
+    return resampled(particles, count)
+
+
+def enough(settings: LeaderModel, particles: Particles, w: Array) -> int:
+    """How many particles there should be: in proportion to the number of different headings and ranges that have
+    weight, as in KLD-sampling (Fox, 2003). Where points show the heading, the right headings are few degrees wide:
+    what follows a heading that turns must be dense there."""
+    turn, fewest = (math.tau, settings.fewest_sided) if particles.heading_observed else (math.pi, settings.fewest)
+    sizes = HEADING_BIN, RANGE_BIN, LEAST_WEIGHT
+    bins = int(occupied(particles.headings, particles.means, w, turn, *sizes))
+    return min(max(PER_BIN * bins, fewest), settings.particles)
+
+
+def resampled(particles: Particles, k: int) -> Particles:
+    """k particles, drawn by their weights, which become alike: systematic resampling."""
+    at = (np.arange(k) + uniform(particles.draws, 1)[0]) / k
+    chosen = np.minimum(np.searchsorted(np.cumsum(np.exp(particles.log_weights)), at), len(particles.headings) - 1)
+    arrays: dict[str, Any] = {name: getattr(particles, name)[chosen] for name in Particles._fields[:ARRAYS]}
+    log_weights = np.full(k, -math.log(k))
+    return particles._replace(**arrays, log_weights=log_weights, draws=particles.draws + 1)
+
+
+@njit(
+    types.int64(VECTOR, ROWS, VECTOR, NUMBER, NUMBER, NUMBER, NUMBER),
+    cache=True,
+    error_model="numpy",
+)
+def occupied(headings, means, w, turn, heading_bin, range_bin, least):
+    """How many bins of headings (K,), which repeat after `turn`, and of logarithms of the means' ranges (K, W)
+    have at least so much of the weights w (K,)."""
+    size, nothing, last = 1, np.int64(-(1 << 62)), 1e15  # what is no number is in the last bin
+    while size < 2 * w.shape[0]:  # so much room that few keys meet
+        size *= 2
+    keys, weights = np.full(size, nothing), np.zeros(size)
+    for k in range(w.shape[0]):
+        x = means[k]
+        log_range = 0.5 * np.log(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
+        bin_ = np.floor(headings[k] % turn / heading_bin) + 1000.0 * np.floor(log_range / range_bin)
+        key = np.int64(bin_) if abs(bin_) < last else np.int64(last)
+        at = key & (size - 1)
+        while keys[at] != key and keys[at] != nothing:
+            at = (at + 1) & (size - 1)
+        keys[at] = key
+        weights[at] += w[k]
+    found = 0
+    for weight in weights:
+        found += 1 if weight > least else 0
+    return found

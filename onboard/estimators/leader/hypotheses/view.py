@@ -1,0 +1,497 @@
+"""What an image shows of a body whose heading is known: a wing, named points, the sides of a box, a direction.
+
+A view is rows. Each is one coordinate, right or down on the plane tangent to the sphere of directions at the
+measured center (`image.measurement`), of one point of the body, or of two with a share each: a wing is the right
+wingtip less the left one, the width of a box its right side less its left one. A side of a box is that of
+whichever point reaches farthest.
+
+The body banks as its thrust demands, and a multirotor pitches with it. All rows have one linearisation, and one
+update. The state is that of `motion`, of which an image has at most one bias. What is open of the pitch, and by
+how much a detector misplaces a point, is noise.
+"""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numba import njit, types
+
+from onboard.arrays import Array
+from onboard.estimators.leader.hypotheses.motion import (
+    AX,
+    AY,
+    AZ,
+    BANK_ERROR,
+    COURSE_LOCKED,
+    COVARIANCES,
+    HEADINGS,
+    LEAD,
+    LOG_SIZE,
+    NUMBER,
+    PAIR,
+    RX,
+    RY,
+    RZ,
+    SLOW2,
+    TILT_EAST,
+    TILT_NORTH,
+    VX,
+    VY,
+    WING_SCALE_ERROR,
+    G,
+    course_of,
+)
+from onboard.estimators.leader.image.measurement import LOWEST, Rows, measured_spread
+from onboard.filters.compiled import MAKING, OUT, VECTOR, out, record
+
+TINY: Final = 1e-12
+NO_OTHERS: Final = np.empty((0, 0))
+TAILS: Final = 4.0  # degrees of freedom of Student's t; what a leader does is no Gaussian
+WING_SIGMAS2: Final = 9.0  # a wing shorter than three standard deviations has no logarithm
+
+
+class ImageRows(NamedTuple):
+    """Rows of an image (`image.measurement.Rows`): which points of the body (m, 2), with which shares (m, 2),
+    along which axis (m,); what is measured (m,), and its noise (m, m); whether they are of a wing, or of points
+    with names; how the body pitches as it accelerates, the standard deviations of its pitch, rad, and of a point's
+    place, as a share of the wingspan. From where, r_FC (3,) m, and about which axes (3, 3) in n; the column of the
+    bias of the size, 0 without one; and which headings are course-locked (K,) to the course through the `air`."""
+
+    points: Array
+    of: Array
+    shares: Array
+    axis: Array
+    y: Array
+    R: Array
+    is_wing: bool
+    named: bool
+    tilts: float
+    pitch: float
+    place_sigma: float
+    r_FC: Array
+    axes: Array
+    bias: int
+    course_locked: Array
+    air: tuple[float, float]
+
+
+class Scratch(NamedTuple):
+    """Room for the body axes (3, 3), the derivatives of bank and pitch by the forces (2, 3), and of each point its
+    place and its two coordinates (k, 5)."""
+
+    body: Array
+    by: Array
+    q: Array
+
+
+class Expectation(NamedTuple):
+    """What each particle expects of a view (K, m), and its derivatives by the state (K, m, W) and by the pitch (K,
+    m)."""
+
+    y: Array
+    by_state: Array
+    by_pitch: Array
+
+
+IMAGE_ROWS: Final = record(
+    ImageRows,
+    *(OUT, out(types.int64), OUT, out(types.int64, 1), HEADINGS, OUT, types.boolean, types.boolean),
+    *(NUMBER, NUMBER, NUMBER, HEADINGS, OUT, types.int64, HEADINGS, PAIR),
+)
+EXPECTATION: Final = record(Expectation, OUT, COVARIANCES, OUT)
+
+
+def view_of(
+    rows: Rows, camera: tuple[Array, Array, Array], course_locked: Array, air: tuple[float, float], bias: int = 0
+) -> ImageRows:
+    """The view of rows by a `camera`: its attitude R_cn (3, 3), its place r_FC_n (3,) m, and the measured axes (3,
+    3) in c."""
+    R_cn, r_FC, measured = camera
+    body = rows.points, rows.of, rows.shares, rows.axis, rows.y, rows.R
+    kind = rows.is_wing, rows.named, *rows.posture
+    return ImageRows(*body, *kind, r_FC, measured @ R_cn, bias, course_locked, air)
+
+
+def spread(rows: Rows, headings: Array, axes: Array) -> Array:
+    """How far (k,) the rows' coordinates are apart, root of the sum of squares, of a leader of wingspan 1 at
+    distance 1 that flies level with these headings (k,), without perspective; `axes` (3, 3) in n."""
+    c, s, zero, one = np.cos(headings), np.sin(headings), np.zeros_like(headings), np.ones_like(headings)
+    body = np.array([[c, -s, zero], [s, c, zero], [zero, zero, one]])  # (3, 3, k)
+    seen = np.einsum("ai,ijk,pj->kap", axes[1:], body, rows.points)  # (k, 2, points)
+    ends = np.concatenate([seen, seen.max(axis=2, keepdims=True), seen.min(axis=2, keepdims=True)], axis=2)
+    columns = ends[:, rows.axis[:, None], rows.of]  # HIGHEST and LOWEST count from the end
+    return measured_spread(rows, np.sum(rows.shares * columns, axis=2))
+
+
+# ------------------------------------------------------------------ the update of one particle's Gaussian
+
+
+@njit(**MAKING)
+def factor(R):
+    """The lower Cholesky factor of the measurement's noise (m, m)."""
+    m = R.shape[0]
+    L = np.zeros((m, m))
+    for i in range(m):
+        for j in range(i + 1):
+            total = R[i, j]
+            for n in range(j):
+                total -= L[i, n] * L[j, n]
+            L[i, j] = np.sqrt(max(total, TINY * TINY)) if i == j else total / L[j, j]
+    return L
+
+
+@njit(**MAKING)
+def whiten(L, e, J):
+    """Innovation and derivatives in units of the noise with factor L, in place."""
+    width = J.shape[1]  # as in `correct`
+    for i in range(e.shape[0]):
+        for j in range(i):
+            share = L[i, j]
+            e[i] -= share * e[j]
+            for n in range(width):
+                J[i, n] -= share * J[j, n]
+        scale = 1.0 / L[i, i]
+        e[i] *= scale
+        for n in range(width):
+            J[i, n] *= scale
+
+
+@njit(**MAKING)
+def dot(a, b, bias):
+    """The product of two state vectors (W,), one of which has no downward velocity, which no image shows, and of
+    the biases at most that in the column `bias` (0: none)."""
+    middle = a[AX] * b[AX] + a[AY] * b[AY] + a[AZ] * b[AZ] + a[LOG_SIZE] * b[LOG_SIZE]
+    rest = (a[BANK_ERROR] * b[BANK_ERROR] + a[TILT_NORTH] * b[TILT_NORTH]) + (
+        a[TILT_EAST] * b[TILT_EAST] + a[WING_SCALE_ERROR] * b[WING_SCALE_ERROR]
+    )
+    found = (a[RX] * b[RX] + a[RY] * b[RY] + a[RZ] * b[RZ]) + middle + rest + (a[VX] * b[VX] + a[VY] * b[VY])
+    return found + a[bias] * b[bias] if bias > 0 else found
+
+
+@njit(**MAKING)
+def project(w, P, bias, c):
+    """The product of a row of derivatives w (W,) as in `dot`, and a covariance (W, W), into c (W,)."""
+    for n in range(P.shape[1]):
+        near = w[RX] * P[RX, n] + w[RY] * P[RY, n] + w[RZ] * P[RZ, n]
+        middle = w[AX] * P[AX, n] + w[AY] * P[AY, n] + w[AZ] * P[AZ, n] + w[LOG_SIZE] * P[LOG_SIZE, n]
+        far = (w[BANK_ERROR] * P[BANK_ERROR, n] + w[TILT_NORTH] * P[TILT_NORTH, n]) + (
+            w[TILT_EAST] * P[TILT_EAST, n] + w[WING_SCALE_ERROR] * P[WING_SCALE_ERROR, n]
+        )
+        c[n] = near + middle + far + (w[VX] * P[VX, n] + w[VY] * P[VY, n])
+    if bias > 0:
+        for n in range(P.shape[1]):
+            c[n] += w[bias] * P[bias, n]
+
+
+@njit(**MAKING)
+def correct(x, P, e, J, c, dx, bias):
+    """Mean and covariance of one particle by one whitened component after another, in place. The NIS, and the
+    determinant of the innovation's covariance over that of the noise. J (m, W) is as in `dot`.
+
+    Size and biases are considered and not estimated (Schmidt, 1966): images show the size over the range, and what
+    little our own motion says of it, the model's errors outweigh.
+
+    The compiler vectorises the loops over a row because it does not know their length: it would write loops of N
+    out, number by number, which takes twice as long."""
+    width = P.shape[1]
+    nis, det = 0.0, 1.0
+    size = P[LOG_SIZE, LOG_SIZE]
+    others = P[LOG_SIZE:, LOG_SIZE:].copy() if width > LOG_SIZE + 1 else NO_OTHERS
+    dx[:] = 0.0
+    for j in range(e.shape[0]):
+        w = J[j]
+        project(w, P, bias, c)
+        s, r = max(1.0 + dot(w, c, bias), TINY), e[j] - dot(w, dx, bias)
+        nis += r * r / s
+        det *= s
+        g = 1.0 / s
+        for i in range(width):
+            dx[i] += c[i] * (r * g)
+            share = c[i] * g
+            for n in range(width):
+                P[i, n] -= share * c[n]
+    P[LOG_SIZE, LOG_SIZE] = size
+    if width > LOG_SIZE + 1:
+        P[LOG_SIZE:, LOG_SIZE:] = others
+    for n in range(LOG_SIZE):
+        x[n] += dx[n]
+    return nis, det
+
+
+# ------------------------------------------------------------------------------------- what a view shows
+
+
+@njit(cache=True, error_model="numpy")
+def _posture(x, heading, tilts, B, by):
+    """Body axes into B (3, 3), forward, right and down as columns, and the derivatives of bank and pitch by the
+    forces: `by` (2, 3), by the acceleration north and east, and down. That of the bank by the heading, and sine
+    and cosine of the bank."""
+    c, s = np.cos(heading), np.sin(heading)
+    north, east, weight = x[AX] + x[TILT_NORTH], x[AY] + x[TILT_EAST], G - x[AZ]
+    across, along = east * c - north * s, north * c + east * s
+    bank, pitch = np.arctan2(across, weight) + x[BANK_ERROR], 0.0
+    square = across * across + weight * weight
+    by[0, 0], by[0, 1], by[0, 2] = -s * weight / square, c * weight / square, across / square
+    turned = -along * weight / square
+    by[1] = 0.0
+    if tilts > 0.0:
+        pitch = tilts * np.arctan2(-along, weight)
+        square = along * along + weight * weight
+        by[1, 0], by[1, 1] = -tilts * c * weight / square, -tilts * s * weight / square
+        by[1, 2] = -tilts * along / square
+    sb, cb, sp, cp = np.sin(bank), np.cos(bank), np.sin(pitch), np.cos(pitch)
+    B[0, 0], B[1, 0], B[2, 0] = c * cp, s * cp, -sp
+    B[0, 1], B[1, 1], B[2, 1] = c * sp * sb - s * cb, s * sp * sb + c * cb, cp * sb
+    B[0, 2], B[1, 2], B[2, 2] = c * sp * cb + s * sb, s * sp * cb - c * sb, cp * cb
+    return turned, sb, cb
+
+
+@njit(cache=True, error_model="numpy")
+def _point(q, axis, number):
+    """The point of a row: that of this number, or the one with the least or the largest coordinate."""
+    if number >= 0:
+        return number
+    best = 0
+    for other in range(q.shape[0]):
+        if (q[other, 3 + axis] < q[best, 3 + axis]) == (number == LOWEST):
+            best = other
+    return best
+
+
+@njit(cache=True, error_model="numpy")
+def _project(x, size, view, B, q):
+    """The places and coordinates of all points, into q (k, 5)."""
+    points, axes = view.points, view.axes
+    for k in range(points.shape[0]):
+        for i in range(3):
+            offset = B[i, 0] * points[k, 0] + B[i, 1] * points[k, 1] + B[i, 2] * points[k, 2]
+            q[k, i] = x[i] - view.r_FC[i] + size * offset
+        length = np.sqrt(q[k, 0] ** 2 + q[k, 1] ** 2 + q[k, 2] ** 2)
+        below = length + axes[0, 0] * q[k, 0] + axes[0, 1] * q[k, 1] + axes[0, 2] * q[k, 2]
+        for a in range(2):
+            e = axes[1 + a]
+            q[k, 3 + a] = 2.0 * (e[0] * q[k, 0] + e[1] * q[k, 1] + e[2] * q[k, 2]) / max(below, 1e-9 * length)
+
+
+@njit(cache=True, error_model="numpy")
+def _derivatives(point, size, q, axes, a, share, B, sb, cb, J):
+    """Of a share of a coordinate, along the axis a, of a point of the body seen at q (5,): by the place, added to
+    J; by bank, pitch, heading, and the logarithm of the size."""
+    banked, pitched, turned, grown = 0.0, 0.0, 0.0, 0.0
+    length = np.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2)
+    below = length + axes[0, 0] * q[0] + axes[0, 1] * q[1] + axes[0, 2] * q[2]
+    twice, seen = 2.0 * share / max(below, 1e-9 * length), q[3 + a]
+    px, py, pz = size * point[0], size * point[1], size * point[2]
+    north = px * B[0, 0] + py * B[0, 1] + pz * B[0, 2]
+    east = px * B[1, 0] + py * B[1, 1] + pz * B[1, 2]
+    for i in range(3):
+        gradient = twice * (axes[1 + a, i] - 0.5 * seen * (q[i] / length + axes[0, i]))
+        J[i] += gradient
+        grown += gradient * (px * B[i, 0] + py * B[i, 1] + pz * B[i, 2])
+        banked += gradient * (py * B[i, 2] - pz * B[i, 1])
+        # the forward axis turns up; right and down turn by it as far as the leader is banked
+        up = -B[i, 2] * cb - B[i, 1] * sb
+        pitched += gradient * (px * up + (py * sb + pz * cb) * B[i, 0])
+        turned += gradient * (-east, north, 0.0)[i]
+    return banked, pitched, turned, grown
+
+
+@njit(cache=True, error_model="numpy")
+def _linearised(x, heading, is_course_locked, view, scratch, h, J, d):
+    """The rows that are expected into h (m,), their derivatives by the state into J (m, W), by the pitch into d
+    (m,)."""
+    B, by, q = scratch.body, scratch.by, scratch.q
+    bank_turned, sb, cb = _posture(x, heading, view.tilts, B, by)
+    bias = view.bias
+    scale = x[LOG_SIZE] + (x[WING_SCALE_ERROR] if view.is_wing else 0.0)
+    size = np.exp(scale + (x[bias] if bias > 0 else 0.0))
+    _project(x, size, view, B, q)
+    u_air, v_air = x[VX] - view.air[0], x[VY] - view.air[1]
+    speed2 = u_air * u_air + v_air * v_air + SLOW2
+    J[:] = 0.0
+    for j in range(h.shape[0]):
+        a, row = view.axis[j], J[j]
+        h[j] = 0.0
+        banked, pitched, turned, grown = 0.0, 0.0, 0.0, 0.0
+        for side in range(2):
+            share = view.shares[j, side]
+            if share != 0.0:
+                k = _point(q, a, view.of[j, side])
+                h[j] += share * q[k, 3 + a]
+                more = _derivatives(view.points[k], size, q[k], view.axes, a, share, B, sb, cb, row)
+                banked, pitched = banked + more[0], pitched + more[1]
+                turned, grown = turned + more[2], grown + more[3]
+        if view.is_wing:
+            if j > 1:  # its length by the first order, and its middle by the second
+                grown = h[j] if j < 4 else 2.0 * (h[j] - h[j - 4])
+            row[WING_SCALE_ERROR] = grown
+        d[j], row[BANK_ERROR], row[LOG_SIZE] = pitched, banked, grown
+        if bias > 0:
+            row[bias] = grown
+        row[TILT_NORTH] = banked * by[0, 0] + pitched * by[1, 0]
+        row[TILT_EAST] = banked * by[0, 1] + pitched * by[1, 1]
+        row[AX], row[AY], row[AZ] = row[TILT_NORTH], row[TILT_EAST], banked * by[0, 2] + pitched * by[1, 2]
+        if is_course_locked and view.is_wing:
+            aside = turned + banked * bank_turned
+            row[VX], row[VY] = -aside * v_air / speed2, aside * u_air / speed2
+            row[AX] += LEAD * row[VX]  # an acceleration turns the course
+            row[AY] += LEAD * row[VY]
+
+
+@njit(cache=True, error_model="numpy")
+def _scratch(view):
+    return Scratch(np.empty((3, 3)), np.empty((2, 3)), np.empty((view.points.shape[0], 5)))
+
+
+@njit(cache=True, error_model="numpy")
+def _place2(x, place_sigma):
+    """The variance of a point's coordinate that is misplaced by such a share of the wingspan."""
+    place = place_sigma * np.exp(x[LOG_SIZE])
+    return place * place / (x[RX] * x[RX] + x[RY] * x[RY] + x[RZ] * x[RZ])
+
+
+@njit(cache=True, error_model="numpy")
+def _noise(view, x, d, R):
+    """The rows' noise into R (m, m): their own, that of the points' places, and that of the pitch, which is
+    common."""
+    place2, pitch2 = _place2(x, view.place_sigma), view.pitch * view.pitch
+    for i in range(d.shape[0]):
+        for j in range(d.shape[0]):
+            R[i, j] = view.R[i, j] + pitch2 * d[i] * d[j]
+        R[i, i] += place2 * (view.shares[i, 0] ** 2 + view.shares[i, 1] ** 2)
+
+
+@njit(cache=True, error_model="numpy")
+def _side(view, h):
+    """-1 where wingtips are expected in the other order than measured: detectors name tips by their side."""
+    return -1.0 if view.is_wing and h[2] * view.y[2] + h[3] * view.y[3] < 0 else 1.0
+
+
+@njit(cache=True, error_model="numpy")
+def _expectation(means, view):
+    count, m = means.shape[0], view.y.shape[0]
+    return Expectation(np.empty((count, m)), np.empty((count, m, means.shape[1])), np.empty((count, m)))
+
+
+@njit((OUT, COVARIANCES, HEADINGS, VECTOR, IMAGE_ROWS), cache=True, error_model="numpy")
+def expect(means, P, headings, w, view):
+    """What particles of weights w (K,) expect together of a view: mean (m,) and covariance (m, m), without the
+    measurement's own noise, with each particle's wingtips in the order of those measured; and what each of them
+    expects."""
+    m, pitch2, expected = view.y.shape[0], view.pitch * view.pitch, _expectation(means, view)
+    mean, S, scratch = np.zeros(m), np.zeros((m, m)), _scratch(view)
+    c = np.empty(P.shape[2])
+    for k in range(means.shape[0]):
+        h, J, d = expected.y[k], expected.by_state[k], expected.by_pitch[k]
+        _linearised(means[k], headings[k], view.course_locked[k] == COURSE_LOCKED, view, scratch, h, J, d)
+        side, place2 = _side(view, h), _place2(means[k], view.place_sigma)
+        for i in range(m):
+            project(J[i], P[k], view.bias, c)
+            sign = side if 2 <= i < 4 else 1.0
+            for j in range(i + 1):
+                both = h[i] * h[j] + dot(J[j], c, view.bias) + pitch2 * d[i] * d[j]
+                S[i, j] += w[k] * (sign * (side if 2 <= j < 4 else 1.0) * both)
+            mean[i] += w[k] * (sign * h[i])
+            S[i, i] += w[k] * place2 * (view.shares[i, 0] ** 2 + view.shares[i, 1] ** 2)
+    for i in range(m):
+        for j in range(i + 1):
+            S[i, j] -= mean[i] * mean[j]
+            S[j, i] = S[i, j]
+    return mean, S, expected
+
+
+@njit(cache=True, error_model="numpy")
+def _misfit(view, x, heading, scratch, each, e, R):
+    """How far, squared, in units of its noise, a view is from what a particle with that heading expects."""
+    h, J, d = each
+    _linearised(x, heading, False, view, scratch, h, J, d)
+    for j in range(h.shape[0]):
+        e[j] = view.y[j] - h[j]
+    _noise(view, x, d, R)
+    L, off = factor(R), 0.0
+    for i in range(h.shape[0]):
+        for j in range(i):
+            e[i] -= L[i, j] * e[j]
+        e[i] /= L[i, i]
+        off += e[i] * e[i]
+    return off
+
+
+@njit((OUT, COVARIANCES, HEADINGS, IMAGE_ROWS), cache=True, error_model="numpy")
+def orient(means, P, headings, view):
+    """What each particle expects of named points. One whose nose is where they show the tail turns round, in
+    place."""
+    m, expected = view.y.shape[0], _expectation(means, view)
+    scratch, e, R = _scratch(view), np.empty(m), np.empty((m, m))
+    for k in range(means.shape[0]):
+        x, each = means[k], (expected.y[k], expected.by_state[k], expected.by_pitch[k])
+        same = _misfit(view, x, headings[k], scratch, each, e, R)
+        x[BANK_ERROR] = -x[BANK_ERROR]  # the other way round, it banks to the other side
+        if _misfit(view, x, headings[k] + np.pi, scratch, each, e, R) < same:
+            headings[k] += np.pi
+            for i in range(P.shape[2]):
+                P[k, BANK_ERROR, i] = -P[k, BANK_ERROR, i]
+                P[k, i, BANK_ERROR] = -P[k, i, BANK_ERROR]
+        else:
+            x[BANK_ERROR] = -x[BANK_ERROR]
+            _linearised(x, headings[k], False, view, scratch, *each)
+    return expected
+
+
+@njit(cache=True, error_model="numpy")
+def _logarithmic(right, down, h, variance, e, J):
+    """A wing's innovation and derivatives, in place, by the logarithm of its length and by its angle, in which a
+    range is linear: a line through lengths draws it to the near side. A wing that hardly shows stays as it is."""
+    least2, seen2, expected2 = WING_SIGMAS2 * variance, right * right + down * down, h[2] * h[2] + h[3] * h[3]
+    if seen2 < least2 or expected2 < least2:
+        return
+    a, b = (right * h[2] + down * h[3]) / expected2, (down * h[2] - right * h[3]) / expected2
+    if a < abs(b):
+        return
+    length, angle = 0.5 * np.log(a * a + b * b), np.arctan2(b, a)
+    e[2], e[3] = right * length - down * angle, right * angle + down * length
+    for j in range(J.shape[1]):
+        u, v = J[2, j], J[3, j]
+        J[2, j], J[3, j] = a * u - b * v, a * v + b * u
+
+
+@njit((OUT, COVARIANCES, HEADINGS, IMAGE_ROWS, EXPECTATION), cache=True, error_model="numpy")
+def update(means, P, headings, view, expected):
+    """NIS (K,) and logarithms of the likelihoods (K,), without their common constant, of a view of which the same
+    particles `expected` this. Means (K, W), covariances (K, W, W) and tied headings are corrected in place."""
+    m, count, width = view.y.shape[0], means.shape[0], P.shape[2]
+    nis, log_l = np.empty(count), np.empty(count)
+    e, J, R = np.empty(m), np.empty((m, width)), np.empty((m, m))
+    c, dx, L = np.empty(width), np.empty(width), factor(view.R)
+    is_alike = view.place_sigma == 0.0 and view.pitch == 0.0
+    for k in range(count):
+        x, h = means[k], expected.y[k]
+        side = _side(view, h)
+        for i in range(m):
+            e[i] = (side if 2 <= i < 4 else 1.0) * view.y[i] - h[i]
+            for j in range(width):
+                J[i, j] = expected.by_state[k, i, j]
+        if not is_alike:
+            _noise(view, x, expected.by_pitch[k], R)
+            L = factor(R)
+        if view.is_wing:
+            _logarithmic(side * view.y[2], side * view.y[3], h, view.R[2, 2], e, J)
+        whiten(L, e, J)
+        log_noise = 0.0
+        for j in range(m):
+            log_noise += np.log(L[j, j])
+        aside = headings[k] - course_of(x, view.air)
+        r0, r1, r2 = x[RX], x[RY], x[RZ]
+        nis[k], det = correct(x, P[k], e, J, c, dx, view.bias)
+        # by Student's t in place of a Gaussian (Roth, Ozkan and Gustafsson, 2013): one image that fits no
+        # hypothesis decides little between them
+        log_l[k] = -0.5 * ((TAILS + m) * np.log1p(nis[k] / TAILS) + np.log(det)) - log_noise
+        if view.is_wing:  # a range changes by a factor, as its logarithm does
+            square = r0 * r0 + r1 * r1 + r2 * r2
+            step = (r0 * dx[RX] + r1 * dx[RY] + r2 * dx[RZ]) / square
+            more = np.exp(min(step, 1.0)) - 1.0 - step
+            x[RX] += more * r0
+            x[RY] += more * r1
+            x[RZ] += more * r2
+            if view.course_locked[k] == COURSE_LOCKED:
+                headings[k] = course_of(x, view.air) + aside
+    return nis, log_l
