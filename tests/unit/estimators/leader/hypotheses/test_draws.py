@@ -33,7 +33,7 @@ def test_numbers_have_their_distribution_and_depend_on_the_draw(draw: int) -> No
 
 
 def test_no_number_is_drawn_for_two_ends_in_two_steps() -> None:
-    uniform_ones = {"OF_TURNING", "OF_REGIME", "OF_DOUBT", "OF_NOSE", "OF_TYING", "OF_ACCEPTANCE"}
+    uniform_ones = {"OF_TURNING", "OF_REGIME", "OF_RESAMPLED_HEADING", "OF_HEADING", "OF_TYING", "OF_ACCEPTANCE"}
     streams = {k: v for k, v in vars(draws).items() if k.startswith("OF_") and not k.startswith("OF_FIRST")}
     del streams["OF_INTENSITIES"]  # three of them
     assert uniform_ones < set(streams)

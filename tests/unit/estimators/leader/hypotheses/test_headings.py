@@ -161,7 +161,7 @@ def test_what_is_beyond_the_gate_together_is_not_fused(monkeypatch: pytest.Monke
 def test_a_cloud_without_numbers_is_an_error() -> None:
     particles = start(SETTINGS, image(25.0, 0.3), STILL)
     particles.means[:] = math.nan
-    with pytest.raises(FilterError, match="lost its numbers"):
+    with pytest.raises(FilterError, match="lost their numbers"):
         update.update(SETTINGS, particles, image(25.0, 0.3), STILL)
 
 

@@ -73,7 +73,7 @@ def test_accelerations_are_those_of_the_path_and_linearised_about_it_seed3() -> 
 
 def ranges(log_range: Array) -> Array:
     """Means of particles to the north."""
-    return np.exp(log_range)[:, None] * np.array([[1.0, 0.0, 0.0]])
+    return np.column_stack([np.exp(log_range), np.zeros(len(log_range)), np.zeros(len(log_range))])
 
 
 @pytest.mark.parametrize("seed", range(3))

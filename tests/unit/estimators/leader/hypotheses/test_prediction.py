@@ -115,7 +115,7 @@ def asides(particles: Particles) -> Array:
 
 
 def test_the_nose_of_a_fast_leader_is_tied_to_its_course_or_not_and_that_of_a_slow_one_is_undecided() -> None:
-    fast, slow = flying(15.0, course_locked=0.6), flying(1.0, course_locked=0.6)
+    fast, slow = flying(15.0, tied=0.6), flying(1.0, tied=0.6)
     course_locked = fast.course_locked == model.COURSE_LOCKED
     assert (
         0.45 < course_locked.mean() < 0.62
@@ -159,7 +159,7 @@ def test_how_far_a_tied_nose_is_off_its_course_lasts_and_is_forgotten_slowly() -
 @pytest.mark.parametrize(("course_deg", "slack_deg"), [(90.0, 0.01), (45.0, 5.0)])
 def test_a_nose_that_becomes_tied_shows_the_same_image(course_deg: float, slack_deg: float) -> None:
     """The range goes with the heading, and the course with the range: they agree at the end."""
-    after = flying(15.0, course_deg, course_locked=0.999, nose_about_course=math.radians(slack_deg))
+    after = flying(15.0, course_deg, tied=0.999, nose_about_course=math.radians(slack_deg))
     direction = after.means[:, :3] / np.linalg.norm(after.means[:, :3], axis=1)[:, None]
     lengths = model.visible(after.headings, direction) / np.linalg.norm(after.means[:, :3], axis=1)
     course_locked = after.course_locked == model.COURSE_LOCKED
@@ -168,7 +168,7 @@ def test_a_nose_that_becomes_tied_shows_the_same_image(course_deg: float, slack_
 
 
 def test_a_tied_nose_is_let_go_by_a_leader_that_slows_down() -> None:
-    particles = flying(15.0, course_locked=0.999)
+    particles = flying(15.0, tied=0.999)
     particles.means[:, 3:6] = [0.0, 2.0, 0.0]
     after = prediction.predict(HEADINGS._replace(flies_for=1e9), particles, 1e-3, np.zeros(3))
     assert (after.course_locked == model.UNDECIDED).mean() > 0.98
