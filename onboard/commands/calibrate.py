@@ -16,7 +16,7 @@ from onboard.commands.calibrate_airframe import calibrate_airframe
 from onboard.config import Config, load_config
 from onboard.geometry.camera import Camera
 from onboard.geometry.rotations import euler_from_quaternion, matrix_from_euler, quaternion_from_matrix
-from onboard.health.camera_errors import CONFIGURED, DELAY, FOCAL, Poses, Sights, Window, fit
+from onboard.health.camera_errors import CONFIGURED, DELAY, FOCAL, Poses, Sights, Window, finished, fitting
 from onboard.messages import Datagram, Exposure, Message, OwnPose, TargetPoints
 from onboard.terminal.files import check_targets
 from onboard.terminal.output import show
@@ -151,7 +151,7 @@ def calibrate(images: Images, own: Poses, camera: Camera, size: float) -> Calibr
     if len(images.t) < FEWEST or not windows:
         raise UserError(f"{len(images.t)} images with our own pose: at least {FEWEST} are needed")
     sigma = float(np.median(images.sigma))
-    found = fit(windows)
+    found = finished(fitting(windows))
     errors, sigmas, focal = found.errors, found.sigma, math.exp(found.errors[FOCAL])
     return Calibration(
         np.concatenate([window.t for window in windows]),

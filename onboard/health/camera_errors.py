@@ -12,8 +12,8 @@ is in the second, and a camera that follows its target shows it in the middle, w
 """
 
 import math
-from collections.abc import Sequence
-from typing import Final, NamedTuple
+from collections.abc import Generator, Sequence
+from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from onboard.geometry.camera import Camera
 from onboard.geometry.rotations import matrix_from_euler
 
 DELAY, FOCAL = 0, 4  # places in a vector of errors; 1 to 3 are the mount about the camera's axes
+FEWEST_FOR_FOCAL: Final = 8  # windows: it is the hardest to tell from how the target moves
 KINDS: Final = {"delay": (0,), "mount": (1, 2, 3), "focal": (4,)}
 ERRORS: Final = 5
 # s, rad, and the logarithm of the focal length: what a configuration may be off by
@@ -33,7 +34,7 @@ LARGEST: Final = np.array([LONGEST_DELAY_S, 0.9, 0.9, 0.9, 1.4])
 GRID: Final = np.array([0.04, 0.04, 0.04, 0.04, 0.1])  # of the errors about which windows are linearised
 ITERATIONS: Final = 10
 OUTLIER: Final = 5.0  # times the median deviation of a window's images
-SWERVES: Final = 10.0 ** np.arange(-3.0, 7.0)  # white acceleration, (sigmas of an image)^2/s^3
+SWERVES: Final = 10.0 ** np.arange(-2.0, 6.0, 1.5)  # white acceleration, (sigmas of an image)^2/s^3
 SIGMAS: Final = 5.0
 CERTAIN: Final = 25.0  # by which the logarithm of the likelihood of one is larger than another's
 # A smaller error costs less than what else is uncertain: s, rad about each axis, logarithm of the focal length
@@ -48,6 +49,8 @@ STARTS: Final = np.array(
 )
 
 
+T = TypeVar("T")
+Steps = Generator[None, None, T]  # of some milliseconds each, for who must not wait
 # Kinds of errors that suffice to explain what was seen, each with its errors (p,) and their sigmas (p,)
 Explanation = dict[str, tuple[Array, Array]]
 
@@ -98,12 +101,14 @@ class Window:
 
     def __init__(self, sights: Sights, poses: Poses, camera: Camera) -> None:
         self._sights, self._poses, self._camera = sights, poses, camera
+        self._posed: tuple[float, tuple[Array, Array]] | None = None
         self._basis, self._swerve = _basis(sights.t)
         off = np.linalg.norm(self._linearised(CONFIGURED).residuals, axis=1)
         inside = off <= OUTLIER * np.median(off)
         if not inside.all():
             self._sights = Sights(*(array[inside] for array in sights))
             self._basis, self._swerve = _basis(self._sights.t)
+            self._posed = None
         self._normals: dict[bytes, Normal] = {}
         self.likelihoods = np.array([self.likelihood(start) for start in STARTS])
 
@@ -111,6 +116,10 @@ class Window:
     def t(self) -> Array:
         """Times (k,) of the images that count, s."""
         return self._sights.t
+
+    def is_known(self, about: Array) -> bool:
+        """Whether the window was linearised about these errors before."""
+        return about.tobytes() in self._normals
 
     def normal(self, about: Array) -> Normal:
         """The window linearised about these errors, which are kept: few are asked for."""
@@ -153,11 +162,17 @@ class Window:
         residuals *= math.sqrt(len(points) / max(free, 1.0))
         return Normal(information, gradient, self.likelihood(errors), residuals, R_nc)
 
+    def _pose(self, delay: float) -> tuple[Array, Array]:
+        """Our own poses at the images' times, if they are so much older."""
+        if self._posed is None or self._posed[0] != delay:
+            self._posed = delay, self._poses.at(self._sights.t - delay)
+        return self._posed[1]
+
     def _paths(self, errors: Array, points: Array) -> tuple[Array, Array, Array]:
         """Where a camera with these errors sees its target (k, 3) in n, its attitudes R_nc and its positions, in
         units of the mean distance."""
         sights, camera = self._sights, self._camera
-        r, R_nb = self._poses.at(sights.t - errors[DELAY])
+        r, R_nb = self._pose(float(errors[DELAY]))
         mean = float(sights.distance.mean())
         R_nc, r_C = R_nb @ (camera.R_bc @ matrix_from_euler(*errors[1:4])), (r + R_nb @ camera.r_FC_b) / mean
         u_c = np.column_stack([np.ones(len(points)), points / math.exp(errors[FOCAL])])
@@ -216,7 +231,17 @@ class CameraFit(NamedTuple):
     likelihood: float
 
 
-def explanations(windows: Sequence[Window]) -> list[Explanation]:
+def finished(steps: Steps[T]) -> T:
+    """What steps give at their end, all at once."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            found: T = end.value
+            return found
+
+
+def explanations(windows: Sequence[Window]) -> Steps[list[Explanation]]:
     """What is certainly wrong with a camera: none where nothing is certain, several where they cannot be told
     apart. A kind of error suffices where, with it, no other is certain any more; if none does, all together do."""
     likelihoods = np.sum([w.likelihoods for w in windows], axis=0)
@@ -225,20 +250,27 @@ def explanations(windows: Sequence[Window]) -> list[Explanation]:
         others = np.any(np.delete(STARTS, places, axis=1) != 0.0, axis=1)
         starts[kind] = STARTS[int(np.argmax(np.where(others, -math.inf, likelihoods)))]
     starts["focal"] = CONFIGURED
+    if len(windows) < FEWEST_FOR_FOCAL:
+        del starts["focal"]
     configured = CameraFit(CONFIGURED, CONFIGURED, sum(w.likelihood(CONFIGURED) for w in windows))
-    fits = {kind: fit(windows, (kind,), start) for kind, start in starts.items()}
+    fits = {}
+    for kind, start in starts.items():
+        fits[kind] = yield from fitting(windows, (kind,), start)
     certain = {kind: one for kind, one in fits.items() if _adds(kind, one, configured)}
     if not certain:
         return []
     enough = {}
     for kind, one in certain.items():
-        others = [other for other in KINDS if other != kind]
-        if not any(_adds(other, fit(windows, (other,), one.errors), one) for other in others):
+        for other in starts.keys() - {kind}:
+            both = yield from fitting(windows, (other,), one.errors)
+            if _adds(other, both, one):
+                break
+        else:
             enough[kind] = one
     if enough:
         return [found for kind, one in enough.items() if (found := _found(one, (kind,)))]
     best = max(certain.values(), key=lambda one: one.likelihood)
-    together = fit(windows, tuple(KINDS), best.errors)
+    together = yield from fitting(windows, tuple(KINDS), best.errors)
     if np.any(np.abs(together.errors) >= 0.99 * LARGEST):
         return []
     return [found] if (found := _found(together, tuple(KINDS))) else []
@@ -265,12 +297,14 @@ def _found(one: CameraFit, kinds: tuple[str, ...]) -> Explanation:
     return found
 
 
-def fit(windows: Sequence[Window], kinds: tuple[str, ...] = tuple(KINDS), about: Array = CONFIGURED) -> CameraFit:
+def fitting(
+    windows: Sequence[Window], kinds: tuple[str, ...] = tuple(KINDS), about: Array = CONFIGURED
+) -> Steps[CameraFit]:
     """The errors of these kinds that fit all windows best, the others as they are at first. Windows are linearised
     about points of GRID, as long as that makes what was seen likelier."""
     places = [place for kind in kinds for place in KINDS[kind]]
     for _ in range(ITERATIONS):
-        here = [w.normal(about) for w in windows]
+        here = yield from _normals(windows, about)
         off, sigma = _step(here, about, places)
         best = sum(normal.likelihood for normal in here)
         trials = [about + np.round(share * off / GRID) * GRID for share in (1.0, 0.5)]
@@ -279,14 +313,30 @@ def fit(windows: Sequence[Window], kinds: tuple[str, ...] = tuple(KINDS), about:
         if FOCAL in places:
             about = trials[0]
             continue
-        likelihoods = [sum(w.normal(trial).likelihood for w in windows) for trial in trials]
+        likelihoods = []
+        for trial in trials:
+            there = yield from _normals(windows, trial)
+            likelihoods.append(sum(normal.likelihood for normal in there))
         if max(likelihoods) <= best:
             break
         about = trials[int(np.argmax(likelihoods))]
     errors = about + np.clip(off, -GRID, GRID)
-    likelihood = sum(w.likelihood(errors) for w in windows)
+    likelihood = 0.0
+    for w in windows:
+        likelihood += w.likelihood(errors)
+        yield
     is_better = FOCAL in places or likelihood > best
     return CameraFit(errors, sigma, likelihood) if is_better else CameraFit(about, sigma, best)
+
+
+def _normals(windows: Sequence[Window], about: Array) -> Steps[list[Normal]]:
+    """Windows, linearised."""
+    found = []
+    for w in windows:
+        if not w.is_known(about):
+            yield
+        found.append(w.normal(about))
+    return found
 
 
 def _step(normals: Sequence[Normal], about: Array, places: list[int]) -> tuple[Array, Array]:
@@ -301,7 +351,8 @@ def _step(normals: Sequence[Normal], about: Array, places: list[int]) -> tuple[A
         inverse = np.linalg.inv(np.diag(prior) + np.einsum("w,wij->ij", weights, information))
         step = -inverse @ (weights @ gradients + prior * about[places])
         rest = gradients + information @ step
-        off = [float(g @ np.linalg.lstsq(A, g)[0]) for g, A in zip(rest, information, strict=True)]
+        explained = np.linalg.solve(information + np.diag(prior), rest[:, :, None])[:, :, 0]
+        off = np.einsum("wi,wi->w", rest, explained)
         weights = np.minimum(1.0, SIGMAS / np.sqrt(np.maximum(off, 1e-9)))
     scatter = np.einsum("w,wi,wj->ij", weights**2, rest, rest)
     whole, sigma = CONFIGURED.copy(), CONFIGURED.copy()

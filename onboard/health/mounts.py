@@ -13,7 +13,16 @@ from onboard.arrays import Array
 from onboard.geometry.camera import Camera
 from onboard.geometry.rotations import euler_from_quaternion, matrix_from_euler, quaternion_from_matrix
 from onboard.geometry.units import NS_PER_S
-from onboard.health.camera_errors import LONGEST_DELAY_S, SIGMAS, Explanation, Poses, Sights, Window, explanations
+from onboard.health.camera_errors import (
+    LONGEST_DELAY_S,
+    SIGMAS,
+    Explanation,
+    Poses,
+    Sights,
+    Steps,
+    Window,
+    explanations,
+)
 from onboard.messages import DOUBT, Estimate, Verdict
 from onboard.messages.causes import Cause, Reason
 from onboard.ownship.ownship import Ownship
@@ -22,10 +31,11 @@ FUSED: Final = (Verdict.FUSED, Verdict.FUSED_LATE)
 WINDOW_NS: Final = 4 * NS_PER_S
 REACH_NS: Final = round(LONGEST_DELAY_S * NS_PER_S)  # of our own motion before and after a window
 FEWEST_IMAGES: Final = 20  # in a window
-MOST_IMAGES: Final = 60  # ... that are computed with
-WINDOWS: Final = 30  # that are kept: two minutes
+MOST_IMAGES: Final = 40  # ... that are computed with
+WINDOWS: Final = 20  # that are kept: 80 s
 MOST_ENDED: Final = 8  # windows that wait to be judged
 FEWEST_WINDOWS: Final = 5
+STEPS: Final = 30  # of a search, each time that is asked
 MOST_NOISE: Final = (
     3e-3  # rad: white noise of the attitude turns what is compared and what it is compared with alike
 )
@@ -61,6 +71,7 @@ class Mounts:
         self._windows: dict[str, deque[Window]] = {}
         self._sights: dict[str, list[Sight]] = {}
         self._ended: list[Ended] = []
+        self._searches: dict[str, tuple[int, Steps[list[Explanation]]]] = {}  # by camera, since when
 
     def see(self, estimate: Estimate, ownship: Ownship) -> None:
         """Take an estimate. It counts if it is valid, of the leader, and follows from an image that was fused."""
@@ -105,8 +116,20 @@ class Mounts:
             camera = self._camera.named(source)
             windows = self._windows.setdefault(source, deque(maxlen=WINDOWS))
             windows.append(Window(Sights(rows[:, 0], rows[:, 1:3], rows[:, 3]), poses, camera))
-            if len(windows) >= FEWEST_WINDOWS and (found := explanations(tuple(windows))):
-                self._add(f"camera {source}", why(camera, found), t_recv_ns)
+            if len(windows) >= FEWEST_WINDOWS and source not in self._searches:
+                self._searches[source] = t_recv_ns, explanations(tuple(windows))
+        self._search()
+
+    def _search(self) -> None:
+        """Go some steps on in finding what windows show; later windows wait until that has ended."""
+        for source, (t_recv_ns, steps) in list(self._searches.items()):
+            try:
+                for _ in range(STEPS):
+                    next(steps)
+            except StopIteration as end:
+                del self._searches[source]
+                if end.value:
+                    self._add(f"camera {source}", why(self._camera.named(source), end.value), t_recv_ns)
 
 
 def why(camera: Camera, found: list[Explanation]) -> Reason:

@@ -10,7 +10,7 @@ from onboard.arrays import Array
 from onboard.config import parse_config
 from onboard.geometry.rotations import matrix_from_euler, quaternion_from_matrix
 from onboard.geometry.units import NS_PER_S
-from onboard.health.camera_errors import Poses, Sights, Window, explanations
+from onboard.health.camera_errors import Explanation, Poses, Sights, Window, explanations, finished
 from onboard.health.mounts import why
 from onboard.health.remedies import remedy_of
 from onboard.messages import DOUBT, Advice, Datagram
@@ -21,6 +21,10 @@ from simlink.simulation import datagrams
 CAMERA = parse_config({}).camera_model()
 UP_DEG = 8.0  # as the camera of the scenario `guided` looks
 LEADER = {"size_prior_m": 2.667, "leader_class": "multirotor"}
+
+
+def explain(found: list[Window]) -> list[Explanation]:
+    return finished(explanations(found))
 
 
 def windows(
@@ -69,7 +73,7 @@ def windows(
 def test_a_wrong_mount_is_measured_within_its_sigma_seed_1(axis: int, degrees: float) -> None:
     wrong = np.zeros(3)
     wrong[axis] = np.radians(degrees)
-    found = explanations(windows(wrong, 1))
+    found = explain(windows(wrong, 1))
     [explanation] = found
     theta, sigma = (np.degrees(x) for x in explanation["mount"])
     assert list(explanation) == ["mount"]
@@ -82,7 +86,7 @@ def test_a_wrong_mount_is_measured_within_its_sigma_seed_1(axis: int, degrees: f
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_wrong_focal_length_is_measured_within_its_sigma_seeds_1_and_2(focal: float, seed: int) -> None:
     """With half of it everything is twice as near, and all estimates were valid without a word."""
-    found = explanations(windows(np.zeros(3), seed, focal=focal))
+    found = explain(windows(np.zeros(3), seed, focal=focal))
     [explanation] = found
     (theta,), (sigma,) = explanation["focal"]
     assert list(explanation) == ["focal"]
@@ -98,7 +102,7 @@ def test_a_wrong_focal_length_is_measured_within_its_sigma_seeds_1_and_2(focal: 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_late_clock_is_no_focal_length_seeds_1_and_2(delay: float, seed: int) -> None:
     """0.3 s were "0.45 times as long (sigma 0.07)"."""
-    found = explanations(windows(np.zeros(3), seed, delay=delay))
+    found = explain(windows(np.zeros(3), seed, delay=delay))
     assert [list(explanation) for explanation in found] == [["delay"]]
     reason = why(CAMERA, found)
     measured = re.search(r"stamps were (\S+) s (older|newer) than the exposure", reason.words)
@@ -109,7 +113,7 @@ def test_a_late_clock_is_no_focal_length_seeds_1_and_2(delay: float, seed: int) 
 
 
 def test_two_errors_are_both_named_seed_1() -> None:
-    found = explanations(windows(np.radians([0.0, 15.0, 0.0]), 1, delay=0.2, count=16))
+    found = explain(windows(np.radians([0.0, 15.0, 0.0]), 1, delay=0.2, count=16))
     assert [sorted(explanation) for explanation in found] == [["delay", "mount"]]
     reason = why(CAMERA, found)
     assert "stamps were 0.20 s newer" in reason.words
@@ -127,21 +131,21 @@ def test_what_cannot_be_told_apart_is_said_so() -> None:
 
 
 def test_a_right_camera_is_never_doubted_seeds_1_to_20() -> None:
-    assert [seed for seed in range(1, 21) if explanations(windows(np.zeros(3), seed))] == []
+    assert [seed for seed in range(1, 21) if explain(windows(np.zeros(3), seed))] == []
 
 
 @pytest.mark.parametrize("nod", [0.02, 0.05])
 def test_a_leader_that_swerves_and_is_kept_in_the_middle_is_no_focal_length_seeds_1_to_10(nod: float) -> None:
     """What leans as it turns, such as a delta wing ahead, and is followed by our own yaw: it was a focal length of
     0.13."""
-    found = [explanations(windows(np.zeros(3), seed, follows=True, nod=nod)) for seed in range(1, 11)]
+    found = [explain(windows(np.zeros(3), seed, follows=True, nod=nod)) for seed in range(1, 11)]
     assert [seed for seed, explanations in enumerate(found, 1) if explanations] == []
 
 
 def test_a_wrong_camera_without_lean_is_not_claimed_seeds_1_to_20() -> None:
     """Nothing shows it: neither an error nor a guess."""
     wrong = np.radians([0.0, 15.0, 0.0])
-    found = [explanations(windows(wrong, seed, nod=0.0, focal=2.0)) for seed in range(1, 21)]
+    found = [explain(windows(wrong, seed, nod=0.0, focal=2.0)) for seed in range(1, 21)]
     assert found == [[]] * 20
 
 
