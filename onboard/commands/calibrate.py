@@ -1,20 +1,22 @@
-"""`onboard calibrate`: what a flight with turns says of the camera's delay, mount and focal length."""
+"""`onboard calibrate`: a camera's delay, mount and focal length from one flight behind a leader that flies calmly,
+with the estimator that a flight's advice uses (`onboard.health.camera_errors`) and longer windows."""
 
 import argparse
 import math
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
 
 from onboard import UserError
-from onboard.analysis.calibration.camera import CALM, Calibration, Images, OwnPoses, calibrate
 from onboard.analysis.flights.replay import check_log, flight_of, pipeline_of, read_flight
 from onboard.arrays import Array
 from onboard.commands.calibrate_airframe import calibrate_airframe
 from onboard.config import Config, load_config
+from onboard.geometry.camera import Camera
 from onboard.geometry.rotations import euler_from_quaternion, matrix_from_euler, quaternion_from_matrix
+from onboard.health.camera_errors import CONFIGURED, DELAY, FOCAL, Poses, Sights, Window, finished, fitting
 from onboard.messages import Datagram, Exposure, Message, OwnPose, TargetPoints
 from onboard.terminal.files import check_targets
 from onboard.terminal.output import show
@@ -26,11 +28,40 @@ ENOUGH: Final = {
     "mount_deg": 0.5,
     "focal": 0.02,
 }  # sigmas: one known worse is not offered
-LARGEST_DEG, LARGEST_S = 20.0, 0.3  # of a correction; a larger one is rather the leader's own motion
+LARGEST_DEG, LARGEST_S = 20.0, 0.4  # of a correction; a larger one is rather the leader's own motion
 WIDTH, HEIGHT, MARGIN = 900, 260, 40  # of a panel of the picture, px
 SHOWN: Final = 5.0  # sigmas: the picture's scale
 LEADER: Final = ("leader", "")  # ids of its images
+WINDOW_S: Final = 8.0
+FEWEST: Final = 100  # images
+FEWEST_OF_WINDOW: Final = 20
 MOST: Final = 1500  # images: of more, every second, third ...
+
+
+class Images(NamedTuple):
+    """Images of the leader by the configured camera: times (k,) s, centers (k, 2), apparent wings (k,), in focal
+    lengths, and the centers' standard deviations (k,)."""
+
+    t: Array
+    center: Array
+    span: Array
+    sigma: Array
+
+
+class Calibration(NamedTuple):
+    """Corrections to the configuration, and their standard deviations: the delay in s, the mount as a rotation
+    vector (3,) in rad about the camera's axes, the factor of the focal length. `before` and `after` (k, 2):
+    residuals in sigmas as configured and corrected, of images at `t` (k,) s."""
+
+    t: Array
+    delay: float
+    delay_sigma: float
+    mount: Array
+    mount_sigma: Array
+    focal: float
+    focal_sigma: float
+    before: Array
+    after: Array
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -55,7 +86,7 @@ def main(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def collect(log: Path, config: Config) -> tuple[Images, OwnPoses]:
+def collect(log: Path, config: Config) -> tuple[Images, Poses]:
     """The first camera's images of the leader with all three points, at their time on the boot clock less the
     configured delay, and our own motion. Raises UserError."""
     pipeline = pipeline_of(replace(config, estimator={}))
@@ -103,13 +134,57 @@ def _images(images: list[TargetPoints], sigma: float) -> Images:
     )
 
 
-def _own(poses: list[OwnPose]) -> OwnPoses:
-    """Our own motion, with quaternions on one side so that they can be interpolated."""
+def _own(poses: list[OwnPose]) -> Poses:
+    """Our own motion."""
     poses = list({pose.t_ns: pose for pose in sorted(poses, key=lambda p: p.t_ns)}.values())
-    q = np.array([pose.q_nb for pose in poses])
-    signs = np.cumprod(np.where(np.sum(q[1:] * q[:-1], axis=1) < 0, -1.0, 1.0))
-    q[1:] *= signs[:, None]
-    return OwnPoses(np.array([p.t_ns * S_PER_NS for p in poses]), np.array([p.r_OF_n for p in poses], float), q)
+    columns = [p.t_ns * S_PER_NS for p in poses], [p.r_OF_n for p in poses], [p.q_nb for p in poses]
+    return Poses(*(np.array(column, float) for column in columns))
+
+
+def calibrate(images: Images, own: Poses, camera: Camera, size: float) -> Calibration:
+    """The corrections of a camera that fit one flight best. `size`: the leader's wingspan, m.
+
+    Raises UserError for a flight with too few images.
+    """
+    inside = (images.t > own.t[0] + 1.0) & (images.t < own.t[-1] - 1.0)
+    images = Images(*(array[inside] for array in images))
+    windows = _windows(images, own, camera, size)
+    if len(images.t) < FEWEST or not windows:
+        raise UserError(f"{len(images.t)} images with our own pose: at least {FEWEST} are needed")
+    sigma = float(np.median(images.sigma))
+    found = finished(fitting(windows))
+    errors, sigmas, focal = found.errors, found.sigma, math.exp(found.errors[FOCAL])
+    return Calibration(
+        np.concatenate([window.t for window in windows]),
+        float(errors[DELAY]),
+        float(sigmas[DELAY]),
+        errors[1:4],
+        sigmas[1:4],
+        focal,
+        focal * float(sigmas[FOCAL]),
+        _residuals(windows, CONFIGURED, sigma),
+        _residuals(windows, errors, sigma),
+    )
+
+
+def _windows(images: Images, own: Poses, camera: Camera, size: float) -> list[Window]:
+    """The flight in windows; in each the distance changes evenly, as the wing's apparent length does."""
+    found = []
+    which = ((images.t - images.t[:1]) / WINDOW_S).astype(int)
+    for n in range(int(which[-1]) + 1 if len(which) else 0):
+        t, center, span, _ = (array[which == n] for array in images)
+        if len(t) < FEWEST_OF_WINDOW:
+            continue
+        line = np.polynomial.Polynomial.fit(t, np.log(span), 1)
+        found.append(Window(Sights(t, center, size / np.exp(line(t))), own, camera))
+    return found
+
+
+def _residuals(windows: list[Window], errors: Array, sigma: float) -> Array:
+    """Residuals (k, 2) to the right and down, in sigmas, with these errors of the camera."""
+    normals = [w.normal(errors) for w in windows]
+    in_c = [np.einsum("kji,kj->ki", n.R_nc, n.residuals) for n in normals]
+    return np.vstack(in_c)[:, 1:] / sigma
 
 
 def described(found: Calibration, config: Config) -> list[str]:
@@ -124,10 +199,10 @@ def described(found: Calibration, config: Config) -> list[str]:
         f"focal length   {100 * (found.focal - 1):+8.2f} %   +- {100 * found.focal_sigma:.2f}",
         f"residuals      {_rms(found.before):.2f} sigmas as configured, {_rms(found.after):.2f} corrected",
     ]
-    if found.calm >= max(CALM) or np.abs(angles).max() > LARGEST_DEG or abs(found.delay) > LARGEST_S:
+    if np.abs(angles).max() > LARGEST_DEG or abs(found.delay) > LARGEST_S:
         return [
             *lines,
-            "not to be trusted: the leader did not fly calmly, straight and at one speed; nothing is offered",
+            "not to be trusted: so large an error is rather the leader's own motion; nothing is offered",
         ]
     pasted = ["", "[camera]"]
     c, camera = config.camera, config.camera_model()

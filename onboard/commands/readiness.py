@@ -46,7 +46,7 @@ GATHERED: Final = {
     "rates": ("attitude", "stream", "position", "rates", "origin"),
     "camera": (
         *("camera-silent", "camera", "target", "class", "clock", "stamps", "pixels", "lens", "noise", "misfit"),
-        *("mount", "focal"),
+        *("mount", "focal", "camera-setup"),
     ),
     "clock": ("timesync",),
     "disk": ("disk",),

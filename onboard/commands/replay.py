@@ -26,6 +26,7 @@ from onboard.terminal.console import Console
 from onboard.terminal.files import check_targets, write_json
 from onboard.terminal.output import one_line, show
 from onboard.terminal.progress import progress_bar
+from onboard.wire.logs.recording import parts_of
 
 OWN_STATE: Final = "own_state"
 
@@ -167,6 +168,8 @@ def _print_replay(console: Console, log: Path, replayed: ReplayResult, result: L
         highlight=False,
         soft_wrap=True,
     )
+    if len(parts := parts_of(flight_of(log).log)) > 1:
+        console.print(f"joined: {', '.join(part.name for part in parts)}", highlight=False, soft_wrap=True)
     print_health(console, replayed.health)
     for refusal in replayed.health.refusals:
         console.print(f"  {refusal.count} of {refusal.source}: {refusal.reason}", highlight=False, soft_wrap=True)

@@ -23,6 +23,7 @@ from onboard.terminal.files import check_targets
 from onboard.terminal.output import one_line
 from onboard.terminal.progress import progress_bar
 from onboard.units import S_PER_NS
+from onboard.wire.logs.recording import parts_of
 
 OF_AUTOPILOT = {".bin", ".ulg"}
 EARLIEST_S = 1e9  # of Unix time; before it, arrivals are on a boot clock
@@ -97,9 +98,10 @@ def _facts(log: Path, config: Config, replayed: ReplayResult, truth: Path | None
     end_s = health.t_recv_ns * S_PER_NS
     begin = datetime.datetime.fromtimestamp(end_s - replayed.duration, datetime.UTC)
     offset = "none" if health.clock_offset_ns is None else f"{health.clock_offset_ns * S_PER_NS:.3f} s ahead of it"
+    parts = ", ".join(str(part) for part in (log, *parts_of(flight_of(log).log)[1:]))
     trip = "" if health.round_trip is None else f", round trip {health.round_trip * 1e3:.1f} ms"
     return [
-        ("log", f"{log.name}, {replayed.records} records, {replayed.damaged} damaged"),
+        ("log", f"{parts}, {replayed.records} records, {replayed.damaged} damaged"),
         ("begin", f"{begin:%Y-%m-%d %H:%M:%S} UTC" if end_s > EARLIEST_S else "not known: no clock of the world"),
         ("duration", f"{replayed.duration / 60:.1f} min"),
         ("autopilot", health.autopilot),

@@ -16,16 +16,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.filters import extended
 from onboard.filters.angles import beside
 from onboard.filters.belief import Belief, FilterError, Indices
 from onboard.filters.gating import chi_square_threshold, normalised_squared
 from onboard.filters.runs import Run
+from onboard.filters.state_space import AnyModel, model_at
 
 
 class ConsistencyBounds(NamedTuple):
-    """At each time the mean (T,) over the runs, what is expected (T,), and the bounds (T,) that hold it with the
-    probability that was asked for; NaN where nothing was measured. `inside`: the share of times within the
-    bounds."""
+    """At each time the mean (T,) over the runs that measured and are not lost, what is expected (T,), and the
+    bounds (T,) that hold it with the probability that was asked for; NaN where nothing was measured. `inside`: the
+    share of times within the bounds."""
 
     mean: Array
     expected: Array
@@ -74,6 +76,34 @@ def rms(
     return np.asarray(np.where(count, np.sqrt(mean), np.nan))
 
 
+def cramer_rao(model: AnyModel, start: Belief, truth: Array, ts: Array | None = None) -> Array:
+    """The least covariance (T, ..., n, n) that an unbiased estimate of this path can have, truth (T, ..., n), from
+    a first belief of covariance (n, n) or (..., n, n): Q, R and the prior counted, and models linearised at the
+    truth (Taylor 1979, "The Cramer-Rao estimation error lower bound computation for deterministic nonlinear
+    systems"). Of a random path it is the mean over many truths. No mode of an `imm`, and no angle, may be open.
+
+    Raises FilterError, NotPositiveDefiniteError.
+    """
+    truth = np.asarray(truth)
+    times = np.arange(float(len(truth))) if ts is None else np.asarray(ts, float)
+    P = np.broadcast_to(start.covariance, (*truth.shape, truth.shape[-1]))[0]
+    bounds = []
+    for k, state in enumerate(truth):
+        now = model_at(model, times, k)
+        if k and times[k] > times[k - 1]:
+            before = Belief(truth[k - 1], P)
+            F = extended.tangent(before, now.process, now.process_jacobian, None, now.angular_states)[1]
+            P = F @ P @ np.swapaxes(F, -1, -2) + now.Q
+        y = np.zeros((*state.shape[:-1], len(now.R)), state.dtype)
+        H = extended.tangent(Belief(state, P), now.measure, now.measure_jacobian, y, now.angular)[1]
+        H_t = np.swapaxes(H, -1, -2)
+        gain = np.swapaxes(np.linalg.solve(H @ P @ H_t + now.R, H @ P), -1, -2)
+        rest = np.eye(state.shape[-1]) - gain @ H
+        P = rest @ P @ np.swapaxes(rest, -1, -2) + gain @ now.R @ np.swapaxes(gain, -1, -2)
+        bounds.append(P)
+    return np.array(bounds)
+
+
 def errors(beliefs: Belief | Run, truth: Array, angular_states: Indices | None = None) -> Array:
     """What beliefs, mean (T, n) or (T, B, n), are off a truth of the same shape; `angular_states` as in `nees`.
 
@@ -94,13 +124,14 @@ def of_run(beliefs: Belief | Run) -> Belief:
 
 
 def _judged(values: Array, degrees: Array, probability: float) -> ConsistencyBounds:
-    total, runs = degrees.reshape(len(values), -1).sum(axis=1), values.shape[1]
+    each = degrees.reshape(len(values), -1)
+    total, runs = each.sum(axis=1), np.maximum((each > 0).sum(axis=1), 1)
     tail, bounds = 0.5 * (1 - probability), np.full((2, len(values)), np.nan)
     for count in np.unique(total[total > 0]):
         at = total == count
-        bounds[:, at] = np.array([[chi_square_threshold(p, int(count)) / runs] for p in (tail, 1 - tail)])
-    mean = np.where(total > 0, values.mean(axis=1), np.nan)
+        bounds[:, at] = np.array([[chi_square_threshold(p, int(count))] for p in (tail, 1 - tail)]) / runs[at]
     measured = total > 0
+    mean = np.where(measured, np.where(each > 0, values, 0).sum(axis=1) / runs, np.nan)
     inside = (mean >= bounds[0]) & (mean <= bounds[1])
     share = float(np.mean(inside[measured])) if measured.any() else float("nan")
     return ConsistencyBounds(mean, np.where(measured, total / runs, np.nan), bounds[0], bounds[1], share)

@@ -31,7 +31,8 @@ STEP: Final = 1e-3  # of the second differences, in units of theta
 
 class Maximum(NamedTuple):
     """The parameters (p,) of the greatest likelihood, their covariance (p, p) by its curvature (NaN where the
-    likelihood has no maximum in some direction), the log-likelihood there, and whether the search converged."""
+    likelihood has no maximum in some direction), the log-likelihood there, and whether the search converged, to a
+    maximum in each direction."""
 
     theta: Array
     covariance: Array
@@ -79,7 +80,9 @@ def maximum_likelihood(log_likelihood: Callable[[Array], float], guess: ArrayLik
     best = min((coarse, found), key=lambda one: float(one.fun))
     if not np.isfinite(best.fun) or not np.isfinite(best.x).all():
         raise FilterError(f"log_likelihood: no maximum found from {first}: {found.message}")
-    return Maximum(best.x, _curvature(cost, best.x), -float(best.fun), bool(best.success))
+    covariance = _curvature(cost, best.x)
+    is_maximum = bool(best.success) and bool(np.isfinite(covariance).all())
+    return Maximum(best.x, covariance, -float(best.fun), is_maximum)
 
 
 def _curvature(cost: Callable[[Array], float], theta: Array) -> Array:

@@ -78,6 +78,17 @@ REMEDIES: Final = {
         "set `f_px` of [camera] for images of that size, or send `intrinsics`; `onboard calibrate LOG` finds it",
         "focal length is off",
     ),
+    Cause.DELAY: Remedy(
+        "stamps",
+        "stamp the time of exposure, or take that off `delay_s` of [camera] (stamps that are newer: add it)",
+        "stamps are off",
+    ),
+    Cause.CAMERA_SETUP: Remedy(
+        "camera-setup",
+        "`onboard calibrate LOG` of a flight that pitches, rolls and turns finds `delay_s`, `mount_rpy_deg` and "
+        "`f_px` of [camera]",
+        "camera setup is off",
+    ),
     Cause.OFF_CENTER: Remedy(
         "pixels",
         "let `cx_px` and `cy_px`, `intrinsics` or `calibration` be of images of the detector's size; a part of an "

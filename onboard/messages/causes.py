@@ -97,6 +97,8 @@ class Cause(StrEnum):
     IGNORED = "ignored", "a part of a message is not used"
     MOUNT = "mount", "as if the camera looked elsewhere than configured"
     FOCAL_LENGTH = "focal_length", "as if the focal length were another"
+    DELAY = "delay", "as if stamps were not those of exposure"
+    CAMERA_SETUP = "camera_setup", "as if several of mount, focal length and stamps were off, or one of them"
     OFF_CENTER = "off_center", "the principal point is far from the image's middle"
     BINNED = "binned", "the focal length is of larger pixels than the image"
     QUARTER = "quarter", "all points are in a quarter of the image"

@@ -58,8 +58,8 @@ class LinkHealth(Record, frozen=True, kw_only=True):
 DOUBT: Final = "in doubt: "  # before the reason of a refusal that is none: the messages were used ...
 DOUBTS: Final = frozenset(  # ... of these causes
     {
-        *(Cause.MOUNT, Cause.FOCAL_LENGTH, Cause.OFF_CENTER, Cause.BINNED, Cause.QUARTER, Cause.RANGE_UNUSED),
-        *(Cause.UNVERIFIED, Cause.KEY_UNREADABLE),
+        *(Cause.MOUNT, Cause.FOCAL_LENGTH, Cause.DELAY, Cause.CAMERA_SETUP, Cause.OFF_CENTER),
+        *(Cause.BINNED, Cause.QUARTER, Cause.RANGE_UNUSED, Cause.UNVERIFIED, Cause.KEY_UNREADABLE),
     }
 )
 

@@ -59,6 +59,10 @@ class Attitudes:
         self._samples.append(sample)
         _trim(self.times, self._samples)
 
+    def between(self, from_ns: int, to_ns: int) -> tuple[list[int], list[AttitudeSample]]:
+        """The samples between two times, and one more on either side."""
+        return _between(self.times, self._samples, from_ns, to_ns)
+
     def at(self, t_ns: int) -> AttitudeSample | None:
         """The attitude at a time; None where it is not known."""
         times = self.times
@@ -99,6 +103,10 @@ class Navigation:
         _trim(self.times, self._samples)
         del self._slopes[: len(self._slopes) - len(self._samples) + 1]
 
+    def between(self, from_ns: int, to_ns: int) -> tuple[list[int], list[NavSample]]:
+        """The samples between two times, and one more on either side."""
+        return _between(self.times, self._samples, from_ns, to_ns)
+
     def at(self, t_ns: int) -> NavSample | None:
         """Position and velocity at a time; None where they are not known."""
         times = self.times
@@ -138,6 +146,11 @@ class Navigation:
 def _moved(v: Vec3, a: Vec3, dt: float) -> Vec3:
     """A velocity after `dt` seconds of an acceleration."""
     return v[0] + dt * a[0], v[1] + dt * a[1], v[2] + dt * a[2]
+
+
+def _between(times: list[int], samples: list[Any], from_ns: int, to_ns: int) -> tuple[list[int], list[Any]]:
+    first, last = max(bisect_right(times, from_ns) - 1, 0), bisect_left(times, to_ns) + 1
+    return times[first:last], samples[first:last]
 
 
 def _trim(times: list[int], values: list[Any]) -> None:

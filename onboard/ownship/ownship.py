@@ -176,6 +176,17 @@ class Ownship:
         """Whether pose and motion at a time are interpolated, so that nothing to come can change them."""
         return t_ns <= self.known_ns
 
+    def motion(self, from_ns: int, to_ns: int) -> tuple[Array, Array, Array]:
+        """Our own motion between two times: those (n,) of the attitudes, s, positions (n, 3), and attitudes q_nb
+        (n, 4)."""
+        times, attitudes = self._attitudes.between(from_ns, to_ns)
+        nav_times, nav = self._nav.between(from_ns, to_ns)
+        if not times or not nav_times:
+            return np.zeros(0), np.zeros((0, 3)), np.zeros((0, 4))
+        t, positions = 1e-9 * np.array(times), np.array([sample.r for sample in nav])
+        r = [np.interp(t, 1e-9 * np.array(nav_times), column) for column in positions.T]
+        return t, np.column_stack(r), np.array([sample.q for sample in attitudes])
+
     def lead_ns(self, t_ns: int) -> int:
         """By how much a time is later than the newest sample of attitude or of navigation, whichever is older."""
         return t_ns - min((times[-1] for times in (self._nav.times, self._attitudes.times) if times), default=t_ns)

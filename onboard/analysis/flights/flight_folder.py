@@ -14,6 +14,7 @@ from onboard import UserError
 from onboard.messages import NO_REASON, Cause, Clock, Datagram, Encoding, Reason
 from onboard.messages.stamps import Span, read_stamps
 from onboard.units import S_PER_NS
+from onboard.wire.logs.recording import parts_of
 from onboard.wire.logs.tlog import NotALogError
 
 LOGS: Final = (".bin", ".mcap", ".tlog", ".ulg")
@@ -23,7 +24,7 @@ TRUTHS: Final = ("truth.csv", "truth.csv.gz")
 
 
 class FlightFolder(NamedTuple):
-    """Its files: the log, the detectors', the configuration and the truth if they are there."""
+    """Its files: the log, or its first part, the detectors', the configuration and the truth if they are there."""
 
     log: Path
     detections: tuple[Path, ...]
@@ -39,16 +40,17 @@ class Stamp(msgspec.Struct):
 
 
 def flight_folder(folder: Path) -> FlightFolder:
-    """The files of a flight's folder. Raises UserError unless it holds one log."""
+    """The files of a flight's folder. Raises UserError unless it holds one log, or the parts of one."""
     wanted = (path for path in folder.iterdir() if path.suffix.lower() in (*LOGS, *DETECTIONS))
     files = sorted(path for path in wanted if is_given(path))
     logs = [path for path in files if path.suffix.lower() in LOGS]
-    if len(logs) != 1:
+    whole = max(map(parts_of, logs), key=len, default=())
+    if not logs or set(whole) != set(logs):
         found = ", ".join(path.name for path in logs) or "none"
         raise UserError(f"{folder}: expected one log ({', '.join(LOGS)}) in this folder; found: {found}")
     config, truths = folder / CONFIG, [folder / name for name in TRUTHS]
     return FlightFolder(
-        logs[0],
+        whole[0],
         tuple(path for path in files if path.suffix.lower() in DETECTIONS),
         config if is_given(config) else None,
         next((path for path in truths if is_given(path)), None),

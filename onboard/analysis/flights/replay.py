@@ -31,7 +31,7 @@ from onboard.pipeline import Pipeline
 from onboard.scoring.beside import judged
 from onboard.units import NS_PER_S, S_PER_NS
 from onboard.wire.logs import dataflash, ulog
-from onboard.wire.logs.recording import is_recording, read_flown, read_recording
+from onboard.wire.logs.recording import is_recording, parts_of, read_flown, read_recording
 from onboard.wire.logs.tlog import NotALogError, read_tlog
 
 PROGRESS_EVERY: Final = 2000
@@ -212,7 +212,7 @@ def read_flight(
     flight = flight_of(log)
     documents = [Documents(path) for path in flight.detections]
     last, spans = 0, dict[Clock, Span]()
-    for item, done in read_log(flight.log, lose, flown=flown):
+    for item, done in _read_parts(flight.log, lose, flown=flown):
         yield item, done
         if isinstance(item, Datagram | Message):
             last = max(last, item.t_recv_ns)
@@ -242,7 +242,7 @@ def check_log(log: Path) -> None:
         empty = not is_whole and all(item is None for item, _ in items)
     except (NotALogError, OSError) as error:
         raise ReplayError(f"{log}: {error}") from error
-    if empty:
+    if empty and len(parts_of(log)) == 1:
         raise ReplayError(f"{log}: there is no record in it that can be read")
 
 
@@ -273,6 +273,17 @@ def read_log(
     return _read_tlog(log)
 
 
+def _read_parts(
+    log: Path, lose: Callable[[str], None], *, flown: bool
+) -> Iterator[tuple[Datagram | Message | Estimate | None, int]]:
+    """What `read_log` gives of a log, and of the parts that follow it."""
+    before = 0
+    for part in parts_of(log):
+        for item, done in read_log(part, lose, flown=flown):
+            yield item, before + done
+        before += part.stat().st_size
+
+
 def _read_tlog(log: Path) -> Iterator[tuple[Datagram | None, int]]:
     with log.open("rb") as file:
         yield from read_tlog(file)
@@ -280,6 +291,6 @@ def _read_tlog(log: Path) -> Iterator[tuple[Datagram | None, int]]:
 
 def _size(log: Path) -> int:
     try:
-        return flight_of(log).log.stat().st_size
+        return sum(part.stat().st_size for part in parts_of(flight_of(log).log))
     except OSError as error:
         raise ReplayError(f"cannot read {log}: {error.strerror or error}") from error

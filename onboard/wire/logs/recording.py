@@ -25,6 +25,7 @@ from onboard.wire.logs.tlog import NotALogError
 MAGIC: Final = b"\x89MCAP0\r\n"
 JSON: Final = "json"
 CONFIGURATION: Final = "configuration"  # of metadata
+RECORDING: Final = "recording"  # of metadata: the file's name, its number, and the run, of which it may be a part
 LARGEST_RECORD: Final = 256 << 20  # bytes; a length beyond this is damage, not data
 DAMAGE: Final = (McapError, ValueError, OverflowError, MemoryError, struct.error)
 MADE: Final[Mapping[str, type[Estimate]]] = {"estimate": Estimate, "own_state": NavState}
@@ -42,13 +43,33 @@ def read_configuration(path: Path) -> bytes | None:
 
     Raises OSError.
     """
+    found = _metadata(path, CONFIGURATION)
+    return None if found is None else found.get(JSON, "").encode()
+
+
+def parts_of(path: Path) -> tuple[Path, ...]:
+    """A log, and the parts in the same folder that follow it in the same run, where it is a recording of ours that
+    was divided by its size. Raises OSError."""
+    label = _metadata(path, RECORDING) or {}
+    if not label.get("run"):
+        return (path,)
+    numbered = {}
+    for other in path.parent.glob(f"*{path.suffix}"):
+        theirs = {} if other.is_symlink() else _metadata(other, RECORDING) or {}
+        if theirs.get("run") == label["run"] and theirs.get("number", "").isdecimal():
+            numbered[int(theirs["number"])] = other
+    return (path, *(numbered[number] for number in sorted(numbered) if number > int(label["number"])))
+
+
+def _metadata(path: Path, name: str) -> dict[str, str] | None:
+    """The metadata of that name before all else; None where a file has none, or is no recording."""
     with path.open("rb") as file:
         if file.read(len(MAGIC)) != MAGIC:
             return None
         try:
             for record in StreamReader(file, skip_magic=True, record_size_limit=LARGEST_RECORD).records:
-                if isinstance(record, Metadata) and record.name == CONFIGURATION:
-                    return record.metadata.get(JSON, "").encode()
+                if isinstance(record, Metadata) and record.name == name:
+                    return dict(record.metadata)
                 if not isinstance(record, Header | Metadata):
                     return None
         except DAMAGE:

@@ -37,6 +37,28 @@ MAGIC: Final = b"ULog\x01\x12\x35"
 RATES: Final = "vehicle_angular_velocity"
 SPEEDS: Final = ("rollspeed", "pitchspeed", "yawspeed")
 ACTIVE: Final = 4
+ARMED: Final = 2  # of vehicle_status.arming_state
+STATUS: Final = "vehicle_status"
+# vehicle_status.nav_state -> main and sub mode, as PX4 makes HEARTBEAT.custom_mode of it
+MODES: Final = {
+    0: (1, 0),
+    1: (2, 0),
+    2: (3, 0),
+    3: (4, 4),
+    4: (4, 3),
+    5: (4, 5),
+    10: (5, 0),
+    12: (4, 6),
+    13: (1, 0),
+    14: (6, 0),
+    15: (7, 0),
+    17: (4, 2),
+    18: (4, 6),
+    19: (4, 8),
+    20: (4, 9),
+    21: (3, 1),
+    22: (4, 10),
+}
 DISORDER_US: Final = 1_000_000  # rows of one topic are in order but for this
 LONGEST_GAP_US: Final = 60_000_000  # in which a topic may be silent
 LATEST_US: Final = 2**53  # 285 years after boot
@@ -69,8 +91,9 @@ class LogSource(NamedTuple):
 
 def read_ulog(path: Path, lose: Lose = lambda _: None) -> Iterator[Message]:
     """The messages of a ULog in time order, its texts among them, after one heartbeat that names the autopilot and
-    the vehicle type, and its parameters. Of each topic it is the first instance that has rows; of the actuators'
-    outputs, that whose outputs move most: the others are other boards or unused.
+    the vehicle type, and its parameters; further heartbeats say modes and arming. Of each topic
+    it is the first instance that has rows; of the actuators' outputs, that whose outputs move most: the others are
+    other boards or unused.
 
     A row that cannot be used is left out, and a topic without a field that it needs; `lose` is called with the
     reason for each. Raises NotALogError when the log cannot be read.
@@ -81,7 +104,7 @@ def read_ulog(path: Path, lose: Lose = lambda _: None) -> Iterator[Message]:
         with path.open("rb") as file:
             _check_formats(file)
             file.seek(0)
-            log = ULog(file, [*CONVERT, RATES], disable_str_exceptions=True)
+            log = ULog(file, [*CONVERT, STATUS, RATES], disable_str_exceptions=True)
     except UNREADABLE as error:
         if isinstance(error, NotALogError):
             raise
@@ -94,8 +117,9 @@ def read_ulog(path: Path, lose: Lose = lambda _: None) -> Iterator[Message]:
     topics = {name: _in_order(columns, partial(_name, lose, name)) for name, columns in topics.items()}
     _add_rates(topics)
     source = LogSource(_parameter(log, "MAV_SYS_ID", 1), _unix_offset_ns(log, topics.get("vehicle_gps_position")))
+    kind, start_ns = int(_parameter(log, "MAV_TYPE", 2)), int(log.start_timestamp) * 1000
     streams = []
-    for name, convert in CONVERT.items():
+    for name, convert in (CONVERT | {STATUS: Converter(partial(_status, kind), _always(*STATES))}).items():
         if name not in topics:
             continue
         missing = [field for field in convert.needs(topics[name]) if field not in topics[name]]
@@ -105,7 +129,6 @@ def read_ulog(path: Path, lose: Lose = lambda _: None) -> Iterator[Message]:
         streams.append(_stream(convert, topics[name], source, partial(_name, lose, name)))
     if not streams:
         raise NotALogError("this ULog holds no attitude, position, IMU or GPS")
-    kind, start_ns = int(_parameter(log, "MAV_TYPE", 2)), int(log.start_timestamp) * 1000
     header = _header(start_ns, source)
     yield Heartbeat(**header, vehicle_type=kind, autopilot=PX4, armed=False, status=ACTIVE)
     messages = _texts(log, source, start_ns), _changes(log, source, start_ns)
@@ -302,6 +325,20 @@ def _outputs(c: Any, i: int, header: dict[str, Any]) -> Message:
     return ActuatorOutputs(**header, pwm_us=tuple(round(v) if np.isfinite(v) else 0 for v in values))
 
 
+def _status(kind: int, c: Any, i: int, header: dict[str, Any]) -> Message:
+    """A heartbeat with the mode and the arming; modes of later versions by their number."""
+    state, is_armed = int(c["nav_state"][i]), int(c["arming_state"][i]) == ARMED
+    main, sub = MODES.get(state, (0, state))
+    return Heartbeat(
+        **header | {"clock": Clock.NONE},
+        vehicle_type=kind,
+        autopilot=PX4,
+        armed=is_armed,
+        status=ACTIVE,
+        custom_mode=sub << 24 | main << 16,
+    )
+
+
 def _battery(c: Any, i: int, header: dict[str, Any]) -> Message | None:
     voltage = float(c["voltage_v"][i])
     return Battery(**header, voltage_v=voltage) if voltage > 0 else None
@@ -326,6 +363,7 @@ def _always(*names: str) -> Callable[[Any], tuple[str, ...]]:
 
 QUATERNION: Final = tuple(f"q[{k}]" for k in range(4))
 POSITION: Final = ("x", "y", "z", "vx", "vy", "vz")
+STATES: Final = ("nav_state", "arming_state")
 IMU: Final = (*(f"accelerometer_m_s2[{k}]" for k in range(3)), *(f"gyro_rad[{k}]" for k in range(3)))
 OUTPUTS: Final = "actuator_outputs"
 OUTPUT: Final = tuple(f"output[{k}]" for k in range(16))

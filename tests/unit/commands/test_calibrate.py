@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from onboard import UserError
-from onboard.analysis.calibration.camera import Calibration, Images, OwnPoses, calibrate
 from onboard.arrays import Array
 from onboard.commands import cli
-from onboard.commands.calibrate import described
+from onboard.commands.calibrate import Calibration, Images, calibrate, described
 from onboard.config import load_config
 from onboard.geometry.camera import make_camera
 from onboard.geometry.rotations import matrix_from_euler, quaternion_from_euler
+from onboard.health.camera_errors import Poses
 from onboard.messages import Attitude, LocalPosition, Message, TargetPoints
 from onboard.sinks.recorder import Recorder
 from tests.support.streams import EPOCH, Item, S, encode, heartbeat
@@ -56,11 +56,11 @@ class Weaving:
         return points
 
 
-def flight(seed: int, weave: float = 15.0, seconds: float = 50.0) -> tuple[Images, OwnPoses]:
+def flight(seed: int, weave: float = 15.0, seconds: float = 50.0) -> tuple[Images, Poses]:
     flown, rng = Weaving(weave), np.random.default_rng(seed)
     t = np.arange(0.0, seconds + 2, 0.02)
     own = [flown.own(float(x)) for x in t]
-    motion = OwnPoses(t, np.array([r for r, _ in own]), np.array([quaternion_from_euler(*rpy) for _, rpy in own]))
+    motion = Poses(t, np.array([r for r, _ in own]), np.array([quaternion_from_euler(*rpy) for _, rpy in own]))
     exposed = np.arange(2.0, seconds, 1 / 8)
     points = np.array([flown.points(float(x), rng) for x in exposed])
     span = np.linalg.norm(points[:, 2] - points[:, 1], axis=1)
@@ -77,7 +77,7 @@ def test_delay_mount_and_focal_length_are_found_seed_1() -> None:
     found = calibrate(*flight(1), CAMERA, SIZE)
     assert_found(found)
     assert np.sqrt(np.mean(found.after**2)) == pytest.approx(1.0, abs=0.1)
-    assert np.sqrt(np.mean(found.before**2)) > 1.03
+    assert np.mean(found.before**2) > 1.05 * np.mean(found.after**2)
 
 
 @pytest.mark.slow
@@ -110,12 +110,8 @@ def test_a_leader_that_is_far_from_calm_ends_in_no_error_seed_3() -> None:
     swerving = images._replace(center=images.center + 0.3 * np.sin(np.arange(len(images.t)) / 3.0)[:, None])
     found = calibrate(swerving, own, CAMERA, SIZE)
     assert abs(found.delay) <= 0.45
-    restless = described(found._replace(calm=0.5), load_config(None))
-    assert restless[-1].startswith("not to be trusted: the leader did not fly calmly")
-    assert (
-        described(found._replace(calm=0.05, mount=np.array([0.0, 0.9, 0.0])), load_config(None))[-1]
-        == restless[-1]
-    )
+    for off in (found._replace(mount=np.array([0.0, 0.9, 0.0])), found._replace(delay=0.44)):
+        assert described(off, load_config(None))[-1].startswith("not to be trusted: so large an error")
     assert np.isfinite([found.delay_sigma, found.focal_sigma, *found.mount_sigma]).all()
 
 

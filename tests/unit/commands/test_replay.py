@@ -8,11 +8,13 @@ from typing import Any
 import msgspec
 import pytest
 
+from onboard import UserError
 from onboard.analysis.flights.replay import replay
 from onboard.commands.replay import replay_log
 from onboard.config import Config, load_config
 from onboard.messages import CameraPoints, Clock, Datagram, Encoding, Intrinsics, Pixel, TargetPoints
-from onboard.sinks.recorder import Recorder
+from onboard.sinks.recorder import Recorder, Rotation
+from onboard.wire.logs.recording import parts_of
 from tests.support.streams import F_PX, Stream, encode, make_config
 
 SIDE = 0.25  # the second aircraft is so far to the right in the image
@@ -107,3 +109,34 @@ def test_a_log_without_images_shows_what_there_is(tmp_path: Path, capsys: pytest
     assert "valid" not in shown.replace("invalid", "")
     replayed_numbers(log, make_config("estimator.own_state={}"))
     assert "to estimate our own state" not in capsys.readouterr().out
+
+
+def test_the_parts_of_a_recording_are_replayed_as_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A recorder that begins a new file by size left flights of which only the first part was replayed."""
+    config = make_config()
+    datagrams = encode(Stream(t1=6.0).items())
+    record(tmp_path / "whole.mcap", datagrams)
+    folder = tmp_path / "parts"
+    recorder = Recorder(
+        folder / "flight.mcap", rotation=Rotation(file_bytes=1.0), monotonic=iter(range(10**6)).__next__
+    )
+    folder.mkdir()
+    recorder.open()
+    for i in range(0, len(datagrams), 200):
+        recorder.write(datagrams[i : i + 200])
+    recorder.close()
+    record(tmp_path / "other.mcap", datagrams[:200])
+    parts = parts_of(folder / "flight.mcap")
+    assert [part.name for part in parts[:2]] == ["flight.mcap", "flight-2.mcap"]
+    assert len(parts) == len(list(folder.iterdir()))
+    whole = replay(tmp_path / "whole.mcap", config)
+    for log in (folder / "flight.mcap", folder):
+        joined = replay(log, config)
+        assert joined.records == whole.records
+        assert joined.estimates == whole.estimates
+    assert parts_of(parts[1]) == parts[1:]
+    assert replay_log(folder, config, truth=None, json_file=None, rrd=None) == 0
+    assert "joined: flight.mcap, flight-2.mcap" in capsys.readouterr().out
+    record(folder / "flight.mcap", datagrams[:200])  # of another run: a second flight in this folder
+    with pytest.raises(UserError, match="expected one log"):
+        replay(folder, config)

@@ -44,7 +44,7 @@ def test_a_filter_of_the_right_model_is_inside_and_a_sure_one_above(flown: tuple
     nis, nees = consistency.nis(found), consistency.nees(found.beliefs, truth)
     assert nis.inside > 0.85
     assert nees.inside > 0.85
-    np.testing.assert_allclose(nis.expected[[0, 25]], [1.0, 0.5])
+    np.testing.assert_allclose(nis.expected[[0, 25]], [1.0, 1.0])
     assert np.isnan([nis.mean[30], nis.low[30]]).all()
     low, high = gating.mean_bounds(2, RUNS)
     np.testing.assert_allclose([nees.low, nees.high], np.outer([low, high], np.ones(STEPS)))
@@ -116,3 +116,42 @@ def test_an_ellipse_holds_its_share_seed_2() -> None:
     np.testing.assert_allclose(
         np.sum(off * np.linalg.solve(chosen, off), axis=0), gating.chi_square_threshold(0.9, 2), rtol=1e-9
     )
+
+
+def test_the_bound_of_a_linear_model_is_the_kalman_filters_covariance(flown: tuple[Run, np.ndarray]) -> None:
+    found, truth = flown
+    start = Belief(np.zeros(2), np.eye(2))
+    bound = consistency.cramer_rao(found.model, start, truth[:30])
+    np.testing.assert_allclose(bound[:20], found.beliefs.covariance[:20], rtol=1e-9)
+    assert bound.shape == (30, RUNS, 2, 2)
+    alone = consistency.cramer_rao(found.model, start, truth[:30, 0])
+    np.testing.assert_allclose(alone, bound[:, 0])
+    with_gap = consistency.cramer_rao(found.model, start, truth[:2, 0], np.array([0.0, 0.0]))
+    assert with_gap[1, 0, 0] == pytest.approx(1 / 3)
+
+
+def test_no_filter_is_better_than_the_bound_seed_3() -> None:
+    """Bearings of an object that passes: 300 runs of the unscented filter have 1 to 1.3 times its variance."""
+    F, Q = discretisation.white_acceleration(1.0, 1e-3, axes=2)
+    model = Model(
+        lambda rows: rows @ F.T,
+        Q,
+        lambda rows: np.arctan2(rows[:, 1:2], rows[:, :1]),
+        np.array([[0.02**2]]),
+        angular=(0,),
+    )
+    rng = np.random.default_rng(3)
+    x = np.tile([20.0, 15.0, -1.0, 0.0], (300, 1))
+    P0 = np.diag([4.0, 4.0, 0.1, 0.1])
+    x = x + rng.multivariate_normal(np.zeros(4), P0, 300)
+    begin, truth, ys = x.mean(axis=0), [], []
+    for k in range(30):
+        x = x if k == 0 else x @ F.T + rng.multivariate_normal(np.zeros(4), Q, 300)
+        truth.append(x)
+        ys.append(model.measure(x) + rng.normal(0, 0.02, (300, 1)))
+    path = np.stack(truth)
+    start = Belief(np.tile(begin, (300, 1)), np.tile(P0, (300, 1, 1)))
+    found = run("unscented", model, start, np.stack(ys))
+    bound = np.trace(consistency.cramer_rao(model, Belief(begin, P0), path).mean(axis=1)[-1])
+    reached = float(consistency.rms(found, path)[-1] ** 2)  # those that were lost do not count
+    assert 0.9 < reached / bound < 1.4

@@ -135,6 +135,9 @@ def test_a_fit_says_whether_it_converged() -> None:
     assert expectation_maximisation(first, DIFFUSE, FLOW, iterations=2000).converged
     assert not expectation_maximisation(first, DIFFUSE, FLOW, iterations=3).converged
     assert maximum_likelihood(nile, np.log([10_000.0, 10_000.0])).converged
+    flat = maximum_likelihood(lambda theta: -float(theta[0] ** 2), np.ones(2))  # nothing says the second
+    assert np.isnan(flat.covariance).all()
+    assert not flat.converged
 
 
 def test_one_measurement_leaves_what_leads_to_the_next_open() -> None:

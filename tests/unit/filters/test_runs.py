@@ -321,9 +321,11 @@ def test_a_member_that_fails_does_not_stop_the_batch_seed_9(method: str) -> None
     if method == "unscented":  # by points that are farther out it is too wide, but the others are smoothed
         assert np.isnan(smooth(found).mean[:, 1]).all()
         assert np.isfinite(smooth(found).mean[:, 0]).all()
-    assert consistency.nees(found, truth).expected[-1] == 3.0  # of five states, three of five filters are left
+    assert consistency.nees(found, truth).expected[-1] == 5.0  # those that were lost do not count
     assert np.isfinite(consistency.rms(found, truth)).all()
-    assert consistency.nis(found).expected[-1] == pytest.approx(3 * 3 / 5)
+    assert consistency.nis(found).expected[-1] == 3.0
+    left = [b for b in range(5) if b not in {one.member for one in found.lost}]
+    assert consistency.nis(found).mean[-1] == pytest.approx(found.nis[-1, left].mean())
 
 
 def test_where_no_filter_is_left_the_good_steps_are_in_the_error_seed_9() -> None:

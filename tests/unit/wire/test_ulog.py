@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from onboard.analysis.report.vehicle import VehicleSeries
 from onboard.messages import ActuatorOutputs, Battery, Clock, GpsFix, Heartbeat, Message, ParamValue, StatusText
 from onboard.wire.logs.tlog import NotALogError
 from onboard.wire.logs.ulog import read_ulog
@@ -210,3 +211,28 @@ def test_parameters_follow_the_heartbeat_and_those_set_later_come_at_their_time(
         ("RTL_TYPE", 2.0, None, Clock.NONE),
     ]
     assert [m.t_ns for m in found] == [1_000_000_000, 1_000_000_000, 52_000_000_000]
+
+
+def test_modes_and_arming_are_those_of_the_vehicle(tmp_path: Path) -> None:
+    """A report of a .ulg had neither: its one heartbeat was disarmed, in no mode."""
+    fields = {"timestamp": "uint64_t", "nav_state": "uint8_t", "arming_state": "uint8_t"}
+    flown = [(2, 1), (2, 2), (17, 2), (19, 2), (5, 2), (18, 2), (18, 1), (99, 1)]
+    rows = [
+        {"timestamp": 1_000_000 + 500_000 * i, "nav_state": state, "arming_state": arming}
+        for i, (state, arming) in enumerate(flown)
+    ]
+    found, lost = read(ulog(tmp_path / "a.ulg", rows, fields=fields, name="vehicle_status"))
+    series = VehicleSeries()
+    for message in found:
+        series.hear(message, message.t_ns * 1e-9)
+    assert [(round(t, 1), kind, text) for t, kind, text in series.words[1:]] == [
+        (1.0, "mode", "POSCTL"),
+        (1.5, "armed", ""),
+        (2.0, "mode", "AUTO TAKEOFF"),
+        (2.5, "mode", "AUTO FOLLOW_TARGET"),
+        (3.0, "mode", "AUTO RTL"),
+        (3.5, "mode", "AUTO LAND"),
+        (4.0, "disarmed", ""),
+        (4.5, "mode", str(99 << 24)),
+    ]
+    assert lost == []

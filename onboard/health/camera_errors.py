@@ -1,0 +1,361 @@
+"""By how much a camera's stamps, mount and focal length are off, by how a target's direction moves when we lean.
+
+A wrong mount turns with us, so a target seems to move each time that we pitch, roll or turn. With late stamps it
+seems to move by our turn within the delay, and with a wrong focal length by too much or too little. The target's
+own path is unknown: within a window it is a straight line and the double integral of white noise, whose strength,
+and that of the images' noise, are those of the greatest restricted likelihood (Patterson and Thompson, 1971). So
+a target that swerves, or a noisy detector, has little weight. Windows are linearised about the errors that fit all
+of them, and added up; by how much they disagree adds to the uncertainty.
+
+What a focal length does follows from where the target is expected in the image, not from where it was seen: noise
+is in the second, and a camera that follows its target shows it in the middle, wherever the target goes.
+"""
+
+import math
+from collections.abc import Generator, Sequence
+from typing import Final, NamedTuple, TypeVar
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.geometry.camera import Camera
+from onboard.geometry.rotations import matrix_from_euler
+
+DELAY, FOCAL = 0, 4  # places in a vector of errors; 1 to 3 are the mount about the camera's axes
+FEWEST_FOR_FOCAL: Final = 8  # windows: it is the hardest to tell from how the target moves
+KINDS: Final = {"delay": (0,), "mount": (1, 2, 3), "focal": (4,)}
+ERRORS: Final = 5
+# s, rad, and the logarithm of the focal length: what a configuration may be off by
+FIRST_SIGMA: Final = np.array([0.3, 0.4, 0.4, 0.4, 0.5])
+DISTANCE_SIGMA: Final = 0.2  # of a target's distance, by how much our own displacement counts, in each window
+STEP: Final = 1e-4  # of the differences by which derivatives are taken
+LONGEST_DELAY_S: Final = 0.45
+LARGEST: Final = np.array([LONGEST_DELAY_S, 0.9, 0.9, 0.9, 1.4])
+GRID: Final = np.array([0.04, 0.04, 0.04, 0.04, 0.1])  # of the errors about which windows are linearised
+ITERATIONS: Final = 10
+OUTLIER: Final = 5.0  # times the median deviation of a window's images
+SWERVES: Final = 10.0 ** np.arange(-2.0, 6.0, 1.5)  # white acceleration, (sigmas of an image)^2/s^3
+SIGMAS: Final = 5.0
+CERTAIN: Final = 25.0  # by which the logarithm of the likelihood of one is larger than another's
+# A smaller error costs less than what else is uncertain: s, rad about each axis, logarithm of the focal length
+LEAST: Final = np.array([0.05, *np.radians([5.0, 5.0, 5.0]), math.log(1.25)])
+CONFIGURED: Final = np.zeros(ERRORS)
+# Where a search for errors of one kind may begin: delays, mounts about one axis
+STARTS: Final = np.array(
+    [
+        *(s * np.eye(ERRORS)[DELAY] for s in np.linspace(-0.4, 0.4, 9)),
+        *(s * np.eye(ERRORS)[axis] for axis in KINDS["mount"] for s in (-0.52, -0.24, 0.24, 0.52)),
+    ]
+)
+
+
+T = TypeVar("T")
+Steps = Generator[None, None, T]  # of some milliseconds each, for who must not wait
+# Kinds of errors that suffice to explain what was seen, each with its errors (p,) and their sigmas (p,)
+Explanation = dict[str, tuple[Array, Array]]
+
+
+class Poses:
+    """Our own motion: times (n,) s, positions (n, 3) m in local NED, attitudes q_nb (n, 4)."""
+
+    def __init__(self, t: Array, r_OF_n: Array, q_nb: Array) -> None:
+        signs = np.cumprod(np.where(np.sum(q_nb[1:] * q_nb[:-1], axis=1) < 0, -1.0, 1.0))
+        self.t, self._columns = t, (*r_OF_n.T, *np.vstack([q_nb[:1], q_nb[1:] * signs[:, None]]).T)
+
+    def at(self, t: Array) -> tuple[Array, Array]:
+        """Positions (k, 3) and rotations R_nb (k, 3, 3) at times (k,)."""
+        pose = np.array([np.interp(t, self.t, column) for column in self._columns])
+        w, x, y, z = pose[3:] / np.linalg.norm(pose[3:], axis=0)
+        rows = [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+        return pose[:3].T, np.moveaxis(np.array(rows), 2, 0)
+
+
+class Sights(NamedTuple):
+    """What one camera saw of a target: times (k,) s, its direction as image points (k, 2), and its distance (k,),
+    m, of which a common factor may be wrong (DISTANCE_SIGMA)."""
+
+    t: Array
+    points: Array
+    distance: Array
+
+
+class Normal(NamedTuple):
+    """A window, linearised: its information (5, 5) about errors, the gradient (5,) of the negative logarithm of
+    their likelihood, and the logarithm itself; residuals (k, 3) of directions in n, rad, as large as noise is, and
+    the images' R_nc (k, 3, 3)."""
+
+    information: Array
+    gradient: Array
+    likelihood: float
+    residuals: Array
+    R_nc: Array
+
+
+class Window:
+    """Some seconds of sights, with our own poses from LONGEST_DELAY_S before them to as long after. `likelihoods`:
+    logarithms, of STARTS."""
+
+    def __init__(self, sights: Sights, poses: Poses, camera: Camera) -> None:
+        self._sights, self._poses, self._camera = sights, poses, camera
+        self._posed: tuple[float, tuple[Array, Array]] | None = None
+        self._basis, self._swerve = _basis(sights.t)
+        off = np.linalg.norm(self._linearised(CONFIGURED).residuals, axis=1)
+        inside = off <= OUTLIER * np.median(off)
+        if not inside.all():
+            self._sights = Sights(*(array[inside] for array in sights))
+            self._basis, self._swerve = _basis(self._sights.t)
+            self._posed = None
+        self._normals: dict[bytes, Normal] = {}
+        self.likelihoods = np.array([self.likelihood(start) for start in STARTS])
+
+    @property
+    def t(self) -> Array:
+        """Times (k,) of the images that count, s."""
+        return self._sights.t
+
+    def is_known(self, about: Array) -> bool:
+        """Whether the window was linearised about these errors before."""
+        return about.tobytes() in self._normals
+
+    def normal(self, about: Array) -> Normal:
+        """The window linearised about these errors, which are kept: few are asked for."""
+        key = about.tobytes()
+        if key not in self._normals:
+            self._normals[key] = self._linearised(about)
+        return self._normals[key]
+
+    def likelihood(self, errors: Array) -> float:
+        """The logarithm of the likelihood of errors, of noise that is in the image."""
+        paths, _, r_C = self._paths(errors, self._sights.points)
+        shown = self._shown([r_C, paths], _across(paths - r_C))
+        return self._likeliest(shown)[0] - 2.0 * len(shown) * float(errors[FOCAL])
+
+    def _linearised(self, errors: Array) -> Normal:
+        """The normal equations about these errors."""
+        points = self._sights.points
+        paths, R_nc, r_C = self._paths(errors, points)
+        E = _across(paths - r_C)
+        # What was seen says nothing of a focal length, at first: noise is in it.
+        for size in (FOCAL, ERRORS, ERRORS):
+            start = self._paths(errors, points)[0]
+            moved = [(self._paths(errors + STEP * e, points)[0] - start) / STEP for e in np.eye(ERRORS)[:size]]
+            shown = self._shown([r_C, *moved, paths], E)
+            _, weights, variance, here = self._likeliest(shown)
+            rest = shown[:, :, -1] - shown[:, :, :-1] @ here
+            # what no straight line, no swerve and no error explains
+            residuals = self._basis.T @ (rest * weights[:, None]) @ E
+            s_n = paths - r_C - residuals
+            u_c = np.einsum("kji,kj->ki", R_nc, s_n)
+            points = math.exp(errors[FOCAL]) * u_c[:, 1:] / np.maximum(u_c[:, :1], 0.1)
+        N = _normal_of(shown, weights)
+        # our displacement's share is this window's own
+        N[0, 0] += variance / DISTANCE_SIGMA**2
+        N = (N - np.outer(N[0], N[0]) / N[0, 0])[1:, 1:] / variance
+        information, gradient = N[:-1, :-1], N[:-1, -1].copy()
+        # noise that is left in the expected points moves with that of the seen ones
+        gradient[FOCAL] += 2.0 * float(np.sum(weights * (1.0 - weights)))
+        free = float(np.sum(weights)) - 0.5 * ERRORS  # the path, and the errors here, have taken their part
+        residuals *= math.sqrt(len(points) / max(free, 1.0))
+        return Normal(information, gradient, self.likelihood(errors), residuals, R_nc)
+
+    def _pose(self, delay: float) -> tuple[Array, Array]:
+        """Our own poses at the images' times, if they are so much older."""
+        if self._posed is None or self._posed[0] != delay:
+            self._posed = delay, self._poses.at(self._sights.t - delay)
+        return self._posed[1]
+
+    def _paths(self, errors: Array, points: Array) -> tuple[Array, Array, Array]:
+        """Where a camera with these errors sees its target (k, 3) in n, its attitudes R_nc and its positions, in
+        units of the mean distance."""
+        sights, camera = self._sights, self._camera
+        r, R_nb = self._pose(float(errors[DELAY]))
+        mean = float(sights.distance.mean())
+        R_nc, r_C = R_nb @ (camera.R_bc @ matrix_from_euler(*errors[1:4])), (r + R_nb @ camera.r_FC_b) / mean
+        u_c = np.column_stack([np.ones(len(points)), points / math.exp(errors[FOCAL])])
+        u_c *= (sights.distance / mean / np.linalg.norm(u_c, axis=1))[:, None]
+        return r_C + np.einsum("kij,kj->ki", R_nc, u_c), R_nc, r_C
+
+    def _shown(self, arrays: list[Array], E: Array) -> Array:
+        """Arrays (k, 3) in n across a direction, beside a straight line: (k - 2, 2, number of arrays)."""
+        return np.stack([self._basis @ (array @ E.T) for array in arrays], axis=2)
+
+    def _likeliest(self, shown: Array) -> tuple[float, Array, float, Array]:
+        """What explains the last of `shown` best by the others: the logarithm of the restricted likelihood, the
+        weights (k - 2,) of the likeliest swerving, the variance of the images' noise, and the coefficients."""
+        found = []
+        size = shown.shape[2] - 1
+        count = 2 * len(shown) - size
+        ridge = 1e-6 * np.eye(size)
+        for swerve in SWERVES:
+            weights = 1.0 / (1.0 + swerve * self._swerve)
+            N = _normal_of(shown, weights)
+            here = np.linalg.solve(N[:-1, :-1] + ridge, N[:-1, -1])
+            rest = max(float(N[-1, -1] - N[-1, :-1] @ here), 1e-18)
+            likelihood = float(np.sum(np.log(weights))) - 0.5 * count * math.log(rest)
+            found.append((likelihood, weights, rest / count, here))
+        return max(found, key=lambda one: one[0])
+
+
+def _across(lines: Array) -> Array:
+    """Two axes (2, 3) across the mean of lines of sight (k, 3)."""
+    return np.asarray(np.linalg.svd(lines.mean(axis=0)[None, :])[2][1:])
+
+
+def _normal_of(shown: Array, weights: Array) -> Array:
+    """The weighted sums of products (p, p) of p columns."""
+    rows = (shown * np.sqrt(weights)[:, None, None]).reshape(-1, shown.shape[2])
+    return np.asarray(rows.T @ rows)
+
+
+def _basis(t: Array) -> tuple[Array, Array]:
+    """What k >= 3 times show beside a straight line: orthonormal rows (k - 2, k), and the variance (k - 2,) that
+    the double integral of white noise of density 1 has along each."""
+    t = t - t[0]
+    rest = np.linalg.qr(np.vander(t, 2), mode="complete")[0][:, 2:]
+    least, most = np.minimum.outer(t, t), np.maximum.outer(t, t)
+    variances, axes = np.linalg.eigh(rest.T @ (least**2 * (3.0 * most - least) / 6.0) @ rest)
+    return (rest @ axes).T, np.maximum(variances, 0.0)
+
+
+class CameraFit(NamedTuple):
+    """Errors (5,) of a camera that fit its windows best, their sigmas (5,), and the logarithm of their likelihood.
+    A positive delay: images are older than their stamps say. A positive focal length: exp(that) times the
+    configured one."""
+
+    errors: Array
+    sigma: Array
+    likelihood: float
+
+
+def finished(steps: Steps[T]) -> T:
+    """What steps give at their end, all at once."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            found: T = end.value
+            return found
+
+
+def explanations(windows: Sequence[Window]) -> Steps[list[Explanation]]:
+    """What is certainly wrong with a camera: none where nothing is certain, several where they cannot be told
+    apart. A kind of error suffices where, with it, no other is certain any more; if none does, all together do."""
+    likelihoods = np.sum([w.likelihoods for w in windows], axis=0)
+    starts = {}
+    for kind, places in KINDS.items():
+        others = np.any(np.delete(STARTS, places, axis=1) != 0.0, axis=1)
+        starts[kind] = STARTS[int(np.argmax(np.where(others, -math.inf, likelihoods)))]
+    starts["focal"] = CONFIGURED
+    if len(windows) < FEWEST_FOR_FOCAL:
+        del starts["focal"]
+    configured = CameraFit(CONFIGURED, CONFIGURED, sum(w.likelihood(CONFIGURED) for w in windows))
+    fits = {}
+    for kind, start in starts.items():
+        fits[kind] = yield from fitting(windows, (kind,), start)
+    certain = {kind: one for kind, one in fits.items() if _adds(kind, one, configured)}
+    if not certain:
+        return []
+    enough = {}
+    for kind, one in certain.items():
+        for other in starts.keys() - {kind}:
+            both = yield from fitting(windows, (other,), one.errors)
+            if _adds(other, both, one):
+                break
+        else:
+            enough[kind] = one
+    if enough:
+        return [found for kind, one in enough.items() if (found := _found(one, (kind,)))]
+    best = max(certain.values(), key=lambda one: one.likelihood)
+    together = yield from fitting(windows, tuple(KINDS), best.errors)
+    if np.any(np.abs(together.errors) >= 0.99 * LARGEST):
+        return []
+    return [found] if (found := _found(together, tuple(KINDS))) else []
+
+
+def _adds(kind: str, one: CameraFit, before: CameraFit) -> bool:
+    """Whether a fit shows an error of a kind for certain that was not there before. Likelihoods of different focal
+    lengths cannot be compared: a target that we follow moves as we do, as if the focal length were short."""
+    if np.any(np.abs(one.errors) >= 0.99 * LARGEST):
+        return False  # no small error of a camera
+    if kind == "focal":
+        return bool(abs(one.errors[FOCAL] - before.errors[FOCAL]) > max(SIGMAS * one.sigma[FOCAL], LEAST[FOCAL]))
+    return one.likelihood > before.likelihood + CERTAIN
+
+
+def _found(one: CameraFit, kinds: tuple[str, ...]) -> Explanation:
+    """The kinds of errors of a fit that are certain, and large enough to matter."""
+    found = {}
+    for kind in kinds:
+        at = list(KINDS[kind])
+        errors, sigma = one.errors[at], one.sigma[at]
+        if np.any((np.abs(errors) > SIGMAS * sigma) & (np.abs(errors) > LEAST[at])):
+            found[kind] = errors, sigma
+    return found
+
+
+def fitting(
+    windows: Sequence[Window], kinds: tuple[str, ...] = tuple(KINDS), about: Array = CONFIGURED
+) -> Steps[CameraFit]:
+    """The errors of these kinds that fit all windows best, the others as they are at first. Windows are linearised
+    about points of GRID, as long as that makes what was seen likelier."""
+    places = [place for kind in kinds for place in KINDS[kind]]
+    for _ in range(ITERATIONS):
+        here = yield from _normals(windows, about)
+        off, sigma = _step(here, about, places)
+        best = sum(normal.likelihood for normal in here)
+        trials = [about + np.round(share * off / GRID) * GRID for share in (1.0, 0.5)]
+        if (trials[0] == about).all():
+            break
+        if FOCAL in places:
+            about = trials[0]
+            continue
+        likelihoods = []
+        for trial in trials:
+            there = yield from _normals(windows, trial)
+            likelihoods.append(sum(normal.likelihood for normal in there))
+        if max(likelihoods) <= best:
+            break
+        about = trials[int(np.argmax(likelihoods))]
+    errors = about + np.clip(off, -GRID, GRID)
+    likelihood = 0.0
+    for w in windows:
+        likelihood += w.likelihood(errors)
+        yield
+    is_better = FOCAL in places or likelihood > best
+    return CameraFit(errors, sigma, likelihood) if is_better else CameraFit(about, sigma, best)
+
+
+def _normals(windows: Sequence[Window], about: Array) -> Steps[list[Normal]]:
+    """Windows, linearised."""
+    found = []
+    for w in windows:
+        if not w.is_known(about):
+            yield
+        found.append(w.normal(about))
+    return found
+
+
+def _step(normals: Sequence[Normal], about: Array, places: list[int]) -> tuple[Array, Array]:
+    """The step (5,) to the errors at these places that fit all windows best, and their sigmas (5,). A window that
+    disagrees with the others counts less."""
+    if not places:
+        return CONFIGURED, CONFIGURED
+    information = np.array([normal.information[np.ix_(places, places)] for normal in normals])
+    gradients = np.array([normal.gradient[places] for normal in normals])
+    prior, weights = FIRST_SIGMA[places] ** -2.0, np.ones(len(normals))
+    for _ in range(4):
+        inverse = np.linalg.inv(np.diag(prior) + np.einsum("w,wij->ij", weights, information))
+        step = -inverse @ (weights @ gradients + prior * about[places])
+        rest = gradients + information @ step
+        explained = np.linalg.solve(information + np.diag(prior), rest[:, :, None])[:, :, 0]
+        off = np.einsum("wi,wi->w", rest, explained)
+        weights = np.minimum(1.0, SIGMAS / np.sqrt(np.maximum(off, 1e-9)))
+    scatter = np.einsum("w,wi,wj->ij", weights**2, rest, rest)
+    whole, sigma = CONFIGURED.copy(), CONFIGURED.copy()
+    whole[places] = np.clip(about[places] + step, -LARGEST[places], LARGEST[places]) - about[places]
+    sigma[places] = np.sqrt(np.diag(inverse + inverse @ scatter @ inverse))
+    return whole, sigma

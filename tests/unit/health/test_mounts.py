@@ -1,0 +1,193 @@
+"""A mount, a focal length and a delay that are wrong are named with their amounts, and right ones never."""
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+from onboard.arrays import Array
+from onboard.config import parse_config
+from onboard.geometry.rotations import matrix_from_euler, quaternion_from_matrix
+from onboard.health.camera_errors import Explanation, Poses, Sights, Window, explanations, finished
+from onboard.health.mounts import why
+from onboard.health.remedies import remedy_of
+from onboard.messages import DOUBT, Advice, Datagram
+from onboard.pipeline import Pipeline
+from onboard.units import NS_PER_S
+from simlink.scenarios.scenario import Scenario, load_scenario
+from simlink.simulation import datagrams
+
+CAMERA = parse_config({}).camera_model()
+UP_DEG = 8.0  # as the camera of the scenario `guided` looks
+LEADER = {"size_prior_m": 2.667, "leader_class": "multirotor"}
+
+
+def explain(found: list[Window]) -> list[Explanation]:
+    return finished(explanations(found))
+
+
+def windows(
+    wrong: Any,
+    seed: int,
+    *,
+    count: int = 12,
+    nod: float = 0.1,
+    focal: float = 1.0,
+    delay: float = 0.0,
+    follows: bool = False,
+) -> list[Window]:
+    """Windows of a vehicle that leans and turns behind a leader with a path of its own, seen by a camera that is
+    turned by `wrong` (3,) rad against what is configured, whose focal length is `focal` times as long, and whose
+    images are `delay` s older than their stamps. 1.5 mrad of noise. `follows`: the leader swerves by 3 to 9
+    degrees, and we turn so that it stays in the middle."""
+    rng = np.random.default_rng(seed)
+    found = []
+    for _ in range(count):
+        phases, rates, a = rng.uniform(0, 6, 3), rng.uniform(2, 5, 3), rng.normal(size=(3, 3))
+        swerve = rng.uniform(0.05, 0.15) * np.sin(rng.uniform(0.8, 1.6) * np.arange(-1.0, 5.0, 0.02) + phases[0])
+
+        def attitude(t: float, phases: Array = phases, rates: Array = rates, swerve: Array = swerve) -> Array:
+            yaw = np.interp(t, np.arange(-1.0, 5.0, 0.02), swerve) if follows else 0.0
+            return matrix_from_euler(*(nod * np.sin(rates * t + phases) + (0.0, 0.0, yaw)))
+
+        def own(t: float, a: Array = a) -> Array:
+            return np.asarray(0.5 * a[0] * t**2 + 0.2 * a[1] * np.sin(3 * t))
+
+        rows = []
+        for t in np.arange(0.0, 4.0, 0.08):
+            at = t - delay
+            yaw = np.interp(at, np.arange(-1.0, 5.0, 0.02), swerve) if follows else 0.0
+            d = matrix_from_euler(0.0, 0.0, yaw) @ [30.0, 2.0, -4.0] + a[2] * at**2 - own(at)
+            u = (attitude(at) @ matrix_from_euler(*wrong)).T @ d
+            rows.append((t, *(focal * u[1:] / u[0] + 0.0015 * rng.normal(size=2)), np.linalg.norm(d)))
+        t = np.arange(-1.0, 5.0, 0.02)
+        poses = Poses(t, np.array([own(x) for x in t]), np.array([quaternion_from_matrix(attitude(x)) for x in t]))
+        r = np.array(rows)
+        found.append(Window(Sights(r[:, 0], r[:, 1:3], r[:, 3]), poses, CAMERA))
+    return found
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("degrees", [-15.0, 15.0, 30.0])
+def test_a_wrong_mount_is_measured_within_its_sigma_seed_1(axis: int, degrees: float) -> None:
+    wrong = np.zeros(3)
+    wrong[axis] = np.radians(degrees)
+    found = explain(windows(wrong, 1))
+    [explanation] = found
+    theta, sigma = (np.degrees(x) for x in explanation["mount"])
+    assert list(explanation) == ["mount"]
+    assert theta[axis] == pytest.approx(degrees, abs=max(5 * sigma[axis], 0.1 * abs(degrees)))
+    assert sigma.max() < 1.5
+    assert "`mount_rpy_deg`" in why(CAMERA, found).words
+
+
+@pytest.mark.parametrize("focal", [0.5, 0.7, 1.4, 2.0])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_wrong_focal_length_is_measured_within_its_sigma_seeds_1_and_2(focal: float, seed: int) -> None:
+    """With half of it everything is twice as near, and all estimates were valid without a word."""
+    found = explain(windows(np.zeros(3), seed, focal=focal))
+    [explanation] = found
+    (theta,), (sigma,) = explanation["focal"]
+    assert list(explanation) == ["focal"]
+    assert theta == pytest.approx(np.log(focal), abs=max(5 * sigma, 0.1))
+    reason = why(CAMERA, found)
+    measured = re.search(r"`f_px` were (\S+) times as long", reason.words)
+    assert measured is not None
+    assert float(measured[1]) == pytest.approx(focal, rel=0.1)
+    assert remedy_of(reason.cause).advice == "focal"
+
+
+@pytest.mark.parametrize("delay", [-0.3, -0.1, 0.1, 0.3])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_late_clock_is_no_focal_length_seeds_1_and_2(delay: float, seed: int) -> None:
+    """0.3 s were "0.45 times as long (sigma 0.07)"."""
+    found = explain(windows(np.zeros(3), seed, delay=delay))
+    assert [list(explanation) for explanation in found] == [["delay"]]
+    reason = why(CAMERA, found)
+    measured = re.search(r"stamps were (\S+) s (older|newer) than the exposure", reason.words)
+    assert measured is not None
+    assert float(measured[1]) == pytest.approx(abs(delay), abs=0.02)
+    assert measured[2] == ("older" if delay < 0 else "newer")
+    assert remedy_of(reason.cause).advice == "stamps"
+
+
+def test_two_errors_are_both_named_seed_1() -> None:
+    found = explain(windows(np.radians([0.0, 15.0, 0.0]), 1, delay=0.2, count=16))
+    assert [sorted(explanation) for explanation in found] == [["delay", "mount"]]
+    reason = why(CAMERA, found)
+    assert "stamps were 0.20 s newer" in reason.words
+    assert "looked 15 degrees" in reason.words
+    assert remedy_of(reason.cause).advice == "camera-setup"
+
+
+def test_what_cannot_be_told_apart_is_said_so() -> None:
+    mount = np.radians([0.0, -15.0, 0.0]), np.radians([1.0, 1.0, 1.0])
+    reason = why(CAMERA, [{"mount": mount}, {"focal": (np.array([-0.9]), np.array([0.05]))}])
+    assert "15 degrees lower" in reason.words
+    assert ", or `f_px` were 0.41 times as long" in reason.words
+    assert reason.words.endswith("this flight does not tell them apart")
+    assert remedy_of(reason.cause).advice == "camera-setup"
+
+
+def test_a_right_camera_is_never_doubted_seeds_1_to_20() -> None:
+    assert [seed for seed in range(1, 21) if explain(windows(np.zeros(3), seed))] == []
+
+
+@pytest.mark.parametrize("nod", [0.02, 0.05])
+def test_a_leader_that_swerves_and_is_kept_in_the_middle_is_no_focal_length_seeds_1_to_10(nod: float) -> None:
+    """What leans as it turns, such as a delta wing ahead, and is followed by our own yaw: it was a focal length of
+    0.13."""
+    found = [explain(windows(np.zeros(3), seed, follows=True, nod=nod)) for seed in range(1, 11)]
+    assert [seed for seed, explanations in enumerate(found, 1) if explanations] == []
+
+
+def test_a_wrong_camera_without_lean_is_not_claimed_seeds_1_to_20() -> None:
+    """Nothing shows it: neither an error nor a guess."""
+    wrong = np.radians([0.0, 15.0, 0.0])
+    found = [explain(windows(wrong, seed, nod=0.0, focal=2.0)) for seed in range(1, 21)]
+    assert found == [[]] * 20
+
+
+def hints(scenario: Scenario, mount_deg: list[float], seconds: float, seed: int) -> list[str]:
+    table = {"camera": {"mount_rpy_deg": mount_deg}, "estimator": {"leader": LEADER}}
+    pipeline, t_ns = Pipeline(parse_config(table)), 0
+    for item in datagrams(scenario, seed, seconds):
+        if isinstance(item, Datagram):
+            pipeline.feed(item)
+            t_ns = item.t_recv_ns
+    return [r.reason for r in pipeline.health(t_ns).refusals if r.reason.startswith(DOUBT)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("pitch", "words"), [(15.0, "lower"), (-30.0, "higher"), (0.0, "")])
+def test_a_flight_with_a_circle_shows_its_mount_seed_3(pitch: float, words: str) -> None:
+    found = hints(load_scenario("guided"), [0.0, UP_DEG + pitch, 0.0], 120.0, 3)
+    measured = [re.search(rf"looked (\d+) degrees {words} ", reason) for reason in found]
+    assert [m is not None and float(m[1]) == pytest.approx(abs(pitch), rel=0.2) for m in measured] == [
+        True
+    ] * bool(words)
+
+
+@pytest.mark.slow
+def test_the_status_advises_a_mount_that_is_20_degrees_off_seed_5() -> None:
+    """A health every second, as the daemon has it and `onboard status` shows it."""
+    table = {"camera": {"mount_rpy_deg": [0.0, UP_DEG - 20.0, 0.0]}, "estimator": {"leader": LEADER}}
+    pipeline, due, found = Pipeline(parse_config(table)), 0, list[Advice]()
+    for item in datagrams(load_scenario("guided"), 5, 100.0):
+        if isinstance(item, Datagram):
+            pipeline.feed(item)
+            if item.t_recv_ns >= due:
+                due = item.t_recv_ns + NS_PER_S
+                found += [advice for advice in pipeline.health(item.t_recv_ns).advice if advice.cause == "mount"]
+    assert found, "no advice in 100 s"
+    measured = re.search(r"looked (\d+) degrees higher", found[-1].what)
+    assert measured is not None
+    assert float(measured[1]) == pytest.approx(20.0, rel=0.2)
+    assert "mount_rpy_deg" in found[-1].what + found[-1].remedy
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 3])
+def test_a_noisy_attitude_makes_no_mount_wrong_seeds_1_3(seed: int) -> None:
+    assert hints(load_scenario("mission"), [0.0, 8.0, 0.0], 60.0, seed) == []
