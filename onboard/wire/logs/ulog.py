@@ -329,8 +329,9 @@ def _status(kind: int, c: Any, i: int, header: dict[str, Any]) -> Message:
     """A heartbeat with the mode and the arming; modes of later versions by their number."""
     state, is_armed = int(c["nav_state"][i]), int(c["arming_state"][i]) == ARMED
     main, sub = MODES.get(state, (0, state))
-    mode = {"armed": is_armed, "status": ACTIVE, "custom_mode": sub << 24 | main << 16}
-    return Heartbeat(**header | {"clock": Clock.NONE}, vehicle_type=kind, autopilot=PX4, **mode)
+    header = header | {"clock": Clock.NONE}
+    mode = sub << 24 | main << 16
+    return Heartbeat(**header, vehicle_type=kind, autopilot=PX4, armed=is_armed, status=ACTIVE, custom_mode=mode)
 
 
 def _battery(c: Any, i: int, header: dict[str, Any]) -> Message | None:
