@@ -193,7 +193,7 @@ class Window:
         for swerve in SWERVES:
             weights = 1.0 / (1.0 + swerve * self._swerve)
             N = _normal_of(shown, weights)
-            here: Array = np.linalg.solve(N[:-1, :-1] + ridge, N[:-1, -1])
+            here = np.asarray(np.linalg.solve(N[:-1, :-1] + ridge, N[:-1, -1]), float)
             rest = max(float(N[-1, -1] - N[-1, :-1] @ here), 1e-18)
             likelihood = float(np.sum(np.log(weights))) - 0.5 * count * math.log(rest)
             found.append((likelihood, weights, rest / count, here))
