@@ -33,7 +33,7 @@ LONGEST_DELAY_S: Final = 0.45
 LARGEST: Final = np.array([LONGEST_DELAY_S, 0.9, 0.9, 0.9, 1.4])
 GRID: Final = np.array([0.04, 0.04, 0.04, 0.04, 0.1])  # of the errors about which windows are linearised
 ITERATIONS: Final = 10
-OUTLIER: Final = 5.0  # times the median deviation of a window's images
+OUTLIER: Final = 6.0  # times what a fifth of images are off the median of their neighbours
 SWERVES: Final = 10.0 ** np.arange(-2.0, 6.0, 1.5)  # white acceleration, (sigmas of an image)^2/s^3
 SIGMAS: Final = 5.0
 CERTAIN: Final = 25.0  # by which the logarithm of the likelihood of one is larger than another's
@@ -102,13 +102,13 @@ class Window:
     def __init__(self, sights: Sights, poses: Poses, camera: Camera) -> None:
         self._sights, self._poses, self._camera = sights, poses, camera
         self._posed: tuple[float, tuple[Array, Array]] | None = None
-        self._basis, self._swerve = _basis(sights.t)
-        off = np.linalg.norm(self._linearised(CONFIGURED).residuals, axis=1)
-        inside = off <= OUTLIER * np.median(off)
+        paths, _, r_C = self._paths(CONFIGURED, sights.points)
+        near = np.lib.stride_tricks.sliding_window_view(np.pad(paths - r_C, ((2, 2), (0, 0)), "edge"), 5, axis=0)
+        off = np.linalg.norm(paths - r_C - np.median(near, axis=-1), axis=1)
+        inside = off <= OUTLIER * np.percentile(off, 80)
         if not inside.all():
-            self._sights = Sights(*(array[inside] for array in sights))
-            self._basis, self._swerve = _basis(self._sights.t)
-            self._posed = None
+            self._sights, self._posed = Sights(*(array[inside] for array in sights)), None
+        self._basis, self._swerve = _basis(self._sights.t)
         self._normals: dict[bytes, Normal] = {}
         self.likelihoods = np.array([self.likelihood(start) for start in STARTS])
 
@@ -186,14 +186,14 @@ class Window:
     def _likeliest(self, shown: Array) -> tuple[float, Array, float, Array]:
         """What explains the last of `shown` best by the others: the logarithm of the restricted likelihood, the
         weights (k - 2,) of the likeliest swerving, the variance of the images' noise, and the coefficients."""
-        found = []
+        found: list[tuple[float, Array, float, Array]] = []
         size = shown.shape[2] - 1
         count = 2 * len(shown) - size
         ridge = 1e-6 * np.eye(size)
         for swerve in SWERVES:
             weights = 1.0 / (1.0 + swerve * self._swerve)
             N = _normal_of(shown, weights)
-            here = np.linalg.solve(N[:-1, :-1] + ridge, N[:-1, -1])
+            here = np.asarray(np.linalg.solve(N[:-1, :-1] + ridge, N[:-1, -1]), float)
             rest = max(float(N[-1, -1] - N[-1, :-1] @ here), 1e-18)
             likelihood = float(np.sum(np.log(weights))) - 0.5 * count * math.log(rest)
             found.append((likelihood, weights, rest / count, here))

@@ -131,27 +131,25 @@ def test_the_bound_of_a_linear_model_is_the_kalman_filters_covariance(flown: tup
 
 
 def test_no_filter_is_better_than_the_bound_seed_3() -> None:
-    """Bearings of an object that passes: 300 runs of the unscented filter have 1 to 1.3 times its variance."""
+    """Ranges to two beacons: 300 runs of the unscented filter reach the bound, but for chance."""
     F, Q = discretisation.white_acceleration(1.0, 1e-3, axes=2)
+    beacons = np.array([[0.0, 0.0], [30.0, 0.0]])
     model = Model(
         lambda rows: rows @ F.T,
         Q,
-        lambda rows: np.arctan2(rows[:, 1:2], rows[:, :1]),
-        np.array([[0.02**2]]),
-        angular=(0,),
+        lambda rows: np.linalg.norm(rows[:, None, :2] - beacons, axis=2),
+        0.25 * np.eye(2),
     )
     rng = np.random.default_rng(3)
-    x = np.tile([20.0, 15.0, -1.0, 0.0], (300, 1))
-    P0 = np.diag([4.0, 4.0, 0.1, 0.1])
-    x = x + rng.multivariate_normal(np.zeros(4), P0, 300)
-    begin, truth, ys = x.mean(axis=0), [], []
-    for k in range(30):
+    begin, P0 = np.array([20.0, 15.0, -1.0, 0.0]), np.diag([4.0, 4.0, 0.1, 0.1])
+    x, truth, ys = begin + rng.multivariate_normal(np.zeros(4), P0, 300), [], []
+    for k in range(20):
         x = x if k == 0 else x @ F.T + rng.multivariate_normal(np.zeros(4), Q, 300)
         truth.append(x)
-        ys.append(model.measure(x) + rng.normal(0, 0.02, (300, 1)))
+        ys.append(model.measure(x) + rng.normal(0, 0.5, (300, 2)))
     path = np.stack(truth)
     start = Belief(np.tile(begin, (300, 1)), np.tile(P0, (300, 1, 1)))
     found = run("unscented", model, start, np.stack(ys))
     bound = np.trace(consistency.cramer_rao(model, Belief(begin, P0), path).mean(axis=1)[-1])
-    reached = float(consistency.rms(found, path)[-1] ** 2)  # those that were lost do not count
-    assert 0.9 < reached / bound < 1.4
+    reached = float(consistency.rms(found, path)[-1] ** 2)
+    assert 0.85 < reached / bound < 1.2
