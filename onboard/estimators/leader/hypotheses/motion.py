@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.filters.compiled import OUT, ROWS, VECTOR, out, record
+from onboard.filters.compiled import FILLING, OUT, ROWS, VECTOR, out, record
 
 G: Final = 9.80665
 N: Final = 14  # at least: behind these are biases of measurements
@@ -90,21 +90,21 @@ PAIR: Final = record(tuple, NUMBER, NUMBER)
 INTERVAL: Final = record(Interval, NUMBER, HEADINGS, NOISE, HOVER, HEADINGS)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def course_of(x, air):
     """The course through the air LEAD seconds ahead, of a leader with the mean x (N,), rad."""
     u, v = x[VX] - air[0], x[VY] - air[1]
     return np.arctan2(v, u) + LEAD * (u * x[AY] - v * x[AX]) / (u * u + v * v + SLOW2)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def visible2(heading, x, y, square, edge_on_visibility):
     """The square of the fraction that is seen of a level wing of a leader at (x, y); `square` is its range's."""
     along = np.cos(heading) * y - np.sin(heading) * x
     return max(1.0 - along * along / square, 0.0) + edge_on_visibility * edge_on_visibility
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def shortens2(seen2, steep2):
     """The square of the share by which a radian of the heading shortens what is seen of a wing. `seen2` is as in
     `visible2`, `steep2` the square of the tangent of its bank: what shows for that does not depend on the
@@ -129,7 +129,7 @@ class Transition(NamedTuple):
     stretch: float
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def _advance(S, j, side, transition):
     """One column (side 0) or row (side 1) of a covariance through the transition."""
     dt, half, drag, t00, t01, t10, t11, down, bank_error, stretch = transition
@@ -148,7 +148,7 @@ def _advance(S, j, side, transition):
     w[WING_SCALE_ERROR] *= stretch
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def _forget(x, S, decay, fixed):
     """What a step leaves of the biases, in place: `decay` (W - N,), and the variances (W,) that it adds."""
     for i in range(N, S.shape[0]):
@@ -161,7 +161,7 @@ def _forget(x, S, decay, fixed):
         S[i, i] += fixed[i]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def _stop(x, S, hover, drag, bold):
     """The state of a leader that hovers after a step, in place: it comes to rest over ground, and tilts less."""
     v_decay, a_decay, v_variance, a_variance = hover
@@ -183,7 +183,7 @@ def _stop(x, S, hover, drag, bold):
             S[i, i] += variance * (1.0 if i < first + 2 else UPRIGHT2)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def fly_on(k, particles, interval, air, edge_on_visibility):
     """Mean and covariance of a particle, in place, after an interval; its heading turns with its course."""
     headings, _, regimes, means, P, intensities, course_locked, drags, _ = particles

@@ -69,7 +69,7 @@ from onboard.estimators.leader.hypotheses.tilt import (
     retilt,
     slope_of,
 )
-from onboard.filters.compiled import OUT, record
+from onboard.filters.compiled import FILLING, OUT, record
 
 CIRCLES: Final = 5  # of a computation: a heading, the range that it implies, the course at that range
 MOST_CRAB: Final = 2.5  # standard deviations of a fixed wing's heading about its course
@@ -202,7 +202,7 @@ CHANGES: Final = record(Changes, HEADINGS, NUMBER, THREE, NUMBER, NUMBER, PAIR, 
 PASSED: Final = record(Passed, NUMBER, HEADINGS, NUMBER, types.boolean, PAIR, NUMBER, NUMBER, types.boolean)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def _fraction(heading, x, edge_on_visibility):
     """The fraction that is seen of a level wing of a leader with the mean x (N,)."""
     return np.sqrt(
@@ -210,7 +210,7 @@ def _fraction(heading, x, edge_on_visibility):
     )
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def _rescale(ratio, x, P, dt, moved, hovers):
     """Give a particle another heading, in place: the one that is supposed may be wrong after all. Seen so, the
     same images are those of a leader that is nearer or farther by a `ratio`, and moves in proportion; one that
@@ -263,7 +263,7 @@ def _takes(heading, other, x, P, passed, hovers, drags, chance):
     return False
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def _next(regime, x, P, drawn, steadies, begins, hovers, leaves):
     """The regime after a step, by a number that is `drawn` from (0, 1). Only a slow leader begins to hover."""
     if regime == HOVERING:
@@ -276,7 +276,7 @@ def _next(regime, x, P, drawn, steadies, begins, hovers, leaves):
     return ACCELERATING if drawn < begins else STEADY
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def _rate(rate, drawn, stops, turns, new):
     """At which a heading is turned after a step, by a number that is `drawn` from (0, 1)."""
     if rate != 0.0:
@@ -284,7 +284,7 @@ def _rate(rate, drawn, stops, turns, new):
     return new if drawn < turns else 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def _course_locked_heading(heading, aside, x, dt, moved, edge_on_visibility, air):
     """The heading so far `aside`, rad, of the course that the leader would have with that heading: its range and
     velocity depend on it."""
@@ -298,7 +298,7 @@ def _course_locked_heading(heading, aside, x, dt, moved, edge_on_visibility, air
     return other
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def _decided(course_locked, x, regime, drawn, which, decides, doubted, unties, ties, anew):
     """Whether a heading is locked to its course after a step, whether it is from now on, and whether it is
     doubted, by numbers that are `drawn` from (0, 1). Of a slow leader that is undecided."""
@@ -372,7 +372,7 @@ def _change(k, particles, draws, changes, passed):
     headings[k] = other
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def _wander(k, particles, draws, wanders, passed):
     """Turn a heading, in place. One that is locked to its course wanders about it."""
     headings, x = particles.headings, particles.means[k]
@@ -389,7 +389,7 @@ def _wander(k, particles, draws, wanders, passed):
     headings[k] += turned + far * normal_of(draws + OF_WANDERING, k)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def _prior(k, particles, passed):
     """The logarithm of the likelihood of a particle's tilt, and of its mean bank error."""
     if not passed.tilts:

@@ -30,7 +30,7 @@ from onboard.estimators.leader.hypotheses.motion import (
     VY,
     G,
 )
-from onboard.filters.compiled import CUBE, OUT, VECTOR
+from onboard.filters.compiled import CUBE, FILLING, OUT, VECTOR
 
 OF_TILT2: Final = 0.01  # (m/s^2)^2: the variance of a tilt of one that has no drag
 TILTS2: Final = 12.0  # (m/s^2)^2: of any multirotor's steady tilt, on each axis; 20 degrees are one sigma
@@ -53,7 +53,7 @@ def drags_of(s: LeaderModel, draw: int | np.uint64, count: int) -> Array:
     return found
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def appears(heading, x):
     """What is seen of a wing with that heading, per length: to the right and down of a level one, down of one on
     its side. `x` begins with its place (3,) m."""
@@ -66,7 +66,7 @@ def appears(heading, x):
     return right if abs(right) > least else math.copysign(least, right), down, level / range_
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def slope_of(heading, x):
     """Of the wing in the image."""
     right, down, upright = appears(heading, x)
@@ -74,7 +74,7 @@ def slope_of(heading, x):
     return (down + np.tan(np.arctan2(across, G - x[AZ]) + x[BANK_ERROR]) * upright) / right
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def banked(slope, heading, x):
     """The bank with which a wing with that heading has that slope, rad, and its length in the image per length."""
     right, down, upright = appears(heading, x)
@@ -82,7 +82,7 @@ def banked(slope, heading, x):
     return bank, abs(right) * np.cos(bank) * np.sqrt(1.0 + slope * slope)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def likely(heading, x, P, drag, wind, more):
     """The logarithm of the likelihood of a tilt across that heading, of which `more` is the variance beside that
     of an airspeed in an unknown wind."""
@@ -94,7 +94,7 @@ def likely(heading, x, P, drag, wind, more):
     return -0.5 * (off * off / variance + np.log(variance) + across * across / TILTS2)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def plausible(heading, x, P, drag, mean_bank_error, wind, rolls):
     """The logarithm of the likelihood of the tilt that a hypothesis has come to suppose, and of a mean of its
     bank's errors that has `rolled` by a standard deviation of `rolls`; -MOST_COST at least."""

@@ -41,7 +41,7 @@ from onboard.estimators.leader.hypotheses.motion import (
     course_of,
 )
 from onboard.estimators.leader.image.measurement import LOWEST, Rows, measured_spread
-from onboard.filters.compiled import MAKING, OUT, VECTOR, out, record
+from onboard.filters.compiled import FILLING, MAKING, OUT, VECTOR, out, record
 
 TINY: Final = 1e-12
 NO_OTHERS: Final = np.empty((0, 0))
@@ -139,7 +139,7 @@ def factor(R):
     return L
 
 
-@njit(**MAKING)
+@njit(**FILLING)
 def whiten(L, e, J):
     """Innovation and derivatives in units of the noise with factor L, in place."""
     width = J.shape[1]  # as in `correct`
@@ -155,7 +155,7 @@ def whiten(L, e, J):
             J[i, n] *= scale
 
 
-@njit(**MAKING)
+@njit(**FILLING)
 def dot(a, b, bias):
     """The product of two state vectors (W,), one of which has no downward velocity, which no image shows, and of
     the biases at most that in the column `bias` (0: none)."""
@@ -167,7 +167,7 @@ def dot(a, b, bias):
     return found + a[bias] * b[bias] if bias > 0 else found
 
 
-@njit(**MAKING)
+@njit(**FILLING)
 def project(w, P, bias, c):
     """The product of a row of derivatives w (W,) as in `dot`, and a covariance (W, W), into c (W,)."""
     for n in range(P.shape[1]):
@@ -220,7 +220,7 @@ def correct(x, P, e, J, c, dx, bias):
 # ------------------------------------------------------------------------------------- what a view shows
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def _posture(x, heading, tilts, B, by):
     """Body axes into B (3, 3), forward, right and down as columns, and the derivatives of bank and pitch by the
     forces: `by` (2, 3), by the acceleration north and east, and down. That of the bank by the heading, and sine
@@ -245,7 +245,7 @@ def _posture(x, heading, tilts, B, by):
     return turned, sb, cb
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def _point(q, axis, number):
     """The point of a row: that of this number, or the one with the least or the largest coordinate."""
     if number >= 0:
@@ -257,7 +257,7 @@ def _point(q, axis, number):
     return best
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def _project(x, size, view, B, q):
     """The places and coordinates of all points, into q (k, 5)."""
     points, axes = view.points, view.axes
@@ -272,7 +272,7 @@ def _project(x, size, view, B, q):
             q[k, 3 + a] = 2.0 * (e[0] * q[k, 0] + e[1] * q[k, 1] + e[2] * q[k, 2]) / max(below, 1e-9 * length)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def _derivatives(point, size, q, axes, a, share, B, sb, cb, J):
     """Of a share of a coordinate, along the axis a, of a point of the body seen at q (5,): by the place, added to
     J; by bank, pitch, heading, and the logarithm of the size."""
@@ -295,7 +295,7 @@ def _derivatives(point, size, q, axes, a, share, B, sb, cb, J):
     return banked, pitched, turned, grown
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def _linearised(x, heading, is_course_locked, view, scratch, h, J, d):
     """The rows that are expected into h (m,), their derivatives by the state into J (m, W), by the pitch into d
     (m,)."""
@@ -342,14 +342,14 @@ def _scratch(view):
     return Scratch(np.empty((3, 3)), np.empty((2, 3)), np.empty((view.points.shape[0], 5)))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def _place2(x, place_sigma):
     """The variance of a point's coordinate that is misplaced by such a share of the wingspan."""
     place = place_sigma * np.exp(x[LOG_SIZE])
     return place * place / (x[RX] * x[RX] + x[RY] * x[RY] + x[RZ] * x[RZ])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def _noise(view, x, d, R):
     """The rows' noise into R (m, m): their own, that of the points' places, and that of the pitch, which is
     common."""
@@ -360,7 +360,7 @@ def _noise(view, x, d, R):
         R[i, i] += place2 * (view.shares[i, 0] ** 2 + view.shares[i, 1] ** 2)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def _side(view, h):
     """-1 where wingtips are expected in the other order than measured: detectors name tips by their side."""
     return -1.0 if view.is_wing and h[2] * view.y[2] + h[3] * view.y[3] < 0 else 1.0
@@ -437,7 +437,7 @@ def orient(means, P, headings, view):
     return expected
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def _logarithmic(right, down, h, variance, e, J):
     """A wing's innovation and derivatives, in place, by the logarithm of its length and by its angle, in which a
     range is linear: a line through lengths draws it to the near side. A wing that hardly shows stays as it is."""
