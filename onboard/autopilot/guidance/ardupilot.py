@@ -11,6 +11,7 @@ both coincide.
 """
 
 import math
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -28,6 +29,7 @@ HOVERS: Final = 1.0  # m/s
 EXTRA_BRAKING: Final = 1.5  # m/s^2, beyond its own limit of 2.5
 SLOW_ENOUGH: Final = 2.0  # m/s
 CLOSES: Final = 0.5  # m/s, at which a slot at its distance closes on the leader, at most: noise
+SPEED_PARAMETERS: Final = {"WPNAV_SPEED": 0.01, "WP_SPD": 1.0}  # m/s of their unit; the second in newer ones
 FOLLOW: Final = 23  # custom_mode of ArduCopter
 COPTERS: Final = frozenset({2, 3, 4, 13, 14, 15, 29, 35})  # MAV_TYPE
 MOST_NEARER: Final = (
@@ -43,10 +45,12 @@ class ArduPilot:
     when_lost = "FOLLOW brakes within 3 s"
     begins: float | None = None
     leads_round = True
+    speed_parameters: Mapping[str, float] = SPEED_PARAMETERS
 
     def __init__(self, config: GuidanceConfig) -> None:
         self._config, self._slot = config, np.array(config.slot_m)
         self._distance = float(np.linalg.norm(self._slot))
+        self.speed_m_s = config.speed_m_s
         self.restart()
 
     def restart(self) -> None:
@@ -68,7 +72,8 @@ class ArduPilot:
             reach * math.sqrt(2.0)
         )
         aside = float(v @ across(arm)) / reach
-        spare = math.sqrt(max(self._config.speed_m_s**2 - square + aside * aside, SLOWEST_TURN**2))
+        most = min(self.speed_m_s, self._config.speed_m_s)
+        spare = math.sqrt(max(most * most - square + aside * aside, SLOWEST_TURN**2))
         return max(-by_lean, (-aside - spare) / reach), min(by_lean, (-aside + spare) / reach)
 
     def follow(self, track: Track, slot: Slot, r_L: Array, v_L: Array, r_F: Array, dt: float) -> Sent:
