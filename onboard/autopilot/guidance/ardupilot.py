@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.autopilot.guidance.follower import NEAR_SHARE, NEAR_SIGMAS, kept_away, stopping, surely_closing
+from onboard.autopilot.guidance.follower import NEAR_SHARE, NEAR_SIGMAS, NOISE, kept_away, stopping, surely_closing
 from onboard.autopilot.guidance.motion import FORWARD, Sent, Slot, Track, across, limited, turned
 from onboard.config import GuidanceConfig
 from onboard.messages import Heartbeat
@@ -84,12 +84,12 @@ class ArduPilot:
         ahead = turned(FORWARD, slot.yaw)
         a = turn * across(v) + min(float(change @ ahead), 0.0) * ahead
         r, v = self._at_rest(track.r + slot.arm, v + LEAD * change, float(np.linalg.norm(track.v)), dt)
-        v = self._braked(r, v, track, slot, r_L, v_L)
         r = kept_away(r, r_L, r_F, ahead, slot)
         most = self._config.closing_speed_m_s
         self._reach = min(self._reach + ENTERS * dt, most) if slot.is_entered else 0.0
         # position control closes at about 1/s, so the step is the speed
-        return Sent(r_F + limited(r - r_F, self._reach), v, a, slot.yaw)
+        r = r_F + limited(r - r_F, self._reach)
+        return Sent(r, self._braked(r, v, track, slot, r_L, v_L), a, slot.yaw)
 
     def stop(self, place: Array, v_F: Array, yaw: float, *, brakes: bool) -> Sent:
         """At a standstill from now on: it brakes as it can."""
@@ -123,7 +123,8 @@ class ArduPilot:
         estimated is left, and before two thirds of the slot's distance from the near end of where and how fast it
         may be. What is unsure makes nobody flee, though. The smoothed leader lags behind one that brakes: a slot
         at its distance does not close on the velocity as observed, either. Nor does the distance grow faster than
-        it may shrink."""
+        it may shrink, behind a leader that surely flies off. r is where the vehicle is led now: one that is far
+        behind its slot flies as fast as the leader, however unsure that is."""
         away = r_L - r
         distance = float(np.linalg.norm(away))
         if distance < 1e-3:
@@ -136,4 +137,5 @@ class ArduPilot:
         most = min(most, surely_closing(r, r_L, v_L, slot, NEAR_SHARE * self._distance))
         most = min(most, observed + min(fastest, CLOSES + stopping(distance - self._distance)))
         speed = float(v @ toward)
-        return v + (max(min(speed, most), observed - fastest) - speed) * toward
+        surely = observed - max(NEAR_SIGMAS * slot.speed_sigma - NOISE, 0.0)
+        return v + (max(min(speed, most), surely - fastest) - speed) * toward
