@@ -28,6 +28,7 @@ BAND_SPEED: Final = 1.0  # m/s, at which the band opens
 HOVERS: Final = 1.0  # m/s
 EXTRA_BRAKING: Final = 1.5  # m/s^2, beyond its own limit of 2.5
 SLOW_ENOUGH: Final = 2.0  # m/s
+LAG_S: Final = 0.8  # until a lean that speeds it up has become one that brakes
 CLOSES: Final = 0.5  # m/s, at which a slot at its distance closes on the leader, at most: noise
 SPEED_PARAMETERS: Final = {"WPNAV_SPEED": 0.01, "WP_SPD": 1.0}  # m/s of their unit; the second in newer ones
 FOLLOW: Final = 23  # custom_mode of ArduCopter
@@ -121,8 +122,8 @@ class ArduPilot:
     def _braked(self, r: Array, v: Array, track: Track, slot: Slot, r_L: Array, v_L: Array) -> Array:
         """The velocity v at r, without what closes faster than can be stopped: before the room that the leader as
         estimated is left, and before two thirds of the slot's distance from the near end of where and how fast it
-        may be. What is unsure makes nobody flee, though. The smoothed leader lags behind one that brakes: a slot
-        at its distance does not close on the velocity as observed, either. Nor does the distance grow faster than
+        may be. What is unsure makes nobody flee, though. The smoothed leader lags behind one that brakes: it
+        closes up by its place, and not by a velocity beyond that observed. Nor does the distance grow faster than
         it may shrink, behind a leader that surely flies off. r is where the vehicle is led now: one that is far
         behind its slot flies as fast as the leader, however unsure that is."""
         away = r_L - r
@@ -134,8 +135,8 @@ class ArduPilot:
         slower = max(min(NEAR_SIGMAS * slot.speed_sigma, MOST_NEARER), slot.speed_sigma)
         most = recedes - slower + stopping(distance - slot.room)
         most = max(min(most, recedes + fastest), min(recedes, 0.0))
-        most = min(most, surely_closing(r, r_L, v_L, slot, NEAR_SHARE * self._distance))
-        most = min(most, observed + min(fastest, CLOSES + stopping(distance - self._distance)))
+        most = min(most, surely_closing(r, r_L, v_L, slot, NEAR_SHARE * self._distance, LAG_S))
+        most = min(most, observed + CLOSES)
         speed = float(v @ toward)
         surely = observed - max(NEAR_SIGMAS * slot.speed_sigma - NOISE, 0.0)
         return v + (max(min(speed, most), surely - fastest) - speed) * toward
