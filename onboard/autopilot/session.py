@@ -222,10 +222,15 @@ class Session:
 
     def _request_parameter(self, name: str, now_ns: int) -> bytes:
         """PARAM_REQUEST_READ to the autopilot."""
-        to = {"target_system": 0, "target_component": 0}
-        if self._autopilot is not None:
-            to = {"target_system": self._autopilot.system, "target_component": self._autopilot.component}
-        return self._pack(ParamRequest(**stamp(now_ns), **to, action=ParamAction.READ, extended=False, name=name))
+        request = ParamRequest(
+            **stamp(now_ns),
+            target_system=self._autopilot.system if self._autopilot else 0,
+            target_component=self._autopilot.component if self._autopilot else 0,
+            action=ParamAction.READ,
+            extended=False,
+            name=name,
+        )
+        return self._pack(request)
 
     def _command(self, number: int, first: float, second: float, now_ns: int) -> bytes:
         """A command to the autopilot."""
