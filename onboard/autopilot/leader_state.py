@@ -109,13 +109,14 @@ class LeaderStates:
             return state
         e, own = self._joined
         is_seen = e.age is not None and e.age < SEEN_S and e.cause is Cause.UNEXPECTED
-        doubted = _doubted(e) if is_seen else None
-        return state if doubted is None else self._made(doubted, own, t_ns, t_host_ns)
+        return self._made(_doubted(e), own, t_ns, t_host_ns, withheld=True) if is_seen else state
 
-    def _made(self, e: Estimate, own: OwnPose | None, t_ns: int, t_host_ns: int) -> LeaderState:
-        """The state of an estimate, predicted to a time."""
+    def _made(
+        self, e: Estimate, own: OwnPose | None, t_ns: int, t_host_ns: int, *, withheld: bool = False
+    ) -> LeaderState:
+        """The state of an estimate, predicted to a time; also of one that is `withheld`."""
         r_F, v_F = _carried(own, e.t_ns)
-        why = _why_not(e, r_F, v_F)
+        why = _why_not(e, r_F, v_F, withheld=withheld)
         if why is None and t_ns - e.t_ns > self._max_age_ns:
             words = f"no own motion for {(t_ns - e.t_ns) / NS_PER_S:.1f} s: not predicted further"
             why = Reason(Cause.SILENT, words)
@@ -188,22 +189,22 @@ def acceleration(e: Estimate, v_L: Array) -> Array:
     return acceleration_of(dict(zip(e.components, e.mean, strict=True)), v_L)
 
 
-def _why_not(e: Estimate, r_F: Array, v_F: Array) -> Reason | None:
+def _why_not(e: Estimate, r_F: Array, v_F: Array, *, withheld: bool) -> Reason | None:
     """Why an estimate cannot be flown on at its own time; None if it can."""
-    if not e.valid or e.mean is None:
+    if not (e.valid or withheld) or e.mean is None:
         return Reason(e.cause, e.reason)
     if not np.isfinite(r_F).all() or not np.isfinite(v_F).all():
         return Reason(Cause.OWN_MOTION_UNKNOWN, "our own position is not known")
     return None
 
 
-def _doubted(e: Estimate) -> Estimate | None:
+def _doubted(e: Estimate) -> Estimate:
     """An estimate to be flown on although it is withheld, with sigmas that say so."""
     if e.mean is None or e.covariance is None:
-        return None
+        return e
     r, P = np.array(e.mean[:3]), DOUBT * DOUBT * np.array(e.covariance)
     P[:3, :3] += OPEN_RANGE * OPEN_RANGE * np.outer(r, r)
-    return replace(e, valid=True, covariance=_rows(P))
+    return replace(e, covariance=_rows(P))
 
 
 def _bend(lat_deg: float, r_OF_n: Array) -> float:
