@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from numpy.testing import assert_allclose
 
 from onboard.autopilot.leader_messages import View, follow_target
-from onboard.autopilot.leader_state import LeaderStates, acceleration
+from onboard.autopilot.leader_state import DOUBT, OPEN_RANGE, LeaderStates, acceleration
 from onboard.config import OwnErrors
 from onboard.geometry.camera import make_camera
 from onboard.geometry.geodesy import geodetic_from_ned
@@ -164,8 +164,10 @@ def test_a_leader_that_is_withheld_while_images_are_fused_is_flown_on_with_an_op
         u = np.array(led.r_FL_n) / np.linalg.norm(led.r_FL_n)
         P, of_sure = np.array(led.r_FL_covariance), np.array(sure.r_FL_covariance)
         aside = np.cross(u, (0.0, 0.0, 1.0))
-        assert u @ P @ u == pytest.approx(4.0 * u @ of_sure @ u + (0.35 * np.linalg.norm(led.r_FL_n)) ** 2)
-        assert aside @ P @ aside == pytest.approx(4.0 * aside @ of_sure @ aside)
+        assert u @ P @ u == pytest.approx(
+            DOUBT**2 * u @ of_sure @ u + (OPEN_RANGE * np.linalg.norm(led.r_FL_n)) ** 2
+        )
+        assert aside @ P @ aside == pytest.approx(DOUBT**2 * aside @ of_sure @ aside)
 
 
 def test_without_our_own_position_there_is_none_of_the_leader() -> None:
