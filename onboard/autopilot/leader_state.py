@@ -30,6 +30,9 @@ NAME: Final = "leader"
 ORIGIN_AGREES_M: Final = 20.0  # an origin farther from where our own positions put it is that of an earlier boot
 BEND_M: Final = 0.2  # by which local NED may be off where we are, as seen from the origin
 RADIUS_M: Final = 6.371e6  # of the Earth
+SEEN_S: Final = 0.3  # since the last image that was fused: the leader is seen now
+DOUBT: Final = 2.0  # times the sigmas, of an estimate that images contradict
+OPEN_RANGE: Final = 0.35  # of the range: its sigma then
 PAIRED_NS: Final = 100_000_000  # two messages of our own position this near in time tell where the origin is
 
 Geodetic = tuple[float, float, float]
@@ -96,11 +99,24 @@ class LeaderStates:
 
     def at(self, t_ns: int, t_host_ns: int) -> LeaderState | None:
         """The leader at a time on the boot clock; None before the first estimate."""
-        if self._joined is None:
-            return None
+        return None if self._joined is None else self._made(*self._joined, t_ns, t_host_ns)
+
+    def flown_on(self, t_ns: int, t_host_ns: int) -> LeaderState | None:
+        """The leader as the vehicle is led, see `at`. An estimate that is withheld since it moves as no hypothesis
+        expects has its direction for as long as images of it are fused: its range counts as unsure."""
+        state = self.at(t_ns, t_host_ns)
+        if self._joined is None or state is None or state.valid:
+            return state
         e, own = self._joined
+        is_seen = e.age is not None and e.age < SEEN_S and e.cause is Cause.UNEXPECTED
+        return self._made(_doubted(e), own, t_ns, t_host_ns, withheld=True) if is_seen else state
+
+    def _made(
+        self, e: Estimate, own: OwnPose | None, t_ns: int, t_host_ns: int, *, withheld: bool = False
+    ) -> LeaderState:
+        """The state of an estimate, predicted to a time; also of one that is `withheld`."""
         r_F, v_F = _carried(own, e.t_ns)
-        why = _why_not(e, r_F, v_F)
+        why = _why_not(e, r_F, v_F, withheld=withheld)
         if why is None and t_ns - e.t_ns > self._max_age_ns:
             words = f"no own motion for {(t_ns - e.t_ns) / NS_PER_S:.1f} s: not predicted further"
             why = Reason(Cause.SILENT, words)
@@ -173,13 +189,22 @@ def acceleration(e: Estimate, v_L: Array) -> Array:
     return acceleration_of(dict(zip(e.components, e.mean, strict=True)), v_L)
 
 
-def _why_not(e: Estimate, r_F: Array, v_F: Array) -> Reason | None:
+def _why_not(e: Estimate, r_F: Array, v_F: Array, *, withheld: bool) -> Reason | None:
     """Why an estimate cannot be flown on at its own time; None if it can."""
-    if not e.valid or e.mean is None:
+    if not (e.valid or withheld) or e.mean is None:
         return Reason(e.cause, e.reason)
     if not np.isfinite(r_F).all() or not np.isfinite(v_F).all():
         return Reason(Cause.OWN_MOTION_UNKNOWN, "our own position is not known")
     return None
+
+
+def _doubted(e: Estimate) -> Estimate:
+    """An estimate to be flown on although it is withheld, with sigmas that say so."""
+    if e.mean is None or e.covariance is None:
+        return e
+    r, P = np.array(e.mean[:3]), DOUBT * DOUBT * np.array(e.covariance)
+    P[:3, :3] += OPEN_RANGE * OPEN_RANGE * np.outer(r, r)
+    return replace(e, covariance=_rows(P))
 
 
 def _bend(lat_deg: float, r_OF_n: Array) -> float:

@@ -30,6 +30,7 @@ from onboard.messages import (
     Message,
     NavState,
     Output,
+    ParamValue,
     WarmState,
 )
 from onboard.messages.mavlink_enums import PX4
@@ -118,14 +119,14 @@ class AutopilotOutput:
         config, ids = self._config, (autopilot.system, self._config.autopilot.component)
         self._autopilot = autopilot
         self._requests.clear_streams()
+        follower = follower_of(autopilot.autopilot, config.guidance)
         for session in self._sessions.values():
-            session.connect(autopilot)
+            session.connect(autopilot, follower.speed_parameters if self._leads else ())
         self._traffic.connect(autopilot.system)
         self._odometry = OdometryStream(*ids, rate_hz=config.odometry.rate_hz)
         usable = [out for out in config.leader_out if out.system != autopilot.system]
         self._leader_outputs = [LeaderOutput(out, *ids) for out in usable]
         self._leader_states.restart()
-        follower = follower_of(autopilot.autopilot, config.guidance)
         self._guidance = Guidance(config.guidance, self._camera, follower, leads=self._leads)
         self._guidance.note_mode(autopilot)
         self.notices.when_lost = self._guidance.follower.when_lost if self._follows else ""
@@ -206,9 +207,13 @@ class AutopilotOutput:
         if (mine := self._autopilot) is not None:
             self._leader_states.receive(messages, mine.system, mine.component)
             for m in messages:
-                if isinstance(m, Heartbeat) and (m.system, m.component) == (mine.system, mine.component):
+                if (m.system, m.component) != (mine.system, mine.component):
+                    continue
+                if isinstance(m, Heartbeat):
                     self._guidance.note_mode(m)
                     self._is_armed = m.armed
+                elif isinstance(m, ParamValue):
+                    self._guidance.note_parameter(m.name, m.value)
         frames = self._sessions[channel].respond(messages, now_ns)
         for out in self._leader_outputs:
             if out.link == channel:
@@ -259,8 +264,9 @@ class AutopilotOutput:
         """The leader, and the virtual one, at a time."""
         states = self._leader_states
         state, self._virtual = states.at(boot_ns, host_ns), None
-        if state is not None:
-            virtual = self._guidance.virtual_leader(state, *states.own_at(state.t_ns), states.q_nb)
+        led_by = states.flown_on(boot_ns, host_ns)
+        if state is not None and led_by is not None:
+            virtual = self._guidance.virtual_leader(led_by, *states.own_at(led_by.t_ns), states.q_nb)
             self._virtual = None if virtual is None else states.located(virtual)
             state = replace(state, course=self._guidance.course) if state.valid else state
         self.leader = state

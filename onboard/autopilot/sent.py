@@ -22,6 +22,7 @@ from onboard.messages import (
     MessageInterval,
     Odometry,
     ParamAck,
+    ParamRequest,
     ParamValue,
     Ping,
     StatusText,
@@ -58,6 +59,12 @@ SENT: Final[dict[type[Message], SentKind]] = {
         "requests for messages alone, never with `request_rates = false`: MAV_CMD_SET_MESSAGE_INTERVAL for each "
         "stream of `[autopilot.rates_hz]` that is too slow, every 5 s, and once a boot for EKF_STATUS_REPORT or "
         "ESTIMATOR_STATUS and ODOMETRY; MAV_CMD_REQUEST_MESSAGE for GPS_GLOBAL_ORIGIN until it comes, every 5 s",
+    ),
+    ParamRequest: SentKind(
+        ("PARAM_REQUEST_READ",),
+        BY_ITSELF,
+        "`[[leader_out]]`: its limit of speed, WPNAV_SPEED and WP_SPD of an ArduPilot or FLW_TGT_MAX_VEL of a "
+        "PX4, until it comes, three times a boot; never with `request_rates = false`",
     ),
     ComputerStatus: SentKind(
         ("ONBOARD_COMPUTER_STATUS",), BY_ITSELF, "once a second, where this computer shows its load"

@@ -5,7 +5,7 @@ message rates we need (asked once per boot and again while they are missing, sin
 reboot), replies to TIMESYNC requests, and an answer to every command that is addressed to us.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -24,6 +24,7 @@ from onboard.messages import (
     Message,
     ParamAction,
     ParamRequest,
+    ParamValue,
     Ping,
     TimeSync,
     tagged,
@@ -45,6 +46,7 @@ ACTIVE: Final = 4
 CRITICAL: Final = 5
 DONE: Final = frozenset({0, 5})  # MAV_RESULT accepted, in progress
 ORIGIN_AGAIN_NS: Final = 5 * NS_PER_S
+PARAMETER_ASKS: Final = 3  # per boot: not every autopilot has what is asked for
 RATIONED: Final = Reason(Cause.RATIONED, "answers are rationed: it asks for too much in too short a time")
 
 
@@ -72,6 +74,7 @@ class Session:
         self.computer: ComputerStatus | None = None
         self._us: Component | None = None
         self._autopilot: Heartbeat | None = None
+        self._parameters_of_it: tuple[str, ...] = ()
         self._heartbeats, self._timesyncs = Stream(1.0, fixed=True), Stream(TIMESYNC_HZ, fixed=True)
         self._computer_statuses = Stream(1.0)
         self.reboot()
@@ -82,9 +85,10 @@ class Session:
         system = self._config.system or USUAL_SYSTEM
         self._us = Component(system, self._config.component, self._channel, self._requests_of_us)
 
-    def connect(self, autopilot: Heartbeat) -> None:
-        """An autopilot was heard: we are a component of its system."""
-        self._autopilot = autopilot
+    def connect(self, autopilot: Heartbeat, parameters: Iterable[str] = ()) -> None:
+        """An autopilot was heard: we are a component of its system. It is asked for `parameters`, until one of
+        them comes: they are one and the same in its versions."""
+        self._autopilot, self._parameters_of_it = autopilot, tuple(parameters)
         self._us = Component(autopilot.system, self._config.component, self._channel, self._requests_of_us)
         offer = self._requests_of_us.offer_stream
         offer(self._channel, "HEARTBEAT", self._heartbeats, lambda: True)
@@ -97,6 +101,7 @@ class Session:
         self._next_request = 0
         self._has_asked_status = False  # once per boot: not every autopilot has it
         self._next_origin = 0
+        self._asks_left = PARAMETER_ASKS
 
     def tick(
         self, now_ns: int, *, healthy: bool, rates: Mapping[str, float], wants_origin: bool = False
@@ -121,6 +126,9 @@ class Session:
                 asked = self._request_status(now_ns)
                 self._status_requests += len(asked)
                 frames.extend(asked)
+            if self._asks_left:
+                self._asks_left -= 1
+                frames.extend(self._request_parameter(name, now_ns) for name in self._parameters_of_it)
         if wants_origin and self._config.request_rates and now_ns >= self._next_origin:
             self._next_origin = now_ns + ORIGIN_AGAIN_NS
             frames.append(self._request_once("GPS_GLOBAL_ORIGIN", now_ns))
@@ -133,6 +141,8 @@ class Session:
             return []
         frames = []
         for m in messages:
+            if isinstance(m, ParamValue) and m.name in self._parameters_of_it:
+                self._asks_left = 0
             if not isinstance(m, ASKING):
                 continue
             if not self._rations.admits(m, now_ns):
@@ -204,6 +214,18 @@ class Session:
 
     def _request_once(self, name: str, now_ns: int) -> bytes:
         return self._command(dialect.MAV_CMD_REQUEST_MESSAGE, message_number(name), 0.0, now_ns)
+
+    def _request_parameter(self, name: str, now_ns: int) -> bytes:
+        """PARAM_REQUEST_READ to the autopilot."""
+        request = ParamRequest(
+            **stamp(now_ns),
+            target_system=self._autopilot.system if self._autopilot else 0,
+            target_component=self._autopilot.component if self._autopilot else 0,
+            action=ParamAction.READ,
+            extended=False,
+            name=name,
+        )
+        return self._pack(request)
 
     def _command(self, number: int, first: float, second: float, now_ns: int) -> bytes:
         """A command to the autopilot."""

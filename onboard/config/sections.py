@@ -180,7 +180,7 @@ class GuidanceConfig(Record, frozen=True, kw_only=True):
     start_course: Literal["bearing", "none"] = "bearing"  # before the leader has flown; none: it is not followed
     hold_s: NotNegative = 3.0  # for which the vehicle stops with its nose on a lost leader
     clear_height_m: NotNegative = 10.0  # between it and the leader's height, when it falls silent after that
-    speed_m_s: Positive = 15.0  # that the vehicle can fly; ArduPilot: WPNAV_SPEED
+    speed_m_s: Positive = 15.0  # that an ArduPilot may fly; less where its WPNAV_SPEED is less
     acceleration_m_s2: Positive = 3.5  # level, that it can fly in a turn: 20 degrees of lean
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Final
 
-from onboard.health.causes_camera import stamp_reading
+from onboard.health.causes_camera import FEWEST, stamp_reading
 from onboard.health.needs import Moment
 from onboard.health.remedies import remedy_of
 from onboard.messages import DOUBTS, Advice, Severity
@@ -16,7 +16,9 @@ STOOD_STILL_S: Final = 1.0  # by which it is late when the program did not run a
 LITTLE_ROOM: Final = 200_000_000  # bytes
 LITTLE_MEMORY: Final = 100_000_000
 BY_STAMP: Final = (Cause.TOO_OLD, Cause.TOO_NEW, Cause.NO_POSE, Cause.DUPLICATE)
-OTHER_IMAGE: Final = 0.3  # share of all images that are beyond its edge
+RARE: Final = (Cause.OUT_OF_VIEW, Cause.NO_POSE)
+USED: Final = ("fused", "fused_late")
+OTHER_IMAGE: Final = 0.3  # share of all images that are beyond its edge, or have no pose
 ROOM: Final = "make room (`df -h`, `du -sh *`), or set `path` of [recorder]"
 
 
@@ -25,7 +27,7 @@ def refused(m: Moment) -> Iterator[Advice]:
     for refusal in reversed(m.now.refusals):
         if not 0 <= m.now.t_recv_ns - refusal.t_recv_ns <= RECENT_NS or refusal.t_recv_ns <= m.stood_ns:
             continue
-        if _follows(m, refusal.cause) or _is_at_the_edge(m, refusal.cause):
+        if _follows(m, refusal.cause) or _is_rare(m, refusal.cause):
             continue
         remedy = remedy_of(refusal.cause)
         what = "" if refusal.cause in DOUBTS else "refused from "
@@ -49,11 +51,13 @@ def _follows(m: Moment, cause: Cause) -> bool:
     return cause is Cause.NO_POSE and not m.has_motion
 
 
-def _is_at_the_edge(m: Moment, cause: Cause) -> bool:
-    """Whether images were refused for a leader that is at the edge of the image: of pixels of another image, more
-    than a few are beyond it from the start."""
-    counts = [m.now.verdicts.get(f"leader.{verdict}", 0) for verdict in ("out_of_view", "fused", "fused_late")]
-    return cause is Cause.OUT_OF_VIEW and counts[0] < OTHER_IMAGE * sum(counts)
+def _is_rare(m: Moment, cause: Cause) -> bool:
+    """Whether images were refused that say nothing of the set-up: of a leader at the edge of the image, or taken
+    before the first of our own motion. Of wrong pixels or stamps, more than a few are refused from the start."""
+    if cause not in RARE:
+        return False
+    refused, *used = (m.now.verdicts.get(f"leader.{verdict}", 0) for verdict in (cause, *USED))
+    return refused < OTHER_IMAGE * (refused + sum(used)) or (cause is Cause.NO_POSE and refused < FEWEST)
 
 
 def links(m: Moment) -> Iterator[Advice]:

@@ -40,6 +40,7 @@ def placed(world: Field, north_m: float) -> None:
         v = 0.8 * off[:2] * min(1.0, 5.0 / max(0.8 * math.hypot(*off[:2]), 1e-6))
         away = leader.r_n - follower.r_n
         follower.go((float(v[0]), float(v[1]), 0.0), math.atan2(away[1], away[0]))
+        leader.go((0.0, 0.0, 0.0), SOUTH)  # it takes the mode with a set point alone
         follower.obey()
         leader.obey()
         world.fly(0.1, SOUTH, lambda _: 0.0)

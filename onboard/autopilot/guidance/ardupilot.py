@@ -11,12 +11,13 @@ both coincide.
 """
 
 import math
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.autopilot.guidance.follower import NEAR_SHARE, NEAR_SIGMAS, kept_away, stopping, surely_closing
+from onboard.autopilot.guidance.follower import NEAR_SHARE, NEAR_SIGMAS, NOISE, kept_away, stopping, surely_closing
 from onboard.autopilot.guidance.motion import FORWARD, Sent, Slot, SmoothedLeader, across, limited, turned
 from onboard.config import GuidanceConfig
 from onboard.messages import Heartbeat
@@ -27,7 +28,9 @@ BAND_SPEED: Final = 1.0  # m/s, at which the band opens
 HOVERS: Final = 1.0  # m/s
 EXTRA_BRAKING: Final = 1.5  # m/s^2, beyond its own limit of 2.5
 SLOW_ENOUGH: Final = 2.0  # m/s
+LAG_S: Final = 0.8  # until a lean that speeds it up has become one that brakes
 CLOSES: Final = 0.5  # m/s, at which a slot at its distance closes on the leader, at most: noise
+SPEED_PARAMETERS: Final = {"WPNAV_SPEED": 0.01, "WP_SPD": 1.0}  # m/s of their unit; the second in newer ones
 FOLLOW: Final = 23  # custom_mode of ArduCopter
 COPTERS: Final = frozenset({2, 3, 4, 13, 14, 15, 29, 35})  # MAV_TYPE
 MOST_NEARER: Final = (
@@ -43,10 +46,12 @@ class ArduPilot:
     when_lost = "FOLLOW brakes within 3 s"
     begins: float | None = None
     leads_round = True
+    speed_parameters: Mapping[str, float] = SPEED_PARAMETERS
 
     def __init__(self, config: GuidanceConfig) -> None:
         self._config, self._slot = config, np.array(config.slot_m)
         self._distance = float(np.linalg.norm(self._slot))
+        self.speed_m_s = config.speed_m_s
         self.restart()
 
     def restart(self) -> None:
@@ -68,7 +73,8 @@ class ArduPilot:
             reach * math.sqrt(2.0)
         )
         aside = float(v @ across(arm)) / reach
-        spare = math.sqrt(max(self._config.speed_m_s**2 - square + aside * aside, SLOWEST_TURN**2))
+        most = min(self.speed_m_s, self._config.speed_m_s)
+        spare = math.sqrt(max(most * most - square + aside * aside, SLOWEST_TURN**2))
         return max(-by_lean, (-aside - spare) / reach), min(by_lean, (-aside + spare) / reach)
 
     def follow(self, track: SmoothedLeader, slot: Slot, r_L: Array, v_L: Array, r_F: Array, dt: float) -> Sent:
@@ -79,12 +85,12 @@ class ArduPilot:
         ahead = turned(FORWARD, slot.yaw)
         a = turn * across(v) + min(float(change @ ahead), 0.0) * ahead
         r, v = self._at_rest(track.r + slot.arm, v + LEAD * change, float(np.linalg.norm(track.v)), dt)
-        v = self._braked(r, v, track, slot, r_L, v_L)
         r = kept_away(r, r_L, r_F, ahead, slot)
         most = self._config.closing_speed_m_s
         self._reach = min(self._reach + ENTERS * dt, most) if slot.is_entered else 0.0
         # position control closes at about 1/s, so the step is the speed
-        return Sent(r_F + limited(r - r_F, self._reach), v, a, slot.yaw)
+        r = r_F + limited(r - r_F, self._reach)
+        return Sent(r, self._braked(r, v, track, slot, r_L, v_L), a, slot.yaw)
 
     def stop(self, place: Array, v_F: Array, yaw: float, *, brakes: bool) -> Sent:
         """At a standstill from now on: it brakes as it can."""
@@ -116,9 +122,10 @@ class ArduPilot:
     def _braked(self, r: Array, v: Array, track: SmoothedLeader, slot: Slot, r_L: Array, v_L: Array) -> Array:
         """The velocity v at r, without what closes faster than can be stopped: before the room that the leader as
         estimated is left, and before two thirds of the slot's distance from the near end of where and how fast it
-        may be. What is unsure makes nobody flee, though. The smoothed leader lags behind one that brakes: a slot
-        at its distance does not close on the velocity as observed, either. Nor does the distance grow faster than
-        it may shrink."""
+        may be. What is unsure makes nobody flee, though. The smoothed leader lags behind one that brakes: it
+        closes up by its place, and not by a velocity beyond that observed. Nor does the distance grow faster than
+        it may shrink, behind a leader that surely flies off. r is where the vehicle is led now: one that is far
+        behind its slot flies as fast as the leader, however unsure that is."""
         away = r_L - r
         distance = float(np.linalg.norm(away))
         if distance < 1e-3:
@@ -128,7 +135,8 @@ class ArduPilot:
         slower = max(min(NEAR_SIGMAS * slot.speed_sigma, MOST_NEARER), slot.speed_sigma)
         most = recedes - slower + stopping(distance - slot.room)
         most = max(min(most, recedes + fastest), min(recedes, 0.0))
-        most = min(most, surely_closing(r, r_L, v_L, slot, NEAR_SHARE * self._distance))
-        most = min(most, observed + min(fastest, CLOSES + stopping(distance - self._distance)))
+        most = min(most, surely_closing(r, r_L, v_L, slot, NEAR_SHARE * self._distance, LAG_S))
+        most = min(most, observed + CLOSES)
         speed = float(v @ toward)
-        return v + (max(min(speed, most), observed - fastest) - speed) * toward
+        surely = observed - max(NEAR_SIGMAS * slot.speed_sigma - NOISE, 0.0)
+        return v + (max(min(speed, most), surely - fastest) - speed) * toward

@@ -1,6 +1,7 @@
 """What differs between autopilots that follow."""
 
 import math
+from collections.abc import Mapping
 from typing import Final, Protocol
 
 import numpy as np
@@ -22,6 +23,8 @@ class Follower(Protocol):
 
     when_lost: str  # what it does once the leader is lost, in at most 35 characters
     begins: float | None  # rad, the nose with which it stays if it begins on its last target; None: it forgets it
+    speed_parameters: Mapping[str, float]  # that hold its own limit of speed, by version, and m/s of their unit
+    speed_m_s: float  # that limit, as far as it is known
     leads_round: bool  # it flies where it is led about the leader, and at the height at which it is led
 
     def is_entered(self, heartbeat: Heartbeat) -> bool | None:

@@ -98,6 +98,12 @@ class Guidance:
         """Take the flight mode of a heartbeat."""
         self.is_entered = self.follower.is_entered(heartbeat)
 
+    def note_parameter(self, name: str, value: float) -> None:
+        """Take a parameter of the autopilot."""
+        unit = self.follower.speed_parameters.get(name)
+        if unit is not None and math.isfinite(value) and value > 0.0:
+            self.follower.speed_m_s = value * unit
+
     def resume(self, known: LeaderState, course: float | None) -> None:
         """Go on with what an earlier run knew, which stands for a leader that was lost just now."""
         self._known = known

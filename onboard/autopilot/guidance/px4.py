@@ -24,6 +24,7 @@ vehicle, and stays behind it. Later that would not do: a real one swung by 45 de
 """
 
 import math
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -48,7 +49,9 @@ QUICKER, BRAKES = 3.0, 5.0  # m/s^2, of the target
 LAG_S: Final = 2.4  # from a place ahead to the speed with which it is approached: 1 / MPC_XY_P, and the filters
 FILTERS_S: Final = 1.0  # until a velocity that it is sent changes its own
 POSITION_GAIN, RESPONSE_S, SPEED = 0.95, 0.6, 12.0  # MPC_XY_P, s, MPC_XY_VEL_MAX
-ORBIT_SPEED: Final = 8.0  # m/s, FLW_TGT_MAX_VEL: 30 m behind a leader that turns at 0.2 rad/s it is 6
+# m/s, FLW_TGT_MAX_VEL where the vehicle does not say: 30 m behind a leader that turns at 0.2 rad/s it is 6
+ORBIT_SPEED: Final = 8.0
+SPEED_PARAMETERS: Final = {"FLW_TGT_MAX_VEL": 1.0}  # m/s of its unit
 AWAY: Final = 0.9  # of the distance that it has: a way that goes nearer does not go away
 HIGHER: Final = 8.0  # m, at which it may pass above or below the leader
 STEP_S, AHEAD_S = 0.25, 20.0  # s, of the prediction of its way
@@ -61,10 +64,12 @@ class Px4:
     when_lost = "Follow-Me is led to a stop"
     begins: float | None = math.pi  # north of its target
     leads_round = False
+    speed_parameters: Mapping[str, float] = SPEED_PARAMETERS
 
     def __init__(self, config: GuidanceConfig) -> None:
         x, y, _ = config.slot_m
         self._distance, self._angle = max(math.hypot(x, y), 1.0), math.atan2(y, x)
+        self.speed_m_s = ORBIT_SPEED  # about its target
         self._closes = config.closing_speed_m_s
         distance = float(np.linalg.norm(config.slot_m))
         least = config.least_distance_m
@@ -82,7 +87,7 @@ class Px4:
 
     def turn_limits(self, v: Array, arm: Array) -> tuple[float, float]:  # noqa: ARG002 - it has its own limit
         """`FLW_TGT_MAX_VEL`."""
-        most = ORBIT_SPEED / max(math.hypot(arm[0], arm[1]), 1.0)
+        most = self.speed_m_s / max(math.hypot(arm[0], arm[1]), 1.0)
         return -most, most
 
     def follow(
@@ -162,7 +167,7 @@ class Px4:
         goal, angle = math.remainder(course + self._angle, 2.0 * math.pi), 0.0
         x, y = float(r[0]), float(r[1])
         vx, vy = float(v_F[0] - v_L[0]), float(v_F[1] - v_L[1])
-        turn, nearest = ORBIT_SPEED / self._distance * STEP_S, math.inf
+        turn, nearest = self.speed_m_s / self._distance * STEP_S, math.inf
         for _ in range(round(AHEAD_S / STEP_S)):
             angle += min(max(goal - angle, -turn), turn)
             ex, ey = self._distance * math.cos(angle) - x, self._distance * math.sin(angle) - y

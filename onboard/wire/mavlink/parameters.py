@@ -99,6 +99,12 @@ def _value(m: Any) -> list[Any]:
     return [dialect.MAVLink_param_value_message(name, m.value, REAL32, m.count, m.index)]
 
 
+def _request(m: Any) -> list[Any]:
+    """The request for one parameter by its name."""
+    name = m.name.encode("ascii")
+    return [dialect.MAVLink_param_request_read_message(m.target_system, m.target_component, name, m.index)]
+
+
 def _ack(m: Any) -> list[Any]:
     result = ACK_ACCEPTED if m.accepted else ACK_FAILED
     value = decimal(m.value).encode("ascii")
@@ -114,6 +120,7 @@ def _version(m: Any) -> list[Any]:
 
 ENCODE: Final[dict[type[Message], Callable[[Any], list[Any]]]] = {
     ParamValue: _value,
+    ParamRequest: _request,
     ParamAck: _ack,
     Ping: lambda m: [dialect.MAVLink_ping_message(m.time_us, m.number, m.target_system, m.target_component)],
     Version: _version,

@@ -382,3 +382,25 @@ def test_follow_that_is_entered_beside_the_slot_closes_up_slowly() -> None:
     chase.guidance.note_mode(Heartbeat(**beat | {"vehicle_type": 10}, custom_mode=4))  # a rover's number
     sent = chase.guidance.virtual_leader(state(T + 251 * TICK, STILL, STILL), behind, STILL)
     assert np.linalg.norm(slot_of(sent)[0] - behind) > 3.5
+
+
+def test_a_vehicle_far_behind_its_slot_flies_as_fast_as_a_leader_whose_speed_is_unsure() -> None:
+    """A real one was bounded as if in its slot: led by 2 m/s behind a leader with 6, it never came back."""
+    guidance = Guidance(GuidanceConfig())
+    for k in range(500):
+        r, v = straight(k, 6.0)
+        known = state(T + k * TICK, r, v, sigma=9.0, velocity_sigma=2.2)
+        sent = guidance.virtual_leader(known, r - (80.0, 0.0, 0.0), v)
+    _, v_sent = slot_of(sent)
+    assert v_sent[0] == pytest.approx(6.0, abs=0.3)
+
+
+def test_a_leader_that_seems_to_fly_off_is_not_chased_faster_than_it_flies() -> None:
+    """Seen edge-on in a turn, a leader with 3 m/s seemed to fly off with 9, and to be farther off each moment."""
+    guidance, r = Guidance(GuidanceConfig()), np.array([0.0, 0.0, 0.0])
+    for k in range(350):
+        v = np.array([3.0 + max(0.02 * (k - 300), 0.0) * 5.0, 0.0, 0.0])
+        r = r + 0.02 * v + (0.05 * max(k - 300, 0) / 50.0, 0.0, 0.0)
+        here = np.array([0.06 * k - 30.0, 0.0, 3.0])
+        sent = guidance.virtual_leader(state(T + k * TICK, r, v), here, np.array([3.0, 0.0, 0.0]))
+        assert slot_of(sent)[1][0] <= v[0] + 0.6

@@ -344,3 +344,24 @@ def test_an_ardupilot_may_begin_anywhere() -> None:
     made.note_mode(mode(4))
     assert made.virtual_leader(state(T, STILL, STILL), np.array([-30.0, 0.0, 3.0]), STILL) is not None
     assert made.warning == ""
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "name", "value"), [(PX4, "FLW_TGT_MAX_VEL", 5.0), (3, "WPNAV_SPEED", 900.0)]
+)
+def test_the_slot_turns_no_faster_than_the_autopilots_own_parameter_allows(
+    autopilot: int, name: str, value: float
+) -> None:
+    """What another one calls its limit, or what is none, changes nothing."""
+    config = GuidanceConfig()
+    guidance = Guidance(config, follower=follower_of(autopilot, config))
+    v, arm = np.array([7.0, 0.0, 0.0]), np.array([-30.0, 0.0, 3.0])
+    before = guidance.follower.turn_limits(v, arm)
+    for other, number in ((name, math.nan), (name, 0.0), ("WP_YAW_BEHAVIOR", 1.0)):
+        guidance.note_parameter(other, number)
+        assert guidance.follower.turn_limits(v, arm) == before
+    guidance.note_parameter(name, value)
+    limits = guidance.follower.turn_limits(v, arm)
+    flown = 5.0 if autopilot == PX4 else math.sqrt(9.0**2 - 7.0**2)
+    assert_allclose(limits, (-flown / 30.0, flown / 30.0))
+    assert limits[1] < before[1]

@@ -12,11 +12,12 @@ from msgspec.structs import replace
 from numpy.testing import assert_allclose
 
 from onboard.autopilot.leader_messages import CameraView, follow_target
-from onboard.autopilot.leader_state import LeaderStates, acceleration
+from onboard.autopilot.leader_state import DOUBT, OPEN_RANGE, LeaderStates, acceleration
 from onboard.config import OwnErrors
 from onboard.geometry.camera import make_camera
 from onboard.geometry.geodesy import geodetic_from_ned
 from onboard.messages import FollowTarget, Lifecycle
+from onboard.messages.causes import Cause
 from tests.support.leader import ORIGIN, T, estimate, origin, own_global, own_pose
 
 MS = 1_000_000
@@ -132,6 +133,41 @@ def test_what_is_not_valid_has_no_position(changed: dict[str, object], late_ms: 
     s = made.at(T + late_ms * MS, HOST)
     assert s is not None
     assert (s.valid, s.reason, s.r_OL_n, s.v_L_n, s.covariance) == (False, reason, None, None, None)
+
+
+@pytest.mark.parametrize(
+    ("changed", "is_led"),
+    [
+        ({"cause": Cause.UNEXPECTED, "age": 0.1}, True),
+        ({"cause": Cause.UNEXPECTED, "age": 0.5}, False),
+        ({"cause": Cause.UNEXPECTED, "age": None}, False),
+        ({"cause": Cause.UNEXPECTED, "age": 0.1, "mean": None, "covariance": None}, False),
+        ({"cause": Cause.NOISE, "age": 0.1}, False),
+    ],
+)
+def test_a_leader_that_is_withheld_while_images_are_fused_is_flown_on_with_an_open_range(
+    changed: dict[str, object], is_led: bool
+) -> None:
+    """A real one was lost out of the image so: nobody looked where it was seen. It is published as it was."""
+    sure = states().flown_on(T, HOST)
+    made = LeaderStates(OwnErrors())
+    made.note(own_pose())
+    made.note(estimate(valid=False, state=Lifecycle.LOST, reason="as no hypothesis", **changed))
+    led, published = made.flown_on(T, HOST), made.at(T, HOST)
+    assert sure is not None
+    assert published is not None
+    assert led is not None
+    assert not published.valid
+    assert led.valid is is_led
+    if is_led:
+        assert led.r_OL_n == sure.r_OL_n
+        u = np.array(led.r_FL_n) / np.linalg.norm(led.r_FL_n)
+        P, of_sure = np.array(led.r_FL_covariance), np.array(sure.r_FL_covariance)
+        aside = np.cross(u, (0.0, 0.0, 1.0))
+        assert u @ P @ u == pytest.approx(
+            DOUBT**2 * u @ of_sure @ u + (OPEN_RANGE * np.linalg.norm(led.r_FL_n)) ** 2
+        )
+        assert aside @ P @ aside == pytest.approx(DOUBT**2 * aside @ of_sure @ aside)
 
 
 def test_without_our_own_position_there_is_none_of_the_leader() -> None:

@@ -12,7 +12,7 @@ from onboard.autopilot.output import AutopilotOutput
 from onboard.autopilot.requests import version
 from onboard.autopilot.session import Session
 from onboard.config import AutopilotConfig, Config, parse_config
-from onboard.messages import Clock, Command, CommandAck, Heartbeat, Ping, TimeSync
+from onboard.messages import Clock, Command, CommandAck, Heartbeat, ParamValue, Ping, TimeSync
 from onboard.messages.vehicle import OUR_TAG
 from onboard.wire.mavlink.encode import MavlinkEncoder
 from tests.support.emitted import command_long
@@ -163,6 +163,29 @@ def test_the_status_of_the_autopilots_filter_is_asked_for_once_per_boot(autopilo
         found = [(t, dialect.mavlink_map[int(m.param1)].msgname) for t, m in asked]
         assert found == [(float(start), name) for name in names]
         session.reboot()
+
+
+def test_a_limit_of_speed_is_asked_for_until_it_comes_three_times_a_boot() -> None:
+    """By any of its names, and of nobody but the autopilot."""
+    session = Session(AutopilotConfig())
+    session.connect(AUTOPILOT, ("WPNAV_SPEED", "WP_SPD"))
+
+    def asked(begin: float) -> list[tuple[float, str]]:
+        sent = [(t, m) for t, m in talk(session, begin, begin + 60, FAST) if m.get_type() == "PARAM_REQUEST_READ"]
+        assert all((m.target_system, m.target_component, m.param_index) == (42, 1, -1) for _, m in sent)
+        return [(t - begin, m.param_id) for t, m in sent]
+
+    names = ("WPNAV_SPEED", "WP_SPD")
+    assert asked(0) == [(t, name) for t in (0.0, 5.0, 10.0) for name in names]
+    session.reboot()
+    value = ParamValue(
+        t_ns=T0, t_recv_ns=T0, clock=Clock.NONE, system=42, extended=False, name="WP_SPD", value=9.0
+    )
+    session.respond([replace(value, name="WP_SPD_UP")], T0)
+    assert len(asked(60)) == 6
+    session.reboot()
+    session.respond([value], T0)
+    assert asked(120) == []
 
 
 def test_slow_streams_are_asked_for_every_five_seconds_until_they_are_fast() -> None:

@@ -327,6 +327,24 @@ def test_a_leader_at_the_edge_is_not_one_of_another_image(beyond: int, advised: 
     assert ("pixels" in {a.kind for a in Advisor(Needs()).advise(now)}) is advised
 
 
+@pytest.mark.parametrize(("refused", "used", "advised"), [(3, 1, False), (20, 400, False), (20, 0, True)])
+def test_images_from_before_our_own_motion_are_none_with_a_wrong_stamp(
+    refused: int, used: int, advised: bool
+) -> None:
+    """A daemon that has just begun takes images that were exposed before the first attitude that it has heard."""
+    health = flown().health
+    early = Refusal(
+        source="camera front",
+        cause=Cause.NO_POSE,
+        reason="no_pose: our own attitude",
+        count=refused,
+        t_recv_ns=health.t_recv_ns,
+    )
+    counts = {"leader.no_pose": refused, "leader.fused": used}
+    now = replace(health, refusals=(early,), verdicts=counts)
+    assert ("stamps" in {a.cause for a in Advisor(Needs()).advise(now)}) is advised
+
+
 def test_a_wind_of_exactly_zero_is_no_estimate() -> None:
     """An ArduCopter sends WIND with 0.0 while 3 m/s blow: it matters for a fixed wing alone."""
     sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
