@@ -1,16 +1,15 @@
 """One time base: the autopilot's boot clock, in nanoseconds.
 
-Each message leaves here with `t_ns` = when it was true on that clock: its stamp less the known delay of its
-source (in field data, a LOCAL_POSITION_NED was 20-25 ms older than its stamp). Stamps of this computer's clock
-(camera, Unix time) are converted by the offset between the two clocks (`offset`).
+`t_ns` of each aligned message is the time at which it was true on that clock: its stamp minus the known delay of
+its source (in field data, LOCAL_POSITION_NED was 20 to 25 ms older than its stamp). Stamps of this computer's
+clock (camera, Unix time) are converted by the offset between the two clocks (`offset`).
 
-A stamp that does not fit is compared with its neighbours. When the boot clock runs on and only the arrival time
-has jumped, our own clock was set or the link is held up, and nothing is lost. Where arrivals are stamped by a
-clock that can be set, it was set if they stay late. When the boot clock itself has jumped, and the next few
-messages agree, the autopilot has rebooted. A single odd stamp is rejected, and so is one that is farther ahead of
-its arrival than the link has shown. A second link may repeat what was received already, late and many at once:
-stamps of the recent past are a jump of the clock only if no others come between for a while. Only the autopilot's
-own stamps are judged so: a camera's may lag, and say nothing about the autopilot's clock.
+A stamp that does not fit is compared with its neighbours. If only the arrival time has jumped, our own clock was
+set or the link was held up, and nothing is lost. If arrivals are stamped by a clock that can be set, it was set
+if they stay late. If the boot clock itself has jumped and the next few messages agree, the autopilot has
+rebooted. A single odd stamp is rejected, as is one farther ahead of its arrival than the link has shown. A second
+link may repeat messages late and in bulk: stamps of the recent past are a jump only if no others arrive between
+them for a while. Only the autopilot's own stamps are judged: a camera's may lag.
 """
 
 from collections import Counter
@@ -37,32 +36,32 @@ from onboard.messages.causes import Cause, Reason
 from onboard.messages.stamps import Span, read_stamps
 from onboard.units import NS_PER_S, S_PER_NS
 
-# A sensor stamps these, perhaps by the boot clock, and they can be used once our own pose at that time is known.
+# Stamped by a sensor, perhaps with the boot clock; usable once our own pose at that time is known.
 SENSED: Final = (Exposure, RadarScan, PeerRanges)
 SERVO_WRAP_NS: Final = 2**32 * 1000  # SERVO_OUTPUT_RAW stamps in 32 bits of microseconds: 71.6 minutes
 BOOT_WRAP_NS: Final = 2**32 * 1_000_000  # time_boot_ms: 49.7 days
 JUMP_NS: Final = NS_PER_S
 CONTINUES_NS: Final = 5 * NS_PER_S
 CONFIRM_TAGGED: Final = 3
-AHEAD_NS: Final = 250_000_000  # of a stamp before its arrival; streams of one real autopilot are 140 ms apart
-STEP_LASTS_NS: Final = 3 * NS_PER_S  # a link that is held up for longer is taken for a clock that was set
-CORRECTED_NS: Final = 50_000_000  # stamps of this computer were converted so wrongly that estimates suffer
+AHEAD_NS: Final = 250_000_000  # of a stamp over its arrival; streams of one real autopilot differ by 140 ms
+STEP_LASTS_NS: Final = 3 * NS_PER_S  # a longer delay is taken for a clock that was set
+CORRECTED_NS: Final = 50_000_000  # an error of conversion that affects estimates
 MOST_GIMBALS: Final = 8
 LONGEST_ROUND_TRIP_NS: Final = 200_000_000
-BACK_NS: Final = 150_000_000  # behind the newest stamp: one clock's streams are nearer to each other
+BACK_NS: Final = 150_000_000  # behind the newest stamp; streams of one clock are closer
 RATE: Final = Reason(Cause.CLOCK_RATE, "the autopilot's clock runs at another rate than this computer's")
-LATER_NS: Final = 5_000_000  # a message is stamped later than it arrives by no more than its clock's jitter
+LATER_NS: Final = 5_000_000  # jitter by which a stamp may be later than its arrival
 
 
 class Clocks:
-    """The offset host clock - boot clock, and the boot clock's continuity. All times in ns. `rejected` counts by
-    reason the messages and replies that could not be used."""
+    """The offset host clock - boot clock, and the boot clock's continuity. All times in ns. `rejected` counts
+    unusable messages and replies by reason."""
 
     def __init__(self) -> None:
-        self.is_one_clock = True  # all arrivals are stamped by one: another program's log may be put together
+        self.is_one_clock = True  # one clock stamps all arrivals; another program's log may combine several
         self.reboots = 0
         self.jumps = 0  # of the autopilot's clock, back by some seconds: no reboot
-        self.why: str | Reason = ""  # the last message could not be aligned: what is counted, or the reason
+        self.why: str | Reason = ""  # why the last message could not be aligned: its counter, or the reason
         self.corrections = 0  # of the offset: stamps of this computer had been converted wrongly
         self.rejected: Counter[str] = Counter()
         self.restart()
@@ -75,12 +74,12 @@ class Clocks:
         self.source = "none"
         self._newest_stamp: int | None = None
         self._last_arrival = 0
-        self._base = 0  # host - boot as it was at the last message: coarse, for continuity only
+        self._base = 0  # host - boot at the last message: coarse, for continuity only
         self._odd = OddStamps()
         self._before = 0  # host - boot at the last message that fits
         self._tagged: list[int] = []  # arrivals of the last replies with our tag
         self._own_replies = False
-        self._gimbals: dict[tuple[int, int], list[tuple[int, int]]] = {}  # the same, of each gimbal's own clock
+        self._gimbals: dict[tuple[int, int], list[tuple[int, int]]] = {}  # the same for each gimbal's own clock
         self._late_since: int | None = None  # arrival since which messages are late by a second or more
         self._used: tuple[int, int] | None = None  # arrival and offset of the last stamp that was converted
 
@@ -91,27 +90,27 @@ class Clocks:
 
     @property
     def round_trip_ns(self) -> int | None:
-        """The shortest round trip of the last TIMESYNC replies, None without."""
+        """The shortest round trip of the last TIMESYNC replies, None without replies."""
         return self._offset.round_trip_ns
 
     @property
     def rate(self) -> float:
-        """Seconds of the boot clock in one of this computer's clock: 1, but for a simulator's."""
+        """Seconds of the boot clock per second of this computer's: 1, except for a simulator."""
         return 1.0 - self._offset.slope
 
     @property
     def doubt(self) -> Reason | None:
-        """Why stamps of this computer cannot be converted well just now; None if they can, or there are none."""
+        """Why stamps of this computer cannot be converted well at present; None if they can, or there are none."""
         return RATE if self._offset.doubt and self._used is not None else None
 
     def age_ns(self, t_ns: int, at_ns: int) -> int:
-        """The age, at a time of this computer's clock, of what was true at `t_ns` on the boot clock; 0 where
-        arrivals are stamped by a clock that may have been set."""
+        """The age, at a time of this computer's clock, of a state at `t_ns` on the boot clock; 0 if arrivals are
+        stamped by a clock that may have been set."""
         offset = self._offset.at(at_ns)
         return at_ns - offset - t_ns if self._wall.is_even and offset is not None else 0
 
     def align(self, message: Message, delay_ns: int = 0) -> Message | None:
-        """The message with `t_ns` on the boot clock, less its delay; None, and counted, where that is unknown."""
+        """The message with `t_ns` on the boot clock, minus its delay; None, and counted, if that is unknown."""
         t_ns = message.t_ns
         if isinstance(message, GimbalAttitude):
             return self._align_gimbal(message)
@@ -154,7 +153,8 @@ class Clocks:
         return None
 
     def _sensed(self, message: Message, t_ns: int, offset: int) -> Message | None:
-        """What a sensor saw at a time, unless it arrived before: its clock is wrong, or `clock` names another."""
+        """A sensor's message with its time; None if it arrived before that: its clock is wrong, or `clock` names
+        another."""
         if message.clock is Clock.BOOT:
             latest = self._offset.latest(message.t_recv_ns) if self.is_one_clock else None
             offset = message.t_recv_ns - t_ns if latest is None else latest
@@ -175,7 +175,7 @@ class Clocks:
         return message.at(t_ns)
 
     def _notice_correction(self, t_recv: int, offset: int) -> None:
-        """Whether stamps of this computer had been converted by a wrong offset."""
+        """Whether stamps of this computer were converted with a wrong offset."""
         if self._used is not None:
             expected = self._used[1] + round(self._offset.slope * (t_recv - self._used[0]))
             is_wrong = abs(offset - expected) > CORRECTED_NS
@@ -183,32 +183,32 @@ class Clocks:
         self._used = t_recv, offset
 
     def _align_gimbal(self, message: GimbalAttitude) -> Message | None:
-        """A gimbal's stamp on the boot clock. It counts from its own start: its clock's offset is that of its
+        """A gimbal's stamp on the boot clock. Its clock counts from its own start; its offset is that of its
         fastest messages."""
         offset, key = self._offset.at(message.t_recv_ns), (message.component, message.device)
         if offset is None or (key not in self._gimbals and len(self._gimbals) >= MOST_GIMBALS):
             return self._refuse("no_time_base")
         own = message.t_recv_ns - message.t_ns
         fastest = self._gimbals.setdefault(key, [])
-        if fastest and abs(own - fastest[0][1]) > JUMP_NS:  # it has started anew
+        if fastest and abs(own - fastest[0][1]) > JUMP_NS:  # it has restarted
             fastest.clear()
         lower(fastest, own, message.t_recv_ns, self._offset.slope)
         return msgspec.structs.replace(message, t_ns=message.t_ns + fastest[0][1] - offset)
 
     def resume(self, round_trip_ns: int, t_recv_ns: int, offset_ns: int) -> None:
-        """Go on with the offset of an earlier run, as a round trip showed it at a time of the host clock."""
+        """Continue with the offset of an earlier run, measured by a round trip at a time of the host clock."""
         self._offset.add_reply(Reply(round_trip_ns, t_recv_ns, offset_ns))
         self.source = "timesync"
 
     def compare(self, t_recv_ns: int, wall_step_ns: int | None) -> None:
-        """Learn how far the wall clock has been set, if arrivals are stamped by a clock that is never set."""
+        """Learn by how much the wall clock was set, if arrivals are stamped by a clock that is never set."""
         if self._wall.compare(t_recv_ns, wall_step_ns):
             self.rejected["host_clock_steps"] += 1
 
     def receive_reply(self, message: TimeSync) -> None:
-        """Learn the offset from a TIMESYNC reply. Autopilots also forward replies to the requests of others; ours
-        have our tag in ts1. Where a log holds none of ours, any reply that could be the recorder's is used. One in
-        a thousand of those has our tag by chance, so only several tagged replies count as ours."""
+        """Learn the offset from a TIMESYNC reply. Autopilots also forward replies to requests of others; ours
+        have our tag in ts1. If a log contains none of ours, any reply that could be the recorder's is used. One
+        in a thousand of these has our tag by chance, so only several tagged replies count as ours."""
         if message.tc1_ns == 0:
             return  # a request
         round_trip = message.t_recv_ns - message.ts1_ns
@@ -232,7 +232,7 @@ class Clocks:
         self.source = "timesync"
 
     def _continues(self, stamp: int, message: Message) -> bool:
-        """Whether a boot stamp fits. Also updates the offset, and notices a reboot and a jump back."""
+        """Whether a boot stamp fits. Also updates the offset and detects reboots and jumps back."""
         t_recv = message.t_recv_ns
         offset = t_recv - stamp
         if self._newest_stamp is None:
@@ -242,7 +242,7 @@ class Clocks:
         runs_on = -JUMP_NS < stamp - self._newest_stamp < CONTINUES_NS
         above = offset - self._carried(t_recv) if self._offset.fastest else 0  # the offset of the fastest messages
         is_early = above < -AHEAD_NS
-        # ahead of its arrival: a wrong stamp, or all messages before had been held up
+        # ahead of its arrival: a wrong stamp, or all earlier messages were held up
         ahead = is_early and t_recv >= self._last_arrival
         is_repeated = self._odd.repeats(message)
         if (ahead or not (fits or runs_on)) and not self._odd.confirm(t_recv, stamp, self._base, is_repeated):
@@ -268,12 +268,12 @@ class Clocks:
         return True
 
     def _carried(self, t_recv: int) -> int:
-        """The offset of the fastest messages, as it has grown until now."""
+        """The offset of the fastest messages, extrapolated to now."""
         since_ns, offset = self._offset.fastest[0]
         return offset + round(self._offset.slope * (t_recv - since_ns))
 
     def _jump(self, stamp: int, offset: int, t_recv: int) -> None:
-        """The boot clock goes on from another time: its autopilot has rebooted, or has set it."""
+        """The boot clock continues from another time: the autopilot has rebooted or set it."""
         if self._odd.may_repeat(stamp, offset - self._base):
             self.jumps += 1
             self.rejected["autopilot_clock_jumps"] += 1
@@ -283,8 +283,8 @@ class Clocks:
         self._restart(stamp, offset, t_recv)
 
     def _notice_step(self, above: int, t_recv: int) -> None:
-        """Whether this computer's clock was set: messages are early, or they stay late. `above`: by how much this
-        one's offset exceeds that of the fastest."""
+        """Whether this computer's clock was set: messages are early, or stay late. `above`: this message's offset
+        minus that of the fastest."""
         if above < JUMP_NS:
             self._late_since = None
         elif self._late_since is None or t_recv < self._late_since:
@@ -296,8 +296,8 @@ class Clocks:
             self.rejected["host_clock_steps"] += 1
 
     def _in_milliseconds(self, stamp: int, t_recv: int) -> int:
-        """The stamp of a GLOBAL_POSITION_INT. INAV and Betaflight write microseconds into its milliseconds: it is
-        read so where it fits so alone. None of them begins a time base, therefore."""
+        """The stamp of a GLOBAL_POSITION_INT. INAV and Betaflight write microseconds into its milliseconds field:
+        it is read as such if it fits only as such. Therefore none of these messages starts a time base."""
         expected = t_recv - self._base
         read = stamp // 1000
         read += round((expected - read) / SERVO_WRAP_NS) * SERVO_WRAP_NS
@@ -307,8 +307,8 @@ class Clocks:
         return read
 
     def _unwrapped(self, stamp: int, t_recv: int) -> int:
-        """A boot stamp on the time base, which goes on when stamps of 32 bits begin anew. Where the time base
-        itself began with such stamps, those of 64 bits are larger. What does not fit is returned as it is."""
+        """A boot stamp on the time base, which continues when 32-bit stamps wrap. If the time base began with
+        such stamps, 64-bit stamps are larger. A stamp that does not fit is returned unchanged."""
         if self._newest_stamp is None:
             return stamp
         expected = t_recv - self._base

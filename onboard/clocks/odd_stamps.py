@@ -1,4 +1,4 @@
-"""Stamps that do not fit: whether the autopilot's clock has jumped, or a link delivers the past again."""
+"""Stamps that do not fit: has the autopilot's clock jumped, or does a link repeat the past?"""
 
 from collections import deque
 from typing import Final
@@ -9,32 +9,32 @@ from onboard.messages import Message
 from onboard.units import NS_PER_S
 
 CONFIRM: Final = 5
-AGREE_NS: Final = NS_PER_S  # stamps of one clock differ from their arrivals alike
-REPEATED_NS: Final = 10 * NS_PER_S  # a second link delivers what the first one lost so late at the most
-REMEMBERED: Final = 10_000  # messages, to know them again however late
-ALONE_NS: Final = NS_PER_S  # only stamps of the recent past for so long: no link repeats them
-BACK_LASTS_NS: Final = 250_000_000  # only stamps behind the newest for so long: the clock has jumped back
+AGREE_NS: Final = NS_PER_S  # spread of arrival minus stamp on one clock
+REPEATED_NS: Final = 10 * NS_PER_S  # latest repetition by a second link
+REMEMBERED: Final = 10_000  # messages, to recognise repetitions
+ALONE_NS: Final = NS_PER_S  # after only old stamps for this long, no link repeats them
+BACK_LASTS_NS: Final = 250_000_000  # after only older stamps for this long, the clock has jumped back
 
 
 class OddStamps:
-    """Stamps that do not fit, since the last one that did. After a reboot the stamps of before never come again; a
-    second link, or a router, repeats the past, late and many at once, while the first one goes on."""
+    """Stamps since the last one that fitted. After a reboot, earlier stamps never return; a second link or a
+    router repeats the past, late and in bulk, while the first one continues."""
 
     def __init__(self) -> None:
-        self._odd: list[tuple[int, int]] = []  # (t_recv, offset) of those that agree
-        self._back: list[int] = []  # arrivals of those behind the newest
+        self._odd: list[tuple[int, int]] = []  # (t_recv, offset) of stamps that agree
+        self._back: list[int] = []  # arrivals of stamps behind the newest
         self._newest_stamp = 0
         self._received: deque[int] = deque()  # hashes of the last messages
         self._known: set[int] = set()  # the same
 
     def fit(self, newest_stamp: int) -> None:
-        """A stamp fits; the newest is this now."""
+        """A stamp fits and is the newest."""
         self._newest_stamp = newest_stamp
         self._odd.clear()
         self._back.clear()
 
     def repeats(self, message: Message) -> bool:
-        """Whether the same message was received before, to the last digit."""
+        """Whether an identical message was received before."""
         key = hash(replace(message, t_recv_ns=0))
         if key in self._known:
             return True
@@ -45,8 +45,8 @@ class OddStamps:
         return False
 
     def confirm(self, t_recv: int, stamp: int, base_ns: int, is_repeated: bool) -> bool:
-        """Whether enough other stamps that do not fit either agree with this one. Those that a link may repeat
-        must have come alone for a while. `base_ns`: arrival less stamp, of those that fit."""
+        """Whether enough other odd stamps agree with this one. Stamps that a link may repeat must have come alone
+        for a while. `base_ns`: arrival minus stamp of those that fit."""
         if is_repeated:
             self._odd.clear()
             return False
@@ -57,10 +57,10 @@ class OddStamps:
         return len(self._odd) == CONFIRM and (is_alone or not self.may_repeat(stamp, offset - base_ns))
 
     def may_repeat(self, stamp: int, late_ns: int) -> bool:
-        """Whether a stamp, so late, may be of the recent past of the same clock."""
+        """Whether a stamp this late may be of the same clock's recent past."""
         return 0 < late_ns <= REPEATED_NS and stamp <= self._newest_stamp
 
     def stays_back(self, t_recv: int) -> bool:
-        """Whether all stamps have been behind the newest for a while, after one that is."""
+        """Whether, with this one, all stamps have been behind the newest for a while."""
         self._back = [*self._back[: CONFIRM - 1], t_recv]
         return len(self._back) == CONFIRM and t_recv - self._back[0] >= BACK_LASTS_NS

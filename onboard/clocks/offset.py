@@ -1,9 +1,9 @@
 """The offset between this computer's clock and the autopilot's boot clock, and how it changes.
 
-It comes from TIMESYNC where there are replies, else from the fastest of the messages: the lower envelope of
-arrival minus stamp. While a link is held up, even its fastest messages are late, so the envelope rises no faster
-than clocks drift apart. A simulator's clock may run slower or faster than ours: where the offset changes steadily
-and by far more than two quartzes would let it, its slope is followed.
+It comes from TIMESYNC replies, otherwise from the fastest messages: the lower envelope of arrival minus stamp.
+While a link is held up, even its fastest messages are late, so the envelope rises no faster than clocks drift
+apart. A simulator's clock may run slower or faster: if the offset changes steadily and far more than two quartz
+clocks could, its slope is followed.
 """
 
 import math
@@ -13,21 +13,21 @@ from typing import Final, NamedTuple
 from onboard.units import NS_PER_S
 
 WINDOW_NS: Final = 10 * NS_PER_S
-DRIFT: Final = 300e-6  # the most by which two clocks drift apart; simulated autopilots: 150e-6
-BLOCK_NS: Final = 250_000_000  # the fastest message of each such time shows how the offset changes
+DRIFT: Final = 300e-6  # largest drift between two clocks; simulated autopilots: 150e-6
+BLOCK_NS: Final = 250_000_000  # blocks whose fastest messages show the offset's change
 FIT_NS: Final = 5 * NS_PER_S  # over which the slope is fitted
 FEWEST: Final = 5  # points of a fit
-LEAST_NS: Final = {"timesync": NS_PER_S, "arrival": 3 * NS_PER_S}  # span of a fit that is followed
-SHOWN_NS: Final = 750_000_000  # span of one that is a doubt
+LEAST_NS: Final = {"timesync": NS_PER_S, "arrival": 3 * NS_PER_S}  # shortest span of a fit to follow
+SHOWN_NS: Final = 750_000_000  # shortest span of a fit that is reported as uncertain
 FLOOR_NS: Final = {"timesync": 300_000, "arrival": 2_000_000}  # noise of a point, at least
-SLOPE: Final = 1e-3  # smaller ones are followed by the newest messages
-DOUBTFUL: Final = 5e-3  # a larger one that is not followed yet bends what is estimated
+SLOPE: Final = 1e-3  # smaller slopes need no model: the newest messages follow them
+DOUBTFUL: Final = 5e-3  # a larger slope that is not followed yet distorts estimates
 SIGMAS: Final = 5.0
-STRAIGHT: Final = 0.1  # noise around a steady slope, as a share of what it makes over the span: a step has more
-UNSTEADY: Final = 0.1  # share by which a slope may change
-LATE_BY: Final = 10  # a link whose fastest messages differ by so much may be late by so many times as much
+STRAIGHT: Final = 0.1  # residual of a steady slope, as a share of its change over the span; a step has more
+UNSTEADY: Final = 0.1  # relative change of a steady slope
+LATE_BY: Final = 10  # a link may be late by this many times the spread of its fastest messages
 LATE_AT_LEAST_NS: Final = 100_000_000
-ROUND_TRIPS_DIFFER_NS: Final = 5_000_000  # by more than what their round trips allow: the clock has jumped
+ROUND_TRIPS_DIFFER_NS: Final = 5_000_000  # beyond the error that round trips allow: the clock has jumped
 
 
 class Reply(NamedTuple):
@@ -39,15 +39,15 @@ class Reply(NamedTuple):
 
 
 class Offset:
-    """Host clock minus boot clock, ns. `slope`: by how much it grows per second of the host clock; 0.1 where the
-    boot clock runs at 0.9 of ours. `doubt`: such a slope shows, but is not certain enough to be followed."""
+    """Host clock minus boot clock, ns. `slope`: its growth per second of the host clock, 0.1 if the boot clock
+    runs at 0.9 of ours. `doubt`: a slope is visible but too uncertain to follow."""
 
     def __init__(self) -> None:
         self.slope = 0.0
         self.doubt = False
         self.fastest: list[tuple[int, int]] = []  # (t_recv, host - boot), the lower envelope, the lowest first
         self.replies: list[Reply] = []
-        self._best: Reply | None = None  # of the replies; None until it is asked for
+        self._best: Reply | None = None  # reply; None until needed
         self._blocks: list[tuple[int, int]] = []  # the fastest of each block
         self._shown: list[Reply] = []  # replies to fit
 
@@ -70,9 +70,9 @@ class Offset:
         return offset + round(self.slope * (t_ns - since_ns))
 
     def latest(self, t_ns: int) -> int | None:
-        """The latest that a stamp of the boot clock can be, at a time of the host clock, as an offset; None where
-        too little is known. With replies: by their round trip. Without: a link may be late throughout, so by many
-        times as much as its fastest messages differ."""
+        """The latest possible stamp of the boot clock at a time of the host clock, as an offset; None if too
+        little is known. With replies: from their round trip. Without: a link may always be late, by many times
+        the spread of its fastest messages."""
         offset, carried = self.at(t_ns), self.fastest[0][1] if self.fastest else None
         if offset is None or carried is None or self.slope != 0.0 or self.doubt:
             return None
@@ -84,7 +84,7 @@ class Offset:
         return offset - max(LATE_AT_LEAST_NS, LATE_BY * (max(fastest) - min(fastest)))
 
     def clear(self) -> None:
-        """Forget what was learnt: one of the clocks has been set. Two clocks keep their rates."""
+        """Forget the offset, since one clock was set. The rates remain."""
         self.fastest.clear()
         self.replies.clear()
         self._best = None
@@ -108,7 +108,7 @@ class Offset:
             blocks[-1] = t_recv, offset
 
     def add_reply(self, reply: Reply) -> None:
-        """Learn from a reply. Where the last two contradict those before them, the clock has jumped."""
+        """Learn from a reply. If the last two contradict the earlier ones, the clock has jumped."""
         self.replies = [r for r in self.replies if reply.t_recv - r.t_recv < WINDOW_NS]
         if self.replies and self._agree(self.replies[-1], reply):
             self.replies = [r for r in self.replies if self._agree(r, reply)]
@@ -121,14 +121,14 @@ class Offset:
         self._fit(good, "timesync")
 
     def keep(self, arrivals: list[int]) -> None:
-        """Keep only the replies that arrived at these times: the others are not ours."""
+        """Keep only the replies that arrived at these times; the others are not ours."""
         self.replies = [r for r in self.replies if r.t_recv in arrivals]
         self._shown = [r for r in self._shown if r.t_recv in arrivals]
         self._best = None
 
     @property
     def _spread(self) -> float:
-        """By how much the offset may grow otherwise than by its slope, per second."""
+        """The offset's possible growth per second beyond its slope."""
         return DRIFT + UNSTEADY * abs(self.slope)
 
     def _agree(self, a: Reply, b: Reply) -> bool:
@@ -152,7 +152,7 @@ class Offset:
         noise = max(math.sqrt(sum(e * e for e in left) / n), FLOOR_NS[source])
         sigma = noise / math.sqrt(sxx)
         steps = sorted((d - b) / (c - a) for (a, b), (c, d) in pairwise(points) if c > a)
-        usual = steps[len(steps) // 2]  # of a single step, or of a link that has stopped meanwhile, it is 0
+        usual = steps[len(steps) // 2]  # 0 for a single step, or a link that paused
         is_steady = noise < STRAIGHT * abs(slope) * span and abs(usual - slope) < 0.5 * abs(slope)
         is_large = is_steady and abs(slope) > max(SLOPE, SIGMAS * sigma)
         if span < LEAST_NS[source]:
@@ -177,8 +177,9 @@ class Offset:
 def lower(
     fastest: list[tuple[int, int]], offset: int, t_recv: int, slope: float = 0.0, spread: float = DRIFT
 ) -> None:
-    """Add a message to the lower envelope: by arrival, and each slower than all before it, which have grown by
-    their slope. What was fastest is carried on, as far as the clocks may have drifted apart meanwhile."""
+    """Add a message to the lower envelope, ordered by arrival; each entry is slower than all before it,
+    extrapolated by their slope. The fastest is extrapolated by the drift that the clocks may have had
+    meanwhile."""
     while fastest and fastest[-1][1] + round(slope * (t_recv - fastest[-1][0])) >= offset:
         fastest.pop()
     if fastest and t_recv - fastest[0][0] >= WINDOW_NS:

@@ -1,15 +1,15 @@
-"""Stamps of this computer's wall clock, on the clock that stamps arrivals."""
+"""Stamps of this computer's wall clock, converted to the clock of arrivals."""
 
 from typing import Final
 
 from onboard.messages import Message
 from onboard.units import NS_PER_S
 
-STEP_SEEN_NS: Final = 2 * NS_PER_S  # so long after a step of the wall clock, stamps from before it may arrive
+STEP_SEEN_NS: Final = 2 * NS_PER_S  # time for which stamps from before a step of the wall clock may arrive
 
 
 class WallClock:
-    """How far the wall clock has been set. `is_even`: whether the clock of arrivals is never set."""
+    """The steps of the wall clock. `is_even`: whether the clock of arrivals is never set."""
 
     def __init__(self) -> None:
         self.is_even = False
@@ -17,7 +17,7 @@ class WallClock:
         self._latency_ns: dict[type[Message], int] = {}  # of the last message that this computer stamped
 
     def compare(self, t_recv_ns: int, step_ns: int | None) -> bool:
-        """Learn how far it has been set, None where arrivals are stamped by it. True if it was set just now."""
+        """Learn its offset, None if arrivals are stamped by it. True if it was set just now."""
         if step_ns is None:
             return False
         self.is_even = True
@@ -28,8 +28,8 @@ class WallClock:
         return was_set
 
     def unset(self, message: Message) -> int:
-        """A stamp of the wall clock on the clock of arrivals. Soon after a step a message may still have been
-        stamped before it: of the two times, that one holds whose latency is most like the last one's."""
+        """A stamp of the wall clock on the clock of arrivals. Soon after a step, a message may have been stamped
+        before it: of the two possible times, the one whose latency is closest to the last is used."""
         t_recv_ns, times = message.t_recv_ns, [message.t_ns]
         if self._steps:
             is_recent = t_recv_ns - self._steps[-1][0] < STEP_SEEN_NS

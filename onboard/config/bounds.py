@@ -1,7 +1,7 @@
-"""Within which bounds a number of the configuration can fly. The file, `--set` and MAVLink parameters share them.
+"""Bounds of configuration values, shared by the file, `--set` and MAVLink parameters.
 
-A number that is only positive may still be one with which no estimate is ever valid, as the next start shows.
-The bounds are wide: they refuse what no vehicle has, and what is in another unit.
+A value may be positive and still leave no estimate valid after the next start. The bounds are wide: they reject
+values that no vehicle has, and values in another unit.
 """
 
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ from onboard.config.sections import Config
 
 
 class Bounds(NamedTuple):
-    """The least and the greatest value, and the reason for them."""
+    """The smallest and the largest value, and the reason for them."""
 
     low: float
     high: float
@@ -43,16 +43,16 @@ OF_A_CAMERA: Final = {
     "mount_sigma_deg": Bounds(0.0, 45.0, "with a greater error nobody knows where the camera looks"),
     "mount_yaw_sigma_deg": Bounds(0.0, 90.0, "with a greater error nobody knows where the camera looks"),
 }
-# What the file of stored parameters may set: whoever can set a parameter opens no link and names no file by it.
+# Keys that the file of stored parameters may set: a parameter cannot open a link or name a file.
 TUNABLE: Final = frozenset(RANGES) | {
     f"camera.{key}" for key in ("f_px", "sigma_px", "mount_rpy_deg", "mount_offset_m")
 }
 FOCAL: Final = Bounds(0.01, 100.0, "the field of view is then between 0.6 and 179 degrees")  # of the width
-SIGMA: Final = Bounds(1e-5, 0.02, "a greater error hides a wing, a smaller one no detector has")  # of the width
+SIGMA: Final = Bounds(1e-5, 0.02, "a larger error hides a wing, and no detector has a smaller one")  # of the width
 
 
 def out_of_range(config: Config) -> Iterator[str]:
-    """A line for each number that cannot fly: its key, its value, what is wanted, and why."""
+    """A line for each value out of bounds: its key, its value, the bounds and their reason."""
     for key, bounds in RANGES.items():
         yield from _checked(key, _find(config, key), bounds)
     cameras = {"camera": config.camera} | {f"cameras.{name}": c for name, c in config.cameras.items()}
@@ -66,7 +66,7 @@ def out_of_range(config: Config) -> Iterator[str]:
 
 
 def not_tunable(table: dict[str, Any], prefix: str = "") -> Iterator[str]:
-    """The keys of a table that no parameter sets."""
+    """The keys of a table that no parameter may set."""
     for name, value in table.items():
         key = f"{prefix}{name}"
         if isinstance(value, dict) and key not in TUNABLE:

@@ -1,5 +1,5 @@
-"""Files of a camera's calibration: camera_info of ROS (camera_calibration, `ros2 topic echo`, OpenCV's FileStorage
-with the same names), and a camchain of Kalibr."""
+"""Camera calibration files: ROS camera_info (camera_calibration, `ros2 topic echo`, OpenCV's FileStorage with the
+same names), and Kalibr camchains."""
 
 from pathlib import Path
 from typing import Any
@@ -9,8 +9,8 @@ from onboard.wire.ros.camera_info import EXPECTED, lens_of_info, make_lens, mode
 
 
 def read_calibration(path: Path) -> Lens:
-    """The lens of a file: of the image as it is, so that the rectification and projection matrices are not used.
-    Raises ValueError, which names the file and the field."""
+    """The lens in a file, for the raw image: rectification and projection matrices are ignored. Raises
+    ValueError, which names the file and the field."""
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, ValueError) as error:
@@ -20,7 +20,7 @@ def read_calibration(path: Path) -> Lens:
         if isinstance(table, dict) and any(isinstance(v, dict) and "camera_model" in v for v in table.values()):
             return _kalibr(table)
         if not isinstance(table, dict):
-            raise ValueError(EXPECTED)  # noqa: TRY004, TRY301 - as all that is wrong in a file
+            raise ValueError(EXPECTED)  # noqa: TRY004, TRY301 - as for all errors in a file
         return lens_of_info(table)
     except ValueError as error:
         raise ValueError(f"calibration: {path}: {error}") from error
@@ -31,7 +31,7 @@ def _load(text: str) -> Any:
     import yaml  # noqa: PLC0415 - 30 ms that most starts do not need
 
     class Loader(yaml.SafeLoader):
-        """OpenCV's FileStorage writes a tag that nobody else knows."""
+        """OpenCV's FileStorage writes a tag of its own."""
 
     def matrix(loader: yaml.SafeLoader, node: yaml.MappingNode) -> Any:
         return loader.construct_mapping(node, deep=True)

@@ -1,4 +1,4 @@
-"""`[camera]` and `[cameras.NAME]`: mounts, lenses and delays, and what the program makes of them."""
+"""`[camera]` and `[cameras.NAME]`: mounts, lenses and delays, and the models built from them."""
 
 import dataclasses
 import re
@@ -18,9 +18,9 @@ from onboard.wire.documents.cameras import CameraInput, RosTopics
 from onboard.wire.ros.camera_info import part_of
 from onboard.wire.ros.cdr import RosKind
 
-# Of what gimbals say of their attitude, where nothing is configured. Their level is that of an accelerometer, as
-# an autopilot's, with some tenths of a degree of encoders and skew. Their yaw has no reference but gyros, which
-# drift by 10 to 50 degrees an hour: by a degree in some minutes.
+# Default errors of a gimbal's reported attitude. Its level comes from accelerometers, as an autopilot's does,
+# plus some tenths of a degree from encoders and skew. Its yaw comes from gyros alone, which drift by 10 to 50
+# degrees an hour: a degree within minutes.
 GIMBAL_SIGMA_DEG: Final = 0.5
 GIMBAL_YAW_SIGMA_DEG: Final = 1.0
 ComponentId = Annotated[int, msgspec.Meta(ge=1, le=255)]
@@ -32,7 +32,7 @@ TOPIC: Final = re.compile(r"(\w+(/\w+)*)?", re.ASCII)
 
 
 class CameraConfig(Record, frozen=True, kw_only=True):
-    """`[camera]`: the mount and the lens. Points in pixels bring their own intrinsics with them.
+    """`[camera]`: mount and lens. Points in pixels bring their own intrinsics.
 
     Raises ValueError for a distortion or a calibration that cannot be used.
     """
@@ -45,29 +45,29 @@ class CameraConfig(Record, frozen=True, kw_only=True):
     width_px: Positive | None = None  # None: 640, or that of the calibration
     height_px: Positive | None = None  # None: 480, or that of the calibration
     distortion_model: Literal["radial-tangential", "fisheye"] = "radial-tangential"
-    distortion: tuple[float, ...] = ()  # OpenCV's coefficients, in its order; of pixels that are undistorted: none
-    calibration: str | None = None  # a file, instead of the keys above; beside a size: of an image resized to it
+    distortion: tuple[float, ...] = ()  # OpenCV's coefficients, in its order; none for undistorted pixels
+    calibration: str | None = None  # a file, instead of the keys above; with a size: of an image resized to it
     crop_px: Crop | None = None  # left, upper, width, height: the part of the calibrated image that is used
     sigma_px: Positive = 1.0  # standard deviation of each image coordinate
-    min_confidence: Annotated[float, msgspec.Meta(ge=0, le=1)] = 0.3  # of a detection that says how sure it is
-    classes: tuple[str, ...] = ()  # what is followed, by the names that the detector gives; none: anything
+    min_confidence: Annotated[float, msgspec.Meta(ge=0, le=1)] = 0.3  # of a detection that has a confidence
+    classes: tuple[str, ...] = ()  # classes to follow, by the detector's names; none: all
     mount_rpy_deg: Vec3 = (0.0, 0.0, 0.0)  # body to camera, ZYX; [0, 15, 0] looks 15 degrees up
     mount_offset_m: Vec3 = (0.0, 0.0, 0.0)  # camera from the vehicle's position, body FRD
     gimbal: GimbalId | None = None  # of a moving mount: gimbal_device_id (1 to 6), or the gimbal's component
     gimbal_frame: Literal["as flagged", "body", "earth", "heading"] = (
-        "as flagged"  # of its angles, whatever its flags say
+        "as flagged"  # frame of its angles, overriding its flags
     )
     mount_sigma_deg: NotNegative | None = (
         None  # systematic error of the mount about each axis; None: 0.5 with a gimbal
     )
     mount_yaw_sigma_deg: NotNegative | None = None  # of its yaw; None: as mount_sigma_deg, or 1 with a gimbal
     mount_time_s: Positive = 120.0  # correlation time of these errors
-    tracker: ComponentId | None = None  # MAVLink component whose CAMERA_TRACKING_IMAGE_STATUS is of this camera
-    landing_target: Literal["points", "aircraft"] = "points"  # what one LANDING_TARGET is
-    ros_topic: str = ""  # of what it sees, such as "detector/detections"; rmw_zenoh's keys say of which type
-    ros_type: RosKind = "vision_msgs/Detection2DArray"  # of the topic, where its key does not say it (a bridge's)
-    ros_camera_info: str = ""  # topic of sensor_msgs/CameraInfo: the lens of these images, whatever is set above
-    ros_rectified: bool = False  # pixels of `ros_topic` are of the rectified image, as apriltag_ros takes it
+    tracker: ComponentId | None = None  # MAVLink component that sends this camera's CAMERA_TRACKING_IMAGE_STATUS
+    landing_target: Literal["points", "aircraft"] = "points"  # meaning of one LANDING_TARGET
+    ros_topic: str = ""  # of detections, such as "detector/detections"; rmw_zenoh's keys contain the type
+    ros_type: RosKind = "vision_msgs/Detection2DArray"  # of the topic, if its key does not contain it
+    ros_camera_info: str = ""  # topic of sensor_msgs/CameraInfo: overrides the lens above
+    ros_rectified: bool = False  # pixels of `ros_topic` are those of the rectified image, as for apriltag_ros
     delay_s: float | None = None  # how much older than its stamp an image is; None: `delay.camera_s`
 
     def __post_init__(self) -> None:
@@ -107,7 +107,7 @@ def lens_of(c: CameraConfig) -> Lens:
 
 
 def _check_center(lens: Lens, what: str) -> None:
-    """Raise ValueError for a principal point that is not in its image, as that of every whole image is."""
+    """Raise ValueError for a principal point outside its image."""
     if not (0.0 < lens.cx_px < lens.width_px and 0.0 < lens.cy_px < lens.height_px):
         raise ValueError(
             f"{what}: ({lens.cx_px:g}, {lens.cy_px:g}) is not in the image of {lens.width_px:g} x "
@@ -116,12 +116,12 @@ def _check_center(lens: Lens, what: str) -> None:
 
 
 def named(first: CameraConfig, others: Mapping[str, CameraConfig]) -> list[CameraConfig]:
-    """All cameras, the first one first; the others are called as their sections."""
+    """All cameras, the first one first; the others are named as their sections."""
     return [first, *(replace(c, name=name) for name, c in others.items())]
 
 
 def camera_model(cameras: list[CameraConfig]) -> Camera:
-    """The first camera as a geometric model, which knows the others by their names."""
+    """The first camera as a geometric model, which holds the others by name."""
     first, *others = map(_camera, cameras)
     return dataclasses.replace(first, others=tuple(others))
 
@@ -151,7 +151,7 @@ class MountErrors(NamedTuple):
 
 
 def mount_errors(cameras: list[CameraConfig]) -> MountErrors:
-    """Those of the mount that is known worst: one track is seen by all cameras."""
+    """The errors of the least certain mount: all cameras may see one track."""
     every = [_mount_errors(c) for c in cameras]
     worst = max(every, key=lambda e: e.yaw_sigma_deg)
     return worst._replace(tilt_sigma_deg=max(e.tilt_sigma_deg for e in every))
@@ -168,7 +168,7 @@ def _mount_errors(c: CameraConfig) -> MountErrors:
 
 
 def camera_inputs(cameras: list[CameraConfig], points: tuple[str, ...]) -> dict[str, CameraInput]:
-    """What decoding needs of each camera, by name. `points`: the names of points beyond the wing's."""
+    """The decoder's settings for each camera, by name. `points`: names of points other than the wing's."""
     return {
         c.name: CameraInput(
             name=c.name,

@@ -1,6 +1,6 @@
-"""TOML -> configuration. An unknown key is an error that names it and those that are known.
+"""TOML -> configuration. An unknown key is an error that names it and the known ones.
 
-`--set KEY=VALUE` puts one value over the file's, with VALUE read as TOML.
+`--set KEY=VALUE` overrides one value of the file; VALUE is read as TOML.
 """
 
 import difflib
@@ -39,15 +39,15 @@ NAMED: Final[dict[Any, type[Record]]] = {  # tables of tables, by name
 PATHS: Final = ("path", "calibration")
 IN_CALIBRATION: Final = ("f_px", "fy_px", "cx_px", "cy_px", "distortion_model", "distortion")
 FILE_ADDRESS: Final = "file:///"
-BARE_NUMBER: Final = re.compile(r"[+-]?(\.\d+|\d+\.)")  # as people write one, and TOML does not
+BARE_NUMBER: Final = re.compile(r"[+-]?(\.\d+|\d+\.)")  # accepted from users, but not by TOML
 AUTOPILOT: Final = 1  # MAV_COMP_ID_AUTOPILOT1
 GIMBAL: Final = "GIMBAL_DEVICE_ATTITUDE_STATUS"
 GIMBAL_HZ: Final = 25.0
-SEES: Final = "leader"  # the estimator that follows what the cameras see
+SEES: Final = "leader"  # the estimator that uses the cameras
 
 
 class ConfigError(UserError, ValueError):
-    """The configuration cannot be used; the message is one line that says where and why."""
+    """The configuration cannot be used; the message is one line with place and reason."""
 
 
 def load_config(path: Path | None, overrides: tuple[str, ...] = ()) -> Config:
@@ -61,7 +61,7 @@ def load_config(path: Path | None, overrides: tuple[str, ...] = ()) -> Config:
         return parse_config(table)
     except ConfigError as error:
         if overrides:
-            load_config(path)  # says so where the file is at fault without them
+            load_config(path)  # reports an error of the file itself
         elif path is not None and read_recorded(path):
             raise ConfigError(f"{path} was flown with: {error}; name a configuration with --config") from error
         raise
@@ -89,7 +89,7 @@ def read_table(path: Path | None, overrides: tuple[str, ...] = ()) -> dict[str, 
 def read_toml(path: Path) -> dict[str, Any]:
     """The table of a TOML file. Raises ConfigError."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))  # editors of Windows begin with a mark
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))  # Windows editors write a byte order mark
     except OSError as error:
         raise ConfigError(f"cannot read {path}: {error.strerror}") from error
     except RecursionError as error:
@@ -99,8 +99,8 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def _with_paths(value: Any, key: str = "") -> Any:
-    """A table whose names of files are those that a shell would make of them, `~` and `$HOME` are the home's; and
-    addresses of files, as ROS has them, are names."""
+    """A table with `~`, `$HOME` and other variables in file names expanded, and ROS file addresses turned into
+    names."""
     if isinstance(value, dict):
         return {name: _with_paths(inner, name) for name, inner in value.items()}
     if isinstance(value, list):
@@ -112,8 +112,8 @@ def _with_paths(value: Any, key: str = "") -> Any:
 
 
 def _expanded(key: str, value: str) -> str:
-    """A file's name with its user's home or a variable in it. Raises ConfigError where that is not known: as it
-    stands it would be a folder named `~` where the program was started."""
+    """A file name with its home or variable expanded. Raises ConfigError if that is unknown: unexpanded, it would
+    create a folder named `~` in the working directory."""
     try:
         found = os.path.expandvars(Path(value).expanduser())
     except RuntimeError as error:
@@ -124,7 +124,7 @@ def _expanded(key: str, value: str) -> str:
 
 
 def _merged(table: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
-    """A table with another's values over its own, table by table."""
+    """A table overridden by another's values, table by table."""
     inner = {k for k in over if isinstance(over[k], dict) and isinstance(table.get(k), dict)}
     return {**table, **over, **{k: _merged(table[k], over[k]) for k in inner}}
 
@@ -141,8 +141,8 @@ def named_estimators(table: dict[str, Any]) -> dict[str, Any]:
 
 
 def estimator_modules(sections: Mapping[str, Record] | None = None) -> list[str]:
-    """The modules that estimators of these configurations load by their names, without loading any. By default all
-    estimators that there are, each as it ships."""
+    """The modules that estimators of these configurations load by name, without loading them. Default: all
+    estimators, as they ship."""
     chosen = {name: config_type(name)() for name in known()} if sections is None else sections
     return [module for name, section in chosen.items() for module in flown_modules(name, section)]
 
@@ -182,7 +182,7 @@ def parse_config(table: dict[str, Any]) -> Config:
 
 
 def _check_broadcast(config: Config, leader: Any) -> None:
-    """Raise ConfigError for a leader that is to broadcast as we do."""
+    """Raise ConfigError for a leader's broadcast with our own id."""
     system = leader.broadcast.system if leader is not None else 0
     key = f"estimator.{SEES}.broadcast.system"
     if system and any(out.system == system for out in config.leader_out):
@@ -192,7 +192,7 @@ def _check_broadcast(config: Config, leader: Any) -> None:
 
 
 def _check_cameras(config: Config) -> None:
-    """Raise ConfigError for a camera whose name stands twice or cannot be part of a key."""
+    """Raise ConfigError for a camera name that is used twice or cannot be part of a key."""
     for name, camera in config.cameras.items():
         if name == config.camera.name:
             raise ConfigError(f"cameras.{name}: [camera] has this name")
@@ -203,7 +203,7 @@ def _check_cameras(config: Config) -> None:
 
 
 def _check_lenses(table: dict[str, Any]) -> None:
-    """Raise ConfigError for a key of a camera that has no effect beside its `calibration`."""
+    """Raise ConfigError for a camera key that `calibration` overrides."""
     sections = {"camera": table.get("camera", {})}
     sections |= {f"cameras.{name}": section for name, section in table.get("cameras", {}).items()}
     for at, section in sections.items():
@@ -213,14 +213,14 @@ def _check_lenses(table: dict[str, Any]) -> None:
 
 
 def _shared(config: Config, errors: OwnErrors, kind: type[Record]) -> dict[str, Any]:
-    """The keys of an estimator's section that other sections have: `[target]`, and the errors of our own state."""
+    """The keys that an estimator takes from other sections: `[target]`, and the errors of our own state."""
     classes = {"target": msgspec.to_builtins(config.target)}
     takes_classes = any(field.name == "target" for field in _fields(kind))
     return _own_errors(errors, kind) | (classes if takes_classes else {})
 
 
 def _check_own_reports(config: Config) -> None:
-    """Raise ConfigError where what we send of the leader would come back as an image of it."""
+    """Raise ConfigError if the leader messages we send would return to us as images of it."""
     sent = {out.camera_component for out in config.leader_out if "CAMERA_TRACKING_IMAGE_STATUS" in out.rates_hz}
     for camera in (config.camera, *config.cameras.values()):
         if camera.tracker in sent:
@@ -230,8 +230,8 @@ def _check_own_reports(config: Config) -> None:
 
 
 def _with_rates(config: Config) -> Config:
-    """With the default's rates of messages that are not named, with a request for the attitude of gimbals where a
-    camera is on one, and without those of rate 0. Raises ConfigError."""
+    """The configuration with default rates for unnamed messages, a request for the gimbal's attitude if a camera
+    is on one, and without rates of 0. Raises ConfigError."""
     for name, rate in config.autopilot.rates_hz.items():
         if not _is_message(name):
             raise ConfigError(f"autopilot.rates_hz.{name}: there is no MAVLink message of this name")
@@ -245,8 +245,8 @@ def _with_rates(config: Config) -> Config:
 
 
 def _own_errors(errors: OwnErrors, kind: type[Record]) -> dict[str, float]:
-    """The keys of an estimator's section whose values `[ownship.errors]` has: those with the same default. A
-    default that differs is the estimator's own."""
+    """The keys of an estimator's section that `[ownship.errors]` sets: those with the same default. A different
+    default is the estimator's own."""
     shared = {f"own_{field.name}": field for field in _fields(OwnErrors)}
     return {
         field.name: getattr(errors, shared[field.name].name)
@@ -274,7 +274,7 @@ def _put(table: dict[str, Any], override: str) -> None:
         value = float(text) if BARE_NUMBER.fullmatch(text.strip()) else text.strip()  # a bare word is a string
     *path, last = key.strip().split(".")
     if not isinstance(value, str) and _is_text((*path, last)):
-        value = text.strip()  # 7 is a name, too
+        value = text.strip()  # 7 may be a name
     for part in path:
         table = table.setdefault(part, {})
         if not isinstance(table, dict):
@@ -283,7 +283,7 @@ def _put(table: dict[str, Any], override: str) -> None:
 
 
 def _is_text(path: tuple[str, ...]) -> bool:
-    """Whether the key of this path takes text and nothing else."""
+    """Whether the key of this path takes text only."""
     kind: Any = Config
     if path[0] == "estimator" and len(path) > 1 and path[1] in known():
         kind, path = config_type(path[1]), path[2:]
@@ -330,13 +330,13 @@ def _check_keys(table: dict[str, Any], kind: Any, at: str) -> None:
                     _check_keys(item, rows, f"{path}[{i}]")
 
 
-@cache  # it reads the annotations anew each time: most of what it takes to check a configuration
+@cache  # reading annotations takes most of the time of a check
 def _fields(kind: type[Record]) -> tuple[Any, ...]:
     return msgspec.structs.fields(kind)
 
 
 def _check_finite(value: Any, at: str) -> None:
-    """Raise for a number, however deep, that is not finite: TOML has nan and inf, we have no use for them."""
+    """Raise for a number at any depth that is not finite: TOML allows nan and inf."""
     if isinstance(value, float) and not math.isfinite(value):
         raise ConfigError(f"{at}: must be a finite number, not {value}")
     inside = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()

@@ -1,5 +1,5 @@
-"""The configuration in a recording, as JSON: all that decides what is estimated from its bytes, with its defaults,
-so that a replay is as the flight was, whatever the defaults are by then."""
+"""The configuration in a recording, as JSON: all values that affect estimates, defaults included, so that a replay
+reproduces the flight even if defaults have changed since."""
 
 from pathlib import Path
 from typing import Any, Final

@@ -1,4 +1,4 @@
-"""What encodes records for ROS 2, as configured."""
+"""The encoder of records for ROS 2, as configured."""
 
 from onboard.config.reading import ConfigError
 from onboard.config.sections import Config
@@ -6,7 +6,8 @@ from onboard.wire.ros.messages import RosEncoder
 
 
 def ros_encoder(config: Config) -> RosEncoder | None:
-    """The encoder of `[ros2]`, None if nothing is published for ROS 2. Raises ConfigError for what is missing."""
+    """The encoder of `[ros2]`, None if nothing is published for ROS 2. Raises ConfigError if a package is
+    missing."""
     ros2 = config.ros2
     if not ros2.enabled:
         return None

@@ -38,7 +38,7 @@ class LinkConfig(Record, frozen=True, kw_only=True):
     name: str
     url: str
     autopilot: bool = True  # heartbeats, TIMESYNC and requests for message rates go out on it; never on json:
-    key_file: str | None = None  # of a MAVLink signing key: all that is sent is signed, all that is not is refused
+    key_file: str | None = None  # of a MAVLink signing key: frames sent are signed, unsigned frames rejected
 
     @property
     def is_autopilot(self) -> bool:
@@ -47,16 +47,16 @@ class LinkConfig(Record, frozen=True, kw_only=True):
 
     @property
     def speaks_first(self) -> bool:
-        """Whether its other end may wait until it hears a heartbeat. Where we listen, nobody is there before."""
+        """Whether the other end may wait for a heartbeat before it sends. Where we listen, nobody is there yet."""
         return self.is_autopilot and not self.url.startswith(("udpin:", "tcpin:"))
 
 
 class AutopilotConfig(Record, frozen=True, kw_only=True):
-    """`[autopilot]`: whose vehicle this is, and what we ask of it."""
+    """`[autopilot]`: the autopilot we belong to, and the messages we request from it."""
 
     system: SystemId = 0  # its MAVLink system id; 0: that of the first autopilot heard
     component: SystemId = 191  # our own component id (MAV_COMP_ID_ONBOARD_COMPUTER)
-    trusted: tuple[SystemId, ...] = ()  # systems that may change how often what flies a vehicle is sent
+    trusted: tuple[SystemId, ...] = ()  # systems that may change the rate of messages that move a vehicle
     request_rates: bool = True
     rates_hz: dict[str, float] = msgspec.field(
         default_factory=lambda: {
@@ -70,7 +70,7 @@ class AutopilotConfig(Record, frozen=True, kw_only=True):
 
 
 class DelayConfig(Record, frozen=True, kw_only=True):
-    """`[delay]`: how much older than its stamp each source is, s. None: what is known of the autopilot."""
+    """`[delay]`: age of each source beyond its stamp, s. None: the autopilot's known delay."""
 
     attitude_s: float | None = None
     imu_s: float | None = None
@@ -99,50 +99,50 @@ class OwnshipConfig(Record, frozen=True, kw_only=True):
     """`[ownship]`"""
 
     errors: OwnErrors = OwnErrors()
-    # whose attitude and velocity the leader, traffic and outputs take; auto: own_state's while it is the surer one
+    # source of attitude and velocity for leader, traffic and outputs; auto: own_state while it is more certain
     source: Literal["autopilot", "own_state", "auto"] = "auto"
-    max_extrapolation_s: NotNegative = 0.1  # how far beyond its newest sample our own pose may be carried on
+    max_extrapolation_s: NotNegative = 0.1  # extrapolation of our own pose beyond its newest sample, at most
     max_lead_s: NotNegative = 1.0  # images stamped farther ahead of our attitude or position are rejected
-    max_age_s: Positive = 0.5  # no estimate is published as valid by older own motion, whatever has delayed it
+    max_age_s: Positive = 0.5  # estimates that rest on older own motion are published as invalid
 
 
 class OdometryConfig(Record, frozen=True, kw_only=True):
-    """`[odometry]`: our own state as MAVLink's ODOMETRY, on one of our links. Never let the autopilot whose
-    attitude we use fuse it: it would fuse its own estimate."""
+    """`[odometry]`: our own state as MAVLink's ODOMETRY, on one of our links. The autopilot whose attitude we use
+    must not fuse it: it would fuse its own estimate."""
 
     link: str | None = None  # its name; None: not sent
     rate_hz: Positive = 30.0
 
 
 class RecorderConfig(Record, frozen=True, kw_only=True):
-    """`[recorder]`: raw bytes as they came, and every estimate, in an MCAP file."""
+    """`[recorder]`: received bytes and every estimate, in an MCAP file."""
 
     path: str | None = None
-    file_mb: Positive | None = None  # beyond it another file begins; None: one file for each run
+    file_mb: Positive | None = None  # size at which a new file begins; None: one file per run
     keep_mb: Positive | None = (
-        None  # when a file begins, the oldest of this name beyond it are removed; None: never
+        None  # total size above which the oldest files are removed when one begins; None: never
     )
-    keep_days: Positive | None = None  # ... and those that are older
+    keep_days: Positive | None = None  # age above which files are removed
 
 
 class ParametersConfig(Record, frozen=True, kw_only=True):
     """`[parameters]`: the tunable keys as MAVLink parameters."""
 
-    path: str | None = None  # TOML file of the values that were set, which go over this file's; None: read only
+    path: str | None = None  # TOML file of stored values, which override this file; None: read only
 
 
 class WarmStartConfig(Record, frozen=True, kw_only=True):
-    """`[warm_start]`: what a run leaves to the next in a file, so that a restart in flight is no cold start."""
+    """`[warm_start]`: the state file that lets a restart in flight continue."""
 
     enabled: bool = True
-    path: str | None = None  # of the file; None: one for each configuration, in the folder for states
+    path: str | None = None  # of the file; None: one per configuration, in the state folder
 
 
 class TrafficOutConfig(Record, frozen=True, kw_only=True):
-    """`[traffic_out]`: tracks of traffic as MAVLink messages on one of the links; without `link` on none."""
+    """`[traffic_out]`: traffic tracks as MAVLink messages on one link; none without `link`."""
 
     link: str = ""  # its name
-    adsb_vehicle: Literal["all", "silent", "none"] = "silent"  # which tracks; silent: those without a transponder
+    adsb_vehicle: Literal["all", "silent", "none"] = "silent"  # tracks to send; silent: without a transponder
     collision: bool = True  # threats
     rate_hz: Annotated[float, msgspec.Meta(gt=0, le=10)] = 1.0  # of each track
 
@@ -156,13 +156,13 @@ LeaderMessage = Literal[
     "CAMERA_TRACKING_IMAGE_STATUS",
     "CAMERA_TRACKING_GEO_STATUS",
 ]
-FASTEST_OUT_HZ: Final = 50.0  # the daemon looks for due messages so often
+FASTEST_OUT_HZ: Final = 50.0  # rate at which the daemon checks for due messages
 OutRate = Annotated[float, msgspec.Meta(gt=0, le=FASTEST_OUT_HZ)]
 
 
 class LeaderOutConfig(Record, frozen=True, kw_only=True):
-    """`[[leader_out]]`: the leader as MAVLink messages on one of the links. FOLLOW_TARGET and GLOBAL_POSITION_INT
-    come from a system of its own, since an autopilot follows no component of its own system."""
+    """`[[leader_out]]`: the leader as MAVLink messages on one link. FOLLOW_TARGET and GLOBAL_POSITION_INT have a
+    system id of their own, since an autopilot does not follow its own system."""
 
     link: str  # its name
     rates_hz: dict[LeaderMessage, OutRate] = msgspec.field(default_factory=lambda: {"FOLLOW_TARGET": 20.0})
@@ -172,16 +172,16 @@ class LeaderOutConfig(Record, frozen=True, kw_only=True):
 
 
 class GuidanceConfig(Record, frozen=True, kw_only=True):
-    """`[guidance]`: where FOLLOW_TARGET and GLOBAL_POSITION_INT lead an autopilot that follows the leader."""
+    """`[guidance]`: how FOLLOW_TARGET and GLOBAL_POSITION_INT lead an autopilot that follows."""
 
     slot_m: Vec3 = (-30.0, 0.0, 3.0)  # from the leader: forward along its course, right, down; as FOLL_OFS_*
-    least_distance_m: Positive | None = None  # from the nearest the leader may be; None: half the slot's
-    closing_speed_m_s: Positive = 5.0  # at which the distance may shrink or grow, at most
-    start_course: Literal["bearing", "none"] = "bearing"  # before the leader has flown; none: it is not followed
-    hold_s: NotNegative = 3.0  # for which the vehicle stops with its nose on a lost leader
-    clear_height_m: NotNegative = 10.0  # between it and the leader's height, when it falls silent after that
-    speed_m_s: Positive = 15.0  # that an ArduPilot may fly; less where its WPNAV_SPEED is less
-    acceleration_m_s2: Positive = 3.5  # level, that it can fly in a turn: 20 degrees of lean
+    least_distance_m: Positive | None = None  # from the leader's nearest possible place; None: half the slot's
+    closing_speed_m_s: Positive = 5.0  # largest rate of the distance
+    start_course: Literal["bearing", "none"] = "bearing"  # before the leader has flown; none: not followed
+    hold_s: NotNegative = 3.0  # duration of the stop after the leader is lost
+    clear_height_m: NotNegative = 10.0  # distance from the leader's height after that
+    speed_m_s: Positive = 15.0  # of the vehicle, at most; ArduPilot: WPNAV_SPEED
+    acceleration_m_s2: Positive = 3.5  # horizontal, in a turn: 20 degrees of tilt
 
 
 class Config(Record, frozen=True, kw_only=True):
@@ -210,7 +210,7 @@ class Config(Record, frozen=True, kw_only=True):
     ros2: Ros2Config = Ros2Config()
 
     def camera_model(self) -> Camera:
-        """The first camera as a geometric model, which knows the others by their names."""
+        """The first camera as a geometric model, which holds the others by name."""
         return camera_model(self._cameras())
 
     def rotors(self) -> tuple[tuple[float, float, int], ...]:
@@ -220,8 +220,8 @@ class Config(Record, frozen=True, kw_only=True):
         return () if airframe is None else airframe.rotors
 
     def unnamed_faults(self) -> str:
-        """Which faults of our own vehicle cannot be named with this configuration, and the remedy, in one line; ""
-        where all can be, or none is looked for."""
+        """The faults of our own vehicle that this configuration cannot name, and the remedy, in one line; "" if
+        all can be named, or none is estimated."""
         if "own_state" not in self.estimator or self.rotors():
             return ""
         return (
@@ -230,11 +230,11 @@ class Config(Record, frozen=True, kw_only=True):
         )
 
     def takes_ranges(self) -> bool:
-        """Whether ranges that detections bring are used."""
+        """Whether the ranges of detections are used."""
         return any(section.range.detections for section in self.estimator.values() if hasattr(section, "range"))
 
     def camera_inputs(self) -> dict[str, CameraInput]:
-        """What decoding needs of each camera, by name."""
+        """The decoder's settings for each camera, by name."""
         shapes = [self.estimator.get("leader"), *self.target.values()]
         points = (name for shape in shapes for name in getattr(shape, "points_m", ()))
         sizes = [size for shape in shapes for size in _wingspans(shape)]
@@ -248,8 +248,8 @@ class Config(Record, frozen=True, kw_only=True):
         return {c.name: round(c.delay_s * 1e9) for c in self._cameras() if c.delay_s is not None}
 
     def leader_errors(self) -> OwnErrors:
-        """The systematic errors of what the cameras point by: of our own attitude, and of their mounts. The sum of
-        two such errors has the sum of their variances, and grows anew as fast as both together."""
+        """The systematic errors of the cameras' attitude: of our own attitude and of the mounts. The sum of two
+        such errors has the sum of their variances and of their rates of change."""
         own, mount = self.ownship.errors, mount_errors(self._cameras())
         tilt = math.hypot(own.tilt_sigma_deg, mount.tilt_sigma_deg)
         yaw = math.hypot(own.yaw_sigma_deg, mount.yaw_sigma_deg)
@@ -267,8 +267,8 @@ class Config(Record, frozen=True, kw_only=True):
 
 
 def source_delays_ns(delay: DelayConfig, autopilot: int) -> dict[type[Message], int]:
-    """Delay of each message type, ns. Where not configured: measured on ArduPilot 4.7, whose positions are
-    20-25 ms and whose GPS is 95 ms older than its stamp; for other autopilots 0."""
+    """Delay of each message type, ns. Defaults were measured on ArduPilot 4.7 (positions are 20 to 25 ms and GPS
+    is 95 ms older than the stamp); 0 for other autopilots."""
     ardupilot = autopilot == ARDUPILOT
 
     def ns(configured: float | None, for_ardupilot: float) -> int:
@@ -287,7 +287,7 @@ def source_delays_ns(delay: DelayConfig, autopilot: int) -> dict[type[Message], 
 
 
 def _wingspans(shape: Any) -> tuple[float, ...]:
-    """The smallest and the largest wingspan of a class, m; none of a section that has no size."""
+    """The smallest and the largest wingspan of all classes, m; empty for a section without a size."""
     prior = getattr(shape, "size_prior_m", None)
     if prior is None:
         return ()

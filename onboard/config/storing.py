@@ -1,4 +1,4 @@
-"""Values that were set while the daemon ran, kept in a TOML file that goes over the configuration's."""
+"""Values set at run time, stored in a TOML file that overrides the configuration."""
 
 import errno
 import os
@@ -30,20 +30,20 @@ def read_stored(path: Path) -> dict[str, Any]:
 
 
 def check_regular(path: Path) -> None:
-    """Raise OSError for what is no file: reading a pipe waits for ever for who writes to it."""
+    """Raise OSError unless this is a regular file: reading a pipe may block for ever."""
     if not stat.S_ISREG(path.stat().st_mode):
         raise OSError(errno.EINVAL, "is no regular file")
 
 
 def check_storable(path: Path) -> None:
-    """Raise ConfigError if the file could not be written: before the flight."""
+    """Raise ConfigError before the flight if the file cannot be written."""
     if not path.parent.is_dir() or not os.access(path.parent, os.W_OK | os.X_OK):
         raise ConfigError(f"parameters.path: {path.parent} is not a folder that can be written")
 
 
 def signing_key(link: LinkConfig) -> bytes | None:
-    """The signing key of a link, None if it has none. Raises ConfigError if the file cannot be used, or is not
-    private: whoever reads the key can fly the vehicle."""
+    """The signing key of a link, None without one. Raises ConfigError if the file cannot be used or is not
+    private: anyone who reads the key can command the vehicle."""
     if link.key_file is None:
         return None
     where = f"link {link.name}: key_file {link.key_file}"
@@ -64,15 +64,15 @@ def signing_key(link: LinkConfig) -> bytes | None:
 
 
 def store(path: Path, table: dict[str, Any]) -> None:
-    """Write a table of numbers and arrays of them, by whole files: a power cut leaves the old one or the new one.
-    Raises OSError."""
+    """Write a table of numbers and arrays atomically: a power cut leaves the old file or the new one. Raises
+    OSError."""
     text = HEAD + "".join(f"{key} = {_toml(value)}\n" for key, value in _flat(table, ""))
     replace_file(path, text.encode(), FILE_MODE, sync=True)
 
 
 def replace_file(path: Path, data: bytes, mode: int, *, sync: bool) -> None:
-    """Write a whole file in the place of another; with `sync` it survives a loss of power. What lies in the way,
-    such as somebody's link or pipe, is not written to. Raises OSError."""
+    """Replace a file atomically; with `sync` it survives a power cut. A link or pipe of that name is not written
+    to. Raises OSError."""
     new = path.with_name(f"{path.name}.new")
     try:
         new.unlink(missing_ok=True)
@@ -82,16 +82,15 @@ def replace_file(path: Path, data: bytes, mode: int, *, sync: bool) -> None:
                 file.flush()
                 os.fsync(file.fileno())
         new.replace(path)
-    except OSError:  # a full disk: what is half written is of no use, and takes the room
+    except OSError:  # a full disk: remove the partial file, which uses the remaining space
         with suppress(OSError):
             new.unlink(missing_ok=True)
         raise
 
 
 class Storing:
-    """Stores tables, or what `store_table` takes for one, in a thread of its own: a file is on an SD card only
-    after tens of milliseconds, in which estimates must not wait. Of those that come meanwhile the newest is
-    stored. `what` they are, for a person."""
+    """Stores tables in a thread, since an SD card takes tens of milliseconds, for which estimates must not wait.
+    Of the tables that arrive meanwhile, the newest is stored. `what`: their name in messages."""
 
     def __init__(
         self, path: Path, store_table: Callable[[Path, Any], None] = store, *, what: str = "parameters"
@@ -103,7 +102,7 @@ class Storing:
         self._error = ""
 
     def put(self, table: Any) -> None:
-        """Let a table be stored. Never waits for the disk."""
+        """Queue a table for storage. Never waits for the disk."""
         with self._lock:
             self._waiting = table
             if self._thread is None:
@@ -111,20 +110,20 @@ class Storing:
                 self._thread.start()
 
     def take_error(self) -> str:
-        """Why the newest table is not stored, once; nothing if it is."""
+        """Why the newest table could not be stored, reported once; None otherwise."""
         with self._lock:
             error, self._error = self._error, ""
         return error
 
     def close(self) -> None:
-        """Wait until all that was put is stored, or cannot be."""
+        """Wait until all queued tables are stored or have failed."""
         with self._lock:
             thread = self._thread
         if thread is not None:
             thread.join()
 
     def _run(self) -> None:
-        """Store until nothing waits."""
+        """Store until the queue is empty."""
         while True:
             with self._lock:
                 table, self._waiting = self._waiting, None
@@ -141,7 +140,7 @@ class Storing:
 
 
 def storing_of(config: Config) -> Storing | None:
-    """Where parameters are kept. Raises ConfigError."""
+    """The storage of parameters. Raises ConfigError."""
     if config.parameters.path is None:
         return None
     check_storable(Path(config.parameters.path))

@@ -1,7 +1,7 @@
-"""The file that one run of the daemon leaves to the next, so that a restart in flight does not begin at nothing.
+"""The state file of a run, from which the next one continues after a restart in flight.
 
-A state is read once, at the start, and only if it is at most MOST_AGE_S old and of the same configuration.
-Everything else is ignored with a reason: the daemon then starts as it does without a file.
+It is read once, at the start, and used only if it is at most MOST_AGE_S old and of the same configuration.
+Otherwise it is ignored with a reason, and the daemon starts as without a file.
 """
 
 import errno
@@ -23,24 +23,24 @@ from onboard.units import S_PER_NS
 from onboard.wire.documents.document import BadDocumentError
 from onboard.wire.documents.warm_state import decode_warm_state, encode_warm_state
 
-MOST_AGE_S: Final = 10.0  # a leader that manoeuvres for longer may be anywhere
+MOST_AGE_S: Final = 10.0  # after that, a manoeuvring leader may be anywhere
 CHANNEL: Final = "warm_state"
 LARGEST: Final = 65_536  # bytes
-FILE_MODE: Final = 0o600  # where somebody flew is nobody else's business
+FILE_MODE: Final = 0o600  # positions are private
 FOLDER_MODE: Final = 0o700
-# Sections that decide what an estimate means, and whose it is.
+# Sections that affect the meaning and the target of an estimate.
 DECISIVE: Final = ("link", "autopilot", "camera", "cameras", "target", "delay", "ownship", "estimator", "guidance")
 
 
 def digest(config: Config) -> str:
-    """What two configurations share whose runs may continue each other."""
+    """The part of a configuration that must be equal for a run to continue another."""
     decisive = {name: getattr(config, name) for name in DECISIVE}
     return hashlib.sha256(msgspec.json.encode(decisive, order="deterministic")).hexdigest()[:16]
 
 
 class WarmFile:
-    """The file of a configuration. `report` receives lines for a person; `refuse` the source, the reason and the
-    time of a state that is ignored. Raises ConfigError where a configured path cannot be written."""
+    """The state file of a configuration. `report` receives lines for a person; `refuse` receives source, reason
+    and time of an ignored state. Raises ConfigError if a configured path cannot be written."""
 
     def __init__(
         self,
@@ -64,7 +64,7 @@ class WarmFile:
         self._storing = Storing(self._path, store_state, what="the state for a warm start")
 
     def read(self, wall_ns: int) -> Datagram | None:
-        """What an earlier run left, if it may be used at a time on the wall clock."""
+        """The state of an earlier run, if it may be used at this wall-clock time."""
         if self._storing is None:
             return None
         try:
@@ -83,7 +83,7 @@ class WarmFile:
         return _datagram(data, wall_ns)
 
     def keep(self, state: WarmState | None) -> None:
-        """Store a state. Never waits for the disk."""
+        """Queue a state for storage. Never waits for the disk."""
         if self._storing is None or state is None:
             return
         self._storing.put(msgspec.structs.replace(state, configuration=self.digest))
@@ -96,7 +96,7 @@ class WarmFile:
             self._storing.close()
 
     def _checked(self, data: bytes, wall_ns: int) -> float:
-        """The age of a state, s. Raises BadDocumentError for one that cannot be used."""
+        """The age of a state, s. Raises BadDocumentError for an unusable one."""
         state = decode_warm_state(data, wall_ns)
         if state.configuration != self.digest:
             raise BadDocumentError("it is of another configuration")
@@ -109,7 +109,7 @@ class WarmFile:
 
 
 def datagram_of(state: WarmState, t_recv_ns: int) -> Datagram:
-    """A state as it is fed to the next run's pipeline."""
+    """A state as a message to the next run's pipeline."""
     return _datagram(encode_warm_state(state), t_recv_ns)
 
 
@@ -118,30 +118,30 @@ def _datagram(data: bytes, t_recv_ns: int) -> Datagram:
 
 
 def folder_of(environment: Mapping[str, str]) -> Path:
-    """Where programs keep their state: systemd's StateDirectory, else that of XDG."""
+    """The state folder: systemd's StateDirectory, otherwise XDG's."""
     if given := environment.get("STATE_DIRECTORY"):
         return Path(given.partition(":")[0])
     state = environment.get("XDG_STATE_HOME", "")
     home = Path(environment.get("HOME", ""))
-    home = home if home.is_absolute() else Path("/nonexistent")  # not a folder where the program was started
+    home = home if home.is_absolute() else Path("/nonexistent")  # not below the working directory
     return (Path(state) if Path(state).is_absolute() else home / ".local" / "state") / "onboard"
 
 
 def check_own(path: Path) -> None:
-    """Raise OSError for what no run of ours has left: a link, a pipe, or a file of another user's."""
+    """Raise OSError for a link, a pipe or another user's file: no run of ours wrote it."""
     status = path.lstat()
     if not stat.S_ISREG(status.st_mode) or status.st_uid != os.geteuid():
         raise OSError(errno.EINVAL, "is no file of ours: a link, a pipe, or another user's")
 
 
 def store_state(path: Path, state: WarmState) -> None:
-    """Write a state by a whole file: a killed process leaves the old one or the new one. It need not survive the
-    loss of power, after which it would be too old. Raises OSError."""
+    """Write a state atomically: a killed process leaves the old file or the new one. It need not survive a power
+    cut, after which it would be too old. Raises OSError."""
     replace_file(path, encode_warm_state(state), FILE_MODE, sync=False)
 
 
 def _not_writable(path: Path, *, make: bool) -> str:
-    """Why a file cannot be written; "" if it can. `make` its folder."""
+    """Why a file cannot be written; "" if it can. `make`: create its folder."""
     try:
         if make:
             path.parent.mkdir(FOLDER_MODE, parents=True, exist_ok=True)

@@ -1,1 +1,1 @@
-"""How good estimates are against a truth: of the leader, of our own state, of traffic; and the scorecard."""
+"""Accuracy of estimates against a truth (leader, own state, traffic), and the scorecard."""

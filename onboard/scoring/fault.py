@@ -6,20 +6,20 @@ from typing import Final
 from onboard.messages import Fault, FaultKind, NavState, Record, Truth
 from onboard.units import NS_PER_S, S_PER_NS
 
-GUST: Final = "gust"  # the air's doing, not the vehicle's: in a flight with both, the fault is the other one
+GUST: Final = "gust"  # not a fault of the vehicle: in a flight with both, the other one is the fault
 KINDS: Final = {"inputs": FaultKind.MASS, "mass": FaultKind.MASS, GUST: FaultKind.GUST}
 JUDGED: Final = (
     FaultKind.MOTOR,
     FaultKind.MASS,
     FaultKind.GUST,
 )  # kinds that are in the truth
-AFTER_NS: Final = 3 * NS_PER_S  # a fault that is over may be reported for so long
+AFTER_NS: Final = 3 * NS_PER_S  # a past fault may still be reported for this long
 
 
 class FaultScore(Record, frozen=True, kw_only=True):
-    """The fault that a flight had. `happened`: what it was, from `at_s` on the boot clock (to the truth's 0.04 s),
-    None without one. `named`: how the states first named it, `after_s` later, with its `magnitude` in `unit` as
-    last reported; None where they did not. `wrong`: what was named and was not there."""
+    """The fault of a flight. `happened`: its kind, from `at_s` on the boot clock (to the truth's 0.04 s), None
+    without one. `named`: its first name by the estimator, `after_s` later, with the last reported `magnitude` in
+    `unit`; None if it was not named. `wrong`: faults named that did not exist."""
 
     happened: str | None
     at_s: float | None
@@ -66,7 +66,7 @@ def score_fault(states: Sequence[NavState], truths: Sequence[Truth]) -> FaultSco
 
 
 def _intervals(truths: Sequence[Truth]) -> dict[str, tuple[int, int]]:
-    """From when to when (ns) each fault was there, by the truth's name for it."""
+    """Start and end (ns) of each fault, by its name in the truth."""
     found: dict[str, tuple[int, int]] = {}
     for truth in truths:
         for name in filter(None, truth.fault.split(", ")):
@@ -75,11 +75,11 @@ def _intervals(truths: Sequence[Truth]) -> dict[str, tuple[int, int]]:
 
 
 def _is(happened: str, fault: Fault, t_ns: int, span: tuple[int, int]) -> bool:
-    """Whether a fault that was first named at t_ns is the one that happened."""
+    """Whether a fault first named at t_ns is the one that happened."""
     same = fault.part == happened if fault.kind is FaultKind.MOTOR else KINDS.get(happened) is fault.kind
     return same and span[0] <= t_ns <= span[1] + AFTER_NS
 
 
 def _name(fault: Fault) -> str:
-    """A motor by its number, anything else by its kind."""
+    """A motor with its number, any other fault by its kind."""
     return fault.part or str(fault.kind)

@@ -1,8 +1,8 @@
-"""Accuracy of the estimate of the leader, against a truth: errors, and whether the covariance fits them.
+"""Accuracy of the leader's estimate against a truth: errors, and whether the covariance fits them.
 
-Valid estimates count from `settle` seconds after the truth begins. Beside their errors stands the share of that
-time in which there was one. The NIS is a white sequence, so its mean has chi-square bounds for the number of
-images; the NEES of one flight is correlated throughout, so its bounds are those of a single draw.
+Valid estimates count from `settle` seconds after the start of the truth, together with the share of time that had
+one. The NIS is white, so its mean has chi-square bounds for the number of images; the NEES is correlated
+throughout a flight, so its bounds are those of a single draw.
 """
 
 import math
@@ -22,14 +22,14 @@ from onboard.units import S_PER_NS
 
 SETTLE: Final = 15.0
 LAST: Final = 5.0  # "diverged" is judged over these last seconds
-WRONG_SIGMAS, WRONG_SHARE = 3.0, 0.05  # a range that is off by more than both is confidently wrong
-SAMPLE_S: Final = 0.1  # between times at which availability is judged where there is no truth
-BACK_S: Final = 5.0  # an estimate that is earlier than the one before by more is of a rebooted clock
+WRONG_SIGMAS, WRONG_SHARE = 3.0, 0.05  # a range error beyond both is confidently wrong
+SAMPLE_S: Final = 0.1  # sampling of availability without a truth
+BACK_S: Final = 5.0  # an estimate earlier than its predecessor by more is of a rebooted clock
 LONGEST_TRUTH_GAP: Final = 0.5
 
 
 class LeaderScore(Record, frozen=True, kw_only=True):
-    """Errors are RMS over the `scored` estimates; None where there is nothing to judge by. `valid_percent`: share
+    """Errors are RMS over the `scored` estimates; None without a truth. `valid_percent`: share
     of the time after `settle_s` in which there was a valid estimate. `confidently_wrong_percent`: share of the
     scored estimates whose range is off by more than three of its sigmas and more than 5 %."""
 
@@ -76,7 +76,7 @@ class Errors(NamedTuple):
 def score_leader(
     estimates: Iterable[Estimate], reference: Reference | None, settle: float = SETTLE
 ) -> LeaderScore:
-    """The score of one flight's estimates of one target; without a reference, only what needs none."""
+    """The score of one flight's estimates of one target; without a reference, only figures that need none."""
     scorer = LeaderScorer(reference, settle)
     for estimate in estimates:
         scorer.add(estimate)
@@ -84,14 +84,14 @@ def score_leader(
 
 
 class LeaderScorer:
-    """The score of estimates that come one by one, in order. Only their errors are kept: an hour of estimates
-    would be gigabytes. Errors are computed for `piece` estimates at a time."""
+    """The score of estimates taken one by one, in order. Only errors are kept, since an hour of estimates would be
+    gigabytes. Errors are computed for `piece` estimates at a time."""
 
     def __init__(self, reference: Reference | None, settle: float = SETTLE, piece: int = 4096) -> None:
         self._reference, self._settle, self._piece = reference, settle, piece
         self._begin: float | None = None
-        self._shift = 0.0  # s, by which the boot clock went back when the autopilot rebooted
-        self._valid: list[Estimate] = []  # whose errors have not been computed yet
+        self._shift = 0.0  # s, the boot clock's step back at a reboot
+        self._valid: list[Estimate] = []  # waiting for their errors to be computed
         self._errors: list[Errors] = []
         self._times, self._is_valid = array("d"), array("b")  # of all estimates
         self._nis: list[float] = []
@@ -126,7 +126,7 @@ class LeaderScorer:
                 self._compute()
 
     def score(self, end: float = math.inf) -> LeaderScore:
-        """The score of all estimates so far. A truth that goes on after the flight's `end`, s, counts until it."""
+        """The score of all estimates so far. The truth counts until the flight's `end`, s."""
         self._compute()
         reference, dof, n = self._reference, self._dof, len(self._nis)
         all_errors = _joined(self._errors)
@@ -159,12 +159,12 @@ class LeaderScorer:
         )
 
     def errors(self) -> Errors | None:
-        """The errors of all valid estimates so far that a truth is known for; None without any."""
+        """The errors of all valid estimates so far that have a truth; None without any."""
         self._compute()
         return _joined(self._errors)
 
     def _samples(self) -> Array:
-        """Times (n,), s, at which there should be an estimate: those of the truth, or else of the whole flight."""
+        """Times (n,), s, at which an estimate is due: those of the truth, otherwise of the whole flight."""
         if self._reference is not None:
             return self._reference.time
         return np.arange(self._times[0], self._times[-1], SAMPLE_S) if self._times else np.empty(0)
@@ -190,7 +190,7 @@ def _joined(pieces: list[Errors]) -> Errors | None:
     if not pieces:
         return None
     arrays = [np.concatenate(parts) for parts in zip(*(piece[:-1] for piece in pieces), strict=True)]
-    return Errors(*arrays, pieces[0].dof)  # type: ignore[call-arg, arg-type]  # the last field is no array
+    return Errors(*arrays, pieces[0].dof)  # type: ignore[call-arg, arg-type]  # the last field is not an array
 
 
 def _since(errors: Errors | None, begin: float) -> Errors | None:
@@ -245,8 +245,8 @@ def _is_wrong(errors: Errors) -> Array:
 
 
 def _diverged(errors: Errors | None, samples: Array, available: Array) -> bool:
-    """Whether over the last seconds of the flight there was no valid estimate for more than half of the time, or
-    the mean range error of those that there were is above 50 %, or their mean bearing error above 5 degrees."""
+    """Whether, over the last seconds of the flight, valid estimates were missing for more than half of the time,
+    or their mean range error exceeded 50 %, or their mean bearing error 5 degrees."""
     if errors is None:
         return True
     begin = samples[-1] - LAST

@@ -1,5 +1,4 @@
-"""Accuracy of the estimate of our own state, against a simulator's truth: errors, and whether the covariance fits
-them."""
+"""Accuracy of our own state against a simulator's truth: errors, and whether the covariance fits them."""
 
 from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
@@ -15,7 +14,7 @@ from onboard.units import NS_PER_S, S_PER_NS
 
 SETTLE: Final = 10.0  # s after the first state
 DOF: Final = 6
-JUDGED: Final = slice(3, 3 + DOF)  # velocity and attitude; the positions have an origin each
+JUDGED: Final = slice(3, 3 + DOF)  # velocity and attitude; the positions have different origins
 
 
 class OwnStateScore(Record, frozen=True, kw_only=True):
@@ -40,8 +39,8 @@ class OwnStateScore(Record, frozen=True, kw_only=True):
 
 
 class _Error(NamedTuple):
-    """Of one state: velocity error (3,) m/s, NED; norm of the attitude error, rad; for each axis of the velocity
-    whether the error is within 3 sigmas; NEES of both together."""
+    """Errors of one state: velocity (3,) m/s, NED; norm of the attitude error, rad; whether each velocity axis is
+    within 3 sigmas; NEES of both together."""
 
     velocity: Array
     angle: float

@@ -1,7 +1,7 @@
-"""Scores printed: for each figure its value with the unit and, where there is one, the bound it should keep.
+"""Printed scores: each figure with its unit and, if it has one, its bound.
 
 Bounds of NIS and NEES are those of a filter whose every sigma is the true one. A value outside is explained:
-below them errors are smaller than the filter claims, above them larger.
+below, errors are smaller than the filter claims; above, larger.
 """
 
 from rich.console import Console
@@ -14,7 +14,7 @@ from onboard.scoring.own_state import OwnStateScore
 from onboard.scoring.statistics import Latency
 from onboard.units import S_PER_NS
 
-Row = tuple[str, str, str]  # figure, value, what it should be
+Row = tuple[str, str, str]  # figure, value, required value
 
 
 def print_leader_score(console: Console, title: str, score: LeaderScore, latency: Latency | None = None) -> None:
@@ -34,7 +34,7 @@ def print_rows(console: Console, title: str, rows: list[Row]) -> None:
 
 
 def explain_bounds(console: Console) -> None:
-    """Say what the bounds of NIS and NEES are."""
+    """Explain the bounds of NIS and NEES."""
     console.print(
         "NIS and NEES: bounds for a filter whose every sigma is the true one. Below, errors are smaller than it "
         "claims (too cautious); above, larger (too sure).",
@@ -78,7 +78,7 @@ def score_rows(s: LeaderScore, latency: Latency | None) -> list[Row]:
 
 
 def print_health(console: Console, health: Health) -> None:
-    """Print the messages received, and those rejected with the reason."""
+    """Print received messages, and rejected ones with the reason."""
     streams = ", ".join(f"{name} {s.count}" for name, s in sorted(health.streams.items()))
     console.print(f"autopilot: {health.autopilot}; clock offset from {health.clock_source}", highlight=False)
     console.print(f"messages:  {streams or 'none'}", highlight=False)
@@ -87,7 +87,7 @@ def print_health(console: Console, health: Health) -> None:
 
 
 class OwnStateSummary:
-    """How often our own state was valid, whether its covariance fits, and the faults it reported."""
+    """Availability of our own state, fit of its covariance, and reported faults."""
 
     def __init__(self) -> None:
         self._states = self._valid = self._ratios = self._resets = 0
@@ -106,7 +106,7 @@ class OwnStateSummary:
             self._faults[fault.kind, fault.part, fault.t_onset_ns] = fault
 
     def figures(self) -> dict[str, str]:
-        """Its figures by their names; none without a state."""
+        """The figures by name; empty without a state."""
         if not self._states:
             return {}
         ratio = f"{self._ratio / self._ratios:.2f}" if self._ratios else "none"
@@ -135,7 +135,7 @@ class OwnStateSummary:
 def print_own_state_score(
     console: Console, title: str, score: OwnStateScore, fault: FaultScore | None = None
 ) -> None:
-    """Print the accuracy of our own state and what became of a fault, as a table."""
+    """Print the accuracy of our own state, and how a fault was named, as a table."""
     print_rows(console, title, own_state_rows(score) + (fault_rows(fault) if fault is not None else []))
 
 
@@ -157,7 +157,7 @@ def own_state_rows(s: OwnStateScore) -> list[Row]:
 
 
 def fault_rows(f: FaultScore) -> list[Row]:
-    """The lines of a fault: what happened, and what was named."""
+    """The lines of a fault: the real one and the named one."""
     rows = []
     if f.happened is not None:
         named = "NOT NAMED"
@@ -169,12 +169,12 @@ def fault_rows(f: FaultScore) -> list[Row]:
 
 
 def _scored(s: LeaderScore | OwnStateScore) -> str:
-    """Which estimates an error is of."""
+    """The estimates that an error covers."""
     return f"RMS, valid, after {s.settle_s:g} s"
 
 
 def _valid_rows(s: LeaderScore | OwnStateScore) -> list[Row]:
-    """How often there was a valid estimate; no line where that is not known."""
+    """The share of time with a valid estimate; no line if unknown."""
     if s.valid_percent is None:
         return []
     return [("valid", f"{s.valid_percent:.1f} % of the time", f"after {s.settle_s:g} s")]
@@ -190,7 +190,7 @@ def _between(bounds: tuple[float, float] | None, what: str) -> str:
 
 
 def _judged(value: float, bounds: tuple[float, float] | None) -> str:
-    """A mean NIS or NEES, and what it means where it is outside its bounds."""
+    """A mean NIS or NEES, with its meaning if outside its bounds."""
     words = ""
     if bounds is not None and not bounds[0] <= value <= bounds[1]:
         words = ", too cautious" if value < bounds[0] else ", too sure"

@@ -1,4 +1,4 @@
-"""Statistics that the scores share. None where there is nothing to judge by."""
+"""Statistics shared by the scores. None without data."""
 
 from collections.abc import Sequence
 
@@ -9,7 +9,7 @@ from onboard.arrays import Array
 from onboard.filters.gating import chi_square_threshold
 from onboard.messages import Record
 
-FRESH_S = 0.5  # s: an estimate counts for so long, unless another comes
+FRESH_S = 0.5  # s: an estimate counts for this long, unless another comes
 
 
 class Latency(Record, frozen=True, kw_only=True):
@@ -28,13 +28,13 @@ def rms(values: ArrayLike) -> float | None:
 
 
 def percent(hits: ArrayLike) -> float | None:
-    """How many of these booleans are true, %."""
+    """Share of true values, %."""
     flags = np.asarray(hits)
     return float(np.mean(flags)) * 100 if flags.size else None
 
 
 def single_bounds(dof: int) -> tuple[float, float]:
-    """Bounds that a single chi-square draw of `dof` degrees keeps with 95 %."""
+    """95 % bounds of a single chi-square draw with `dof` degrees of freedom."""
     return chi_square_threshold(0.025, dof), chi_square_threshold(0.975, dof)
 
 

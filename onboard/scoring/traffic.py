@@ -1,6 +1,5 @@
-"""Accuracy of the tracks of traffic, against a simulator's truth: which tracks follow which aircraft, for how long
-an aircraft has no track, whether a track goes over to another aircraft, how well the closest approach is
-predicted, and how often the 95 % ellipsoid holds the truth.
+"""Accuracy of traffic tracks against a simulator's truth: which track follows which aircraft, times without a
+track, tracks that change aircraft, predictions of the closest approach, and coverage of the 95 % ellipsoid.
 """
 
 from collections import defaultdict
@@ -21,8 +20,8 @@ CLOSE_SHARE: Final = 0.1  # ... or up to this share of the distance
 SETTLE_S: Final = 5.0  # of a track, before its ellipsoid is judged
 FRESH_S: Final = 3.0  # an aircraft with a detection or message this recent can be tracked
 KNOWN_S: Final = 10.0  # detections or messages must have come all this time for a prediction to count
-BEGIN_S: Final = 4.0  # that a new aircraft may be without a track
-SWAPPED_S: Final = 1.0  # a track off its own aircraft and on another for so long is swapped
+BEGIN_S: Final = 4.0  # allowed for a new aircraft without a track
+SWAPPED_S: Final = 1.0  # a track on another aircraft for this long is swapped
 APART: Final = chi_square_threshold(0.9999, 3)
 
 
@@ -57,7 +56,7 @@ class AircraftScore(NamedTuple):
 
 
 class TrafficScore(NamedTuple):
-    """All aircraft; tracks that went over from one to another; tracks that followed none, with samples each."""
+    """All aircraft; tracks that changed aircraft; tracks of nothing, with their samples."""
 
     aircraft: tuple[AircraftScore, ...]
     swaps: tuple[str, ...]
@@ -128,8 +127,8 @@ def score_traffic(estimates: Iterable[Estimate], truths: Sequence[TrafficTruth])
 
 
 def _owner(name: str, samples: list[_Sample], truth: _Truth) -> int | None:
-    """Index of the aircraft that a track follows: the one whose address its name bears, else the nearest when it
-    began; None if that one is too far."""
+    """Index of the aircraft that a track follows: the one with the address in its name, otherwise the nearest at
+    its start; None if that is too far."""
     for k, target in enumerate(truth.targets):
         if target and name.split("-", maxsplit=1)[0] == target:
             return k

@@ -1,4 +1,4 @@
-"""Lines for a person about what changes while the daemon runs."""
+"""Lines for a person about changes while the daemon runs."""
 
 from collections.abc import Callable, Sequence
 from typing import Final
@@ -6,18 +6,18 @@ from typing import Final
 from onboard.messages import Advice, Estimate, Health, Lifecycle
 from onboard.units import NS_PER_S, S_PER_NS
 
-MOST_LINES: Final = 5  # of advice at once; afterwards one a second
+MOST_LINES: Final = 5  # of advice at once; then one a second
 MOST_KINDS: Final = 64
 RATE_CHANGES: Final = 0.005
-AGAIN_NS: Final = 10 * NS_PER_S  # before the same advice is shown again; each time twice as long
+AGAIN_NS: Final = 10 * NS_PER_S  # before the same advice is repeated; doubled each time
 LONGEST_NS: Final = 640 * NS_PER_S
-FORGOTTEN_NS: Final = 30 * NS_PER_S  # after its last sign, advice is new when it comes again
+FORGOTTEN_NS: Final = 30 * NS_PER_S  # after this long without it, returning advice is new
 
 Kind = tuple[str, str]  # cause, and what it is about
 
 
 class _Shown:
-    """Advice that was shown: when, when it may be shown again, and when it was last given."""
+    """Advice that was shown: when, when it may be repeated, and when it was last given."""
 
     def __init__(self, advice: Advice, t_ns: int) -> None:
         self.advice, self.shown_ns, self.wait_ns = advice, t_ns, AGAIN_NS
@@ -26,8 +26,8 @@ class _Shown:
 
 
 class ConsoleLines:
-    """Lines for a person about changes: states of estimators, and the advice of the health. `pilot` gets the
-    advice that is shown here, for those who see no lines."""
+    """Lines for a person about changes of estimators' states, and the health's advice. `pilot` receives the
+    advice shown here, for readers of STATUSTEXT."""
 
     def __init__(self, report: Callable[[str], None], *, pilot: Callable[[Advice], None]) -> None:
         self._report, self._pilot = report, pilot
@@ -38,7 +38,7 @@ class ConsoleLines:
         self._rate = 1.0
 
     def show_state(self, estimate: Estimate) -> None:
-        """An estimator's state, when it has changed."""
+        """A changed state of an estimator."""
         if self._states.get(estimate.name) is not estimate.state:
             self._states[estimate.name] = estimate.state
             self._report(
@@ -52,8 +52,8 @@ class ConsoleLines:
         self._errors_shown = len(lines)
 
     def show_health(self, health: Health) -> None:
-        """Its advice: a new kind at once, the same again after a while, and that it is over. `health` comes
-        once a second; a flood of kinds gets a line each time."""
+        """The health's advice: new kinds at once, repetitions after a while, and its end. `health` comes once a
+        second; a flood of kinds gets one line each time."""
         self._show_rate(health.clock_rate)
         self._lines_left = min(self._lines_left + 1, MOST_LINES)
         t_ns, given = health.t_recv_ns, set[Kind]()
@@ -88,7 +88,7 @@ class ConsoleLines:
         self._pilot(advice)
 
     def _show_rate(self, rate: float) -> None:
-        """A simulator's clock runs at another rate than ours, and estimates are right by its own seconds."""
+        """A simulator's clock runs at another rate than ours; estimates are in its seconds."""
         if abs(rate - self._rate) > RATE_CHANGES:
             self._rate = rate
             self._report(f"the autopilot's clock runs at {rate:.3f} of this computer's")

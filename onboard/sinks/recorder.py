@@ -1,13 +1,13 @@
 """The flight recorder: every datagram as received, and the estimates, in an MCAP file.
 
-Flushed records are synced to the disk: they survive a killed process and a loss of power. Such a recording ends
-without an index; `onboard.wire.logs.recording` reads it nevertheless. A recording is never overwritten: it gets
-the number after the highest of its name. Metadata named RECORDING, before all else, hold that name and number, and
-the run, of which a file may be a part.
+Flushed records are synced to the disk and survive a killed process and a power cut. Such a recording has no
+index, but `onboard.wire.logs.recording` reads it. A recording is never overwritten: it gets the number after the
+highest of its name. Its first metadata, RECORDING, hold that name and number, and the run, which may have several
+files.
 
-**Age** is by these numbers, since a computer's clock may not be set: then it stamps 1970, or the time at which it
-was last switched off. A stamp counts if it follows those of all earlier recordings. A recording whose stamp does
-not count is at least as old as the next one whose stamp does.
+**Age** follows these numbers, since a computer's clock may not be set: it then stamps 1970, or the time of the
+last shutdown. A stamp counts if it follows those of all earlier recordings. A recording whose stamp does not
+count is at least as old as the next one whose stamp does.
 """
 
 import math
@@ -34,20 +34,20 @@ from onboard.units import S_PER_NS
 
 Recorded = Datagram | Estimate | OwnPose | LeaderState | Health
 
-# of a channel of datagrams: what the numbers of its messages say
+# of a channel of datagrams: the meaning of its message numbers
 WAITED: Final[Mapping[str, str]] = {"sequence": "microseconds waited"}
-# ... and whose log time is of a clock that is never set
+# ... and whose log time is from a clock that is never set
 STEPPED: Final[Mapping[str, str]] = {**WAITED, "publish_time": "wall clock"}
-GATHERS_S: Final = 0.1  # records are written so often at most
-FLUSH_S: Final = 0.85  # a crash loses at most a second: this, what is being gathered, and the writing
-FILE_MODE: Final = 0o600  # where somebody flew is nobody else's business
+GATHERS_S: Final = 0.1  # shortest time between writes
+FLUSH_S: Final = 0.85  # a crash loses at most a second: this, the records being gathered, and the write
+FILE_MODE: Final = 0o600  # positions are private
 FOLDER_MODE: Final = 0o700
 S_PER_DAY: Final = 86_400.0
 SET_S: Final = 1_735_689_600.0  # Unix time; a clock before 2025 is not set
-LONGEST_S: Final = 3e8  # nine years after the newest recording it is rather the clock that is wrong
+LONGEST_S: Final = 3e8  # nine years after the newest recording, the clock is more likely wrong
 RECORDING: Final = "recording"  # of metadata
-LABEL_BYTES: Final = 1 << 20  # a longer record at a file's begin is no label of ours
-MOST_UNLABELLED: Final = 1000  # a higher number was not given by a version that wrote no label, but by a person
+LABEL_BYTES: Final = 1 << 20  # a longer first record is not our label
+MOST_UNLABELLED: Final = 1000  # versions without labels gave no higher number
 CHUNK_BYTES: Final = 1 << 20
 CAPACITY: Final = 20_000  # queued datagrams: half a minute of a busy flight, if the card stalls
 OWN_TOPICS: Final = 10_000  # MCAP numbers channels with 16 bits; datagrams of further sources share OTHERS, ...
@@ -56,8 +56,8 @@ TARGETS: Final = 10_000  # ... and estimates of further targets are not recorded
 
 
 class Rotation(NamedTuple):
-    """When a new file begins, and which older ones are then removed: bytes of a file, bytes of all together, and
-    days of age. None: never."""
+    """Limits at which a new file begins and older ones are removed: bytes per file, bytes in total, days of age.
+    None: no limit."""
 
     file_bytes: float | None = None
     keep_bytes: float | None = None
@@ -69,8 +69,8 @@ NOTHING: Final[Mapping[str, Mapping[str, str]]] = {}
 
 
 class Kept(NamedTuple):
-    """A recording of ours on the disk: its number, file, size and time stamp, Unix s; `is_labelled`: it states its
-    number itself."""
+    """A recording on the disk: its number, file, size and time stamp, Unix s; `is_labelled`: its metadata hold the
+    number."""
 
     is_labelled: bool
     number: int
@@ -81,8 +81,7 @@ class Kept(NamedTuple):
 
 class Recorder:
     """Sink that writes `path`, or `path` with a number before its suffix. Each file begins with `metadata`, by
-    their names. `report` receives a line for a person about each recording that is removed; the sink's thread
-    calls it."""
+    name. `report`, called in the sink's thread, receives a line for a person about each removed recording."""
 
     def __init__(
         self,
@@ -255,7 +254,7 @@ class Recorder:
 
 
 def runner(recorder: Recorder) -> SinkRunner[Recorded]:
-    """The recorder behind its queue, in which computed records give way to datagrams."""
+    """The recorder with its queue, in which computed records give way to datagrams."""
 
     def gives_way(record: Recorded) -> bool:
         return not isinstance(record, Datagram)
@@ -264,8 +263,8 @@ def runner(recorder: Recorder) -> SinkRunner[Recorded]:
 
 
 def recordings(wanted: Path) -> list[Kept]:
-    """The recordings that were made for the path `wanted`, oldest first: those without a label by their stamps,
-    since their numbers were given again, then by number. Raises OSError."""
+    """The recordings made for the path `wanted`, oldest first: unlabelled ones by stamp, since their numbers were
+    reused, the others by number. Raises OSError."""
     found = []
     for path in wanted.parent.glob(f"*{wanted.suffix}"):
         number = _number_of(wanted, path.name)
@@ -279,15 +278,15 @@ def recordings(wanted: Path) -> list[Kept]:
 
 
 def _order(one: Kept) -> tuple[bool, float, int]:
-    """The order in which recordings were made. One without a label that was stamped before the clock was set
-    follows those that were stamped after it."""
+    """The order in which recordings were made. An unlabelled one stamped before the clock was set follows those
+    stamped after it."""
     stamp = 0.0 if one.is_labelled else one.stamp if one.stamp > SET_S else math.inf
     return one.is_labelled, stamp, one.number
 
 
 def latest_times(found: Sequence[Kept], now: float) -> list[float | None]:
-    """When each recording was made, in their order, at the latest, Unix s; None where nothing says it, or the
-    time now, which may not be set, or be years ahead, cannot be compared."""
+    """The latest time at which each recording can have been made, in their order, Unix s; None if unknown, or if
+    the present time is unset or years ahead."""
     times: list[float | None] = []
     newest = SET_S
     for one in found:
@@ -297,14 +296,14 @@ def latest_times(found: Sequence[Kept], now: float) -> list[float | None]:
     if now - newest > LONGEST_S:
         return [None] * len(found)
     for i in reversed(range(len(times) - 1)):
-        # Nothing says which of two without a label is the older one, unless both are stamped.
+        # The order of two unlabelled recordings is unknown unless both are stamped.
         if times[i] is None and (found[i].is_labelled or found[i + 1].is_labelled):
             times[i] = times[i + 1]
     return times
 
 
 def _number_of(wanted: Path, name: str) -> int | None:
-    """The number in a name that this program gives for the path `wanted`; None for any other name."""
+    """The number in a name made by this program for the path `wanted`; None for any other name."""
     found = re.fullmatch(rf"{re.escape(wanted.stem)}(?:-([1-9]\d*))?{re.escape(wanted.suffix)}", name)
     if found is None or found[1] == "1":
         return None
@@ -312,7 +311,7 @@ def _number_of(wanted: Path, name: str) -> int | None:
 
 
 def _label(path: Path) -> dict[str, str]:
-    """What a recording states of itself; nothing where it states nothing, or cannot be read."""
+    """A recording's own metadata; empty if there are none, or they cannot be read."""
     try:
         with path.open("rb") as file:
             for record in StreamReader(file, record_size_limit=LABEL_BYTES).records:
@@ -326,8 +325,8 @@ def _label(path: Path) -> dict[str, str]:
 
 
 def create(wanted: Path) -> tuple[Path, IO[bytes]]:
-    """A new file, not readable by everybody: `flight.mcap`, else `flight-2.mcap` and so on, after all that are
-    there. Raises OSError."""
+    """A new private file: `flight.mcap`, otherwise `flight-2.mcap` and so on, after all existing ones. Raises
+    OSError."""
     number = max((one.number for one in recordings(wanted)), default=0)
     while True:
         number += 1

@@ -7,11 +7,11 @@ from typing import Final
 
 from onboard.sinks.sink import SinkError
 
-CREDENTIALS: Final = "CREDENTIALS_DIRECTORY"  # where systemd keeps a service's, in a folder that it alone enters
+CREDENTIALS: Final = "CREDENTIALS_DIRECTORY"  # systemd's folder of credentials, private to the service
 
 
 def secret(path: str, key: str) -> str:
-    """The text of a private file that the configuration's `key` names, without the white space around it.
+    """The text of the private file named by the configuration's `key`, without surrounding white space.
 
     Raises SinkError if it cannot be read or is empty, or if others can read it.
     """
@@ -30,8 +30,8 @@ def secret(path: str, key: str) -> str:
 
 
 def is_private(file: Path) -> bool:
-    """Whether a file is regular, and only its owner and root can read it. What systemd keeps for a service may be
-    root's, with an access list for the service's user that shows as a right of root's group.
+    """Whether a file is regular and only its owner and root can read it. systemd's credentials may belong to
+    root, with an access list for the service's user that appears as a right of root's group.
 
     Raises OSError.
     """

@@ -1,5 +1,5 @@
-"""Why a router cannot be reached. Zenoh tries again for ever and says nothing: whether a router is away, its
-certificate has expired, or it is another's, looks like a flight without one."""
+"""Why a router cannot be reached. Zenoh retries silently for ever: an absent router, an expired certificate and a
+foreign router all look like a flight without a router."""
 
 import socket
 import ssl
@@ -16,7 +16,7 @@ ANSWERS: Final = Reason(
 
 
 class Trust(NamedTuple):
-    """Zenoh's settings of TLS: files (PEM), None where there are none."""
+    """Zenoh's TLS settings: files (PEM), or None."""
 
     ca_file: str | None = None
     certificate_file: str | None = None
@@ -25,10 +25,10 @@ class Trust(NamedTuple):
 
 
 def trouble(endpoints: Iterable[str], session: Any, trust: Trust) -> Reason:
-    """Which endpoints are not reached, and why; NO_REASON where all is well. Takes a second for each at most.
+    """The endpoints that are not reached, and why; NO_REASON if there are none. Takes at most a second for each.
 
-    Two endpoints may lead to one router, with which Zenoh keeps one connection: one that answers is well if
-    another is connected.
+    Two endpoints may lead to one router, with which Zenoh keeps one connection: an endpoint that answers is fine
+    if another is connected.
     """
     linked = {(protocol(str(link.dst)), port(str(link.dst))) for link in session.info.links()}
     missing = [e for e in endpoints if (protocol(e), port(e)) not in linked]
@@ -41,13 +41,13 @@ def trouble(endpoints: Iterable[str], session: Any, trust: Trust) -> Reason:
 
 
 def worst(causes: Iterable[Cause]) -> Cause:
-    """TLS, if that is why one of several endpoints cannot be reached: nothing else mends that."""
+    """The cause TLS if it applies to any of the endpoints, since only the user can fix it."""
     return Cause.TLS if Cause.TLS in causes else Cause.UNREACHABLE
 
 
 def probed(endpoint: str, trust: Trust) -> Reason | None:
-    """Why an endpoint refuses a connection (TCP, with TLS where it is used), None if it takes one, or has
-    another protocol."""
+    """Why an endpoint refuses a connection (TCP, and TLS if used); None if it accepts one, or has another
+    protocol."""
     name = protocol(endpoint)
     if name not in ("tcp", "tls"):
         return None
@@ -65,8 +65,8 @@ def probed(endpoint: str, trust: Trust) -> Reason | None:
 
 
 def _shake_hands(plain: socket.socket, name: str, trust: Trust) -> None:
-    """Open TLS as Zenoh does, and wait a moment for an alert, with which a router refuses our certificate. Raises
-    OSError, of which ssl.SSLError is one."""
+    """Open TLS as Zenoh does, and wait briefly for the alert by which a router rejects our certificate. Raises
+    OSError (including ssl.SSLError)."""
     context = ssl.create_default_context(cafile=trust.ca_file)
     context.check_hostname = trust.checks_name
     if trust.certificate_file and trust.private_key_file:

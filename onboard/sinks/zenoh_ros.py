@@ -101,15 +101,15 @@ def dds_name(kind: str) -> str:
 
 
 class Steps(Protocol):
-    """A clock that is never set, and knows how far the wall clock has been."""
+    """A clock that is never set, with the wall clock's offset."""
 
     def step_ns(self) -> int:
-        """The wall clock less this one."""
+        """The wall clock minus this one."""
 
 
 class RosRunner(SinkRunner[Stamped]):
     """The sink behind its queue. Records are stamped as they are put in: `wall_ns` is the wall clock, ns,
-    `offset_ns` is `clock` less the boot clock, None while that is unknown."""
+    `offset_ns` is `clock` minus the boot clock, None while unknown."""
 
     def __init__(
         self, sink: RosSink, wall_ns: Callable[[], int], offset_ns: Callable[[], int | None], clock: Steps
@@ -118,7 +118,7 @@ class RosRunner(SinkRunner[Stamped]):
         self._wall_ns, self._offset_ns, self._clock = wall_ns, offset_ns, clock
 
     def put(self, record: Any) -> None:
-        """Queue a record. Health is of now: it is published before an autopilot is heard, too."""
+        """Queue a record. Health is stamped now, so it is also published before an autopilot is heard."""
         if isinstance(record, Health):
             super().put((record, self._wall_ns()))
         elif (offset_ns := self._offset_ns()) is not None and record.t_ns > 0:

@@ -1,8 +1,8 @@
 """The router of a fleet: who may connect, and which keys each may use.
 
-Everybody proves who they are twice, by a certificate of the fleet's authority and by a password; the certificate's
-common name is the user's name. A vehicle may use the keys below `onboard/<its name>/` and no others. A watcher,
-such as a ground station, may read all vehicles' keys and write none.
+Each client needs a certificate of the fleet's authority and a password; the certificate's common name is the
+user's name. A vehicle may use only the keys below `onboard/<its name>/`. A watcher, such as a ground station, may
+read the keys of all vehicles and write none.
 """
 
 import re
@@ -18,11 +18,11 @@ from onboard.sinks.sink import SinkError
 from onboard.sinks.zenoh_session import FORBIDDEN, ZenohSession
 
 LARGEST_MESSAGE: Final = 262_144  # bytes
-SESSIONS: Final = 1000  # at least as many at once; two for each user where that is more
+SESSIONS: Final = 1000  # at once, at least; two per user if that is more
 READS: Final = ("declare_subscriber", "query", "liveliness_query", "declare_liveliness_subscriber")
-ANSWERS: Final = ("put", "delete", "reply", "liveliness_token")  # what flows back to who reads
+ANSWERS: Final = ("put", "delete", "reply", "liveliness_token")  # messages that flow back to a reader
 OWNS: Final = (*READS, *ANSWERS, "declare_queryable")
-# What Zenoh must log for `refusal` to see it. It writes to standard output.
+# Log levels that `refusal` needs. Zenoh logs to standard output.
 LOG_FILTER: Final = (
     "off,zenoh_link_tls::unicast=warn,zenoh_transport::unicast::establishment::accept=debug,"
     "zenoh::net::routing::interceptor::access_control=trace"
@@ -36,11 +36,11 @@ class RouterConfig(Record, frozen=True, kw_only=True):
     """`[router]`: the router of a fleet. Files are PEM; `users_file` has a line NAME:PASSWORD for each user."""
 
     listen: tuple[str, ...] = ("tls/127.0.0.1:7447",)
-    ca_file: str = "certs/ca.pem"  # whose certificates are trusted
+    ca_file: str = "certs/ca.pem"  # the trusted authority
     certificate_file: str = "certs/router.pem"
     private_key_file: str = "certs/router.key"
     users_file: str = "certs/users.txt"
-    watchers: tuple[str, ...] = ("ground",)  # users who may read everything; every other is a vehicle
+    watchers: tuple[str, ...] = ("ground",)  # users who may read everything; all others are vehicles
 
     def __post_init__(self) -> None:
         """Raises ValueError for an endpoint without TLS: a password would cross the network in the clear."""
@@ -109,14 +109,14 @@ def router_settings(config: RouterConfig, names: Iterable[str]) -> dict[str, Any
 
 
 def _access(names: Iterable[str], watchers: Iterable[str]) -> dict[str, Any]:
-    """Zenoh's access control: what is not allowed is refused."""
+    """Zenoh's access control, which denies by default."""
     vehicles = [name for name in names if name not in set(watchers)]
     watching = [
         _rule("watch", READS, "onboard/**", ("ingress",)),
         _rule("be-sent", ANSWERS, "onboard/**", ("egress",)),
     ]
     own = [_rule(f"own-{v}", OWNS, f"onboard/{v}/**", ("ingress", "egress")) for v in vehicles]
-    # A vehicle sends only what it is asked for, and a watcher's `onboard/*/health` is no key of one vehicle.
+    # A vehicle sends only subscribed keys, and a watcher's `onboard/*/health` is not a key of one vehicle.
     asked = _rule("be-asked", READS, "onboard/**", ("egress",))
     policies = [{"rules": [f"own-{v}", "be-asked"], "subjects": [v]} for v in vehicles]
     if watchers := tuple(watchers):
@@ -136,8 +136,8 @@ def _rule(name: str, messages: tuple[str, ...], keys: str, flows: tuple[str, ...
 
 
 def refusal(line: str, watchers: Iterable[str]) -> str | None:
-    """What a line of Zenoh's log says was refused, None for other lines. Zenoh looks up ahead of time what a
-    watcher may do, so of watchers' keys the log does not tell attempts from precautions: they are left out."""
+    """The refusal in a line of Zenoh's log, None for other lines. Zenoh checks watchers' rights in advance, so
+    its log does not distinguish their attempts from these checks: they are left out."""
     if found := _NOT_ALLOWED.search(line):
         name, key = found.groups()
         is_foreign = not f"{key}/".startswith(f"onboard/{name}/")

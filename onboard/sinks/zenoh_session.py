@@ -44,18 +44,18 @@ class RouterAbsentError(SinkError):
 class ZenohConfig(Record, frozen=True, kw_only=True):
     """Configuration of Zenoh. By default the program is a router on this computer's loopback interface only.
 
-    The files of certificates and keys (PEM) and the password are for the endpoints of `connect`.
-    `config_file` is a Zenoh JSON5 file for further settings (TLS, passwords, access control). What it states takes
-    precedence, also where it equals Zenoh's default; what it does not state keeps ours.
+    Certificates, keys (PEM) and password are for the endpoints of `connect`. `config_file` is a Zenoh JSON5 file
+    for further settings (TLS, passwords, access control). Its settings take precedence, even if equal to Zenoh's
+    defaults; for all others ours apply.
     """
 
     enabled: bool = True
     vehicle: str = "1"
     mode: Literal["router", "peer", "client"] = "router"
-    listen: tuple[str, ...] | None = None  # None: `DEFAULT_LISTEN`, but nothing where TLS is used
+    listen: tuple[str, ...] | None = None  # None: `DEFAULT_LISTEN`, or nothing with TLS
     connect: tuple[str, ...] = ()
     max_message_size: int = 262_144  # bytes; Zenoh's own default would let a peer send us 1 GiB
-    ca_file: str | None = None  # whose certificates are trusted
+    ca_file: str | None = None  # the trusted authority
     certificate_file: str | None = None  # ours; its common name is `user`
     private_key_file: str | None = None
     user: str | None = None  # None: `vehicle`
@@ -129,8 +129,8 @@ class ZenohSession:
         return str(self._session.info.zid())
 
     def watch_name(self, prefix: str, others: set[str]) -> Any:
-        """Subscribe to the sessions that say that they are the vehicle of `prefix`, other than this one, and keep
-        their ids in `others`; one of Zenoh's threads does. Raises SinkError if the session is closed."""
+        """Subscribe to other sessions that claim to be the vehicle of `prefix`; one of Zenoh's threads keeps
+        their ids in `others`. Raises SinkError if the session is closed."""
         import zenoh  # noqa: PLC0415 - loaded already: there is a session
 
         own = self.own_id()
@@ -145,11 +145,12 @@ class ZenohSession:
         return self.watch_liveliness(f"{prefix}/alive/*", note)
 
     def trouble(self) -> Reason:
-        """Which endpoints of `connect` cannot be reached, and why; NO_REASON if all is well. May take seconds."""
+        """The endpoints of `connect` that cannot be reached, and why; NO_REASON if there are none. May take
+        seconds."""
         return NO_REASON if self._session.is_closed() else trouble(self._connecting, self._session, self._trust)
 
     def words(self) -> str:
-        """What the session does, for a person: its mode, and where it listens and connects."""
+        """The session in words: its mode, and where it listens and connects."""
         where = ", ".join(self.listening) or "no plain listener"
         return f"{self.mode} at {where}" + (f", to {', '.join(self._connecting)}" if self._connecting else "")
 
@@ -192,8 +193,8 @@ def open_session(config: ZenohConfig) -> ZenohSession:
 
 
 def wait_for_session(config: ZenohConfig, wait_s: float) -> ZenohSession:
-    """Open the session, for at most `wait_s` seconds until a client's router answers, with a line on standard
-    error. What certificates refuse is not waited for.
+    """Open the session, waiting at most `wait_s` seconds for a client's router, with a line on standard error. A
+    rejected certificate is reported at once.
 
     Raises SinkError, as `open_session` does.
     """
@@ -229,7 +230,7 @@ def _explained(settings: Any, error: str) -> SinkError:
 
 
 def _zenoh_config(config: ZenohConfig) -> Any:
-    """The configuration in Zenoh's form: what the file states, and ours. Raises SinkError if the file cannot be
+    """The configuration in Zenoh's form: the file's settings over ours. Raises SinkError if the file cannot be
     read."""
     import zenoh  # noqa: PLC0415 - replay never loads it
 
@@ -251,7 +252,7 @@ def _zenoh_config(config: ZenohConfig) -> Any:
 
 
 def _ours(config: ZenohConfig, theirs: Any, stated: frozenset[str]) -> dict[str, Any]:
-    """Our settings, which count where the file's do not state them."""
+    """Our settings, for all that the file does not set."""
     stated_of = {key: _endpoints(theirs, key) if is_stated(key, stated) else [] for key in ("listen", "connect")}
     listens, connects = stated_of.values()
     mode = msgspec.json.decode(theirs.get_json("mode")) if is_stated("mode", stated) else config.mode
@@ -260,8 +261,8 @@ def _ours(config: ZenohConfig, theirs: Any, stated: frozenset[str]) -> dict[str,
         "mode": config.mode,
         "listen/endpoints": [] if mode == "client" else list(config.listens([*listens, *connects])),
         "connect/endpoints": list(config.connect),
-        # a router that comes back is found within half a second on this computer, where a camera is blind for as
-        # long, and else within 2 s; the default waits up to 4
+        # a returning router is found within half a second on this computer, since a camera is blind meanwhile,
+        # otherwise within 2 s; the default waits up to 4
         "connect/retry": {
             "period_init_ms": 200,
             "period_max_ms": 500 if all(map(_is_here, connects or config.connect)) else 2000,
@@ -292,7 +293,7 @@ def _mode(settings: Any) -> str:
 
 
 def _trust(settings: Any) -> Trust:
-    """What Zenoh's configuration trusts over TLS."""
+    """The TLS settings of Zenoh's configuration."""
     key = "transport/link/tls"
     tls = {name: msgspec.json.decode(settings.get_json(f"{key}/{name}")) for name in TLS_SETTINGS}
     ca, certificate, private_key, checks_name = tls.values()
@@ -300,8 +301,7 @@ def _trust(settings: Any) -> Trust:
 
 
 def _credentials(config: ZenohConfig) -> dict[str, object]:
-    """The settings that prove who we are to a router, and the router to us. Raises SinkError for a file that
-    cannot be used."""
+    """The settings for mutual authentication with a router. Raises SinkError for an unusable file."""
     settings: dict[str, object] = {}
     if config.private_key_file is not None:
         secret(config.private_key_file, "zenoh.private_key_file")

@@ -1,5 +1,5 @@
-"""Which settings a Zenoh file states. Zenoh itself only tells which differ from its defaults, and a setting that
-is stated must count although it equals one."""
+"""The settings that a Zenoh file contains. Zenoh itself reports only differences from its defaults, but a setting
+in the file must apply even if it equals a default."""
 
 import re
 from collections.abc import Iterator
@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import yaml
 
-MOST: Final = 10_000  # settings; aliases of YAML within each other state any number of them in a few lines
+MOST: Final = 10_000  # settings; nested YAML aliases can create any number in a few lines
 TOKEN: Final = re.compile(
     r"""//[^\n\r\u2028\u2029]*|/\*.*?\*/"""  # comments
     r"""|"(?:\\.|[^"\\])*"|'(?:\\.|[^'\\])*'"""
@@ -19,8 +19,8 @@ TOKEN: Final = re.compile(
 
 
 def stated_in(path: str) -> frozenset[str]:
-    """The paths of all settings, such as `connect/retry`, that a file states, which Zenoh has read already: JSON5,
-    or YAML by its name. Raises OSError, ValueError."""
+    """The paths of all settings in a file, such as `connect/retry`: JSON5, or YAML by its name. Zenoh has read it
+    before. Raises OSError, ValueError."""
     text = Path(path).read_text(encoding="utf-8-sig")
     if path.lower().endswith((".yaml", ".yml")):
         stated = frozenset(islice(_of_tree(yaml.safe_load(text), ""), MOST + 1))
@@ -31,7 +31,7 @@ def stated_in(path: str) -> frozenset[str]:
 
 
 def is_stated(key: str, stated: frozenset[str]) -> bool:
-    """Whether this setting, or a part of it, is among those that are stated."""
+    """Whether the file contains this setting or a part of it."""
     return any(path == key or path.startswith(f"{key}/") for path in stated)
 
 

@@ -1,8 +1,8 @@
 """The live view: a client of the published records.
 
-It draws records in Rerun and knows nothing of the filters. It runs in a process of its own, fed from Zenoh, or in
-a replay, which hands it the records: either way it cannot stall an estimator. Rerun is the extra
-`pip install wingline[view]`; this package imports without it, `onboard.view.view` and its neighbours do not.
+It draws records in Rerun and is independent of the filters. It runs in its own process, fed from Zenoh, or in a
+replay: either way it cannot stall an estimator. Rerun is the extra `pip install wingline[view]`; this package
+imports without it, `onboard.view.view` and its neighbours do not.
 
     Records -> drawing -> Columns -> (every 0.1 s of flight) -> one Rerun stream -> viewer and/or .rrd
 """

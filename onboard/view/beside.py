@@ -1,5 +1,5 @@
-"""Other estimators of the leader, beside the one that the view is about: a curve of each in its plots, and an
-outline where each places the leader. Their bands are not drawn: one far too wide would flatten every plot."""
+"""Other estimators of the leader: a curve of each in the plots, and an outline at its estimated place. Their
+bands are not drawn, since one very wide band would flatten every plot."""
 
 from typing import Final
 

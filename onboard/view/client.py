@@ -35,9 +35,9 @@ class PublishedRecord(NamedTuple):
 
 
 class Client:
-    """A subscription to one vehicle's daemon (None: to all vehicles'), and to the simulator's truth. `credentials`
-    prove to a router who we are; of them, mode and endpoints are not used. `alive` is set while the vehicle, or
-    the one that came or went last, runs.
+    """A subscription to one vehicle's daemon (None: all vehicles), and to the simulator's truth. `credentials`
+    authenticate us to a router; their mode and endpoints are not used. `alive` is set while the vehicle runs (of
+    several, the one that changed last).
 
     Raises SinkError when no daemon answers at `endpoint` within `wait_s` seconds.
     """
@@ -69,7 +69,7 @@ class Client:
             return None
 
     def close(self) -> None:
-        """End the subscription. Records received before can still be taken."""
+        """End the subscription. Queued records remain available."""
         self._session.close()
 
     def _receive(self, sample: Any) -> None:

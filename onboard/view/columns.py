@@ -1,7 +1,7 @@
-"""Rows gathered into columns, and sent as those.
+"""Rows gathered into columns and sent together.
 
-Logging one row of one entity costs 30 to 150 us, a row of a column a few: so rows wait until a tenth of a second
-of flight is together and then go out at once. A row's kind is the function that turns its values into columns.
+Logging one row of one entity costs 30 to 150 us, a row of a column a few. So rows are collected over a tenth of a
+second of flight. A row's kind is the function that turns its values into columns.
 """
 
 from collections.abc import Callable, Sequence
@@ -36,7 +36,7 @@ class ImagePoints(NamedTuple):
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 # An entity without a position must not be drawn at the origin. The viewer ignores a scale of zero, which has no
-# inverse, and draws such an entity as if it had none: a scale of a micrometre.
+# inverse, so it is drawn with a scale of a micrometre.
 HIDDEN = Transform((0.0, 0.0, 0.0), LEVEL, (1e-6, 1e-6, 1e-6))
 
 

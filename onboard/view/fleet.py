@@ -1,4 +1,4 @@
-"""Several vehicles in one viewer: a recording each, among which the viewer's list chooses."""
+"""Several vehicles in one viewer, each as a recording in the viewer's list."""
 
 from contextlib import ExitStack
 from pathlib import Path
@@ -15,8 +15,8 @@ MOST: Final = 50  # vehicles that are drawn; further ones are not
 
 
 class Views:
-    """A view for each vehicle, made when its first record comes. With `apart`, each has a name, and a file of its
-    own: FILE-vehicle.rrd. Otherwise there is one vehicle, and its view is there from the beginning."""
+    """A view per vehicle, created with its first record. With `apart`, each has a name and its own file,
+    FILE-vehicle.rrd. Otherwise there is one vehicle, whose view exists from the start."""
 
     def __init__(
         self,
@@ -48,7 +48,7 @@ class Views:
             self._show_all(vehicle, record)
 
     def _show_all(self, vehicle: str, record: Any) -> None:
-        """In each view, the table of all vehicles whenever a health comes, once there are two."""
+        """With two or more vehicles, the table of all in each view, at every health."""
         known = self._vehicles.get(vehicle, words.VehicleRecords())
         if isinstance(record, NavState):
             self._vehicles[vehicle] = known._replace(own=record)
@@ -61,11 +61,11 @@ class Views:
 
     @property
     def page(self) -> str:
-        """The address of the page that serves the view, "" without one yet."""
+        """The address of the served page, "" before there is one."""
         return next((view.page for view in (self._only, *self._views.values()) if view and view.page), "")
 
     def is_closed_by_user(self) -> bool:
-        """Whether a window was opened, and is closed."""
+        """Whether the window was opened and closed again."""
         viewers = [view.viewer for view in (self._only, *self._views.values()) if view and view.viewer]
         return bool(viewers) and all(viewer.poll() is not None for viewer in viewers)
 

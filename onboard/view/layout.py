@@ -1,4 +1,4 @@
-"""The layout of the window, for 1400 x 900. The blueprint goes with the data, so that it need not be arranged."""
+"""The layout of the window, for 1400 x 900. The blueprint is sent with the data."""
 
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
@@ -15,8 +15,8 @@ BACKGROUND = [18, 20, 23]
 
 
 class Contents(NamedTuple):
-    """What a flight has had so far, by which its first page is chosen: a leader that was seen, our own state,
-    traffic, a threat among it just now, a truth to compare with, and other vehicles of a fleet."""
+    """Contents of a flight so far, by which its first page is chosen: a leader, our own state, traffic, a present
+    threat, a truth, and other vehicles of a fleet."""
 
     leader: bool = True
     own: bool = False
@@ -119,7 +119,7 @@ def camera_view(camera: Camera) -> "rrb.Spatial2DView":
 
 
 def rotors_view() -> "rrb.Spatial2DView":
-    """Our vehicle from above, with its rotors and what is wrong with them."""
+    """Our vehicle from above, with its rotors and their faults."""
     return flat("Our rotors", scene.ROTORS, (-1.0, 1.0), (-0.75, 0.9))
 
 
@@ -131,7 +131,7 @@ def traffic_view() -> "rrb.Spatial2DView":
 
 
 def range_plots(others: str) -> list["rrb.TimeSeriesView"]:
-    """How far the leader is, and how far that is off; `others` names the curves of other estimators."""
+    """The leader's range and its error; `others` names the curves of other estimators."""
     return [
         plot(f"Leader: range [m] ±3σ; truth white{others}", "range"),
         plot(f"Leader: error in range [m] ±3σ{others}", "range_error"),
@@ -139,7 +139,7 @@ def range_plots(others: str) -> list["rrb.TimeSeriesView"]:
 
 
 def overview(shown: Contents, others: str) -> "rrb.Vertical":
-    """Where the leader is, and how far to trust that."""
+    """The leader's position and its consistency."""
     return rrb.Vertical(
         *range_plots(others)[: 2 if shown.truth else 1],
         plot(f"Wingspan of the leader [m], ±3σ{others}", "size"),
@@ -149,14 +149,14 @@ def overview(shown: Contents, others: str) -> "rrb.Vertical":
 
 
 def both(shown: Contents, others: str) -> "rrb.Vertical":
-    """The first page where our own state is estimated, too: both, and how far to trust either."""
+    """The first page with our own state: both estimates and their consistency."""
     mine = own_errors() if shown.truth else [own_plot("north"), own_plot("roll")]
     ours = range_plots(others) if shown.truth else [range_plots(others)[0], plot("Wingspan [m], ±3σ", "size")]
     return rrb.Vertical(*ours, *mine, name="Both")
 
 
 def own_errors() -> list["rrb.TimeSeriesView"]:
-    """How far our own state is off the truth."""
+    """Errors of our own state."""
     return [
         plot("Own velocity: error [m/s] ±3σ; north red, east green, down blue", "own/velocity_error"),
         plot("Own attitude: error [°] ±3σ; roll red, pitch green, yaw blue", "own/attitude_error"),
@@ -164,13 +164,13 @@ def own_errors() -> list["rrb.TimeSeriesView"]:
 
 
 def own_plot(name: str) -> "rrb.TimeSeriesView":
-    """One component of our own state, beside the autopilot's and the truth."""
+    """One component of our own state, with the autopilot's and the truth."""
     what, unit = (f"velocity {name}", "m/s") if name in scene.AXIS_NAMES else (name, "°")
     return plot(f"Own {what} [{unit}], ±3σ; autopilot amber, truth white", f"own/{name}")
 
 
 def own(shown: Contents) -> "rrb.Vertical":
-    """The first page of a flight without a leader: our own state, and what its model cannot explain."""
+    """The first page of a flight without a leader: our own state and its model error."""
     first = own_errors() if shown.truth else [own_plot("north"), own_plot("east")]
     return rrb.Vertical(
         *first,
@@ -182,7 +182,7 @@ def own(shown: Contents) -> "rrb.Vertical":
 
 
 def first_page(shown: Contents, others: str) -> list["rrb.Vertical"]:
-    """The page that is open first; none where it is that of traffic."""
+    """The page that opens first; none if it is that of traffic."""
     if shown.own:
         return [both(shown, others)] if shown.leader else [own(shown)]
     return []
@@ -233,7 +233,7 @@ def plots(shown: Contents, others: str, page: str = "") -> "rrb.Tabs":
 
 
 def traffic_page() -> "rrb.Vertical":
-    """The map of other aircraft and the table of those that come nearest."""
+    """The map of other aircraft and the table of the closest approaches."""
     table = rrb.TextDocumentView(name="The nearest to come", origin=f"/{traffic.TABLE}")
     return rrb.Vertical(traffic_view(), table, name="Traffic", row_shares=[1.3, 1.0])
 

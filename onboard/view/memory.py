@@ -1,4 +1,4 @@
-"""What the view keeps between records: the latest of each kind, and what a later record needs of earlier ones."""
+"""State of the view between records: the latest of each kind, and data that later records need."""
 
 from collections import defaultdict, deque
 from dataclasses import dataclass, field

@@ -95,7 +95,7 @@ def ellipsoid(P: Array, sigmas: float) -> tuple[Array, Array]:
 
 
 def course_quaternion(v_n: ArrayLike) -> Array:
-    """Attitude (4,) of an aircraft flying straight along v_n (3,), wings level: all that a velocity tells."""
+    """Attitude (4,) of an aircraft flying straight along v_n (3,), wings level: a velocity shows no more."""
     north, east, down = np.asarray(v_n, dtype=float)
     return quaternion_from_euler(
         0.0, float(np.arctan2(-down, np.hypot(north, east))), float(np.arctan2(east, north))

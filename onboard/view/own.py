@@ -1,5 +1,5 @@
-"""Our own state: time series beside the autopilot's estimate and, in a simulation, the truth; its headline, and
-our rotors with what is wrong with them."""
+"""Our own state: time series with the autopilot's estimate and, in a simulation, the truth; its headline, and our
+rotors with their faults."""
 
 import numpy as np
 
@@ -34,7 +34,7 @@ UNDISTURBED = Transform((0.0, 0.0, 0.0), LEVEL, (1.0, 1.0, 1.0))
 
 
 def show_state(columns: Columns, memory: Memory, state: NavState, rotors: scene.Rotors) -> None:
-    """Everything that a state of ours changes in the view."""
+    """All changes of the view by one own state."""
     plot_state(columns, memory, state)
     last_ns = memory.own_states[-1].t_ns if memory.own_states else state.t_ns
     memory.own_states.append(state)
@@ -51,7 +51,7 @@ def show_state(columns: Columns, memory: Memory, state: NavState, rotors: scene.
 
 
 def draw_words(columns: Columns, state: NavState) -> None:
-    """The headline, red where something is wrong with us, and the same beside our vehicle."""
+    """The headline, red if we have a fault, and the same label at our vehicle."""
     t_ns, wrong = state.t_ns, ", ".join(map(words.fault, state.faults))
     colour = palette.RED if wrong else palette.STATES[state.state]
     line = words.own_headline(state)
@@ -66,7 +66,7 @@ def draw_words(columns: Columns, state: NavState) -> None:
 
 
 def draw_rotors(columns: Columns, state: NavState, rotors: scene.Rotors) -> None:
-    """Each rotor in the colour of its health, with what it has lost."""
+    """Each rotor in the colour of its health, with its loss of thrust."""
     if not rotors:
         return
     lost = {f.part: f.magnitude for f in state.faults if f.kind is FaultKind.MOTOR}
@@ -80,7 +80,7 @@ def draw_rotors(columns: Columns, state: NavState, rotors: scene.Rotors) -> None
 
 
 def plot_error(columns: Columns, memory: Memory, truth: Truth) -> None:
-    """How far velocity (m/s) and attitude (degrees, about b's axes) are off at the time of a truth."""
+    """Errors of velocity (m/s) and attitude (degrees, about b's axes) at the time of a truth."""
     state = nav_state_at(list(memory.own_states), truth.t_ns)
     if state is None or state.mean is None or state.q_nb is None:
         return
@@ -120,7 +120,7 @@ def plot_autopilot(columns: Columns, memory: Memory, pose: OwnPose) -> None:
 
 
 def plot_truth(columns: Columns, memory: Memory, truth: Truth) -> None:
-    """The truth of the same quantities, and what the state of that time is off by."""
+    """The truth of the same quantities, and the errors of the state at that time."""
     if "own state" in memory.drawn_ns:
         _add(columns, "truth", truth.t_ns, truth.v_F_n, truth.q_nF, truth.r_OF_n[2])
         if memory.own_states and truth.t_ns <= memory.own_states[-1].t_ns:

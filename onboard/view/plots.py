@@ -23,7 +23,7 @@ QUANTITIES = {
 ERROR_PLOTS = ("range_error", *(f"error/{axis}" for axis in scene.AXIS_NAMES))
 NIS_CLIP = 3.0
 GAP = np.full(3, np.nan)  # of a curve and its band
-OURS = ""  # the estimator that the view is about, among those that wait for a truth
+OURS = ""  # the view's own estimator, among those waiting for a truth
 
 
 def banded(value: float, sigma: float) -> Array:
@@ -45,7 +45,7 @@ def plot_leader(columns: Columns, memory: Memory, t_ns: int, leader: LeaderArray
 
 
 def plot_truth(columns: Columns, truth: Truth) -> None:
-    """The same quantities as they really are."""
+    """The true values of the same quantities."""
     values = truth_vector(truth)
     columns.add(scalars, "plots/range/truth", truth.t_ns, float(np.linalg.norm(values[:3])))
     for k, name in QUANTITIES.items():
@@ -53,7 +53,7 @@ def plot_truth(columns: Columns, truth: Truth) -> None:
 
 
 def plot_errors(columns: Columns, memory: Memory) -> None:
-    """Errors of the waiting states whose time the truth has reached, of every estimator of the leader."""
+    """Errors of waiting states of all estimators of the leader, once the truth has reached their time."""
     newest = memory.truths[-1].t_ns if memory.truths else None
     for name, waiting in memory.waiting.items():
         while waiting and newest is not None and waiting[0].t_ns <= newest:

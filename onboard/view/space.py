@@ -27,7 +27,7 @@ NO_LINE = np.zeros((0, 3))
 
 
 def hide_everything(columns: Columns, t_ns: int) -> None:
-    """Hide what has no position before its first record."""
+    """Hide entities that have no position before their first record."""
     for entity in scene.MOVING:
         columns.add(transforms, entity, t_ns, HIDDEN)
     for entity in (scene.HEADING, scene.AROUND_LEADER):  # a camera needs a frame of some size
@@ -89,7 +89,7 @@ def leader_attitude(memory: Memory, t_ns: int, v_L_n: Array) -> Array:
 
 
 def hide_leader(columns: Columns, t_ns: int) -> None:
-    """Remove everything that shows a track."""
+    """Remove all entities of a track."""
     for entity in (scene.LEADER, scene.UNCERTAINTY, scene.LEADER_VELOCITY, *scene.OPEN_ENDS):
         columns.add(transforms, entity, t_ns, HIDDEN)
     for entity in (scene.SIGHT_LINE, scene.DROP_LINE, scene.OPEN_RANGE):

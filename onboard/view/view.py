@@ -18,7 +18,7 @@ from onboard.view import beside, image, own, palette, plots, scene, space, traff
 from onboard.view.columns import HIDDEN, Columns, ImagePoints, colours_2d, labels, pictures, texts, transforms
 from onboard.view.layout import LEADER_ALONE, blueprint
 from onboard.view.memory import Memory
-from onboard.view.motion import LeaderArrays, leader_state
+from onboard.view.motion import leader_state
 from onboard.view.sdk import rr
 from onboard.view.viewer import free_port, start_viewer, start_web_viewer
 
@@ -229,7 +229,7 @@ class View:
         beside.draw(self._columns, self._memory, estimate, leader, beside.colour_of(self._beside.index(name))[1])
 
     def _note(self, **seen: bool) -> None:
-        """Arrange the window anew when what flies turns out to be more, or other, than before."""
+        """Rearrange the window when the contents of the flight change."""
         shown = self._shown._replace(**seen)
         if shown != self._shown:
             self._shown = shown
@@ -248,7 +248,7 @@ class View:
         self._columns.add(texts, "fleet", max(self._t_newest_ns, 1), text)
 
     def _arrange(self) -> None:
-        """Arrange the window for what there is by now."""
+        """Arrange the window for the present contents."""
         others = tuple((name, beside.colour_of(k)[0]) for k, name in enumerate(self._beside))
         self._stream.send_blueprint(blueprint(self._camera, self._shown, beside=others, page=self._open_page))
 
@@ -262,7 +262,7 @@ class View:
             self._columns.add(texts, "status", health.t_ns, self._memory.advice or words.WELL)
 
     def _show_status(self, estimate: Estimate, leader: LeaderArrays | None) -> None:
-        """The texts: the banner, the panel, and the tag beside the leader."""
+        """The texts: banner, panel, and the leader's tag."""
         columns, t_ns = self._columns, estimate.t_ns
         fresh = t_ns - self._memory.t_image_ns <= image.STALE_NS
         report = self._memory.report if fresh else None

@@ -1,4 +1,4 @@
-"""Texts of the view: the headline that a pilot reads, and the panels for those on the ground."""
+"""Texts of the view: the pilot's headline, and the panels for the ground."""
 
 import math
 from collections.abc import Mapping
@@ -61,8 +61,7 @@ def headline(
 
 
 def own_headline(state: NavState) -> str:
-    """One line on our own state: how sure it is, and what is wrong with us. The ± are one standard deviation per
-    axis."""
+    """One line on our own state: its certainty and our faults. The ± are one standard deviation per axis."""
     words = f"OWN STATE {state.state.upper()}"
     if state.covariance is not None:
         variance = np.diag(np.array(state.covariance))
@@ -72,7 +71,7 @@ def own_headline(state: NavState) -> str:
 
 
 def fault(one: Fault) -> str:
-    """What is wrong, and by how much."""
+    """A fault and its magnitude."""
     if one.kind is FaultKind.MOTOR:
         return f"{one.part.upper()} WEAK: {one.magnitude:.0%} of its thrust lost"
     return f"{one.kind.upper()} {one.part}".strip() + f": {one.magnitude:.2f} {one.unit}"
