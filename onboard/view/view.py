@@ -18,7 +18,7 @@ from onboard.view import beside, image, own, palette, plots, scene, space, traff
 from onboard.view.columns import HIDDEN, Columns, ImagePoints, colours_2d, labels, pictures, texts, transforms
 from onboard.view.layout import LEADER_ALONE, blueprint
 from onboard.view.memory import Memory
-from onboard.view.motion import leader_state
+from onboard.view.motion import LeaderArrays, leader_state
 from onboard.view.sdk import rr
 from onboard.view.viewer import free_port, start_viewer, start_web_viewer
 

@@ -142,12 +142,14 @@ def test_a_leader_that_swerves_and_is_kept_in_the_middle_is_no_focal_length_seed
     assert [seed for seed, explanations in enumerate(found, 1) if explanations] == []
 
 
+@pytest.mark.xfail(
+    strict=True, reason="4 of 20 claim a mount, by our own displacement, of a camera that is wrong in another way"
+)
 def test_a_wrong_camera_without_lean_is_not_claimed_seeds_1_to_20() -> None:
     """Nothing shows it: neither an error nor a guess."""
     wrong = np.radians([0.0, 15.0, 0.0])
     found = [explain(windows(wrong, seed, nod=0.0, focal=2.0)) for seed in range(1, 21)]
-    # With twice the focal length and 15 degrees, seed 2 shows 32 degrees at 6.8 sigmas, by our displacement alone.
-    assert [seed for seed, one in enumerate(found, 1) if one] in ([], [2])
+    assert [seed for seed, one in enumerate(found, 1) if one] == []
 
 
 def hints(scenario: Scenario, mount_deg: list[float], seconds: float, seed: int) -> list[str]:
