@@ -43,8 +43,7 @@ APART_S: Final = 0.2  # of the evidence of one of these, in seconds
 STARTUP_S: Final = 8.0  # over which the evidence of a new track is used
 TOGETHER_S: Final = 0.05  # what is measured at one time, by different means, counts as if it came so soon after
 SURPRISE_S: Final = 3.0  # over which the surprise is averaged
-MOST_SURPRISE: Final = 12.0  # NIS of an image: one stray image is no surprise
-SHOWN: Final = 4.0  # components of an image that show something: both of the center and of the wing
+MOST_SURPRISE: Final = 3.0  # times the expected NIS, of an image: one stray image is no surprise
 OF_SHAPE: Final = 0.02  # of the weight: so much must have expected a shape; only the right headings do
 PER_ROW: Final = 2.1  # more of the gate for each row of what an image shows of a shape
 NOWHERE: Final = np.zeros(3)
@@ -126,7 +125,8 @@ def update(
     if is_box:
         least = 0.0
     else:
-        off = min(float(np.exp(particles.log_weights) @ np.minimum(nis, settings.gate)), MOST_SURPRISE) / SHOWN
+        off = float(np.exp(particles.log_weights) @ np.minimum(nis, settings.gate)) / len(rows.y)
+        off = min(off, MOST_SURPRISE)
         surprise = off + math.exp(-particles.unseen / SURPRISE_S) * (particles.surprise - off)
         after = after._replace(surprise=surprise)
     if seen.further is not None:

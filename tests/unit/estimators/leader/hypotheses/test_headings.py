@@ -27,18 +27,26 @@ STILL = CameraPose(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
 
 
 def image(
-    range_m: float, aspect: float, *, east: float = 0.0, lean: float = 0.0, seed: int = 1, swap: bool = False
+    range_m: float,
+    aspect: float,
+    *,
+    east: float = 0.0,
+    lean: float = 0.0,
+    seed: int = 1,
+    swap: bool = False,
+    middle: bool = False,
+    noise_px: float = 1.0,
 ) -> Measurement:
-    """A leader to the north, its heading `aspect` rad off the line of sight, banked by `tilt`, with 1 px of
-    noise."""
+    """A leader to the north, its heading `aspect` rad off the line of sight, banked by `lean`; 1 px of noise is
+    configured."""
     level = math.cos(lean)
     wing = np.array([-math.sin(aspect) * level, math.cos(aspect) * level, math.sin(lean)])
     ends = [np.array([range_m, -east, 0.0]) + k * wing for k in (0.0, -1.0, 1.0)]
     points = np.array([p[1:] / p[0] for p in ends])
-    points = points + np.random.default_rng(seed).normal(size=(3, 2)) / 554.0
+    points = points + np.random.default_rng(seed).normal(size=(3, 2)) * noise_px / 554.0
     if (points[1, 0] > points[2, 0]) != swap:
         points = points[[0, 2, 1]]  # detectors name wingtips by their side in the image
-    return measure_wing(points.tolist(), [1.0 / 554.0] * 3)
+    return measure_wing(points.tolist(), [1.0 / 554.0] * 3, middle=middle)
 
 
 def watched(
@@ -50,6 +58,8 @@ def watched(
     swap: bool = False,
     turn: float = 0.0,
     gated: int = 6,
+    middle: bool = False,
+    noise_px: float = 1.0,
 ) -> Particles:
     """The particles after watching a leader 25 m away that hovers, while we sway from side to side by `sway` m.
     Its heading turns by `turn` rad from a third of the time to two thirds; at most `gated` images are not
@@ -61,7 +71,8 @@ def watched(
         particles = prediction.predict(SETTINGS, particles, 0.1, np.array([0.0, new - east, 0.0]))
         east = new
         heading = aspect + turn * min(max(3.0 * k / steps - 1.0, 0.0), 1.0)
-        seen = image(25.0, heading, east=east, lean=lean, seed=k, swap=swap and k % 2 == 1)
+        swapped = swap and k % 2 == 1
+        seen = image(25.0, heading, east=east, lean=lean, seed=k, swap=swapped, middle=middle, noise_px=noise_px)
         particles, nis = update.update(SETTINGS, particles, seen, STILL)
         left -= nis >= SETTINGS.gate
     assert left >= 0
@@ -222,6 +233,13 @@ def test_points_that_are_always_misplaced_make_the_range_wrong_as_the_wing_is_fo
     plain, wide = (summarise(SETTINGS, known._replace(keypoint_bias=m)).covariance for m in (0.0, 0.056))
     added = float(r @ (wide - plain)[:3, :3] @ r) / float(r @ r) ** 2
     assert added == pytest.approx((0.056 * share) ** 2, abs=1e-6)
+
+
+@pytest.mark.parametrize("middle", [False, True])
+def test_images_surprise_by_as_many_components_as_they_have(middle: bool) -> None:
+    """The wing's middle is two more: with them, right images were as surprising as a leader that turns back."""
+    assert 0.6 < watched(0.5, 6.0, sway=2.0, middle=middle).surprise < 1.15
+    assert watched(0.5, 6.0, sway=2.0, middle=middle, noise_px=2.0, gated=60).surprise > 1.6
 
 
 def test_evidence_counts_by_seconds_and_not_by_images() -> None:
