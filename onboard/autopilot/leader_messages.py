@@ -151,7 +151,7 @@ def camera_tracking_geo(s: LeaderState, _: CameraView) -> Message | None:
     )
 
 
-MAKE: Final[dict[str, Callable[[LeaderState, CameraView], Message | None]]] = {
+MESSAGE_MAKERS: Final[dict[str, Callable[[LeaderState, CameraView], Message | None]]] = {
     "FOLLOW_TARGET": follow_target,
     "GLOBAL_POSITION_INT": global_position,
     "TARGET_RELATIVE": target_relative,

@@ -8,7 +8,7 @@ from typing import Final
 
 from onboard import __version__
 from onboard.autopilot.component import Component
-from onboard.autopilot.leader_messages import MAKE, OWN_SYSTEM, CameraView
+from onboard.autopilot.leader_messages import MESSAGE_MAKERS, OWN_SYSTEM, CameraView
 from onboard.autopilot.requests import Requests, stamp
 from onboard.autopilot.sent import Encoder
 from onboard.autopilot.stream import Stream
@@ -75,7 +75,7 @@ class LeaderOutput:
         """Whether a message could be sent of this state."""
         if state is None or view is None or not (state.valid or name in TELLS_IDLE):
             return False
-        return MAKE[name](state, view) is not None
+        return MESSAGE_MAKERS[name](state, view) is not None
 
     def _reports(
         self, state: LeaderState, virtual: LeaderState | None, view: CameraView, now_ns: int
@@ -84,7 +84,7 @@ class LeaderOutput:
             of = virtual if name in OWN_SYSTEM else state
             if of is None or not (of.valid or name in TELLS_IDLE) or not stream.is_due(now_ns):
                 continue
-            message = MAKE[name](of, view)
+            message = MESSAGE_MAKERS[name](of, view)
             if message is not None:
                 yield self._sender(name).encode(message)
 

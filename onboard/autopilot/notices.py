@@ -9,8 +9,8 @@ from onboard.units import NS_PER_S
 
 ERROR, WARNING, NOTICE, INFO = 3, 4, 5, 6  # MAV_SEVERITY
 MOST_WAITING: Final = 5  # of one rank
-PERIOD_NS: Final = NS_PER_S  # between two texts
-AGAIN_NS: Final = 10 * NS_PER_S  # before the same text is sent again, or the next of one sender
+NOTICE_PERIOD_NS: Final = NS_PER_S  # between two texts
+REPEATED_AFTER_NS: Final = 10 * NS_PER_S  # before the same text is sent again, or the next of one sender
 LENGTH: Final = 200  # of a text: four STATUSTEXTs
 
 
@@ -77,13 +77,13 @@ class Notices:
         """The text to send now, if any."""
         if now_ns < self._next_ns:
             return []
-        self._sent = {kind: sent for kind, sent in self._sent.items() if now_ns - sent[1] < AGAIN_NS}
+        self._sent = {kind: sent for kind, sent in self._sent.items() if now_ns - sent[1] < REPEATED_AFTER_NS}
         while self._waiting:
             kind = min(self._waiting, key=lambda kind: kind[0])
             severity, text, same = self._waiting.pop(kind)
             if kind in self._sent and self._sent[kind][0] == same:
                 continue
             self._sent[kind] = same, now_ns
-            self._next_ns = now_ns + PERIOD_NS
+            self._next_ns = now_ns + NOTICE_PERIOD_NS
             return [StatusText(t_ns=now_ns, t_recv_ns=now_ns, clock=Clock.HOST, severity=severity, text=text)]
         return []

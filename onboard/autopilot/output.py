@@ -38,7 +38,7 @@ from onboard.units import NS_PER_S
 from onboard.wire.datagrams import OnRefused, ignore
 from onboard.wire.mavlink.signing import Signer
 
-RECENT_NS: Final = NS_PER_S  # of an estimate that is worth keeping
+KEPT_RECENT_NS: Final = NS_PER_S  # of an estimate that is worth keeping
 
 
 class Outgoing(NamedTuple):
@@ -175,7 +175,7 @@ class AutopilotOutput:
         if joined is None or joined.own is None or autopilot is None or offset_ns is None:
             return None
         e = joined.estimate
-        if not e.valid or wall_ns - offset_ns - e.t_ns > RECENT_NS:
+        if not e.valid or wall_ns - offset_ns - e.t_ns > KEPT_RECENT_NS:
             return None
         return WarmState(
             t_ns=e.t_ns,

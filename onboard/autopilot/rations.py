@@ -11,7 +11,7 @@ BYTES_PER_S: Final = 4096  # then; less than a serial line at 57,600 Bd carries
 STORED: Final = 400  # bytes that a parameter counts for that is set: it is checked and stored
 SOURCES: Final = 16  # with a ration of their own; all others share one
 Source = tuple[int, int]
-OTHERS: Final[Source] = (-1, -1)
+OTHER_SOURCES: Final[Source] = (-1, -1)
 
 
 class Rations:
@@ -35,7 +35,7 @@ class Rations:
             kept = {s: left for s, left in self._left.items() if self._of(s, now_ns) < MOST_BYTES}
             self._left = kept
             if len(kept) >= SOURCES:
-                return OTHERS
+                return OTHER_SOURCES
         return source
 
     def _of(self, source: Source, now_ns: int) -> float:

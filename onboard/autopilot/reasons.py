@@ -18,9 +18,9 @@ from onboard.units import NS_PER_S
 
 Text = tuple[int, str]  # MAV_SEVERITY and the words
 
-PATIENCE_NS: Final = 5 * NS_PER_S  # without a leader before the reason is sent
-AGAIN_NS: Final = 30 * NS_PER_S  # before the same is sent again
-NOTHING: Final = Reason(Cause.NO_MEASUREMENT, "nothing is estimated: no images, or no own motion")
+REASON_AFTER_NS: Final = 5 * NS_PER_S  # without a leader before the reason is sent
+REASON_AGAIN_NS: Final = 30 * NS_PER_S  # before the same is sent again
+NOTHING_ESTIMATED: Final = Reason(Cause.NO_MEASUREMENT, "nothing is estimated: no images, or no own motion")
 NO_COURSE_NS: Final = NS_PER_S
 UNSEEN_S: Final = 0.5  # without an image: the predicted leader may have left the view
 
@@ -73,18 +73,18 @@ class Reasons:
         self._no_course_ns = None
         if self._no_leader_ns is None:
             self._no_leader_ns = now_ns
-        why = NOTHING if state is None else Reason(state.cause, state.reason)
+        why = NOTHING_ESTIMATED if state is None else Reason(state.cause, state.reason)
         waited_ns = now_ns - self._no_leader_ns
         if why.cause is Cause.OWN_MOTION_DOUBT and not is_armed:
             return []
-        if waited_ns < (AGAIN_NS if why.cause is self._said else PATIENCE_NS):
+        if waited_ns < (REASON_AGAIN_NS if why.cause is self._said else REASON_AFTER_NS):
             return []
         self._no_leader_ns, self._said = now_ns, why.cause
         return [(WARNING, f"no leader: {why.words}")]
 
     def _warning(self, warning: str, now_ns: int) -> list[Text]:
         """A new one, or one that has lasted."""
-        if not warning or (warning == self._warned and now_ns - self._warned_ns < AGAIN_NS):
+        if not warning or (warning == self._warned and now_ns - self._warned_ns < REASON_AGAIN_NS):
             return []
         self._warned, self._warned_ns = warning, now_ns
         return [(WARNING, warning)]
@@ -98,7 +98,7 @@ class Reasons:
             self._no_course_ns = now_ns + NO_COURSE_NS
         if now_ns < self._no_course_ns:
             return []
-        self._no_course_ns = now_ns + AGAIN_NS
+        self._no_course_ns = now_ns + REASON_AGAIN_NS
         return [(WARNING, "no course yet: FOLLOW waits for leader to move")]
 
     def _out_of_view(self, state: LeaderState, view: CameraView | None) -> list[Text]:

@@ -67,7 +67,7 @@ class Requests:
     def answer(self, channel: str, command: Command, now_ns: int) -> Answer:
         """The answer to a command; UNSUPPORTED for all that we have nothing to do with."""
         number = command.params[0]
-        if command.command not in COMMANDS or not (math.isfinite(number) and number == int(number)):
+        if command.command not in ANSWERED_COMMANDS or not (math.isfinite(number) and number == int(number)):
             return Answer(UNSUPPORTED)
         streams = self._streams.get((channel, int(number)), [])
         if command.command == dialect.MAV_CMD_REQUEST_MESSAGE:
@@ -101,7 +101,7 @@ class Requests:
         return Answer(ACCEPTED if able else TEMPORARILY_REJECTED)
 
 
-COMMANDS: Final = frozenset(
+ANSWERED_COMMANDS: Final = frozenset(
     {
         dialect.MAV_CMD_REQUEST_MESSAGE,
         dialect.MAV_CMD_SET_MESSAGE_INTERVAL,

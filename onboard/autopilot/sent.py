@@ -102,7 +102,7 @@ SENT: Final[dict[type[Message], SentKind]] = {
     ),
     Odometry: SentKind(("ODOMETRY",), WHERE_NAMED, "`[odometry]`: our own state"),
 }
-COMMANDS: Final = {  # of COMMAND_LONG; none of them moves a vehicle
+SENT_COMMANDS: Final = {  # of COMMAND_LONG; none of them moves a vehicle
     dialect.MAV_CMD_SET_MESSAGE_INTERVAL: "MAV_CMD_SET_MESSAGE_INTERVAL",
     dialect.MAV_CMD_REQUEST_MESSAGE: "MAV_CMD_REQUEST_MESSAGE",
 }
@@ -113,6 +113,6 @@ class Encoder(MavlinkEncoder):
 
     def encode(self, message: Message) -> bytes:
         """The frame(s) of a message. Raises ValueError for one that is in no table: nothing is sent of it."""
-        if type(message) not in SENT or (isinstance(message, Command) and message.command not in COMMANDS):
+        if type(message) not in SENT or (isinstance(message, Command) and message.command not in SENT_COMMANDS):
             raise ValueError(f"{type(message).__name__} is not sent: onboard/autopilot/sent.py does not list it")
         return super().encode(message)

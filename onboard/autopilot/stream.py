@@ -5,7 +5,7 @@ from typing import Final
 from onboard.units import NS_PER_S
 
 CLOSE_NS: Final = 1_000_000  # what comes on a grid of its own is due this near to its time
-OFF: Final = -1  # us, of SET_MESSAGE_INTERVAL
+OFF_US: Final = -1  # us, of SET_MESSAGE_INTERVAL
 DEFAULT: Final = 0
 
 
@@ -48,7 +48,7 @@ class Stream:
         be changed."""
         if self._is_fixed:
             return interval_us in {DEFAULT, self._default_ns // 1000}
-        if interval_us == OFF:
+        if interval_us == OFF_US:
             self.interval_ns = 0
         elif interval_us == DEFAULT:
             self.interval_ns = self._default_ns
@@ -62,4 +62,4 @@ class Stream:
     @property
     def interval_us(self) -> int:
         """As MESSAGE_INTERVAL has it."""
-        return self.interval_ns // 1000 or OFF
+        return self.interval_ns // 1000 or OFF_US

@@ -19,11 +19,11 @@ from onboard.messages import (
 )
 
 BY_ADSB, BY_POSITION = 0, 1  # MAV_COLLISION_SRC
-LEVEL: Final = {ThreatLevel.NONE: 0, ThreatLevel.LOW: 1, ThreatLevel.HIGH: 2}  # MAV_COLLISION_THREAT_LEVEL
+THREAT_LEVELS: Final = {ThreatLevel.NONE: 0, ThreatLevel.LOW: 1, ThreatLevel.HIGH: 2}  # MAV_COLLISION_THREAT_LEVEL
 OURS_BY_SYSTEM: Final = 0xF0_0000  # F00000 to FFFFFF are unassigned ICAO addresses: for aircraft that have none
 OURS_BY_RADAR: Final = 0xF1_0000
-MOST: Final = 0xFFFF
-KINDS: Final = ("ADSB_VEHICLE", "COLLISION")
+UINT16_MAX: Final = 0xFFFF
+TRAFFIC_MESSAGES: Final = ("ADSB_VEHICLE", "COLLISION")
 
 
 class TrafficOutput:
@@ -34,7 +34,7 @@ class TrafficOutput:
         self._config = config
         self._component = component
         self._encoder: Encoder | None = None
-        self.streams = {kind: Stream(config.rate_hz) for kind in KINDS}
+        self.streams = {kind: Stream(config.rate_hz) for kind in TRAFFIC_MESSAGES}
         self._due: dict[str, dict[str, int]] = {}  # by track and kind
 
     def connect(self, system: int) -> None:
@@ -98,7 +98,7 @@ def collision(estimate: Estimate, who: Intruder) -> Collision:
         **_unstamped(estimate),
         source=BY_POSITION if by_position else BY_ADSB,
         threat=who.system if by_position and who.system is not None else address(estimate, who),
-        threat_level=LEVEL[a.threat],
+        threat_level=THREAT_LEVELS[a.threat],
         time=a.time,
         vertical=a.vertical,
         horizontal=a.horizontal,
@@ -111,7 +111,7 @@ def address(estimate: Estimate, who: Intruder) -> int:
         return who.icao
     if who.system is not None:
         return OURS_BY_SYSTEM + who.system
-    return OURS_BY_RADAR + int(estimate.target.rsplit("/", 1)[1]) % MOST
+    return OURS_BY_RADAR + int(estimate.target.rsplit("/", 1)[1]) % UINT16_MAX
 
 
 def _course(north: float, east: float) -> float:

@@ -5,7 +5,7 @@ from typing import Final
 from onboard.messages import Exposure, Message
 from onboard.units import NS_PER_S
 
-MOST: Final = 32  # sources that are known
+MOST_SOURCES: Final = 32  # sources that are known
 JUMPS: Final = 3  # of the autopilot's clock that a source may have missed
 ALIKE_NS: Final = 150_000_000  # variation of a source's latency
 UNLIKE_NS: Final = 2 * NS_PER_S  # after this long, another latency is the usual one
@@ -34,7 +34,7 @@ class Followers:
         usual = self._latency_ns.get(source)
         arrived = message.t_recv_ns - offset_ns
         found = t_ns if usual is None else min(times, key=lambda t: abs(arrived - t - usual))
-        if usual is not None or len(self._latency_ns) < MOST:
+        if usual is not None or len(self._latency_ns) < MOST_SOURCES:
             self._learn(source, arrived - found, message.t_recv_ns)
         return found
 

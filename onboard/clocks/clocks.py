@@ -49,7 +49,7 @@ CORRECTED_NS: Final = 50_000_000  # an error of conversion that affects estimate
 MOST_GIMBALS: Final = 8
 LONGEST_ROUND_TRIP_NS: Final = 200_000_000
 BACK_NS: Final = 150_000_000  # behind the newest stamp; streams of one clock are closer
-RATE: Final = Reason(Cause.CLOCK_RATE, "the autopilot's clock runs at another rate than this computer's")
+RATE_REASON: Final = Reason(Cause.CLOCK_RATE, "the autopilot's clock runs at another rate than this computer's")
 LATER_NS: Final = 5_000_000  # jitter by which a stamp may be later than its arrival
 
 
@@ -101,7 +101,7 @@ class Clocks:
     @property
     def doubt(self) -> Reason | None:
         """Why stamps of this computer cannot be converted well at present; None if they can, or there are none."""
-        return RATE if self._offset.doubt and self._used is not None else None
+        return RATE_REASON if self._offset.doubt and self._used is not None else None
 
     def age_ns(self, t_ns: int, at_ns: int) -> int:
         """The age, at a time of this computer's clock, of a state at `t_ns` on the boot clock; 0 if arrivals are

@@ -8,10 +8,10 @@ from msgspec.structs import replace
 from onboard.messages import Message
 from onboard.units import NS_PER_S
 
-CONFIRM: Final = 5
+STAMPS_TO_CONFIRM: Final = 5
 AGREE_NS: Final = NS_PER_S  # spread of arrival minus stamp on one clock
 REPEATED_NS: Final = 10 * NS_PER_S  # latest repetition by a second link
-REMEMBERED: Final = 10_000  # messages, to recognise repetitions
+STAMPS_REMEMBERED: Final = 10_000  # messages, to recognise repetitions
 ALONE_NS: Final = NS_PER_S  # after only old stamps for this long, no link repeats them
 BACK_LASTS_NS: Final = 250_000_000  # after only older stamps for this long, the clock has jumped back
 
@@ -40,7 +40,7 @@ class OddStamps:
             return True
         self._known.add(key)
         self._received.append(key)
-        if len(self._received) > REMEMBERED:
+        if len(self._received) > STAMPS_REMEMBERED:
             self._known.discard(self._received.popleft())
         return False
 
@@ -52,9 +52,9 @@ class OddStamps:
             return False
         offset = t_recv - stamp
         self._odd = [o for o in self._odd if abs(o[1] - offset) < AGREE_NS]
-        self._odd = [*self._odd[: CONFIRM - 1], (t_recv, offset)]
+        self._odd = [*self._odd[: STAMPS_TO_CONFIRM - 1], (t_recv, offset)]
         is_alone = t_recv - self._odd[0][0] >= ALONE_NS
-        return len(self._odd) == CONFIRM and (is_alone or not self.may_repeat(stamp, offset - base_ns))
+        return len(self._odd) == STAMPS_TO_CONFIRM and (is_alone or not self.may_repeat(stamp, offset - base_ns))
 
     def may_repeat(self, stamp: int, late_ns: int) -> bool:
         """Whether a stamp this late may be of the same clock's recent past."""
@@ -62,5 +62,5 @@ class OddStamps:
 
     def stays_back(self, t_recv: int) -> bool:
         """Whether, with this one, all stamps have been behind the newest for a while."""
-        self._back = [*self._back[: CONFIRM - 1], t_recv]
-        return len(self._back) == CONFIRM and t_recv - self._back[0] >= BACK_LASTS_NS
+        self._back = [*self._back[: STAMPS_TO_CONFIRM - 1], t_recv]
+        return len(self._back) == STAMPS_TO_CONFIRM and t_recv - self._back[0] >= BACK_LASTS_NS

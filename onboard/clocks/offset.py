@@ -16,7 +16,7 @@ WINDOW_NS: Final = 10 * NS_PER_S
 DRIFT: Final = 300e-6  # largest drift between two clocks; simulated autopilots: 150e-6
 BLOCK_NS: Final = 250_000_000  # blocks whose fastest messages show the offset's change
 FIT_NS: Final = 5 * NS_PER_S  # over which the slope is fitted
-FEWEST: Final = 5  # points of a fit
+FEWEST_STAMPS: Final = 5  # points of a fit
 LEAST_NS: Final = {"timesync": NS_PER_S, "arrival": 3 * NS_PER_S}  # shortest span of a fit to follow
 SHOWN_NS: Final = 750_000_000  # shortest span of a fit that is reported as uncertain
 FLOOR_NS: Final = {"timesync": 300_000, "arrival": 2_000_000}  # noise of a point, at least
@@ -78,7 +78,7 @@ class Offset:
             return None
         if self.replies:
             return min(offset, carried) - min(self.replies).round_trip // 2
-        if len(self._blocks) < FEWEST:
+        if len(self._blocks) < FEWEST_STAMPS:
             return None
         fastest = [o for _, o in self._blocks[:-1]]
         return offset - max(LATE_AT_LEAST_NS, LATE_BY * (max(fastest) - min(fastest)))
@@ -138,7 +138,7 @@ class Offset:
 
     def _fit(self, points: list[tuple[float, float]], source: str) -> None:
         """Fit a straight line to offsets, and follow its slope if it is certain."""
-        if len(points) < FEWEST:
+        if len(points) < FEWEST_STAMPS:
             return
         n, (t0, o0) = len(points), points[0]
         x, y = [t - t0 for t, _ in points], [o - o0 for _, o in points]

@@ -23,7 +23,7 @@ from onboard.terminal.output import show
 from onboard.units import S_PER_NS
 from onboard.wire.logs.tlog import NotALogError
 
-ENOUGH: Final = {
+KNOWN_WELL: Final = {
     "delay_s": 0.02,
     "mount_deg": 0.5,
     "focal": 0.02,
@@ -35,7 +35,7 @@ LEADER: Final = ("leader", "")  # ids of its images
 WINDOW_S: Final = 8.0
 FEWEST: Final = 100  # images
 FEWEST_OF_WINDOW: Final = 20
-MOST: Final = 1500  # images: of more, every second, third ...
+MOST_IMAGES: Final = 1500  # images: of more, every second, third ...
 
 
 class Images(NamedTuple):
@@ -115,7 +115,7 @@ def collect(log: Path, config: Config) -> tuple[Images, Poses]:
         raise UserError(
             f"{log}: {len(images)} images of a leader and {len(poses)} own poses: nothing to calibrate with"
         )
-    return _images(images[:: 1 + len(images) // MOST], camera.sigma), _own(poses)
+    return _images(images[:: 1 + len(images) // MOST_IMAGES], camera.sigma), _own(poses)
 
 
 def _of_leader(exposure: Exposure) -> list[TargetPoints]:
@@ -206,14 +206,14 @@ def described(found: Calibration, config: Config) -> list[str]:
         ]
     pasted = ["", "[camera]"]
     c, camera = config.camera, config.camera_model()
-    if found.delay_sigma < ENOUGH["delay_s"]:
+    if found.delay_sigma < KNOWN_WELL["delay_s"]:
         before = c.delay_s if c.delay_s is not None else config.delay.camera_s or 0.0
         pasted.append(f"delay_s = {before + found.delay:.4f}")
-    if sigmas.max() < ENOUGH["mount_deg"]:
+    if sigmas.max() < KNOWN_WELL["mount_deg"]:
         R_bc = camera.R_bc @ matrix_from_euler(*found.mount)
         rpy = np.degrees(euler_from_quaternion(quaternion_from_matrix(R_bc)))
         pasted.append(f"mount_rpy_deg = [{', '.join(f'{angle:.2f}' for angle in rpy)}]")
-    if found.focal_sigma < ENOUGH["focal"] and c.calibration is None:
+    if found.focal_sigma < KNOWN_WELL["focal"] and c.calibration is None:
         pasted.append(f"f_px = {c.f_px * found.focal:.1f}")
         if c.fy_px is not None:
             pasted.append(f"fy_px = {c.fy_px * found.focal:.1f}")

@@ -25,7 +25,7 @@ from onboard.messages import ActuatorOutputs, Battery, Datagram, Imu, Message, O
 from onboard.units import S_PER_NS
 from onboard.wire.logs.tlog import NotALogError
 
-ENOUGH: Final = 0.15  # sigma over value of what a fault is named by: one known worse is not offered
+MOST_SIGMA: Final = 0.15  # sigma over value of what a fault is named by: one known worse is not offered
 MOTOR_TIME_S: Final = 0.02  # assumed: an ordinary flight does not show it
 WANTED: Final = (ActuatorOutputs, Imu, Battery)
 
@@ -140,12 +140,10 @@ def described_airframe(found: AirframeFit, known: AirframeMeasures, pwm_us: tupl
     if known.full_voltage == 1.0:
         lines.append("without --voltage, the thrust is that of this flight's battery")
     needed = {"thrust": found.thrust, "Ixx": found.ixx, "Iyy": found.iyy, "torque over Izz": found.torque_over_izz}
-    missing = [name for name, one in needed.items() if not one.share < ENOUGH]
+    missing = [name for name, one in needed.items() if not one.share < MOST_SIGMA]
     if missing:
-        return [
-            *lines,
-            f"not known to {100 * ENOUGH:.0f} %: {', '.join(missing)}; nothing is offered: roll, pitch, yaw more",
-        ]
+        unknown = f"not known to {100 * MOST_SIGMA:.0f} %: {', '.join(missing)}"
+        return [*lines, f"{unknown}; nothing is offered: roll, pitch, yaw more"]
     rotors = ", ".join(f"[{x:g}, {y:g}, {int(s)}]" for x, y, s in known.rotors.tolist())
     lines += [
         "",

@@ -23,7 +23,7 @@ from onboard.terminal.output import end_signals, one_line, report
 
 USER_ERROR: Final = 2
 SET_HELP: Final = "put configuration keys over the file's, as camera.f_px=600 (one or more, repeatable)"
-LOGS: Final = (
+LOG_FORMATS: Final = (
     ".tlog, ArduPilot .bin, PX4 .ulg, .mcap recorded by `onboard run`, or a folder with one of them and a "
     "detector's .jsonl"
 )
@@ -83,7 +83,7 @@ def parser() -> argparse.ArgumentParser:
     top = _Parser(
         prog="onboard",
         description="Where is the other aircraft? Relative motion from MAVLink and a camera's points.",
-        epilog=examples.ALL,
+        epilog=examples.OVERVIEW,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     top.add_argument("--version", action="version", version=f"wingline {__version__}")
@@ -165,7 +165,7 @@ def _add_demo(demo: argparse.ArgumentParser) -> None:
 
 
 def _add_replay(replay: argparse.ArgumentParser) -> None:
-    replay.add_argument("log", type=Path, nargs="+", help=f"{LOGS}; of several, scores are printed")
+    replay.add_argument("log", type=Path, nargs="+", help=f"{LOG_FORMATS}; of several, scores are printed")
     kinds = (
         "one row per estimate as .csv or .parquet, poses as .tum, .mcap for Foxglove, or .ros2: a bag (repeatable)"
     )
@@ -185,7 +185,7 @@ def _add_replay(replay: argparse.ArgumentParser) -> None:
 
 
 def _add_report(report: argparse.ArgumentParser) -> None:
-    report.add_argument("log", type=Path, help=LOGS)
+    report.add_argument("log", type=Path, help=LOG_FORMATS)
     report.add_argument("--config", type=Path, metavar="C", help="TOML file")
     report.add_argument("--truth", type=Path, metavar="FILE.csv[.gz]", help="judge by it as well")
     report.add_argument(
@@ -215,7 +215,7 @@ def _add_evaluate(evaluate: argparse.ArgumentParser) -> None:
 
 
 def _add_calibrate(calibrate: argparse.ArgumentParser) -> None:
-    calibrate.add_argument("log", type=Path, help=LOGS)
+    calibrate.add_argument("log", type=Path, help=LOG_FORMATS)
     calibrate.add_argument("--config", type=Path, metavar="C", help="TOML file that was flown with")
     calibrate.add_argument("--svg", type=Path, metavar="FILE.svg", help="draw the residuals")
     airframe = calibrate.add_argument_group("the airframe, instead of the camera")

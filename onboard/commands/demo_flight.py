@@ -17,7 +17,7 @@ import msgspec
 from onboard.commands.processes import DemoError, Process, connect, free_ports, interruptions, process
 from onboard.config import Config, load_config
 from onboard.messages import Estimate, Health, NavState, Record, SimStatus, Truth
-from onboard.scoring.beside import JUDGED
+from onboard.scoring.beside import OF_FLIGHT
 from onboard.scoring.fault import FaultScore, score_fault
 from onboard.scoring.leader import LeaderScore, score_leader
 from onboard.scoring.own_state import OwnStateScore, score_own_state
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 WAIT_FOR_DAEMON_S: Final = 3600  # on a busy computer; the demo ends earlier if the daemon does
 EXAMPLES: Final = {"pictures": "contour.py", "pictures-follow": "contour.py", "pictures-tag": "tag.py"}
 LINGER_S: Final = 0.5
-BESIDE: Final = {"paper": "oh_johnson"}  # their sections, by what --beside calls them
+BESIDE_SECTIONS: Final = {"paper": "oh_johnson"}  # their sections, by what --beside calls them
 
 
 class Drops(Record, frozen=True, kw_only=True):
@@ -144,9 +144,9 @@ def run_demo(
 
 def flown_beside(beside: str, config: Config) -> str:
     """The setting that flies another filter of the leader, which knows the same wingspan."""
-    leader = config.estimator.get(JUDGED)
+    leader = config.estimator.get(OF_FLIGHT)
     known = "{}" if leader is None else f"{{size_prior_m={leader.size_prior_m}}}"
-    return f"estimator.{BESIDE[beside]}={known}"
+    return f"estimator.{BESIDE_SECTIONS[beside]}={known}"
 
 
 def _example(scenario: str) -> Path | None:
@@ -207,7 +207,7 @@ def _watch(
         match record:
             case NavState():
                 flight.own_states.append(record)
-            case Estimate() if record.is_primary and record.name != JUDGED:
+            case Estimate() if record.is_primary and record.name != OF_FLIGHT:
                 flight.beside.setdefault(record.name, []).append(record)
             case Estimate() if record.is_primary:
                 flight.estimates.append(record)

@@ -11,7 +11,7 @@ import numpy as np
 from rich.table import Table
 
 from onboard import UserError, __version__
-from onboard.analysis.flights.flight_folder import CONFIG, LOGS, TRUTHS, is_given
+from onboard.analysis.flights.flight_folder import FLIGHT_CONFIG, LOGS, TRUTHS, is_given
 from onboard.analysis.flights.many import FILTERPY, FlightScores, ScorableFlight, numbers_of, score_flights
 from onboard.commands.computers import computers
 from onboard.messages import Record
@@ -89,7 +89,7 @@ def find_flights(dataset: Path, sets: tuple[str, ...], words: tuple[str, ...]) -
         if not truths:
             raise UserError(f"{folder}: it has no truth to score by; expected {' or '.join(TRUTHS)}")
         above = [folder, *(p for p in folder.parents if p.is_relative_to(dataset))]
-        config = next((p / CONFIG for p in above if is_given(p / CONFIG)), None)
+        config = next((p / FLIGHT_CONFIG for p in above if is_given(p / FLIGHT_CONFIG)), None)
         family = folder.parent.name if folder.parent != dataset else folder.name
         name = str(folder.relative_to(dataset))
         found.append(ScorableFlight(folder, name, family, config, sets, truths[0], words))

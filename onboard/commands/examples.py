@@ -2,7 +2,7 @@
 
 from typing import Final
 
-ALL: Final = """\
+OVERVIEW: Final = """\
 examples:
   onboard init                                   a configuration, a service and parameters for your vehicle
   onboard demo                                   a quadrotor behind a leader, the live view, a scorecard

@@ -19,9 +19,9 @@ from onboard.daemon import check_link
 from onboard.terminal.files import make_folder
 from onboard.terminal.output import show
 
-CONFIG: Final = "companion.toml"
+WRITTEN_CONFIG: Final = "companion.toml"
 UNIT: Final = "onboard.service"
-PARAMETERS: Final[Mapping[str, str]] = {"ardupilot": "ardupilot.parm", "px4": "px4.params"}
+PARAMETER_FILES: Final[Mapping[str, str]] = {"ardupilot": "ardupilot.parm", "px4": "px4.params"}
 INSTALLED: Final = Path("/opt/wingline/bin/onboard")  # as the shared unit starts it
 ETC: Final = Path("/etc/onboard")
 PRIVATE: Final = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")  # noqa: S108 - what the unit hides from the daemon
@@ -171,17 +171,17 @@ def _number(flag: str, text: str, low: float, high: float) -> float:
 def files_of(setup: Setup, program: Path | None = None) -> dict[str, str]:
     """The text of each file, by its name. `program`: which `onboard` the service starts, by default this one.
     Raises UserError for answers of which no configuration can be made."""
-    files = {CONFIG: configuration(setup), UNIT: service(program or _program(), setup.link)}
+    files = {WRITTEN_CONFIG: configuration(setup), UNIT: service(program or _program(), setup.link)}
     try:
-        parse_config(tomllib.loads(files[CONFIG]))
+        parse_config(tomllib.loads(files[WRITTEN_CONFIG]))
     except ConfigError as error:
         raise UserError(f"init: {error}") from error
     if (calibration := setup.calibration) is not None and is_in(calibration, HOMES):
         files[CALIBRATION] = calibration.read_text(encoding="utf-8")
         own, copied = (json.dumps(str(path), ensure_ascii=False) for path in (calibration, ETC / CALIBRATION))
-        files[CONFIG] = files[CONFIG].replace(own, copied)
+        files[WRITTEN_CONFIG] = files[WRITTEN_CONFIG].replace(own, copied)
     if parameters := autopilot_parameters(setup):
-        files[PARAMETERS[setup.autopilot]] = parameters
+        files[PARAMETER_FILES[setup.autopilot]] = parameters
     return files
 
 
@@ -189,7 +189,7 @@ def configuration(setup: Setup) -> str:
     """The configuration file, with only what matters."""
     leader_class = "fixed_wing" if setup.aircraft == "fixed-wing" else "multirotor"
     lines = [
-        "# One vehicle, written by `onboard init`. Try it on the ground: onboard check " + CONFIG,
+        "# One vehicle, written by `onboard init`. Try it on the ground: onboard check " + WRITTEN_CONFIG,
         "# All keys: docs/configuration.md.",
         "",
         "[[link]]",
@@ -207,7 +207,7 @@ def configuration(setup: Setup) -> str:
     ]
     if setup.follows:
         out, slot = LeaderOutConfig(link="autopilot"), GuidanceConfig().slot_m
-        file = PARAMETERS[setup.autopilot]
+        file = PARAMETER_FILES[setup.autopilot]
         lines += [
             "",
             "[[leader_out]]  # what the autopilot follows in its mode FOLLOW or Follow-Me, by the pilot's choice",
@@ -254,7 +254,7 @@ def is_in(path: Path, folders: tuple[str, ...]) -> bool:
 
 def autopilot_parameters(setup: Setup) -> str:
     """The parameters of the autopilot for a ground station to load; "" where none must be set."""
-    kind, ending = setup.autopilot, Path(PARAMETERS[setup.autopilot]).suffix
+    kind, ending = setup.autopilot, Path(PARAMETER_FILES[setup.autopilot]).suffix
     texts = []
     if setup.link.startswith("serial:"):
         baud = setup.link.rpartition(":")[2]
@@ -297,15 +297,15 @@ def write(folder: Path, files: Mapping[str, str], *, force: bool) -> None:
 
 def next_steps(setup: Setup, folder: Path, files: tuple[str, ...]) -> list[str]:
     """What a person does next."""
-    config = shlex.quote(str(folder / CONFIG))
+    config = shlex.quote(str(folder / WRITTEN_CONFIG))
     unit = shlex.quote(str(folder / UNIT))
     steps = []
     if CALIBRATION in files:
         copied = shlex.quote(str(folder / CALIBRATION))
         steps.append(f"sudo install -D -m 644 {copied} {ETC / CALIBRATION}    (the service sees no home)")
-    if PARAMETERS[setup.autopilot] in files:
+    if PARAMETER_FILES[setup.autopilot] in files:
         steps.append(
-            f"load {folder / PARAMETERS[setup.autopilot]} with a ground station, and restart the autopilot"
+            f"load {folder / PARAMETER_FILES[setup.autopilot]} with a ground station, and restart the autopilot"
         )
     steps += [
         f"onboard compile {config}    (minutes, once)",
@@ -321,7 +321,7 @@ def next_steps(setup: Setup, folder: Path, files: tuple[str, ...]) -> list[str]:
         # The wheel's own file: who owns a name in an index runs as root here.
         install.append(f"sudo python3 -m venv {INSTALLED.parents[1]}")
         install.append(f"sudo {INSTALLED.with_name('pip')} install ./wingline-{__version__}-*.whl")
-    install.append(f"sudo install -D -m 644 {config} {ETC / CONFIG}")
+    install.append(f"sudo install -D -m 644 {config} {ETC / WRITTEN_CONFIG}")
     install.append(f"sudo install -m 644 {unit} /etc/systemd/system/")
     install.append("sudo systemctl enable --now onboard")
     return [

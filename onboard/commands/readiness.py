@@ -28,7 +28,7 @@ from onboard.config import (
     load_config,
 )
 from onboard.daemon import Daemon
-from onboard.health.needs import ENOUGH
+from onboard.health.needs import RATE_SHARE
 from onboard.messages import Advice, Health, Severity
 from onboard.messages.causes import Cause, Reason
 from onboard.pipeline.needs import needs
@@ -40,7 +40,7 @@ from onboard.view.client import Client
 ANSWER_S: Final = 3.0  # for a daemon that runs to send its health, which comes once a second
 SETTLED_S: Final = 6.0  # of listening, before all is well: what is missing has advice after 5 s
 # The causes of advice (docs/status.md) that each line gathers; what is left is on a line of its own.
-GATHERED: Final = {
+TOPICS: Final = {
     "links": ("link", "tls", "port", "name"),
     "autopilot": ("autopilot-silent", "system", "component", "signing"),
     "rates": ("attitude", "stream", "position", "rates", "origin"),
@@ -130,7 +130,7 @@ def judged(config: Config, health: Health, whose: str) -> Iterator[Finding]:
         ("clock", _offset(health)),
         ("disk", ""),
     ):
-        mine = [a for a in advice if a.kind in GATHERED[name]]
+        mine = [a for a in advice if a.kind in TOPICS[name]]
         advice = [a for a in advice if a not in mine]
         if words or mine:
             yield _gathered(name, words, mine, fails=name in _missing(config, health))
@@ -169,7 +169,7 @@ def _slow(health: Health) -> list[str]:
     return [
         name
         for name, hz in health.needed.items()
-        if name not in health.streams or health.streams[name].rate < ENOUGH * hz
+        if name not in health.streams or health.streams[name].rate < RATE_SHARE * hz
     ]
 
 

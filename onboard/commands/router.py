@@ -13,7 +13,7 @@ from onboard.sinks.zenoh_router import LOG_FILTER, open_router, refusal, users
 from onboard.terminal.output import end_signals, report
 
 REPORT_S: Final = 10.0  # between reports of the same refusal
-MOST_KINDS: Final = 1000  # of refusals that are counted apart; further kinds are counted together
+MOST_REFUSAL_KINDS: Final = 1000  # of refusals that are counted apart; further kinds are counted together
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -58,7 +58,7 @@ class RefusalLog:
             return
         with self._lock:
             self.total += 1
-            known = what in self._counts or len(self._counts) < MOST_KINDS
+            known = what in self._counts or len(self._counts) < MOST_REFUSAL_KINDS
             self._counts[what if known else "others"] += 1
 
     def due(self, elapsed: float) -> list[str]:

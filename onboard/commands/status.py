@@ -26,7 +26,7 @@ WAIT_S: Final = 3.0  # for a first health, which comes once a second
 ALL_S: Final = 1.5  # in which each vehicle that runs has sent one
 HEALTHY, NOT_HEALTHY = 0, 1
 CLEAR: Final = "\x1b[2J\x1b[H"
-LAST: Final = 5  # refusals
+LAST_REFUSALS: Final = 5  # refusals
 WIDEST: Final = 240  # letters of a column
 
 
@@ -172,7 +172,7 @@ def _stream(health: Health, name: str) -> list[str]:
 def _rejected(health: Health) -> list[str]:
     counts = ", ".join(f"{name} {count}" for name, count in sorted(health.rejected.items()))
     lines = ["", f"rejected   {counts or 'nothing'}"]
-    for r in health.refusals[-LAST:]:
+    for r in health.refusals[-LAST_REFUSALS:]:
         age = (health.t_recv_ns - r.t_recv_ns) * S_PER_NS
         lines.append(f"           {age:.0f} s ago, {r.source}: {r.reason} ({r.count} times)")
     return lines

@@ -19,8 +19,8 @@ class Bounds(NamedTuple):
     why: str
 
 
-ANGLE: Final = Bounds(-360.0, 360.0, "it is an angle in degrees")
-OFFSET: Final = Bounds(-50.0, 50.0, "it is a distance on our own vehicle in metres")
+ANGLE_DEG: Final = Bounds(-360.0, 360.0, "it is an angle in degrees")
+OFFSET_M: Final = Bounds(-50.0, 50.0, "it is a distance on our own vehicle in metres")
 DELAY: Final = Bounds(-10.0, 10.0, "it is a delay in seconds; older images are not fused")
 RANGES: Final = {
     "estimator.leader.size_prior_m": Bounds(0.02, 200.0, "it is an aircraft's wingspan in metres"),
@@ -37,8 +37,8 @@ RANGES: Final = {
     "delay.camera_s": DELAY,
 }
 OF_A_CAMERA: Final = {
-    "mount_rpy_deg": ANGLE,
-    "mount_offset_m": OFFSET,
+    "mount_rpy_deg": ANGLE_DEG,
+    "mount_offset_m": OFFSET_M,
     "delay_s": DELAY,
     "mount_sigma_deg": Bounds(0.0, 45.0, "with a greater error nobody knows where the camera looks"),
     "mount_yaw_sigma_deg": Bounds(0.0, 90.0, "with a greater error nobody knows where the camera looks"),
@@ -47,7 +47,7 @@ OF_A_CAMERA: Final = {
 TUNABLE: Final = frozenset(RANGES) | {
     f"camera.{key}" for key in ("f_px", "sigma_px", "mount_rpy_deg", "mount_offset_m")
 }
-FOCAL: Final = Bounds(0.01, 100.0, "the field of view is then between 0.6 and 179 degrees")  # of the width
+FOCAL_WIDTHS: Final = Bounds(0.01, 100.0, "the field of view is then between 0.6 and 179 degrees")  # of the width
 SIGMA: Final = Bounds(1e-5, 0.02, "a larger error hides a wing, and no detector has a smaller one")  # of the width
 
 
@@ -62,7 +62,7 @@ def out_of_range(config: Config) -> Iterator[str]:
         width = lens_of(camera).width_px
         yield from _checked(f"{name}.sigma_px", camera.sigma_px, _scaled(SIGMA, width))
         for key in ("f_px", "fy_px"):
-            yield from _checked(f"{name}.{key}", getattr(camera, key), _scaled(FOCAL, width))
+            yield from _checked(f"{name}.{key}", getattr(camera, key), _scaled(FOCAL_WIDTHS, width))
 
 
 def not_tunable(table: dict[str, Any], prefix: str = "") -> Iterator[str]:

@@ -36,12 +36,12 @@ NAMED: Final[dict[Any, type[Record]]] = {  # tables of tables, by name
 }
 
 
-PATHS: Final = ("path", "calibration")
+PATH_KEYS: Final = ("path", "calibration")
 IN_CALIBRATION: Final = ("f_px", "fy_px", "cx_px", "cy_px", "distortion_model", "distortion")
 FILE_ADDRESS: Final = "file:///"
 BARE_NUMBER: Final = re.compile(r"[+-]?(\.\d+|\d+\.)")  # accepted from users, but not by TOML
 AUTOPILOT: Final = 1  # MAV_COMP_ID_AUTOPILOT1
-GIMBAL: Final = "GIMBAL_DEVICE_ATTITUDE_STATUS"
+GIMBAL_MESSAGE: Final = "GIMBAL_DEVICE_ATTITUDE_STATUS"
 GIMBAL_HZ: Final = 25.0
 SEES: Final = "leader"  # the estimator that uses the cameras
 
@@ -105,7 +105,7 @@ def _with_paths(value: Any, key: str = "") -> Any:
         return {name: _with_paths(inner, name) for name, inner in value.items()}
     if isinstance(value, list):
         return [_with_paths(inner, key) for inner in value]
-    is_path = isinstance(value, str) and (key in PATHS or key.endswith("_file"))
+    is_path = isinstance(value, str) and (key in PATH_KEYS or key.endswith("_file"))
     if is_path and value.startswith(FILE_ADDRESS):
         return unquote(value.removeprefix(FILE_ADDRESS[:-1]))
     return _expanded(key, value) if is_path and value.startswith(("~", "$")) else value
@@ -238,7 +238,7 @@ def _with_rates(config: Config) -> Config:
         if not rate >= 0:
             raise ConfigError(f"autopilot.rates_hz.{name}: must be positive, or 0 to ask for none, not {rate}")
     cameras = (config.camera, *config.cameras.values())
-    gimbal = {} if all(camera.gimbal is None for camera in cameras) else {GIMBAL: GIMBAL_HZ}
+    gimbal = {} if all(camera.gimbal is None for camera in cameras) else {GIMBAL_MESSAGE: GIMBAL_HZ}
     rates = {**AutopilotConfig().rates_hz, **gimbal, **config.autopilot.rates_hz}
     asked = {name: rate for name, rate in rates.items() if rate > 0.0}
     return msgspec.structs.replace(config, autopilot=msgspec.structs.replace(config.autopilot, rates_hz=asked))

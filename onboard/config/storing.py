@@ -15,7 +15,7 @@ from onboard.sinks.secrets import is_private
 from onboard.wire.mavlink.signing import read_key
 
 HEAD: Final = "# Written by onboard: parameters that were set over MAVLink. They go over the configuration file.\n"
-FILE_MODE: Final = 0o640
+GROUP_READABLE: Final = 0o640
 
 
 def read_stored(path: Path) -> dict[str, Any]:
@@ -67,7 +67,7 @@ def store(path: Path, table: dict[str, Any]) -> None:
     """Write a table of numbers and arrays atomically: a power cut leaves the old file or the new one. Raises
     OSError."""
     text = HEAD + "".join(f"{key} = {_toml(value)}\n" for key, value in _flat(table, ""))
-    replace_file(path, text.encode(), FILE_MODE, sync=True)
+    replace_file(path, text.encode(), GROUP_READABLE, sync=True)
 
 
 def replace_file(path: Path, data: bytes, mode: int, *, sync: bool) -> None:

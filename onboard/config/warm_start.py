@@ -24,7 +24,7 @@ from onboard.wire.documents.document import BadDocumentError
 from onboard.wire.documents.warm_state import decode_warm_state, encode_warm_state
 
 MOST_AGE_S: Final = 10.0  # after that, a manoeuvring leader may be anywhere
-CHANNEL: Final = "warm_state"
+WARM_STATE_CHANNEL: Final = "warm_state"
 LARGEST: Final = 65_536  # bytes
 FILE_MODE: Final = 0o600  # positions are private
 FOLDER_MODE: Final = 0o700
@@ -77,7 +77,7 @@ class WarmFile:
         except (OSError, BadDocumentError) as error:
             reason = error.strerror if isinstance(error, OSError) else str(error)
             self._report(f"{self._path} is ignored: {reason}")
-            self._refuse(CHANNEL, Reason(Cause.WARM_STATE, str(reason)), wall_ns)
+            self._refuse(WARM_STATE_CHANNEL, Reason(Cause.WARM_STATE, str(reason)), wall_ns)
             return None
         self._report(f"warm start: the leader as it was {age:.1f} s ago is read from {self._path}")
         return _datagram(data, wall_ns)
@@ -114,7 +114,7 @@ def datagram_of(state: WarmState, t_recv_ns: int) -> Datagram:
 
 
 def _datagram(data: bytes, t_recv_ns: int) -> Datagram:
-    return Datagram(channel=CHANNEL, encoding=Encoding.WARM_STATE, t_recv_ns=t_recv_ns, data=data)
+    return Datagram(channel=WARM_STATE_CHANNEL, encoding=Encoding.WARM_STATE, t_recv_ns=t_recv_ns, data=data)
 
 
 def folder_of(environment: Mapping[str, str]) -> Path:

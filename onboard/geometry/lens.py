@@ -14,7 +14,7 @@ from typing import Final, Literal
 Edges = tuple[float, float, float, float]  # left, upper, right, lower, in focal lengths
 Model = Literal["radial-tangential", "fisheye"]
 COUNTS: Final = {"radial-tangential": (0, 4, 5, 8), "fisheye": (4,)}  # of coefficients
-ITERATIONS: Final = 50
+NEWTON_STEPS: Final = 50
 EXACT: Final = 1e-10  # focal lengths
 BINNINGS: Final = (2, 4, 8)  # pixels on one side that cameras make one
 ON_CENTER: Final = 0.1  # of itself: how nearly a principal point that is taken as a middle fits it
@@ -170,7 +170,7 @@ def _undistorted(u: float, v: float, k: Sequence[float]) -> tuple[float, float] 
     """The point whose distortion is (u, v), by Newton's method from (u, v); None where there is none, or the image
     is folded."""
     x, y = u, v
-    for _ in range(ITERATIONS):
+    for _ in range(NEWTON_STEPS):
         a, b = _distorted(x, y, k)
         ax, bx = _distorted(x + STEP, y, k)
         ay, by = _distorted(x, y + STEP, k)
@@ -205,7 +205,7 @@ def _unfish(u: float, v: float, k: Sequence[float]) -> tuple[float, float] | Non
         return u, v
     if not _fish_angle(high, k) > r:
         return None
-    for _ in range(ITERATIONS):  # bisection: the model need not be monotonic beyond what was calibrated
+    for _ in range(NEWTON_STEPS):  # bisection: the model need not be monotonic beyond what was calibrated
         middle = 0.5 * (low + high)
         low, high = (middle, high) if _fish_angle(middle, k) < r else (low, middle)
     ratio = math.tan(0.5 * (low + high)) / r

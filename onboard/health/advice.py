@@ -14,9 +14,9 @@ from onboard.messages import Advice, Health, Severity
 from onboard.units import NS_PER_S, S_PER_NS
 
 LOOKS_BACK_NS: Final = 5 * NS_PER_S  # counts are compared with those of then
-ORDER: Final = (Severity.ERROR, Severity.WARNING, Severity.NOTICE)
+SEVERITIES: Final = (Severity.ERROR, Severity.WARNING, Severity.NOTICE)
 SETTLES_NS: Final = 3 * NS_PER_S  # after this program stood still, until rates are again those that come
-MOST: Final = 16  # pieces of advice at once
+MOST_ADVICE: Final = 16  # pieces of advice at once
 
 
 class Advisor:
@@ -48,4 +48,4 @@ class Advisor:
         if not has_stood and all(advice.severity is Severity.NOTICE for advice in found):
             found += invalid(moment)  # for which nothing else is to blame
         found += [advice for cause in OF_THIS_COMPUTER for advice in cause(moment)]
-        return tuple(sorted(found, key=lambda a: ORDER.index(a.severity))[:MOST])
+        return tuple(sorted(found, key=lambda a: SEVERITIES.index(a.severity))[:MOST_ADVICE])

@@ -15,18 +15,18 @@ from onboard.messages import DOUBT, CameraHealth, Exposure, TargetImage
 from onboard.messages.causes import Cause, Reason
 from onboard.units import NS_PER_S, S_PER_NS
 
-MOST: Final = 16  # cameras
-NAMES: Final = 8  # targets, or classes, of each
+MOST_CAMERAS: Final = 16  # cameras
+MOST_NAMES: Final = 8  # targets, or classes, of each
 RATE_WINDOW_NS: Final = 2 * NS_PER_S
 MOST_WATCHED: Final = 32  # cameras whose images' quarter is watched
-IMAGES: Final = 500  # in a row, of one camera
+QUARTER_IMAGES: Final = 500  # in a row, of one camera
 SPAN_NS: Final = 20 * NS_PER_S  # that they last at least
 UNUSED: Final = Reason(
     Cause.RANGE_UNUSED,
     f"{DOUBT}`range_m` of its detections is not used: set `detections = true` in [estimator.leader.range], or "
     "leave it out",
 )
-QUARTER: Final = Reason(
+QUARTER_REASON: Final = Reason(
     Cause.QUARTER,
     f"{DOUBT}the points of all its images are in the upper left quarter of the configured image: are they pixels "
     "of an image of half the size? Then set `width_px` and `height_px`, or send `intrinsics`",
@@ -60,7 +60,7 @@ class Cameras:
         clock minus boot clock; `now_ns`: the time of our newest own motion on the boot clock, 0 without any."""
         camera = self._cameras.get(image.camera)
         if camera is None:
-            if len(self._cameras) >= MOST:
+            if len(self._cameras) >= MOST_CAMERAS:
                 return
             camera = self._cameras[image.camera] = _Camera()
         for detection in image.detections:
@@ -110,7 +110,7 @@ def _note(names: dict[str, None], name: str) -> None:
     """Keep a name as the newest; the oldest gives way."""
     names.pop(name, None)
     names[name] = None
-    if len(names) > NAMES:
+    if len(names) > MOST_NAMES:
         del names[next(iter(names))]
 
 
@@ -135,8 +135,8 @@ class Hints:
             self._quarters.pop(image.camera, None)
         elif count or len(self._quarters) < MOST_WATCHED:
             self._quarters[image.camera] = count + 1, since_ns
-            if count >= IMAGES and image.t_recv_ns - since_ns > SPAN_NS:
-                self._add(source, QUARTER, image.t_recv_ns)
+            if count >= QUARTER_IMAGES and image.t_recv_ns - since_ns > SPAN_NS:
+                self._add(source, QUARTER_REASON, image.t_recv_ns)
 
 
 def _between(a: float, b: float) -> float:

@@ -17,10 +17,10 @@ SLOWEST_S: Final = 0.4  # of 0.5 s, beyond which images are too old
 ODD_S: Final = 2.0  # no camera is so late: its stamp is of another clock, or in another unit
 WIDE: Final = 0.35  # rad off the axis
 NOISY: Final = 1.3  # times the configured noise
-QUIET: Final = 0.5
+QUIET_SHARE: Final = 0.5
 GATED: Final = 0.3  # share of images
-FEWEST: Final = 10  # images by which a share is judged
-CONTRADICTED: Final = frozenset(  # by images
+FEWEST_JUDGED: Final = 10  # images by which a share is judged
+CONTRADICTED_BY_IMAGES: Final = frozenset(  # by images
     {Cause.NOISE, Cause.RANGE_CONTRADICTS, Cause.WING_TOO_LARGE, Cause.ASTRAY, Cause.LEAPT}
 )
 LEADERS: Final = ("leader", "oh_johnson")
@@ -67,7 +67,7 @@ def _never_heard(m: Moment) -> Iterator[Advice]:
 def stamps(m: Moment) -> Iterator[Advice]:
     """Images whose stamps cannot be times of exposure, though they are used."""
     for name, camera in m.now.cameras.items():
-        if camera.latency is None or camera.age > SILENT_S or camera.count < FEWEST:
+        if camera.latency is None or camera.age > SILENT_S or camera.count < FEWEST_JUDGED:
             continue
         if (reading := stamp_reading(m, name, camera)) is not None:
             what = f"camera {name}: `t_ns` is {reading.words}"
@@ -102,7 +102,7 @@ def stamp_reading(m: Moment, name: str, camera: CameraHealth) -> Reading | None:
 def lens(m: Moment) -> Iterator[Advice]:
     """Points far from the optical axis of a camera without distortion: pixels of a real lens are off there."""
     for name, camera in m.now.cameras.items():
-        if name in m.needs.undistorted and camera.off_axis > WIDE and camera.count >= FEWEST:
+        if name in m.needs.undistorted and camera.off_axis > WIDE and camera.count >= FEWEST_JUDGED:
             yield _advice(
                 "lens",
                 name,
@@ -159,7 +159,7 @@ def misfit(m: Moment) -> Iterator[Advice]:
                     f"detector {found.noise:.1f} times as noisy as set",
                     Severity.WARNING,
                 )
-            elif found.noise < QUIET and found.nis <= found.high:
+            elif found.noise < QUIET_SHARE and found.nis <= found.high:
                 yield _advice(
                     "noise",
                     name,
@@ -174,7 +174,7 @@ def misfit(m: Moment) -> Iterator[Advice]:
 def contradicted(m: Moment) -> Iterator[Advice]:
     """An estimate that is not valid since images contradict it: those that come, not a prediction without any."""
     for estimator in LEADERS:
-        if m.now.causes.get(estimator) in CONTRADICTED:
+        if m.now.causes.get(estimator) in CONTRADICTED_BY_IMAGES:
             for name in (name for name, camera in m.now.cameras.items() if camera.age <= SILENT_S):
                 what = f"camera {name}: the {estimator} estimate is not valid: {m.now.reasons[estimator]}"
                 yield _advice("misfit", name, what, _suspects(m, name), f"{estimator}: images do not fit")
@@ -183,7 +183,7 @@ def contradicted(m: Moment) -> Iterator[Advice]:
 def _gated(m: Moment, name: str) -> Iterator[Advice]:
     for estimator in LEADERS:
         used, gated = _judged(m, estimator)
-        if gated + used < FEWEST or gated < GATED * (gated + used):
+        if gated + used < FEWEST_JUDGED or gated < GATED * (gated + used):
             continue
         yield _advice(
             "misfit",

@@ -3,14 +3,14 @@
 from collections.abc import Iterator
 from typing import Final
 
-from onboard.health.causes_camera import FEWEST, stamp_reading
+from onboard.health.causes_camera import FEWEST_JUDGED, stamp_reading
 from onboard.health.needs import Moment
 from onboard.health.remedies import remedy_of
 from onboard.messages import DOUBTS, Advice, Severity
 from onboard.messages.causes import Cause
 from onboard.units import NS_PER_S
 
-RECENT_NS: Final = 10 * NS_PER_S
+LOOK_BACK_NS: Final = 10 * NS_PER_S
 LATE_S: Final = 0.15  # by which the daemon's timer may be late
 STOOD_STILL_S: Final = 1.0  # by which it is late when the program did not run at all, or hardly
 LITTLE_ROOM: Final = 200_000_000  # bytes
@@ -25,7 +25,7 @@ ROOM: Final = "make room (`df -h`, `du -sh *`), or set `path` of [recorder]"
 def refused(m: Moment) -> Iterator[Advice]:
     """What was refused, by the cause that is known already."""
     for refusal in reversed(m.now.refusals):
-        if not 0 <= m.now.t_recv_ns - refusal.t_recv_ns <= RECENT_NS or refusal.t_recv_ns <= m.stood_ns:
+        if not 0 <= m.now.t_recv_ns - refusal.t_recv_ns <= LOOK_BACK_NS or refusal.t_recv_ns <= m.stood_ns:
             continue
         if _follows(m, refusal.cause) or _is_rare(m, refusal.cause):
             continue
@@ -57,7 +57,7 @@ def _is_rare(m: Moment, cause: Cause) -> bool:
     if cause not in RARE:
         return False
     refused, *used = (m.now.verdicts.get(f"leader.{verdict}", 0) for verdict in (cause, *USED))
-    return refused < OTHER_IMAGE * (refused + sum(used)) or (cause is Cause.NO_POSE and refused < FEWEST)
+    return refused < OTHER_IMAGE * (refused + sum(used)) or (cause is Cause.NO_POSE and refused < FEWEST_JUDGED)
 
 
 def links(m: Moment) -> Iterator[Advice]:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Final
 
-from onboard.health.needs import ENOUGH, MOTION, SILENT_S, LinkNeed, Moment
+from onboard.health.needs import MOTION_STREAMS, RATE_SHARE, SILENT_S, LinkNeed, Moment
 from onboard.messages import Advice, Severity
 
 CLOCK_PATIENCE_S: Final = 15.0
@@ -87,10 +87,10 @@ def missing_streams(m: Moment) -> Iterator[Advice]:
         return
     for name, needed in m.needs.rates.items():
         rate = m.rate(name)
-        if rate >= ENOUGH * needed:
+        if rate >= RATE_SHARE * needed:
             continue
         message, parameter, loss = STREAMS[name]
-        severity = Severity.ERROR if name in MOTION and rate < 1.0 else Severity.WARNING
+        severity = Severity.ERROR if name in MOTION_STREAMS and rate < 1.0 else Severity.WARNING
         asked = m.needs.asked.get(message, needed)
         if rate == 0.0 and m.rejected("other_component"):
             others = [s for s in m.now.senders if _is_beside(s, m.now.followed)]

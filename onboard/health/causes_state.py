@@ -8,7 +8,7 @@ from onboard.messages import Advice, Health, Severity
 from onboard.messages.causes import Cause
 from onboard.units import NS_PER_S
 
-LASTS_NS: Final = 5 * NS_PER_S  # not valid for so long
+NOT_VALID_NS: Final = 5 * NS_PER_S  # not valid for so long
 VALID: Final = frozenset({Cause.NONE, Cause.FUSED, Cause.PREDICTED, Cause.CARRIED})
 
 
@@ -20,11 +20,11 @@ class StateRemedy(NamedTuple):
 
 
 FIT: Final = "`onboard calibrate LOG` finds mount, delay and focal length of a recorded flight"
-ABSENT: Final = StateRemedy(
+LEADER_ABSENT: Final = StateRemedy(
     "nothing, if no leader is in view; else look at what the detector finds", Severity.NOTICE
 )
 STARTS: Final = StateRemedy("wait; if it lasts, look at what the detector finds", Severity.NOTICE)
-MISFIT: Final = StateRemedy(f"`mount_rpy_deg`, `delay_s`, `f_px` of [camera] or the size is wrong: {FIT}")
+MISFIT_REMEDY: Final = StateRemedy(f"`mount_rpy_deg`, `delay_s`, `f_px` of [camera] or the size is wrong: {FIT}")
 UNEXPECTED: Final = StateRemedy(
     "look at how the leader flies: no `leader_class` of [estimator.leader] flies aerobatics. If it flies "
     "steadily, the detector is noisier than `sigma_px` of [camera], or `size_prior_m` of [estimator.leader] or "
@@ -43,16 +43,16 @@ SENSORS: Final = StateRemedy(
 )
 SLOW: Final = StateRemedy("make the link faster, or this program's computer less busy (`top`)")
 RESTARTED: Final = StateRemedy("wait: it begins anew with the next images", Severity.NOTICE)
-OURS: Final = StateRemedy("report it, with the recording")
-REMEDIES: Final = {
-    **dict.fromkeys((Cause.NO_MEASUREMENT, Cause.FORGOTTEN, Cause.TIMEOUT, Cause.DISPLACED), ABSENT),
+OUR_FAULT: Final = StateRemedy("report it, with the recording")
+STATE_REMEDIES: Final = {
+    **dict.fromkeys((Cause.NO_MEASUREMENT, Cause.FORGOTTEN, Cause.TIMEOUT, Cause.DISPLACED), LEADER_ABSENT),
     **dict.fromkeys((Cause.STARTING, Cause.SEEN_AGAIN), STARTS),
     **dict.fromkeys(
         (
             *(Cause.NOISE, Cause.ASTRAY, Cause.RANGE_CONTRADICTS, Cause.WING_TOO_LARGE, Cause.ALL_GATED),
             *(Cause.NO_RANGE, Cause.GIMBAL_FRAME),
         ),
-        MISFIT,
+        MISFIT_REMEDY,
     ),
     Cause.UNEXPECTED: UNEXPECTED,
     **dict.fromkeys((Cause.LEAPT, Cause.CLASS_OPEN, Cause.CLASS_CHANGED, Cause.RENAMED), ONE_TARGET),
@@ -75,19 +75,19 @@ REMEDIES: Final = {
         "let a simulator run in real time, or stamp images by its clock (`clock: boot`)"
     ),
     **dict.fromkeys((Cause.HELD_UP, Cause.BEHIND, Cause.OUTDATED), SLOW),
-    **dict.fromkeys((Cause.FILTER_FAILED, Cause.ESTIMATOR_ERROR), OURS),
+    **dict.fromkeys((Cause.FILTER_FAILED, Cause.ESTIMATOR_ERROR), OUR_FAULT),
 }
 
 
 def invalid(m: Moment) -> Iterator[Advice]:
     """Estimates that have not been valid for some seconds."""
-    if m.now.t_recv_ns - m.before.t_recv_ns < LASTS_NS:
+    if m.now.t_recv_ns - m.before.t_recv_ns < NOT_VALID_NS:
         return
     for name in m.now.states:
         if is_valid(m.now, name) or name not in m.before.states or is_valid(m.before, name):
             continue
         cause, why = m.now.causes.get(name, Cause.NONE), m.now.reasons.get(name, "")
-        remedy = REMEDIES.get(cause, OURS)
+        remedy = STATE_REMEDIES.get(cause, OUR_FAULT)
         yield Advice(
             kind="not-valid",
             severity=remedy.severity,

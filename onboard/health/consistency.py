@@ -13,9 +13,9 @@ from typing import Final
 from onboard.messages import Consistency, Estimate, MeasurementReport
 
 WINDOW: Final = 200  # measurements
-FEWEST: Final = 30  # before which nothing is stated
+FEWEST_INNOVATIONS: Final = 30  # before which nothing is stated
 NO_GATE: Final = 5.0  # of the expectation: where a report states no gate
-MOST: Final = 32  # estimators and sources
+MOST_SUMMARIES: Final = 32  # estimators and sources
 SIGMAS: Final = 3.0  # of the bounds: 99.7 %
 
 
@@ -31,7 +31,7 @@ class Consistencies:
         if report.nis is None or report.innovation is None or not math.isfinite(report.nis):
             return
         key = f"{estimate.name}.{report.source}"
-        if key not in self._windows and len(self._windows) >= MOST:
+        if key not in self._windows and len(self._windows) >= MOST_SUMMARIES:
             return
         degrees = len(report.innovation)
         nis = min(report.nis, report.gate or NO_GATE * degrees)
@@ -40,7 +40,7 @@ class Consistencies:
 
     def summary(self) -> dict[str, Consistency]:
         """What the windows show, of those that are long enough."""
-        return {key: _of(window) for key, window in self._windows.items() if len(window) >= FEWEST}
+        return {key: _of(window) for key, window in self._windows.items() if len(window) >= FEWEST_INNOVATIONS}
 
 
 def _of(window: deque[tuple[float, int, float]]) -> Consistency:

@@ -39,7 +39,11 @@ STEPS: Final = 30  # of a search, each time that is asked
 MOST_NOISE: Final = (
     3e-3  # rad: white noise of the attitude turns what is compared and what it is compared with alike
 )
-AXES: Final = (("clockwise", "anticlockwise"), ("higher", "lower"), ("to the right", "to the left"))  # by the sign
+SENSES: Final = (
+    ("clockwise", "anticlockwise"),
+    ("higher", "lower"),
+    ("to the right", "to the left"),
+)  # by the sign
 CAUSES: Final = {"delay": Cause.DELAY, "mount": Cause.MOUNT, "focal": Cause.FOCAL_LENGTH}
 
 
@@ -155,5 +159,5 @@ def _words(camera: Camera, kind: str, errors: Array, sigmas: Array) -> str:
     small = np.where(np.abs(errors) > SIGMAS * sigmas, errors, 0.0)
     w, x, y, z = quaternion_from_matrix(camera.R_bc @ matrix_from_euler(*small)).tolist()
     fits = [round(math.degrees(angle)) for angle in euler_from_quaternion((w, x, y, z))]
-    wrong = f"{abs(degrees):.0f} degrees {AXES[axis][degrees < 0.0]} (sigma {max(sigma, 0.1):.1f})"
+    wrong = f"{abs(degrees):.0f} degrees {SENSES[axis][degrees < 0.0]} (sigma {max(sigma, 0.1):.1f})"
     return f"the camera looked {wrong} than `mount_rpy_deg` says: {fits} fits"

@@ -7,8 +7,8 @@ from onboard.messages import Exposure, Health
 from onboard.units import S_PER_NS
 
 SILENT_S: Final = 3.0
-ENOUGH: Final = 0.8  # of a rate that is needed
-MOTION: Final = ("Attitude", "LocalPosition")
+RATE_SHARE: Final = 0.8  # of a rate that is needed
+MOTION_STREAMS: Final = ("Attitude", "LocalPosition")
 
 
 class LinkNeed(NamedTuple):
@@ -93,4 +93,4 @@ class Moment(NamedTuple):
     @property
     def has_motion(self) -> bool:
         """Whether our own motion comes as often as it must."""
-        return all(self.rate(name) >= ENOUGH * self.needs.rates.get(name, 0.0) for name in MOTION)
+        return all(self.rate(name) >= RATE_SHARE * self.needs.rates.get(name, 0.0) for name in MOTION_STREAMS)

@@ -10,13 +10,13 @@ from onboard.messages.causes import Cause, Reason
 from onboard.messages.text import plain, without_names, without_numbers
 from onboard.units import S_PER_NS
 
-MOST: Final = 32  # kinds that are remembered: a source and a reason each
+MOST_REFUSALS: Final = 32  # kinds that are remembered: a source and a reason each
 ALIKE: Final = 8  # of these, kinds that differ only in names: senders may choose any number of them
 OTHERS: Final = "others"  # the source of all further ones
 ROS_HASH: Final = "/RIHS"  # of a type begins so, at the end of a key of rmw_zenoh: nobody reads it
 LONGEST: Final = 240  # characters; the text may quote what came
 
-REASONS: Final[dict[str, str]] = {  # by what the health counts
+REFUSAL_WORDS: Final[dict[str, str]] = {  # by what the health counts
     Cause.BEFORE_HEARTBEAT: "no autopilot has sent a heartbeat yet, so it is not known whose vehicle this is",
     Cause.OTHER_SYSTEM: "it is of another MAVLink system; expected the system of our autopilot",
     Cause.UNSTAMPED_POINTS: "it has no time; expected the time of exposure, on the clock `boot` or `host`",
@@ -42,7 +42,7 @@ VERDICTS: Final = {  # each is a cause, too
     Verdict.FULL: "as many targets are followed as `max_targets` allows",
 }
 
-OWN: Final = {  # of our own state's sensors
+OWN_SENSORS: Final = {  # of our own state's sensors
     Verdict.NOT_FINITE: "a field is not a finite number; expected one, or MAVLink's value for not known",
     Verdict.DEGENERATE: "it states what no vehicle does; expected the units and scales of the MAVLink message",
 }
@@ -77,20 +77,20 @@ class Refusals:
         if before is None:
             before = Refusal(source=source, cause=why.cause, reason=words, count=0, t_recv_ns=t_recv_ns)
         self._kinds[key] = replace(before, count=before.count + 1, t_recv_ns=t_recv_ns)
-        while len(self._kinds) > MOST:
+        while len(self._kinds) > MOST_REFUSALS:
             del self._kinds[next(iter(self._kinds))]
 
     def add_message(self, message: Message, why: str | Reason) -> None:
         """Count a message that went no further, if it is of a camera: for a reason, or by what the health
         counts."""
         if isinstance(message, Exposure):
-            found = why if isinstance(why, Reason) else Reason(Cause(why), REASONS[why])
+            found = why if isinstance(why, Reason) else Reason(Cause(why), REFUSAL_WORDS[why])
             self.add(f"camera {message.camera}", found, message.t_recv_ns)
 
     def add_verdict(self, estimate: Estimate, report: MeasurementReport) -> None:
         """Count an image that an estimator could not use. A gated image could be used: it only fits no track."""
-        is_own = isinstance(estimate, NavState) and report.verdict in OWN
-        text = (OWN if is_own else VERDICTS).get(report.verdict)
+        is_own = isinstance(estimate, NavState) and report.verdict in OWN_SENSORS
+        text = (OWN_SENSORS if is_own else VERDICTS).get(report.verdict)
         if text is None or (report.points is None and not is_own):
             return
         lead = (report.t_ns - estimate.t_ns) * S_PER_NS
@@ -99,7 +99,7 @@ class Refusals:
         self.add(source, Reason(Cause(report.verdict), words), report.t_recv_ns)
 
 
-@lru_cache(maxsize=4 * MOST)  # a flood says the same
+@lru_cache(maxsize=4 * MOST_REFUSALS)  # a flood says the same
 def _sorted(source: str, words: str) -> tuple[str, str, RefusalKind]:
     """Source and words as they are shown, and their kind."""
     source, words = plain(source.partition(ROS_HASH)[0], LONGEST), plain(words, LONGEST)

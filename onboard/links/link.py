@@ -19,10 +19,10 @@ NowNs = Callable[[], int]
 # What opening a port, a device or a name may raise: UnicodeError, of a name, is a ValueError, and termios has an
 # error of its own.
 OPENING: Final = (OSError, ValueError, OverflowError, termios.error)
-ABSENT: Final = (errno.ENOENT, errno.ENODEV, errno.ENXIO)  # of a device
+DEVICE_ABSENT: Final = (errno.ENOENT, errno.ENODEV, errno.ENXIO)  # of a device
 UNKNOWN_NAME: Final = (socket.EAI_NONAME, socket.EAI_AGAIN, socket.EAI_NODATA)
-FIRST_RETRY_S: Final = 0.1
-LONGEST_RETRY_S: Final = 1.0  # a peer that comes back must not wait
+FIRST_RECONNECT_S: Final = 0.1
+LONGEST_RECONNECT_S: Final = 1.0  # a peer that comes back must not wait
 
 
 class LinkError(UserError):
@@ -106,7 +106,7 @@ async def keep_connected(
     """Call `converse` (one connection, ended by a LinkError) again and again, with growing delays while nothing is
     received. Without `retry`, raises its first LinkError; an exception of `deliver` is raised in any case."""
     failed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-    delay_s = FIRST_RETRY_S
+    delay_s = FIRST_RECONNECT_S
     while True:
         received = link.received
         try:
@@ -117,9 +117,9 @@ async def keep_connected(
             link.errors += 1
             link.trouble = Reason(Cause.UNREACHABLE, str(error))
         if link.received > received:  # a server that accepts and closes at once does not reset the delay
-            delay_s = FIRST_RETRY_S
+            delay_s = FIRST_RECONNECT_S
         await asyncio.sleep(delay_s)
-        delay_s = min(2 * delay_s, LONGEST_RETRY_S)
+        delay_s = min(2 * delay_s, LONGEST_RECONNECT_S)
 
 
 async def until_lost(lost: "asyncio.Future[Any]", failed: "asyncio.Future[None]") -> None:

@@ -7,7 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from onboard.links.link import (
-    ABSENT,
+    DEVICE_ABSENT,
     OPENING,
     AbsentError,
     Deliver,
@@ -24,7 +24,7 @@ from onboard.messages.causes import NO_REASON
 if TYPE_CHECKING:
     from serial import Serial
 
-READ_SIZE: Final = 4096
+SERIAL_READ: Final = 4096
 SEND_LIMIT: Final = 4096  # bytes in the send buffer, beyond which data are dropped: 0.35 s at 115200 baud
 
 
@@ -65,7 +65,7 @@ class SerialLink(Link):
             return Serial(self._device, self._baud, timeout=0, exclusive=True)
         except OPENING as error:  # SerialException is an OSError
             hint = "is it plugged in, free, and are you in its group (dialout)?"
-            kind = AbsentError if getattr(error, "errno", None) in ABSENT else LinkError
+            kind = AbsentError if getattr(error, "errno", None) in DEVICE_ABSENT else LinkError
             raise kind(f"{self._spec}: cannot open {self._device} ({reason_of(error)}); {hint}") from error
 
     async def _converse(self, now_ns: NowNs, deliver: Deliver, failed: "asyncio.Future[None]") -> None:
@@ -91,7 +91,7 @@ class SerialLink(Link):
     def _read(self, fd: int, deliver: Deliver, now_ns: NowNs, lost: "asyncio.Future[None]") -> None:
         t_recv_ns = now_ns()
         try:
-            data = os.read(fd, READ_SIZE)
+            data = os.read(fd, SERIAL_READ)
         except BlockingIOError:
             return
         except OSError:

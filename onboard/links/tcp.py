@@ -27,7 +27,7 @@ from onboard.units import NS_PER_S
 
 CONNECT_TIMEOUT_S: Final = 3.0
 SEND_LIMIT: Final = 65_536  # bytes in the send buffer, beyond which data are dropped: seconds of our traffic
-READ_SIZE: Final = 8192  # bytes at once: a flood takes a few milliseconds, then other links have their turn
+TCP_READ: Final = 8192  # bytes at once: a flood takes a few milliseconds, then other links have their turn
 OWNED_NS: Final = 3 * NS_PER_S  # since its last message, a peer keeps its connection: three heartbeats
 KEEPALIVE: Final = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3, "TCP_USER_TIMEOUT": 10_000}
 
@@ -52,7 +52,7 @@ class TcpConnection(asyncio.Protocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Enable keep-alive: a peer that loses power does not close the connection, and is noticed within 15 s."""
         self._transport = cast(asyncio.Transport, transport)
-        self._transport.max_size = READ_SIZE  # type: ignore[attr-defined]  # of asyncio's socket transports
+        self._transport.max_size = TCP_READ  # type: ignore[attr-defined]  # of asyncio's socket transports
         sock = transport.get_extra_info("socket")
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         for name, value in KEEPALIVE.items():

@@ -39,14 +39,14 @@ from onboard.units import NS_PER_S
 Surplus = Callable[[bytes], int]
 Taken = tuple[int, Datagram, Any]  # a datagram after its `surplus` and before its sender
 
-LARGEST: Final = 65_535
+LARGEST_DATAGRAM: Final = 65_535
 RECEIVE_BUFFER: Final = 4 << 20  # bytes of kernel buffer: a second of a flood, if the event loop is late
 PASSING: Final = (errno.EAGAIN, errno.ENOBUFS, errno.ECONNREFUSED)  # no room, or nobody listens there yet
 BURST: Final = 128  # datagrams delivered of a group, in ten milliseconds; of one twice as large, half as many
-LEAST: Final = 16  # of surplus, however large the group
-GROUP: Final = 1024  # datagrams read together: what is newest among them must not wait behind the oldest
+LEAST_SURPLUS: Final = 16  # of surplus, however large the group
+DATAGRAM_GROUP: Final = 1024  # datagrams read together: what is newest among them must not wait behind the oldest
 GATHER_S: Final = 0.02  # surplus alone waits so long for others to come: one by one, each finds cold caches
-GATHERED: Final = 16  # ... and no more of it
+MOST_GATHERED: Final = 16  # ... and no more of it
 TURN: Final = 16  # datagrams delivered, or eight times as many read, before other links have their turn
 SO_TIMESTAMPNS: Final = 64  # SO_TIMESTAMPNS_NEW of Linux 5.1: two 64-bit numbers on every machine
 SO_RCVBUFFORCE: Final = 33  # of Linux: beyond net.core.rmem_max, for the privileged
@@ -210,7 +210,7 @@ class UdpLink(Link):
             group.append(one)
             if len(group) % (8 * TURN) == 0:
                 yield
-        if gathered < len(group) < GATHERED and all(rank for rank, _, _ in group):
+        if gathered < len(group) < MOST_GATHERED and all(rank for rank, _, _ in group):
             loop = asyncio.get_running_loop()
             timer = timer or loop.call_later(GATHER_S, self._readable, sock, deliver, now_ns)
             self._gathered[sock] = group, timer
@@ -232,9 +232,9 @@ class UdpLink(Link):
     def _group(self, sock: socket.socket, now_ns: NowNs) -> Iterator[Taken]:
         """Datagrams that wait in the kernel."""
         needed = 0
-        for _ in range(GROUP):
+        for _ in range(DATAGRAM_GROUP):
             try:
-                data, ancillary, _, sender = sock.recvmsg(LARGEST, ANCILLARY)
+                data, ancillary, _, sender = sock.recvmsg(LARGEST_DATAGRAM, ANCILLARY)
             except BlockingIOError:
                 self._emptied_ns[sock] = now_ns()
                 return
@@ -266,7 +266,7 @@ class UdpLink(Link):
 def delivered_of(group: Sequence[tuple[int, Any, Any]]) -> int:
     """How many datagrams of a group to deliver: the fewer the later we are, so that we are late no longer."""
     needed = sum(not rank for rank, _, _ in group)
-    return max(needed + LEAST, min(BURST, BURST * BURST // max(len(group), 1)))
+    return max(needed + LEAST_SURPLUS, min(BURST, BURST * BURST // max(len(group), 1)))
 
 
 def oldest_surplus(ranks: Sequence[int], most: int) -> frozenset[int]:

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from onboard.messages.estimates import NavState
 
 SAME_NS: Final = 6_000_000  # a record so near is of the same time: stamps are whole milliseconds
-LONGEST_NS: Final = 50_000_000  # from one record to the next
+LONGEST_STEP_NS: Final = 50_000_000  # from one record to the next
 LINEAR: Final = 6  # components of the mean: position and velocity
 
 
@@ -25,7 +25,7 @@ def nav_state_at(states: Sequence[NavState], t_ns: int) -> NavState | None:
     near, *others = sorted(around, key=lambda s: abs(s.t_ns - t_ns))
     if abs(near.t_ns - t_ns) <= SAME_NS:
         return near
-    if not others or abs(others[0].t_ns - near.t_ns) > LONGEST_NS:
+    if not others or abs(others[0].t_ns - near.t_ns) > LONGEST_STEP_NS:
         return None
     far = others[0]
     if near.mean is None or far.mean is None or near.q_nb is None or far.q_nb is None:

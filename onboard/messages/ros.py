@@ -8,7 +8,7 @@ import msgspec
 from onboard.messages.base import Positive, Record
 
 NAME: Final = re.compile(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)  # of a topic, without the first slash
-FRAME: Final = re.compile(r"[\w/-]*", re.ASCII)
+FRAME_ID: Final = re.compile(r"[\w/-]*", re.ASCII)
 
 
 class Ros2Config(Record, frozen=True, kw_only=True):
@@ -33,7 +33,7 @@ class Ros2Config(Record, frozen=True, kw_only=True):
                 f"namespace {self.namespace!r} is no name of ROS: letters, digits, _ and / between, without the"
                 ' first slash, such as "onboard" or "uav1/onboard"'
             )
-        if not FRAME.fullmatch(self.frame_prefix):
+        if not FRAME_ID.fullmatch(self.frame_prefix):
             raise ValueError(
                 f'frame_prefix {self.frame_prefix!r}: letters, digits, _, - and / only, such as "uav1/"'
             )

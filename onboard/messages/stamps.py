@@ -9,9 +9,9 @@ from onboard.messages.base import Clock
 from onboard.units import NS_PER_S
 
 UNITS: Final = {"nanoseconds": 1, "microseconds": 1_000, "milliseconds": 1_000_000, "seconds": NS_PER_S}
-NAMES: Final = {Clock.HOST: "Unix time", Clock.BOOT: "the autopilot's time since its boot"}
+CLOCK_NAMES: Final = {Clock.HOST: "Unix time", Clock.BOOT: "the autopilot's time since its boot"}
 # By what clocks are off: the rollover of GPS weeks, a day's mistake, a time zone; and at most so many of these.
-OFF: Final = (("{} x 1,024 weeks", 619_315_200, 3), ("{} days", 86_400, 400), ("{} hours", 3_600, 48))
+CLOCK_STEPS: Final = (("{} x 1,024 weeks", 619_315_200, 3), ("{} days", 86_400, 400), ("{} hours", 3_600, 48))
 SIM_TIME: Final = "set `use_sim_time` of camera and detector to false: a ROS stamp is of this computer's clock"
 SLACK_NS: Final = 2 * NS_PER_S
 LATEST_NS: Final = 2**63
@@ -60,7 +60,7 @@ def read_stamps(
 
 
 def _misread(clock: Clock, of: Clock, unit: str, ns: int, *, is_ros: bool) -> Reading:
-    words, remedies = [NAMES[of] + ("" if ns == 1 else f" in {unit}")], list[str]()
+    words, remedies = [CLOCK_NAMES[of] + ("" if ns == 1 else f" in {unit}")], list[str]()
     if ns != 1:
         words.append("expected are nanoseconds")
         remedies.append(f"send nanoseconds: {ns:,} times as much")
@@ -72,7 +72,7 @@ def _misread(clock: Clock, of: Clock, unit: str, ns: int, *, is_ros: bool) -> Re
 
 def _off(stamps: Sequence[int], span: Span) -> Reading | None:
     by = min(stamps) - span.begin
-    for name, seconds, most in OFF:
+    for name, seconds, most in CLOCK_STEPS:
         whole = seconds * NS_PER_S
         count = round(by / whole)
         if not 0 < abs(count) <= most or 2 * (span.end - span.begin) > whole:

@@ -8,7 +8,7 @@ import msgspec
 from onboard.messages.base import Positive, Record, Vec3
 
 WING_POINTS: Final = ("center", "left", "right")  # of every class: its middle and its wingtips
-FARTHEST: Final = 3.0  # times the wingspan: no point of an aircraft is farther from its center
+POINT_SPANS: Final = 3.0  # times the wingspan: no point of an aircraft is farther from its center
 MOST_POINTS: Final = 32
 Aircraft = Literal["fixed-wing", "quadrotor", "hexarotor", "octorotor"]  # what has usual proportions
 
@@ -55,5 +55,5 @@ def check_points(points_m: dict[str, Vec3], size_m: float) -> None:
             raise ValueError(f"points_m.{name}: every class has it, half the wingspan from the center")
         if name in ("", "box"):
             raise ValueError(f"points_m.{name}: no point can be called so")
-        if not math.hypot(*point) <= FARTHEST * size_m:
-            raise ValueError(f"points_m.{name}: farther than {FARTHEST:g} times the wingspan from the center")
+        if not math.hypot(*point) <= POINT_SPANS * size_m:
+            raise ValueError(f"points_m.{name}: farther than {POINT_SPANS:g} times the wingspan from the center")

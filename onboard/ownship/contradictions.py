@@ -20,21 +20,21 @@ from typing import Final, NamedTuple
 from onboard.ownship.scatter import TIME_S, Ceiling, Scatter
 from onboard.units import NS_PER_S, S_PER_NS
 
-HOLD_NS: Final = NS_PER_S  # own motion is in doubt for so long after a contradiction
+DOUBTED_NS: Final = NS_PER_S  # own motion is in doubt for so long after a contradiction
 YAW_HOLD_NS: Final = 10 * NS_PER_S  # one that shows only while we accelerate; a turn and its reversal take less
-LASTS_NS: Final = 280_000_000  # every step contradicts for so long: no correction of an autopilot, but a fault
-FEWEST: Final = 4  # strides in that time
-NOISE_SIGMAS: Final = 3.0  # a stream's own noise may explain so much
+IS_FAULT_NS: Final = 280_000_000  # every step contradicts for so long: no correction of an autopilot, but a fault
+FEWEST_STRIDES: Final = 4  # strides in that time
+STREAM_SIGMAS: Final = 3.0  # a stream's own noise may explain so much
 LONGEST_STRIDE_S: Final = 1.0  # a stream that is noisier than this allows is judged beyond its noise alone
-KNOWN: Final = 50  # increments before which a few wrong ones look like much noise
-LONGEST_NS: Final = 150_000_000  # between two samples: what changed in between is not known of slower streams
+NOISE_KNOWN_AFTER: Final = 50  # increments before which a few wrong ones look like much noise
+STRIDE_NS: Final = 150_000_000  # between two samples: what changed in between is not known of slower streams
 # What an autopilot's streams can have at most: several times the noise of cheap sensors on a shaking vehicle.
 ATTITUDE_NOISE: Final = Ceiling(white=math.radians(5.0), walk=0.4**2)  # rad, rad^2/s
 RATE_NOISE: Final = 1.5  # rad/s
 POSITION_NOISE: Final = Ceiling(white=3.0, walk=1.0**2)  # m, m^2/s
 SPEED_NOISE: Final = 2.0  # m/s
 IN_DEGREES: Final = (math.radians(0.5), math.radians(2.0))  # a turn as a share of what such rates say
-RATE: Final = math.radians(3.0)  # rad/s, by which a turn may differ from the body rates ...
+RATE_DIFFERENCE: Final = math.radians(3.0)  # rad/s, by which a turn may differ from the body rates ...
 RATE_SHARE: Final = 0.25  # ... and this share of them
 SPEED: Final = 0.5  # m/s, by which position may change otherwise than velocity says ...
 SPEED_SHARE: Final = 0.2  # ... and this share of it
@@ -42,13 +42,13 @@ SAME_TURN: Final = math.radians(0.1)  # so far turned by its own rates, an attit
 SAME_WAY: Final = 0.02  # m; so far moved by its own velocity, a position cannot be exactly the same
 WINDOW_NS: Final = NS_PER_S  # over which velocity is compared with the accelerometer, and at least this:
 SHORTEST_NS: Final = 800_000_000
-CHANGE: Final = 1.0  # m/s, horizontally in that time: more than an accelerometer's bias and a degree of tilt
+LEAST_CHANGE: Final = 1.0  # m/s, horizontally in that time: more than an accelerometer's bias and a degree of tilt
 SLOWEST_IMU_NS: Final = 60_000_000
 FORGOTTEN: Final = 256  # samples that are forgotten together
 NO_NOISE: Final = (0.0, 0.0, 0.0)
 LEAP: Final = 5.0  # m/s; a velocity that changes by more from one sample to the next ...
-HARDEST: Final = 60.0  # m/s^2; ... and faster than this is wrong, unless as many samples in a row as
-CONFIRM: Final = 4  # agree on it
+HARDEST_CHANGE: Final = 60.0  # m/s^2; ... and faster than this is wrong, unless as many samples in a row as
+SAMPLES_TO_CONFIRM: Final = 4  # agree on it
 ELSEWHERE: Final = 1.0  # m; two statements about one instant that differ more are of two sources ...
 ANOTHER_WAY: Final = math.radians(3.0)  # ... or attitudes that do
 
@@ -77,7 +77,7 @@ class Strides:
     def contradict(self, t0_ns: int, t1_ns: int, e: Sequence[float], by: float) -> bool:
         """Whether all strides have contradicted for long enough, after a step from t0 to t1 in which the stream
         states `e` (3,) more than its rates say, which say a way of length `by`."""
-        if t1_ns - t0_ns > LONGEST_NS:
+        if t1_ns - t0_ns > STRIDE_NS:
             self._since_ns, self._end_ns = None, 0
             self.scatter.skip()
             return False
@@ -89,9 +89,9 @@ class Strides:
         self._by += by
         self._steps += 1
         elapsed = (t1_ns - self._start_ns) * S_PER_NS
-        noise = NOISE_SIGMAS * self.scatter.deviation(self._steps) / elapsed
+        noise = STREAM_SIGMAS * self.scatter.deviation(self._steps) / elapsed
         self.scatter.add(e, (t1_ns - t0_ns) * S_PER_NS)
-        if self.scatter.count >= KNOWN and self.scatter.exceeds(self._ceiling):
+        if self.scatter.count >= NOISE_KNOWN_AFTER and self.scatter.exceeds(self._ceiling):
             return True
         contradicts = math.hypot(*self._sum) / elapsed > self._limit + self._share * self._by / elapsed + noise
         if not contradicts and noise > self._limit and elapsed < LONGEST_STRIDE_S:
@@ -104,7 +104,7 @@ class Strides:
         if self._since_ns is None:
             self._since_ns, self._strides = start_ns, 0
         self._strides += 1
-        return self._strides >= FEWEST and t1_ns - self._since_ns >= LASTS_NS
+        return self._strides >= FEWEST_STRIDES and t1_ns - self._since_ns >= IS_FAULT_NS
 
     def _begin(self, t_ns: int) -> None:
         self._start_ns = self._end_ns = t_ns
@@ -120,11 +120,11 @@ class Still:
 
     def hangs(self, before: Sample, now: Sample, by: float, limit: float) -> bool:
         """Whether the same is stated for too long, after a step in which the rates say `by`."""
-        if now.x != before.x or now.t_ns - before.t_ns > LONGEST_NS:
+        if now.x != before.x or now.t_ns - before.t_ns > STRIDE_NS:
             self._since_ns, self._moved = now.t_ns, 0.0
             return False
         self._moved += by
-        return now.t_ns - self._since_ns >= LASTS_NS and self._moved > limit
+        return now.t_ns - self._since_ns >= IS_FAULT_NS and self._moved > limit
 
 
 class Gained:
@@ -173,7 +173,7 @@ class Contradictions:
         self._found: tuple[int, str] | None = None  # until when, and what
         self._attitude: Sample | None = None
         self._nav: Sample | None = None
-        self._turns = Strides(RATE, RATE_SHARE, ATTITUDE_NOISE)
+        self._turns = Strides(RATE_DIFFERENCE, RATE_SHARE, ATTITUDE_NOISE)
         self._turned = self._by_rates = 0.0  # lately: how far along what the rates say, and its square
         self._moves = Strides(SPEED, SPEED_SHARE, POSITION_NOISE)
         self._climbs = Strides(
@@ -183,7 +183,7 @@ class Contradictions:
         self._speeds = Scatter(3)  # of what velocity changes otherwise than in the step before
         self._change: tuple[float, float, float] | None = None  # the last step's slope of the velocity
         self._leapt: list[tuple[int, Sequence[float]]] = []  # the last velocities, if each was a leap
-        self._others: deque[int] = deque(maxlen=FEWEST)  # times of statements that contradict the history
+        self._others: deque[int] = deque(maxlen=FEWEST_STRIDES)  # times of statements that contradict the history
         self._imu = Gained()
         self._velocities: deque[Sample] = deque()
 
@@ -193,7 +193,7 @@ class Contradictions:
             return ""
         return self._found[1]
 
-    def note(self, t_ns: int, what: str, hold_ns: int = HOLD_NS) -> None:
+    def note(self, t_ns: int, what: str, hold_ns: int = DOUBTED_NS) -> None:
         """A contradiction at a time; it is held for as long as nothing says that it is over."""
         until_ns = t_ns + hold_ns
         if self._found is None or until_ns >= self._found[0]:
@@ -250,7 +250,7 @@ class Contradictions:
         if self._leapt and not _is_near(self._leapt[-1], (t_ns, v)):
             self._leapt.clear()
         self._leapt.append((t_ns, v))
-        if len(self._leapt) < CONFIRM:
+        if len(self._leapt) < SAMPLES_TO_CONFIRM:
             return True
         self._leapt.clear()
         self.note(t_ns, "velocity has leapt")
@@ -292,13 +292,13 @@ class Contradictions:
         if not off > limit:
             return
         self._others.append(t_ns)
-        if len(self._others) == FEWEST and abs(t_ns - self._others[0]) < WINDOW_NS:
+        if len(self._others) == FEWEST_STRIDES and abs(t_ns - self._others[0]) < WINDOW_NS:
             self.note(t_ns, "two sources state different own motion")
 
     def _add_change(self, before: Sample | None, now: Sample) -> None:
         """What velocity changes otherwise than in the last step. White noise of standard deviation r makes an
         autocovariance of -4 r^2 at lag 1; an acceleration that changes smoothly makes none, or a positive one."""
-        if before is None or not 0 < now.t_ns - before.t_ns <= LONGEST_NS:
+        if before is None or not 0 < now.t_ns - before.t_ns <= STRIDE_NS:
             self._change = None
             self._speeds.skip()
             return
@@ -324,14 +324,14 @@ class Contradictions:
             return
         (n0, e0), (n1, e1) = imu.until(first.t_ns), imu.until(now.t_ns)
         north, east = now.rate[0] - first.rate[0], now.rate[1] - first.rate[1]
-        noise = NOISE_SIGMAS * math.sqrt(2.0) * math.hypot(*(self.velocity_noise or NO_NOISE)[:2])
-        if math.hypot(north - (n1 - n0), east - (e1 - e0)) > CHANGE + noise:
+        noise = STREAM_SIGMAS * math.sqrt(2.0) * math.hypot(*(self.velocity_noise or NO_NOISE)[:2])
+        if math.hypot(north - (n1 - n0), east - (e1 - e0)) > LEAST_CHANGE + noise:
             self.note(now.t_ns, "velocity contradicts the accelerometer", YAW_HOLD_NS)
 
 
 def _is_near(before: tuple[int, Sequence[float]], now: tuple[int, Sequence[float]]) -> bool:
     """Whether an aircraft can change from one velocity to the other in the time."""
-    return math.dist(before[1], now[1]) < LEAP + HARDEST * (now[0] - before[0]) * 1e-9
+    return math.dist(before[1], now[1]) < LEAP + HARDEST_CHANGE * (now[0] - before[0]) * 1e-9
 
 
 def _between(a: Sequence[float], b: Sequence[float]) -> tuple[float, float, float]:

@@ -18,7 +18,7 @@ from onboard.units import NS_PER_S
 HISTORY_NS: Final = 5 * NS_PER_S
 APART_NS: Final = 500_000_000  # farther apart, two samples say nothing of the time between them
 MOST_DEVICES: Final = 8
-LONGEST_Q: Final = 2.0  # of a quaternion, which has length 1
+LARGEST_NORM: Final = 2.0  # of a quaternion, which has length 1
 
 
 class Gimbals:
@@ -34,7 +34,7 @@ class Gimbals:
         """Take a sample; why it was not taken, "" if it was."""
         q = message.mount.q
         length = math.sqrt(sum(x * x for x in q))
-        if not 0.5 < length < LONGEST_Q:
+        if not 0.5 < length < LARGEST_NORM:
             return "gimbal_unusable"
         if message.device not in self._histories and len(self._histories) >= MOST_DEVICES:
             return "gimbal_too_many"

@@ -16,7 +16,7 @@ from onboard.ownship.turning import between, turned
 from onboard.units import NS_PER_S, S_PER_NS
 
 HISTORY_NS: Final = 5 * NS_PER_S
-AT_REST: Final = (0.0, 0.0, 0.0)
+ZERO_RATES: Final = (0.0, 0.0, 0.0)
 LONGEST_GAP_NS: Final = 1_500_000_000  # between two samples; in a longer one pose and velocity are not known
 
 
@@ -140,7 +140,7 @@ class Navigation:
 
     def slope(self, i: int) -> Vec3:
         """The slope of the velocity after sample i; before the first sample and after the last, the nearest."""
-        return self._slopes[min(max(i, 0), len(self._slopes) - 1)] if self._slopes else AT_REST
+        return self._slopes[min(max(i, 0), len(self._slopes) - 1)] if self._slopes else ZERO_RATES
 
 
 def _moved(v: Vec3, a: Vec3, dt: float) -> Vec3:

@@ -28,7 +28,7 @@ from onboard.messages import (
 from onboard.ownship.contradictions import ANOTHER_WAY, ELSEWHERE, Contradictions, turn
 from onboard.ownship.gimbals import Gimbals
 from onboard.ownship.histories import Attitudes, AttitudeSample, Navigation, NavSample, Step
-from onboard.ownship.limits import FARTHEST, FASTEST, QUICKEST, within
+from onboard.ownship.limits import FARTHEST_POSITION, FASTEST_STATED, QUICKEST_STATED, within
 from onboard.ownship.reckoning import Reckoning
 from onboard.ownship.source import Comparison, Source, StatedMotion, Wanted
 from onboard.ownship.stated_attitude import AttitudeUncertainty
@@ -38,7 +38,7 @@ from onboard.units import NS_PER_S
 MOST_KEPT: Final = 256  # ways between two times, kept for the next target
 STATUS_NS: Final = 5 * NS_PER_S  # the autopilot's report on its filter holds for so long after its arrival
 UNKNOWN: Final = (math.nan, math.nan, 0.0)  # added to a position that is known in height only
-KNOWN: Final = (0.0, 0.0, 0.0)
+NO_VARIANCE: Final = (0.0, 0.0, 0.0)
 NO_NOISE: Final = (0.0, 0.0, 0.0)
 # rad: white noise of the first attitudes, of which none is measured yet. A quiet autopilot has a tenth of it; a
 # track that begins with images taken for exact begins with a velocity of 19 m/s that nobody flies.
@@ -96,8 +96,8 @@ class Ownship:
         if isinstance(message, LocalPosition):
             if not self._has_velocity(message):
                 return self._reject("filter_has_no_velocity")
-            if within(message.r_OF_n, FARTHEST) and within(
-                message.v_F_n, FASTEST
+            if within(message.r_OF_n, FARTHEST_POSITION) and within(
+                message.v_F_n, FASTEST_STATED
             ):  # also if a global position of this stamp came first
                 self._last_local_ns = max(self._last_local_ns, stamp_ns)
             return self._add_nav(message, message.r_OF_n, message.v_F_n, stamp_ns, own)
@@ -220,7 +220,7 @@ class Ownship:
 
     def _add_attitude(self, m: Attitude, stamp_ns: int, own: StatedMotion | None) -> bool:
         q, omega = m.q_nb, m.omega_b
-        if not (within(q, 2.0) and within(omega, QUICKEST)) or sum(x * x for x in q) < 0.25:
+        if not (within(q, 2.0) and within(omega, QUICKEST_STATED)) or sum(x * x for x in q) < 0.25:
             return self._reject("attitude_unusable")
         q = unit(q)
         newest_ns = self._attitudes.times[-1] if self._attitudes.times else None
@@ -273,10 +273,10 @@ class Ownship:
         v_n: Vec3,
         stamp_ns: int,
         own: StatedMotion | None,
-        unknown: Vec3 = KNOWN,
+        unknown: Vec3 = NO_VARIANCE,
     ) -> bool:
         """Take a sample. What is not known of the position is NaN in `unknown`, added after the checks."""
-        if not (within(r_n, FARTHEST) and within(v_n, FASTEST)):
+        if not (within(r_n, FARTHEST_POSITION) and within(v_n, FASTEST_STATED)):
             return self._reject("position_unusable")
         r = r_n[0] + unknown[0], r_n[1] + unknown[1], r_n[2] + unknown[2]
         if self.nav_times and m.t_ns <= self.nav_times[-1]:

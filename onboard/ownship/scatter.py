@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 TIME_S: Final = 5.0  # over which covariances are averaged
-FEWEST: Final = 10  # increments before which nothing is known, and none is limited
+FEWEST_INCREMENTS: Final = 10  # increments before which nothing is known, and none is limited
 MOST_SIGMAS: Final = 4.0  # an increment counts for no more
 WRONG: Final = 2  # so many of the first increments may be wrong
 
@@ -50,7 +50,7 @@ class Scatter:
             return
         self._first.append((e, dt, self._follows))
         self._follows = True
-        if len(self._first) == FEWEST:
+        if len(self._first) == FEWEST_INCREMENTS:
             first, self._first = self._first, None
             columns = [_limited(values) for values in zip(*[e for e, _, _ in first], strict=True)]
             for values, (_, step, follows) in zip(zip(*columns, strict=True), first, strict=True):
@@ -62,7 +62,7 @@ class Scatter:
         share = max(1.0 / self.count, min(dt / TIME_S, 1.0))
         mean, c0, c1, now, last = self._mean, self._c0, self._c1, list[float](), self._last
         self._dt += share * (dt - self._dt)
-        is_limited = self.count > FEWEST
+        is_limited = self.count > FEWEST_INCREMENTS
         for i, value in enumerate(e):
             off = value - mean[i]
             if is_limited:
@@ -85,20 +85,20 @@ class Scatter:
     @property
     def white(self) -> tuple[float, ...] | None:
         """Standard deviations (size,) of the white noise of the stated values; None before they are known."""
-        if self.count < FEWEST:
+        if self.count < FEWEST_INCREMENTS:
             return None
         return tuple([math.sqrt(max(-c, 0.0)) for c in self._c1])
 
     @property
     def walk(self) -> tuple[float, ...] | None:
         """Variances (size,) that the random walk gains a second; None before they are known."""
-        if self.count < FEWEST:
+        if self.count < FEWEST_INCREMENTS:
             return None
         return tuple([max(a + 2.0 * b, 0.0) / self._dt for a, b in zip(self._c0, self._c1, strict=True)])
 
     def exceeds(self, ceiling: Ceiling) -> bool:
         """Whether what was learnt is no noise that the stream can have."""
-        if self.count < FEWEST:
+        if self.count < FEWEST_INCREMENTS:
             return False
         white, walk, dt = ceiling.white, ceiling.walk, self._dt
         for a, b in zip(self._c0, self._c1, strict=True):
@@ -110,7 +110,7 @@ class Scatter:
 
     def deviation(self, steps: int) -> float:
         """One standard deviation of the length of the sum of so many increments; 0 before it is known."""
-        if self.count < FEWEST:
+        if self.count < FEWEST_INCREMENTS:
             return 0.0
         walk = white = 0.0
         for a, b in zip(self._c0, self._c1, strict=True):

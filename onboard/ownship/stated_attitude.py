@@ -18,7 +18,7 @@ from typing import Final
 from onboard.messages import EstimatorStatus, Vec3
 from onboard.units import NS_PER_S
 
-AT_REST: Final = math.radians(10.0)  # rad
+YAW_SIGMA_AT_REST: Final = math.radians(10.0)  # rad
 TILT_SHARE: Final = 0.23  # of it, for the tilt
 STATED_TILT: Final = 3.0  # times what a filter states of its tilt
 INFORMATION: Final = 0.0028 / math.radians(1.0) ** 2  # 1/rad^2, by 1 m^2/s^3
@@ -41,7 +41,7 @@ class AttitudeUncertainty:
             self.sigma, self.tilt = status.yaw_sigma, STATED_TILT * (status.tilt_sigma or 0.0)
             self._is_stated = True
         elif status.is_at_rest and self._information is None:
-            self._information = AT_REST**-2
+            self._information = YAW_SIGMA_AT_REST**-2
 
     def move(self, t_ns: int, v_n: Vec3) -> None:
         """Take our own velocity at a time: what has accelerated us shows the yaw."""

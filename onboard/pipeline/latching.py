@@ -20,15 +20,15 @@ VEHICLES: Final = frozenset({*range(1, 5), *range(7, 18), *range(19, 26), 28, 29
 GENERIC: Final = 0  # MAV_TYPE of a vehicle only from the component of an autopilot; MAV_AUTOPILOT of no known one
 AUTOPILOT_COMPONENT: Final = 1
 SILENT_NS: Final = 3 * NS_PER_S  # silence after which another autopilot may be ours
-PATIENCE_NS: Final = 3 * NS_PER_S  # in which an autopilot is to bring motion, once another one does
-RECENT_NS: Final = 2 * NS_PER_S  # motion that is as new is brought
+MOTION_DUE_NS: Final = 3 * NS_PER_S  # in which an autopilot is to bring motion, once another one does
+MOTION_RECENT_NS: Final = 2 * NS_PER_S  # motion that is as new is brought
 OVERLAP_NS: Final = 200_000_000  # messages on their way: an autopilot may change its id
 SAME: Final = "the one before has another id now: its clock and its motion go on"
 SHOWS_NS: Final = 500_000_000  # in which one that goes on shows its motion: until its second heartbeat
 SAME_SILENT_NS: Final = 500_000_000  # silence of ours after which the same one may have another id
 SAME_LASTS_NS: Final = 10 * NS_PER_S  # for so long motion tells whether it goes on
-MOTION: Final = (Attitude, LocalPosition, GlobalPosition)
-MOST: Final = 16  # vehicles that are remembered
+MOTION_MESSAGES: Final = (Attitude, LocalPosition, GlobalPosition)
+MOST_VEHICLES: Final = 16  # vehicles that are remembered
 
 Id = tuple[int, int]  # MAVLink system and component
 
@@ -49,7 +49,7 @@ class Vehicle:
             self.since_ns = message.t_recv_ns
             self.first.clear()
         self.last_ns = message.t_recv_ns
-        if isinstance(message, MOTION):
+        if isinstance(message, MOTION_MESSAGES):
             self.first.setdefault(type(message), message)
             self.last[type(message)] = message
 
@@ -66,7 +66,7 @@ class Vehicle:
     def is_complete(self, t_ns: int) -> bool:
         """Whether it brings attitude and position."""
         times = self.attitude_ns, self.position_ns
-        return all(t is not None and t_ns - t < RECENT_NS for t in times)
+        return all(t is not None and t_ns - t < MOTION_RECENT_NS for t in times)
 
     @property
     def rank(self) -> tuple[bool, bool]:
@@ -141,14 +141,14 @@ class Latch:
         if other.heartbeat.system == ours.heartbeat.system and other.rank > ours.rank:
             return "the one before is another part of the vehicle"
         brings = ours.attitude_ns is not None or ours.position_ns is not None
-        if not brings and t_ns - self._since_ns > PATIENCE_NS:
+        if not brings and t_ns - self._since_ns > MOTION_DUE_NS:
             return "the one before brings no motion"
         return ""
 
     def _make_room(self) -> None:
         """Forget a vehicle that is not ours: one without motion first, then the one that was heard longest ago."""
         others = [(v.attitude_ns or 0, v.last_ns, key) for key, v in self._heard.items() if v is not self.ours]
-        if len(self._heard) >= MOST:
+        if len(self._heard) >= MOST_VEHICLES:
             del self._heard[min(others)[2]]
 
 

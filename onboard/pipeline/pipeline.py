@@ -106,7 +106,7 @@ class Pipeline:
         """The messages in one datagram, in SI units; bad bytes are counted in `health().rejected`."""
         if self._first_recv_ns is None:
             self._first_recv_ns = datagram.t_recv_ns
-        self.clocks.is_one_clock = datagram.channel != tlog.CHANNEL
+        self.clocks.is_one_clock = datagram.channel != tlog.TLOG_CHANNEL
         self.clocks.compare(datagram.t_recv_ns, datagram.wall_step_ns)
         self._taken_ns, self._waited_ns = datagram.taken_ns, datagram.taken_ns - datagram.t_recv_ns
         return self._decoder.decode(datagram)

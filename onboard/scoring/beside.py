@@ -7,13 +7,13 @@ from onboard.messages import Estimate
 from onboard.scoring.leader import LeaderScore, LeaderScorer
 from onboard.scoring.reference import Reference
 
-JUDGED: Final = "leader"  # the estimator whose score is the flight's
+OF_FLIGHT: Final = "leader"  # the estimator whose score is the flight's
 
 
 def judged(names: Iterable[str]) -> str:
     """The judged estimator: `leader`, otherwise the first."""
     flown = list(names)
-    return JUDGED if JUDGED in flown or not flown else flown[0]
+    return OF_FLIGHT if OF_FLIGHT in flown or not flown else flown[0]
 
 
 class LeaderScorers:

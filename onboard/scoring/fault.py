@@ -7,8 +7,8 @@ from onboard.messages import Fault, FaultKind, NavState, Record, Truth
 from onboard.units import NS_PER_S, S_PER_NS
 
 GUST: Final = "gust"  # not a fault of the vehicle: in a flight with both, the other one is the fault
-KINDS: Final = {"inputs": FaultKind.MASS, "mass": FaultKind.MASS, GUST: FaultKind.GUST}
-JUDGED: Final = (
+FAULT_KINDS: Final = {"inputs": FaultKind.MASS, "mass": FaultKind.MASS, GUST: FaultKind.GUST}
+JUDGED_FAULTS: Final = (
     FaultKind.MOTOR,
     FaultKind.MASS,
     FaultKind.GUST,
@@ -52,7 +52,7 @@ def score_fault(states: Sequence[NavState], truths: Sequence[Truth]) -> FaultSco
     wrong = {
         _name(f)
         for key, f in last.items()
-        if f.kind in JUDGED and not any(_is(name, f, first[key], span) for name, span in intervals.items())
+        if f.kind in JUDGED_FAULTS and not any(_is(name, f, first[key], span) for name, span in intervals.items())
     }
     return FaultScore(
         happened=happened,
@@ -76,7 +76,7 @@ def _intervals(truths: Sequence[Truth]) -> dict[str, tuple[int, int]]:
 
 def _is(happened: str, fault: Fault, t_ns: int, span: tuple[int, int]) -> bool:
     """Whether a fault first named at t_ns is the one that happened."""
-    same = fault.part == happened if fault.kind is FaultKind.MOTOR else KINDS.get(happened) is fault.kind
+    same = fault.part == happened if fault.kind is FaultKind.MOTOR else FAULT_KINDS.get(happened) is fault.kind
     return same and span[0] <= t_ns <= span[1] + AFTER_NS
 
 

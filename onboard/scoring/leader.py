@@ -21,7 +21,7 @@ from onboard.scoring.statistics import availability, percent, rms, single_bounds
 from onboard.units import S_PER_NS
 
 SETTLE: Final = 15.0
-LAST: Final = 5.0  # "diverged" is judged over these last seconds
+JUDGED_END_S: Final = 5.0  # "diverged" is judged over these last seconds
 WRONG_SIGMAS, WRONG_SHARE = 3.0, 0.05  # a range error beyond both is confidently wrong
 SAMPLE_S: Final = 0.1  # sampling of availability without a truth
 BACK_S: Final = 5.0  # an estimate earlier than its predecessor by more is of a rebooted clock
@@ -249,7 +249,7 @@ def _diverged(errors: Errors | None, samples: Array, available: Array) -> bool:
     or their mean range error exceeded 50 %, or their mean bearing error 5 degrees."""
     if errors is None:
         return True
-    begin = samples[-1] - LAST
+    begin = samples[-1] - JUDGED_END_S
     last = errors.time > begin
     if not last.any() or np.mean(available[samples > begin]) < 0.5:
         return True

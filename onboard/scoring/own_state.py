@@ -14,7 +14,7 @@ from onboard.units import NS_PER_S, S_PER_NS
 
 SETTLE: Final = 10.0  # s after the first state
 DOF: Final = 6
-JUDGED: Final = slice(3, 3 + DOF)  # velocity and attitude; the positions have different origins
+SCORED: Final = slice(3, 3 + DOF)  # velocity and attitude; the positions have different origins
 
 
 class OwnStateScore(Record, frozen=True, kw_only=True):
@@ -90,7 +90,7 @@ def _errors(states: Sequence[NavState], truths: Sequence[Truth], begin_ns: int) 
             velocity,
             2 * float(np.arccos(min(abs(float(np.dot(truth.q_nF, s.q_nb))), 1.0))),
             (np.abs(velocity) < 3 * np.sqrt(np.diag(P)[3:6])).tolist(),
-            float(normalised_squared(np.concatenate([velocity, _turn(s.q_nb, truth.q_nF)]), P[JUDGED, JUDGED])),
+            float(normalised_squared(np.concatenate([velocity, _turn(s.q_nb, truth.q_nF)]), P[SCORED, SCORED])),
         )
 
 

@@ -12,7 +12,7 @@ from onboard import UserError
 from onboard.arrays import Array
 from onboard.messages import Truth
 
-COLUMNS: Final = {
+TRUTH_COLUMNS: Final = {
     "r_north_m": "r_north",
     "r_east_m": "r_east",
     "r_down_m": "r_down",
@@ -46,24 +46,24 @@ def reference_from_csv(path: Path) -> Reference:
         data = path.read_bytes()
         text = (gzip.decompress(data) if path.suffix == ".gz" else data).decode()
         rows = list(csv.DictReader(text.splitlines()))
-        names = tuple(c for c in COLUMNS if rows and c in rows[0])
+        names = tuple(c for c in TRUTH_COLUMNS if rows and c in rows[0])
         table = np.array([[float(row[c]) for c in ("time_boot_s", *names)] for row in rows])
     except OSError as error:
         raise TruthError(f"cannot read {path}: {error.strerror or error}") from error
     except (KeyError, TypeError, ValueError, EOFError) as error:
         raise TruthError(f"{path} is no truth table: {error}") from error
     if (
-        not set(list(COLUMNS)[:7]) <= set(names)
+        not set(list(TRUTH_COLUMNS)[:7]) <= set(names)
         or not np.isfinite(table).all()
         or (np.diff(table[:, 0]) <= 0).any()
     ):
         raise TruthError(f"{path} is no truth table: it needs rising time_boot_s, r_, v_ and size_m")
-    return Reference(table[:, 0], tuple(COLUMNS[c] for c in names), table[:, 1:])
+    return Reference(table[:, 0], tuple(TRUTH_COLUMNS[c] for c in names), table[:, 1:])
 
 
 def reference_from_records(truths: Iterable[Truth]) -> Reference:
     """Truth from a simulator's records, in order of time, duplicates dropped."""
     rows = {t.t_ns: (*t.r_FL_n, *t.v_FL_n, t.size, t.a_lat, t.a_long) for t in truths}
     times = sorted(rows)
-    values = np.array([rows[t] for t in times]).reshape(len(times), len(COLUMNS))
-    return Reference(np.array(times) * 1e-9, tuple(COLUMNS.values()), values)
+    values = np.array([rows[t] for t in times]).reshape(len(times), len(TRUTH_COLUMNS))
+    return Reference(np.array(times) * 1e-9, tuple(TRUTH_COLUMNS.values()), values)

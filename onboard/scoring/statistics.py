@@ -9,7 +9,7 @@ from onboard.arrays import Array
 from onboard.filters.gating import chi_square_threshold
 from onboard.messages import Record
 
-FRESH_S = 0.5  # s: an estimate counts for this long, unless another comes
+COUNTS_FOR_S = 0.5  # s: an estimate counts for this long, unless another comes
 
 
 class Latency(Record, frozen=True, kw_only=True):
@@ -45,7 +45,7 @@ def availability(samples: Array, times: ArrayLike, valid: ArrayLike) -> Array:
     if not at.size:
         return np.zeros(len(samples), dtype=bool)
     newest = np.searchsorted(at, samples, side="right") - 1
-    return np.asarray((newest >= 0) & is_valid[newest] & (samples - at[newest] <= FRESH_S))
+    return np.asarray((newest >= 0) & is_valid[newest] & (samples - at[newest] <= COUNTS_FOR_S))
 
 
 def percentiles(milliseconds: Sequence[float]) -> tuple[float | None, float | None]:

@@ -18,7 +18,7 @@ NEAR_M: Final = 1000.0  # closest approaches beyond are no encounters
 CLOSE_M: Final = 15.0  # an error up to this is small ...
 CLOSE_SHARE: Final = 0.1  # ... or up to this share of the distance
 SETTLE_S: Final = 5.0  # of a track, before its ellipsoid is judged
-FRESH_S: Final = 3.0  # an aircraft with a detection or message this recent can be tracked
+TRACKABLE_S: Final = 3.0  # an aircraft with a detection or message this recent can be tracked
 KNOWN_S: Final = 10.0  # detections or messages must have come all this time for a prediction to count
 BEGIN_S: Final = 4.0  # allowed for a new aircraft without a track
 SWAPPED_S: Final = 1.0  # a track on another aircraft for this long is swapped
@@ -184,7 +184,7 @@ def _missing(truth: _Truth, k: int, times: Array) -> tuple[float, float]:
     missing, total, since = 0.0, 0.0, None
     for i in range(1, len(truth.t)):
         t = truth.t[i]
-        past = int(np.searchsorted(truth.t, t - FRESH_S))
+        past = int(np.searchsorted(truth.t, t - TRACKABLE_S))
         if truth.received[i, k] <= truth.received[past, k]:
             since = None
             continue
@@ -216,6 +216,6 @@ def _encounters(truth: _Truth, k: int, tracks: _Tracks) -> Iterator[Encounter]:
 
 def _known(truth: _Truth, k: int, t: float) -> bool:
     """Whether detections or messages of an aircraft came in every few of the last seconds before t."""
-    ends = np.arange(t, max(t - KNOWN_S, truth.t[0] + FRESH_S), -0.5)
-    now, before = np.searchsorted(truth.t, ends), np.searchsorted(truth.t, ends - FRESH_S)
+    ends = np.arange(t, max(t - KNOWN_S, truth.t[0] + TRACKABLE_S), -0.5)
+    now, before = np.searchsorted(truth.t, ends), np.searchsorted(truth.t, ends - TRACKABLE_S)
     return bool((truth.received[now, k] > truth.received[before, k]).all())

@@ -6,11 +6,11 @@ from typing import Final
 from onboard.messages import Advice, Estimate, Health, Lifecycle
 from onboard.units import NS_PER_S, S_PER_NS
 
-MOST_LINES: Final = 5  # of advice at once; then one a second
-MOST_KINDS: Final = 64
+MOST_LINES_AT_ONCE: Final = 5  # of advice at once; then one a second
+MOST_ADVICE_KINDS: Final = 64
 RATE_CHANGES: Final = 0.005
-AGAIN_NS: Final = 10 * NS_PER_S  # before the same advice is repeated; doubled each time
-LONGEST_NS: Final = 640 * NS_PER_S
+ADVICE_AGAIN_NS: Final = 10 * NS_PER_S  # before the same advice is repeated; doubled each time
+MOST_AGAIN_NS: Final = 640 * NS_PER_S
 FORGOTTEN_NS: Final = 30 * NS_PER_S  # after this long without it, returning advice is new
 
 Kind = tuple[str, str]  # cause, and what it is about
@@ -20,7 +20,7 @@ class _Shown:
     """Advice that was shown: when, when it may be repeated, and when it was last given."""
 
     def __init__(self, advice: Advice, t_ns: int) -> None:
-        self.advice, self.shown_ns, self.wait_ns = advice, t_ns, AGAIN_NS
+        self.advice, self.shown_ns, self.wait_ns = advice, t_ns, ADVICE_AGAIN_NS
         self.given_ns = t_ns
         self.is_over = False
 
@@ -34,7 +34,7 @@ class ConsoleLines:
         self._states: dict[str, Lifecycle] = {}
         self._errors_shown = 0
         self._shown: dict[Kind, _Shown] = {}
-        self._lines_left = MOST_LINES
+        self._lines_left = MOST_LINES_AT_ONCE
         self._rate = 1.0
 
     def show_state(self, estimate: Estimate) -> None:
@@ -55,7 +55,7 @@ class ConsoleLines:
         """The health's advice: new kinds at once, repetitions after a while, and its end. `health` comes once a
         second; a flood of kinds gets one line each time."""
         self._show_rate(health.clock_rate)
-        self._lines_left = min(self._lines_left + 1, MOST_LINES)
+        self._lines_left = min(self._lines_left + 1, MOST_LINES_AT_ONCE)
         t_ns, given = health.t_recv_ns, set[Kind]()
         for advice in health.advice:
             kind = advice.cause, advice.about
@@ -77,13 +77,13 @@ class ConsoleLines:
             is_same = advice.what == before.advice.what and advice.count == before.advice.count
             if is_same or t_ns - before.shown_ns <= before.wait_ns:
                 return
-        if self._lines_left <= 0 or (before is None and len(self._shown) >= MOST_KINDS):
+        if self._lines_left <= 0 or (before is None and len(self._shown) >= MOST_ADVICE_KINDS):
             return
         self._lines_left -= 1
         if before is None:
             self._shown[kind] = _Shown(advice, t_ns)
         else:
-            before.advice, before.shown_ns, before.wait_ns = advice, t_ns, min(2 * before.wait_ns, LONGEST_NS)
+            before.advice, before.shown_ns, before.wait_ns = advice, t_ns, min(2 * before.wait_ns, MOST_AGAIN_NS)
         self._report(line(advice))
         self._pilot(advice)
 

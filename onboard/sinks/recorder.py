@@ -44,12 +44,12 @@ FILE_MODE: Final = 0o600  # positions are private
 FOLDER_MODE: Final = 0o700
 S_PER_DAY: Final = 86_400.0
 SET_S: Final = 1_735_689_600.0  # Unix time; a clock before 2025 is not set
-LONGEST_S: Final = 3e8  # nine years after the newest recording, the clock is more likely wrong
+LONGEST_AGE_S: Final = 3e8  # nine years after the newest recording, the clock is more likely wrong
 RECORDING: Final = "recording"  # of metadata
 LABEL_BYTES: Final = 1 << 20  # a longer first record is not our label
 MOST_UNLABELLED: Final = 1000  # versions without labels gave no higher number
 CHUNK_BYTES: Final = 1 << 20
-CAPACITY: Final = 20_000  # queued datagrams: half a minute of a busy flight, if the card stalls
+RECORDER_CAPACITY: Final = 20_000  # queued datagrams: half a minute of a busy flight, if the card stalls
 OWN_TOPICS: Final = 10_000  # MCAP numbers channels with 16 bits; datagrams of further sources share OTHERS, ...
 OTHERS: Final = "others"
 TARGETS: Final = 10_000  # ... and estimates of further targets are not recorded: a replay makes them again
@@ -65,7 +65,7 @@ class Rotation(NamedTuple):
 
 
 NO_ROTATION: Final = Rotation()
-NOTHING: Final[Mapping[str, Mapping[str, str]]] = {}
+NO_METADATA: Final[Mapping[str, Mapping[str, str]]] = {}
 
 
 class Kept(NamedTuple):
@@ -88,7 +88,7 @@ class Recorder:
         path: Path,
         *,
         rotation: Rotation = NO_ROTATION,
-        metadata: Mapping[str, Mapping[str, str]] = NOTHING,
+        metadata: Mapping[str, Mapping[str, str]] = NO_METADATA,
         report: Callable[[str], None] = lambda _: None,
         monotonic: Callable[[], float] = time.monotonic,
         now_ns: Callable[[], int] = time.time_ns,
@@ -259,7 +259,7 @@ def runner(recorder: Recorder) -> SinkRunner[Recorded]:
     def gives_way(record: Recorded) -> bool:
         return not isinstance(record, Datagram)
 
-    return SinkRunner("recorder", recorder, CAPACITY, gives_way=gives_way, gathers_s=GATHERS_S)
+    return SinkRunner("recorder", recorder, RECORDER_CAPACITY, gives_way=gives_way, gathers_s=GATHERS_S)
 
 
 def recordings(wanted: Path) -> list[Kept]:
@@ -293,7 +293,7 @@ def latest_times(found: Sequence[Kept], now: float) -> list[float | None]:
         is_believed = newest <= one.stamp <= now
         newest = one.stamp if is_believed else newest
         times.append(newest if is_believed else None)
-    if now - newest > LONGEST_S:
+    if now - newest > LONGEST_AGE_S:
         return [None] * len(found)
     for i in reversed(range(len(times) - 1)):
         # The order of two unlabelled recordings is unknown unless both are stamped.

@@ -21,13 +21,13 @@ T = TypeVar("T")
 In_contra = TypeVar("In_contra", contravariant=True)
 
 IDLE_S: Final = 0.25  # without records, a sink is called with none this often, so that it can flush
-BATCH: Final = 1024
+RECORD_BATCH: Final = 1024
 PIECE: Final = 64  # records of a sink that nobody waits for: a millisecond of the interpreter ...
 MORE: Final = 4  # times as many, before records are lost
 PAUSE_S: Final = 0.002  # ... and then the event loop has it, which gives it away with each datagram that it reads
 YIELDING_SHARE: Final = 4  # items that give way are accepted while a queue is filled to less than 1 in this many
-FIRST_RETRY_S: Final = 0.5
-LONGEST_RETRY_S: Final = 30.0
+FIRST_REOPEN_S: Final = 0.5
+LONGEST_REOPEN_S: Final = 30.0
 CLOSE_TIMEOUT_S: Final = 3.0
 
 
@@ -114,7 +114,7 @@ class SinkRunner(Generic[T]):
         capacity: int,
         *,
         gives_way: Callable[[T], bool] | None = None,
-        first_retry_s: float = FIRST_RETRY_S,
+        first_retry_s: float = FIRST_REOPEN_S,
         close_timeout_s: float = CLOSE_TIMEOUT_S,
         gathers_s: float = 0.0,
     ) -> None:
@@ -176,7 +176,7 @@ class SinkRunner(Generic[T]):
                 delay_s = self._first_retry_s
             if self._stop.wait(0 if not self._error else delay_s):
                 return
-            delay_s = min(2 * delay_s, LONGEST_RETRY_S)
+            delay_s = min(2 * delay_s, LONGEST_REOPEN_S)
 
     def _use(self) -> None:
         """Open, write until `_stop` is set, close."""
@@ -185,7 +185,7 @@ class SinkRunner(Generic[T]):
             sink.open()
             self._error, self._cause = "", Cause.NONE
             records: list[T] = []
-            limit = BATCH
+            limit = RECORD_BATCH
             while True:
                 if self._gathers_s:
                     is_more = len(records) == limit

@@ -22,7 +22,7 @@ from onboard.sinks.zenoh_session import ZenohSession
 
 Published = Estimate | OwnPose | LeaderState | Health
 
-CAPACITY: Final = 2048  # queued records: one or two seconds, or several updates of many tracks
+PUBLISHER_CAPACITY: Final = 2048  # queued records: one or two seconds, or several updates of many tracks
 QUERYABLE: Final = ("estimate/**", "leader", "own_state", "ownship", "health")
 
 
@@ -105,7 +105,7 @@ def runner(sink: ZenohSink) -> SinkRunner[Published]:
     def gives_way(record: Published) -> bool:
         return isinstance(record, Estimate) and not record.is_primary and record.state is not Lifecycle.SEARCHING
 
-    return SinkRunner("zenoh", sink, CAPACITY, gives_way=gives_way)
+    return SinkRunner("zenoh", sink, PUBLISHER_CAPACITY, gives_way=gives_way)
 
 
 def aged(record: Published, age_s: float, validity_s: float) -> tuple[bytes, bytes]:

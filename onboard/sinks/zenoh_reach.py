@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 from onboard.messages.causes import NO_REASON, Cause, Reason
 
 TIMEOUT_S: Final = 1.0
-ANSWERS: Final = Reason(
+UNREACHED: Final = Reason(
     Cause.UNREACHABLE,
     "it answers, but lets us open no session: is it a Zenoh router, are user and password right?",
 )
@@ -36,8 +36,8 @@ def trouble(endpoints: Iterable[str], session: Any, trust: Trust) -> Reason:
     found = {e: why for e in missing if (why := probed(e, trust)) or is_alone}
     if not found:
         return NO_REASON
-    words = "; ".join(f"cannot reach {e} ({(why or ANSWERS).words})" for e, why in found.items())
-    return Reason(worst((why or ANSWERS).cause for why in found.values()), words)
+    words = "; ".join(f"cannot reach {e} ({(why or UNREACHED).words})" for e, why in found.items())
+    return Reason(worst((why or UNREACHED).cause for why in found.values()), words)
 
 
 def worst(causes: Iterable[Cause]) -> Cause:

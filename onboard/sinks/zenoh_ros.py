@@ -18,9 +18,9 @@ from onboard.messages.ros import Ros2Config, RosMessage, RosTopic
 from onboard.sinks.sink import SinkError, SinkRunner
 from onboard.sinks.zenoh_session import ZenohSession
 
-CAPACITY: Final = 1024  # records
+ROS_CAPACITY: Final = 1024  # records
 NODE: Final = "onboard"
-NO_HASH: Final = "TypeHashNotSupported"  # Humble has none
+NO_TYPE_HASH: Final = "TypeHashNotSupported"  # Humble has none
 QOS: Final = "1:2:1,10:,:,:,,"  # reliable, volatile, the last 10; no deadline, lifespan or lease
 ATTACHMENT: Final = struct.Struct("<qqB16s")
 ID_SIZE: Final = 16
@@ -81,7 +81,7 @@ class RosSink:
         import zenoh  # noqa: PLC0415 - loaded already: there is a session
 
         kind = dds_name(topic.kind)
-        type_hash = NO_HASH if self._config.distribution == "humble" else topic.type_hash
+        type_hash = NO_TYPE_HASH if self._config.distribution == "humble" else topic.type_hash
         key = f"{self._config.domain}/{topic.name.strip('/')}/{kind}/{type_hash}"
         drop = zenoh.CongestionControl.DROP
         publisher = self._session.declare_publisher(key, congestion_control=drop, express=True)
@@ -114,7 +114,7 @@ class RosRunner(SinkRunner[Stamped]):
     def __init__(
         self, sink: RosSink, wall_ns: Callable[[], int], offset_ns: Callable[[], int | None], clock: Steps
     ) -> None:
-        super().__init__("ros2", sink, CAPACITY)
+        super().__init__("ros2", sink, ROS_CAPACITY)
         self._wall_ns, self._offset_ns, self._clock = wall_ns, offset_ns, clock
 
     def put(self, record: Any) -> None:

@@ -15,13 +15,13 @@ import msgspec
 from onboard.messages import Record
 from onboard.sinks.secrets import secret
 from onboard.sinks.sink import SinkError
-from onboard.sinks.zenoh_session import FORBIDDEN, ZenohSession
+from onboard.sinks.zenoh_session import FORBIDDEN_IN_KEY, ZenohSession
 
 LARGEST_MESSAGE: Final = 262_144  # bytes
 SESSIONS: Final = 1000  # at once, at least; two per user if that is more
 READS: Final = ("declare_subscriber", "query", "liveliness_query", "declare_liveliness_subscriber")
-ANSWERS: Final = ("put", "delete", "reply", "liveliness_token")  # messages that flow back to a reader
-OWNS: Final = (*READS, *ANSWERS, "declare_queryable")
+BACKWARD_MESSAGES: Final = ("put", "delete", "reply", "liveliness_token")  # messages that flow back to a reader
+OWNS: Final = (*READS, *BACKWARD_MESSAGES, "declare_queryable")
 # Log levels that `refusal` needs. Zenoh logs to standard output.
 LOG_FILTER: Final = (
     "off,zenoh_link_tls::unicast=warn,zenoh_transport::unicast::establishment::accept=debug,"
@@ -70,7 +70,7 @@ def users(path: str) -> tuple[str, ...]:
     names = []
     for number, line in enumerate(secret(path, "router.users_file").splitlines(), 1):
         name, colon, password = line.partition(":")
-        if not colon or not name or not password or any(c in FORBIDDEN or c.isspace() for c in name):
+        if not colon or not name or not password or any(c in FORBIDDEN_IN_KEY or c.isspace() for c in name):
             raise SinkError(f"router.users_file {path}: line {number} is not NAME:PASSWORD")
         names.append(name)
     if len(set(names)) < len(names):
@@ -113,7 +113,7 @@ def _access(names: Iterable[str], watchers: Iterable[str]) -> dict[str, Any]:
     vehicles = [name for name in names if name not in set(watchers)]
     watching = [
         _rule("watch", READS, "onboard/**", ("ingress",)),
-        _rule("be-sent", ANSWERS, "onboard/**", ("egress",)),
+        _rule("be-sent", BACKWARD_MESSAGES, "onboard/**", ("egress",)),
     ]
     own = [_rule(f"own-{v}", OWNS, f"onboard/{v}/**", ("ingress", "egress")) for v in vehicles]
     # A vehicle sends only subscribed keys, and a watcher's `onboard/*/health` is not a key of one vehicle.

@@ -16,15 +16,15 @@ from onboard.messages import Record
 from onboard.messages.causes import NO_REASON, Cause, Reason
 from onboard.sinks.secrets import secret
 from onboard.sinks.sink import SinkError
-from onboard.sinks.zenoh_reach import ANSWERS, Trust, probed, trouble, worst
+from onboard.sinks.zenoh_reach import UNREACHED, Trust, probed, trouble, worst
 from onboard.sinks.zenoh_stated import is_stated, stated_in
 
 SECURE: Final = ("tls/", "quic/")
-FORBIDDEN: Final = "*$?#/"
+FORBIDDEN_IN_KEY: Final = "*$?#/"
 DEFAULT_LISTEN: Final = ("tcp/127.0.0.1:7447",)
-CLOSE_TIMEOUT_S: Final = 2.0
+SESSION_CLOSE_S: Final = 2.0
 MOST_OTHERS: Final = 16  # sessions of one name that are remembered
-RETRY_S: Final = 0.5  # until a router that does not answer is asked again
+ROUTER_RETRY_S: Final = 0.5  # until a router that does not answer is asked again
 TLS_SETTINGS: Final = (
     "root_ca_certificate",
     "connect_certificate",
@@ -65,7 +65,7 @@ class ZenohConfig(Record, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         """Raises ValueError for a vehicle that cannot be part of a key."""
         v = self.vehicle
-        if not v or not v.isascii() or not v.isprintable() or any(c in FORBIDDEN or c.isspace() for c in v):
+        if not v or not v.isascii() or not v.isprintable() or any(c in FORBIDDEN_IN_KEY or c.isspace() for c in v):
             raise ValueError(f"vehicle {v!r} cannot be part of a key: use letters, digits, - and _, such as uav-1")
 
     def listens(self, endpoints: Iterable[str] = ()) -> tuple[str, ...]:
@@ -162,7 +162,7 @@ class ZenohSession:
             with suppress(zenoh.ZError):  # what answers, but is no router, may hold it up; it is closed then, too
                 self._session.close()
             started, self._started = self._started, 0
-        deadline = time.monotonic() + CLOSE_TIMEOUT_S
+        deadline = time.monotonic() + SESSION_CLOSE_S
         for _ in range(started):
             with suppress(queue.Empty):  # a callback is stuck
                 thread = self._ending.get(timeout=max(deadline - time.monotonic(), 0.0))
@@ -207,7 +207,7 @@ def wait_for_session(config: ZenohConfig, wait_s: float) -> ZenohSession:
                 raise
             for line in lines:  # once
                 print(f"{error}; {line}", file=sys.stderr, flush=True)
-            time.sleep(RETRY_S)
+            time.sleep(ROUTER_RETRY_S)
 
 
 def _explained(settings: Any, error: str) -> SinkError:
@@ -222,9 +222,9 @@ def _explained(settings: Any, error: str) -> SinkError:
             return SinkError("zenoh: no router answers at any address: set connect")
         trust = _trust(settings)
         found = {e: probed(e, trust) for e in endpoints}
-        why = ", ".join(f"{e}: {(reason or ANSWERS).words}" for e, reason in found.items())
+        why = ", ".join(f"{e}: {(reason or UNREACHED).words}" for e, reason in found.items())
         words = f"zenoh: no router answers at {', '.join(endpoints)} ({why})"
-        return RouterAbsentError(words, worst((reason or ANSWERS).cause for reason in found.values()))
+        return RouterAbsentError(words, worst((reason or UNREACHED).cause for reason in found.values()))
     reason = error.splitlines()[0].split(" at /")[0]  # the rest are places in Zenoh's sources
     return SinkError(f"zenoh: cannot open a session ({reason})")
 

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import yaml
 
-MOST: Final = 10_000  # settings; nested YAML aliases can create any number in a few lines
+MOST_SETTINGS: Final = 10_000  # settings; nested YAML aliases can create any number in a few lines
 TOKEN: Final = re.compile(
     r"""//[^\n\r\u2028\u2029]*|/\*.*?\*/"""  # comments
     r"""|"(?:\\.|[^"\\])*"|'(?:\\.|[^'\\])*'"""
@@ -23,9 +23,9 @@ def stated_in(path: str) -> frozenset[str]:
     before. Raises OSError, ValueError."""
     text = Path(path).read_text(encoding="utf-8-sig")
     if path.lower().endswith((".yaml", ".yml")):
-        stated = frozenset(islice(_of_tree(yaml.safe_load(text), ""), MOST + 1))
-        if len(stated) > MOST:
-            raise ValueError(f"it states more than {MOST} settings")
+        stated = frozenset(islice(_of_tree(yaml.safe_load(text), ""), MOST_SETTINGS + 1))
+        if len(stated) > MOST_SETTINGS:
+            raise ValueError(f"it states more than {MOST_SETTINGS} settings")
         return stated
     return frozenset(_of_json5(text))
 

@@ -9,7 +9,7 @@ from contextlib import suppress
 from types import FrameType
 from typing import Final, NoReturn
 
-MOST_LINES: Final = 256  # that wait for a reader
+MOST_WAITING_LINES: Final = 256  # that wait for a reader
 SHORT: Final = 200  # letters
 LAST_S: Final = 1.0  # for the last lines of a program whose lines nobody may read
 
@@ -40,7 +40,7 @@ class Lines:
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
-        self._waiting: queue.Queue[str | None] = queue.Queue(MOST_LINES)
+        self._waiting: queue.Queue[str | None] = queue.Queue(MOST_WAITING_LINES)
         self._dropped = 0
         self._thread = threading.Thread(target=self._write, daemon=True, name="lines")
         self._thread.start()

@@ -17,7 +17,7 @@ COMPONENTS: Final = ("range", *plots.QUANTITIES.values())
 
 def colour_of(place: int) -> tuple[str, palette.Colour]:
     """The colour of the estimator at this place among the others, with its name."""
-    colours = tuple(palette.BESIDE.items())
+    colours = tuple(palette.BESIDE_COLOURS.items())
     return colours[place % len(colours)]
 
 
@@ -25,8 +25,8 @@ def log_static(stream: "rr.RecordingStream", name: str, colour: palette.Colour) 
     """Its curves, its outline and its label, which do not change."""
     for plot in (*COMPONENTS, *plots.ERROR_PLOTS):
         scene.log_curves(stream, f"plots/{plot}/{name}", [(name, colour, 1.5)])
-    scene.log_lines(stream, f"{scene.BESIDE}/{name}/outline", shapes.aeroplane_outline(), colour, 0.8)
-    stream.log(f"{scene.BESIDE}/{name}", rr.TransformAxes3D(axis_length=0.0), static=True)
+    scene.log_lines(stream, f"{scene.BESIDE_PATH}/{name}/outline", shapes.aeroplane_outline(), colour, 0.8)
+    stream.log(f"{scene.BESIDE_PATH}/{name}", rr.TransformAxes3D(axis_length=0.0), static=True)
     label = rr.Points3D.from_fields(radii=0.0, show_labels=True)
     stream.log(f"{scene.BESIDE_TAG}/{name}", label, static=True)
 
@@ -36,7 +36,7 @@ def draw(
 ) -> None:
     """Its range and components; its error follows with the truth (`plots.plot_errors`)."""
     name, t_ns = estimate.name, estimate.t_ns
-    outline, label = f"{scene.BESIDE}/{name}", f"{scene.BESIDE_TAG}/{name}"
+    outline, label = f"{scene.BESIDE_PATH}/{name}", f"{scene.BESIDE_TAG}/{name}"
     if leader is None:
         for plot in COMPONENTS:
             columns.add(scalars, f"plots/{plot}/{name}", t_ns, np.nan)

@@ -14,7 +14,7 @@ from onboard.messages import Estimate, Health, NavState, OwnPose, Picture, Recor
 from onboard.messages.text import plain, plain_record
 from onboard.sinks.zenoh_session import ZenohConfig, wait_for_session
 
-KINDS: Final[dict[str, type[Record]]] = {
+RECORD_TYPES: Final[dict[str, type[Record]]] = {
     "estimate": Estimate,
     "own_state": NavState,
     "ownship": OwnPose,
@@ -52,7 +52,7 @@ class Client:
         self.alive = threading.Event()
         self.unread = 0  # records that could not be decoded
         self._records: queue.SimpleQueue[PublishedRecord] = queue.SimpleQueue()
-        self._decoders = {name: msgspec.json.Decoder(kind) for name, kind in KINDS.items()}
+        self._decoders = {name: msgspec.json.Decoder(kind) for name, kind in RECORD_TYPES.items()}
         self._session = wait_for_session(config, wait_s)
         keys = (
             *(f"onboard/{of}/{name}" for name in ("estimate/**", "own_state", "ownship", "health")),

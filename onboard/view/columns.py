@@ -34,10 +34,10 @@ class ImagePoints(NamedTuple):
     label: str = ""
 
 
-LEVEL = (1.0, 0.0, 0.0, 0.0)
+UNROTATED_WXYZ = (1.0, 0.0, 0.0, 0.0)
 # An entity without a position must not be drawn at the origin. The viewer ignores a scale of zero, which has no
 # inverse, so it is drawn with a scale of a micrometre.
-HIDDEN = Transform((0.0, 0.0, 0.0), LEVEL, (1e-6, 1e-6, 1e-6))
+HIDDEN = Transform((0.0, 0.0, 0.0), UNROTATED_WXYZ, (1e-6, 1e-6, 1e-6))
 
 
 def scalars(values: Sequence[ArrayLike]) -> Any:

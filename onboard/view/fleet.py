@@ -11,7 +11,7 @@ from onboard.view import words
 from onboard.view.scene import Rotors
 from onboard.view.view import View
 
-MOST: Final = 50  # vehicles that are drawn; further ones are not
+MOST_DRAWN: Final = 50  # vehicles that are drawn; further ones are not
 
 
 class Views:
@@ -40,7 +40,7 @@ class Views:
     def show(self, vehicle: str, record: Any) -> None:
         """Draw a record of a vehicle."""
         view = self._only or self._views.get(vehicle)
-        if view is None and len(self._views) < MOST:
+        if view is None and len(self._views) < MOST_DRAWN:
             view = self._views[vehicle] = self._closing.enter_context(self._open(vehicle))
         if view is not None:
             view.show(record)

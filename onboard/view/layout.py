@@ -107,7 +107,7 @@ def chase_view(*, has_leader: bool = True) -> "rrb.Spatial3DView":
 
 def close_view() -> "rrb.Spatial3DView":
     """The leader by itself: estimate, truth and the ellipsoid between them, and where others place it."""
-    entities = (scene.TRUE_SIZE, scene.LEADER_TRUTH, scene.UNCERTAINTY, scene.BESIDE)
+    entities = (scene.TRUE_SIZE, scene.LEADER_TRUTH, scene.UNCERTAINTY, scene.BESIDE_PATH)
     contents = [f"+ /{entity}/**" for entity in entities]
     return solid("Leader, close", scene.AROUND_LEADER, contents, (-3.5, -2.6, -2.4), (0.0, 0.0, 0.0))
 
@@ -120,7 +120,7 @@ def camera_view(camera: Camera) -> "rrb.Spatial2DView":
 
 def rotors_view() -> "rrb.Spatial2DView":
     """Our vehicle from above, with its rotors and their faults."""
-    return flat("Our rotors", scene.ROTORS, (-1.0, 1.0), (-0.75, 0.9))
+    return flat("Our rotors", scene.ROTORS_PATH, (-1.0, 1.0), (-0.75, 0.9))
 
 
 def traffic_view() -> "rrb.Spatial2DView":

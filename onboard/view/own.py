@@ -9,7 +9,7 @@ from onboard.messages.between import nav_state_at
 from onboard.view import palette, scene, words
 from onboard.view.columns import (
     HIDDEN,
-    LEVEL,
+    UNROTATED_WXYZ,
     Columns,
     ImagePoints,
     Transform,
@@ -27,10 +27,10 @@ from onboard.view.plots import plot_state as plot_strip
 
 PLOT_HZ = 25.0
 STATUS_HZ = 5.0
-ANGLES = scene.OWN_NAMES[3:6]
+ANGLE_NAMES = scene.OWN_NAMES[3:6]
 ERRORS = ("velocity_error", "attitude_error")
 WORDS_BELOW = 0.75  # of the rotors' panel, in spans
-UNDISTURBED = Transform((0.0, 0.0, 0.0), LEVEL, (1.0, 1.0, 1.0))
+UNDISTURBED = Transform((0.0, 0.0, 0.0), UNROTATED_WXYZ, (1.0, 1.0, 1.0))
 
 
 def show_state(columns: Columns, memory: Memory, state: NavState, rotors: scene.Rotors) -> None:
@@ -58,7 +58,7 @@ def draw_words(columns: Columns, state: NavState) -> None:
     columns.add(labels, f"{scene.OWN_BANNER}/words", t_ns, ImagePoints(np.zeros((1, 2)), colour, line))
     columns.add(colours_2d, f"{scene.OWN_BANNER}/bar", t_ns, palette.shade(colour, 0.35))
     below = ImagePoints(np.array([[0.0, WORDS_BELOW]]), colour, words.plain(wrong or palette.NO_FAULT))
-    columns.add(labels, f"{scene.ROTORS}/words", t_ns, below)
+    columns.add(labels, f"{scene.ROTORS_PATH}/words", t_ns, below)
     if wrong:
         columns.add(tags, scene.OWN_TAG, t_ns, (np.array([0.0, 0.0, 1.2]), colour, words.plain(wrong)))
     else:
@@ -74,7 +74,7 @@ def draw_rotors(columns: Columns, state: NavState, rotors: scene.Rotors) -> None
     well = palette.GREEN if state.valid else palette.GREY
     colours = [palette.RED if name in lost else well for name in names]
     text = [f"{name}: -{lost[name]:.0%}" if name in lost else name for name in names]
-    columns.add(discs, f"{scene.ROTORS}/discs", state.t_ns, (colours, text))
+    columns.add(discs, f"{scene.ROTORS_PATH}/discs", state.t_ns, (colours, text))
     for k, name in enumerate(names):
         columns.add(transforms, f"{scene.WEAK}/{k}", state.t_ns, UNDISTURBED if name in lost else HIDDEN)
 
@@ -105,7 +105,7 @@ def plot_state(columns: Columns, memory: Memory, state: NavState) -> None:
     mean, sigma = np.array(state.mean), np.sqrt(np.maximum(np.diag(np.array(state.covariance)), 0.0))
     for k, name in enumerate(scene.AXIS_NAMES):
         columns.add(scalars, f"plots/own/{name}/estimate", t_ns, banded(mean[3 + k], sigma[3 + k]))
-    for k, name in enumerate(ANGLES):
+    for k, name in enumerate(ANGLE_NAMES):
         degrees = np.degrees([mean[6 + k], sigma[6 + k]])
         columns.add(scalars, f"plots/own/{name}/estimate", t_ns, banded(*degrees))
     columns.add(scalars, "plots/own/height/estimate", t_ns, banded(-mean[2], sigma[2]))
@@ -134,6 +134,6 @@ def _add(
         return
     for name, value in zip(scene.AXIS_NAMES, v_n, strict=True):
         columns.add(scalars, f"plots/own/{name}/{who}", t_ns, float(value))
-    for name, angle in zip(ANGLES, euler_from_quaternion(q_nb), strict=True):
+    for name, angle in zip(ANGLE_NAMES, euler_from_quaternion(q_nb), strict=True):
         columns.add(scalars, f"plots/own/{name}/{who}", t_ns, float(np.degrees(angle)))
     columns.add(scalars, f"plots/own/height/{who}", t_ns, -down)

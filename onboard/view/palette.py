@@ -6,13 +6,13 @@ Colour = tuple[int, int, int] | tuple[int, int, int, int]
 
 ESTIMATE: Colour = (64, 190, 255)
 UNCERTAIN: Colour = (255, 105, 190)
-BAND: Colour = (38, 104, 140)
+BAND_COLOUR: Colour = (38, 104, 140)
 TRUTH: Colour = (240, 240, 240)
-OWN: Colour = (255, 184, 77)
-GATE: Colour = (190, 70, 70)
-GRID: Colour = (60, 66, 72)
+OWN_COLOUR: Colour = (255, 184, 77)
+GATE_COLOUR: Colour = (190, 70, 70)
+GRID_COLOUR: Colour = (60, 66, 72)
 FAINT: Colour = (110, 118, 126)
-AXES: tuple[Colour, Colour, Colour] = ((255, 120, 110), (120, 220, 120), (130, 160, 255))
+AXIS_RGB: tuple[Colour, Colour, Colour] = ((255, 120, 110), (120, 220, 120), (130, 160, 255))
 
 GREEN: Colour = (70, 190, 105)
 AMBER: Colour = (245, 170, 50)
@@ -21,7 +21,7 @@ VIOLET: Colour = (160, 130, 255)
 GREY: Colour = (105, 110, 115)
 DARK: Colour = (60, 63, 66)
 
-BESIDE: dict[str, Colour] = {  # other estimators of the leader, by the colour's name
+BESIDE_COLOURS: dict[str, Colour] = {  # other estimators of the leader, by the colour's name
     "lime": (170, 235, 80),
     "copper": (215, 130, 85),
     "turquoise": (80, 220, 205),

@@ -23,7 +23,7 @@ QUANTITIES = {
 ERROR_PLOTS = ("range_error", *(f"error/{axis}" for axis in scene.AXIS_NAMES))
 NIS_CLIP = 3.0
 GAP = np.full(3, np.nan)  # of a curve and its band
-OURS = ""  # the view's own estimator, among those waiting for a truth
+OUR_ESTIMATOR = ""  # the view's own estimator, among those waiting for a truth
 
 
 def banded(value: float, sigma: float) -> Array:
@@ -41,7 +41,7 @@ def plot_leader(columns: Columns, memory: Memory, t_ns: int, leader: LeaderArray
     columns.add(scalars, "plots/range/estimate", t_ns, banded(r.range, r.sigma))
     for k, name in QUANTITIES.items():
         columns.add(scalars, f"plots/{name}/estimate", t_ns, banded(leader.mean[k], leader.sigma[k]))
-    memory.waiting[OURS].append(leader)
+    memory.waiting[OUR_ESTIMATOR].append(leader)
 
 
 def plot_truth(columns: Columns, truth: Truth) -> None:
@@ -61,7 +61,7 @@ def plot_errors(columns: Columns, memory: Memory) -> None:
             truth = truth_at(memory.truths, leader.t_ns)
             if truth is None:
                 continue
-            if name == OURS:
+            if name == OUR_ESTIMATOR:
                 memory.error = float(np.linalg.norm(leader.r - truth[:3]))
             _plot_error(columns, name, leader, truth[:3])
 
@@ -72,7 +72,7 @@ def _plot_error(columns: Columns, name: str, leader: LeaderArrays, r: Array) -> 
     errors = [ours.range - float(np.linalg.norm(r)), *(leader.r - r)]
     for plot, error, sigma in zip(ERROR_PLOTS, errors, (ours.sigma, *leader.sigma[:3]), strict=True):
         edge = scene.SIGMAS * sigma
-        if name == OURS:
+        if name == OUR_ESTIMATOR:
             columns.add(scalars, f"plots/{plot}", leader.t_ns, np.array([error, edge, -edge]))
         else:
             columns.add(scalars, f"plots/{plot}/{name}", leader.t_ns, error)
@@ -86,7 +86,7 @@ def plot_report(columns: Columns, memory: Memory, report: MeasurementReport, str
         ratio = np.asarray(report.innovation, dtype=float) / np.where(sigma > 0, sigma, np.nan)
         if memory.innovations != len(ratio):
             names = report.components or tuple(str(k) for k in range(len(ratio)))
-            colours = [palette.AXES[k % 3] for k in range(len(ratio))]
+            colours = [palette.AXIS_RGB[k % 3] for k in range(len(ratio))]
             scene.log_curves(
                 stream, "plots/innovation/value", [(plain(n), c, 1.3) for n, c in zip(names, colours, strict=True)]
             )

@@ -18,34 +18,34 @@ HEADING = f"{SCENE}/heading"  # level, turns with our nose: the chase view's fra
 FOLLOWER = f"{SCENE}/follower"
 CAMERA = f"{FOLLOWER}/camera"
 MAGNIFIER = f"{CAMERA}/magnifier"  # below the image: the surroundings of the prediction, enlarged
-LEADER = f"{SCENE}/leader"
-TRUE_SIZE = f"{LEADER}/true_size"  # in the close view
-ENLARGED = f"{LEADER}/enlarged"  # in the chase view
+LEADER_PATH = f"{SCENE}/leader"
+TRUE_SIZE = f"{LEADER_PATH}/true_size"  # in the close view
+ENLARGED = f"{LEADER_PATH}/enlarged"  # in the chase view
 LEADER_TRUTH = f"{SCENE}/leader_truth"
 UNCERTAINTY = f"{SCENE}/uncertainty"
 AROUND_LEADER = f"{SCENE}/around_leader"  # level, at the leader, turns with our nose: the close-up's frame
 LEADER_VELOCITY = f"{SCENE}/leader_velocity"
-OWN_VELOCITY = f"{SCENE}/own_velocity"
+OWN_VELOCITY_PATH = f"{SCENE}/own_velocity"
 SIGHT_LINE = f"{SCENE}/sight_line"
 OPEN_RANGE = f"{SCENE}/open_range"  # where the range is open: from the nearest to the farthest place
 OPEN_ENDS = (f"{SCENE}/open_near", f"{SCENE}/open_far")
 DROP_LINE = f"{SCENE}/drop_line"
 TAG = f"{SCENE}/tag"
-BESIDE = f"{SCENE}/beside"  # below it, the leader as each other estimator places it
+BESIDE_PATH = f"{SCENE}/beside"  # below it, the leader as each other estimator places it
 BESIDE_TAG = f"{SCENE}/beside_tag"
 WEAK = f"{FOLLOWER}/shape/weak"  # below it, a red disc for each rotor
 OWN_TAG = f"{SCENE}/own_tag"
 BANNER = "banner"
 OWN_BANNER = "own_banner"
-ROTORS = "rotors"  # our vehicle from above
-GRID = f"{SCENE}/grid"
+ROTORS_PATH = "rotors"  # our vehicle from above
+GRID_PATH = f"{SCENE}/grid"
 GROUND = f"{SCENE}/ground"
 TRAILS = {name: f"{GROUND}/trail_{name}" for name in ("own", "estimate", "truth")}
 
 # entities whose position comes with records: hidden before the first
 MOVING = (
-    *(FOLLOWER, OWN_VELOCITY, GRID, GROUND),
-    *(LEADER, LEADER_TRUTH, LEADER_VELOCITY, UNCERTAINTY, *OPEN_ENDS),
+    *(FOLLOWER, OWN_VELOCITY_PATH, GRID_PATH, GROUND),
+    *(LEADER_PATH, LEADER_TRUTH, LEADER_VELOCITY, UNCERTAINTY, *OPEN_ENDS),
 )
 
 SIGMAS = 3.0
@@ -58,12 +58,12 @@ Rotors = Sequence[Sequence[float]]  # forward and right of the centre, m, and wh
 
 # curves of each plot entity: (name, colour, width)
 Curve = tuple[str, palette.Colour, float]
-BAND: list[Curve] = [("+3σ", palette.BAND, 1.0), ("-3σ", palette.BAND, 1.0)]
+BAND_CURVES: list[Curve] = [("+3σ", palette.BAND_COLOUR, 1.0), ("-3σ", palette.BAND_COLOUR, 1.0)]
 
 
 def with_band(name: str = "estimate", colour: palette.Colour = palette.ESTIMATE) -> list[Curve]:
     """Curves of a quantity and its band."""
-    return [(name, colour, 2.0), *BAND]
+    return [(name, colour, 2.0), *BAND_CURVES]
 
 
 AXIS_NAMES = ("north", "east", "down")
@@ -81,17 +81,17 @@ PLOTS: dict[str, list[Curve]] = {
     **{f"plots/velocity/{axis}/truth": TRUTH_CURVE for axis in AXIS_NAMES},
     **{f"plots/acceleration/{axis}/estimate": with_band() for axis in ("lateral", "longitudinal")},
     **{f"plots/acceleration/{axis}/truth": TRUTH_CURVE for axis in ("lateral", "longitudinal")},
-    "plots/innovation/gate": [("+3σ", palette.GATE, 1.0), ("-3σ", palette.GATE, 1.0)],
-    "plots/nis/gate": [("gate", palette.GATE, 1.5)],
-    "plots/consistency/bounds": [("bounds", palette.GATE, 1.0), ("bounds", palette.GATE, 1.0)],
+    "plots/innovation/gate": [("+3σ", palette.GATE_COLOUR, 1.0), ("-3σ", palette.GATE_COLOUR, 1.0)],
+    "plots/nis/gate": [("gate", palette.GATE_COLOUR, 1.5)],
+    "plots/consistency/bounds": [("bounds", palette.GATE_COLOUR, 1.0), ("bounds", palette.GATE_COLOUR, 1.0)],
     "plots/age": [("age of last image fused", palette.AMBER, 1.5)],
     **{f"plots/own/{name}/estimate": with_band() for name in OWN_NAMES},
-    **{f"plots/own/{name}/autopilot": [("autopilot", palette.OWN, 1.2)] for name in OWN_NAMES},
+    **{f"plots/own/{name}/autopilot": [("autopilot", palette.OWN_COLOUR, 1.2)] for name in OWN_NAMES},
     **{f"plots/own/{name}/truth": TRUTH_CURVE for name in OWN_NAMES},
-    "plots/own/velocity_error/band": BAND,
-    "plots/own/velocity_error/error": [(n, c, 1.3) for n, c in zip(AXIS_NAMES, palette.AXES, strict=True)],
-    "plots/own/attitude_error/band": BAND,
-    "plots/own/attitude_error/error": [(n, c, 1.3) for n, c in zip(OWN_NAMES[3:6], palette.AXES, strict=True)],
+    "plots/own/velocity_error/band": BAND_CURVES,
+    "plots/own/velocity_error/error": [(n, c, 1.3) for n, c in zip(AXIS_NAMES, palette.AXIS_RGB, strict=True)],
+    "plots/own/attitude_error/band": BAND_CURVES,
+    "plots/own/attitude_error/error": [(n, c, 1.3) for n, c in zip(OWN_NAMES[3:6], palette.AXIS_RGB, strict=True)],
     "plots/own/trust": [("outside the layer %", palette.RED, 1.5), ("quality %", palette.GREEN, 1.5)],
 }
 
@@ -206,14 +206,14 @@ def log_aircraft(stream: "rr.RecordingStream", rotors: Rotors) -> None:
         log_lines(stream, f"{entity}/outline", shapes.aeroplane_outline(), palette.ESTIMATE, 0.8)
     stream.log(ENLARGED, rr.Transform3D(scale=ENLARGEMENT), static=True)
     log_lines(stream, f"{LEADER_TRUTH}/shape", shapes.aeroplane_outline(), palette.TRUTH, 0.5)
-    log_mesh(stream, f"{FOLLOWER}/shape/mesh", shapes.multirotor(rotors), palette.OWN)
+    log_mesh(stream, f"{FOLLOWER}/shape/mesh", shapes.multirotor(rotors), palette.OWN_COLOUR)
     for k, hub in enumerate(shapes.hubs(rotors) if rotors else ()):
         log_mesh(stream, f"{WEAK}/{k}/disc", shapes.disc(hub, 1.1 * shapes.DISC, 0.03), palette.RED)
     stream.log(f"{FOLLOWER}/shape", rr.Transform3D(scale=FOLLOWER_SPAN), static=True)
-    for entity in (FOLLOWER, f"{FOLLOWER}/shape", CAMERA, LEADER, ENLARGED):
+    for entity in (FOLLOWER, f"{FOLLOWER}/shape", CAMERA, LEADER_PATH, ENLARGED):
         # the viewer draws axes for entities that are only a pose
         stream.log(entity, rr.TransformAxes3D(axis_length=0.0), static=True)
-    for entity, colour in ((LEADER_VELOCITY, palette.ESTIMATE), (OWN_VELOCITY, palette.OWN)):
+    for entity, colour in ((LEADER_VELOCITY, palette.ESTIMATE), (OWN_VELOCITY_PATH, palette.OWN_COLOUR)):
         arrow = rr.Arrows3D(vectors=[(1, 0, 0)], colors=colour, radii=rr.Radius.ui_points(1.2))
         stream.log(f"{entity}/arrow", arrow, static=True)
     ball = rr.Ellipsoids3D.from_fields(
@@ -222,8 +222,8 @@ def log_aircraft(stream: "rr.RecordingStream", rotors: Rotors) -> None:
         line_radii=rr.Radius.ui_points(0.6),
     )
     stream.log(f"{UNCERTAINTY}/ellipsoid", ball, static=True)
-    log_lines(stream, f"{GRID}/lines", shapes.grid(GRID_CELL, 8), palette.GRID, 0.5)
-    colours = {"own": palette.OWN, "estimate": palette.ESTIMATE, "truth": palette.TRUTH}
+    log_lines(stream, f"{GRID_PATH}/lines", shapes.grid(GRID_CELL, 8), palette.GRID_COLOUR, 0.5)
+    colours = {"own": palette.OWN_COLOUR, "estimate": palette.ESTIMATE, "truth": palette.TRUTH}
     for name, entity in TRAILS.items():
         width = rr.Radius.ui_points(0.6 if name == "truth" else 1.2)
         stream.log(entity, rr.LineStrips3D.from_fields(colors=colours[name], radii=width), static=True)
@@ -241,12 +241,12 @@ def log_aircraft(stream: "rr.RecordingStream", rotors: Rotors) -> None:
 def log_rotors(stream: "rr.RecordingStream", rotors: Rotors) -> None:
     """Our vehicle from above, the nose up: arms, a circle for each rotor, an arrow. Colours come with records."""
     places = np.array([(y, -x) for x, y in shapes.hubs(rotors)]) if rotors else np.zeros((0, 2))
-    log_frame(stream, f"{ROTORS}/arms", [[(0.0, 0.0), (x, y)] for x, y in places.tolist()], 2.0)
-    log_frame(stream, f"{ROTORS}/nose", [[(-0.06, -0.14), (0.0, -0.24), (0.06, -0.14)]], 2.0)
+    log_frame(stream, f"{ROTORS_PATH}/arms", [[(0.0, 0.0), (x, y)] for x, y in places.tolist()], 2.0)
+    log_frame(stream, f"{ROTORS_PATH}/nose", [[(-0.06, -0.14), (0.0, -0.24), (0.06, -0.14)]], 2.0)
     discs = rr.Points2D.from_fields(positions=places, radii=shapes.DISC, show_labels=True, draw_order=30.0)
-    stream.log(f"{ROTORS}/discs", discs, static=True)
+    stream.log(f"{ROTORS_PATH}/discs", discs, static=True)
     words = rr.Points2D.from_fields(radii=0.0, show_labels=True, draw_order=50.0)
-    stream.log(f"{ROTORS}/words", words, static=True)
+    stream.log(f"{ROTORS_PATH}/words", words, static=True)
 
 
 def log_banner(stream: "rr.RecordingStream") -> None:

@@ -6,7 +6,17 @@ from onboard.arrays import Array
 from onboard.geometry.rotations import quaternion_from_matrix
 from onboard.messages import Estimate, OwnPose, Truth
 from onboard.view import palette, scene
-from onboard.view.columns import HIDDEN, LEVEL, Columns, Transform, ellipsoids, lines_3d, no_tags, tags, transforms
+from onboard.view.columns import (
+    HIDDEN,
+    UNROTATED_WXYZ,
+    Columns,
+    Transform,
+    ellipsoids,
+    lines_3d,
+    no_tags,
+    tags,
+    transforms,
+)
 from onboard.view.memory import Memory
 from onboard.view.motion import (
     LeaderArrays,
@@ -31,7 +41,7 @@ def hide_everything(columns: Columns, t_ns: int) -> None:
     for entity in scene.MOVING:
         columns.add(transforms, entity, t_ns, HIDDEN)
     for entity in (scene.HEADING, scene.AROUND_LEADER):  # a camera needs a frame of some size
-        columns.add(transforms, entity, t_ns, Transform(ORIGIN, LEVEL, ONE))
+        columns.add(transforms, entity, t_ns, Transform(ORIGIN, UNROTATED_WXYZ, ONE))
 
 
 def extend_trail(columns: Columns, memory: Memory, name: str, t_ns: int, position: Array) -> None:
@@ -64,11 +74,11 @@ def draw_own(columns: Columns, memory: Memory, pose: OwnPose) -> None:
         return
     columns.add(transforms, scene.FOLLOWER, t_ns, Transform(ORIGIN, pose.q_nb, ONE))
     columns.add(transforms, scene.HEADING, t_ns, Transform(ORIGIN, heading_quaternion(pose.q_nb), ONE))
-    columns.add(transforms, scene.OWN_VELOCITY, t_ns, arrow(np.zeros(3), np.asarray(pose.v_F_n, dtype=float)))
-    columns.add(transforms, scene.GROUND, t_ns, Transform(-position, LEVEL, ONE))
+    columns.add(transforms, scene.OWN_VELOCITY_PATH, t_ns, arrow(np.zeros(3), np.asarray(pose.v_F_n, dtype=float)))
+    columns.add(transforms, scene.GROUND, t_ns, Transform(-position, UNROTATED_WXYZ, ONE))
     # the grid is endless, so a whole number of cells may be left out
     shift = -np.mod(position, scene.GRID_CELL)
-    columns.add(transforms, scene.GRID, t_ns, Transform((shift[0], shift[1], 0.0), LEVEL, ONE))
+    columns.add(transforms, scene.GRID_PATH, t_ns, Transform((shift[0], shift[1], 0.0), UNROTATED_WXYZ, ONE))
     extend_trail(columns, memory, "own", t_ns, position)
 
 
@@ -90,7 +100,7 @@ def leader_attitude(memory: Memory, t_ns: int, v_L_n: Array) -> Array:
 
 def hide_leader(columns: Columns, t_ns: int) -> None:
     """Remove all entities of a track."""
-    for entity in (scene.LEADER, scene.UNCERTAINTY, scene.LEADER_VELOCITY, *scene.OPEN_ENDS):
+    for entity in (scene.LEADER_PATH, scene.UNCERTAINTY, scene.LEADER_VELOCITY, *scene.OPEN_ENDS):
         columns.add(transforms, entity, t_ns, HIDDEN)
     for entity in (scene.SIGHT_LINE, scene.DROP_LINE, scene.OPEN_RANGE):
         columns.add(lines_3d, entity, t_ns, NO_LINE)
@@ -111,7 +121,7 @@ def draw_leader(columns: Columns, memory: Memory, estimate: Estimate, leader: Le
     body = Transform(r, leader_attitude(memory, t_ns, v_L_n), np.full(3, span))
     ends = open_interval(leader)
     # an aircraft drawn at the mean would look like one that is known to be there
-    columns.add(transforms, scene.LEADER, t_ns, HIDDEN if ends else body)
+    columns.add(transforms, scene.LEADER_PATH, t_ns, HIDDEN if ends else body)
     draw_open_range(columns, t_ns, body, ends)
     if ends:
         columns.add(transforms, scene.LEADER_VELOCITY, t_ns, HIDDEN)
@@ -120,7 +130,7 @@ def draw_leader(columns: Columns, memory: Memory, estimate: Estimate, leader: Le
     half_axes, axes = ellipsoid(leader.covariance[:3, :3], scene.SIGMAS)
     columns.add(transforms, scene.UNCERTAINTY, t_ns, Transform(r, quaternion_from_matrix(axes), ONE))
     columns.add(ellipsoids, f"{scene.UNCERTAINTY}/ellipsoid", t_ns, half_axes)
-    q_heading = LEVEL if memory.own is None else heading_quaternion(memory.own.q_nb)
+    q_heading = UNROTATED_WXYZ if memory.own is None else heading_quaternion(memory.own.q_nb)
     columns.add(transforms, scene.AROUND_LEADER, t_ns, Transform(r, q_heading, ONE))
     columns.add(lines_3d, scene.SIGHT_LINE, t_ns, np.array([np.zeros(3), r]))
     columns.add(lines_3d, scene.DROP_LINE, t_ns, np.array([r, [r[0], r[1], 0.0]]))

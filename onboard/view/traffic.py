@@ -56,11 +56,11 @@ def log_static(stream: "rr.RecordingStream") -> None:
     around = np.linspace(0.0, 2 * np.pi, 97)
     circle = np.column_stack([np.cos(around), np.sin(around)])
     rings = [radius * circle for radius in RINGS]
-    stream.log(f"{MAP}/rings", rr.LineStrips2D(rings, colors=palette.GRID), static=True)
+    stream.log(f"{MAP}/rings", rr.LineStrips2D(rings, colors=palette.GRID_COLOUR), static=True)
     numbers = [f"{radius:.0f} m" for radius in RINGS]
     places = [[0.0, -radius] for radius in RINGS]
     stream.log(f"{MAP}/numbers", rr.Points2D(places, labels=numbers, colors=palette.FAINT), static=True)
-    stream.log(f"{MAP}/us", rr.Points2D([[0.0, 0.0]], labels="us", colors=palette.OWN), static=True)
+    stream.log(f"{MAP}/us", rr.Points2D([[0.0, 0.0]], labels="us", colors=palette.OWN_COLOUR), static=True)
 
 
 def draw_traffic(columns: Columns, memory: Memory, estimate: Estimate) -> None:

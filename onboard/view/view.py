@@ -224,7 +224,7 @@ class View:
                 return
             self._beside.append(name)
             beside.log_static(self._stream, name, beside.colour_of(len(self._beside) - 1)[1])
-            self._columns.add(transforms, f"{scene.BESIDE}/{name}", self._t_first_ns or 0, HIDDEN)
+            self._columns.add(transforms, f"{scene.BESIDE_PATH}/{name}", self._t_first_ns or 0, HIDDEN)
             self._arrange()
         beside.draw(self._columns, self._memory, estimate, leader, beside.colour_of(self._beside.index(name))[1])
 

@@ -17,7 +17,7 @@ from onboard.units import S_PER_NS
 from onboard.view.columns import TIMELINE
 
 EQUAL_PICTURES: Final = 5  # in a row, RETRY_S apart: painting is complete
-RETRY_S: Final = 0.2
+VIEWER_RETRY_S: Final = 0.2
 SERVING_S: Final = 15.0  # until a page is served
 PAINTING_S: Final = 15.0  # at most: a live view never comes to rest
 
@@ -85,7 +85,7 @@ def start_web_viewer(source: str) -> "tuple[subprocess.Popen[bytes], str]":
                     failing.pop_all()
                     look = "theme=dark&persist=0&hide_welcome_screen"  # the colours are made for a dark page
                     return process, f"http://127.0.0.1:{page}/?url={quote(url, safe='')}&{look}"
-            time.sleep(RETRY_S)
+            time.sleep(VIEWER_RETRY_S)
     raise ViewerError(f"the viewer does not serve its page on 127.0.0.1:{page}")
 
 
@@ -166,7 +166,7 @@ def _take_screenshot(
 
     def wait(what: str) -> None:
         try:
-            code = process.wait(RETRY_S)
+            code = process.wait(VIEWER_RETRY_S)
         except subprocess.TimeoutExpired:
             if time.monotonic() > deadline:
                 raise ViewerError(f"gave up while {what}") from None

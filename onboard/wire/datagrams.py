@@ -30,13 +30,13 @@ NO_CAMERAS: Final[Cameras] = {}
 Keys = Mapping[str, bytes | None]  # by channel; None: not at hand
 NO_KEYS: Final[Keys] = {}
 MOST_IGNORED: Final = 64  # unknown fields that are named, each once
-FOREIGN: Final = 10  # pieces without a frame: more than what a connection in the midst of one begins with
+FRAMELESS_PIECES: Final = 10  # pieces without a frame: more than what a connection in the midst of one begins with
 LONGEST_NAME: Final = 200  # characters of what is named
 NO_FRAME: Final = Reason(Cause.BAUD_RATE, "no MAVLink frame is in what arrives; of a serial port: the baud rate?")
-JSON: Final = Reason(
+JSON_ON_MAVLINK: Final = Reason(
     Cause.NO_MAVLINK, "no MAVLink frame is in what arrives; it looks like JSON, which a `json:` link takes"
 )
-OWN: Final = (
+OUR_FRAMES: Final = (
     "this is us: our frames come back on link `{}`, by a router or by somebody who repeats them, or another "
     "program has our ids; give it other ones"
 )
@@ -112,16 +112,16 @@ class DatagramDecoder:
 
     def _name_own(self, channel: str, system: int, component: int, t_recv_ns: int) -> None:
         """Say that frames of ours came back; a ground station's log has them in any case."""
-        if channel != tlog.CHANNEL:
-            why = Reason(Cause.OURSELVES, OWN.format(channel))
+        if channel != tlog.TLOG_CHANNEL:
+            why = Reason(Cause.OURSELVES, OUR_FRAMES.format(channel))
             self._on_refused(f"system {system}, component {component}", why, t_recv_ns)
 
     def _doubt(self, datagram: Datagram) -> None:
         """Say what a channel seems to be on which no frame has come yet, but other bytes have, for a while."""
         self._foreign[datagram.channel] += 1
-        if self._foreign[datagram.channel] >= FOREIGN:
+        if self._foreign[datagram.channel] >= FRAMELESS_PIECES:
             is_json = datagram.data.lstrip()[:1] in (b"{", b"[")
-            self._on_refused(datagram.channel, JSON if is_json else NO_FRAME, datagram.t_recv_ns)
+            self._on_refused(datagram.channel, JSON_ON_MAVLINK if is_json else NO_FRAME, datagram.t_recv_ns)
 
     def _document(self, datagram: Datagram) -> list[Message]:
         """The messages of one document. Raises BadDocumentError."""

@@ -7,7 +7,7 @@ from onboard.wire.mavlink.frame import CHECKSUM, SIGNATURE, SIGNED, V1, V1_HEAD,
 NEEDED: Final = 0
 OF_IMU: Final = 1  # the next sample says nearly the same
 OF_OTHERS: Final = 2  # another aircraft's report, which comes again
-KINDS: Final = {26: OF_IMU, 27: OF_IMU, 105: OF_IMU, 116: OF_IMU, 129: OF_IMU, 246: OF_OTHERS}  # by number
+SURPLUS_KINDS: Final = {26: OF_IMU, 27: OF_IMU, 105: OF_IMU, 116: OF_IMU, 129: OF_IMU, 246: OF_OTHERS}  # by number
 
 
 def surplus(data: bytes) -> int:
@@ -21,4 +21,4 @@ def surplus(data: bytes) -> int:
         size, number = V1_HEAD + data[1] + CHECKSUM, data[5]
     else:
         return NEEDED
-    return KINDS.get(number, NEEDED) if len(data) == size else NEEDED
+    return SURPLUS_KINDS.get(number, NEEDED) if len(data) == size else NEEDED

@@ -111,7 +111,7 @@ def test_a_tcp_peer_that_floods_leaves_turns_to_other_links() -> None:
         reader, writer = await asyncio.open_connection(*link.address)
         writer.write(flood)
         await until(lambda: sum(len(d.data) for d in received) == len(flood))
-        assert max(len(d.data) for d in received) <= tcp.READ_SIZE
+        assert max(len(d.data) for d in received) <= tcp.TCP_READ
         writer.close()
         del reader
 

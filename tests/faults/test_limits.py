@@ -50,13 +50,15 @@ def epoch(satellites: int) -> bytes:
 
 def test_a_scan_or_an_epoch_with_more_than_any_sensor_has_is_refused() -> None:
     assert len(radar.decode_radar(document(detections=[ECHO] * 1000), RECV).detections) == 1000
-    assert len(pseudoranges.decode_ranges(epoch(pseudoranges.MOST), RECV).satellites) == pseudoranges.MOST
+    assert (
+        len(pseudoranges.decode_ranges(epoch(pseudoranges.MOST_SEEN), RECV).satellites) == pseudoranges.MOST_SEEN
+    )
     with pytest.raises(BadDocumentError, match="at most 64 satellites"):
-        pseudoranges.decode_ranges(epoch(pseudoranges.MOST + 1), RECV)
+        pseudoranges.decode_ranges(epoch(pseudoranges.MOST_SEEN + 1), RECV)
 
 
 def test_a_scan_that_a_document_could_hold_is_refused_beyond_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(radar, "MOST", 10)  # 4096 do not fit into the document that may arrive
+    monkeypatch.setattr(radar, "MOST_ECHOES", 10)  # 4096 do not fit into the document that may arrive
     assert len(radar.decode_radar(document(detections=[ECHO] * 10), RECV).detections) == 10
     with pytest.raises(BadDocumentError, match="more than 10 detections"):
         radar.decode_radar(document(detections=[ECHO] * 11), RECV)
@@ -153,9 +155,9 @@ def test_of_the_sources_of_a_track_the_oldest_is_forgotten() -> None:
 def test_records_beyond_the_room_before_zenoh_cost_the_oldest_and_are_counted() -> None:
     runner = zenoh.runner(Nothing())
     beyond = 300
-    for n in range(2 * zenoh.CAPACITY + beyond):
+    for n in range(2 * zenoh.PUBLISHER_CAPACITY + beyond):
         runner.put(make_estimate(n, "leader"))
     kept = waiting(runner)
-    assert kept[-1].sequence == 2 * zenoh.CAPACITY + beyond - 1
-    assert len(kept) + runner.health().dropped == 2 * zenoh.CAPACITY + beyond
-    assert zenoh.CAPACITY <= len(kept) <= 1.5 * zenoh.CAPACITY
+    assert kept[-1].sequence == 2 * zenoh.PUBLISHER_CAPACITY + beyond - 1
+    assert len(kept) + runner.health().dropped == 2 * zenoh.PUBLISHER_CAPACITY + beyond
+    assert zenoh.PUBLISHER_CAPACITY <= len(kept) <= 1.5 * zenoh.PUBLISHER_CAPACITY

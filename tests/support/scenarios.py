@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 from onboard.config import load_config
 from onboard.messages import Datagram, Encoding, Estimate, Health, NavState, Truth
 from onboard.pipeline import Pipeline
-from onboard.scoring.beside import JUDGED, LeaderScorers
+from onboard.scoring.beside import OF_FLIGHT, LeaderScorers
 from onboard.scoring.leader import LeaderScore
 from onboard.scoring.reference import reference_from_records
 from simlink.scenarios.describe import daemon_config
@@ -92,7 +92,7 @@ class Flights:
         for estimate in estimates:
             scorers.add(estimate)
         score, beside = scorers.scores(math.inf)
-        of_leader = [e for e in estimates if e.name == JUDGED]
+        of_leader = [e for e in estimates if e.name == OF_FLIGHT]
         return Replayed(of_leader, score, boot_ns_of(loaded), own, health, errors, beside)
 
     def _flight(self, scenario: str, end: float) -> Recorded:

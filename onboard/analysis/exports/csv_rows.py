@@ -25,7 +25,7 @@ DECIMALS: Final[Format] = {
     "reset_count": ".0f",
     "quality": ".0f",
 }
-QUATERNION: Final = ("q_w", "q_x", "q_y", "q_z")
+Q_COLUMNS: Final = ("q_w", "q_x", "q_y", "q_z")
 TEXT: Final = ("state", "verdict", "target", "estimator", "faults")  # columns that hold no number
 
 
@@ -80,20 +80,20 @@ def _values(estimate: Estimate, n: int) -> Values:
 
 
 # one row per estimate of any estimator, which the last column names: NED, leader relative to follower, boot clock
-LEADER: Final = CsvTable(
+LEADER_TABLE: Final = CsvTable(
     (*_columns(relative_motion.COMPONENTS, relative_motion.UNITS), "estimator"), _leader_values
 )
 # one row per state of our own vehicle, NED from the origin: then the attitude's quaternion, the share of
 # measurements outside their layer, the quality and the faults that last
-OWN: Final = CsvTable(
-    (*_columns(OWN_COMPONENTS, OWN_UNITS), *QUATERNION, "switch_fraction", "quality", "faults"), _own_values
+OWN_TABLE: Final = CsvTable(
+    (*_columns(OWN_COMPONENTS, OWN_UNITS), *Q_COLUMNS, "switch_fraction", "quality", "faults"), _own_values
 )
 
 
 class CsvWriter:
     """A table as CSV."""
 
-    def __init__(self, file: IO[str], table: CsvTable = LEADER) -> None:
+    def __init__(self, file: IO[str], table: CsvTable = LEADER_TABLE) -> None:
         self._writer, self._values = csv.writer(file, lineterminator="\n"), table.values
         self._writer.writerow(table.columns)
         self._formats = [_format(name) for name in table.columns]
@@ -111,4 +111,4 @@ class CsvWriter:
 
 
 def _format(column: str) -> str:
-    return ".9f" if column in QUATERNION else DECIMALS.get(column, ".6f")
+    return ".9f" if column in Q_COLUMNS else DECIMALS.get(column, ".6f")

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any, Final, Protocol
 
 from onboard import UserError
-from onboard.analysis.exports.csv_rows import LEADER, OWN, TEXT, CsvTable, CsvWriter
+from onboard.analysis.exports.csv_rows import LEADER_TABLE, OWN_TABLE, TEXT, CsvTable, CsvWriter
 from onboard.messages import Estimate, Health, NavState, Output
 from onboard.messages.ros import Ros2Config
 from onboard.scoring.reference import Reference
 from onboard.units import S_PER_NS
 
-BATCH: Final = 10_000  # rows of Parquet that are written at once
+PARQUET_BATCH: Final = 10_000  # rows of Parquet that are written at once
 EXTRAS: Final = {  # module and extra
     ".parquet": ("pyarrow", "parquet"),
     ".mcap": ("mcap_protobuf", "foxglove"),
@@ -41,8 +41,10 @@ def check_exports(*paths: Path | None) -> None:
     for path in paths:
         if path is None:
             continue
-        if suffix_of(path) not in (*MAKE, BAG):
-            raise UserError(f"cannot write {path}: the suffix says the format, one of {', '.join((*MAKE, BAG))}")
+        if suffix_of(path) not in (*WRITERS, BAG):
+            raise UserError(
+                f"cannot write {path}: the suffix says the format, one of {', '.join((*WRITERS, BAG))}"
+            )
         module, extra = EXTRAS.get(path.suffix, ("", ""))
         if module and find_spec(module) is None:
             raise UserError(f"cannot write {path}: it needs {module}: pip install 'wingline[{extra}]'")
@@ -65,7 +67,7 @@ def open_export(
             from onboard.analysis.exports.ros_bag import RosBagWriter  # noqa: PLC0415 - an extra
 
             return stack.enter_context(closing(RosBagWriter(path, ros2))).write
-        writer = stack.enter_context(MAKE[suffix_of(path)](path, of_own))
+        writer = stack.enter_context(WRITERS[suffix_of(path)](path, of_own))
     except OSError as error:
         raise UserError(f"cannot write {path}: {error.strerror or error}") from error
     return writer.write
@@ -135,7 +137,7 @@ class ParquetWriter:
         values = self._values(output)
         if values is not None:
             self._waiting.append(values)
-            if len(self._waiting) >= BATCH:
+            if len(self._waiting) >= PARQUET_BATCH:
                 self._flush()
 
     def close(self) -> None:
@@ -165,10 +167,10 @@ def _mcap(path: Path) -> Writer:
 
 
 def _table(of_own: bool) -> CsvTable:
-    return OWN if of_own else LEADER
+    return OWN_TABLE if of_own else LEADER_TABLE
 
 
-MAKE: Final[dict[str, Callable[[Path, bool], AbstractContextManager[Writer]]]] = {
+WRITERS: Final[dict[str, Callable[[Path, bool], AbstractContextManager[Writer]]]] = {
     ".csv": lambda path, of_own: closing(_Csv(path, _table(of_own))),
     ".parquet": lambda path, of_own: closing(ParquetWriter(path, _table(of_own))),
     ".tum": lambda path, of_own: closing(TumWriter(path, of_own)),

@@ -14,16 +14,16 @@ from onboard.config import Config
 from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.messages import Cause, Estimate, Lifecycle, Output, OwnPose
 from onboard.models import relative_motion
-from onboard.scoring.beside import JUDGED
+from onboard.scoring.beside import OF_FLIGHT
 from onboard.units import S_PER_NS
 
 NAME: Final = "filterpy"
 NEAR_NS: Final = 60_000_000  # between an image and our own attitude
 GAP_S: Final = 2.0  # without an image: it begins anew
-ACCELERATION: Final = 2.0  # m/s^2, white
+ACCELERATION_NOISE: Final = 2.0  # m/s^2, white
 WING_SIGMA: Final = 0.02  # of the size, as configured by default
-POINTS: Final = 3
-GATE: Final = 30.0  # of the NIS, 3 degrees of freedom
+POINT_COUNT: Final = 3
+NIS_GATE: Final = 30.0  # of the NIS, 3 degrees of freedom
 
 
 class Baseline:
@@ -31,7 +31,7 @@ class Baseline:
     points and our own attitude."""
 
     def __init__(self, config: Config) -> None:
-        leader = config.estimator.get(JUDGED) or next(iter(config.estimator.values()))
+        leader = config.estimator.get(OF_FLIGHT) or next(iter(config.estimator.values()))
         self._size = float(getattr(leader, "size_prior_m", 2.0))
         camera = config.camera_model()
         self._R_cb, self._sigma = np.asarray(camera.R_bc).T, camera.sigma
@@ -44,13 +44,13 @@ class Baseline:
         if isinstance(output, OwnPose):
             self._poses.append(output)
             return None
-        report = output.measurement if output.name == JUDGED and output.is_primary else None
-        if report is None or report.points is None or len(report.points) < POINTS or not self._poses:
+        report = output.measurement if output.name == OF_FLIGHT and output.is_primary else None
+        if report is None or report.points is None or len(report.points) < POINT_COUNT or not self._poses:
             return None
         own = min(self._poses, key=lambda pose: abs(pose.t_ns - report.t_ns))
         if abs(own.t_ns - report.t_ns) > NEAR_NS or report.t_ns <= self._t_ns:
             return None
-        center, left, right = (np.array(point) for point in report.points[:POINTS])
+        center, left, right = (np.array(point) for point in report.points[:POINT_COUNT])
         z = np.array([*center, np.linalg.norm(right - left)])
         self._step(z, self._R_cb @ matrix_from_quaternion(np.array(own.q_nb)).T, report.t_ns)
         return self._estimate()
@@ -62,7 +62,7 @@ class Baseline:
         else:
             eye, filter_ = np.eye(3), self._filter
             blocks = [[dt**3 / 3 * eye, dt**2 / 2 * eye], [dt**2 / 2 * eye, dt * eye]]
-            filter_.Q = ACCELERATION**2 * np.block(blocks)
+            filter_.Q = ACCELERATION_NOISE**2 * np.block(blocks)
             filter_.predict(dt=dt)
             size = self._size
 
@@ -72,7 +72,7 @@ class Baseline:
 
             before = filter_.x.copy(), filter_.P.copy()
             filter_.update(z, hx=seen)
-            if filter_.y @ np.linalg.solve(filter_.S, filter_.y) > GATE:
+            if filter_.y @ np.linalg.solve(filter_.S, filter_.y) > NIS_GATE:
                 filter_.x, filter_.P = before
         self._t_ns = t_ns
 

@@ -19,7 +19,7 @@ from onboard.wire.logs.tlog import NotALogError
 
 LOGS: Final = (".bin", ".mcap", ".tlog", ".ulg")
 DETECTIONS: Final = (".jsonl", ".ndjson")
-CONFIG: Final = "config.toml"
+FLIGHT_CONFIG: Final = "config.toml"
 TRUTHS: Final = ("truth.csv", "truth.csv.gz")
 
 
@@ -48,7 +48,7 @@ def flight_folder(folder: Path) -> FlightFolder:
     if not logs or set(whole) != set(logs):
         found = ", ".join(path.name for path in logs) or "none"
         raise UserError(f"{folder}: expected one log ({', '.join(LOGS)}) in this folder; found: {found}")
-    config, truths = folder / CONFIG, [folder / name for name in TRUTHS]
+    config, truths = folder / FLIGHT_CONFIG, [folder / name for name in TRUTHS]
     return FlightFolder(
         whole[0],
         tuple(path for path in files if path.suffix.lower() in DETECTIONS),

@@ -41,7 +41,7 @@ UNVERIFIED: Final = (
     f"{DOUBT}{{}} signed frames were used unverified: this replay has not the key of link `{{}}`; name it in "
     "`key_file` of its [[link]]"
 )
-FOREIGN: Final = {  # by how a file begins: what it is, and what to do
+FOREIGN_FORMATS: Final = {  # by how a file begins: what it is, and what to do
     b"\x1f\x8b": "compressed (gzip): `gunzip` it first",
     b"PK\x03\x04": "a ZIP archive: unpack it, and replay the log in it",
     b"7z\xbc\xaf": "a 7-Zip archive: unpack it, and replay the log in it",
@@ -268,7 +268,7 @@ def read_log(
         raise ReplayError(f"cannot read {log}: {error.strerror or error}") from error
     if not head:
         raise ReplayError(f"{log} is empty")
-    if foreign := next((words for begin, words in FOREIGN.items() if head.startswith(begin)), None):
+    if foreign := next((words for begin, words in FOREIGN_FORMATS.items() if head.startswith(begin)), None):
         raise ReplayError(f"{log} is no .tlog, .bin, .ulg or .mcap, but {foreign}")
     return _read_tlog(log)
 

@@ -18,9 +18,9 @@ from typing import Any, Final
 CONNECTED_S: Final = 10.0  # until there is no scheduler
 WAITING: Final = 4  # parts for each core that are handed out at once
 LEAST_WAITING: Final = 16
-PATIENCE_S: Final = 120.0  # without any worker
+WORKERS_DUE_S: Final = 120.0  # without any worker
 RETRIES: Final = 10  # of a part whose worker was lost, or that failed on it
-ROOT: Final = Path(__file__).parents[3]  # the source tree, or where packages are installed
+SOURCE_TREE: Final = Path(__file__).parents[3]  # the source tree, or where packages are installed
 PROGRAM: Final = ("onboard", "simlink")
 STUDIES: Final = "studies"
 
@@ -60,7 +60,7 @@ def on_cluster(
             yield _result(client, waiting.popleft(), address)
 
 
-def fingerprint(packages: Sequence[str] = PROGRAM, root: Path = ROOT) -> str:
+def fingerprint(packages: Sequence[str] = PROGRAM, root: Path = SOURCE_TREE) -> str:
     """A digest of the sources of these packages in `root`. Raises FileNotFoundError: one is not there."""
     digest = hashlib.sha256()
     for package in packages:
@@ -73,9 +73,9 @@ def fingerprint(packages: Sequence[str] = PROGRAM, root: Path = ROOT) -> str:
 
 def find_studies() -> bool:
     """Whether this program was installed from a source tree, whose studies can then be imported."""
-    if (ROOT / STUDIES / "__init__.py").exists() and (ROOT / "pyproject.toml").exists():
-        if str(ROOT) not in sys.path:
-            sys.path.append(str(ROOT))
+    if (SOURCE_TREE / STUDIES / "__init__.py").exists() and (SOURCE_TREE / "pyproject.toml").exists():
+        if str(SOURCE_TREE) not in sys.path:
+            sys.path.append(str(SOURCE_TREE))
         return True
     return False
 
@@ -89,9 +89,9 @@ def _run_packed(packed: bytes) -> Any:
 
 def _cores(client: Any, address: str) -> int:
     try:
-        client.wait_for_workers(1, timeout=PATIENCE_S)
+        client.wait_for_workers(1, timeout=WORKERS_DUE_S)
     except TimeoutError as error:
-        raise ClusterError(f"the scheduler at {address} has had no worker for {PATIENCE_S:.0f} s") from error
+        raise ClusterError(f"the scheduler at {address} has had no worker for {WORKERS_DUE_S:.0f} s") from error
     return sum(client.nthreads().values())
 
 
@@ -111,7 +111,7 @@ def _result(client: Any, future: Any, address: str) -> Any:
     """A part's result. Raises ClusterError when no worker is left."""
     while True:
         try:
-            result = future.result(timeout=PATIENCE_S)
+            result = future.result(timeout=WORKERS_DUE_S)
         except TimeoutError:
             if not future.done() and not client.nthreads():
                 raise ClusterError(f"the scheduler at {address} has lost all its workers") from None

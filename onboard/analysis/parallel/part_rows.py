@@ -8,8 +8,13 @@ from typing import Any, Final, Self
 import msgspec
 import numpy as np
 
-GROUP: Final = 64  # rows that are written at once
-COLUMNS: Final = ("part", "function", "arguments", "result")  # the number of the part, and JSON of the other three
+ROW_GROUP: Final = 64  # rows that are written at once
+PART_KEYS: Final = (
+    "part",
+    "function",
+    "arguments",
+    "result",
+)  # the number of the part, and JSON of the other three
 
 
 class PartRows:
@@ -20,7 +25,7 @@ class PartRows:
         from pyarrow import parquet  # noqa: PLC0415
 
         self._arrow = pa
-        self._schema = pa.schema([("part", pa.int64()), *((name, pa.string()) for name in COLUMNS[1:])])
+        self._schema = pa.schema([("part", pa.int64()), *((name, pa.string()) for name in PART_KEYS[1:])])
         self._writer = parquet.ParquetWriter(path, self._schema)
         self._waiting: list[tuple[Any, ...]] = []
         self._number = 0
@@ -38,7 +43,7 @@ class PartRows:
         """The next part's row."""
         self._waiting.append((self._number, function, as_json(arguments), as_json(result)))
         self._number += 1
-        if len(self._waiting) >= GROUP:
+        if len(self._waiting) >= ROW_GROUP:
             self._flush()
 
     def _flush(self) -> None:

@@ -30,7 +30,7 @@ summary{cursor:pointer;color:#57606a}
 """
 
 WIDEST: Final = 110  # letters of a line of the PDF
-PARAMETERS: Final = "The autopilot's parameters"
+PARAMETERS_HEADING: Final = "The autopilot's parameters"
 LINES: Final = 52  # of a table on a page of the PDF
 PAGES_OF_PARAMETERS: Final = 3
 # Lets a reader look for a parameter by a part of its name.
@@ -72,7 +72,9 @@ def html(report: FlightReport) -> str:
     ]
     if len(report.parameters) > 1:
         number = f"<summary>{len(report.parameters) - 1}, those that somebody has set first</summary>"
-        parts.append(f"<h2>{PARAMETERS}</h2><details>{number}{SEARCH}{_table(report.parameters)}</details>")
+        parts.append(
+            f"<h2>{PARAMETERS_HEADING}</h2><details>{number}{SEARCH}{_table(report.parameters)}</details>"
+        )
     parts.append(
         "<h2>Configuration</h2><details><summary>all keys, as they were used</summary>"
         f"<pre>{escape(report.configuration)}</pre></details></html>"
@@ -88,7 +90,7 @@ def write_pdf(report: FlightReport, path: Path) -> None:
         for title, figure in report.figures.items():
             figure.suptitle(title, fontsize=10, x=0.01, ha="left")
             pdf.savefig(figure)
-        for figure in _table_pages({**report.tables, PARAMETERS: _first(report.parameters)}):
+        for figure in _table_pages({**report.tables, PARAMETERS_HEADING: _first(report.parameters)}):
             pdf.savefig(figure)
 
 

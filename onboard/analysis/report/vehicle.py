@@ -16,7 +16,7 @@ WINDOW_S: Final = 0.5  # over which the accelerometer's scatter is taken
 MOTORS: Final = 8  # outputs that are drawn
 MOST_WORDS: Final = 500  # lines of modes and messages
 MOST_PARAMETERS: Final = 3000  # PX4 has some 1,200, ArduPilot 1,500
-LONGEST_NAME: Final = 16  # letters of a parameter's name
+PARAMETER_NAME: Final = 16  # letters of a parameter's name
 ROUNDED: Final = 1e-6  # of a value: less is the rounding to 32 bits
 PX4_MODES: Final = {1: "MANUAL", 2: "ALTCTL", 3: "POSCTL", 4: "AUTO", 5: "ACRO", 6: "OFFBOARD", 7: "STABILIZED"}
 PX4_AUTO: Final = dict(enumerate(("READY", "TAKEOFF", "LOITER", "MISSION", "RTL", "LAND"), start=1)) | {
@@ -107,7 +107,7 @@ class VehicleSeries:
             self._say(t, "armed" if mode[0] else "disarmed", "")
 
     def _add_parameter(self, message: ParamValue, t: float) -> None:
-        name, value = plain(message.name, LONGEST_NAME), message.value
+        name, value = plain(message.name, PARAMETER_NAME), message.value
         known = self.parameters.get(name)
         if known is None and len(self.parameters) >= MOST_PARAMETERS:
             self.parameters_left_out += 1

@@ -16,7 +16,7 @@ from onboard.arrays import Array
 FIX_3D: Final = 3
 A_DEGREE_M: Final = 111_195.0  # of latitude, on the sphere of the Earth's mean radius
 SCALES_M: Final = tuple(n * 10**k for k in range(6) for n in (1, 2, 5))
-AXES: Final = ("forward", "right", "down")
+AXIS_NAMES: Final = ("forward", "right", "down")
 
 
 def vehicle_figures(vehicle: VehicleSeries) -> dict[str, Figure]:
@@ -57,7 +57,7 @@ def _motors(axis: Any, table: Array) -> None:
 
 
 def _vibration(axis: Any, table: Array) -> None:
-    for k, (name, colour) in enumerate(zip(AXES, (OWN, LEADER, GREY), strict=True)):
+    for k, (name, colour) in enumerate(zip(AXIS_NAMES, (OWN, LEADER, GREY), strict=True)):
         axis.plot(table[:, 0], table[:, 1 + k], color=colour, label=name)
     axis.set(ylabel="vibration, m/s²")
     axis.legend(loc="best", fontsize=7, ncols=3)

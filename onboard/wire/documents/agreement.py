@@ -12,7 +12,7 @@ from onboard.messages import Box, Detection, Vec3
 from onboard.wire.documents import boxes
 from onboard.wire.documents.document import BadDocumentError
 
-NEAR: Final = math.radians(3.0)  # so far from a box or its center a position may lie
+POSITION_TOLERANCE: Final = math.radians(3.0)  # so far from a box or its center a position may lie
 SIGMAS: Final = 3.0
 SMALLEST, LARGEST = 0.2, 2.5  # of the wingspan: the larger side of a box of an aircraft, from wherever it is seen
 
@@ -46,7 +46,7 @@ def _check_direction(detection: Detection, position: Vec3, lens: Lens, sigma_px:
     right, down, forward = position
     cosine = (forward + right * u + down * v) / math.hypot(*position) / math.hypot(1.0, u, v)
     off = math.acos(max(-1.0, min(cosine, 1.0)))
-    if off <= NEAR + angle * (SIGMAS * (seen.sigma_px or sigma_px) + diagonal_px):
+    if off <= POSITION_TOLERANCE + angle * (SIGMAS * (seen.sigma_px or sigma_px) + diagonal_px):
         return
     raise BadDocumentError(
         f"the position is {math.degrees(off):.0f} degrees from `{name}`; expected right, down, forward in metres"

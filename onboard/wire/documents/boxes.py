@@ -5,7 +5,7 @@ from typing import Final
 from onboard.geometry.lens import Lens, LensError
 from onboard.messages import Box, Sides
 
-NOISE: Final = 0.05  # of the box's larger side: how well detectors place a box
+BOX_NOISE: Final = 0.05  # of the box's larger side: how well detectors place a box
 CUT_SIGMAS: Final = 3.0  # a box that the edge cuts off ends so many sigmas inside the image at most ...
 CUT_PX: Final = 1.0  # ... or so far, whatever its noise
 
@@ -17,7 +17,7 @@ def larger_px(box: Box) -> float:
 
 def noise_px(box: Box, sigma_px: float) -> float:
     """Standard deviation of a side that brings none, by a detector whose points have `sigma_px`."""
-    return max(sigma_px, NOISE * larger_px(box))
+    return max(sigma_px, BOX_NOISE * larger_px(box))
 
 
 def may_be_cut(box: Box, lens: Lens, sigma_px: float) -> bool:

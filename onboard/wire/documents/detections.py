@@ -40,11 +40,11 @@ from onboard.wire.documents.points import check_target, doubt_of, lens_of
 from onboard.wire.documents.poses import relative_pose
 
 LEAST_CONFIDENCE: Final = 0.05  # noise is that of a detection with this confidence at most
-FARTHEST: Final = 1e5  # m, of a range
+LONGEST_RANGE: Final = 1e5  # m, of a range
 UNSEEN: Final = (0.0, 0.0)  # pixels of a keypoint that Ultralytics and others do not see; no wingtip is just there
 Ignore = Callable[[str], None]
 
-INSIDE: Final[dict[str, type[Record]]] = {
+NESTED_RECORDS: Final[dict[str, type[Record]]] = {
     "detections": Detection,
     "points": DetectedPoint,
     "box": Box,
@@ -183,8 +183,8 @@ def _center(pose: RelativePose) -> tuple[ImageFeature, ...]:
 def _check_range(detection: Detection, at: str) -> None:
     """Raises BadDocumentError for a range that is none."""
     for name, value in (("range_m", detection.range_m), ("range_sigma_m", detection.range_sigma_m)):
-        if value is not None and not 0.0 < value < FARTHEST:
-            raise BadDocumentError(f"expected metres above 0 and below {FARTHEST:g} - at `$.{at}.{name}`")
+        if value is not None and not 0.0 < value < LONGEST_RANGE:
+            raise BadDocumentError(f"expected metres above 0 and below {LONGEST_RANGE:g} - at `$.{at}.{name}`")
     if detection.range_m is None and detection.range_sigma_m is not None:
         raise BadDocumentError(f"a sigma of no range: expected `range_m` beside it - at `$.{at}.range_sigma_m`")
 
@@ -219,7 +219,7 @@ def _unknown(value: Any, kind: type[Record], at: str) -> Iterator[str]:
     for name in value.keys() - set(fields):
         yield f"the field `{at}{name}`; known: {', '.join(fields)}"
     for name, inner in value.items():
-        record = INSIDE.get(name)
+        record = NESTED_RECORDS.get(name)
         if record is None or name not in fields:
             continue
         if name == "points" and isinstance(inner, dict):

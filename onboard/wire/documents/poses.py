@@ -15,11 +15,11 @@ from onboard.geometry.rotations import matrix_from_quaternion, quaternion_from_m
 from onboard.messages import DetectedPose, Quaternion, RelativePose, Vec3
 from onboard.wire.documents.document import BadDocumentError
 
-FARTHEST: Final = 1e5  # m
+LONGEST_RANGE: Final = 1e5  # m
 NEAREST: Final = 0.01  # m, along the optical axis: no aircraft is nearer to a camera
-POSITION: Final = 0.05  # of the range, along the line of sight
+POSITION_SHARE: Final = 0.05  # of the range, along the line of sight
 TURN: Final = math.radians(10.0)
-LONGEST_Q: Final = (0.5, 2.0)  # the least and the greatest length of a quaternion, which has length 1
+NORM_BOUNDS: Final = (0.5, 2.0)  # the least and the greatest length of a quaternion, which has length 1
 EQUAL: Final = 1e-4  # of the larger one: two numbers that are the same but for rounding
 TO_C: Final = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # from the optical axes
 
@@ -54,7 +54,7 @@ def guessed(r: Array, sigma: float) -> Array:
     """The covariance (3, 3) of a position (3,) for which none is stated."""
     range_ = float(np.linalg.norm(r))
     line = np.outer(r, r) / range_**2
-    covariance: Array = range_**2 * ((POSITION**2 + sigma**2) * line + sigma**2 * (np.eye(3) - line))
+    covariance: Array = range_**2 * ((POSITION_SHARE**2 + sigma**2) * line + sigma**2 * (np.eye(3) - line))
     return covariance
 
 
@@ -66,15 +66,15 @@ def rows_of(P: Array) -> Rows:
 
 def _position(position_m: Vec3, at: str) -> Vec3:
     right, down, forward = position_m
-    if not math.hypot(*position_m) < FARTHEST:
-        raise BadDocumentError(f"expected metres below {FARTHEST:g} - at `$.{at}`")
+    if not math.hypot(*position_m) < LONGEST_RANGE:
+        raise BadDocumentError(f"expected metres below {LONGEST_RANGE:g} - at `$.{at}`")
     if not forward > NEAREST:
         raise BadDocumentError(f"it is behind the camera; expected right, down, forward - at `$.{at}`")
     return forward, right, down
 
 
 def _rotation(q: Quaternion, at: str) -> Quaternion:
-    least, largest = LONGEST_Q
+    least, largest = NORM_BOUNDS
     if not least < math.hypot(*q) < largest:
         raise BadDocumentError(f"expected a quaternion w, x, y, z of length 1 - at `$.{at}`")
     w, x, y, z = quaternion_from_matrix(TO_C @ matrix_from_quaternion(q)).tolist()

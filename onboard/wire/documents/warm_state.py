@@ -10,8 +10,8 @@ from onboard.messages import WARM_VERSION, WarmState
 from onboard.units import NS_PER_S
 from onboard.wire.documents.document import BadDocumentError, load, parse
 
-FARTHEST: Final = 1e5  # m: what is farther away is no leader, or no position of ours
-FASTEST: Final = 1e3  # m/s
+LONGEST_RANGE: Final = 1e5  # m: what is farther away is no leader, or no position of ours
+FASTEST_KEPT: Final = 1e3  # m/s
 
 _decoder = msgspec.json.Decoder(WarmState)
 
@@ -40,13 +40,13 @@ def _impossible(state: WarmState) -> str:
         return "expected a valid estimate - at `$.estimate`"
     if n < 6 or len(mean) != n or len(P) != n or any(len(row) != n for row in P):
         return f"expected {max(n, 6)} components - at `$.estimate`"
-    if math.hypot(*mean[:3]) > FARTHEST or math.hypot(*mean[3:6]) > FASTEST:
+    if math.hypot(*mean[:3]) > LONGEST_RANGE or math.hypot(*mean[3:6]) > FASTEST_KEPT:
         return "expected a leader within 100 km, slower than 1000 m/s - at `$.estimate.mean`"
     symmetric = all(math.isclose(P[i][j], P[j][i], rel_tol=1e-6, abs_tol=1e-9) for i in range(n) for j in range(i))
     if not symmetric or any(not P[i][i] > 0.0 for i in range(6)):
         return "expected a symmetric matrix with positive variances - at `$.estimate.covariance`"
     own = state.own
-    if any(x is None or abs(x) > FARTHEST for x in own.r_OF_n) or math.hypot(*own.v_F_n) > FASTEST:
+    if any(x is None or abs(x) > LONGEST_RANGE for x in own.r_OF_n) or math.hypot(*own.v_F_n) > FASTEST_KEPT:
         return "expected a known position within 100 km - at `$.own`"
     if abs(state.own.t_ns - state.t_ns) > NS_PER_S or state.estimate.t_ns != state.t_ns:
         return "expected one time - at `$.t_ns`"

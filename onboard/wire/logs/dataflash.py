@@ -50,7 +50,7 @@ MOST_FIXES: Final = 1000  # by which the Unix time is judged
 LATEST_US: Final = 2**53  # 285 years after boot
 UNREADABLE: Final = Exception  # pymavlink raises that itself, besides all that Python does of damaged bytes
 INSTANCES: Final = ("I", "C", "Inst", "Instance")  # the field that numbers a row's sensor or core
-RENAMED: Final = {  # of firmware that numbers rows in their names: the name today, and the instance
+RENAMED_ROWS: Final = {  # of firmware that numbers rows in their names: the name today, and the instance
     "GPS2": ("GPS", 1),
     "GPA2": ("GPA", 1),
     "IMU2": ("IMU", 1),
@@ -62,7 +62,7 @@ RENAMED: Final = {  # of firmware that numbers rows in their names: the name tod
     "XKF9": ("XKF4", 1),
 }
 SILENT_US: Final = 2_000_000  # of a sensor, after which another one is read
-KINDS: Final = ("ATT", "IMU", "XKF1", "NKF1", "XKF4", "NKF4", "ORGN", "GPS", "GPA", "BARO", "RCOU", "BAT")
+LOG_ROWS: Final = ("ATT", "IMU", "XKF1", "NKF1", "XKF4", "NKF4", "ORGN", "GPS", "GPA", "BARO", "RCOU", "BAT")
 INFO: Final = 6  # MAV_SEVERITY: a row of MSG has none
 SAID: Final = ("MODE", "ARM", "MSG")  # for people: no time base begins with them
 Lose = Callable[[str], None]
@@ -106,12 +106,12 @@ def _messages(log: Any, offset_ns: int, lose: Lose) -> Iterator[tuple[Message, i
     converter, said = _Converter(), _Said(int(log.mav_type))
     newest, waiting = Header(), list[Any]()
     for row in _rows(log, (), lose):
-        kind, instance = RENAMED.get(row.get_type(), (row.get_type(), _instance(row)))
+        kind, instance = RENAMED_ROWS.get(row.get_type(), (row.get_type(), _instance(row)))
         if kind == "PARM":
             waiting.append(row)  # the first for the heartbeat; old ones have no time of their own
             if newest:
                 yield from _parameters(log, waiting, newest, lose)
-        if kind not in KINDS and kind not in SAID:
+        if kind not in LOG_ROWS and kind not in SAID:
             continue
         try:
             header = _header(row, system, offset_ns)

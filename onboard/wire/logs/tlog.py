@@ -13,12 +13,12 @@ STAMP: Final = struct.Struct(">Q")
 MAGIC_V2: Final = 0xFD
 MAGIC_V1: Final = 0xFE
 SIGNED: Final = 0x01
-CHANNEL: Final = "tlog"
+TLOG_CHANNEL: Final = "tlog"
 EARLIEST_US: Final = 0
-BLOCK: Final = 1 << 20  # bytes that are read at a time
+READ_BYTES: Final = 1 << 20  # bytes that are read at a time
 SEARCHED: Final = 1 << 16  # bytes in which a log that is damaged at its begin must show a frame that is whole
-MARGIN: Final = 1024  # bytes: more than a record, and what shows that it is whole
-LATEST_US: Final = 4_102_444_800_000_000  # the year 2100
+RECORD_MARGIN: Final = 1024  # bytes: more than a record, and what shows that it is whole
+YEAR_2100_US: Final = 4_102_444_800_000_000  # the year 2100
 
 
 class NotALogError(ValueError):
@@ -36,19 +36,19 @@ def frame_length(data: bytes, at: int) -> int | None:
     return None
 
 
-def read_tlog(source: bytes | BinaryIO, channel: str = CHANNEL) -> Iterator[tuple[Datagram | None, int]]:
+def read_tlog(source: bytes | BinaryIO, channel: str = TLOG_CHANNEL) -> Iterator[tuple[Datagram | None, int]]:
     """(Datagram, bytes consumed so far) for each record; (None, ...) once for each stretch without one. A file is
     read by blocks.
 
     Raises NotALogError at once when the first bytes are not a record, nor any of those that follow soon.
     """
     file = io.BytesIO(source) if isinstance(source, bytes) else source
-    data, at, begin, lost = file.read(BLOCK), 0, 0, False  # `begin`: where the block is in the file
+    data, at, begin, lost = file.read(READ_BYTES), 0, 0, False  # `begin`: where the block is in the file
     t_us = _stamp_at(data, 0)
     if t_us is None and not _holds_record(data[:SEARCHED]):
         raise NotALogError("this is no .tlog: it does not begin with a time stamp and a MAVLink frame")
     while True:
-        if len(data) - at < MARGIN and (more := file.read(BLOCK)):
+        if len(data) - at < RECORD_MARGIN and (more := file.read(READ_BYTES)):
             data, at, begin = data[at:] + more, 0, begin + at
         if at + 8 >= len(data):
             break
@@ -93,7 +93,7 @@ def _stamp_at(data: bytes, at: int) -> int | None:
     if at + 9 > len(data) or data[at + 8] not in (MAGIC_V1, MAGIC_V2):
         return None
     t_us: int = STAMP.unpack_from(data, at)[0]
-    return t_us if EARLIEST_US <= t_us < LATEST_US else None
+    return t_us if EARLIEST_US <= t_us < YEAR_2100_US else None
 
 
 def tlog_record(t_recv_ns: int, frame: bytes) -> bytes:

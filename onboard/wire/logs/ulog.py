@@ -34,7 +34,7 @@ from onboard.messages.text import LINE, plain
 from onboard.wire.logs.tlog import NotALogError
 
 MAGIC: Final = b"ULog\x01\x12\x35"
-RATES: Final = "vehicle_angular_velocity"
+RATES_TOPIC: Final = "vehicle_angular_velocity"
 SPEEDS: Final = ("rollspeed", "pitchspeed", "yawspeed")
 ACTIVE: Final = 4
 ARMED: Final = 2  # of vehicle_status.arming_state
@@ -62,7 +62,7 @@ MODES: Final = {
 DISORDER_US: Final = 1_000_000  # rows of one topic are in order but for this
 LONGEST_GAP_US: Final = 60_000_000  # in which a topic may be silent
 LATEST_US: Final = 2**53  # 285 years after boot
-LARGEST: Final = 65_535  # bytes of a message
+LARGEST_MESSAGE: Final = 65_535  # bytes of a message
 DEEPEST: Final = 16  # formats within one another; PX4 has two
 HEADER: Final = 16  # bytes of the file's head
 SIZES: Final = {
@@ -104,7 +104,7 @@ def read_ulog(path: Path, lose: Lose = lambda _: None) -> Iterator[Message]:
         with path.open("rb") as file:
             _check_formats(file)
             file.seek(0)
-            log = ULog(file, [*CONVERT, STATUS, RATES], disable_str_exceptions=True)
+            log = ULog(file, [*CONVERT, STATUS, RATES_TOPIC], disable_str_exceptions=True)
     except UNREADABLE as error:
         if isinstance(error, NotALogError):
             raise
@@ -184,8 +184,8 @@ def _add_size(name: str, formats: dict[str, list[str]], sizes: dict[str, int], d
                 raise NotALogError(f"this ULog's format {plain(name)} has {DEEPEST} others within it, or itself")
             _add_size(kind, formats, sizes, depth + 1)
         total += sizes[kind] * max(1, int(count.partition("]")[0]) if count else 1)
-        if total > LARGEST:
-            raise NotALogError(f"this ULog's format {plain(name)} has more than {LARGEST} bytes")
+        if total > LARGEST_MESSAGE:
+            raise NotALogError(f"this ULog's format {plain(name)} has more than {LARGEST_MESSAGE} bytes")
     sizes[name] = total
 
 
@@ -230,7 +230,7 @@ def _choose_outputs(instances: Any, topics: dict[str, Any]) -> None:
 def _add_rates(topics: dict[str, Any]) -> None:
     """Add body rates to the attitude in newer logs, which keep them apart: the gyro's, at the attitude's times."""
     attitude = topics.get("vehicle_attitude")
-    rates, fields = topics.get(RATES), [f"xyz[{k}]" for k in range(3)]
+    rates, fields = topics.get(RATES_TOPIC), [f"xyz[{k}]" for k in range(3)]
     if rates is None:
         rates, fields = topics.get("sensor_combined"), [f"gyro_rad[{k}]" for k in range(3)]
     if attitude is None or rates is None or "rollspeed" in attitude or not all(f in rates for f in fields):
@@ -284,13 +284,13 @@ def _known(columns: Any, i: int, name: str) -> float | None:
 
 def _attitude(c: Any, i: int, header: dict[str, Any]) -> Message:
     omega = _vector(c, i, *SPEEDS) if SPEEDS[0] in c else (0.0, 0.0, 0.0)
-    return Attitude(**header, q_nb=_vector(c, i, *QUATERNION), omega_b=omega)
+    return Attitude(**header, q_nb=_vector(c, i, *QUATERNION_FIELDS), omega_b=omega)
 
 
 def _local_position(c: Any, i: int, header: dict[str, Any]) -> Message | None:
     if not (c["xy_valid"][i] and c["z_valid"][i]):
         return None
-    return LocalPosition(**header, r_OF_n=_vector(c, i, *POSITION[:3]), v_F_n=_vector(c, i, *POSITION[3:]))
+    return LocalPosition(**header, r_OF_n=_vector(c, i, *FIELDS_NED[:3]), v_F_n=_vector(c, i, *FIELDS_NED[3:]))
 
 
 def _imu(c: Any, i: int, header: dict[str, Any]) -> Message:
@@ -361,16 +361,16 @@ def _always(*names: str) -> Callable[[Any], tuple[str, ...]]:
     return lambda _: names
 
 
-QUATERNION: Final = tuple(f"q[{k}]" for k in range(4))
-POSITION: Final = ("x", "y", "z", "vx", "vy", "vz")
+QUATERNION_FIELDS: Final = tuple(f"q[{k}]" for k in range(4))
+FIELDS_NED: Final = ("x", "y", "z", "vx", "vy", "vz")
 STATES: Final = ("nav_state", "arming_state")
 IMU: Final = (*(f"accelerometer_m_s2[{k}]" for k in range(3)), *(f"gyro_rad[{k}]" for k in range(3)))
 OUTPUTS: Final = "actuator_outputs"
 OUTPUT: Final = tuple(f"output[{k}]" for k in range(16))
 NEW_PLACE: Final = ("latitude_deg", "longitude_deg", "altitude_msl_m")
 CONVERT: Final = {
-    "vehicle_attitude": Converter(_attitude, _always(*QUATERNION)),
-    "vehicle_local_position": Converter(_local_position, _always(*POSITION, "xy_valid", "z_valid")),
+    "vehicle_attitude": Converter(_attitude, _always(*QUATERNION_FIELDS)),
+    "vehicle_local_position": Converter(_local_position, _always(*FIELDS_NED, "xy_valid", "z_valid")),
     "sensor_combined": Converter(_imu, _always(*IMU)),
     OUTPUTS: Converter(_outputs, _always("noutputs")),
     "battery_status": Converter(_battery, _always("voltage_v")),

@@ -22,7 +22,7 @@ from onboard.wire.mavlink.table import MESSAGES
 from onboard.wire.mavlink.tracking import TrackerDecoder
 
 START: Final = re.compile(b"[\xfd\xfe]")
-NAMES: Final = {number: (name, bytes([MIRRORED[extra]])) for number, (name, extra) in MESSAGES.items()}
+MESSAGE_NAMES: Final = {number: (name, bytes([MIRRORED[extra]])) for number, (name, extra) in MESSAGES.items()}
 UNKNOWN: Final = "unknown_message"
 TRACKING: Final = Layout("<7f4B")  # CAMERA_TRACKING_IMAGE_STATUS
 FIELD_OF_VIEW: Final = Layout("<I6i6f", boot_ms=0)  # CAMERA_FOV_STATUS
@@ -128,7 +128,7 @@ class MavlinkDecoder:
         else:
             head, number = V2_HEAD, frame[7] | frame[8] << 8 | frame[9] << 16
             system, component = frame[5], frame[6]
-        name, payload = NAMES[number][0], frame[head : head + frame[1]]
+        name, payload = MESSAGE_NAMES[number][0], frame[head : head + frame[1]]
         if self._is_own(system, component, name) and not (name == "LANDING_TARGET" and is_point(payload)):
             self.rejected["our_own"] += 1
             self._on_own(system, component, t_recv_ns)
@@ -182,7 +182,7 @@ def flaw(frame: bytes) -> str:
         return "bad_frame"
     else:
         head, number = V2_HEAD, frame[7] | frame[8] << 8 | frame[9] << 16
-    known = NAMES.get(number)
+    known = MESSAGE_NAMES.get(number)
     if known is None:
         return UNKNOWN  # without its CRC_EXTRA the checksum cannot be tested
     return "" if is_sound(frame, head + frame[1], known[1]) else "bad_frame"

@@ -12,7 +12,7 @@ from onboard.messages import Message, ParamAck, ParamAction, ParamRequest, Param
 
 REAL32: Final = 9  # both of MAV_PARAM_TYPE and of MAV_PARAM_EXT_TYPE
 ACK_ACCEPTED, ACK_FAILED = 0, 2
-NO_HASH: Final = (0,) * 8
+NO_GIT_HASH: Final = (0,) * 8
 OFFICIAL: Final = 255  # FIRMWARE_VERSION_TYPE
 WHOLE: Final = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}  # MAV_PARAM_TYPE
 
@@ -114,7 +114,7 @@ def _ack(m: Any) -> list[Any]:
 def _version(m: Any) -> list[Any]:
     major, minor, patch = m.version
     number = major << 24 | minor << 16 | patch << 8 | OFFICIAL
-    args = (m.capabilities, number, 0, 0, 0, NO_HASH, NO_HASH, NO_HASH, 0, 0, 0)
+    args = (m.capabilities, number, 0, 0, 0, NO_GIT_HASH, NO_GIT_HASH, NO_GIT_HASH, 0, 0, 0)
     return [dialect.MAVLink_autopilot_version_message(*args)]
 
 

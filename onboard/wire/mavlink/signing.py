@@ -34,10 +34,10 @@ STAMP: Final = 6
 EPOCH_NS: Final = 1_420_070_400 * 10**9  # 2015-01-01, UTC
 UNIT_NS: Final = 10_000
 NEW_STREAM: Final = 6_000_000  # 60 s: a stream that is new may be this much older than now
-AHEAD: Final = 6_000_000  # 60 s: no frame may be this much newer than now
+NEWEST_STAMP: Final = 6_000_000  # 60 s: no frame may be this much newer than now
 SET_SINCE: Final = 1_704_067_200 * 10**9  # 2024-01-01: a clock that says less was never set
 KEY_BYTES: Final = 32
-NEAR: Final = 4  # characters by which a key of 64 digits may be mistaken and is still no passphrase
+KEY_TYPOS: Final = 4  # characters by which a key of 64 digits may be mistaken and is still no passphrase
 HEX_DIGITS: Final = b"0123456789abcdefABCDEF"
 SEPARATORS: Final = re.compile(rb"[\s:,-]|(?<=[\s,])0x")
 MOST_STREAMS: Final = 256
@@ -88,7 +88,7 @@ class Verifier:
         stream = frame[-SIGNATURE], frame[5], frame[6]
         stamp = int.from_bytes(frame[-SIGNATURE + 1 : -DIGEST], "little")
         newest, now = self._newest.get(stream), stamp_of(t_recv_ns + wall_step_ns)
-        if stamp > now + AHEAD or (newest is None and stamp < now - NEW_STREAM):
+        if stamp > now + NEWEST_STAMP or (newest is None and stamp < now - NEW_STREAM):
             if len(self._reasons) < MOST_STREAMS:
                 words = _which_clock(stamp, t_recv_ns + wall_step_ns, stream)
                 self._reasons.setdefault(stream, Reason(Cause.SIGNING, words))
@@ -144,7 +144,8 @@ def _which_clock(stamp: int, wall_ns: int, stream: StreamId) -> str:
     which = "ahead of" if signed_ns > wall_ns else "behind"
     return (
         f"signed frames: the clock of {who} is {which} this computer's, which says {_day(wall_ns)}, by more than "
-        f"{AHEAD * UNIT_NS // 10**9} s: it signs as of {_day(signed_ns)}; set the wrong one, or they are replayed"
+        f"{NEWEST_STAMP * UNIT_NS // 10**9} s: "
+        f"it signs as of {_day(signed_ns)}; set the wrong one, or they are replayed"
     )
 
 
@@ -181,7 +182,7 @@ def read_key(text: bytes) -> bytes | None:
         return key
     packed = SEPARATORS.sub(b"", line.removeprefix(b"0x"))
     wrong = len(packed.translate(None, HEX_DIGITS))
-    if abs(len(packed) - 2 * KEY_BYTES) <= NEAR and wrong <= NEAR:
+    if abs(len(packed) - 2 * KEY_BYTES) <= KEY_TYPOS and wrong <= KEY_TYPOS:
         digits = f"{len(packed)} characters, of which {wrong} are no hexadecimal digits"
         raise ValueError(f"is nearly a key: {digits}; expected 64 digits and nothing else, or a passphrase")
     return hashlib.sha256(line).digest()

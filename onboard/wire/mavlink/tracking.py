@@ -31,7 +31,7 @@ from onboard.messages import (
 from onboard.messages.causes import Reason
 from onboard.messages.mavlink_enums import BODY_FRD
 from onboard.wire.documents.cameras import CameraInput, Cameras
-from onboard.wire.documents.detections import FARTHEST, exposure_of
+from onboard.wire.documents.detections import LONGEST_RANGE, exposure_of
 from onboard.wire.documents.document import BadDocumentError
 from onboard.wire.documents.poses import TO_C
 
@@ -142,7 +142,7 @@ def _landed(f: tuple[Any, ...], camera: CameraInput, lens: Lens) -> Detection:
     if not max(map(abs, edges)) < math.pi / 2:
         raise BadDocumentError("LANDING_TARGET: angle_x and angle_y must be within 90 degrees of the axis")
     (left, upper), (right, lower) = (lens.pixel(*map(math.tan, edges[k::2])) for k in (0, 1))
-    range_m = distance if 0.0 < distance < FARTHEST else None
+    range_m = distance if 0.0 < distance < LONGEST_RANGE else None
     if wide > 0.0:
         box = _box(0.5 * (left + right), 0.5 * (upper + lower), right - left, lower - upper)
         return replace(box, range_m=range_m)

@@ -33,7 +33,7 @@ RosKind = Literal[
 ]
 CAMERA_INFO: Final = "sensor_msgs/CameraInfo"
 ORDERS: Final = {b"\0\0": ">", b"\0\1": "<"}
-COVARIANCE: Final = 36
+COVARIANCE_SIZE: Final = 36
 ANY_ANGLE: Final = math.pi**2 / 3.0  # rad^2: variance of an angle that may be any
 # of REP 105, and below a prefix: none of them is a camera's optical frame
 FRAMES: Final = ("earth", "map", "odom", "world", "base_link", "base_footprint")
@@ -64,7 +64,7 @@ def decode_pose(data: bytes) -> CameraDetections:
     """geometry_msgs/PoseWithCovarianceStamped: the pose of one aircraft."""
     reader = _opened(data)
     t_ns, frame = reader.header()
-    pose = _pose(reader.numbers(f"{7 + COVARIANCE}d", 8))
+    pose = _pose(reader.numbers(f"{7 + COVARIANCE_SIZE}d", 8))
     _check_frame(frame)
     if pose is None:
         raise BadDocumentError("neither position nor orientation is set - at `$.pose`")
@@ -203,16 +203,16 @@ class _Reader:
     def _hypothesis(self) -> tuple[str, float]:
         """vision_msgs/ObjectHypothesisWithPose of a box: class_id and score; the pose is not used."""
         name = self.text()
-        score, *_ = self.numbers(f"{1 + 7 + COVARIANCE}d", 8)
+        score, *_ = self.numbers(f"{1 + 7 + COVARIANCE_SIZE}d", 8)
         return name, score
 
     def volume(self) -> Detection:
         """vision_msgs/Detection3D; without a pose where none is stated."""
         self.header()
-        found = [(self.text(), self.numbers(f"{1 + 7 + COVARIANCE}d", 8)) for _ in range(self.count(least=8))]
+        found = [(self.text(), self.numbers(f"{1 + 7 + COVARIANCE_SIZE}d", 8)) for _ in range(self.count(least=8))]
         box = self.numbers("10d", 8)
         track = self.text()
-        of_box = _pose((*box[:3], 0.0, 0.0, 0.0, 1.0, *[0.0] * COVARIANCE))
+        of_box = _pose((*box[:3], 0.0, 0.0, 0.0, 1.0, *[0.0] * COVARIANCE_SIZE))
         if not found:
             return Detection(pose=of_box, id=track or None)
         name, (score, *numbers) = max(found, key=lambda one: one[1][0])

@@ -27,10 +27,10 @@ from onboard.wire.odometry import full, odometry_of
 from onboard.wire.ros.diagnostics import statuses
 from onboard.wire.ros.types import RosTypes
 
-POSITION: Final = ("r_north", "r_east", "r_down")
+PLACE_NAMES: Final = ("r_north", "r_east", "r_down")
 VELOCITY: Final = ("v_north", "v_east", "v_down")
 UNKNOWN_ANGLE: Final = math.pi**2 / 3.0  # rad^2: variance of an angle, or a rate, that may be any
-LEVEL: Final = (0.0, 0.0, 0.0, 1.0)  # x, y, z, w
+UPRIGHT_XYZW: Final = (0.0, 0.0, 0.0, 1.0)  # x, y, z, w
 NEW_START_NS: Final = 10 * NS_PER_S  # a clock that runs back by more has begun anew; tf2 remembers as much
 Numbers = NDArray[np.float64]
 
@@ -77,7 +77,7 @@ class RosEncoder:
         if north is None or east is None:
             yield from self._moved(t_ns, body)
         else:
-            yield from self._moved(t_ns, (self._map, self._enu, ENU_NED @ [north, east, down], LEVEL), body)
+            yield from self._moved(t_ns, (self._map, self._enu, ENU_NED @ [north, east, down], UPRIGHT_XYZW), body)
 
     def _own_state(self, state: NavState, t_ns: int) -> Iterator[RosMessage]:
         odometry = odometry_of(state) if state.valid else None
@@ -96,7 +96,7 @@ class RosEncoder:
     def _target(self, estimate: Estimate, t_ns: int) -> Iterator[RosMessage]:
         if not estimate.valid or estimate.mean is None or estimate.covariance is None:
             return
-        if estimate.components[:3] != POSITION or not self._is_due(f"{estimate.name}/{estimate.target}", t_ns):
+        if estimate.components[:3] != PLACE_NAMES or not self._is_due(f"{estimate.name}/{estimate.target}", t_ns):
             return
         mean, P = np.array(estimate.mean), np.array(estimate.covariance)
         yield self._message(f"{self._root}/detections", self._detections(estimate, mean, P, t_ns), t_ns)
@@ -104,8 +104,8 @@ class RosEncoder:
             return
         name = re.sub(r"\W", "_", estimate.name, flags=re.ASCII)
         position, frame = ENU_NED @ mean[:3], f"{self._prefix}{name}"
-        yield from self._moved(t_ns, (self._enu, frame, position, LEVEL))
-        pose, spread = self._pose(position, LEVEL), _of_position(P)
+        yield from self._moved(t_ns, (self._enu, frame, position, UPRIGHT_XYZW))
+        pose, spread = self._pose(position, UPRIGHT_XYZW), _of_position(P)
         stamped = self._with_covariance("Pose", pose, spread)
         message = self._make("geometry_msgs/PoseWithCovarianceStamped", self._header(t_ns, self._enu), stamped)
         yield self._message(f"{self._root}/{name}/pose", message, t_ns)
@@ -124,13 +124,13 @@ class RosEncoder:
             self._make(
                 "vision_msgs/ObjectHypothesisWithPose",
                 self._make("vision_msgs/ObjectHypothesis", estimate.name, float(weight)),
-                self._with_covariance("Pose", self._pose(ENU_NED @ place[:3], LEVEL), _of_position(spread)),
+                self._with_covariance("Pose", self._pose(ENU_NED @ place[:3], UPRIGHT_XYZW), _of_position(spread)),
             )
             for weight, place, spread in places
         ]
         side = float(mean[6]) if estimate.components[6:7] == ("size",) else 0.0
         cube = self._make("geometry_msgs/Vector3", side, side, side)
-        box = self._make("vision_msgs/BoundingBox3D", self._pose(ENU_NED @ mean[:3], LEVEL), cube)
+        box = self._make("vision_msgs/BoundingBox3D", self._pose(ENU_NED @ mean[:3], UPRIGHT_XYZW), cube)
         one = self._make("vision_msgs/Detection3D", header, results, box, estimate.target)
         return self._make("vision_msgs/Detection3DArray", header, [one])
 

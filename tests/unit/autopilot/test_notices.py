@@ -126,7 +126,7 @@ def test_what_concerns_our_own_state_goes_first() -> None:
 def test_of_advice_of_one_cause_about_one_thing_the_newest_words_wait() -> None:
     """Its words alone do not make it another."""
     notices = Notices()
-    one = Advice(cause="noise", severity=Severity.WARNING, about="camera a", what="", remedy="", text="2.1 times")
-    for change in ({}, {"text": "noisier by far"}, {"about": "camera b", "text": "of b"}, {"cause": "lens"}):
+    one = Advice(kind="noise", severity=Severity.WARNING, about="camera a", what="", remedy="", text="2.1 times")
+    for change in ({}, {"text": "noisier by far"}, {"about": "camera b", "text": "of b"}, {"kind": "lens"}):
         notices.advise(replace(one, **change))
     assert [text for _, text in texts(notices, 6)] == ["noisier by far", "of b", "2.1 times"]

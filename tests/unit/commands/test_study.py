@@ -42,7 +42,7 @@ def test_what_is_given_reaches_the_study(
 def test_an_installed_package_names_the_source_tree(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(cluster, "ROOT", tmp_path)
+    monkeypatch.setattr(cluster, "SOURCE_TREE", tmp_path)
     assert cli.main(["study", "traffic"]) == 2
     assert "studies are in the source tree" in capsys.readouterr().err
 

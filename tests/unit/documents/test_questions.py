@@ -2,7 +2,7 @@
 
 import re
 
-from onboard.autopilot.sent import BY_ITSELF, COMMANDS, SENT
+from onboard.autopilot.sent import BY_ITSELF, SENT, SENT_COMMANDS
 from onboard.commands.compiling import imported_by
 from onboard.estimators.leader.config import Config as Leader
 from onboard.pipeline.silence import TIMEOUT_NS
@@ -30,7 +30,7 @@ def test_the_readme_names_all_that_is_sent_unasked() -> None:
 
 def test_commands_are_named_with_what_is_sent() -> None:
     (row,) = [sent.when for sent in SENT.values() if "COMMAND_LONG" in sent.names]
-    assert set(re.findall(r"MAV_CMD_\w+", row)) == set(COMMANDS.values())
+    assert set(re.findall(r"MAV_CMD_\w+", row)) == set(SENT_COMMANDS.values())
 
 
 def test_every_file_that_decides_valid_is_named_and_no_other() -> None:

@@ -21,7 +21,7 @@ from onboard.commands.absent import why_absent
 from onboard.commands.status import describe, is_healthy
 from onboard.config import Config, parse_config
 from onboard.health import Advisor, Needs
-from onboard.health.causes_state import REMEDIES, VALID
+from onboard.health.causes_state import STATE_REMEDIES, VALID
 from onboard.messages import (
     DOUBT,
     Advice,
@@ -516,7 +516,7 @@ def test_every_cause_that_an_estimate_states_has_a_remedy_of_its_own() -> None:
     """Those between the state of a track and the refusals of messages."""
     causes = list(Cause)
     stated = causes[causes.index(Cause.NO_MEASUREMENT) : causes.index(Cause.DOCUMENT)]
-    assert set(stated) - set(REMEDIES) == set()
+    assert set(stated) - set(STATE_REMEDIES) == set()
 
 
 def test_17_a_port_in_use() -> None:

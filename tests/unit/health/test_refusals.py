@@ -7,9 +7,9 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.daemon import Daemon
-from onboard.health.refusals import ALIKE, LONGEST, MOST, OTHERS, Refusals
+from onboard.health.refusals import ALIKE, LONGEST, MOST_REFUSALS, OTHERS, Refusals
 from onboard.messages import Cause, Clock, Datagram, Encoding, Health, LocalPosition, Reason, Verdict
-from onboard.sinks.console import MOST_LINES
+from onboard.sinks.console import MOST_LINES_AT_ONCE
 from onboard.view import words
 from tests.support.streams import CIRCLE, EPOCH, MS, Item, S, Stream, encode, feed, heartbeat, make_config
 from tests.unit.wire.test_points import document
@@ -103,13 +103,13 @@ def test_a_detector_that_is_always_wrong_is_named_every_ten_seconds_with_a_count
 
 def test_a_flood_of_kinds_gets_few_lines_and_little_room() -> None:
     flight = Flight()
-    flood = [points(**{f"x{i}" + "y" * 1000: 1}) for i in range(3 * MOST)]
-    assert len(flight.second(*flood)) == MOST_LINES
+    flood = [points(**{f"x{i}" + "y" * 1000: 1}) for i in range(3 * MOST_REFUSALS)]
+    assert len(flight.second(*flood)) == MOST_LINES_AT_ONCE
     assert len(flight.second(*flood)) == 1
     refusals = flight.daemon._pipeline.health(flight.t_ns).refusals
-    assert len(refusals) <= MOST
+    assert len(refusals) <= MOST_REFUSALS
     assert max(len(r.reason) for r in refusals) <= LONGEST
-    assert sum(r.count for r in refusals) == 6 * MOST
+    assert sum(r.count for r in refusals) == 6 * MOST_REFUSALS
 
 
 def test_names_without_end_cost_no_other_refusal_its_count() -> None:
@@ -127,9 +127,9 @@ def test_names_without_end_cost_no_other_refusal_its_count() -> None:
 
 def test_reasons_of_every_kind_have_room_for_the_latest() -> None:
     refusals = Refusals()
-    for n in range(3 * MOST):
+    for n in range(3 * MOST_REFUSALS):
         refusals.add("camera", Reason(Cause.DOCUMENT, "x" * (1 + n)), n)
-    assert [len(r.reason) for r in refusals.latest] == [*range(2 * MOST + 1, 3 * MOST + 1)]
+    assert [len(r.reason) for r in refusals.latest] == [*range(2 * MOST_REFUSALS + 1, 3 * MOST_REFUSALS + 1)]
 
 
 def test_what_comes_from_outside_is_shown_in_printable_characters() -> None:

@@ -16,7 +16,7 @@ from onboard.messages import Datagram, LinkHealth
 from onboard.pipeline import Pipeline, Rim
 from onboard.sinks.console import ConsoleLines
 from onboard.wire.mavlink.frame import V1, V2
-from onboard.wire.surplus import KINDS, NEEDED, OF_IMU, OF_OTHERS, surplus
+from onboard.wire.surplus import NEEDED, OF_IMU, OF_OTHERS, SURPLUS_KINDS, surplus
 from tests.support.running_link import until, with_link
 
 HEARTBEAT, ATTITUDE, HIGHRES_IMU, ADSB_VEHICLE = 0, 30, 105, 246
@@ -34,7 +34,7 @@ def count_of(datagram: Datagram) -> int:
 @pytest.mark.parametrize("signed", [False, True])
 def test_what_may_be_left_out(signed: bool) -> None:
     ranks = {number: surplus(frame(number, signed=signed)) for number in range(1000)}
-    assert {number: rank for number, rank in ranks.items() if rank} == KINDS
+    assert {number: rank for number, rank in ranks.items() if rank} == SURPLUS_KINDS
     assert (ranks[HIGHRES_IMU], ranks[ADSB_VEHICLE]) == (OF_IMU, OF_OTHERS)
     assert surplus(bytes([V1, 4, 0, 1, 1, HIGHRES_IMU]) + bytes(6)) == OF_IMU
 
@@ -77,7 +77,7 @@ def test_in_a_flood_of_the_imu_all_else_arrives_and_the_newest_samples() -> None
     kinds = [ATTITUDE if k % 20 == 0 else HIGHRES_IMU for k in range(1000)]
     found, shed = flooded(kinds)
     needed = [k for k, kind in enumerate(kinds) if kind == ATTITUDE]
-    newest = [k for k, kind in enumerate(kinds) if kind == HIGHRES_IMU][-udp.LEAST :]
+    newest = [k for k, kind in enumerate(kinds) if kind == HIGHRES_IMU][-udp.LEAST_SURPLUS :]
     assert [count_of(d) for d in found] == sorted(needed + newest), "in the order of arrival"
     assert shed == 1000 - len(found)
 
@@ -87,14 +87,14 @@ def test_the_later_we_are_the_fewer_are_delivered_so_that_we_are_late_no_longer(
     waiting: int, delivered: int
 ) -> None:
     assert udp.delivered_of([(OF_IMU, None, None)] * waiting) == delivered
-    assert udp.delivered_of([(NEEDED, None, None)] * 200 + [(OF_IMU, None, None)] * 824) == 200 + udp.LEAST
+    assert udp.delivered_of([(NEEDED, None, None)] * 200 + [(OF_IMU, None, None)] * 824) == 200 + udp.LEAST_SURPLUS
 
 
 def test_other_aircraft_are_left_out_before_the_imu() -> None:
     found, _ = flooded([ADSB_VEHICLE] * 900 + [HIGHRES_IMU] * 100)
-    assert [count_of(d) for d in found] == list(range(1000 - udp.LEAST, 1000))
+    assert [count_of(d) for d in found] == list(range(1000 - udp.LEAST_SURPLUS, 1000))
     found, _ = flooded([HIGHRES_IMU] * 100 + [ADSB_VEHICLE] * 900)
-    assert [count_of(d) for d in found] == list(range(100 - udp.LEAST, 100))
+    assert [count_of(d) for d in found] == list(range(100 - udp.LEAST_SURPLUS, 100))
 
 
 def test_nothing_else_is_ever_left_out() -> None:
@@ -149,7 +149,7 @@ def test_samples_of_the_imu_wait_for_what_is_needed_and_go_before_it(monkeypatch
 
 def test_so_many_samples_of_the_imu_wait_no_longer(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(udp, "GATHER_S", 3600.0)
-    assert arriving([HIGHRES_IMU] * udp.GATHERED) == ([], list(range(udp.GATHERED)))
+    assert arriving([HIGHRES_IMU] * udp.MOST_GATHERED) == ([], list(range(udp.MOST_GATHERED)))
 
 
 def test_samples_of_the_imu_that_nothing_follows_come_by_themselves() -> None:

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from onboard.messages import Estimate, Lifecycle, MeasurementReport, Verdict
 from onboard.models import relative_motion
 from onboard.scoring.leader import LeaderScorer, score_leader
-from onboard.scoring.reference import COLUMNS, Reference
+from onboard.scoring.reference import TRUTH_COLUMNS, Reference
 from onboard.scoring.statistics import percentiles
 
 S = 1_000_000_000
@@ -52,11 +52,11 @@ def flight(error: tuple[float, ...] = (0.0,) * 9, begin: float = 40.0, end: floa
 
 def reference(begin: float = 40.0, end: float = 70.0, step: float = 0.04) -> Reference:
     time = np.arange(begin, end, step)
-    return Reference(time, tuple(COLUMNS.values()), np.tile(TRUE, (len(time), 1)))
+    return Reference(time, tuple(TRUTH_COLUMNS.values()), np.tile(TRUE, (len(time), 1)))
 
 
 def test_components_of_the_truth_are_those_of_the_filter() -> None:
-    assert tuple(COLUMNS.values()) == relative_motion.COMPONENTS
+    assert tuple(TRUTH_COLUMNS.values()) == relative_motion.COMPONENTS
 
 
 def test_no_error_scores_nothing() -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from onboard.models import relative_motion
-from onboard.scoring.reference import COLUMNS, TruthError, reference_from_csv, reference_from_records
+from onboard.scoring.reference import TRUTH_COLUMNS, TruthError, reference_from_csv, reference_from_records
 from tests.support.vehicle_records import truth
 
 S = 1_000_000_000
@@ -26,7 +26,7 @@ def table(columns: list[str]) -> str:
 @pytest.mark.parametrize("compressed", [False, True], ids=["csv", "csv.gz"])
 @pytest.mark.parametrize("count", [7, 9], ids=["without accelerations", "with accelerations"])
 def test_truth_table_is_read(tmp_path: Path, compressed: bool, count: int) -> None:
-    columns = list(COLUMNS)[:count]
+    columns = list(TRUTH_COLUMNS)[:count]
     path = tmp_path / ("t.csv.gz" if compressed else "t.csv")
     data = table(columns).encode()
     path.write_bytes(gzip.compress(data) if compressed else data)
@@ -38,7 +38,7 @@ def test_truth_table_is_read(tmp_path: Path, compressed: bool, count: int) -> No
 
 def test_columns_may_stand_in_any_order(tmp_path: Path) -> None:
     path = tmp_path / "t.csv"
-    path.write_text(table(list(COLUMNS)[::-1]))
+    path.write_text(table(list(TRUTH_COLUMNS)[::-1]))
     read = reference_from_csv(path)
     assert read.components == relative_motion.COMPONENTS
     assert read.values[0].tolist() == pytest.approx([408.0 - i for i in range(9)])
@@ -46,7 +46,7 @@ def test_columns_may_stand_in_any_order(tmp_path: Path) -> None:
 
 def test_truth_that_stands_still_in_time_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "t.csv"
-    text = table(list(COLUMNS))
+    text = table(list(TRUTH_COLUMNS))
     path.write_text(text + text.splitlines()[-1] + "\n")
     with pytest.raises(TruthError, match="rising"):
         reference_from_csv(path)

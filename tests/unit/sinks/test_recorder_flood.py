@@ -40,7 +40,7 @@ def recorded_with_a_stalled_disk(path: Path, count: int) -> SinkHealth:
 
 def test_datagrams_never_give_way_to_estimates(tmp_path: Path) -> None:
     path = tmp_path / "flight.mcap"
-    count = recording.CAPACITY // 4
+    count = recording.RECORDER_CAPACITY // 4
     health = recorded_with_a_stalled_disk(path, count)
     assert [d for d, _ in read_recording(path)] == [datagram(n) for n in range(count)]
     estimates = len(list(read_estimates(path)))
@@ -51,11 +51,11 @@ def test_datagrams_never_give_way_to_estimates(tmp_path: Path) -> None:
 def test_datagrams_beyond_the_room_are_counted_apart(tmp_path: Path) -> None:
     path = tmp_path / "flight.mcap"
     beyond = 100
-    health = recorded_with_a_stalled_disk(path, 2 * recording.CAPACITY + beyond)
+    health = recorded_with_a_stalled_disk(path, 2 * recording.RECORDER_CAPACITY + beyond)
     kept = [d for d, _ in read_recording(path)]
-    assert kept[-1] == datagram(2 * recording.CAPACITY + beyond - 1)
-    assert len(kept) >= recording.CAPACITY
-    assert health.dropped_important == 2 * recording.CAPACITY + beyond - len(kept)
+    assert kept[-1] == datagram(2 * recording.RECORDER_CAPACITY + beyond - 1)
+    assert len(kept) >= recording.RECORDER_CAPACITY
+    assert health.dropped_important == 2 * recording.RECORDER_CAPACITY + beyond - len(kept)
 
 
 def test_more_names_than_a_file_has_channels_for_cost_estimates_but_no_datagram(tmp_path: Path) -> None:

@@ -113,7 +113,7 @@ class Sizes(Collector):
 
 @pytest.mark.parametrize(
     ("gathers_s", "capacity", "most"),
-    [(0.0, 3000, sinks.BATCH), (0.01, 20_000, sinks.PIECE), (0.01, 3000, sinks.MORE * sinks.PIECE)],
+    [(0.0, 3000, sinks.RECORD_BATCH), (0.01, 20_000, sinks.PIECE), (0.01, 3000, sinks.MORE * sinks.PIECE)],
 )
 def test_a_sink_that_nobody_waits_for_is_written_in_pieces(gathers_s: float, capacity: int, most: int) -> None:
     """Between them the event loop has the interpreter: it gives it away with each datagram that it reads, and got

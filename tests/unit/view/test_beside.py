@@ -48,11 +48,11 @@ def test_its_range_error_and_outline_are_its_own() -> None:
     assert isinstance(truth, Truth)
     assert isinstance(estimate, Estimate)
     other = farther(estimate)
-    for one, name in ((estimate, plots.OURS), (other, NAME)):
+    for one, name in ((estimate, plots.OUR_ESTIMATOR), (other, NAME)):
         state = leader_state(one)
         assert state is not None
         if name == NAME:
-            beside.draw(drawn, memory, one, state, palette.BESIDE["lime"])
+            beside.draw(drawn, memory, one, state, palette.BESIDE_COLOURS["lime"])
         else:
             plots.plot_leader(drawn, memory, one.t_ns, state)
     memory.truths.extend([replace(truth, t_ns=truth.t_ns - 40_000_000), truth])
@@ -63,7 +63,7 @@ def test_its_range_error_and_outline_are_its_own() -> None:
     assert_allclose(values[f"scene/beside/{NAME}"].translation, other.mean[:3] if other.mean else ())
     assert values[f"scene/beside_tag/{NAME}"][2] == NAME
     assert memory.error == pytest.approx(np.linalg.norm(np.subtract(estimate.mean[:3], truth.r_FL_n)))
-    beside.draw(drawn, memory, other, None, palette.BESIDE["lime"])
+    beside.draw(drawn, memory, other, None, palette.BESIDE_COLOURS["lime"])
     assert np.isnan(values[f"plots/range/{NAME}"])
     assert values[f"scene/beside/{NAME}"] is HIDDEN
 

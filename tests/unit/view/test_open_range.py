@@ -65,7 +65,7 @@ def test_an_open_range_has_two_ends_and_no_aircraft_between() -> None:
     near, far = (np.asarray(wide[end].translation) for end in scene.OPEN_ENDS)
     np.testing.assert_allclose([near, far], [[12.0, 0, 0], [36.0, 0, 0]])
     np.testing.assert_allclose(wide[scene.OPEN_RANGE], [near, far])
-    assert wide[scene.LEADER] is HIDDEN
+    assert wide[scene.LEADER_PATH] is HIDDEN
     assert 0.0 < max(np.asarray(HIDDEN.scale)) < 1e-5  # the viewer ignores a scale of zero
     assert np.allclose(wide[scene.TAG][0], [12.0, 0.0, -space.TAG_ABOVE])
     assert scene.TRAILS["estimate"] not in wide
@@ -73,7 +73,7 @@ def test_an_open_range_has_two_ends_and_no_aircraft_between() -> None:
     assert wide[scene.LEADER_VELOCITY] is HIDDEN
     half_axes = np.sort(np.asarray(wide[f"{scene.UNCERTAINTY}/ellipsoid"]))
     np.testing.assert_allclose(half_axes, [0.9, 0.9, 18.0])  # three sigma
-    assert sharp[scene.LEADER] is not HIDDEN
+    assert sharp[scene.LEADER_PATH] is not HIDDEN
     assert all(sharp[end] is HIDDEN for end in scene.OPEN_ENDS)
     assert len(sharp[scene.OPEN_RANGE]) == 0
 

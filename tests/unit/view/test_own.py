@@ -62,12 +62,12 @@ CROSS = ((0.2, 0.0, 1), (0.0, 0.2, -1), (-0.2, 0.0, 1), (0.0, -0.2, -1))
 def test_a_weak_motor_is_red_in_the_headline_and_at_its_rotor() -> None:
     kept, memory = Drawn(), Memory()
     own.show_state(kept, memory, nav_state(5000), CROSS)
-    assert kept.values[f"{scene.ROTORS}/discs"] == ([palette.GREEN] * 4, [f"motor {k}" for k in (1, 2, 3, 4)])
+    assert kept.values[f"{scene.ROTORS_PATH}/discs"] == ([palette.GREEN] * 4, [f"motor {k}" for k in (1, 2, 3, 4)])
     assert kept.values[f"{scene.WEAK}/1"] is HIDDEN
     assert kept.values["faults"] == palette.NO_FAULT
     assert kept.values[f"{scene.OWN_BANNER}/words"].label.endswith("no fault")
     own.show_state(kept, memory, nav_state(6000, faults=(MOTOR,)), CROSS)
-    colours, labels = kept.values[f"{scene.ROTORS}/discs"]
+    colours, labels = kept.values[f"{scene.ROTORS_PATH}/discs"]
     assert [colour == palette.RED for colour in colours] == [False, True, False, False]
     assert labels[1] == "motor 2: -24%"
     assert kept.values[f"{scene.WEAK}/1"] is not HIDDEN

@@ -119,7 +119,7 @@ def test_a_file_read_by_blocks_gives_the_same_seed_4(monkeypatch: pytest.MonkeyP
     log = LOG[:3000] + noise + LOG[3000:9000] + b"\xfd"
     whole = list(read_tlog(log))
     assert sum(datagram is None for datagram, _ in whole) >= 2
-    monkeypatch.setattr(tlog, "BLOCK", block)
+    monkeypatch.setattr(tlog, "READ_BYTES", block)
     assert list(read_tlog(io.BytesIO(log))) == whole
 
 
