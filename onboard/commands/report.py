@@ -98,7 +98,7 @@ def _facts(log: Path, config: Config, replayed: ReplayResult, truth: Path | None
     end_s = health.t_recv_ns * S_PER_NS
     begin = datetime.datetime.fromtimestamp(end_s - replayed.duration, datetime.UTC)
     offset = "none" if health.clock_offset_ns is None else f"{health.clock_offset_ns * S_PER_NS:.3f} s ahead of it"
-    parts = ", ".join(str(part) for part in (log, *parts_of(flight_of(log).log)[1:]))
+    parts = ", ".join(part.name for part in (log, *parts_of(flight_of(log).log)[1:]))
     trip = "" if health.round_trip is None else f", round trip {health.round_trip * 1e3:.1f} ms"
     return [
         ("log", f"{parts}, {replayed.records} records, {replayed.damaged} damaged"),

@@ -32,7 +32,7 @@ from onboard.models import relative_motion
 from simlink import cli as simlink
 
 ROOT = Path(__file__).parents[3]
-LEADER_ONLY = {"onboard.models.relative_motion", "onboard.estimators.leader.image.measurement"}
+LEADER_ONLY = {"onboard.models.relative_motion", "onboard.estimators.leader.hypotheses.motion"}
 
 
 @pytest.mark.slow
@@ -57,7 +57,7 @@ def test_with_a_configuration_only_what_it_flies_with_is_compiled(capsys: pytest
     assert main(["compile", "--set", "estimator={leader={}}"]) == 0
     *lines, last = capsys.readouterr().out.splitlines()
     names = {line.split()[0] for line in lines}
-    assert {*LEADER_ONLY, "onboard.estimators.leader.hypotheses.wing"} <= names
+    assert {*LEADER_ONLY, "onboard.estimators.leader.hypotheses.view"} <= names
     assert names & {"onboard.filters.kernels.variable_structure", "onboard.filters.kernels.square_root"} == set()
     assert last.startswith("ready in ")
 
@@ -115,7 +115,7 @@ def test_a_flight_needs_the_kernels_of_the_filter_that_its_configuration_names_a
 
 def test_modules_with_kernels_are_found() -> None:
     found = kernel_modules()
-    assert {*LEADER_ONLY, "onboard.geometry.arctangent", "onboard.estimators.leader.hypotheses.wing"} <= found
+    assert {*LEADER_ONLY, "onboard.geometry.arctangent", "onboard.estimators.leader.hypotheses.view"} <= found
     assert found & {"onboard.filters.kernels.calls", "onboard.filters.compiled", compiling.__name__} == set()
 
 

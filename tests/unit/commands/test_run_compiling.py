@@ -144,7 +144,7 @@ def test_a_flight_compiles_what_its_configuration_needs_and_nothing_else(monkeyp
     for estimator in ("leader", "own_state"):
         compile_flight(parse_config({"estimator": {estimator: {}}}), lambda *_: None)
     leader, own_state = asked
-    assert "onboard.estimators.leader.hypotheses.wing" in leader - own_state
+    assert "onboard.estimators.leader.hypotheses.view" in leader - own_state
     assert "onboard.filters.kernels.variable_structure" in own_state - leader
     assert not {n for n in leader if n.startswith("onboard.filters.kernels.")} - SMALL
 
