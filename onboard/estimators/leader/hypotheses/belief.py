@@ -31,15 +31,13 @@ from onboard.estimators.leader.hypotheses.summary import (
 )
 from onboard.estimators.leader.hypotheses.wind import Wind
 from onboard.estimators.leader.image.camera_pose import CameraPose
-from onboard.estimators.leader.image.measurement import WING, Measurement
+from onboard.estimators.leader.image.measurement import Measurement
 from onboard.estimators.leader.image.shape import Shape, shape_of
-from onboard.filters.belief import Belief, FilterError, Update
-from onboard.filters.gating import normalised_squared
+from onboard.filters.belief import Belief, Update
 from onboard.models.relative_motion import POSITION, VELOCITY
 from onboard.ownship import Step
 
 SIZES: Final = 3.0  # sigmas of the configured size
-EXCHANGED: Final = np.array([1.0, 1.0, -1.0, -1.0, 1.0, 1.0])  # wingtips
 NOWHERE: Final = np.zeros(3)
 LONGEST_S: Final = 0.25  # of a prediction of the hypotheses
 SURPRISED: Final = 1.5  # times what the hypotheses' own uncertainties say: none of them fits
@@ -71,23 +69,18 @@ class Prediction(NamedTuple):
 
 
 class ImageComparison(NamedTuple):
-    """A measurement beside what all hypotheses together expect of it: the expected measurement (m,), the
-    innovation (m,), its covariance (m, m), its NIS, and what each hypothesis expects."""
+    """A measurement beside what the hypotheses expect of it."""
 
     prediction: Prediction
     measurement: Measurement  # with the noise of our attitude and of the camera's unknown delay
     pose: CameraPose
-    y: Array
-    innovation: Array
-    S: Array
-    nis: float
     expected: update.Expected
 
     @property
     def cost(self) -> float:
         """Minus twice the log-likelihood of the measurement, but for a constant: of two predictions that it fits,
         the sharper one explains it better."""
-        return self.nis + float(np.linalg.slogdet(self.S)[1])
+        return self.expected.nis + float(np.linalg.slogdet(self.expected.S)[1])
 
 
 class BeliefFilter:
@@ -147,24 +140,18 @@ class BeliefFilter:
         if self._delay_sigma > 0.0:
             noise_c = noise_c + self._delay_sigma**2 * (pose.omega_c[:, None] * pose.omega_c)
         measurement = measurement.with_attitude_noise(noise_c)
-        expected, measured = update.expect(state.settings, particles, measurement, pose), measurement.rows.y
-        y, S = expected.y, expected.S + measurement.rows.R
-        if measurement.rows.is_wing and measured[WING] @ y[WING] < 0.0:  # its tips are named the other way round
-            measured = measured * EXCHANGED[: len(y)]
-        innovation = measured - y
-        nis = float(normalised_squared(innovation, S))
-        if not math.isfinite(nis):
-            raise FilterError("the hypotheses have lost their numbers")
-        return ImageComparison(predicted, measurement, pose, y, innovation, S, nis, expected)
+        expected = update.expect(state.settings, particles, measurement, pose)
+        return ImageComparison(predicted, measurement, pose, expected)
 
     def fuse(self, compared: ImageComparison) -> Update:
         """The update of all hypotheses by a measurement. Raises FilterError."""
-        (state, now), measurement, pose, y, innovation, S, nis, expected = compared
+        (state, now), measurement, pose, expected = compared
         particles, beyond = update.update(state.settings, now, measurement, pose, expected)
-        passes = max(nis, beyond) <= self.gate
-        after = self._at(state, particles) if passes else state
-        decided = nis if passes else max(nis, beyond)
-        return Update(after, innovation, S, y, decided, particles.misfits if passes else (), passes)
+        beyond = max(expected.nis, beyond)
+        passes = beyond <= self.gate
+        after, misfits = (self._at(state, particles), particles.misfits) if passes else (state, ())
+        decided = expected.nis if passes else beyond
+        return Update(after, expected.innovation, expected.S, expected.y, decided, misfits, passes)
 
     def assist(self, state: State, taken: Auxiliary) -> State | None:
         """The state after what is measured beside the images; None where that contradicts it, or where what may be

@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.filters.compiled import FILLING, OUT, ROWS, VECTOR, out, record
+from onboard.filters.compiled import FILLING, ROWS, VECTOR, out, record
 
 G: Final = 9.80665
 N: Final = 14  # at least: behind these are biases of measurements
@@ -84,10 +84,7 @@ class Interval(NamedTuple):
     decay: Array
 
 
-NOISE: Final = record(Noise, HEADINGS, OUT, HEADINGS, NUMBER, NUMBER)
-HOVER: Final = record(Hover, *[NUMBER] * len(Hover._fields))
 PAIR: Final = record(tuple, NUMBER, NUMBER)
-INTERVAL: Final = record(Interval, NUMBER, HEADINGS, NOISE, HOVER, HEADINGS)
 
 
 @njit(**FILLING)

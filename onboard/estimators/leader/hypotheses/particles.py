@@ -22,8 +22,8 @@ from numba import njit, types
 from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import LeaderModel
 from onboard.estimators.leader.hypotheses.draws import uniform
-from onboard.estimators.leader.hypotheses.motion import LEAST_VISIBLE, NUMBER, N
-from onboard.filters.compiled import ROWS, VECTOR
+from onboard.estimators.leader.hypotheses.motion import HEADINGS, LEAST_VISIBLE, NUMBER, N
+from onboard.filters.compiled import FILLING, ROWS, VECTOR
 
 ARRAYS: Final = 9  # of the fields, the first: each has one row a particle
 HEADING_BIN: Final = math.radians(6.0)  # rad
@@ -68,10 +68,6 @@ class Particles(NamedTuple):
     )
     biases: tuple[Bias, ...] = ()
 
-    def tilts(self, settings: LeaderModel) -> bool:
-        """Whether leaders tilt, and images show it."""
-        return settings.drag != 0.0 and self.edge_on_visibility <= LEAST_VISIBLE
-
     def column(self, name: str) -> int:
         """Of a bias in the state."""
         return N + [bias.name for bias in self.biases].index(name)
@@ -92,8 +88,28 @@ class Particles(NamedTuple):
 def weighted(particles: Particles, log_l: Array) -> Particles:
     """The particles with each particle's weight times a likelihood, of which these are the logarithms (K,)."""
     log_weights = particles.log_weights + log_l
-    log_weights -= np.maximum.reduce(log_weights)  # the methods of an array cost as much again
-    return particles._replace(log_weights=log_weights - math.log(np.add.reduce(np.exp(log_weights))))
+    normalise(log_weights)
+    return particles._replace(log_weights=log_weights)
+
+
+@njit(**FILLING)
+def largest(numbers):
+    """Of numbers (K,)."""
+    found = -np.inf
+    for number in numbers:
+        found = max(found, number)
+    return found
+
+
+@njit((HEADINGS,), **FILLING)
+def normalise(log_weights):
+    """Make the sum of weights 1, of which these are the logarithms (K,), in place."""
+    most, total = largest(log_weights), 0.0
+    for k in range(log_weights.shape[0]):
+        total += np.exp(log_weights[k] - most)
+    most += np.log(total)
+    for k in range(log_weights.shape[0]):
+        log_weights[k] -= most
 
 
 def evidence(log_l: Array, believed: float = 1.0) -> Array:

@@ -1,16 +1,14 @@
 """What a step makes of particles. Each leader flies on, and chance changes it: a heading begins to turn
 or stops, a leader begins to accelerate or stops, a few particles take another heading, and all headings wander."""
 
-import math
 from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit, types
+from numba import njit, typeof, types
 
 from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import LeaderModel
-from onboard.estimators.leader.hypotheses import motion as model
 from onboard.estimators.leader.hypotheses.draws import (
     DRAW,
     DRAWS,
@@ -31,7 +29,7 @@ from onboard.estimators.leader.hypotheses.draws import (
 )
 from onboard.estimators.leader.hypotheses.motion import (
     ACCELERATING,
-    ACCELERATION,
+    AX,
     BANK_ERROR,
     COURSE_LOCKED,
     COVARIANCES,
@@ -39,43 +37,45 @@ from onboard.estimators.leader.hypotheses.motion import (
     FREE,
     HEADINGS,
     HOVERING,
-    INTERVAL,
+    LEAST_VISIBLE,
     NUMBER,
     PAIR,
-    POSITION,
     RX,
     RY,
     RZ,
     SLOW2,
     STEADY,
-    TILT,
+    TILT_NORTH,
     UNDECIDED,
-    VELOCITY,
     VX,
     VY,
     WING_SCALE_ERROR,
+    Hover,
+    Interval,
     N,
+    Noise,
     course_of,
     fly_on,
     visible2,
 )
-from onboard.estimators.leader.hypotheses.particles import Particles, weighted
+from onboard.estimators.leader.hypotheses.particles import MOST_EVIDENCE, Bias, Particles, largest, normalise
 from onboard.estimators.leader.hypotheses.tilt import (
     appears,
     banked,
     likely,
-    lognormal,
+    lognormal_of,
     plausible,
     retilt,
     slope_of,
 )
-from onboard.filters.compiled import FILLING, OUT, record
+from onboard.filters.compiled import FILLING, MAKING, OUT, ROWS, record
 
 CIRCLES: Final = 5  # of a computation: a heading, the range that it implies, the course at that range
 MOST_CRAB: Final = 2.5  # standard deviations of a fixed wing's heading about its course
 LETS_GO2: Final = 9.0  # (m/s)^2: a slower leader's heading is not locked to its course
 DRIFTS2: Final = 0.16  # (m/s)^2: a faster leader does not hover
 SURE: Final = 10.0  # times as long until a particle takes another heading, where points show the heading
+NOWHERE: Final = np.zeros(3)
 HORIZONTAL: Final = np.array([1.0, 1.0, 0.8])  # vertical accelerations are smaller
 
 
@@ -83,65 +83,18 @@ def predict(s: LeaderModel, particles: Particles, dt: float, moved: Array) -> Pa
     """The particles after `dt` seconds in which we move by `moved` (3,) m, in n. What a step makes of the tilts,
     and of the banks that have lasted, counts in full: a hypothesis may suppose any, and not get one for nothing.
     One that takes another heading has paid: it is accepted by the same likelihood."""
-    flies_for = s.flies_for if s.crab == 0.0 else math.inf  # a fixed wing cannot hover
-    doubted_after = (SURE if particles.heading_observed else 1.0) * s.doubted_after
-    means_of = s.accelerates_for, s.steady_for, flies_for, s.hovers_for, doubted_after, s.tied_for, s.undecided_for
-    chances = [-math.expm1(-dt / mean) for mean in means_of]
-    # of the headings that are looked at anew, so many are course-locked that the share of all stays what it is
-    anew = s.tied * doubted_after / (s.tied * doubted_after + (1.0 - s.tied) * s.tied_for)
-    # in one step: a heading stops or begins to turn, a leader stops or begins to accelerate, to hover, leaves, a
-    # particle takes another heading, or one that is course-locked does, a fast leader's heading is decided; and it
-    # is locked to its course
-    each = np.array([s.turns_for, s.still_for, *chances, s.tied, anew])
-    wanders = s.nose_random_walk * math.sqrt(dt), s.nose_about_course, math.exp(-dt / s.slack_time)
-    changes = Changes(
-        each, math.exp(-dt / s.intensity_time), s.intensity, s.nose_rate, s.crab, lognormal(s), wanders
-    )
-
-    # what the step adds, in proportion to the range that a heading implies (`motion.Noise`)
-    per_second, times = _densities(s), [s.acceleration_time, s.bank_time, s.stretch_time]
-    decay = np.exp(-dt / np.array([*times, *(bias.time for bias in particles.biases)]))
-    new = -math.expm1(-2.0 * dt / s.stretch_time)
-    fixed, broad = per_second.fixed.copy(), per_second.broad * dt
-    fixed[VELOCITY], fixed[WING_SCALE_ERROR] = (
-        2.0 * dt / s.own_velocity_time * s.own_velocity**2,
-        s.stretch**2 * new,
-    )
-    broad[:, BANK_ERROR] = s.bank**2 * -math.expm1(-2.0 * dt / s.bank_time)
-    if particles.biases:
-        fixed = np.append(fixed, [bias.sigma**2 * -math.expm1(-2.0 * dt / bias.time) for bias in particles.biases])
-    range_ = 2.0 * dt / s.misalignment_time * per_second.range_
-    noise = model.Noise(fixed, broad, range_, s.nose_wobble**2 * new, math.log(s.size))
-    v, a = math.exp(-dt / s.hover_time), math.exp(-dt / s.hover_acceleration_time)
-    hover = model.Hover(v, a, s.hover_speed**2 * (1.0 - v**2), s.hover_acceleration**2 * (1.0 - a**2))
-    interval = model.Interval(dt, moved, noise, hover, decay)
-
-    passed = Passed(
-        dt, moved, particles.edge_on_visibility, particles.metric, s.air, s.wind, s.rolled, particles.tilts(s)
-    )
     changed = ParticleArrays(*(array.copy() for array in particles_of(particles)))
-    gained = step(changed, particles.draws, changes, passed, interval)
-    after = particles._replace(**changed._asdict(), draws=particles.draws + DRAWS, unseen=particles.unseen + dt)
-    return weighted(after, gained)
-
-
-class Densities(NamedTuple):
-    """Of the noise of a step (`motion.Noise`): what any step adds (`fixed`), and what grows with its duration,
-    `broad` each second and `range_` over half of the time of the misalignment."""
-
-    fixed: Array
-    broad: Array
-    range_: Array
+    known = _variances(particles.biases), particles.heading_observed, passed(s, particles, dt, moved)
+    log_weights = step(changed, particles.log_weights, particles.draws, s, *known)
+    rest = particles[len(changed) + 2 :]
+    after = Particles(*changed, log_weights, particles.draws + DRAWS, *rest)
+    return after._replace(unseen=particles.unseen + dt)
 
 
 @lru_cache(maxsize=64)
-def _densities(s: LeaderModel) -> Densities:
-    fixed, broad, range_ = np.zeros(N), np.zeros((3, N)), np.zeros(N)
-    fixed[POSITION], fixed[TILT] = 1e-8, 1e-10
-    range_[POSITION] = np.square(s.misalignment)[[2, 2, 0]]
-    broad[:2, VELOCITY], broad[:, TILT] = s.velocity_random_walk**2, s.lean_random_walk**2
-    broad[:2, ACCELERATION] = np.outer(np.square(s.acceleration_random_walk), HORIZONTAL**2)
-    return Densities(fixed, broad, range_)
+def _variances(biases: tuple[Bias, ...]) -> Array:
+    """Of each bias (k, 2): its variance, and its correlation time, s."""
+    return np.array([(bias.sigma**2, bias.time) for bias in biases]).reshape(-1, 2)
 
 
 class ParticleArrays(NamedTuple):
@@ -194,12 +147,71 @@ class Passed(NamedTuple):
     tilts: bool
 
 
+def passed(s: LeaderModel, particles: Particles, dt: float = 0.0, moved: Array = NOWHERE) -> Passed:
+    """What has passed for these particles."""
+    tilts = s.drag != 0.0 and particles.edge_on_visibility <= LEAST_VISIBLE
+    return Passed(
+        dt, moved, particles.edge_on_visibility, particles.metric, s.air, s.wind, s.rolled, tilts
+    )
+
+
 PARTICLE_ARRAYS: Final = record(
     ParticleArrays, HEADINGS, HEADINGS, HEADINGS, OUT, COVARIANCES, OUT, HEADINGS, HEADINGS, HEADINGS
 )
-THREE: Final = record(tuple, NUMBER, NUMBER, NUMBER)
-CHANGES: Final = record(Changes, HEADINGS, NUMBER, THREE, NUMBER, NUMBER, PAIR, THREE)
 PASSED: Final = record(Passed, NUMBER, HEADINGS, NUMBER, types.boolean, PAIR, NUMBER, NUMBER, types.boolean)
+MODEL: Final = typeof(LeaderModel(1.0, 1.0, (1.0, 1.0, 1.0), 1.0, 1.0))
+
+
+@njit(**MAKING)
+def _changes(s, dt, heading_observed):
+    """What chance may change in `dt` seconds."""
+    flies_for = s.flies_for if s.crab == 0.0 else np.inf  # a fixed wing cannot hover
+    doubted_after = (SURE if heading_observed else 1.0) * s.doubted_after
+    # of the headings that are looked at anew, so many are course-locked that the share of all stays what it is
+    anew = s.tied * doubted_after / (s.tied * doubted_after + (1.0 - s.tied) * s.tied_for)
+    # a leader stops or begins to accelerate, to hover, leaves, a particle takes another heading, or one that is
+    # course-locked does, a fast leader's heading is decided
+    means = s.accelerates_for, s.steady_for, flies_for, s.hovers_for, doubted_after, s.tied_for, s.undecided_for
+    chances = np.empty(len(means) + 4)  # and a heading stops or begins to turn; it is locked to its course
+    chances[0], chances[1], chances[-2], chances[-1] = s.turns_for, s.still_for, s.tied, anew
+    for i, mean in enumerate(means):
+        chances[2 + i] = -np.expm1(-dt / mean)
+    wanders = s.nose_random_walk * np.sqrt(dt), s.nose_about_course, np.exp(-dt / s.slack_time)
+    keeps = np.exp(-dt / s.intensity_time)
+    return Changes(chances, keeps, s.intensity, s.nose_rate, s.crab, lognormal_of(s), wanders)
+
+
+@njit(**MAKING)
+def _interval(s, biases, dt, moved):
+    """How a leader moves in `dt` seconds, and what the step adds, in proportion to the range that a heading
+    implies (`motion.Noise`)."""
+    k = biases.shape[0]
+    decay, fixed, broad, range_ = np.empty(3 + k), np.zeros(N + k), np.zeros((3, N)), np.zeros(N)
+    decay[0], decay[1], decay[2] = (
+        np.exp(-dt / s.acceleration_time),
+        np.exp(-dt / s.bank_time),
+        np.exp(-dt / s.stretch_time),
+    )
+    new = 1.0 - decay[2] * decay[2]
+    for i in range(3):
+        fixed[RX + i], fixed[VX + i] = 1e-8, 2.0 * dt / s.own_velocity_time * s.own_velocity**2
+        range_[RX + i] = 2.0 * dt / s.misalignment_time * (s.misalignment[2 if i < 2 else 0] ** 2)
+        for regime in range(3):
+            if regime != HOVERING:
+                of_axis = HORIZONTAL[i] * s.acceleration_random_walk[0 if regime == STEADY else 1]
+                broad[regime, AX + i], broad[regime, VX + i] = dt * of_axis**2, dt * s.velocity_random_walk**2
+    fixed[WING_SCALE_ERROR] = s.stretch**2 * new
+    for regime in range(3):
+        broad[regime, BANK_ERROR] = s.bank**2 * (1.0 - decay[1] * decay[1])
+        for i in range(TILT_NORTH, WING_SCALE_ERROR):
+            fixed[i], broad[regime, i] = 1e-10, dt * s.lean_random_walk**2
+    for i in range(k):
+        decay[3 + i] = np.exp(-dt / biases[i, 1])
+        fixed[N + i] = biases[i, 0] * (1.0 - decay[3 + i] * decay[3 + i])
+    noise = Noise(fixed, broad, range_, s.nose_wobble**2 * new, np.log(s.size))
+    v, a = np.exp(-dt / s.hover_time), np.exp(-dt / s.hover_acceleration_time)
+    hover = Hover(v, a, s.hover_speed**2 * (1.0 - v * v), s.hover_acceleration**2 * (1.0 - a * a))
+    return Interval(dt, moved, noise, hover, decay)
 
 
 @njit(**FILLING)
@@ -398,23 +410,30 @@ def _prior(k, particles, passed):
     return plausible(headings[k], means[k], P[k], drags[k], mean_bank_error[k], passed.wind, passed.bank_sigma)
 
 
-@njit((PARTICLE_ARRAYS, DRAW, CHANGES, PASSED, INTERVAL), cache=True, error_model="numpy")
-def step(particles, draws, changes, passed, interval):
-    """Predict particles, in place; by how much the logarithms of their priors (K,) grow."""
-    gained = np.empty(particles.headings.shape[0])
-    for k in range(gained.shape[0]):
+@njit((PARTICLE_ARRAYS, HEADINGS, DRAW, MODEL, ROWS, types.boolean, PASSED), **MAKING)
+def step(particles, log_weights, draws, s, biases, heading_observed, passed):
+    """Predict particles of a leader `s`, whose `biases` (k, 2) have these variances and correlation times, in
+    place; their log weights (K,) after it."""
+    changes, interval = _changes(s, passed.dt, heading_observed), _interval(s, biases, passed.dt, passed.moved)
+    found = log_weights.copy()
+    for k in range(found.shape[0]):
         _change(k, particles, draws, changes, passed)
-        gained[k] = -_prior(k, particles, passed)
+        found[k] -= _prior(k, particles, passed)
         _wander(k, particles, draws, changes.wanders, passed)
         fly_on(k, particles, interval, passed.air, passed.edge_on_visibility)
-        gained[k] += _prior(k, particles, passed)
-    return gained
+        found[k] += _prior(k, particles, passed)
+    normalise(found)
+    return found
 
 
-@njit((PARTICLE_ARRAYS, PARTICLE_ARRAYS, PASSED), cache=True, error_model="numpy")
-def gain(before, after, passed):
-    """By how much the logarithms of the priors (K,) of particles grow."""
-    found = np.empty(before.headings.shape[0])
+@njit((PARTICLE_ARRAYS, PARTICLE_ARRAYS, HEADINGS, HEADINGS, NUMBER, PASSED), **MAKING)
+def weigh(before, after, log_weights, log_l, believed, passed):
+    """The log weights (K,) of particles after a measurement, of which the logarithms of the likelihoods (K,) are
+    `believed`, from 0 to 1; what it makes of their tilts, and of their mean bank errors, counts in full."""
+    found, least = log_weights.copy(), largest(log_l) - MOST_EVIDENCE
     for k in range(found.shape[0]):
-        found[k] = _prior(k, after, passed) - _prior(k, before, passed)
+        found[k] += believed * max(log_l[k], least)
+        if passed.tilts:
+            found[k] += _prior(k, after, passed) - _prior(k, before, passed)
+    normalise(found)
     return found

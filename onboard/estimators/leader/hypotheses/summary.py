@@ -10,7 +10,6 @@ Published are the states of Oh & Johnson's model, and more: the nine of `models.
 """
 
 import math
-from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -24,7 +23,9 @@ from onboard.estimators.leader.hypotheses.motion import (
     AX,
     AY,
     AZ,
+    HEADINGS,
     MOTION,
+    NUMBER,
     POSITION,
     VELOCITY,
     VX,
@@ -33,7 +34,7 @@ from onboard.estimators.leader.hypotheses.motion import (
 )
 from onboard.estimators.leader.hypotheses.particles import Particles
 from onboard.estimators.leader.hypotheses.places import Place, places
-from onboard.filters.compiled import OUT, ROWS, VECTOR, out, packed
+from onboard.filters.compiled import FILLING, INDICES, MAKING, OUT, ROWS, VECTOR, packed
 from onboard.geometry.path_axes import SLOW, path_angles
 from onboard.models import relative_motion
 from onboard.models.relative_motion import A_LAT, A_LONG, SIZE
@@ -51,9 +52,6 @@ VECTORS: Final = LOG_SIZE
 # of a summary, and of a particle: what both of them have
 OF_SUMMARY: Final = (*range(VECTORS), LOG_SIZE, BANK_ERROR)
 OF_PARTICLE: Final = (*range(VECTORS), motion.LOG_SIZE, motion.BANK_ERROR)
-NUMBER: Final = types.float64
-CLOUD: Final = packed(NUMBER, 1), packed(NUMBER, 2), packed(NUMBER, 1)
-VECTOR_OUT: Final = out(NUMBER, 1)
 RESOLVED: Final = 0.15  # of the range: particles that is less certain leaves it open, and confirms nothing
 STAYS: Final = np.eye(N)
 MOVES: Final = np.zeros((N, N))
@@ -105,58 +103,29 @@ def summarise(settings: LeaderModel, particles: Particles) -> Summary:
         about = math.atan2(float(w @ np.sin(particles.headings)), float(w @ np.cos(particles.headings)))
         period = 2.0 * math.pi
     else:
-        about, period = particles.headings[int(np.argmax(w))], math.pi
-    mean, P = np.zeros(N), np.zeros((N, N))
-    within = (w @ particles.covariances.reshape(len(w), -1)).reshape(particles.covariances.shape[1:])
-    log_range = moments(particles.headings, particles.means, w, about, period, within, mean, P)
-    r = mean[POSITION]
-    square = float(r @ r)
-    along = P[:, POSITION] @ r
-    sigma = math.sqrt(max(float(along[POSITION] @ r), 0.0)) / square
-    is_resolved = min(max(2.0 - sigma / RESOLVED, 0.0), 1.0)
-    if is_resolved > 0.0:
-        places_ = particles.means[:, POSITION]
-        log_ranges = 0.5 * np.log(np.einsum("ki,ki->k", places_, places_))
-        order = log_ranges.argsort()
-        sorted_w = w[order]
-        median = float(np.interp(0.5, sorted_w.cumsum() - 0.5 * sorted_w, log_ranges[order]))
-        log_range += is_resolved * (median - log_range)
-    # the mean moved to that range, what goes with it, and the second moments about it there
-    distance = math.sqrt(square)
-    along /= distance
-    step = (math.exp(log_range) - distance) / (float(along[POSITION] @ r) / distance) * along
-    step[LOG_SIZE] = 0.0  # whatever moves the range, it is not the size
-    mean, P = mean + step, P + step[:, None] * step
+        about, period = float(particles.headings[int(w.argmax())]), math.pi
+    cloud = particles.headings, particles.means, particles.covariances
+    mean, P, log_ranges = moments(*cloud, w, about, period)
+    centre(mean, P, w, log_ranges, log_ranges.argsort())
     by_points = 0.0
-    if (
-        particles.keypoint_bias
-    ):  # bias of named points makes a heading wrong, the more the range, the less is seen of the wing
+    if particles.keypoint_bias:  # it makes a heading wrong, the more the range, the less is seen of the wing
         line = mean[None, POSITION] / np.linalg.norm(mean[POSITION])
         seen = float(motion.visible(mean[HEADING : HEADING + 1], line, 0.0)[0])
         by_points = (particles.keypoint_bias * (1.0 - seen**2)) ** 2
-    P[MOTION, MOTION] += ours(settings, mean[POSITION], by_points)
+    add_ours(P, mean, settings.misalignment, settings.own_velocity, by_points)
     P[HEADING, HEADING] += settings.misalignment[2] ** 2
-    whole = Summary(mean, 0.5 * (P + P.T))
+    whole = Summary(mean, P)
     if whole.range_sigma() <= RESOLVED:
         return whole
-    found = places(
-        w,
-        particles.means[:, MOTION],
-        particles.covariances[:, MOTION, MOTION],
-        lambda r: ours(settings, r, by_points),
+
+    def ours(r_FL_n: Array) -> Array:
+        found = np.zeros((6, 6))
+        add_ours(found, r_FL_n, settings.misalignment, settings.own_velocity, by_points)
+        return found
+
+    return whole._replace(
+        places=places(w, particles.means[:, MOTION], particles.covariances[:, MOTION, MOTION], ours)
     )
-    return whole._replace(places=found)
-
-
-def ours(settings: LeaderModel, r_FL_n: Array, by_points: float) -> Array:
-    """The covariance (6, 6) of position and velocity that errors of our attitude and velocity cause, and a
-    variance of the range's logarithm by named points."""
-    x, y, z = r_FL_n.tolist()
-    turned = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    P = np.zeros((6, 6))
-    P[:3, :3] = turned.T @ (_variances(settings.misalignment) * turned) + by_points * (r_FL_n[:, None] * r_FL_n)
-    P[VX, VX] = P[VY, VY] = P[VZ, VZ] = settings.own_velocity**2
-    return P
 
 
 def with_course(settings: LeaderModel, particles: Particles) -> Array:
@@ -180,12 +149,6 @@ def with_course(settings: LeaderModel, particles: Particles) -> Array:
     return np.asarray(w / w.sum())
 
 
-@lru_cache(maxsize=64)
-def _variances(sigmas: tuple[float, float, float]) -> Array:
-    """As a column (3, 1)."""
-    return np.array([[sigma * sigma] for sigma in sigmas])
-
-
 @njit(cache=True, error_model="numpy")
 def _components(heading, x, about, period, row):
     """A particle's mean as components of a summary, into `row`. Headings repeat after `period`."""
@@ -196,20 +159,20 @@ def _components(heading, x, about, period, row):
     row[BANK_ERROR] = x[motion.BANK_ERROR]
 
 
-@njit((*CLOUD, NUMBER, NUMBER, ROWS, VECTOR_OUT, OUT), cache=True, error_model="numpy")
-def moments(headings, means, w, about, period, within, mean, S):
-    """Mean and covariance of particles (`particles.Particles`) with weights w (K,), whose particles have the mean
-    covariance `within` (W, W), added to `mean` (N,) and S (N, N); and the mean logarithm of the range. Each
-    heading is taken as near to `about` as it may be: it repeats after `period`, rad."""
-    row, log_range = np.zeros(N), 0.0
+@njit((packed(NUMBER, 1), packed(NUMBER, 2), packed(NUMBER, 3), packed(NUMBER, 1), NUMBER, NUMBER), **MAKING)
+def moments(headings, means, P, w, about, period):
+    """Mean (N,) and covariance (N, N) of particles (`particles.Particles`) with weights w (K,), and the logarithms
+    of their ranges (K,). Each heading is taken as near to `about` as it may be: it repeats after `period`, rad."""
+    count, mean, S, row = w.shape[0], np.zeros(N), np.zeros((N, N)), np.zeros(N)
+    log_ranges, within, flat = np.empty(count), np.zeros(P.shape[1] * P.shape[1]), P.reshape(count, -1)
     width = S.shape[1]  # not known to the compiler: `view.correct`
-    for k in range(w.shape[0]):
+    for k in range(count):
         x = means[k]
         _components(headings[k], x, about, period, row)
         for i in range(N):
             mean[i] += w[k] * row[i]
-        log_range += 0.5 * w[k] * np.log(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
-    for k in range(w.shape[0]):
+        log_ranges[k] = 0.5 * np.log(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
+    for k in range(count):
         _components(headings[k], means[k], about, period, row)
         for i in range(N):
             row[i] -= mean[i]
@@ -217,10 +180,62 @@ def moments(headings, means, w, about, period, within, mean, S):
             share = w[k] * row[i]
             for j in range(width):
                 S[i, j] += share * row[j]
+        for i in range(within.shape[0]):
+            within[i] += w[k] * flat[k, i]
     for i in range(len(OF_SUMMARY)):
         for j in range(len(OF_SUMMARY)):
-            S[OF_SUMMARY[i], OF_SUMMARY[j]] += within[OF_PARTICLE[i], OF_PARTICLE[j]]
-    return log_range
+            S[OF_SUMMARY[i], OF_SUMMARY[j]] += within[OF_PARTICLE[i] * P.shape[1] + OF_PARTICLE[j]]
+    return mean, S, log_ranges
+
+
+@njit(**FILLING)
+def _median(w, x, order):
+    """The median of numbers x (K,) with weights w (K,), by their `order`: between two, by the share."""
+    total, last, before = 0.0, 0.0, x[order[0]]
+    for k in order:
+        middle = total + 0.5 * w[k]
+        if middle >= 0.5:
+            share = (0.5 - last) / (middle - last) if total > 0.0 else 1.0
+            return before + share * (x[k] - before)
+        total, last, before = total + w[k], middle, x[k]
+    return before
+
+
+@njit((HEADINGS, OUT, VECTOR, VECTOR, INDICES), **MAKING)
+def centre(mean, S, w, log_ranges, order):
+    """Move the mean (N,) to the geometric mean of the ranges of particles with weights w (K,), or, the more the
+    range is resolved, to their median, by their `order`, with what goes with the range; and the covariance (N, N)
+    to the second moments about it there, in place."""
+    square, along, by = mean[0] ** 2 + mean[1] ** 2 + mean[2] ** 2, 0.0, np.empty(N)
+    for i in range(N):
+        by[i] = S[i, 0] * mean[0] + S[i, 1] * mean[1] + S[i, 2] * mean[2]
+        along += by[i] * mean[i] if i < 3 else 0.0
+    is_resolved = min(max(2.0 - np.sqrt(max(along, 0.0)) / square / RESOLVED, 0.0), 1.0)
+    log_range = 0.0
+    for k in range(w.shape[0]):
+        log_range += w[k] * log_ranges[k]
+    if is_resolved > 0.0:
+        log_range += is_resolved * (_median(w, log_ranges, order) - log_range)
+    step = (np.exp(log_range) - np.sqrt(square)) * np.sqrt(square) / along
+    by[LOG_SIZE] = 0.0  # whatever moves the range, it is not the size
+    for i in range(N):
+        mean[i] += step * by[i]
+        for j in range(N):
+            S[i, j] += step * by[i] * (step * by[j])
+
+
+@njit((OUT, VECTOR, types.UniTuple(NUMBER, 3), NUMBER, NUMBER), **FILLING)
+def add_ours(S, r, misalignment, own_velocity, by_points):
+    """Add to a covariance, which begins with position and velocity, what errors of our attitude and velocity cause
+    of a leader at r (3,) m in n, and a variance of the range's logarithm by named points."""
+    x, y, z = r[0], r[1], r[2]
+    turned = (0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0)
+    for i in range(3):
+        for j in range(3):
+            S[i, j] += by_points * r[i] * r[j]
+            for n in range(3):
+                S[i, j] += turned[i][n] * misalignment[n] ** 2 * turned[j][n]
+        S[VX + i, VX + i] += own_velocity**2
 
 
 _path_angles = njit(error_model="numpy")(path_angles)

@@ -46,6 +46,9 @@ def lognormal(s: LeaderModel) -> tuple[float, float]:
     return s.drag * math.exp(-0.5 * variance), math.sqrt(variance)
 
 
+lognormal_of: Final = njit(**FILLING)(lognormal)  # to be called from compiled code
+
+
 def drags_of(s: LeaderModel, draw: int | np.uint64, count: int) -> Array:
     """Drags (count,), 1/s, a fixed function of `draw`."""
     middle, sigma = lognormal(s)

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
+from numba import njit
 
 from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import FLIPPED, STRAY, TURN_BIAS, LeaderModel
@@ -26,15 +27,22 @@ from onboard.estimators.leader.hypotheses.motion import (
     FREE,
     LEAST_VISIBLE,
     MOTION,
+    NUMBER,
     POSITION,
-    VELOCITY,
+    RX,
+    RY,
+    RZ,
+    VX,
+    VY,
+    VZ,
 )
 from onboard.estimators.leader.hypotheses.particles import Bias, Particles, evidence, fitting, weighted
-from onboard.estimators.leader.hypotheses.prediction import Passed, gain, particles_of
+from onboard.estimators.leader.hypotheses.prediction import particles_of, passed, weigh
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import Measurement, Rows
 from onboard.estimators.leader.image.pose import PoseFeatures
 from onboard.filters.belief import Belief, FilterError
+from onboard.filters.compiled import FILLING, ROWS, VECTOR
 from onboard.filters.gating import chi_square_threshold
 
 EXPECTING: Final = 0.3  # of the weight: at least so many particles must have expected an image
@@ -46,7 +54,6 @@ SURPRISE_S: Final = 3.0  # over which the surprise is averaged
 MOST_SURPRISE: Final = 3.0  # times the expected NIS, of an image: one stray image is no surprise
 OF_SHAPE: Final = 0.02  # of the weight: so much must have expected a shape; only the right headings do
 PER_ROW: Final = 2.1  # more of the gate for each row of what an image shows of a shape
-NOWHERE: Final = np.zeros(3)
 BOXES: Final = "boxes"  # the names of biases
 POSES: Final = "poses"
 ANY_HEADING: Final = (
@@ -55,23 +62,28 @@ ANY_HEADING: Final = (
 
 
 class Expected(NamedTuple):
-    """Particles, with the bias that an image has, and what they expect of the image's view: mean (m,) and
-    covariance (m, m), without the image's own noise; and what each particle expects."""
+    """Particles, with the bias that an image has, and what they expect together of the image's view: mean (m,),
+    innovation (m,), its covariance (m, m) and NIS; and what each particle expects."""
 
     particles: Particles
     view: view.ImageRows
     y: Array
+    innovation: Array
     S: Array
+    nis: float
     each: view.Expectation
 
 
 def expect(settings: LeaderModel, particles: Particles, seen: Measurement, pose: CameraPose) -> Expected:
-    """What particles expect of the rows by which an image is judged."""
+    """What particles expect of the rows by which an image is judged. Raises FilterError."""
     particles, rows = with_rows(settings, particles, seen.rows, seen.axes, pose)
     w = np.exp(particles.log_weights)
-    return Expected(
+    found = Expected(
         particles, rows, *view.expect(particles.means, particles.covariances, particles.headings, w, rows)
     )
+    if not math.isfinite(found.nis):
+        raise FilterError("the particles have lost their numbers")
+    return found
 
 
 def with_rows(
@@ -111,7 +123,8 @@ def update(
     returned as they were. What an image shows beyond these rows has a gate of its own. `expected`: what they
     expect of the image, where that is known. Raises FilterError."""
     rows, given, is_box = seen.rows, particles, seen.rows.bias is not None
-    particles, shown, _, _, each = expected or expect(settings, particles, seen, pose)
+    expected = expected or expect(settings, particles, seen, pose)
+    particles, shown, each = expected.particles, expected.view, expected.each
     if seen.is_metric and seen.pose is not None:
         particles = particles._replace(edge_on_visibility=ANY_HEADING, metric=True)
     elif rows.is_wing or seen.further is not None:
@@ -122,11 +135,12 @@ def update(
     if least > settings.gate + (PER_ROW * len(rows.y) if is_box else 0.0):
         return given, least
     after = particles._replace(headings=headings, means=means, covariances=P, misfits=())
+    w = np.exp(particles.log_weights)
+    off, change = seen_together(w, nis, particles.means, pose.v_F_n, settings.gate)
     if is_box:
         least = 0.0
     else:
-        off = float(np.exp(particles.log_weights) @ np.minimum(nis, settings.gate)) / len(rows.y)
-        off = min(off, MOST_SURPRISE)
+        off = min(off / len(rows.y), MOST_SURPRISE)
         surprise = off + math.exp(-particles.unseen / SURPRISE_S) * (particles.surprise - off)
         after = after._replace(surprise=surprise)
     if seen.further is not None:
@@ -144,24 +158,31 @@ def update(
             return given, beyond
     # The faster the view of the leader changes, the more does an image count; while the view stays the same, so do
     # the errors of what each particle supposes. Images that fit no particle count less for each of them.
-    r = particles.means[:, POSITION]
-    moves = (particles.means[:, VELOCITY] - pose.v_F_n) / np.sqrt(np.add.reduce(r * r, axis=1, keepdims=True))
-    moving = np.exp(particles.log_weights) @ moves
-    change, seconds = math.sqrt(moving @ moving), max(particles.unseen, TOGETHER_S)  # 1/s
+    seconds = max(particles.unseen, TOGETHER_S)
     rate = settings.steady_evidence + change / settings.new_view + particles.startup_evidence / STARTUP_S
     believed = min(min(rate, settings.evidence_rate) * seconds, 1.0) * min(1.0, 1.0 / particles.surprise)
-    startup_evidence = particles.startup_evidence * math.exp(-seconds / STARTUP_S)
     new = -math.expm1(-particles.unseen / settings.rolled_time)
     mean_bank_error = after.mean_bank_error + new * (after.means[:, BANK_ERROR] - after.mean_bank_error)
+    startup_evidence = particles.startup_evidence * math.exp(-seconds / STARTUP_S)
     after = after._replace(mean_bank_error=mean_bank_error, unseen=0.0, startup_evidence=startup_evidence)
-    gained = evidence(log_l, believed)
-    if particles.tilts(settings):  # what an image makes of a tilt, and of a mean bank error, counts in full
-        s = settings
-        passed = Passed(
-            0.0, NOWHERE, particles.edge_on_visibility, particles.metric, s.air, s.wind, s.rolled, True
-        )
-        gained = gained + gain(particles_of(particles), particles_of(after), passed)
-    return fitting(settings, weighted(after, gained)), least
+    both = particles_of(particles), particles_of(after)
+    log_weights = weigh(*both, particles.log_weights, log_l, believed, passed(settings, particles))
+    return fitting(settings, after._replace(log_weights=log_weights)), least
+
+
+@njit((VECTOR, VECTOR, ROWS, VECTOR, NUMBER), **FILLING)
+def seen_together(w, nis, means, v_F, gate):
+    """Of particles with weights w (K,), means (K, W) and these NIS (K,) of an image: the mean NIS, each `gate` at
+    most, and how fast the view of the leader changes, 1/s, as we fly at v_F (3,) m/s."""
+    off, x, y, z = 0.0, 0.0, 0.0, 0.0
+    for k in range(w.shape[0]):
+        off += w[k] * min(nis[k], gate)
+        r = means[k]
+        share = w[k] / np.sqrt(r[RX] * r[RX] + r[RY] * r[RY] + r[RZ] * r[RZ])
+        x += share * (r[VX] - v_F[0])
+        y += share * (r[VY] - v_F[1])
+        z += share * (r[VZ] - v_F[2])
+    return off, np.sqrt(x * x + y * y + z * z)
 
 
 def assist(settings: LeaderModel, particles: Particles, taken: Auxiliary, *, is_open: bool) -> Particles | None:

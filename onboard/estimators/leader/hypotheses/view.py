@@ -44,7 +44,6 @@ from onboard.estimators.leader.image.measurement import LOWEST, Rows, measured_s
 from onboard.filters.compiled import FILLING, MAKING, OUT, VECTOR, out, record
 
 TINY: Final = 1e-12
-NO_OTHERS: Final = np.empty((0, 0))
 TAILS: Final = 4.0  # degrees of freedom of Student's t; what a leader does is no Gaussian
 WING_SIGMAS2: Final = 9.0  # a wing shorter than three standard deviations has no logarithm
 
@@ -75,20 +74,26 @@ class ImageRows(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Room for the body axes (3, 3), the derivatives of bank and pitch by the forces (2, 3), and of each point its
-    place and its two coordinates (k, 5)."""
+    """Room for the body axes (3, 3), the derivatives of bank and pitch by the forces (2, 3), of each point its
+    place, its two coordinates and its distance (k, 6); and the derivatives (m, W), an innovation (m,), a covariance
+    (m, m), and a change of the state (W,)."""
 
     body: Array
     by: Array
     q: Array
+    J: Array
+    e: Array
+    S: Array
+    dx: Array
 
 
 class Expectation(NamedTuple):
-    """What each particle expects of a view (K, m), and its derivatives by the state (K, m, W) and by the pitch (K,
-    m)."""
+    """What each particle expects of a view: mean (K, m), covariance with the state (K, m, W) and with itself (K, m,
+    m), without noise, and the derivatives by the pitch (K, m)."""
 
     y: Array
-    by_state: Array
+    C: Array
+    S: Array
     by_pitch: Array
 
 
@@ -97,7 +102,7 @@ IMAGE_ROWS: Final = record(
     *(OUT, out(types.int64), OUT, out(types.int64, 1), HEADINGS, OUT, types.boolean, types.boolean),
     *(NUMBER, NUMBER, NUMBER, HEADINGS, OUT, types.int64, HEADINGS, PAIR),
 )
-EXPECTATION: Final = record(Expectation, OUT, COVARIANCES, OUT)
+EXPECTATION: Final = record(Expectation, OUT, COVARIANCES, COVARIANCES, OUT)
 
 
 def view_of(
@@ -125,34 +130,28 @@ def spread(rows: Rows, headings: Array, axes: Array) -> Array:
 # ------------------------------------------------------------------ the update of one particle's Gaussian
 
 
-@njit(**MAKING)
-def factor(R):
-    """The lower Cholesky factor of the measurement's noise (m, m)."""
-    m = R.shape[0]
-    L = np.zeros((m, m))
-    for i in range(m):
+@njit(**FILLING)
+def factor(S):
+    """The lower Cholesky factor of a covariance (m, m), in place: above the diagonal, S stays as it is."""
+    for i in range(S.shape[0]):
         for j in range(i + 1):
-            total = R[i, j]
+            total = S[i, j]
             for n in range(j):
-                total -= L[i, n] * L[j, n]
-            L[i, j] = np.sqrt(max(total, TINY * TINY)) if i == j else total / L[j, j]
-    return L
+                total -= S[i, n] * S[j, n]
+            S[i, j] = np.sqrt(max(total, TINY * TINY)) if i == j else total / S[j, j]
 
 
 @njit(**FILLING)
-def whiten(L, e, J):
-    """Innovation and derivatives in units of the noise with factor L, in place."""
-    width = J.shape[1]  # as in `correct`
+def normalised_squared(e, S):
+    """The square of an error e (m,) in units of its covariance S (m, m). Both are overwritten."""
+    found = 0.0
+    factor(S)
     for i in range(e.shape[0]):
         for j in range(i):
-            share = L[i, j]
-            e[i] -= share * e[j]
-            for n in range(width):
-                J[i, n] -= share * J[j, n]
-        scale = 1.0 / L[i, i]
-        e[i] *= scale
-        for n in range(width):
-            J[i, n] *= scale
+            e[i] -= S[i, j] * e[j]
+        e[i] /= S[i, i]
+        found += e[i] * e[i]
+    return found
 
 
 @njit(**FILLING)
@@ -182,39 +181,44 @@ def project(w, P, bias, c):
             c[n] += w[bias] * P[bias, n]
 
 
-@njit(**MAKING)
-def correct(x, P, e, J, c, dx, bias):
-    """Mean and covariance of one particle by one whitened component after another, in place. The NIS, and the
-    determinant of the innovation's covariance over that of the noise. J (m, W) is as in `dot`.
+@njit(**FILLING)
+def correct(x, P, e, C, S, dx):
+    """Mean and covariance of one particle by an innovation e (m,), m even, of covariance S (m, m) and covariance C
+    (m, W) with the state, in place, and the change of the mean into dx (W,). The NIS, and the logarithm of the
+    determinant of S. All arguments are overwritten.
 
     Size and biases are considered and not estimated (Schmidt, 1966): images show the size over the range, and what
     little our own motion says of it, the model's errors outweigh.
 
     The compiler vectorises the loops over a row because it does not know their length: it would write loops of N
     out, number by number, which takes twice as long."""
-    width = P.shape[1]
-    nis, det = 0.0, 1.0
-    size = P[LOG_SIZE, LOG_SIZE]
-    others = P[LOG_SIZE:, LOG_SIZE:].copy() if width > LOG_SIZE + 1 else NO_OTHERS
-    dx[:] = 0.0
-    for j in range(e.shape[0]):
-        w = J[j]
-        project(w, P, bias, c)
-        s, r = max(1.0 + dot(w, c, bias), TINY), e[j] - dot(w, dx, bias)
-        nis += r * r / s
-        det *= s
-        g = 1.0 / s
-        for i in range(width):
-            dx[i] += c[i] * (r * g)
-            share = c[i] * g
+    m, width, nis, log_det = e.shape[0], P.shape[1], 0.0, 0.0
+    factor(S)
+    for n in range(width):
+        dx[n] = 0.0
+    for i in range(m):
+        row = C[i]
+        for j in range(i):
+            share, other = S[i, j], C[j]
+            e[i] -= share * e[j]
             for n in range(width):
-                P[i, n] -= share * c[n]
-    P[LOG_SIZE, LOG_SIZE] = size
-    if width > LOG_SIZE + 1:
-        P[LOG_SIZE:, LOG_SIZE:] = others
+                row[n] -= share * other[n]
+        scale = 1.0 / S[i, i]
+        e[i] *= scale
+        for n in range(width):
+            row[n] *= scale
+            dx[n] += e[i] * row[n]
+        nis += e[i] * e[i]
+        log_det += 2.0 * np.log(S[i, i])
+    for j in range(0, m, 2):  # two at once: half as many passes over P
+        a, b = C[j], C[j + 1]
+        for i in range(width):
+            row, first, second = P[i], a[i], b[i]
+            for n in range(width if i < LOG_SIZE else LOG_SIZE):
+                row[n] -= first * a[n] + second * b[n]
     for n in range(LOG_SIZE):
         x[n] += dx[n]
-    return nis, det
+    return nis, log_det
 
 
 # ------------------------------------------------------------------------------------- what a view shows
@@ -259,7 +263,8 @@ def _point(q, axis, number):
 
 @njit(**FILLING)
 def _project(x, size, view, B, q):
-    """The places and coordinates of all points, into q (k, 5)."""
+    """The places, coordinates and distances of all points, into q (k, 6). A distance is along the first axis, plus
+    that of the straight line."""
     points, axes = view.points, view.axes
     for k in range(points.shape[0]):
         for i in range(3):
@@ -267,19 +272,19 @@ def _project(x, size, view, B, q):
             q[k, i] = x[i] - view.r_FC[i] + size * offset
         length = np.sqrt(q[k, 0] ** 2 + q[k, 1] ** 2 + q[k, 2] ** 2)
         below = length + axes[0, 0] * q[k, 0] + axes[0, 1] * q[k, 1] + axes[0, 2] * q[k, 2]
+        q[k, 5] = max(below, 1e-9 * length)
         for a in range(2):
             e = axes[1 + a]
-            q[k, 3 + a] = 2.0 * (e[0] * q[k, 0] + e[1] * q[k, 1] + e[2] * q[k, 2]) / max(below, 1e-9 * length)
+            q[k, 3 + a] = 2.0 * (e[0] * q[k, 0] + e[1] * q[k, 1] + e[2] * q[k, 2]) / q[k, 5]
 
 
 @njit(**FILLING)
 def _derivatives(point, size, q, axes, a, share, B, sb, cb, J):
-    """Of a share of a coordinate, along the axis a, of a point of the body seen at q (5,): by the place, added to
+    """Of a share of a coordinate, along the axis a, of a point of the body seen at q (6,): by the place, added to
     J; by bank, pitch, heading, and the logarithm of the size."""
     banked, pitched, turned, grown = 0.0, 0.0, 0.0, 0.0
     length = np.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2)
-    below = length + axes[0, 0] * q[0] + axes[0, 1] * q[1] + axes[0, 2] * q[2]
-    twice, seen = 2.0 * share / max(below, 1e-9 * length), q[3 + a]
+    twice, seen = 2.0 * share / q[5], q[3 + a]
     px, py, pz = size * point[0], size * point[1], size * point[2]
     north = px * B[0, 0] + py * B[0, 1] + pz * B[0, 2]
     east = px * B[1, 0] + py * B[1, 1] + pz * B[1, 2]
@@ -337,9 +342,23 @@ def _linearised(x, heading, is_course_locked, view, scratch, h, J, d):
             row[AY] += LEAD * row[VY]
 
 
-@njit(cache=True, error_model="numpy")
-def _scratch(view):
-    return Scratch(np.empty((3, 3)), np.empty((2, 3)), np.empty((view.points.shape[0], 5)))
+@njit(**FILLING)
+def _expected(x, P, heading, is_course_locked, view, scratch, each):
+    """What a particle expects, into `each` (`Expectation`)."""
+    h, C, S, d = each
+    J = scratch.J
+    _linearised(x, heading, is_course_locked, view, scratch, h, J, d)
+    for i in range(h.shape[0]):
+        project(J[i], P, view.bias, C[i])
+        for j in range(i + 1):
+            S[i, j] = S[j, i] = dot(J[j], C[i], view.bias)
+
+
+@njit(**MAKING)
+def _scratch(view, width):
+    m, k = view.y.shape[0], view.points.shape[0]
+    of_body = np.empty((3, 3)), np.empty((2, 3)), np.empty((k, 6))
+    return Scratch(*of_body, np.empty((m, width)), np.empty(m), np.empty((m, m)), np.empty(width))
 
 
 @njit(**FILLING)
@@ -350,14 +369,14 @@ def _place2(x, place_sigma):
 
 
 @njit(**FILLING)
-def _noise(view, x, d, R):
-    """The rows' noise into R (m, m): their own, that of the points' places, and that of the pitch, which is
-    common."""
+def _noise(view, x, d, own, expected, S):
+    """What is `expected` (m, m) with the rows' noise, into S (m, m): so many times their `own`, that of the
+    points' places, and that of the pitch, which is common."""
     place2, pitch2 = _place2(x, view.place_sigma), view.pitch * view.pitch
     for i in range(d.shape[0]):
         for j in range(d.shape[0]):
-            R[i, j] = view.R[i, j] + pitch2 * d[i] * d[j]
-        R[i, i] += place2 * (view.shares[i, 0] ** 2 + view.shares[i, 1] ** 2)
+            S[i, j] = expected[i, j] + own * view.R[i, j] + pitch2 * d[i] * d[j]
+        S[i, i] += place2 * (view.shares[i, 0] ** 2 + view.shares[i, 1] ** 2)
 
 
 @njit(**FILLING)
@@ -366,80 +385,84 @@ def _side(view, h):
     return -1.0 if view.is_wing and h[2] * view.y[2] + h[3] * view.y[3] < 0 else 1.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**MAKING)
 def _expectation(means, view):
     count, m = means.shape[0], view.y.shape[0]
-    return Expectation(np.empty((count, m)), np.empty((count, m, means.shape[1])), np.empty((count, m)))
+    return Expectation(
+        np.empty((count, m)), np.empty((count, m, means.shape[1])), np.empty((count, m, m)), np.empty((count, m))
+    )
 
 
-@njit((OUT, COVARIANCES, HEADINGS, VECTOR, IMAGE_ROWS), cache=True, error_model="numpy")
-def expect(means, P, headings, w, view):
-    """What particles of weights w (K,) expect together of a view: mean (m,) and covariance (m, m), without the
-    measurement's own noise, with each particle's wingtips in the order of those measured; and what each of them
-    expects."""
-    m, pitch2, expected = view.y.shape[0], view.pitch * view.pitch, _expectation(means, view)
-    mean, S, scratch = np.zeros(m), np.zeros((m, m)), _scratch(view)
-    c = np.empty(P.shape[2])
-    for k in range(means.shape[0]):
-        h, J, d = expected.y[k], expected.by_state[k], expected.by_pitch[k]
-        _linearised(means[k], headings[k], view.course_locked[k] == COURSE_LOCKED, view, scratch, h, J, d)
-        side, place2 = _side(view, h), _place2(means[k], view.place_sigma)
-        for i in range(m):
-            project(J[i], P[k], view.bias, c)
-            sign = side if 2 <= i < 4 else 1.0
-            for j in range(i + 1):
-                both = h[i] * h[j] + dot(J[j], c, view.bias) + pitch2 * d[i] * d[j]
-                S[i, j] += w[k] * (sign * (side if 2 <= j < 4 else 1.0) * both)
-            mean[i] += w[k] * (sign * h[i])
-            S[i, i] += w[k] * place2 * (view.shares[i, 0] ** 2 + view.shares[i, 1] ** 2)
+@njit(**FILLING)
+def _add(k, means, P, headings, w, view, scratch, expected, mean, S):
+    """Add what a particle expects to the mean (m,) and the second moments S (m, m) of all."""
+    h, d = expected.y[k], expected.by_pitch[k]
+    _expected(
+        *(means[k], P[k], headings[k], view.course_locked[k] == COURSE_LOCKED, view, scratch),
+        (h, expected.C[k], expected.S[k], d),
+    )
+    m, side, both = h.shape[0], _side(view, h), scratch.S
+    _noise(view, means[k], d, 0.0, expected.S[k], both)
     for i in range(m):
-        for j in range(i + 1):
-            S[i, j] -= mean[i] * mean[j]
-            S[j, i] = S[i, j]
-    return mean, S, expected
+        sign = w[k] * (side if 2 <= i < 4 else 1.0)
+        mean[i] += sign * h[i]
+        for j in range(m):
+            S[i, j] += sign * (side if 2 <= j < 4 else 1.0) * (h[i] * h[j] + both[i, j])
 
 
-@njit(cache=True, error_model="numpy")
-def _misfit(view, x, heading, scratch, each, e, R):
+@njit((OUT, COVARIANCES, HEADINGS, VECTOR, IMAGE_ROWS), **MAKING)
+def expect(means, P, headings, w, view):
+    """What particles of weights w (K,) expect together of a view: mean (m,), innovation (m,), its covariance (m,
+    m) and NIS, with each particle's wingtips in the order of those measured, and the measured ones in that of the
+    mean; and what each of them expects."""
+    m, expected, scratch = view.y.shape[0], _expectation(means, view), _scratch(view, P.shape[2])
+    mean, e, S = np.zeros(m), np.empty(m), np.zeros((m, m))
+    for k in range(means.shape[0]):
+        _add(k, means, P, headings, w, view, scratch, expected, mean, S)
+    side = _side(view, mean)
+    for i in range(m):
+        e[i] = (side if 2 <= i < 4 else 1.0) * view.y[i] - mean[i]
+        for j in range(m):
+            S[i, j] += view.R[i, j] - mean[i] * mean[j]
+    scratch.S[:], scratch.e[:] = S, e
+    return mean, e, S, normalised_squared(scratch.e, scratch.S), expected
+
+
+@njit(**FILLING)
+def _misfit(view, x, heading, scratch, h, d):
     """How far, squared, in units of its noise, a view is from what a particle with that heading expects."""
-    h, J, d = each
-    _linearised(x, heading, False, view, scratch, h, J, d)
-    for j in range(h.shape[0]):
-        e[j] = view.y[j] - h[j]
-    _noise(view, x, d, R)
-    L, off = factor(R), 0.0
+    e, R = scratch.e, scratch.S
+    _linearised(x, heading, False, view, scratch, h, scratch.J, d)
+    R[:] = 0.0
+    _noise(view, x, d, 1.0, R, R)
     for i in range(h.shape[0]):
-        for j in range(i):
-            e[i] -= L[i, j] * e[j]
-        e[i] /= L[i, i]
-        off += e[i] * e[i]
-    return off
+        e[i] = view.y[i] - h[i]
+    return normalised_squared(e, R)
 
 
-@njit((OUT, COVARIANCES, HEADINGS, IMAGE_ROWS), cache=True, error_model="numpy")
+@njit((OUT, COVARIANCES, HEADINGS, IMAGE_ROWS), **MAKING)
 def orient(means, P, headings, view):
     """What each particle expects of named points. One whose nose is where they show the tail turns round, in
     place."""
-    m, expected = view.y.shape[0], _expectation(means, view)
-    scratch, e, R = _scratch(view), np.empty(m), np.empty((m, m))
+    expected, scratch = _expectation(means, view), _scratch(view, P.shape[2])
     for k in range(means.shape[0]):
-        x, each = means[k], (expected.y[k], expected.by_state[k], expected.by_pitch[k])
-        same = _misfit(view, x, headings[k], scratch, each, e, R)
+        x, each = means[k], (expected.y[k], expected.C[k], expected.S[k], expected.by_pitch[k])
+        same = _misfit(view, x, headings[k], scratch, each[0], each[3])
         x[BANK_ERROR] = -x[BANK_ERROR]  # the other way round, it banks to the other side
-        if _misfit(view, x, headings[k] + np.pi, scratch, each, e, R) < same:
+        if _misfit(view, x, headings[k] + np.pi, scratch, each[0], each[3]) < same:
             headings[k] += np.pi
             for i in range(P.shape[2]):
                 P[k, BANK_ERROR, i] = -P[k, BANK_ERROR, i]
                 P[k, i, BANK_ERROR] = -P[k, i, BANK_ERROR]
         else:
             x[BANK_ERROR] = -x[BANK_ERROR]
-            _linearised(x, headings[k], False, view, scratch, *each)
+        _expected(x, P[k], headings[k], False, view, scratch, each)
     return expected
 
 
 @njit(**FILLING)
-def _logarithmic(right, down, h, variance, e, J):
-    """A wing's innovation and derivatives, in place, by the logarithm of its length and by its angle, in which a
+def _logarithmic(right, down, h, variance, e, C, S):
+    """A wing's innovation and covariances, in place, by the logarithm of its length and by its angle, in which a
     range is linear: a line through lengths draws it to the near side. A wing that hardly shows stays as it is."""
     least2, seen2, expected2 = WING_SIGMAS2 * variance, right * right + down * down, h[2] * h[2] + h[3] * h[3]
     if seen2 < least2 or expected2 < least2:
@@ -449,49 +472,51 @@ def _logarithmic(right, down, h, variance, e, J):
         return
     length, angle = 0.5 * np.log(a * a + b * b), np.arctan2(b, a)
     e[2], e[3] = right * length - down * angle, right * angle + down * length
-    for j in range(J.shape[1]):
-        u, v = J[2, j], J[3, j]
-        J[2, j], J[3, j] = a * u - b * v, a * v + b * u
+    for j in range(C.shape[1]):
+        C[2, j], C[3, j] = a * C[2, j] - b * C[3, j], a * C[3, j] + b * C[2, j]
+    for j in range(S.shape[1]):
+        S[2, j], S[3, j] = a * S[2, j] - b * S[3, j], a * S[3, j] + b * S[2, j]
+    for i in range(S.shape[0]):
+        S[i, 2], S[i, 3] = a * S[i, 2] - b * S[i, 3], a * S[i, 3] + b * S[i, 2]
 
 
-@njit((OUT, COVARIANCES, HEADINGS, IMAGE_ROWS, EXPECTATION), cache=True, error_model="numpy")
+@njit(**FILLING)
+def _update(k, means, P, headings, view, scratch, expected):
+    """See `update`: NIS and logarithm of the likelihood of one particle."""
+    x, h, e, C, S, dx = means[k], expected.y[k], scratch.e, scratch.J, scratch.S, scratch.dx
+    m, side = h.shape[0], _side(view, h)
+    for i in range(m):
+        e[i] = (side if 2 <= i < 4 else 1.0) * view.y[i] - h[i]
+        for j in range(m):
+            S[i, j] = expected.S[k, i, j]
+        for j in range(C.shape[1]):
+            C[i, j] = expected.C[k, i, j]
+    if view.is_wing:
+        _logarithmic(side * view.y[2], side * view.y[3], h, view.R[2, 2], e, C, S)
+    _noise(view, x, expected.by_pitch[k], 1.0, S, S)
+    aside = headings[k] - course_of(x, view.air)
+    r0, r1, r2 = x[RX], x[RY], x[RZ]
+    nis, log_det = correct(x, P[k], e, C, S, dx)
+    if view.is_wing:  # a range changes by a factor, as its logarithm does
+        square = r0 * r0 + r1 * r1 + r2 * r2
+        step = (r0 * dx[RX] + r1 * dx[RY] + r2 * dx[RZ]) / square
+        more = np.exp(min(step, 1.0)) - 1.0 - step
+        x[RX] += more * r0
+        x[RY] += more * r1
+        x[RZ] += more * r2
+        if view.course_locked[k] == COURSE_LOCKED:
+            headings[k] = course_of(x, view.air) + aside
+    # by Student's t in place of a Gaussian (Roth, Ozkan and Gustafsson, 2013): one image that fits no
+    # hypothesis decides little between them
+    return nis, -0.5 * ((TAILS + m) * np.log1p(nis / TAILS) + log_det)
+
+
+@njit((OUT, COVARIANCES, HEADINGS, IMAGE_ROWS, EXPECTATION), **MAKING)
 def update(means, P, headings, view, expected):
     """NIS (K,) and logarithms of the likelihoods (K,), without their common constant, of a view of which the same
     particles `expected` this. Means (K, W), covariances (K, W, W) and tied headings are corrected in place."""
-    m, count, width = view.y.shape[0], means.shape[0], P.shape[2]
-    nis, log_l = np.empty(count), np.empty(count)
-    e, J, R = np.empty(m), np.empty((m, width)), np.empty((m, m))
-    c, dx, L = np.empty(width), np.empty(width), factor(view.R)
-    is_alike = view.place_sigma == 0.0 and view.pitch == 0.0
+    count = means.shape[0]
+    nis, log_l, scratch = np.empty(count), np.empty(count), _scratch(view, P.shape[2])
     for k in range(count):
-        x, h = means[k], expected.y[k]
-        side = _side(view, h)
-        for i in range(m):
-            e[i] = (side if 2 <= i < 4 else 1.0) * view.y[i] - h[i]
-            for j in range(width):
-                J[i, j] = expected.by_state[k, i, j]
-        if not is_alike:
-            _noise(view, x, expected.by_pitch[k], R)
-            L = factor(R)
-        if view.is_wing:
-            _logarithmic(side * view.y[2], side * view.y[3], h, view.R[2, 2], e, J)
-        whiten(L, e, J)
-        log_noise = 0.0
-        for j in range(m):
-            log_noise += np.log(L[j, j])
-        aside = headings[k] - course_of(x, view.air)
-        r0, r1, r2 = x[RX], x[RY], x[RZ]
-        nis[k], det = correct(x, P[k], e, J, c, dx, view.bias)
-        # by Student's t in place of a Gaussian (Roth, Ozkan and Gustafsson, 2013): one image that fits no
-        # hypothesis decides little between them
-        log_l[k] = -0.5 * ((TAILS + m) * np.log1p(nis[k] / TAILS) + np.log(det)) - log_noise
-        if view.is_wing:  # a range changes by a factor, as its logarithm does
-            square = r0 * r0 + r1 * r1 + r2 * r2
-            step = (r0 * dx[RX] + r1 * dx[RY] + r2 * dx[RZ]) / square
-            more = np.exp(min(step, 1.0)) - 1.0 - step
-            x[RX] += more * r0
-            x[RY] += more * r1
-            x[RZ] += more * r2
-            if view.course_locked[k] == COURSE_LOCKED:
-                headings[k] = course_of(x, view.air) + aside
+        nis[k], log_l[k] = _update(k, means, P, headings, view, scratch, expected)
     return nis, log_l

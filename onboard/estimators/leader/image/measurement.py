@@ -20,10 +20,12 @@ from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numba import njit, types
 
 from onboard.arrays import Array
 from onboard.estimators.leader.image.pose import PoseFeatures
 from onboard.estimators.leader.image.shape import RIGID, WINGTIPS, Posture, Shape
+from onboard.filters.compiled import INDICES, MAKING, OUT, ROWS, VECTOR, array
 from onboard.messages import ImagePoint
 
 COMPONENTS: Final = ("right", "down", "wing_right", "wing_down", "middle_right", "middle_down")
@@ -104,13 +106,9 @@ class Measurement(NamedTuple):
     def with_attitude_noise(self, noise_c: Array) -> "Measurement":
         """The measurement by a camera whose attitude has white noise, a small rotation in c of covariance noise_c
         (3, 3): all directions move together, and a wing turns about them."""
-        if not np.logical_or.reduce(noise_c, axis=None):
-            return self
-        rows, (line, right, down) = self.rows, self.axes
-        by = np.where(rows.axis[:, None] == 0, down, -right) * rows.shares.sum(axis=1)[:, None]
-        if rows.is_wing:
-            by[2], by[3] = -rows.y[3] * line, rows.y[2] * line
-        return self._replace(rows=rows._replace(R=rows.R + by @ noise_c @ by.T))
+        rows = self.rows
+        R = _turned(rows.R, rows.y, rows.shares, rows.axis, rows.is_wing, self.axes, noise_c)
+        return self._replace(rows=rows._replace(R=R))
 
 
 class Layout(NamedTuple):
@@ -145,7 +143,7 @@ def measure_wing(points: Sequence[ImagePoint], sigmas: Sequence[float], *, middl
     """What image points measure of a wing, center, left and right with standard deviations, all in focal lengths;
     with its `middle` if that is to be measured."""
     axes, layout = axes_about(points[0]), WING_AND_MIDDLE if middle else OF_WING
-    y, R = _measured(axes, points, sigmas, layout)
+    y, R = _measured(axes, np.array(points, float), np.array(sigmas, float), *layout)
     (a, b), ((aa, ab), (_, bb)) = y[WING].tolist(), R[WING, WING].tolist()
     span, along = math.hypot(a, b), max(a * a * aa + 2 * a * b * ab + b * b * bb, 0.0)
     sigma = math.sqrt(along) / span if span > 0 else math.sqrt(aa)
@@ -155,7 +153,7 @@ def measure_wing(points: Sequence[ImagePoint], sigmas: Sequence[float], *, middl
 def measure_direction(point: ImagePoint, sigma: float) -> Measurement:
     """What one image point measures."""
     axes = axes_about(point)
-    y, R = _measured(axes, [point], [sigma], OF_DIRECTION)
+    y, R = _measured(axes, np.array([point], float), np.array([sigma], float), *OF_DIRECTION)
     return Measurement(Rows(y, R, CENTER, *OF_DIRECTION), 1.0, math.inf, axes)
 
 
@@ -163,7 +161,7 @@ def rows_of_points(axes: Array, known: Sequence[tuple[str, Array, ImagePoint, fl
     """The rows of points of a body, each with its name, its place (3,) in b, and where and how exactly it was
     seen."""
     names, places, seen, sigmas = zip(*known, strict=True)
-    y, _ = coordinates(axes, seen)
+    y = coordinates(axes, seen)
     k = len(known)
     of: Any = np.repeat(np.arange(k), 4).reshape(-1, 2)
     layout = Layout(of, np.tile([1.0, 0.0], (2 * k, 1)), np.tile(BOTH_AXES, k))
@@ -174,7 +172,7 @@ def rows_of_points(axes: Array, known: Sequence[tuple[str, Array, ImagePoint, fl
 def rows_of_box(axes: Array, sides: Sequence[ImagePoint], share: float, shape: Shape) -> Rows:
     """The rows of a box, by the middles of its left, upper, right and lower side, each with noise of this `share`
     of the larger one."""
-    at, _ = coordinates(axes, sides)
+    at = coordinates(axes, sides)
     left, upper, right, lower = at[0, 0], at[1, 1], at[2, 0], at[3, 1]
     larger = max(right - left, lower - upper)
     across, tall = (share * larger) ** 2, (share**2 + shape.height**2) * larger**2
@@ -197,43 +195,81 @@ def axes_about(point: ImagePoint) -> Array:
     )
 
 
-def coordinates(axes: Array, points: Sequence[ImagePoint]) -> tuple[Array, Array]:
-    """Stereographic coordinates (k, 2) of image points about the first of `axes`, and their derivatives (k, 2, 2)
-    by those of the points."""
-    directions = np.array([(1.0, u, v) for u, v in points])
-    length = np.sqrt(np.add.reduce(directions * directions, axis=1, keepdims=True))
-    below = length + directions @ axes[0][:, None]
-    at = 2.0 * (directions @ axes[1:].T) / below
-    turns = directions[:, 1:] / length + axes[0, 1:]
-    return at, (2.0 * axes[1:, 1:] - at[:, :, None] * turns[:, None, :]) / below[:, :, None]
+def coordinates(axes: Array, points: Sequence[ImagePoint]) -> Array:
+    """Stereographic coordinates (k, 2) of image points about the first of `axes`."""
+    at: Array = _coordinates(axes, np.array(points, float))[0]
+    return at
 
 
-def _measured(
-    axes: Array, points: Sequence[ImagePoint], sigmas: Sequence[float], layout: Layout
-) -> tuple[Array, Array]:
+@njit((OUT, OUT), **MAKING)
+def _coordinates(axes, points):
+    """`coordinates`, and their derivatives (k, 2, 2) by those of the points."""
+    at, by = np.empty(points.shape), np.empty((points.shape[0], 2, 2))
+    for k in range(points.shape[0]):
+        u, v = points[k]
+        length = np.sqrt(1.0 + u * u + v * v)
+        below = length + (axes[0, 0] + u * axes[0, 1] + v * axes[0, 2])
+        for a in range(2):
+            e = axes[1 + a]
+            at[k, a] = 2.0 * (e[0] + u * e[1] + v * e[2]) / below
+            for j in range(2):
+                by[k, a, j] = (2.0 * e[1 + j] - at[k, a] * (points[k, j] / length + axes[0, 1 + j])) / below
+    return at, by
+
+
+@njit((OUT, OUT, VECTOR, array(types.int64, 2), ROWS, INDICES), **MAKING)
+def _measured(axes, points, sigmas, of, shares, axis):
     """What rows (m,) of image points with these standard deviations measure, and its noise (m, m)."""
-    of, shares, axis = layout
-    at, by_points = coordinates(axes, points)
-    m = len(axis)
-    by = np.zeros((m, len(points), 2))  # of the rows, by the coordinates of each point on the image
-    for side in (0, 1):
-        by[np.arange(m), of[:, side]] += shares[:, side, None] * by_points[of[:, side], axis]
-    by *= np.array(sigmas)[:, None]
-    flat = by.reshape(m, -1)
-    return np.add.reduce(shares * at[of, axis[:, None]], axis=1), flat @ flat.T
+    at, by_points = _coordinates(axes, points)
+    m, k = axis.shape[0], points.shape[0]
+    y, R = np.zeros(m), np.zeros((m, m))
+    by = np.zeros((m, 2 * k))  # of the rows, by the coordinates of each point on the image
+    for i in range(m):
+        for side in range(2):
+            point, share = of[i, side], shares[i, side]
+            y[i] += share * at[point, axis[i]]
+            for j in range(2):
+                by[i, 2 * point + j] += share * by_points[point, axis[i], j] * sigmas[point]
+        for j in range(i + 1):
+            for n in range(2 * k):
+                R[i, j] += by[i, n] * by[j, n]
+            R[j, i] = R[i, j]
+    return y, R
 
 
-def points_of(axes: Array, y: Array) -> Array:
-    """Image points, (3, 2) of a measurement y (m,) with a wing about `axes` (3, 3), in focal lengths: center, left
-    and right wingtip, as if the center were the wing's middle; of a direction the center (1, 2). NaN for a point
-    behind the camera."""
-    places = y[:2][None]
-    if len(y) > 2:
-        places = places + 0.5 * np.array([[0.0], [-1.0], [1.0]]) * y[WING]
-    quarter = 0.25 * np.add.reduce(places**2, axis=1, keepdims=True)
-    directions = (1.0 - quarter) * axes[0] + places @ axes[1:]
-    ahead = np.where(directions[:, :1] > 0.0, directions[:, :1], np.nan)
-    return np.asarray(directions[:, 1:] / ahead)
+@njit((ROWS, VECTOR, ROWS, INDICES, types.boolean, ROWS, ROWS), **MAKING)
+def _turned(R, y, shares, axis, is_wing, axes, noise_c):
+    """See `Measurement.with_attitude_noise`."""
+    m = axis.shape[0]
+    by = np.empty((m, 3))
+    for i in range(m):
+        share = shares[i, 0] + shares[i, 1]
+        for n in range(3):
+            by[i, n] = share * (axes[2, n] if axis[i] == 0 else -axes[1, n])
+            if is_wing and 2 <= i < 4:
+                by[i, n] = (-y[3] if i == 2 else y[2]) * axes[0, n]
+    found = np.empty((m, m))
+    for i in range(m):
+        for j in range(m):
+            found[i, j] = R[i, j]
+            for a in range(3):
+                for b in range(3):
+                    found[i, j] += by[i, a] * noise_c[a, b] * by[j, b]
+    return found
+
+
+def points_of(axes: Array, y: Array) -> tuple[ImagePoint, ...]:
+    """Image points of a measurement y (m,) with a wing about `axes` (3, 3), in focal lengths: center, left and
+    right wingtip, as if the center were the wing's middle; of a direction the center alone. NaN for a point behind
+    the camera."""
+    rows, (right, down, *wing) = axes.T.tolist(), y.tolist()
+    found = []
+    for half in (0.0, -0.5, 0.5) if wing else (0.0,):
+        u, v = (right + half * wing[0], down + half * wing[1]) if wing else (right, down)
+        along = 1.0 - 0.25 * (u * u + v * v)
+        ahead, aside, below = (along * line + u * e + v * f for line, e, f in rows)
+        found.append((aside / ahead, below / ahead) if ahead > 0.0 else (math.nan, math.nan))
+    return tuple(found)
 
 
 def measured_spread(rows: Rows, y: Array) -> Array:

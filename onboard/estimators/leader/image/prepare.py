@@ -140,7 +140,8 @@ def measure(shape: Shape, saw: Features) -> Measurement:
     else:
         measured = measure_direction(saw.points[0], saw.sigmas[0])
     axes = measured.axes
-    measured.rows.R[[0, 1], [0, 1]] += (BIAS_COUNTS * saw.offset) ** 2
+    if saw.offset:
+        measured.rows.R[[0, 1], [0, 1]] += (BIAS_COUNTS * saw.offset) ** 2
     if saw.pose is not None:
         measured = measured._replace(pose=measured_pose(saw.pose, shape.pose_bias, axes[0]))
     if known := [

@@ -40,7 +40,7 @@ class Candidate(NamedTuple):
     @property
     def nis(self) -> float:
         """By what the track expects; 0 where it expects nothing."""
-        return 0.0 if self.compared is None else self.compared.nis
+        return 0.0 if self.compared is None else self.compared.expected.nis
 
     @property
     def cost(self) -> float:

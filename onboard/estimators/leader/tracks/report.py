@@ -29,9 +29,9 @@ def report(
     more, count = dict[str, Any](), 0 if image is None else len(image.measurement.rows.y)
     if image is not None and update is not None:
         more = {"misfits": update.misfits, "noise_scale": image.noise_scale}
-        points = points_of(image.measurement.axes, update.predicted).tolist()
+        points = points_of(image.measurement.axes, update.predicted)
         if all(math.isfinite(u + v) for u, v in points):  # none is behind the camera
-            more["predicted_points"] = tuple((u, v) for u, v in points)
+            more["predicted_points"] = points
     return image_report(
         message,
         verdict,

@@ -141,7 +141,7 @@ class Track:
             compared = compare(self._filter, self._poses, state.noise, prediction, image, ownship)
         except FilterError:
             return Candidate(image)
-        return Candidate(image, state, compared, compared.nis <= self._filter.gate)
+        return Candidate(image, state, compared, compared.expected.nis <= self._filter.gate)
 
     def take(self, message: TargetImage, claim: Candidate | Verdict, ownship: Ownship) -> Estimate:
         """Let an image start the track, fuse it, or reject it, as it was compared with the track; or report why it
