@@ -24,8 +24,10 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.commands.loading import release_compiler
+from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses import motion as model
 from onboard.estimators.leader.hypotheses import prediction, view
+from onboard.estimators.leader.hypotheses.belief import leader_model
 from onboard.estimators.leader.image.measurement import measure_wing
 from onboard.messages import CameraPoints, Datagram, Estimate
 
@@ -36,10 +38,8 @@ LONGEST: Final = 64  # bytes: a payload ends where only zeros follow
 IMAGES: Final = "onboard/1/camera/*/points"
 DT: Final = 1.0 / 30.0
 STILL: Final = np.zeros(3)
-NOISE: Final = model.Noise(np.full(model.N, 1e-9), np.zeros((3, model.N)), np.zeros(model.N), 1e-9, 0.7)
-INTERVAL: Final = model.Interval(DT, STILL, NOISE, model.Hover(1.0, 1.0, 0.0, 0.0), np.full(3, 0.99))
-SELDOM: Final = np.array([1e9, 1e9, *[1e-9] * 9])  # no hypothesis changes its mind
-CHANGES: Final = prediction.Changes(SELDOM, 0.99, (0.1, 0.1, 0.1), 0.1, 0.0, (0.15, 0.4), (0.01, 0.1, 0.99))
+NO_BIASES: Final = np.zeros((0, 2))
+LEADER: Final = leader_model(Config())
 PASSED: Final = prediction.Passed(DT, STILL, 0.05, False, (0.0, 0.0), 3.0, 0.05, True)
 ROWS: Final = measure_wing([(0.0, 0.0), (-0.04, 0.0), (0.04, 0.0)], [1e-3] * 3).rows
 
@@ -61,7 +61,7 @@ class Arithmetic:
     def image(self, y: Array) -> Array:
         """The NIS (HYPOTHESES,) of a measurement y (4,) of `leader.image.measurement`."""
         particles = prediction.ParticleArrays(*(array.copy() for array in self._first))
-        prediction.step(particles, 4, CHANGES, PASSED, INTERVAL)
+        prediction.step(particles, np.log(self._weights), 4, LEADER, NO_BIASES, False, PASSED)
         shown = ROWS.points, ROWS.of, ROWS.shares, ROWS.axis, y, ROWS.R, True, False, *ROWS.posture
         rows = view.ImageRows(*shown, STILL, np.eye(3), 0, particles.course_locked, (0.0, 0.0))
         state = particles.means, particles.covariances, particles.headings

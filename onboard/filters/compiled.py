@@ -16,7 +16,7 @@ or two.
 import os
 from typing import Any, Final
 
-from numba import types
+from numba import typeof, types
 
 from onboard.filters import numba_internals, shipped
 
@@ -56,6 +56,12 @@ def record(kind: Any, *fields: Any) -> Any:
     neither a whole number to a float, nor an array that is read-only or has gaps."""
     tuples: Any = types.BaseTuple
     return tuples.from_types(fields, None if kind is tuple else kind)
+
+
+def like(value: Any) -> Any:
+    """The type of a value that has the types of this one."""
+    found: Any = typeof
+    return found(value)
 
 
 VECTOR: Final = array(types.float64, 1)

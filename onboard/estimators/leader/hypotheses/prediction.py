@@ -5,7 +5,7 @@ from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit, typeof, types
+from numba import njit, types
 
 from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import LeaderModel
@@ -68,7 +68,7 @@ from onboard.estimators.leader.hypotheses.tilt import (
     retilt,
     slope_of,
 )
-from onboard.filters.compiled import FILLING, MAKING, OUT, ROWS, record
+from onboard.filters.compiled import FILLING, MAKING, OUT, ROWS, like, record
 
 CIRCLES: Final = 5  # of a computation: a heading, the range that it implies, the course at that range
 MOST_CRAB: Final = 2.5  # standard deviations of a fixed wing's heading about its course
@@ -86,9 +86,8 @@ def predict(s: LeaderModel, particles: Particles, dt: float, moved: Array) -> Pa
     changed = ParticleArrays(*(array.copy() for array in particles_of(particles)))
     known = _variances(particles.biases), particles.heading_observed, passed(s, particles, dt, moved)
     log_weights = step(changed, particles.log_weights, particles.draws, s, *known)
-    rest = particles[len(changed) + 2 :]
-    after = Particles(*changed, log_weights, particles.draws + DRAWS, *rest)
-    return after._replace(unseen=particles.unseen + dt)
+    after = particles._replace(**changed._asdict(), log_weights=log_weights)
+    return after._replace(draws=particles.draws + DRAWS, unseen=particles.unseen + dt)
 
 
 @lru_cache(maxsize=64)
@@ -150,16 +149,14 @@ class Passed(NamedTuple):
 def passed(s: LeaderModel, particles: Particles, dt: float = 0.0, moved: Array = NOWHERE) -> Passed:
     """What has passed for these particles."""
     tilts = s.drag != 0.0 and particles.edge_on_visibility <= LEAST_VISIBLE
-    return Passed(
-        dt, moved, particles.edge_on_visibility, particles.metric, s.air, s.wind, s.rolled, tilts
-    )
+    return Passed(dt, moved, particles.edge_on_visibility, particles.metric, s.air, s.wind, s.rolled, tilts)
 
 
 PARTICLE_ARRAYS: Final = record(
     ParticleArrays, HEADINGS, HEADINGS, HEADINGS, OUT, COVARIANCES, OUT, HEADINGS, HEADINGS, HEADINGS
 )
 PASSED: Final = record(Passed, NUMBER, HEADINGS, NUMBER, types.boolean, PAIR, NUMBER, NUMBER, types.boolean)
-MODEL: Final = typeof(LeaderModel(1.0, 1.0, (1.0, 1.0, 1.0), 1.0, 1.0))
+MODEL: Final = like(LeaderModel(1.0, 1.0, (1.0, 1.0, 1.0), 1.0, 1.0))
 
 
 @njit(**MAKING)

@@ -13,7 +13,7 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit, types
+from numba import njit
 
 from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import LeaderModel
@@ -34,7 +34,7 @@ from onboard.estimators.leader.hypotheses.motion import (
 )
 from onboard.estimators.leader.hypotheses.particles import Particles
 from onboard.estimators.leader.hypotheses.places import Place, places
-from onboard.filters.compiled import FILLING, INDICES, MAKING, OUT, ROWS, VECTOR, packed
+from onboard.filters.compiled import FILLING, INDICES, MAKING, OUT, ROWS, VECTOR, packed, record
 from onboard.geometry.path_axes import SLOW, path_angles
 from onboard.models import relative_motion
 from onboard.models.relative_motion import A_LAT, A_LONG, SIZE
@@ -224,7 +224,7 @@ def centre(mean, S, w, log_ranges, order):
             S[i, j] += step * by[i] * (step * by[j])
 
 
-@njit((OUT, VECTOR, types.UniTuple(NUMBER, 3), NUMBER, NUMBER), **FILLING)
+@njit((OUT, VECTOR, record(tuple, NUMBER, NUMBER, NUMBER), NUMBER, NUMBER), **FILLING)
 def add_ours(S, r, misalignment, own_velocity, by_points):
     """Add to a covariance, which begins with position and velocity, what errors of our attitude and velocity cause
     of a leader at r (3,) m in n, and a variance of the range's logarithm by named points."""

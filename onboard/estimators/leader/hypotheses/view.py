@@ -75,8 +75,8 @@ class ImageRows(NamedTuple):
 
 class Scratch(NamedTuple):
     """Room for the body axes (3, 3), the derivatives of bank and pitch by the forces (2, 3), of each point its
-    place, its two coordinates and its distance (k, 6); and the derivatives (m, W), an innovation (m,), a covariance
-    (m, m), and a change of the state (W,)."""
+    place, its two coordinates and its distance (k, 6); and the derivatives (m, W), an innovation (m,), a
+    covariance (m, m), and a change of the state (W,)."""
 
     body: Array
     by: Array
@@ -88,8 +88,8 @@ class Scratch(NamedTuple):
 
 
 class Expectation(NamedTuple):
-    """What each particle expects of a view: mean (K, m), covariance with the state (K, m, W) and with itself (K, m,
-    m), without noise, and the derivatives by the pitch (K, m)."""
+    """What each particle expects of a view: mean (K, m), covariance with the state (K, m, W) and with itself (K,
+    m, m), without noise, and the derivatives by the pitch (K, m)."""
 
     y: Array
     C: Array

@@ -130,7 +130,7 @@ def test_the_points_of_what_is_predicted_are_where_the_leader_is() -> None:
     points = points_of(seen.axes, update.predicted)
     assert points[0] == pytest.approx([0.0, 0.0], abs=0.004)
     half = math.cos(0.7) / 25.0
-    assert abs(points[2, 0] - points[1, 0]) == pytest.approx(2.0 * half, rel=0.1)
+    assert abs(points[2][0] - points[1][0]) == pytest.approx(2.0 * half, rel=0.1)
     assert np.isnan(points_of(-np.eye(3), np.zeros(4))).all()
 
 
@@ -159,7 +159,7 @@ def test_what_is_expected_depends_on_the_wind() -> None:
     means[:, 3:5] = [9.0, 2.0]
     state = state._replace(particles=state.particles._replace(means=means, course_locked=np.ones(len(means))))
     expected = [
-        filter_.compare(filter_.predict(state._replace(settings=settings)), measurement, STILL).S
+        filter_.compare(filter_.predict(state._replace(settings=settings)), measurement, STILL).expected.S
         for settings in (state.settings, state.settings._replace(air=(0.0, 6.0), air_sigma=1.0))
     ]
     assert np.abs(expected[1] - expected[0]).max() > 1e-6

@@ -27,10 +27,11 @@ def test_what_one_particle_expects_has_the_nis_of_its_update_seed_0_to_2(seed: i
     state = np.append(x, 0.02)[None], wide[None], np.array([heading])
     rows, camera = rows_of([-0.01, -0.005, 0.08, 0.03]), (R_cn, np.array([0.1, 0.0, -0.2]), axes_of(x, R_cn))
     seen = view.view_of(rows, camera, FREE, (0.0, 0.0), N)
-    expected, S, each = view.expect(*state, np.ones(1), seen)
-    off = rows.y - expected
+    expected, off, S, together, each = view.expect(*state, np.ones(1), seen)
+    np.testing.assert_allclose(off, rows.y - expected, rtol=1e-12)
+    assert float(off @ np.linalg.solve(S, off)) == pytest.approx(together, rel=1e-9)
     nis, _ = view.update(*state, seen, each)
-    assert float(off @ np.linalg.solve(S + rows.R, off)) == pytest.approx(float(nis[0]), rel=1e-6)
+    assert together == pytest.approx(float(nis[0]), rel=1e-6)
 
 
 def test_several_particles_expect_their_mean_and_how_far_they_are_apart_seed_4() -> None:
@@ -46,10 +47,10 @@ def test_several_particles_expect_their_mean_and_how_far_they_are_apart_seed_4()
 
     def alone(k: int) -> tuple[np.ndarray, np.ndarray]:
         which = slice(k, k + 1)
-        return view.expect(means[which], covariances[which], headings[which], np.ones(1), seen)[:2]
+        return view.expect(means[which], covariances[which], headings[which], np.ones(1), seen)[0:3:2]
 
     (a, S_a), (b, S_b) = alone(0), alone(1)
-    mean, S, _ = view.expect(means, covariances, headings, w, seen)
+    mean, _, S, *_ = view.expect(means, covariances, headings, w, seen)
     np.testing.assert_allclose(mean, 0.25 * a + 0.75 * b, rtol=1e-9)
     apart = 0.25 * 0.75 * np.outer(a - b, a - b)
     np.testing.assert_allclose(S, 0.25 * S_a + 0.75 * S_b + apart, rtol=1e-9, atol=1e-15)

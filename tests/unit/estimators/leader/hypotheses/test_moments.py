@@ -26,8 +26,9 @@ def test_the_moments_are_those_of_the_particles_seed1() -> None:
     k = 50
     headings, w = rng.uniform(-9.0, 9.0, k), rng.dirichlet(np.ones(k))
     means = rng.normal(size=(k, motion.N)) + 3.0
-    mean, S, within = np.zeros(N), np.zeros((N, N)), rng.normal(size=(motion.N, motion.N))
-    log_range = summary.moments(headings, means, w, 0.5, math.pi, within, mean, S)
+    P = rng.normal(size=(k, motion.N, motion.N))
+    within = np.einsum("k,kij->ij", w, P)
+    mean, S, log_ranges = summary.moments(headings, means, P, w, 0.5, math.pi)
     rows = np.zeros((k, N))
     rows[:, :9], rows[:, BANK_ERROR] = means[:, :9], means[:, motion.BANK_ERROR]
     rows[:, summary.LOG_SIZE] = means[:, motion.LOG_SIZE]
@@ -38,8 +39,7 @@ def test_the_moments_are_those_of_the_particles_seed1() -> None:
     of_particle = [*range(9), motion.LOG_SIZE, motion.BANK_ERROR]
     each[np.ix_(of_summary, of_summary)] = within[np.ix_(of_particle, of_particle)]
     np.testing.assert_allclose(S, np.cov(rows.T, aweights=w, ddof=0) + each, rtol=1e-10, atol=1e-12)
-    ranges = np.linalg.norm(means[:, :3], axis=1)
-    np.testing.assert_allclose(log_range, np.average(np.log(ranges), weights=w), rtol=1e-12)
+    np.testing.assert_allclose(log_ranges, np.log(np.linalg.norm(means[:, :3], axis=1)), rtol=1e-12)
 
 
 def test_a_belief_after_a_while_is_that_of_the_summary_after_it_seed2() -> None:

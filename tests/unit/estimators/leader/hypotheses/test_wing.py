@@ -74,12 +74,13 @@ def foreseen(
     camera: tuple[Array, Array, Array],
     course: Course,
 ) -> tuple[Array, Array, view.ImageRows, view.Expectation]:
-    """What particles expect of a wing at y (m,): mean and covariance; the view, and what each expects."""
+    """What particles expect of a wing at y (m,): mean and covariance, without noise; the view, and what each
+    expects."""
     m, rows = len(y), measure_wing(LEVEL, [1.0 / F_PX] * 3, middle=True).rows
     rows = rows._replace(y=y, R=NOISE[:m, :m].copy(), of=rows.of[:m], shares=rows.shares[:m], axis=rows.axis[:m])
     seen = view.view_of(rows, camera, course.course_locked, course.air)
-    mean, S, each = view.expect(means, P, headings, w, seen)
-    return mean, S, seen, each
+    mean, _, S, _, each = view.expect(means, P, headings, w, seen)
+    return mean, S - seen.R, seen, each
 
 
 QUIET = model.Noise(np.zeros(model.N), np.zeros((3, model.N)), np.zeros(model.N), 0.0, 0.0)
