@@ -289,6 +289,25 @@ def test_images_that_do_not_come_are_not_said_not_to_fit() -> None:
     assert "misfit" not in {a.kind for a in Advisor(Needs()).advise(replace(health, cameras=silent, **why))}
 
 
+@pytest.mark.parametrize(
+    ("nis", "blamed"), [((0.15, 1.25), ["late"]), ((1.25, 0.15), ["sound"]), ((0.9, 1.1), ["sound", "late"])]
+)
+def test_of_two_cameras_the_one_that_fits_far_better_is_not_blamed(
+    nis: tuple[float, float], blamed: list[str]
+) -> None:
+    """The stamps of one were 0.3 s old, and both were said to be wrong."""
+    health = flown().health
+    camera = next(iter(health.cameras.values()))
+    found = {
+        f"leader.{name}": Consistency(count=200, nis=x, low=0.8, high=1.2)
+        for name, x in zip(("sound", "late"), nis, strict=True)
+    }
+    health = replace(health, cameras={"sound": camera, "late": camera}, consistency=found)
+    why = {"reasons": {"leader": ""}, "causes": {"leader": Cause.ASTRAY}, "states": {"leader": Lifecycle.LOST}}
+    advice = Advisor(Needs()).advise(replace(health, **why))
+    assert [a.about for a in advice if a.kind == "misfit"] == [f"camera {name}" for name in blamed]
+
+
 @pytest.mark.parametrize("sends", [True, False])
 def test_a_detector_that_has_just_stopped_is_not_said_to_find_nothing(sends: bool) -> None:
     """Its last images lay within the seconds that were looked back on."""

@@ -128,8 +128,8 @@ class GimbalFrames:
             return None
         if found.frame:
             words = (
-                f"the gimbal's angles are flagged as against {WORDS[self._used]}, but the images fit angles against "
-                f'{WORDS[found.frame]}: set `gimbal_frame = "{found.frame}"`, if they are'
+                f"the gimbal's angles are flagged as against {WORDS[self._used]}, but the images fit angles "
+                f'against {WORDS[found.frame]}: set `gimbal_frame = "{found.frame}"`, if they are'
             )
         else:
             signs = json.dumps(sorted(self._signs ^ {found.other_sign}))
