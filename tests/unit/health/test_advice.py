@@ -331,6 +331,14 @@ def test_a_manoeuvre_that_is_over_is_no_noise(nis: float, noisy: bool) -> None:
     assert ("noise" in advice) is noisy
 
 
+@pytest.mark.parametrize(("nis", "advised"), [(9.0, True), (1.4, False)])
+def test_own_motion_that_does_not_fit_is_named_without_an_airframe(nis: float, advised: bool) -> None:
+    """In strong vibration our own state's NIS was 9 times its expectation, and nothing said so."""
+    found = {"own_state.gps": Consistency(count=200, nis=nis, low=0.8, high=1.2)}
+    advice = Advisor(Needs()).advise(replace(flown().health, consistency=found))
+    assert [a.about for a in advice if a.kind == "own-misfit"] == ["own gps"] * advised
+
+
 @pytest.mark.parametrize(("beyond", "advised"), [(20, False), (300, True)])
 def test_a_leader_at_the_edge_is_not_one_of_another_image(beyond: int, advised: bool) -> None:
     health = flown().health

@@ -55,6 +55,7 @@ SELDOM: Final = 0.1  # of the images of one extent: another that is as frequent 
 EXTENT_OPEN: Final = Reason(
     Cause.EXTENT_OPEN, "its size in the images leaps to and fro: the detector bounds now more, now less of it"
 )
+ELSEWHERE: Final = "the detector shows now this aircraft, now another: let it send all that are in an image"
 K = TypeVar("K")
 PERIOD_NS: Final = 100_000_000  # between checks
 LOOKS_BACK_S: Final = 3.0
@@ -153,8 +154,8 @@ class Classes(Generic[K]):
 
 
 class Extents:
-    """How often a target appears in the images of the last seconds (`memory_s`, as a time constant) as large as
-    the track believes, and how often where it should be, but of another size."""
+    """How often a target appears in the images of the last seconds (`memory_s`, as a time constant) as the track
+    expects, how often where it should be, but of another size, and how often elsewhere."""
 
     def __init__(self, memory_s: float) -> None:
         self._memory_s = memory_s
@@ -163,38 +164,47 @@ class Extents:
     def clear(self) -> None:
         """Forget all images."""
         self._fused: Image | None = None
-        self._t_ns, self._believed, self._other = 0, 0.0, 0.0
+        self._t_ns, self._expected, self._resized, self._elsewhere = 0, 0.0, 0.0, 0.0
 
     def fused(self, image: Image) -> None:
         """A track took an image."""
         if image.has_extent:
             self._decay(image.message.t_ns)
-            self._believed += 1.0
+            self._expected += 1.0
             if self._fused is None or image.message.t_ns > self._fused.message.t_ns:
                 self._fused = image
 
     def gated(self, image: Image) -> None:
         """A track did not take an image."""
         last = self._fused
-        if last is not None and leaps_in_size(last, image) and _is_there(last, image):
-            self._decay(image.message.t_ns)
-            self._other += 1.0
+        if last is None or not 0.0 < _between(last, image) < LONGEST_S:
+            return
+        self._decay(image.message.t_ns)
+        is_there = _is_there(last, image)
+        self._resized += is_there and leaps_in_size(last, image)
+        self._elsewhere += not is_there
 
     def ended(self) -> None:
         """The track has ended, as no image fits it. If it was for their size, another one is believed."""
         if not self.is_open:
             self.clear()
-        self._believed, self._other = self._other, self._believed
+        self._expected, self._resized = self._resized, self._expected
 
     def _decay(self, t_ns: int) -> None:
         passed_s, self._t_ns = max(t_ns - self._t_ns, 0) / NS_PER_S, max(t_ns, self._t_ns)
         decay = math.exp(-passed_s / self._memory_s)
-        self._believed, self._other = decay * self._believed, decay * self._other
+        self._expected, self._resized = decay * self._expected, decay * self._resized
+        self._elsewhere *= decay
 
     @property
     def is_open(self) -> bool:
         """Whether the images of another size are too many for outliers."""
-        return self._other > 2.0 and self._other > SELDOM * self._believed
+        return self._resized > max(2.0, SELDOM * self._expected)
+
+    @property
+    def finding(self) -> str:
+        """What there is to report of images elsewhere, "" if they are as few as outliers."""
+        return ELSEWHERE if self._elsewhere > max(2.0, 2.0 * SELDOM * self._expected) else ""
 
 
 def leaps(before: Image, after: Image) -> bool:

@@ -433,8 +433,9 @@ class Track:
                 or self._guard.contradiction(t_ns, belief, ownship)
                 or (UNEXPECTED if left.is_misfit else None)
             )
+            finding = "; ".join(filter(None, (noise.finding, self._extents.finding)))
             in_view = not coasting or self._poses.see(r_FL_n, t_ns, ownship)
-            state, why = life.state(t_ns, Facts(doubt, in_view, noise.finding, left.reason))
+            state, why = life.state(t_ns, Facts(doubt, in_view, finding, left.reason))
             if left.reason and state.is_valid:
                 modes = modes_of(left.places)
             r = r_FL_n.tolist()

@@ -117,6 +117,15 @@ def test_sizes_that_come_by_turns_leave_open_what_is_bounded_and_a_few_outliers_
     assert not open_after([0.1, 0.2] * 20 + [0.1] * 400)[-1]
 
 
+def test_one_box_an_image_now_of_this_now_of_that_aircraft_is_named() -> None:
+    for every, is_named in ((2, True), (10, False)):
+        extents = Extents(FORGOTTEN_S)
+        for k in range(100):
+            (extents.fused if k % every else extents.gated)(image(0.04 * k, degrees=0.0 if k % every else 8.0))
+        assert bool(extents.finding) == is_named
+        assert not extents.is_open
+
+
 def test_a_size_that_is_believed_anew_is_open_while_the_other_one_comes_back() -> None:
     extents = Extents(FORGOTTEN_S)
     for k in range(30):
