@@ -2,6 +2,7 @@
 
 import argparse
 import math
+from collections import Counter
 from pathlib import Path
 from typing import Final
 
@@ -63,6 +64,8 @@ def collect_flight(
     ordered, poses = _aligned(log, config, until)
     imu = [m for m in ordered if isinstance(m, Imu)]
     outputs = [m for m in ordered if isinstance(m, ActuatorOutputs) and len(m.pwm_us) >= rotors]
+    running = Counter(m.port for m in outputs if min(m.pwm_us[:rotors]) > pwm_us[0])
+    outputs = [m for m in outputs if m.port == max(running, key=lambda port: (running[port], -port), default=0)]
     batteries = [m for m in ordered if isinstance(m, Battery)]
     if len(imu) < 2 or len(outputs) < 2 or len(poses) < 2:
         raise UserError(

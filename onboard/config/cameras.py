@@ -57,6 +57,7 @@ class CameraConfig(Record, frozen=True, kw_only=True):
     gimbal_frame: Literal["as flagged", "body", "earth", "heading"] = (
         "as flagged"  # frame of its angles, overriding its flags
     )
+    gimbal_reversed: tuple[Literal["roll", "pitch", "yaw"], ...] = ()  # angles that have the other sign
     mount_sigma_deg: NotNegative | None = (
         None  # systematic error of the mount about each axis; None: 0.5 with a gimbal
     )
@@ -139,7 +140,7 @@ def _camera(c: CameraConfig) -> Camera:
         gimbal=c.gimbal,
     )
     frame = "" if c.gimbal_frame == "as flagged" else c.gimbal_frame
-    return dataclasses.replace(camera, gimbal_frame=frame, view=lens.view)
+    return dataclasses.replace(camera, gimbal_frame=frame, gimbal_reversed=c.gimbal_reversed, view=lens.view)
 
 
 class MountErrors(NamedTuple):

@@ -14,12 +14,15 @@ from onboard.arrays import Array
 from onboard.geometry.lens import Edges
 from onboard.geometry.rotations import matrix_from_euler
 
+Axis = Literal["roll", "pitch", "yaw"]
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Camera:
     """A camera on a vehicle. `R_bc` (3, 3) camera to body; `r_FC_b` (3,) m; intrinsics in pixels; `sigma_px` the
     standard deviation of one image coordinate. `gimbal`: the id of the moving mount that it is on; `R_bc` is then
-    camera to the mount's head, whose angles are against `gimbal_frame`, "" where the gimbal itself says so."""
+    camera to the mount's head, whose angles are against `gimbal_frame`, "" where the gimbal itself says so, and
+    have the other sign about the axes of `gimbal_reversed`."""
 
     name: str
     f_px: float
@@ -30,6 +33,7 @@ class Camera:
     sigma_px: float = 1.0
     gimbal: int | None = None
     gimbal_frame: Literal["", "body", "earth", "heading"] = ""
+    gimbal_reversed: tuple[Axis, ...] = ()
     others: "tuple[Camera, ...]" = ()  # further cameras on the same vehicle
     view: Edges | None = None  # the edges of its image, if its lens is known
 

@@ -22,6 +22,7 @@ from onboard.geometry.camera import Camera
 from onboard.geometry.rotations import matrix_from_euler
 
 DELAY, FOCAL = 0, 4  # places in a vector of errors; 1 to 3 are the mount about the camera's axes
+LEAST_LEAN: Final = 0.01  # rad, RMS: by our displacement alone, one error passes for another
 FEWEST_FOR_FOCAL: Final = 8  # windows: it is the hardest to tell from how the target moves
 KINDS: Final = {"delay": (0,), "mount": (1, 2, 3), "focal": (4,)}
 ERRORS: Final = 5
@@ -97,7 +98,7 @@ class Normal(NamedTuple):
 
 class Window:
     """Some seconds of sights, with our own poses from LONGEST_DELAY_S before them to as long after. `likelihoods`:
-    logarithms, of STARTS."""
+    logarithms, of STARTS. `lean`: the variance of our own attitude, rad^2."""
 
     def __init__(self, sights: Sights, poses: Poses, camera: Camera) -> None:
         self._sights, self._poses, self._camera = sights, poses, camera
@@ -110,6 +111,8 @@ class Window:
             self._sights, self._posed = Sights(*(array[inside] for array in sights)), None
         self._basis, self._swerve = _basis(self._sights.t)
         self._normals: dict[bytes, Normal] = {}
+        R_nb = self._pose(0.0)[1]
+        self.lean = 0.5 * float(np.sum(np.var(R_nb, axis=0)))
         self.likelihoods = np.array([self.likelihood(start) for start in STARTS])
 
     @property
@@ -244,6 +247,8 @@ def finished(steps: Steps[T]) -> T:
 def explanations(windows: Sequence[Window]) -> Steps[list[Explanation]]:
     """What is certainly wrong with a camera: none where nothing is certain, several where they cannot be told
     apart. A kind of error suffices where, with it, no other is certain any more; if none does, all together do."""
+    if np.mean([w.lean for w in windows]) < LEAST_LEAN**2:
+        return []
     likelihoods = np.sum([w.likelihoods for w in windows], axis=0)
     starts = {}
     for kind, places in KINDS.items():

@@ -18,6 +18,7 @@ ODD_S: Final = 2.0  # no camera is so late: its stamp is of another clock, or in
 WIDE: Final = 0.35  # rad off the axis
 NOISY: Final = 1.3  # times the configured noise
 QUIET_SHARE: Final = 0.5
+FAR_BETTER: Final = 0.5  # times the NIS of another camera
 GATED: Final = 0.3  # share of images
 FEWEST_JUDGED: Final = 10  # images by which a share is judged
 CONTRADICTED_BY_IMAGES: Final = frozenset(  # by images
@@ -168,14 +169,15 @@ def misfit(m: Moment) -> Iterator[Advice]:
                     f"detector {found.noise:.1f} times as noisy as set",
                     Severity.NOTICE,
                 )
-        yield from _gated(m, name)
+        if name in _worst(m):
+            yield from _gated(m, name)
 
 
 def contradicted(m: Moment) -> Iterator[Advice]:
     """An estimate that is not valid since images contradict it: those that come, not a prediction without any."""
     for estimator in LEADERS:
         if m.now.causes.get(estimator) in CONTRADICTED_BY_IMAGES:
-            for name in (name for name, camera in m.now.cameras.items() if camera.age <= SILENT_S):
+            for name in _worst(m):
                 what = f"camera {name}: the {estimator} estimate is not valid: {m.now.reasons[estimator]}"
                 yield _advice("misfit", name, what, _suspects(m, name), f"{estimator}: images do not fit")
 
@@ -194,6 +196,19 @@ def _gated(m: Moment, name: str) -> Iterator[Advice]:
             f"camera {name}: images do not fit",
             Severity.WARNING,
         )
+
+
+def _worst(m: Moment) -> list[str]:
+    """The cameras whose images come, without those that fit far better than another."""
+    names = [name for name, camera in m.now.cameras.items() if camera.age <= SILENT_S]
+    nis = {
+        n: max(
+            (m.now.consistency[k].nis for e in LEADERS if (k := f"{e}.{n}") in m.now.consistency), default=math.inf
+        )
+        for n in names
+    }
+    most = max((x for x in nis.values() if math.isfinite(x)), default=0.0)
+    return [name for name in names if nis[name] > FAR_BETTER * most]
 
 
 def _judged(m: Moment, estimator: str) -> tuple[int, int]:

@@ -9,6 +9,7 @@ from onboard.messages import Advice, Severity
 CLOCK_PATIENCE_S: Final = 15.0
 PATIENCE_S: Final = 5.0  # after the start, before a stream is missing
 LONG_ROUND_TRIP_S: Final = 0.05
+MISFIT: Final = 3.0  # times the expected NIS of our own state: no manoeuvre, nor noise of half as much again
 # By record: the MAVLink message that is asked for, ArduPilot's parameter of its rate, and what fails without it.
 STREAMS: Final = {
     "Attitude": ("ATTITUDE_QUATERNION", "EXTRA1", "each image needs our attitude at its exposure"),
@@ -181,6 +182,24 @@ def no_wind(m: Moment) -> Iterator[Advice]:
         text="wind not estimated: range by crab",
         over="the autopilot estimates the wind",
     )
+
+
+def own_misfit(m: Moment) -> Iterator[Advice]:
+    """Measurements of our own motion that do not fit the others, with or without an airframe."""
+    for key, found in m.now.consistency.items():
+        estimator, _, sensor = key.partition(".")
+        if estimator == "own_state" and found.nis > MISFIT:
+            yield Advice(
+                kind="own-misfit",
+                severity=Severity.WARNING,
+                about=f"own {sensor}",
+                what=f"our own {sensor} does not fit our other sensors: NIS {found.nis:.1f} times the expected "
+                f"one (bounds {found.low:.2f} to {found.high:.2f}); the vehicle or a sensor is at fault",
+                remedy="look for vibration, a loose or shaded antenna, a compass near currents; "
+                "`onboard report LOG` shows what contradicts what",
+                text=f"own {sensor} does not fit: vibration?",
+                over=f"own {sensor} fits again",
+            )
 
 
 def _stream_line(m: Moment, message: str, parameter: str, rate: float) -> str:

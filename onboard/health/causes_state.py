@@ -56,6 +56,9 @@ STATE_REMEDIES: Final = {
     ),
     Cause.UNEXPECTED: UNEXPECTED,
     **dict.fromkeys((Cause.LEAPT, Cause.CLASS_OPEN, Cause.CLASS_CHANGED, Cause.RENAMED), ONE_TARGET),
+    Cause.EXTENT_OPEN: StateRemedy(
+        "look at the detector's boxes or points: let it bound the same extent of the aircraft in each image"
+    ),
     Cause.FULL: StateRemedy(
         "raise `max_targets` of [estimator.leader], or let the detector report fewer aircraft"
     ),

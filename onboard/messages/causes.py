@@ -39,8 +39,9 @@ class Cause(StrEnum):
     UNEXPECTED = "unexpected", "images fit no hypothesis of how the leader flies"
     RANGE_CONTRADICTS = "range_contradicts", "the range contradicts what was published before"
     WING_TOO_LARGE = "wing_too_large", "the wing looks too large for its range"
-    GIMBAL_FRAME = "gimbal_frame", "images contradict the flags of a gimbal's angles"
+    GIMBAL_FRAME = "gimbal_frame", "images contradict what a gimbal's angles are taken for"
     CLASS_OPEN = "class_open", "the detector takes it now for one class, now for another"
+    EXTENT_OPEN = "extent_open", "the detector bounds now more of the target, now less"
     STALE = "stale", "the camera hangs: the same image comes again"
     FILTER_FAILED = "filter_failed", "the filter has lost its state or covariance"
     # Why a track has ended, or begun anew

@@ -122,9 +122,11 @@ class Barometer(Message, frozen=True, kw_only=True):
 
 
 class ActuatorOutputs(Message, frozen=True, kw_only=True):
-    """SERVO_OUTPUT_RAW: pulse widths in microseconds, 0 where unused."""
+    """SERVO_OUTPUT_RAW: pulse widths in microseconds, 0 where unused. `port` 0 has the main outputs, others have
+    auxiliary ones: which of them drive the motors differs with autopilot and protocol."""
 
     pwm_us: tuple[int, ...]
+    port: int = 0
 
 
 class Battery(Message, frozen=True, kw_only=True):

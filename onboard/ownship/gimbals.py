@@ -6,13 +6,20 @@ the horizon.
 
 import math
 from bisect import bisect_left
-from typing import Final, Literal
+from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.geometry.rotations import matrix_from_quaternion, slerp
-from onboard.messages import GimbalAttitude, MountAttitude, MountFrame
+from onboard.geometry.camera import Camera
+from onboard.geometry.rotations import (
+    euler_from_quaternion,
+    matrix_from_quaternion,
+    quaternion_from_euler,
+    slerp,
+)
+from onboard.messages import GimbalAttitude, MountAttitude
 from onboard.units import NS_PER_S
 
 HISTORY_NS: Final = 5 * NS_PER_S
@@ -52,14 +59,17 @@ class Gimbals:
         self.count += 1
         return ""
 
-    def at(self, device: int, t_ns: int, frame: MountFrame | Literal[""] = "") -> MountAttitude | None:
-        """Where a gimbal pointed at a time, its angles against `frame`, by default the one that it flags. The
-        attitude is interpolated, and carried on for a short while after its newest sample; None where it is not
-        known."""
-        mount = self._at(device, t_ns)
-        return mount if mount is None or not frame else MountAttitude(q=mount.q, frame=frame)
+    def of(self, camera: Camera, t_ns: int) -> MountAttitude | None:
+        """Where the gimbal of a camera pointed at a time, as `at`, by its `gimbal_frame` and `gimbal_reversed`."""
+        mount = None if camera.gimbal is None else self.at(camera.gimbal, t_ns)
+        if mount is None or not (camera.gimbal_frame or camera.gimbal_reversed):
+            return mount
+        q = reversed_about(camera.gimbal_reversed, mount.q) if camera.gimbal_reversed else mount.q
+        return MountAttitude(q=q, frame=camera.gimbal_frame or mount.frame)
 
-    def _at(self, device: int, t_ns: int) -> MountAttitude | None:
+    def at(self, device: int, t_ns: int) -> MountAttitude | None:
+        """Where a gimbal pointed at a time, by its own words: interpolated, and carried on for a short while after
+        its newest sample; None where it is not known."""
         history = self._histories.get(device, [])
         i = bisect_left(history, t_ns, key=_time)
         if i < len(history) and history[i][0] == t_ns:
@@ -86,6 +96,13 @@ class Gimbals:
         """Whether the attitude at a time is not known yet, but the next sample may tell it."""
         history = self._histories.get(device, [])
         return bool(history) and 0 < t_ns - history[-1][0] <= APART_NS
+
+
+def reversed_about(axes: Sequence[str], q: Sequence[float]) -> tuple[float, float, float, float]:
+    """A quaternion whose Euler angles, ZYX, have the other sign about these axes."""
+    angles = zip(("roll", "pitch", "yaw"), euler_from_quaternion(q), strict=True)
+    w, x, y, z = quaternion_from_euler(*(-angle if axis in axes else angle for axis, angle in angles)).tolist()
+    return w, x, y, z
 
 
 def head_attitude(mount: MountAttitude, R_nb: Array) -> Array:

@@ -37,7 +37,6 @@ from onboard.messages import (
 )
 from onboard.messages.base import Quaternion
 
-MAIN_PORT: Final = 0  # of SERVO_OUTPUT_RAW
 G: Final = 9.80665
 # ISO 2533: pressure (Pa) and temperature (K) at sea level, K per m, and the gas constant of dry air, J / (kg K)
 P_0, T_0, BETA, GAS = 101_325.0, 288.15, -0.0065, 287.05287
@@ -184,11 +183,8 @@ def _rates(m: Any) -> Vec3:
     return m.rollspeed, m.pitchspeed, m.yawspeed
 
 
-def _servo_output(m: Any, h: dict[str, Any]) -> Message | None:
-    """The main outputs, which hold the motors; auxiliary ones are another port's."""
-    if m.port != MAIN_PORT:
-        return None
-    return ActuatorOutputs(**h, pwm_us=tuple(getattr(m, f"servo{i}_raw") for i in range(1, 17)))
+def _servo_output(m: Any, h: dict[str, Any]) -> Message:
+    return ActuatorOutputs(**h, pwm_us=tuple(getattr(m, f"servo{i}_raw") for i in range(1, 17)), port=m.port)
 
 
 def _battery(millivolts: int, h: dict[str, Any]) -> Message | None:

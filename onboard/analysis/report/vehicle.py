@@ -71,7 +71,7 @@ class VehicleSeries:
         match message:
             case Battery() if self.battery.is_due(t_ns):
                 self.battery.append(t, message.voltage_v)
-            case ActuatorOutputs() if self.outputs.is_due(t_ns):
+            case ActuatorOutputs(port=0) if self.outputs.is_due(t_ns):
                 widths = [float(width) or np.nan for width in message.pwm_us[:MOTORS]]
                 self.outputs.append(t, *widths, *[np.nan] * (MOTORS - len(widths)))
             case Imu():

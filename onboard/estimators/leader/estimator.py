@@ -405,12 +405,12 @@ class Estimator:
         """The track of a detection without an id that fits none, of those that are `free`: one that it may start,
         or of which it is an outlier; or else a new one, None with too many."""
         starting = (t for t in free if not t.is_followed and t.held and agree(t.held[-1], image))
-        near = min(self._offsets(image, free), key=lambda each: each[0], default=None)
+        near = min(((offset(track, image), track) for track in free), key=lambda each: each[0], default=None)
         if image.has_extent and (first := next(starting, None)) is not None:
             return first
         if self._tracks[NAME].is_idle(ownship.now_ns):
             return self._tracks[NAME]
-        if near is not None and (near[0] < APART or not image.has_extent):
+        if near is not None and (near[0] < APART or (near[0] < math.inf and not image.has_extent)):
             return near[1]
         if not image.has_extent:
             return self._tracks[NAME]
@@ -425,8 +425,10 @@ class Estimator:
 
 
 def offset(track: Track, image: Image) -> float:
-    """How far, rad, an image's direction is from where a track was estimated last; infinite without a track."""
-    return math.dist(track.direction_n, image.direction_n.tolist()) if track.direction_n is not None else math.inf
+    """How far, rad, an image's direction is from where a track was estimated last, or from the image that is to
+    start it; infinite without either."""
+    there = track.held[-1].direction_n.tolist() if track.held and not track.is_followed else track.direction_n
+    return math.inf if there is None else math.dist(there, image.direction_n.tolist())
 
 
 def may_lead(track: Track) -> bool:

@@ -186,7 +186,7 @@ class Estimator:
             return None
         R_nb, mount = pose.R_nb, message.mount
         if mount is None and camera.gimbal is not None:
-            mount = ownship.gimbals.at(camera.gimbal, message.t_ns, camera.gimbal_frame)
+            mount = ownship.gimbals.of(camera, message.t_ns)
             if mount is None:
                 return None
         R_nm = R_nb if mount is None else head_attitude(mount, R_nb)

@@ -103,6 +103,7 @@ class FaultMonitor:
         self._scale = ThrustScale(None if airframe is None else airframe.full_voltage_v)
         self._commands: Array | None = None  # shares of the range, (rotors,)
         self._commands_ns = 0
+        self._port, self._ran_ns = 0, 0  # of the motors, and when they ran last by its outputs
         self._shares: Array | None = None  # the commands as the motors follow them
         self._balances: deque[Balance] = deque()
         self._flying_since_ns: int | None = None
@@ -117,11 +118,19 @@ class FaultMonitor:
         return tuple(fault for fault in found if fault is not None)
 
     def receive_outputs(self, message: ActuatorOutputs) -> None:
-        """The motors' commands."""
+        """The motors' commands, of the first port whose outputs run them. They may move to another: with DShot
+        they are auxiliary outputs, and the main ones rest."""
         a = self._airframe
         if a is None or len(message.pwm_us) < len(a.rotors):
             return
         low, high = a.pwm_us
+        runs = min(message.pwm_us[: len(a.rotors)]) > low
+        rests = not 0 <= message.t_ns - self._ran_ns <= STALE_NS
+        if runs and (message.port < self._port or rests):
+            self._port = message.port
+        if message.port != self._port:
+            return
+        self._ran_ns = message.t_ns if runs else self._ran_ns
         commands = (np.array(message.pwm_us[: len(a.rotors)], float) - low) / (high - low)
         self._commands, self._commands_ns = np.clip(commands, 0.0, 1.0), message.t_ns
 

@@ -212,7 +212,7 @@ ENCODE: Final[dict[type[Message], Callable[[Any], list[Any]]]] = {
     GpsFix: _gps_fix,
     Imu: _imu,
     ActuatorOutputs: lambda m: [
-        dialect.MAVLink_servo_output_raw_message(_usec(m) % 2**32, 0, *m.pwm_us, *[0] * (16 - len(m.pwm_us)))
+        dialect.MAVLink_servo_output_raw_message(_usec(m) % 2**32, m.port, *m.pwm_us, *[0] * (16 - len(m.pwm_us)))
     ],
     TargetPoints: _target_points,
     Battery: lambda m: [

@@ -57,7 +57,6 @@ VALID_CLIMB: Final = 128
 
 NO_VOLTAGE: Final = (0, 65535)  # mV: nobody measures it, or there is no such cell
 FIRST_BATTERY: Final = 0
-MAIN_PORT: Final = 0  # of SERVO_OUTPUT_RAW
 G: Final = 9.80665
 SEA_LEVEL_HPA: Final = 1013.25
 STANDARD_K: Final = 288.15
@@ -210,11 +209,8 @@ def _scaled_imu(f: Fields, h: Header) -> Message:
     return Imu(**h, f_b=f_b, omega_b=(wx * milli, wy * milli, wz * milli))
 
 
-def _servo_output(f: Fields, h: Header) -> Message | None:
-    """The main outputs, which hold the motors; auxiliary ones are another port's."""
-    if f[9] != MAIN_PORT:
-        return None
-    return ActuatorOutputs(**h, pwm_us=f[1:9] + f[10:18])
+def _servo_output(f: Fields, h: Header) -> Message:
+    return ActuatorOutputs(**h, pwm_us=f[1:9] + f[10:18], port=f[9])
 
 
 def _battery(millivolts: int, h: Header) -> Message | None:

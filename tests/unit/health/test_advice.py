@@ -289,6 +289,25 @@ def test_images_that_do_not_come_are_not_said_not_to_fit() -> None:
     assert "misfit" not in {a.kind for a in Advisor(Needs()).advise(replace(health, cameras=silent, **why))}
 
 
+@pytest.mark.parametrize(
+    ("nis", "blamed"), [((0.15, 1.25), ["late"]), ((1.25, 0.15), ["sound"]), ((0.9, 1.1), ["sound", "late"])]
+)
+def test_of_two_cameras_the_one_that_fits_far_better_is_not_blamed(
+    nis: tuple[float, float], blamed: list[str]
+) -> None:
+    """The stamps of one were 0.3 s old, and both were said to be wrong."""
+    health = flown().health
+    camera = next(iter(health.cameras.values()))
+    found = {
+        f"leader.{name}": Consistency(count=200, nis=x, low=0.8, high=1.2)
+        for name, x in zip(("sound", "late"), nis, strict=True)
+    }
+    health = replace(health, cameras={"sound": camera, "late": camera}, consistency=found)
+    why = {"reasons": {"leader": ""}, "causes": {"leader": Cause.ASTRAY}, "states": {"leader": Lifecycle.LOST}}
+    advice = Advisor(Needs()).advise(replace(health, **why))
+    assert [a.about for a in advice if a.kind == "misfit"] == [f"camera {name}" for name in blamed]
+
+
 @pytest.mark.parametrize("sends", [True, False])
 def test_a_detector_that_has_just_stopped_is_not_said_to_find_nothing(sends: bool) -> None:
     """Its last images lay within the seconds that were looked back on."""
@@ -310,6 +329,14 @@ def test_a_manoeuvre_that_is_over_is_no_noise(nis: float, noisy: bool) -> None:
     found = {"leader.landing_target": Consistency(count=200, nis=nis, low=0.8, high=1.2, noise=1.7)}
     advice = {a.kind for a in Advisor(Needs()).advise(replace(health, consistency=found))}
     assert ("noise" in advice) is noisy
+
+
+@pytest.mark.parametrize(("nis", "advised"), [(9.0, True), (1.4, False)])
+def test_own_motion_that_does_not_fit_is_named_without_an_airframe(nis: float, advised: bool) -> None:
+    """In strong vibration our own state's NIS was 9 times its expectation, and nothing said so."""
+    found = {"own_state.gps": Consistency(count=200, nis=nis, low=0.8, high=1.2)}
+    advice = Advisor(Needs()).advise(replace(flown().health, consistency=found))
+    assert [a.about for a in advice if a.kind == "own-misfit"] == ["own gps"] * advised
 
 
 @pytest.mark.parametrize(("beyond", "advised"), [(20, False), (300, True)])

@@ -89,9 +89,7 @@ def _pose(camera: Camera, t_ns: int, ownship: Ownship, mount: MountAttitude | No
 
 def _head(camera: Camera, t_ns: int, ownship: Ownship, mount: MountAttitude | None) -> MountAttitude | None:
     """Where the head of a moving mount points at a time; None where that is not known."""
-    if mount is not None or camera.gimbal is None:
-        return mount
-    return ownship.gimbals.at(camera.gimbal, t_ns, camera.gimbal_frame)
+    return mount or ownship.gimbals.of(camera, t_ns)
 
 
 def _rates(R_cn: Array, camera: Camera, before_ns: int, ownship: Ownship, mount: MountAttitude | None) -> Array:

@@ -10,6 +10,10 @@ images leap back, in direction and size, or until the old one would have been fo
 images of the last seconds is believed, and the size with it. While two classes come about equally often, nothing
 is.
 
+**Another extent** (`Extents`). A detector may bound now all of an aircraft, now a part: a helicopter with its
+disc or without. Images of one extent then fit the track and those of the other do not, in the same direction. No
+image shows which of the two the configured size is of, so while both come the range is not known.
+
 **Another range** (`Guard`). A filter that is sure of a wrong range does not notice it by its own innovations.
 Two things can still contradict it. A wing cannot look larger than it does broadside: whoever claims a range at
 which it would have to is wrong. And what was published some seconds ago, carried on by our known motion alone,
@@ -32,7 +36,7 @@ from typing import Final, Generic, NamedTuple, TypeVar
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.image.prepare import Image
+from onboard.estimators.leader.image.prepare import AGREE_RATIO, Image
 from onboard.filters.belief import Belief
 from onboard.messages.causes import Cause, Reason
 from onboard.models.relative_motion import POSITION, SIZE, VELOCITY
@@ -43,10 +47,15 @@ LONGEST_S: Final = 0.3  # between two images: over longer gaps an aircraft may h
 LEAP: Final = math.radians(2.0)  # a direction that changes by more ...
 SWIFTEST: Final = math.radians(60.0)  # ... and faster than this, 1/s, leaps; as 10 m/s across at 10 m
 SWIFTLY: Final = math.radians(10.0)  # 1/s, over seconds: as 3.5 m/s across at 20 m
-RATIO: Final = 1.3  # so does an apparent size that changes by more
+# an apparent size that changes by more than AGREE_RATIO leaps, too
 NOISE_SIGMAS: Final = 4.0  # of both sizes' noise, where that is larger
 OFTEN: Final = 0.75  # of the images of the believed class: another class that is as frequent leaves it open
 LEAPT: Final = Reason(Cause.LEAPT, "the images leapt: another object may have taken its place")
+SELDOM: Final = 0.1  # of the images of one extent: another that is as frequent leaves it open
+EXTENT_OPEN: Final = Reason(
+    Cause.EXTENT_OPEN, "its size in the images leaps to and fro: the detector bounds now more, now less of it"
+)
+ELSEWHERE: Final = "the detector shows now this aircraft, now another: let it send all that are in an image"
 K = TypeVar("K")
 PERIOD_NS: Final = 100_000_000  # between checks
 LOOKS_BACK_S: Final = 3.0
@@ -144,20 +153,85 @@ class Classes(Generic[K]):
         return Reason(Cause.CLASS_OPEN, words)
 
 
+class Extents:
+    """How often a target appears in the images of the last seconds (`memory_s`, as a time constant) as the track
+    expects, how often where it should be, but of another size, and how often elsewhere."""
+
+    def __init__(self, memory_s: float) -> None:
+        self._memory_s = memory_s
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all images."""
+        self._fused: Image | None = None
+        self._t_ns, self._expected, self._resized, self._elsewhere = 0, 0.0, 0.0, 0.0
+
+    def fused(self, image: Image) -> None:
+        """A track took an image."""
+        if image.has_extent:
+            self._decay(image.message.t_ns)
+            self._expected += 1.0
+            if self._fused is None or image.message.t_ns > self._fused.message.t_ns:
+                self._fused = image
+
+    def gated(self, image: Image) -> None:
+        """A track did not take an image."""
+        last = self._fused
+        if last is None or not 0.0 < _between(last, image) < LONGEST_S:
+            return
+        self._decay(image.message.t_ns)
+        is_there = _is_there(last, image)
+        self._resized += is_there and leaps_in_size(last, image)
+        self._elsewhere += not is_there
+
+    def ended(self) -> None:
+        """The track has ended, as no image fits it. If it was for their size, another one is believed."""
+        if not self.is_open:
+            self.clear()
+        self._expected, self._resized = self._resized, self._expected
+
+    def _decay(self, t_ns: int) -> None:
+        passed_s, self._t_ns = max(t_ns - self._t_ns, 0) / NS_PER_S, max(t_ns, self._t_ns)
+        decay = math.exp(-passed_s / self._memory_s)
+        self._expected, self._resized = decay * self._expected, decay * self._resized
+        self._elsewhere *= decay
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the images of another size are too many for outliers."""
+        return self._resized > max(2.0, SELDOM * self._expected)
+
+    @property
+    def finding(self) -> str:
+        """What there is to report of images elsewhere, "" if they are as few as outliers."""
+        return ELSEWHERE if self._elsewhere > max(2.0, 2.0 * SELDOM * self._expected) else ""
+
+
 def leaps(before: Image, after: Image) -> bool:
     """Whether no aircraft can look so shortly after it looked like that."""
-    dt = (after.message.t_ns - before.message.t_ns) / NS_PER_S
+    dt = _between(before, after)
     if not 0.0 < dt < LONGEST_S:
         return False
-    return _angle(before, after) > LEAP + SWIFTEST * dt or (
-        before.has_extent and after.has_extent and not _is_as_big(before, after)
-    )
+    return _angle(before, after) > LEAP + SWIFTEST * dt or leaps_in_size(before, after)
+
+
+def leaps_in_size(before: Image, after: Image) -> bool:
+    """Whether no aircraft changes its apparent size so much so shortly."""
+    both = before.has_extent and after.has_extent
+    return both and 0.0 < _between(before, after) < LONGEST_S and not _is_as_big(before, after)
 
 
 def _is_back(before: Image, after: Image) -> bool:
     """Whether an image shows what an earlier one did, some seconds ago: as large, and about where it was."""
-    dt = abs(after.message.t_ns - before.message.t_ns) / NS_PER_S
-    return _angle(before, after) < LEAP + SWIFTLY * dt and _is_as_big(before, after)
+    return _is_there(before, after) and _is_as_big(before, after)
+
+
+def _is_there(before: Image, after: Image) -> bool:
+    return _angle(before, after) < LEAP + SWIFTLY * abs(_between(before, after))
+
+
+def _between(before: Image, after: Image) -> float:
+    return (after.message.t_ns - before.message.t_ns) / NS_PER_S
 
 
 def _angle(a: Image, b: Image) -> float:
@@ -169,7 +243,7 @@ def _is_as_big(a: Image, b: Image) -> bool:
     if a_.has_wing != b_.has_wing:  # a wing and a box cannot be compared
         return True
     noise = NOISE_SIGMAS * math.hypot(a_.span_sigma / a_.span, b_.span_sigma / b_.span)
-    return abs(math.log(a_.span / b_.span)) < max(math.log(RATIO), noise)
+    return abs(math.log(a_.span / b_.span)) < max(math.log(AGREE_RATIO), noise)
 
 
 class PastMotion(NamedTuple):

@@ -35,10 +35,12 @@ from onboard.estimators.leader.tracks.decisions import (
 )
 from onboard.estimators.leader.tracks.doubts import (
     ASTRAY,
+    EXTENT_OPEN,
     LEAPT,
     UNEXPECTED,
     Classes,
     Exchange,
+    Extents,
     Guard,
     LastSight,
     LineOfSight,
@@ -104,6 +106,7 @@ class Track:
         self.repeats = Repeats(config.stale_after_s, poses.camera.sigma)
         self._exchange = Exchange(config.reset_timeout_s)
         self._classes = Classes[BeliefFilter](0.5 * config.reset_timeout_s)
+        self._extents = Extents(0.5 * config.reset_timeout_s)
         self._guard = Guard()
         self._sight, self._noise = LastSight(), NOISE  # of the tracks before
         self._wind: Wind | None = None
@@ -228,6 +231,7 @@ class Track:
         self.held.clear()
         self.repeats.clear()
         self._exchange.clear()
+        self._extents.clear()
         self.rate_limit.clear()
 
     @property
@@ -305,6 +309,7 @@ class Track:
         match decision:
             case FuseImage(update) | FuseLate(update):
                 self._exchange.fused(image)
+                self._extents.fused(image)
                 measurement = image.measurement
                 self._sight.see(t_ns, LineOfSight(measurement.axes[0] @ image.pose.R_cn, image.pose.r_FC_n))
                 if measurement.rows.is_wing:
@@ -321,6 +326,7 @@ class Track:
                 self._exchange.gated(image)
                 self.life.led_elsewhere(t_ns)
                 leapt = self._exchange.ended()
+                self._extents.ended()
                 self._forget(why)
                 self._surprise = 1.0 if leapt else NO_IMAGE_FITS  # another object is no surprise
                 self._start(image, ownship, None)
@@ -332,6 +338,7 @@ class Track:
             case RejectImage(verdict, seen, update):
                 if verdict is Verdict.GATED:
                     self._exchange.gated(image)
+                    self._extents.gated(image)
                 return self._report(message, verdict, seen, update)
 
     def _start(self, image: Image, ownship: Ownship, before: TrackHistory | None) -> None:
@@ -419,14 +426,16 @@ class Track:
             doubt = (
                 (LEAPT if t_ns < self._exchange.until_ns else None)
                 or self._classes.doubt
+                or (EXTENT_OPEN if self._extents.is_open else None)
                 or (ASTRAY if is_astray else None)
                 or self._poses.contradiction
                 or (noise.contradiction if noise.beyond else None)
                 or self._guard.contradiction(t_ns, belief, ownship)
                 or (UNEXPECTED if left.is_misfit else None)
             )
+            finding = "; ".join(filter(None, (noise.finding, self._extents.finding)))
             in_view = not coasting or self._poses.see(r_FL_n, t_ns, ownship)
-            state, why = life.state(t_ns, Facts(doubt, in_view, noise.finding, left.reason))
+            state, why = life.state(t_ns, Facts(doubt, in_view, finding, left.reason))
             if left.reason and state.is_valid:
                 modes = modes_of(left.places)
             r = r_FL_n.tolist()

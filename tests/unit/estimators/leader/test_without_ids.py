@@ -3,10 +3,12 @@
 import itertools
 from collections import Counter
 
+import numpy as np
 import pytest
 from msgspec.structs import replace
 
 from onboard.messages import Estimate, Message, TargetPoints
+from onboard.messages.causes import Cause
 from tests.support.cases import slow_but
 from tests.support.streams import CIRCLE, Flight, S, Stream, advance
 
@@ -78,6 +80,24 @@ def test_an_image_far_from_every_track_begins_one_although_it_is_alone_seed_1() 
             other = replace(m, camera="right", t_ns=m.t_ns - 10_000_000, center=center, left=left, right=right)
             messages.append(other)
     assert set(fused(messages)) == {"leader", "unnamed/1"}
+
+
+@pytest.mark.parametrize(("other", "share"), [(0.4, 0.5), (2.5, 0.3)])
+def test_an_aircraft_whose_extent_leaps_to_and_fro_is_one_of_unknown_range_seed_45(
+    other: float, share: float
+) -> None:
+    """A helicopter with its disc and without: both were tracks of their own, valid, and one of them wrong."""
+    rng = np.random.default_rng(45)
+
+    def part(m: TargetPoints) -> TargetPoints:
+        (u, v), points = m.center, (m.left, m.right)
+        left, right = ((u + other * (a - u), v + other * (b - v)) for a, b in points)
+        return replace(m, left=left, right=right) if rng.random() < share else m
+
+    messages = unnamed(CIRCLE, 1, 12.0)
+    run = advance([part(m) if isinstance(m, TargetPoints) else m for m in messages])
+    assert {e.target for e in run.estimates} == {"leader"}
+    assert {(e.valid, e.cause) for e in run.estimates if e.t_ns > 8 * S} == {(False, Cause.EXTENT_OPEN)}
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ S = 1_000_000_000
 STEP_NS = S // 10
 FULL_V = 12.6
 EMPTY = 0.7  # of the thrust
+RESTING, SERVOS = (0, 0, 0, 0), (1500, 1700, 1100, 1500)
 MINUTES = 2.5
 
 
@@ -34,8 +35,10 @@ def hover(
     has_voltage: bool = False,
     mass: Callable[[float], float] = lambda _: 1.0,
     begin: float = 0.0,
+    port: Callable[[float], int] = lambda _: 0,
 ) -> dict[FaultKind, float]:
-    """Hover, with `worth` of a command and `mass` times the known one; when each fault was first named, s."""
+    """Hover, with `worth` of a command and `mass` times the known one, the motors on a `port`, beside one that
+    rests and one of servos; when each fault was first named, s."""
     named: dict[FaultKind, float] = {}
     for k in range(round(seconds * S / STEP_NS)):
         t_ns = round(begin * S) + k * STEP_NS
@@ -45,7 +48,10 @@ def hover(
         if has_voltage and k % 10 == 0:
             monitor.receive_voltage(FULL_V * worth(t) ** 0.5)
         at, f_z = {"t_ns": t_ns, "t_recv_ns": t_ns}, -GRAVITY if weight else -0.01
-        monitor.receive_outputs(ActuatorOutputs(**at, pwm_us=(round(1000 + 1000 * share),) * 4))
+        motors = (round(1000 + 1000 * share),) * 4
+        for number, other in enumerate((RESTING, RESTING, SERVOS)):
+            pwm_us = motors if number == port(t) else other
+            monitor.receive_outputs(ActuatorOutputs(**at, pwm_us=pwm_us, port=number))
         monitor.receive_imu(Imu(**at, f_b=(0.0, 0.0, f_z), omega_b=(0.0, 0.0, 0.0)), None)
         for fault in monitor.faults():
             named.setdefault(fault.kind, t)
@@ -96,3 +102,12 @@ def test_the_voltage_of_another_battery_changes_nothing() -> None:
     assert hover(monitor, 5.0, worth=lambda _: 1.0) == {}
     monitor.receive_voltage(50.0)
     assert hover(monitor, 5.0, worth=lambda _: 1.0, begin=5.0) == {}
+
+
+@pytest.mark.parametrize("port", [lambda _: 0, lambda _: 1, lambda t: int(t > 4.0), lambda t: int(t < 4.0)])
+def test_motors_are_followed_to_another_port(port: Callable[[float], int]) -> None:
+    """With DShot they are auxiliary outputs, whose commands were dropped."""
+    monitor = FaultMonitor(CRAFT)
+    named = hover(monitor, 12.0, worth=lambda _: 1.0, mass=lambda t: 1.3 if t > 8.0 else 1.0, port=port)
+    assert set(named) == {FaultKind.MASS}
+    assert 8.0 < named[FaultKind.MASS] < 9.5
