@@ -9,6 +9,7 @@ import pytest
 
 from onboard.estimators.own_state.estimator import Estimator
 from onboard.messages import FaultKind, NavState
+from tests.support.cases import slow_but
 from tests.support.scenarios import SHORT, Flights, Replayed
 
 TO_OWN_STATE = "attitude_from_own_state.own_state_is_surer"
@@ -32,7 +33,7 @@ def assert_followed(run: Replayed) -> None:
     assert run.errors == []
 
 
-@pytest.mark.parametrize("source", ["auto", "autopilot"])
+@pytest.mark.parametrize("source", slow_but(["auto"], ["auto", "autopilot"]))
 def test_the_leader_is_followed_by_a_quadrotor_with_its_own_noise_seed_1(flights: Flights, source: str) -> None:
     until = None if source == "auto" else SHORT  # one flight is for the motor that weakens, too
     run = flights("mission", f"ownship.source={source}", until=until)

@@ -50,6 +50,7 @@ def recorded(name: str, seed: int, seconds: float) -> list[Any]:
     return list(kept.flight(scenario, seed, seconds, camera="none"))
 
 
+@cache
 def flown(name: str, seed: int, seconds: float, **section: Any) -> tuple[Pipeline, list[NavState], list[Truth]]:
     p = pipeline(gps_s=0.1, **{"airframe": "csvsf", **section})
     states, truths = [], []
