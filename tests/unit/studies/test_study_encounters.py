@@ -233,7 +233,7 @@ def test_what_is_not_valid_has_no_position_seed_2() -> None:
 
 
 def test_settings_reach_the_pipeline_seed_1(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(flown, "SECONDS", 3.0)
+    monkeypatch.setattr(flown, "SECONDS", 7.0)
     default, same, other = (
         fly(Case("behind"), 1, settings)
         for settings in ((), ("estimator.leader.own_velocity_sigma_m_s=0.1",), ("camera.sigma_px=3.0",))
