@@ -65,7 +65,7 @@ BOUNDS = {
 # A flight takes some seconds of a core. What the others add has short tests: late and wrong images
 # (properties/test_late_images.py, faults/test_matrix.py), delays (unit/test_delays.py), errors of our own state
 # (unit/estimators/leader/test_honesty.py), a leader out of view (unit/estimators/leader/test_lifecycle.py).
-@pytest.mark.parametrize("scenario", slow_but(["formation"], BOUNDS))
+@pytest.mark.parametrize("scenario", slow_but(["formation", "formation-drop-out"], BOUNDS))
 def test_scenario_seed_1_keeps_its_bounds(replay: Flights, scenario: str) -> None:
     bounds, score = BOUNDS[scenario], replay(scenario, *BESIDE.get(scenario, ())).score
     assert not score.diverged

@@ -142,9 +142,7 @@ def detections(change: Callable[[dict[str, Any], float], object], seconds: int) 
     return found
 
 
-def detected(
-    change: Callable[[dict[str, Any], float], object], seconds: int = SECONDS, **sections: Any
-) -> Doctor:
+def detected(change: Callable[[dict[str, Any], float], object], seconds: int = SECONDS, **sections: Any) -> Doctor:
     extra = detections(change, seconds)
     return flown(without(TargetPoints), configured(**sections), extra=extra, seconds=seconds)
 
@@ -668,7 +666,7 @@ def test_all_four_readers_show_the_same_advice() -> None:
 def test_advice_ends_with_its_cause() -> None:
     lines: list[str] = []
     console = ConsoleLines(lines.append, pilot=lambda _: None)
-    flown_twice = flown(images(lambda m: None if 7 * S < m.t_ns else m))
+    flown_twice = flown(images(lambda m: None if m.t_ns > 7 * S else m))
     pipeline = Pipeline(configured())
     for datagram in encode(Stream(t1=5.0 + SECONDS).items(), "autopilot")[:1]:
         pipeline.feed(datagram)
