@@ -29,11 +29,14 @@ def setup(tmp_path: Path) -> Iterator[Setup]:
         observer.client.close()
 
 
+USED = "leader.warm_start_used"
+
+
 def assert_replays_bit_for_bit(setup: Setup, recording: Path, shed: int) -> None:
     """Each live estimate equals the replayed one, number for number. A timer's withdrawals are not repeated.
     `shed`: so many datagrams had waited too long on a busy computer and were left out."""
     live = [e for e in read_estimates(recording) if e.cause is not Cause.SILENT]
-    assert len(live) + shed > 5 * 30  # of six seconds, 30 a second
+    assert len(live) + shed > 3 * 30  # of four seconds, 30 a second
     again = replay(recording, load_config(setup.config))
     assert again.damaged == 0
     for a, b in zip(live, again.estimates, strict=True):
@@ -63,7 +66,7 @@ def test_recorded_flight_seed_1_replays_bit_for_bit(setup: Setup, kind: str) -> 
         links += ("--camera-mavlink", f"udpout:127.0.0.1:{setup.camera}")
     with setup.daemon(url, f"recorder.path='{recording}'") as daemon:
         observer = setup.observer()
-        with setup.simulator(*links, "--wait", "300", "--duration", "6") as simulator:
+        with setup.simulator(*links, "--wait", "300", "--duration", "4") as simulator:
             assert simulator.popen.wait(PATIENCE) == 0
         observer.receive()
         health = observer.newest()
@@ -71,7 +74,7 @@ def test_recorded_flight_seed_1_replays_bit_for_bit(setup: Setup, kind: str) -> 
     assert "stopped" in daemon.output()
     assert "Traceback" not in daemon.output()
     shed = sum(link.skipped + link.dropped for link in health.links.values())
-    assert health.verdicts.get("leader.fused", 0) + shed > 100
+    assert health.verdicts.get("leader.fused", 0) + shed > 50
     assert health.clock_source == "timesync"
     assert all(sink.dropped == 0 for sink in health.sinks.values())
     assert set(health.rejected) <= {"timesync_not_ours"}, health.rejected
@@ -101,7 +104,10 @@ def has_requested_rates(observer: Observer) -> bool:
     return bool(gps and position and gps.rate > 16 and position.rate > 80)
 
 
-def has_rejected(observer: Observer, count: int) -> bool:
+def has_rejected(observer: Observer, relay: Relay, count: int) -> bool:
+    """On a busy computer the daemon leaves out what has waited too long, also of these: more are sent until so
+    many have been rejected."""
+    send_from_another_autopilot(relay)
     observer.receive()
     return observer.newest().rejected.get("other_system", 0) >= count
 
@@ -119,9 +125,8 @@ def test_daemon_is_a_good_citizen_of_the_link_seed_2(setup: Setup) -> None:
         links = ("--mavlink", f"udpout:127.0.0.1:{relay.port}", "--tcp", "none", "--zenoh", setup.endpoint)
         with setup.simulator(*links, "--wait", "300", seed=2):
             until(observer.is_tracking, "a track")
-            send_from_another_autopilot(relay)
+            until(lambda: has_rejected(observer, relay, 30), "the count of rejected messages")
             until(lambda: has_requested_rates(observer), "the requested rates")
-            until(lambda: has_rejected(observer, 30), "the count of rejected messages")
             observer.client._session.put("onboard/1/camera/front/points", b'{"t_ns": 1}')
             until(lambda: "missing required field `clock`" in daemon.output(), "the refusal of bad points")
             health = observer.newest()
@@ -166,9 +171,7 @@ def test_daemon_survives_a_reboot_of_the_autopilot_seeds_3_and_4(setup: Setup) -
         observer = setup.observer()
         with setup.simulator(*links, "--wait", "300", seed=3) as simulator:
             until(observer.is_tracking, "a track")
-            value, attachment = queried(setup.endpoint, key)
-            assert value["valid"] is True
-            assert attachment["stale"] is False
+            until(lambda: is_published_as_valid(setup.endpoint, key), "a valid estimate, as a reply to a query")
             start_ns = observer.estimates[-1].t_ns
             # long enough that the restart sets the boot clock back by more than a second
             until(lambda: observer.is_tracking() and observer.estimates[-1].t_ns > start_ns + 3e9, "three seconds")
@@ -193,6 +196,13 @@ def test_daemon_survives_a_reboot_of_the_autopilot_seeds_3_and_4(setup: Setup) -
     assert new[-1].reset_count > observer.estimates[before - 1].reset_count
 
 
+def is_published_as_valid(endpoint: str, key: str) -> bool:
+    """Always but for moments in which a busy computer stands still."""
+    value, attachment = queried(endpoint, key)
+    assert not (value["valid"] and attachment["stale"])
+    return bool(value["valid"])
+
+
 def has_begun_anew(output: str) -> bool:
     return any(f"the autopilot has {what}" in output for what in ("set its clock", "rebooted"))
 
@@ -206,7 +216,8 @@ def is_valid(estimate: Estimate) -> bool:
 
 
 def test_a_killed_daemon_comes_back_with_what_it_knew_seed_5(setup: Setup) -> None:
-    """A state is used for 10 s. Where so many programs run that a start takes longer, it is tried again."""
+    """A state is used for 10 s, and while the clocks agree within half a second. Where so many programs run that a
+    start takes longer, or the first message waits as long, it is tried again."""
     url = f"udpin:127.0.0.1:{setup.autopilot}"
     links = ("--mavlink", f"udpout:127.0.0.1:{setup.autopilot}", "--tcp", "none", "--zenoh", "none")
     links += ("--camera", "mavlink", "--camera-mavlink", f"udpout:127.0.0.1:{setup.camera}")
@@ -217,6 +228,14 @@ def test_a_killed_daemon_comes_back_with_what_it_knew_seed_5(setup: Setup) -> No
     begun_ns, valid_ns = (next(e.t_ns for e in estimates if test(e)) for test in (began, is_valid))
     assert valid_ns - begun_ns < 1_000_000_000
     assert_replays_bit_for_bit(setup, recording, 0)  # it had seen more
+
+
+def outcomes_of_warm_start(observer: Observer) -> set[str]:
+    """What became of the state that was read: a verdict, or the source that its refusal names."""
+    observer.receive()
+    health = observer.newest()
+    verdicts = {name for name in health.verdicts if name.startswith("leader.warm_start_")}
+    return verdicts | ({one.source for one in health.refusals} & {"warm_state"})
 
 
 def killed_and_started(setup: Setup, url: str, state: Path, k: int) -> Path | None:
@@ -232,11 +251,14 @@ def killed_and_started(setup: Setup, url: str, state: Path, k: int) -> Path | No
         if "is ignored: it is" in daemon.output():
             return None
         observer = setup.observer()
-        until(lambda: observer.newest().verdicts.get("leader.warm_start_used") == 1, "a warm start")
+        outcomes: set[str] = until(lambda: outcomes_of_warm_start(observer), "a warm start")
+        if outcomes & {"leader.warm_start_too_late", "warm_state"}:
+            return None
+        assert outcomes == {USED}
 
         def has_seen_many() -> bool:
             observer.receive()
-            return len(observer.estimates) > 200
+            return len(observer.estimates) > 120
 
         until(has_seen_many, "estimates")
         assert daemon.end(signal.SIGTERM) == 0

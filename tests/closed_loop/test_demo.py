@@ -166,9 +166,10 @@ def test_demo_leaves_no_process_behind_and_only_used_loopback(flown: Flown) -> N
     ids=["ctrl-c in a terminal", "sigterm to the demo alone"],
 )
 def test_interrupted_demo_takes_its_programs_along(tmp_path: Path, number: int, group: bool) -> None:
-    command = ("onboard", "demo", "--headless", "--duration", "600", "--seed", "2", "--out", str(tmp_path))
+    command = ("onboard", "demo", "--headless", "--scenario", "formation", "--duration", "600", "--seed", "2")
+    command += ("--out", str(tmp_path))
     with started(tmp_path / "demo.err", *command) as demo:
-        log = tmp_path / "mission-2.simlink.log"
+        log = tmp_path / "formation-2.simlink.log"
         until(lambda: log.exists() and "flying" in log.read_text(), "a flight")
         family = demo.descendants()
         programs = [p for p in family if {"onboard", "simlink"} & set(p.cmdline())]

@@ -12,6 +12,7 @@ import pytest
 
 from onboard.analysis.exports.csv_rows import CsvWriter
 from onboard.messages import Estimate
+from simlink.cli import main as simlink
 from simlink.scenarios.scenario import load_scenario
 from simlink.world.drawn import drawn
 from tests.support import documents
@@ -94,7 +95,7 @@ def test_a_leader_that_hovers_keeps_its_bounds_seeds_1_to_4(tmp_path: Path) -> N
 
 
 def test_the_command_line_seed_1_gives_the_same_rows_and_the_documented_keys(
-    replay: Flights, tmp_path: Path
+    replay: Flights, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """`simlink log`, `simlink config` and `onboard replay --truth`: bit for bit what the pipeline gives in this
     process, of a flight that was simulated a second time."""
@@ -102,9 +103,10 @@ def test_the_command_line_seed_1_gives_the_same_rows_and_the_documented_keys(
         tmp_path / n for n in ("f.tlog", "f.csv.gz", "f.toml", "f.json", "f.csv")
     )
     scenario = ("formation", "--seed", str(SEED), "--duration", str(SHORT))
-    made = run("simlink", "log", *scenario, "--out", log, "--truth", truth)
-    assert made.returncode == 0, made.stderr
-    config.write_text(run("simlink", "config", scenario[0]).stdout)
+    assert simlink(["log", *scenario, "--out", str(log), "--truth", str(truth)]) == 0
+    capsys.readouterr()
+    assert simlink(["config", scenario[0]]) == 0
+    config.write_text(capsys.readouterr().out)
     files = ("--config", config, "--json", json_file, "--out", rows)
     done = run("onboard", "replay", log, "--truth", truth, *files)
     assert done.returncode == 0, done.stderr

@@ -19,7 +19,7 @@ FLIGHTS = ("traffic", "quadrotor")  # the first has a leader, too
 NOTHING = {(name, "quadrotor") for name in ("leader", "oh_johnson", "traffic")}  # there is none
 
 
-def flown(name: str, scenario: str, seconds: float = 5.0) -> list[Output]:
+def flown(name: str, scenario: str, seconds: float = 3.0) -> list[Output]:
     pipeline = Pipeline(parse_config({"estimator": {name: {}}}))
     outputs: list[Output] = []
     for item in kept.flight(load_scenario(scenario), 3, seconds):

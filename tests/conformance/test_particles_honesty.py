@@ -81,7 +81,7 @@ def flown(seed: int, images: int) -> End:
 
 
 @pytest.mark.parametrize(
-    ("images", "flights"), [(3, FLIGHTS), (20, FLIGHTS[:40]), pytest.param(20, FLIGHTS, marks=pytest.mark.slow)]
+    ("images", "flights"), [(3, FLIGHTS), (20, FLIGHTS[:24]), pytest.param(20, FLIGHTS, marks=pytest.mark.slow)]
 )
 def test_nees_of_leaders_drawn_from_the_model_seeds_0_to_99(images: int, flights: range) -> None:
     """After 3 images nearly all ranges are open, after 20 few. The velocity alone is a tenth too unsure then."""

@@ -41,7 +41,7 @@ def after(run: Run, seconds: float = 0.0) -> list[Estimate]:
     return [e for e in run.estimates if e.t_ns > BEGINS - EPOCH + round(seconds * S)]
 
 
-@pytest.mark.parametrize("late_ms", [100, 300, 450])
+@pytest.mark.parametrize("late_ms", [100, 450])
 def test_a_link_that_is_late_for_good_does_not_bend_the_time_base(late_ms: int) -> None:
     longer = Stream(t0=40.0, t1=64.0, seed=21, sparse=True).items()
     run = held_up(lambda t: late_ms * MS if t > BEGINS else 0, longer)
@@ -90,7 +90,7 @@ def spread(estimate: Estimate) -> float:
 
 def test_a_link_that_was_late_from_the_start_is_corrected_when_it_no_longer_is() -> None:
     """Until then nothing shows it: without TIMESYNC a clock's offset and a constant delay look the same."""
-    run = held_up(lambda t: 600 * MS if t < BEGINS else 0, Stream(t0=T0, t1=T1, seed=21).items())
+    run = held_up(lambda t: 600 * MS if t < BEGINS else 0, Stream(t0=T0, t1=T1, seed=21, sparse=True).items())
     assert run.rejected["clock_corrections"] == 1
     before = [e for e in run.estimates if e.t_ns < BEGINS - EPOCH - S and e.valid]
     assert max(map(position_error, before)) > 1.5

@@ -45,7 +45,7 @@ def test_no_sequence_of_images_breaks_a_track_seed_7(name: str) -> None:
 
 def test_the_fuzz_would_find_unsound_estimates() -> None:
     pipeline, outputs = Pipeline(make_config()), []
-    for item in Stream(t1=6.0).items():
+    for item in Stream(t1=6.0, sparse=True).items():
         outputs += pipeline.advance(exposed([item.message]))
     good = next(e for e in reversed(outputs) if isinstance(e, Estimate) and e.mean is not None)
     fuzz.check([good], Counter())

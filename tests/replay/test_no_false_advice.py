@@ -32,7 +32,9 @@ def advised(log: bytes) -> set[str]:
 
 
 def test_an_excerpt_of_a_formation_is_given_none() -> None:
-    assert advised(gzip.decompress((EXCERPT / "copter.tlog.gz").read_bytes())) == set()
+    """Of its first half."""
+    log = gzip.decompress((EXCERPT / "copter.tlog.gz").read_bytes())
+    assert advised(log[: len(log) // 2]) == set()
 
 
 @pytest.mark.slow

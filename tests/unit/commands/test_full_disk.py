@@ -15,7 +15,7 @@ pytestmark = pytest.mark.skipif(not FULL.exists(), reason="needs /dev/full, whic
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path: Path = tmp_path_factory.mktemp("full") / "flight.tlog"
-    assert simlink.main(["log", "formation-s-turn", "--seed", "1", "--duration", "15", "--out", str(path)]) == 0
+    assert simlink.main(["log", "formation-s-turn", "--seed", "1", "--duration", "8", "--out", str(path)]) == 0
     return path
 
 

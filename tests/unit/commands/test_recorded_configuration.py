@@ -20,7 +20,7 @@ FILES = sorted(Path("configs").glob("*.toml"))
 def record(file: Path, config: Config, *, cut: bool = False) -> None:
     recorder = Recorder(file, metadata=of_flight(config))
     recorder.open()
-    recorder.write(encode(Stream(t1=8.0).items()))
+    recorder.write(encode(Stream(t1=8.0, sparse=True).items()))
     recorder.close()
     if cut:
         file.write_bytes(file.read_bytes()[:-300])  # its end and part of the index

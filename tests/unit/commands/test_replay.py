@@ -80,7 +80,7 @@ def test_two_estimators_of_the_leader_are_scored_each_by_itself(
 
 
 def test_a_second_leader_called_wingman_is_not_scored_as_the_leader(tmp_path: Path) -> None:
-    items = Stream(t1=8.0).items()
+    items = Stream(t1=8.0, sparse=True).items()
     datagrams = []
     for item, datagram in zip(items, encode(items), strict=True):
         datagrams.append(datagram)
@@ -100,7 +100,7 @@ def test_a_second_leader_called_wingman_is_not_scored_as_the_leader(tmp_path: Pa
 
 def test_a_log_without_images_shows_what_there_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log = tmp_path / "flight.mcap"
-    record(log, encode(i for i in Stream(t1=12.0).items() if not isinstance(i.message, TargetPoints)))
+    record(log, encode(i for i in Stream(t1=12.0, sparse=True).items() if not isinstance(i.message, TargetPoints)))
     numbers, _ = replayed_numbers(log, make_config())
     shown = capsys.readouterr().out
     assert numbers["valid"] == 0
@@ -114,7 +114,7 @@ def test_a_log_without_images_shows_what_there_is(tmp_path: Path, capsys: pytest
 def test_the_parts_of_a_recording_are_replayed_as_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A recorder that begins a new file by size left flights of which only the first part was replayed."""
     config = make_config()
-    datagrams = encode(Stream(t1=6.0).items())
+    datagrams = encode(Stream(t1=6.0, sparse=True).items())
     record(tmp_path / "whole.mcap", datagrams)
     folder = tmp_path / "parts"
     recorder = Recorder(

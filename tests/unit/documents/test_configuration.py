@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from functools import cache
 from pathlib import Path
 from typing import Any, get_args
 
@@ -95,8 +96,12 @@ def test_defaults_of_links_are_as_the_page_says() -> None:
 def exists(key: str) -> bool:
     """Whether a dotted key is one of the configuration."""
     section, _, name = key.rpartition(".")
-    known_keys = {heading.strip("`[]"): keys(record) for heading, record in sections().items()}
-    return key in known_keys or name in known_keys.get(section, {})
+    return key in known_keys() or name in known_keys().get(section, {})
+
+
+@cache
+def known_keys() -> dict[str, Any]:
+    return {heading.strip("`[]"): keys(record) for heading, record in sections().items()}
 
 
 @pytest.mark.parametrize("path", documents.ALL, ids=documents.name)

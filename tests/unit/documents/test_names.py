@@ -2,12 +2,11 @@
 an attribute, a file. Names of other programs are listed."""
 
 import ast
-import io
 import re
-import tokenize
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
@@ -20,6 +19,7 @@ SOURCES = (*PROGRAMS, "benchmarks", "tests", "examples", "docs", "release")
 SETTINGS = ("configs/*", "simlink/scenarios/*.toml", "pyproject.toml", "Makefile", "Containerfile", "compose.yaml")
 NAME = re.compile(r"`([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*)(?:\(\))?`")
 WORD = re.compile(r"[A-Za-z_]\w*")
+COMMENT = re.compile(r"(^|\s)#.*")
 FOREIGN = {  # of other programs: what they call their own
     *("mode_follow", "AP_Follow", "TargetEstimator", "FlightTaskAutoFollowTarget"),
     *("AC_PosControl", "PositionControl"),  # files and classes of autopilots
@@ -38,7 +38,7 @@ def known() -> frozenset[str]:
     """Every word of the code that is not in a docstring or a comment, of settings, and of the names of files."""
     words: set[str] = set()
     for path in sources():
-        words |= words_of(path) | {*WORD.findall(str(path.relative_to(ROOT)))}
+        words |= read(path).words | {*WORD.findall(str(path.relative_to(ROOT)))}
     for pattern in SETTINGS:
         for path in ROOT.glob(pattern):
             words |= {*WORD.findall(path.name)}
@@ -63,36 +63,30 @@ def modules() -> dict[str, list[Path]]:
     return found
 
 
+class Source(NamedTuple):
+    """The words of a source's code, what stands there behind a dot or is a field of a record, and its docstrings
+    and comments."""
+
+    words: frozenset[str]
+    attributes: frozenset[str]
+    prose: str
+
+
 @cache
-def code_of(path: Path) -> str:
-    """A source without its docstrings and comments."""
+def read(path: Path) -> Source:
     text = path.read_text(encoding="utf-8")
-    lines = text.splitlines()
-    for node in docstrings(text):
-        lines[node.lineno - 1 : node.end_lineno] = [""] * ((node.end_lineno or node.lineno) - node.lineno + 1)
-    return "\n".join(re.sub(r"(^|\s)#.*", "", line) for line in lines)
-
-
-def prose_of(path: Path) -> str:
-    """The docstrings and comments of a source."""
-    text = path.read_text(encoding="utf-8")
-    comments = [
-        token.string
-        for token in tokenize.generate_tokens(io.StringIO(text).readline)
-        if token.type == tokenize.COMMENT
-    ]
-    return "\n".join([*(str(node.value) for node in docstrings(text)), *comments])
-
-
-def docstrings(text: str) -> Iterator[ast.Constant]:
-    """The strings of a source that stand by themselves."""
+    lines, prose, attributes = text.splitlines(), list[str](), set[str]()
     for node in ast.walk(ast.parse(text)):
-        if (
-            isinstance(node, ast.Expr)
-            and isinstance(node.value, ast.Constant)
-            and isinstance(node.value.value, str)
-        ):
-            yield node.value
+        match node:
+            case ast.Expr(value=ast.Constant(value=str(docstring)) as string):  # that stands by itself
+                end = string.end_lineno or string.lineno
+                lines[string.lineno - 1 : end] = [""] * (end - string.lineno + 1)
+                prose.append(docstring)
+            case ast.Attribute(attr=name) | ast.AnnAssign(target=ast.Name(id=name)):
+                attributes.add(name)
+    prose += [comment[0] for line in lines if (comment := COMMENT.search(line))]
+    code = "\n".join(COMMENT.sub("", line) for line in lines)
+    return Source(frozenset(WORD.findall(code)), frozenset(attributes), "\n".join(prose))
 
 
 def stale(text: str) -> list[str]:
@@ -115,26 +109,14 @@ def is_known(name: str) -> bool:
     for k in range(len(words) - 1, 0, -1):
         if files := modules().get(".".join(words[:k])):
             elsewhere = attributes() | {*modules()}
-            return words[k] in elsewhere or any(words[k] in words_of(path) for path in inside(files))
+            return words[k] in elsewhere or any(words[k] in read(path).words for path in inside(files))
     return True
-
-
-@cache
-def words_of(path: Path) -> frozenset[str]:
-    return frozenset(WORD.findall(code_of(path)))
 
 
 @cache
 def attributes() -> frozenset[str]:
     """What stands behind a dot in our code, or is a field of a record: of a module's name it may be one, too."""
-    found: set[str] = set()
-    for path in sources():
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Attribute):
-                found.add(node.attr)
-            elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
-                found.add(node.target.id)
-    return frozenset(found)
+    return frozenset().union(*(read(path).attributes for path in sources()))
 
 
 def is_word(word: str) -> bool:
@@ -163,7 +145,7 @@ def test_words_in_backticks_in_the_code_name_something() -> None:
         str(path.relative_to(ROOT)): names
         for package in PROGRAMS
         for path in sorted((ROOT / package).rglob("*.py"))
-        if (names := stale(prose_of(path)))
+        if (names := stale(read(path).prose))
     }
     assert found == {}
 

@@ -48,7 +48,7 @@ def test_nees_and_nis_keep_their_bounds_where_measurements_are_sharp_seed_4() ->
     state = particle.start(np.zeros((runs, 4)), np.tile(P, (runs, 1, 1)))
     best = Belief(np.zeros((runs, 4)), np.tile(P, (runs, 1, 1)))
     x = rng.multivariate_normal(np.zeros(4), P, runs)
-    for _ in range(30):
+    for _ in range(15):
         x = x @ F.T + rng.multivariate_normal(np.zeros(4), Q, runs)
         y = x @ H.T + rng.multivariate_normal(np.zeros(2), R, runs)
         found = particle.update(particle.predict(state, lambda r: r @ F.T, Q), y, lambda r: r @ H.T, R)

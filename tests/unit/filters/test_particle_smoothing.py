@@ -23,7 +23,7 @@ F, Q = np.array([[1.0, 0.5], [0.0, 0.9]]), np.diag([0.1, 0.2])
 LINE = LinearModel(F, Q, np.eye(1, 2), 0.3 * ONE)
 
 
-@pytest.mark.parametrize("lead", [(), (3,)], ids=["one", "batch"])
+@pytest.mark.parametrize("lead", [(3,)], ids=["batch"])
 def test_on_a_line_they_are_the_smoother_s_seed_1(lead: tuple[int, ...]) -> None:
     start = Belief(np.zeros((*lead, 2)), np.broadcast_to(np.eye(2), (*lead, 2, 2)).copy())
     _, ys = simulate(LINE, start, 30, np.random.default_rng(1))

@@ -6,6 +6,7 @@ import math
 import os
 import socket
 from collections.abc import Callable, Iterable
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -50,7 +51,7 @@ from onboard.view import words
 from onboard.wire.mavlink.signing import read_key
 from tests.support.streams import CIRCLE, EPOCH, F_PX, MS, SIZE, Item, S, Stream, encode
 
-SECONDS = 14
+SECONDS = 8
 MOTION = (Attitude, LocalPosition)
 UNREACHABLE = Reason(Cause.UNREACHABLE, "zenoh: no router answers (Connection refused)")
 
@@ -75,10 +76,12 @@ def flown(
     lead_ns: int = 0,
     extra: Iterable[Datagram] = (),
     keys: dict[str, bytes] | None = None,
+    seconds: int = SECONDS,
+    sparse: bool = True,
 ) -> Doctor:
     """A flight of which each message is changed (None: left out), with a health every second."""
     items = []
-    for item in Stream(t1=5.0 + SECONDS, flight=CIRCLE, lead_ns=lead_ns).items():
+    for item in Stream(t1=5.0 + seconds, flight=CIRCLE, lead_ns=lead_ns, sparse=sparse).items():
         changed = change(item.message)
         if changed is not None:
             items.append(Item(item.t_recv_ns, changed))
@@ -93,6 +96,12 @@ def flown(
             found |= {advice.kind: advice for advice in reversed(health.advice)}
         pipeline.feed(datagram)
     return Doctor(health, found)
+
+
+@cache
+def faultless() -> Doctor:
+    """A flight with stamps of the boot clock."""
+    return flown(images(lambda m: replace(m, clock=Clock.BOOT)))
 
 
 def images(change: Callable[[TargetPoints], Message | None]) -> Callable[[Message], Message | None]:
@@ -113,10 +122,10 @@ def without(*kinds: type[Message]) -> Callable[[Message], Message | None]:
     return lambda m: None if isinstance(m, kinds) else m
 
 
-def detections(change: Callable[[dict[str, Any], float], object] = lambda _d, _t: None) -> list[Datagram]:
+def detections(change: Callable[[dict[str, Any], float], object], seconds: int) -> list[Datagram]:
     """The camera's images as documents of a detector, in pixels of 640 x 480."""
     found = []
-    for item in Stream(t1=5.0 + SECONDS, flight=CIRCLE).items():
+    for item in Stream(t1=5.0 + seconds, flight=CIRCLE, sparse=True).items():
         m = item.message
         if not isinstance(m, TargetPoints):
             continue
@@ -133,8 +142,9 @@ def detections(change: Callable[[dict[str, Any], float], object] = lambda _d, _t
     return found
 
 
-def detected(change: Callable[[dict[str, Any], float], object], **sections: Any) -> Doctor:
-    return flown(without(TargetPoints), configured(**sections), extra=detections(change))
+def detected(change: Callable[[dict[str, Any], float], object], seconds: int = SECONDS, **sections: Any) -> Doctor:
+    extra = detections(change, seconds)
+    return flown(without(TargetPoints), configured(**sections), extra=extra, seconds=seconds)
 
 
 def named(doctor: Doctor, cause: str, remedy: str) -> Advice:
@@ -147,7 +157,7 @@ def named(doctor: Doctor, cause: str, remedy: str) -> Advice:
 
 
 def test_a_flight_without_faults_needs_no_advice() -> None:
-    doctor = flown(images(lambda m: replace(m, clock=Clock.BOOT)))
+    doctor = faultless()
     assert [a for a in doctor.found.values() if a.severity is not Severity.NOTICE] == []
     assert is_healthy(doctor.health)
 
@@ -158,7 +168,7 @@ def test_01_a_silent_camera() -> None:
 
 
 def test_01_a_camera_that_falls_silent() -> None:
-    doctor = flown(images(lambda m: m if m.t_ns < 15 * S else None))
+    doctor = flown(images(lambda m: m if m.t_ns < 8 * S else None))
     assert "no image for" in named(doctor, "camera-silent", "/camera/landing_target/detections").what
 
 
@@ -202,7 +212,7 @@ def test_02_a_silent_autopilot() -> None:
 
 
 def test_02_an_autopilot_that_falls_silent() -> None:
-    doctor = flown(lambda m: m if m.t_recv_ns < EPOCH + 15 * S or isinstance(m, TargetPoints) else None)
+    doctor = flown(lambda m: m if m.t_recv_ns < EPOCH + 8 * S or isinstance(m, TargetPoints) else None)
     assert "silent: no estimates" in named(doctor, "autopilot-silent", "link autopilot (udpin:").what
 
 
@@ -256,7 +266,7 @@ def test_08_images_that_contradict_the_estimate() -> None:
 def test_09_a_size_that_is_four_times_too_small() -> None:
     """The leader is four times as large as configured, and so seems four times as near as it is. Three times as
     large fits another flight of a nearer leader, and nothing shows it (docs/status.md)."""
-    doctor = flown(moved(lambda p: p[:1] + 4.0 * (p - p[:1])))
+    doctor = flown(moved(lambda p: p[:1] + 4.0 * (p - p[:1])), seconds=12)
     advice = named(doctor, "not-valid", "`size_prior_m`")
     assert "not valid: it moves as no hypothesis expects" in advice.what
     suspects = "how the leader flies", "`mount_rpy_deg`", "`delay_s`", "`f_px`"
@@ -275,14 +285,14 @@ def test_09_a_size_that_is_four_times_too_small() -> None:
 def test_09_images_are_blamed_by_the_cause_and_not_by_words(cause: Cause, words: str, blamed: bool) -> None:
     """The camera was blamed where our own motion contradicts itself: a word of one was in the other's sentence."""
     why = {"reasons": {"leader": words}, "causes": {"leader": cause}}
-    health = replace(flown().health, states={"leader": Lifecycle.LOST}, **why)
+    health = replace(faultless().health, states={"leader": Lifecycle.LOST}, **why)
     found = [advice for advice in Advisor(Needs()).advise(health) if advice.kind == "misfit"]
     assert [a.what.endswith(f"the leader estimate is not valid: {words}") for a in found] == [True] * blamed
 
 
 def test_images_that_do_not_come_are_not_said_not_to_fit() -> None:
     """A lost track's prediction went astray, and mount, delay and f_px were blamed."""
-    health = flown().health
+    health = faultless().health
     silent = {name: replace(camera, age=3.0) for name, camera in health.cameras.items()}
     why = {"reasons": {"leader": ""}, "causes": {"leader": Cause.ASTRAY}, "states": {"leader": Lifecycle.LOST}}
     assert "misfit" in {a.kind for a in Advisor(Needs()).advise(replace(health, **why))}
@@ -311,7 +321,7 @@ def test_of_two_cameras_the_one_that_fits_far_better_is_not_blamed(
 @pytest.mark.parametrize("sends", [True, False])
 def test_a_detector_that_has_just_stopped_is_not_said_to_find_nothing(sends: bool) -> None:
     """Its last images lay within the seconds that were looked back on."""
-    health, advisor = flown().health, Advisor(Needs(images=True))
+    health, advisor = faultless().health, Advisor(Needs(images=True))
     for k in range(6):
         received = 100 * min(k, 6 if sends else 2)
         age = max(k - 2.0, 0.0) + 0.5
@@ -325,7 +335,7 @@ def test_a_detector_that_has_just_stopped_is_not_said_to_find_nothing(sends: boo
 @pytest.mark.parametrize(("nis", "noisy"), [(0.6, False), (1.0, True)])
 def test_a_manoeuvre_that_is_over_is_no_noise(nis: float, noisy: bool) -> None:
     """What was learnt as noise is more than the images show now: 1.7 times the noise, beside a NIS of 0.6."""
-    health = flown().health
+    health = faultless().health
     found = {"leader.landing_target": Consistency(count=200, nis=nis, low=0.8, high=1.2, noise=1.7)}
     advice = {a.kind for a in Advisor(Needs()).advise(replace(health, consistency=found))}
     assert ("noise" in advice) is noisy
@@ -341,7 +351,7 @@ def test_own_motion_that_does_not_fit_is_named_without_an_airframe(nis: float, a
 
 @pytest.mark.parametrize(("beyond", "advised"), [(20, False), (300, True)])
 def test_a_leader_at_the_edge_is_not_one_of_another_image(beyond: int, advised: bool) -> None:
-    health = flown().health
+    health = faultless().health
     edge = Refusal(
         source="camera front",
         cause=Cause.OUT_OF_VIEW,
@@ -359,7 +369,7 @@ def test_images_from_before_our_own_motion_are_none_with_a_wrong_stamp(
     refused: int, used: int, advised: bool
 ) -> None:
     """A daemon that has just begun takes images that were exposed before the first attitude that it has heard."""
-    health = flown().health
+    health = faultless().health
     early = Refusal(
         source="camera front",
         cause=Cause.NO_POSE,
@@ -423,7 +433,7 @@ def test_11_the_wrong_clock(off_ns: int, stated: str, meant: str) -> None:
 )
 def test_11_another_unit_or_a_clock_that_is_off(change: Callable[[int], int], words: str) -> None:
     """The advice was to send `clock: boot`, which mended nothing."""
-    doctor = detected(lambda d, _: d.update(t_ns=change(d["t_ns"]), clock="host"))
+    doctor = detected(lambda d, _: d.update(t_ns=change(d["t_ns"]), clock="host"), 14)
     causes = [a for a in doctor.health.advice if a.severity is not Severity.NOTICE]
     assert [a.cause for a in causes] == ["clock"]
     assert words in causes[0].what
@@ -525,7 +535,7 @@ def test_16_tls_of_the_status_itself() -> None:
 def test_an_estimate_that_is_not_valid_for_five_seconds_has_advice() -> None:
     """By each cause, whatever its state: one in doubt is still tracked. Of our own motion in doubt nothing was
     said."""
-    healthy = flown(images(lambda m: replace(m, clock=Clock.BOOT))).health
+    healthy = faultless().health
     for cause in set(Cause) - VALID:
         advisor, found = Advisor(Needs()), list[tuple[Advice, ...]]()
         for t_s in range(6):
@@ -658,7 +668,7 @@ def test_a_program_that_stood_still_blames_nobody_else() -> None:
 def test_noise_is_shown_with_its_bounds() -> None:
     rng = np.random.default_rng(3)
     noise = math.sqrt(1.7**2 - 1.0) / F_PX
-    doctor = flown(moved(lambda p: p + noise * rng.normal(size=(3, 2))))
+    doctor = flown(moved(lambda p: p + noise * rng.normal(size=(3, 2))), seconds=14, sparse=False)
     found = doctor.health.consistency["leader.landing_target"]
     assert found.noise == pytest.approx(1.7, abs=0.25)
     assert "times as noisy as configured" in named(doctor, "noise", "`sigma_px` of [camera]").what
@@ -683,7 +693,7 @@ def test_all_four_readers_show_the_same_advice() -> None:
 def test_advice_ends_with_its_cause() -> None:
     lines: list[str] = []
     console = ConsoleLines(lines.append, pilot=lambda _: None)
-    flown_twice = flown(images(lambda m: None if 12 * S < m.t_ns < 20 * S else m))
+    flown_twice = flown(images(lambda m: None if m.t_ns > 7 * S else m))
     pipeline = Pipeline(configured())
     for datagram in encode(Stream(t1=5.0 + SECONDS).items(), "autopilot")[:1]:
         pipeline.feed(datagram)

@@ -5,8 +5,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
+from tests import conftest
 from tests.support import costs
-from tests.support.programs import ROOT
 
 
 def test_what_computes_too_long_is_refused_and_a_slow_computer_is_no_reason() -> None:
@@ -30,30 +32,40 @@ def test_computing_is_measured_and_neither_waiting_nor_what_other_processes_comp
 
 TESTS = """
 import pytest
-from tests.support import costs
 
-@pytest.fixture(scope="module")
-def prepared():
-    costs.LIMIT_S = 0.02
-
-def test_a(prepared): pass
-def test_b(): sum(range(10**7))
+def test_a(): pass
+def test_b(): sum(range(10**6))
 @pytest.mark.slow
-def test_c(): sum(range(10**7))
+def test_c(): sum(range(10**6))
 """
 
 
-def test_a_run_of_several_processes_fails_for_it_unless_it_is_slow(tmp_path: Path) -> None:
-    (tmp_path / "test_long.py").write_text(TESTS, encoding="utf-8")
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-n", "1", "--rootdir", str(ROOT)]
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTEST")}
-    done = subprocess.run(
-        [*command, "-c", str(ROOT / "pyproject.toml"), "-p", "tests.conftest", str(tmp_path)],
-        cwd=ROOT,
-        env=environment | {"PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert "1 failed, 2 passed" in done.stdout, done.stdout + done.stderr
-    assert "FAILED test_long.py::test_b - Failed: 0." in done.stdout
+class Worker:
+    """A process of several, as xdist's plugin and ours make it."""
+
+    pytest_runtest_setup = staticmethod(conftest.pytest_runtest_setup)
+    pytest_runtest_call = staticmethod(conftest.pytest_runtest_call)
+
+    def __init__(self) -> None:
+        self.failed: dict[str, str] = {}
+
+    def pytest_configure(self, config: pytest.Config) -> None:
+        config.addinivalue_line("markers", "slow: long")
+        config.workerinput = {}  # type: ignore[attr-defined]  # xdist's
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        if report.failed:
+            self.failed[report.nodeid.partition("::")[2]] = report.longreprtext
+
+
+def test_a_run_of_several_processes_fails_for_it_unless_it_is_slow(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "test_some_that_are_long.py").write_text(TESTS, encoding="utf-8")
+    monkeypatch.setattr(costs, "LIMIT_S", 0.005)
+    worker = Worker()
+    without = (f"-p no:{plugin}" for plugin in ("xdist", "cacheprovider", "terminal", "timeout"))
+    code = pytest.main(["-c", os.devnull, *" ".join(without).split(), str(tmp_path)], [worker])
+    assert code == pytest.ExitCode.TESTS_FAILED
+    assert list(worker.failed) == ["test_b"]
+    assert worker.failed["test_b"].startswith("0."), worker.failed

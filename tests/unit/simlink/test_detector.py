@@ -92,7 +92,7 @@ def test_a_daemon_follows_it_with_what_simlink_config_says_seed_1(sees: Sees, tm
     scenario, path = seen_as(sees), tmp_path / "onboard.toml"
     path.write_text(daemon_config(scenario), encoding="utf-8")
     pipeline = Pipeline(load_config(path))
-    flown = datagrams(scenario, 1, 3.0)
+    flown = datagrams(scenario, 1, 2.0)
     outputs = [o for d in flown if isinstance(d, Datagram) for o in pipeline.feed(d)]
     last = [o for o in outputs if isinstance(o, Estimate) and o.name == "leader"][-1]
     assert last.valid, last.reason

@@ -39,7 +39,7 @@ def sight(encounter: Encounter) -> Array:
     return np.arctan2(r[:, 1], r[:, 0])
 
 
-def test_flying_straight_from_behind_the_nose_is_on_the_course_seeds_1_to_6() -> None:
+def test_flying_straight_from_behind_the_nose_is_on_the_course_seeds_1_to_3() -> None:
     for seed in SEEDS:
         e = make_encounter("behind", seed)
         off = degrees_between(nose(e), course(e.truth.leader))
@@ -48,7 +48,7 @@ def test_flying_straight_from_behind_the_nose_is_on_the_course_seeds_1_to_6() ->
 
 
 @pytest.mark.parametrize(("family", "low", "high"), [("sideways", 38.0, 142.0), ("crab", 9.0, 29.0)])
-def test_the_nose_is_as_far_off_the_course_as_claimed_seeds_1_to_6(family: str, low: float, high: float) -> None:
+def test_the_nose_is_as_far_off_the_course_as_claimed_seeds_1_to_3(family: str, low: float, high: float) -> None:
     for seed in SEEDS:
         e = make_encounter(family, seed)
         off = np.median(degrees_between(nose(e), course(e.truth.leader)))
@@ -57,7 +57,7 @@ def test_the_nose_is_as_far_off_the_course_as_claimed_seeds_1_to_6(family: str, 
         assert e.leader_class == ("fixed_wing" if family == "crab" else "multirotor")
 
 
-def test_a_fixed_wing_flies_through_its_air_nose_first_seeds_1_to_6() -> None:
+def test_a_fixed_wing_flies_through_its_air_nose_first_seeds_1_to_3() -> None:
     t: Array = 0.005 * np.arange(4001, dtype=np.float64)
     for seed in SEEDS:
         scene = FAMILIES["crab"](np.random.default_rng(seed), t, 1.0)
@@ -66,7 +66,7 @@ def test_a_fixed_wing_flies_through_its_air_nose_first_seeds_1_to_6() -> None:
         assert np.ptp(np.linalg.norm(through, axis=1)) < 1e-6
 
 
-def test_hovering_and_circling_leaders_stay_and_we_circle_seeds_1_to_6() -> None:
+def test_hovering_and_circling_leaders_stay_and_we_circle_seeds_1_to_3() -> None:
     for seed in SEEDS:
         both, around = make_encounter("hover", seed), make_encounter("circling", seed)
         for e in (both, around):
@@ -82,7 +82,7 @@ def test_noses_of_hovering_leaders_point_anywhere_seeds_1_to_24() -> None:
     assert quarters == {0, 1, 2, 3}
 
 
-def test_a_crossing_leader_crosses_our_line_of_sight_seeds_1_to_6() -> None:
+def test_a_crossing_leader_crosses_our_line_of_sight_seeds_1_to_3() -> None:
     for seed in SEEDS:
         e = make_encounter("crossing", seed)
         middle = len(e.truth.t) // 2
@@ -91,7 +91,7 @@ def test_a_crossing_leader_crosses_our_line_of_sight_seeds_1_to_6() -> None:
         assert np.median(degrees_between(nose(e), course(e.truth.leader))) < 3.0
 
 
-def test_both_wander_slowly_and_the_nose_turns_half_of_the_time_seeds_1_to_6() -> None:
+def test_both_wander_slowly_and_the_nose_turns_half_of_the_time_seeds_1_to_3() -> None:
     t: Array = 0.005 * np.arange(9001, dtype=np.float64)
     turning = []
     for seed in SEEDS:
@@ -103,7 +103,7 @@ def test_both_wander_slowly_and_the_nose_turns_half_of_the_time_seeds_1_to_6() -
     assert 0.35 < np.mean(turning) < 0.65
 
 
-def test_a_leader_that_comes_head_on_passes_close_and_leaves_seeds_1_to_6() -> None:
+def test_a_leader_that_comes_head_on_passes_close_and_leaves_seeds_1_to_3() -> None:
     for seed in SEEDS:
         e = make_encounter("head_on", seed)
         distance = np.linalg.norm(e.truth.r_FL_n, axis=1)
@@ -113,7 +113,7 @@ def test_a_leader_that_comes_head_on_passes_close_and_leaves_seeds_1_to_6() -> N
         assert distance[-1] > 150.0
 
 
-def test_a_leader_starts_stops_turns_its_nose_and_leaves_along_it_seeds_1_to_6() -> None:
+def test_a_leader_starts_stops_turns_its_nose_and_leaves_along_it_seeds_1_to_3() -> None:
     for seed in SEEDS:
         e = make_encounter("stop_turn_leave", seed)
         v = speed(e.truth.leader)
@@ -129,7 +129,7 @@ def test_a_leader_starts_stops_turns_its_nose_and_leaves_along_it_seeds_1_to_6()
 
 def test_a_straight_leader_flies_sideways_and_we_keep_our_distance_seeds_1_to_6() -> None:
     swayed = []
-    for seed in SEEDS:
+    for seed in range(1, 7):
         e = make_encounter("straight_sideways", seed, 20.0)
         assert np.degrees(np.ptp(course(e.truth.leader))) < 10.0
         assert 38.0 < np.median(degrees_between(nose(e), course(e.truth.leader))) < 142.0
@@ -140,7 +140,7 @@ def test_a_straight_leader_flies_sideways_and_we_keep_our_distance_seeds_1_to_6(
     assert max(swayed) > 2.0
 
 
-def test_a_steep_leader_is_seen_from_above_or_below_and_stays_in_the_image_seeds_1_to_6() -> None:
+def test_a_steep_leader_is_seen_from_above_or_below_and_stays_in_the_image_seeds_1_to_3() -> None:
     signs, fast = set(), set()
     for seed in SEEDS:
         e = make_encounter("steep", seed, 12.0)
@@ -154,7 +154,7 @@ def test_a_steep_leader_is_seen_from_above_or_below_and_stays_in_the_image_seeds
     assert fast == {False, True}
 
 
-def test_a_fixed_wing_loiters_around_us_at_one_airspeed_seeds_1_to_6() -> None:
+def test_a_fixed_wing_loiters_around_us_at_one_airspeed_seeds_1_to_3() -> None:
     for seed in SEEDS:
         t: Array = 0.005 * np.arange(9001, dtype=np.float64)
         scene = FAMILIES["loiter"](np.random.default_rng(seed), t, 1.0)
@@ -175,7 +175,7 @@ def test_a_fixed_wing_loiters_around_us_at_one_airspeed_seeds_1_to_6() -> None:
         ("climbs", (0.0, 8.5), (0.8, 8.8)),
     ],
 )
-def test_a_leader_begins_its_manoeuvre_when_it_says_and_we_are_late_seeds_1_to_6(
+def test_a_leader_begins_its_manoeuvre_when_it_says_and_we_are_late_seeds_1_to_3(
     family: str, before: tuple[float, float], after: tuple[float, float]
 ) -> None:
     for seed in SEEDS:
@@ -245,8 +245,8 @@ def test_a_class_flickers_as_the_family_says_seeds_1_to_8() -> None:
     assert set(first) == {"drone", "airplane"}
 
 
-def test_another_aircraft_crosses_without_ids_seeds_1_to_4() -> None:
-    for seed in range(1, 5):
+def test_another_aircraft_crosses_without_ids_seeds_1_and_2() -> None:
+    for seed in (1, 2):
         e = make_encounter("two_cross", seed, 45.0, "rotor_box")
         truth, other = e.truth, e.truth.other
         assert other is not None

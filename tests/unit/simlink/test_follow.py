@@ -96,13 +96,13 @@ def test_it_comes_back_from_a_break_off_but_not_beyond_its_greatest_distance_see
         return not 12 < t < 24
 
     straight = replace(SCENARIO, leader=replace(SCENARIO.leader, a_lat_pulses=(), speed_pulses=()))
-    states, follows = fly(60, straight, sends)
+    states, follows = fly(50, straight, sends)
     assert max(math.dist(s.r_OL_n, s.r_OF_n) for s in states) > 60
     assert follows[-1]
     assert slot_error(states[-1]) < 1.0
     assert straight.follow is not None
     near = replace(straight, follow=replace(straight.follow, dist_max=60.0))
-    states, follows = fly(60, near, sends)
+    states, follows = fly(36, near, sends)
     assert not follows[-1]
     assert math.hypot(*states[-1].v_F_n) < 0.2
 

@@ -100,7 +100,7 @@ def test_the_follower_returns_to_its_slot_when_it_is_off_it() -> None:
 
 
 def test_the_leader_wobbles_about_coordinated_flight_seed_6() -> None:
-    rows = flight(load_scenario("formation"), 6, 200.0)[::20]
+    rows = flight(load_scenario("formation"), 6, 100.0)[::20]
     errors = []
     for row in rows:
         roll, pitch, yaw = rotations.euler_from_quaternion(row.q_nL)

@@ -4,6 +4,7 @@ import asyncio
 from contextlib import suppress
 from pathlib import Path
 
+import pytest
 from mcap.reader import make_reader
 
 from onboard.messages import Datagram, Encoding, SinkHealth
@@ -48,7 +49,8 @@ def test_datagrams_never_give_way_to_estimates(tmp_path: Path) -> None:
     assert (health.dropped, health.dropped_important) == (ESTIMATES_A_DATAGRAM * count - estimates, 0)
 
 
-def test_datagrams_beyond_the_room_are_counted_apart(tmp_path: Path) -> None:
+def test_datagrams_beyond_the_room_are_counted_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recording, "RECORDER_CAPACITY", 3000)
     path = tmp_path / "flight.mcap"
     beyond = 100
     health = recorded_with_a_stalled_disk(path, 2 * recording.RECORDER_CAPACITY + beyond)

@@ -252,7 +252,7 @@ def test_what_is_known_of_the_mount_is_configured_seeds_1_and_2() -> None:
 
 
 def test_two_families_fly_and_are_reported_seed_1(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(flown, "SECONDS", 12.0)
+    monkeypatch.setattr(flown, "SECONDS", 8.0)
     monkeypatch.setitem(matplotlib.rcParams, "savefig.dpi", 20)
     cases = (Case("behind"), Case("circling", ON_WING))
     found = study.run(1, 1, 1, tmp_path, cases=cases)

@@ -50,7 +50,8 @@ def _interrupt_at_work(pool: ProcessPoolExecutor, parts: list[Future[None]]) -> 
 @pytest.mark.parametrize(
     ("what", "number"),
     [
-        ("encounters", signal.SIGTERM),
+        pytest.param("encounters", signal.SIGTERM, marks=pytest.mark.slow),
+        ("--all", signal.SIGTERM),
         pytest.param("--all", signal.SIGINT, marks=pytest.mark.slow),
         pytest.param("--all", signal.SIGHUP, marks=pytest.mark.slow),
         ("--all", signal.SIGKILL),

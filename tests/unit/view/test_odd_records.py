@@ -4,7 +4,6 @@ import math
 from pathlib import Path
 
 import msgspec
-import pytest
 
 from onboard.messages import MeasurementReport, OwnPose, Truth, Verdict
 from tests.support.view_flight import flight, late_estimate, record_flight, rows_of
@@ -12,49 +11,56 @@ from tests.support.view_flight import flight, late_estimate, record_flight, rows
 NAN = math.nan
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"mean": (NAN,) * 9},
-        {"mean": (*(1.0,) * 8, NAN)},
-        {"mean": (30.0, 0.0, 0.0, NAN, NAN, NAN, NAN, NAN, NAN)},
-        {"covariance": ((NAN,) * 9,) * 9},
-        {"covariance": ((0.0,) * 9,) * 9},
-        {"covariance": tuple(tuple(-1.0 if i == j else 0.0 for i in range(9)) for j in range(9))},
-        {"mean": (0.0,) * 9},
-        {"mean": None},
-        {"covariance": None},
-        {"components": (), "units": (), "mean": (), "covariance": ()},
-        {"measurement": None},
-        {"age": None},
-        {"reason": "non-Latin: 見 💡"},
-    ],
-)
-def test_no_estimate_stops_the_view(tmp_path: Path, changes: dict[str, object]) -> None:
-    odd = msgspec.structs.replace(late_estimate(), **changes)
-    later = msgspec.structs.replace(late_estimate(), t_ns=odd.t_ns + 500_000_000)
-    rows = rows_of(record_flight(tmp_path / "odd.rrd", [odd, later]))
-    assert rows["/status"] == 2
+CHANGES: list[dict[str, object]] = [
+    {"mean": (NAN,) * 9},
+    {"mean": (*(1.0,) * 8, NAN)},
+    {"mean": (30.0, 0.0, 0.0, NAN, NAN, NAN, NAN, NAN, NAN)},
+    {"covariance": ((NAN,) * 9,) * 9},
+    {"covariance": ((0.0,) * 9,) * 9},
+    {"covariance": tuple(tuple(-1.0 if i == j else 0.0 for i in range(9)) for j in range(9))},
+    {"mean": (0.0,) * 9},
+    {"mean": None},
+    {"covariance": None},
+    {"components": (), "units": (), "mean": (), "covariance": ()},
+    {"measurement": None},
+    {"age": None},
+    {"reason": "non-Latin: 見 💡"},
+]
 
 
-@pytest.mark.parametrize("verdict", list(Verdict))
-def test_no_measurement_stops_the_view(tmp_path: Path, verdict: Verdict) -> None:
+def test_no_estimate_stops_the_view(tmp_path: Path) -> None:
+    """In one recording, each half a second before one that is whole."""
+    records = []
+    for k, changes in enumerate(CHANGES):
+        t_ns = late_estimate().t_ns + k * 10**9
+        odd = msgspec.structs.replace(late_estimate(), t_ns=t_ns, **changes)
+        records += [odd, msgspec.structs.replace(late_estimate(), t_ns=t_ns + 500_000_000)]
+    rows = rows_of(record_flight(tmp_path / "odd.rrd", records))
+    assert rows["/status"] == len(records)
+
+
+def test_no_measurement_stops_the_view(tmp_path: Path) -> None:
+    """Of each verdict, in one recording: one without numbers, then one whose numbers are none."""
     estimate = late_estimate()
     assert estimate.measurement is not None
-    bare = MeasurementReport(source="front", t_ns=estimate.t_ns, t_recv_ns=estimate.t_ns, verdict=verdict)
-    odd = msgspec.structs.replace(
-        estimate.measurement,
-        t_ns=estimate.t_ns + 10**8,
-        points=((NAN, 0.0), (0.1, NAN), (0.2, 0.1)),
-        predicted_points=((NAN, NAN),) * 3,
-        innovation=(NAN, 1.0, 2.0),
-        innovation_sigma=(0.0, 1.0, NAN),
-        nis=NAN,
-    )
-    records = [msgspec.structs.replace(estimate, t_ns=r.t_ns, measurement=r) for r in (bare, odd)]
+    records = []
+    for k, verdict in enumerate(Verdict):
+        t_ns = estimate.t_ns + k * 10**9
+        bare = MeasurementReport(source="front", t_ns=t_ns, t_recv_ns=t_ns, verdict=verdict)
+        odd = msgspec.structs.replace(
+            estimate.measurement,
+            t_ns=t_ns + 10**8,
+            points=((NAN, 0.0), (0.1, NAN), (0.2, 0.1)),
+            predicted_points=((NAN, NAN),) * 3,
+            innovation=(NAN, 1.0, 2.0),
+            innovation_sigma=(0.0, 1.0, NAN),
+            nis=NAN,
+        )
+        records += [msgspec.structs.replace(estimate, t_ns=r.t_ns, measurement=r) for r in (bare, odd)]
     rows = rows_of(record_flight(tmp_path / "odd.rrd", records))
-    assert rows["/images"] == (1 if verdict is odd.verdict else 2)  # what stays as it is has one row
-    assert rows["/scene/follower/camera/measured"] == rows["/scene/follower/camera/verdict"] == 2
+    assert estimate.measurement.verdict is next(iter(Verdict))
+    assert rows["/images"] == len(records) - 1  # what stays as it is has one row
+    assert rows["/scene/follower/camera/measured"] == rows["/scene/follower/camera/verdict"] == len(records)
 
 
 def test_poses_that_are_not_finite_are_left_out(tmp_path: Path) -> None:

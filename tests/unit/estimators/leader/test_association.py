@@ -87,7 +87,7 @@ def test_an_image_that_may_be_of_either_of_two_aircraft_is_used_for_none_seed_2(
     """Two without ids come together from both sides, and stay for 0.4 s where none can tell them apart."""
     messages: list[Message] = []
     meets = 10.0
-    for m in (item.message for item in Stream(t1=13.0, seed=2).items()):
+    for m in (item.message for item in Stream(t1=13.0, seed=2, sparse=True).items()):
         if isinstance(m, TargetPoints):
             t = m.t_ns / S
             by = 0.15 * math.copysign(max(abs(t - meets) - 0.2, 0.0), meets - t)

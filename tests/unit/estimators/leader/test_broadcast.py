@@ -314,10 +314,10 @@ def test_a_broadcast_that_led_elsewhere_is_counted_and_named() -> None:
     reports = leader_positions(6.0, 34.0, error=carried_off(6.0, 13.0))
     for trusted in ("true", "false"):
         config = configured(f"estimator.leader.broadcast.trusted={trusted}")
-        run = fly(reports, 31.0, lambda t: not 14.0 <= t < 28.0, config, sparse=False)
+        run = fly(reports, 31.0, lambda t: not 14.0 <= t < 28.0, config)
         found = counts(run)
         assert found.get("contradicted", 0) == (trusted == "true")
-        assert found.get("unassociated", 0) == (0 if trusted == "true" else 13)
+        assert found.get("unassociated", 0) == (0 if trusted == "true" else 14)
         assert (ELSEWHERE in run.estimates[-1].reason) is (trusted == "true")
         assert inside(between(run, 30.0, 31.0)) > 0.92
 

@@ -57,7 +57,7 @@ def test_one_aircraft_without_an_id_stays_one_track_seeds_1_to_3(flight: Flight,
 )
 def test_two_aircraft_are_two_tracks_seed_2(first: bool, leader_id: str) -> None:
     messages: list[Message] = []
-    for m in unnamed(CIRCLE, 2, 14.0, sparse=False):
+    for m in unnamed(CIRCLE, 2, 12.0, sparse=False):
         messages.append(m)
         if isinstance(m, TargetPoints) and m.t_ns > 8 * S:
             center, left, right = ((u + SIDE, v) for u, v in (m.center, m.left, m.right))

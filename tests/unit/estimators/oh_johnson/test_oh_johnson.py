@@ -75,7 +75,7 @@ def alone(items: list[Item], *settings: str) -> Run:
 
 
 def test_an_image_that_comes_late_changes_the_belief_as_one_in_time_seed_1() -> None:
-    items = Stream(t1=7.0).items()
+    items = Stream(t1=7.0, sparse=True).items()
     at = next(i for i, item in enumerate(items) if isinstance(item.message, TargetPoints) and i > len(items) // 2)
     late = [*items[:at], *items[at + 1 : at + 12], items[at], *items[at + 12 :]]
     in_time, after = alone(items), alone(late)
@@ -88,7 +88,7 @@ def test_an_image_that_comes_late_changes_the_belief_as_one_in_time_seed_1() -> 
 
 
 def test_without_images_it_coasts_is_lost_and_forgets_seed_1() -> None:
-    run = alone(Stream(t1=18.5, images=lambda t: t < 6.0 or t > 18.0).items())
+    run = alone(Stream(t1=18.5, images=lambda t: t < 6.0 or t > 18.0, sparse=True).items())
     states: list[tuple[Lifecycle, bool]] = []
     for e in run.estimates:
         if not states or states[-1] != (e.state, e.valid):
@@ -109,7 +109,7 @@ def test_without_images_it_coasts_is_lost_and_forgets_seed_1() -> None:
 
 
 def test_an_image_of_something_else_is_gated_and_changes_nothing_seed_1() -> None:
-    items = Stream(t1=7.0).items()
+    items = Stream(t1=7.0, sparse=True).items()
     at = max(i for i, item in enumerate(items) if isinstance(item.message, TargetPoints))
     image = items[at].message
     assert isinstance(image, TargetPoints)

@@ -12,7 +12,7 @@ from tests.support import own_vehicle as own
 from tests.support.streams import S
 
 
-@pytest.mark.parametrize("gap_s", [31, 600, 3600, 10**6])
+@pytest.mark.parametrize("gap_s", [31, 10**6])
 def test_the_track_ends_before_it_is_predicted_over_a_gap(gap_s: int, monkeypatch: pytest.MonkeyPatch) -> None:
     steps = 0
     step = tracks.Track._step
