@@ -46,7 +46,7 @@ class Event(Enum):
     ELSEWHERE = "the leader is lost, another mode flies, and this one would begin on the last target"
     HELD = "it has been lost for `hold_s`"
     CLEAR = "it has been lost for `hold_s`, and the vehicle is off its height, or cannot leave it"
-    FAST = "it is faster than 2 m/s and 2 sigma"
+    FAST = "it is faster than 2 m/s, and 2.5 sigmas from a standstill"
     MOVES = "it is faster than 1 m/s"
     SLOW = "it is slower than 1 m/s"
     CREEPS = "it is slower than 1.5 m/s"
