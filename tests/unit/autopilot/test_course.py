@@ -34,9 +34,13 @@ def test_a_leader_whose_velocity_is_unsure_along_the_range_alone_sets_off() -> N
         course.learn(v, np.diag([9.0, 0.25, 1.0]), DT)
     assert course.motion.state is Activity.SETS_OFF
     assert course.value is None  # where to is not known
+
+
+def test_a_leader_that_may_as_well_rest_along_the_range_does_not_set_off() -> None:
+    course = Course()
     for _ in range(round(20.0 / DT)):
-        course.learn(v, np.diag([9.0, 9.0, 1.0]), DT)
-    assert course.value is None
+        course.learn(np.array([5.0, 0.2, 0.0]), np.diag([9.0, 0.25, 1.0]), DT)
+    assert (course.value, course.motion.state) == (None, Activity.RESTS)
 
 
 @pytest.mark.parametrize(
