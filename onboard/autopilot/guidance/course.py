@@ -58,6 +58,7 @@ class Course:
                 Event.CREEPS: speed <= CREEPS,
                 Event.SLOW: speed <= SLOW,
                 Event.MOVES: speed > SLOW,
+                Event.MAY_REST: moves <= FAST_SIGMAS,
                 Event.FAST: speed > FAST and moves > FAST_SIGMAS,
                 Event.AGAINST: self.is_sure and away > BACK,
                 Event.ALONG: self.is_sure and away < AHEAD,

@@ -43,6 +43,16 @@ def test_a_leader_that_may_as_well_rest_along_the_range_does_not_set_off() -> No
     assert (course.value, course.motion.state) == (None, Activity.RESTS)
 
 
+def test_a_leader_that_has_stopped_and_may_as_well_rest_does() -> None:
+    """A real PX4 was led round one that had stopped, by a velocity of 2 +- 1.5 m/s that was noise."""
+    course = fly(fly(Course(), 5.0, 1.0, 2.0), 0.8, 1.0, 0.5)
+    assert course.motion.state is Activity.SETS_OFF
+    fly(course, 2.0, 2.5, 2.5, sigma=1.5)
+    assert course.motion.state is Activity.SETS_OFF
+    fly(course, 2.0, 2.5, 1.0, sigma=1.5)
+    assert course.motion.state is Activity.RESTS
+
+
 @pytest.mark.parametrize(
     ("v", "state"),
     [
