@@ -95,10 +95,10 @@ def of_manoeuvres(result: Json) -> Figures:
     """Figures of the study of manoeuvres: a row of the page's table for each autopilot and manoeuvre."""
     found = {"manoeuvre_flights": str(result["seeds"])}
     for autopilot, name, *numbers in result["tables"][0]["rows"]:
-        flights, followed, least, median, greatest, usual, seen, valid, *_ = numbers
+        flights, followed, least, median, greatest, usual, off, farthest, seen, valid, *_ = numbers
         found[f"manoeuvre_{autopilot}_{_key(name)}"] = (
             f"{followed:.0f} of {flights:.0f} | {median:.0f} ({least:.0f}) | {usual:.0f} ({greatest:.0f})"
-            f" | {seen:.0f} | {valid:.0f}"
+            f" | {off:.0f} ({farthest:.0f}) | {seen:.0f} | {valid:.0f}"
         )
     return found
 

@@ -9,6 +9,7 @@ the sinks before the next datagram is read.
 import asyncio
 import signal
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Future
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
@@ -45,7 +46,8 @@ SILENT_NS: Final = 3 * NS_PER_S  # without a message of the latched autopilot: n
 
 
 class Daemon:
-    """Everything of one flight. `report` receives lines for a person, `on_health` each health."""
+    """Everything of one flight. `report` receives lines for a person, `on_health` each health. `session`: Zenoh's,
+    which is being opened."""
 
     def __init__(
         self,
@@ -54,6 +56,7 @@ class Daemon:
         report: Callable[[str], None],
         on_health: Callable[[Health], None] = lambda _: None,
         clock: HostClock | None = None,
+        session: Future[ZenohSession] | None = None,
     ) -> None:
         self._clock = clock or HostClock()
         self._now_ns = self._clock.now_ns
@@ -75,6 +78,7 @@ class Daemon:
         ]
         self._sinks: dict[str, SinkRunner[Any]] = {}
         self._zenoh: ZenohSession | None = None
+        self._opening = session
         self._frames: Mapping[str, int] = {}
         self._rates: dict[str, float] = {}
         self._next_health_ns = 0
@@ -144,8 +148,9 @@ class Daemon:
 
     async def _open_zenoh(self) -> tuple[list[SinkRunner[Any]], ZenohLink]:
         """Publish, and receive sensors, over Zenoh. Raises SinkError."""
-        config = self._config
-        self._zenoh = await asyncio.to_thread(open_session, config.zenoh)
+        config, opening, self._opening = self._config, self._opening, None
+        opened = asyncio.to_thread(open_session, config.zenoh) if opening is None else asyncio.wrap_future(opening)
+        self._zenoh = await opened
         prefix = config.zenoh.prefix
         zenoh = publishing.ZenohSink(
             self._zenoh, prefix, current=self._current, monotonic=lambda: self._now_ns() * S_PER_NS

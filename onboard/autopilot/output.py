@@ -210,8 +210,8 @@ class AutopilotOutput:
                 if (m.system, m.component) != (mine.system, mine.component):
                     continue
                 if isinstance(m, Heartbeat):
+                    self._autopilot, self._is_armed = m, m.armed  # a run that starts soon is told its mode
                     self._guidance.note_mode(m)
-                    self._is_armed = m.armed
                 elif isinstance(m, ParamValue):
                     self._guidance.note_parameter(m.name, m.value)
         frames = self._sessions[channel].respond(messages, now_ns)

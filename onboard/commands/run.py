@@ -5,6 +5,7 @@ import asyncio
 import sys
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
@@ -14,7 +15,8 @@ from onboard.filters.numba_internals import on_compile
 from onboard.terminal import output as terminal
 
 if TYPE_CHECKING:
-    from onboard.config import Config
+    from onboard.config import Config, ZenohConfig
+    from onboard.sinks.zenoh_session import ZenohSession
 
 PROGRESS_S: Final = 10.0  # between lines about compiling
 
@@ -49,13 +51,23 @@ def fly(arguments: argparse.Namespace, report: Callable[[str], None]) -> int:
 
         config = load_config(arguments.config, tuple(arguments.set))
         compiling.ahead = partial(compile_flight, config)
+        # cameras find the router again while the filters load
+        session = ThreadPoolExecutor(1).submit(open_first, config.zenoh) if config.zenoh.enabled else None
         from onboard.daemon import Daemon  # noqa: PLC0415 - loads the filters
 
-        daemon = Daemon(config, report=report)
+        daemon = Daemon(config, report=report, session=session)
     release_compiler()
     go_first()
     asyncio.run(daemon.run(terminal.end_signals()))
     return 0
+
+
+def open_first(config: "ZenohConfig") -> "ZenohSession":
+    """Open the Zenoh session, whose threads go first, too. Raises SinkError."""
+    from onboard.sinks.zenoh_session import open_session  # noqa: PLC0415 - the block is about loading
+
+    go_first()
+    return open_session(config)
 
 
 def compile_flight(config: "Config", on_progress: Callable[[int, int], None]) -> None:

@@ -16,6 +16,7 @@ STOOD_STILL_S: Final = 1.0  # by which it is late when the program did not run a
 LITTLE_ROOM: Final = 200_000_000  # bytes
 LITTLE_MEMORY: Final = 100_000_000
 BY_STAMP: Final = (Cause.TOO_OLD, Cause.TOO_NEW, Cause.NO_POSE, Cause.DUPLICATE)
+WITHOUT_MOTION: Final = ("filter_has_no_position", "filter_has_no_velocity")  # by the autopilot's own filter
 RARE: Final = (Cause.OUT_OF_VIEW, Cause.NO_POSE)
 USED: Final = ("fused", "fused_late")
 OTHER_IMAGE: Final = 0.3  # share of all images that are beyond its edge, or have no pose
@@ -48,7 +49,8 @@ def _follows(m: Moment, cause: Cause) -> bool:
         return cause is Cause.BEFORE_HEARTBEAT
     if cause in BY_STAMP and any(stamp_reading(m, *camera) is not None for camera in m.now.cameras.items()):
         return True
-    return cause is Cause.NO_POSE and not m.has_motion
+    is_over = not m.verdicts(f"leader.{Cause.NO_POSE}")
+    return cause is Cause.NO_POSE and (is_over or not m.has_motion or any(map(m.rejected, WITHOUT_MOTION)))
 
 
 def _is_rare(m: Moment, cause: Cause) -> bool:

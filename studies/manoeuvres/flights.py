@@ -84,13 +84,15 @@ class Manoeuvre(NamedTuple):
 
 
 class Result(NamedTuple):
-    """Of one flight: least and greatest distance, percent of the slot's; percent of images with the leader inside
-    and of the time with a valid estimate; degrees between the follower and its side of the leader, over the last
-    seconds; whether it is followed, seen, near its slot and on its side for these; and how many kinds of advice
-    about the set-up, which is right, the daemon gave."""
+    """Of one flight: least and greatest distance, and the median and greatest of that from the slot, percent of
+    the slot's; percent of images with the leader inside and of the time with a valid estimate; degrees between the
+    follower and its side of the leader, over the last seconds; whether it is followed, seen, near its slot and on
+    its side for these; and how many kinds of advice about the set-up, which is right, the daemon gave."""
 
     least: float
     greatest: float
+    off: float
+    farthest_off: float
     seen: float
     valid: float
     aside: float
@@ -174,7 +176,7 @@ def flown(autopilot: Autopilot, manoeuvre: Manoeuvre, seed: int, settings: Seque
 
 def judged(flight: Flight) -> Result:
     """The result of a flight."""
-    of_slot = flight.distance / float(np.linalg.norm(SLOT))
+    of_slot, off = (a / float(np.linalg.norm(SLOT)) for a in (flight.distance, flight.slot_error))
     counts, last = flight.t >= COUNTS, flight.t > flight.t[-1] - AT_THE_END
     low, high = NEAR_ITS_SLOT
     followed = (
@@ -188,6 +190,8 @@ def judged(flight: Flight) -> Result:
     return Result(
         least=100.0 * float(of_slot[counts].min()),
         greatest=100.0 * float(of_slot[counts].max()),
+        off=100.0 * float(np.median(off[counts])),
+        farthest_off=100.0 * float(off[counts].max()),
         seen=100.0 * float(flight.in_view[counts].mean()),
         valid=100.0 * float(flight.valid[counts].mean()),
         aside=math.degrees(float(np.median(flight.aside[last]))),

@@ -24,7 +24,8 @@ LEAST: Final = 200.0 / 3.0  # percent of the slot's distance
 GREATEST: Final = 200.0  # percent, in circles
 HEADER: Final = (
     *("autopilot", "leader", "flights", "followed at the end"),
-    *("least distance %", "median %", "greatest distance %", "median %", "images with the leader %", "valid %"),
+    *("least distance %", "median %", "greatest distance %", "median %"),
+    *("off its slot %", "at most %", "images with the leader %", "valid %"),
     *("degrees off its side", "false advice"),
 )
 
@@ -72,11 +73,12 @@ def findings(rows: Sequence[Row], first_seed: int) -> Findings:
 
 
 def _row(found: Sequence[Result]) -> tuple[float, ...]:
-    least, greatest, seen, valid, aside, followed, advised = np.array(found, float).T
+    least, greatest, off, farthest, seen, valid, aside, followed, advised = np.array(found, float).T
     return (
         float(len(found)),
         float(followed.sum()),
         *(float(least.min()), float(np.median(least)), float(greatest.max()), float(np.median(greatest))),
+        *(float(np.median(off)), float(farthest.max())),
         *(float(seen.mean()), float(valid.mean()), float(aside.max()), float(advised.sum())),
     )
 

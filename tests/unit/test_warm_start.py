@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from onboard.autopilot.guidance.px4 import FOLLOW_ME
 from onboard.config import Config, ConfigError, WarmFile, datagram_of
 from onboard.config.warm_start import MOST_AGE_S, digest, folder_of, store_state
 from onboard.messages import Datagram, WarmState
@@ -17,7 +18,7 @@ from onboard.pipeline.warm_start import REBOOTED
 from onboard.wire.documents.document import BadDocumentError
 from onboard.wire.documents.warm_state import decode_warm_state, encode_warm_state
 from studies.closed_loop.flight import Companion
-from tests.support.streams import EPOCH, S, Stream, feed, make_config, position_error
+from tests.support.streams import EPOCH, S, Stream, feed, heartbeat, make_config, position_error
 
 END = 9.0  # s, of the first run's stream
 AGAIN = 11.0  # s: the second run begins
@@ -28,16 +29,23 @@ def config(*settings: str) -> Config:
 
 
 @cache
-def left() -> WarmState:
-    """What a run leaves that heard a stream until END."""
+def flown() -> Companion:
+    """A run that heard a stream until END."""
     companion, next_ns = Companion(config()), 0
     for datagram in Stream(t1=END).datagrams():
         companion.receive(datagram)
         if datagram.t_recv_ns >= next_ns:
             companion.tick(datagram.t_recv_ns)
             next_ns = datagram.t_recv_ns + 20_000_000
-    assert companion.left is not None
-    return replace(companion.left, configuration=digest(config()))
+    return companion
+
+
+@cache
+def left() -> WarmState:
+    """What it leaves."""
+    state = flown().left
+    assert state is not None
+    return replace(state, configuration=digest(config()))
 
 
 def second_run(state: WarmState | None, seed: int = 2) -> list[Any]:
@@ -132,6 +140,15 @@ def damaged(path: tuple[Any, ...], value: Any) -> bytes:
 def test_a_damaged_state_is_refused(data: Callable[[], bytes], reason: str) -> None:
     with pytest.raises(BadDocumentError, match=reason):
         decode_warm_state(data(), 1)
+
+
+def test_the_next_run_is_told_the_flight_mode_of_the_last_heartbeat() -> None:
+    """And not of the first: a PX4 that follows would be led as one that may begin to, to another side."""
+    run, end_ns = flown(), round(END * S)
+    run.output.respond("autopilot", [replace(heartbeat(end_ns), custom_mode=FOLLOW_ME)], EPOCH + end_ns)
+    state = run.output.warm_state(EPOCH + end_ns, EPOCH, None)
+    assert state is not None
+    assert state.heartbeat.custom_mode == FOLLOW_ME
 
 
 class Kept:

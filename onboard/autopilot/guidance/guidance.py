@@ -108,7 +108,7 @@ class Guidance:
         """Go on with what an earlier run knew, which stands for a leader that was lost just now."""
         self._known = known
         if course is not None:
-            self._course.resume(course)
+            self._course.resume(course, np.array(known.v_L_n))
 
     @property
     def phase(self) -> Phase:
@@ -172,7 +172,7 @@ class Guidance:
         yaw = self._look(track, r_F)
         if self._course.value is None and self._config.start_course == "bearing":
             self._course.start(yaw)
-        self._course.learn(track.v_observed, math.sqrt(max(P[3, 3], P[4, 4])), dt)
+        self._course.learn(track.v_observed, P[3:, 3:], dt)
         if self._course.value is None:
             return
         if not abs(wrapped(yaw - self._direction)) <= FAR_OFF:

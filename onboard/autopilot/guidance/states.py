@@ -46,7 +46,8 @@ class Event(Enum):
     ELSEWHERE = "the leader is lost, another mode flies, and this one would begin on the last target"
     HELD = "it has been lost for `hold_s`"
     CLEAR = "it has been lost for `hold_s`, and the vehicle is off its height, or cannot leave it"
-    FAST = "it is faster than 2 m/s and 2 sigma"
+    FAST = "it is faster than 2 m/s, and 2.5 sigmas from a standstill"
+    MAY_REST = "it is within 2.5 sigmas of a standstill"
     MOVES = "it is faster than 1 m/s"
     SLOW = "it is slower than 1 m/s"
     CREEPS = "it is slower than 1.5 m/s"
@@ -80,6 +81,7 @@ PHASES: Final = (
 )
 MOTIONS: Final = (
     StateChange((Activity.SETS_OFF, Activity.FLIES, Activity.BACKS_UP), Event.SLOW, Activity.RESTS, RESTS_S),
+    StateChange((Activity.SETS_OFF,), Event.MAY_REST, Activity.RESTS, RESTS_S),
     StateChange((Activity.RESTS, Activity.SETS_OFF), Event.AGAINST, Activity.BACKS_UP),
     StateChange((Activity.RESTS, Activity.SETS_OFF, Activity.BACKS_UP), Event.ALONG, Activity.FLIES),
     StateChange((Activity.SETS_OFF, Activity.BACKS_UP), Event.MOVES, Activity.FLIES, TURNED_S),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from onboard.autopilot.guidance.course import Course
-from onboard.autopilot.guidance.states import TURNED_S
+from onboard.autopilot.guidance.states import TURNED_S, Activity
 
 DT = 0.05
 
@@ -14,7 +14,7 @@ DT = 0.05
 def fly(course: Course, speed: float, direction: float, seconds: float, sigma: float = 0.5) -> Course:
     v = speed * np.array([math.cos(direction), math.sin(direction), 0.0])
     for _ in range(round(seconds / DT)):
-        course.learn(v, sigma, DT)
+        course.learn(v, sigma**2 * np.eye(3), DT)
     return course
 
 
@@ -25,6 +25,46 @@ def test_a_velocity_that_may_be_noise_teaches_nothing() -> None:
     assert fly(Course(), 0.9, 1.0, 20.0, sigma=0.01).value is None
     assert fly(Course(), 10.0, 1.0, 0.9).value is None
     assert fly(Course(), 10.0, 1.0, 1.1).value == 1.0
+
+
+def test_a_leader_whose_velocity_is_unsure_along_the_range_alone_sets_off() -> None:
+    """A real one after a restart, 57 m north of a vehicle that stood: 5 m/s, 3 to 8 unsure along the range."""
+    course, v = Course(), np.array([3.0, 4.0, 0.0])
+    for _ in range(round(1.0 / DT)):
+        course.learn(v, np.diag([9.0, 0.25, 1.0]), DT)
+    assert course.motion.state is Activity.SETS_OFF
+    assert course.value is None  # where to is not known
+
+
+def test_a_leader_that_may_as_well_rest_along_the_range_does_not_set_off() -> None:
+    course = Course()
+    for _ in range(round(20.0 / DT)):
+        course.learn(np.array([5.0, 0.2, 0.0]), np.diag([9.0, 0.25, 1.0]), DT)
+    assert (course.value, course.motion.state) == (None, Activity.RESTS)
+
+
+def test_a_leader_that_has_stopped_and_may_as_well_rest_does() -> None:
+    """A real PX4 was led round one that had stopped, by a velocity of 2 +- 1.5 m/s that was noise."""
+    course = fly(fly(Course(), 5.0, 1.0, 2.0), 0.8, 1.0, 0.5)
+    assert course.motion.state is Activity.SETS_OFF
+    fly(course, 2.0, 2.5, 2.5, sigma=1.5)
+    assert course.motion.state is Activity.SETS_OFF
+    fly(course, 2.0, 2.5, 1.0, sigma=1.5)
+    assert course.motion.state is Activity.RESTS
+
+
+@pytest.mark.parametrize(
+    ("v", "state"),
+    [
+        ((5.0, 0.0, 0.0), Activity.FLIES),
+        ((-5.0, 0.5, 0.0), Activity.BACKS_UP),
+        ((0.5, 0.0, 0.0), Activity.RESTS),
+    ],
+)
+def test_what_the_leader_did_before_a_restart_it_does_after_it(v: tuple[float, ...], state: Activity) -> None:
+    course = Course()
+    course.resume(0.3, np.array(v))
+    assert (course.value, course.is_learnt, course.motion.state) == (0.3, True, state)
 
 
 def test_it_is_held_in_a_hover_and_when_the_leader_backs_up() -> None:

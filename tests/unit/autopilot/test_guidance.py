@@ -395,12 +395,12 @@ def test_a_vehicle_far_behind_its_slot_flies_as_fast_as_a_leader_whose_speed_is_
     assert v_sent[0] == pytest.approx(6.0, abs=0.3)
 
 
-def test_a_leader_that_seems_to_fly_off_is_not_chased_faster_than_it_flies() -> None:
-    """Seen edge-on in a turn, a leader with 3 m/s seemed to fly off with 9, and to be farther off each moment."""
-    guidance, r = Guidance(GuidanceConfig()), np.array([0.0, 0.0, 0.0])
-    for k in range(350):
-        v = np.array([3.0 + max(0.02 * (k - 300), 0.0) * 5.0, 0.0, 0.0])
-        r = r + 0.02 * v + (0.05 * max(k - 300, 0) / 50.0, 0.0, 0.0)
-        here = np.array([0.06 * k - 30.0, 0.0, 3.0])
-        sent = guidance.virtual_leader(state(T + k * TICK, r, v), here, np.array([3.0, 0.0, 0.0]))
-        assert slot_of(sent)[1][0] <= v[0] + 0.6
+def test_a_leader_that_seems_to_be_farther_off_each_moment_is_not_chased_faster_than_it_flies() -> None:
+    """Seen edge-on in a turn, a leader with 3 m/s was, moment by moment, estimated 2 m/s faster away."""
+    guidance, v = Guidance(GuidanceConfig()), np.array([3.0, 0.0, 0.0])
+    fastest = 0.0
+    for k in range(450):
+        r = 0.02 * k * v + (0.04 * max(k - 300, 0), 0.0, 0.0)
+        sent = guidance.virtual_leader(state(T + k * TICK, r, v), 0.02 * k * v - (36.0, 0.0, -3.0), v)
+        fastest = max(fastest, slot_of(sent)[1][0])
+    assert 3.0 < fastest < 3.6

@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from concurrent.futures import Future
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
@@ -112,7 +113,7 @@ def test_what_the_flight_needs_is_compiled_at_the_first_function_and_reported() 
 
 
 def test_a_start_compiles_ahead_what_its_configuration_flies(monkeypatch: pytest.MonkeyPatch) -> None:
-    config, asked = object(), []
+    config, asked = parse_config({"zenoh": {"enabled": False}}), []
 
     def daemon(*_: Any, **__: Any) -> Any:
         compile_one()
@@ -124,6 +125,22 @@ def test_a_start_compiles_ahead_what_its_configuration_flies(monkeypatch: pytest
     monkeypatch.setattr("onboard.commands.run.compile_flight", lambda one, _: asked.append(one))
     assert main(["run"]) == USER_ERROR
     assert asked == [config]
+
+
+def test_the_zenoh_session_opens_while_the_filters_load(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A camera that has lost its router is blind until it finds it again."""
+    found: list[object] = []
+
+    def daemon(*_: Any, session: Future[object], **__: Any) -> Any:
+        found.append(session.result(PATIENCE))
+        raise UserError("that was all")
+
+    monkeypatch.setattr("onboard.config.load_config", lambda *_: parse_config({}))
+    monkeypatch.setattr("onboard.daemon.Daemon", daemon)
+    monkeypatch.setattr("onboard.commands.run.go_first", lambda: None)
+    monkeypatch.setattr("onboard.sinks.zenoh_session.open_session", lambda config: config)
+    assert main(["run"]) == USER_ERROR
+    assert found == [parse_config({}).zenoh]
 
 
 def test_where_it_cannot_be_compiled_ahead_it_is_compiled_one_by_one() -> None:

@@ -364,11 +364,21 @@ def test_a_leader_at_the_edge_is_not_one_of_another_image(beyond: int, advised: 
     assert ("pixels" in {a.kind for a in Advisor(Needs()).advise(now)}) is advised
 
 
-@pytest.mark.parametrize(("refused", "used", "advised"), [(3, 1, False), (20, 400, False), (20, 0, True)])
+@pytest.mark.parametrize(
+    ("refused", "used", "without_position", "later", "advised"),
+    [
+        (3, 1, 0, 0, False),
+        (20, 400, 0, 0, False),
+        (20, 0, 0, 0, True),
+        (20, 0, 10, 0, False),
+        (20, 0, 0, 1, False),
+    ],
+)
 def test_images_from_before_our_own_motion_are_none_with_a_wrong_stamp(
-    refused: int, used: int, advised: bool
+    refused: int, used: int, without_position: int, later: int, advised: bool
 ) -> None:
-    """A daemon that has just begun takes images that were exposed before the first attitude that it has heard."""
+    """A daemon that has just begun takes images that were exposed before the first attitude that it has heard. An
+    ArduCopter sends a position 30 s before its filter has one; once it has, those images are past."""
     health = faultless().health
     early = Refusal(
         source="camera front",
@@ -377,9 +387,15 @@ def test_images_from_before_our_own_motion_are_none_with_a_wrong_stamp(
         count=refused,
         t_recv_ns=health.t_recv_ns,
     )
-    counts = {"leader.no_pose": refused, "leader.fused": used}
-    now = replace(health, refusals=(early,), verdicts=counts)
-    assert ("stamps" in {a.cause for a in Advisor(Needs()).advise(now)}) is advised
+    counts, rejected = (
+        {"leader.no_pose": refused, "leader.fused": used},
+        {"filter_has_no_position": without_position},
+    )
+    now, advisor = replace(health, refusals=(early,), verdicts=counts, rejected=rejected), Advisor(Needs())
+    for _ in range(later):
+        advisor.advise(replace(now, t_recv_ns=now.t_recv_ns - 6 * S))
+    advisor.advise(replace(now if later else health, t_recv_ns=now.t_recv_ns - S))
+    assert ("stamps" in {a.cause for a in advisor.advise(now)}) is advised
 
 
 def test_a_wind_of_exactly_zero_is_no_estimate() -> None:

@@ -38,7 +38,9 @@ def test_every_flight_begins_behind_a_leader_at_rest(manoeuvre: Manoeuvre) -> No
 def test_distances_count_once_the_mode_has_settled() -> None:
     slot = float(np.linalg.norm((-30.0, 0.0, 2.0)))
     distance = np.where(T < 14.0, 1.0, np.where(T < 50.0, 0.8 * slot, 1.2 * slot))
-    found = judged(GOOD._replace(distance=distance))
+    off = slot * np.where(T < 14.0, 1.0, np.where(T < 60.0, 0.1, 0.2))
+    found = judged(GOOD._replace(distance=distance, slot_error=off))
+    assert (found.off, found.farthest_off) == (pytest.approx(10.0), pytest.approx(20.0))
     assert (found.least, found.greatest) == (pytest.approx(80.0), pytest.approx(120.0))
     assert (found.seen, found.valid, found.followed) == (100.0, 100.0, True)
 
@@ -63,8 +65,20 @@ def test_followed_is_what_is_seen_valid_and_near_its_slot_at_the_end(end: dict[s
 
 
 def test_one_flight_that_misses_takes_the_claim_away() -> None:
-    good = Result(least=70.0, greatest=150.0, seen=100.0, valid=100.0, aside=0.0, followed=True)
-    bad = Result(least=60.0, greatest=230.0, seen=90.0, valid=100.0, aside=90.0, followed=False, advised=1)
+    good = Result(
+        least=70.0, greatest=150.0, off=5.0, farthest_off=50.0, seen=100.0, valid=100.0, aside=0.0, followed=True
+    )
+    bad = Result(
+        least=60.0,
+        greatest=230.0,
+        off=50.0,
+        farthest_off=250.0,
+        seen=90.0,
+        valid=100.0,
+        aside=90.0,
+        followed=False,
+        advised=1,
+    )
     rows = [(name, m, [good, bad if m.name.startswith("circle") else good]) for name in SPEEDS for m in MANOEUVRES]
     found = findings([row if row[0] == "px4" else (*row[:2], [good, good]) for row in rows], 501)
     assert [claim.verdict for claim in found.claims] == ["holds"] * 4 + ["does not hold"] * 4
