@@ -173,6 +173,9 @@ def _print_replay(console: Console, log: Path, replayed: ReplayResult, result: L
     print_health(console, replayed.health)
     for refusal in replayed.health.refusals:
         console.print(f"  {refusal.count} of {refusal.source}: {refusal.reason}", highlight=False, soft_wrap=True)
+    for name, state in replayed.health.states.items():
+        if not state.is_valid and (why := replayed.health.reasons.get(name)):
+            console.print(f"  {name} at the end: {state}, {why}", highlight=False, soft_wrap=True)
     if not result.verdicts:
         console.print("no camera points in this log: nothing to estimate the leader from", highlight=False)
 

@@ -12,7 +12,16 @@ from onboard import UserError
 from onboard.analysis.flights.replay import replay
 from onboard.commands.replay import replay_log
 from onboard.config import Config, load_config
-from onboard.messages import CameraPoints, Clock, Datagram, Encoding, Intrinsics, Pixel, TargetPoints
+from onboard.messages import (
+    CameraPoints,
+    Clock,
+    Datagram,
+    Encoding,
+    Intrinsics,
+    LocalPosition,
+    Pixel,
+    TargetPoints,
+)
 from onboard.sinks.recorder import Recorder, Rotation
 from onboard.wire.logs.recording import parts_of
 from tests.support.streams import F_PX, Stream, encode, make_config
@@ -107,8 +116,12 @@ def test_a_log_without_images_shows_what_there_is(tmp_path: Path, capsys: pytest
     assert "nothing to estimate the leader from" in shown
     assert "to estimate our own state: --set estimator.own_state={}" in shown
     assert "valid" not in shown.replace("invalid", "")
+    assert "leader at the end: searching, no image yet" in shown
+    record(log, encode(i for i in Stream(t1=7.0).items() if not isinstance(i.message, LocalPosition)))
     replayed_numbers(log, make_config("estimator.own_state={}"))
-    assert "to estimate our own state" not in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert "to estimate our own state" not in shown
+    assert "own_state at the end: searching, no GPS fix yet" in shown
 
 
 def test_the_parts_of_a_recording_are_replayed_as_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
