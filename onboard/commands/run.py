@@ -16,8 +16,7 @@ from onboard.terminal import output as terminal
 
 if TYPE_CHECKING:
     from onboard.config import Config
-    from onboard.config.sections import ZenohConfig
-    from onboard.sinks.zenoh_session import ZenohSession
+    from onboard.sinks.zenoh_session import ZenohConfig, ZenohSession
 
 PROGRESS_S: Final = 10.0  # between lines about compiling
 
