@@ -15,8 +15,8 @@ from onboard.filters.numba_internals import on_compile
 from onboard.terminal import output as terminal
 
 if TYPE_CHECKING:
-    from onboard.config import Config, ZenohConfig
-    from onboard.sinks.zenoh_session import ZenohSession
+    from onboard.config import Config
+    from onboard.sinks.zenoh_session import ZenohConfig, ZenohSession
 
 PROGRESS_S: Final = 10.0  # between lines about compiling
 
