@@ -22,7 +22,7 @@ from numba import njit, types
 from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import LeaderModel
 from onboard.estimators.leader.hypotheses.draws import uniform
-from onboard.estimators.leader.hypotheses.motion import HEADINGS, LEAST_VISIBLE, NUMBER, N
+from onboard.estimators.leader.hypotheses.motion import HEADINGS, LEAST_VISIBLE, NUMBER, RX, RY, RZ, VX, VY, VZ, N
 from onboard.filters.compiled import FILLING, ROWS, VECTOR
 
 ARRAYS: Final = 9  # of the fields, the first: each has one row a particle
@@ -145,6 +145,21 @@ def resampled(particles: Particles, k: int) -> Particles:
     arrays: dict[str, Any] = {name: getattr(particles, name)[chosen] for name in Particles._fields[:ARRAYS]}
     log_weights = np.full(k, -math.log(k))
     return particles._replace(**arrays, log_weights=log_weights, draws=particles.draws + 1)
+
+
+@njit((VECTOR, VECTOR, ROWS, VECTOR, NUMBER), **FILLING)
+def seen_together(w, nis, means, v_F, gate):
+    """Of particles with weights w (K,), means (K, W) and these NIS (K,) of an image: the mean NIS, each `gate` at
+    most, and how fast the view of the leader changes, 1/s, as we fly at v_F (3,) m/s."""
+    off, x, y, z = 0.0, 0.0, 0.0, 0.0
+    for k in range(w.shape[0]):
+        off += w[k] * min(nis[k], gate)
+        r = means[k]
+        share = w[k] / np.sqrt(r[RX] * r[RX] + r[RY] * r[RY] + r[RZ] * r[RZ])
+        x += share * (r[VX] - v_F[0])
+        y += share * (r[VY] - v_F[1])
+        z += share * (r[VZ] - v_F[2])
+    return off, np.sqrt(x * x + y * y + z * z)
 
 
 @njit(

@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import FLIPPED, STRAY, TURN_BIAS, LeaderModel
@@ -27,22 +26,21 @@ from onboard.estimators.leader.hypotheses.motion import (
     FREE,
     LEAST_VISIBLE,
     MOTION,
-    NUMBER,
     POSITION,
-    RX,
-    RY,
-    RZ,
-    VX,
-    VY,
-    VZ,
 )
-from onboard.estimators.leader.hypotheses.particles import Bias, Particles, evidence, fitting, weighted
+from onboard.estimators.leader.hypotheses.particles import (
+    Bias,
+    Particles,
+    evidence,
+    fitting,
+    seen_together,
+    weighted,
+)
 from onboard.estimators.leader.hypotheses.prediction import particles_of, passed, weigh
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import Measurement, Rows
 from onboard.estimators.leader.image.pose import PoseFeatures
 from onboard.filters.belief import Belief, FilterError
-from onboard.filters.compiled import FILLING, ROWS, VECTOR
 from onboard.filters.gating import chi_square_threshold
 
 EXPECTING: Final = 0.3  # of the weight: at least so many particles must have expected an image
@@ -168,21 +166,6 @@ def update(
     both = particles_of(particles), particles_of(after)
     log_weights = weigh(*both, particles.log_weights, log_l, believed, passed(settings, particles))
     return fitting(settings, after._replace(log_weights=log_weights)), least
-
-
-@njit((VECTOR, VECTOR, ROWS, VECTOR, NUMBER), **FILLING)
-def seen_together(w, nis, means, v_F, gate):
-    """Of particles with weights w (K,), means (K, W) and these NIS (K,) of an image: the mean NIS, each `gate` at
-    most, and how fast the view of the leader changes, 1/s, as we fly at v_F (3,) m/s."""
-    off, x, y, z = 0.0, 0.0, 0.0, 0.0
-    for k in range(w.shape[0]):
-        off += w[k] * min(nis[k], gate)
-        r = means[k]
-        share = w[k] / np.sqrt(r[RX] * r[RX] + r[RY] * r[RY] + r[RZ] * r[RZ])
-        x += share * (r[VX] - v_F[0])
-        y += share * (r[VY] - v_F[1])
-        z += share * (r[VZ] - v_F[2])
-    return off, np.sqrt(x * x + y * y + z * z)
 
 
 def assist(settings: LeaderModel, particles: Particles, taken: Auxiliary, *, is_open: bool) -> Particles | None:
