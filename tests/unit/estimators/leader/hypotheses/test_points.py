@@ -145,6 +145,9 @@ def test_a_pitch_that_is_open_leaves_up_and_down_open_and_a_misplaced_point_all(
 
     assert nis(up, 0.0, 0.0) > 8.0
     assert nis(up, np.radians(12.0), 0.0) < 2.0
+    bent = at.copy()  # nose and tail both higher: no pitch does that
+    bent[:2, 1] -= np.radians(12.0) * SIZE * 0.38 / np.linalg.norm(x[POSITION])
+    assert nis(bent, np.radians(12.0), 0.0) > 0.8 * nis(bent, 0.0, 0.0)
     aside = at + 0.05 * SIZE / np.linalg.norm(x[POSITION])
     share = 0.05 * SIZE / float(np.linalg.norm(x[POSITION])) / SIGMA
     assert nis(aside, 0.0, 0.0) / nis(aside, 0.0, 0.05) == pytest.approx(1.0 + share**2, rel=0.03)
