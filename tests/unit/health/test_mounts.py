@@ -148,13 +148,15 @@ def test_a_wrong_camera_without_lean_is_not_claimed_seeds_1_to_20() -> None:
 
 
 def hints(scenario: Scenario, mount_deg: list[float], seconds: float, seed: int) -> list[str]:
+    """What the health says at the end; it is asked each second, as by a daemon, and a search goes on each time."""
     table = {"camera": {"mount_rpy_deg": mount_deg}, "estimator": {"leader": LEADER}}
-    pipeline, t_ns = Pipeline(parse_config(table)), 0
+    pipeline, next_ns, refusals = Pipeline(parse_config(table)), 0, ()
     for item in datagrams(scenario, seed, seconds):
         if isinstance(item, Datagram):
             pipeline.feed(item)
-            t_ns = item.t_recv_ns
-    return [r.reason for r in pipeline.health(t_ns).refusals if r.reason.startswith(DOUBT)]
+            if item.t_recv_ns >= next_ns:
+                next_ns, refusals = item.t_recv_ns + NS_PER_S, pipeline.health(item.t_recv_ns).refusals
+    return [r.reason for r in refusals if r.reason.startswith(DOUBT)]
 
 
 @pytest.mark.slow

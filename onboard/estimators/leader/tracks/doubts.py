@@ -53,7 +53,7 @@ OFTEN: Final = 0.75  # of the images of the believed class: another class that i
 LEAPT: Final = Reason(Cause.LEAPT, "the images leapt: another object may have taken its place")
 SELDOM: Final = 0.1  # of the images of one extent: another that is as frequent leaves it open
 EXTENT_OPEN: Final = Reason(
-    Cause.EXTENT_OPEN, "its size in the images leaps to and fro: the detector bounds now more, now less of it"
+    Cause.EXTENT_OPEN, "its size in the images leaps back and forth: the detector bounds now more, now less of it"
 )
 ELSEWHERE: Final = "the detector shows now this aircraft, now another: let it send all that are in an image"
 K = TypeVar("K")
