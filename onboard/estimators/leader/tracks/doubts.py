@@ -169,7 +169,7 @@ class Extents:
     def fused(self, image: Image) -> None:
         """A track took an image."""
         if image.has_extent:
-            self._decay(image.message.t_ns)
+            self._decay(image)
             self._expected += 1.0
             if self._fused is None or image.message.t_ns > self._fused.message.t_ns:
                 self._fused = image
@@ -179,7 +179,7 @@ class Extents:
         last = self._fused
         if last is None or not 0.0 < _between(last, image) < LONGEST_S:
             return
-        self._decay(image.message.t_ns)
+        self._decay(image)
         is_there = _is_there(last, image)
         self._resized += is_there and leaps_in_size(last, image)
         self._elsewhere += not is_there
@@ -190,9 +190,12 @@ class Extents:
             self.clear()
         self._expected, self._resized = self._resized, self._expected
 
-    def _decay(self, t_ns: int) -> None:
+    def _decay(self, image: Image) -> None:
+        t_ns = image.message.t_ns
         passed_s, self._t_ns = max(t_ns - self._t_ns, 0) / NS_PER_S, max(t_ns, self._t_ns)
         decay = math.exp(-passed_s / self._memory_s)
+        if self._fused is not None and image.noise_scale > self._fused.noise_scale:
+            decay = 0.0  # those before were judged by too little noise
         self._expected, self._resized = decay * self._expected, decay * self._resized
         self._elsewhere *= decay
 

@@ -21,7 +21,7 @@ def image(t: float, degrees: float = 0.0, span: float = 0.1) -> Image:
     message: Any = SimpleNamespace(t_ns=round(t * 1e9))
     pose: Any = SimpleNamespace(R_cn=np.eye(3))
     unused: Any = None
-    return Image(message, True, measurement, pose, True, unused, unused, 1.0)
+    return Image(message, True, measurement, pose, True, unused, 1.0, 1.0)
 
 
 def ended_after(fused: Image | None, gated: Image | None) -> Exchange:
