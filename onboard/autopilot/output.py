@@ -210,7 +210,7 @@ class AutopilotOutput:
                 if (m.system, m.component) != (mine.system, mine.component):
                     continue
                 if isinstance(m, Heartbeat):
-                    self._autopilot, self._is_armed = m, m.armed  # a run that starts soon is told its mode
+                    self._autopilot, self._is_armed = m, m.armed  # the next run resumes in this mode
                     self._guidance.note_mode(m)
                 elif isinstance(m, ParamValue):
                     self._guidance.note_parameter(m.name, m.value)

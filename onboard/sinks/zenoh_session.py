@@ -231,7 +231,7 @@ def _explained(settings: Any, error: str) -> SinkError:
 
 def _zenoh_config(config: ZenohConfig) -> Any:
     """The configuration in Zenoh's form: the file's settings over ours. Raises SinkError if the file cannot be
-    read."""
+    read, or Zenoh rejects an endpoint."""
     import zenoh  # noqa: PLC0415 - replay never loads it
 
     path, stated = config.config_file, frozenset[str]()
@@ -247,7 +247,11 @@ def _zenoh_config(config: ZenohConfig) -> Any:
             value |= {name: theirs[name] for name in theirs if is_stated(f"{key}/{name}", stated)}
         elif is_stated(key, stated):
             continue
-        result.insert_json5(key, msgspec.json.encode(value).decode())
+        written = msgspec.json.encode(value).decode()
+        try:
+            result.insert_json5(key, written)
+        except zenoh.ZError as error:
+            raise SinkError(f"zenoh: {key} cannot be {written}; an endpoint is like tcp/127.0.0.1:7447") from error
     return result
 
 

@@ -305,7 +305,7 @@ def test_images_that_do_not_come_are_not_said_not_to_fit() -> None:
 def test_of_two_cameras_the_one_that_fits_far_better_is_not_blamed(
     nis: tuple[float, float], blamed: list[str]
 ) -> None:
-    """The stamps of one were 0.3 s old, and both were said to be wrong."""
+    """The stamps of one were 0.3 s old, and both were reported wrong."""
     health = flown().health
     camera = next(iter(health.cameras.values()))
     found = {
@@ -343,7 +343,7 @@ def test_a_manoeuvre_that_is_over_is_no_noise(nis: float, noisy: bool) -> None:
 
 @pytest.mark.parametrize(("nis", "advised"), [(9.0, True), (1.4, False)])
 def test_own_motion_that_does_not_fit_is_named_without_an_airframe(nis: float, advised: bool) -> None:
-    """In strong vibration our own state's NIS was 9 times its expectation, and nothing said so."""
+    """In strong vibration our own state's NIS was 9 times its expectation, without an advice."""
     found = {"own_state.gps": Consistency(count=200, nis=nis, low=0.8, high=1.2)}
     advice = Advisor(Needs()).advise(replace(flown().health, consistency=found))
     assert [a.about for a in advice if a.kind == "own-misfit"] == ["own gps"] * advised

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from onboard.sinks.zenoh_session import DEFAULT_LISTEN, ZenohConfig, _zenoh_config
+from onboard.sinks import SinkError
+from onboard.sinks.zenoh_session import DEFAULT_LISTEN, ZenohConfig, _zenoh_config, open_session
 
 TLS = "tls/router.example:7447"
 
@@ -42,3 +43,8 @@ def test_a_file_with_tls_closes_the_plain_listener(tmp_path: Path) -> None:
 def test_a_router_that_comes_back_is_found_within_5_s() -> None:
     config = _zenoh_config(ZenohConfig(mode="peer", connect=("tcp/192.168.1.20:7447",)))
     assert json.loads(config.get_json("connect/retry"))["period_max_ms"] <= 2000
+
+
+def test_an_endpoint_that_zenoh_rejects_is_named() -> None:
+    with pytest.raises(SinkError, match=r'zenoh: listen/endpoints cannot be \["nonsense"\]; an endpoint is like'):
+        open_session(ZenohConfig(listen=("nonsense",)))

@@ -19,6 +19,7 @@ from onboard.estimators.leader.hypotheses import prediction, update
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
 from onboard.estimators.leader.hypotheses.particles import Particles
 from onboard.estimators.leader.hypotheses.places import OpenQuestion
+from onboard.estimators.leader.hypotheses.prediction import NOWHERE
 from onboard.estimators.leader.hypotheses.start import start
 from onboard.estimators.leader.hypotheses.summary import (
     COMPONENTS,
@@ -38,7 +39,6 @@ from onboard.models.relative_motion import POSITION, VELOCITY
 from onboard.ownship import Step
 
 SIZES: Final = 3.0  # sigmas of the configured size
-NOWHERE: Final = np.zeros(3)
 LONGEST_S: Final = 0.25  # of a prediction of the hypotheses
 SURPRISED: Final = 1.5  # times what the hypotheses' own uncertainties say: none of them fits
 

@@ -23,7 +23,7 @@ from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import LeaderModel
 from onboard.estimators.leader.hypotheses.draws import uniform
 from onboard.estimators.leader.hypotheses.motion import HEADINGS, LEAST_VISIBLE, NUMBER, RX, RY, RZ, VX, VY, VZ, N
-from onboard.filters.compiled import FILLING, ROWS, VECTOR
+from onboard.filters.compiled import FILLING, MAKING, ROWS, VECTOR
 
 ARRAYS: Final = 9  # of the fields, the first: each has one row a particle
 HEADING_BIN: Final = math.radians(6.0)  # rad
@@ -101,6 +101,12 @@ def largest(numbers):
     return found
 
 
+@njit((HEADINGS, NUMBER), **MAKING)
+def evidence(log_l, believed):
+    """The logarithms of likelihoods (K,) as far as they are `believed`, from 0 to 1."""
+    return believed * np.maximum(log_l, largest(log_l) - MOST_EVIDENCE)
+
+
 @njit((HEADINGS,), **FILLING)
 def normalise(log_weights):
     """Make the sum of weights 1, of which these are the logarithms (K,), in place."""
@@ -110,12 +116,6 @@ def normalise(log_weights):
     most += np.log(total)
     for k in range(log_weights.shape[0]):
         log_weights[k] -= most
-
-
-def evidence(log_l: Array, believed: float = 1.0) -> Array:
-    """The logarithms of likelihoods (K,) as far as they are `believed`, from 0 to 1."""
-    found: Array = believed * np.maximum(log_l, np.maximum.reduce(log_l) - MOST_EVIDENCE)
-    return found
 
 
 def fitting(settings: LeaderModel, particles: Particles) -> Particles:

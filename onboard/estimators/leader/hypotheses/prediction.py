@@ -58,7 +58,7 @@ from onboard.estimators.leader.hypotheses.motion import (
     fly_on,
     visible2,
 )
-from onboard.estimators.leader.hypotheses.particles import MOST_EVIDENCE, Bias, Particles, largest, normalise
+from onboard.estimators.leader.hypotheses.particles import Bias, Particles, evidence, normalise
 from onboard.estimators.leader.hypotheses.tilt import (
     appears,
     banked,
@@ -147,7 +147,7 @@ class Passed(NamedTuple):
 
 
 def passed(s: LeaderModel, particles: Particles, dt: float = 0.0, moved: Array = NOWHERE) -> Passed:
-    """What has passed for these particles."""
+    """The interval since the last step, and what these particles have in common."""
     tilts = s.drag != 0.0 and particles.edge_on_visibility <= LEAST_VISIBLE
     return Passed(dt, moved, particles.edge_on_visibility, particles.metric, s.air, s.wind, s.rolled, tilts)
 
@@ -427,10 +427,8 @@ def step(particles, log_weights, draws, s, biases, heading_observed, passed):
 def weigh(before, after, log_weights, log_l, believed, passed):
     """The log weights (K,) of particles after a measurement, of which the logarithms of the likelihoods (K,) are
     `believed`, from 0 to 1; what it makes of their tilts, and of their mean bank errors, counts in full."""
-    found, least = log_weights.copy(), largest(log_l) - MOST_EVIDENCE
+    found = log_weights + evidence(log_l, believed)
     for k in range(found.shape[0]):
-        found[k] += believed * max(log_l[k], least)
-        if passed.tilts:
-            found[k] += _prior(k, after, passed) - _prior(k, before, passed)
+        found[k] += _prior(k, after, passed) - _prior(k, before, passed)
     normalise(found)
     return found

@@ -120,7 +120,7 @@ def start(
         startup_evidence=settings.first_evidence,
         surprise=1.0 if before is None else before.surprise,
     )
-    return _scaled(weighted(particles, evidence(log_l)), seen, range_[:, None] * direction, within)
+    return _scaled(weighted(particles, evidence(log_l, 1.0)), seen, range_[:, None] * direction, within)
 
 
 def _scaled(particles: Particles, seen: Measurement, r: Array, size_sigma: float) -> Particles:

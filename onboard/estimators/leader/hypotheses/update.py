@@ -93,20 +93,8 @@ def with_rows(
     if rows.bias is not None:
         particles = particles.with_biases(Bias(BOXES, rows.bias))
         column = particles.column(BOXES)
-    kind = rows.is_wing, bool(rows.names), *rows.posture
-    place = pose.r_FC_n, axes @ pose.R_cn, column
-    return particles, view.ImageRows(
-        rows.points,
-        rows.of,
-        rows.shares,
-        rows.axis,
-        rows.y,
-        rows.R,
-        *kind,
-        *place,
-        particles.course_locked,
-        settings.air,
-    )
+    camera = pose.R_cn, pose.r_FC_n, axes
+    return particles, view.view_of(rows, camera, particles.course_locked, settings.air, column)
 
 
 def update(
@@ -242,7 +230,7 @@ def informed(settings: LeaderModel, particles: Particles, prior: Belief, *, flew
     )
     if at_most(particles, nis, OF_SHAPE) > settings.gate:
         return None
-    after = weighted(found, evidence(log_l))
+    after = weighted(found, evidence(log_l, 1.0))
     hovers = after.regimes == model.HOVERING
     share = float(np.exp(after.log_weights[hovers]).sum())
     stopped = 1.0 / settings.flies_for  # as of one that was slow for a second meanwhile

@@ -362,17 +362,11 @@ def _scratch(view, width):
 
 
 @njit(**FILLING)
-def _place2(x, place_sigma):
-    """The variance of a point's coordinate that is misplaced by such a share of the wingspan."""
-    place = place_sigma * np.exp(x[LOG_SIZE])
-    return place * place / (x[RX] * x[RX] + x[RY] * x[RY] + x[RZ] * x[RZ])
-
-
-@njit(**FILLING)
 def _noise(view, x, d, own, expected, S):
     """What is `expected` (m, m) with the rows' noise, into S (m, m): so many times their `own`, that of the
     points' places, and that of the pitch, which is common."""
-    place2, pitch2 = _place2(x, view.place_sigma), view.pitch * view.pitch
+    place, pitch2 = view.place_sigma * np.exp(x[LOG_SIZE]), view.pitch * view.pitch
+    place2 = place * place / (x[RX] * x[RX] + x[RY] * x[RY] + x[RZ] * x[RZ])
     for i in range(d.shape[0]):
         for j in range(d.shape[0]):
             S[i, j] = expected[i, j] + own * view.R[i, j] + pitch2 * d[i] * d[j]
