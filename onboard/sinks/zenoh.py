@@ -64,7 +64,8 @@ class ZenohSink:
             key = f"{self._prefix}/{key_of(record)}"
             publisher = self._publishers.get(key) or self._declare(key)
             self._latest[key] = record, self._monotonic()
-            publisher.put(self._encoder.encode(self._current(record)), attachment=b"%d" % self._now_ns())
+            stamp = b"%d" % self._now_ns()  # first: a process stopped in between claims no later time
+            publisher.put(self._encoder.encode(self._current(record)), attachment=stamp)
             if isinstance(record, Estimate) and not record.is_primary and record.state is Lifecycle.SEARCHING:
                 self._publishers.pop(key).undeclare()  # this target is gone; else publishers would accumulate
                 del self._latest[key]
