@@ -63,9 +63,7 @@ class Particles(NamedTuple):
     unseen: float = 0.0  # s, since the last image that corrected them
     startup_evidence: float = 0.0  # images whose evidence of a new track is not used yet
     misfits: tuple[str, ...] = ()  # named points of the last image that fitted no heading
-    surprise: float = (
-        1.0  # mean NIS per component of the last seconds' images, by the particles' own uncertainties
-    )
+    surprise: float = 1.0  # mean NIS per component of the last seconds, by the particles' own uncertainties
     biases: tuple[Bias, ...] = ()
 
     def column(self, name: str) -> int:

@@ -126,9 +126,7 @@ def update(
     if is_box:
         least = 0.0
     else:
-        off = min(off / len(rows.y), MOST_SURPRISE)
-        surprise = off + math.exp(-particles.unseen / SURPRISE_S) * (particles.surprise - off)
-        after = after._replace(surprise=surprise)
+        after = after._replace(surprise=_surprise(particles, off / len(rows.y)))
     if seen.further is not None:
         fit = fitted(settings, after, seen.further, seen.axes, pose)
         if fit.particles is not None:
@@ -163,9 +161,20 @@ def assist(settings: LeaderModel, particles: Particles, taken: Auxiliary, *, is_
     rows = taken.rows(known)
     found, nis, log_l = corrected(known, *rows, settings.air)
     limit = chi_square_threshold(TRUE, rows.innovations.shape[1])
-    if at_most(known, nis, OF_SHAPE if is_open else EXPECTING) > limit:
+    least = at_most(known, nis, OF_SHAPE if is_open else EXPECTING)
+    if least > limit:
         return None
+    # One that fits takes the surprise of images away, that would else last as long as none come; one that does not
+    # has this gate, and its errors last longer than the surprise is averaged over.
+    surprise = min(particles.surprise, _surprise(particles, least / rows.innovations.shape[1]))
+    found = found._replace(surprise=surprise)
     return fitting(settings, weighted(found, evidence(log_l, min(settings.evidence_rate * APART_S, 1.0))))
+
+
+def _surprise(particles: Particles, off: float) -> float:
+    """The surprise after a measurement whose mean NIS per component is `off`."""
+    off = min(off, MOST_SURPRISE)
+    return off + math.exp(-particles.unseen / SURPRISE_S) * (particles.surprise - off)
 
 
 class ShapeFit(NamedTuple):

@@ -156,6 +156,18 @@ def test_what_most_particles_did_not_expect_is_not_used_unless_the_range_is_open
     assert np.exp(after.log_weights) @ (np.linalg.norm(after.means[:, POSITION], axis=1) < 30.0) > 0.9
 
 
+@pytest.mark.parametrize(("off_m", "least", "most"), [(0.0, 0.0, 1.5), (12.0, 2.0, 2.0)])
+def test_reports_that_fit_take_the_surprise_of_the_last_images_away_and_others_add_none(
+    off_m: float, least: float, most: float
+) -> None:
+    """While no image comes, nothing else would."""
+    particles = cloud_of(4)._replace(surprise=2.0, unseen=3.0)
+    at = report(np.array([RANGE, off_m, 0.0]), np.array([SPEED, 0.0, 0.0]))
+    after = update.assist(settings_of(), particles, at, is_open=False)
+    assert after is not None
+    assert least <= after.surprise <= most
+
+
 @pytest.mark.parametrize("trusted", [True, False])
 @pytest.mark.parametrize(("off", "is_credible"), [(0.0, True), (2.5, True), (3.5, False), (-3.5, False)])
 def test_a_report_that_may_be_false_leads_the_size_no_farther_than_3_sigmas(
