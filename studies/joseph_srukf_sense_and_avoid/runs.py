@@ -90,7 +90,7 @@ def fly_radar(seeds: range, rain_mm_h: float = 0.0, only: str = "") -> Results:
     return _results(_every(made, t, windows, only), measurement_errors(made), windows, extra=extra)
 
 
-def fly_gnss(seeds: range, corrected: bool = True, only: str = "") -> Results:
+def fly_gnss(seeds: range, corrected: bool, only: str = "") -> Results:
     """Section 5.2.3: the clock degraded for 15 s, no satellites for 12 s. `only`: one tracker instead of all."""
     made, (t, _) = scenes.by_gnss(seeds, corrected), scenes.intruder()
     windows = scenes.gnss_windows(t)

@@ -43,7 +43,7 @@ def run(
     many = range(first_seed, first_seed + VALIDATION_RUNS * seeds)
     some = range(first_seed, first_seed + FAR_RUNS * seeds)
     parts = (
-        Part(runs.fly_gnss, (every,)),
+        Part(runs.fly_gnss, (every, True)),
         Part(runs.fly_validation, (many,)),
         Part(runs.fly_radar, (every,)),
         Part(runs.fly_gnss, (every, False, JOSEPH)),

@@ -18,8 +18,8 @@ class ReportedPosition(NamedTuple):
 
     place: tuple[float, float, float]
     v: Vec3
-    has_level: bool = True
-    has_climb: bool = True
+    has_level: bool
+    has_climb: bool
 
 
 def of_adsb(
@@ -47,7 +47,7 @@ def of_peer(m: PeerPosition | FollowTarget, *, fastest: float) -> ReportedPositi
     """What another vehicle's own position message reports; `fastest`: m/s."""
     if (m.lat_deg, m.lon_deg) == NOWHERE:
         return Verdict.NO_POSITION
-    reported = ReportedPosition((m.lat_deg, m.lon_deg, m.alt_msl), m.v_n)
+    reported = ReportedPosition((m.lat_deg, m.lon_deg, m.alt_msl), m.v_n, has_level=True, has_climb=True)
     return reported if is_plausible(reported.place, m.v_n, fastest) else Verdict.IMPLAUSIBLE
 
 

@@ -3,7 +3,7 @@
 import pytest
 from msgspec.structs import replace
 
-from onboard.estimators.kit.peer_position import of_adsb, of_peer
+from onboard.estimators.kit.peer_position import ReportedPosition, of_adsb, of_peer
 from onboard.estimators.own_state.sources import is_place
 from onboard.messages import PeerPosition, Verdict
 from tests.support.traffic import Sky
@@ -20,5 +20,6 @@ def test_a_report_of_nowhere_is_no_position(lat: float, lon: float, known: bool)
     peer = PeerPosition(
         t_ns=0, t_recv_ns=0, lat_deg=lat, lon_deg=lon, alt_msl=500.0, v_n=(0.0, 0.0, 0.0), system=9
     )
-    assert (of_peer(peer, fastest=300.0) is not Verdict.NO_POSITION) == known
+    reported = ReportedPosition((lat, lon, 500.0), (0.0, 0.0, 0.0), has_level=True, has_climb=True)
+    assert of_peer(peer, fastest=300.0) == (reported if known else Verdict.NO_POSITION)
     assert is_place((lat, lon, 500.0)) == known
