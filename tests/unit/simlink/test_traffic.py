@@ -148,6 +148,7 @@ def test_the_radar_sees_in_body_axes_with_its_glint_its_misses_and_its_false_ala
         scans += 1
         R_nb = matrix_from_quaternion(poses[e.t_ns].q_nF)
         left = list(e.message.detections)
+        assert all(abs(d.azimuth) <= math.pi for d in left)
         for k in range(3):
             expected = polar_of(R_nb.T @ relative(events, k, t))
             near = [
