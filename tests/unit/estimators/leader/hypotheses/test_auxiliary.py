@@ -116,6 +116,17 @@ def test_a_delay_is_considered_and_not_learnt() -> None:
     assert np.linalg.eigvalsh(P).min() > -1e-9
 
 
+def test_each_bias_is_forgotten_in_its_own_time() -> None:
+    particles = cloud_of(2).with_biases(Bias("quick", 3.0, 2.0), Bias("slow", 5.0, 40.0))
+    particles.means[:, N:] = 1.0
+    particles.covariances[:, range(N, N + 2), range(N, N + 2)] = 0.1
+    after = prediction.predict(settings_of(), particles, 1.0, np.zeros(3))
+    left = np.exp([-1.0 / 2.0, -1.0 / 40.0])
+    assert_allclose(after.means[:, N:], [left, left])
+    spread = 0.1 * left**2 + np.array([9.0, 25.0]) * (1.0 - left**2)
+    assert_allclose(np.diagonal(after.covariances[:, N:, N:], axis1=1, axis2=2), [spread, spread])
+
+
 def test_what_is_considered_is_that_of_a_gain_without_it_seed_4() -> None:
     """In Joseph's form, which holds for any gain."""
     particles = cloud_of(3, 4).with_biases(*BIASES)
