@@ -2,6 +2,7 @@
 it publishes is not of then, and it says whose fault that is."""
 
 import os
+import re
 import signal
 import time
 from contextlib import closing
@@ -102,7 +103,7 @@ def test_a_process_that_is_stopped_publishes_nothing_old_as_valid_seed_6(tmp_pat
 
 
 def assert_named_as_our_own(healths: list[Health], lines: str) -> None:
-    assert "this program stood still for 1" in lines
+    assert max(map(float, re.findall(r"this program stood still for ([\d.]+) s", lines)), default=0.0) > 1.5
     assert "datagrams had waited too long and were left out" in lines
     autopilot = healths[-1].links["autopilot"]
     assert autopilot.skipped + autopilot.shed > 100  # on a busy computer the burst is beyond its budget first
