@@ -59,7 +59,7 @@ def flown(settings: Config, camera: str, *, delay_ns: int = 0, sigma_px: float =
     lens, R_bc = lens_of(one), matrix_from_euler(*np.radians(one.mount_rpy_deg))
     rng = np.random.default_rng(seed)
     datagrams = []
-    for item in Stream(t1=12.0, seed=None).items():
+    for item in Stream(t1=12.0, seed=None, sparse=True).items():
         if not isinstance(item.message, TargetPoints):
             datagrams += encode([item])
             continue
@@ -101,7 +101,7 @@ def test_a_distorted_camera_is_as_good_as_one_without_distortion_seeds_1_to_4() 
 def test_each_camera_has_a_mount_of_its_own_seed_1() -> None:
     settings = config(camera=PLAIN, cameras={"side": PLAIN | {"mount_rpy_deg": list(TILTED), "width_px": 1280.0}})
     run = flown(settings, "side")
-    assert run.verdicts()[Verdict.FUSED] > 150
+    assert run.verdicts()[Verdict.FUSED] > 75
     assert errors(run) < 1.5
     assert {r.source for r in run.reports} == {"side"}
 
@@ -110,7 +110,7 @@ def test_each_camera_has_a_delay_of_its_own_seed_1() -> None:
     settings = config(camera=PLAIN, cameras={"late": PLAIN | {"delay_s": 0.04}}, delay={"camera_s": 0.5})
     run = flown(settings, "late", delay_ns=40 * MS)
     assert errors(run) < 1.5
-    assert run.reports[-1].t_ns % (40 * MS) == 0
+    assert run.reports[-1].t_ns % (80 * MS) == 0
 
 
 def test_points_of_an_unknown_camera_are_refused_by_name() -> None:
