@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from onboard.commands import compiling
-from onboard.commands.compiling import Module
+from onboard.commands.ready import Module
 from onboard.filters import shipped
 from onboard.filters.shipped import Code
 

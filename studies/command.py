@@ -18,7 +18,7 @@ import studies
 from onboard import UserError
 from onboard.analysis.parallel.cluster import ClusterError
 from onboard.commands.compile import announce_once, compile_shown
-from onboard.commands.compiling import needed_by, needed_by_flight
+from onboard.commands.compiling import flight_modules, needed_by
 from onboard.commands.computers import computers
 from onboard.config import estimator_modules
 from onboard.terminal.console import Console
@@ -163,9 +163,9 @@ def _prepare(name: str, out: Path) -> None:
 
 def _compile(names: list[str]) -> None:
     """Ahead and by all cores together: each of a study's processes would compile the same."""
-    modules = needed_by(map(_module, names))
-    if "onboard.pipeline" in modules:  # which loads estimators by name
-        modules |= needed_by_flight(estimator_modules())
+    modules = [*map(_module, names)]
+    if "onboard.pipeline" in needed_by(modules):  # which loads estimators by name
+        modules += flight_modules(estimator_modules())
     console = Console(stderr=True)
     compile_shown(modules, console, announce_once(console, "this study", "up to a minute and a half"))
 

@@ -6,7 +6,8 @@ import time
 from collections.abc import Callable, Iterable
 from typing import Final
 
-from onboard.commands.compiling import Module, compile_all, knows_folders, needed_by_flight
+from onboard.commands.compiling import compile_all, flight_modules, knows_folders
+from onboard.commands.ready import Module
 from onboard.config import estimator_modules, load_config
 from onboard.terminal.console import Console
 from onboard.terminal.progress import progress_bar
@@ -29,7 +30,7 @@ def main(arguments: argparse.Namespace) -> int:
 
     if config is not None:
         os.environ.setdefault("WINGLINE_PRECISION", "double")  # as what flies with it
-    names = None if config is None else needed_by_flight(estimator_modules(config.estimator))
+    names = None if config is None else flight_modules(estimator_modules(config.estimator))
     modules = compile_shown(names, Console(stderr=True), on_module)
     folder = os.path.commonpath([module.folder for module in modules])
     print(f"ready in {time.perf_counter() - start:.1f} s; kept in {folder}")

@@ -16,14 +16,16 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from onboard import UserError
 from onboard.analysis.parallel.processes import CONTEXT, processes
+from onboard.commands import ready
+from onboard.commands.ready import Module
 from onboard.filters import numba_internals
 from onboard.filters.shipped import Code
 
@@ -45,17 +47,6 @@ class CompileError(UserError):
     """The machine code cannot be made, or not be kept; the message says why."""
 
 
-class Module(NamedTuple):
-    """A module whose kernels are ready: how many variants (of argument types) were loaded and how many
-    compiled, in how many seconds, and the folder of the machine code."""
-
-    name: str
-    loaded: int
-    compiled: int
-    seconds: float
-    folder: str
-
-
 def compile_all(
     names: Iterable[str] | None = None,
     *,
@@ -63,14 +54,36 @@ def compile_all(
     into: Code | None = None,
     on_progress: Callable[[int, int, Module | None], None],
 ) -> list[Module]:
-    """Make the kernels of these modules ready, by default of all there are, in `workers` processes, by default
-    one for each core. `on_progress(done, total, module)` is called after each module that has kernels; `module`
-    is None if they are only compiled where others call them. The machine code is kept where Numba does, or `into`
-    the folder that a wheel brings.
+    """Make the kernels of these modules and of all that they may import ready, by default of all there are, in
+    `workers` processes, by default one for each core. What a record says to be ready is not loaded. After each
+    module with kernels `on_progress(done, total, module)` is called; `module` is None if they are only compiled
+    where others call them. The machine code is kept where Numba does, or `into` the folder that a wheel brings.
 
     Raises CompileError.
     """
-    wanted = kernel_modules() if names is None else kernel_modules().intersection(names)
+    asked = ready.ALL if names is None else " ".join(sorted({*names}))
+    folder = None if into is not None else cache_folder(ROOT / "onboard" / "__init__.py")
+    record = ready.Ready("") if folder is None else ready.read(folder, _digest())
+    is_new = asked not in record.asked
+    if is_new:
+        named = kernel_modules() if names is None else kernel_modules() & needed_by(asked.split())
+        record.asked[asked] = sorted(named)
+    wanted = {*record.asked[asked]}
+    missing = {name for name in wanted if not record.has(name)}
+    made = {name: record.modules[name].module for name in wanted - missing}
+    for done, module in enumerate(made.values(), start=1):
+        on_progress(done, len(wanted), module)
+    if missing:
+        for name, module in _compile(missing, workers, into):
+            made[name] = module
+            on_progress(len(made), len(wanted), module)
+    if folder is not None and (missing or is_new):
+        _keep(folder, record, made)
+    return sorted(module for module in made.values() if module is not None)
+
+
+def _compile(wanted: set[str], workers: int | None, into: Code | None) -> Iterator[tuple[str, Module | None]]:
+    """Each of these modules, as soon as its kernels are ready."""
     needs = {name: needed_by([name], at_once=True) & wanted - {name} for name in wanted}
     rank = path_lengths(needs)
     order = TopologicalSorter(needs)
@@ -79,8 +92,6 @@ def compile_all(
     count = (workers or _cores()) if numba_internals.can_lock_cache_files() else 1
     waiting: list[str] = []
     running: dict[Future[Module | None], str] = {}
-    made: list[Module] = []
-    done = 0
     with _processes(count, into) as pool:
         while order.is_active():
             waiting = sorted([*waiting, *order.get_ready()], key=lambda name: (-rank[name], name))
@@ -89,11 +100,23 @@ def compile_all(
                 running[pool.submit(_make_ready, name)] = name
             for future in wait(running, return_when=FIRST_COMPLETED).done:
                 module = future.result()
-                order.done(running.pop(future))
-                made += [module] if module is not None else []
-                done += 1
-                on_progress(done, len(wanted), module)
-    return sorted(made)
+                name = running.pop(future)
+                order.done(name)
+                yield name, module
+
+
+def _digest() -> str:
+    return ready.digest(ROOT / name.rstrip(".") for name in FOLLOWED)
+
+
+def _keep(folder: Path, record: ready.Ready, made: Mapping[str, Module | None]) -> None:
+    """Note what is ready, unless a source has changed meanwhile. Without a place for it, the next start looks
+    again."""
+    for name, module in made.items():
+        record.keep(name, module, machine_code(name))
+    if record.digest == _digest():
+        with suppress(OSError):
+            ready.write(folder, record)
 
 
 def path_lengths(needs: Mapping[str, Iterable[str]]) -> dict[str, int]:
@@ -116,10 +139,9 @@ def kernel_modules() -> frozenset[str]:
     return frozenset(n for n in _modules("onboard") if KERNEL.search(_source(n).read_text(encoding="utf-8")))
 
 
-def needed_by_flight(estimators: Iterable[str]) -> set[str]:
-    """Every module of `onboard` that a flight with these modules of estimators may import, its replay and view
-    included."""
-    return needed_by([*PROGRAMS, *estimators])
+def flight_modules(estimators: Iterable[str]) -> list[str]:
+    """The modules from which a flight with these modules of estimators begins, its replay and view included."""
+    return [*PROGRAMS, *estimators]
 
 
 def needed_by(names: Iterable[str], *, at_once: bool = False) -> set[str]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import msgspec
 
 from onboard.commands.compile import announce_once, compile_shown
-from onboard.commands.compiling import needed_by_flight
+from onboard.commands.compiling import flight_modules
 from onboard.commands.demo_flight import DemoProgress, DemoReport, flight_name, run_demo
 from onboard.config import Config, estimator_modules
 from onboard.messages import Estimate, Record
@@ -38,7 +38,7 @@ def main(arguments: argparse.Namespace) -> int:
         task = bar.add_task("starting simulator and daemon", total=a.duration)
 
         def prepare(estimators: Mapping[str, Record]) -> None:
-            modules = needed_by_flight(estimator_modules(estimators))
+            modules = flight_modules(estimator_modules(estimators))
             compile_shown(modules, console, announce_once(console, "this flight", "two minutes"))
             stack.enter_context(bar)  # after the bar of the compilation: a terminal shows one at a time
 

@@ -72,10 +72,10 @@ def open_first(config: "ZenohConfig") -> "ZenohSession":
 
 def compile_flight(config: "Config", on_progress: Callable[[int, int], None]) -> None:
     """Compile what a configuration flies with and nothing else, on all cores. Raises CompileError."""
-    from onboard.commands.compiling import compile_all, needed_by_flight  # noqa: PLC0415 - seldom needed
+    from onboard.commands.compiling import compile_all, flight_modules  # noqa: PLC0415 - seldom needed
     from onboard.config import estimator_modules  # noqa: PLC0415
 
-    modules = needed_by_flight(estimator_modules(config.estimator))
+    modules = flight_modules(estimator_modules(config.estimator))
     compile_all(modules, on_progress=lambda done, total, _: on_progress(done, total))
 
 

@@ -10,7 +10,7 @@ from onboard.messages import Attitude, Datagram, Heartbeat, LocalPosition
 from onboard.messages.causes import Cause
 from tests.faults.test_silence import flying
 from tests.support.cases import slow_but
-from tests.support.faulty_flight import DATAGRAMS, ITEMS, T0, T1, assert_on_target, flown
+from tests.support.faulty_flight import DATAGRAMS, ITEMS, SHARED, T0, T1, assert_on_target, flown
 from tests.support.streams import EPOCH, Item, Run, S, Stream, encode, feed, heartbeat, make_config
 
 NO_VEHICLES = GIMBAL, CAMERA, CONTROLLER, GROUND, ADSB, ODID = 26, 30, 18, 6, 27, 34
@@ -57,7 +57,8 @@ class Again(NamedTuple):
 
 
 def after(again: Again, config: Any = None) -> Run:
-    return feed([*DATAGRAMS, *flight_of(again)], config)
+    sent = [*DATAGRAMS, *flight_of(again)]
+    return SHARED.run(sent) if config is None else feed(sent, config)
 
 
 def flight_of(again: Again) -> list[Datagram]:

@@ -15,16 +15,17 @@ import psutil
 import pytest
 from numba.core.caching import CacheImpl
 
-from onboard.commands import compiling
+from onboard.commands import compiling, ready
 from onboard.commands.cli import main
 from onboard.commands.compiling import (
     CompileError,
-    Module,
     compile_all,
+    flight_modules,
     kernel_modules,
-    needed_by_flight,
+    needed_by,
     path_lengths,
 )
+from onboard.commands.ready import Module, Ready
 from onboard.config import estimator_modules, parse_config
 from onboard.filters import numba_internals
 from onboard.filters.shipped import Code
@@ -32,11 +33,13 @@ from onboard.models import relative_motion
 from simlink import cli as simlink
 
 ROOT = Path(__file__).parents[3]
+ARC = ["onboard.models.arc"]
 LEADER_ONLY = {"onboard.models.relative_motion", "onboard.estimators.leader.hypotheses.motion"}
 
 
 @pytest.mark.slow
-def test_every_kernel_is_made_ready_and_reported() -> None:
+def test_every_kernel_is_made_ready_and_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ready, "read", lambda _, digest: Ready(digest))
     reports: list[tuple[int, int]] = []
     modules: list[Module] = []
 
@@ -98,9 +101,8 @@ def test_a_flight_imports_no_kernels_but_those_foreseen(tmp_path: Path) -> None:
     for section, *modules in flown:
         imported = {name for name in modules if name in kernel_modules()}
         assert any("kernels" in name for name in imported)
-        assert imported <= needed_by_flight(
-            estimator_modules(parse_config({"estimator": {section: {}}}).estimator)
-        )
+        estimators = estimator_modules(parse_config({"estimator": {section: {}}}).estimator)
+        assert imported <= needed_by(flight_modules(estimators))
 
 
 def test_a_flight_needs_the_kernels_of_the_filter_that_its_configuration_names_and_of_no_other() -> None:
@@ -109,7 +111,7 @@ def test_a_flight_needs_the_kernels_of_the_filter_that_its_configuration_names_a
     expected = {"csvsf-adaptive": "variable_structure", "augmented": "augmented", "imm": "multiple_model"}
     for name, kernel in expected.items():
         config = parse_config({"estimator": {"own_state": {"filter": name}}})
-        needed = needed_by_flight(estimator_modules(config.estimator))
+        needed = needed_by(flight_modules(estimator_modules(config.estimator)))
         assert needed & (others | {f"{kernels}.variable_structure"}) == {f"{kernels}.{kernel}"}
 
 
@@ -196,6 +198,7 @@ def test_a_numba_whose_cache_cannot_be_locked_compiles_in_one_process(monkeypatc
         counts.append(count)
         return processes(count, into)
 
+    monkeypatch.setattr(ready, "read", lambda _, digest: Ready(digest))
     monkeypatch.setattr(compiling, "_processes", counted)
     monkeypatch.setattr(numba_internals, "can_lock_cache_files", lambda: False)
     made = compile_all(
@@ -203,6 +206,60 @@ def test_a_numba_whose_cache_cannot_be_locked_compiles_in_one_process(monkeypatc
     )
     assert [module.name for module in made] == ["onboard.models.arc"]
     assert counts == [1]
+
+
+def test_what_a_record_says_to_be_ready_is_not_loaded_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Until its machine code, or a source, or the precision changes."""
+    opened: list[int] = []
+    processes = compiling._processes
+
+    def counted(count: int, into: Code | None) -> AbstractContextManager[ProcessPoolExecutor]:
+        opened.append(count)
+        return processes(count, into)
+
+    def reports() -> list[tuple[int, int, str]]:
+        told: list[tuple[int, int, str]] = []
+        opened.clear()
+        compile_all(ARC, workers=1, on_progress=lambda done, total, m: told.append((done, total, m.name)))
+        return told
+
+    code = tmp_path / "arc.f-1.py311.nbi"
+    code.write_text("code")
+    source = tmp_path / "onboard" / "a.py"
+    source.parent.mkdir()
+    source.touch()
+    monkeypatch.setattr(compiling, "_processes", counted)
+    monkeypatch.setattr(compiling, "cache_folder", lambda _: tmp_path)
+    monkeypatch.setattr(compiling, "machine_code", lambda _: [code])
+    monkeypatch.setattr(compiling, "_digest", lambda: ready.digest([source.parent]))
+    monkeypatch.setattr(compiling, "drop_all_stale", lambda: None)
+    first = reports()
+    assert [(done, total) for done, total, _ in first] == [(1, 1)]
+    assert opened == [1]
+    assert reports() == first
+    assert opened == []
+    monkeypatch.setenv("WINGLINE_PRECISION", "another")  # what this one is said to need, no process asks
+    assert reports() == first
+    assert opened == [1]
+    for change in (lambda: code.write_text("more code"), lambda: source.write_text("1"), code.unlink):
+        change()
+        assert reports() == first
+        assert opened == [1]
+        reports()
+        assert opened == []
+
+
+def test_nothing_is_ready_by_a_record_whose_sources_changed_while_it_compiled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    digests = iter(["before", "after"])
+    monkeypatch.setattr(compiling, "cache_folder", lambda _: tmp_path)
+    monkeypatch.setattr(compiling, "machine_code", lambda _: [])
+    monkeypatch.setattr(compiling, "_digest", lambda: next(digests))
+    compile_all(ARC, workers=1, on_progress=lambda *_: None)
+    assert [*tmp_path.iterdir()] == []
 
 
 @pytest.mark.parametrize(("precision", "expected"), [("double", "1"), ("both", "2"), (None, "2")])

@@ -11,8 +11,8 @@ from rich.console import Console
 
 from onboard.commands import demo_flight, processes
 from onboard.commands.compile import announce_once
-from onboard.commands.compiling import Module
 from onboard.commands.processes import DemoError, Process, connect, interruptions
+from onboard.commands.ready import Module
 from onboard.messages import Cause
 from onboard.sinks.zenoh_session import RouterAbsentError
 

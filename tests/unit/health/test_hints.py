@@ -8,10 +8,10 @@ from onboard.config import Config, parse_config
 from onboard.geometry.lens import Lens
 from onboard.health.cameras import Hints
 from onboard.health.remedies import remedy_of
-from onboard.messages import DOUBT, Reason, Severity, TargetPoints
+from onboard.messages import DOUBT, Message, Reason, Severity, TargetPoints
 from onboard.sinks.console import ConsoleLines
 from onboard.wire.documents.points import doubt_of
-from tests.support.streams import CIRCLE, EPOCH, SIZE, Item, Run, S, Stream, advance
+from tests.support.streams import CIRCLE, EPOCH, SIZE, Run, S, Stream, advance
 
 SECONDS = 25.0
 
@@ -20,18 +20,17 @@ def config(**ranges: bool) -> Config:
     return parse_config({"estimator": {"leader": {"size_prior_m": SIZE, "range": ranges}}})
 
 
-def flown(shift: float, **more: float) -> Run:
-    """Images that are halved and moved so far to the left and up, in focal lengths."""
+def sent(shift: float) -> list[Message]:
+    """A flight whose images are halved and moved so far to the left and up, in focal lengths."""
 
-    def changed(item: Item) -> Item:
-        m = item.message
+    def changed(m: Message) -> Message:
         if not isinstance(m, TargetPoints):
-            return item
+            return m
         points = 0.5 * np.array([m.center, m.left, m.right]) - shift
         center, left, right = (tuple(p) for p in points.tolist())
-        return Item(item.t_recv_ns, replace(m, center=center, left=left, right=right, **more))
+        return replace(m, center=center, left=left, right=right)
 
-    return advance((changed(i).message for i in Stream(t0=5.0, t1=5.0 + SECONDS, flight=CIRCLE).items()), config())
+    return [changed(i.message) for i in Stream(t0=5.0, t1=5.0 + SECONDS, flight=CIRCLE).items()]
 
 
 def reasons(run: Run) -> list[str]:
@@ -39,7 +38,7 @@ def reasons(run: Run) -> list[str]:
 
 
 def test_pixels_of_an_image_of_half_the_size_are_noticed() -> None:
-    run = flown(0.25)
+    run = advance(sent(0.25), config())
     assert [r for r in reasons(run) if "upper left quarter" in r]
     assert any(e.valid for e in run.estimates)
     lines: list[str] = []
@@ -48,8 +47,14 @@ def test_pixels_of_an_image_of_half_the_size_are_noticed() -> None:
     assert line.startswith(f"camera landing_target: {DOUBT}")
 
 
-def test_pixels_about_the_middle_are_not() -> None:
-    assert not [r for r in reasons(flown(0.0)) if "quarter" in r]
+@pytest.mark.parametrize("shift", [0.0, 0.25])
+def test_pixels_about_the_middle_are_not(shift: float) -> None:
+    found: list[tuple[str, Reason, int]] = []
+    hints = Hints(lambda *one: found.append(one), takes_ranges=True)
+    for image in sent(shift):
+        if isinstance(image, TargetPoints):
+            hints.see(image)
+    assert bool([why for _, why, _ in found if "quarter" in why.words]) is (shift > 0)
 
 
 @pytest.mark.parametrize("used", [False, True])
