@@ -445,14 +445,17 @@ def _measurements(ys: Any, start: Belief) -> list[Array]:
     lead, dtype = start.mean.shape[:-1], start.mean.dtype
     if isinstance(ys, np.ndarray) and ys.ndim == 1 and not lead:
         ys = ys[:, None]
+    if isinstance(ys, np.ndarray) and ys.dtype != object:  # a record at once, not measurement by measurement
+        ys = np.ma.filled(np.ma.asarray(ys, dtype), np.nan)
     known = next((np.shape(y) for y in ys if y is not None), (*lead, 1))
     found = []
     for k, y in enumerate(ys):
-        one = (
-            np.full(known, np.nan)
-            if y is None
-            else np.asarray(np.ma.filled(np.ma.asarray(y, dtype), np.nan), dtype)
-        )
+        if y is None:
+            one = np.full(known, np.nan)
+        elif type(y) is np.ndarray and y.dtype == dtype:
+            one = y
+        else:
+            one = np.asarray(np.ma.filled(np.ma.asarray(y, dtype), np.nan), dtype)
         if one.shape[:-1] != lead or one.ndim != len(lead) + 1:
             wanted = "(T, B, m)" if lead else "(T, m)"
             raise FilterError(f"ys[{k}]: has shape {one.shape}; ys must be {wanted} for mean {start.mean.shape}")
