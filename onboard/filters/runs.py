@@ -9,9 +9,11 @@
   and Durbin & Koopman): y[0] updates it, and a prediction leads from each measurement to the next.
 - What is missing is NaN, or masked in a masked array: a component, or all of a measurement. In a batch (mean (B,
   n), ys (T, B, m)) each member has its own. `None` in a list is a time without measurement, too.
-- A filter of a batch that fails after the first measurement, by a belief too wide for its angles or without a
-  factor, is left out: its beliefs are NaN from there on, `lost` says why, and the others go on. Where none is left
-  an error is raised, whose `found` is the run up to there.
+- Where a state's angle becomes too wide for a filter's points, after long without measurements, `turns` makes the
+  steps until it is narrow again, and `wide` says which. The filter then goes on from that belief, as from a start.
+- A filter of a batch that fails after the first measurement, by a belief too wide for a measured angle or without
+  a factor, is left out: its beliefs are NaN from there on, `lost` says why, and the others go on. Where none is
+  left an error is raised, whose `found` is the run up to there.
 - A model that changes is a function of the `Step`, which returns that step's Model: inputs, times between
   measurements, changing sensors, and so measurements of varying size, in a list. Late measurements are put in
   the order of `ts` first: `order = np.argsort(ts, kind="stable")`.
@@ -23,7 +25,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.filters import extended
+from onboard.filters import extended, turns
 from onboard.filters.belief import Belief, FilterError, Method, NotPositiveDefiniteError, Rows, Update, mask
 from onboard.filters.belief import start as checked
 from onboard.filters.errors import MEMBER, SpreadError, status_error
@@ -52,7 +54,7 @@ class Run(NamedTuple):
     `predictions` and `beliefs`, before and after each update: mean (T, ..., n) and covariance (T, ..., n, n);
     `innovation` (T, ..., m), its covariance (T, ..., m, m), and the predicted measurement; `nis` (T, ...), of so
     many `degrees` of freedom (T, ...); `log_likelihood` (T, ...) of each measurement, given all before it; the
-    filter's own `states` after each update; and what was run.
+    filter's own `states` after each update; what was run; and `wide` (T, ...), the steps that `turns` made.
     """
 
     predictions: Belief
@@ -67,6 +69,7 @@ class Run(NamedTuple):
     method: Method
     model: AnyModel
     ts: Array
+    wide: Array
     lost: tuple[Lost, ...] = ()
 
     def at(self, k: int) -> Model:
@@ -158,7 +161,7 @@ def _with_jacobians(method: Method, model: Model, missing: Array) -> Method:
 def _kept(before: Any, after: Any, gone: Any) -> Any:
     """A state of a batch, with that before where nothing was measured (B,): a filter that counts its updates
     does not count those."""
-    if isinstance(after, tuple):
+    if isinstance(after, tuple) and len(after) == len(before):
         each = [_kept(a, b, gone) for a, b in zip(before, after, strict=True)]
         return type(after)(*each) if hasattr(after, "_fields") else tuple(each)
     if not isinstance(after, np.ndarray) or np.shape(before) != after.shape:
@@ -184,32 +187,108 @@ def _stepped(method: Method, model: AnyModel, start: Belief, ys: list[Array], ts
     """Any filter, step by step."""
     state, made, losses = method.start(*start), [], _Losses(start)
     for k, y in enumerate(ys):
+        losses.aside = []
         while True:
             try:
-                step = model_at(model, ts, k)
-                own, ahead = _with_jacobians(method, step, np.isnan(losses.replaced(y))), state
-                if k and ts[k] > ts[k - 1]:
-                    ahead = own.predict(state, step.process, step.Q, step.angular_states)
-                found = _updated(own, ahead, losses.replaced(y), step)
-                made.append((method.belief(ahead), method.belief(found.belief), found))
+                step, moves = model_at(model, ts, k), bool(k and ts[k] > ts[k - 1])
+                made.append(_advanced(method, state, y, step, moves, losses))
                 break
             except FilterError as error:
+                if k and losses.put_aside(error, method.belief(state), step):
+                    continue
                 if not losses.take(error, k):
                     before = losses.blanked(_collected(made, method, model, ts[:k])) if k else None
                     raise _placed(error, k, ts, before) from error
-                state = losses.replaced(state)
-        state = found.belief
+        state = made[-1].update.belief
     return losses.blanked(_collected(made, method, model, ts))
 
 
+class _Made(NamedTuple):
+    """A step: the beliefs before and after the update, the update, and of which filters `turns` made it (...,)."""
+
+    prediction: Belief
+    belief: Belief
+    update: Update
+    wide: Any
+
+
+def _step(method: Method, state: Any, y: Array, step: Model, moves: bool) -> _Made:
+    own, ahead = _with_jacobians(method, step, np.isnan(y)), state
+    if moves:
+        ahead = own.predict(state, step.process, step.Q, step.angular_states)
+    found = _updated(own, ahead, y, step)
+    return _Made(method.belief(ahead), method.belief(found.belief), found, np.zeros(y.shape[:-1], bool))
+
+
+def _advanced(method: Method, state: Any, y: Array, step: Model, moves: bool, losses: "_Losses") -> _Made:
+    """One step of a filter, or of a batch; of those that are put aside by `turns`, one by one."""
+    found, parts, before = None, {}, method.belief(state)
+    at: Any = None
+    try:
+        if losses.goes_on:
+            found = _step(method, losses.replaced(state), losses.replaced(y), step, moves)
+        for at in losses.aside:
+            parts[at] = _step(turns.METHOD, Belief(before.mean[at], before.covariance[at]), y[at], step, moves)
+    except FilterError as error:
+        if error.member:  # who stands there
+            error.member = (int(losses.rows[error.member[0]]),)
+        elif at is not None and at is not ...:
+            error.member = (at,)
+        raise
+    if found is not None and not parts:
+        return found
+    whole = parts[...]._replace(wide=np.True_) if ... in parts else _whole(found, parts, losses.rows)
+    restarted = method.start(*whole.belief)
+    if found is not None:
+        restarted = _kept(restarted, found.update.belief, whole.wide)
+    return whole._replace(update=whole.update._replace(belief=restarted))
+
+
+def _whole(found: _Made | None, parts: dict[Any, _Made], rows: Array) -> _Made:
+    """A batch's step from that of the others, if there are any, and of each that was put aside."""
+
+    def arrays(made: _Made) -> tuple[Any, ...]:
+        return (*made.prediction, *made.belief, *made.update[1:4], made.update.nis)
+
+    wide, log_evidence = np.isin(rows, list(parts)), None
+    if found is None:
+        each = [np.stack(column) for column in zip(*(arrays(parts[row]) for row in rows), strict=True)]
+    else:
+        each = [np.array(column) for column in arrays(found)]
+        for b, part in parts.items():
+            wide[b] = True
+            for column, value in zip(each, arrays(part), strict=True):
+                column[b] = value
+        if found.update.log_evidence is not None:
+            log_evidence = np.array(found.update.log_evidence)
+            log_evidence[list(parts)] = [log_likelihood(part.update) for part in parts.values()]
+    innovation, S, predicted, nis = each[4:]
+    update = Update(None, innovation, S, predicted, nis, log_evidence=log_evidence)
+    return _Made(Belief(*each[:2]), Belief(*each[2:4]), update, wide)
+
+
 class _Losses:
-    """The filters of a batch that failed. The first of those left stands in for them, so that the batch keeps its
-    size; what it gives for them is blanked in the end. Where a stand-in fails, it has failed itself."""
+    """The filters of a batch that failed, and those put `aside` for a step. The first of the others stands in for
+    them, so that the batch keeps its size; what it gives for them is blanked in the end, or replaced. Where a
+    stand-in fails, it has failed itself."""
 
     def __init__(self, start: Belief) -> None:
-        self._left = [*range(len(start.mean))] if start.mean.ndim == 2 else []
-        self._members = len(self._left)
+        self._members = len(start.mean) if start.mean.ndim == 2 else 0
+        self._left = [*range(self._members)]
         self._lost: list[Lost] = []
+        self.aside: list[Any] = []
+
+    def put_aside(self, error: FilterError, before: Belief, step: Model) -> bool:
+        """Whether this step of the filter that failed is one for `turns`: an angle of its state is too wide for
+        its points, of one model."""
+        at = error.member[0] if error.member else ...
+        if not isinstance(error, SpreadError) or at in self.aside or isinstance(step.process, tuple):
+            return False
+        own = Belief(before.mean[at], before.covariance[at])
+        if own.mean.ndim > 1 or not turns.is_wide(own, step.angular_states):
+            return False
+        self.aside.append(at)
+        return True
 
     def take(self, error: FilterError, k: int) -> bool:
         """Whether the batch can go on without the filter that failed at measurement k. What fails at the first one
@@ -218,8 +297,9 @@ class _Losses:
             return False
         if len(self._left) < 2:
             return False
-        member = error.member[0] if error.member[0] in self._left else self._left[0]
+        (member,) = error.member
         self._left.remove(member)
+        self.aside = [at for at in self.aside if at != member]
         self._lost.append(Lost(member, k, error))
         return True
 
@@ -228,18 +308,29 @@ class _Losses:
         """The one that failed last."""
         return self._lost[-1]
 
+    @property
+    def goes_on(self) -> bool:
+        """Whether any filter is neither lost nor aside."""
+        return len(self.aside) < max(len(self._left), 1)
+
+    @property
+    def rows(self) -> Array:
+        """For each of a batch itself, or the one that stands in for it."""
+        own = [at for at in self._left if at not in self.aside] or self._left
+        rows = np.full(self._members, own[0])
+        rows[own] = own
+        return rows
+
     def replaced(self, state: Any) -> Any:
-        """A state, or an array (B, ...), of a batch, with the rows of those that failed replaced."""
-        if not self._lost:
+        """A state, or an array (B, ...), of a batch, with the rows of those that failed or are aside replaced."""
+        if not self._lost and not self.aside:
             return state
         if isinstance(state, tuple):
             each = [self.replaced(part) for part in state]
             return type(state)(*each) if hasattr(state, "_fields") else tuple(each)
         if not isinstance(state, np.ndarray) or state.shape[:1] != (self._members,):
             return state
-        rows = np.full(self._members, self._left[0])
-        rows[self._left] = self._left
-        return state[rows]
+        return state[self.rows]
 
     def blanked(self, found: Run) -> Run:
         """The run, without what stood in for those that failed."""
@@ -248,7 +339,7 @@ class _Losses:
         for b, k, _ in self._lost:
             for array in (*found.predictions, *found.beliefs, *found[2:5], found.log_likelihood):
                 array[k:, b] = np.nan
-            found.nis[k:, b] = found.degrees[k:, b] = 0
+            found.nis[k:, b] = found.degrees[k:, b] = found.wide[k:, b] = 0
         return found._replace(lost=tuple(self._lost))
 
 
@@ -259,9 +350,9 @@ def _placed(error: FilterError, k: int, ts: Array, found: Run | None) -> FilterE
     return placed
 
 
-def _collected(made: list[Any], method: Method, model: AnyModel, ts: Array) -> Run:
+def _collected(made: list[_Made], method: Method, model: AnyModel, ts: Array) -> Run:
     """The steps' predictions, beliefs and updates, stacked."""
-    predictions, beliefs, updates = zip(*made, strict=True)
+    predictions, beliefs, updates, wide = zip(*made, strict=True)
     size = max(u.innovation.shape[-1] for u in updates)
     innovation = np.stack([_padded(u.innovation, size, 1) for u in updates])
     S = np.stack([_padded(u.innovation_covariance, size, 2) for u in updates])
@@ -283,6 +374,7 @@ def _collected(made: list[Any], method: Method, model: AnyModel, ts: Array) -> R
         method,
         model,
         ts,
+        np.array(wide),
     )
 
 
@@ -310,6 +402,8 @@ def _compiled(method: Method, model: LinearModel, start: Belief, ys: list[Array]
         if not status:
             break
         error = status_error(status + MEMBER * member, lead)
+        if lead:
+            error.member = (int(losses.rows[member]),)
         if not losses.take(error, k):
             parts = [a[:k] for a in found]
             raise _placed(error, k, ts, losses.blanked(_run_of(parts, lead, method, model, ts[:k])) if k else None)
@@ -331,7 +425,7 @@ def _run_of(found: list[Array], lead: tuple[int, ...], method: Method, model: An
     states = tuple(Belief(*one) for one in zip(after, after_P, strict=True))
     return Run(
         Belief(prior, prior_P), Belief(after, after_P), innovation, S, predicted, nis, degrees, log_l, states,
-        method, model, ts,
+        method, model, ts, np.zeros(nis.shape, bool),
     )  # fmt: skip
 
 
@@ -351,14 +445,17 @@ def _measurements(ys: Any, start: Belief) -> list[Array]:
     lead, dtype = start.mean.shape[:-1], start.mean.dtype
     if isinstance(ys, np.ndarray) and ys.ndim == 1 and not lead:
         ys = ys[:, None]
+    if isinstance(ys, np.ndarray) and ys.dtype != object:  # a record at once, not measurement by measurement
+        ys = np.ma.filled(np.ma.asarray(ys, dtype), np.nan)
     known = next((np.shape(y) for y in ys if y is not None), (*lead, 1))
     found = []
     for k, y in enumerate(ys):
-        one = (
-            np.full(known, np.nan)
-            if y is None
-            else np.asarray(np.ma.filled(np.ma.asarray(y, dtype), np.nan), dtype)
-        )
+        if y is None:
+            one = np.full(known, np.nan)
+        elif type(y) is np.ndarray and y.dtype == dtype:
+            one = y
+        else:
+            one = np.asarray(np.ma.filled(np.ma.asarray(y, dtype), np.nan), dtype)
         if one.shape[:-1] != lead or one.ndim != len(lead) + 1:
             wanted = "(T, B, m)" if lead else "(T, m)"
             raise FilterError(f"ys[{k}]: has shape {one.shape}; ys must be {wanted} for mean {start.mean.shape}")

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.filters import cubature, extended, kalman
-from onboard.filters.belief import Belief, FilterError, Weights
+from onboard.filters import cubature, extended, kalman, turns
+from onboard.filters.belief import Belief, FilterError, Indices, Weights
 from onboard.filters.errors import SpreadError
 from onboard.filters.multiple_model import ModesState
 from onboard.filters.posterior_linearisation import regression
@@ -59,8 +59,7 @@ def smooth(found: Run, lag: int | None = None, weights: Weights | None = None) -
 
 
 def _of_those_left(found: Run, lag: int | None, weights: Weights | None) -> Belief:
-    """A batch of which filters were lost: each of these is smoothed up to its last measurement, or NaN where its
-    beliefs are too wide to be."""
+    """A batch of which filters were lost: each of these is smoothed up to its last measurement."""
     made = Belief(*(np.full_like(part, np.nan) for part in found.beliefs))
     gone = [one.member for one in found.lost]
     parts: list[tuple[Any, int]] = [(np.setdiff1d(np.arange(made.mean.shape[1]), gone), len(found.ts))]
@@ -68,13 +67,7 @@ def _of_those_left(found: Run, lag: int | None, weights: Weights | None) -> Beli
         beliefs = Belief(*(part[:upto, at] for part in found.beliefs))
         # the ends of the record are what decides which step has which model
         alone = found._replace(beliefs=beliefs, ts=found.ts[:upto], model=_upto(found.model, upto), lost=())
-        try:
-            smoothed = smooth(alone, lag, weights)
-        except SpreadError:
-            if upto == len(found.ts):
-                raise
-            continue
-        for array, part in zip(made, smoothed, strict=True):
+        for array, part in zip(made, smooth(alone, lag, weights), strict=True):
             array[:upto, at] = part
     return made
 
@@ -130,8 +123,22 @@ def transition_of(name: str, belief: Belief, model: Model, weights: Weights | No
         rest = 0 * belief.covariance
     else:
         rule = weights or cubature.weights(belief.mean.shape[-1])
-        F, value, rest = regression(belief, process, rule, None, angles, angles)
+        F, value, rest = _regression(belief, process, rule, angles)
     return Transitions(F, model.Q + rest, value - (F @ belief.mean[..., None])[..., 0])
+
+
+def _regression(belief: Belief, process: Any, rule: Weights, angles: Indices) -> tuple[Array, Array, Array]:
+    """The process's regression over beliefs (..., n); by `turns` where an angle is too wide for points."""
+    try:
+        return regression(belief, process, rule, None, angles, angles)
+    except SpreadError:
+        if belief.mean.ndim == 1:
+            if not turns.is_wide(belief, angles):
+                raise
+            return turns.transition(belief, process, angles)
+        each = [_regression(Belief(*one), process, rule, angles) for one in zip(*belief, strict=True)]
+        F, value, rest = (np.stack(part) for part in zip(*each, strict=True))
+        return F, value, rest
 
 
 def _fixed_lag(found: Run, transitions: Transitions, lag: int) -> Belief:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import onboard.filters
-from onboard.filters import FilterError, Method, consistency, families, particle, run, smooth
+from onboard.filters import Belief, FilterError, LinearModel, Method, consistency, families, particle, run, smooth
 from tests.support import documents
 from tests.support.programs import ROOT
 
@@ -60,6 +60,58 @@ def test_whole_records_run_smooth_and_estimate_as_the_page_says() -> None:
     assert np.isfinite(names["level"]).all()
     exec(BLOCKS[4], names)  # noqa: S102 - what a reader would paste
     np.testing.assert_array_equal(names["found"].degrees, [1, 0, 2])
+
+
+def test_a_bank_of_eight_filters_finds_an_unknown_range_as_the_page_says() -> None:
+    names: dict[str, Any] = {}
+    exec(BLOCKS[1], names)  # noqa: S102 - what a reader would paste
+    assert len(BLOCKS[5].splitlines()) <= 9  # two of them imports
+    truth, ys = names["truth"], names["ys"]
+    squared, nees, count = np.zeros(60), np.zeros(60), 40
+    for b in range(count):
+        names["ys"] = ys[:, b : b + 1]
+        exec(BLOCKS[5], names)  # noqa: S102 - what a reader would paste
+        assert names["bank"].lost == ()
+        merged = names["merged"]
+        error = merged.mean - truth[:, b]
+        squared += np.sum(error[:, :2] ** 2, axis=1) / count
+        nees += np.einsum("ti,tij,tj->t", error, np.linalg.inv(merged.covariance), error) / count
+    first = Belief(truth[0, :count], np.tile(np.diag([4000.0, 4000, 5, 5]) ** 2, (count, 1, 1)))
+    bound = consistency.cramer_rao(names["at"], first, truth[:, :count], names["t"])
+    least = np.sqrt(np.trace(bound[..., :2, :2], axis1=-2, axis2=-1).mean(axis=1))
+    np.testing.assert_allclose(np.sqrt(squared)[[40, 59]], [165, 48], atol=0.6)
+    np.testing.assert_allclose(least[[40, 59]], [175, 40], atol=0.6)
+    assert nees[59] == pytest.approx(4.2, abs=0.06)
+
+
+@pytest.mark.parametrize(("lasts", "common"), [(0.95, 0.03), (0.0, 0.1)])
+def test_correlated_noises_are_states_of_an_honest_filter_as_the_page_says_seed_5(
+    lasts: float, common: float
+) -> None:
+    rng, T, size = np.random.default_rng(5), 400, 2.0
+    F = np.array([[1.0, 1, 0], [0, 1, 0], [0, 0, lasts]])
+    Q = np.array([[0, 0, 0], [0, 0.01, common], [0, common, size**2 * (1 - lasts**2)]])
+    truth = np.empty((T, 3))
+    truth[0] = rng.normal(0, [10, 1, size])
+    for k in range(1, T):
+        truth[k] = F @ truth[k - 1] + rng.multivariate_normal(np.zeros(3), Q, method="eigh")
+    record = truth[:, :1] + truth[:, 2:] + 0.1 * rng.normal(size=(T, 1))
+    names: dict[str, Any] = {"np": np, "run": run, "Belief": Belief, "record": record}
+    block = BLOCKS[6].replace("0.95, 2.0, 0.03", f"{lasts}, 2.0, {common}")
+    exec(block, names)  # noqa: S102 - what a reader would paste
+    found = names["coloured"]
+    white = LinearModel(F[:2, :2], Q[:2, :2], np.eye(1, 2), np.array([[size**2 + 0.01]]))
+    plain = run("kalman", white, Belief(np.zeros(2), np.diag([100.0, 1])), record)
+
+    def off(beliefs: Belief) -> tuple[float, float]:
+        error = (beliefs.mean - truth[:, : beliefs.mean.shape[1]])[20:]
+        nees = np.einsum(
+            "ti,tij,tj->t", error[:, :2], np.linalg.inv(beliefs.covariance[20:, :2, :2]), error[:, :2]
+        )
+        return float(np.sqrt(np.mean(error[:, 0] ** 2))), float(nees.mean())
+
+    assert 1.0 < off(found.beliefs)[1] < 3.5
+    assert off(found.beliefs)[0] < off(plain.beliefs)[0]
 
 
 def test_every_method_and_module_is_found_by_name() -> None:

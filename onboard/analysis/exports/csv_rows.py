@@ -96,7 +96,7 @@ class CsvWriter:
     def __init__(self, file: IO[str], table: CsvTable = LEADER_TABLE) -> None:
         self._writer, self._values = csv.writer(file, lineterminator="\n"), table.values
         self._writer.writerow(table.columns)
-        self._formats = [_format(name) for name in table.columns]
+        self._formats = [".9f" if name in Q_COLUMNS else DECIMALS.get(name, ".6f") for name in table.columns]
 
     def write(self, output: Output) -> None:
         """Append an output's row, if it has one."""
@@ -108,7 +108,3 @@ class CsvWriter:
                     for v, form in zip(values, self._formats, strict=True)
                 ]
             )
-
-
-def _format(column: str) -> str:
-    return ".9f" if column in Q_COLUMNS else DECIMALS.get(column, ".6f")

@@ -117,7 +117,7 @@ def replay(
             if hear is not None:
                 _tell(pipeline, messages, hear)
             for name, other in beside.items():
-                results.add(_fed(other, item), name)
+                results.add(other.feed(item) if isinstance(item, Datagram) else other.advance([item]), name)
             first = first or item.t_recv_ns
             last = max(last, item.t_recv_ns)
             if take_health is not None and last >= due:
@@ -195,10 +195,6 @@ def _tell(pipeline: Pipeline, messages: Iterable[Message], hear: Callable[[Messa
             continue
         if t > 0.0 or isinstance(message, WORDS):
             hear(message, t)
-
-
-def _fed(pipeline: Pipeline, item: Datagram | Message) -> list[Output]:
-    return pipeline.feed(item) if isinstance(item, Datagram) else pipeline.advance([item])
 
 
 def read_flight(

@@ -102,7 +102,8 @@ class Exchange:
         self._fused = self._gated = None
         if last is None or first is None or not leaps(last, first):
             return False
-        if self._before is not None and _is_back(self._before, first):
+        back = self._before  # what an earlier image showed, some seconds ago: as large, and about where it was
+        if back is not None and _is_there(back, first) and _is_as_big(back, first):
             self._before, self.until_ns = None, 0
             return True
         if last.message.t_ns > self.until_ns:
@@ -222,11 +223,6 @@ def leaps_in_size(before: Image, after: Image) -> bool:
     """Whether no aircraft changes its apparent size so much so shortly."""
     both = before.has_extent and after.has_extent
     return both and 0.0 < _between(before, after) < LONGEST_S and not _is_as_big(before, after)
-
-
-def _is_back(before: Image, after: Image) -> bool:
-    """Whether an image shows what an earlier one did, some seconds ago: as large, and about where it was."""
-    return _is_there(before, after) and _is_as_big(before, after)
 
 
 def _is_there(before: Image, after: Image) -> bool:
