@@ -45,6 +45,8 @@ VERDICTS: Final = {  # each is a cause, too
 OWN_SENSORS: Final = {  # of our own state's sensors
     Verdict.NOT_FINITE: "a field is not a finite number; expected one, or MAVLink's value for not known",
     Verdict.DEGENERATE: "it states what no vehicle does; expected the units and scales of the MAVLink message",
+    Verdict.UNASSOCIATED: "no motor is observed: the vehicle is armed, and no outputs run all of them above the "
+    "`pwm_us` of its airframe, so that its faults are not named; expected SERVO_OUTPUT_RAW of the motors' port",
 }
 
 

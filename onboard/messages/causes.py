@@ -81,6 +81,7 @@ class Cause(StrEnum):
     NO_POSE = "no_pose", "our own attitude, or the gimbal's, is not known at that time"
     NOT_FINITE = "not_finite", "a number is not finite"
     DEGENERATE = "degenerate", "no camera, or no vehicle, gives such values"
+    UNASSOCIATED = "unassociated", "of nothing that is known: outputs that run none of our motors"
     OUT_OF_VIEW = "out_of_view", "at or beyond the edge of the image"
     DIRECTION_ONLY = "direction_only", "a direction alone starts no track"
     BEFORE_HEARTBEAT = "before_heartbeat", "no autopilot is heard yet"

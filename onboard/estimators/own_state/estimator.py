@@ -60,6 +60,7 @@ LISTENS: Final = (
 )
 
 
+MOTORS: Final = "motors"
 CONTRADICTS: Final = (
     "fixes and accelerometer say different velocities, and {:.2f} m/s of it lasts from fix to fix: they are later "
     "than [delay] gps_s says, or it does not fly as this estimator supposes"
@@ -86,13 +87,14 @@ class Estimator:
         self._outliers, self._contradiction = OutlierMonitor(), Contradiction(self._config.layer_sigmas)
         self._velocity_b: Array | None = None  # as last published
         self._next_due_ns = 0  # when an attitude is to be published again
-        self._is_silent = False
+        self._is_silent = self._is_armed = False
 
     def observe(self, message: Message, ownship: Ownship) -> list[Estimate]:
         """Fuse one message; an estimate for each attitude that is due for publication, and for each fix."""
         match message:
             case Heartbeat():
                 self._learn_kind(message.vehicle_type)
+                self._is_armed = message.armed
             case Imu():
                 self._receive_imu(message)
                 if message.pressure_altitude is not None:
@@ -100,7 +102,8 @@ class Estimator:
             case Barometer():
                 return self._receive_pressure(message, message.pressure_altitude)
             case ActuatorOutputs():
-                self._vehicle.receive_outputs(message)
+                if self._vehicle.receive_outputs(message, armed=self._is_armed):
+                    return [self._publish(refused(message, MOTORS, Verdict.UNASSOCIATED))]
             case Battery():
                 self._vehicle.receive_voltage(message.voltage_v)
             case GlobalOrigin():

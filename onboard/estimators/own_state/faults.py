@@ -24,6 +24,8 @@ WINDOW_NS: Final = 300_000_000  # means over this are compared
 HOLD_NS: Final = 150_000_000  # a finding must last so long to be named
 CLEAR_NS: Final = NS_PER_S  # and be absent so long to be withdrawn
 STALE_NS: Final = 300_000_000  # motor outputs or samples this old say nothing about the present
+BLIND_NS: Final = 5 * NS_PER_S  # armed for so long without a running motor: outputs carry none that we know, ...
+SAID_EACH_NS: Final = NS_PER_S  # ... which is said so often
 WEAKEST: Final = 0.6  # of the weight: with less thrust we are not flying
 MOTOR_LOSS: Final = 0.12  # share of one motor's thrust
 MASS_CHANGE: Final = 0.12  # share of the mass
@@ -104,6 +106,7 @@ class FaultMonitor:
         self._commands: Array | None = None  # shares of the range, (rotors,)
         self._commands_ns = 0
         self._port, self._ran_ns = 0, 0  # of the motors, and when they ran last by its outputs
+        self._seen_ns: int | None = None  # when outputs last ran the motors, or need not
         self._shares: Array | None = None  # the commands as the motors follow them
         self._balances: deque[Balance] = deque()
         self._flying_since_ns: int | None = None
@@ -117,14 +120,26 @@ class FaultMonitor:
         found = (alarm.fault for alarm in (self._motor, self._mass, self._gust))
         return tuple(fault for fault in found if fault is not None)
 
-    def receive_outputs(self, message: ActuatorOutputs) -> None:
+    def receive_outputs(self, message: ActuatorOutputs, *, armed: bool = False) -> bool:
         """The motors' commands, of the first port whose outputs run them. They may move to another: with DShot
-        they are auxiliary outputs, and the main ones rest."""
+        they are auxiliary outputs, and the main ones rest. Whether, once a second, it is to be said that no port
+        runs them though the vehicle is `armed`."""
         a = self._airframe
-        if a is None or len(message.pwm_us) < len(a.rotors):
+        if a is None:
+            return False
+        runs = min((*message.pwm_us, *(0,) * len(a.rotors))[: len(a.rotors)]) > a.pwm_us[0]
+        self._receive_commands(a, message, runs=runs)
+        if runs or not armed or self._seen_ns is None or message.t_ns < self._seen_ns:
+            self._seen_ns = message.t_ns
+        if message.t_ns - self._seen_ns < BLIND_NS:
+            return False
+        self._seen_ns = message.t_ns - BLIND_NS + SAID_EACH_NS
+        return True
+
+    def _receive_commands(self, a: AirframeConfig, message: ActuatorOutputs, *, runs: bool) -> None:
+        if len(message.pwm_us) < len(a.rotors):
             return
         low, high = a.pwm_us
-        runs = min(message.pwm_us[: len(a.rotors)]) > low
         rests = not 0 <= message.t_ns - self._ran_ns <= STALE_NS
         if runs and (message.port < self._port or rests):
             self._port = message.port

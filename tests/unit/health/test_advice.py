@@ -34,6 +34,7 @@ from onboard.messages import (
     Datagram,
     Encoding,
     Health,
+    Heartbeat,
     Lifecycle,
     LinkHealth,
     LocalPosition,
@@ -347,6 +348,27 @@ def test_own_motion_that_does_not_fit_is_named_without_an_airframe(nis: float, a
     found = {"own_state.gps": Consistency(count=200, nis=nis, low=0.8, high=1.2)}
     advice = Advisor(Needs()).advise(replace(flown().health, consistency=found))
     assert [a.about for a in advice if a.kind == "own-misfit"] == ["own gps"] * advised
+
+
+@pytest.mark.parametrize(
+    ("armed", "pwm_us", "said"), [(True, 1000, True), (False, 1000, False), (True, 1500, False)]
+)
+def test_that_no_motor_is_observed_is_said(armed: bool, pwm_us: int, said: bool) -> None:
+    """Of an armed vehicle whose main outputs rest, as with DShot: its motors' faults are not named."""
+    sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    outputs = [
+        Datagram(
+            channel="autopilot",
+            encoding=Encoding.MAVLINK,
+            t_recv_ns=EPOCH + ms * MS + 3 * MS,
+            data=sender.servo_output_raw_encode(1000 * ms, 0, *[pwm_us] * 8).pack(sender),
+        )
+        for ms in range(6000, 5000 + 1000 * SECONDS, 200)
+    ]
+    own = {"own_state": {"airframe": "csvsf"}, "leader": {"size_prior_m": SIZE}}
+    arm = lambda m: replace(m, armed=armed) if isinstance(m, Heartbeat) else m  # noqa: E731
+    found = flown(arm, configured(estimator=own), extra=outputs).found.get("refused")
+    assert ("no motor is observed" in (found.what if found else "")) is said
 
 
 @pytest.mark.parametrize(("beyond", "advised"), [(20, False), (300, True)])

@@ -111,3 +111,23 @@ def test_motors_are_followed_to_another_port(port: Callable[[float], int]) -> No
     named = hover(monitor, 12.0, worth=lambda _: 1.0, mass=lambda t: 1.3 if t > 8.0 else 1.0, port=port)
     assert set(named) == {FaultKind.MASS}
     assert 8.0 < named[FaultKind.MASS] < 9.5
+
+
+@pytest.mark.parametrize(
+    ("armed", "outputs", "said"),
+    [(True, RESTING, 5), (True, RESTING[:3], 5), (False, RESTING, 0), (True, (1300,) * 4, 0)],
+    ids=["none runs", "too few", "disarmed", "they run"],
+)
+def test_that_no_motor_is_observed_is_said_once_a_second(armed: bool, outputs: tuple[int, ...], said: int) -> None:
+    """Each flight of an autopilot whose outputs carried none of its motors passed for one without a fault."""
+    monitor = FaultMonitor(CRAFT)
+    sent = (ActuatorOutputs(t_ns=k * STEP_NS, t_recv_ns=k * STEP_NS, pwm_us=outputs) for k in range(100, 200))
+    assert sum(monitor.receive_outputs(message, armed=armed) for message in sent) == said
+
+
+def test_a_motor_that_rests_for_a_moment_is_observed() -> None:
+    monitor = FaultMonitor(CRAFT)
+    for k in range(100, 300):
+        pwm_us = (1300,) * 4 if k % 40 == 0 else RESTING
+        message = ActuatorOutputs(t_ns=k * STEP_NS, t_recv_ns=k * STEP_NS, pwm_us=pwm_us)
+        assert not monitor.receive_outputs(message, armed=True)
