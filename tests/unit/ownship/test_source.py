@@ -88,3 +88,18 @@ def test_an_estimator_that_contradicts_the_autopilot_does_not_count() -> None:
     made = yaws(own, 0.001, {0.0: stated(0.001), 4.0: stated(0.001, yaw=0.2)}, 8.0)
     assert own.source_changes["attitude_from_autopilot.own_state_contradicts_it"] == 1
     assert abs(made[-1]) < 0.01
+
+
+def test_a_velocity_that_is_off_by_less_than_a_fault_stays_the_autopilots() -> None:
+    """In strong vibration an autopilot's velocity was off by 0.3 m/s for two minutes, beside the slope of its own
+    positions: a bias is no white noise, so that `auto` does not see it, and too small for a contradiction."""
+    own, stated_motion = Ownship(max_extrapolation=0.1, source="auto"), stated(0.001, v=(0.3, 0.0, 0.0))
+    for k in range(1000):
+        t_ns, r = 5 * S + k * 10 * MS, (0.003 * k, 0.0, 0.0)
+        now = stated_motion._replace(r_OF_n=r)
+        own.receive(Attitude(t_ns=t_ns, t_recv_ns=t_ns, q_nb=about_down(0.0), omega_b=STILL), t_ns, now)
+        own.receive(LocalPosition(t_ns=t_ns, t_recv_ns=t_ns, r_OF_n=r, v_F_n=STILL), t_ns, now)
+    pose = own.pose_at(own.now_ns)
+    assert pose is not None
+    assert (pose.v_F_n[0], own.doubt) == (0.0, "")
+    assert not any(change.startswith("velocity") for change in own.source_changes)
