@@ -101,6 +101,13 @@ REMEDIES: Final = {
         "intrinsics scaled to the image",
         Severity.NOTICE,
     ),
+    Cause.OWN_MOTION_DOUBT: Remedy(
+        "own-misfit",
+        "look for vibration, and which of them the GPS agrees with (`onboard report LOG`); `source` of [ownship] "
+        "sets which is used",
+        "own velocity in doubt",
+        Severity.NOTICE,
+    ),
     Cause.OUT_OF_VIEW: PIXELS,
     Cause.QUARTER: PIXELS._replace(severity=Severity.NOTICE),
     Cause.RANGE_UNUSED: NOTICED,

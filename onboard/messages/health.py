@@ -59,7 +59,8 @@ DOUBT: Final = "in doubt: "  # before the reason of a refusal that is none: the 
 DOUBTS: Final = frozenset(  # ... of these causes
     {
         *(Cause.MOUNT, Cause.FOCAL_LENGTH, Cause.DELAY, Cause.CAMERA_SETUP, Cause.OFF_CENTER),
-        *(Cause.BINNED, Cause.QUARTER, Cause.RANGE_UNUSED, Cause.UNVERIFIED, Cause.KEY_UNREADABLE),
+        *(Cause.OWN_MOTION_DOUBT, Cause.BINNED, Cause.QUARTER, Cause.RANGE_UNUSED, Cause.UNVERIFIED),
+        Cause.KEY_UNREADABLE,
     }
 )
 

@@ -14,6 +14,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.geometry.rotations import matrix_of
 from onboard.messages import (
+    DOUBT,
     Attitude,
     EstimatorStatus,
     GimbalAttitude,
@@ -25,6 +26,7 @@ from onboard.messages import (
     Quaternion,
     Vec3,
 )
+from onboard.messages.causes import Cause, Reason
 from onboard.ownship.contradictions import ANOTHER_WAY, ELSEWHERE, Contradictions, turn
 from onboard.ownship.gimbals import Gimbals
 from onboard.ownship.histories import Attitudes, AttitudeSample, Navigation, NavSample, Step
@@ -44,6 +46,7 @@ NO_NOISE: Final = (0.0, 0.0, 0.0)
 # track that begins with images taken for exact begins with a velocity of 19 m/s that nobody flies.
 UNMEASURED: Final = (math.radians(1.5),) * 3
 ANOTHER_SPEED: Final = 1.0  # m/s; velocities of two sources that differ more are of two motions
+LEAST_BIAS: Final = 0.2  # m/s, of a velocity for 10 s: more than a sound autopilot's
 FALLBACK_NS: Final = NS_PER_S  # GLOBAL_POSITION_INT serves once LOCAL_POSITION_NED is this long silent
 
 
@@ -159,6 +162,19 @@ class Ownship:
         """Standard deviations (3,) of the white noise of the autopilot's attitudes about b's axes, rad, as it was
         measured; None before it is known."""
         return self._contradictions.attitude_noise
+
+    @property
+    def velocity_bias(self) -> Reason | None:
+        """That our own estimator's velocity and the autopilot's differ by more than a sensor's noise, and which is
+        used; None if they do not."""
+        bias, used = (
+            self._source_of_velocity.bias,
+            "ours" if self._source_of_velocity.is_own else "the autopilot's",
+        )
+        if bias < LEAST_BIAS:
+            return None
+        words = f"the autopilot's velocity and ours have differed by {bias:.2f} m/s for 10 s; {used} is used"
+        return Reason(Cause.OWN_MOTION_DOUBT, f"{DOUBT}{words}")
 
     @property
     def source_changes(self) -> dict[str, int]:

@@ -5,6 +5,7 @@ it is valid and, with `auto`, surer than the autopilot, whose white noise is mea
 cannot be measured here, and are configured. A change of source takes `RAMP_S`, so that nothing jumps.
 """
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from typing import Final, Literal, NamedTuple
@@ -19,6 +20,8 @@ SURER: Final = 0.5  # of the autopilot's standard deviation: with a smaller one 
 LESS_SURE: Final = 0.8  # ... until it is larger than this share
 DWELL_NS: Final = NS_PER_S  # the reason for a change must hold for so long; a loss of validity counts at once
 LEAST_NOISE: Final = 1e-9
+BIAS_S: Final = 10.0  # over which a bias of one or the other shows
+BIAS_SIGMAS: Final = 3.0  # of the estimator
 
 
 class StatedMotion(NamedTuple):
@@ -56,6 +59,17 @@ class Source:
         self._weight, self._t_ns = 0.0, 0
         self._apart: Sequence[float] | None = None  # as last known
         self._since_ns: int | None = None  # since when a change is due
+        self._mean: tuple[float, ...] = ()  # of `apart`, over BIAS_S, ...
+        self._mean_ns = 0  # ... since then
+        self._sigma: Sequence[float] = ()
+
+    @property
+    def bias(self) -> float:
+        """By how much the estimator's values have differed from the autopilot's for BIAS_S, 0 where its own
+        uncertainty explains it."""
+        off = math.hypot(*self._mean)
+        is_long = self._apart is not None and self._t_ns - self._mean_ns > BIAS_S * NS_PER_S
+        return off if is_long and off > BIAS_SIGMAS * math.hypot(*self._sigma) else 0.0
 
     @property
     def is_fixed(self) -> bool:
@@ -66,6 +80,7 @@ class Source:
         """(weight of the estimator, what to add to the autopilot's values) at a time."""
         dt, self._t_ns = (t_ns - self._t_ns) * S_PER_NS if self._t_ns else 0.0, t_ns
         self._decide(t_ns, compared)
+        self._average(dt, compared)
         step = max(dt, 0.0) / RAMP_S
         self._weight = min(self._weight + step, 1.0) if self.is_own else max(self._weight - step, 0.0)
         if compared.apart is not None:
@@ -73,6 +88,15 @@ class Source:
         if self._apart is None or self._weight == 0.0:
             return 0.0, ()
         return self._weight, tuple([self._weight * x for x in self._apart])
+
+    def _average(self, dt: float, compared: Comparison) -> None:
+        """The mean of how far both are apart."""
+        if compared.apart is None or not self._mean:
+            self._mean_ns, self._mean = self._t_ns, tuple(compared.apart or ())[: len(compared.sigma)]
+        else:
+            share, self._sigma = min(max(dt, 0.0) / BIAS_S, 1.0), compared.sigma
+            pairs = zip(self._mean, compared.apart, strict=False)
+            self._mean = tuple([mean + share * (x - mean) for mean, x in pairs])
 
     def _decide(self, t_ns: int, compared: Comparison) -> None:
         if self._wanted == "autopilot":

@@ -349,6 +349,8 @@ class Pipeline:
     def health(self, t_recv_ns: int, rim: Rim = NO_RIM) -> Health:
         """How the program is doing, as of a time on this computer's clock; `rim`: what surrounds the pipeline."""
         self._mounts.judge()
+        if (bias := self.ownship.velocity_bias) is not None:
+            self.refuse("our own velocity", bias, t_recv_ns)
         counting = self._monitor, self._decoder, self.estimators, self._advisor
         parts = Parts(self.clocks, self.ownship, self._admission, *counting)
         return health(parts, t_recv_ns, self._first_recv_ns or t_recv_ns, rim)
