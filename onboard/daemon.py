@@ -253,7 +253,7 @@ class Daemon:
             except Exception as error:  # of any kind: the next tick may succeed
                 self._pipeline.count_error("timer", error)
             self._console.show_errors(self._pipeline.errors)
-            due_ns = self._now_ns() + round(TICK_S * NS_PER_S)
+            due_ns = now_ns + round(TICK_S * NS_PER_S)  # a tick in which this program stood still is late, too
             await asyncio.sleep(TICK_S)
 
     def _tick(self, now_ns: int) -> None:
