@@ -1,7 +1,4 @@
-"""Our programs as processes with a user's arguments, on ports of their own. They are forks of a process that has
-loaded already (`tests.support.preloaded`); what the demo starts are new interpreters, and `argv` is for tests that
-need one.
-"""
+"""Our programs as processes, started as a user starts them, on ports of their own."""
 
 import os
 import signal
@@ -17,8 +14,6 @@ from typing import Any
 
 import psutil
 
-from tests.support.preloaded import Preloaded
-
 ROOT = Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data"
 STATES = Path(tempfile.gettempdir()) / f"onboard-tests-{os.getpid()}"  # of daemons that are started again
@@ -27,14 +22,9 @@ PATIENCE = 300.0  # s; what takes longer hangs: nothing here is about speed
 
 def run(*command: str | Path, cwd: Path | None = None) -> "subprocess.CompletedProcess[str]":
     """Run `onboard ...` or `simlink ...` to its end."""
-    pipe, line = subprocess.PIPE, argv(*command)
-    with Preloaded(line, cwd=cwd, stdout=pipe, stderr=pipe, text=True, env=environment()) as popen:
-        try:
-            out, err = popen.communicate(timeout=PATIENCE)
-        except BaseException:
-            popen.kill()
-            raise
-    return subprocess.CompletedProcess(line, popen.returncode, out, err)
+    return subprocess.run(
+        argv(*command), cwd=cwd, capture_output=True, text=True, timeout=PATIENCE, check=False, env=environment()
+    )
 
 
 def argv(*command: str | Path) -> list[str]:
@@ -65,7 +55,7 @@ class Program:
         self.stdout = log.with_suffix(".out")
         with log.open("wb") as err, self.stdout.open("wb") as out:
             # its own session: a signal to the group acts like Ctrl-C in a terminal
-            self.popen = Preloaded(
+            self.popen = subprocess.Popen(
                 argv(*command), stdout=out, stderr=err, cwd=cwd, env=environment(), start_new_session=True
             )
         self.process = psutil.Process(self.popen.pid)
