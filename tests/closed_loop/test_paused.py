@@ -53,7 +53,7 @@ def published(observer: Observer, since_ns: int) -> list[Any]:
             if received.t_publish_ns is not None and received.t_publish_ns > since_ns:
                 found.append(received.record)
         leader = [r for r in found if isinstance(r, Estimate) and r.name == "leader"]
-        fused = [r for r in leader if r.age is not None and r.age < FRESH_S]
+        fused = [r for r in leader if r.valid and r.age is not None and r.age < FRESH_S]
         healths = [r for r in found if isinstance(r, Health)]
         return len(fused) > 20 and len(healths) > 4
 

@@ -317,6 +317,14 @@ ROWS = (
         recovers=LEAPT,
     ),
     Row(
+        "a velocity off by 0.3 m/s, as in strong vibration",
+        each(lambda m: replace(m, v_F_n=(m.v_F_n[0] + 0.3, *m.v_F_n[1:])), LocalPosition),
+    ),
+    Row(
+        "images stamped 0.1 s early",
+        each(lambda m: replace(m, t_ns=m.t_ns - 100 * MS), TargetPoints),
+    ),
+    Row(
         "images stamped 0.9 s after their arrival",
         each(lambda m: replace(m, t_ns=m.t_ns + 900 * MS), TargetPoints),
         rejected="later_than_arrival",
