@@ -55,7 +55,7 @@ def compile_all(
     on_progress: Callable[[int, int, Module | None], None],
 ) -> list[Module]:
     """Make the kernels of these modules and of all that they may import ready, by default of all there are, in
-    `workers` processes, by default one for each core. What a record says to be ready is not loaded. After each
+    `workers` processes, by default one for each core. What is ready by a record is not loaded. After each
     module with kernels `on_progress(done, total, module)` is called; `module` is None if they are only compiled
     where others call them. The machine code is kept where Numba does, or `into` the folder that a wheel brings.
 

@@ -10,7 +10,7 @@
 - What is missing is NaN, or masked in a masked array: a component, or all of a measurement. In a batch (mean (B,
   n), ys (T, B, m)) each member has its own. `None` in a list is a time without measurement, too.
 - Where a state's angle becomes too wide for a filter's points, after long without measurements, `turns` makes the
-  steps until it is narrow again, and `wide` says which. The filter then goes on from that belief, as from a start.
+  steps until it is narrow again, and `wide` marks these. The filter then goes on from that belief, as at a start.
 - A filter of a batch that fails after the first measurement, by a belief too wide for a measured angle or without
   a factor, is left out: its beliefs are NaN from there on, `lost` says why, and the others go on. Where none is
   left an error is raised, whose `found` is the run up to there.

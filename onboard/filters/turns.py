@@ -38,7 +38,7 @@ def predict(belief: Belief, process: Rows, Q: Array, angular_states: Indices = (
 
 def transition(belief: Belief, process: Rows, angular_states: Indices) -> tuple[Array, Array, Array]:
     """The process as a line: its slope (n, n), its value at the mean (n,), and the noise (n, n) that it adds. An
-    angle that would be wider than a turn is drawn anew, from a turn: it says nothing of the one before.
+    angle that would be wider than a turn is drawn anew, from a turn, and does not depend on the one before.
 
     Raises FilterError.
     """

@@ -25,7 +25,7 @@ HOLD_NS: Final = 150_000_000  # a finding must last so long to be named
 CLEAR_NS: Final = NS_PER_S  # and be absent so long to be withdrawn
 STALE_NS: Final = 300_000_000  # motor outputs or samples this old say nothing about the present
 BLIND_NS: Final = 5 * NS_PER_S  # armed for so long without a running motor: outputs carry none that we know, ...
-SAID_EACH_NS: Final = NS_PER_S  # ... which is said so often
+REPORT_EACH_NS: Final = NS_PER_S  # ... which is reported so often
 WEAKEST: Final = 0.6  # of the weight: with less thrust we are not flying
 MOTOR_LOSS: Final = 0.12  # share of one motor's thrust
 MASS_CHANGE: Final = 0.12  # share of the mass
@@ -122,8 +122,8 @@ class FaultMonitor:
 
     def receive_outputs(self, message: ActuatorOutputs, *, armed: bool = False) -> bool:
         """The motors' commands, of the first port whose outputs run them. They may move to another: with DShot
-        they are auxiliary outputs, and the main ones rest. Whether, once a second, it is to be said that no port
-        runs them though the vehicle is `armed`."""
+        they are auxiliary outputs, and the main ones rest. Whether it is to be reported, once a
+        second, that no port runs them though the vehicle is `armed`."""
         a = self._airframe
         if a is None:
             return False
@@ -133,7 +133,7 @@ class FaultMonitor:
             self._seen_ns = message.t_ns
         if message.t_ns - self._seen_ns < BLIND_NS:
             return False
-        self._seen_ns = message.t_ns - BLIND_NS + SAID_EACH_NS
+        self._seen_ns = message.t_ns - BLIND_NS + REPORT_EACH_NS
         return True
 
     def _receive_commands(self, a: AirframeConfig, message: ActuatorOutputs, *, runs: bool) -> None:

@@ -220,10 +220,10 @@ def test_what_a_record_says_to_be_ready_is_not_loaded_again(
         return processes(count, into)
 
     def reports() -> list[tuple[int, int, str]]:
-        told: list[tuple[int, int, str]] = []
+        calls: list[tuple[int, int, str]] = []
         opened.clear()
-        compile_all(ARC, workers=1, on_progress=lambda done, total, m: told.append((done, total, m.name)))
-        return told
+        compile_all(ARC, workers=1, on_progress=lambda done, total, m: calls.append((done, total, m.name)))
+        return calls
 
     code = tmp_path / "arc.f-1.py311.nbi"
     code.write_text("code")

@@ -351,9 +351,9 @@ def test_own_motion_that_does_not_fit_is_named_without_an_airframe(nis: float, a
 
 
 @pytest.mark.parametrize(
-    ("armed", "pwm_us", "said"), [(True, 1000, True), (False, 1000, False), (True, 1500, False)]
+    ("armed", "pwm_us", "is_reported"), [(True, 1000, True), (False, 1000, False), (True, 1500, False)]
 )
-def test_that_no_motor_is_observed_is_said(armed: bool, pwm_us: int, said: bool) -> None:
+def test_that_no_motor_is_observed_is_reported(armed: bool, pwm_us: int, is_reported: bool) -> None:
     """Of an armed vehicle whose main outputs rest, as with DShot: its motors' faults are not named."""
     sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
     outputs = [
@@ -368,7 +368,7 @@ def test_that_no_motor_is_observed_is_said(armed: bool, pwm_us: int, said: bool)
     own = {"own_state": {"airframe": "csvsf"}, "leader": {"size_prior_m": SIZE}}
     arm = lambda m: replace(m, armed=armed) if isinstance(m, Heartbeat) else m  # noqa: E731
     found = flown(arm, configured(estimator=own), extra=outputs).found.get("refused")
-    assert ("no motor is observed" in (found.what if found else "")) is said
+    assert ("no motor is observed" in (found.what if found else "")) is is_reported
 
 
 @pytest.mark.parametrize(("beyond", "advised"), [(20, False), (300, True)])

@@ -104,8 +104,8 @@ def test_a_velocity_that_is_off_by_less_than_a_fault_is_said(source: Wanted, off
         own.receive(LocalPosition(t_ns=t_ns, t_recv_ns=t_ns, r_OF_n=r, v_F_n=STILL), t_ns, now)
         if k == 900:
             assert own.velocity_bias is None
-    pose, said = own.pose_at(own.now_ns), own.velocity_bias
+    pose, reported = own.pose_at(own.now_ns), own.velocity_bias
     assert pose is not None
     assert (pose.v_F_n[0], own.doubt) == (off if source == "own_state" else 0.0, "")
-    assert (said is not None) is (used is not None)
-    assert said is None or f"differed by 0.30 m/s for 10 s; {used} is used" in said.words
+    assert (reported is not None) is (used is not None)
+    assert reported is None or f"differed by 0.30 m/s for 10 s; {used} is used" in reported.words

@@ -114,15 +114,17 @@ def test_motors_are_followed_to_another_port(port: Callable[[float], int]) -> No
 
 
 @pytest.mark.parametrize(
-    ("armed", "outputs", "said"),
+    ("armed", "outputs", "reports"),
     [(True, RESTING, 5), (True, RESTING[:3], 5), (False, RESTING, 0), (True, (1300,) * 4, 0)],
     ids=["none runs", "too few", "disarmed", "they run"],
 )
-def test_that_no_motor_is_observed_is_said_once_a_second(armed: bool, outputs: tuple[int, ...], said: int) -> None:
+def test_that_no_motor_is_observed_is_reported_once_a_second(
+    armed: bool, outputs: tuple[int, ...], reports: int
+) -> None:
     """Each flight of an autopilot whose outputs carried none of its motors passed for one without a fault."""
     monitor = FaultMonitor(CRAFT)
     sent = (ActuatorOutputs(t_ns=k * STEP_NS, t_recv_ns=k * STEP_NS, pwm_us=outputs) for k in range(100, 200))
-    assert sum(monitor.receive_outputs(message, armed=armed) for message in sent) == said
+    assert sum(monitor.receive_outputs(message, armed=armed) for message in sent) == reports
 
 
 def test_a_motor_that_rests_for_a_moment_is_observed() -> None:
