@@ -137,7 +137,7 @@ def overridden(model: LeaderModel, overrides: Mapping[str, float]) -> LeaderMode
 FUSELAGE: Final = ((0.36, 0.0, 0.0), (-0.4, 0.0, 0.0))
 THICKNESS: Final = ((0.0, 0.0, -0.07), (0.0, 0.0, 0.05))
 ROTOR: Final = 0.8  # radius of a rotor, of half the distance to its neighbour: 0.7 to 1 by data sheets
-ROTORS_AT: Final = -0.04  # a circle that stands for all of them
+ROTORS_AT: Final = -0.04  # how high they are
 ROTORS_HIGH: Final = ((0.0, 0.0, -0.09), (0.0, 0.0, 0.19))  # canopy and feet ...
 ROTORS_HEIGHT: Final = 0.08  # ... of which each data sheet has its own: one standard deviation of top and bottom
 PITCH: Final = math.radians(7.0)  # rad, of the fuselage about the pitch that thrust implies
@@ -146,7 +146,6 @@ PITCH: Final = math.radians(7.0)  # rad, of the fuselage about the pitch that th
 MISPLACED: Final = 0.03  # of the wingspan: how far a detector misplaces a point of an aircraft
 BOX_SHARE: Final = 0.05  # of the box's larger side: what a detector says of each side is no less
 BOX_BIAS: Final = 0.08  # of its size: a detector's boxes are all too wide, or all too narrow ...
-ROTORS_BIAS: Final = 0.1  # ... of rotors also by the 6 % (RMS) that a square of them differs from a circle ...
 GUESS_BIAS: Final = 0.15  # ... and of a wing in usual proportions, so is what they bound
 OFF_WING: Final = 0.1  # of the wing: the center from the wing's middle, where nothing is known of it
 ON_WING: Final = 0.02  # the same with `center_on_wing`, which allows 1 %; the nearer half of a wing looks longer

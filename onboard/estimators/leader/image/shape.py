@@ -15,7 +15,6 @@ from onboard.estimators.leader.assumptions import (
     PITCH,
     ROTOR,
     ROTORS_AT,
-    ROTORS_BIAS,
     ROTORS_HEIGHT,
     ROTORS_HIGH,
     THICKNESS,
@@ -24,7 +23,7 @@ from onboard.estimators.leader.config import Config
 
 WINGTIPS: Final = ((0.0, -0.5, 0.0), (0.0, 0.5, 0.0))  # in b, of a wingspan of 1
 ROTORS: Final[Mapping[str, int]] = {"quadrotor": 4, "hexarotor": 6, "octorotor": 8}
-RIM: Final = 12  # points of the circle that stands for all rotors
+RIM: Final = 12  # points of all rims, beside the ends of each
 
 
 class Posture(NamedTuple):
@@ -87,19 +86,16 @@ def outline_of(config: Config) -> Outline:
     if aircraft is None:
         aircraft = "quadrotor" if config.leader_class == "multirotor" else "fixed-wing"
     if aircraft in ROTORS:
-        return Outline(_rotors(ROTORS[aircraft]), ROTORS_BIAS, ROTORS_HEIGHT)
+        return Outline(_rotors(ROTORS[aircraft]), BOX_BIAS, ROTORS_HEIGHT)
     return Outline(np.array([*WINGTIPS, *FUSELAGE, *THICKNESS]), GUESS_BIAS)
 
 
 def _rotors(count: int) -> Array:
-    """What bounds a multirotor (j, 3) in b that is 1 wide across its rotors, none of which is in front: a circle
-    as wide as they are on average, and canopy and feet. By Cauchy's theorem the mean width is the perimeter of the
-    hull over pi. With the rotors themselves, particles agreed on one width, and so on a heading, for no reason.
-    """
-    side = math.sin(math.pi / count)  # half the distance between two rotors, on a circle of radius 1
-    perimeter = 2.0 * count * side + math.tau * ROTOR * side
-    aside = np.sin(math.tau * (np.arange(count) + 0.5) / count).max() + ROTOR * side
-    at = math.tau * np.arange(RIM) / RIM
-    radius = perimeter / (2.0 * aside) / (2.0 * RIM * math.sin(math.pi / RIM))  # of a polygon with this perimeter
-    ring = np.column_stack([radius * np.cos(at), radius * np.sin(at), np.full(RIM, ROTORS_AT)])
-    return np.vstack([ring, ROTORS_HIGH])
+    """What bounds a multirotor (j, 3) in b that is 1 wide across its rotors, none of which is in front: the outer
+    part of each rim, and canopy and feet."""
+    rotors = math.tau * (np.arange(count) + 0.5)[:, None] / count
+    rims = rotors + math.pi / count * np.linspace(-1.0, 1.0, 2 + RIM // count)
+    radius = ROTOR * math.sin(math.pi / count)  # of a rotor, on a circle of radius 1
+    x, y = (f(rotors) + radius * f(rims) for f in (np.cos, np.sin))
+    ring = np.stack([x, y], axis=2).reshape(-1, 2) / np.ptp(y)
+    return np.vstack([np.column_stack([ring, np.full(len(ring), ROTORS_AT)]), ROTORS_HIGH])
