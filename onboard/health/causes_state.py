@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 from onboard.health.needs import Moment
+from onboard.health.remedies import REMEDIES
 from onboard.messages import Advice, Health, Severity
 from onboard.messages.causes import Cause
 from onboard.units import NS_PER_S
@@ -55,6 +56,10 @@ STATE_REMEDIES: Final = {
         MISFIT_REMEDY,
     ),
     Cause.UNEXPECTED: UNEXPECTED,
+    **{
+        cause: StateRemedy(REMEDIES[cause].remedy)
+        for cause in (Cause.MOUNT, Cause.FOCAL_LENGTH, Cause.DELAY, Cause.CAMERA_SETUP)
+    },
     **dict.fromkeys((Cause.LEAPT, Cause.CLASS_OPEN, Cause.CLASS_CHANGED, Cause.RENAMED), ONE_TARGET),
     Cause.EXTENT_OPEN: StateRemedy(
         "look at the detector's boxes or points: let it bound the same extent of the aircraft in each image"

@@ -1,6 +1,6 @@
 """Whether a camera is mounted as configured, has the configured focal length, and stamps its images with the time
 of exposure, by how the leader's direction moves when we lean (`camera_errors`). Nothing is corrected: the three
-would take the blame for every other error."""
+would take the blame for every other error. What was seen by a camera that is certainly wrong is not valid."""
 
 import math
 from collections import deque
@@ -33,9 +33,9 @@ REACH_NS: Final = round(LONGEST_DELAY_S * NS_PER_S)  # of our own motion before 
 FEWEST_IMAGES: Final = 20  # in a window
 MOST_IMAGES: Final = 40  # ... that are computed with
 WINDOWS: Final = 20  # that are kept: 80 s
-MOST_ENDED: Final = 8  # windows that wait to be judged
 FEWEST_WINDOWS: Final = 5
-STEPS: Final = 30  # of a search, each time that is asked
+STEP_NS: Final = NS_PER_S // 30  # of own motion, for each step of a search: some milliseconds ...
+MOST_STEPS: Final = 30  # ... so many at once
 MOST_NOISE: Final = (
     3e-3  # rad: white noise of the attitude turns what is compared and what it is compared with alike
 )
@@ -57,8 +57,8 @@ class Sight(NamedTuple):
 
 
 class Ended(NamedTuple):
-    """What one camera saw in a window that has ended, our own motion then, and the arrival of the first image
-    after it."""
+    """What one camera saw in a window that has ended, our own motion then, None until it is known, and the arrival
+    of the first image after it."""
 
     source: str
     sights: list[Sight]
@@ -66,9 +66,16 @@ class Ended(NamedTuple):
     t_recv_ns: int
 
 
+class Doubt(NamedTuple):
+    """What is wrong with a camera, and the arrival of the newest image that says so."""
+
+    why: Reason
+    t_recv_ns: int
+
+
 class Mounts:
     """The cameras of a flight. `add(source, reason, t_recv_ns)` takes what is found. `see` only collects, as an
-    estimate waits behind it; `judge` computes, for milliseconds after each window."""
+    estimate waits behind it; `judge` computes, some milliseconds each time."""
 
     def __init__(self, camera: Camera, add: Callable[[str, Reason, int], None]) -> None:
         self._camera, self._add = camera, add
@@ -76,6 +83,8 @@ class Mounts:
         self._sights: dict[str, list[Sight]] = {}
         self._ended: list[Ended] = []
         self._searches: dict[str, tuple[int, Steps[list[Explanation]]]] = {}  # by camera, since when
+        self._doubts: dict[str, Doubt] = {}  # by camera
+        self._judged_ns = 0
 
     def see(self, estimate: Estimate, ownship: Ownship) -> None:
         """Take an estimate. It counts if it is valid, of the leader, and follows from an image that was fused."""
@@ -94,8 +103,6 @@ class Mounts:
         if sights and not 0 <= report.t_ns - sights[0].t_ns < WINDOW_NS:
             self._ended.append(Ended(report.source, sights, None, report.t_recv_ns))
             sights = self._sights[report.source] = []
-            if len(self._ended) >= MOST_ENDED:  # nobody asks
-                self.judge()
         u, v = map(sum, zip(*report.points, strict=True))
         count = len(report.points)
         sights.append(Sight(report.t_ns, u / count, v / count, math.hypot(*estimate.mean[:3])))
@@ -107,33 +114,50 @@ class Mounts:
                 from_ns, to_ns = one.sights[0].t_ns - REACH_NS, one.sights[-1].t_ns + REACH_NS
                 self._ended[i] = one._replace(poses=Poses(*ownship.motion(from_ns, to_ns)))
 
-    def judge(self) -> None:
-        """Find what the windows that have ended since the last time show."""
-        ready = [one for one in self._ended if one.poses is not None]
-        newest = [one for one in self._ended if one.poses is None][-MOST_ENDED // 2 :]
-        self._ended = newest
-        for source, sights, poses, t_recv_ns in ready:
-            if len(sights) < FEWEST_IMAGES or poses is None or len(poses.t) < FEWEST_IMAGES:
-                continue
-            few = sights[:: 1 + len(sights) // MOST_IMAGES]
-            rows = np.array([(1e-9 * s.t_ns, s.u, s.v, s.distance) for s in few])
-            camera = self._camera.named(source)
-            windows = self._windows.setdefault(source, deque(maxlen=WINDOWS))
-            windows.append(Window(Sights(rows[:, 0], rows[:, 1:3], rows[:, 3]), poses, camera))
-            if len(windows) >= FEWEST_WINDOWS and source not in self._searches:
-                self._searches[source] = t_recv_ns, explanations(tuple(windows))
-        self._search()
-
-    def _search(self) -> None:
-        """Go some steps on in finding what windows show; later windows wait until that has ended."""
-        for source, (t_recv_ns, steps) in list(self._searches.items()):
+    def judge(self, t_recv_ns: int) -> None:
+        """Go on in finding what the windows that have ended show."""
+        for i, one in enumerate(self._ended):
+            if one.poses is not None or t_recv_ns - one.t_recv_ns > WINDOW_NS:  # our own motion has ended
+                self._add_window(self._ended.pop(i))
+                break
+        count = min((t_recv_ns - self._judged_ns) // STEP_NS, MOST_STEPS)
+        if count != 0:  # below 0: this computer's clock was set back
+            self._judged_ns = t_recv_ns
+        for source, (since_ns, steps) in list(self._searches.items()):
             try:
-                for _ in range(STEPS):
+                for _ in range(count):
                     next(steps)
             except StopIteration as end:
                 del self._searches[source]
-                if end.value:
-                    self._add(f"camera {source}", why(self._camera.named(source), end.value), t_recv_ns)
+                self._decide(source, end.value, since_ns)
+
+    def doubt(self, t_recv_ns: int) -> Reason | None:
+        """Why nothing that cameras show is valid, None if it may be. A camera that shows nothing any more is in no
+        doubt."""
+        for source, doubt in self._doubts.items():
+            if t_recv_ns - doubt.t_recv_ns < WINDOWS * WINDOW_NS:
+                return doubt.why._replace(words=f"camera {source}: {doubt.why.words}")
+        return None
+
+    def _add_window(self, one: Ended) -> None:
+        """A window that has ended, and a search for what it and those before it show."""
+        source, sights, poses, t_recv_ns = one
+        if len(sights) < FEWEST_IMAGES or poses is None or len(poses.t) < FEWEST_IMAGES:
+            return
+        few = sights[:: 1 + len(sights) // MOST_IMAGES]
+        rows = np.array([(1e-9 * s.t_ns, s.u, s.v, s.distance) for s in few])
+        camera = self._camera.named(source)
+        windows = self._windows.setdefault(source, deque(maxlen=WINDOWS))
+        windows.append(Window(Sights(rows[:, 0], rows[:, 1:3], rows[:, 3]), poses, camera))
+        if len(windows) >= FEWEST_WINDOWS and source not in self._searches:
+            self._searches[source] = t_recv_ns, explanations(tuple(windows))
+
+    def _decide(self, source: str, found: list[Explanation], t_recv_ns: int) -> None:
+        """What a search has found of a camera."""
+        self._doubts.pop(source, None)
+        if found:
+            doubt = self._doubts[source] = Doubt(why(self._camera.named(source), found), t_recv_ns)
+            self._add(f"camera {source}", doubt.why._replace(words=DOUBT + doubt.why.words), t_recv_ns)
 
 
 def why(camera: Camera, found: list[Explanation]) -> Reason:
@@ -142,7 +166,7 @@ def why(camera: Camera, found: list[Explanation]) -> Reason:
     words = [" and ".join(_words(camera, kind, *one[kind]) for kind in one) for one in found]
     apart = "" if len(found) == 1 else "; this flight does not tell them apart"
     cause = CAUSES[kinds[0]] if len(kinds) == 1 else Cause.CAMERA_SETUP
-    return Reason(cause, f"{DOUBT}the leader moves in the image as we lean as if {', or '.join(words)}{apart}")
+    return Reason(cause, f"the leader moves in the image as we lean as if {', or '.join(words)}{apart}")
 
 
 def _words(camera: Camera, kind: str, errors: Array, sigmas: Array) -> str:

@@ -1,22 +1,27 @@
 """A mount, a focal length and a delay that are wrong are named with their amounts, and right ones never."""
 
 import re
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from onboard.arrays import Array
-from onboard.config import parse_config
+from onboard.config import load_config, parse_config
 from onboard.geometry.rotations import matrix_from_euler, quaternion_from_matrix
+from onboard.health import mounts
 from onboard.health.camera_errors import Explanation, Poses, Sights, Window, explanations, finished
 from onboard.health.mounts import why
 from onboard.health.remedies import remedy_of
-from onboard.messages import DOUBT, Advice, Datagram
+from onboard.messages import DOUBT, Advice, Datagram, Estimate, MeasurementReport, Verdict
+from onboard.messages.causes import Cause, Reason
+from onboard.ownship import Ownship
 from onboard.pipeline import Pipeline
 from onboard.units import NS_PER_S
 from simlink.scenarios.scenario import Scenario, load_scenario
 from simlink.simulation import datagrams
+from tests.support import leader
 
 CAMERA = parse_config({}).camera_model()
 UP_DEG = 8.0  # as the camera of the scenario `guided` looks
@@ -145,6 +150,64 @@ def test_a_wrong_camera_without_lean_is_not_claimed_seeds_1_to_20() -> None:
     wrong = np.radians([0.0, 15.0, 0.0])
     found = [explain(windows(wrong, seed, nod=0.0, focal=2.0)) for seed in range(1, 21)]
     assert [seed for seed, one in enumerate(found, 1) if one] == []
+
+
+class Still:
+    """Our own motion, known at all times: `Mounts` gets its windows ready made."""
+
+    now_ns = 0
+
+    def pose_at(self, _: int) -> SimpleNamespace:
+        return SimpleNamespace(r_OF_n=np.zeros(3), attitude_noise=np.zeros(3))
+
+    def knows(self, _: int) -> bool:
+        return True
+
+    def motion(self, *_: int) -> tuple[Array, Array, Array]:
+        return np.arange(30.0), np.zeros((30, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (30, 1))
+
+
+def test_a_camera_is_in_doubt_until_it_is_right_or_shows_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A mount of 20 degrees; it is turned right; a wrong one again, and then the camera is off."""
+    monkeypatch.setattr(mounts, "WINDOWS", 8)
+    wrong, right = (windows(np.radians([0.0, x, 0.0]), 3, count=mounts.WINDOWS) for x in (20.0, 0.0))
+    prepared, refused, still = iter(wrong + right + wrong), list[Reason](), Still()
+    monkeypatch.setattr(mounts, "Window", lambda *_: next(prepared))
+    judged = mounts.Mounts(CAMERA, lambda *found: refused.append(found[1]))
+    doubts, step_ns = list[Reason | None](), NS_PER_S // 10
+    for k in range(1, 3 * mounts.WINDOWS * 40):
+        t_ns = k * step_ns
+        report = MeasurementReport(
+            t_ns=t_ns, t_recv_ns=t_ns, verdict=Verdict.FUSED, source="front", points=((0.1, 0.1),)
+        )
+        judged.see(leader.estimate(measurement=report), cast("Ownship", still))
+        judged.judge(t_ns)
+        doubts.append(judged.doubt(t_ns))
+    assert doubts[19 * 10] is None  # no five windows yet
+    for at in (mounts.WINDOWS, 3 * mounts.WINDOWS):
+        doubt = doubts[at * 40 - 50]
+        assert doubt is not None, at
+        assert "degrees higher" in doubt.words
+    assert doubts[2 * mounts.WINDOWS * 40 - 50] is None
+    assert refused[0].words.startswith(DOUBT)
+    end_ns, kept_ns = len(doubts) * step_ns, mounts.WINDOWS * mounts.WINDOW_NS
+    assert judged.doubt(end_ns + kept_ns - 10 * NS_PER_S) is not None
+    assert judged.doubt(end_ns + kept_ns) is None
+
+
+def test_nothing_that_a_camera_in_doubt_shows_is_valid(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = Reason(Cause.DELAY, "camera front: its stamps are off")
+    pipeline = Pipeline(load_config(None, ("estimator.own_state={}", "estimator.leader={}")))
+    estimates = list[Estimate]()
+    for datagram in datagrams(load_scenario("mission"), 1, 4.0):
+        if isinstance(datagram, Datagram):
+            estimates += [o for o in pipeline.feed(datagram) if isinstance(o, Estimate)]
+            if any(e.valid and e.name == "leader" for e in estimates):
+                monkeypatch.setattr(mounts.Mounts, "doubt", lambda *_: found)
+    last = {e.name: e for e in estimates}
+    assert not last["leader"].valid
+    assert (last["leader"].cause, last["leader"].reason) == found
+    assert last["own_state"].valid, last["own_state"].reason
 
 
 def hints(scenario: Scenario, mount_deg: list[float], seconds: float, seed: int) -> list[str]:
