@@ -203,7 +203,9 @@ class Estimator:
             return answers
         tracks = [track for track in self._tracks.values() if track not in found.values()]
         pairs = self._candidates(images, tracks, ownship)
-        decided, undecided = associate({pair: c.cost for pair, c in pairs.items() if c.fits})
+        fitting = {pair: candidate for pair, candidate in pairs.items() if candidate.fits}
+        is_choice = len(fitting) > 1  # else its cost is of no interest
+        decided, undecided = associate({pair: c.cost if is_choice else 0.0 for pair, c in fitting.items()})
         found |= {i: tracks[k] for i, k in decided.items()}
         for i, k in undecided.items():
             answers[i] = [self._counted(tracks[k].take(detections[i], Verdict.UNASSOCIATED, ownship))]

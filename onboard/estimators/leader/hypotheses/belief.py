@@ -10,8 +10,6 @@ different headings and ranges in question.
 import math
 from typing import Final, NamedTuple
 
-import numpy as np
-
 from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import CRAB, SLIP, SMALLEST_SIGMA, UNSURE, LeaderModel, Size, overridden
 from onboard.estimators.leader.config import Config
@@ -79,8 +77,8 @@ class ImageComparison(NamedTuple):
     @property
     def cost(self) -> float:
         """Minus twice the log-likelihood of the measurement, but for a constant: of two predictions that it fits,
-        the sharper one explains it better."""
-        return self.expected.nis + float(np.linalg.slogdet(self.expected.S)[1])
+        the sharper one explains it better. That of all hypotheses: one that is far off changes little."""
+        return -2.0 * update.log_likelihood(self.expected)
 
 
 class BeliefFilter:

@@ -84,6 +84,14 @@ def expect(settings: LeaderModel, particles: Particles, seen: Measurement, pose:
     return found
 
 
+def log_likelihood(expected: Expected) -> float:
+    """The logarithm of the likelihood of an image of which particles `expected` this, without its constant."""
+    particles, shown, each = expected.particles, expected.view, expected.each
+    headings, means, P = particles.headings.copy(), particles.means.copy(), particles.covariances.copy()
+    _, log_l = view.update(means, P, headings, shown, each)
+    return float(np.logaddexp.reduce(particles.log_weights + log_l))
+
+
 def with_rows(
     settings: LeaderModel, particles: Particles, rows: Rows, axes: Array, pose: CameraPose
 ) -> tuple[Particles, view.ImageRows]:

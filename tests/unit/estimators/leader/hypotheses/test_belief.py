@@ -163,3 +163,17 @@ def test_what_is_expected_depends_on_the_wind() -> None:
         for settings in (state.settings, state.settings._replace(air=(0.0, 6.0), air_sigma=1.0))
     ]
     assert np.abs(expected[1] - expected[0]).max() > 1e-6
+
+
+def test_a_hypothesis_that_is_far_off_does_not_make_an_image_unlikely() -> None:
+    """After seconds without an image one in a thousand may be almost at the camera: an innovation's covariance is
+    that of all together, and a track that was right then gave its image to another one."""
+    filter_, measurement = filter_of(), image(25.0, 0.7)
+    state, _ = watched(filter_, 4.0, sway=2.0)
+    least = int(np.argmin(state.particles.log_weights))
+    means, log_weights = state.particles.means.copy(), state.particles.log_weights.copy()
+    means[least, :3], log_weights[least] = [0.3, 0.0, 0.0], -7.0
+    strayed = state._replace(particles=state.particles._replace(means=means, log_weights=log_weights))
+    before, after = (filter_.compare(filter_.predict(s), measurement, STILL) for s in (state, strayed))
+    assert np.linalg.slogdet(after.expected.S)[1] > np.linalg.slogdet(before.expected.S)[1] + 10.0
+    assert after.cost == pytest.approx(before.cost, abs=0.1)
