@@ -23,7 +23,6 @@ from onboard.geometry.rotations import matrix_from_euler
 
 DELAY, FOCAL = 0, 4  # places in a vector of errors; 1 to 3 are the mount about the camera's axes
 LEAST_LEAN: Final = 0.01  # rad, RMS: by our displacement alone, one error passes for another
-FEWEST_FOR_FOCAL: Final = 8  # windows: it is the hardest to tell from how the target moves
 KINDS: Final = {"delay": (0,), "mount": (1, 2, 3), "focal": (4,)}
 ERRORS: Final = 5
 # s, rad, and the logarithm of the focal length: what a configuration may be off by
@@ -255,8 +254,6 @@ def explanations(windows: Sequence[Window]) -> Steps[list[Explanation]]:
         others = np.any(np.delete(STARTS, places, axis=1) != 0.0, axis=1)
         starts[kind] = STARTS[int(np.argmax(np.where(others, -math.inf, likelihoods)))]
     starts["focal"] = CONFIGURED
-    if len(windows) < FEWEST_FOR_FOCAL:
-        del starts["focal"]
     configured = CameraFit(CONFIGURED, CONFIGURED, sum(w.likelihood(CONFIGURED) for w in windows))
     fits = {}
     for kind, start in starts.items():

@@ -58,7 +58,7 @@ STATE_REMEDIES: Final = {
     Cause.UNEXPECTED: UNEXPECTED,
     **{
         cause: StateRemedy(REMEDIES[cause].remedy)
-        for cause in (Cause.MOUNT, Cause.FOCAL_LENGTH, Cause.DELAY, Cause.CAMERA_SETUP)
+        for cause in (Cause.FOCAL_LENGTH, Cause.DELAY, Cause.CAMERA_SETUP)
     },
     **dict.fromkeys((Cause.LEAPT, Cause.CLASS_OPEN, Cause.CLASS_CHANGED, Cause.RENAMED), ONE_TARGET),
     Cause.EXTENT_OPEN: StateRemedy(

@@ -1,6 +1,8 @@
 """Whether a camera is mounted as configured, has the configured focal length, and stamps its images with the time
 of exposure, by how the leader's direction moves when we lean (`camera_errors`). Nothing is corrected: the three
-would take the blame for every other error. What was seen by a camera that is certainly wrong is not valid."""
+would take the blame for every other error. What was seen with a focal length or stamps that are certainly wrong is
+not valid. A mount is only named: a leader that we follow on its own way accelerates as we lean some seconds later,
+and so moves as if the camera looked higher or lower."""
 
 import math
 from collections import deque
@@ -150,14 +152,25 @@ class Mounts:
         windows = self._windows.setdefault(source, deque(maxlen=WINDOWS))
         windows.append(Window(Sights(rows[:, 0], rows[:, 1:3], rows[:, 3]), poses, camera))
         if len(windows) >= FEWEST_WINDOWS and source not in self._searches:
-            self._searches[source] = t_recv_ns, explanations(tuple(windows))
+            self._searches[source] = t_recv_ns, explaining(tuple(windows))
 
     def _decide(self, source: str, found: list[Explanation], t_recv_ns: int) -> None:
         """What a search has found of a camera."""
         self._doubts.pop(source, None)
-        if found:
-            doubt = self._doubts[source] = Doubt(why(self._camera.named(source), found), t_recv_ns)
-            self._add(f"camera {source}", doubt.why._replace(words=DOUBT + doubt.why.words), t_recv_ns)
+        if not found:
+            return
+        reason = why(self._camera.named(source), found)
+        self._add(f"camera {source}", reason._replace(words=DOUBT + reason.words), t_recv_ns)
+        if not any("mount" in one for one in found):
+            self._doubts[source] = Doubt(reason, t_recv_ns)
+
+
+def explaining(windows: tuple[Window, ...]) -> Steps[list[Explanation]]:
+    """What is certainly wrong with a camera by all its windows, or by the newest: a lens may have zoomed."""
+    found = yield from explanations(windows)
+    if found or len(windows) == FEWEST_WINDOWS:
+        return found
+    return (yield from explanations(windows[-FEWEST_WINDOWS:]))
 
 
 def why(camera: Camera, found: list[Explanation]) -> Reason:
@@ -166,6 +179,8 @@ def why(camera: Camera, found: list[Explanation]) -> Reason:
     words = [" and ".join(_words(camera, kind, *one[kind]) for kind in one) for one in found]
     apart = "" if len(found) == 1 else "; this flight does not tell them apart"
     cause = CAUSES[kinds[0]] if len(kinds) == 1 else Cause.CAMERA_SETUP
+    if "mount" in kinds:
+        apart += "; a leader that we follow on its own way moves so, too"
     return Reason(cause, f"the leader moves in the image as we lean as if {', or '.join(words)}{apart}")
 
 

@@ -25,6 +25,7 @@ from tests.support import leader
 
 CAMERA = parse_config({}).camera_model()
 UP_DEG = 8.0  # as the camera of the scenario `guided` looks
+IMAGE_NS = NS_PER_S // 10
 LEADER = {"size_prior_m": 2.667, "leader_class": "multirotor"}
 
 
@@ -129,7 +130,7 @@ def test_what_cannot_be_told_apart_is_said_so() -> None:
     reason = why(CAMERA, [{"mount": mount}, {"focal": (np.array([-0.9]), np.array([0.05]))}])
     assert "15 degrees lower" in reason.words
     assert ", or `f_px` were 0.41 times as long" in reason.words
-    assert reason.words.endswith("this flight does not tell them apart")
+    assert "this flight does not tell them apart" in reason.words
     assert remedy_of(reason.cause).advice == "camera-setup"
 
 
@@ -167,32 +168,57 @@ class Still:
         return np.arange(30.0), np.zeros((30, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (30, 1))
 
 
-def test_a_camera_is_in_doubt_until_it_is_right_or_shows_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A mount of 20 degrees; it is turned right; a wrong one again, and then the camera is off."""
-    monkeypatch.setattr(mounts, "WINDOWS", 8)
-    wrong, right = (windows(np.radians([0.0, x, 0.0]), 3, count=mounts.WINDOWS) for x in (20.0, 0.0))
-    prepared, refused, still = iter(wrong + right + wrong), list[Reason](), Still()
-    monkeypatch.setattr(mounts, "Window", lambda *_: next(prepared))
-    judged = mounts.Mounts(CAMERA, lambda *found: refused.append(found[1]))
-    doubts, step_ns = list[Reason | None](), NS_PER_S // 10
-    for k in range(1, 3 * mounts.WINDOWS * 40):
-        t_ns = k * step_ns
+def see(judged: mounts.Mounts, count: int) -> list[Reason | None]:
+    """The doubt after each of so many images, 40 a window."""
+    doubts = []
+    for t_ns in range(IMAGE_NS, count * IMAGE_NS, IMAGE_NS):
         report = MeasurementReport(
             t_ns=t_ns, t_recv_ns=t_ns, verdict=Verdict.FUSED, source="front", points=((0.1, 0.1),)
         )
-        judged.see(leader.estimate(measurement=report), cast("Ownship", still))
+        judged.see(leader.estimate(measurement=report), cast("Ownship", Still()))
         judged.judge(t_ns)
         doubts.append(judged.doubt(t_ns))
+    return doubts
+
+
+def test_a_camera_is_in_doubt_until_it_is_right_or_shows_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It zooms in, and out again; in again, and then it is off."""
+    monkeypatch.setattr(mounts, "WINDOWS", 8)
+    wrong, right = (windows(np.zeros(3), 3, count=mounts.WINDOWS, focal=focal) for focal in (1.5, 1.0))
+    prepared, refused = iter(wrong + right + wrong), list[Reason]()
+    monkeypatch.setattr(mounts, "Window", lambda *_: next(prepared))
+    judged = mounts.Mounts(CAMERA, lambda *found: refused.append(found[1]))
+    doubts = see(judged, 3 * mounts.WINDOWS * 40)
     assert doubts[19 * 10] is None  # no five windows yet
     for at in (mounts.WINDOWS, 3 * mounts.WINDOWS):
         doubt = doubts[at * 40 - 50]
         assert doubt is not None, at
-        assert "degrees higher" in doubt.words
+        assert "times as long" in doubt.words
     assert doubts[2 * mounts.WINDOWS * 40 - 50] is None
     assert refused[0].words.startswith(DOUBT)
-    end_ns, kept_ns = len(doubts) * step_ns, mounts.WINDOWS * mounts.WINDOW_NS
+    end_ns, kept_ns = len(doubts) * IMAGE_NS, mounts.WINDOWS * mounts.WINDOW_NS
     assert judged.doubt(end_ns + kept_ns - 10 * NS_PER_S) is not None
     assert judged.doubt(end_ns + kept_ns) is None
+
+
+@pytest.mark.parametrize("zoom", [0.67, 1.5])
+def test_a_lens_that_has_zoomed_is_found_by_its_newest_windows_seed_2(zoom: float) -> None:
+    """With those before it is neither focal length: it was named after 32 s at least."""
+    before = windows(np.zeros(3), 2, count=mounts.WINDOWS - mounts.FEWEST_WINDOWS)
+    zoomed = windows(np.zeros(3), 3, count=mounts.FEWEST_WINDOWS, focal=zoom)
+    [explanation] = finished(mounts.explaining((*before, *zoomed)))
+    assert explanation["focal"][0] == pytest.approx(np.log(zoom), abs=0.1)
+
+
+def test_a_mount_is_named_and_nothing_is_withheld(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A plane that was followed 3 s behind moved in the image as if the camera had looked 47 degrees lower."""
+    prepared, refused = iter(windows(np.radians([0.0, 20.0, 0.0]), 3, count=8)), list[Reason]()
+    monkeypatch.setattr(mounts, "Window", lambda *_: next(prepared))
+    judged = mounts.Mounts(CAMERA, lambda *found: refused.append(found[1]))
+    see(judged, 8 * 40)
+    assert "degrees higher" in refused[-1].words
+    assert "a leader that we follow on its own way moves so, too" in refused[-1].words
+    assert judged.doubt(8 * mounts.WINDOW_NS) is None
 
 
 def test_nothing_that_a_camera_in_doubt_shows_is_valid(monkeypatch: pytest.MonkeyPatch) -> None:
