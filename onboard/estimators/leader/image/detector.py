@@ -15,16 +15,14 @@ final pose, however late it arrives.
 
 Images that show nothing new are a stamp that comes again, or points that stay although we turn. A camera that
 hangs repeats its image; a detector may add a little noise of its own. No detector is so quiet that its points stay
-within a third of their standard deviation while we turn, unless the target turns with us to the hundredth of a
-degree.
+within a third of their standard deviation, image after image, while our rotation would have moved them by several,
+unless the target turns with us to the hundredth of a degree.
 """
 
 import math
 from collections import deque
 from statistics import median
 from typing import Final, NamedTuple
-
-import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.leader.image.prepare import Image
@@ -42,7 +40,8 @@ QUIETER: Final = 0.5  # times MEDIAN, by the images' own noise: no chance
 WORTH: Final = 1.3  # a larger scale is reported
 STAMPS: Final = 64  # remembered
 QUIET: Final = 0.35  # of a point's standard deviation: points that change by less stay
-ROTATION_SIGMAS: Final = 3.0  # of a point: if the camera has rotated by more, its image must have changed
+ROTATION_SIGMAS: Final = 3.0  # of a point: if our rotation would have moved it by more, it must have moved
+FEWEST_STAY: Final = 3  # images: two may be alike by chance
 
 
 class NoiseScale(NamedTuple):
@@ -113,8 +112,8 @@ class Repeats:
     def __init__(self, stale_after_s: float, point_sigma: float) -> None:
         self._stale_after_s, self._point_sigma = stale_after_s, point_sigma
         self._stamps: deque[tuple[int, str]] = deque(maxlen=STAMPS)
-        # points of each camera, and their first image
-        self._unchanged: dict[str, tuple[tuple[ImagePoint, ...], Image]] = {}
+        # points of each camera, their first image, and how many have shown them since
+        self._unchanged: dict[str, tuple[tuple[ImagePoint, ...], Image, int]] = {}
 
     @property
     def newest_ns(self) -> int | None:
@@ -130,7 +129,6 @@ class Repeats:
             return Verdict.DUPLICATE
         self._stamps.append(stamp)
         points = message.image_points
-        before = self._unchanged.get(message.camera)
         # the smallest deviation of a point, as stated or as configured: a simulated camera may have next to
         # none, and then no formation is too steady
         stated: tuple[float, ...] = ()
@@ -138,19 +136,26 @@ class Repeats:
             stated = message.sigma or ()
         elif isinstance(message, TargetDetection):
             stated = tuple(feature.sigma for feature in message.features)
-        within = QUIET * min(stated, default=self._point_sigma)
-        if before is None or not _stay(before[0], points, within):
-            self._unchanged[message.camera] = before = points, image
-        first = before[1]
-        if message.t_ns - first.message.t_ns <= self._stale_after_s * NS_PER_S:
+        sigma = min(stated, default=self._point_sigma)
+        shown, first, count = self._unchanged.get(message.camera, (points, image, 0))
+        if not _stay(shown, points, QUIET * sigma):
+            shown, first, count = points, image, 0
+        self._unchanged[message.camera] = shown, first, count + 1
+        age_ns = message.t_ns - first.message.t_ns
+        if count + 1 < FEWEST_STAY or age_ns <= self._stale_after_s * NS_PER_S:
             return None
-        rotation = float(np.abs(image.pose.R_cn - first.pose.R_cn).max())
-        return Verdict.STALE if rotation > ROTATION_SIGMAS * self._point_sigma else None
+        return Verdict.STALE if _moved(points[0], first, image) > ROTATION_SIGMAS * sigma else None
 
     def clear(self) -> None:
         """Forget all images."""
         self._stamps.clear()
         self._unchanged.clear()
+
+
+def _moved(point: ImagePoint, first: Image, now: Image) -> float:
+    """By how much our rotation moves a far point between two images, in focal lengths."""
+    x, y, z = (now.pose.R_cn @ first.pose.R_cn.T @ (1.0, *point)).tolist()
+    return math.dist(point, (y / x, z / x)) if x > 0.0 else math.inf
 
 
 def _stay(before: tuple[ImagePoint, ...], now: tuple[ImagePoint, ...], within: float) -> bool:
