@@ -6,6 +6,10 @@ larger. Up to `MOST` times: images that fit worse come of something else, and no
 so that neither outliers nor a short manoeuvre count; the direction alone, as the wing misleads where the heading
 is not on the course.
 
+A noise that is a little larger is told from a leader that moves a little otherwise by the next image. What an
+image leaves, after the belief has followed it, and what the next one is off, are of one course of the leader: they
+differ by the noise of both, while a misfit is in both. So the scale follows their differences, half of the way.
+
 The noise is taken for smaller, too, down to `LEAST`, but with more care. What was predicted is not exact either,
 so the noise is no larger than all of an innovation. Only where what is assumed of the images alone exceeds even
 that, for a whole window, it falls, half of the way and slowly. One image or window that does not fit ends it.
@@ -38,21 +42,41 @@ MOST: Final = 6.0  # times the configured noise
 LEAST: Final = 0.3  # times: that of rounding to a pixel, where a pixel is configured; boxes are never so exact
 QUIETER: Final = 0.5  # times MEDIAN, by the images' own noise: no chance
 WORTH: Final = 1.3  # a larger scale is reported
+NEXT_NS: Final = NS_PER_S // 4  # an image of the same camera within so long is the next one
 STAMPS: Final = 64  # remembered
 QUIET: Final = 0.35  # of a point's standard deviation: points that change by less stay
 ROTATION_SIGMAS: Final = 3.0  # of a point: if our rotation would have moved it by more, it must have moved
 FEWEST_STAY: Final = 3  # images: two may be alike by chance
 
 
+class Shown(NamedTuple):
+    """When an image was taken, by which camera, and its own variance of each coordinate of the direction."""
+
+    t_ns: int
+    camera: str
+    variance: float
+
+
+class Left(NamedTuple):
+    """What an image leaves of its direction after the belief has followed it."""
+
+    t_ns: int
+    camera: str
+    right: float
+    down: float
+
+
 class NoiseScale(NamedTuple):
     """How many times (`scale`) the configured standard deviations of image points are used; the median NIS where
-    even the largest scale does not explain it, else 0; the NIS of the images since the last window; and what their
-    NIS would be by their own noise alone."""
+    even the largest scale does not explain it, else 0; the NIS of the images since the last window; what their
+    NIS would be by their own noise alone, and that of their differences; and what the last one left."""
 
     scale: float = 1.0
     beyond: float = 0.0
     window: tuple[float, ...] = ()
     alone: tuple[float, ...] = ()
+    differences: tuple[float, ...] = ()
+    left: Left | None = None
 
     def restarted(self) -> "NoiseScale":
         """For another track of the same detector."""
@@ -60,30 +84,42 @@ class NoiseScale(NamedTuple):
             return NoiseScale()
         return self._replace(beyond=0.0)
 
-    def after(self, innovation: Array, covariance: Array, noise: float = 0.0) -> "NoiseScale":
+    def after(
+        self, innovation: Array, covariance: Array, noise: float = 0.0, shown: Shown | None = None
+    ) -> "NoiseScale":
         """After an image was compared with its prediction: innovation (m,), covariance (m, m), the direction
-        first. `noise`: the variance of each coordinate by the image's own noise; 0: that is not known."""
+        first. `noise`: the variance of each coordinate by the image's own noise; 0: that is not known. `shown`:
+        None where its own noise is not white."""
         e, f = innovation[:2].tolist()
         (a, b), (_, d) = covariance[:2, :2].tolist()
-        nis = (d * e * e - 2.0 * b * e * f + a * f * f) / (a * d - b * b)
+        by_e, by_f = (d * e - b * f) / (a * d - b * b), (a * f - b * e) / (a * d - b * b)
+        nis = e * by_e + f * by_f
         if nis * self.scale**2 > NOISE * MOST**2:
             return self  # of something else: an outlier, which the gate stops
         if nis > TOO_LARGE * NOISE and self.scale < 1.0:
             return NoiseScale()
         window = (*self.window, nis)
         alone = (*self.alone, (e * e + f * f) / noise) if noise > 0.0 else self.alone
+        differences, left, before = self.differences, None, self.left
+        if shown is not None:
+            t_ns, camera, variance = shown
+            left = Left(t_ns, camera, variance * by_e, variance * by_f)
+            if before is not None and before.camera == camera and 0 < t_ns - before.t_ns < NEXT_NS:
+                square = (e - before.right) ** 2 + (f - before.down) ** 2
+                differences = (*differences, square / (2.0 * variance))
         if len(window) < WINDOW:
-            return self._replace(window=window, alone=alone)
+            return NoiseScale(self.scale, self.beyond, window, alone, differences, left)
         found, scale = median(window), self.scale
         ratio = found / MEDIAN
         beyond = found if ratio > TOO_LARGE and scale >= MOST else 0.0
+        by_differences = median(differences) / MEDIAN if len(differences) > WINDOW // 2 else ratio
         if ratio > TOO_LARGE:
             scale = min(max(scale, 1.0) * math.sqrt(ratio), MOST)
-        elif scale > 1.0:  # half the way: it is one window's evidence
-            scale = min(max(scale * ratio**0.25, 1.0), MOST)
+        elif scale > 1.0 or (scale == 1.0 and len(differences) > WINDOW // 2 and by_differences > 1.0):
+            scale = min(max(scale * by_differences**0.25, 1.0), MOST)  # half the way: one window's evidence
         elif len(alone) == WINDOW:
             scale = _quieter(scale, median(alone) / MEDIAN)
-        return NoiseScale(scale, beyond)
+        return NoiseScale(scale, beyond, left=left)
 
     @property
     def finding(self) -> str:

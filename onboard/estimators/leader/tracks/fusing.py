@@ -9,7 +9,7 @@ from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter, ImageComparison, Prediction
 from onboard.estimators.leader.hypotheses.wind import Wind
 from onboard.estimators.leader.image.camera_pose import CameraPoses
-from onboard.estimators.leader.image.detector import TOO_LARGE, NoiseScale
+from onboard.estimators.leader.image.detector import TOO_LARGE, NoiseScale, Shown
 from onboard.estimators.leader.image.prepare import Image, measure, newest_pose
 from onboard.estimators.leader.tracks.doubts import LineOfSight
 from onboard.filters.belief import FilterError, Update
@@ -101,8 +101,12 @@ def fuse(
         return state, Update(leader, np.zeros(len(y)), np.eye(len(y)), y, math.inf, passes=False)
     measurement, pose = compared.measurement, compared.pose
     if math.isfinite(update.nis):
-        of_middle = float(measurement.rows.R[0, 0]) if measurement.rows.bias is not None else 0.0
-        noise = noise.after(update.innovation, update.innovation_covariance, of_middle)
+        of_direction = float(measurement.rows.R[0, 0])
+        shown = (
+            Shown(taken.message.t_ns, taken.message.camera, of_direction) if taken.points.offset == 0.0 else None
+        )
+        alone = of_direction if measurement.rows.bias is not None else 0.0
+        noise = noise.after(update.innovation, update.innovation_covariance, alone, shown)
     if update.passes:
         sight = LineOfSight(measurement.axes[0] @ pose.R_cn, pose.r_FC_n)
         if not sight.shows(update.belief.summary.mean[POSITION]):

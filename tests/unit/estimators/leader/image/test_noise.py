@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from onboard.estimators.leader.image.detector import LEAST, MOST, WINDOW, NoiseScale
+from onboard.estimators.leader.image.detector import LEAST, MOST, WINDOW, NoiseScale, Shown
 from onboard.messages import TargetPoints
 from tests.support.streams import F_PX, Item, S, Stream, advance, encode, feed, position_error
 
@@ -44,6 +44,36 @@ def test_less_noise_is_learnt_slowly_and_never_less_than_there_is_with_seeds_1_t
     learnt = learnt_from(noise, 20, seed)
     assert least <= learnt.scale <= most
     assert not learnt.finding
+
+
+def follow(seed: int, noise: float, *, off: float = 0.0, cameras: tuple[str, ...] = ("front",)) -> float:
+    """The mean scale by images at 10 Hz, of a belief that follows them. Each is off by `off` in turns, a second to
+    one side and a second to the other, or as long as its camera is another one than the one before."""
+    rng, learnt, x, P, scales = np.random.default_rng(seed), NoiseScale(), np.zeros(2), 1.0, []
+    for k in range(20 * WINDOW):
+        camera, R, P = cameras[k % len(cameras)], learnt.scale**2, P + 0.02
+        side = (-1.0) ** (k if len(cameras) > 1 else k // 10)
+        e = noise * rng.normal(size=2) + side * off - x
+        learnt = learnt.after(e, (P + R) * np.eye(2), shown=Shown(k * S // 10, camera, R))
+        x, P = x + P / (P + R) * e, P * R / (P + R)
+        scales.append(learnt.scale)
+    return float(np.mean(scales[5 * WINDOW :]))
+
+
+@pytest.mark.parametrize("noise", [0.7, 1.0, 1.2, 1.4, 1.8])
+def test_a_little_more_noise_is_learnt_from_the_differences_of_images_seeds_1_to_4(noise: float) -> None:
+    found = [follow(seed, noise) for seed in range(1, 5)]
+    assert np.mean(found) == pytest.approx(max(noise, 1.05), rel=0.1)
+
+
+def test_a_misfit_that_lasts_from_image_to_image_is_no_noise_seeds_1_to_4() -> None:
+    found = [follow(seed, 1.0, off=1.0) for seed in range(1, 5)]
+    assert np.mean(found) == pytest.approx(1.1, abs=0.1)
+
+
+def test_cameras_that_see_the_leader_in_two_places_are_not_noisy_seeds_1_to_4() -> None:
+    found = [follow(seed, 1.0, off=0.7, cameras=("front", "side")) for seed in range(1, 5)]
+    assert np.mean(found) < 1.15
 
 
 @pytest.mark.parametrize(("spread", "noise"), [(9.0, 1.0), (9.0, 0.0)])
