@@ -16,11 +16,8 @@ from onboard.config import LeaderOutConfig
 from onboard.geometry.camera import Camera
 from onboard.messages import CameraInformation, Clock, Command, Heartbeat, LeaderState, Message
 
-ONBOARD_CONTROLLER, CAMERA, INVALID = (
-    18,
-    30,
-    8,
-)  # MAV_TYPE, MAV_AUTOPILOT: no ground station takes it for a vehicle to command
+# MAV_TYPE, MAV_AUTOPILOT: no ground station takes it for a vehicle to command
+ONBOARD_CONTROLLER, CAMERA, INVALID = 18, 30, 8
 STANDBY, ACTIVE = 3, 4  # MAV_STATE
 TELLS_IDLE: Final = frozenset({"CAMERA_TRACKING_IMAGE_STATUS", "CAMERA_TRACKING_GEO_STATUS"})
 

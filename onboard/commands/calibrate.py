@@ -23,11 +23,7 @@ from onboard.terminal.output import show
 from onboard.units import S_PER_NS
 from onboard.wire.logs.tlog import NotALogError
 
-KNOWN_WELL: Final = {
-    "delay_s": 0.02,
-    "mount_deg": 0.5,
-    "focal": 0.02,
-}  # sigmas: one known worse is not offered
+KNOWN_WELL: Final = {"delay_s": 0.02, "mount_deg": 0.5, "focal": 0.02}  # sigmas: one known worse is not offered
 LARGEST_DEG, LARGEST_S = 20.0, 0.4  # of a correction; a larger one is rather the leader's own motion
 WIDTH, HEIGHT, MARGIN = 900, 260, 40  # of a panel of the picture, px
 SHOWN: Final = 5.0  # sigmas: the picture's scale
