@@ -96,7 +96,6 @@ from onboard.messages.truth import Picture as Picture
 from onboard.messages.truth import SimStatus as SimStatus
 from onboard.messages.truth import TrafficTruth as TrafficTruth
 from onboard.messages.truth import Truth as Truth
-from onboard.messages.truth import VehicleTruth as VehicleTruth
 from onboard.messages.validity import not_valid as not_valid
 from onboard.messages.vehicle import NOT_LIFTED as NOT_LIFTED
 from onboard.messages.vehicle import ActuatorOutputs as ActuatorOutputs
