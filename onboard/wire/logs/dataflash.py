@@ -262,10 +262,6 @@ def _barometer(row: Any, header: Header) -> Message:
     return message
 
 
-def _battery(row: Any, header: Header) -> Message | None:
-    return Battery(**header, voltage_v=row.Volt) if row.Volt > 0 else None
-
-
 CONVERT: Final[dict[str, Callable[[Any, Header], Message | None]]] = {
     "XKF1": _local_position,
     "NKF1": _local_position,
@@ -274,7 +270,7 @@ CONVERT: Final[dict[str, Callable[[Any, Header], Message | None]]] = {
     "ORGN": _origin,
     "BARO": _barometer,
     "RCOU": _outputs,
-    "BAT": _battery,
+    "BAT": lambda row, header: Battery(**header, voltage_v=row.Volt) if row.Volt > 0 else None,
 }
 
 
