@@ -13,13 +13,13 @@ from onboard.estimators.traffic.pseudoranges import solve
 from onboard.geometry.geodesy import ecef_from_geodetic, geodetic_from_ecef, rotation_ne
 from onboard.messages import Clock, Estimate, Pseudoranges, Reason, SatelliteRange, TrafficTruth, Truth, Verdict
 from onboard.pipeline import Pipeline
-from onboard.scoring.traffic import TrafficScore, score_traffic
 from onboard.wire.documents.document import BadDocumentError
 from onboard.wire.documents.pseudoranges import decode_ranges
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario
 from simlink.sensors import almanac, gnss
 from simlink.simulation import datagrams
+from studies.traffic.scores import TrafficScore, score_traffic
 from tests.support.traffic import Sky
 
 GPS = almanac.load()
