@@ -97,7 +97,7 @@ def test_machine_code_of_another_program_of_a_new_module_or_without_a_stamp_is_u
 
 
 def test_machine_code_that_another_program_made_of_these_sources_is_known(stamp: Path) -> None:
-    """A study compiled single precision; the next run of the tests deleted and compiled all, and so to and fro."""
+    """A study compiled single precision; the next run of the tests deleted and compiled all, so on and so on."""
     assert kernels.unknown(stamp, {"a": "these", "b": "those"}, code(stamp, 11.0), OLD) == []
 
 
