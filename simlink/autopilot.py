@@ -34,7 +34,7 @@ from onboard.wire.mavlink.decode import MavlinkDecoder
 from onboard.wire.mavlink.encode import MavlinkEncoder
 from simlink.scenarios.vehicle import Vehicle
 from simlink.sensors.navigation import Reading
-from simlink.sensors.true_state import true_state
+from simlink.sensors.true_state import ENCODE, true_state
 from simlink.world.constants import STEP_NS, G
 from simlink.world.follow import FollowMode, Target
 
@@ -279,7 +279,7 @@ class AutopilotLink:
     ) -> None:
         self._vehicle, self._follow = vehicle, follow
         self._autopilot = Autopilot(vehicle, unix_epoch_ns, follow)
-        self._encoder = MavlinkEncoder(vehicle.system, vehicle.component)
+        self._encoder = MavlinkEncoder(vehicle.system, vehicle.component, ENCODE)
         self._decoder = MavlinkDecoder(stream=stream)
 
     def send(self, t_ns: int, reading: Reading | None) -> list[bytes]:

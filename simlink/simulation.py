@@ -30,8 +30,8 @@ from onboard.messages import (
     Truth,
 )
 from onboard.units import NS_PER_S
-from onboard.wire.logs.tlog import frame_length
 from onboard.wire.mavlink.encode import MavlinkEncoder
+from onboard.wire.mavlink.frame import frame_length
 from simlink.autopilot import Autopilot, AutopilotLink
 from simlink.scenarios.camera import is_plain
 from simlink.scenarios.scenario import Scenario, ScenarioError

@@ -4,9 +4,16 @@ from typing import Final
 
 from onboard.autopilot.requests import UNSUPPORTED, Requests, stamp
 from onboard.autopilot.sent import Encoder
-from onboard.messages import Command, CommandAck, Message, ParamRequest
+from onboard.messages import Command, CommandAck, Heartbeat, Message, ParamRequest
 
 TO_ALL: Final = 0  # as a target component
+# MAV_TYPE, MAV_AUTOPILOT: no ground station takes it for a vehicle to command
+ONBOARD_CONTROLLER, INVALID = 18, 8
+
+
+def heartbeat(status: int, kind: int = ONBOARD_CONTROLLER) -> Heartbeat:
+    """That of a component of ours, of this MAV_TYPE, in this MAV_STATE."""
+    return Heartbeat(**stamp(0), vehicle_type=kind, autopilot=INVALID, armed=False, status=status)
 
 
 class Component:

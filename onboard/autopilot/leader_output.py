@@ -7,20 +7,16 @@ from functools import partial
 from typing import Final
 
 from onboard import __version__
-from onboard.autopilot.component import Component
+from onboard.autopilot.component import Component, heartbeat
 from onboard.autopilot.leader_messages import MESSAGE_MAKERS, OWN_SYSTEM, CameraView
 from onboard.autopilot.requests import Requests, stamp
 from onboard.autopilot.sent import Encoder
 from onboard.autopilot.stream import Stream
 from onboard.config import LeaderOutConfig
 from onboard.geometry.camera import Camera
-from onboard.messages import CameraInformation, Clock, Command, Heartbeat, LeaderState, Message
+from onboard.messages import CameraInformation, Command, LeaderState, Message
 
-ONBOARD_CONTROLLER, CAMERA, INVALID = (
-    18,
-    30,
-    8,
-)  # MAV_TYPE, MAV_AUTOPILOT: no ground station takes it for a vehicle to command
+CAMERA: Final = 30  # MAV_TYPE
 STANDBY, ACTIVE = 3, 4  # MAV_STATE
 TELLS_IDLE: Final = frozenset({"CAMERA_TRACKING_IMAGE_STATUS", "CAMERA_TRACKING_GEO_STATUS"})
 
@@ -64,9 +60,10 @@ class LeaderOutput:
         """Frames due at a time on this computer's clock. `virtual`: the leader that an autopilot is to follow."""
         frames = []
         if self._is_leader and self._heartbeats.is_due(now_ns):
-            frames.append(self._virtual.encode(_heartbeat(is_valid=state is not None and state.valid)))
+            is_valid = state is not None and state.valid
+            frames.append(self._virtual.encode(heartbeat(ACTIVE if is_valid else STANDBY)))
         if self._camera is not None and self._camera_heartbeats.is_due(now_ns):
-            frames.append(self._camera.encode(_heartbeat(is_valid=True, kind=CAMERA)))
+            frames.append(self._camera.encode(heartbeat(ACTIVE, CAMERA)))
         if state is not None and view is not None:
             frames.extend(self._reports(state, virtual, view, now_ns))
         return frames
@@ -103,9 +100,3 @@ def _information(camera: Camera, name: str, now_ns: int) -> CameraInformation:
         height_px=round(camera.height_px),
         version=(major, minor, patch),
     )
-
-
-def _heartbeat(*, is_valid: bool, kind: int = ONBOARD_CONTROLLER) -> Heartbeat:
-    status = ACTIVE if is_valid else STANDBY
-    times = {"t_ns": 0, "t_recv_ns": 0}
-    return Heartbeat(**times, clock=Clock.NONE, vehicle_type=kind, autopilot=INVALID, armed=False, status=status)

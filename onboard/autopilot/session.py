@@ -6,11 +6,11 @@ reboot), replies to TIMESYNC requests, and an answer to every command that is ad
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Final
+from typing import Any, Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from onboard.autopilot.component import Component
+from onboard.autopilot.component import Component, heartbeat
 from onboard.autopilot.parameters import Parameters
 from onboard.autopilot.rations import STORED, Rations
 from onboard.autopilot.requests import Requests, sender_of, stamp
@@ -39,8 +39,6 @@ TIMESYNC_HZ: Final = 5.0
 ASK_AGAIN_NS: Final = 5 * NS_PER_S
 STATUS_HZ: Final = 5.0
 SLOW: Final = 0.7  # a stream below this share of its wanted rate is asked for again
-ONBOARD_CONTROLLER: Final = 18
-INVALID: Final = 8
 USUAL_SYSTEM: Final = 1  # of an autopilot that nobody has numbered
 ACTIVE: Final = 4
 CRITICAL: Final = 5
@@ -111,7 +109,7 @@ class Session:
         comes."""
         frames = []
         if self._us is not None and self._heartbeats.is_due(now_ns):
-            frames.append(self._heartbeat(healthy=healthy))
+            frames.append(self._pack(heartbeat(ACTIVE if healthy else CRITICAL)))
         if self._autopilot is None:
             return frames
         if self.computer is not None and self._computer_statuses.is_due(now_ns):
@@ -182,17 +180,6 @@ class Session:
             words = f"the autopilot refuses a message rate (MAV_RESULT {m.result})"
             self._refuse("autopilot", Reason(Cause.RATE_REFUSED, words), m.t_recv_ns)
 
-    def _heartbeat(self, *, healthy: bool) -> bytes:
-        return self._pack(
-            Heartbeat(
-                **stamp(0),
-                vehicle_type=ONBOARD_CONTROLLER,
-                autopilot=INVALID,
-                armed=False,
-                status=ACTIVE if healthy else CRITICAL,
-            )
-        )
-
     def _requests(self, now_ns: int, rates: Mapping[str, float]) -> list[bytes]:
         """SET_MESSAGE_INTERVAL for each stream that is too slow."""
         frames = []
@@ -217,26 +204,19 @@ class Session:
 
     def _request_parameter(self, name: str, now_ns: int) -> bytes:
         """PARAM_REQUEST_READ to the autopilot."""
-        request = ParamRequest(
-            **stamp(now_ns),
-            target_system=self._autopilot.system if self._autopilot else 0,
-            target_component=self._autopilot.component if self._autopilot else 0,
-            action=ParamAction.READ,
-            extended=False,
-            name=name,
-        )
-        return self._pack(request)
+        to = self._to_autopilot(now_ns)
+        return self._pack(ParamRequest(**to, action=ParamAction.READ, extended=False, name=name))
 
     def _command(self, number: int, first: float, second: float, now_ns: int) -> bytes:
         """A command to the autopilot."""
-        command = Command(
-            **stamp(now_ns),
-            target_system=self._autopilot.system if self._autopilot else 0,
-            target_component=self._autopilot.component if self._autopilot else 0,
-            command=number,
-            params=(float(first), second, 0.0, 0.0, 0.0, 0.0, 0.0),
-        )
-        return self._pack(command)
+        params = (float(first), second, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return self._pack(Command(**self._to_autopilot(now_ns), command=number, params=params))
+
+    def _to_autopilot(self, now_ns: int) -> dict[str, Any]:
+        """The times of a record that we send, and its target."""
+        mine = self._autopilot
+        target = (0, 0) if mine is None else (mine.system, mine.component)
+        return {**stamp(now_ns), "target_system": target[0], "target_component": target[1]}
 
     def encode(self, message: Message) -> bytes:
         """A message of ours as a frame. Call `connect` first."""

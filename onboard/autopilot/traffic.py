@@ -80,7 +80,7 @@ def adsb_vehicle(estimate: Estimate, who: Intruder) -> AdsbVehicle:
         lon_deg=who.lon_deg,
         altitude=who.alt_msl,
         altitude_type=AltitudeType.PRESSURE,  # which MAVLink means above mean sea level
-        course=_course(north, east),
+        course=math.atan2(east, north) % (2 * math.pi),
         ground_speed=(north * north + east * east) ** 0.5,
         climb=-down,
         callsign=who.callsign or estimate.target.upper().replace("/", "")[:8],
@@ -112,10 +112,6 @@ def address(estimate: Estimate, who: Intruder) -> int:
     if who.system is not None:
         return OURS_BY_SYSTEM + who.system
     return OURS_BY_RADAR + int(estimate.target.rsplit("/", 1)[1]) % UINT16_MAX
-
-
-def _course(north: float, east: float) -> float:
-    return math.atan2(east, north) % (2 * math.pi)
 
 
 def _unstamped(estimate: Estimate) -> dict[str, Any]:

@@ -7,27 +7,21 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
-from msgspec.structs import replace
 
 from onboard import UserError
-from onboard.analysis.flights.replay import check_log, flight_of, pipeline_of, read_flight
+from onboard.analysis.flights.replay import aligned, check_log, flight_of
 from onboard.arrays import Array
 from onboard.commands.calibrate_airframe import calibrate_airframe
 from onboard.config import Config, load_config
 from onboard.geometry.camera import Camera
 from onboard.geometry.rotations import euler_from_quaternion, matrix_from_euler, quaternion_from_matrix
 from onboard.health.camera_errors import CONFIGURED, DELAY, FOCAL, Poses, Sights, Window, finished, fitting
-from onboard.messages import Datagram, Exposure, Message, OwnPose, TargetPoints
+from onboard.messages import Exposure, OwnPose, TargetPoints
 from onboard.terminal.files import check_targets
 from onboard.terminal.output import show
 from onboard.units import S_PER_NS
-from onboard.wire.logs.tlog import NotALogError
 
-KNOWN_WELL: Final = {
-    "delay_s": 0.02,
-    "mount_deg": 0.5,
-    "focal": 0.02,
-}  # sigmas: one known worse is not offered
+KNOWN_WELL: Final = {"delay_s": 0.02, "mount_deg": 0.5, "focal": 0.02}  # sigmas: one known worse is not offered
 LARGEST_DEG, LARGEST_S = 20.0, 0.4  # of a correction; a larger one is rather the leader's own motion
 WIDTH, HEIGHT, MARGIN = 900, 260, 40  # of a panel of the picture, px
 SHOWN: Final = 5.0  # sigmas: the picture's scale
@@ -89,28 +83,19 @@ def main(arguments: argparse.Namespace) -> int:
 def collect(log: Path, config: Config) -> tuple[Images, Poses]:
     """The first camera's images of the leader with all three points, at their time on the boot clock less the
     configured delay, and our own motion. Raises UserError."""
-    pipeline = pipeline_of(replace(config, estimator={}))
     poses: list[OwnPose] = []
     images: list[TargetPoints] = []
     camera = config.camera_model()
     if camera.gimbal is not None:
         raise UserError(f"camera {camera.name} is on a gimbal: calibrate it held still, without `gimbal`")
     names = {other.name for other in camera.others}
-    try:
-        for item, _ in read_flight(log, pipeline):
-            if not isinstance(item, Datagram | Message):
-                continue
-            messages = pipeline.decode(item) if isinstance(item, Datagram) else [item]
-            poses += [o for o in pipeline.advance(messages) if isinstance(o, OwnPose) and o.r_OF_n[0] is not None]
-            for message in messages:
-                if not isinstance(message, Exposure) or message.camera in names or not _of_leader(message):
-                    continue
-                if message.mount is not None:
-                    raise UserError(f"{log}: images with `attitude`: calibrate the camera held still")
-                aligned = pipeline.clocks.align(message, pipeline.delay_ns(message))
-                images += _of_leader(aligned) if isinstance(aligned, Exposure) else []
-    except NotALogError as error:
-        raise UserError(f"{log}: {error}") from error
+    for item in aligned(log, config, lambda m: isinstance(m, Exposure) and m.camera not in names):
+        if isinstance(item, OwnPose):
+            poses += [item] if item.r_OF_n[0] is not None else []
+        elif isinstance(item, Exposure) and (of_leader := _of_leader(item)):
+            if item.mount is not None:
+                raise UserError(f"{log}: images with `attitude`: calibrate the camera held still")
+            images += of_leader
     if len(poses) < 2 or not images:
         raise UserError(
             f"{log}: {len(images)} images of a leader and {len(poses)} own poses: nothing to calibrate with"

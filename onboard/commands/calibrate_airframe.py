@@ -8,7 +8,6 @@ from typing import Final
 
 import msgspec
 import numpy as np
-from msgspec.structs import replace
 
 from onboard import UserError
 from onboard.analysis.calibration.airframe import (
@@ -18,13 +17,12 @@ from onboard.analysis.calibration.airframe import (
     RecordedFlight,
     fit_airframe,
 )
-from onboard.analysis.flights.replay import pipeline_of, read_flight
+from onboard.analysis.flights.replay import aligned
 from onboard.arrays import Array
 from onboard.config import Config
 from onboard.geometry.rotations import matrix_from_quaternion
-from onboard.messages import ActuatorOutputs, Battery, Datagram, Imu, Message, OwnPose
+from onboard.messages import ActuatorOutputs, Battery, Imu, Message, OwnPose
 from onboard.units import S_PER_NS
-from onboard.wire.logs.tlog import NotALogError
 
 MOST_SIGMA: Final = 0.15  # sigma over value of what a fault is named by: one known worse is not offered
 MOTOR_TIME_S: Final = 0.02  # assumed: an ordinary flight does not show it
@@ -92,21 +90,8 @@ def collect_flight(
 
 def _aligned(log: Path, config: Config, until: float | None) -> tuple[list[Message], list[OwnPose]]:
     """What is wanted of a log's first seconds, in time order on the boot clock, and all own poses."""
-    pipeline = pipeline_of(replace(config, estimator={}))
-    poses: list[OwnPose] = []
-    found: list[Message] = []
-    try:
-        for item, _ in read_flight(log, pipeline):
-            if not isinstance(item, Datagram | Message):
-                continue
-            messages = pipeline.decode(item) if isinstance(item, Datagram) else [item]
-            poses += [o for o in pipeline.advance(messages) if isinstance(o, OwnPose)]
-            for message in messages:
-                if isinstance(message, WANTED):
-                    aligned = pipeline.clocks.align(message, pipeline.delay_ns(message))
-                    found += [] if aligned is None else [aligned]
-    except NotALogError as error:
-        raise UserError(f"{log}: {error}") from error
+    items = [*aligned(log, config, lambda m: isinstance(m, WANTED))]
+    poses, found = [i for i in items if isinstance(i, OwnPose)], [i for i in items if isinstance(i, Message)]
     ordered = sorted({(type(m), m.t_ns): m for m in found}.values(), key=lambda m: m.t_ns)
     start = ordered[0].t_ns if ordered else 0
     return [m for m in ordered if until is None or (m.t_ns - start) * S_PER_NS <= until], poses

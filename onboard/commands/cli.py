@@ -102,12 +102,15 @@ def parser() -> argparse.ArgumentParser:
     _add_report(add("report", "summarise a flight on one page, with a verdict", examples.REPORT))
     _add_evaluate(add("evaluate", "score filters on a folder of flights with truth", examples.EVALUATE))
     _add_calibrate(add("calibrate", "calibrate a camera or the airframe from one flight", examples.CALIBRATE))
-    _add_router(add("router", "run the Zenoh router of a fleet", examples.ROUTER))
+    router = add("router", "run the Zenoh router of a fleet", examples.ROUTER)
+    router.add_argument("config", type=Path, help="TOML file with a section [router]")
+    _add_set(router)
     _add_recover(add("recover", "repair the recording of a killed daemon for other programs", examples.RECOVER))
     _add_view(add("view", "watch a running daemon, or open a recording", examples.VIEW))
     _add_status(add("status", "what a daemon receives, what is wrong, and what to do", examples.STATUS))
     _add_study(add("study", "measure a paper's claims", examples.STUDY))
-    _add_schema(add("schema", "print the published keys, records and types", examples.SCHEMA))
+    schema = add("schema", "print the published keys, records and types", examples.SCHEMA)
+    schema.add_argument("--json", action="store_true", help="as JSON Schema")
     add("completion", "print a shell completion script", examples.COMPLETION)
     _add_compile(add("compile", "compile the filters before the first flight", examples.COMPILE))
     return top
@@ -143,11 +146,6 @@ def _add_check(check: argparse.ArgumentParser) -> None:
 def _add_run(run: argparse.ArgumentParser) -> None:
     run.add_argument("config", nargs="?", type=Path, help="TOML file (none: simlink's ports on this computer)")
     _add_set(run)
-
-
-def _add_router(router: argparse.ArgumentParser) -> None:
-    router.add_argument("config", type=Path, help="TOML file with a section [router]")
-    _add_set(router)
 
 
 def _add_demo(demo: argparse.ArgumentParser) -> None:
@@ -285,10 +283,6 @@ def _add_study(study: argparse.ArgumentParser) -> None:
 def _add_computers(command: argparse.ArgumentParser) -> None:
     command.add_argument("--cluster", metavar="ADDRESS", help="fly on a Dask scheduler's workers: tcp://HOST:8786")
     command.add_argument("--rows", type=Path, metavar="FILE.parquet", help="write each result here as it comes")
-
-
-def _add_schema(schema: argparse.ArgumentParser) -> None:
-    schema.add_argument("--json", action="store_true", help="as JSON Schema")
 
 
 def _add_compile(compile_: argparse.ArgumentParser) -> None:

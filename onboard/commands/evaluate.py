@@ -1,7 +1,7 @@
 """`onboard evaluate`: a folder of flights with truth, every filter on every flight, and scores by family."""
 
 import argparse
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
@@ -132,15 +132,11 @@ def print_rows(console: Console, rows: Rows, of: str = "family") -> None:
 
 
 def _row(scores: Sequence[LeaderScore]) -> Row:
-    figures: dict[str, float | None] = {name: _mean(getattr(s, name) for s in scores) for name in MEANS}
+    figures: dict[str, Any] = {name: _mean(getattr(s, name) for s in scores) for name in MEANS}
     for name in SQUARES:
         square = _mean(None if (x := getattr(s, name)) is None else x * x for s in scores)
         figures[name] = None if square is None else float(np.sqrt(square))
-    return Row(flights=len(scores), diverged=sum(s.diverged for s in scores), **_typed(figures))
-
-
-def _typed(figures: Mapping[str, float | None]) -> dict[str, Any]:
-    return dict(figures)
+    return Row(flights=len(scores), diverged=sum(s.diverged for s in scores), **figures)
 
 
 def _mean(values: Iterable[float | None]) -> float | None:

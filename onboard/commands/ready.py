@@ -1,7 +1,7 @@
 """A record of the kernels that are ready: to load them all, only to see that they are, takes seconds of a core.
 
-It holds while all sources have these sizes and times of change, for this precision, this processor, and these
-versions and settings of Numba. A module whose machine code has changed since is not ready by it.
+There is one for each precision. It holds while all sources have these sizes and times of change, for this
+processor, and these versions and settings of Numba. A module whose machine code has changed since is not ready.
 """
 
 import hashlib
@@ -15,9 +15,12 @@ import msgspec
 
 from onboard.filters import numba_internals, shipped
 
-NAME: Final = "kernels-ready.json"
 ALL: Final = "all"  # what is asked for where no modules are named
-SETTINGS: Final = ("NUMBA_", "WINGLINE_PRECISION")
+
+
+def path_in(folder: Path) -> Path:
+    """The file of the record for the precision of this process."""
+    return folder / f"kernels-ready-{os.environ.get('WINGLINE_PRECISION', 'both')}.json"
 
 
 class Module(NamedTuple):
@@ -61,7 +64,7 @@ class Ready(msgspec.Struct):
 def read(folder: Path, digest: str) -> Ready:
     """The record in a folder; an empty one if there is none for this digest."""
     try:
-        found = msgspec.json.decode((folder / NAME).read_bytes(), type=Ready)
+        found = msgspec.json.decode(path_in(folder).read_bytes(), type=Ready)
     except (OSError, msgspec.DecodeError):
         return Ready(digest)
     return found if found.digest == digest else Ready(digest)
@@ -69,15 +72,16 @@ def read(folder: Path, digest: str) -> Ready:
 
 def write(folder: Path, ready: Ready) -> None:
     """Keep the record in a folder. Raises OSError."""
-    whole = folder / f"{NAME}.{os.getpid()}"
+    path = path_in(folder)
+    whole = path.with_suffix(f".{os.getpid()}")
     whole.write_bytes(msgspec.json.encode(ready))
-    whole.replace(folder / NAME)
+    whole.replace(path)
 
 
 def digest(folders: Iterable[Path]) -> str:
     """SHA-256 of the sources' paths, sizes and times, and of what else machine code depends on."""
     files = [*shipped.FOLDER.rglob("*.*"), *(path for folder in folders for path in folder.rglob("*.py"))]
-    settings = sorted((k, v) for k, v in os.environ.items() if k.startswith(SETTINGS))
+    settings = sorted((k, v) for k, v in os.environ.items() if k.startswith("NUMBA_"))
     processor = (platform.machine(), sorted(numba_internals.processor_features()), numba_internals.asked_for())
     versions = numba_internals.compiler_versions()
     return hashlib.sha256(repr((settings, processor, versions, stamps(sorted(files)))).encode()).hexdigest()

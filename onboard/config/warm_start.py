@@ -21,7 +21,7 @@ from onboard.messages import Datagram, Encoding, WarmState
 from onboard.messages.causes import Cause, Reason
 from onboard.units import S_PER_NS
 from onboard.wire.documents.document import BadDocumentError
-from onboard.wire.documents.warm_state import decode_warm_state, encode_warm_state
+from onboard.wire.documents.warm_state import decode_warm_state
 
 MOST_AGE_S: Final = 10.0  # after that, a manoeuvring leader may be anywhere
 WARM_STATE_CHANNEL: Final = "warm_state"
@@ -110,7 +110,7 @@ class WarmFile:
 
 def datagram_of(state: WarmState, t_recv_ns: int) -> Datagram:
     """A state as a message to the next run's pipeline."""
-    return _datagram(encode_warm_state(state), t_recv_ns)
+    return _datagram(msgspec.json.encode(state), t_recv_ns)
 
 
 def _datagram(data: bytes, t_recv_ns: int) -> Datagram:
@@ -137,7 +137,7 @@ def check_own(path: Path) -> None:
 def store_state(path: Path, state: WarmState) -> None:
     """Write a state atomically: a killed process leaves the old file or the new one. It need not survive a power
     cut, after which it would be too old. Raises OSError."""
-    replace_file(path, encode_warm_state(state), FILE_MODE, sync=False)
+    replace_file(path, msgspec.json.encode(state), FILE_MODE, sync=False)
 
 
 def _not_writable(path: Path, *, make: bool) -> str:

@@ -20,6 +20,7 @@
 - `LinearModel` with method "kalman" runs in one compiled loop, many times as fast as any other.
 """
 
+from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -28,7 +29,7 @@ from onboard.arrays import Array
 from onboard.filters import extended, turns
 from onboard.filters.belief import Belief, FilterError, Method, NotPositiveDefiniteError, Rows, Update, mask
 from onboard.filters.belief import start as checked
-from onboard.filters.errors import MEMBER, SpreadError, status_error
+from onboard.filters.errors import SpreadError
 from onboard.filters.families import method as method_of
 from onboard.filters.state_space import AnyModel, LinearModel, Model, model_at
 
@@ -161,12 +162,20 @@ def _with_jacobians(method: Method, model: Model, missing: Array) -> Method:
 def _kept(before: Any, after: Any, gone: Any) -> Any:
     """A state of a batch, with that before where nothing was measured (B,): a filter that counts its updates
     does not count those."""
-    if isinstance(after, tuple) and len(after) == len(before):
-        each = [_kept(a, b, gone) for a, b in zip(before, after, strict=True)]
-        return type(after)(*each) if hasattr(after, "_fields") else tuple(each)
-    if not isinstance(after, np.ndarray) or np.shape(before) != after.shape:
-        return after
-    return np.where(gone.reshape(-1, *(1,) * (after.ndim - 1)), before, after)
+
+    def kept(a: Any, b: Array) -> Array:
+        return np.where(gone.reshape(-1, *(1,) * (b.ndim - 1)), a, b) if np.shape(a) == b.shape else b
+
+    return _each_array(kept, before, after)
+
+
+def _each_array(change: Callable[..., Array], *states: Any) -> Any:
+    """A state with `change` made of each of its arrays, and of those that stand there in the states before it."""
+    last = states[-1]
+    if isinstance(last, tuple) and all(len(state) == len(last) for state in states):
+        each = [_each_array(change, *parts) for parts in zip(*states, strict=True)]
+        return type(last)(*each) if hasattr(last, "_fields") else tuple(each)
+    return change(*states) if isinstance(last, np.ndarray) else last
 
 
 def _blank(measure: Rows, missing: Array) -> Rows:
@@ -304,11 +313,6 @@ class _Losses:
         return True
 
     @property
-    def last(self) -> Lost:
-        """The one that failed last."""
-        return self._lost[-1]
-
-    @property
     def goes_on(self) -> bool:
         """Whether any filter is neither lost nor aside."""
         return len(self.aside) < max(len(self._left), 1)
@@ -325,12 +329,8 @@ class _Losses:
         """A state, or an array (B, ...), of a batch, with the rows of those that failed or are aside replaced."""
         if not self._lost and not self.aside:
             return state
-        if isinstance(state, tuple):
-            each = [self.replaced(part) for part in state]
-            return type(state)(*each) if hasattr(state, "_fields") else tuple(each)
-        if not isinstance(state, np.ndarray) or state.shape[:1] != (self._members,):
-            return state
-        return state[self.rows]
+        rows = self.rows
+        return _each_array(lambda array: array[rows] if array.shape[:1] == rows.shape else array, state)
 
     def blanked(self, found: Run) -> Run:
         """The run, without what stood in for those that failed."""
@@ -396,29 +396,9 @@ def _compiled(method: Method, model: LinearModel, start: Belief, ys: list[Array]
     H, R, F, Q = (a if a.ndim == 3 else a[None] for a in (model.H, model.R, model.F, model.Q))
     u = np.zeros((1, n), dtype) if model.inputs is None else model.inputs
     kernel: Any = records.filter_record
-    losses, saved = _Losses(start), []
-    while True:
-        *found, k, member, status = kernel(mean, P, F, Q, u, H, R, y, mask(model.angular, m))
-        if not status:
-            break
-        error = status_error(status + MEMBER * member, lead)
-        if lead:
-            error.member = (int(losses.rows[member]),)
-        if not losses.take(error, k):
-            parts = [a[:k] for a in found]
-            raise _placed(error, k, ts, losses.blanked(_run_of(parts, lead, method, model, ts[:k])) if k else None)
-        lost = losses.last.member
-        saved.append((lost, k, [a[:k, lost].copy() for a in found]))
-        mean, P = losses.replaced(mean), losses.replaced(P)
-        y = np.stack([losses.replaced(one) for one in y])
-    for member, k, parts in saved:
-        for array, part in zip(found, parts, strict=True):
-            array[:k, member] = part
-    return losses.blanked(_run_of(found, lead, method, model, ts))
-
-
-def _run_of(found: list[Array], lead: tuple[int, ...], method: Method, model: AnyModel, ts: Array) -> Run:
-    """The run of the compiled loop's arrays, of a batch of shape `lead`."""
+    *found, status = kernel(mean, P, F, Q, u, H, R, y, mask(model.angular, m))
+    if status:  # a filter fails: step by step, the others go on
+        return _stepped(method, model, start, ys, ts)
     shaped = [a.reshape(len(a), *lead, *a.shape[2:]) for a in found]
     prior, prior_P, after, after_P, innovation, S, predicted, nis, log_l = shaped
     degrees = np.sum(~np.isnan(innovation), axis=-1)

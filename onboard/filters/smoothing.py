@@ -5,18 +5,16 @@ for a batch; so does the answer. A measurement update, if there was one, is in t
 are smoothed in Joseph's form, so none is a difference.
 """
 
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
 from onboard.arrays import Array
 from onboard.filters.angles import beside
-from onboard.filters.belief import Belief, Indices, Method, Rows, Weights
+from onboard.filters.belief import Belief, Indices, Method
 from onboard.filters.errors import FilterError, require_plain
 from onboard.filters.kernels import linearisation
 from onboard.filters.kernels.calls import call_as_is
-from onboard.filters.posterior_linearisation import regression
 
 
 def rauch_tung_striebel(
@@ -40,40 +38,6 @@ def rauch_tung_striebel(
             )
         predicted = predicted + (inputs[:, None] if inputs.ndim < mean.ndim else inputs)
     return _smoothed(filtered, F, Q, predicted, angular_states)
-
-
-def unscented_rauch_tung_striebel(
-    filtered: Belief,
-    process: Rows | Sequence[Rows],
-    Q: Array,
-    weights: Weights,
-    angular_states: Indices = (),
-) -> Belief:
-    """Smooth the beliefs of a sigma-point filter (Sarkka 2008). `process` maps rows (k, n) -> (k, n), one
-    function for all steps, or one for each of the T-1; Q and `angular_states` as in `rauch_tung_striebel`.
-
-    The process is replaced by its regression over each filtered belief. These do not depend on each other, so
-    with one function for all steps it is called once, with the rows of all times.
-
-    Raises FilterError, NotPositiveDefiniteError.
-    """
-    _check(filtered)
-    before = Belief(filtered.mean[:-1], filtered.covariance[:-1])
-    if callable(process):
-        n = filtered.mean.shape[-1]
-        flat = Belief(before.mean.reshape(-1, n), before.covariance.reshape(-1, n, n))
-        slope, predicted, rest = regression(flat, process, weights, None, angular_states, angular_states)
-    else:
-        if len(process) != len(before.mean):
-            raise FilterError(f"process: {len(process)} functions for {len(before.mean)} steps")
-        lines = [
-            regression(Belief(mean, covariance), step, weights, None, angular_states, angular_states)
-            for step, mean, covariance in zip(process, *before, strict=True)
-        ]
-        slope, predicted, rest = (np.stack(parts) for parts in zip(*lines, strict=True))
-    shape = before.covariance.shape
-    noise = _each_step(Q, filtered, "Q") + rest.reshape(shape)
-    return _smoothed(filtered, slope.reshape(shape), noise, predicted.reshape(before.mean.shape), angular_states)
 
 
 def _check(filtered: Belief) -> None:

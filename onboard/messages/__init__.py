@@ -6,240 +6,116 @@ it (`clock`); after `onboard.clocks`, on the autopilot's boot clock, the one tim
 is the time at which its bytes arrived, on this computer's clock. Both are integer nanoseconds.
 """
 
-from onboard.messages.base import (
-    Clock,
-    Datagram,
-    Encoding,
-    ImagePoint,
-    Message,
-    NotNegative,
-    Positive,
-    Quaternion,
-    Record,
-    Vec3,
-)
-from onboard.messages.camera import (
-    Box,
-    CameraDetections,
-    CameraPoints,
-    DetectedPoint,
-    DetectedPose,
-    Detection,
-    Exposure,
-    GimbalAttitude,
-    ImageFeature,
-    Intrinsics,
-    MountAttitude,
-    MountFrame,
-    Pixel,
-    RelativePose,
-    Sides,
-    TargetDetection,
-    TargetImage,
-    TargetPoints,
-)
-from onboard.messages.causes import NO_REASON, Cause, Reason
-from onboard.messages.estimates import (
-    ClosestApproach,
-    Estimate,
-    Fault,
-    FaultKind,
-    Intruder,
-    Lifecycle,
-    MeasurementReport,
-    Mode,
-    NavState,
-    Output,
-    OwnPose,
-    ThreatLevel,
-    Verdict,
-)
-from onboard.messages.guidance import (
-    CameraTracking,
-    CameraTrackingGeo,
-    FollowTarget,
-    LandingTarget,
-    LeaderState,
-    MessageInterval,
-    TargetRelative,
-)
-from onboard.messages.health import (
-    DOUBT,
-    DOUBTS,
-    Advice,
-    CameraHealth,
-    ComputerLoad,
-    Consistency,
-    Health,
-    LinkHealth,
-    Refusal,
-    Severity,
-    SinkHealth,
-    StreamHealth,
-)
-from onboard.messages.parameters import (
-    CameraInformation,
-    ComputerStatus,
-    ParamAck,
-    ParamAction,
-    ParamRequest,
-    ParamValue,
-    Ping,
-    Version,
-)
-from onboard.messages.surveillance import (
-    AdsbVehicle,
-    AltitudeType,
-    Collision,
-    DistanceReading,
-    PeerPosition,
-    PeerRanges,
-    Pseudoranges,
-    RadarDetection,
-    RadarDetections,
-    RadarFrame,
-    RadarScan,
-    SatelliteRange,
-)
-from onboard.messages.target import TargetClass
-from onboard.messages.truth import IntruderTruth, Picture, SimStatus, TrafficTruth, Truth, VehicleTruth
-from onboard.messages.validity import not_valid
-from onboard.messages.vehicle import (
-    NOT_LIFTED,
-    ActuatorOutputs,
-    Attitude,
-    Barometer,
-    Battery,
-    Command,
-    CommandAck,
-    EstimatorStatus,
-    GlobalOrigin,
-    GlobalPosition,
-    GpsFix,
-    Heartbeat,
-    Imu,
-    LocalPosition,
-    Odometry,
-    StatusText,
-    SystemTime,
-    TimeSync,
-    Wind,
-    tagged,
-)
-from onboard.messages.warm_state import WARM_VERSION, WarmState
-
-__all__ = [
-    "DOUBT",
-    "DOUBTS",
-    "NOT_LIFTED",
-    "NO_REASON",
-    "WARM_VERSION",
-    "ActuatorOutputs",
-    "AdsbVehicle",
-    "Advice",
-    "AltitudeType",
-    "Attitude",
-    "Barometer",
-    "Battery",
-    "Box",
-    "CameraDetections",
-    "CameraHealth",
-    "CameraInformation",
-    "CameraPoints",
-    "CameraTracking",
-    "CameraTrackingGeo",
-    "Cause",
-    "Clock",
-    "ClosestApproach",
-    "Collision",
-    "Command",
-    "CommandAck",
-    "ComputerLoad",
-    "ComputerStatus",
-    "Consistency",
-    "Datagram",
-    "DetectedPoint",
-    "DetectedPose",
-    "Detection",
-    "DistanceReading",
-    "Encoding",
-    "Estimate",
-    "EstimatorStatus",
-    "Exposure",
-    "Fault",
-    "FaultKind",
-    "FollowTarget",
-    "GimbalAttitude",
-    "GlobalOrigin",
-    "GlobalPosition",
-    "GpsFix",
-    "Health",
-    "Heartbeat",
-    "ImageFeature",
-    "ImagePoint",
-    "Imu",
-    "Intrinsics",
-    "Intruder",
-    "IntruderTruth",
-    "LandingTarget",
-    "LeaderState",
-    "Lifecycle",
-    "LinkHealth",
-    "LocalPosition",
-    "MeasurementReport",
-    "Message",
-    "MessageInterval",
-    "Mode",
-    "MountAttitude",
-    "MountFrame",
-    "NavState",
-    "NotNegative",
-    "Odometry",
-    "Output",
-    "OwnPose",
-    "ParamAck",
-    "ParamAction",
-    "ParamRequest",
-    "ParamValue",
-    "PeerPosition",
-    "PeerRanges",
-    "Picture",
-    "Ping",
-    "Pixel",
-    "Positive",
-    "Pseudoranges",
-    "Quaternion",
-    "RadarDetection",
-    "RadarDetections",
-    "RadarFrame",
-    "RadarScan",
-    "Reason",
-    "Record",
-    "Refusal",
-    "RelativePose",
-    "SatelliteRange",
-    "Severity",
-    "Sides",
-    "SimStatus",
-    "SinkHealth",
-    "StatusText",
-    "StreamHealth",
-    "SystemTime",
-    "TargetClass",
-    "TargetDetection",
-    "TargetImage",
-    "TargetPoints",
-    "TargetRelative",
-    "ThreatLevel",
-    "TimeSync",
-    "TrafficTruth",
-    "Truth",
-    "Vec3",
-    "VehicleTruth",
-    "Verdict",
-    "Version",
-    "WarmState",
-    "Wind",
-    "not_valid",
-    "tagged",
-]
+# `as` its own name: for others to import from here
+from onboard.messages.base import Clock as Clock
+from onboard.messages.base import Datagram as Datagram
+from onboard.messages.base import Encoding as Encoding
+from onboard.messages.base import ImagePoint as ImagePoint
+from onboard.messages.base import Message as Message
+from onboard.messages.base import NotNegative as NotNegative
+from onboard.messages.base import Positive as Positive
+from onboard.messages.base import Quaternion as Quaternion
+from onboard.messages.base import Record as Record
+from onboard.messages.base import Vec3 as Vec3
+from onboard.messages.camera import Box as Box
+from onboard.messages.camera import CameraDetections as CameraDetections
+from onboard.messages.camera import CameraPoints as CameraPoints
+from onboard.messages.camera import DetectedPoint as DetectedPoint
+from onboard.messages.camera import DetectedPose as DetectedPose
+from onboard.messages.camera import Detection as Detection
+from onboard.messages.camera import Exposure as Exposure
+from onboard.messages.camera import GimbalAttitude as GimbalAttitude
+from onboard.messages.camera import ImageFeature as ImageFeature
+from onboard.messages.camera import Intrinsics as Intrinsics
+from onboard.messages.camera import MountAttitude as MountAttitude
+from onboard.messages.camera import MountFrame as MountFrame
+from onboard.messages.camera import Pixel as Pixel
+from onboard.messages.camera import RelativePose as RelativePose
+from onboard.messages.camera import Sides as Sides
+from onboard.messages.camera import TargetDetection as TargetDetection
+from onboard.messages.camera import TargetImage as TargetImage
+from onboard.messages.camera import TargetPoints as TargetPoints
+from onboard.messages.causes import NO_REASON as NO_REASON
+from onboard.messages.causes import Cause as Cause
+from onboard.messages.causes import Reason as Reason
+from onboard.messages.estimates import ClosestApproach as ClosestApproach
+from onboard.messages.estimates import Estimate as Estimate
+from onboard.messages.estimates import Fault as Fault
+from onboard.messages.estimates import FaultKind as FaultKind
+from onboard.messages.estimates import Intruder as Intruder
+from onboard.messages.estimates import Lifecycle as Lifecycle
+from onboard.messages.estimates import MeasurementReport as MeasurementReport
+from onboard.messages.estimates import Mode as Mode
+from onboard.messages.estimates import NavState as NavState
+from onboard.messages.estimates import Output as Output
+from onboard.messages.estimates import OwnPose as OwnPose
+from onboard.messages.estimates import ThreatLevel as ThreatLevel
+from onboard.messages.estimates import Verdict as Verdict
+from onboard.messages.guidance import CameraTracking as CameraTracking
+from onboard.messages.guidance import CameraTrackingGeo as CameraTrackingGeo
+from onboard.messages.guidance import FollowTarget as FollowTarget
+from onboard.messages.guidance import LandingTarget as LandingTarget
+from onboard.messages.guidance import LeaderState as LeaderState
+from onboard.messages.guidance import MessageInterval as MessageInterval
+from onboard.messages.guidance import TargetRelative as TargetRelative
+from onboard.messages.health import DOUBT as DOUBT
+from onboard.messages.health import DOUBTS as DOUBTS
+from onboard.messages.health import Advice as Advice
+from onboard.messages.health import CameraHealth as CameraHealth
+from onboard.messages.health import ComputerLoad as ComputerLoad
+from onboard.messages.health import Consistency as Consistency
+from onboard.messages.health import Health as Health
+from onboard.messages.health import LinkHealth as LinkHealth
+from onboard.messages.health import Refusal as Refusal
+from onboard.messages.health import Severity as Severity
+from onboard.messages.health import SinkHealth as SinkHealth
+from onboard.messages.health import StreamHealth as StreamHealth
+from onboard.messages.parameters import CameraInformation as CameraInformation
+from onboard.messages.parameters import ComputerStatus as ComputerStatus
+from onboard.messages.parameters import ParamAck as ParamAck
+from onboard.messages.parameters import ParamAction as ParamAction
+from onboard.messages.parameters import ParamRequest as ParamRequest
+from onboard.messages.parameters import ParamValue as ParamValue
+from onboard.messages.parameters import Ping as Ping
+from onboard.messages.parameters import Version as Version
+from onboard.messages.surveillance import AdsbVehicle as AdsbVehicle
+from onboard.messages.surveillance import AltitudeType as AltitudeType
+from onboard.messages.surveillance import Collision as Collision
+from onboard.messages.surveillance import DistanceReading as DistanceReading
+from onboard.messages.surveillance import PeerPosition as PeerPosition
+from onboard.messages.surveillance import PeerRanges as PeerRanges
+from onboard.messages.surveillance import Pseudoranges as Pseudoranges
+from onboard.messages.surveillance import RadarDetection as RadarDetection
+from onboard.messages.surveillance import RadarDetections as RadarDetections
+from onboard.messages.surveillance import RadarFrame as RadarFrame
+from onboard.messages.surveillance import RadarScan as RadarScan
+from onboard.messages.surveillance import SatelliteRange as SatelliteRange
+from onboard.messages.target import TargetClass as TargetClass
+from onboard.messages.truth import IntruderTruth as IntruderTruth
+from onboard.messages.truth import Picture as Picture
+from onboard.messages.truth import SimStatus as SimStatus
+from onboard.messages.truth import TrafficTruth as TrafficTruth
+from onboard.messages.truth import Truth as Truth
+from onboard.messages.validity import not_valid as not_valid
+from onboard.messages.vehicle import NOT_LIFTED as NOT_LIFTED
+from onboard.messages.vehicle import ActuatorOutputs as ActuatorOutputs
+from onboard.messages.vehicle import Attitude as Attitude
+from onboard.messages.vehicle import Barometer as Barometer
+from onboard.messages.vehicle import Battery as Battery
+from onboard.messages.vehicle import Command as Command
+from onboard.messages.vehicle import CommandAck as CommandAck
+from onboard.messages.vehicle import EstimatorStatus as EstimatorStatus
+from onboard.messages.vehicle import GlobalOrigin as GlobalOrigin
+from onboard.messages.vehicle import GlobalPosition as GlobalPosition
+from onboard.messages.vehicle import GpsFix as GpsFix
+from onboard.messages.vehicle import Heartbeat as Heartbeat
+from onboard.messages.vehicle import Imu as Imu
+from onboard.messages.vehicle import LocalPosition as LocalPosition
+from onboard.messages.vehicle import Odometry as Odometry
+from onboard.messages.vehicle import StatusText as StatusText
+from onboard.messages.vehicle import SystemTime as SystemTime
+from onboard.messages.vehicle import TimeSync as TimeSync
+from onboard.messages.vehicle import Wind as Wind
+from onboard.messages.vehicle import tagged as tagged
+from onboard.messages.warm_state import WARM_VERSION as WARM_VERSION
+from onboard.messages.warm_state import WarmState as WarmState

@@ -1,6 +1,6 @@
 """The simulator's truth, and its pictures."""
 
-from onboard.messages.base import Clock, Message, Quaternion, Record, Vec3
+from onboard.messages.base import Clock, Quaternion, Record, Vec3
 
 
 class Truth(Record, frozen=True, kw_only=True):
@@ -22,18 +22,6 @@ class Truth(Record, frozen=True, kw_only=True):
     q_nL: Quaternion
     omega_b: Vec3 = (0.0, 0.0, 0.0)  # of the follower, rad/s
     fault: str = ""  # active faults of the follower, "" if none
-
-
-class VehicleTruth(Message, frozen=True, kw_only=True):
-    """Where a simulated vehicle really is. SIM_STATE of an ArduPilot has no time: its clock is NONE, `t_ns` the
-    time of arrival. HIL_STATE_QUATERNION of a PX4 has one. WGS-84 degrees, m, m/s in n, body rates in rad/s."""
-
-    lat_deg: float
-    lon_deg: float
-    height: float
-    v_n: Vec3
-    q_nb: Quaternion
-    omega_b: Vec3
 
 
 class IntruderTruth(Record, frozen=True, kw_only=True):

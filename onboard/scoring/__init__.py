@@ -1,1 +1,1 @@
-"""Accuracy of estimates against a truth (leader, own state, traffic), and the scorecard."""
+"""Accuracy of estimates against a truth (leader, own state), and the scorecard."""

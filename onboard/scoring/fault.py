@@ -8,11 +8,7 @@ from onboard.units import NS_PER_S, S_PER_NS
 
 GUST: Final = "gust"  # not a fault of the vehicle: in a flight with both, the other one is the fault
 FAULT_KINDS: Final = {"inputs": FaultKind.MASS, "mass": FaultKind.MASS, GUST: FaultKind.GUST}
-JUDGED_FAULTS: Final = (
-    FaultKind.MOTOR,
-    FaultKind.MASS,
-    FaultKind.GUST,
-)  # kinds that are in the truth
+JUDGED_FAULTS: Final = (FaultKind.MOTOR, FaultKind.MASS, FaultKind.GUST)  # that are in the truth
 AFTER_NS: Final = 3 * NS_PER_S  # a past fault may still be reported for this long
 
 

@@ -10,13 +10,13 @@ from collections import deque
 from typing import Final
 
 from onboard.geometry.geodesy import ned_from_geodetic
-from onboard.messages import Attitude, Clock, Command, Heartbeat, Message, Quaternion, Vec3, VehicleTruth
+from onboard.messages import Attitude, Clock, Command, Heartbeat, Message, Quaternion, Vec3
 from onboard.units import NS_PER_S
 from onboard.wire.mavlink.decode import MavlinkDecoder
 from onboard.wire.mavlink.encode import MavlinkEncoder
-from onboard.wire.mavlink.sim_truth import CONVERT
 from simlink.autopilot import ATTITUDE_QUATERNION as ATTITUDE
 from simlink.autopilot import AUTOPILOT, SET_MESSAGE_INTERVAL, TRUTH
+from simlink.sensors.true_state import CONVERT, VehicleTruth
 from simlink.world.attitude import difference
 from simlink.world.truth import Motion
 

@@ -18,9 +18,6 @@ from onboard.messages import (
     TrafficTruth,
     Truth,
 )
-from onboard.wire.documents.points import encode_points
-from onboard.wire.documents.pseudoranges import encode_ranges
-from onboard.wire.documents.radar import encode_radar
 from simlink.server.links import LinkError
 
 
@@ -91,16 +88,10 @@ class ZenohPublisher:
         """Publish one record as JSON."""
         if isinstance(record, Pseudoranges):  # each aircraft has its own key
             key = f"onboard/{self._vehicle}/gnss/{record.peer}/pseudoranges"
-            self._session.put(key, encode_ranges(record), **self._options)
+            self._session.put(key, msgspec.json.encode(record), **self._options)
         else:
-            self._publishers[type(record)].put(_encoded(record))
+            self._publishers[type(record)].put(msgspec.json.encode(record))
 
     def close(self) -> None:
         """End the session."""
         self._session.close()
-
-
-def _encoded(record: Published) -> bytes:
-    if isinstance(record, CameraPoints):
-        return encode_points(record)
-    return encode_radar(record) if isinstance(record, RadarDetections) else msgspec.json.encode(record)

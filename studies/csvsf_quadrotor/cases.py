@@ -7,9 +7,10 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.geometry.rotations import matrix_from_quaternion
-from onboard.models import quadrotor, quadrotor_flight
+from onboard.models import quadrotor
 from onboard.models.quadrotor import ATTITUDE, POSITION, RATES, VELOCITY, Airframe
-from onboard.models.quadrotor_flight import DT, Actuation, as_commanded, weak_inputs, weak_motor
+from studies.csvsf_quadrotor import reference_flight
+from studies.csvsf_quadrotor.reference_flight import DT, Actuation, as_commanded, weak_inputs, weak_motor
 
 STEPS: Final = 2000
 FAULT: Final = 10.0  # s: scores, faults of the actuation and gusts begin here
@@ -112,7 +113,7 @@ def simulate(variant: Variant, seeds: Sequence[int], steps: int = STEPS) -> Case
     """Fly the variant once per seed. A flight does not depend on the others."""
     generators = [np.random.default_rng(seed) for seed in seeds]
     others = [np.random.default_rng([seed, 1]) for seed in seeds]
-    flight = quadrotor_flight.fly(
+    flight = reference_flight.fly(
         generators,
         steps,
         actuation=variant.actuation,

@@ -14,9 +14,9 @@ from onboard.analysis.report.style import STYLE, panels
 from onboard.arrays import Array
 from onboard.filters.cubature_smooth import FADING, PATIENCE
 from onboard.models.quadrotor import COMPONENTS, INPUTS
-from onboard.models.quadrotor_flight import DT
 from studies.csvsf_quadrotor.cases import FAULT, NAMED, Case
 from studies.csvsf_quadrotor.filters import ADAPTIVE, CKF, MAIN, METHODS, PRINTED, RECURSIVE, SVSF, Track
+from studies.csvsf_quadrotor.reference_flight import DT
 from studies.csvsf_quadrotor.report import Result, Setting
 from studies.report.drawing import legend, save
 from studies.report.runs import by_name

@@ -8,10 +8,11 @@ from onboard.arrays import Array
 from onboard.filters import cubature_smooth, methods
 from onboard.filters.belief import FilterError, Rows
 from onboard.filters.gating import normalised_squared
-from onboard.models import quadrotor, quadrotor_flight
+from onboard.models import quadrotor
 from onboard.models.quadrotor import RATES, VELOCITY
-from onboard.models.quadrotor_flight import DT
+from studies.csvsf_quadrotor import reference_flight
 from studies.csvsf_quadrotor.cases import FAULT, NOMINAL, Case, Sensor, Variant, matrices, one
+from studies.csvsf_quadrotor.reference_flight import DT
 
 CONSISTENCY_EVERY: Final = 10  # steps
 HALFWAY: Final = round(FAULT / DT)  # steps
@@ -177,7 +178,7 @@ def _recall(state: Any, last: Any, variant: Variant) -> Any:
 
 
 def _process_noise(widened: float) -> Array:
-    Q = quadrotor_flight.process_noise()
+    Q = reference_flight.process_noise()
     which = [*VELOCITY, *RATES]
     Q[which, which] *= widened
     return Q

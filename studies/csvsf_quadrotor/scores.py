@@ -10,9 +10,9 @@ from onboard.filters.gating import mean_bounds
 from onboard.messages import Record
 from onboard.models import quadrotor
 from onboard.models.quadrotor import ATTITUDE, POSITION, RATES, VELOCITY
-from onboard.models.quadrotor_flight import DT
 from studies.csvsf_quadrotor.cases import FAULT, Case
 from studies.csvsf_quadrotor.filters import CKF, FORCE, THRUST, Track
+from studies.csvsf_quadrotor.reference_flight import DT
 from studies.report import runs
 from studies.report.findings import within
 from studies.report.runs import by_name, half_unit

@@ -22,13 +22,13 @@ from onboard.config import parse_config
 from onboard.estimators.traffic.config import FilterName
 from onboard.messages import Estimate, TrafficTruth, Truth
 from onboard.pipeline import Pipeline
-from onboard.scoring.traffic import LEAD_S, AircraftScore, Encounter, TrafficScore, score_traffic
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario
 from simlink.simulation import datagrams
 from studies.report.files import publish, require_seeds
 from studies.report.findings import Cell, Check, Claim, Findings, Table, check, verdict
 from studies.report.sampling import decided
+from studies.traffic.scores import LEAD_S, AircraftScore, Encounter, TrafficScore, score_traffic
 
 NAME: Final = "traffic"
 TITLE: Final = "Traffic: twenty aircraft by ADS-B, MAVLink and radar"

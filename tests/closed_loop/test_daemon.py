@@ -16,9 +16,10 @@ from onboard.commands import cli
 from onboard.config import load_config
 from onboard.messages import Cause, Estimate, TimeSync
 from onboard.wire.datagrams import DatagramDecoder
-from onboard.wire.logs.recording import read_estimates, read_recording
+from onboard.wire.logs.recording import read_recording
 from tests.support.daemon import Observer, Relay, Setup, queried
 from tests.support.programs import PATIENCE, until
+from tests.support.records import read_estimates
 
 
 @pytest.fixture

@@ -12,9 +12,10 @@ from typing import Any
 from onboard.analysis.flights.replay import replay
 from onboard.config import load_config
 from onboard.messages import Cause, Estimate, Health
-from onboard.wire.logs.recording import read_estimates, read_recording
+from onboard.wire.logs.recording import read_recording
 from tests.support.daemon import Observer, Relay, Setup
 from tests.support.programs import until
+from tests.support.records import read_estimates
 
 PAUSE_S = 1.7
 OLDEST_NS = 500_000_000  # `max_age_s`

@@ -4,8 +4,8 @@ were chosen on seeds 1 to 4; this is seed 21. `onboard study traffic` has more o
 import pytest
 
 from onboard.pipeline import Pipeline
-from onboard.scoring.traffic import TrafficScore
 from simlink.scenarios.scenario import load_scenario
+from studies.traffic.scores import TrafficScore
 from studies.traffic.study import flight
 
 SEED = 21

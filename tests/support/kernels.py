@@ -4,7 +4,7 @@ Numba compiles a function again when its own file changes, but not when a functi
 file and changes there. So a module's machine code is kept only if all of it was made, or used, by tests of these
 sources: of the module, and of all that it imports. A file in onboard/__pycache__ holds the digests of the sources,
 module by module, and is as new as the newest machine code that the tests made. Code that is newer was made by
-another program, perhaps while a source was another.
+another program, perhaps while a source was another: if one has been written since, too.
 
 Single precision is compiled only with `WINGLINE_PRECISION=both`, as `make test-all` does: it is two fifths of all
 machine code. Otherwise tests of single precision (marked `single`) run without the compiler, in a process of their
@@ -47,15 +47,24 @@ def digests() -> dict[str, str]:
     return {name: _digest(sources(name)) for name in sorted(compiling.kernel_modules())}
 
 
-def unknown(stamp: Path, of_sources: Mapping[str, str], code: Mapping[str, Iterable[Path]]) -> list[str]:
-    """The modules whose digest is not the stamp's, or of whose code a file is newer than the stamp."""
+def unknown(
+    stamp: Path,
+    of_sources: Mapping[str, str],
+    code: Mapping[str, Iterable[Path]],
+    files: Mapping[str, Iterable[Path]],
+) -> list[str]:
+    """The modules whose digest is not the stamp's, or of whose code and source `files` some are newer than it."""
     if not stamp.exists():
         return [*of_sources]
     known, time_ns = json.loads(stamp.read_text(encoding="utf-8")), stamp.stat().st_mtime_ns
+
+    def is_newer(paths: Iterable[Path]) -> bool:
+        return any(path.stat().st_mtime_ns > time_ns for path in paths)
+
     return [
         name
         for name, digest in of_sources.items()
-        if known.get(name) != digest or any(path.stat().st_mtime_ns > time_ns for path in code[name])
+        if known.get(name) != digest or (is_newer(code[name]) and is_newer(files[name]))
     ]
 
 
@@ -73,7 +82,8 @@ def prepare(*, all_at_once: bool) -> None:
     before = digests()
     assert compiling.knows_folders(), "this Numba does not say where its machine code is"
     code = {name: compiling.machine_code(name) for name in before}
-    stale = {*unknown(STAMP, before, code), *(name for name in before if older(sources(name), code[name]))}
+    files = {name: sources(name) for name in before}
+    stale = {*unknown(STAMP, before, code, files), *(name for name in before if older(files[name], code[name]))}
     if not stale and not (all_at_once and both_precisions()):
         return
     _stamp({name: digest for name, digest in before.items() if name not in stale})

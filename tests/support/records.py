@@ -1,8 +1,11 @@
 """Published records with arbitrary contents."""
 
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from onboard.messages import Estimate, Lifecycle, OwnPose
+from onboard.wire.logs.recording import read_flown
 
 
 def make_estimate(sequence: int = 1, name: str = "ukf", **changed: Any) -> Estimate:
@@ -27,3 +30,8 @@ def make_estimate(sequence: int = 1, name: str = "ukf", **changed: Any) -> Estim
 
 
 POSE = OwnPose(t_ns=1, r_OF_n=(1, 2, 3), v_F_n=(4, 5, 6), a_F_n=(7, 8, 9), q_nb=(1, 0, 0, 0))
+
+
+def read_estimates(path: Path) -> Iterator[Estimate]:
+    """The estimates that were made during a recording, but our own states."""
+    return (item for item, _ in read_flown(path, {"estimate": Estimate}) if isinstance(item, Estimate))

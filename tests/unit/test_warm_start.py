@@ -16,7 +16,7 @@ from onboard.config.warm_start import MOST_AGE_S, digest, folder_of, store_state
 from onboard.messages import Datagram, WarmState
 from onboard.pipeline.warm_start import REBOOTED
 from onboard.wire.documents.document import BadDocumentError
-from onboard.wire.documents.warm_state import decode_warm_state, encode_warm_state
+from onboard.wire.documents.warm_state import decode_warm_state
 from studies.closed_loop.flight import Companion
 from tests.support.streams import EPOCH, S, Stream, feed, heartbeat, make_config, position_error
 
@@ -121,7 +121,7 @@ def damaged(path: tuple[Any, ...], value: Any) -> bytes:
 @pytest.mark.parametrize(
     ("data", "reason"),
     [
-        (lambda: encode_warm_state(left())[:-300], "truncated"),
+        (lambda: msgspec.json.encode(left())[:-300], "truncated"),
         (lambda: b"", "truncated"),
         (lambda: b"[1]", "another version"),
         (lambda: damaged(("version",), 2), "another version"),

@@ -22,6 +22,7 @@ from onboard.messages import (
     Message,
     NavState,
     Output,
+    OwnPose,
     ParamValue,
     StatusText,
 )
@@ -135,6 +136,22 @@ def replay(
     main = results.estimates.pop(judged(results.estimates), [])
     seconds = (last - first) * 1e-9
     return ReplayResult(main, health, count, damaged + lost, seconds, results.own_states, end, results.estimates)
+
+
+def aligned(log: Path, config: Config, wanted: Callable[[Message], bool]) -> Iterator[Message | OwnPose]:
+    """A log's messages that are `wanted`, on the boot clock less their delays, and our own poses. Nothing is
+    estimated. Raises UserError."""
+    pipeline = pipeline_of(replace(config, estimator={}))
+    try:
+        for item, _ in read_flight(log, pipeline):
+            if not isinstance(item, Datagram | Message):
+                continue
+            messages = pipeline.decode(item) if isinstance(item, Datagram) else [item]
+            yield from (output for output in pipeline.advance(messages) if isinstance(output, OwnPose))
+            found = (pipeline.clocks.align(m, pipeline.delay_ns(m)) for m in messages if wanted(m))
+            yield from (message for message in found if message is not None)
+    except NotALogError as error:
+        raise UserError(f"{log}: {error}") from error
 
 
 def pipeline_of(config: Config) -> Pipeline:

@@ -9,12 +9,8 @@ import msgspec
 import numpy as np
 
 ROW_GROUP: Final = 64  # rows that are written at once
-PART_KEYS: Final = (
-    "part",
-    "function",
-    "arguments",
-    "result",
-)  # the number of the part, and JSON of the other three
+# the number of the part, and JSON of the other three
+PART_KEYS: Final = ("part", "function", "arguments", "result")
 
 
 class PartRows:

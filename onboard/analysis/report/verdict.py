@@ -32,6 +32,48 @@ class Check(NamedTuple):
     advice: str
 
 
+class Limit(NamedTuple):
+    """What a figure should be: at least or at most (`sense`) `good`, else AMBER, and beyond `fair` FAIL; its unit,
+    what it is measured of, and what follows where it is not PASS."""
+
+    sense: str
+    good: float
+    fair: float
+    unit: str
+    what: str
+    advice: str
+
+
+LEAST, MOST = "at least", "at most"
+SEEN: Final = "look at the states and at the rejected images below; was the leader in the image?"
+REJECTED: Final = "the table of rejected images says why; many `gated` are a wrong camera, mount, delay or size"
+GAP: Final = "do not let an autopilot follow over such a gap"
+BEGUN: Final = "tracks were given up: the leader was lost, or images contradicted what was known"
+OFF: Final = "off by more than 3 sigmas and 5 %"
+OWN: Final = "GPS, attitude or their rates: see the streams below"
+RATE: Final = "our own motion is interpolated between these. Ask for more: "
+LIMITS: Final = {
+    "leader: valid": Limit(LEAST, 90.0, 50.0, "%", "of the time, after the first 15 s", SEEN),
+    "leader: images rejected": Limit(MOST, 10.0, 30.0, "%", "of all images", REJECTED),
+    "leader: longest gap": Limit(MOST, 2.0, 10.0, "s", "between valid estimates", GAP),
+    "leader: begun anew": Limit(MOST, 0.0, 3.0, "", "times", BEGUN),
+    "truth: range error": Limit(
+        MOST, 5.0, 15.0, "%", "RMS", "the range is no better than the size that is configured"
+    ),
+    "truth: confidently wrong": Limit(MOST, 1.0, 5.0, "%", OFF, "the sigmas cannot be relied on in this flight"),
+    "truth: inside the 95 % ellipsoid": Limit(
+        LEAST, 85.0, 60.0, "%", "of the time", "errors are larger than the filter claims"
+    ),
+    "own state: valid": Limit(LEAST, 90.0, 70.0, "%", "of the time, since it first was", OWN),
+    "log: damaged": Limit(
+        MOST, 0.0, 100.0, "", "stretches that could not be read", "was the recorder killed, the card full?"
+    ),
+    "autopilot: reboots": Limit(MOST, 0.0, 0.0, "", "in this log", "an estimate begins anew with each"),
+    "rate: Attitude": Limit(LEAST, 20.0, 5.0, "Hz", "on average", RATE),
+    "rate: LocalPosition": Limit(LEAST, 20.0, 5.0, "Hz", "on average", RATE),
+}
+
+
 def worst(checks: list[Check]) -> Grade:
     """The grade of a flight: that of its worst figure."""
     return max((check.grade for check in checks), key=GRADES.index, default=Grade.PASS)
@@ -55,45 +97,12 @@ def _leader(series: FlightSeries, score: LeaderScore) -> Iterator[Check]:
     images = sum(series.counts.values())
     if not images:
         return
-    valid = score.valid_percent or 0.0
-    yield _least(
-        "leader: valid",
-        valid,
-        90.0,
-        50.0,
-        "%",
-        "of the time, after the first 15 s",
-        "look at the states and at the rejected images below; was the leader in the image?",
-    )
+    yield _check("leader: valid", score.valid_percent or 0.0)
     kept = sum(series.counts[verdict] for verdict in (*FUSED, *STARTING))
-    yield _most(
-        "leader: images rejected",
-        100.0 * (1.0 - kept / images),
-        10.0,
-        30.0,
-        "%",
-        "of all images",
-        "the table of rejected images says why; many `gated` are a wrong camera, mount, delay or size",
-    )
+    yield _check("leader: images rejected", 100.0 * (1.0 - kept / images))
     if np.isfinite(series.longest_gap_s):
-        yield _most(
-            "leader: longest gap",
-            series.longest_gap_s,
-            2.0,
-            10.0,
-            "s",
-            "between valid estimates",
-            "do not let an autopilot follow over such a gap",
-        )
-    yield _most(
-        "leader: begun anew",
-        float(score.resets),
-        0.0,
-        3.0,
-        "",
-        "times",
-        "tracks were given up: the leader was lost, or images contradicted what was known",
-    )
+        yield _check("leader: longest gap", series.longest_gap_s)
+    yield _check("leader: begun anew", float(score.resets))
 
 
 def _consistency(score: LeaderScore) -> Iterator[Check]:
@@ -114,33 +123,9 @@ def _truth(score: LeaderScore) -> Iterator[Check]:
         if score.diverged:
             yield Check("leader: diverged", "yes", "no", Grade.FAIL, "nothing could be compared with the truth")
         return
-    yield _most(
-        "truth: range error",
-        score.range_error_rms_percent,
-        5.0,
-        15.0,
-        "%",
-        "RMS",
-        "the range is no better than the size that is configured",
-    )
-    yield _most(
-        "truth: confidently wrong",
-        score.confidently_wrong_percent or 0.0,
-        1.0,
-        5.0,
-        "%",
-        "off by more than 3 sigmas and 5 %",
-        "the sigmas cannot be relied on in this flight",
-    )
-    yield _least(
-        "truth: inside the 95 % ellipsoid",
-        score.inside_95_percent or 0.0,
-        85.0,
-        60.0,
-        "%",
-        "of the time",
-        "errors are larger than the filter claims",
-    )
+    yield _check("truth: range error", score.range_error_rms_percent)
+    yield _check("truth: confidently wrong", score.confidently_wrong_percent or 0.0)
+    yield _check("truth: inside the 95 % ellipsoid", score.inside_95_percent or 0.0)
     if score.diverged:
         yield Check("truth: diverged", "yes", "no", Grade.FAIL, "its last seconds are wrong, or empty")
 
@@ -150,22 +135,11 @@ def _own_state(series: FlightSeries) -> Iterator[Check]:
     if not len(rows):
         return
     first = int(np.argmax(rows[:, 1]))  # before it the vehicle waits on the ground for its filter and GPS
-    valid = 100.0 * float(rows[first:, 1].mean())
-    yield _least(
-        "own state: valid",
-        valid,
-        90.0,
-        70.0,
-        "%",
-        "of the time, since it first was",
-        "GPS, attitude or their rates: see the streams below",
-    )
+    yield _check("own state: valid", 100.0 * float(rows[first:, 1].mean()))
     ratios = rows[np.isfinite(rows[:, 2]), 2]
     if len(ratios):
         ratio = float(ratios.mean())
-        grade = (
-            Grade.PASS if 0.3 <= ratio <= 2.0 else Grade.AMBER
-        )  # it says how noisy sensors are, not how wrong we are
+        grade = Grade.PASS if 0.3 <= ratio <= 2.0 else Grade.AMBER  # of noisy sensors, not of how wrong we are
         advice = "noisier sensors, or another airframe, than configured" if ratio > 1 else "too cautious"
         yield Check("own state: NIS, of its expectation", f"{ratio:.2f}", "0.3 to 2", grade, advice)
     names = dict.fromkeys(f"{kind} {part}".strip() for kind, part, _ in series.faults)
@@ -176,54 +150,24 @@ def _own_state(series: FlightSeries) -> Iterator[Check]:
 def _log(replayed: ReplayResult, of_autopilot: bool) -> Iterator[Check]:
     health = replayed.health
     more = "`LOG_BITMASK` (ArduPilot) or `SDLOG_PROFILE` (PX4)" if of_autopilot else "`rates_hz` of [autopilot]"
-    yield _most(
-        "log: damaged",
-        float(replayed.damaged),
-        0.0,
-        100.0,
-        "",
-        "stretches that could not be read",
-        "was the recorder killed, the card full?",
-    )
-    yield _most(
-        "autopilot: reboots",
-        float(health.autopilot_reboots),
-        0.0,
-        0.0,
-        "",
-        "in this log",
-        "an estimate begins anew with each",
-    )
+    yield _check("log: damaged", float(replayed.damaged))
+    yield _check("autopilot: reboots", float(health.autopilot_reboots))
     for name in ("Attitude", "LocalPosition"):
         stream = health.streams.get(name)
         rate = stream.count / replayed.duration if stream and replayed.duration > 0 else 0.0
-        yield _least(
-            f"rate: {name}",
-            rate,
-            20.0,
-            5.0,
-            "Hz",
-            "on average",
-            f"our own motion is interpolated between these. Ask for more: {more}",
-        )
+        yield _check(f"rate: {name}", rate, more)
     errors = sum(count for name, count in health.rejected.items() if name.startswith("error"))
     if errors:
         yield Check("program errors", str(errors), "0", Grade.FAIL, "please report this log")
 
 
-def _least(name: str, value: float, good: float, fair: float, unit: str, what: str, advice: str) -> Check:
-    grade = Grade.PASS if value >= good else Grade.AMBER if value >= fair else Grade.FAIL
+def _check(name: str, value: float, more: str = "") -> Check:
+    """A figure against its limit; `more`: what its advice ends with."""
+    sense, good, fair, unit, what, advice = LIMITS[name]
+    sign = 1.0 if sense == LEAST else -1.0
+    above = [sign * value >= sign * limit for limit in (good, fair)]
+    grade = Grade.PASS if above[0] else Grade.AMBER if above[1] else Grade.FAIL
+    amber = "" if fair == good else f" (AMBER: {fair:g})"
     return Check(
-        name, f"{value:.4g} {unit}".strip(), f"at least {good:g} {unit} {what}{_amber(good, fair)}", grade, advice
+        name, f"{value:.4g} {unit}".strip(), f"{sense} {good:g} {unit} {what}{amber}", grade, advice + more
     )
-
-
-def _most(name: str, value: float, good: float, fair: float, unit: str, what: str, advice: str) -> Check:
-    grade = Grade.PASS if value <= good else Grade.AMBER if value <= fair else Grade.FAIL
-    return Check(
-        name, f"{value:.4g} {unit}".strip(), f"at most {good:g} {unit} {what}{_amber(good, fair)}", grade, advice
-    )
-
-
-def _amber(good: float, fair: float) -> str:
-    return "" if fair == good else f" (AMBER: {fair:g})"

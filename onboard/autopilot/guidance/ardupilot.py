@@ -33,9 +33,7 @@ CLOSES: Final = 0.5  # m/s, at which a slot at its distance closes on the leader
 SPEED_PARAMETERS: Final = {"WPNAV_SPEED": 0.01, "WP_SPD": 1.0}  # m/s of their unit; the second in newer ones
 FOLLOW: Final = 23  # custom_mode of ArduCopter
 COPTERS: Final = frozenset({2, 3, 4, 13, 14, 15, 29, 35})  # MAV_TYPE
-MOST_NEARER: Final = (
-    2.0  # m/s, by which the leader may come at us faster than estimated; one sigma, if that is more
-)
+MOST_NEARER: Final = 2.0  # m/s, by which the leader may come at us faster than estimated, or one sigma if more
 SLOWEST_TURN: Final = 2.0  # m/s, about a leader that is as fast as the vehicle
 ENTERS: Final = 2.0  # m/s^2, at which it begins to close up once FOLLOW is entered
 

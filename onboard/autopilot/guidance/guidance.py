@@ -35,10 +35,8 @@ LONGEST_STEP: Final = 0.1  # s
 TURN_ACCELERATION: Final = 2.0  # m/s^2, of the slot about the leader
 TURN_GAIN: Final = 0.8  # 1/s
 FAR_OFF: Final = math.radians(45.0)  # from its slot about the leader: the follower goes round from where it is
-UNSURE, SURE = (
-    0.3,
-    0.25,
-)  # of the range, its standard deviation: above, the vehicle comes no nearer than the near end
+# of the range, its standard deviation: above, the vehicle comes no nearer than the near end
+UNSURE, SURE = 0.3, 0.25
 MOST_STRETCH: Final = 1.5  # of the slot's distance
 CUTS: Final = 0.9  # of it, to which the vehicle cuts the corner, half way round to a leader that flies at it
 STRETCH_SPEED: Final = 2.0  # m/s

@@ -7,8 +7,7 @@ import msgspec
 
 from onboard.estimators.kit.life_cycle import check_order
 from onboard.estimators.leader.assumptions import PARTICLES, LeaderModel, overridden
-from onboard.messages import NotNegative, Positive, Record, TargetClass, Vec3
-from onboard.messages.target import Aircraft, check_bounds, check_points
+from onboard.messages import NotNegative, Positive, Record, TargetClass
 
 
 class BroadcastConfig(Record, frozen=True, kw_only=True):
@@ -72,22 +71,15 @@ class RangeConfig(Record, frozen=True, kw_only=True):
             raise ValueError("sensor or detections must say where the ranges come from")
 
 
-class Config(Record, frozen=True, kw_only=True):
-    """`[estimator.leader]`. The keys carry their units; a `_sigma_` is one standard deviation.
+class Config(TargetClass, frozen=True, kw_only=True):
+    """`[estimator.leader]`: the keys of a class, for a leader of no other class, and more. The keys carry their
+    units; a `_sigma_` is one standard deviation.
 
     Raises ValueError for timeouts out of order, and for an unknown `process_noise`.
     """
 
     filter: Literal["belief"] = "belief"  # the one there is
     size_prior_m: Positive = 2.0  # the leader's wingspan
-    size_prior_sigma_m: Positive | None = None  # None: 2 % of the wingspan
-    leader_class: Literal["fixed_wing", "multirotor"] = "multirotor"  # how freely it changes its speed
-    named_wingtips: bool = False  # the detector tells the left wingtip from the right one, seen from anywhere
-    points_m: dict[str, Vec3] = msgspec.field(
-        default_factory=dict
-    )  # its further points: body FRD, from the center
-    wings: bool = True  # boxes bound a wing, too; false: its points alone
-    aircraft: Aircraft | None = None  # what boxes bound, of usual proportions; None: points_m, or by leader_class
     target: dict[str, TargetClass] = msgspec.field(default_factory=dict)  # classes: written as [target.CLASS]
     center_on_wing: bool = False  # the center is the wing's middle, to 1 % of the wing: measure the middle too
     pose_scale_sigma: NotNegative = 0.02  # of the range: bias of poses: a marker's size, the focal length
@@ -117,10 +109,9 @@ class Config(Record, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         check_order(self, "reset_timeout_s")
         overridden(LeaderModel(1.0, 1.0, (0.0, 0.0, 0.0), 1.0, 1.0), self.process_noise)
-        check_points(self.points_m, self.size_prior_m)
-        check_bounds(self.points_m, self.aircraft, wings=self.wings)
+        super().__post_init__()
 
     def of_class(self, name: str) -> "Config":
         """The settings for a class of targets."""
         known = self.target[name]
-        return msgspec.structs.replace(self, **{key: getattr(known, key) for key in known.__struct_fields__})
+        return msgspec.structs.replace(self, **{key: getattr(known, key) for key in TargetClass.__struct_fields__})

@@ -21,9 +21,8 @@ from onboard.units import S_PER_NS
 LEAST_ATTITUDE: Final = np.radians(0.02)  # rad: MAVLink's quaternions and the autopilot's own timing
 LEAST_RATE: Final = np.radians(0.2)  # rad/s
 LEAST_TURNING: Final = 0.05  # rad/s^2 per square root of Hz
-LEAST_SPEED: Final = (
-    0.03  # m/s: a course in centidegrees at 10 m/s moves velocity by 2 mm/s, the receiver's delay more
-)
+# m/s: a course in centidegrees at 10 m/s moves velocity by 2 mm/s, the receiver's delay more
+LEAST_SPEED: Final = 0.03
 NOTHING: Final = (0.0, 0.0, 0.0)
 LONGEST_S: Final = 0.5  # between two samples that are compared
 KNOWN: Final = 50  # increments after which what is learnt replaces what is configured

@@ -63,7 +63,7 @@ def filter_record(mean, P, F, Q, inputs, H, R, y, angular):
     m, n), R (T or 1, m, m).
 
     (predicted mean (T, B, n) and covariance, mean and covariance after the update, innovation (T, B, m), its
-    covariance, the predicted measurement, NIS (T, B), log-likelihood, the step and member that failed, status).
+    covariance, the predicted measurement, NIS (T, B), log-likelihood, status). It ends where a filter fails.
     """
     steps, count, m = y.shape
     n, dtype = mean.shape[1], P.dtype
@@ -75,7 +75,7 @@ def filter_record(mean, P, F, Q, inputs, H, R, y, angular):
     scratch = np.empty((n, n), dtype)
     for q in range(len(Q)):
         if steps > 1 and not is_noise(Q[q], scratch):
-            return prior, prior_P, after, after_P, innovation, S, predicted, nis, log_l, q + 1, 0, Q_INDEFINITE
+            return prior, prior_P, after, after_P, innovation, S, predicted, nis, log_l, Q_INDEFINITE
     for k in range(steps):
         f, q, u, h, r = (k - 1) % len(F), (k - 1) % len(Q), (k - 1) % len(inputs), k % len(H), k % len(R)
         for b in range(count):
@@ -94,5 +94,5 @@ def filter_record(mean, P, F, Q, inputs, H, R, y, angular):
                 after[k, b], after_P[k, b], innovation[k, b], S[k, b], predicted[k, b],
             )  # fmt: skip
             if status != OK:
-                return prior, prior_P, after, after_P, innovation, S, predicted, nis, log_l, k, b, status
-    return prior, prior_P, after, after_P, innovation, S, predicted, nis, log_l, 0, 0, OK
+                return prior, prior_P, after, after_P, innovation, S, predicted, nis, log_l, status
+    return prior, prior_P, after, after_P, innovation, S, predicted, nis, log_l, OK

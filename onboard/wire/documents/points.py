@@ -1,4 +1,4 @@
-"""Camera points as JSON <-> an exposure of TargetPoints: pixels and intrinsics outside, image points inside."""
+"""Camera points as JSON -> an exposure of TargetPoints: pixels and intrinsics outside, image points inside."""
 
 import re
 from functools import lru_cache
@@ -73,8 +73,3 @@ def check_target(target: str, field: str) -> None:
     """Raise BadDocumentError unless this can be a target's id: part of a key to publish under."""
     if not TARGET.fullmatch(target):
         raise BadDocumentError(f"letters, digits and -_. with / between, 64 at most - at `$.{field}`")
-
-
-def encode_points(message: CameraPoints) -> bytes:
-    """JSON of one image's points."""
-    return msgspec.json.encode(message)

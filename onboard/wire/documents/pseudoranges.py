@@ -1,4 +1,4 @@
-"""Pseudoranges as JSON <-> PeerRanges."""
+"""Pseudoranges as JSON -> PeerRanges."""
 
 import math
 from typing import Final
@@ -40,11 +40,6 @@ def decode_ranges(data: bytes, t_recv_ns: int, refuse: Refuse = raise_reason) ->
         peer=m.peer,
         satellites=m.satellites,
     )
-
-
-def encode_ranges(message: Pseudoranges) -> bytes:
-    """JSON of one epoch."""
-    return msgspec.json.encode(message)
 
 
 def _possible(s: SatelliteRange) -> bool:

@@ -1,4 +1,4 @@
-"""Radar detections as JSON <-> RadarScan."""
+"""Radar detections as JSON -> RadarScan."""
 
 import math
 from typing import Final
@@ -35,11 +35,6 @@ def decode_radar(data: bytes, t_recv_ns: int, refuse: Refuse = raise_reason) -> 
         frame=m.frame,
         detections=m.detections,
     )
-
-
-def encode_radar(message: RadarDetections) -> bytes:
-    """JSON of one scan."""
-    return msgspec.json.encode(message)
 
 
 def _possible(d: RadarDetection) -> bool:

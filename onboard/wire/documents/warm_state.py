@@ -1,4 +1,4 @@
-"""WarmState <-> JSON. What is read was written by another run, perhaps of another version, and may be damaged."""
+"""JSON -> WarmState. What is read was written by another run, perhaps of another version, and may be damaged."""
 
 import math
 from typing import Final
@@ -26,11 +26,6 @@ def decode_warm_state(data: bytes, t_recv_ns: int) -> WarmState:
     if reason := _impossible(state):
         raise BadDocumentError(reason)
     return replace(state, t_recv_ns=t_recv_ns, heartbeat=replace(state.heartbeat, t_recv_ns=t_recv_ns))
-
-
-def encode_warm_state(state: WarmState) -> bytes:
-    """JSON of one state."""
-    return msgspec.json.encode(state)
 
 
 def _impossible(state: WarmState) -> str:

@@ -115,15 +115,12 @@ def _messages(log: Any, offset_ns: int, lose: Lose) -> Iterator[tuple[Message, i
             continue
         try:
             header = _header(row, system, offset_ns)
-            message = (
-                said.convert(kind, row, header) if kind in SAID else converter.convert(kind, instance, row, header)
-            )
+            words = kind in SAID
+            message = said.convert(kind, row, header) if words else converter.convert(kind, instance, row, header)
         except UNREADABLE as error:
             lose(f"{kind}: {error}")
             continue
-        if message is None or (
-            not newest and kind in SAID
-        ):  # the first heartbeat has the mode that was set before
+        if message is None or (words and not newest):  # the first heartbeat has the mode that was set before
             continue
         if not newest:
             yield said.heartbeat(header), log.offset
@@ -178,9 +175,8 @@ class _Converter:
         self._rates: Vec3 = (0.0, 0.0, 0.0)
         self._accuracy: tuple[float, float] | None = None
         self._core = 0
-        self._read: dict[
-            str, tuple[int, int]
-        ] = {}  # by kind: the instance, and its last time with something of use
+        # by kind: the instance, and its last time with something of use
+        self._read: dict[str, tuple[int, int]] = {}
 
     def convert(self, kind: str, instance: int, row: Any, header: Header) -> Message | None:
         """The message of a row; None for one that has none, or is of another sensor."""
@@ -266,10 +262,6 @@ def _barometer(row: Any, header: Header) -> Message:
     return message
 
 
-def _battery(row: Any, header: Header) -> Message | None:
-    return Battery(**header, voltage_v=row.Volt) if row.Volt > 0 else None
-
-
 CONVERT: Final[dict[str, Callable[[Any, Header], Message | None]]] = {
     "XKF1": _local_position,
     "NKF1": _local_position,
@@ -278,7 +270,7 @@ CONVERT: Final[dict[str, Callable[[Any, Header], Message | None]]] = {
     "ORGN": _origin,
     "BARO": _barometer,
     "RCOU": _outputs,
-    "BAT": _battery,
+    "BAT": lambda row, header: Battery(**header, voltage_v=row.Volt) if row.Volt > 0 else None,
 }
 
 

@@ -123,17 +123,6 @@ def read_messages(path: Path) -> Iterator[tuple[Any, Any, Any] | None]:
         yield None if item is None else (schemas.get(item[0].schema_id), *item)
 
 
-def read_estimates(path: Path) -> Iterator[Estimate]:
-    """The estimates that were made during the recording, to compare a replay with.
-
-    Raises NotALogError, OSError, and msgspec.DecodeError when one is of another version of the record.
-    """
-    decoder = msgspec.json.Decoder(Estimate)
-    for item, _ in _read(path):
-        if item is not None and item[0].message_encoding == JSON and item[0].topic.startswith("estimate/"):
-            yield decoder.decode(item[1].data)
-
-
 def _datagram(channel: Channel, encoding: Encoding, message: Any) -> Datagram:
     """A datagram. Where the channel says so, the publish time is the wall clock's, and the sequence a wait."""
     step_ns = message.publish_time - message.log_time if "publish_time" in channel.metadata else None

@@ -8,11 +8,9 @@ from typing import BinaryIO, Final
 
 from onboard.messages import Datagram, Encoding
 from onboard.wire.mavlink.decode import flaw
+from onboard.wire.mavlink.frame import V1, V2, frame_length
 
 STAMP: Final = struct.Struct(">Q")
-MAGIC_V2: Final = 0xFD
-MAGIC_V1: Final = 0xFE
-SIGNED: Final = 0x01
 TLOG_CHANNEL: Final = "tlog"
 EARLIEST_US: Final = 0
 READ_BYTES: Final = 1 << 20  # bytes that are read at a time
@@ -23,17 +21,6 @@ YEAR_2100_US: Final = 4_102_444_800_000_000  # the year 2100
 
 class NotALogError(ValueError):
     """The file is no .tlog, nor one whose begin is damaged."""
-
-
-def frame_length(data: bytes, at: int) -> int | None:
-    """Length of the frame that starts at `at`; None if no frame does, or its header is cut off."""
-    if at + 3 > len(data):
-        return None
-    if data[at] == MAGIC_V2:
-        return 12 + data[at + 1] + (13 if data[at + 2] & SIGNED else 0)
-    if data[at] == MAGIC_V1:
-        return 8 + data[at + 1]
-    return None
 
 
 def read_tlog(source: bytes | BinaryIO, channel: str = TLOG_CHANNEL) -> Iterator[tuple[Datagram | None, int]]:
@@ -53,10 +40,10 @@ def read_tlog(source: bytes | BinaryIO, channel: str = TLOG_CHANNEL) -> Iterator
         if at + 8 >= len(data):
             break
         t_us = _stamp_at(data, at) if t_us is None else t_us
-        length = None if t_us is None else frame_length(data, at + 8)
-        end = at + 8 + (length or 0)
-        next_us = None if length is None else _stamp_at(data, end)  # is found once: it begins the next record
-        if t_us is None or length is None or not (next_us is not None or _is_whole(data, at + 8, end)):
+        size = None if t_us is None else frame_length(data, at + 8)
+        end = at + 8 + (size or 0)
+        next_us = None if size is None else _stamp_at(data, end)  # is found once: it begins the next record
+        if t_us is None or size is None or not (next_us is not None or _is_whole(data, at + 8, end)):
             at, t_us = at + 1, None
             lost = True
             continue
@@ -79,10 +66,8 @@ def _is_whole(data: bytes, start: int, end: int) -> bool:
 def _holds_record(data: bytes) -> bool:
     """Whether there is a record whose frame has the right checksum."""
     for at in range(len(data) - 8):
-        length = None if _stamp_at(data, at) is None else frame_length(data, at + 8)
-        if length is None or at + 8 + length > len(data):
-            continue
-        if not flaw(data[at + 8 : at + 8 + length]):
+        size = None if _stamp_at(data, at) is None else frame_length(data, at + 8)
+        if size is not None and at + 8 + size <= len(data) and not flaw(data[at + 8 : at + 8 + size]):
             return True
     return False
 
@@ -90,7 +75,7 @@ def _holds_record(data: bytes) -> bool:
 def _stamp_at(data: bytes, at: int) -> int | None:
     """The time stamp of the record that starts at `at`, microseconds: a plausible one, followed by a frame's first
     byte; None if no record does."""
-    if at + 9 > len(data) or data[at + 8] not in (MAGIC_V1, MAGIC_V2):
+    if at + 9 > len(data) or data[at + 8] not in (V1, V2):
         return None
     t_us: int = STAMP.unpack_from(data, at)[0]
     return t_us if EARLIEST_US <= t_us < YEAR_2100_US else None

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from onboard.messages import Message
-from onboard.wire.mavlink.frame import CHECKSUM, MIRRORED, SIGNATURE, SIGNED, V1, V1_HEAD, V2, V2_HEAD
+from onboard.wire.mavlink.frame import MIRRORED, SIGNED, V1, V2, frame_length, head_of
 from onboard.wire.mavlink.landing_target import LANDING_TARGET, PointAssembler, is_point
 from onboard.wire.mavlink.records import CONVERT, Convert, Layout
 from onboard.wire.mavlink.signing import Verifier
@@ -87,7 +87,7 @@ class MavlinkDecoder:
                 at = len(data) if start is None else start.start()
                 self._lose("bad_frame")
                 continue
-            end = at + _length(data, at)
+            end = at + (frame_length(data, at) or len(data) + 1)  # a head that is cut off: more than there is
             if end > len(data) and self._stream:
                 break
             frame = data[at:end]
@@ -123,11 +123,7 @@ class MavlinkDecoder:
 
     def _message(self, frame: bytes, t_recv_ns: int) -> Message | None:
         """The record of one sound frame, None if it has none."""
-        if frame[0] == V1:
-            head, number, system, component = V1_HEAD, frame[5], frame[3], frame[4]
-        else:
-            head, number = V2_HEAD, frame[7] | frame[8] << 8 | frame[9] << 16
-            system, component = frame[5], frame[6]
+        head, number, system, component = head_of(frame)
         name, payload = MESSAGE_NAMES[number][0], frame[head : head + frame[1]]
         if self._is_own(system, component, name) and not (name == "LANDING_TARGET" and is_point(payload)):
             self.rejected["our_own"] += 1
@@ -165,23 +161,11 @@ class MavlinkDecoder:
         return None
 
 
-def _length(data: bytes, at: int) -> int:
-    """Length of the frame that starts at `at`, by its header; more than there is if that is cut off."""
-    if at + 3 > len(data):
-        return V1_HEAD + CHECKSUM
-    if data[at] == V1:
-        return V1_HEAD + data[at + 1] + CHECKSUM
-    return V2_HEAD + data[at + 1] + CHECKSUM + (SIGNATURE if data[at + 2] & SIGNED else 0)
-
-
 def flaw(frame: bytes) -> str:
     """Why the bytes of one frame, of the length that its header says, cannot be read; empty if they can."""
-    if frame[0] == V1:
-        head, number = V1_HEAD, frame[5]
-    elif frame[2] & ~SIGNED:
+    if frame[0] == V2 and frame[2] & ~SIGNED:
         return "bad_frame"
-    else:
-        head, number = V2_HEAD, frame[7] | frame[8] << 8 | frame[9] << 16
+    head, number, *_ = head_of(frame)
     known = MESSAGE_NAMES.get(number)
     if known is None:
         return UNKNOWN  # without its CRC_EXTRA the checksum cannot be tested

@@ -1,7 +1,7 @@
 """Records -> MAVLink 2 frames: those the daemon sends to an autopilot, and those simlink sends as one."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 from zlib import crc32
 
@@ -30,25 +30,28 @@ from onboard.messages import (
     TimeSync,
 )
 from onboard.messages.mavlink_enums import BODY_FRD
-from onboard.wire.mavlink import companion, distance, gimbal, guidance, parameters, sim_truth, wind
+from onboard.wire.mavlink import companion, distance, gimbal, guidance, parameters, wind
 
 STATUSTEXT_LENGTH: Final = 50
 ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 GPS_RAW_INT_HDOP: Final = 121  # a typical 1.21, in hundredths
+Encode = Mapping[type[Message], Callable[[Any], list[Any]]]
 
 
 class MavlinkEncoder:
-    """Encoder of one sender: (system, component) and its running sequence number."""
+    """Encoder of one sender: (system, component) and its running sequence number. `also`: records that are encoded
+    beside those of `ENCODE`."""
 
-    def __init__(self, system: int, component: int) -> None:
+    def __init__(self, system: int, component: int, also: Encode | None = None) -> None:
         self._mav = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
+        self._encode = ENCODE if also is None else {**ENCODE, **also}
 
     def encode(self, message: Message) -> bytes:
         """The frame(s) of one record; TargetPoints makes three LANDING_TARGETs.
 
         Raises KeyError for a record type that has no MAVLink form.
         """
-        return b"".join(self._pack(m) for m in ENCODE[type(message)](message))
+        return b"".join(self._pack(m) for m in self._encode[type(message)](message))
 
     def _pack(self, m: Any) -> bytes:
         data: bytes = m.pack(self._mav)
@@ -197,7 +200,7 @@ def _status_text(m: Any) -> list[Any]:
     return [dialect.MAVLink_statustext_message(m.severity, chunk, number, i) for i, chunk in enumerate(chunks)]
 
 
-ENCODE: Final[dict[type[Message], Callable[[Any], list[Any]]]] = {
+ENCODE: Final[Encode] = {
     Heartbeat: lambda m: [
         dialect.MAVLink_heartbeat_message(
             m.vehicle_type, m.autopilot, ARMED if m.armed else 0, m.custom_mode, m.status, 3
@@ -233,6 +236,5 @@ ENCODE: Final[dict[type[Message], Callable[[Any], list[Any]]]] = {
     **gimbal.ENCODE,
     **guidance.ENCODE,
     **parameters.ENCODE,
-    **sim_truth.ENCODE,
     **wind.ENCODE,
 }

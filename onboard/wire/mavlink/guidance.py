@@ -23,8 +23,7 @@ from onboard.messages import (
     Vec3,
 )
 from onboard.messages.mavlink_enums import BODY_FRD
-from onboard.wire.mavlink.frame import TARGET_RELATIVE
-from onboard.wire.mavlink.unlisted import UnlistedMessage
+from onboard.wire.mavlink.frame import TARGET_RELATIVE, UNLISTED_EXTRA
 
 POSITION, VELOCITY, ACCELERATION, ATTITUDE = 1, 2, 4, 8  # bits of est_capabilities
 LOCAL_OFFSET_NED: Final = 2  # TARGET_OBS_FRAME: NED, travels with the vehicle
@@ -36,13 +35,22 @@ NAN: Final = math.nan
 UNKNOWN: Final = 2**31 - 1  # of a latitude or longitude
 
 
-class TargetRelativeMessage(UnlistedMessage):
-    """TARGET_RELATIVE."""
+class TargetRelativeMessage(dialect.MAVLink_message):  # type: ignore[misc]  # pymavlink has no types
+    """TARGET_RELATIVE, as pymavlink's messages are made."""
 
     id = TARGET_RELATIVE
     msgname = "TARGET_RELATIVE"
     # timestamp, r, pos_std, yaw_std, q_target, q_sensor; id, frame, type
     layout = struct.Struct("<Q3f3ff4f4f3B")
+
+    def __init__(self, *fields: Any) -> None:
+        super().__init__(self.id, self.msgname)
+        self._fields = fields
+
+    def pack(self, mav: Any, force_mavlink1: bool = False) -> bytes:
+        """The frame."""
+        payload = self.layout.pack(*self._fields)
+        return cast(bytes, self._pack(mav, UNLISTED_EXTRA[self.id], payload, force_mavlink1=force_mavlink1))
 
 
 def _target_relative(m: Any) -> list[Any]:

@@ -11,9 +11,8 @@ LANDING_TARGET: Final = Layout("<Q5f2B7f2B", usec=0)
 PENDING_IMAGES: Final = 8  # images of one sender whose three points have not all come yet
 SENDERS: Final = 512  # that have completed an image, and as many that have not
 
-Sender = tuple[
-    int, int, bool
-]  # system, component, whether it is the leader: further targets never cost its images
+# system, component, whether it is the leader: further targets never cost its images
+Sender = tuple[int, int, bool]
 Pending = dict[tuple[int, int], dict[int, ImagePoint]]  # (time_usec, target) -> label -> point
 
 

@@ -70,10 +70,6 @@ def _value_of(f: Fields, h: dict[str, Any]) -> Message:
     return ParamValue(**h, extended=False, name=_text(name), value=value, count=count, index=index)
 
 
-def _ping(f: Fields, h: dict[str, Any]) -> Message:
-    return Ping(**h, **_target(f[2:]), time_us=f[0], number=f[1])
-
-
 def _target(f: Sequence[int]) -> dict[str, Any]:
     return {"target_system": f[0], "target_component": f[1]}
 
@@ -87,7 +83,7 @@ CONVERT: Final[dict[str, tuple[str, Callable[[Fields, dict[str, Any]], Message |
     "PARAM_EXT_REQUEST_LIST": ("<2B", partial(_list, extended=True)),
     "PARAM_EXT_REQUEST_READ": ("<h2B16s", partial(_read, extended=True)),
     "PARAM_EXT_SET": ("<2B16s128sB", _set_extended),
-    "PING": ("<QI2B", _ping),
+    "PING": ("<QI2B", lambda f, h: Ping(**h, **_target(f[2:]), time_us=f[0], number=f[1])),
 }
 
 

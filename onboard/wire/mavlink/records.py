@@ -112,18 +112,10 @@ def _heartbeat(f: Fields, h: Header) -> Message:
     )
 
 
-def _attitude_quaternion(f: Fields, h: Header) -> Message:
-    return Attitude(**h, q_nb=f[1:5], omega_b=f[5:8])
-
-
 def _attitude(f: Fields, h: Header) -> Message:
     _, roll, pitch, yaw, *rates = f
     w, x, y, z = quaternion_from_euler(roll, pitch, yaw).tolist()
     return Attitude(**h, q_nb=(w, x, y, z), omega_b=tuple(rates))
-
-
-def _local_position(f: Fields, h: Header) -> Message:
-    return LocalPosition(**h, r_OF_n=f[1:4], v_F_n=f[4:7])
 
 
 def _global_position(f: Fields, h: Header) -> Message:
@@ -209,10 +201,6 @@ def _scaled_imu(f: Fields, h: Header) -> Message:
     return Imu(**h, f_b=f_b, omega_b=(wx * milli, wy * milli, wz * milli))
 
 
-def _servo_output(f: Fields, h: Header) -> Message:
-    return ActuatorOutputs(**h, pwm_us=f[1:9] + f[10:18], port=f[9])
-
-
 def _battery(millivolts: int, h: Header) -> Message | None:
     return None if millivolts in NO_VOLTAGE else Battery(**h, voltage_v=millivolts * 1e-3)
 
@@ -286,9 +274,15 @@ CONVERT: Final[dict[str, tuple[Layout, Convert]]] = {
     "HEARTBEAT": (Layout("<I5B"), _heartbeat),
     "SYSTEM_TIME": (Layout("<QI", boot_ms=1), lambda f, h: SystemTime(**h, unix_ns=f[0] * 1000)),
     "TIMESYNC": (Layout("<2q"), lambda f, h: TimeSync(**h, tc1_ns=f[0], ts1_ns=f[1])),
-    "ATTITUDE_QUATERNION": (Layout("<I11f", boot_ms=0), _attitude_quaternion),
+    "ATTITUDE_QUATERNION": (
+        Layout("<I11f", boot_ms=0),
+        lambda f, h: Attitude(**h, q_nb=f[1:5], omega_b=f[5:8]),
+    ),
     "ATTITUDE": (Layout("<I6f", boot_ms=0), _attitude),
-    "LOCAL_POSITION_NED": (Layout("<I6f", boot_ms=0), _local_position),
+    "LOCAL_POSITION_NED": (
+        Layout("<I6f", boot_ms=0),
+        lambda f, h: LocalPosition(**h, r_OF_n=f[1:4], v_F_n=f[4:7]),
+    ),
     "GLOBAL_POSITION_INT": (Layout("<I4i3hH", boot_ms=0), _global_position),
     "EKF_STATUS_REPORT": (Layout("<5fHf"), lambda f, h: _estimator_status(f[5], f[:5], h)),
     "ESTIMATOR_STATUS": (
@@ -305,7 +299,10 @@ CONVERT: Final[dict[str, tuple[Layout, Convert]]] = {
     "SCALED_IMU": (Layout("<I10h", boot_ms=0), _scaled_imu),
     "RAW_IMU": (Layout("<Q9hBh", usec=0), _scaled_imu),
     "SCALED_PRESSURE": (Layout("<I2f2h", boot_ms=0), lambda f, h: barometer(h, f[1])),
-    "SERVO_OUTPUT_RAW": (Layout("<I8HB8H", usec=0), _servo_output),
+    "SERVO_OUTPUT_RAW": (
+        Layout("<I8HB8H", usec=0),
+        lambda f, h: ActuatorOutputs(**h, pwm_us=f[1:9] + f[10:18], port=f[9]),
+    ),
     "SYS_STATUS": (Layout("<3I2Hh6Hb3I"), lambda f, h: _battery(f[4], h)),
     "BATTERY_STATUS": (Layout("<2ih10Hh3BbiB4HBI"), _battery_status),
     "COMMAND_LONG": (Layout("<7fH3B"), _command_long),

@@ -37,9 +37,8 @@ from onboard.wire.documents.poses import TO_C
 
 ACTIVE, COASTING = 1, 8  # CAMERA_TRACKING_STATUS_FLAGS
 POINT, RECTANGLE = 1, 2  # CAMERA_TRACKING_MODE
-AS_CONFIGURED: Final = (
-    0.05  # of the focal length: a calibrated one is better than one so near that a camera states
-)
+# of the focal length: a calibrated one is better than one so near that a camera states
+AS_CONFIGURED: Final = 0.05
 UNKNOWN_Q: Final = ((0.0,) * 4, (1.0, 0.0, 0.0, 0.0))  # what senders fill in that know no rotation
 Refuse = Callable[[Reason, int], None]
 

@@ -32,7 +32,7 @@ ACCEPTED, DENIED = 0, 2
 OF_SIMULATORS = {  # what only a simulated autopilot sends with our encoder
     *("SYSTEM_TIME", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GPS_GLOBAL_ORIGIN", "GPS_RAW_INT"),
     *("HIGHRES_IMU", "SERVO_OUTPUT_RAW", "SYS_STATUS", "GIMBAL_DEVICE_ATTITUDE_STATUS", "DISTANCE_SENSOR"),
-    *("WIND_COV", "SIM_STATE"),  # HIL_STATE_QUATERNION is of the same record
+    "WIND_COV",
 }
 
 

@@ -211,7 +211,7 @@ def test_a_numba_whose_cache_cannot_be_locked_compiles_in_one_process(monkeypatc
 def test_what_a_record_says_to_be_ready_is_not_loaded_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Until its machine code, or a source, or the precision changes."""
+    """Until its machine code or a source changes, and for each precision by itself."""
     opened: list[int] = []
     processes = compiling._processes
 
@@ -235,14 +235,14 @@ def test_what_a_record_says_to_be_ready_is_not_loaded_again(
     monkeypatch.setattr(compiling, "machine_code", lambda _: [code])
     monkeypatch.setattr(compiling, "_digest", lambda: ready.digest([source.parent]))
     monkeypatch.setattr(compiling, "drop_all_stale", lambda: None)
+    monkeypatch.setenv("WINGLINE_PRECISION", "double")
     first = reports()
     assert [(done, total) for done, total, _ in first] == [(1, 1)]
     assert opened == [1]
-    assert reports() == first
-    assert opened == []
-    monkeypatch.setenv("WINGLINE_PRECISION", "another")  # what this one is said to need, no process asks
-    assert reports() == first
-    assert opened == [1]
+    for precision, expected in [("double", []), ("another", [1]), ("double", []), ("another", [])]:
+        monkeypatch.setenv("WINGLINE_PRECISION", precision)  # what this one is said to need, no process asks
+        assert reports() == first
+        assert opened == expected
     for change in (lambda: code.write_text("more code"), lambda: source.write_text("1"), code.unlink):
         change()
         assert reports() == first
@@ -270,6 +270,28 @@ def test_a_program_says_which_precisions_it_needs(precision: str | None, expecte
     command = [sys.executable, "-c", code]
     done = subprocess.run(command, env=kept | precision_set, cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == expected
+
+
+KERNEL = """
+from numba import njit
+from onboard.filters.compiled import MAKING, signatures
+
+@njit(signatures("f"), **MAKING)
+def f(x):
+    return x + x
+"""
+COUNTED = "from kernel import f; print(sum(f.stats.cache_misses.values()))"
+
+
+def test_to_switch_between_the_precisions_compiles_nothing_twice(tmp_path: Path) -> None:
+    (tmp_path / "kernel.py").write_text(KERNEL)
+    compiled = []
+    for precision in ("double", "both", "double", "both"):
+        own = {"PYTHONPATH": f"{tmp_path}:{ROOT}", "WINGLINE_PRECISION": precision, "NUMBA_DISABLE_JIT": "0"}
+        command = [sys.executable, "-c", COUNTED]
+        done = subprocess.run(command, env=os.environ | own, capture_output=True, text=True, check=True)
+        compiled.append(int(done.stdout))
+    assert compiled == [1, 1, 0, 0]
 
 
 @pytest.mark.parametrize(

@@ -15,8 +15,8 @@ from onboard.config import Config, parse_config
 from onboard.messages import DOUBT, Datagram, Encoding, Estimate
 from onboard.pipeline import Pipeline
 from onboard.sinks.recorder import Recorder
-from onboard.wire.logs.tlog import frame_length
 from onboard.wire.mavlink.encode import MavlinkEncoder
+from onboard.wire.mavlink.frame import frame_length
 from onboard.wire.mavlink.signing import Signer
 from tests.support.streams import CIRCLE, EPOCH, MS, SIZE, S, Stream
 

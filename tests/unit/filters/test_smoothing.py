@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from onboard.filters import cubature, kalman, smoothing, unscented
-from onboard.filters.belief import Belief, FilterError, NotPositiveDefiniteError, Weights
+from onboard.filters import kalman, smoothing
+from onboard.filters.belief import Belief, FilterError, NotPositiveDefiniteError
 
 N, T = 3, 12
 H, R = np.array([[1.0, 0.3, 0.0]]), np.array([[0.2]])
@@ -83,53 +83,13 @@ def test_smoothing_never_adds_uncertainty_seed_2() -> None:
     close(Belief(*(a[-1] for a in smoothed)), Belief(*(a[-1] for a in filtered)), 1e-15)
 
 
-@pytest.mark.parametrize("each", [False, True], ids=["one function", "a function a step"])
-def test_the_unscented_smoother_on_lines_is_the_linear_one_seed_3(each: bool) -> None:
-    F, Q, inputs, _, filtered = record(3, varying=each)
-    steps = [lambda rows, A=F[k], u=inputs[k]: rows @ A.T + u for k in range(T - 1)]
-    process = steps if each else steps[0]
-    for rule in (cubature.weights(N), unscented.julier_weights(N), unscented.scaled_weights(N, 0.5)):
-        smoothed = smoothing.unscented_rauch_tung_striebel(filtered, process, Q, rule)
-        close(smoothed, textbook(F, Q, inputs, filtered))
-
-
-def test_the_unscented_smoother_is_sarkka_s_on_curves_seed_4() -> None:
-    _, Q, _, _, filtered = record(4)
-    rule = Weights(2.0, 1 - N / 4, 1 - N / 4, 1 / 8)
-
-    def process(rows: Any) -> Any:
-        return rows + 0.3 * np.sin(rows[:, ::-1]) * rows
-
-    smoothed = smoothing.unscented_rauch_tung_striebel(filtered, process, Q[0], rule)
-    mean, P = np.array(filtered.mean), np.array(filtered.covariance)
-    w = np.array([rule.covariance] + [rule.other] * 2 * N)
-    for k in range(T - 2, -1, -1):
-        points = unscented.sigma_points(Belief(*(a[k] for a in filtered)), rule)
-        images = process(points)
-        ahead = w @ images
-        d = images - ahead
-        forecast = (w * d.T) @ d + Q[0]
-        G = (w * (points - points[0]).T) @ d @ np.linalg.inv(forecast)
-        mean[k] = filtered.mean[k] + G @ (mean[k + 1] - ahead)
-        P[k] = filtered.covariance[k] + G @ (P[k + 1] - forecast) @ G.T
-    close(smoothed, Belief(mean, P))
-
-
-@pytest.mark.parametrize("linear", [True, False])
-def test_a_batch_equals_the_loop_seed_5(linear: bool) -> None:
+def test_a_batch_equals_the_loop_seed_5() -> None:
     records = [record(5 + b) for b in range(4)]
     F, Q = records[0][:2]
     stacked = Belief(*(np.stack(parts, 1) for parts in zip(*(r[-1] for r in records), strict=True)))
-
-    def smooth(filtered: Belief) -> Belief:
-        if linear:
-            return smoothing.rauch_tung_striebel(filtered, F, Q)
-        rule = cubature.weights(N)
-        return smoothing.unscented_rauch_tung_striebel(filtered, lambda r: r + np.sin(r), Q, rule)
-
-    together = smooth(stacked)
+    together = smoothing.rauch_tung_striebel(stacked, F, Q)
     for b, one in enumerate(records):
-        close(Belief(*(a[:, b] for a in together)), smooth(one[-1]), 1e-12)
+        close(Belief(*(a[:, b] for a in together)), smoothing.rauch_tung_striebel(one[-1], F, Q), 1e-12)
 
 
 @pytest.mark.single
@@ -143,7 +103,7 @@ def test_float32_stays_float32_seed_6() -> None:
 
 def test_what_cannot_be_used_is_refused_by_name_seed_7() -> None:
     F, Q, _, _, filtered = record(7)
-    smooth, rule = smoothing.rauch_tung_striebel, cubature.weights(N)
+    smooth = smoothing.rauch_tung_striebel
     nan = np.array(filtered.mean)
     nan[3] = np.nan
     for bad, name in (
@@ -159,7 +119,3 @@ def test_what_cannot_be_used_is_refused_by_name_seed_7() -> None:
             smooth(*bad)
     with pytest.raises(NotPositiveDefiniteError, match="covariance"):
         smooth(Belief(filtered.mean, -filtered.covariance), F, Q)
-    with pytest.raises(FilterError, match="process"):
-        smoothing.unscented_rauch_tung_striebel(filtered, [lambda rows: rows], Q, rule)
-    with pytest.raises(FilterError, match="process"):
-        smoothing.unscented_rauch_tung_striebel(filtered, lambda rows: rows * np.nan, Q, rule)

@@ -63,6 +63,10 @@ def test_the_files_that_begin_first_are_there() -> None:
     assert order.place("tests/any_other.py") == len(order.LONGEST)
 
 
+NEW = {"a": [Path(__file__)], "b": [Path(__file__)]}  # written after the stamp
+OLD: dict[str, list[Path]] = {"a": [], "b": []}
+
+
 @pytest.fixture
 def stamp(tmp_path: Path) -> Path:
     path = tmp_path / "stamp"
@@ -79,17 +83,22 @@ def code(stamp: Path, time_s: float) -> dict[str, list[Path]]:
 
 
 def test_machine_code_of_these_sources_made_by_tests_is_known(stamp: Path) -> None:
-    assert kernels.unknown(stamp, {"a": "these", "b": "those"}, code(stamp, 9.0)) == []
+    assert kernels.unknown(stamp, {"a": "these", "b": "those"}, code(stamp, 9.0), NEW) == []
 
 
 def test_machine_code_of_other_sources_is_unknown_and_that_of_other_modules_is_kept(stamp: Path) -> None:
-    assert kernels.unknown(stamp, {"a": "these", "b": "changed"}, code(stamp, 9.0)) == ["b"]
+    assert kernels.unknown(stamp, {"a": "these", "b": "changed"}, code(stamp, 9.0), OLD) == ["b"]
 
 
 def test_machine_code_of_another_program_of_a_new_module_or_without_a_stamp_is_unknown(stamp: Path) -> None:
-    assert kernels.unknown(stamp, {"a": "these", "b": "those"}, code(stamp, 11.0)) == ["a"]
-    assert kernels.unknown(stamp, {"c": "new"}, {"c": []}) == ["c"]
-    assert kernels.unknown(stamp.with_name("none"), {"a": "these"}, code(stamp, 9.0)) == ["a"]
+    assert kernels.unknown(stamp, {"a": "these", "b": "those"}, code(stamp, 11.0), NEW) == ["a"]
+    assert kernels.unknown(stamp, {"c": "new"}, {"c": []}, {"c": []}) == ["c"]
+    assert kernels.unknown(stamp.with_name("none"), {"a": "these"}, code(stamp, 9.0), OLD) == ["a"]
+
+
+def test_machine_code_that_another_program_made_of_these_sources_is_known(stamp: Path) -> None:
+    """A study compiled single precision; the next run of the tests deleted and compiled all, so on and so on."""
+    assert kernels.unknown(stamp, {"a": "these", "b": "those"}, code(stamp, 11.0), OLD) == []
 
 
 def test_machine_code_older_than_a_source_is_made_before_the_tests(stamp: Path) -> None:
@@ -106,10 +115,11 @@ def test_machine_code_that_one_test_alone_did_not_make_stays_unknown(
 ) -> None:
     """Each of several processes would compile it otherwise: the stamp would say that all of it is there."""
     sources = {"a": "these", "made": "new", "missing": "new"}
+    nothing: dict[str, list[Path]] = {name: [] for name in sources}
     monkeypatch.setattr(kernels, "STAMP", stamp)
     monkeypatch.setattr(kernels, "digests", lambda: sources)
     kernels.keep(sources, made={"made", "another.module"})
-    assert kernels.unknown(stamp, sources, {name: [] for name in sources}) == ["missing"]
+    assert kernels.unknown(stamp, sources, nothing, nothing) == ["missing"]
 
 
 def test_a_flight_is_kept_as_it_was_simulated_until_a_source_changes(

@@ -9,9 +9,10 @@ import pytest
 from onboard.arrays import Array
 from onboard.filters import methods
 from onboard.filters.belief import FilterError
-from onboard.models import quadrotor, quadrotor_flight
+from onboard.models import quadrotor
 from onboard.models.quadrotor import Airframe
-from onboard.models.quadrotor_flight import DT, as_commanded, fly, weak_inputs, weak_motor
+from studies.csvsf_quadrotor import reference_flight
+from studies.csvsf_quadrotor.reference_flight import DT, as_commanded, fly, weak_inputs, weak_motor
 
 AIR = Airframe()
 HOVER = np.array([AIR.mass * AIR.gravity, 0.0, 0.0, 0.0])
@@ -103,10 +104,10 @@ def generators(count: int) -> list[np.random.Generator]:
 
 
 def test_the_path_s_derivatives_are_its_own_seed_0() -> None:
-    path = quadrotor_flight.draw_path(generators(3))
+    path = reference_flight.draw_path(generators(3))
     for t in (0.0, 3.3):
-        ahead, behind = quadrotor_flight.along(path, t + 1e-5), quadrotor_flight.along(path, t - 1e-5)
-        now = quadrotor_flight.along(path, t)
+        ahead, behind = reference_flight.along(path, t + 1e-5), reference_flight.along(path, t - 1e-5)
+        now = reference_flight.along(path, t)
         for k in (0, 1):
             np.testing.assert_allclose((ahead[k] - behind[k]) / 2e-5, now[k + 1], atol=1e-8)
 
@@ -114,8 +115,8 @@ def test_the_path_s_derivatives_are_its_own_seed_0() -> None:
 @pytest.mark.parametrize("actuation", [as_commanded, weak_inputs, weak_motor])
 def test_flies_the_path_seeds_0_to_3(actuation: Callable[[float, Array], Array]) -> None:
     flight = fly(generators(4), actuation=actuation)
-    path = quadrotor_flight.draw_path(generators(4))
-    wanted = np.array([quadrotor_flight.along(path, k * DT)[0] for k in range(2001)])
+    path = reference_flight.draw_path(generators(4))
+    wanted = np.array([reference_flight.along(path, k * DT)[0] for k in range(2001)])
     error = np.linalg.norm(flight.states[:, :, quadrotor.POSITION] - wanted, axis=2)
     assert error[:1000].max() < 0.6
     assert error[1000:].max() < 1.5
@@ -144,7 +145,7 @@ def test_outliers_come_at_their_rate_seeds_0_to_3() -> None:
 
 
 @cache
-def flown(actuation: Callable[[float, Array], Array], outliers: float) -> tuple[quadrotor_flight.Flight, Array]:
+def flown(actuation: Callable[[float, Array], Array], outliers: float) -> tuple[reference_flight.Flight, Array]:
     """8 flights, simulated once for all filters, and where these begin."""
     makers = generators(8)
     flight = fly(makers, actuation=actuation, outliers=outliers)
@@ -162,7 +163,7 @@ def velocity_rmse(
     """The reference table's figure, on 8 of its 60 flights: metres a second over 10-20 s."""
     method = methods()[name]
     flight, x0 = flown(actuation, outliers)
-    R, Q = np.array(quadrotor.MEASUREMENT_NOISE), quadrotor_flight.process_noise()
+    R, Q = np.array(quadrotor.MEASUREMENT_NOISE), reference_flight.process_noise()
     inflated = [*quadrotor.VELOCITY, *quadrotor.RATES]
     Q[inflated, inflated] *= factor
     state, errors = method.start(x0, np.tile(4 * R, (8, 1, 1))), []

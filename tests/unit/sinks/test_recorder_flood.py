@@ -10,8 +10,8 @@ from mcap.reader import make_reader
 from onboard.messages import Datagram, Encoding, SinkHealth
 from onboard.sinks import recorder as recording
 from onboard.sinks.recorder import Recorder
-from onboard.wire.logs.recording import read_estimates, read_recording
-from tests.support.records import make_estimate
+from onboard.wire.logs.recording import read_recording
+from tests.support.records import make_estimate, read_estimates
 
 ESTIMATES_A_DATAGRAM = 20
 

@@ -10,12 +10,12 @@ from onboard.arrays import Array
 from onboard.filters.belief import FilterError
 from onboard.models import quadrotor
 from onboard.models.quadrotor import RATES, VELOCITY
-from onboard.models.quadrotor_flight import DT
 from studies.csvsf_quadrotor import filters, study
 from studies.csvsf_quadrotor.cases import NAMED, VARIANTS, Case, multirate_noise, simulate, specific_force
 from studies.csvsf_quadrotor.figures import roll_rate
 from studies.csvsf_quadrotor.filters import ADAPTIVE, CKF, FORCE, RECURSIVE, SVSF, Track, methods_on, track
 from studies.csvsf_quadrotor.misprints import misprints
+from studies.csvsf_quadrotor.reference_flight import DT
 from studies.csvsf_quadrotor.report import Result, findings
 from studies.csvsf_quadrotor.scores import Row, Score, compare, limits_of, make_row, score
 

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from onboard.scoring.traffic import AircraftScore, Encounter, TrafficScore
 from simlink.scenarios.scenario import load_scenario
 from studies.report.files import write
 from studies.traffic import study as traffic
+from studies.traffic.scores import AircraftScore, Encounter, TrafficScore
 
 
 def scored(name: str, **changes: object) -> AircraftScore:

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from onboard.messages import Encoding
 from onboard.wire.logs import tlog
-from onboard.wire.logs.tlog import NotALogError, frame_length, read_tlog, tlog_record
+from onboard.wire.logs.tlog import NotALogError, read_tlog, tlog_record
 from onboard.wire.mavlink.decode import MavlinkDecoder
+from onboard.wire.mavlink.frame import frame_length
 from tests.support.streams import STRAIGHT, Stream
 
 DATAGRAMS = Stream(flight=STRAIGHT, t1=6.0, images=lambda _t: False).datagrams()

@@ -165,7 +165,7 @@ def moments(headings, means, P, w, about, period):
     of their ranges (K,). Each heading is taken as near to `about` as it may be: it repeats after `period`, rad."""
     count, mean, S, row = w.shape[0], np.zeros(N), np.zeros((N, N)), np.zeros(N)
     log_ranges, within, flat = np.empty(count), np.zeros(P.shape[1] * P.shape[1]), P.reshape(count, -1)
-    width = S.shape[1]  # not known to the compiler: `view.correct`
+    width = S.shape[1]  # not known to the compiler: `gaussian.correct`
     for k in range(count):
         x = means[k]
         _components(headings[k], x, about, period, row)

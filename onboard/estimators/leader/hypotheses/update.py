@@ -54,9 +54,8 @@ OF_SHAPE: Final = 0.02  # of the weight: so much must have expected a shape; onl
 PER_ROW: Final = 2.1  # more of the gate for each row of what an image shows of a shape
 BOXES: Final = "boxes"  # the names of biases
 POSES: Final = "poses"
-ANY_HEADING: Final = (
-    1.0  # as `edge_on_visibility`: of a leader whose range is measured, noise depends little on its heading
-)
+# as `edge_on_visibility`: of a leader whose range is measured, noise depends little on its heading
+ANY_HEADING: Final = 1.0
 
 
 class Expected(NamedTuple):
@@ -301,11 +300,7 @@ def posed(
     particles: Particles, shows: PoseFeatures, camera: CameraPose, air: tuple[float, float]
 ) -> tuple[Particles, Array, Array]:
     """The particles after a pose, with each particle's NIS and log likelihood; the `air` (2,) m/s."""
-    nis, log_l, heading = (
-        np.zeros(len(particles.headings)),
-        np.zeros(len(particles.headings)),
-        shows.heading(camera),
-    )
+    nis, log_l, heading = *np.zeros((2, len(particles.headings))), shows.heading(camera)
     if shows.range_ is not None:
         particles = particles.with_biases(of_ranges(shows))
         bias = particles.column(POSES)

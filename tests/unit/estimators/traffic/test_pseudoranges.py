@@ -13,13 +13,13 @@ from onboard.estimators.traffic.pseudoranges import solve
 from onboard.geometry.geodesy import ecef_from_geodetic, geodetic_from_ecef, rotation_ne
 from onboard.messages import Clock, Estimate, Pseudoranges, Reason, SatelliteRange, TrafficTruth, Truth, Verdict
 from onboard.pipeline import Pipeline
-from onboard.scoring.traffic import TrafficScore, score_traffic
 from onboard.wire.documents.document import BadDocumentError
-from onboard.wire.documents.pseudoranges import decode_ranges, encode_ranges
+from onboard.wire.documents.pseudoranges import decode_ranges
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario
 from simlink.sensors import almanac, gnss
 from simlink.simulation import datagrams
+from studies.traffic.scores import TrafficScore, score_traffic
 from tests.support.traffic import Sky
 
 GPS = almanac.load()
@@ -110,7 +110,7 @@ EPOCH = Pseudoranges(t_ns=5, clock=Clock.BOOT, peer=7, satellites=seen_from(PLAC
 
 
 def test_an_epoch_survives_encoding() -> None:
-    m = decode_ranges(encode_ranges(EPOCH), 9)
+    m = decode_ranges(msgspec.json.encode(EPOCH), 9)
     assert (m.t_ns, m.t_recv_ns, m.clock, m.peer, m.system) == (5, 9, Clock.BOOT, 7, 0)
     assert m.satellites == EPOCH.satellites
 
@@ -128,16 +128,17 @@ def test_an_epoch_survives_encoding() -> None:
 )
 def test_an_impossible_epoch_is_refused_with_the_field_s_name(change: dict[str, object], reason: str) -> None:
     with pytest.raises(BadDocumentError, match=reason):
-        decode_ranges(encode_ranges(msgspec.structs.replace(EPOCH, **change)), 0)
+        decode_ranges(msgspec.json.encode(msgspec.structs.replace(EPOCH, **change)), 0)
 
 
 def test_a_satellite_that_cannot_be_used_costs_the_others_nothing() -> None:
     first, *others = EPOCH.satellites
     odd = msgspec.structs.replace(first, sigma=0.0)
     reasons: list[Reason] = []
-    m = decode_ranges(encode_ranges(msgspec.structs.replace(EPOCH, satellites=(odd, *others))), 9, reasons.append)
+    sent = msgspec.structs.replace(EPOCH, satellites=(odd, *others))
+    m = decode_ranges(msgspec.json.encode(sent), 9, reasons.append)
     assert m.satellites == tuple(others)
-    data = encode_ranges(EPOCH).replace(b'"sigma":5.0', b'"sigma":NaN', 1)
+    data = msgspec.json.encode(EPOCH).replace(b'"sigma":5.0', b'"sigma":NaN', 1)
     assert decode_ranges(data, 9, reasons.append).satellites == tuple(others)
     assert [why.words.split(" - at ")[1] for why in reasons] == [
         "`$.satellites[0]`",
@@ -183,7 +184,7 @@ def share(sky: Sky, r: np.ndarray, v: np.ndarray, seed: int, **changes: object) 
     satellites = seen_from(ecef_from_geodetic(*sky.geodetic(r)), e_from_n @ v, seed)
     t_ns = round(sky.t * 1e9)
     epoch = Pseudoranges(t_ns=t_ns, clock=Clock.BOOT, peer=7, satellites=satellites)
-    m = decode_ranges(encode_ranges(msgspec.structs.replace(epoch, **changes)), t_ns)
+    m = decode_ranges(msgspec.json.encode(msgspec.structs.replace(epoch, **changes)), t_ns)
     sky.estimator.observe(m, sky.ownship)
 
 

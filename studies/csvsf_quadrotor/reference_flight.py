@@ -1,4 +1,4 @@
-"""The reference flight of the quadrotor: a figure eight under control, for studies and tests of the filters.
+"""The reference flight of the quadrotor: a figure eight under control, for the study and tests of the filters.
 
 Path (4 sin a, 2 sin 2a, -10 - sin .6t) m with a = w t + phase, w = .5 (.8 + .4 U), yaw .3 sin .4t. The
 controller is a cascade: position to acceleration, its norm to thrust, its direction to tilt, attitude to rate,

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from onboard.arrays import Array
 from onboard.messages import Estimate, IntruderTruth, TrafficTruth
-from onboard.scoring.traffic import AircraftScore, Encounter, TrafficScore, score_traffic
+from studies.traffic.scores import AircraftScore, Encounter, TrafficScore, score_traffic
 from tests.support.vehicle_records import APPROACH, INTRUDER, TRAFFIC
 
 SECONDS: Final = 40
