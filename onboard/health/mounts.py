@@ -1,6 +1,7 @@
 """Whether a camera is mounted as configured, has the configured focal length, and stamps its images with the time
 of exposure, by how the leader's direction moves when we lean (`camera_errors`). Nothing is corrected: the three
-would take the blame for every other error."""
+would take the blame for every other error. But images of a camera that is certainly set up otherwise are left out
+while another camera shows the leader: fused, they would spoil what that one shows."""
 
 import math
 from collections import deque
@@ -22,7 +23,7 @@ from onboard.health.camera_errors import (
     Window,
     explanations,
 )
-from onboard.messages import DOUBT, Estimate, Verdict
+from onboard.messages import DOUBT, Estimate, Exposure, Verdict
 from onboard.messages.causes import Cause, Reason
 from onboard.ownship.ownship import Ownship
 from onboard.units import NS_PER_S
@@ -44,6 +45,8 @@ SENSES: Final = (
     ("higher", "lower"),
     ("to the right", "to the left"),
 )  # by the sign
+SERVED_NS: Final = NS_PER_S  # after an image of another camera was fused, the images of one in doubt are left out
+LEFT_OUT: Final = "its images are left out while another camera shows the leader"
 CAUSES: Final = {"delay": Cause.DELAY, "mount": Cause.MOUNT, "focal": Cause.FOCAL_LENGTH}
 
 
@@ -67,23 +70,32 @@ class Ended(NamedTuple):
 
 
 class Mounts:
-    """The cameras of a flight. `add(source, reason, t_recv_ns)` takes what is found. `see` only collects, as an
-    estimate waits behind it; `judge` computes, for milliseconds after each window."""
+    """The cameras of a flight. `add(source, reason, t_recv_ns)` takes what is found; `delay_ns`: the configured
+    delay of each. `see` only collects, as an estimate waits behind it; `judge` computes, for milliseconds after
+    each window."""
 
-    def __init__(self, camera: Camera, add: Callable[[str, Reason, int], None]) -> None:
-        self._camera, self._add = camera, add
+    def __init__(
+        self, camera: Camera, delay_ns: Callable[[str], int], add: Callable[[str, Reason, int], None]
+    ) -> None:
+        self._camera, self._delay_ns, self._add = camera, delay_ns, add
+        self._doubts: dict[str, Reason] = {}  # by camera
+        self._fused_ns: dict[str, int] = {}  # the newest image of each camera that was fused
         self._windows: dict[str, deque[Window]] = {}
         self._sights: dict[str, list[Sight]] = {}
         self._ended: list[Ended] = []
         self._searches: dict[str, tuple[int, Steps[list[Explanation]]]] = {}  # by camera, since when
 
     def see(self, estimate: Estimate, ownship: Ownship) -> None:
-        """Take an estimate. It counts if it is valid, of the leader, and follows from an image that was fused."""
+        """Take an estimate. It counts if it is of the leader, follows from an image that was fused, and is valid,
+        or would be but for images that do not fit each other."""
         report = estimate.measurement
-        if not (estimate.valid and estimate.is_primary and estimate.name == "leader"):
+        if not (estimate.valid or estimate.cause is Cause.NOISE):
             return
         if report is None or report.verdict not in FUSED or not report.points or estimate.mean is None:
             return
+        if not (estimate.is_primary and estimate.name == "leader"):
+            return
+        self._fused_ns[report.source] = report.t_ns
         camera, pose = self._camera.named(report.source), ownship.pose_at(report.t_ns)
         if pose is None or camera.gimbal is not None or not all(map(math.isfinite, pose.r_OF_n.tolist())):
             return
@@ -132,25 +144,38 @@ class Mounts:
                     next(steps)
             except StopIteration as end:
                 del self._searches[source]
+                self._doubts.pop(source, None)
                 if end.value:
-                    self._add(f"camera {source}", why(self._camera.named(source), end.value), t_recv_ns)
+                    found = why(self._camera.named(source), end.value, self._delay_ns(source))
+                    self._doubts[source] = found = found.also(LEFT_OUT) if self._camera.others else found
+                    self._add(f"camera {source}", found, t_recv_ns)
+
+    def leaves_out(self, image: Exposure) -> Reason | None:
+        """Why an image is not to be used: its camera is in doubt, and one that is not shows the leader; else
+        None."""
+        doubt = self._doubts.get(image.camera)
+        if doubt is None:
+            return None
+        sound = (t_ns for camera, t_ns in self._fused_ns.items() if camera not in self._doubts)
+        return doubt if any(abs(image.t_ns - t_ns) < SERVED_NS for t_ns in sound) else None
 
 
-def why(camera: Camera, found: list[Explanation]) -> Reason:
-    """What is wrong with a camera, by explanations of which each suffices."""
+def why(camera: Camera, found: list[Explanation], delay_ns: int = 0) -> Reason:
+    """What is wrong with a camera, by explanations of which each suffices; `delay_ns`: what is configured."""
     kinds = [kind for one in found for kind in one]
-    words = [" and ".join(_words(camera, kind, *one[kind]) for kind in one) for one in found]
+    words = [" and ".join(_words(camera, kind, *one[kind], delay_ns) for kind in one) for one in found]
     apart = "" if len(found) == 1 else "; this flight does not tell them apart"
     cause = CAUSES[kinds[0]] if len(kinds) == 1 else Cause.CAMERA_SETUP
     return Reason(cause, f"{DOUBT}the leader moves in the image as we lean as if {', or '.join(words)}{apart}")
 
 
-def _words(camera: Camera, kind: str, errors: Array, sigmas: Array) -> str:
+def _words(camera: Camera, kind: str, errors: Array, sigmas: Array, delay_ns: int) -> str:
     """One error of a camera."""
     if kind == "delay":
         delay, sigma = errors[0], max(sigmas[0], 0.01)
         how = "older" if delay < 0.0 else "newer"
-        return f"its stamps were {abs(delay):.2f} s {how} than the exposure (sigma {sigma:.2f})"
+        stated = f"its stamps were {abs(delay):.2f} s {how} than the exposure (sigma {sigma:.2f})"
+        return f"{stated}: `delay_s = {1e-9 * delay_ns + delay:.2f}` fits"
     if kind == "focal":
         longer = math.exp(errors[0])
         return f"`f_px` were {longer:.2f} times as long (sigma {max(longer * sigmas[0], 0.01):.2f})"

@@ -1,22 +1,38 @@
 """A mount, a focal length and a delay that are wrong are named with their amounts, and right ones never."""
 
 import re
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from onboard.arrays import Array
 from onboard.config import parse_config
 from onboard.geometry.rotations import matrix_from_euler, quaternion_from_matrix
 from onboard.health.camera_errors import Explanation, Poses, Sights, Window, explanations, finished
-from onboard.health.mounts import why
+from onboard.health.mounts import Mounts, why
 from onboard.health.remedies import remedy_of
-from onboard.messages import DOUBT, Advice, Datagram
+from onboard.messages import (
+    DOUBT,
+    Advice,
+    Datagram,
+    Estimate,
+    Exposure,
+    ImagePoint,
+    Lifecycle,
+    MeasurementReport,
+    Verdict,
+)
+from onboard.messages.causes import Cause, Reason
+from onboard.ownship import Ownship
 from onboard.pipeline import Pipeline
 from onboard.units import NS_PER_S
 from simlink.scenarios.scenario import Scenario, load_scenario
 from simlink.simulation import datagrams
+from tests.support.images import exposed
+from tests.support.streams import Stream
 
 CAMERA = parse_config({}).camera_model()
 UP_DEG = 8.0  # as the camera of the scenario `guided` looks
@@ -108,6 +124,73 @@ def test_a_late_clock_is_no_focal_length_seed_2(delay: float) -> None:
     assert float(measured[1]) == pytest.approx(abs(delay), abs=0.02)
     assert measured[2] == ("older" if delay < 0 else "newer")
     assert remedy_of(reason.cause).advice == "stamps"
+
+
+class Nodding:
+    """Our own motion, as `Ownship` has it: at rest, in a sum of nods, rolls and turns of 0.1 rad."""
+
+    samples = 0
+
+    def attitude(self, t: float) -> Array:
+        return matrix_from_euler(*(0.1 * np.sin(np.array([2.1, 2.9, 3.7]) * t + [0.0, 1.0, 2.0])))
+
+    def pose_at(self, _: int) -> Any:
+        return SimpleNamespace(r_OF_n=np.zeros(3), attitude_noise=np.zeros(3))
+
+    def knows(self, _: int) -> bool:
+        return True
+
+    def motion(self, from_ns: int, to_ns: int) -> tuple[Array, Array, Array]:
+        t = np.arange(1e-9 * from_ns, 1e-9 * to_ns, 0.02)
+        return t, np.zeros((len(t), 3)), np.array([quaternion_from_matrix(self.attitude(x)) for x in t])
+
+
+def test_a_late_camera_is_left_out_while_a_sound_one_shows_the_leader_seed_4() -> None:
+    """Both see a leader in the same images, but the stamps of one are 0.3 s older than the exposure. Estimates are
+    not valid as the images do not fit each other: that is when it must be found. It is used again where the sound
+    one has shown nothing for a second."""
+    rng, own, found = np.random.default_rng(4), Nodding(), list[tuple[str, str]]()
+    config = parse_config({"cameras": {"late": {"delay_s": 0.05}}})
+    sound, leader = config.camera_model().name, np.array([30.0, 2.0, -4.0])
+    delays = config.camera_delays_ns()
+    mounts = Mounts(
+        config.camera_model(), lambda name: delays.get(name, 0), lambda *why: found.append((why[0], why[1].words))
+    )
+    for t in np.arange(10.0, 38.0, 0.08):
+        for name, late_s in ((sound, 0.0), ("late", 0.3)):
+            u = own.attitude(t).T @ leader
+            point = tuple((u[1:] / u[0] + 0.0015 * rng.normal(size=2)).tolist())
+            mounts.see(estimate_of(name, round((t - late_s) * NS_PER_S), point, leader), cast(Ownship, own))
+        mounts.judge()
+    late, now_ns = Exposure(t_ns=0, t_recv_ns=0, camera="late", detections=()), round(37.9 * NS_PER_S)
+    assert {source for source, _ in found} == {"camera late"}
+    assert all("0.30 s older" in words and "`delay_s = -0.25` fits" in words for _, words in found)
+    left_out = mounts.leaves_out(replace(late, t_ns=now_ns))
+    assert left_out is not None
+    assert left_out.cause is Cause.DELAY
+    assert mounts.leaves_out(replace(late, t_ns=now_ns + 2 * NS_PER_S)) is None
+    assert mounts.leaves_out(replace(late, t_ns=now_ns, camera=sound)) is None
+
+
+def test_an_image_that_is_left_out_reaches_no_estimator_and_is_counted() -> None:
+    pipeline = Pipeline(parse_config({"estimator": {"leader": LEADER}}))
+    why = Reason(Cause.DELAY, f"{DOUBT}its stamps were 0.30 s older")
+    pipeline._mounts.leaves_out = lambda _: why
+    for item in Stream(t1=7.0, sparse=True).items():
+        pipeline.advance(exposed([replace(item.message, t_recv_ns=item.t_recv_ns)]))
+    health = pipeline.health(0)
+    assert health.rejected[Cause.DELAY] > 10
+    assert {r.reason for r in health.refusals if r.cause is Cause.DELAY} == {why.words}
+    assert not health.verdicts
+
+
+def estimate_of(camera: str, t_ns: int, point: ImagePoint, leader: Array) -> Estimate:
+    """One that would be valid if images fitted each other, from an image that was fused."""
+    report = MeasurementReport(source=camera, t_ns=t_ns, t_recv_ns=t_ns, verdict=Verdict.FUSED, points=(point,))
+    names = {"name": "leader", "target": "leader", "reason": "", "frame": "", "components": (), "units": ()}
+    times = {"sequence": 0, "t_ns": t_ns, "age": 0.0, "reset_count": 0}
+    state = {"state": Lifecycle.LOST, "valid": False, "cause": Cause.NOISE, "covariance": None}
+    return Estimate(mean=tuple(leader.tolist()), measurement=report, **names, **times, **state)
 
 
 def test_two_errors_are_both_named_seed_1() -> None:
