@@ -18,7 +18,7 @@ ODD_S: Final = 2.0  # no camera is so late: its stamp is of another clock, or in
 WIDE: Final = 0.35  # rad off the axis
 NOISY: Final = 1.3  # times the configured noise
 QUIET_SHARE: Final = 0.5
-FAR_BETTER: Final = 0.5  # times the NIS of another camera
+FAR_BETTER: Final = 0.25  # times the NIS of another camera; what is fused follows both
 GATED: Final = 0.3  # share of images
 FEWEST_JUDGED: Final = 10  # images by which a share is judged
 CONTRADICTED_BY_IMAGES: Final = frozenset(  # by images
@@ -160,7 +160,7 @@ def misfit(m: Moment) -> Iterator[Advice]:
                 "noise",
                 worst,
                 _noise_words(worst, found[most]),
-                f"{of_noise if len(worst) == 1 else ''}{_suspects(m, worst)}",
+                of_noise + _suspects(m, worst),
                 f"detector {scale} as noisy as set",
                 Severity.WARNING,
             )

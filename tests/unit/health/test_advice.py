@@ -303,7 +303,12 @@ def test_images_that_do_not_come_are_not_said_not_to_fit() -> None:
 
 @pytest.mark.parametrize(
     ("nis", "blamed"),
-    [((0.15, 1.25), "camera late"), ((1.25, 0.15), "camera sound"), ((0.9, 1.1), "cameras sound and late")],
+    [
+        ((0.15, 1.25), "camera late"),
+        ((1.25, 0.15), "camera sound"),
+        ((0.9, 1.1), "cameras sound and late"),
+        ((2.1, 0.7), "cameras sound and late"),  # as it came, before a turn had shown more
+    ],
 )
 def test_of_two_cameras_the_one_that_fits_far_better_is_not_blamed(nis: tuple[float, float], blamed: str) -> None:
     """The stamps of one were 0.3 s old, and both were reported wrong. Where nothing shows which, that is said."""
