@@ -81,31 +81,35 @@ class Mounts:
         self._doubts: dict[str, Reason] = {}  # by camera
         self._fused_ns: dict[str, int] = {}  # the newest image of each camera that was fused
         self._windows: dict[str, deque[Window]] = {}
-        self._sights: dict[str, list[Sight]] = {}
+        self._sights: dict[str, tuple[str, list[Sight]]] = {}  # by camera, of one target
         self._ended: list[Ended] = []
         self._searches: dict[str, tuple[int, Steps[list[Explanation]]]] = {}  # by camera, since when
 
     def see(self, estimate: Estimate, ownship: Ownship) -> None:
         """Take an estimate. It counts if it is of the leader, follows from an image that was fused, and is valid,
-        or would be but for images that do not fit each other."""
+        or would be but for images that do not fit each other. One of another target counts where its camera does
+        not show the leader: it may be the leader itself, seen elsewhere by a wrong mount."""
         report = estimate.measurement
         if not (estimate.valid or estimate.cause is Cause.NOISE):
             return
         if report is None or report.verdict not in FUSED or not report.points or estimate.mean is None:
             return
-        if not (estimate.is_primary and estimate.name == "leader"):
+        if estimate.name != "leader":
             return
-        self._fused_ns[report.source] = report.t_ns
+        if estimate.is_primary:
+            self._fused_ns[report.source] = report.t_ns
+        elif abs(report.t_ns - self._fused_ns.get(report.source, -SERVED_NS)) < SERVED_NS:
+            return
         camera, pose = self._camera.named(report.source), ownship.pose_at(report.t_ns)
         if pose is None or camera.gimbal is not None or not all(map(math.isfinite, pose.r_OF_n.tolist())):
             return
         if max(pose.attitude_noise.tolist()) > MOST_NOISE:
             return
         self._keep_motion(ownship)
-        sights = self._sights.setdefault(report.source, [])
-        if sights and not 0 <= report.t_ns - sights[0].t_ns < WINDOW_NS:
+        target, sights = self._sights.setdefault(report.source, (estimate.target, []))
+        if sights and not (target == estimate.target and 0 <= report.t_ns - sights[0].t_ns < WINDOW_NS):
             self._ended.append(Ended(report.source, sights, None, report.t_recv_ns))
-            sights = self._sights[report.source] = []
+            self._sights[report.source] = estimate.target, (sights := [])
             if len(self._ended) >= MOST_ENDED:  # nobody asks
                 self.judge()
         u, v = map(sum, zip(*report.points, strict=True))

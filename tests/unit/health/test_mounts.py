@@ -1,6 +1,7 @@
 """A mount, a focal length and a delay that are wrong are named with their amounts, and right ones never."""
 
 import re
+from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -20,7 +21,6 @@ from onboard.messages import (
     Datagram,
     Estimate,
     Exposure,
-    ImagePoint,
     Lifecycle,
     MeasurementReport,
     Verdict,
@@ -159,7 +159,7 @@ def test_a_late_camera_is_left_out_while_a_sound_one_shows_the_leader_seed_4() -
     for t in np.arange(10.0, 38.0, 0.08):
         for name, late_s in ((sound, 0.0), ("late", 0.3)):
             u = own.attitude(t).T @ leader
-            point = tuple((u[1:] / u[0] + 0.0015 * rng.normal(size=2)).tolist())
+            point = (u[1:] / u[0] + 0.0015 * rng.normal(size=2)).tolist()
             mounts.see(estimate_of(name, round((t - late_s) * NS_PER_S), point, leader), cast(Ownship, own))
         mounts.judge()
     late, now_ns = Exposure(t_ns=0, t_recv_ns=0, camera="late", detections=()), round(37.9 * NS_PER_S)
@@ -170,6 +170,25 @@ def test_a_late_camera_is_left_out_while_a_sound_one_shows_the_leader_seed_4() -
     assert left_out.cause is Cause.DELAY
     assert mounts.leaves_out(replace(late, t_ns=now_ns + 2 * NS_PER_S)) is None
     assert mounts.leaves_out(replace(late, t_ns=now_ns, camera=sound)) is None
+
+
+def test_a_camera_that_shows_the_leader_elsewhere_is_named_by_that_track_seed_5() -> None:
+    """One looks 14 degrees lower than configured, so its images make a target of their own. What a camera that
+    shows the leader sees beside it, such as a part of our own that stays in the image, says nothing of it."""
+    rng, own, found = np.random.default_rng(5), Nodding(), list[tuple[str, str]]()
+    config = parse_config({"cameras": {"low": {}}})
+    sound, leader = config.camera_model().name, np.array([30.0, 2.0, -4.0])
+    mounts = Mounts(config.camera_model(), lambda _: 0, lambda *why: found.append((why[0], why[1].words)))
+    for t in np.arange(10.0, 38.0, 0.08):
+        for name, target, turn in ((sound, "leader", 0.0), ("low", "unnamed/1", np.radians(-14.0))):
+            u = matrix_from_euler(0.0, turn, 0.0).T @ own.attitude(t).T @ leader
+            point = (u[1:] / u[0] + 0.0015 * rng.normal(size=2)).tolist()
+            mounts.see(estimate_of(name, round(t * NS_PER_S), point, leader, target), cast(Ownship, own))
+        skid = estimate_of(sound, round(t * NS_PER_S), (0.3, 0.4), leader, "unnamed/2")
+        mounts.see(skid, cast(Ownship, own))
+        mounts.judge()
+    assert {source for source, _ in found} == {"camera low"}
+    assert all("14 degrees lower" in words for _, words in found)
 
 
 def test_an_image_that_is_left_out_reaches_no_estimator_and_is_counted() -> None:
@@ -184,13 +203,28 @@ def test_an_image_that_is_left_out_reaches_no_estimator_and_is_counted() -> None
     assert not health.verdicts
 
 
-def estimate_of(camera: str, t_ns: int, point: ImagePoint, leader: Array) -> Estimate:
+def estimate_of(camera: str, t_ns: int, point: Sequence[float], leader: Array, target: str = "leader") -> Estimate:
     """One that would be valid if images fitted each other, from an image that was fused."""
-    report = MeasurementReport(source=camera, t_ns=t_ns, t_recv_ns=t_ns, verdict=Verdict.FUSED, points=(point,))
-    names = {"name": "leader", "target": "leader", "reason": "", "frame": "", "components": (), "units": ()}
-    times = {"sequence": 0, "t_ns": t_ns, "age": 0.0, "reset_count": 0}
-    state = {"state": Lifecycle.LOST, "valid": False, "cause": Cause.NOISE, "covariance": None}
-    return Estimate(mean=tuple(leader.tolist()), measurement=report, **names, **times, **state)
+    return Estimate(
+        name="leader",
+        target=target,
+        sequence=0,
+        t_ns=t_ns,
+        state=Lifecycle.LOST,
+        valid=False,
+        cause=Cause.NOISE,
+        reason="",
+        frame="",
+        components=(),
+        units=(),
+        mean=tuple(leader.tolist()),
+        covariance=None,
+        age=0.0,
+        reset_count=0,
+        measurement=MeasurementReport(
+            source=camera, t_ns=t_ns, t_recv_ns=t_ns, verdict=Verdict.FUSED, points=((point[0], point[1]),)
+        ),
+    )
 
 
 def test_two_errors_are_both_named_seed_1() -> None:
