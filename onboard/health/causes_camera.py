@@ -83,7 +83,7 @@ def stamps(m: Moment) -> Iterator[Advice]:
                 f"camera {name}: images arrive {1e3 * abs(camera.latency):.0f} ms {when} the time of their stamp; "
                 "a camera and a detector take 20 ms and more, so it is not that of exposure"
             )
-            remedy = f"stamp the exposure, or set `delay_s` of {section_of(m, name)}; {FIT}"
+            remedy = f"stamp the exposure, or set `delay_s` of {section_of(m, name)}; {of_camera(m, name, FIT)}"
         elif camera.latency > SLOWEST_S:
             what = f"camera {name}: images arrive {camera.latency:.2f} s after exposure; at 0.5 s they are too old"
             remedy = "make the detector faster, or let it leave images out; is `t_ns` the time of exposure?"
@@ -246,7 +246,7 @@ def _suspects(m: Moment, names: Sequence[str]) -> str:
     sections = " or ".join(section_of(m, name) for name in names)
     return (
         f"one of these is wrong: `mount_rpy_deg`, `delay_s`, `f_px`{lens} of {sections}, `size_prior_m` "
-        f"of [estimator.leader]; {FIT}{'' if len(names) == 1 else WHICH}"
+        f"of [estimator.leader]; {of_camera(m, names[0], FIT) if len(names) == 1 else FIT + WHICH}"
     )
 
 
@@ -276,6 +276,14 @@ def _is_refused(m: Moment) -> bool:
 
 def _key(m: Moment, name: str) -> str:
     return f"`{m.needs.prefix}/camera/{name}/detections`" if m.needs.prefix else "a `json:` link"
+
+
+def of_camera(m: Moment, name: str, remedy: str) -> str:
+    """A remedy for the first camera, as one for a camera of this name."""
+    if name not in m.needs.cameras[1:]:
+        return remedy
+    remedy = remedy.replace("[camera]", section_of(m, name))
+    return remedy.replace("onboard calibrate LOG", f"onboard calibrate LOG --camera {name}")
 
 
 def section_of(m: Moment, name: str) -> str:

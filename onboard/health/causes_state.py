@@ -57,8 +57,8 @@ STATE_REMEDIES: Final = {
     Cause.UNEXPECTED: UNEXPECTED,
     **dict.fromkeys((Cause.LEAPT, Cause.CLASS_OPEN, Cause.CLASS_CHANGED, Cause.RENAMED), ONE_TARGET),
     Cause.CAMERAS_APART: StateRemedy(
-        "`mount_rpy_deg`, `f_px` or `delay_s` of one of these cameras is wrong, or one `target` is two aircraft: fly "
-        "with one camera alone to see which"
+        "`mount_rpy_deg`, `f_px` or `delay_s` of one of these cameras is wrong, or one `target` is two aircraft: "
+        "fly with one camera alone to see which"
     ),
     Cause.EXTENT_OPEN: StateRemedy(
         "look at the detector's boxes or points: let it bound the same extent of the aircraft in each image"
