@@ -67,12 +67,17 @@ def main(arguments: argparse.Namespace) -> int:
         for line in calibrate_airframe(arguments, config):
             show(line)
         return 0
-    images, own = collect(arguments.log, config)
+    camera = config.camera_model()
+    if arguments.camera is not None:
+        camera = camera.named(arguments.camera)
+        if camera.name != arguments.camera:
+            raise UserError(f"no camera {arguments.camera}: `--camera` is {' or '.join(config.camera_inputs())}")
+    images, own = collect(arguments.log, config, camera)
     leader = config.estimator.get("leader")
     if leader is None:
         raise UserError("calibrate needs [estimator.leader]: the leader's size_prior_m")
-    found = calibrate(images, own, config.camera_model(), leader.size_prior_m)
-    for line in described(found, config):
+    found = calibrate(images, own, camera, leader.size_prior_m)
+    for line in described(found, config, camera):
         show(line)
     if arguments.svg is not None:
         arguments.svg.write_text(picture(found), encoding="utf-8")
@@ -80,16 +85,15 @@ def main(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def collect(log: Path, config: Config) -> tuple[Images, Poses]:
-    """The first camera's images of the leader with all three points, at their time on the boot clock less the
+def collect(log: Path, config: Config, camera: Camera) -> tuple[Images, Poses]:
+    """A camera's images of the leader with all three points, at their time on the boot clock less the
     configured delay, and our own motion. Raises UserError."""
     poses: list[OwnPose] = []
     images: list[TargetPoints] = []
-    camera = config.camera_model()
     if camera.gimbal is not None:
         raise UserError(f"camera {camera.name} is on a gimbal: calibrate it held still, without `gimbal`")
-    names = {other.name for other in camera.others}
-    for item in aligned(log, config, lambda m: isinstance(m, Exposure) and m.camera not in names):
+    named = config.camera_model().named
+    for item in aligned(log, config, lambda m: isinstance(m, Exposure) and named(m.camera).name == camera.name):
         if isinstance(item, OwnPose):
             poses += [item] if item.r_OF_n[0] is not None else []
         elif isinstance(item, Exposure) and (of_leader := _of_leader(item)):
@@ -172,8 +176,8 @@ def _residuals(windows: list[Window], errors: Array, sigma: float) -> Array:
     return np.vstack(in_c)[:, 1:] / sigma
 
 
-def described(found: Calibration, config: Config) -> list[str]:
-    """Lines for a person: corrections with sigmas, then the configuration to paste."""
+def described(found: Calibration, config: Config, camera: Camera) -> list[str]:
+    """Lines for a person: a camera's corrections with sigmas, then the configuration to paste."""
     angles, sigmas = np.degrees(found.mount), np.degrees(found.mount_sigma)
     lines = [
         f"delay          {found.delay * 1e3:+8.1f} ms  +- {found.delay_sigma * 1e3:.1f}",
@@ -189,8 +193,9 @@ def described(found: Calibration, config: Config) -> list[str]:
             *lines,
             "not to be trusted: so large an error is rather the leader's own motion; nothing is offered",
         ]
-    pasted = ["", "[camera]"]
-    c, camera = config.camera, config.camera_model()
+    is_first = camera.name not in config.cameras
+    pasted = ["", "[camera]" if is_first else f"[cameras.{camera.name}]"]
+    c = config.camera if is_first else config.cameras[camera.name]
     if found.delay_sigma < KNOWN_WELL["delay_s"]:
         before = c.delay_s if c.delay_s is not None else config.delay.camera_s or 0.0
         pasted.append(f"delay_s = {before + found.delay:.4f}")

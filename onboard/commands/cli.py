@@ -215,6 +215,7 @@ def _add_evaluate(evaluate: argparse.ArgumentParser) -> None:
 def _add_calibrate(calibrate: argparse.ArgumentParser) -> None:
     calibrate.add_argument("log", type=Path, help=LOG_FORMATS)
     calibrate.add_argument("--config", type=Path, metavar="C", help="TOML file that was flown with")
+    calibrate.add_argument("--camera", metavar="NAME", help="of several (default: the first)")
     calibrate.add_argument("--svg", type=Path, metavar="FILE.svg", help="draw the residuals")
     airframe = calibrate.add_argument_group("the airframe, instead of the camera")
     airframe.add_argument("--mass", type=float, metavar="KG", help="the vehicle's mass")

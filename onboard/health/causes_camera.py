@@ -1,11 +1,11 @@
 """What can be wrong with images: none come, their stamps or names are wrong, or they do not fit."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 from onboard.health.needs import Moment
-from onboard.messages import Advice, CameraHealth, Clock, Health, Severity
+from onboard.messages import Advice, CameraHealth, Clock, Consistency, Health, Severity
 from onboard.messages.causes import Cause
 from onboard.messages.stamps import Reading, Span, read_stamps
 from onboard.units import NS_PER_S
@@ -18,13 +18,16 @@ ODD_S: Final = 2.0  # no camera is so late: its stamp is of another clock, or in
 WIDE: Final = 0.35  # rad off the axis
 NOISY: Final = 1.3  # times the configured noise
 QUIET_SHARE: Final = 0.5
-FAR_BETTER: Final = 0.5  # times the NIS of another camera
+FAR_BETTER: Final = 0.25  # times the NIS of another camera; what is fused follows both
 GATED: Final = 0.3  # share of images
 FEWEST_JUDGED: Final = 10  # images by which a share is judged
 CONTRADICTED_BY_IMAGES: Final = frozenset(  # by images
     {Cause.NOISE, Cause.RANGE_CONTRADICTS, Cause.WING_TOO_LARGE, Cause.ASTRAY, Cause.LEAPT}
 )
 LEADERS: Final = ("leader", "oh_johnson")
+SETUP: Final = frozenset({Cause.MOUNT, Cause.FOCAL_LENGTH, Cause.DELAY, Cause.CAMERA_SETUP})
+DOUBTED_NS: Final = 10 * NS_PER_S
+WHICH: Final = "; which camera, is found once we have tilted and turned for half a minute"
 FIT: Final = "`onboard calibrate LOG` finds mount, delay and focal length of a recorded flight"
 
 
@@ -80,7 +83,7 @@ def stamps(m: Moment) -> Iterator[Advice]:
                 f"camera {name}: images arrive {1e3 * abs(camera.latency):.0f} ms {when} the time of their stamp; "
                 "a camera and a detector take 20 ms and more, so it is not that of exposure"
             )
-            remedy = f"stamp the exposure, or set `delay_s` of {_section(m, name)}; {FIT}"
+            remedy = f"stamp the exposure, or set `delay_s` of {section_of(m, name)}; {of_camera(m, name, FIT)}"
         elif camera.latency > SLOWEST_S:
             what = f"camera {name}: images arrive {camera.latency:.2f} s after exposure; at 0.5 s they are too old"
             remedy = "make the detector faster, or let it leave images out; is `t_ns` the time of exposure?"
@@ -109,7 +112,8 @@ def lens(m: Moment) -> Iterator[Advice]:
                 name,
                 f"camera {name}: points are {math.degrees(camera.off_axis):.0f} degrees off the axis, and no "
                 "distortion is configured: there a wide lens moves pixels by a tenth",
-                f"set `distortion` or `calibration` of {_section(m, name)}, unless pixels are undistorted already",
+                f"set `distortion` or `calibration` of {section_of(m, name)}, unless pixels are undistorted "
+                "already",
                 f"camera {name}: lens distortion not set",
                 Severity.NOTICE,
             )
@@ -143,64 +147,71 @@ def names(m: Moment) -> Iterator[Advice]:
 
 def misfit(m: Moment) -> Iterator[Advice]:
     """Images that fit worse, or better, than their noise allows."""
-    for name in m.now.cameras:
-        for key, found in m.now.consistency.items():
-            estimator, _, source = key.partition(".")
-            if source != name or estimator not in LEADERS:
-                continue
-            ratio = f"NIS {found.nis:.1f} times the expected one (bounds {found.low:.2f} to {found.high:.2f})"
-            # where the images fit better than that noise would make them, it was a manoeuvre and is over
-            if found.noise > NOISY and found.nis >= found.low:
+    worst = _worst(m)
+    for estimator in LEADERS:
+        found = {n: m.now.consistency[k] for n in m.now.cameras if (k := f"{estimator}.{n}") in m.now.consistency}
+        # where the images fit better than that noise would make them, it was a manoeuvre and is over
+        noisy = [n for n in worst if n in found and found[n].noise > NOISY and found[n].nis >= found[n].low]
+        if noisy:
+            most = max(noisy, key=lambda n: found[n].noise)
+            scale = f"{found[most].noise:.1f} times"
+            of_noise = f"if it is noise, set `sigma_px` of {section_of(m, most)} to {scale} its value; else "
+            yield _advice(
+                "noise",
+                worst,
+                _noise_words(worst, found[most]),
+                of_noise + _suspects(m, worst),
+                f"detector {scale} as noisy as set",
+                Severity.WARNING,
+            )
+        for name, one in found.items():
+            if one.noise < QUIET_SHARE and one.nis <= one.high:
                 yield _advice(
                     "noise",
                     name,
-                    f"camera {name}: the detector is {found.noise:.1f} times as noisy as configured, {ratio}",
-                    f"if it is noise, set `sigma_px` of {_section(m, name)} to {found.noise:.1f} times its value; "
-                    f"else {_suspects(m, name)}",
-                    f"detector {found.noise:.1f} times as noisy as set",
-                    Severity.WARNING,
-                )
-            elif found.noise < QUIET_SHARE and found.nis <= found.high:
-                yield _advice(
-                    "noise",
-                    name,
-                    f"camera {name}: the detector is {found.noise:.1f} times as noisy as configured, {ratio}",
-                    f"a smaller `sigma_px` of {_section(m, name)} makes estimates surer",
-                    f"detector {found.noise:.1f} times as noisy as set",
+                    _noise_words([name], one),
+                    f"a smaller `sigma_px` of {section_of(m, name)} makes estimates surer",
+                    f"detector {one.noise:.1f} times as noisy as set",
                     Severity.NOTICE,
                 )
-        if name in _worst(m):
-            yield from _gated(m, name)
+        used, gated = _judged(m, estimator)
+        if worst and gated + used >= FEWEST_JUDGED and gated >= GATED * (gated + used):
+            yield _advice(
+                "misfit",
+                worst,
+                f"{_cameras(worst)}: {gated} of the last {gated + used} images do not fit where the "
+                f"{estimator} estimator expects the leader",
+                _suspects(m, worst),
+                f"{_cameras(worst)}: images do not fit",
+                Severity.WARNING,
+            )
+
+
+def _noise_words(names: Sequence[str], found: Consistency) -> str:
+    ratio = f"NIS {found.nis:.1f} times the expected one (bounds {found.low:.2f} to {found.high:.2f})"
+    return f"{_cameras(names)}: the detector is {found.noise:.1f} times as noisy as configured, {ratio}"
 
 
 def contradicted(m: Moment) -> Iterator[Advice]:
     """An estimate that is not valid since images contradict it: those that come, not a prediction without any."""
+    worst = _worst(m)
     for estimator in LEADERS:
-        if m.now.causes.get(estimator) in CONTRADICTED_BY_IMAGES:
-            for name in _worst(m):
-                what = f"camera {name}: the {estimator} estimate is not valid: {m.now.reasons[estimator]}"
-                yield _advice("misfit", name, what, _suspects(m, name), f"{estimator}: images do not fit")
+        if worst and m.now.causes.get(estimator) in CONTRADICTED_BY_IMAGES:
+            what = f"{_cameras(worst)}: the {estimator} estimate is not valid: {m.now.reasons[estimator]}"
+            yield _advice("misfit", worst, what, _suspects(m, worst), f"{estimator}: images do not fit")
 
 
-def _gated(m: Moment, name: str) -> Iterator[Advice]:
-    for estimator in LEADERS:
-        used, gated = _judged(m, estimator)
-        if gated + used < FEWEST_JUDGED or gated < GATED * (gated + used):
-            continue
-        yield _advice(
-            "misfit",
-            name,
-            f"camera {name}: {gated} of the last {gated + used} images do not fit where the {estimator} estimator "
-            "expects the leader",
-            _suspects(m, name),
-            f"camera {name}: images do not fit",
-            Severity.WARNING,
-        )
+def _cameras(names: Sequence[str]) -> str:
+    """One camera, or several whose images do not fit each other: nothing shows yet which of them is wrong."""
+    return f"camera {names[0]}" if len(names) == 1 else f"cameras {' and '.join(names)}"
 
 
 def _worst(m: Moment) -> list[str]:
-    """The cameras whose images come, without those that fit far better than another."""
+    """The cameras whose images come, without those that fit far better than another. Where the images of one show
+    what is wrong with it, the others do not fit because of that one."""
     names = [name for name, camera in m.now.cameras.items() if camera.age <= SILENT_S]
+    if in_doubt := [name for name in names if _is_in_doubt(m, name)]:
+        return in_doubt
     nis = {
         n: max(
             (m.now.consistency[k].nis for e in LEADERS if (k := f"{e}.{n}") in m.now.consistency), default=math.inf
@@ -211,22 +222,31 @@ def _worst(m: Moment) -> list[str]:
     return [name for name in names if nis[name] > FAR_BETTER * most]
 
 
+def _is_in_doubt(m: Moment, name: str) -> bool:
+    """Whether the images of a camera have shown lately that it is set up wrong."""
+    return any(
+        r.source == f"camera {name}" and r.cause in SETUP and m.now.t_recv_ns - r.t_recv_ns < DOUBTED_NS
+        for r in m.now.refusals
+    )
+
+
 def _judged(m: Moment, estimator: str) -> tuple[int, int]:
     """Images of the last seconds that an estimator has used, and those that its gate has stopped."""
     used = m.verdicts(f"{estimator}.fused") + m.verdicts(f"{estimator}.fused_late")
     return used, m.verdicts(f"{estimator}.gated")
 
 
-def _suspects(m: Moment, name: str) -> str:
+def _suspects(m: Moment, names: Sequence[str]) -> str:
     """What may be wrong where images do not fit, and what finds it."""
     lens = (
         ", `distortion` or `calibration` (none is set: are pixels undistorted?)"
-        if name in m.needs.undistorted
+        if any(name in m.needs.undistorted for name in names)
         else ""
     )
+    sections = " or ".join(section_of(m, name) for name in names)
     return (
-        f"one of these is wrong: `mount_rpy_deg`, `delay_s`, `f_px`{lens} of {_section(m, name)}, `size_prior_m` "
-        f"of [estimator.leader]; {FIT}"
+        f"one of these is wrong: `mount_rpy_deg`, `delay_s`, `f_px`{lens} of {sections}, `size_prior_m` "
+        f"of [estimator.leader]; {of_camera(m, names[0], FIT) if len(names) == 1 else FIT + WHICH}"
     )
 
 
@@ -258,20 +278,27 @@ def _key(m: Moment, name: str) -> str:
     return f"`{m.needs.prefix}/camera/{name}/detections`" if m.needs.prefix else "a `json:` link"
 
 
-def _section(m: Moment, name: str) -> str:
+def of_camera(m: Moment, name: str, remedy: str) -> str:
+    """A remedy for the first camera, as one for a camera of this name."""
+    if name not in m.needs.cameras[1:]:
+        return remedy
+    remedy = remedy.replace("[camera]", section_of(m, name))
+    return remedy.replace("onboard calibrate LOG", f"onboard calibrate LOG --camera {name}")
+
+
+def section_of(m: Moment, name: str) -> str:
     """The section of a camera in the configuration."""
     return f"[cameras.{name}]" if name in m.needs.cameras[1:] else "[camera]"
 
 
 def _advice(
     cause: str,
-    camera: str,
+    camera: str | Sequence[str],
     what: str,
     remedy: str,
     text: str,
     severity: Severity = Severity.ERROR,
     over: str = "",
 ) -> Advice:
-    return Advice(
-        kind=cause, severity=severity, about=f"camera {camera}", what=what, remedy=remedy, text=text, over=over
-    )
+    about = _cameras([camera] if isinstance(camera, str) else camera)
+    return Advice(kind=cause, severity=severity, about=about, what=what, remedy=remedy, text=text, over=over)

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Final
 
-from onboard.health.causes_camera import FEWEST_JUDGED, stamp_reading
+from onboard.health.causes_camera import FEWEST_JUDGED, of_camera, stamp_reading
 from onboard.health.needs import Moment
 from onboard.health.remedies import remedy_of
 from onboard.messages import DOUBTS, Advice, Severity
@@ -38,7 +38,7 @@ def refused(m: Moment) -> Iterator[Advice]:
             about=f"{refusal.source}: {refusal.reason}",
             what=f"{what}{refusal.source}: {refusal.reason}",
             count=refusal.count,
-            remedy=remedy.remedy,
+            remedy=of_camera(m, refusal.source.removeprefix("camera "), remedy.remedy),
             text=f"{_last(refusal.source)}: {remedy.short}",
         )
 

@@ -61,6 +61,10 @@ STATE_REMEDIES: Final = {
         for cause in (Cause.FOCAL_LENGTH, Cause.DELAY, Cause.CAMERA_SETUP)
     },
     **dict.fromkeys((Cause.LEAPT, Cause.CLASS_OPEN, Cause.CLASS_CHANGED, Cause.RENAMED), ONE_TARGET),
+    Cause.CAMERAS_APART: StateRemedy(
+        "`mount_rpy_deg`, `f_px` or `delay_s` of one of these cameras is wrong, or one `target` is two aircraft: "
+        "fly with one camera alone to see which"
+    ),
     Cause.EXTENT_OPEN: StateRemedy(
         "look at the detector's boxes or points: let it bound the same extent of the aircraft in each image"
     ),

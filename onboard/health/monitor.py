@@ -74,9 +74,9 @@ class Monitor:
         """The messages of each sender, by MAVLink system and component as `1/1`."""
         return {f"{system}/{component}": count for (system, component), count in self._senders.items()}
 
-    def reject(self, message: Message, counted: str) -> None:
+    def reject(self, message: Message, counted: str | Reason) -> None:
         """Count a message that goes no further."""
-        self.rejected[counted] += 1
+        self.rejected[counted.cause if isinstance(counted, Reason) else counted] += 1
         self.refusals.add_message(message, counted)
 
     def receive(self, message: Message) -> None:

@@ -2,7 +2,8 @@
 of exposure, by how the leader's direction moves when we lean (`camera_errors`). Nothing is corrected: the three
 would take the blame for every other error. What was seen with a focal length or stamps that are certainly wrong is
 not valid. A mount is only named: a leader that we follow on its own way accelerates as we lean some seconds later,
-and so moves as if the camera looked higher or lower."""
+and so moves as if the camera looked higher or lower. While a camera in no doubt shows the leader, the images of
+one in doubt are left out: fused, they would spoil what that one shows."""
 
 import math
 from collections import deque
@@ -24,7 +25,7 @@ from onboard.health.camera_errors import (
     Window,
     explanations,
 )
-from onboard.messages import DOUBT, Estimate, Verdict
+from onboard.messages import DOUBT, Estimate, Exposure, Verdict
 from onboard.messages.causes import Cause, Reason
 from onboard.ownship.ownship import Ownship
 from onboard.units import NS_PER_S
@@ -46,6 +47,9 @@ SENSES: Final = (
     ("higher", "lower"),
     ("to the right", "to the left"),
 )  # by the sign
+SERVED_NS: Final = NS_PER_S  # after an image of another camera was fused, the images of one in doubt are left out
+LEFT_OUT: Final = "its images are left out while another camera shows the leader"
+WITHHELD: Final = frozenset({Cause.DELAY, Cause.FOCAL_LENGTH})
 CAUSES: Final = {"delay": Cause.DELAY, "mount": Cause.MOUNT, "focal": Cause.FOCAL_LENGTH}
 
 
@@ -68,32 +72,39 @@ class Ended(NamedTuple):
     t_recv_ns: int
 
 
-class Doubt(NamedTuple):
-    """What is wrong with a camera, and the arrival of the newest image that says so."""
-
-    why: Reason
-    t_recv_ns: int
-
-
 class Mounts:
-    """The cameras of a flight. `add(source, reason, t_recv_ns)` takes what is found. `see` only collects, as an
-    estimate waits behind it; `judge` computes, some milliseconds each time."""
+    """The cameras of a flight. `add(source, reason, t_recv_ns)` takes what is found; `delay_ns`: the configured
+    delay of each. `see` only collects, as an estimate waits behind it; `judge` computes, some milliseconds each
+    time."""
 
-    def __init__(self, camera: Camera, add: Callable[[str, Reason, int], None]) -> None:
-        self._camera, self._add = camera, add
+    def __init__(
+        self, camera: Camera, delay_ns: Callable[[str], int], add: Callable[[str, Reason, int], None]
+    ) -> None:
+        self._camera, self._delay_ns, self._add = camera, delay_ns, add
+        self._doubts: dict[str, Reason] = {}  # by camera
+        self._fused_ns: dict[str, int] = {}  # the newest image of each camera that was fused of the leader ...
+        self._shown_ns: dict[str, int] = {}  # ... or of any target, or left out
         self._windows: dict[str, deque[Window]] = {}
-        self._sights: dict[str, list[Sight]] = {}
+        self._sights: dict[str, tuple[str, list[Sight]]] = {}  # by camera, of one target
         self._ended: list[Ended] = []
         self._searches: dict[str, tuple[int, Steps[list[Explanation]]]] = {}  # by camera, since when
-        self._doubts: dict[str, Doubt] = {}  # by camera
         self._judged_ns = 0
 
     def see(self, estimate: Estimate, ownship: Ownship) -> None:
-        """Take an estimate. It counts if it is valid, of the leader, and follows from an image that was fused."""
+        """Take an estimate. It counts if it is of the leader, follows from an image that was fused, and is valid,
+        or would be but for images that do not fit each other. One of another target counts where its camera does
+        not show the leader: it may be the leader itself, seen elsewhere by a wrong mount."""
         report = estimate.measurement
-        if not (estimate.valid and estimate.is_primary and estimate.name == "leader"):
+        if not (estimate.valid or estimate.cause is Cause.NOISE):
             return
         if report is None or report.verdict not in FUSED or not report.points or estimate.mean is None:
+            return
+        if estimate.name != "leader":
+            return
+        self._shown_ns[report.source] = report.t_ns
+        if estimate.is_primary:
+            self._fused_ns[report.source] = report.t_ns
+        elif abs(report.t_ns - self._fused_ns.get(report.source, -SERVED_NS)) < SERVED_NS:
             return
         camera, pose = self._camera.named(report.source), ownship.pose_at(report.t_ns)
         if pose is None or camera.gimbal is not None or not all(map(math.isfinite, pose.r_OF_n.tolist())):
@@ -101,10 +112,10 @@ class Mounts:
         if max(pose.attitude_noise.tolist()) > MOST_NOISE:
             return
         self._keep_motion(ownship)
-        sights = self._sights.setdefault(report.source, [])
-        if sights and not 0 <= report.t_ns - sights[0].t_ns < WINDOW_NS:
+        target, sights = self._sights.setdefault(report.source, (estimate.target, []))
+        if sights and not (target == estimate.target and 0 <= report.t_ns - sights[0].t_ns < WINDOW_NS):
             self._ended.append(Ended(report.source, sights, None, report.t_recv_ns))
-            sights = self._sights[report.source] = []
+            self._sights[report.source] = estimate.target, (sights := [])
         u, v = map(sum, zip(*report.points, strict=True))
         count = len(report.points)
         sights.append(Sight(report.t_ns, u / count, v / count, math.hypot(*estimate.mean[:3])))
@@ -133,13 +144,31 @@ class Mounts:
                 del self._searches[source]
                 self._decide(source, end.value, since_ns)
 
-    def doubt(self, t_recv_ns: int) -> Reason | None:
+    def doubt(self, t_ns: int) -> Reason | None:
         """Why nothing that cameras show is valid, None if it may be. A camera that shows nothing any more is in no
         doubt."""
         for source, doubt in self._doubts.items():
-            if t_recv_ns - doubt.t_recv_ns < WINDOWS * WINDOW_NS:
-                return doubt.why._replace(words=f"camera {source}: {doubt.why.words}")
+            is_seen = abs(t_ns - self._shown_ns[source]) < WINDOWS * WINDOW_NS
+            if doubt.cause in WITHHELD and is_seen and not self._is_served(t_ns):
+                return doubt._replace(words=f"camera {source}: {doubt.words}")
         return None
+
+    def leaves_out(self, image: Exposure) -> Reason | None:
+        """Why an image is not to be used: its camera is in doubt, and one that is not shows the leader; else
+        None."""
+        doubt = self._doubts.get(image.camera)
+        if doubt is None or not self._is_served(image.t_ns):
+            return None
+        self._shown_ns[image.camera] = image.t_ns
+        return doubt._replace(words=DOUBT + doubt.words)
+
+    def _is_served(self, t_ns: int) -> bool:
+        """Whether a camera in no doubt shows the leader."""
+        return any(
+            abs(t_ns - fused_ns) < SERVED_NS
+            for camera, fused_ns in self._fused_ns.items()
+            if camera not in self._doubts
+        )
 
     def _add_window(self, one: Ended) -> None:
         """A window that has ended, and a search for what it and those before it show."""
@@ -157,12 +186,10 @@ class Mounts:
     def _decide(self, source: str, found: list[Explanation], t_recv_ns: int) -> None:
         """What a search has found of a camera."""
         self._doubts.pop(source, None)
-        if not found:
-            return
-        reason = why(self._camera.named(source), found)
-        self._add(f"camera {source}", reason._replace(words=DOUBT + reason.words), t_recv_ns)
-        if not any("mount" in one for one in found):
-            self._doubts[source] = Doubt(reason, t_recv_ns)
+        if found:
+            reason = why(self._camera.named(source), found, self._delay_ns(source))
+            self._doubts[source] = reason = reason.also(LEFT_OUT) if self._camera.others else reason
+            self._add(f"camera {source}", reason._replace(words=DOUBT + reason.words), t_recv_ns)
 
 
 def explaining(windows: tuple[Window, ...]) -> Steps[list[Explanation]]:
@@ -173,10 +200,10 @@ def explaining(windows: tuple[Window, ...]) -> Steps[list[Explanation]]:
     return (yield from explanations(windows[-FEWEST_WINDOWS:]))
 
 
-def why(camera: Camera, found: list[Explanation]) -> Reason:
-    """What is wrong with a camera, by explanations of which each suffices."""
+def why(camera: Camera, found: list[Explanation], delay_ns: int = 0) -> Reason:
+    """What is wrong with a camera, by explanations of which each suffices; `delay_ns`: what is configured."""
     kinds = [kind for one in found for kind in one]
-    words = [" and ".join(_words(camera, kind, *one[kind]) for kind in one) for one in found]
+    words = [" and ".join(_words(camera, kind, *one[kind], delay_ns) for kind in one) for one in found]
     apart = "" if len(found) == 1 else "; this flight does not tell them apart"
     cause = CAUSES[kinds[0]] if len(kinds) == 1 else Cause.CAMERA_SETUP
     if "mount" in kinds:
@@ -184,12 +211,13 @@ def why(camera: Camera, found: list[Explanation]) -> Reason:
     return Reason(cause, f"the leader moves in the image as we lean as if {', or '.join(words)}{apart}")
 
 
-def _words(camera: Camera, kind: str, errors: Array, sigmas: Array) -> str:
+def _words(camera: Camera, kind: str, errors: Array, sigmas: Array, delay_ns: int) -> str:
     """One error of a camera."""
     if kind == "delay":
         delay, sigma = errors[0], max(sigmas[0], 0.01)
         how = "older" if delay < 0.0 else "newer"
-        return f"its stamps were {abs(delay):.2f} s {how} than the exposure (sigma {sigma:.2f})"
+        stated = f"its stamps were {abs(delay):.2f} s {how} than the exposure (sigma {sigma:.2f})"
+        return f"{stated}: `delay_s = {1e-9 * delay_ns + delay:.2f}` fits"
     if kind == "focal":
         longer = math.exp(errors[0])
         return f"`f_px` were {longer:.2f} times as long (sigma {max(longer * sigmas[0], 0.01):.2f})"

@@ -80,7 +80,7 @@ REMEDIES: Final = {
     ),
     Cause.DELAY: Remedy(
         "stamps",
-        "stamp the time of exposure, or take that off `delay_s` of [camera] (stamps that are newer: add it)",
+        "stamp the time of exposure, or set the `delay_s` of [camera] that fits (`onboard calibrate LOG`)",
         "stamps are off",
     ),
     Cause.CAMERA_SETUP: Remedy(

@@ -26,6 +26,7 @@ class Cause(StrEnum):
     CARRIED = "carried", "none was fused lately; the target's own broadcast says where it is"
     NO_MEASUREMENT = "no_measurement", "none has come yet"
     STARTING = "starting", "too few have come yet, or too few that agree"
+    CAMERAS_APART = "cameras_apart", "two cameras show it in different places, or of different sizes"
     SEEN_AGAIN = "seen_again", "after a loss, more must agree"
     TIMEOUT = "timeout", "none was fused within the validity timeout"
     NO_RANGE = "no_range", "none has shown the range for too long"

@@ -95,7 +95,8 @@ class Pipeline:
         self._monitor = Monitor(counts, takes_ranges=config.takes_ranges())
         self._advisor = Advisor(needs(config))
         self.refuse = self._monitor.refusals.add  # by source and reason, what nobody could use
-        self._mounts, self._warm = Mounts(camera, self.refuse), WarmStart(self.refuse)
+        self._mounts = Mounts(camera, self._image_delay_ns, self.refuse)
+        self._warm = WarmStart(self.refuse)
         is_own = self._admission.is_own
         self._decoder = DatagramDecoder(self.count_error, self.refuse, config.camera_inputs(), keys, is_own)
 
@@ -209,10 +210,13 @@ class Pipeline:
 
     def delay_ns(self, message: Message) -> int:
         """How much older than its stamp a message is, as configured."""
-        delay_ns = self._delays_ns.get(type(message), 0)
         if isinstance(message, Exposure):
-            delay_ns = self._camera_delays_ns.get(message.camera, delay_ns)
-        return delay_ns
+            return self._image_delay_ns(message.camera)
+        return self._delays_ns.get(type(message), 0)
+
+    def _image_delay_ns(self, camera: str) -> int:
+        """How much older than their stamps images of a camera are, as configured."""
+        return self._camera_delays_ns.get(camera, self._delays_ns.get(Exposure, 0))
 
     def _start_over(self, why: Reason) -> list[Output]:
         """The autopilot's clock and origin are new, so no state still holds. Gives estimates that say why, before
@@ -257,6 +261,9 @@ class Pipeline:
             self._monitor.reject(message, "filter_has_no_position")
             return []
         if not (names := self._listeners.get(type(message))):
+            return []
+        if isinstance(message, Exposure) and (why := self._mounts.leaves_out(message)) is not None:
+            self._monitor.reject(message, why)
             return []
         estimates = [estimate for name in names for estimate in self._asked(name, message)]
         now_ns = max(message.t_recv_ns, self._attitude_recv_ns)  # an image may have waited
@@ -306,7 +313,7 @@ class Pipeline:
             estimate = made if why is None else not_valid(made, why)
             self._mounts.see(estimate, self.ownship)
             if estimate.valid and estimate.name in self._by_camera:
-                setup = self._mounts.doubt(self._own_recv_ns)
+                setup = self._mounts.doubt(estimate.t_ns)
                 estimate = estimate if setup is None else not_valid(estimate, setup)
             self._monitor.publish(estimate)
             self._last_words.note(estimate)

@@ -4,9 +4,11 @@ All rows share one flight of 6 s: own motion at 25 Hz, images at 12.5 Hz, and th
 the fault, no exception is counted, every estimate is sane, and a valid one is right. Other rows have files of
 their own: reboots (`tests/unit/test_reboot.py`), floods (`tests/unit/estimators/leader/test_leader_floods.py`), a
 link that is late without TIMESYNC (`test_held_up.py`), clocks of another rate (`test_other_clocks.py`), who is
-followed (`test_latching.py`), noisy detectors, gimbals and mirrored places (`tests/unit/estimators/leader`:
-`test_noise.py`, `test_gimbal_frames.py`, `test_sight.py`), hours of silence and ADS-B without a position
-(`own_state` and `traffic` there), sinks, the recorder and the wall clock (beside this file).
+followed (`test_latching.py`), a camera that is late beside a sound one (`tests/unit/health/test_mounts.py`, as it
+takes 20 s), noisy detectors, gimbals and the signs of their angles, which need a gimbal configured, and mirrored
+places (`tests/unit/estimators/leader`: `test_noise.py`, `test_gimbal_frames.py`, `test_sight.py`), hours of
+silence and ADS-B without a position (`own_state` and `traffic` there), sinks, the recorder and the wall clock
+(beside this file).
 """
 
 import itertools
@@ -153,6 +155,22 @@ def fields(kind: type[Message], value: float, *names: str) -> Fault:
 
 def blob(m: TargetPoints) -> TargetPoints:
     return replace(m, center=(0.3, -0.2), left=(0.25, -0.2), right=(0.35, -0.2))
+
+
+def half_a_wing(m: TargetPoints) -> TargetPoints:
+    """In each fourth image, the detector shows half of the wing."""
+    if m.t_ns // (80 * MS) % 4:
+        return m
+    (u, v), ends = m.center, (m.left, m.right)
+    left, right = ((0.5 * (u + a), 0.5 * (v + b)) for a, b in ends)
+    return replace(m, left=left, right=right)
+
+
+def zoomed(m: TargetPoints) -> TargetPoints:
+    """The lens zooms in by 1.5 within 0.7 s, and out again before the end, and nobody says so."""
+    t = m.t_ns / S
+    z = 1.5 ** min((t - BEGINS) / 0.7, (ENDS - t) / 0.7, 1.0)
+    return replace(m, **{name: tuple(z * x for x in getattr(m, name)) for name in IMAGE})
 
 
 def accelerometer(*values: float) -> Fault:
@@ -348,10 +366,25 @@ ROWS = (
         recovers=0.5,
     ),
     Row("wingtips swapped", each(lambda m: replace(m, left=m.right, right=m.left), TargetPoints, share=0.5)),
+    Row(
+        "the detector shows half of the wing in each fourth image",
+        each(half_a_wing, TargetPoints),
+        *(False, "leaps back and forth"),
+        recovers=2.0,
+        noticed=1.1,
+    ),
     *(Row(f"wrong blob {s:.0%}", each(blob, TargetPoints, share=s)) for s in SHARES),
     Row("two autopilots", another(1000.0, system=2), rejected="other_system"),
     Row("two autopilots of one id", another(0.31), rejected="odd_stamp"),
     Row("a gimbal's attitude", another(0.001, component=154), rejected="other_component"),
+)
+
+
+NOT_YET = (  # rows that do not hold: what comes out today
+    (
+        Row("a zoom by 1.5 in 0.7 s that nobody reports", each(zoomed, TargetPoints), False, recovers=2.0),
+        "it is followed as an approach: valid, and 16 m off at 28 m, normalised square 140, until 0.4 s after it",
+    ),
 )
 
 
@@ -388,6 +421,14 @@ def assert_row(row: Row, run: Run) -> None:
 
 @pytest.mark.parametrize("row", ROWS, ids=[row.name for row in ROWS])
 def test_a_row_with_seed_61(row: Row) -> None:
+    assert_row(row, flown(row))
+
+
+@pytest.mark.parametrize(
+    "row",
+    [pytest.param(row, marks=pytest.mark.xfail(strict=True, reason=why), id=row.name) for row, why in NOT_YET],
+)
+def test_a_row_that_does_not_hold_yet_with_seed_61(row: Row) -> None:
     assert_row(row, flown(row))
 
 

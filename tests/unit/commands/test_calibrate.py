@@ -111,7 +111,7 @@ def test_a_leader_that_is_far_from_calm_ends_in_no_error_seed_3() -> None:
     found = calibrate(swerving, own, CAMERA, SIZE)
     assert abs(found.delay) <= 0.45
     for off in (found._replace(mount=np.array([0.0, 0.9, 0.0])), found._replace(delay=0.44)):
-        assert described(off, load_config(None))[-1].startswith("not to be trusted: so large an error")
+        assert described(off, load_config(None), CAMERA)[-1].startswith("not to be trusted: so large an error")
     assert np.isfinite([found.delay_sigma, found.focal_sigma, *found.mount_sigma]).all()
 
 
@@ -160,3 +160,16 @@ def test_the_command_prints_lines_to_paste_and_draws_the_residuals_seed_1(
     angles = [float(x) for x in pasted["mount_rpy_deg"].strip("[]").split(",")]
     assert angles == pytest.approx(MOUNT_DEG, abs=0.35)
     assert len(ET.parse(svg).findall(".//{*}circle")) > 1000  # noqa: S314 - our own picture
+
+
+def test_another_camera_is_calibrated_by_its_name_seed_1(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Advice on it said that `onboard calibrate` finds what is wrong, which knew the first one alone."""
+    name, log = "landing_target", recording(tmp_path)
+    sets = [f"cameras.{name}.f_px={F_PX}", f"cameras.{name}.delay_s=0.05", f"estimator.leader.size_prior_m={SIZE}"]
+    assert cli.main(["calibrate", str(log), "--camera", name, "--set", *sets]) == 0
+    pasted = capsys.readouterr().out.partition(f"[cameras.{name}]\n")[2]
+    assert float(pasted.partition("delay_s = ")[2].splitlines()[0]) == pytest.approx(DELAY, abs=0.010)
+    assert cli.main(["calibrate", str(log), "--camera", "rear", "--set", *sets]) == 2
+    assert "`--camera` is front or landing_target" in capsys.readouterr().err

@@ -144,7 +144,8 @@ def test_a_folder_without_one_log_is_refused(tmp_path: Path, log: Path) -> None:
 
 
 def test_a_folder_is_calibrated_as_a_log_is(tmp_path: Path, log: Path) -> None:
-    images, own = collect(folder(tmp_path, log, lines("boot")), make_config(*CAMERA))
+    settings = make_config(*CAMERA)
+    images, own = collect(folder(tmp_path, log, lines("boot")), settings, settings.camera_model())
     assert len(images.t) > 22 * SECONDS
     assert len(own.t) > 22 * SECONDS
 

@@ -97,5 +97,6 @@ def test_a_link_of_which_no_key_is_known_is_counted_too(flown: Flown, capsys: py
 
 
 def test_a_calibration_refuses_the_same(flown: Flown) -> None:
-    _, own = collect(flown.log, config(flown.key))
+    settings = config(flown.key)
+    _, own = collect(flown.log, settings, settings.camera_model())
     assert len(own.t) == 200, "positions of four seconds"

@@ -1,20 +1,31 @@
 """A mount, a focal length and a delay that are wrong are named with their amounts, and right ones never."""
 
 import re
+from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from onboard.arrays import Array
 from onboard.config import load_config, parse_config
 from onboard.geometry.rotations import matrix_from_euler, quaternion_from_matrix
 from onboard.health import mounts
 from onboard.health.camera_errors import Explanation, Poses, Sights, Window, explanations, finished
-from onboard.health.mounts import why
+from onboard.health.mounts import Mounts, why
 from onboard.health.remedies import remedy_of
-from onboard.messages import DOUBT, Advice, Datagram, Estimate, MeasurementReport, Verdict
+from onboard.messages import (
+    DOUBT,
+    Advice,
+    Datagram,
+    Estimate,
+    Exposure,
+    Lifecycle,
+    MeasurementReport,
+    Verdict,
+)
 from onboard.messages.causes import Cause, Reason
 from onboard.ownship import Ownship
 from onboard.pipeline import Pipeline
@@ -22,6 +33,8 @@ from onboard.units import NS_PER_S
 from simlink.scenarios.scenario import Scenario, load_scenario
 from simlink.simulation import datagrams
 from tests.support import leader
+from tests.support.images import exposed
+from tests.support.streams import Stream
 
 CAMERA = parse_config({}).camera_model()
 UP_DEG = 8.0  # as the camera of the scenario `guided` looks
@@ -116,6 +129,107 @@ def test_a_late_clock_is_no_focal_length_seed_2(delay: float) -> None:
     assert remedy_of(reason.cause).advice == "stamps"
 
 
+class Nodding:
+    """Our own motion, as `Ownship` has it: at rest, in a sum of nods, rolls and turns of 0.1 rad."""
+
+    samples = 0
+
+    def attitude(self, t: float) -> Array:
+        return matrix_from_euler(*(0.1 * np.sin(np.array([2.1, 2.9, 3.7]) * t + [0.0, 1.0, 2.0])))
+
+    def pose_at(self, _: int) -> Any:
+        return SimpleNamespace(r_OF_n=np.zeros(3), attitude_noise=np.zeros(3))
+
+    def knows(self, _: int) -> bool:
+        return True
+
+    def motion(self, from_ns: int, to_ns: int) -> tuple[Array, Array, Array]:
+        t = np.arange(1e-9 * from_ns, 1e-9 * to_ns, 0.02)
+        return t, np.zeros((len(t), 3)), np.array([quaternion_from_matrix(self.attitude(x)) for x in t])
+
+
+def test_a_late_camera_is_left_out_while_a_sound_one_shows_the_leader_seed_4() -> None:
+    """Both see a leader in the same images, but the stamps of one are 0.3 s older than the exposure. Estimates are
+    not valid as the images do not fit each other: that is when it must be found. It is used again where the sound
+    one has shown nothing for a second."""
+    rng, own, found = np.random.default_rng(4), Nodding(), list[tuple[str, str]]()
+    config = parse_config({"cameras": {"late": {"delay_s": 0.05}}})
+    sound, leader = config.camera_model().name, np.array([30.0, 2.0, -4.0])
+    delays = config.camera_delays_ns()
+    mounts = Mounts(
+        config.camera_model(), lambda name: delays.get(name, 0), lambda *why: found.append((why[0], why[1].words))
+    )
+    for t in np.arange(10.0, 38.0, 0.08):
+        for name, late_s in ((sound, 0.0), ("late", 0.3)):
+            u = own.attitude(t).T @ leader
+            point = (u[1:] / u[0] + 0.0015 * rng.normal(size=2)).tolist()
+            mounts.see(estimate_of(name, round((t - late_s) * NS_PER_S), point, leader), cast(Ownship, own))
+        mounts.judge(round(t * NS_PER_S))
+    late, now_ns = Exposure(t_ns=0, t_recv_ns=0, camera="late", detections=()), round(37.9 * NS_PER_S)
+    assert {source for source, _ in found} == {"camera late"}
+    assert all("0.30 s older" in words and "`delay_s = -0.25` fits" in words for _, words in found)
+    left_out = mounts.leaves_out(replace(late, t_ns=now_ns))
+    assert left_out is not None
+    assert left_out.cause is Cause.DELAY
+    assert mounts.leaves_out(replace(late, t_ns=now_ns + 2 * NS_PER_S)) is None
+    assert mounts.leaves_out(replace(late, t_ns=now_ns, camera=sound)) is None
+
+
+def test_a_camera_that_shows_the_leader_elsewhere_is_named_by_that_track_seed_5() -> None:
+    """One looks 14 degrees lower than configured, so its images make a target of their own. What a camera that
+    shows the leader sees beside it, such as a part of our own that stays in the image, says nothing of it."""
+    rng, own, found = np.random.default_rng(5), Nodding(), list[tuple[str, str]]()
+    config = parse_config({"cameras": {"low": {}}})
+    sound, leader = config.camera_model().name, np.array([30.0, 2.0, -4.0])
+    mounts = Mounts(config.camera_model(), lambda _: 0, lambda *why: found.append((why[0], why[1].words)))
+    for t in np.arange(10.0, 38.0, 0.08):
+        for name, target, turn in ((sound, "leader", 0.0), ("low", "unnamed/1", np.radians(-14.0))):
+            u = matrix_from_euler(0.0, turn, 0.0).T @ own.attitude(t).T @ leader
+            point = (u[1:] / u[0] + 0.0015 * rng.normal(size=2)).tolist()
+            mounts.see(estimate_of(name, round(t * NS_PER_S), point, leader, target), cast(Ownship, own))
+        skid = estimate_of(sound, round(t * NS_PER_S), (0.3, 0.4), leader, "unnamed/2")
+        mounts.see(skid, cast(Ownship, own))
+        mounts.judge(round(t * NS_PER_S))
+    assert {source for source, _ in found} == {"camera low"}
+    assert all("14 degrees lower" in words for _, words in found)
+
+
+def test_an_image_that_is_left_out_reaches_no_estimator_and_is_counted() -> None:
+    pipeline = Pipeline(parse_config({"estimator": {"leader": LEADER}}))
+    why = Reason(Cause.DELAY, f"{DOUBT}its stamps were 0.30 s older")
+    pipeline._mounts.leaves_out = lambda _: why
+    for item in Stream(t1=7.0, sparse=True).items():
+        pipeline.advance(exposed([replace(item.message, t_recv_ns=item.t_recv_ns)]))
+    health = pipeline.health(0)
+    assert health.rejected[Cause.DELAY] > 10
+    assert {r.reason for r in health.refusals if r.cause is Cause.DELAY} == {why.words}
+    assert not health.verdicts
+
+
+def estimate_of(camera: str, t_ns: int, point: Sequence[float], leader: Array, target: str = "leader") -> Estimate:
+    """One that would be valid if images fitted each other, from an image that was fused."""
+    return Estimate(
+        name="leader",
+        target=target,
+        sequence=0,
+        t_ns=t_ns,
+        state=Lifecycle.LOST,
+        valid=False,
+        cause=Cause.NOISE,
+        reason="",
+        frame="",
+        components=(),
+        units=(),
+        mean=tuple(leader.tolist()),
+        covariance=None,
+        age=0.0,
+        reset_count=0,
+        measurement=MeasurementReport(
+            source=camera, t_ns=t_ns, t_recv_ns=t_ns, verdict=Verdict.FUSED, points=((point[0], point[1]),)
+        ),
+    )
+
+
 def test_two_errors_are_both_named_seed_1() -> None:
     found = explain(windows(np.radians([0.0, 15.0, 0.0]), 1, delay=0.2, count=16))
     assert [sorted(explanation) for explanation in found] == [["delay", "mount"]]
@@ -187,7 +301,7 @@ def test_a_camera_is_in_doubt_until_it_is_right_or_shows_nothing(monkeypatch: py
     wrong, right = (windows(np.zeros(3), 3, count=mounts.WINDOWS, focal=focal) for focal in (1.5, 1.0))
     prepared, refused = iter(wrong + right + wrong), list[Reason]()
     monkeypatch.setattr(mounts, "Window", lambda *_: next(prepared))
-    judged = mounts.Mounts(CAMERA, lambda *found: refused.append(found[1]))
+    judged = mounts.Mounts(CAMERA, lambda _: 0, lambda *found: refused.append(found[1]))
     doubts = see(judged, 3 * mounts.WINDOWS * 40)
     assert doubts[19 * 10] is None  # no five windows yet
     for at in (mounts.WINDOWS, 3 * mounts.WINDOWS):
@@ -214,7 +328,7 @@ def test_a_mount_is_named_and_nothing_is_withheld(monkeypatch: pytest.MonkeyPatc
     """A plane that was followed 3 s behind moved in the image as if the camera had looked 47 degrees lower."""
     prepared, refused = iter(windows(np.radians([0.0, 20.0, 0.0]), 3, count=8)), list[Reason]()
     monkeypatch.setattr(mounts, "Window", lambda *_: next(prepared))
-    judged = mounts.Mounts(CAMERA, lambda *found: refused.append(found[1]))
+    judged = mounts.Mounts(CAMERA, lambda _: 0, lambda *found: refused.append(found[1]))
     see(judged, 8 * 40)
     assert "degrees higher" in refused[-1].words
     assert "a leader that we follow on its own way moves so, too" in refused[-1].words

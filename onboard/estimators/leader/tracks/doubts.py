@@ -219,6 +219,16 @@ def leaps(before: Image, after: Image) -> bool:
     return _angle(before, after) > LEAP + SWIFTEST * dt or leaps_in_size(before, after)
 
 
+def cameras_apart(last: Image, image: Image) -> Reason | None:
+    """Why images that do not agree start no track, where they are of two cameras; None where they are of one."""
+    names = last.message.camera, image.message.camera
+    if names[0] == names[1] or abs(_between(last, image)) > LONGEST_S:
+        return None
+    degrees, ratio = math.degrees(_angle(last, image)), image.measurement.span / last.measurement.span
+    words = f"cameras {' and '.join(sorted(names))} show it {degrees:.0f} degrees apart"
+    return Reason(Cause.CAMERAS_APART, f"{words}, and one {max(ratio, 1.0 / ratio):.1f} times as large")
+
+
 def leaps_in_size(before: Image, after: Image) -> bool:
     """Whether no aircraft changes its apparent size so much so shortly."""
     both = before.has_extent and after.has_extent

@@ -44,6 +44,7 @@ from onboard.estimators.leader.tracks.doubts import (
     Guard,
     LastSight,
     LineOfSight,
+    cameras_apart,
 )
 from onboard.estimators.leader.tracks.fusing import (
     Candidate,
@@ -343,9 +344,11 @@ class Track:
 
     def _start(self, image: Image, ownship: Ownship, before: TrackHistory | None) -> None:
         """Hold images until enough of them agree; start at the oldest and fuse the rest."""
-        held = self.held
+        held, last = self.held, self.held[-1] if self.held else None
         hold(held, image)
         self.life.why = Reason(Cause.STARTING, f"{len(held)} of {self._images} images")
+        if last is not None and len(held) == 1 and (apart := cameras_apart(last, image)) is not None:
+            self.life.why = apart
         if len(held) < self._images or not self._may_begin(self.target, ownship.now_ns):
             return
         images = sorted(held, key=lambda i: i.message.t_ns)

@@ -82,6 +82,22 @@ def test_an_image_far_from_every_track_begins_one_although_it_is_alone_seed_1() 
     assert set(fused(messages)) == {"leader", "unnamed/1"}
 
 
+def test_a_leader_that_two_cameras_show_apart_is_said_to_be_seed_3() -> None:
+    """By one id: no image agrees with that of the other camera, and "1 of 3 images" was all that was said."""
+    messages = list[Message]()
+    for m in unnamed(STRAIGHT, 3, 8.0):
+        if not isinstance(m, TargetPoints):
+            messages.append(m)
+            continue
+        one = replace(m, target="leader")
+        center, left, right = ((u + 0.21, v) for u, v in (m.center, m.left, m.right))
+        other = replace(one, camera="right", t_ns=m.t_ns + 10_000_000, center=center, left=left, right=right)
+        messages += [one, other]
+    last = advance(messages).estimates[-1]
+    assert (last.valid, last.cause) == (False, Cause.CAMERAS_APART)
+    assert "and right show it 12 degrees apart, and one 1." in last.reason
+
+
 @pytest.mark.parametrize(("other", "share"), [(0.4, 0.5), (2.5, 0.3)])
 def test_an_aircraft_whose_extent_leaps_to_and_fro_is_one_of_unknown_range_seed_45(
     other: float, share: float
