@@ -38,7 +38,7 @@ from onboard.ownship import Step
 
 SIZES: Final = 3.0  # sigmas of the configured size
 LONGEST_S: Final = 0.25  # of a prediction of the hypotheses
-SURPRISED: Final = 1.3  # times what the hypotheses' own uncertainties say: none of them fits
+SURPRISED: Final = 1.4  # times what the hypotheses' own uncertainties say: none of them fits
 
 
 class Pending(NamedTuple):
