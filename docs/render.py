@@ -45,7 +45,7 @@ velocity {copter_velocity_m_s} m/s; {copter_inside_percent} % inside |
 | leader hovers near us | two real ArduPilots' streams, 31 s, simulated camera, `onboard replay` | \
 range {hover_range_percent} %; {hover_inside_percent} % inside |
 | leaders that strangers flew (without racers) | 47 encounters of their recorded flights, simulated camera, \
-`onboard study encounters --leaders-from` | valid 91 % of the time, confidently wrong 2.0 %, inside 95 % |
+`onboard study encounters --leaders-from` | valid 93 % of the time, confidently wrong 2.0 %, inside 95 % |
 | own state, one motor at 75 % | {own_seeds} simulated flights, `onboard study own-state` | velocity \
 {own_motor_velocity_m_s} m/s; fault named within 1 s in {own_motor_named_percent} % of flights, after \
 {own_motor_delay_median_s} s (median) |
