@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 from onboard.health.needs import Moment
-from onboard.health.remedies import REMEDIES
 from onboard.messages import Advice, Health, Severity
 from onboard.messages.causes import Cause
 from onboard.units import NS_PER_S
@@ -56,10 +55,6 @@ STATE_REMEDIES: Final = {
         MISFIT_REMEDY,
     ),
     Cause.UNEXPECTED: UNEXPECTED,
-    **{
-        cause: StateRemedy(REMEDIES[cause].remedy)
-        for cause in (Cause.FOCAL_LENGTH, Cause.DELAY, Cause.CAMERA_SETUP)
-    },
     **dict.fromkeys((Cause.LEAPT, Cause.CLASS_OPEN, Cause.CLASS_CHANGED, Cause.RENAMED), ONE_TARGET),
     Cause.CAMERAS_APART: StateRemedy(
         "`mount_rpy_deg`, `f_px` or `delay_s` of one of these cameras is wrong, or one `target` is two aircraft: "

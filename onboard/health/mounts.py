@@ -1,9 +1,9 @@
 """Whether a camera is mounted as configured, has the configured focal length, and stamps its images with the time
 of exposure, by how the leader's direction moves when we lean (`camera_errors`). Nothing is corrected: the three
-would take the blame for every other error. What was seen with a focal length or stamps that are certainly wrong is
-not valid. A mount is only named: a leader that we follow on its own way accelerates as we lean some seconds later,
-and so moves as if the camera looked higher or lower. While a camera in no doubt shows the leader, the images of
-one in doubt are left out: fused, they would spoil what that one shows."""
+would take the blame for every other error, and a leader that we follow on its own way accelerates as we lean some
+seconds later, and so moves as if one of them were wrong. So what is found is named, and estimates stay valid. But
+while a camera in no doubt shows the leader, the images of one in doubt are left out: fused, they would spoil what
+that one shows."""
 
 import math
 from collections import deque
@@ -49,7 +49,6 @@ SENSES: Final = (
 )  # by the sign
 SERVED_NS: Final = NS_PER_S  # after an image of another camera was fused, the images of one in doubt are left out
 LEFT_OUT: Final = "its images are left out while another camera shows the leader"
-WITHHELD: Final = frozenset({Cause.DELAY, Cause.FOCAL_LENGTH})
 CAUSES: Final = {"delay": Cause.DELAY, "mount": Cause.MOUNT, "focal": Cause.FOCAL_LENGTH}
 
 
@@ -82,8 +81,7 @@ class Mounts:
     ) -> None:
         self._camera, self._delay_ns, self._add = camera, delay_ns, add
         self._doubts: dict[str, Reason] = {}  # by camera
-        self._fused_ns: dict[str, int] = {}  # the newest image of each camera that was fused of the leader ...
-        self._shown_ns: dict[str, int] = {}  # ... or of any target, or left out
+        self._fused_ns: dict[str, int] = {}  # the newest image of each camera that was fused
         self._windows: dict[str, deque[Window]] = {}
         self._sights: dict[str, tuple[str, list[Sight]]] = {}  # by camera, of one target
         self._ended: list[Ended] = []
@@ -101,7 +99,6 @@ class Mounts:
             return
         if estimate.name != "leader":
             return
-        self._shown_ns[report.source] = report.t_ns
         if estimate.is_primary:
             self._fused_ns[report.source] = report.t_ns
         elif abs(report.t_ns - self._fused_ns.get(report.source, -SERVED_NS)) < SERVED_NS:
@@ -144,31 +141,14 @@ class Mounts:
                 del self._searches[source]
                 self._decide(source, end.value, since_ns)
 
-    def doubt(self, t_ns: int) -> Reason | None:
-        """Why nothing that cameras show is valid, None if it may be. A camera that shows nothing any more is in no
-        doubt."""
-        for source, doubt in self._doubts.items():
-            is_seen = abs(t_ns - self._shown_ns[source]) < WINDOWS * WINDOW_NS
-            if doubt.cause in WITHHELD and is_seen and not self._is_served(t_ns):
-                return doubt._replace(words=f"camera {source}: {doubt.words}")
-        return None
-
     def leaves_out(self, image: Exposure) -> Reason | None:
         """Why an image is not to be used: its camera is in doubt, and one that is not shows the leader; else
         None."""
         doubt = self._doubts.get(image.camera)
-        if doubt is None or not self._is_served(image.t_ns):
+        if doubt is None:
             return None
-        self._shown_ns[image.camera] = image.t_ns
-        return doubt._replace(words=DOUBT + doubt.words)
-
-    def _is_served(self, t_ns: int) -> bool:
-        """Whether a camera in no doubt shows the leader."""
-        return any(
-            abs(t_ns - fused_ns) < SERVED_NS
-            for camera, fused_ns in self._fused_ns.items()
-            if camera not in self._doubts
-        )
+        sound = (t_ns for camera, t_ns in self._fused_ns.items() if camera not in self._doubts)
+        return doubt if any(abs(image.t_ns - t_ns) < SERVED_NS for t_ns in sound) else None
 
     def _add_window(self, one: Ended) -> None:
         """A window that has ended, and a search for what it and those before it show."""
@@ -189,7 +169,7 @@ class Mounts:
         if found:
             reason = why(self._camera.named(source), found, self._delay_ns(source))
             self._doubts[source] = reason = reason.also(LEFT_OUT) if self._camera.others else reason
-            self._add(f"camera {source}", reason._replace(words=DOUBT + reason.words), t_recv_ns)
+            self._add(f"camera {source}", reason, t_recv_ns)
 
 
 def explaining(windows: tuple[Window, ...]) -> Steps[list[Explanation]]:
@@ -206,9 +186,8 @@ def why(camera: Camera, found: list[Explanation], delay_ns: int = 0) -> Reason:
     words = [" and ".join(_words(camera, kind, *one[kind], delay_ns) for kind in one) for one in found]
     apart = "" if len(found) == 1 else "; this flight does not tell them apart"
     cause = CAUSES[kinds[0]] if len(kinds) == 1 else Cause.CAMERA_SETUP
-    if "mount" in kinds:
-        apart += "; a leader that we follow on its own way moves so, too"
-    return Reason(cause, f"the leader moves in the image as we lean as if {', or '.join(words)}{apart}")
+    seen = f"the leader moves in the image as we lean as if {', or '.join(words)}{apart}"
+    return Reason(cause, f"{DOUBT}{seen}; a leader that we follow on its own way may move so, too")
 
 
 def _words(camera: Camera, kind: str, errors: Array, sigmas: Array, delay_ns: int) -> str:

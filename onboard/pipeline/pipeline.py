@@ -81,7 +81,6 @@ class Pipeline:
         for name, estimator in self.estimators.items():
             for kind in estimator.listens if isinstance(estimator, Listens) else load(name).LISTENS:
                 self._listeners.setdefault(kind, []).append(name)
-        self._by_camera = {n for k, names in self._listeners.items() if issubclass(k, Exposure) for n in names}
         self._admission = Admission(config.autopilot, self._listeners, config.leader_out)
         self._delays_ns: dict[type[Message], int] = {}
         self._camera_delays_ns = config.camera_delays_ns()
@@ -252,7 +251,8 @@ class Pipeline:
         outputs.extend(self._observe(message))
         for name in self.estimators:
             outputs.extend(self._noted(self._asked(name, None)))
-        self._mounts.judge(message.t_recv_ns)
+        if self._config.cameras:  # of which one may be left out; else only the health asks
+            self._mounts.judge(message.t_recv_ns)
         return outputs
 
     def _observe(self, message: Message) -> list[Output]:
@@ -301,8 +301,8 @@ class Pipeline:
                 estimator.reset(why)
 
     def _noted(self, estimates: Iterable[Estimate], doubt: Reason | None = None) -> list[Output]:
-        """Publish estimates; those that follow from our own motion are not valid if it is in doubt, nor those of
-        cameras if one is, and none is whose own motion is too old by now."""
+        """Publish estimates; those that follow from our own motion are not valid if it is in doubt, and none is
+        whose own motion is too old by now."""
         outputs: list[Output] = []
         doubt = doubt or self.clocks.doubt
         if doubt is None and self._doubt:
@@ -312,9 +312,6 @@ class Pipeline:
             why = why or self._too_old(made)
             estimate = made if why is None else not_valid(made, why)
             self._mounts.see(estimate, self.ownship)
-            if estimate.valid and estimate.name in self._by_camera:
-                setup = self._mounts.doubt(estimate.t_ns)
-                estimate = estimate if setup is None else not_valid(estimate, setup)
             self._monitor.publish(estimate)
             self._last_words.note(estimate)
             outputs.append(estimate)
@@ -360,6 +357,7 @@ class Pipeline:
 
     def health(self, t_recv_ns: int, rim: Rim = NO_RIM) -> Health:
         """How the program is doing, as of a time on this computer's clock; `rim`: what surrounds the pipeline."""
+        self._mounts.judge(t_recv_ns)
         if (bias := self.ownship.velocity_bias) is not None:
             self.refuse("our own velocity", bias, t_recv_ns)
         counting = self._monitor, self._decoder, self.estimators, self._advisor

@@ -10,7 +10,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.arrays import Array
-from onboard.config import load_config, parse_config
+from onboard.config import parse_config
 from onboard.geometry.rotations import matrix_from_euler, quaternion_from_matrix
 from onboard.health import mounts
 from onboard.health.camera_errors import Explanation, Poses, Sights, Window, explanations, finished
@@ -32,7 +32,6 @@ from onboard.pipeline import Pipeline
 from onboard.units import NS_PER_S
 from simlink.scenarios.scenario import Scenario, load_scenario
 from simlink.simulation import datagrams
-from tests.support import leader
 from tests.support.images import exposed
 from tests.support.streams import Stream
 
@@ -267,54 +266,6 @@ def test_a_wrong_camera_without_lean_is_not_claimed_seeds_1_to_20() -> None:
     assert [seed for seed, one in enumerate(found, 1) if one] == []
 
 
-class Still:
-    """Our own motion, known at all times: `Mounts` gets its windows ready made."""
-
-    now_ns = 0
-
-    def pose_at(self, _: int) -> SimpleNamespace:
-        return SimpleNamespace(r_OF_n=np.zeros(3), attitude_noise=np.zeros(3))
-
-    def knows(self, _: int) -> bool:
-        return True
-
-    def motion(self, *_: int) -> tuple[Array, Array, Array]:
-        return np.arange(30.0), np.zeros((30, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (30, 1))
-
-
-def see(judged: mounts.Mounts, count: int) -> list[Reason | None]:
-    """The doubt after each of so many images, 40 a window."""
-    doubts = []
-    for t_ns in range(IMAGE_NS, count * IMAGE_NS, IMAGE_NS):
-        report = MeasurementReport(
-            t_ns=t_ns, t_recv_ns=t_ns, verdict=Verdict.FUSED, source="front", points=((0.1, 0.1),)
-        )
-        judged.see(leader.estimate(measurement=report), cast("Ownship", Still()))
-        judged.judge(t_ns)
-        doubts.append(judged.doubt(t_ns))
-    return doubts
-
-
-def test_a_camera_is_in_doubt_until_it_is_right_or_shows_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It zooms in, and out again; in again, and then it is off."""
-    monkeypatch.setattr(mounts, "WINDOWS", 8)
-    wrong, right = (windows(np.zeros(3), 3, count=mounts.WINDOWS, focal=focal) for focal in (1.5, 1.0))
-    prepared, refused = iter(wrong + right + wrong), list[Reason]()
-    monkeypatch.setattr(mounts, "Window", lambda *_: next(prepared))
-    judged = mounts.Mounts(CAMERA, lambda _: 0, lambda *found: refused.append(found[1]))
-    doubts = see(judged, 3 * mounts.WINDOWS * 40)
-    assert doubts[19 * 10] is None  # no five windows yet
-    for at in (mounts.WINDOWS, 3 * mounts.WINDOWS):
-        doubt = doubts[at * 40 - 50]
-        assert doubt is not None, at
-        assert "times as long" in doubt.words
-    assert doubts[2 * mounts.WINDOWS * 40 - 50] is None
-    assert refused[0].words.startswith(DOUBT)
-    end_ns, kept_ns = len(doubts) * IMAGE_NS, mounts.WINDOWS * mounts.WINDOW_NS
-    assert judged.doubt(end_ns + kept_ns - 10 * NS_PER_S) is not None
-    assert judged.doubt(end_ns + kept_ns) is None
-
-
 @pytest.mark.parametrize("zoom", [0.67, 1.5])
 def test_a_lens_that_has_zoomed_is_found_by_its_newest_windows_seed_2(zoom: float) -> None:
     """With those before it is neither focal length: it was named after 32 s at least."""
@@ -322,32 +273,6 @@ def test_a_lens_that_has_zoomed_is_found_by_its_newest_windows_seed_2(zoom: floa
     zoomed = windows(np.zeros(3), 3, count=mounts.FEWEST_WINDOWS, focal=zoom)
     [explanation] = finished(mounts.explaining((*before, *zoomed)))
     assert explanation["focal"][0] == pytest.approx(np.log(zoom), abs=0.1)
-
-
-def test_a_mount_is_named_and_nothing_is_withheld(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A plane that was followed 3 s behind moved in the image as if the camera had looked 47 degrees lower."""
-    prepared, refused = iter(windows(np.radians([0.0, 20.0, 0.0]), 3, count=8)), list[Reason]()
-    monkeypatch.setattr(mounts, "Window", lambda *_: next(prepared))
-    judged = mounts.Mounts(CAMERA, lambda _: 0, lambda *found: refused.append(found[1]))
-    see(judged, 8 * 40)
-    assert "degrees higher" in refused[-1].words
-    assert "a leader that we follow on its own way moves so, too" in refused[-1].words
-    assert judged.doubt(8 * mounts.WINDOW_NS) is None
-
-
-def test_nothing_that_a_camera_in_doubt_shows_is_valid(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = Reason(Cause.DELAY, "camera front: its stamps are off")
-    pipeline = Pipeline(load_config(None, ("estimator.own_state={}", "estimator.leader={}")))
-    estimates = list[Estimate]()
-    for datagram in datagrams(load_scenario("mission"), 1, 4.0):
-        if isinstance(datagram, Datagram):
-            estimates += [o for o in pipeline.feed(datagram) if isinstance(o, Estimate)]
-            if any(e.valid and e.name == "leader" for e in estimates):
-                monkeypatch.setattr(mounts.Mounts, "doubt", lambda *_: found)
-    last = {e.name: e for e in estimates}
-    assert not last["leader"].valid
-    assert (last["leader"].cause, last["leader"].reason) == found
-    assert last["own_state"].valid, last["own_state"].reason
 
 
 def hints(scenario: Scenario, mount_deg: list[float], seconds: float, seed: int) -> list[str]:
