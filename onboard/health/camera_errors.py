@@ -38,7 +38,7 @@ SWERVES: Final = 10.0 ** np.arange(-2.0, 6.0, 1.5)  # white acceleration, (sigma
 SIGMAS: Final = 5.0
 # By which the logarithm of the likelihood of one is larger than another's. By leaders that 62 logs recorded, and a
 # sound camera, a delay had up to 26 in 680 searches, and a focal length was off by 2.7 times its sigma (RMS)
-CERTAIN: Final = 35.0
+CERTAIN: Final = {"delay": 35.0, "mount": 25.0}
 FOCAL_SPREAD: Final = 2.7
 # A smaller error costs less than what else is uncertain: s, rad about each axis, logarithm of the focal length
 LEAST: Final = np.array([0.05, *np.radians([5.0, 5.0, 5.0]), math.log(1.25)])
@@ -288,7 +288,7 @@ def _adds(kind: str, one: CameraFit, before: CameraFit) -> bool:
         return False  # no small error of a camera
     if kind == "focal":
         return bool(abs(one.errors[FOCAL] - before.errors[FOCAL]) > max(SIGMAS * one.sigma[FOCAL], LEAST[FOCAL]))
-    return one.likelihood > before.likelihood + CERTAIN
+    return one.likelihood > before.likelihood + CERTAIN[kind]
 
 
 def _found(one: CameraFit, kinds: tuple[str, ...]) -> Explanation:
