@@ -251,8 +251,7 @@ class Pipeline:
         outputs.extend(self._observe(message))
         for name in self.estimators:
             outputs.extend(self._noted(self._asked(name, None)))
-        if self._config.cameras:  # of which one may be left out; else only the health asks
-            self._mounts.judge(message.t_recv_ns)
+        self._mounts.judge(message.t_recv_ns)
         return outputs
 
     def _observe(self, message: Message) -> list[Output]:
@@ -357,7 +356,6 @@ class Pipeline:
 
     def health(self, t_recv_ns: int, rim: Rim = NO_RIM) -> Health:
         """How the program is doing, as of a time on this computer's clock; `rim`: what surrounds the pipeline."""
-        self._mounts.judge(t_recv_ns)
         if (bias := self.ownship.velocity_bias) is not None:
             self.refuse("our own velocity", bias, t_recv_ns)
         counting = self._monitor, self._decoder, self.estimators, self._advisor
