@@ -57,6 +57,7 @@ from onboard.messages.guidance import FollowTarget as FollowTarget
 from onboard.messages.guidance import LandingTarget as LandingTarget
 from onboard.messages.guidance import LeaderState as LeaderState
 from onboard.messages.guidance import MessageInterval as MessageInterval
+from onboard.messages.guidance import Setpoint as Setpoint
 from onboard.messages.guidance import TargetRelative as TargetRelative
 from onboard.messages.health import DOUBT as DOUBT
 from onboard.messages.health import DOUBTS as DOUBTS
@@ -104,12 +105,14 @@ from onboard.messages.vehicle import Barometer as Barometer
 from onboard.messages.vehicle import Battery as Battery
 from onboard.messages.vehicle import Command as Command
 from onboard.messages.vehicle import CommandAck as CommandAck
+from onboard.messages.vehicle import CurrentMode as CurrentMode
 from onboard.messages.vehicle import EstimatorStatus as EstimatorStatus
 from onboard.messages.vehicle import GlobalOrigin as GlobalOrigin
 from onboard.messages.vehicle import GlobalPosition as GlobalPosition
 from onboard.messages.vehicle import GpsFix as GpsFix
 from onboard.messages.vehicle import Heartbeat as Heartbeat
 from onboard.messages.vehicle import Imu as Imu
+from onboard.messages.vehicle import LandedState as LandedState
 from onboard.messages.vehicle import LocalPosition as LocalPosition
 from onboard.messages.vehicle import Odometry as Odometry
 from onboard.messages.vehicle import StatusText as StatusText

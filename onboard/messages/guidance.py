@@ -48,6 +48,19 @@ class FollowTarget(Message, frozen=True, kw_only=True):
     a_n: Vec3 | None = None
 
 
+class Setpoint(Message, frozen=True, kw_only=True):
+    """SET_POSITION_TARGET_LOCAL_NED with every field in use: where the vehicle is to be, from O, how it is to move
+    there, and its heading (m, m/s, m/s^2, rad, rad/s, n)."""
+
+    target_system: int
+    target_component: int
+    r_OF_n: Vec3
+    v_F_n: Vec3
+    a_F_n: Vec3
+    yaw: float
+    yaw_rate: float
+
+
 class TargetRelative(Message, frozen=True, kw_only=True):
     """TARGET_RELATIVE in a NED frame that travels with us. `unix_ns`: Unix time; standard deviations in m and rad;
     `q_nL`: attitude of the leader."""

@@ -22,6 +22,20 @@ class Heartbeat(Message, frozen=True, kw_only=True):
     custom_mode: int = 0
 
 
+class CurrentMode(Message, frozen=True, kw_only=True):
+    """CURRENT_MODE: the flight mode, and the one that was asked for and that the vehicle returns to as soon as it
+    can (0: not known), as `Heartbeat.custom_mode`."""
+
+    custom_mode: int
+    intended_mode: int
+
+
+class LandedState(Message, frozen=True, kw_only=True):
+    """EXTENDED_SYS_STATE: whether the vehicle is on the ground; None where the autopilot does not know."""
+
+    on_ground: bool | None
+
+
 class SystemTime(Message, frozen=True, kw_only=True):
     """SYSTEM_TIME: boot time and the autopilot's Unix time (0 if unknown)."""
 

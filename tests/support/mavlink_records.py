@@ -12,8 +12,10 @@ from onboard.messages import (
     GpsFix,
     Heartbeat,
     Imu,
+    LandedState,
     LocalPosition,
     Message,
+    Setpoint,
     StatusText,
     SystemTime,
     TimeSync,
@@ -90,6 +92,15 @@ RECORDS: Final[tuple[tuple[Message, str, dict[str, Any]], ...]] = (
         CommandAck(**HEAD, target_system=255, target_component=190, command=512, result=3),
         "COMMAND_ACK",
         {"command": 512, "result": 3, "target_system": 255, "target_component": 190},
+    ),
+    (LandedState(**HEAD, on_ground=False), "EXTENDED_SYS_STATE", {"landed_state": 2}),
+    (
+        Setpoint(
+            **HEAD, target_system=1, target_component=1, r_OF_n=(1.5, -2.5, -30.0), v_F_n=(1.0, 0.5, -0.25),
+            a_F_n=(0.25, 0.5, -1.0), yaw=1.25, yaw_rate=-0.5,
+        ),
+        "SET_POSITION_TARGET_LOCAL_NED",
+        {"time_boot_ms": 5250, "type_mask": 0, "coordinate_frame": 1, "z": -30.0, "afy": 0.5, "yaw_rate": -0.5},
     ),
     (StatusText(**HEAD, severity=6, text="tracking"), "STATUSTEXT", {"severity": 6, "text": "tracking"}),
 )  # fmt: skip

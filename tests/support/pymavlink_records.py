@@ -26,9 +26,11 @@ from onboard.messages import (
     GpsFix,
     Heartbeat,
     Imu,
+    LandedState,
     LocalPosition,
     Message,
     MountAttitude,
+    Setpoint,
     StatusText,
     SystemTime,
     TimeSync,
@@ -254,6 +256,21 @@ def _follow_target(m: Any, h: dict[str, Any]) -> Message:
     )
 
 
+def _setpoint(m: Any, h: dict[str, Any]) -> Message | None:
+    if m.type_mask != 0 or m.coordinate_frame != 1:
+        return None
+    return Setpoint(
+        **h,
+        target_system=m.target_system,
+        target_component=m.target_component,
+        r_OF_n=(m.x, m.y, m.z),
+        v_F_n=(m.vx, m.vy, m.vz),
+        a_F_n=(m.afx, m.afy, m.afz),
+        yaw=m.yaw,
+        yaw_rate=m.yaw_rate,
+    )
+
+
 RECORDS: Final[dict[str, Callable[[Any, dict[str, Any]], Message | None]]] = {
     "HEARTBEAT": _heartbeat,
     "SYSTEM_TIME": lambda m, h: SystemTime(**h, unix_ns=m.time_unix_usec * 1000),
@@ -285,4 +302,8 @@ RECORDS: Final[dict[str, Callable[[Any, dict[str, Any]], Message | None]]] = {
     "ADSB_VEHICLE": _adsb_vehicle,
     "COLLISION": _collision,
     "FOLLOW_TARGET": _follow_target,
+    "EXTENDED_SYS_STATE": lambda m, h: LandedState(
+        **h, on_ground={1: True, 2: False, 3: True, 4: False}.get(m.landed_state)
+    ),
+    "SET_POSITION_TARGET_LOCAL_NED": _setpoint,
 }

@@ -21,6 +21,7 @@ from onboard.messages import (
     GpsFix,
     Heartbeat,
     Imu,
+    LandedState,
     LocalPosition,
     Message,
     Odometry,
@@ -31,9 +32,11 @@ from onboard.messages import (
 )
 from onboard.messages.mavlink_enums import BODY_FRD
 from onboard.wire.mavlink import companion, distance, gimbal, guidance, parameters, wind
+from onboard.wire.mavlink.frame import UNLISTED
 
 STATUSTEXT_LENGTH: Final = 50
 ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
+LANDED_STATES: Final = {None: 0, True: 1, False: 2}  # MAV_LANDED_STATE
 GPS_RAW_INT_HDOP: Final = 121  # a typical 1.21, in hundredths
 Encode = Mapping[type[Message], Callable[[Any], list[Any]]]
 
@@ -61,9 +64,8 @@ class MavlinkEncoder:
 
 def message_number(name: str) -> int:
     """The number of a MAVLink message. Raises KeyError for an unknown name."""
-    if name == guidance.TargetRelativeMessage.msgname:
-        return guidance.TargetRelativeMessage.id
-    number = getattr(dialect, f"MAVLINK_MSG_ID_{name}", None)
+    unlisted = {listed: number for number, (listed, _) in UNLISTED.items()}
+    number = unlisted.get(name) or getattr(dialect, f"MAVLINK_MSG_ID_{name}", None)
     if not isinstance(number, int):
         raise KeyError(name)
     return number
@@ -227,6 +229,7 @@ ENCODE: Final[Encode] = {
     CommandAck: lambda m: [
         dialect.MAVLink_command_ack_message(m.command, m.result, 0, 0, m.target_system, m.target_component)
     ],
+    LandedState: lambda m: [dialect.MAVLink_extended_sys_state_message(0, LANDED_STATES[m.on_ground])],
     StatusText: _status_text,
     AdsbVehicle: _adsb_vehicle,
     Collision: _collision,

@@ -19,17 +19,19 @@ from onboard.messages import (
     Message,
     MessageInterval,
     Quaternion,
+    Setpoint,
     TargetRelative,
     Vec3,
 )
 from onboard.messages.mavlink_enums import BODY_FRD
-from onboard.wire.mavlink.frame import TARGET_RELATIVE, UNLISTED_EXTRA
+from onboard.wire.mavlink.frame import TARGET_RELATIVE, UNLISTED
 
 POSITION, VELOCITY, ACCELERATION, ATTITUDE = 1, 2, 4, 8  # bits of est_capabilities
 LOCAL_OFFSET_NED: Final = 2  # TARGET_OBS_FRAME: NED, travels with the vehicle
 VISION_OTHER: Final = 3  # LANDING_TARGET_TYPE
 TRACKING_IDLE, TRACKING_ACTIVE = 0, 1
 TRACK_POINT: Final = 1
+USE_ALL: Final = 0  # POSITION_TARGET_TYPEMASK: no field is ignored
 IN_STATUS: Final = 4  # CAMERA_TRACKING_TARGET_DATA: the target's place is in the status
 NAN: Final = math.nan
 UNKNOWN: Final = 2**31 - 1  # of a latitude or longitude
@@ -50,7 +52,7 @@ class TargetRelativeMessage(dialect.MAVLink_message):  # type: ignore[misc]  # p
     def pack(self, mav: Any, force_mavlink1: bool = False) -> bytes:
         """The frame."""
         payload = self.layout.pack(*self._fields)
-        return cast(bytes, self._pack(mav, UNLISTED_EXTRA[self.id], payload, force_mavlink1=force_mavlink1))
+        return cast(bytes, self._pack(mav, UNLISTED[self.id][1], payload, force_mavlink1=force_mavlink1))
 
 
 def _target_relative(m: Any) -> list[Any]:
@@ -98,6 +100,30 @@ def follow_target(fields: tuple[Any, ...], header: dict[str, Any]) -> Message:
     )
 
 
+def _setpoint(m: Any) -> list[Any]:
+    frame, target = dialect.MAV_FRAME_LOCAL_NED, (m.target_system, m.target_component)
+    fields = (*m.r_OF_n, *m.v_F_n, *m.a_F_n, m.yaw, m.yaw_rate)
+    stamp_ms = m.t_ns // 1_000_000 % 2**32
+    return [dialect.MAVLink_set_position_target_local_ned_message(stamp_ms, *target, frame, USE_ALL, *fields)]
+
+
+def setpoint(fields: tuple[Any, ...], header: dict[str, Any]) -> Message | None:
+    """The record of a SET_POSITION_TARGET_LOCAL_NED; None for one that leaves fields out."""
+    type_mask, system, component, frame = fields[12:]
+    if type_mask != USE_ALL or frame != dialect.MAV_FRAME_LOCAL_NED:
+        return None
+    return Setpoint(
+        **header,
+        target_system=system,
+        target_component=component,
+        r_OF_n=fields[1:4],
+        v_F_n=fields[4:7],
+        a_F_n=fields[7:10],
+        yaw=fields[10],
+        yaw_rate=fields[11],
+    )
+
+
 def _landing_target(m: Any) -> list[Any]:
     frame = dialect.MAV_FRAME_LOCAL_NED if m.is_local else BODY_FRD
     none = (0.0, 0.0, 0.0, 0.0)
@@ -134,6 +160,7 @@ def _camera_tracking_geo(m: Any) -> list[Any]:
 ENCODE: Final[dict[type[Message], Callable[[Any], list[Any]]]] = {
     FollowTarget: _follow_target,
     TargetRelative: _target_relative,
+    Setpoint: _setpoint,
     LandingTarget: _landing_target,
     CameraTracking: _camera_tracking,
     CameraTrackingGeo: _camera_tracking_geo,

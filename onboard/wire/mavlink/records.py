@@ -21,12 +21,14 @@ from onboard.messages import (
     Collision,
     Command,
     CommandAck,
+    CurrentMode,
     EstimatorStatus,
     GlobalOrigin,
     GlobalPosition,
     GpsFix,
     Heartbeat,
     Imu,
+    LandedState,
     LocalPosition,
     Message,
     StatusText,
@@ -55,6 +57,8 @@ VALID_SQUAWK: Final = 32
 SIMULATED: Final = 64
 VALID_CLIMB: Final = 128
 
+# MAV_LANDED_STATE: on the ground, in the air, taking off, landing
+ON_GROUND: Final = {1: True, 2: False, 3: True, 4: False}
 NO_VOLTAGE: Final = (0, 65535)  # mV: nobody measures it, or there is no such cell
 FIRST_BATTERY: Final = 0
 G: Final = 9.80665
@@ -314,5 +318,8 @@ CONVERT: Final[dict[str, tuple[Layout, Convert]]] = {
     "WIND": (Layout(wind.FORM), wind.of_direction),
     "WIND_COV": (Layout(wind.FORM_COV), wind.of_covariance),
     "FOLLOW_TARGET": (Layout("<2Q2i17fB"), guidance.follow_target),
+    "SET_POSITION_TARGET_LOCAL_NED": (Layout("<I11fH3B", boot_ms=0), guidance.setpoint),
+    "CURRENT_MODE": (Layout("<2IB"), lambda f, h: CurrentMode(**h, custom_mode=f[0], intended_mode=f[1])),
+    "EXTENDED_SYS_STATE": (Layout("<2B"), lambda f, h: LandedState(**h, on_ground=ON_GROUND.get(f[1]))),
     **{name: (Layout(form), convert) for name, (form, convert) in parameters.CONVERT.items()},
 }

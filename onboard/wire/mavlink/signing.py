@@ -23,7 +23,7 @@ from onboard.wire.mavlink.frame import (
     MIRRORED,
     SIGNATURE,
     SIGNED,
-    UNLISTED_EXTRA,
+    UNLISTED,
     V2,
     V2_HEAD,
 )
@@ -41,7 +41,7 @@ KEY_TYPOS: Final = 4  # characters by which a key of 64 digits may be mistaken a
 HEX_DIGITS: Final = b"0123456789abcdefABCDEF"
 SEPARATORS: Final = re.compile(rb"[\s:,-]|(?<=[\s,])0x")
 MOST_STREAMS: Final = 256
-EXTRA: Final = {number: extra for number, (_, extra) in MESSAGES.items()} | UNLISTED_EXTRA
+EXTRA: Final = {number: extra for number, (_, extra) in (MESSAGES | UNLISTED).items()}
 
 UNSIGNED: Final = Reason(
     Cause.SIGNING,

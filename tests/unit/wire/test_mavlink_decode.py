@@ -12,6 +12,7 @@ from onboard.messages import (
     Barometer,
     Clock,
     Command,
+    CurrentMode,
     GlobalPosition,
     GpsFix,
     Heartbeat,
@@ -121,6 +122,12 @@ def test_messages_without_a_stamp_are_true_when_they_arrived() -> None:
     assert isinstance(text, StatusText)
     assert text.severity == 4
     assert text.text.startswith("Gr")
+
+
+def test_the_mode_that_px4_returns_to() -> None:
+    m = one(frame(436, 193, struct.pack("<2IB", 4 << 16 | 3 << 24, 6 << 16, 0)))
+    assert isinstance(m, CurrentMode)
+    assert (m.custom_mode, m.intended_mode) == (4 << 16 | 3 << 24, 6 << 16)
 
 
 def test_imus_in_their_several_units() -> None:

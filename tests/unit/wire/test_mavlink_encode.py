@@ -12,6 +12,7 @@ from onboard.messages import (
     CommandAck,
     GlobalPosition,
     Heartbeat,
+    LandedState,
     Message,
     StatusText,
     TargetPoints,
@@ -21,7 +22,7 @@ from onboard.wire.mavlink.encode import MavlinkEncoder
 from tests.support.mavlink_frames import RECV, independent, one
 from tests.support.mavlink_records import HEAD, RECORDS
 
-UNSTAMPED = (Heartbeat, TimeSync, Command, CommandAck, StatusText)  # MAVLink has no time in these
+UNSTAMPED = (Heartbeat, TimeSync, Command, CommandAck, LandedState, StatusText)  # MAVLink has no time in these
 
 
 @pytest.mark.parametrize(("record", "name", "fields"), RECORDS, ids=[name for _, name, _ in RECORDS])
