@@ -39,7 +39,7 @@ class CameraView(NamedTuple):
 
 
 def follow_target(s: LeaderState, _: CameraView) -> Message | None:
-    """With the yaw of its course as its attitude: offsets are relative to it."""
+    """With the yaw of its course as its attitude, to which ArduPilot's offsets are relative."""
     place = _place(s)
     if place is None or s.v_L_n is None:
         return None
@@ -119,7 +119,7 @@ def adsb_vehicle(s: LeaderState, _: CameraView) -> Message | None:
 
 def camera_tracking(s: LeaderState, view: CameraView) -> Message | None:
     """Active also while coasting; idle without a valid estimate, which must be sent, too."""
-    if s.r_FL_n is None:
+    if s.r_FL_n is None or not s.valid:
         return CameraTracking(**_stamp(s), is_active=False)
     camera = view.camera
     r_c = camera.R_bc.T @ (_in_body(s, view) - camera.r_FC_b)
@@ -135,7 +135,7 @@ def camera_tracking(s: LeaderState, view: CameraView) -> Message | None:
 def camera_tracking_geo(s: LeaderState, _: CameraView) -> Message | None:
     """Where the leader is; idle without a valid estimate."""
     place = _place(s)
-    if place is None or s.r_FL_n is None:
+    if place is None or s.r_FL_n is None or not s.valid:
         return CameraTrackingGeo(**_stamp(s), is_active=s.valid)
     (north, east, down), velocity_sigma = _sigmas(s)
     return CameraTrackingGeo(
@@ -160,7 +160,7 @@ MESSAGE_MAKERS: Final[dict[str, Callable[[LeaderState, CameraView], Message | No
     "CAMERA_TRACKING_IMAGE_STATUS": camera_tracking,
     "CAMERA_TRACKING_GEO_STATUS": camera_tracking_geo,
 }
-OWN_SYSTEM: Final = frozenset({"FOLLOW_TARGET", "GLOBAL_POSITION_INT"})  # sent by the virtual leader
+OWN_SYSTEM: Final = frozenset({"FOLLOW_TARGET", "GLOBAL_POSITION_INT"})  # sent with the leader's own system id
 
 
 def _stamp(s: LeaderState) -> dict[str, Any]:

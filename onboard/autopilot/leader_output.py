@@ -1,6 +1,6 @@
-"""The leader over MAVLink: a virtual leader that autopilots follow, and reports for ground stations. Those about
-tracking come from a camera component. Sans-IO; off unless the configuration names a link. Nothing is sent of an
-estimate that is not valid, except that it is not."""
+"""The leader over MAVLink: setpoints behind it, the leader itself with a system id of its own, and reports for
+ground stations. Those about tracking come from a camera component. Sans-IO; off unless the configuration names
+a link. Nothing is sent of an estimate that is not valid, except that it is not."""
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -14,10 +14,11 @@ from onboard.autopilot.sent import Encoder
 from onboard.autopilot.stream import Stream
 from onboard.config import LeaderOutConfig
 from onboard.geometry.camera import Camera
-from onboard.messages import CameraInformation, Command, LeaderState, Message
+from onboard.messages import CameraInformation, Command, LeaderState, Message, Setpoint
 
 CAMERA: Final = 30  # MAV_TYPE
 STANDBY, ACTIVE = 3, 4  # MAV_STATE
+SETPOINT: Final = "SET_POSITION_TARGET_LOCAL_NED"
 TELLS_IDLE: Final = frozenset({"CAMERA_TRACKING_IMAGE_STATUS", "CAMERA_TRACKING_GEO_STATUS"})
 
 
@@ -26,10 +27,11 @@ class LeaderOutput:
 
     def __init__(self, config: LeaderOutConfig, system: int, component: int) -> None:
         self.link = config.link
-        self.streams = {name: Stream(rate) for name, rate in config.rates_hz.items()}
+        # nobody may stop or slow down the setpoints of a vehicle that flies on them
+        self.streams = {name: Stream(rate, fixed=name == SETPOINT) for name, rate in config.rates_hz.items()}
         self._is_leader = not OWN_SYSTEM.isdisjoint(self.streams)
         self._us = Encoder(system, component)
-        self._virtual = Encoder(config.system, config.component)
+        self._leader = Encoder(config.system, config.component)
         self._heartbeats, self._camera_heartbeats = Stream(1.0), Stream(1.0, fixed=True)
         self._requests_of_camera = Requests()
         self._camera: Component | None = None
@@ -55,17 +57,24 @@ class LeaderOutput:
         return [frame for m in commands for frame in camera.answer(m, now_ns)]
 
     def frames(
-        self, state: LeaderState | None, virtual: LeaderState | None, view: CameraView | None, now_ns: int
+        self,
+        state: LeaderState | None,
+        smoothed: LeaderState | None,
+        view: CameraView | None,
+        now_ns: int,
+        setpoint: Setpoint | None = None,
     ) -> list[bytes]:
-        """Frames due at a time on this computer's clock. `virtual`: the leader that an autopilot is to follow."""
+        """Frames due at a time on this computer's clock. `smoothed`: the leader of FOLLOW_TARGET."""
         frames = []
         if self._is_leader and self._heartbeats.is_due(now_ns):
             is_valid = state is not None and state.valid
-            frames.append(self._virtual.encode(heartbeat(ACTIVE if is_valid else STANDBY)))
+            frames.append(self._leader.encode(heartbeat(ACTIVE if is_valid else STANDBY)))
         if self._camera is not None and self._camera_heartbeats.is_due(now_ns):
             frames.append(self._camera.encode(heartbeat(ACTIVE, CAMERA)))
+        if setpoint is not None and SETPOINT in self.streams and self.streams[SETPOINT].is_due(now_ns):
+            frames.append(self._us.encode(setpoint))
         if state is not None and view is not None:
-            frames.extend(self._reports(state, virtual, view, now_ns))
+            frames.extend(self._reports(state, smoothed, view, now_ns))
         return frames
 
     def can_send(self, name: str, state: LeaderState | None, view: CameraView | None) -> bool:
@@ -75,11 +84,11 @@ class LeaderOutput:
         return MESSAGE_MAKERS[name](state, view) is not None
 
     def _reports(
-        self, state: LeaderState, virtual: LeaderState | None, view: CameraView, now_ns: int
+        self, state: LeaderState, smoothed: LeaderState | None, view: CameraView, now_ns: int
     ) -> Iterator[bytes]:
         for name, stream in self.streams.items():
-            of = virtual if name in OWN_SYSTEM else state
-            if of is None or not (of.valid or name in TELLS_IDLE) or not stream.is_due(now_ns):
+            of = smoothed if name in OWN_SYSTEM else state
+            if name == SETPOINT or of is None or not (of.valid or name in TELLS_IDLE) or not stream.is_due(now_ns):
                 continue
             message = MESSAGE_MAKERS[name](of, view)
             if message is not None:
@@ -87,7 +96,7 @@ class LeaderOutput:
 
     def _sender(self, name: str) -> Encoder | Component:
         if name in OWN_SYSTEM:
-            return self._virtual
+            return self._leader
         return self._camera if name in TELLS_IDLE and self._camera is not None else self._us
 
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
@@ -30,9 +30,9 @@ NAME: Final = "leader"
 ORIGIN_AGREES_M: Final = 20.0  # an origin farther from where our own positions put it is that of an earlier boot
 BEND_M: Final = 0.2  # by which local NED may be off where we are, as seen from the origin
 RADIUS_M: Final = 6.371e6  # of the Earth
-SEEN_S: Final = 0.3  # since the last image that was fused: the leader is seen now
-DOUBT: Final = 2.0  # times the sigmas, of an estimate that images contradict
-OPEN_RANGE: Final = 0.35  # of the range: its sigma then
+SEEN_S: Final = 0.3  # since the last image that was fused: the leader is in the image
+WITHHELD_SIGMA_FACTOR: Final = 2.0  # of an estimate that is withheld
+WITHHELD_RANGE_SIGMA_RATIO: Final = 0.35  # of the range, which is open then
 PAIRED_NS: Final = 100_000_000  # two messages of our own position this near in time tell where the origin is
 
 Geodetic = tuple[float, float, float]
@@ -101,30 +101,35 @@ class LeaderStates:
         """The leader at a time on the boot clock; None before the first estimate."""
         return None if self._joined is None else self._made(*self._joined, t_ns, t_host_ns)
 
-    def flown_on(self, t_ns: int, t_host_ns: int) -> LeaderState | None:
-        """The leader as the vehicle is led, see `at`. An estimate that is withheld since it moves as no hypothesis
-        expects has its direction for as long as images of it are fused: its range counts as unsure."""
-        state = self.at(t_ns, t_host_ns)
-        if self._joined is None or state is None or state.valid:
-            return state
-        e, own = self._joined
-        is_seen = e.age is not None and e.age < SEEN_S and e.cause is Cause.UNEXPECTED
-        return self._made(_doubted(e), own, t_ns, t_host_ns, withheld=True) if is_seen else state
-
-    def _made(
-        self, e: Estimate, own: OwnPose | None, t_ns: int, t_host_ns: int, *, withheld: bool = False
-    ) -> LeaderState:
-        """The state of an estimate, predicted to a time; also of one that is `withheld`."""
+    def _made(self, e: Estimate, own: OwnPose | None, t_ns: int, t_host_ns: int) -> LeaderState:
+        """The state of an estimate, predicted to a time. One that is withheld although the leader is in the
+        image is not valid, and has wider sigmas."""
         r_F, v_F = _carried(own, e.t_ns)
-        why = _why_not(e, r_F, v_F, withheld=withheld)
-        if why is None and t_ns - e.t_ns > self._max_age_ns:
+        why = None if e.valid else Reason(e.cause, e.reason)
+        has_place = bool(np.isfinite(r_F).all() and np.isfinite(v_F).all())
+        if not has_place:
+            why = why or Reason(Cause.OWN_MOTION_UNKNOWN, "our own position is not known")
+        is_silent = t_ns - e.t_ns > self._max_age_ns
+        if is_silent:
             words = f"no own motion for {(t_ns - e.t_ns) / NS_PER_S:.1f} s: not predicted further"
-            why = Reason(Cause.SILENT, words)
+            why = why or Reason(Cause.SILENT, words)
         t_ns = max(t_ns, e.t_ns)
-        head: dict[str, Any] = {"t_ns": t_ns, "t_host_ns": t_host_ns, "sequence": e.sequence}
-        if why is not None or e.mean is None or e.covariance is None:
-            state, (cause, words) = e.state if not e.valid else Lifecycle.LOST, why or Reason(e.cause, e.reason)
-            return LeaderState(**head, state=state, valid=False, cause=cause, reason=words)
+        state = e.state if why is None or not e.valid else Lifecycle.LOST
+        cause, words = why or Reason(e.cause, e.reason)
+        made = LeaderState(
+            t_ns=t_ns,
+            t_host_ns=t_host_ns,
+            sequence=e.sequence,
+            state=state,
+            valid=why is None,
+            cause=cause,
+            reason=words,
+        )
+        is_seen = e.valid or (e.age is not None and e.age < SEEN_S)
+        if not (has_place and is_seen) or is_silent or e.mean is None or e.covariance is None:
+            return replace(made, valid=False)
+        if not e.valid:
+            e = _doubted(e)
         dt = (t_ns - e.t_ns) / NS_PER_S
         mean, P = np.array(e.mean), np.array(e.covariance)[:6, :6]
         v_L = v_F + mean[3:6]
@@ -135,19 +140,15 @@ class LeaderStates:
         F[:3, 3:] = dt * np.eye(3)
         relative = (F @ P @ F.T)[:3, :3]
         P = F @ (P + np.diag(self._own_variance)) @ F.T
-        made = LeaderState(
-            **head,
-            state=e.state,
-            valid=True,
-            cause=e.cause,
-            reason=e.reason,
-            r_OL_n=_vec3(r_L),
-            v_L_n=_vec3(v_L),
-            a_L_n=_vec3(a_L),
+        made = replace(
+            made,
+            r_OL_n=as_vec3(r_L),
+            v_L_n=as_vec3(v_L),
+            a_L_n=as_vec3(a_L),
             covariance=_rows(P),
-            r_FL_n=_vec3(r_L - _carried(self._own, t_ns)[0]),
+            r_FL_n=as_vec3(r_L - _carried(self._own, t_ns)[0]),
             r_FL_covariance=_rows(relative),
-            size=e.mean[e.components.index("size")] if "size" in e.components else None,
+            size=float(mean[e.components.index("size")]) if "size" in e.components else None,
             age=None if e.age is None else e.age + dt,
         )
         return self.located(made)
@@ -167,8 +168,9 @@ class LeaderStates:
         return self._joined
 
     def own_at(self, t_ns: int) -> tuple[Array, Array]:
-        """Our own position and velocity in n at a time; NaN where not known."""
-        return _carried(self._own, t_ns)
+        """Our own position and velocity in n at a time; NaN where not known, or not heard of for `max_age_s`."""
+        own = self._own
+        return _carried(None if own is None or t_ns - own.t_ns > self._max_age_ns else own, t_ns)
 
 
 def _carried(own: OwnPose | None, t_ns: int) -> tuple[Array, Array]:
@@ -189,21 +191,12 @@ def acceleration(e: Estimate, v_L: Array) -> Array:
     return acceleration_of(dict(zip(e.components, e.mean, strict=True)), v_L)
 
 
-def _why_not(e: Estimate, r_F: Array, v_F: Array, *, withheld: bool) -> Reason | None:
-    """Why an estimate cannot be flown on at its own time; None if it can."""
-    if not (e.valid or withheld) or e.mean is None:
-        return Reason(e.cause, e.reason)
-    if not np.isfinite(r_F).all() or not np.isfinite(v_F).all():
-        return Reason(Cause.OWN_MOTION_UNKNOWN, "our own position is not known")
-    return None
-
-
 def _doubted(e: Estimate) -> Estimate:
-    """An estimate to be flown on although it is withheld, with sigmas that say so."""
+    """A withheld estimate, with sigmas that say so."""
     if e.mean is None or e.covariance is None:
         return e
-    r, P = np.array(e.mean[:3]), DOUBT * DOUBT * np.array(e.covariance)
-    P[:3, :3] += OPEN_RANGE * OPEN_RANGE * np.outer(r, r)
+    r, P = np.array(e.mean[:3]), WITHHELD_SIGMA_FACTOR**2 * np.array(e.covariance)
+    P[:3, :3] += WITHHELD_RANGE_SIGMA_RATIO**2 * np.outer(r, r)
     return replace(e, covariance=_rows(P))
 
 
@@ -213,7 +206,8 @@ def _bend(lat_deg: float, r_OF_n: Array) -> float:
     return distance * distance * abs(math.tan(math.radians(lat_deg))) / RADIUS_M
 
 
-def _vec3(v: Array) -> Vec3:
+def as_vec3(v: Array) -> Vec3:
+    """A vector (3,) as a record has it."""
     x, y, z = v.tolist()
     return x, y, z
 

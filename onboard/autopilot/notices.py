@@ -35,11 +35,10 @@ class _Text(NamedTuple):
 class Notices:
     """Texts that wait, and what was sent last of each kind. Of one kind, which is a sender, advice of one cause
     about one thing, or a text without its numbers, the newest waits in the place of the first; of one rank, the
-    oldest gives way. `when_lost`: what an
-    autopilot that follows does once the leader is lost; "" where none follows."""
+    oldest gives way. `leads`: the vehicle is led, and brakes when the leader is lost."""
 
-    def __init__(self, when_lost: str = "") -> None:
-        self.when_lost = when_lost
+    def __init__(self) -> None:
+        self.leads = False
         self._waiting: dict[Kind, _Text] = {}  # the oldest first
         self._sent: dict[Kind, tuple[str, int]] = {}
         self._next_ns = 0
@@ -69,7 +68,7 @@ class Notices:
             severity, text = INFO, "leader tracked"
             if not estimate.valid:
                 lost = "leader lost" if estimate.state is Lifecycle.LOST else "no leader"
-                severity, text = WARNING, f"{lost}: {self.when_lost}" if self.when_lost else lost
+                severity, text = WARNING, f"{lost}: braking" if self.leads else lost
             self._waiting[Rank.LEADER, ""] = _Text(severity, text, text)
         self._was_valid = estimate.valid
 

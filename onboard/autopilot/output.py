@@ -6,10 +6,10 @@ from typing import Final, NamedTuple
 
 from msgspec.structs import replace
 
-from onboard.autopilot.guidance import Guidance, follower_of
+from onboard.autopilot.guidance import Follower, Guidance, setpoint_mode
 from onboard.autopilot.leader_messages import OWN_SYSTEM, CameraView
-from onboard.autopilot.leader_output import LeaderOutput
-from onboard.autopilot.leader_state import LeaderStates
+from onboard.autopilot.leader_output import SETPOINT, LeaderOutput
+from onboard.autopilot.leader_state import LeaderStates, as_vec3
 from onboard.autopilot.notices import WARNING, Notices, Rank
 from onboard.autopilot.odometry import OdometryStream
 from onboard.autopilot.parameters import Parameters
@@ -30,7 +30,7 @@ from onboard.messages import (
     Message,
     NavState,
     Output,
-    ParamValue,
+    Setpoint,
     WarmState,
 )
 from onboard.messages.mavlink_enums import PX4
@@ -64,8 +64,8 @@ class AutopilotOutput:
         self.leader: LeaderState | None = None
         self._config, self._camera = config, config.camera_model()
         self._autopilot: Heartbeat | None = None
-        self._follows = any("FOLLOW_TARGET" in out.rates_hz for out in config.leader_out)
-        self.notices, self._reasons = Notices(), Reasons(follows=self._follows)
+        self._leads = any(SETPOINT in out.rates_hz for out in config.leader_out)
+        self.notices, self._reasons = Notices(), Reasons()
         self._said: list[str] = []  # what the notices have already
         self._requests = Requests(config.autopilot.trusted, refuse)
         self._requests.offer("AUTOPILOT_VERSION", version)
@@ -83,9 +83,8 @@ class AutopilotOutput:
         self._odometry: OdometryStream | None = None
         self._leader_outputs: list[LeaderOutput] = []
         self._leader_states = LeaderStates(config.ownship.errors, config.ownship.max_age_s)
-        self._leads = bool(config.leader_out)
-        self._guidance = Guidance(config.guidance, self._camera, leads=self._leads)
-        self._virtual: LeaderState | None = None
+        self._guidance = Guidance(config.guidance, self._camera)
+        self._smoothed: LeaderState | None = None
         self._is_armed = False
 
     def signed(self, channel: str, frame: bytes, wall_ns: int) -> bytes:
@@ -119,24 +118,26 @@ class AutopilotOutput:
         config, ids = self._config, (autopilot.system, self._config.autopilot.component)
         self._autopilot = autopilot
         self._requests.clear_streams()
-        follower = follower_of(autopilot.autopilot, config.guidance)
+        mode = setpoint_mode(autopilot) if self._leads else None
+        parameters = () if mode is None else (*mode.limits, *mode.advice)
         for session in self._sessions.values():
-            session.connect(autopilot, follower.speed_parameters if self._leads else ())
+            session.connect(autopilot, parameters, () if mode is None else mode.messages)
         self._traffic.connect(autopilot.system)
         self._odometry = OdometryStream(*ids, rate_hz=config.odometry.rate_hz)
         usable = [out for out in config.leader_out if out.system != autopilot.system]
         self._leader_outputs = [LeaderOutput(out, *ids) for out in usable]
         self._leader_states.restart()
-        self._guidance = Guidance(config.guidance, self._camera, follower, leads=self._leads)
-        self._guidance.note_mode(autopilot)
-        self.notices.when_lost = self._guidance.follower.when_lost if self._follows else ""
+        self._guidance = Guidance(config.guidance, self._camera, mode)
         self._leader_states.delay_ns = source_delays_ns(config.delay, autopilot.autopilot)[GlobalPosition]
         self._offer()
-        return [
+        lines = [
             f"leader_out on {out.link}: not sent, since system {out.system} is the autopilot's own"
             for out in config.leader_out
             if out not in usable
         ]
+        if self._leads and mode is None:
+            lines.append("leader_out: no setpoints, which are for multirotors with PX4 or ArduCopter")
+        return lines
 
     def _offer(self) -> None:
         """Let all that is sent be requested."""
@@ -151,7 +152,9 @@ class AutopilotOutput:
             out.offer(self._requests, self._camera, self._config.camera.name, self._can_send)
 
     def _can_send(self, out: LeaderOutput, name: str) -> bool:
-        return out.can_send(name, self._virtual if name in OWN_SYSTEM else self.leader, self._view())
+        if name == SETPOINT:
+            return self._guidance.setpoint is not None
+        return out.can_send(name, self._smoothed if name in OWN_SYSTEM else self.leader, self._view())
 
     def reboot(self) -> None:
         """The autopilot has rebooted and forgotten our requests."""
@@ -166,7 +169,7 @@ class AutopilotOutput:
         for known in (state.own, state.estimate):
             before.note(known)
         if (leader := before.at(state.t_ns, state.wall_ns)) is not None and leader.valid:
-            self._guidance.resume(leader, state.course)
+            self._guidance.resume(leader, state.course, has_led=state.led)
 
     def warm_state(self, wall_ns: int, offset_ns: int | None, round_trip_ns: int | None) -> WarmState | None:
         """What a run that starts soon is to know, at a time on the wall clock, which is `offset_ns` ahead of the
@@ -187,6 +190,7 @@ class AutopilotOutput:
             estimate=replace(e, measurement=None, modes=()),
             own=joined.own,
             course=self._guidance.course,
+            led=self._guidance.leads,
             offset_ns=offset_ns,
             round_trip_ns=round_trip_ns,
         )
@@ -211,9 +215,7 @@ class AutopilotOutput:
                     continue
                 if isinstance(m, Heartbeat):
                     self._autopilot, self._is_armed = m, m.armed  # the next run resumes in this mode
-                    self._guidance.note_mode(m)
-                elif isinstance(m, ParamValue):
-                    self._guidance.note_parameter(m.name, m.value)
+                self._guidance.receive(m)
         frames = self._sessions[channel].respond(messages, now_ns)
         for out in self._leader_outputs:
             if out.link == channel:
@@ -257,33 +259,47 @@ class AutopilotOutput:
         self._guide(boot_ns, now_ns if host_ns is None else host_ns)
         view = self._view()
         self._explain(view, now_ns)
+        setpoint = self._setpoint(boot_ns)
         for out in self._leader_outputs:
-            yield Outgoing(out.link, out.frames(self.leader, self._virtual, view, now_ns))
+            yield Outgoing(out.link, out.frames(self.leader, self._smoothed, view, now_ns, setpoint))
 
     def _guide(self, boot_ns: int, host_ns: int) -> None:
-        """The leader, and the virtual one, at a time."""
-        states = self._leader_states
-        state, self._virtual = states.at(boot_ns, host_ns), None
-        led_by = states.flown_on(boot_ns, host_ns)
-        if state is not None and led_by is not None:
-            virtual = self._guidance.virtual_leader(led_by, *states.own_at(led_by.t_ns), states.q_nb)
-            self._virtual = None if virtual is None else states.located(virtual)
-            state = replace(state, course=self._guidance.course) if state.valid else state
-        self.leader = state
+        """The leader, as estimated and smoothed, and where to fly, at a time."""
+        states, guidance = self._leader_states, self._guidance
+        state = states.at(boot_ns, host_ns)
+        guidance.step(state, Follower(*states.own_at(boot_ns), states.q_nb), boot_ns)
+        self.notices.leads = guidance.leads
+        self._smoothed = None if guidance.smoothed is None else states.located(guidance.smoothed)
+        self.leader = replace(state, course=guidance.course) if state is not None and state.valid else state
+
+    def _setpoint(self, boot_ns: int) -> Setpoint | None:
+        """Where to fly, as the autopilot takes it."""
+        wanted, autopilot = self._guidance.setpoint, self._autopilot
+        if wanted is None or autopilot is None:
+            return None
+        r, v, a = (as_vec3(vector) for vector in (wanted.r, wanted.v, wanted.a))
+        return Setpoint(
+            t_ns=boot_ns,
+            t_recv_ns=boot_ns,
+            target_system=autopilot.system,
+            target_component=autopilot.component,
+            r_OF_n=r,
+            v_F_n=v,
+            a_F_n=a,
+            yaw=wanted.yaw,
+            yaw_rate=wanted.yaw_rate,
+        )
 
     def _explain(self, view: CameraView | None, now_ns: int) -> None:
         """Say why nothing happens."""
         if self._autopilot is None:
             return
+        guidance = self._guidance
         texts = self._reasons.tick(
-            self.leader,
-            view,
-            now_ns,
-            is_led=self._virtual is not None,
-            warning=self._guidance.warning,
-            is_entered=self._guidance.is_entered,
-            is_armed=self._is_armed,
+            self.leader, view, now_ns, warning=guidance.warning, is_entered=guidance.is_on, is_armed=self._is_armed
         )
+        texts += [(WARNING, text) for text in guidance.parameter_texts]
+        guidance.parameter_texts.clear()
         for severity, text in texts:
             self.notices.add(severity, text)
             self._said.append(text)

@@ -1,4 +1,4 @@
-"""Why an autopilot in FOLLOW does nothing, or stops, in words: for the pilot as STATUSTEXT, and for the console.
+"""Why a vehicle is not led, or stops, in words: for the pilot as STATUSTEXT, and for the console.
 
 The pilot sees a vehicle that hovers, and not why. Each text is short enough for one STATUSTEXT where it can be.
 """
@@ -21,21 +21,18 @@ Text = tuple[int, str]  # MAV_SEVERITY and the words
 REASON_AFTER_NS: Final = 5 * NS_PER_S  # without a leader before the reason is sent
 REASON_AGAIN_NS: Final = 30 * NS_PER_S  # before the same is sent again
 NOTHING_ESTIMATED: Final = Reason(Cause.NO_MEASUREMENT, "nothing is estimated: no images, or no own motion")
-NO_COURSE_NS: Final = NS_PER_S
 UNSEEN_S: Final = 0.5  # without an image: the predicted leader may have left the view
 
 
 class Reasons:
-    """What has changed of the reasons. `follows`: FOLLOW_TARGET is configured."""
+    """What has changed of the reasons."""
 
-    def __init__(self, *, follows: bool) -> None:
-        self._follows = follows
+    def __init__(self) -> None:
         self._start_ns: int | None = None
         self._no_leader_ns: int | None = None  # since when there has been no leader, or when that was sent
-        self._no_course_ns: int | None = None
         self._said: Cause | None = None
         self._warned, self._warned_ns = "", 0
-        self._is_entered: bool | None = None
+        self._is_entered = False
         self._edge = ""
 
     def tick(
@@ -44,15 +41,14 @@ class Reasons:
         view: CameraView | None,
         now_ns: int,
         *,
-        is_led: bool = False,
         warning: str = "",
-        is_entered: bool | None = None,
+        is_entered: bool = False,
         is_armed: bool = True,
     ) -> list[Text]:
         """What is to be sent at a time on this computer's clock. `state`: the leader; None before an estimate.
-        `is_led`: the autopilot is sent a target with a heading. `warning`: why it is not led as usual; it is said
-        again when the mode is entered (`is_entered`). What our own motion contradicts before the vehicle
-        `is_armed`, while its filter aligns, is not said."""
+        `warning`: why the vehicle is not led as usual; it is said again when the mode is entered
+        (`is_entered`). What our own motion contradicts before the vehicle `is_armed`, while its filter aligns,
+        is not said."""
         texts: list[Text] = []
         if self._start_ns is None:
             self._start_ns = now_ns
@@ -60,17 +56,14 @@ class Reasons:
         if is_entered and not self._is_entered:
             self._warned = ""
         self._is_entered = is_entered
+        texts += self._warning(warning, now_ns)
         if state is None or not state.valid:
             return texts + self._without_leader(state, now_ns, is_armed)
         self._no_leader_ns = self._said = None
-        texts += self._warning(warning if self._follows else "", now_ns)
-        return (
-            texts + self._without_course(state, now_ns, is_led or bool(warning)) + self._out_of_view(state, view)
-        )
+        return texts + self._out_of_view(state, view)
 
     def _without_leader(self, state: LeaderState | None, now_ns: int, is_armed: bool) -> list[Text]:
         """Why there is none, once it has lasted, and again when the cause changes or a while has passed."""
-        self._no_course_ns = None
         if self._no_leader_ns is None:
             self._no_leader_ns = now_ns
         why = NOTHING_ESTIMATED if state is None else Reason(state.cause, state.reason)
@@ -88,18 +81,6 @@ class Reasons:
             return []
         self._warned, self._warned_ns = warning, now_ns
         return [(WARNING, warning)]
-
-    def _without_course(self, state: LeaderState, now_ns: int, is_led: bool) -> list[Text]:
-        """FOLLOW drops a target without a heading in silence."""
-        if not self._follows or is_led or state.course is not None:
-            self._no_course_ns = None
-            return []
-        if self._no_course_ns is None:
-            self._no_course_ns = now_ns + NO_COURSE_NS
-        if now_ns < self._no_course_ns:
-            return []
-        self._no_course_ns = now_ns + REASON_AGAIN_NS
-        return [(WARNING, "no course yet: FOLLOW waits for leader to move")]
 
     def _out_of_view(self, state: LeaderState, view: CameraView | None) -> list[Text]:
         """Over which edge of the image the leader has gone, by the prediction."""

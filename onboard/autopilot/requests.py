@@ -16,6 +16,7 @@ from onboard.wire.datagrams import OnRefused, ignore
 from onboard.wire.mavlink.encode import message_number
 
 STEERING: Final = (  # what an autopilot follows, fuses or avoids
+    "SET_POSITION_TARGET_LOCAL_NED",
     *("FOLLOW_TARGET", "GLOBAL_POSITION_INT", "TARGET_RELATIVE", "LANDING_TARGET", "ADSB_VEHICLE"),
     *("COLLISION", "ODOMETRY"),
 )

@@ -25,6 +25,7 @@ from onboard.messages import (
     ParamRequest,
     ParamValue,
     Ping,
+    Setpoint,
     StatusText,
     TargetRelative,
     TimeSync,
@@ -50,7 +51,7 @@ SENT: Final[dict[type[Message], SentKind]] = {
         ("HEARTBEAT",),
         BY_ITSELF,
         "once a second, as an onboard controller of the autopilot's system; on a link of `[[leader_out]]` also "
-        "as the virtual leader and as a camera",
+        "as the leader and as a camera",
     ),
     TimeSync: SentKind(("TIMESYNC",), BY_ITSELF, "five requests a second; an answer to each request"),
     Command: SentKind(
@@ -58,13 +59,14 @@ SENT: Final[dict[type[Message], SentKind]] = {
         BY_ITSELF,
         "requests for messages alone, never with `request_rates = false`: MAV_CMD_SET_MESSAGE_INTERVAL for each "
         "stream of `[autopilot.rates_hz]` that is too slow, every 5 s, and once a boot for EKF_STATUS_REPORT or "
-        "ESTIMATOR_STATUS and ODOMETRY; MAV_CMD_REQUEST_MESSAGE for GPS_GLOBAL_ORIGIN until it comes, every 5 s",
+        "ESTIMATOR_STATUS and ODOMETRY, and with setpoints EXTENDED_SYS_STATE and CURRENT_MODE; "
+        "MAV_CMD_REQUEST_MESSAGE for GPS_GLOBAL_ORIGIN until it comes, every 5 s",
     ),
     ParamRequest: SentKind(
         ("PARAM_REQUEST_READ",),
         BY_ITSELF,
-        "`[[leader_out]]`: its limit of speed, WPNAV_SPEED and WP_SPD of an ArduPilot or FLW_TGT_MAX_VEL of a "
-        "PX4, until it comes, three times a boot; never with `request_rates = false`",
+        "`[[leader_out]]` with setpoints: the parameters that limit them, until they come, three times a boot; "
+        "never with `request_rates = false`",
     ),
     ComputerStatus: SentKind(
         ("ONBOARD_COMPUTER_STATUS",), BY_ITSELF, "once a second, where this computer shows its load"
@@ -84,7 +86,13 @@ SENT: Final[dict[type[Message], SentKind]] = {
     CameraInformation: SentKind(
         ("CAMERA_INFORMATION",), IN_ANSWER, "to a request of the camera of `[[leader_out]]`"
     ),
-    FollowTarget: SentKind(("FOLLOW_TARGET",), WHERE_NAMED, "`[[leader_out]]`: a virtual leader to follow"),
+    Setpoint: SentKind(
+        ("SET_POSITION_TARGET_LOCAL_NED",),
+        WHERE_NAMED,
+        "`[[leader_out]]`: where to fly behind the leader. It moves the vehicle, in the mode that the pilot "
+        "enters for it",
+    ),
+    FollowTarget: SentKind(("FOLLOW_TARGET",), WHERE_NAMED, "`[[leader_out]]`: the leader, smoothed"),
     GlobalPosition: SentKind(("GLOBAL_POSITION_INT",), WHERE_NAMED, "`[[leader_out]]`: the same"),
     TargetRelative: SentKind(("TARGET_RELATIVE",), WHERE_NAMED, "`[[leader_out]]`: the leader from us"),
     LandingTarget: SentKind(("LANDING_TARGET",), WHERE_NAMED, "`[[leader_out]]`: its direction and range"),

@@ -73,6 +73,7 @@ class Session:
         self._us: Component | None = None
         self._autopilot: Heartbeat | None = None
         self._parameters_of_it: tuple[str, ...] = ()
+        self._messages: tuple[str, ...] = ()
         self._heartbeats, self._timesyncs = Stream(1.0, fixed=True), Stream(TIMESYNC_HZ, fixed=True)
         self._computer_statuses = Stream(1.0)
         self.reboot()
@@ -83,10 +84,10 @@ class Session:
         system = self._config.system or USUAL_SYSTEM
         self._us = Component(system, self._config.component, self._channel, self._requests_of_us)
 
-    def connect(self, autopilot: Heartbeat, parameters: Iterable[str] = ()) -> None:
-        """An autopilot was heard: we are a component of its system. It is asked for `parameters`, until one of
-        them comes: they are one and the same in its versions."""
-        self._autopilot, self._parameters_of_it = autopilot, tuple(parameters)
+    def connect(self, autopilot: Heartbeat, parameters: Iterable[str] = (), messages: Iterable[str] = ()) -> None:
+        """An autopilot was heard: we are a component of its system. It is asked for `parameters`, of which not
+        every version has each, and for `messages` beside those of the configuration."""
+        self._autopilot, self._parameters_of_it, self._messages = autopilot, tuple(parameters), tuple(messages)
         self._us = Component(autopilot.system, self._config.component, self._channel, self._requests_of_us)
         offer = self._requests_of_us.offer_stream
         offer(self._channel, "HEARTBEAT", self._heartbeats, lambda: True)
@@ -99,7 +100,7 @@ class Session:
         self._next_request = 0
         self._has_asked_status = False  # once per boot: not every autopilot has it
         self._next_origin = 0
-        self._asks_left = PARAMETER_ASKS
+        self._asks_left, self._known_parameters = PARAMETER_ASKS, set[str]()
 
     def tick(
         self, now_ns: int, *, healthy: bool, rates: Mapping[str, float], wants_origin: bool = False
@@ -126,7 +127,8 @@ class Session:
                 frames.extend(asked)
             if self._asks_left:
                 self._asks_left -= 1
-                frames.extend(self._request_parameter(name, now_ns) for name in self._parameters_of_it)
+                missing = (name for name in self._parameters_of_it if name not in self._known_parameters)
+                frames.extend(self._request_parameter(name, now_ns) for name in missing)
         if wants_origin and self._config.request_rates and now_ns >= self._next_origin:
             self._next_origin = now_ns + ORIGIN_AGAIN_NS
             frames.append(self._request_once("GPS_GLOBAL_ORIGIN", now_ns))
@@ -139,8 +141,8 @@ class Session:
             return []
         frames = []
         for m in messages:
-            if isinstance(m, ParamValue) and m.name in self._parameters_of_it:
-                self._asks_left = 0
+            if isinstance(m, ParamValue):
+                self._known_parameters.add(m.name)
             if not isinstance(m, ASKING):
                 continue
             if not self._rations.admits(m, now_ns):
@@ -194,7 +196,7 @@ class Session:
         yaw may be off: at rest, by 10 degrees."""
         is_ardupilot = self._autopilot is not None and self._autopilot.autopilot == ARDUPILOT
         names = ("EKF_STATUS_REPORT",) if is_ardupilot else ("ESTIMATOR_STATUS", "ODOMETRY")
-        return [self._request(name, STATUS_HZ, now_ns) for name in names]
+        return [self._request(name, STATUS_HZ, now_ns) for name in (*names, *self._messages)]
 
     def _request(self, name: str, rate_hz: float, now_ns: int) -> bytes:
         return self._command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message_number(name), 1e6 / rate_hz, now_ns)

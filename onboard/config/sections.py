@@ -148,6 +148,7 @@ class TrafficOutConfig(Record, frozen=True, kw_only=True):
 
 
 LeaderMessage = Literal[
+    "SET_POSITION_TARGET_LOCAL_NED",
     "FOLLOW_TARGET",
     "GLOBAL_POSITION_INT",
     "TARGET_RELATIVE",
@@ -161,27 +162,29 @@ OutRate = Annotated[float, msgspec.Meta(gt=0, le=FASTEST_OUT_HZ)]
 
 
 class LeaderOutConfig(Record, frozen=True, kw_only=True):
-    """`[[leader_out]]`: the leader as MAVLink messages on one link. FOLLOW_TARGET and GLOBAL_POSITION_INT have a
-    system id of their own, since an autopilot does not follow its own system."""
+    """`[[leader_out]]`: the leader as MAVLink messages on one link. SET_POSITION_TARGET_LOCAL_NED leads the
+    autopilot on that link. FOLLOW_TARGET and GLOBAL_POSITION_INT have a system id of their own, since an
+    autopilot does not follow its own system."""
 
     link: str  # its name
     rates_hz: dict[LeaderMessage, OutRate] = msgspec.field(default_factory=lambda: {"FOLLOW_TARGET": 20.0})
-    system: Annotated[int, msgspec.Meta(ge=1, le=254)] = 200  # of the virtual leader: FOLL_SYSID
-    component: Annotated[int, msgspec.Meta(ge=1, le=255)] = 191  # of the virtual leader
+    system: Annotated[int, msgspec.Meta(ge=1, le=254)] = 200  # of the leader in FOLLOW_TARGET: FOLL_SYSID
+    component: Annotated[int, msgspec.Meta(ge=1, le=255)] = 191  # of the leader
     camera_component: Annotated[int, msgspec.Meta(ge=1, le=255)] = 100  # sends CAMERA_TRACKING_*; a free one
 
 
 class GuidanceConfig(Record, frozen=True, kw_only=True):
-    """`[guidance]`: how FOLLOW_TARGET and GLOBAL_POSITION_INT lead an autopilot that follows."""
+    """`[guidance]`: how SET_POSITION_TARGET_LOCAL_NED leads the autopilot behind the leader."""
 
-    slot_m: Vec3 = (-30.0, 0.0, 3.0)  # from the leader: forward along its course, right, down; as FOLL_OFS_*
-    least_distance_m: Positive | None = None  # from the leader's nearest possible place; None: half the slot's
-    closing_speed_m_s: Positive = 5.0  # largest rate of the distance
-    start_course: Literal["bearing", "none"] = "bearing"  # before the leader has flown; none: not followed
-    hold_s: NotNegative = 3.0  # duration of the stop after the leader is lost
-    clear_height_m: NotNegative = 10.0  # distance from the leader's height after that
-    speed_m_s: Positive = 15.0  # of the vehicle, at most; ArduPilot: WPNAV_SPEED
-    acceleration_m_s2: Positive = 3.5  # horizontal, in a turn: 20 degrees of tilt
+    slot_m: Vec3 = (-30.0, 0.0, 3.0)  # from the leader: forward along its course, right, down
+    min_distance_m: Positive | None = (
+        None  # no approach nearer to where the leader may be; None: 85 % of the slot's
+    )
+    min_height_m: float = 5.0  # above the origin of the autopilot's local frame, about where it took off
+    max_speed_m_s: Positive = 12.0  # horizontal; a lower limit of the autopilot counts
+    max_closing_speed_m_s: Positive = 6.0  # of the distance
+    max_acceleration_m_s2: Positive = 3.0  # horizontal; a lower limit of the autopilot counts
+    sway_m_s: NotNegative = 0.0  # speed across the line of sight while the range is open; 0: none
 
 
 class Config(Record, frozen=True, kw_only=True):

@@ -8,11 +8,13 @@ from onboard.messages.estimates import Lifecycle
 class LeaderState(Record, frozen=True, kw_only=True):
     """The leader in absolute terms, ready to be flown on. It is predicted to `t_ns` (boot clock), which is
     `t_host_ns` on the wall clock of the daemon's computer. Position from the autopilot's origin O, velocity and
-    acceleration (m, m/s, m/s^2, NED); `covariance` (6, 6) of position and velocity includes the errors of our own.
-    `r_FL_n`: from us to the leader; `r_FL_covariance` (3, 3) lacks the error of our own position. WGS-84 degrees
-    and metres above mean sea level, where O is known. `course` (rad): the last one of a leader that hovers, None
-    before it has flown. `age`: seconds from the last fused image to `t_ns`. Use it only if `valid`; all vectors
-    are None if it is not, and `reason` says why, and `cause` for programs."""
+    acceleration (m, m/s, m/s^2, NED); `covariance` (6, 6) of position and velocity includes the errors of our
+    own. `r_FL_n`: from us to the leader; `r_FL_covariance` (3, 3) lacks the error of our own position. WGS-84
+    degrees and metres above mean sea level, where O is known. `course` (rad): the last one of a leader that
+    hovers, None before it has flown. `age`: seconds from the last fused image to `t_ns`. If it is not `valid`,
+    `reason` says why, and `cause` for programs; the vectors are then those of an estimate that is withheld,
+    with wider sigmas, while the leader is in the image, else None. Use them only where nothing depends on the
+    range, as to keep the leader in the image."""
 
     t_ns: int
     t_host_ns: int

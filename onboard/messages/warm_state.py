@@ -6,7 +6,7 @@ from onboard.messages.base import Message
 from onboard.messages.estimates import Estimate, OwnPose
 from onboard.messages.vehicle import Heartbeat
 
-WARM_VERSION: Final = 1  # of the record: another one is not read
+WARM_VERSION: Final = 2  # of the record: another one is not read
 
 
 class WarmState(Message, frozen=True, kw_only=True):
@@ -20,5 +20,6 @@ class WarmState(Message, frozen=True, kw_only=True):
     estimate: Estimate
     own: OwnPose  # at the estimate's time
     course: float | None  # rad, of the leader; None before it has flown
+    led: bool  # the autopilot was led by setpoints
     offset_ns: int  # wall clock minus boot clock
     round_trip_ns: int | None  # of the TIMESYNC reply that the offset is known by; None: it is known by arrivals

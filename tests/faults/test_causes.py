@@ -105,12 +105,12 @@ def test_a_doubt_about_the_set_up_reaches_the_pilot() -> None:
     assert shown(flight.texts, "camera mount is off")
 
 
-def test_a_pilot_is_told_that_follow_waits_and_that_it_stops() -> None:
-    out = "leader_out=[{link='udp', system=200, rates_hz={FOLLOW_TARGET=20.0}}]"
+def test_a_pilot_is_told_that_the_leader_is_lost_and_why() -> None:
+    out = "leader_out=[{link='udp', rates_hz={SET_POSITION_TARGET_LOCAL_NED=25.0}}]"
     flight = Flight(out).fly(DATAGRAMS)
     assert shown(flight.texts, "leader tracked")
     end_ns = DATAGRAMS[-1].t_recv_ns
     for k in range(1, 600):
         flight.wait(end_ns + k * TICK_NS)
-    assert shown(flight.texts, "Follow-Me is led to a stop")  # a PX4
+    assert shown(flight.texts, "leader lost")
     assert shown(flight.lines, "no leader: withdrawn: nothing usable of our own motion arrives")

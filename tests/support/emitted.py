@@ -3,6 +3,8 @@
 from collections.abc import Iterable
 from typing import Any, Final, get_args
 
+from msgspec.structs import replace
+
 from onboard.autopilot.output import AutopilotOutput, Outgoing
 from onboard.autopilot.parameters import Parameters
 from onboard.config import parse_config
@@ -28,7 +30,7 @@ LEADER: Final[tuple[str, ...]] = get_args(LeaderMessage)
 STREAMS: Final = frozenset({*LEADER, "ODOMETRY", "COLLISION", "HEARTBEAT", "TIMESYNC", "ONBOARD_COMPUTER_STATUS"})
 CAMERA: Final = 100  # the component that sends what a camera does
 OF_CAMERA: Final = frozenset({"CAMERA_TRACKING_IMAGE_STATUS", "CAMERA_TRACKING_GEO_STATUS", "CAMERA_INFORMATION"})
-FIXED: Final = frozenset({"HEARTBEAT", "TIMESYNC"})  # whose rates others rely on
+FIXED: Final = frozenset({"HEARTBEAT", "TIMESYNC", "SET_POSITION_TARGET_LOCAL_NED"})  # whose rates others rely on
 ON_REQUEST: Final = frozenset({"AUTOPILOT_VERSION", "CAMERA_INFORMATION"})
 # Answers and events, which are nobody's to request: what they answer is requested instead.
 ANSWERS: Final = frozenset(
@@ -56,7 +58,11 @@ def everything(keys: dict[str, bytes] | None = None, refuse: OnRefused = ignore)
     for record in (own_pose(), estimate()):
         list(out.publish(record))
     out.respond(LINK, [origin()], NOW)
+    out._guide(T - S // 10, NOW - S)
+    for custom_mode in (5, 4):  # LOITER, GUIDED: it is led
+        out.respond(LINK, [replace(AUTOPILOT, custom_mode=custom_mode)], NOW - S)
     out.show_computer(computer())
+    out.take_lines()
     return out
 
 

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from onboard.autopilot.guidance.px4 import FOLLOW_ME
 from onboard.config import Config, ConfigError, WarmFile, datagram_of
 from onboard.config.warm_start import MOST_AGE_S, digest, folder_of, store_state
 from onboard.messages import Datagram, WarmState
@@ -20,6 +19,7 @@ from onboard.wire.documents.warm_state import decode_warm_state
 from studies.closed_loop.flight import Companion
 from tests.support.streams import EPOCH, S, Stream, feed, heartbeat, make_config, position_error
 
+OFFBOARD = 6 << 16  # custom_mode of a PX4
 END = 9.0  # s, of the first run's stream
 AGAIN = 11.0  # s: the second run begins
 
@@ -124,7 +124,7 @@ def damaged(path: tuple[Any, ...], value: Any) -> bytes:
         (lambda: msgspec.json.encode(left())[:-300], "truncated"),
         (lambda: b"", "truncated"),
         (lambda: b"[1]", "another version"),
-        (lambda: damaged(("version",), 2), "another version"),
+        (lambda: damaged(("version",), 1), "another version"),
         (lambda: damaged(("estimate", "mean", 0), float("nan")), "estimate.mean"),
         (lambda: damaged(("estimate", "mean", 0), 1e7), "estimate.mean"),
         (lambda: damaged(("estimate", "mean"), [1.0] * 7), "components"),
@@ -143,12 +143,11 @@ def test_a_damaged_state_is_refused(data: Callable[[], bytes], reason: str) -> N
 
 
 def test_the_next_run_is_told_the_flight_mode_of_the_last_heartbeat() -> None:
-    """And not of the first: a PX4 that follows would be led as one that may begin to, to another side."""
     run, end_ns = flown(), round(END * S)
-    run.output.respond("autopilot", [replace(heartbeat(end_ns), custom_mode=FOLLOW_ME)], EPOCH + end_ns)
+    run.output.respond("autopilot", [replace(heartbeat(end_ns), custom_mode=OFFBOARD)], EPOCH + end_ns)
     state = run.output.warm_state(EPOCH + end_ns, EPOCH, None)
     assert state is not None
-    assert state.heartbeat.custom_mode == FOLLOW_ME
+    assert state.heartbeat.custom_mode == OFFBOARD
 
 
 class Kept:

@@ -72,7 +72,7 @@ def test_the_words_of_others_never_push_out_what_concerns_our_own_state(add: Add
     """At 1 to 50 a second, before and after what the pilot must know."""
     for every in (50, 10, 1):
         notices, sent, at = (
-            Notices("FOLLOW brakes within 3 s"),
+            Notices(),
             list[tuple[float, str]](),
             505,
         )  # just after a text
@@ -85,7 +85,7 @@ def test_the_words_of_others_never_push_out_what_concerns_our_own_state(add: Add
             elif k == at:
                 notices.add(4, "the autopilot has rebooted")
             sent += [(k / 50, text.text) for text in notices.due(k * S // 50)]
-        words = "leader lost: FOLLOW brakes within 3 s" if state == "lost" else "the autopilot has rebooted"
+        words = "leader lost" if state == "lost" else "the autopilot has rebooted"
         (when,) = [t for t, text in sent if text == words]
         assert at / 50 <= when <= at / 50 + 2.0
         assert len(sent) <= 20

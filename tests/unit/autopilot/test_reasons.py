@@ -1,4 +1,4 @@
-"""What is sent of a leader that an autopilot does not follow."""
+"""What a pilot is told of a vehicle that is not led."""
 
 from typing import Any
 
@@ -33,35 +33,17 @@ def texts(
     return found
 
 
-def test_a_leader_without_a_course_is_said_where_follow_waits_for_it() -> None:
-    reasons = Reasons(follows=True)
-    assert reasons.tick(None, None, 999 * S) == BEGIN
-    hovering = leader_state(course=None)
-    assert texts(reasons, hovering, 40.0) == [
-        (1.0, "no course yet: FOLLOW waits for leader to move"),
-        (31.0, "no course yet: FOLLOW waits for leader to move"),
-    ]
-    assert texts(reasons, leader_state(), 5.0, 40.0) == []
-    quiet = Reasons(follows=False)
-    assert texts(quiet, hovering, 5.0) == [(0.0, BEGIN[0][1])]
-    led = Reasons(follows=True)  # by a course that is supposed
-    assert led.tick(hovering, view(), 999 * S, is_led=True) == BEGIN
-    assert led.tick(hovering, view(), 1009 * S, is_led=True) == []
-
-
 def test_why_it_is_not_led_as_usual_is_sent_at_once_and_again_after_a_while() -> None:
-    reasons, found = Reasons(follows=True), []
+    reasons, found = Reasons(), []
     for k in range(700):
         why = "range unsure" if 20 <= k < 660 else ""
-        made = reasons.tick(leader_state(), view(), 1000 * S + k * S // 20, is_led=True, warning=why)
+        made = reasons.tick(leader_state(), view(), 1000 * S + k * S // 20, warning=why)
         found += [(k / 20, text) for _, text in made]
     assert found == [(0.0, BEGIN[0][1]), (1.0, "range unsure"), (31.0, "range unsure")]
-    quiet = Reasons(follows=False)
-    assert quiet.tick(leader_state(), view(), 1000 * S, is_led=True, warning="range unsure") == BEGIN
 
 
 def test_no_leader_is_said_with_its_reason_and_again_when_that_changes() -> None:
-    reasons = Reasons(follows=False)
+    reasons = Reasons()
     reasons.tick(None, None, 999 * S)
     sent = texts(reasons, lost_state(), 50.0)
     # counted from the first look, a second earlier
@@ -72,7 +54,7 @@ def test_no_leader_is_said_with_its_reason_and_again_when_that_changes() -> None
 
 def test_words_that_change_with_one_cause_are_not_sent_again_and_another_cause_is() -> None:
     """Two of four images, three of four: one line; that none fits is another."""
-    reasons, found = Reasons(follows=False), list[str]()
+    reasons, found = Reasons(), list[str]()
     reasons.tick(None, None, 999 * S)
     for k in range(240):
         of = Cause.STARTING if k < 140 else Cause.NOISE
@@ -97,7 +79,7 @@ def test_the_edge_of_the_image_is_named(r_FL_n: Any, pitch_deg: float, words: st
 
 
 def test_a_leader_that_leaves_the_image_is_said_once() -> None:
-    reasons = Reasons(follows=True)
+    reasons = Reasons()
     reasons.tick(None, None, 999 * S)
     inside, above = leader_state(age=0.9), leader_state(age=0.9, r_FL_n=(30.0, 0.0, -20.0))
     assert texts(reasons, leader_state(age=0.1, r_FL_n=(30.0, 0.0, -20.0)), 1.0) == []  # images still come
@@ -107,7 +89,7 @@ def test_a_leader_that_leaves_the_image_is_said_once() -> None:
 
 
 def test_a_warning_comes_again_when_the_mode_is_entered() -> None:
-    reasons, found = Reasons(follows=True), []
+    reasons, found = Reasons(), []
     for k in range(100):
         made = reasons.tick(leader_state(), view(), 1000 * S + k * S // 20, warning="passes", is_entered=k >= 50)
         found += [(k / 20, text) for _, text in made]
@@ -120,7 +102,7 @@ def test_our_own_motion_is_not_doubted_aloud_before_the_vehicle_is_armed() -> No
     doubt = replace(lost_state(), cause=Cause.OWN_MOTION_DOUBT, reason=words)
     said = []
     for armed in (False, True):
-        reasons = Reasons(follows=True)
+        reasons = Reasons()
         reasons.tick(doubt, None, 1000 * S, is_armed=armed)
         said.append([text for _, text in reasons.tick(doubt, None, 1010 * S, is_armed=armed)])
     assert said == [[], [f"no leader: {words}"]]

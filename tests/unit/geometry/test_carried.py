@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from onboard.autopilot.guidance.motion import SmoothedLeader, flown_on
+from onboard.autopilot.guidance.leader import LeaderTrack
 from onboard.estimators.leader.reports.prior import Prior, spread
 from onboard.geometry.carried import FASTEST_TURN, carried, turn_rate
+from tests.support.leader import leader_state
 from tests.support.streams import S
 
 R, V = np.array([30.0, -5.0, -40.0]), np.array([7.0, 0.0, -0.5])
@@ -45,8 +46,12 @@ def test_the_guidance_and_a_warm_start_carry_it_to_one_place() -> None:
     assert belief is not None
     r, v = carried(R, V, RATE, 7.0)
     assert_allclose(belief.mean, [*r, *v], atol=1e-9)
-    track = flown_on(SmoothedLeader(R, V, V, A), turn_rate(V, A), 7.0)
-    assert_allclose([*track.r, *track.v], [*r, *v], atol=1e-9)
+    track = LeaderTrack()
+    r_n, v_n, a_n = ((x, y, z) for x, y, z in (R.tolist(), V.tolist(), A.tolist()))
+    nothing = ((0.0,) * 6,) * 6
+    track.resume(leader_state(r_OL_n=r_n, v_L_n=v_n, a_L_n=a_n, covariance=nothing), None)
+    track.coast(7.0)
+    assert_allclose([*track.r, *track.v[:2]], [*r, *v[:2]], atol=1e-9)
 
 
 def test_a_rate_is_that_of_a_flying_leader_and_of_a_turn_that_lasts() -> None:
