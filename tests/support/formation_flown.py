@@ -1,5 +1,8 @@
-"""Two real autopilots, each in its own simulator, with the daemon and `simlink camera` on them: the leader is
-flown by velocities, the follower by its follow mode."""
+"""Two real autopilots, each in its own simulator, with the daemon and `simlink camera` on them.
+
+A pilot flies the leader along a course by velocities. The daemon leads the follower: the pilot only takes it off,
+and enters the mode in which its autopilot flies setpoints.
+"""
 
 import math
 import socket
@@ -7,25 +10,46 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
-import pytest
 
 from onboard.arrays import Array
 from onboard.geometry.rotations import matrix_from_euler
-from tests.support.programs import ROOT, Program, free_ports, started
+from tests.support.courses import COMMAND_PERIOD_S, SIDES, Command, Course, Kind
+from tests.support.programs import CODE, Program, free_ports, started
 
 HOME: Final = (47.3977, 8.5456, 488.0)
-SLOT: Final = (-30.0, 0.0, 3.0)  # as in configs/ardupilot-follow.parm and configs/px4-follow.params
+EARTH_RADIUS_M: Final = 6_378_137.0
+SLOT: Final = (-30.0, 0.0, 3.0)  # `slot_m` of [guidance]
 MOUNT_DEG, F_PX, HALF_PX = 15.0, 554.256, (320.0, 240.0)  # configs/sitl.toml
 FOLLOWER, LEADER = 1, 2  # MAVLink systems
-READY_S: Final = 150.0  # until the filters know where they are, and both have climbed
-MOVES: Final = 2.0  # m/s: faster, the leader's velocity shows its course
-LATE_S, FEW = 0.3, 0.02  # s between two rows, of 0.1; the share of them that a computer may be late with
-STOOD_STILL = "stood still"  # a line of the daemon's, whose timers were late by a second
+LEADER_HEIGHT_M: Final = 25.0
+MAX_TAKEOFF_S: Final = 150.0  # until the filters know where they are, and both have climbed
+SETTLE_S: Final = 14.0  # from the first image to the beginning of the course
+PREVIEW_S: Final = 6.0  # of which before the mode is entered
+MAX_ENTRY_S: Final = 8.0  # until the autopilot confirms the mode
+ASK_PERIOD_S: Final = 1.0
+HEIGHT_GAIN: Final = 0.5  # 1/s, of the leader's height
+MIN_COURSE_SPEED: Final = 2.0  # m/s; faster, the leader's velocity shows its course
+MAX_ROW_INTERVAL_S: Final = 0.3  # of COMMAND_PERIOD_S; longer is late
+MAX_LATE_RATIO: Final = 0.02  # of the rows
+STOOD_STILL: Final = "stood still"  # a line of the daemon's, whose timers were late by a second
+FALSE_WORDS: Final = ("focal length", "mount", "is its detector running?")  # in STATUSTEXT: nothing is wrong
+FINAL_S: Final = 5.0  # at the end of a flight, in which the follower must be in its place
+MAX_ANGLE: Final = math.radians(60.0)  # of the follower from its side
+MIN_IN_VIEW: Final = 0.9
 
 Velocity = tuple[float, float, float]
+
+
+class Start(NamedTuple):
+    """Where a vehicle boots: m from HOME, heading in rad; and to which height it climbs."""
+
+    north_m: float
+    east_m: float
+    yaw: float
+    height_m: float
 
 
 class Vehicle(Protocol):
@@ -39,6 +63,10 @@ class Vehicle(Protocol):
     @property
     def is_up(self) -> bool:
         """Whether it has climbed, and the truth is heard."""
+
+    @property
+    def is_in_setpoint_mode(self) -> bool:
+        """Whether its last heartbeat was in the mode that flies setpoints."""
 
     @property
     def r_n(self) -> Array:
@@ -58,14 +86,14 @@ class Vehicle(Protocol):
     def climb(self) -> None:
         """Ask it to arm and to climb."""
 
-    def obey(self) -> None:
-        """Ask for the mode in which it flies velocities."""
+    def hold(self) -> None:
+        """Ask for the mode that holds the position, with its first heading."""
 
     def follow(self) -> None:
-        """Ask for the mode that follows."""
+        """Ask for the mode that flies setpoints."""
 
     def go(self, v_n: Velocity, yaw: float) -> None:
-        """Fly with this velocity (m/s, NED) and heading (rad) from now on."""
+        """Fly with this velocity (m/s, NED) and heading (rad) from now on, in the mode that flies setpoints."""
 
     def end(self) -> None:
         """End the process."""
@@ -95,107 +123,230 @@ class Row(NamedTuple):
         north, east = (self.r_F - self.r_L)[:2].tolist()
         return abs(math.remainder(math.atan2(east, north) - self.heading - math.pi, 2.0 * math.pi))
 
-    def slot_error(self, height: float = 1.0) -> float:
-        """The follower's distance from its slot, m, behind the leader's course while it flies forward. `height`:
-        the weight of the height, 0 to leave it out."""
+    @property
+    def is_in_place(self) -> bool:
+        """On its side of the leader, at 50 to 150 % of the slot's distance."""
+        return self.aside < MAX_ANGLE and 0.5 < self.distance / math.dist(SLOT, (0.0, 0.0, 0.0)) < 1.5
+
+    @property
+    def slot_error(self) -> float:
+        """The follower's distance from its slot, m, behind the leader's course while it flies forward."""
         course, (north, east) = self.heading, self.v_L[:2].tolist()
-        if math.hypot(north, east) > MOVES and north * math.cos(course) + east * math.sin(course) > 0.0:
+        if math.hypot(north, east) > MIN_COURSE_SPEED and north * math.cos(course) + east * math.sin(course) > 0.0:
             course = math.atan2(east, north)
         c, s, (x, y, z) = math.cos(course), math.sin(course), SLOT
-        error = self.r_F - self.r_L - np.array([c * x - s * y, s * x + c * y, z])
-        return float(np.linalg.norm(error * [1.0, 1.0, height]))
+        return float(np.linalg.norm(self.r_F - self.r_L - np.array([c * x - s * y, s * x + c * y, z])))
+
+
+class Verdict(NamedTuple):
+    """A flight by issue 71. `is_void`: the computer did not keep up, so nothing was shown."""
+
+    min_m: float
+    max_m: float
+    min_allowed_m: float
+    slot_rms_m: float
+    slot_median_m: float
+    end_m: float
+    end_angle_deg: float
+    in_place: float
+    in_view: float
+    false_words: tuple[str, ...]
+    late: float
+    stood_still: int
+    is_void: bool
+    misses: tuple[str, ...]
 
 
 class Field:
-    """Both vehicles, and the camera and the daemon on them. `rows`: ten a second while the leader flies."""
+    """Both vehicles, and the camera and the daemon on them. `rows`: ten a second since the mode was entered."""
 
     def __init__(self, folder: Path, follower: Vehicle, leader: Vehicle, stack: ExitStack) -> None:
-        self.follower, self.leader = follower, leader
+        self.follower, self.leader, self.stack = follower, leader, stack
+        self.folder = folder
         self.rows: list[Row] = []
-        self._folder, self._stack, self._count = folder, stack, 0
+        self.daemons: list[Program] = []
+        self.entered = 0  # characters of the first daemon's log when the mode was entered
+        self._height_m = LEADER_HEIGHT_M
         (zenoh,) = free_ports(socket.SOCK_STREAM)
-        self._zenoh = f"tcp/127.0.0.1:{zenoh}"
+        self.zenoh = f"tcp/127.0.0.1:{zenoh}"
 
     def daemon(self) -> Program:
         """`onboard run` on configs/sitl.toml, as it ships."""
         link = f"link=[{{name='autopilot', url='{self.follower.for_daemon}'}}]"
-        settings = [a for one in (link, f"zenoh.listen=['{self._zenoh}']") for a in ("--set", one)]
-        return self._program("onboard", "run", ROOT / "configs" / "sitl.toml", *settings)
+        place = f"recorder.path='{self.folder / 'flight.mcap'}'"
+        settings = [a for one in (link, f"zenoh.listen=['{self.zenoh}']", place) for a in ("--set", one)]
+        name = f"onboard-{len(self.daemons) + 1}"
+        self.daemons.append(self._program(name, "onboard", "run", CODE / "configs" / "sitl.toml", *settings))
+        return self.daemons[-1]
 
-    def camera(self) -> Program:
-        """`simlink camera` between both."""
-        urls = [vehicle.for_camera for vehicle in (self.follower, self.leader)]
-        to = ("--follower", urls[0], "--leader", urls[1], "--zenoh", self._zenoh)
-        return self._program("simlink", "camera", *to)
+    def camera(self, blackout: tuple[float, float] | None = None) -> Program:
+        """`simlink camera` between both; without images from one time to another, s since the first one."""
+        scenario = (CODE / "simlink" / "scenarios" / "sitl.toml").read_text(encoding="utf-8")
+        if blackout is not None:
+            gap = f"[camera]\nblackouts = [{{ start = {blackout[0]}, end = {blackout[1]} }}]"
+            scenario = scenario.replace("[camera]", gap)
+        path = self.folder / "camera.toml"
+        path.write_text(scenario, encoding="utf-8")
+        urls = "--follower", self.follower.for_camera, "--leader", self.leader.for_camera
+        truth = "--truth", self.folder / "truth.csv.gz", "--zenoh", self.zenoh
+        return self._program("camera", "simlink", "camera", path, *urls, *truth)
 
-    def _program(self, *command: str | Path) -> Program:
-        self._count += 1
-        return self._stack.enter_context(started(self._folder / f"{command[0]}-{self._count}.log", *command))
+    def _program(self, name: str, *command: str | Path) -> Program:
+        return self.stack.enter_context(started(self.folder / f"{name}.log", *command, cwd=self.folder))
 
     def take_off(self) -> None:
         """Let both climb. Raises AssertionError if they do not."""
-        vehicles, begin, asked = (self.follower, self.leader), time.monotonic(), 0.0
-        while not all(v.is_up for v in vehicles):
+        vehicles = self.follower, self.leader
+        self._ask(
+            lambda: all_climb(vehicles),
+            lambda: all(v.is_up for v in vehicles),
+            MAX_TAKEOFF_S,
+            f"no take-off: {[v.texts[-5:] for v in vehicles]}",
+        )
+
+    def fly(self, course: Course) -> None:
+        """Let the daemon lead the follower behind a leader on a course. Raises AssertionError if that does not
+        begin."""
+        hover = Command((0.0, 0.0, 0.0), course.heading)
+        self.follower.hold()
+        self.daemon().wait_for("link autopilot")
+        outage = course.outage or (math.inf, math.inf)
+        blackout = (SETTLE_S + outage[0], SETTLE_S + outage[1])
+        camera = self.camera(blackout if course.kind is Kind.BLIND else None)
+        self._ask(self.follower.hold, lambda: "first exposure" in camera.output(), MAX_ENTRY_S, "no image", hover)
+        begin = time.monotonic()
+        while time.monotonic() - begin < PREVIEW_S:
+            self._command(hover)
+        self._ask(
+            self.follower.follow,
+            lambda: self.follower.is_in_setpoint_mode,
+            MAX_ENTRY_S,
+            f"the mode was not entered: {self.follower.texts[-5:]}",
+            hover,
+        )
+        self.entered = len(self.daemons[0].output())
+        self.rows.clear()
+        while time.monotonic() - begin < SETTLE_S:
+            self._command(hover)
+        commands, changes = list(course.commands()), list(outage) if course.kind is Kind.KILLED else []
+        begin = time.monotonic()
+        while (step := int((time.monotonic() - begin) / COMMAND_PERIOD_S)) < len(commands):
+            if changes and time.monotonic() - begin > changes[0]:
+                changes.pop(0)
+                if changes:
+                    self.daemons[-1].kill()
+                else:
+                    self.daemon()
+            self._command(commands[step])
+
+    def judge(self, course: Course) -> Verdict:
+        """The flight since the mode was entered, by issue 71."""
+        rows = self.rows
+        slot_m = math.dist(SLOT, (0.0, 0.0, 0.0))
+        distances = [row.distance for row in rows]
+        errors = np.array([row.slot_error for row in rows])
+        final = [row for row in rows if row.t > rows[-1].t - FINAL_S]
+        late = float((np.diff([row.t for row in rows]) > MAX_ROW_INTERVAL_S).mean())
+        stood = self.daemons[0].output()[self.entered :].count(STOOD_STILL)
+        texts = " ".join(self.follower.texts)
+        false_words = tuple(words for words in FALSE_WORDS if words in texts)
+        min_allowed = (0.5 if course.comes_at_follower else 2.0 / 3.0) * slot_m
+        in_view = float(np.mean([row.in_view for row in rows]))
+        misses = {
+            "too near": min(distances) < min_allowed,
+            "not in place at the end": not all(row.is_in_place for row in final),
+            "out of the image": in_view < MIN_IN_VIEW,
+            "false words": bool(false_words),
+        }
+        return Verdict(
+            min(distances),
+            max(distances),
+            min_allowed,
+            float(np.sqrt(np.mean(errors**2))),
+            float(np.median(errors)),
+            rows[-1].distance,
+            math.degrees(rows[-1].aside),
+            float(np.mean([row.is_in_place for row in rows])),
+            in_view,
+            false_words,
+            late,
+            stood,
+            late > MAX_LATE_RATIO or stood > 0,
+            tuple(miss for miss, holds in misses.items() if holds),
+        )
+
+    def _ask(
+        self,
+        ask: Callable[[], object],
+        is_done: Callable[[], bool],
+        seconds: float,
+        what: str,
+        hover: Command | None = None,
+    ) -> None:
+        """Ask again and again until it is done, with the leader hovering. Raises AssertionError in the end."""
+        begin, asked = time.monotonic(), -math.inf
+        while not is_done():
             now = time.monotonic()
-            assert now - begin < READY_S, f"no take-off: {[v.texts[-5:] for v in vehicles]}"
-            if now - asked > 3.0:
+            assert now - begin < seconds, what
+            if now - asked > ASK_PERIOD_S:
                 asked = now
-                for v in vehicles:
-                    v.climb()
-            self._turn()
+                ask()
+            self._command(hover)
 
-    def fly(self, seconds: float, course: float, speed: Callable[[float], float], rate: float = 0.0) -> float:
-        """Fly the leader with a speed by the seconds since this began, negative backwards, on a course (rad) that
-        turns with a rate (rad/s). Returns the course at the end."""
-        begin = noted = sent = time.monotonic()
-        while (t := time.monotonic() - begin) < seconds:
-            now, at = begin + t, course + rate * t
-            if now - sent > 0.1:
-                sent, v = now, speed(t)
-                self.leader.go((v * math.cos(at), v * math.sin(at), 0.0), at)
-            if now - noted > 0.1:
-                noted = now
-                self.rows.append(self._row(at))
-            self._turn()
-        return course + rate * seconds
-
-    def require(self, holds: bool, what: str) -> None:
-        """Raises AssertionError for a miss. On a computer that did not keep up it is none: skips the test, and
-        says by what that is known."""
-        late = float((np.diff([row.t for row in self.rows]) > LATE_S).mean())
-        logs = [path.read_text("utf-8", "replace") for path in self._folder.glob("onboard-*.log")]
-        stood = sum(log.count(STOOD_STILL) for log in logs)
-        if not holds and (late > FEW or stood):
-            pytest.skip(
-                f"{what}: {100 * late:.0f} % of rows were late, and the daemon {STOOD_STILL} {stood} times"
-            )
-        assert holds, what
-
-    def since(self, t: float) -> list[Row]:
-        """The rows since a time of the monotonic clock."""
-        return [row for row in self.rows if row.t >= t]
-
-    def _turn(self) -> None:
-        for vehicle in (self.follower, self.leader):
-            vehicle.read()
-        time.sleep(0.01)
+    def _command(self, command: Command | None) -> None:
+        """Fly the leader until the next command is due, and note what is true."""
+        end = time.monotonic() + COMMAND_PERIOD_S
+        if command is not None:
+            north, east, down = command.v_n
+            self._height_m -= down * COMMAND_PERIOD_S
+            down -= HEIGHT_GAIN * (self._height_m + float(self.leader.r_n[2]))
+            self.leader.go((north, east, down), command.heading)
+            self.rows.append(self._row(command.heading))
+        while time.monotonic() < end:
+            for vehicle in (self.follower, self.leader):
+                vehicle.read()
+            time.sleep(0.005)
 
     def _row(self, heading: float) -> Row:
         f, leader = self.follower, self.leader
         R = f.R_nb @ matrix_from_euler(0.0, math.radians(MOUNT_DEG), 0.0)
         x, y, z = (R.T @ (leader.r_n - f.r_n)).tolist()
         inside = x > 0.0 and abs(y / x) < HALF_PX[0] / F_PX and abs(z / x) < HALF_PX[1] / F_PX
-        return Row(
-            time.monotonic(), f.r_n, f.v_n, leader.r_n, leader.v_n, math.asin(-f.R_nb[2, 0]), heading, inside
-        )
+        pitch = math.asin(-f.R_nb[2, 0])
+        return Row(time.monotonic(), f.r_n, f.v_n, leader.r_n, leader.v_n, pitch, heading, inside)
+
+
+def all_climb(vehicles: tuple[Vehicle, ...]) -> None:
+    """Ask those to climb that have not."""
+    for vehicle in vehicles:
+        if not vehicle.is_up:
+            vehicle.climb()
+
+
+def add_text(texts: list[str], message: Any) -> None:
+    """Add a STATUSTEXT, or its next part to the last one."""
+    if message.chunk_seq and texts:
+        texts[-1] += message.text
+    else:
+        texts.append(message.text)
 
 
 @contextmanager
-def field(folder: Path, make: Callable[[Path, int, float], Vehicle], apart_m: float) -> Iterator[Field]:
-    """Two vehicles that boot, the leader so far to the north. Nothing of them is left behind."""
+def field(folder: Path, make: Callable[[Path, int, Start], Vehicle], course: Course) -> Iterator[Field]:
+    """Two vehicles that boot where a course begins. Nothing of them is left behind."""
+    side = SIDES[course.side]
+    starts = {
+        FOLLOWER: Start(
+            course.distance_m * math.cos(side),
+            course.distance_m * math.sin(side),
+            side + math.pi,
+            LEADER_HEIGHT_M - SLOT[2],
+        ),
+        LEADER: Start(0.0, 0.0, course.heading, LEADER_HEIGHT_M),
+    }
     with ExitStack() as stack:
         vehicles = []
-        for name, system, north_m in (("follower", FOLLOWER, 0.0), ("leader", LEADER, apart_m)):
-            vehicles.append(make(folder / name, system, north_m))
+        for name, system in (("follower", FOLLOWER), ("leader", LEADER)):
+            vehicles.append(make(folder / name, system, starts[system]))
             stack.callback(vehicles[-1].end)
         yield Field(folder, *vehicles, stack=stack)

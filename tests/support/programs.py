@@ -15,6 +15,7 @@ from typing import Any
 import psutil
 
 ROOT = Path(__file__).parents[2]
+CODE = Path(os.environ.get("ONBOARD_CODE", ROOT))  # the checkout whose programs are started
 DATA = ROOT.parent / "shared" / "data"
 STATES = Path(tempfile.gettempdir()) / f"onboard-tests-{os.getpid()}"  # of daemons that are started again
 PATIENCE = 300.0  # s; what takes longer hangs: nothing here is about speed
@@ -34,7 +35,7 @@ def argv(*command: str | Path) -> list[str]:
 
 def environment() -> dict[str, str]:
     """Our environment, with the sources first on the path, without display and colours."""
-    path = (str(ROOT), *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep)))
+    path = (str(CODE), *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep)))
     kept = {k: v for k, v in os.environ.items() if k not in {"DISPLAY", "WAYLAND_DISPLAY", "FORCE_COLOR"}}
     return {
         **kept,

@@ -13,13 +13,12 @@ from pymavlink import mavutil
 from onboard.arrays import Array
 from onboard.geometry.geodesy import ned_from_geodetic
 from onboard.geometry.rotations import matrix_from_quaternion
-from tests.support.formation_flown import FOLLOWER, HOME, Velocity
-from tests.support.programs import ROOT
+from tests.support.formation_flown import EARTH_RADIUS_M, FOLLOWER, HOME, Start, Velocity, add_text
+from tests.support.programs import CODE
 
 BINARY: Final = os.environ.get("PX4", "")
-OFFBOARD, FOLLOW_ME = (6, 0), (4, 8)  # main and sub mode
-HEIGHTS: Final = {True: 12.0, False: 15.0}  # m, of the follower, which is that of FLW_TGT_HT, and of the leader
-VELOCITY_AT_HEIGHT: Final = 0b0000_1001_1110_0011  # the fields of SET_POSITION_TARGET that are ignored
+OFFBOARD: Final = 6  # main mode
+VELOCITY_AND_YAW: Final = 0b0000_1001_1100_0111  # the fields of SET_POSITION_TARGET that are ignored
 M: Final = mavutil.mavlink
 # Without a remote control, a battery or a card; and with the drag of a real vehicle (docs/px4.md).
 PARAMETERS: Final = {
@@ -30,7 +29,6 @@ PARAMETERS: Final = {
     "COM_DISARM_PRFLT": -1,
     "CBRK_SUPPLY_CHK": 894281,
     "SIM_BAT_MIN_PCT": 90,
-    "COM_OF_LOSS_T": 3.0,
     "SIH_KDV": 0.2,
 }
 
@@ -39,18 +37,18 @@ class Px4:
     """One PX4, its process and a connection that flies it. Its ports follow from its number: so only one pair
     flies on a computer."""
 
-    def __init__(self, folder: Path, system: int, north_m: float) -> None:
+    def __init__(self, folder: Path, system: int, start: Start) -> None:
         folder.mkdir()
-        self._number, self._folder, self._height = system, folder, HEIGHTS[system == FOLLOWER]
+        self._number, self._folder, self._start = system, folder, start
         self.system = system + 1  # as MAVLink has it
         self.for_daemon = f"udpin:127.0.0.1:{14540 + system}"
         self.for_camera = f"udpin:127.0.0.1:{14600 + system}"
         self.texts: list[str] = []
         self._truth: Any = None  # HIL_STATE_QUATERNION
-        self._is_armed = self._has_more = False
+        self._is_armed = self._has_more = self.is_in_setpoint_mode = False
         self._asked = 0.0
         self._build = Path(BINARY).resolve().parents[1]
-        self._environment = _environment(system, north_m, self._height)
+        self._environment = _environment(system, start)
         command = [BINARY, "-i", str(system), "-d", "-w", str(folder), str(self._build / "etc")]
         with (folder / "out.txt").open("wb") as out:
             self.popen = subprocess.Popen(
@@ -70,9 +68,10 @@ class Px4:
             if m.get_type() == "HIL_STATE_QUATERNION":
                 self._truth = m
             elif m.get_type() == "STATUSTEXT":
-                self.texts.append(m.text)
+                add_text(self.texts, m)
             elif m.get_type() == "HEARTBEAT" and m.get_srcComponent() == 1:
                 self._is_armed = bool(m.base_mode & M.MAV_MODE_FLAG_SAFETY_ARMED)
+                self.is_in_setpoint_mode = m.custom_mode >> 16 & 0xFF == OFFBOARD
         if time.monotonic() - self._asked > 1.0:
             self._asked = time.monotonic()
             self._link.mav.heartbeat_send(M.MAV_TYPE_GCS, M.MAV_AUTOPILOT_INVALID, 0, 0, 0)
@@ -96,27 +95,30 @@ class Px4:
                 check=True,
                 timeout=20.0,
             )
-        self.command(M.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, *[math.nan] * 4)
-        self.command(M.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+        if self._truth is not None and -float(self.r_n[2]) < 1.0:
+            self.command(M.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, *[math.nan] * 4)
+            self.command(M.MAV_CMD_COMPONENT_ARM_DISARM, 1)
 
-    def obey(self) -> None:
-        """Ask for Offboard, which needs set points: `go` first."""
-        self.command(M.MAV_CMD_DO_SET_MODE, 1, *OFFBOARD)
+    def hold(self) -> None:
+        """Ask for Hold, with the heading of its start: PX4 boots looking north."""
+        self.command(M.MAV_CMD_DO_REPOSITION, -1, 1, 0, math.remainder(self._start.yaw, math.tau), *[math.nan] * 3)
 
     def follow(self) -> None:
-        """Ask for Follow-Me."""
-        self.command(M.MAV_CMD_DO_SET_MODE, 1, *FOLLOW_ME)
+        """Ask for OFFBOARD, which needs setpoints."""
+        self.command(M.MAV_CMD_DO_SET_MODE, 1, OFFBOARD)
 
     def go(self, v_n: Velocity, yaw: float) -> None:
-        """Fly with this level velocity (m/s, NED) and heading (rad), at its own height."""
-        fields = (0.0, 0.0, -self._height, v_n[0], v_n[1], 0.0, 0.0, 0.0, 0.0, yaw, 0.0)
-        frame = M.MAV_FRAME_LOCAL_NED
-        self._link.mav.set_position_target_local_ned_send(0, self.system, 1, frame, VELOCITY_AT_HEIGHT, *fields)
+        """Fly with this velocity (m/s, NED) and heading (rad) from now on, in OFFBOARD, which it takes then."""
+        frame, zero = M.MAV_FRAME_LOCAL_NED, (0.0, 0.0, 0.0)
+        fields = (frame, VELOCITY_AND_YAW, *zero, *v_n, *zero, yaw, 0.0)
+        self._link.mav.set_position_target_local_ned_send(0, self.system, 1, *fields)
+        if not self.is_in_setpoint_mode:
+            self.follow()
 
     @property
     def is_up(self) -> bool:
         """Whether it has climbed."""
-        return self._truth is not None and self._is_armed and -float(self.r_n[2]) > self._height - 0.8
+        return self._truth is not None and self._is_armed and -float(self.r_n[2]) > self._start.height_m - 0.8
 
     @property
     def r_n(self) -> Array:
@@ -143,16 +145,17 @@ class Px4:
             Path(left).unlink(missing_ok=True)
 
 
-def _environment(system: int, north_m: float, height: float) -> dict[str, str]:
+def _environment(system: int, start: Start) -> dict[str, str]:
     """The environment of one PX4: its vehicle, its place, its parameters; of the guide's if it is the follower."""
-    parameters: dict[str, Any] = PARAMETERS | {"MIS_TAKEOFF_ALT": height}
+    parameters: dict[str, Any] = PARAMETERS | {"MIS_TAKEOFF_ALT": start.height_m}
     if system == FOLLOWER:
-        lines = (ROOT / "configs" / "px4-follow.params").read_text(encoding="utf-8").splitlines()
+        lines = (CODE / "configs" / "px4-follow.params").read_text(encoding="utf-8").splitlines()
         parameters |= {row[2]: row[3] for row in (line.split("\t") for line in lines if line[:1] != "#" and line)}
+    east = start.east_m / EARTH_RADIUS_M / math.cos(math.radians(HOME[0]))
     place = {
         "PX4_SIM_MODEL": "sihsim_quadx",
-        "PX4_HOME_LAT": f"{HOME[0] + math.degrees(north_m / 6_378_137.0):.7f}",
-        "PX4_HOME_LON": f"{HOME[1]:.7f}",
+        "PX4_HOME_LAT": f"{HOME[0] + math.degrees(start.north_m / EARTH_RADIUS_M):.7f}",
+        "PX4_HOME_LON": f"{HOME[1] + math.degrees(east):.7f}",
         "PX4_HOME_ALT": f"{HOME[2]:.1f}",
     }
     return os.environ | place | {f"PX4_PARAM_{name}": str(value) for name, value in parameters.items()}

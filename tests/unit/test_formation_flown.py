@@ -1,45 +1,96 @@
-"""A miss of a real autopilot is told from a computer that did not keep up."""
+"""Flights of real autopilots are drawn by a seed, and judged by the truth alone."""
 
+import math
 from contextlib import ExitStack
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.support.formation_flown import Field, Row
+from tests.support.courses import ACCELERATION, COMMAND_PERIOD_S, SIDES, Course, Kind, draw, draw_plan
+from tests.support.formation_flown import SLOT, Field, Row, add_text
 
+COURSE = draw(Kind.STRAIGHT, "N", np.random.default_rng(1))._replace(heading=math.pi)
 ORIGIN = np.zeros(3)
 
 
-def flown(folder: Path, steps: list[float], log: str = "") -> Field:
-    (folder / "onboard-1.log").write_text(log, encoding="utf-8")
-    vehicle: Any = None
-    world = Field(folder, vehicle, vehicle, ExitStack())
+def flown(steps: list[float], texts: tuple[str, ...] = (), log: str = "", distance: float = 30.0) -> Field:
+    follower: Any = SimpleNamespace(texts=texts)
+    world = Field(Path(), follower, follower, ExitStack())
+    world.daemons.append(SimpleNamespace(output=lambda: log))
+    at = np.array([distance, 0.0, -SLOT[2]])
     for t in np.cumsum([0.0, *steps]).tolist():
-        world.rows.append(Row(t, ORIGIN, ORIGIN, np.array([30.0, 0.0, 0.0]), ORIGIN, 0.0, 0.0, in_view=True))
+        world.rows.append(Row(t, ORIGIN, ORIGIN, at, ORIGIN, 0.0, 0.0, in_view=True))
     return world
 
 
-def test_a_miss_is_a_failure_where_the_computer_kept_up(tmp_path: Path) -> None:
-    world = flown(tmp_path, [0.1] * 100)
-    world.require(True, "near")
-    with pytest.raises(AssertionError, match="12 m"):
-        world.require(False, "12 m")
+def test_a_follower_in_its_slot_is_as_asked() -> None:
+    verdict = flown([0.1] * 100).judge(COURSE)
+    assert verdict.misses == ()
+    assert not verdict.is_void
+    assert verdict.slot_rms_m == pytest.approx(0.0)
+    assert verdict.in_place == 1.0
+
+
+@pytest.mark.parametrize(
+    ("texts", "distance", "miss"),
+    [
+        ((), 12.0, "too near"),
+        ((), 50.0, "not in place at the end"),
+        (("camera mount is off",), 30.0, "false words"),
+    ],
+)
+def test_each_miss_is_named(texts: tuple[str, ...], distance: float, miss: str) -> None:
+    assert miss in flown([0.1] * 100, texts, distance=distance).judge(COURSE).misses
 
 
 @pytest.mark.parametrize(
     ("steps", "log"),
     [([0.1] * 90 + [0.5] * 10, ""), ([0.1] * 100, "this program stood still for 4.0 s")],
 )
-def test_on_a_busy_one_it_is_skipped(tmp_path: Path, steps: list[float], log: str) -> None:
-    world = flown(tmp_path, steps, log)
-    with pytest.raises(pytest.skip.Exception, match="12 m"):
-        world.require(False, "12 m")
-    world.require(True, "near")
+def test_a_flight_on_a_busy_computer_is_void(steps: list[float], log: str) -> None:
+    assert flown(steps, log=log).judge(COURSE).is_void
 
 
-def test_a_follower_is_on_its_side_behind_the_leader(tmp_path: Path) -> None:
-    (row,) = flown(tmp_path, []).rows
+def test_a_leader_that_comes_may_pass_nearer() -> None:
+    assert flown([0.1] * 9, distance=17.0).judge(COURSE._replace(heading=0.0)).misses == ()
+
+
+def test_a_follower_is_on_its_side_behind_the_leader() -> None:
+    row = flown([]).rows[0]
     assert row.aside == pytest.approx(0.0)
-    assert row._replace(r_F=np.array([30.0, 20.0, 0.0])).aside == pytest.approx(np.pi / 2)
+    assert row._replace(r_F=np.array([30.0, 20.0, 0.0])).aside == pytest.approx(math.pi / 2)
+
+
+def test_a_plan_has_each_course_once_and_is_begun_from_all_sides() -> None:
+    plan = draw_plan(3)
+    assert {course.kind for course in plan} == set(Kind)
+    assert {course.side for course in plan} == set(SIDES)
+    assert plan == draw_plan(3)
+    assert plan != draw_plan(4)
+
+
+@pytest.mark.parametrize("kind", Kind)
+def test_a_course_is_flown_within_a_flight(kind: Kind) -> None:
+    course = draw(kind, "E", np.random.default_rng(2))
+    commands = list(course.commands())
+    seconds = len(commands) * COMMAND_PERIOD_S
+    assert 45.0 <= seconds <= 75.0
+    speeds = np.array([math.hypot(*command.v_n[:2]) for command in commands])
+    assert float(np.max(speeds)) <= course.speed + 1e-9
+    assert float(np.max(np.abs(np.diff(speeds)))) <= ACCELERATION * COMMAND_PERIOD_S + 1e-9
+    if course.outage is not None:
+        assert course.outage[1] < seconds - 20.0
+
+
+def test_parts_of_a_text_are_joined() -> None:
+    texts: list[str] = []
+    for sequence, part in enumerate(("is its ", "detector running?")):
+        add_text(texts, SimpleNamespace(text=part, chunk_seq=sequence))
+    assert texts == ["is its detector running?"]
+
+
+def test_a_course_says_itself() -> None:
+    assert str(Course(Kind.CLIMB, "W", math.pi, 4.0, ())) == "climb at 4.0 m/s, course 180, from W"
