@@ -14,7 +14,7 @@ from pymavlink import mavutil
 from onboard.arrays import Array
 from onboard.geometry.geodesy import ned_from_geodetic
 from onboard.geometry.rotations import matrix_from_euler
-from tests.support.formation_flown import EARTH_RADIUS_M, FOLLOWER, HOME, Start, Velocity, add_text
+from tests.support.formation_flown import EARTH_RADIUS_M, FOLLOWER, HOME, MAX_SILENCE_S, Start, Velocity, add_text
 from tests.support.programs import CODE, free_ports
 
 BINARY: Final = os.environ.get("ARDUCOPTER", "")
@@ -44,7 +44,7 @@ class Copter:
         self.for_daemon, self.for_camera = (f"tcp:127.0.0.1:{base + port}" for port in (2, 3))
         self.truth: dict[str, float] = {}  # SIM_STATE
         self.texts: list[str] = []
-        self._asked = 0.0
+        self._asked = self._heard = 0.0
         self.is_up = self.is_in_setpoint_mode = False
         with (folder / "out.txt").open("wb") as out:
             self.popen = subprocess.Popen(
@@ -72,15 +72,16 @@ class Copter:
                 time.sleep(0.2)
 
     def read(self) -> None:
-        """Take what has come, and ask for the truth again and again."""
+        """Take what has come, and ask for the truth again and again. Raises AssertionError if it falls silent."""
         while (m := self._link.recv_match(blocking=False)) is not None:
             if m.get_type() == "SIM_STATE":
-                self.truth = m.to_dict()
+                self.truth, self._heard = m.to_dict(), time.monotonic()
                 self._check_height()
             elif m.get_type() == "STATUSTEXT":
                 add_text(self.texts, m)
             elif m.get_type() == "HEARTBEAT" and m.get_srcComponent() == 1:
                 self.is_in_setpoint_mode = m.custom_mode == GUIDED
+        assert not self._heard or time.monotonic() - self._heard < MAX_SILENCE_S, "the autopilot fell silent"
         if time.monotonic() - self._asked > 1.0:
             self._asked = time.monotonic()
             self._link.mav.heartbeat_send(M.MAV_TYPE_GCS, M.MAV_AUTOPILOT_INVALID, 0, 0, 0)

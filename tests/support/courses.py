@@ -13,7 +13,7 @@ ACCELERATION: Final = 1.5  # m/s^2, of the commanded speed
 START_DISTANCE_M: Final = 33.0  # a little farther than the slot
 MEETING_DISTANCE_M: Final = 65.0
 OUTAGE_S: Final = {"killed": 4.0, "blind": 6.0}
-MAX_ANGLE_OF_MEETING: Final = math.radians(60.0)  # between a first course and the bearing of the follower
+MEETING_WIDTH_M: Final = 20.0  # two thirds of the slot's distance, which a first course leaves or not
 SIDES: Final = {"N": 0.0, "E": 0.5 * math.pi, "S": math.pi, "W": -0.5 * math.pi}  # of the leader, rad
 
 
@@ -62,9 +62,10 @@ class Course(NamedTuple):
 
     @property
     def comes_at_follower(self) -> bool:
-        """Whether the leader flies towards the follower, at first or after it turned back."""
-        off = abs(math.remainder(self.heading - SIDES[self.side], 2.0 * math.pi))
-        return self.kind is Kind.REVERSAL or off < MAX_ANGLE_OF_MEETING
+        """Whether the leader turns back, or its first course passes so near to where the follower begins."""
+        off = math.remainder(self.heading - SIDES[self.side], 2.0 * math.pi)
+        is_near = math.cos(off) > 0.0 and self.distance_m * abs(math.sin(off)) < MEETING_WIDTH_M
+        return self.kind is Kind.REVERSAL or is_near
 
     def commands(self) -> Iterator[Command]:
         """All commands, one each COMMAND_PERIOD_S."""

@@ -13,7 +13,7 @@ from pymavlink import mavutil
 from onboard.arrays import Array
 from onboard.geometry.geodesy import ned_from_geodetic
 from onboard.geometry.rotations import matrix_from_quaternion
-from tests.support.formation_flown import EARTH_RADIUS_M, FOLLOWER, HOME, Start, Velocity, add_text
+from tests.support.formation_flown import EARTH_RADIUS_M, FOLLOWER, HOME, MAX_SILENCE_S, Start, Velocity, add_text
 from tests.support.programs import CODE
 
 BINARY: Final = os.environ.get("PX4", "")
@@ -46,7 +46,7 @@ class Px4:
         self.texts: list[str] = []
         self._truth: Any = None  # HIL_STATE_QUATERNION
         self._is_armed = self._has_more = self.is_in_setpoint_mode = False
-        self._asked = 0.0
+        self._asked = self._heard = 0.0
         self._build = Path(BINARY).resolve().parents[1]
         self._environment = _environment(system, start)
         command = [BINARY, "-i", str(system), "-d", "-w", str(folder), str(self._build / "etc")]
@@ -63,15 +63,16 @@ class Px4:
         self._link = mavutil.mavlink_connection(f"udpout:127.0.0.1:{18570 + system}", source_system=255)
 
     def read(self) -> None:
-        """Take what has come, and ask for the truth again and again."""
+        """Take what has come, and ask for the truth again and again. Raises AssertionError if it falls silent."""
         while (m := self._link.recv_match(blocking=False)) is not None:
             if m.get_type() == "HIL_STATE_QUATERNION":
-                self._truth = m
+                self._truth, self._heard = m, time.monotonic()
             elif m.get_type() == "STATUSTEXT":
                 add_text(self.texts, m)
             elif m.get_type() == "HEARTBEAT" and m.get_srcComponent() == 1:
                 self._is_armed = bool(m.base_mode & M.MAV_MODE_FLAG_SAFETY_ARMED)
                 self.is_in_setpoint_mode = m.custom_mode >> 16 & 0xFF == OFFBOARD
+        assert not self._heard or time.monotonic() - self._heard < MAX_SILENCE_S, "the autopilot fell silent"
         if time.monotonic() - self._asked > 1.0:
             self._asked = time.monotonic()
             self._link.mav.heartbeat_send(M.MAV_TYPE_GCS, M.MAV_AUTOPILOT_INVALID, 0, 0, 0)
