@@ -4,6 +4,7 @@ from enum import IntEnum
 from typing import Final, NamedTuple
 
 from onboard.messages import Advice, Clock, Estimate, Lifecycle, Severity, StatusText
+from onboard.messages.causes import Cause
 from onboard.messages.text import plain, without_numbers
 from onboard.units import NS_PER_S
 
@@ -68,7 +69,10 @@ class Notices:
             severity, text = INFO, "leader tracked"
             if not estimate.valid:
                 lost = "leader lost" if estimate.state is Lifecycle.LOST else "no leader"
-                severity, text = WARNING, f"{lost}: braking" if self.leads else lost
+                severity, text = (
+                    WARNING,
+                    f"{lost}: braking" if self.leads and estimate.cause is not Cause.UNEXPECTED else lost,
+                )
             self._waiting[Rank.LEADER, ""] = _Text(severity, text, text)
         self._was_valid = estimate.valid
 

@@ -18,23 +18,16 @@ CENTIDEGREE: Final = math.radians(0.01)
 PLAUSIBLE: Final = Limits((1.0, 30.0), (0.5, 10.0), (1.0, 50.0), (0.1, 6.3))  # type: ignore[arg-type]
 
 
-class ParameterAdvice(NamedTuple):
-    """Whether a value of a parameter is right for setpoints, and what to do if it is not."""
-
-    is_right: Callable[[float], bool]
-    words: str
-
-
 class SetpointMode(NamedTuple):
     """A flight mode that flies setpoints. `is_on`: whether a custom_mode is that mode. `needs_stream`: it can be
     entered only while setpoints come. `limits`: field of `Limits` and unit of each parameter that limits the
-    vehicle."""
+    vehicle. `advice`: whether a value of a parameter is right, and what to do if it is not."""
 
     name: str
     is_on: Callable[[int], bool]
     needs_stream: bool
     limits: Mapping[str, tuple[str, float]]
-    advice: Mapping[str, ParameterAdvice]
+    advice: Mapping[str, tuple[Callable[[float], bool], str]]
     messages: tuple[str, ...] = ("EXTENDED_SYS_STATE",)  # that tell of the mode, and whether the vehicle flies
 
 
@@ -49,9 +42,7 @@ OFFBOARD: Final = SetpointMode(
         "MPC_YAWRAUTO_MAX": ("yaw_rate", math.radians(1.0)),
     },
     advice={
-        "COM_OBL_RC_ACT": ParameterAdvice(
-            lambda value: value == 5.0, "COM_OBL_RC_ACT: set 5 (Hold), for a daemon that falls silent"
-        )
+        "COM_OBL_RC_ACT": (lambda value: value == 5.0, "COM_OBL_RC_ACT: set 5 (Hold), in case the daemon dies")
     },
     messages=("EXTENDED_SYS_STATE", "CURRENT_MODE"),
 )
@@ -67,11 +58,10 @@ GUIDED: Final = SetpointMode(
         "ATC_SLEW_YAW": ("yaw_rate", CENTIDEGREE),
     },
     advice={
-        "GUID_TIMEOUT": ParameterAdvice(
-            lambda value: 0.1 <= value <= 1.5, "GUID_TIMEOUT: set 1, the seconds it flies on if the daemon dies"
-        ),
-        "GUID_OPTIONS": ParameterAdvice(
-            lambda value: int(value) & 0b11_0000 == 0, "GUID_OPTIONS: clear 16 and 32, which ignore setpoints"
+        "GUID_TIMEOUT": (lambda value: value <= 1.5, "GUID_TIMEOUT: set 1, in case the daemon dies"),
+        "GUID_OPTIONS": (
+            lambda value: int(value) & 0b11_0000 == 0,
+            "GUID_OPTIONS: clear 16 and 32, which ignore setpoints",
         ),
     },
 )
@@ -94,4 +84,4 @@ def limited_by(limits: Limits, mode: SetpointMode, name: str, value: float) -> t
             return limits, f"{name} {value:g} is implausible, so it is not used"
         return limits._replace(**{field: min(getattr(limits, field), value * unit)}), ""
     advice = mode.advice.get(name)
-    return limits, "" if advice is None or (math.isfinite(value) and advice.is_right(value)) else advice.words
+    return limits, "" if advice is None or (math.isfinite(value) and advice[0](value)) else advice[1]

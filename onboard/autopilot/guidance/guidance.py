@@ -59,7 +59,7 @@ class Guidance:
         self._is_first_mode = True
         self._intends_mode: bool | None = None
         self._t_ns: int | None = None
-        self._begun_ns: int | None = None
+        self._waited_s = 0.0  # since the start
         self._seen_ns: int | None = None
         self._own: Follower | None = None
 
@@ -81,7 +81,7 @@ class Guidance:
             return ""
         if self.is_on and not self.leads:
             return f"not led: enter {mode.name} again, in the air"
-        if self._waits_for_pilot():
+        if mode.needs_stream and self._must_wait() and self._intends_mode:
             return f"PX4 would return to {mode.name} by itself: choose Hold, then {mode.name}"
         if self.leads and self._law.is_swaying:
             return "range open: sways to see it"
@@ -107,7 +107,7 @@ class Guidance:
         """The mode is entered where it was not on before, or where this daemon led in an earlier run."""
         if not is_on:
             self.leads = False
-            self._has_led = self._has_led and bool(self._intends_mode)
+            self._has_led = self._has_led and self._intends_mode is not False
         elif not self.is_on and (self._has_led if self._is_first_mode else self._is_ready()):
             self.leads = self._has_led = True
         self.is_on, self._is_first_mode = is_on, False
@@ -126,9 +126,10 @@ class Guidance:
         """Make setpoint and smoothed leader of a time on the boot clock."""
         pause_s = 0.0 if self._t_ns is None else max((t_ns - self._t_ns) / NS_PER_S, 0.0)
         dt = min(pause_s, MAX_STEP_S)
-        self._leader.coast(min(pause_s, REMEMBERED_S) - dt)
+        if pause_s > dt:
+            self._leader.coast(min(pause_s, REMEMBERED_S) - dt)
         self._t_ns = t_ns
-        self._begun_ns = t_ns if self._begun_ns is None else self._begun_ns
+        self._waited_s += pause_s
         is_own_known = bool(np.isfinite(own.r_F).all() and np.isfinite(own.v_F).all())
         if is_own_known:
             self._follow_reset(own, dt)
@@ -179,26 +180,21 @@ class Guidance:
         mode = self._mode
         if mode is None or self._own is None:
             return None
-        if self.leads:
+        if self.leads and self._law.has_begun:
             r_F = None if own is None else own.r_F
             return self._law.step(self._leader, self._lost_s(), turn, r_F, dt, self._framing.lift)
-        self._streams = self._streams or (mode.needs_stream and not self._must_wait())
+        self._streams = mode.needs_stream and not self._must_wait()
         if own is not None or not self._streams:
             yaw = 0.0 if self._own.q_nb is None else euler_from_quaternion(self._own.q_nb)[2]
             self.setpoint = self._law.begin(self._own.r_F, self._own.v_F, yaw)
         return self.setpoint if self._streams else None
 
-    def _waits_for_pilot(self) -> bool:
-        """PX4 would return to its mode at the first setpoint, although it was not led in it."""
-        needs_stream = self._mode is not None and self._mode.needs_stream
-        return needs_stream and not self._streams and bool(self._intends_mode) and not self._has_led
-
     def _must_wait(self) -> bool:
-        """Whether a stream may not begin: PX4 intends to return to its mode, or has not said so yet."""
-        if self._has_led:
+        """Whether a stream may not begin: PX4 would return to its mode by itself, or has not said yet whether."""
+        if self._has_led or self._streams:
             return False
-        waited_s = (self._t_ns - self._begun_ns) / NS_PER_S if self._t_ns and self._begun_ns is not None else 0.0
-        return self.is_on or bool(self._intends_mode) or (self._intends_mode is None and waited_s < MODE_WAIT_S)
+        is_unknown = self._intends_mode is None and self._waited_s < MODE_WAIT_S
+        return self.is_on or bool(self._intends_mode) or is_unknown
 
 
 def is_usable(state: LeaderState) -> bool:

@@ -84,6 +84,11 @@ class FollowLaw:
         self._reference: ReferenceState | None = None
         self._sway_s = 0.0
 
+    @property
+    def has_begun(self) -> bool:
+        """There is a reference."""
+        return self._reference is not None
+
     def begin(self, r_F: Array, v_F: Array, yaw: float) -> ReferenceState:
         """Put the reference where the vehicle is, with its velocity."""
         self.phase = Phase.HOLD

@@ -320,11 +320,26 @@ def test_a_run_that_led_goes_on_after_a_restart(mode: SetpointMode, has_led: boo
     chase = Chase(mode=mode)
     known = state(chase.t_ns - 4 * S, (0.0, 0.0, -20.0), (5.0, 0.0, 0.0), np.zeros(3), chase.r_F)
     chase.guidance.resume(known, 0.0, has_led=has_led)
+    chase.guidance.receive(beat(mode, on=True))  # it may be heard before our own place is
+    chase.has_place = False
     chase.step()
-    chase.guidance.receive(beat(mode, on=True))
+    chase.has_place = True
     chase.see(1.0)
     assert chase.guidance.leads is has_led
     assert chase.guidance.course == 0.0
+
+
+def test_a_run_that_led_a_px4_leads_it_back_from_its_failsafe() -> None:
+    """The heartbeat in Hold may come before CURRENT_MODE."""
+    chase = Chase(mode=OFFBOARD)
+    known = state(chase.t_ns - 4 * S, (0.0, 0.0, -20.0), (5.0, 0.0, 0.0), np.zeros(3), chase.r_F)
+    chase.guidance.resume(known, 0.0, has_led=True)
+    for message in (beat(OFFBOARD, on=False), current_mode(OFFBOARD, intends=True)):
+        chase.guidance.receive(message)
+    chase.see(0.1)
+    assert chase.guidance.setpoint is not None
+    chase.guidance.receive(beat(OFFBOARD, on=True))
+    assert chase.guidance.leads
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -5.0, 0.0, 1e9])
