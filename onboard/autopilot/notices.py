@@ -69,10 +69,8 @@ class Notices:
             severity, text = INFO, "leader tracked"
             if not estimate.valid:
                 lost = "leader lost" if estimate.state is Lifecycle.LOST else "no leader"
-                severity, text = (
-                    WARNING,
-                    f"{lost}: braking" if self.leads and estimate.cause is not Cause.UNEXPECTED else lost,
-                )
+                brakes = self.leads and estimate.cause is not Cause.UNEXPECTED  # which is followed still
+                severity, text = WARNING, f"{lost}: braking" if brakes else lost
             self._waiting[Rank.LEADER, ""] = _Text(severity, text, text)
         self._was_valid = estimate.valid
 

@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 
 from onboard import UserError, __version__
 from onboard.commands.share import TOGETHER, copied_text, shared_text
-from onboard.config import ConfigError, GuidanceConfig, LeaderOutConfig, parse_config
+from onboard.config import ConfigError, GuidanceConfig, parse_config
 from onboard.daemon import check_link
 from onboard.terminal.files import make_folder
 from onboard.terminal.output import show
@@ -206,16 +206,15 @@ def configuration(setup: Setup) -> str:
         f'leader_class = "{leader_class}"',
     ]
     if setup.follows:
-        out, slot = LeaderOutConfig(link="autopilot"), GuidanceConfig().slot_m
-        file = PARAMETER_FILES[setup.autopilot]
+        mode = "OFFBOARD" if setup.autopilot == "px4" else "GUIDED"
         lines += [
             "",
-            "[[leader_out]]  # what the autopilot follows in its mode FOLLOW or Follow-Me, by the pilot's choice",
+            f"[[leader_out]]  # leads the vehicle once the pilot enters {mode}",
             'link = "autopilot"',
-            f"system = {out.system}",
+            "rates_hz = { SET_POSITION_TARGET_LOCAL_NED = 25.0 }",
             "",
             "[guidance]",
-            f"slot_m = {list(slot)}  # from the leader: forward, right, down; {file} has it, too",
+            f"slot_m = {list(GuidanceConfig().slot_m)}  # from the leader: forward, right, down",
         ]
     lines += [
         "",

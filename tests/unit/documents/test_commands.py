@@ -97,7 +97,11 @@ def test_pre_commit_runs_what_lint_runs() -> None:
 
 def test_the_changelog_names_every_command() -> None:
     text = documents.text(ROOT / "CHANGELOG.md")
-    assert re.findall(r"^## (.*)", text, re.MULTILINE) == ["0.2.0 - 2026-11-27", "0.1.0 - 2026-11-22"]
+    assert re.findall(r"^## (.*)", text, re.MULTILINE) == [
+        "Unreleased",
+        "0.2.0 - 2026-11-27",
+        "0.1.0 - 2026-11-22",
+    ]
     for command in subcommands("onboard"):
         assert f"onboard {command}" in text
 
