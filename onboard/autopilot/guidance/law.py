@@ -31,8 +31,8 @@ MAX_RETREAT_SPEED: Final = 4.0  # m/s, towards a slot that is farther off than w
 VELOCITY_GAIN: Final = 1.6  # 1/s, from the error of the reference's velocity to its acceleration
 LEASH_M: Final = 6.0  # between reference and vehicle: what a vehicle lags behind at its greatest speed
 CLIMB_GAIN, MAX_CLIMB_SPEED, MAX_CLIMB_ACCELERATION = 0.6, 1.5, 1.5  # 1/s, m/s, m/s^2
+OWN_PLACE_M: Final = 2.0  # of a range's sigma that is no reason to stay where the leader may be nearer
 SPEED_NOISE: Final = 0.4  # m/s, of a leader's speed that no caution is taken for
-MAX_RECEDING_CAUTION: Final = 2.0  # m/s, by which a leader that flies off may be slower than estimated
 MIN_LOOK_DISTANCE: Final = 2.0  # m; nearer in the plane, the leader has no bearing
 MIN_TURN_SPEED: Final = 2.0  # m/s, about a leader that is as fast as the vehicle
 OPEN_RANGE_RATIO: Final = 0.25  # of the range: with a larger sigma, images leave it open
@@ -140,26 +140,30 @@ class FollowLaw:
         angle = wrapped(leader.slot_course + self._side - math.atan2(u[1], u[0]))
         rate = min(max(TURN_GAIN * angle + turn, -max_rate), max_rate)
         closing = self._config.max_closing_speed_m_s
-        radial = min(max(_stopping(d - rho, APPROACH_GAIN, APPROACH_BRAKING), -closing), MAX_RETREAT_SPEED)
+        off = d - rho if rho > d else max(d - rho - max(sigma - OWN_PLACE_M, 0.0), 0.0)
+        radial = min(max(_stopping(off, APPROACH_GAIN, APPROACH_BRAKING), -closing), MAX_RETREAT_SPEED)
         radial = max(radial, -_stopping(max(near - self.min_distance, 0.0), STOP_GAIN, BRAKING))
         across = rho * rate + self._sway(sigma > OPEN_RANGE_RATIO * here, dt)
 
-        leader_v = leader.v[:2] + (self._sure_speed(leader, u, near) - float(leader.v[:2] @ u)) * u
+        speed, sure_speed = float(leader.v[:2] @ u), self._sure_speed(leader, u, near)
+        leader_v = leader.v[:2] + (sure_speed - speed) * u
         level = limited(leader_v + radial * u + across * np.array([-u[1], u[0]]), limits.speed)
         v = np.array([*level, self._climb(before, leader, lift)])
         a_L = leader.a[:2] if near > self.min_distance - 5.0 else np.zeros(2)
+        a_L = a_L - max(float(a_L @ u), 0.0) * (1.0 - min(max(sure_speed, 0.0) / max(speed, 0.1), 1.0)) * u
         a = np.array([*(a_L - rho * rate * rate * u), 0.0])
         return self._moved(before, v, a, dt, (u, self._braking(before, leader, u, here)))
 
     def _sure_speed(self, leader: LeaderTrack, u: Array, near: float) -> float:
-        """The leader's speed outward along u (2,), as far as it is sure: what comes at us counts at half less a
-        sigma less than estimated where there is room, and what flies off counts less where there is none."""
+        """The leader's speed outward along u (2,), as far as it is sure. Only a speed beyond two sigmas is
+        chased. A leader that comes at us is believed as far as there is no room to wait."""
         speed = min(float(leader.v[:2] @ u), float(leader.v_seen[:2] @ u) + SPEED_NOISE)
         speed += LEAD_TIME_S * min(float(leader.a[:2] @ u), 0.0)
         sigma = sigma_along(leader.covariance[3:5, 3:5], u)
+        if speed > 0.0:
+            return max(speed - max(2.0 * sigma - 1.0, 0.0), 0.0)
         doubt = min(max((self.distance - near) / (0.25 * self.distance), 0.0), 1.0)
-        caution = min(0.5 * sigma, MAX_RECEDING_CAUTION) if speed > 0.0 else (1.0 + doubt) * sigma
-        return math.copysign(max(abs(speed) - max(caution - SPEED_NOISE, 0.0), 0.0), speed)
+        return min(speed + max((1.0 + doubt) * sigma - SPEED_NOISE, 0.0), 0.0)
 
     def _braking(self, before: ReferenceState, leader: LeaderTrack, u: Array, here: float) -> float:
         """The greatest acceleration away from the leader, m/s^2: more than keeps it in the image only where the
@@ -187,10 +191,11 @@ class FollowLaw:
         """The velocity (3,) away from a lost leader that should be nearer than the slot's distance."""
         out = before.r[:2] - leader.r[:2]
         rho = max(float(np.linalg.norm(out)), 0.1)
-        if rho >= self.distance:
+        off = self.distance - rho - sigma_along(leader.range_covariance[:2, :2], out / rho)
+        if off <= 0.0:
             return np.zeros(3)
-        speed = _stopping(self.distance - rho, APPROACH_GAIN, APPROACH_BRAKING)
-        speed += max(float(leader.v[:2] @ out) / rho, 0.0)
+        coming = float(leader.v[:2] @ out) / rho - sigma_along(leader.covariance[3:5, 3:5], out / rho)
+        speed = _stopping(off, APPROACH_GAIN, APPROACH_BRAKING) + max(coming, 0.0)
         return np.array([*(min(speed, self.limits.speed) / rho * out), 0.0])
 
     def _moved(
