@@ -15,7 +15,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from typing import Final
 
-from onboard.clocks import SENSED, Clocks
+from onboard.clocks import SENSED, ClockEvent, Clocks
 from onboard.config import Config, source_delays_ns
 from onboard.estimators import CountsVerdicts, EstimatorProtocol, Listens, load
 from onboard.health import Advisor, Monitor
@@ -54,6 +54,10 @@ NO_POSITION: Final = Reason(
     Cause.NO_POSITION, "the autopilot has no position yet: its filter still aligns, or GPS is missing"
 )
 UNKNOWN: Final = Reason(Cause.OWN_MOTION_UNKNOWN, "our own motion is not known")
+NEW_TIME: Final = {
+    ClockEvent.REBOOTED: Reason(Cause.REBOOTED, "the autopilot has rebooted"),
+    ClockEvent.CLOCK_SET: Reason(Cause.CLOCK_SET, "the autopilot has set its clock"),
+}
 CORRECTED: Final = Reason(
     Cause.CLOCK_CORRECTED,
     "the clocks' offset was wrong: the link had been held up, or they run at different rates",
@@ -189,21 +193,18 @@ class Pipeline:
                 self._monitor.reject(message, "unstamped_points")
             return None, []  # not stamped: commands, heartbeats, text; nothing to estimate from
         clocks, ended = self.clocks, list[Output]()
-        reboots, jumps, corrections = clocks.reboots, clocks.jumps, clocks.corrections
-        aligned = clocks.align(message, self.delay_ns(message))
+        aligned, offset_ns, event, why = clocks.align(message, self.delay_ns(message))
         if aligned is None:  # counted by the clocks
-            self._monitor.refusals.add_message(message, clocks.why if self.autopilot else "before_heartbeat")
+            self._monitor.refusals.add_message(message, why if self.autopilot else "before_heartbeat")
             return None, []
         if isinstance(message, Exposure):
-            self._monitor.cameras.see(message, aligned.t_ns, clocks.offset_ns, self.ownship.now_ns)
-        if clocks.reboots > reboots:
-            ended = self._start_over(Reason(Cause.REBOOTED, "the autopilot has rebooted"))
-        elif clocks.jumps > jumps:
-            ended = self._start_over(Reason(Cause.CLOCK_SET, "the autopilot has set its clock"))
-        if clocks.corrections > corrections:
+            self._monitor.cameras.see(message, aligned.t_ns, offset_ns, self.ownship.now_ns)
+        if event in NEW_TIME:
+            ended = self._start_over(NEW_TIME[event])
+        elif event is ClockEvent.CORRECTED:
             self._monitor.rejected["clock_corrections"] += 1
             self._reset(CORRECTED)
-        if (known := self._warm.confirmed(clocks, message.t_recv_ns)) is not None:
+        if self._warm.waits and (known := self._warm.confirmed(clocks, offset_ns, message.t_recv_ns)) is not None:
             self._observe(known)
         return aligned, ended
 
