@@ -27,7 +27,7 @@ from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter, make_filter
 from onboard.estimators.leader.hypotheses.wind import TIMEOUT_NS, UNKNOWN, Wind, wind_of
-from onboard.estimators.leader.image.camera_pose import CameraPoses
+from onboard.estimators.leader.image.camera_pose import CameraPoses, PosedExposure
 from onboard.estimators.leader.image.prepare import Image, agree, prepare
 from onboard.estimators.leader.reports.broadcast import Broadcast
 from onboard.estimators.leader.reports.prior import prior_of, size_of
@@ -115,7 +115,7 @@ class Estimator:
         if not isinstance(message, Exposure):
             self._heed(message, ownship)
             return []
-        answers: dict[int, list[Estimate]] = {}
+        view, answers = self._poses.view(message, ownship), dict[int, list[Estimate]]()
         found: dict[int, Track] = {}  # the tracks of the exposure's detections
         claims: dict[int, Candidate | Verdict] = {}
         for i, seen in enumerate(message.detections):
@@ -127,19 +127,24 @@ class Estimator:
             if track is None:
                 answers[i] = self._refuse(seen, ownship)
                 continue
-            if seen.target != NAME and (before := self._renamed(seen, track, ownship)) is not None:
+            if seen.target != NAME and (before := self._renamed(seen, track, view, ownship)) is not None:
                 track, answers[i] = before, [self._rename(before, seen.target, ownship)]
-            found[i], claims[i] = track, track.claim(seen, ownship)
+            found[i], claims[i] = track, track.claim(seen, view, ownship)
         if len(claims) > 1:
             self._exchange(claims, found, ownship)
         for i, claim in claims.items():
-            answers[i] += self._take(message.detections[i], found[i], claim, ownship)
+            answers[i] += self._take(message.detections[i], view, found[i], claim, ownship)
         if len(answers) < len(message.detections):
-            answers |= self._unnamed(message.detections, found, ownship)
+            answers |= self._unnamed(view, found, ownship)
         return [estimate for i in sorted(answers) for estimate in answers[i]]
 
     def _take(
-        self, seen: TargetImage, track: Track, claim: Candidate | Verdict | None, ownship: Ownship
+        self,
+        seen: TargetImage,
+        view: PosedExposure,
+        track: Track,
+        claim: Candidate | Verdict | None,
+        ownship: Ownship,
     ) -> list[Estimate]:
         """Let a track take a detection, as it was compared with the track, or None where it was not yet."""
         said: list[Estimate] = []
@@ -151,7 +156,7 @@ class Estimator:
                 said.append(track.tick(ownship))
             claim = claim if track.filter is filter_ else None
         if claim is None:
-            claim = track.claim(seen, ownship)
+            claim = track.claim(seen, view, ownship)
         if track.target == NAME and self._frames is not None and isinstance(claim, Candidate):
             self._compare(self._frames, claim.image, track.range, ownship)
         said.append(self._counted(track.take(seen, claim, ownship)))
@@ -188,17 +193,17 @@ class Estimator:
         found |= {j: found[i] for j, i in tracks.items()}
 
     def _unnamed(
-        self, detections: Sequence[TargetImage], found: dict[int, Track], ownship: Ownship
+        self, view: PosedExposure, found: dict[int, Track], ownship: Ownship
     ) -> dict[int, list[Estimate]]:
         """Associate the detections without an id with the tracks that were `found` for no other one."""
-        answers: dict[int, list[Estimate]] = {}
+        detections, answers = view.exposure.detections, dict[int, list[Estimate]]()
         images: dict[int, Image] = {}
         for i, seen in enumerate(detections):
-            image = self._prepared(seen, ownship) if seen.target == NO_ID else None
+            image = self._prepared(seen, view, ownship) if seen.target == NO_ID else None
             if isinstance(image, Image):
                 images[i] = image
             elif image is not None:
-                answers[i] = self._take(seen, self._tracks[NAME], image, ownship)
+                answers[i] = self._take(seen, view, self._tracks[NAME], image, ownship)
         if not images:
             return answers
         tracks = [track for track in self._tracks.values() if track not in found.values()]
@@ -210,7 +215,7 @@ class Estimator:
         for i, k in undecided.items():
             answers[i] = [self._counted(tracks[k].take(detections[i], Verdict.UNASSOCIATED, ownship))]
         for i, k in decided.items():
-            answers[i] = self._take(detections[i], tracks[k], pairs[k, i], ownship)
+            answers[i] = self._take(detections[i], view, tracks[k], pairs[k, i], ownship)
         free = [track for k, track in enumerate(tracks) if k not in undecided.values()]
         for i, image in images.items():
             if i in answers:
@@ -222,7 +227,7 @@ class Estimator:
             elif (track := self._left_over(image, [t for t in free if t not in found.values()], ownship)) is None:
                 answers[i] = self._refuse(seen, ownship)
             else:
-                answers[i], found[i] = self._take(seen, track, None, ownship), track
+                answers[i], found[i] = self._take(seen, view, track, None, ownship), track
         return answers
 
     def tick(self, ownship: Ownship) -> list[Estimate]:
@@ -331,12 +336,12 @@ class Estimator:
         """The filter and the settings for what the detector takes the target for."""
         return self._classes.get(message.class_name, (self._filter, self._config))
 
-    def _prepared(self, message: TargetImage, ownship: Ownship) -> Image | Verdict:
+    def _prepared(self, message: TargetImage, view: PosedExposure, ownship: Ownship) -> Image | Verdict:
         """A detection that may be of any track, or why it cannot be used."""
         filter_, config = self._class_of(message)
         half_wing = max(track.half_wing for track in self._tracks.values())
         noise = max(track.noise.scale for track in self._tracks.values())
-        return prepare(message, ownship, self._poses, filter_.shape, config, half_wing, noise)
+        return prepare(message, view, ownship, filter_.shape, config, half_wing, noise)
 
     def _refuse(self, message: TargetImage, ownship: Ownship) -> list[Estimate]:
         """An image that is of one target too many."""
@@ -358,11 +363,11 @@ class Estimator:
         self._tracks[target].feel(self._wind, ownship)
         return self._tracks[target]
 
-    def _renamed(self, message: TargetImage, track: Track, ownship: Ownship) -> Track | None:
+    def _renamed(self, message: TargetImage, track: Track, view: PosedExposure, ownship: Ownship) -> Track | None:
         """The track that goes on under the id of an image, whose own track is not followed yet."""
         if not awaits_name(track, message.t_ns):
             return None
-        image = track.prepare(message, ownship)
+        image = track.prepare(message, view, ownship)
         if isinstance(image, Verdict):
             return None
         near = {
@@ -458,7 +463,7 @@ def continued(by: Track, image: Image, near: Mapping[float, Track], ownship: Own
         offset: t for offset, t in near.items() if t is not by and (t.repeats.newest_ns or since_ns) < since_ns
     }
     nearest = gone[min(gone)] if gone else None
-    claim = nearest.claim(image.message, ownship) if nearest is not None else None
+    claim = nearest.claim(image.message, image.view, ownship) if nearest is not None else None
     return nearest if isinstance(claim, Candidate) and claim.fits else None
 
 

@@ -66,7 +66,7 @@ def compare(
 ) -> ImageComparison:
     """An image beside what is expected of it, by all that is known now of its detector and our own attitude.
     Raises FilterError."""
-    pose = image.pose if image.final else newest_pose(image, poses, ownship)
+    pose = image.pose if image.view.is_final else newest_pose(image, poses, ownship)
     measured = image.measurement
     if noise.scale != image.noise_scale:
         measured = measure(filter_.shape, image.points.noisier(noise.scale))

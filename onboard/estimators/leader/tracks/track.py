@@ -19,7 +19,7 @@ from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary, Report
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter
 from onboard.estimators.leader.hypotheses.wind import Wind
-from onboard.estimators.leader.image.camera_pose import CameraPoses
+from onboard.estimators.leader.image.camera_pose import CameraPoses, PosedExposure
 from onboard.estimators.leader.image.detector import NoiseScale, Repeats
 from onboard.estimators.leader.image.prepare import Image, hold, prepare
 from onboard.estimators.leader.reports.prior import Prior
@@ -119,9 +119,9 @@ class Track:
         self.sequence = 0
         self.life = LifeCycle(config, self._images, why)
 
-    def claim(self, message: TargetImage, ownship: Ownship) -> Candidate | Verdict:
+    def claim(self, message: TargetImage, view: PosedExposure, ownship: Ownship) -> Candidate | Verdict:
         """An image beside what this track expects at its time, or why it cannot be used. Pure."""
-        image = self.prepare(message, ownship)
+        image = self.prepare(message, view, ownship)
         return (
             image
             if isinstance(image, Verdict)
@@ -262,15 +262,15 @@ class Track:
 
     # ------------------------------------------------------------------------------- measurements
 
-    def prepare(self, message: TargetImage, ownship: Ownship) -> Image | Verdict:
+    def prepare(self, message: TargetImage, view: PosedExposure, ownship: Ownship) -> Image | Verdict:
         """The image of a target of this class, or why it cannot be used."""
         settings = self._filter.shape, self._config, self.half_wing, self.noise.scale
-        return prepare(message, ownship, self._poses, *settings)
+        return prepare(message, view, ownship, *settings)
 
     def prepared(self, image: Image, filter_: BeliefFilter, ownship: Ownship) -> Image | Verdict:
         """An image that was prepared by this filter, as this track would prepare it."""
         is_same = self._filter is filter_ and image.supposes(self.half_wing, self.noise.scale)
-        return image if is_same else self.prepare(image.message, ownship)
+        return image if is_same else self.prepare(image.message, image.view, ownship)
 
     def _decide(self, found: Candidate, ownship: Ownship) -> Decision:
         """What to do with an image. The history keeps it in either case, to judge it again where an earlier one
