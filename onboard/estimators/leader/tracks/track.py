@@ -34,16 +34,8 @@ from onboard.estimators.leader.tracks.decisions import (
     TrackHistory,
 )
 from onboard.estimators.leader.tracks.doubts import (
-    ASTRAY,
-    EXTENT_OPEN,
-    LEAPT,
-    UNEXPECTED,
-    Classes,
-    Exchange,
-    Extents,
-    Guard,
-    LastSight,
-    LineOfSight,
+    Checks,
+    Known,
     cameras_apart,
 )
 from onboard.estimators.leader.tracks.fusing import (
@@ -105,11 +97,7 @@ class Track:
         self.held: deque[Image] = deque(maxlen=self._images)
         self.rate_limit = RateLimit(config.publish_rate_hz)
         self.repeats = Repeats(config.stale_after_s, poses.camera.sigma)
-        self._exchange = Exchange(config.reset_timeout_s)
-        self._classes = Classes[BeliefFilter](0.5 * config.reset_timeout_s)
-        self._extents = Extents(0.5 * config.reset_timeout_s)
-        self._guard = Guard()
-        self._sight, self._noise = LastSight(), NOISE  # of the tracks before
+        self._checks, self._noise = Checks(config), NOISE  # of the tracks before
         self._wind: Wind | None = None
         self._surprise = 1.0  # by the images before a track starts
         self.size: Size | None = None  # by more than images
@@ -174,7 +162,7 @@ class Track:
         """The detector takes an image of this time for a class of targets, which has this filter (None: no such
         class is configured). If most images are of another class than believed, the track begins anew, and True is
         returned."""
-        if not self._classes.add(filter_, name, t_ns) or filter_ is None:
+        if not self._checks.classes.add(filter_, name, t_ns) or filter_ is None:
             return False
         was_followed = self._history is not None
         if was_followed:
@@ -231,8 +219,7 @@ class Track:
         self._forget(why)
         self.held.clear()
         self.repeats.clear()
-        self._exchange.clear()
-        self._extents.clear()
+        self._checks.clear()
         self.rate_limit.clear()
 
     @property
@@ -309,25 +296,18 @@ class Track:
         message, t_ns = image.message, image.message.t_ns
         match decision:
             case FuseImage(update) | FuseLate(update):
-                self._exchange.fused(image)
-                self._extents.fused(image)
-                measurement = image.measurement
-                self._sight.see(t_ns, LineOfSight(measurement.axes[0] @ image.pose.R_cn, image.pose.r_FC_n))
-                if measurement.rows.is_wing:
-                    self._guard.seen(measurement.span, measurement.span_sigma)
+                self._checks.fused(image)
                 verdict = Verdict.FUSED_LATE if isinstance(decision, FuseLate) else Verdict.FUSED
                 return self._report(message, verdict, image, update)
             case BeginTrack(before, fits):
                 if before is not None and not fits:
                     self.life.led_elsewhere(t_ns)
-                    self._guard.clear()
+                    self._checks.replace()
                 self._start(image, ownship, before)
                 return self._report(message, Verdict.INITIALISING, image)
             case RestartTrack(why, update):
-                self._exchange.gated(image)
                 self.life.led_elsewhere(t_ns)
-                leapt = self._exchange.ended()
-                self._extents.ended()
+                leapt = self._checks.ended(image)
                 self._forget(why)
                 self._surprise = 1.0 if leapt else NO_IMAGE_FITS  # another object is no surprise
                 self._start(image, ownship, None)
@@ -338,8 +318,7 @@ class Track:
                 return self._report(message, verdict, image)
             case RejectImage(verdict, seen, update):
                 if verdict is Verdict.GATED:
-                    self._exchange.gated(image)
-                    self._extents.gated(image)
+                    self._checks.gated(image)
                 return self._report(message, verdict, seen, update)
 
     def _start(self, image: Image, ownship: Ownship, before: TrackHistory | None) -> None:
@@ -368,7 +347,7 @@ class Track:
         for other in images[1:]:
             self._history.insert(other.message.t_ns, other, ownship)
         self.life.started(first.message.t_ns, again=before is not None)
-        self._sight.see(image.message.t_ns, LineOfSight(image.direction_n, image.pose.r_FC_n))
+        self._checks.begin(image)
         self._settle(self._history, ownship, inserted=True)
         held.clear()
 
@@ -397,8 +376,7 @@ class Track:
     def _forget(self, why: Reason) -> None:
         self.life.forgotten(why, had_track=self._history is not None)
         self._surprise = 1.0
-        self._guard.clear()
-        self._sight.clear()
+        self._checks.forget()
         self.prior = None
         self._noise = self.noise.restarted()
         self._history = None
@@ -420,36 +398,26 @@ class Track:
             except FilterError as error:
                 self._fail(error)
                 belief = None
-        state, why = Lifecycle.INITIALISING if self.held else Lifecycle.SEARCHING, life.why
+        facts: Facts | None = None
         if belief is not None:
             left, noise = self._filter.open_question(track.leader), track.noise
             r_FL_n = belief.mean[POSITION]
-            coasting, sight = life.is_coasting(t_ns), self._sight.newest
-            is_astray = sight is not None and not life.is_carried(t_ns) and not sight.shows(r_FL_n)
-            doubt = (
-                (LEAPT if t_ns < self._exchange.until_ns else None)
-                or self._classes.doubt
-                or (EXTENT_OPEN if self._extents.is_open else None)
-                or (ASTRAY if is_astray else None)
-                or self._poses.contradiction
-                or (noise.contradiction if noise.beyond else None)
-                or self._guard.contradiction(t_ns, belief, ownship)
-                or (UNEXPECTED if left.is_misfit else None)
-            )
-            finding = "; ".join(filter(None, (noise.finding, self._extents.finding)))
+            coasting, is_carried = life.standing(t_ns)
+            known = Known(is_carried, self._poses.contradiction, left.is_misfit)
+            doubt, finding = self._checks.judge(t_ns, belief, noise, known, ownship)
             in_view = not coasting or self._poses.see(r_FL_n, t_ns, ownship)
-            state, why = life.state(t_ns, Facts(doubt, in_view, finding, left.reason))
-            if left.reason and state.is_valid:
-                modes = modes_of(left.places)
+            facts = Facts(doubt, in_view, finding, left.reason)
             r = r_FL_n.tolist()
             self.range = math.hypot(*r)
             self.half_wing = min(0.5 * self._config.size_prior_m / max(self.range, 1e-3), 1.0)
             self.direction_n = tuple(x / self.range for x in r)
             tilt, yaw = math.radians(self._config.own_tilt_sigma_deg), math.radians(self._config.own_yaw_sigma_deg)
             belief = with_attitude(belief, ownship.attitude_sigma, (tilt, tilt, yaw))
+        state, why, since_ns, age, is_valid = life.status(t_ns, facts, is_held=bool(self.held))
+        if belief is not None and left.reason and is_valid:
+            modes = modes_of(left.places)
         self.sequence += 1
         self.rate_limit.published(t_ns)
-        age = life.age(t_ns)
         return Estimate(
             name=self._name,
             target=self.target,
@@ -460,12 +428,12 @@ class Track:
             reason=why.words,
             measurement=measurement,
             modes=modes,
-            state_since_ns=life.since(state, t_ns),
-            valid=state.is_valid,
+            state_since_ns=since_ns,
+            valid=is_valid,
             frame=relative_motion.FRAME,
             components=self._filter.components,
             units=self._filter.units,
-            age=None if age == math.inf else age,
+            age=age,
             reset_count=life.resets,
             **of_belief(belief),
         )
