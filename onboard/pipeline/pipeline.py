@@ -17,7 +17,7 @@ from typing import Final
 
 from onboard.clocks import SENSED, ClockEvent, Clocks
 from onboard.config import Config, source_delays_ns
-from onboard.estimators import CountsVerdicts, EstimatorProtocol, Listens, load
+from onboard.estimators import CountsVerdicts, EstimatorProtocol, Listens, Withholds, load
 from onboard.health import Advisor, Monitor
 from onboard.health.mounts import Mounts
 from onboard.messages import (
@@ -262,14 +262,21 @@ class Pipeline:
             return []
         if not (names := self._listeners.get(type(message))):
             return []
-        if isinstance(message, Exposure) and (why := self._mounts.leaves_out(message)) is not None:
-            self._monitor.reject(message, why)
-            return []
+        if isinstance(message, Exposure) and self._mounts.doubts:
+            names = [name for name in names if not self._is_withheld(message, self.estimators[name])]
         estimates = [estimate for name in names for estimate in self._asked(name, message)]
         now_ns = max(message.t_recv_ns, self._attitude_recv_ns)  # an image may have waited
         is_silent = now_ns - self._own_recv_ns > TIMEOUT_NS
         unknown = UNKNOWN if self._own_recv_ns else NO_POSITION
         return self._noted(estimates, unknown if is_silent else None)
+
+    def _is_withheld(self, exposure: Exposure, estimator: EstimatorProtocol) -> bool:
+        """Whether an estimator does not want an exposure of a camera in doubt, which is then counted."""
+        doubts = self._mounts.doubts
+        why = estimator.withholds(exposure, doubts) if isinstance(estimator, Withholds) else None
+        if why is not None:
+            self._monitor.reject(exposure, why)
+        return why is not None
 
     def _asked(self, name: str, message: Message | None) -> list[Estimate]:
         """An estimator's answer to a message, or, without one, to a new navigation sample. One that raises may be

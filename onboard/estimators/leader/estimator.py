@@ -67,6 +67,8 @@ APART: Final = 0.2  # rad; an image this far from every track is of another airc
 WIND_PERIOD_NS: Final = 900_000_000  # between reports of the wind that are used
 BEGIN_NS: Final = 50_000_000  # between tracks that begin beside a leader's: each takes 10 ms
 REFUSAL_PERIOD_NS: Final = 100_000_000  # between reports of images that are one target too many
+FUSED: Final = (Verdict.FUSED, Verdict.FUSED_LATE)
+SERVED_NS: Final = NS_PER_S  # a camera shows the leader for so long after an image of its was fused
 UNNAMED: Final = "unnamed/"  # before the numbers of targets without an id
 
 
@@ -94,6 +96,7 @@ class Estimator:
         self._is_named = False  # images say which target is the leader
         self._heir_since_ns: int | None = None  # since when another could be the leader, who is not valid
         self._next_refusal_ns = self._next_begin_ns = 0
+        self._seen_ns: dict[str, int] = {}  # the newest image of each camera that shows the leader
         self._ids: dict[str, str] = {}  # that a detector has exchanged: the track of each
         self._wind, self._wind_ns = UNKNOWN, 0
 
@@ -159,7 +162,10 @@ class Estimator:
             claim = track.claim(seen, view, ownship)
         if track.target == NAME and self._frames is not None and isinstance(claim, Candidate):
             self._compare(self._frames, claim.image, track.range, ownship)
-        said.append(self._counted(track.take(seen, claim, ownship)))
+        said.append(estimate := self._counted(track.take(seen, claim, ownship)))
+        report, is_shown = estimate.measurement, estimate.valid or estimate.cause is Cause.NOISE
+        if track.target == NAME and is_shown and report is not None and report.verdict in FUSED:
+            self._seen_ns[seen.camera] = seen.t_ns
         for source in self._sources if track.target == NAME else ():
             source.receive(seen, ownship)
         return said
@@ -229,6 +235,14 @@ class Estimator:
             else:
                 answers[i], found[i] = self._take(seen, view, track, None, ownship), track
         return answers
+
+    def withholds(self, exposure: Exposure, doubts: Mapping[str, Reason]) -> Reason | None:
+        """Why an image is not to be used: its camera is among those in doubt, and one that is not shows the
+        leader: fused, it would spoil what that one shows."""
+        if (doubt := doubts.get(exposure.camera)) is None:
+            return None
+        sound = (t_ns for camera, t_ns in self._seen_ns.items() if camera not in doubts)
+        return doubt if any(abs(exposure.t_ns - t_ns) < SERVED_NS for t_ns in sound) else None
 
     def tick(self, ownship: Ownship) -> list[Estimate]:
         """Predict the tracks to the newest navigation sample whose next estimate is due. Drop idle targets, except
