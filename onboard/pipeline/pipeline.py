@@ -80,7 +80,8 @@ class Pipeline:
         self._own_motion = OwnMotionSource(config.ownship, self.estimators, self.count_error)
         self.ownship = self._own_motion.begin()
         self._config, camera = config, config.camera_model()
-        self._waiting = Waiting(config.ownship, lambda name: camera.named(name).gimbal)
+        gimbals = {each.name: each.gimbal for each in (camera, *reversed(camera.others))}
+        self._waiting = Waiting(config.ownship, gimbals)
         self._listeners: dict[type[Message], list[str]] = {}  # names of estimators
         for name, estimator in self.estimators.items():
             for kind in estimator.listens if isinstance(estimator, Listens) else load(name).LISTENS:

@@ -98,9 +98,9 @@ def exposure_of(
             "component": 0,
             "camera": camera.name,
             "target": detection.target,
-            "class_name": plain(detection.class_name.strip()),
+            "class_name": detection.class_name and plain(detection.class_name.strip()),
             "view": lens.view,
-            "doubt": doubt_of(lens),
+            "doubt": doubt_of(lens) if lens.note else None,
             "mount": document.attitude,
             "range": detection.range_m,
             "range_sigma": detection.range_sigma_m,
@@ -135,7 +135,8 @@ def _message(
         raise BadDocumentError(f"`{name}` is not followed; {followed} - at `$.{at}.class`", Cause.UNKNOWN_CLASS)
     _check_range(detection, at)
     sigma_px = camera.sigma_px / _confidence(detection, camera, at)
-    agreement.check(detection, places, lens, camera.sizes, sigma_px, at)
+    if detection.pose is not None or detection.range_m is not None:
+        agreement.check(detection, places, lens, camera.sizes, sigma_px, at)
     points, box = detection.points, detection.box
     if detection.pose is not None:
         head["pose"] = relative_pose(detection.pose, sigma_px / lens.f_px, f"{at}.pose")

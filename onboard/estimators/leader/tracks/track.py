@@ -139,13 +139,13 @@ class Track:
         """Let an image start the track, fuse it, or reject it, as it was compared with the track; or report why it
         is used for nothing."""
         if isinstance(claim, Verdict):
-            return self._estimate(ownship, self._report(message, claim))
+            return self._published(ownship, self._report(message, claim))
         try:
             report = self._carry_out(self._decide(claim, ownship), claim.image, ownship)
         except FilterError as error:
             self._fail(error)
             report = self._report(message, Verdict.NUMERICAL)
-        return self._estimate(ownship, report)
+        return self._published(ownship, report)
 
     def tick(self, ownship: Ownship) -> Estimate:
         """Predict to the newest navigation sample, and check the timeouts."""
@@ -156,7 +156,7 @@ class Track:
                 self._fail(error)
         if self._history is not None and self.life.is_over(ownship.now_ns):
             self._forget(FORGOTTEN)
-        return self._estimate(ownship, None)
+        return self._published(ownship, None)
 
     def take_for(self, name: str, t_ns: int, filter_: BeliefFilter | None, config: Config) -> bool:
         """The detector takes an image of this time for a class of targets, which has this filter (None: no such
@@ -383,12 +383,22 @@ class Track:
 
     # ---------------------------------------------------------------------------------- estimates
 
+    def _published(self, ownship: Ownship, measurement: MeasurementReport | None) -> Estimate:
+        """The estimate now; where it says that the target is prepares the next image."""
+        estimate = self._estimate(ownship, measurement)
+        self.direction_n = None
+        if estimate.mean is not None:
+            r = estimate.mean[:3]
+            self.range = math.hypot(*r)
+            self.half_wing = min(0.5 * self._config.size_prior_m / max(self.range, 1e-3), 1.0)
+            self.direction_n = tuple(x / self.range for x in r)
+        return estimate
+
     def _estimate(self, ownship: Ownship, measurement: MeasurementReport | None) -> Estimate:
         """The estimate now, with the report on the image that it follows, if any. A covariance without a Cholesky
         factor ends the track."""
         t_ns, belief, life = ownship.now_ns, None, self.life
         modes: tuple[Mode, ...] = ()
-        self.direction_n = None
         if self._history is not None:
             try:
                 at_ns, track = self._history.belief_at(t_ns, ownship)
@@ -407,10 +417,6 @@ class Track:
             doubt, finding = self._checks.judge(t_ns, belief, noise, known, ownship)
             in_view = not coasting or self._poses.see(r_FL_n, t_ns, ownship)
             facts = Facts(doubt, in_view, finding, left.reason)
-            r = r_FL_n.tolist()
-            self.range = math.hypot(*r)
-            self.half_wing = min(0.5 * self._config.size_prior_m / max(self.range, 1e-3), 1.0)
-            self.direction_n = tuple(x / self.range for x in r)
             tilt, yaw = math.radians(self._config.own_tilt_sigma_deg), math.radians(self._config.own_yaw_sigma_deg)
             belief = with_attitude(belief, ownship.attitude_sigma, (tilt, tilt, yaw))
         state, why, since_ns, age, is_valid = life.status(t_ns, facts, is_held=bool(self.held))
