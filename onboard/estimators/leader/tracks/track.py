@@ -13,7 +13,6 @@ from functools import partial
 from typing import Any, Final
 
 from onboard.estimators.kit.history import History
-from onboard.estimators.kit.reports import of_belief
 from onboard.estimators.leader.assumptions import Size
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary, Report
@@ -48,7 +47,7 @@ from onboard.estimators.leader.tracks.fusing import (
     passes,
 )
 from onboard.estimators.leader.tracks.life_cycle import Facts, LifeCycle
-from onboard.estimators.leader.tracks.report import RateLimit, modes_of, report, with_attitude
+from onboard.estimators.leader.tracks.report import RateLimit, modes_of, publish, report
 from onboard.filters.belief import Belief, FilterError
 from onboard.filters.definite import factor
 from onboard.messages import Estimate, Lifecycle, MeasurementReport, Mode, TargetImage, Verdict
@@ -417,14 +416,16 @@ class Track:
             doubt, finding = self._checks.judge(t_ns, belief, noise, known, ownship)
             in_view = not coasting or self._poses.see(r_FL_n, t_ns, ownship)
             facts = Facts(doubt, in_view, finding, left.reason)
-            tilt, yaw = math.radians(self._config.own_tilt_sigma_deg), math.radians(self._config.own_yaw_sigma_deg)
-            belief = with_attitude(belief, ownship.attitude_sigma, (tilt, tilt, yaw))
         state, why, since_ns, age, is_valid = life.status(t_ns, facts, is_held=bool(self.held))
         if belief is not None and left.reason and is_valid:
             modes = modes_of(left.places)
         self.sequence += 1
-        self.rate_limit.published(t_ns)
-        return Estimate(
+        tilt, yaw = math.radians(self._config.own_tilt_sigma_deg), math.radians(self._config.own_yaw_sigma_deg)
+        return publish(
+            belief,
+            (tilt, tilt, yaw),
+            self.rate_limit,
+            ownship,
             name=self._name,
             target=self.target,
             sequence=self.sequence,
@@ -441,5 +442,4 @@ class Track:
             units=self._filter.units,
             age=age,
             reset_count=life.resets,
-            **of_belief(belief),
         )
