@@ -34,7 +34,7 @@ from onboard.estimators.leader.reports.prior import prior_of, size_of
 from onboard.estimators.leader.reports.ranging import Ranging
 from onboard.estimators.leader.tracks.fusing import Candidate
 from onboard.estimators.leader.tracks.gimbal_frames import GimbalFrames, may_be_contradicted
-from onboard.estimators.leader.tracks.track import FULL, NO_IMAGE, Track
+from onboard.estimators.leader.tracks.track import FULL, FUSED, NO_IMAGE, Track
 from onboard.geometry.camera import Camera
 from onboard.messages import (
     Estimate,
@@ -67,7 +67,6 @@ APART: Final = 0.2  # rad; an image this far from every track is of another airc
 WIND_PERIOD_NS: Final = 900_000_000  # between reports of the wind that are used
 BEGIN_NS: Final = 50_000_000  # between tracks that begin beside a leader's: each takes 10 ms
 REFUSAL_PERIOD_NS: Final = 100_000_000  # between reports of images that are one target too many
-FUSED: Final = (Verdict.FUSED, Verdict.FUSED_LATE)
 SERVED_NS: Final = NS_PER_S  # a camera shows the leader for so long after an image of its was fused
 UNNAMED: Final = "unnamed/"  # before the numbers of targets without an id
 

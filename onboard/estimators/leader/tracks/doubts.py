@@ -77,15 +77,6 @@ ASTRAY: Final = Reason(
 )
 
 
-class Known(NamedTuple):
-    """What else is known of a track: whether its own reports carry it, what contradicts the gimbal's frame, and
-    whether its images fit no hypothesis."""
-
-    is_carried: bool
-    contradiction: Reason | None
-    is_misfit: bool
-
-
 class Exchange:
     """The newest image that was fused, the first that was not, and until when the track is in question."""
 
@@ -422,20 +413,27 @@ class Checks:
         self._extents.clear()
 
     def judge(
-        self, t_ns: int, belief: Belief, noise: NoiseScale, known: Known, ownship: Ownship
+        self,
+        t_ns: int,
+        belief: Belief,
+        noise: NoiseScale,
+        ownship: Ownship,
+        is_carried: bool,
+        contradiction: Reason | None,
+        is_misfit: bool,
     ) -> tuple[Reason | None, str]:
         """What contradicts a belief that is to be published, None if nothing does; and what else there is to
         report, "" if nothing."""
         sight = self._sight.newest
-        is_astray = sight is not None and not known.is_carried and not sight.shows(belief.mean[POSITION])
+        is_astray = sight is not None and not is_carried and not sight.shows(belief.mean[POSITION])
         doubt = (
             (LEAPT if t_ns < self._exchange.until_ns else None)
             or self.classes.doubt
             or (EXTENT_OPEN if self._extents.is_open else None)
             or (ASTRAY if is_astray else None)
-            or known.contradiction
+            or contradiction
             or (noise.contradiction if noise.beyond else None)
             or self._guard.contradiction(t_ns, belief, ownship)
-            or (UNEXPECTED if known.is_misfit else None)
+            or (UNEXPECTED if is_misfit else None)
         )
         return doubt, "; ".join(filter(None, (noise.finding, self._extents.finding)))

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from onboard.estimators.kit.history import History
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter, ImageComparison, Prediction
 from onboard.estimators.leader.hypotheses.wind import Wind
@@ -25,6 +26,7 @@ class TrackState(NamedTuple):
     supposed: float = 1.0
 
 
+TrackHistory = History[TrackState, Ownship]
 Predicted = tuple[TrackState, Prediction]  # a track at the time of an image, and its filter's hypotheses
 
 

@@ -10,7 +10,7 @@ import math
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from onboard.estimators.kit.history import History
 from onboard.estimators.leader.assumptions import Size
@@ -22,24 +22,14 @@ from onboard.estimators.leader.image.camera_pose import CameraPoses, PosedExposu
 from onboard.estimators.leader.image.detector import NoiseScale, Repeats
 from onboard.estimators.leader.image.prepare import Image, hold, prepare
 from onboard.estimators.leader.reports.prior import Prior
-from onboard.estimators.leader.tracks.decisions import (
-    BeginTrack,
-    Decision,
-    EndTrack,
-    FuseImage,
-    FuseLate,
-    RejectImage,
-    RestartTrack,
-    TrackHistory,
-)
 from onboard.estimators.leader.tracks.doubts import (
     Checks,
-    Known,
     cameras_apart,
 )
 from onboard.estimators.leader.tracks.fusing import (
     Candidate,
     Predicted,
+    TrackHistory,
     TrackState,
     advance,
     compare,
@@ -48,7 +38,7 @@ from onboard.estimators.leader.tracks.fusing import (
 )
 from onboard.estimators.leader.tracks.life_cycle import Facts, LifeCycle
 from onboard.estimators.leader.tracks.report import RateLimit, modes_of, publish, report
-from onboard.filters.belief import Belief, FilterError
+from onboard.filters.belief import Belief, FilterError, Update
 from onboard.filters.definite import factor
 from onboard.messages import Estimate, Lifecycle, MeasurementReport, Mode, TargetImage, Verdict
 from onboard.messages.causes import Cause, Reason
@@ -63,10 +53,23 @@ REPORTS_LATE_S: Final = 0.5  # beyond their latency
 NO_IMAGE: Final = Reason(Cause.NO_MEASUREMENT, "no image yet")
 FULL: Final = Reason(Cause.FULL, "as many targets are followed as may be")
 FORGOTTEN: Final = Reason(Cause.FORGOTTEN, "no image for longer than the reset timeout")
+FUSED: Final = (Verdict.FUSED, Verdict.FUSED_LATE)
 ALL_GATED: Final = Reason(Cause.ALL_GATED, "every image was gated")
 HANGS: Final = Reason(Cause.STALE, "the camera hangs: its image stays although we turn")
 NO_IMAGE_FITS: Final = 2.0  # the surprise (`hypotheses.update`) when a track ends as all images are gated
 TOO_WIDE: Final = 0.2  # of the range: a position less certain is not corrected, the track starts anew
+
+
+class ImageDecision(NamedTuple):
+    """What a track does with an image, by its verdict, with as much as was known of it. `why`: the track ends. One
+    that is to begin knows what was believed `before`, which the image `fits`."""
+
+    verdict: Verdict
+    image: Image | None = None
+    update: Update | None = None
+    why: Reason | None = None
+    before: TrackHistory | None = None
+    fits: bool = True
 
 
 class Track:
@@ -258,27 +261,24 @@ class Track:
         is_same = self._filter is filter_ and image.supposes(self.half_wing, self.noise.scale)
         return image if is_same else self.prepare(image.message, image.view, ownship)
 
-    def _decide(self, found: Candidate, ownship: Ownship) -> Decision:
+    def _decide(self, found: Candidate, ownship: Ownship) -> ImageDecision:
         """What to do with an image. The history keeps it in either case, to judge it again where an earlier one
         comes later."""
         image, history, t_ns = found.image, self._history, found.image.message.t_ns
         repeated = self.repeats.judge(image)  # after what is wrong with the image itself
         if repeated is Verdict.DUPLICATE:
-            return RejectImage(Verdict.DUPLICATE)
+            return ImageDecision(Verdict.DUPLICATE)
         if repeated is not None:
-            return EndTrack(HANGS, repeated)
+            return ImageDecision(repeated, image, why=HANGS)
+        begin = ImageDecision(Verdict.INITIALISING if image.has_extent else Verdict.DIRECTION_ONLY, image)
         if history is None:
-            return BeginTrack() if image.has_extent else RejectImage(Verdict.DIRECTION_ONLY, image)
+            return begin
         if not history.reaches(t_ns):
-            return RejectImage(Verdict.TOO_OLD, image)
+            return ImageDecision(Verdict.TOO_OLD, image)
         if self.life.is_coasting(t_ns):  # until its position is too uncertain to be corrected?
             coasted = history.belief_at(t_ns, ownship)[1].leader
             if self._filter.is_too_wide(coasted, TOO_WIDE):
-                return (
-                    BeginTrack(history, found.fits)
-                    if image.has_extent
-                    else RejectImage(Verdict.DIRECTION_ONLY, image)
-                )
+                return begin._replace(before=history, fits=found.fits)
         state, known = found.state, None
         if state is not None:
             known = fuse(self._filter, self._poses, state, image, ownship, found.compared)
@@ -287,38 +287,31 @@ class Track:
         newest_ns = history.newest(passes)
         judged = self.life.judge(t_ns, passes=update.passes, has_extent=image.has_extent, newest_ns=newest_ns)
         if update.passes:
-            return FuseLate(update) if judged.is_late else FuseImage(update)
-        return RestartTrack(ALL_GATED, update) if judged.is_over else RejectImage(Verdict.GATED, image, update)
+            return ImageDecision(Verdict.FUSED_LATE if judged.is_late else Verdict.FUSED, image, update)
+        return ImageDecision(Verdict.GATED, image, update, ALL_GATED if judged.is_over else None)
 
-    def _carry_out(self, decision: Decision, image: Image, ownship: Ownship) -> MeasurementReport:
+    def _carry_out(self, decision: ImageDecision, image: Image, ownship: Ownship) -> MeasurementReport:
         """Do what was decided; the report of the image."""
-        message, t_ns = image.message, image.message.t_ns
-        match decision:
-            case FuseImage(update) | FuseLate(update):
-                self._checks.fused(image)
-                verdict = Verdict.FUSED_LATE if isinstance(decision, FuseLate) else Verdict.FUSED
-                return self._report(message, verdict, image, update)
-            case BeginTrack(before, fits):
-                if before is not None and not fits:
-                    self.life.led_elsewhere(t_ns)
-                    self._checks.replace()
-                self._start(image, ownship, before)
-                return self._report(message, Verdict.INITIALISING, image)
-            case RestartTrack(why, update):
+        verdict, seen, update, why, before, fits = decision
+        t_ns = image.message.t_ns
+        if verdict in FUSED:
+            self._checks.fused(image)
+        elif verdict is Verdict.INITIALISING:
+            if before is not None and not fits:
                 self.life.led_elsewhere(t_ns)
-                leapt = self._checks.ended(image)
-                self._forget(why)
-                self._surprise = 1.0 if leapt else NO_IMAGE_FITS  # another object is no surprise
-                self._start(image, ownship, None)
-                return self._report(message, Verdict.GATED, image, update)
-            case EndTrack(why, verdict):
-                if self._history is not None:  # which has taken some of the same images
-                    self._forget(why)
-                return self._report(message, verdict, image)
-            case RejectImage(verdict, seen, update):
-                if verdict is Verdict.GATED:
-                    self._checks.gated(image)
-                return self._report(message, verdict, seen, update)
+                self._checks.replace()
+            self._start(image, ownship, before)
+        elif verdict is Verdict.GATED and why is not None:
+            self.life.led_elsewhere(t_ns)
+            leapt = self._checks.ended(image)
+            self._forget(why)
+            self._surprise = 1.0 if leapt else NO_IMAGE_FITS  # another object is no surprise
+            self._start(image, ownship, None)
+        elif verdict is Verdict.GATED:
+            self._checks.gated(image)
+        elif why is not None and self._history is not None:  # which has taken some of the same images
+            self._forget(why)
+        return self._report(image.message, verdict, seen, update)
 
     def _start(self, image: Image, ownship: Ownship, before: TrackHistory | None) -> None:
         """Hold images until enough of them agree; start at the oldest and fuse the rest."""
@@ -412,8 +405,8 @@ class Track:
             left, noise = self._filter.open_question(track.leader), track.noise
             r_FL_n = belief.mean[POSITION]
             coasting, is_carried = life.standing(t_ns)
-            known = Known(is_carried, self._poses.contradiction, left.is_misfit)
-            doubt, finding = self._checks.judge(t_ns, belief, noise, known, ownship)
+            known = is_carried, self._poses.contradiction, left.is_misfit
+            doubt, finding = self._checks.judge(t_ns, belief, noise, ownship, *known)
             in_view = not coasting or self._poses.see(r_FL_n, t_ns, ownship)
             facts = Facts(doubt, in_view, finding, left.reason)
         state, why, since_ns, age, is_valid = life.status(t_ns, facts, is_held=bool(self.held))
