@@ -13,7 +13,8 @@ them for a while. Only the autopilot's own stamps are judged: a camera's may lag
 """
 
 from collections import Counter
-from typing import Final
+from enum import Enum
+from typing import Final, NamedTuple
 
 import msgspec
 
@@ -53,6 +54,25 @@ RATE_REASON: Final = Reason(Cause.CLOCK_RATE, "the autopilot's clock runs at ano
 LATER_NS: Final = 5_000_000  # jitter by which a stamp may be later than its arrival
 
 
+class ClockEvent(Enum):
+    """What a message has shown of the time base, which what was estimated depends on."""
+
+    REBOOTED = "rebooted"
+    CLOCK_SET = "clock_set"  # back by some seconds: no reboot
+    CORRECTED = "corrected"  # stamps of this computer had been converted wrongly
+
+
+class Aligned(NamedTuple):
+    """A message on the boot clock, minus its delay; host clock minus boot clock at the last message's arrival,
+    None before the first; and what the message has shown of the time base. Without a message: why not, the counter
+    or the reason."""
+
+    message: Message | None
+    offset_ns: int | None
+    event: ClockEvent | None = None
+    why: str | Reason = ""
+
+
 class Clocks:
     """The offset host clock - boot clock, and the boot clock's continuity. All times in ns. `rejected` counts
     unusable messages and replies by reason."""
@@ -61,8 +81,8 @@ class Clocks:
         self.is_one_clock = True  # one clock stamps all arrivals; another program's log may combine several
         self.reboots = 0
         self.jumps = 0  # of the autopilot's clock, back by some seconds: no reboot
-        self.why: str | Reason = ""  # why the last message could not be aligned: its counter, or the reason
-        self.corrections = 0  # of the offset: stamps of this computer had been converted wrongly
+        self._event: ClockEvent | None = None  # by the message that is aligned
+        self._why: str | Reason = ""
         self.rejected: Counter[str] = Counter()
         self.restart()
 
@@ -109,8 +129,13 @@ class Clocks:
         offset = self._offset.at(at_ns)
         return at_ns - offset - t_ns if self._wall.is_even and offset is not None else 0
 
-    def align(self, message: Message, delay_ns: int = 0) -> Message | None:
-        """The message with `t_ns` on the boot clock, minus its delay; None, and counted, if that is unknown."""
+    def align(self, message: Message, delay_ns: int = 0) -> Aligned:
+        """The message on the boot clock, and all that follows from it. One whose time is not known is counted."""
+        self._event, self._why = None, ""
+        found = self._aligned(message, delay_ns)
+        return Aligned(found, self.offset_ns, None if found is None else self._event, self._why)
+
+    def _aligned(self, message: Message, delay_ns: int) -> Message | None:
         t_ns = message.t_ns
         if isinstance(message, GimbalAttitude):
             return self._align_gimbal(message)
@@ -118,9 +143,9 @@ class Clocks:
             if isinstance(message, SENSED):
                 if self._newest_stamp is None:
                     return self._refuse("no_time_base")
-                offset = self._offset_at(message.t_recv_ns)
-                stamp = self._followers.stamp(message, self._unwrapped(t_ns, message.t_recv_ns), offset)
-                return self._sensed(message, stamp - delay_ns, offset)
+                offset, latest = self._offset.bounds(message.t_recv_ns)
+                stamp = self._followers.stamp(message, self._unwrapped(t_ns, message.t_recv_ns), offset or 0)
+                return self._sensed(message, stamp - delay_ns, latest if self.is_one_clock else None)
             if isinstance(message, ActuatorOutputs) and self._newest_stamp is not None:
                 t_ns += round((self._newest_stamp - t_ns) / SERVO_WRAP_NS) * SERVO_WRAP_NS
             if isinstance(message, GlobalPosition):
@@ -148,16 +173,15 @@ class Clocks:
         return self._offset.at(t_ns) or 0
 
     def _refuse(self, counted: str, why: Reason | None = None) -> Message | None:
-        self.why = why or counted
+        self._why = why or counted
         self.rejected[counted] += 1
         return None
 
-    def _sensed(self, message: Message, t_ns: int, offset: int) -> Message | None:
+    def _sensed(self, message: Message, t_ns: int, offset: int | None) -> Message | None:
         """A sensor's message with its time; None if it arrived before that: its clock is wrong, or `clock` names
-        another."""
-        if message.clock is Clock.BOOT:
-            latest = self._offset.latest(message.t_recv_ns) if self.is_one_clock else None
-            offset = message.t_recv_ns - t_ns if latest is None else latest
+        another. `offset`: None where too little is known to tell."""
+        if offset is None:
+            return message.at(t_ns)
         later = t_ns + offset - message.t_recv_ns
         if later > LATER_NS:
             late = Reason(
@@ -179,7 +203,8 @@ class Clocks:
         if self._used is not None:
             expected = self._used[1] + round(self._offset.slope * (t_recv - self._used[0]))
             is_wrong = abs(offset - expected) > CORRECTED_NS
-            self.corrections += is_wrong and (self._wall.is_even or self._offset.slope != 0.0)
+            if is_wrong and (self._wall.is_even or self._offset.slope != 0.0):
+                self._event = ClockEvent.CORRECTED
         self._used = t_recv, offset
 
     def _align_gimbal(self, message: GimbalAttitude) -> Message | None:
@@ -275,10 +300,11 @@ class Clocks:
     def _jump(self, stamp: int, offset: int, t_recv: int) -> None:
         """The boot clock continues from another time: the autopilot has rebooted or set it."""
         if self._odd.may_repeat(stamp, offset - self._base):
-            self.jumps += 1
+            self.jumps, self._event = self.jumps + 1, ClockEvent.CLOCK_SET
             self.rejected["autopilot_clock_jumps"] += 1
         else:
             self.reboots += 1
+            self._event = ClockEvent.REBOOTED
         self._followers.jump(self._before)
         self._restart(stamp, offset, t_recv)
 

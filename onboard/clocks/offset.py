@@ -69,19 +69,19 @@ class Offset:
             return None
         return offset + round(self.slope * (t_ns - since_ns))
 
-    def latest(self, t_ns: int) -> int | None:
-        """The latest possible stamp of the boot clock at a time of the host clock, as an offset; None if too
-        little is known. With replies: from their round trip. Without: a link may always be late, by many times
-        the spread of its fastest messages."""
+    def bounds(self, t_ns: int) -> tuple[int | None, int | None]:
+        """The offset at a time of the host clock, and the latest possible stamp of the boot clock then, as an
+        offset; None if too little is known. With replies: from their round trip. Without: a link may always be
+        late, by many times the spread of its fastest messages."""
         offset, carried = self.at(t_ns), self.fastest[0][1] if self.fastest else None
         if offset is None or carried is None or self.slope != 0.0 or self.doubt:
-            return None
+            return offset, None
         if self.replies:
-            return min(offset, carried) - min(self.replies).round_trip // 2
+            return offset, min(offset, carried) - min(self.replies).round_trip // 2
         if len(self._blocks) < FEWEST_STAMPS:
-            return None
+            return offset, None
         fastest = [o for _, o in self._blocks[:-1]]
-        return offset - max(LATE_AT_LEAST_NS, LATE_BY * (max(fastest) - min(fastest)))
+        return offset, offset - max(LATE_AT_LEAST_NS, LATE_BY * (max(fastest) - min(fastest)))
 
     def clear(self) -> None:
         """Forget the offset, since one clock was set. The rates remain."""

@@ -97,7 +97,7 @@ def collect(log: Path, config: Config, camera: Camera) -> tuple[Images, Poses]:
         if isinstance(item, OwnPose):
             poses += [item] if item.r_OF_n[0] is not None else []
         elif isinstance(item, Exposure) and (of_leader := _of_leader(item)):
-            if item.mount is not None:
+            if item.detections[0].mount is not None:
                 raise UserError(f"{log}: images with `attitude`: calibrate the camera held still")
             images += of_leader
     if len(poses) < 2 or not images:

@@ -20,7 +20,7 @@ from importlib.util import find_spec
 from types import ModuleType
 from typing import TYPE_CHECKING, Final, Protocol, runtime_checkable
 
-from onboard.messages import Estimate, Message, Record
+from onboard.messages import Estimate, Exposure, Message, Record
 from onboard.messages.causes import Reason
 
 if TYPE_CHECKING:  # it loads numerics, which reading a configuration need not
@@ -49,6 +49,14 @@ class Listens(Protocol):
     @property
     def listens(self) -> tuple[type[Message], ...]:
         """In place of its module's LISTENS."""
+
+
+@runtime_checkable
+class Withholds(Protocol):
+    """An estimator that may leave out images of a camera that the health doubts."""
+
+    def withholds(self, exposure: Exposure, doubts: Mapping[str, Reason]) -> Reason | None:
+        """Why an exposure is not to be used, None if it is; `doubts`: what is wrong with a camera, by its name."""
 
 
 @runtime_checkable

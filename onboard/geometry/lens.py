@@ -6,10 +6,10 @@ write them. The equations are those of OpenCV's documentation of its module cali
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 Edges = tuple[float, float, float, float]  # left, upper, right, lower, in focal lengths
 Model = Literal["radial-tangential", "fisheye"]
@@ -25,6 +25,18 @@ STEP: Final = 1e-6  # focal lengths, of a numerical derivative
 
 class LensError(ValueError):
     """A lens or a pixel that no calibration describes; the message says which."""
+
+
+class Located(NamedTuple):
+    """Where a pixel is: its image point, and the focal lengths per pixel there, by which its noise is scaled."""
+
+    point: tuple[float, float]
+    scale: float
+
+    @property
+    def angle(self) -> float:
+        """Radians per pixel, the geometric mean of the two directions."""
+        return self.scale / float(math.hypot(1.0, *self.point) ** 1.5)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,7 +90,7 @@ class Lens:
             )
         return self
 
-    @property
+    @cached_property
     def is_pinhole(self) -> bool:
         """Whether pixels are in proportion to image points. A fisheye without coefficients is none: its pixels are
         in proportion to the angle off the axis."""
@@ -99,7 +111,7 @@ class Lens:
         width, height = f * (right - left), f * (lower - upper)
         return Lens(fx_px=f, fy_px=f, cx_px=-f * left, cy_px=-f * upper, width_px=width, height_px=height)
 
-    @property
+    @cached_property
     def f_px(self) -> float:
         """The geometric mean of the focal lengths: pixels per unit of an image point."""
         return math.sqrt(self.fx_px) * math.sqrt(self.fy_px)
@@ -121,20 +133,22 @@ class Lens:
             x, y = (_fish if self.model == "fisheye" else _distorted)(x, y, self.distortion)
         return self.fx_px * x + self.cx_px, self.fy_px * y + self.cy_px
 
-    def scale(self, u_px: float, v_px: float) -> float:
-        """Focal lengths per pixel about a pixel, by which its noise is scaled: a distorted image is not equally
-        large everywhere. Raises LensError."""
+    def locate(self, pixels: Iterable[tuple[float, float]]) -> "list[Located | LensError]":
+        """Each pixel as an image point, and how large a pixel is there; the error where the distortion cannot be
+        inverted. A distorted image is not equally large everywhere."""
         if self.is_pinhole:
-            return 1.0 / self.f_px
-        (a, b), (c, d), (e, f) = (
-            self.image_point(u, v) for u, v in ((u_px, v_px), (u_px + 1.0, v_px), (u_px, v_px + 1.0))
-        )
-        return math.sqrt(abs((c - a) * (f - b) - (d - b) * (e - a)))
+            scale = 1.0 / self.f_px
+            return [Located(self.image_point(u, v), scale) for u, v in pixels]
+        return [self._located(u, v) for u, v in pixels]
 
-    def angle(self, u_px: float, v_px: float) -> float:
-        """Radians per pixel about a pixel, the geometric mean of the two directions. Raises LensError."""
-        x, y = self.image_point(u_px, v_px)
-        return self.scale(u_px, v_px) / float(math.hypot(1.0, x, y) ** 1.5)
+    def _located(self, u_px: float, v_px: float) -> "Located | LensError":
+        try:
+            (a, b), (c, d), (e, f) = (
+                self.image_point(u, v) for u, v in ((u_px, v_px), (u_px + 1.0, v_px), (u_px, v_px + 1.0))
+            )
+        except LensError as error:
+            return error
+        return Located((a, b), math.sqrt(abs((c - a) * (f - b) - (d - b) * (e - a))))
 
     @cached_property
     def view(self) -> Edges | None:

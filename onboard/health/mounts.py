@@ -1,9 +1,8 @@
 """Whether a camera is mounted as configured, has the configured focal length, and stamps its images with the time
 of exposure, by how the leader's direction moves when we lean (`camera_errors`). Nothing is corrected: the three
 would take the blame for every other error, and a leader that we follow on its own way accelerates as we lean some
-seconds later, and so moves as if one of them were wrong. So what is found is named, and estimates stay valid. But
-while a camera in no doubt shows the leader, the images of one in doubt are left out: fused, they would spoil what
-that one shows."""
+seconds later, and so moves as if one of them were wrong. So what is found is named, and estimates stay valid. An
+estimator may leave out images of a camera in doubt."""
 
 import math
 from collections import deque
@@ -25,7 +24,7 @@ from onboard.health.camera_errors import (
     Window,
     explanations,
 )
-from onboard.messages import DOUBT, Estimate, Exposure, Verdict
+from onboard.messages import DOUBT, Estimate, Verdict
 from onboard.messages.causes import Cause, Reason
 from onboard.ownship.ownship import Ownship
 from onboard.units import NS_PER_S
@@ -47,7 +46,7 @@ SENSES: Final = (
     ("higher", "lower"),
     ("to the right", "to the left"),
 )  # by the sign
-SERVED_NS: Final = NS_PER_S  # after an image of another camera was fused, the images of one in doubt are left out
+SERVED_NS: Final = NS_PER_S  # after an image of the leader was fused, its camera shows no other target that counts
 LEFT_OUT: Final = "its images are left out while another camera shows the leader"
 CAUSES: Final = {"delay": Cause.DELAY, "mount": Cause.MOUNT, "focal": Cause.FOCAL_LENGTH}
 
@@ -74,13 +73,13 @@ class Ended(NamedTuple):
 class Mounts:
     """The cameras of a flight. `add(source, reason, t_recv_ns)` takes what is found; `delay_ns`: the configured
     delay of each. `see` only collects, as an estimate waits behind it; `judge` computes, some milliseconds each
-    time."""
+    time. `doubts`: what is wrong with a camera, by its name."""
 
     def __init__(
         self, camera: Camera, delay_ns: Callable[[str], int], add: Callable[[str, Reason, int], None]
     ) -> None:
         self._camera, self._delay_ns, self._add = camera, delay_ns, add
-        self._doubts: dict[str, Reason] = {}  # by camera
+        self.doubts: dict[str, Reason] = {}  # by camera
         self._fused_ns: dict[str, int] = {}  # the newest image of each camera that was fused
         self._windows: dict[str, deque[Window]] = {}
         self._sights: dict[str, tuple[str, list[Sight]]] = {}  # by camera, of one target
@@ -141,15 +140,6 @@ class Mounts:
                 del self._searches[source]
                 self._decide(source, end.value, since_ns)
 
-    def leaves_out(self, image: Exposure) -> Reason | None:
-        """Why an image is not to be used: its camera is in doubt, and one that is not shows the leader; else
-        None."""
-        doubt = self._doubts.get(image.camera)
-        if doubt is None:
-            return None
-        sound = (t_ns for camera, t_ns in self._fused_ns.items() if camera not in self._doubts)
-        return doubt if any(abs(image.t_ns - t_ns) < SERVED_NS for t_ns in sound) else None
-
     def _add_window(self, one: Ended) -> None:
         """A window that has ended, and a search for what it and those before it show."""
         source, sights, poses, t_recv_ns = one
@@ -165,10 +155,10 @@ class Mounts:
 
     def _decide(self, source: str, found: list[Explanation], t_recv_ns: int) -> None:
         """What a search has found of a camera."""
-        self._doubts.pop(source, None)
+        self.doubts.pop(source, None)
         if found:
             reason = why(self._camera.named(source), found, self._delay_ns(source))
-            self._doubts[source] = reason = reason.also(LEFT_OUT) if self._camera.others else reason
+            self.doubts[source] = reason = reason.also(LEFT_OUT) if self._camera.others else reason
             self._add(f"camera {source}", reason, t_recv_ns)
 
 

@@ -132,11 +132,6 @@ class Exposure(Message, frozen=True, kw_only=True):
             detections=(first, *others),
         )
 
-    @property
-    def mount(self) -> MountAttitude | None:
-        """Where a moving mount pointed, where that came with the image."""
-        return self.detections[0].mount
-
     def at(self, t_ns: int) -> Self:
         """The same, true at a time on the boot clock."""
         stamped = {"t_ns": t_ns, "clock": Clock.BOOT}

@@ -15,9 +15,9 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from typing import Final
 
-from onboard.clocks import SENSED, Clocks
+from onboard.clocks import SENSED, ClockEvent, Clocks
 from onboard.config import Config, source_delays_ns
-from onboard.estimators import CountsVerdicts, EstimatorProtocol, Listens, load
+from onboard.estimators import CountsVerdicts, EstimatorProtocol, Listens, Withholds, load
 from onboard.health import Advisor, Monitor
 from onboard.health.mounts import Mounts
 from onboard.messages import (
@@ -54,6 +54,10 @@ NO_POSITION: Final = Reason(
     Cause.NO_POSITION, "the autopilot has no position yet: its filter still aligns, or GPS is missing"
 )
 UNKNOWN: Final = Reason(Cause.OWN_MOTION_UNKNOWN, "our own motion is not known")
+NEW_TIME: Final = {
+    ClockEvent.REBOOTED: Reason(Cause.REBOOTED, "the autopilot has rebooted"),
+    ClockEvent.CLOCK_SET: Reason(Cause.CLOCK_SET, "the autopilot has set its clock"),
+}
 CORRECTED: Final = Reason(
     Cause.CLOCK_CORRECTED,
     "the clocks' offset was wrong: the link had been held up, or they run at different rates",
@@ -76,7 +80,8 @@ class Pipeline:
         self._own_motion = OwnMotionSource(config.ownship, self.estimators, self.count_error)
         self.ownship = self._own_motion.begin()
         self._config, camera = config, config.camera_model()
-        self._waiting = Waiting(config.ownship, lambda name: camera.named(name).gimbal)
+        gimbals = {each.name: each.gimbal for each in (camera, *reversed(camera.others))}
+        self._waiting = Waiting(config.ownship, gimbals)
         self._listeners: dict[type[Message], list[str]] = {}  # names of estimators
         for name, estimator in self.estimators.items():
             for kind in estimator.listens if isinstance(estimator, Listens) else load(name).LISTENS:
@@ -189,21 +194,18 @@ class Pipeline:
                 self._monitor.reject(message, "unstamped_points")
             return None, []  # not stamped: commands, heartbeats, text; nothing to estimate from
         clocks, ended = self.clocks, list[Output]()
-        reboots, jumps, corrections = clocks.reboots, clocks.jumps, clocks.corrections
-        aligned = clocks.align(message, self.delay_ns(message))
+        aligned, offset_ns, event, why = clocks.align(message, self.delay_ns(message))
         if aligned is None:  # counted by the clocks
-            self._monitor.refusals.add_message(message, clocks.why if self.autopilot else "before_heartbeat")
+            self._monitor.refusals.add_message(message, why if self.autopilot else "before_heartbeat")
             return None, []
         if isinstance(message, Exposure):
-            self._monitor.cameras.see(message, aligned.t_ns, clocks.offset_ns, self.ownship.now_ns)
-        if clocks.reboots > reboots:
-            ended = self._start_over(Reason(Cause.REBOOTED, "the autopilot has rebooted"))
-        elif clocks.jumps > jumps:
-            ended = self._start_over(Reason(Cause.CLOCK_SET, "the autopilot has set its clock"))
-        if clocks.corrections > corrections:
+            self._monitor.cameras.see(message, aligned.t_ns, offset_ns, self.ownship.now_ns)
+        if event in NEW_TIME:
+            ended = self._start_over(NEW_TIME[event])
+        elif event is ClockEvent.CORRECTED:
             self._monitor.rejected["clock_corrections"] += 1
             self._reset(CORRECTED)
-        if (known := self._warm.confirmed(clocks, message.t_recv_ns)) is not None:
+        if self._warm.waits and (known := self._warm.confirmed(clocks, offset_ns, message.t_recv_ns)) is not None:
             self._observe(known)
         return aligned, ended
 
@@ -261,14 +263,21 @@ class Pipeline:
             return []
         if not (names := self._listeners.get(type(message))):
             return []
-        if isinstance(message, Exposure) and (why := self._mounts.leaves_out(message)) is not None:
-            self._monitor.reject(message, why)
-            return []
+        if isinstance(message, Exposure) and self._mounts.doubts:
+            names = [name for name in names if not self._is_withheld(message, self.estimators[name])]
         estimates = [estimate for name in names for estimate in self._asked(name, message)]
         now_ns = max(message.t_recv_ns, self._attitude_recv_ns)  # an image may have waited
         is_silent = now_ns - self._own_recv_ns > TIMEOUT_NS
         unknown = UNKNOWN if self._own_recv_ns else NO_POSITION
         return self._noted(estimates, unknown if is_silent else None)
+
+    def _is_withheld(self, exposure: Exposure, estimator: EstimatorProtocol) -> bool:
+        """Whether an estimator does not want an exposure of a camera in doubt, which is then counted."""
+        doubts = self._mounts.doubts
+        why = estimator.withholds(exposure, doubts) if isinstance(estimator, Withholds) else None
+        if why is not None:
+            self._monitor.reject(exposure, why)
+        return why is not None
 
     def _asked(self, name: str, message: Message | None) -> list[Estimate]:
         """An estimator's answer to a message, or, without one, to a new navigation sample. One that raises may be

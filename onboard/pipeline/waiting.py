@@ -1,7 +1,7 @@
 """Images that wait until our own pose at their time is known."""
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Mapping
 from typing import Final
 
 from onboard.config import OwnshipConfig
@@ -17,10 +17,10 @@ FIRST: Final = ("leader", "")  # targets whose images have room of their own; ""
 class Waiting:
     """What a sensor stamped ahead of our own motion, in the order of arrival. A camera's clock may lead (in some
     recordings by half a second), and a gimbal's attitude may come seldom: an image that waits is not lost.
-    `gimbal_of`: the gimbal that the camera of this name is on, if any."""
+    `gimbals`: those that the cameras are on, by name; that of the first where a name is not known."""
 
-    def __init__(self, config: OwnshipConfig, gimbal_of: Callable[[str], int | None]) -> None:
-        self._gimbal_of = gimbal_of
+    def __init__(self, config: OwnshipConfig, gimbals: Mapping[str, int | None]) -> None:
+        self._gimbals, self._first_gimbal = gimbals, next(iter(gimbals.values()))
         self._longest_ns = config.max_lead_s * NS_PER_S
         self._extrapolated_ns = config.max_extrapolation_s * NS_PER_S
         self._waiting: list[Message] = []
@@ -76,9 +76,9 @@ class Waiting:
 
     def _awaits_gimbal(self, image: Message, ownship: Ownship) -> bool:
         """Whether an image is of a camera on a gimbal, whose attitude at its time may come soon."""
-        if not isinstance(image, Exposure) or image.mount is not None:
+        if not isinstance(image, Exposure) or image.detections[0].mount is not None:
             return False
-        gimbal = self._gimbal_of(image.camera)
+        gimbal = self._gimbals.get(image.camera, self._first_gimbal)
         may_come = gimbal is not None and ownship.gimbals.may_know(gimbal, image.t_ns)
         return may_come and ownship.now_ns - image.t_ns <= GIMBAL_NS
 

@@ -19,19 +19,19 @@ class WarmStart:
 
     def __init__(self, refuse: Callable[[str, Reason, int], None]) -> None:
         self._refuse = refuse
-        self._state: WarmState | None = None
+        self.waits: WarmState | None = None  # for the first stamp
 
     def receive(self, state: WarmState) -> None:
         """Keep a state that was read at the start."""
-        self._state = state
+        self.waits = state
 
-    def confirmed(self, clocks: Clocks, t_recv_ns: int) -> WarmState | None:
-        """The state, once, if the boot clock runs on as it did; the clocks then go on with what was learnt."""
-        state, self._state = self._state, None
-        offset_ns = clocks.offset_ns
+    def confirmed(self, clocks: Clocks, offset_ns: int | None, t_recv_ns: int) -> WarmState | None:
+        """The state, once, if the boot clock runs on as it did; the clocks then go on with what was learnt.
+        `offset_ns`: host clock minus boot clock."""
+        state = self.waits
         if state is None or offset_ns is None:
-            self._state = state
             return None
+        self.waits = None
         if abs(offset_ns - state.offset_ns) > APART_NS:
             self._refuse(SOURCE, REBOOTED, t_recv_ns)
             return None

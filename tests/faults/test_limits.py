@@ -104,7 +104,7 @@ def test_a_record_whose_length_is_absurd_is_damage(tmp_path: Path, monkeypatch: 
 
 
 def test_images_beyond_the_room_do_not_wait() -> None:
-    images = Waiting(OwnshipConfig(), lambda _: None)
+    images = Waiting(OwnshipConfig(), {"front": None})
     ownship: Any = SimpleNamespace(now_ns=S, lead_ns=lambda t_ns: t_ns - S)
     at: Any = {"t_recv_ns": 0, "clock": Clock.BOOT, "camera": "front", "system": 0, "component": 0}
     at |= dict.fromkeys(("center", "left", "right"), (0.0, 0.0))

@@ -24,7 +24,7 @@ def run(clocks: Clocks, start_s: float, seconds: float, host_ns: int = EPOCH + 2
     """Align samples every `period_ms`; how many were accepted."""
     accepted = 0
     for ms in range(round(start_s * 1000), round((start_s + seconds) * 1000), period_ms):
-        accepted += clocks.align(sample(ms * MS, host_ns + ms * MS)) is not None
+        accepted += clocks.align(sample(ms * MS, host_ns + ms * MS)).message is not None
     return accepted
 
 

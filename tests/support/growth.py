@@ -70,6 +70,22 @@ def _is_typed(node: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
     return node.returns is not None and not untyped
 
 
+def lines_of_code(package: Path) -> int:
+    """Lines that are neither empty, comments nor docstrings, in the files of a package."""
+    return sum(_code(path) for path in package.rglob("*.py"))
+
+
+def _code(path: Path) -> int:
+    strings = (
+        node.body[0]
+        for node in ast.walk(_tree(path))
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node) is not None
+    )
+    said = sum((node.end_lineno or node.lineno) - node.lineno + 1 for node in strings)
+    lines = (line.strip() for line in path.read_text(encoding="utf-8").splitlines())
+    return sum(bool(line) and not line.startswith("#") for line in lines) - said
+
+
 def names_of_two(package: Path) -> dict[str, list[str]]:
     """Classes of one name in several files of a package, and those files."""
     found: defaultdict[str, list[str]] = defaultdict(list)

@@ -12,17 +12,20 @@ from tests.support.programs import ROOT
 from tests.support.streams import Stream
 
 LONGEST_OTHER = 100  # bytes of a datagram that is no image, which is three LANDING_TARGETs
-INLINED = {"<listcomp>", "<setcomp>", "<dictcomp>"}  # by later versions of Python
+INLINED = {"<listcomp>", "<setcomp>", "<dictcomp>", "<genexpr>", "<lambda>"}  # by later versions of Python
 PACKAGE = f"{ROOT / 'onboard'}/"
 
 
 class Way(NamedTuple):
     """From `Pipeline.feed` with the image's bytes to its estimate: the calls upon each other at the deepest place
-    as (file, function), and all files that have a part in it."""
+    as (file, function), all files that have a part in it, how often it enters or re-enters one of them, and the
+    number of calls."""
 
     estimate: Estimate
     deepest: tuple[tuple[str, str], ...]
     files: frozenset[str]
+    stays: int
+    calls: int
 
 
 @cache
@@ -36,13 +39,24 @@ def way_of_one_image() -> Way:
     stack: list[tuple[str, str]] = []
     deepest: list[tuple[str, str]] = []
     files: set[str] = set()
+    stays: list[str] = []
+    calls = 0
+
+    def enter(file: str) -> None:
+        if stays[-1:] != [file]:
+            stays.append(file)
 
     def on_event(frame: FrameType, event: str, _: Any) -> None:
+        nonlocal calls
         file = frame.f_code.co_filename
         if not file.startswith(PACKAGE) or frame.f_code.co_name in INLINED:
             return
         if event == "call":
+            if stack:
+                enter(stack[-1][0])
+            calls += 1
             stack.append((file.removeprefix(f"{ROOT}/"), frame.f_code.co_qualname))
+            enter(stack[-1][0])
             files.add(stack[-1][0])
             if len(stack) > len(deepest):
                 deepest[:] = stack
@@ -58,4 +72,4 @@ def way_of_one_image() -> Way:
     (estimate,) = [o for o in outputs if isinstance(o, Estimate)]
     assert estimate.measurement is not None
     assert estimate.measurement.verdict is Verdict.FUSED
-    return Way(estimate, tuple(deepest), frozenset(files))
+    return Way(estimate, tuple(deepest), frozenset(files), len(stays), calls)

@@ -28,11 +28,11 @@ def test_microseconds_for_milliseconds_are_read_so_also_beyond_their_wrap(begin_
     clocks, found = Clocks(), 0
     for ms in range(begin_s * 1000, begin_s * 1000 + 20_000, 100):
         true, recv = ms * MS, EPOCH + ms * MS + 2 * MS
-        aligned = clocks.align(position(ms * 1000 % WRAP_US * MS, recv))
+        aligned = clocks.align(position(ms * 1000 % WRAP_US * MS, recv)).message
         if aligned is not None:
             assert aligned.t_ns == true
             found += 1
-        assert clocks.align(sample(true + MS, recv + MS)) is not None
+        assert clocks.align(sample(true + MS, recv + MS)).message is not None
     assert (found, clocks.reboots) == (199, 0)
     assert clocks.rejected == {"no_time_base": 1, "microseconds_for_milliseconds": 199}
 
@@ -40,8 +40,8 @@ def test_microseconds_for_milliseconds_are_read_so_also_beyond_their_wrap(begin_
 def test_milliseconds_stay_milliseconds_and_an_odd_stamp_odd() -> None:
     clocks = Clocks()
     clocks.align(sample(40 * S, EPOCH + 40 * S))
-    fits = clocks.align(position(40 * S + 10 * MS, EPOCH + 40 * S + 10 * MS))
+    fits = clocks.align(position(40 * S + 10 * MS, EPOCH + 40 * S + 10 * MS)).message
     assert fits is not None
     assert fits.t_ns == 40 * S + 10 * MS
-    assert clocks.align(position(90 * S, EPOCH + 40 * S + 20 * MS)) is None
+    assert clocks.align(position(90 * S, EPOCH + 40 * S + 20 * MS)).message is None
     assert clocks.rejected == {"odd_stamp": 1}

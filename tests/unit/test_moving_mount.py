@@ -162,18 +162,18 @@ def test_a_gimbal_without_a_device_id_has_its_component_s() -> None:
 
 def test_a_gimbal_s_clock_is_its_own_and_never_that_of_the_autopilot() -> None:
     clocks = Clocks()
-    assert clocks.align(gimbal_report(5 * S, 0.0)) is None
+    assert clocks.align(gimbal_report(5 * S, 0.0)).message is None
     q = (1.0, 0.0, 0.0, 0.0)
     for ms in range(0, 400, 20):
         own = Attitude(t_ns=100 * S + ms * MS, t_recv_ns=EPOCH + (ms + 2) * MS, q_nb=q, omega_b=(0.0, 0.0, 0.0))
-        assert clocks.align(own) is not None
+        assert clocks.align(own).message is not None
     for behind_ns in (0, 300 * S):  # the second time it has started anew
         for ms, late_ms in ((100, 9), (200, 2), (300, 30)):
             m = gimbal_report((1000 + ms) * MS - behind_ns, 0.0)
             m = GimbalAttitude(
                 t_ns=m.t_ns, t_recv_ns=EPOCH + (ms + late_ms) * MS, component=GIMBAL, device=GIMBAL, mount=m.mount
             )
-            aligned = clocks.align(m)
+            aligned = clocks.align(m).message
         assert aligned is not None
         assert aligned.t_ns == 100 * S + 300 * MS
     assert (clocks.reboots, clocks.offset_ns) == (0, EPOCH + 2 * MS - 100 * S)

@@ -54,7 +54,7 @@ def test_an_image_waits_for_its_camera_s_gimbal_but_not_for_ever() -> None:
     mount = MountAttitude(q=(1.0, 0.0, 0.0, 0.0), frame="earth")
     heard = GimbalAttitude(t_ns=6 * S - 60 * MS, t_recv_ns=0, device=154, mount=mount)
     ownship.receive(heard, heard.t_ns)
-    fixed, waiting = (Waiting(OwnshipConfig(), lambda _, k=gimbal: k) for gimbal in (None, 154))
+    fixed, waiting = (Waiting(OwnshipConfig(), {"front": gimbal}) for gimbal in (None, 154))
     assert not fixed.takes(exposure, ownship)
     assert not waiting.takes(Exposure.of(replace(image, mount=mount)), ownship)
     assert waiting.takes(exposure, ownship)
@@ -122,7 +122,7 @@ def test_an_image_waits_no_longer_than_for_the_attitude_that_was_missing() -> No
 
 
 def test_no_image_waits_for_a_stream_that_has_stopped() -> None:
-    ownship, waiting = flying(6 * S), Waiting(OwnshipConfig(), lambda _: None)
+    ownship, waiting = flying(6 * S), Waiting(OwnshipConfig(), {"front": None})
     image = Exposure.of(NEAR.image(6 * S + 200 * MS))
     for t_ns in range(6 * S, 7 * S + 240 * MS, 20 * MS):
         ownship.receive(NEAR.attitude(t_ns), t_ns)

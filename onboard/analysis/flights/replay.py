@@ -148,7 +148,7 @@ def aligned(log: Path, config: Config, wanted: Callable[[Message], bool]) -> Ite
                 continue
             messages = pipeline.decode(item) if isinstance(item, Datagram) else [item]
             yield from (output for output in pipeline.advance(messages) if isinstance(output, OwnPose))
-            found = (pipeline.clocks.align(m, pipeline.delay_ns(m)) for m in messages if wanted(m))
+            found = (pipeline.clocks.align(m, pipeline.delay_ns(m)).message for m in messages if wanted(m))
             yield from (message for message in found if message is not None)
     except NotALogError as error:
         raise UserError(f"{log}: {error}") from error

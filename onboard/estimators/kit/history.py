@@ -81,7 +81,7 @@ class History(Generic[B, M]):
             redone = True
             self._redo(self._cut(self._before(first) + 1), ownship)
         if times := ownship.nav_times:
-            self._pass_samples(times[-1] + 1, ownship)
+            self._pass_samples(times[-1] + 1, times, ownship)
         oldest = self.nodes[-1].t_ns - self._horizon_ns
         keep = max(bisect_right(self.nodes, oldest, key=TIME) - 1, 0)
         if self._provisional_ns is not None:  # it will be computed again, from the node before it
@@ -129,7 +129,7 @@ class History(Generic[B, M]):
                 self._append(node.t_ns, node.measurement, ownship)
 
     def _append(self, t_ns: int, measurement: Any, ownship: M, fused: tuple[B, Any] | None = None) -> Any:
-        self._pass_samples(t_ns, ownship)
+        self._pass_samples(t_ns, ownship.nav_times, ownship)
         if fused is None:
             newest = self.nodes[-1]
             prior = self._advance(newest.belief, newest.t_ns, t_ns, ownship)
@@ -140,9 +140,8 @@ class History(Generic[B, M]):
             self._provisional_ns = t_ns
         return outcome
 
-    def _pass_samples(self, until_ns: int, ownship: M) -> None:
-        """Nodes at the navigation samples after the newest node and before `until_ns`."""
-        times = ownship.nav_times
+    def _pass_samples(self, until_ns: int, times: list[int], ownship: M) -> None:
+        """Nodes at the times of navigation samples after the newest node and before `until_ns`."""
         newest = self.nodes[-1]
         for t_ns in times[bisect_right(times, newest.t_ns) :]:
             if t_ns >= until_ns:

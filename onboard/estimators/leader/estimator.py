@@ -27,14 +27,14 @@ from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter, make_filter
 from onboard.estimators.leader.hypotheses.wind import TIMEOUT_NS, UNKNOWN, Wind, wind_of
-from onboard.estimators.leader.image.camera_pose import CameraPoses
+from onboard.estimators.leader.image.camera_pose import CameraPoses, PosedExposure
 from onboard.estimators.leader.image.prepare import Image, agree, prepare
 from onboard.estimators.leader.reports.broadcast import Broadcast
 from onboard.estimators.leader.reports.prior import prior_of, size_of
 from onboard.estimators.leader.reports.ranging import Ranging
 from onboard.estimators.leader.tracks.fusing import Candidate
 from onboard.estimators.leader.tracks.gimbal_frames import GimbalFrames, may_be_contradicted
-from onboard.estimators.leader.tracks.track import FULL, NO_IMAGE, Track
+from onboard.estimators.leader.tracks.track import FULL, FUSED, NO_IMAGE, Track
 from onboard.geometry.camera import Camera
 from onboard.messages import (
     Estimate,
@@ -67,6 +67,7 @@ APART: Final = 0.2  # rad; an image this far from every track is of another airc
 WIND_PERIOD_NS: Final = 900_000_000  # between reports of the wind that are used
 BEGIN_NS: Final = 50_000_000  # between tracks that begin beside a leader's: each takes 10 ms
 REFUSAL_PERIOD_NS: Final = 100_000_000  # between reports of images that are one target too many
+SERVED_NS: Final = NS_PER_S  # a camera shows the leader for so long after an image of its was fused
 UNNAMED: Final = "unnamed/"  # before the numbers of targets without an id
 
 
@@ -94,6 +95,7 @@ class Estimator:
         self._is_named = False  # images say which target is the leader
         self._heir_since_ns: int | None = None  # since when another could be the leader, who is not valid
         self._next_refusal_ns = self._next_begin_ns = 0
+        self._seen_ns: dict[str, int] = {}  # the newest image of each camera that shows the leader
         self._ids: dict[str, str] = {}  # that a detector has exchanged: the track of each
         self._wind, self._wind_ns = UNKNOWN, 0
 
@@ -115,7 +117,7 @@ class Estimator:
         if not isinstance(message, Exposure):
             self._heed(message, ownship)
             return []
-        answers: dict[int, list[Estimate]] = {}
+        view, answers = self._poses.view(message, ownship), dict[int, list[Estimate]]()
         found: dict[int, Track] = {}  # the tracks of the exposure's detections
         claims: dict[int, Candidate | Verdict] = {}
         for i, seen in enumerate(message.detections):
@@ -127,19 +129,24 @@ class Estimator:
             if track is None:
                 answers[i] = self._refuse(seen, ownship)
                 continue
-            if seen.target != NAME and (before := self._renamed(seen, track, ownship)) is not None:
+            if seen.target != NAME and (before := self._renamed(seen, track, view, ownship)) is not None:
                 track, answers[i] = before, [self._rename(before, seen.target, ownship)]
-            found[i], claims[i] = track, track.claim(seen, ownship)
+            found[i], claims[i] = track, track.claim(seen, view, ownship)
         if len(claims) > 1:
             self._exchange(claims, found, ownship)
         for i, claim in claims.items():
-            answers[i] += self._take(message.detections[i], found[i], claim, ownship)
+            answers[i] += self._take(message.detections[i], view, found[i], claim, ownship)
         if len(answers) < len(message.detections):
-            answers |= self._unnamed(message.detections, found, ownship)
+            answers |= self._unnamed(view, found, ownship)
         return [estimate for i in sorted(answers) for estimate in answers[i]]
 
     def _take(
-        self, seen: TargetImage, track: Track, claim: Candidate | Verdict | None, ownship: Ownship
+        self,
+        seen: TargetImage,
+        view: PosedExposure,
+        track: Track,
+        claim: Candidate | Verdict | None,
+        ownship: Ownship,
     ) -> list[Estimate]:
         """Let a track take a detection, as it was compared with the track, or None where it was not yet."""
         said: list[Estimate] = []
@@ -151,10 +158,13 @@ class Estimator:
                 said.append(track.tick(ownship))
             claim = claim if track.filter is filter_ else None
         if claim is None:
-            claim = track.claim(seen, ownship)
+            claim = track.claim(seen, view, ownship)
         if track.target == NAME and self._frames is not None and isinstance(claim, Candidate):
             self._compare(self._frames, claim.image, track.range, ownship)
-        said.append(self._counted(track.take(seen, claim, ownship)))
+        said.append(estimate := self._counted(track.take(seen, claim, ownship)))
+        report, is_shown = estimate.measurement, estimate.valid or estimate.cause is Cause.NOISE
+        if track.target == NAME and is_shown and report is not None and report.verdict in FUSED:
+            self._seen_ns[seen.camera] = seen.t_ns
         for source in self._sources if track.target == NAME else ():
             source.receive(seen, ownship)
         return said
@@ -188,17 +198,17 @@ class Estimator:
         found |= {j: found[i] for j, i in tracks.items()}
 
     def _unnamed(
-        self, detections: Sequence[TargetImage], found: dict[int, Track], ownship: Ownship
+        self, view: PosedExposure, found: dict[int, Track], ownship: Ownship
     ) -> dict[int, list[Estimate]]:
         """Associate the detections without an id with the tracks that were `found` for no other one."""
-        answers: dict[int, list[Estimate]] = {}
+        detections, answers = view.exposure.detections, dict[int, list[Estimate]]()
         images: dict[int, Image] = {}
         for i, seen in enumerate(detections):
-            image = self._prepared(seen, ownship) if seen.target == NO_ID else None
+            image = self._prepared(seen, view, ownship) if seen.target == NO_ID else None
             if isinstance(image, Image):
                 images[i] = image
             elif image is not None:
-                answers[i] = self._take(seen, self._tracks[NAME], image, ownship)
+                answers[i] = self._take(seen, view, self._tracks[NAME], image, ownship)
         if not images:
             return answers
         tracks = [track for track in self._tracks.values() if track not in found.values()]
@@ -210,7 +220,7 @@ class Estimator:
         for i, k in undecided.items():
             answers[i] = [self._counted(tracks[k].take(detections[i], Verdict.UNASSOCIATED, ownship))]
         for i, k in decided.items():
-            answers[i] = self._take(detections[i], tracks[k], pairs[k, i], ownship)
+            answers[i] = self._take(detections[i], view, tracks[k], pairs[k, i], ownship)
         free = [track for k, track in enumerate(tracks) if k not in undecided.values()]
         for i, image in images.items():
             if i in answers:
@@ -222,8 +232,16 @@ class Estimator:
             elif (track := self._left_over(image, [t for t in free if t not in found.values()], ownship)) is None:
                 answers[i] = self._refuse(seen, ownship)
             else:
-                answers[i], found[i] = self._take(seen, track, None, ownship), track
+                answers[i], found[i] = self._take(seen, view, track, None, ownship), track
         return answers
+
+    def withholds(self, exposure: Exposure, doubts: Mapping[str, Reason]) -> Reason | None:
+        """Why an image is not to be used: its camera is among those in doubt, and one that is not shows the
+        leader: fused, it would spoil what that one shows."""
+        if (doubt := doubts.get(exposure.camera)) is None:
+            return None
+        sound = (t_ns for camera, t_ns in self._seen_ns.items() if camera not in doubts)
+        return doubt if any(abs(exposure.t_ns - t_ns) < SERVED_NS for t_ns in sound) else None
 
     def tick(self, ownship: Ownship) -> list[Estimate]:
         """Predict the tracks to the newest navigation sample whose next estimate is due. Drop idle targets, except
@@ -331,12 +349,12 @@ class Estimator:
         """The filter and the settings for what the detector takes the target for."""
         return self._classes.get(message.class_name, (self._filter, self._config))
 
-    def _prepared(self, message: TargetImage, ownship: Ownship) -> Image | Verdict:
+    def _prepared(self, message: TargetImage, view: PosedExposure, ownship: Ownship) -> Image | Verdict:
         """A detection that may be of any track, or why it cannot be used."""
         filter_, config = self._class_of(message)
         half_wing = max(track.half_wing for track in self._tracks.values())
         noise = max(track.noise.scale for track in self._tracks.values())
-        return prepare(message, ownship, self._poses, filter_.shape, config, half_wing, noise)
+        return prepare(message, view, ownship, filter_.shape, config, half_wing, noise)
 
     def _refuse(self, message: TargetImage, ownship: Ownship) -> list[Estimate]:
         """An image that is of one target too many."""
@@ -358,11 +376,11 @@ class Estimator:
         self._tracks[target].feel(self._wind, ownship)
         return self._tracks[target]
 
-    def _renamed(self, message: TargetImage, track: Track, ownship: Ownship) -> Track | None:
+    def _renamed(self, message: TargetImage, track: Track, view: PosedExposure, ownship: Ownship) -> Track | None:
         """The track that goes on under the id of an image, whose own track is not followed yet."""
         if not awaits_name(track, message.t_ns):
             return None
-        image = track.prepare(message, ownship)
+        image = track.prepare(message, view, ownship)
         if isinstance(image, Verdict):
             return None
         near = {
@@ -458,7 +476,7 @@ def continued(by: Track, image: Image, near: Mapping[float, Track], ownship: Own
         offset: t for offset, t in near.items() if t is not by and (t.repeats.newest_ns or since_ns) < since_ns
     }
     nearest = gone[min(gone)] if gone else None
-    claim = nearest.claim(image.message, ownship) if nearest is not None else None
+    claim = nearest.claim(image.message, image.view, ownship) if nearest is not None else None
     return nearest if isinstance(claim, Candidate) and claim.fits else None
 
 

@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from onboard.geometry.lens import Lens, LensError
+from onboard.geometry.lens import Lens, Located
 from onboard.messages import Box, Sides
 
 BOX_NOISE: Final = 0.05  # of the box's larger side: how well detectors place a box
@@ -33,13 +33,7 @@ def may_be_cut(box: Box, lens: Lens, sigma_px: float) -> bool:
 def sides(box: Box, lens: Lens) -> Sides | None:
     """The image points of the middles of the left, upper, right and lower side; None where the lens describes one
     of them no more. A distorted lens stretches width and height unequally."""
-    half = 0.5 * box.width_px, 0.5 * box.height_px
-    try:
-        return (
-            lens.image_point(box.u_px - half[0], box.v_px),
-            lens.image_point(box.u_px, box.v_px - half[1]),
-            lens.image_point(box.u_px + half[0], box.v_px),
-            lens.image_point(box.u_px, box.v_px + half[1]),
-        )
-    except LensError:
-        return None
+    u, v, right, down = box.u_px, box.v_px, 0.5 * box.width_px, 0.5 * box.height_px
+    places = lens.locate([(u - right, v), (u, v - down), (u + right, v), (u, v + down)])
+    found = [place.point for place in places if isinstance(place, Located)]
+    return (found[0], found[1], found[2], found[3]) if len(found) == 4 else None

@@ -12,9 +12,8 @@ from typing import Any, Final
 
 import msgspec
 import numpy as np
-from msgspec.structs import replace
 
-from onboard.geometry.lens import Lens, LensError
+from onboard.geometry.lens import Lens, LensError, Located
 from onboard.messages import (
     Box,
     CameraDetections,
@@ -34,6 +33,7 @@ from onboard.messages.causes import Cause
 from onboard.messages.target import WING_POINTS
 from onboard.messages.text import plain
 from onboard.wire.documents import agreement, boxes
+from onboard.wire.documents.agreement import Places
 from onboard.wire.documents.cameras import CameraInput, Cameras, find
 from onboard.wire.documents.document import BadDocumentError, Refuse, parse_tree
 from onboard.wire.documents.points import check_target, doubt_of, lens_of
@@ -42,6 +42,7 @@ from onboard.wire.documents.poses import relative_pose
 LEAST_CONFIDENCE: Final = 0.05  # noise is that of a detection with this confidence at most
 LONGEST_RANGE: Final = 1e5  # m, of a range
 UNSEEN: Final = (0.0, 0.0)  # pixels of a keypoint that Ultralytics and others do not see; no wingtip is just there
+BOX: Final = "box"  # the name of its middle
 Ignore = Callable[[str], None]
 
 NESTED_RECORDS: Final[dict[str, type[Record]]] = {
@@ -85,7 +86,10 @@ def exposure_of(
     """What a document shows whose pixels are those of `lens`, None if nothing; see `decode_detections`.
     `numbers`: which detection each one was in what was sent; None: all are there."""
     found: list[TargetImage] = []
-    for i, detection in zip(numbers or range(len(document.detections)), document.detections, strict=True):
+    shown = [_pixels(detection, camera) for detection in document.detections]
+    located = iter(lens.locate([(p.u_px, p.v_px) for pixels in shown for p in pixels.values()]))
+    for i, detection, pixels in zip(numbers or range(len(shown)), document.detections, shown, strict=True):
+        places = {name: next(located) for name in pixels}
         head = {
             "t_ns": document.t_ns,
             "t_recv_ns": t_recv_ns,
@@ -94,19 +98,17 @@ def exposure_of(
             "component": 0,
             "camera": camera.name,
             "target": detection.target,
-            "class_name": plain(detection.class_name.strip()),
+            "class_name": detection.class_name and plain(detection.class_name.strip()),
             "view": lens.view,
-            "doubt": doubt_of(lens),
+            "doubt": doubt_of(lens) if lens.note else None,
             "mount": document.attitude,
             "range": detection.range_m,
             "range_sigma": detection.range_sigma_m,
         }
-        seen = {name: p for name, p in detection.points.items() if (p.u_px, p.v_px) != UNSEEN}
-        if len(seen) < len(detection.points):
+        if any((p.u_px, p.v_px) == UNSEEN for p in detection.points.values()):
             ignore("points at exactly (0, 0): a keypoint model writes that for one that it does not see")
         try:
-            one = detection if len(seen) == len(detection.points) else replace(detection, points=seen)
-            found.append(_message(one, head, camera, lens, f"detections[{i}]"))
+            found.append(_message(detection, head, camera, lens, places, f"detections[{i}]"))
         except BadDocumentError as error:
             refuse(error.why)
         for name in detection.points.keys() - camera.points:
@@ -114,8 +116,18 @@ def exposure_of(
     return Exposure.of(*found) if found else None
 
 
-def _message(detection: Detection, head: dict[str, Any], camera: CameraInput, lens: Lens, at: str) -> TargetImage:
-    """The message of one detection. Raises BadDocumentError."""
+def _pixels(detection: Detection, camera: CameraInput) -> dict[str, DetectedPoint | Box]:
+    """The points that are seen and used, in the camera's order, and the middle of the box."""
+    points, box = detection.points, detection.box
+    known = ((name, points[name]) for name in camera.points if name in points)
+    seen: dict[str, DetectedPoint | Box] = {name: p for name, p in known if (p.u_px, p.v_px) != UNSEEN}
+    return seen if box is None else {**seen, BOX: box}
+
+
+def _message(
+    detection: Detection, head: dict[str, Any], camera: CameraInput, lens: Lens, places: Places, at: str
+) -> TargetImage:
+    """The message of one detection, whose pixels are at these places. Raises BadDocumentError."""
     check_target(detection.target, f"{at}.target")
     name = head["class_name"]
     if camera.classes and name not in ("", *camera.classes):
@@ -123,13 +135,17 @@ def _message(detection: Detection, head: dict[str, Any], camera: CameraInput, le
         raise BadDocumentError(f"`{name}` is not followed; {followed} - at `$.{at}.class`", Cause.UNKNOWN_CLASS)
     _check_range(detection, at)
     sigma_px = camera.sigma_px / _confidence(detection, camera, at)
-    agreement.check(detection, lens, camera.sizes, sigma_px, at)
+    if detection.pose is not None or detection.range_m is not None:
+        agreement.check(detection, places, lens, camera.sizes, sigma_px, at)
     points, box = detection.points, detection.box
     if detection.pose is not None:
         head["pose"] = relative_pose(detection.pose, sigma_px / lens.f_px, f"{at}.pose")
-    named = {name: points[name] for name in camera.points if name in points}
-    features = tuple(_feature(name, p, sigma_px, lens, f"{at}.points.{name}") for name, p in named.items())
-    if points.keys() >= set(WING_POINTS):
+    features = tuple(
+        _feature(name, _located(place, f"{at}.points.{name}"), points[name].sigma_px, sigma_px)
+        for name, place in places.items()
+        if name != BOX
+    )
+    if places.keys() >= set(WING_POINTS):
         (center, left, right), others = features[:3], features[3:]
         return TargetPoints(
             **head,
@@ -150,23 +166,27 @@ def _message(detection: Detection, head: dict[str, Any], camera: CameraInput, le
         return TargetDetection(**head, features=features)
     if not (box.width_px > 0 and box.height_px > 0):
         raise BadDocumentError(f"width and height must be positive - at `$.{at}.box`")
-    middle = _feature("box", box, boxes.noise_px(box, sigma_px), lens, f"{at}.box")
+    place = _located(places[BOX], f"{at}.box")
+    middle = _feature(BOX, place, box.sigma_px, boxes.noise_px(box, sigma_px))
     return TargetDetection(
         **head,
         features=(*features, middle),
-        half_width=0.5 * lens.scale(box.u_px, box.v_px) * boxes.larger_px(box),
+        half_width=0.5 * place.scale * boxes.larger_px(box),
         sides=None if boxes.may_be_cut(box, lens, sigma_px) else boxes.sides(box, lens),
     )
 
 
-def _feature(name: str, p: DetectedPoint | Box, sigma_px: float, lens: Lens, at: str) -> ImageFeature:
-    """A point as an image point; `sigma_px` where it has no sigma of its own. Raises BadDocumentError."""
-    own_px = sigma_px if p.sigma_px is None else p.sigma_px
-    try:
-        point, scale = lens.image_point(p.u_px, p.v_px), lens.scale(p.u_px, p.v_px)
-    except LensError as error:
-        raise BadDocumentError(f"{error} - at `$.{at}`") from error
-    return ImageFeature(name=name, point=point, sigma=own_px * scale)
+def _located(place: Located | LensError, at: str) -> Located:
+    """Raises BadDocumentError for a pixel that the lens does not describe."""
+    if isinstance(place, LensError):
+        raise BadDocumentError(f"{place} - at `$.{at}`") from place
+    return place
+
+
+def _feature(name: str, place: Located, own_px: float | None, sigma_px: float) -> ImageFeature:
+    """A pixel as an image point; `sigma_px` where it has no sigma of its own."""
+    own_px = sigma_px if own_px is None else own_px
+    return ImageFeature(name=name, point=place.point, sigma=own_px * place.scale)
 
 
 def _center(pose: RelativePose) -> tuple[ImageFeature, ...]:

@@ -44,15 +44,15 @@ def decode_points(data: bytes, t_recv_ns: int) -> Exposure:
         left=point(m.left),
         right=point(m.right),
         view=lens.view,
-        doubt=doubt_of(lens),
+        doubt=doubt_of(lens) if lens.note else None,
         sigma=None if None in sigmas else tuple(s / lens.f_px for s in sigmas if s is not None),  # type: ignore[arg-type]  # three of three
     )
     return Exposure.of(image)
 
 
-def doubt_of(lens: Lens) -> Reason | None:
-    """What is doubtful in a camera's intrinsics, None if nothing is."""
-    return Reason(Cause.OFF_CENTER if lens.binning == 1 else Cause.BINNED, lens.note) if lens.note else None
+def doubt_of(lens: Lens) -> Reason:
+    """What is doubtful in a camera's intrinsics, of which the lens has a note."""
+    return Reason(Cause.OFF_CENTER if lens.binning == 1 else Cause.BINNED, lens.note)
 
 
 @lru_cache(maxsize=64)  # all images of a camera have the same

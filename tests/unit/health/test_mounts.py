@@ -11,6 +11,7 @@ from msgspec.structs import replace
 
 from onboard.arrays import Array
 from onboard.config import parse_config
+from onboard.estimators import Withholds
 from onboard.geometry.rotations import matrix_from_euler, quaternion_from_matrix
 from onboard.health import mounts
 from onboard.health.camera_errors import Explanation, Poses, Sights, Window, explanations, finished
@@ -24,6 +25,7 @@ from onboard.messages import (
     Exposure,
     Lifecycle,
     MeasurementReport,
+    TargetPoints,
     Verdict,
 )
 from onboard.messages.causes import Cause, Reason
@@ -164,14 +166,9 @@ def test_a_late_camera_is_left_out_while_a_sound_one_shows_the_leader_seed_4() -
             point = (u[1:] / u[0] + 0.0015 * rng.normal(size=2)).tolist()
             mounts.see(estimate_of(name, round((t - late_s) * NS_PER_S), point, leader), cast(Ownship, own))
         mounts.judge(round(t * NS_PER_S))
-    late, now_ns = Exposure(t_ns=0, t_recv_ns=0, camera="late", detections=()), round(37.9 * NS_PER_S)
     assert {source for source, _ in found} == {"camera late"}
     assert all("0.30 s older" in words and "`delay_s = -0.25` fits" in words for _, words in found)
-    left_out = mounts.leaves_out(replace(late, t_ns=now_ns))
-    assert left_out is not None
-    assert left_out.cause is Cause.DELAY
-    assert mounts.leaves_out(replace(late, t_ns=now_ns + 2 * NS_PER_S)) is None
-    assert mounts.leaves_out(replace(late, t_ns=now_ns, camera=sound)) is None
+    assert {camera: doubt.cause for camera, doubt in mounts.doubts.items()} == {"late": Cause.DELAY}
 
 
 def test_a_camera_that_shows_the_leader_elsewhere_is_named_by_that_track_seed_5() -> None:
@@ -193,10 +190,29 @@ def test_a_camera_that_shows_the_leader_elsewhere_is_named_by_that_track_seed_5(
     assert all("14 degrees lower" in words for _, words in found)
 
 
-def test_an_image_that_is_left_out_reaches_no_estimator_and_is_counted() -> None:
+def test_images_of_a_camera_in_doubt_are_left_out_while_another_shows_the_leader() -> None:
+    pipeline = Pipeline(parse_config({"estimator": {"leader": LEADER}}))
+    images = [item.message for item in Stream(t1=7.0, sparse=True).items()]
+    for message in images:
+        pipeline.advance(exposed([message]))
+    newest_ns = max(m.t_ns for m in images if isinstance(m, TargetPoints))
+    doubt, estimator = Reason(Cause.DELAY, "late"), pipeline.estimators["leader"]
+    assert isinstance(estimator, Withholds)
+    for camera, later_ns, doubts, expected in (
+        ("late", 0, {"late": doubt}, doubt),
+        ("late", 2 * NS_PER_S, {"late": doubt}, None),
+        ("landing_target", 0, {"late": doubt}, None),
+        ("late", 0, {"late": doubt, "landing_target": doubt}, None),
+    ):
+        image = Exposure(t_ns=newest_ns + later_ns, t_recv_ns=0, camera=camera, detections=())
+        assert estimator.withholds(image, doubts) is expected
+
+
+def test_an_image_that_is_left_out_reaches_no_estimator_and_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     pipeline = Pipeline(parse_config({"estimator": {"leader": LEADER}}))
     why = Reason(Cause.DELAY, f"{DOUBT}its stamps were 0.30 s older")
-    pipeline._mounts.leaves_out = lambda _: why
+    pipeline._mounts.doubts["landing_target"] = why
+    monkeypatch.setattr(pipeline.estimators["leader"], "withholds", lambda *_: why)
     for item in Stream(t1=7.0, sparse=True).items():
         pipeline.advance(exposed([replace(item.message, t_recv_ns=item.t_recv_ns)]))
     health = pipeline.health(0)

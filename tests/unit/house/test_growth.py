@@ -10,7 +10,10 @@ from tests.support.one_image import way_of_one_image
 from tests.support.programs import ROOT
 
 MOST_CALLS = 16  # upon each other, from `Pipeline.feed` with an image to the deepest function of ours
-MOST_FILES = 50  # of ours that an image passes
+MOST_FILES = 48  # of ours that an image passes
+MOST_STAYS = 229  # how often an image enters a file of ours
+MOST_CALLS_IN_ALL = 256  # of our functions, by an image
+MOST_CODE = {"estimators/leader": 4_782}  # lines that are neither empty, comments nor docstrings
 MOST_PLACES = 8  # that set `valid`
 MOST_NAMES_OF_TWO = 11  # of classes in `onboard`, each with one meaning in each package
 MOST_ARGUMENTS, MOST_OF_KERNELS = 10, 17
@@ -44,6 +47,13 @@ def test_an_image_does_not_fall_deeper() -> None:
     way = way_of_one_image()
     assert len(way.deepest) <= MOST_CALLS, "\n".join(f"{file}: {name}" for file, name in way.deepest)
     assert len(way.files) <= MOST_FILES, sorted(way.files)
+    assert way.stays <= MOST_STAYS
+    assert way.calls <= MOST_CALLS_IN_ALL
+
+
+@pytest.mark.parametrize("package", MOST_CODE)
+def test_a_package_has_few_lines_of_code(package: str) -> None:
+    assert growth.lines_of_code(ROOT / "onboard" / package) <= MOST_CODE[package]
 
 
 def test_valid_is_set_at_few_places() -> None:

@@ -122,9 +122,10 @@ def test_a_right_range_and_position_agree_with_a_box_far_off_the_axis(degrees: i
     box = Box(u_px=640.0 + 0.5 * (near + far), v_px=640.0, width_px=far - near, height_px=10.0)
     off = angle + math.radians(0.5)
     pose = DetectedPose(position_m=(15.0 * math.sin(off), 0.0, 15.0 * math.cos(off)))
-    agreement.check(Detection(box=box, pose=pose, range_m=15.0), FISHEYE, (0.6, 0.6), 1.0, "d")
+    places = {"box": FISHEYE.locate([(box.u_px, box.v_px)])[0]}
+    agreement.check(Detection(box=box, pose=pose, range_m=15.0), places, FISHEYE, (0.6, 0.6), 1.0, "d")
     with pytest.raises(BadDocumentError, match=r"44 m the box would be 1\.[5-8]"):
-        agreement.check(Detection(box=box, range_m=44.0), FISHEYE, (0.6, 0.6), 1.0, "d")
+        agreement.check(Detection(box=box, range_m=44.0), places, FISHEYE, (0.6, 0.6), 1.0, "d")
 
 
 def test_a_side_with_a_noise_of_its_own_ends_as_far_inside() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.geometry.camera import Camera, in_view
-from onboard.messages import MountAttitude
+from onboard.messages import Exposure, MountAttitude
 from onboard.messages.causes import Reason
 from onboard.ownship import Ownship, Pose, head_attitude
 from onboard.units import S_PER_NS
@@ -28,12 +28,25 @@ class CameraPose(NamedTuple):
     noise_c: Array = NO_NOISE
 
 
+class PosedExposure(NamedTuple):
+    """An exposure, by which camera and from which pose it was taken; None where that is not known. The pose is
+    `is_final` if nothing to come can change it."""
+
+    exposure: Exposure
+    camera: Camera
+    sigma: float  # of an image coordinate without one of its own, in focal lengths
+    pose: CameraPose | None
+    is_final: bool
+
+
 class CameraPoses:
     """Poses of the camera on our vehicle, from our own motion. All targets in an image share one pose, so each is
     computed once. `contradiction`: why they are wrong, None if they may be right."""
 
     def __init__(self, camera: Camera) -> None:
         self.camera = camera
+        self._named = {each.name: (each, each.sigma) for each in (camera, *reversed(camera.others))}
+        self._first = camera, camera.sigma
         self.contradiction: Reason | None = None
         self._poses: dict[tuple[int, str, MountAttitude | None], CameraPose | None] = {}
         self._as_of: tuple[Ownship, int] | None = None
@@ -64,10 +77,14 @@ class CameraPoses:
                 return True
         return False
 
-    def is_final(self, t_ns: int, ownship: Ownship, camera: Camera, mount: MountAttitude | None) -> bool:
-        """Whether nothing to come can change the pose of a camera at a time."""
+    def view(self, exposure: Exposure, ownship: Ownship) -> PosedExposure:
+        """An exposure with the pose from which it was taken, for all its detections."""
+        (camera, sigma), mount = self._named.get(exposure.camera, self._first), exposure.detections[0].mount
+        t_ns = exposure.t_ns
         is_fixed = camera.gimbal is None or mount is not None
-        return ownship.knows(t_ns) and (is_fixed or ownship.gimbals.knows(camera.gimbal or 0, t_ns))
+        is_final = ownship.knows(t_ns) and (is_fixed or ownship.gimbals.knows(camera.gimbal or 0, t_ns))
+        pose = self.at(t_ns, ownship, camera, mount)
+        return PosedExposure(exposure, camera, sigma, pose, is_final)
 
 
 def _pose(camera: Camera, t_ns: int, ownship: Ownship, mount: MountAttitude | None) -> CameraPose | None:

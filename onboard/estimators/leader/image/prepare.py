@@ -24,7 +24,7 @@ from msgspec.structs import replace
 from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import BIAS_COUNTS, BOX_SHARE, MISPLACED, OFF_BOX, OFF_WING, ON_WING
 from onboard.estimators.leader.config import Config
-from onboard.estimators.leader.image.camera_pose import CameraPose, CameraPoses
+from onboard.estimators.leader.image.camera_pose import CameraPose, CameraPoses, PosedExposure
 from onboard.estimators.leader.image.measurement import (
     Extent,
     Measurement,
@@ -197,8 +197,8 @@ def _with_extent(measured: Measurement, extent: Extent, edge_on_visibility: floa
 
 
 class Image(NamedTuple):
-    """A usable image, with the camera's pose when it was taken. The pose is `final` if it was interpolated; an
-    extrapolated one is computed again when the image is fused. Without an extent (`has_extent`) it shows a
+    """A usable image, with the camera's pose when it was taken, as in its `view`. An extrapolated pose is computed
+    again when the image is fused. Without an extent (`has_extent`) it shows a
     direction alone. The measurement supposes a detector that is `noise_scale` times as noisy as
     `points` states, and a `half_wing` where that matters, else 0."""
 
@@ -206,7 +206,7 @@ class Image(NamedTuple):
     has_extent: bool
     measurement: Measurement
     pose: CameraPose
-    final: bool
+    view: PosedExposure
     points: Features
     noise_scale: float
     half_wing: float = 0.0
@@ -224,30 +224,29 @@ class Image(NamedTuple):
 
 def prepare(
     message: TargetImage,
+    view: PosedExposure,
     ownship: Ownship,
-    poses: CameraPoses,
     shape: Shape,
     config: Config,
     half_wing: float,
     noise_scale: float = 1.0,
 ) -> Image | Verdict:
-    """The image of a target of this `shape`, or why it cannot be used. The detector is `noise_scale` times as
-    noisy as configured; `half_wing`: see `features_of`. Points within `edge_px` of the image's edge count as
-    outside: the edge may cut an aircraft off, and then they are not its wingtips."""
-    camera = poses.camera.named(message.camera)
-    saw = features_of(message, camera.sigma, center_on_wing=config.center_on_wing, half_wing=half_wing)
+    """A detection of an exposure, of a target of this `shape`, or why it cannot be used. The detector is
+    `noise_scale` times as noisy as configured; `half_wing`: see `features_of`. Points within `edge_px` of the
+    image's edge count as outside: the edge may cut an aircraft off, and then they are not its wingtips."""
+    saw = features_of(message, view.sigma, center_on_wing=config.center_on_wing, half_wing=half_wing)
     stated, saw = saw, saw.noisier(noise_scale)
     # a few: Python's arithmetic is fast
     sigmas = *saw.sigmas, *(feature.sigma for feature in saw.named)
     numbers = [x for point in (*saw.points, *(feature.point for feature in saw.named)) for x in point]
     if not (all(map(math.isfinite, numbers)) and all(map(math.isfinite, sigmas))):
         return Verdict.NOT_FINITE
-    pose = poses.at(message.t_ns, ownship, camera, message.mount)
+    pose = view.pose
     if pose is None:
         return _why_no_pose(message.t_ns, ownship, config)
     if max(map(abs, numbers)) > WIDEST or min(sigmas) < SIGMAS[0] or max(sigmas) > SIGMAS[1]:
         return Verdict.DEGENERATE
-    if not in_view(saw.points, camera, message.view, config.edge_px):
+    if not in_view(saw.points, view.camera, message.view, config.edge_px):
         return Verdict.OUT_OF_VIEW
     measurement = measure(shape, saw)
     has_wing = measurement.rows.is_wing
@@ -256,9 +255,8 @@ def prepare(
     # A track takes small spans, too: without them those would be left that noise has made larger.
     is_small = has_wing and measurement.span < SMALLEST_SPAN_SIGMA * measurement.span_sigma
     has_extent = measurement.span_sigma < math.inf and not is_small
-    is_final = poses.is_final(message.t_ns, ownship, camera, message.mount)
     supposed = half_wing if saw.offset == half_wing else 0.0
-    return Image(message, has_extent, measurement, pose, is_final, stated, noise_scale, supposed)
+    return Image(message, has_extent, measurement, pose, view, stated, noise_scale, supposed)
 
 
 def _why_no_pose(t_ns: int, ownship: Ownship, config: Config) -> Verdict:
@@ -273,8 +271,8 @@ def _why_no_pose(t_ns: int, ownship: Ownship, config: Config) -> Verdict:
 
 def newest_pose(image: Image, poses: CameraPoses, ownship: Ownship) -> CameraPose:
     """The pose from which an image was taken, as it is known now."""
-    message = image.message
-    return poses.at(message.t_ns, ownship, poses.camera.named(message.camera), message.mount) or image.pose
+    message, camera = image.message, image.view.camera
+    return poses.at(message.t_ns, ownship, camera, message.mount) or image.pose
 
 
 def in_view(points: Iterable[ImagePoint], camera: Camera, view: Edges | None, edge_px: float) -> bool:

@@ -36,6 +36,9 @@ from typing import Final, Generic, NamedTuple, TypeVar
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.estimators.leader.config import Config
+from onboard.estimators.leader.hypotheses.belief import BeliefFilter
+from onboard.estimators.leader.image.detector import NoiseScale
 from onboard.estimators.leader.image.prepare import AGREE_RATIO, Image
 from onboard.filters.belief import Belief
 from onboard.messages.causes import Cause, Reason
@@ -358,3 +361,79 @@ class LastSight:
         """An image was fused."""
         if t_ns >= self._t_ns:
             self._t_ns, self.newest = t_ns, sight
+
+
+class Checks:
+    """All of one track, and what they make of what became of its images."""
+
+    def __init__(self, config: Config) -> None:
+        memory_s = 0.5 * config.reset_timeout_s
+        self.classes = Classes[BeliefFilter](memory_s)
+        self._exchange, self._extents = Exchange(config.reset_timeout_s), Extents(memory_s)
+        self._guard, self._sight = Guard(), LastSight()
+
+    def begin(self, image: Image) -> None:
+        """A track begins with an image."""
+        self._sight.see(
+            image.message.t_ns, LineOfSight(image.measurement.axes[0] @ image.pose.R_cn, image.pose.r_FC_n)
+        )
+
+    def fused(self, image: Image) -> None:
+        """A track took an image."""
+        self._exchange.fused(image)
+        self._extents.fused(image)
+        self.begin(image)
+        measurement = image.measurement
+        if measurement.rows.is_wing:
+            self._guard.seen(measurement.span, measurement.span_sigma)
+
+    def gated(self, image: Image) -> None:
+        """A track did not take an image."""
+        self._exchange.gated(image)
+        self._extents.gated(image)
+
+    def ended(self, image: Image) -> bool:
+        """The track has ended, as no image fits it, this one neither; whether the images had leapt."""
+        self._exchange.gated(image)
+        self._extents.ended()
+        return self._exchange.ended()
+
+    def replace(self) -> None:
+        """Another track begins, elsewhere: what was published of its range says nothing of it."""
+        self._guard.clear()
+
+    def forget(self) -> None:
+        """The track has ended, whatever comes next."""
+        self._guard.clear()
+        self._sight.clear()
+
+    def clear(self) -> None:
+        """Forget all images and all times."""
+        self._exchange.clear()
+        self._extents.clear()
+
+    def judge(
+        self,
+        t_ns: int,
+        belief: Belief,
+        noise: NoiseScale,
+        ownship: Ownship,
+        is_carried: bool,
+        contradiction: Reason | None,
+        is_misfit: bool,
+    ) -> tuple[Reason | None, str]:
+        """What contradicts a belief that is to be published, None if nothing does; and what else there is to
+        report, "" if nothing."""
+        sight = self._sight.newest
+        is_astray = sight is not None and not is_carried and not sight.shows(belief.mean[POSITION])
+        doubt = (
+            (LEAPT if t_ns < self._exchange.until_ns else None)
+            or self.classes.doubt
+            or (EXTENT_OPEN if self._extents.is_open else None)
+            or (ASTRAY if is_astray else None)
+            or contradiction
+            or (noise.contradiction if noise.beyond else None)
+            or self._guard.contradiction(t_ns, belief, ownship)
+            or (UNEXPECTED if is_misfit else None)
+        )
+        return doubt, "; ".join(filter(None, (noise.finding, self._extents.finding)))

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from onboard.estimators.kit.history import History
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter, ImageComparison, Prediction
 from onboard.estimators.leader.hypotheses.wind import Wind
@@ -25,6 +26,7 @@ class TrackState(NamedTuple):
     supposed: float = 1.0
 
 
+TrackHistory = History[TrackState, Ownship]
 Predicted = tuple[TrackState, Prediction]  # a track at the time of an image, and its filter's hypotheses
 
 
@@ -66,7 +68,7 @@ def compare(
 ) -> ImageComparison:
     """An image beside what is expected of it, by all that is known now of its detector and our own attitude.
     Raises FilterError."""
-    pose = image.pose if image.final else newest_pose(image, poses, ownship)
+    pose = image.pose if image.view.is_final else newest_pose(image, poses, ownship)
     measured = image.measurement
     if noise.scale != image.noise_scale:
         measured = measure(filter_.shape, image.points.noisier(noise.scale))

@@ -41,6 +41,17 @@ class Facts(NamedTuple):
     question: str
 
 
+class TrackStatus(NamedTuple):
+    """The state of a track and its reason; since when it has been in this state; the seconds since the newest
+    fused image, None without one; and whether it is valid."""
+
+    state: Lifecycle
+    why: Reason
+    since_ns: int
+    age: float | None
+    is_valid: bool
+
+
 class Judgement(NamedTuple):
     """What an image means for a track: whether it is older than the newest that was fused, and whether nothing has
     passed the gate for so long that the track must end."""
@@ -152,6 +163,10 @@ class LifeCycle:
         newest_ns = self.last_fused_ns
         return newest_ns is None or (t_ns - newest_ns) / NS_PER_S > self._config.coast_after_s
 
+    def standing(self, t_ns: int) -> tuple[bool, bool]:
+        """Whether a track is coasting, and whether its own reports carry it."""
+        return self.is_coasting(t_ns), self.is_carried(t_ns)
+
     def is_lost(self, t_ns: int) -> bool:
         """Whether the last fused image is so old that the track is no longer valid."""
         is_old = self.age(t_ns) > self._config.validity_timeout_s or self._has_only_directions(t_ns)
@@ -188,13 +203,19 @@ class LifeCycle:
             why = why.also(facts.question)
         return state, why
 
+    def status(self, t_ns: int, facts: Facts | None, *, is_held: bool) -> TrackStatus:
+        """What is to be published of a track, of which these are the facts; None: there is no track, but images
+        may be held that are to start one."""
+        if facts is not None:
+            state, why = self.state(t_ns, facts)
+        else:
+            state, why = Lifecycle.INITIALISING if is_held else Lifecycle.SEARCHING, self.why
+        if self._state_since is None or self._state_since[0] is not state:
+            self._state_since = state, t_ns
+        age = None if self.last_fused_ns is None else self.age(t_ns)
+        return TrackStatus(state, why, self._state_since[1], age, state.is_valid)
+
     @property
     def latest(self) -> Lifecycle:
         """The state that was asked for last."""
         return Lifecycle.SEARCHING if self._state_since is None else self._state_since[0]
-
-    def since(self, state: Lifecycle, t_ns: int) -> int:
-        """When this state, the one at t_ns, began."""
-        if self._state_since is None or self._state_since[0] is not state:
-            self._state_since = state, t_ns
-        return self._state_since[1]

@@ -13,8 +13,9 @@ from onboard.estimators.leader.hypotheses.places import Place
 from onboard.estimators.leader.image.measurement import COMPONENTS, points_of
 from onboard.estimators.leader.image.prepare import Image
 from onboard.filters.belief import Belief, Update
-from onboard.messages import MeasurementReport, Mode, TargetImage, Vec3, Verdict
+from onboard.messages import Estimate, MeasurementReport, Mode, TargetImage, Vec3, Verdict
 from onboard.models.relative_motion import POSITION, VELOCITY
+from onboard.ownship import Ownship
 from onboard.units import NS_PER_S
 
 
@@ -90,3 +91,12 @@ class RateLimit:
     def clear(self) -> None:
         """Forget all times: the next estimate is due at once."""
         self._due_ns = None
+
+
+def publish(belief: Belief | None, known: Vec3, limit: RateLimit, ownship: Ownship, **fields: Any) -> Estimate:
+    """The estimate of a belief, None without a track, with its further `fields`; `known`: the errors of our
+    attitude (3,) that the filter knows of. The next one is due by the `limit`."""
+    limit.published(fields["t_ns"])
+    if belief is not None:
+        belief = with_attitude(belief, ownship.attitude_sigma, known)
+    return Estimate(**fields, **of_belief(belief))

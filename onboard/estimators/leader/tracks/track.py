@@ -10,45 +10,26 @@ import math
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from onboard.estimators.kit.history import History
-from onboard.estimators.kit.reports import of_belief
 from onboard.estimators.leader.assumptions import Size
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary, Report
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter
 from onboard.estimators.leader.hypotheses.wind import Wind
-from onboard.estimators.leader.image.camera_pose import CameraPoses
+from onboard.estimators.leader.image.camera_pose import CameraPoses, PosedExposure
 from onboard.estimators.leader.image.detector import NoiseScale, Repeats
 from onboard.estimators.leader.image.prepare import Image, hold, prepare
 from onboard.estimators.leader.reports.prior import Prior
-from onboard.estimators.leader.tracks.decisions import (
-    BeginTrack,
-    Decision,
-    EndTrack,
-    FuseImage,
-    FuseLate,
-    RejectImage,
-    RestartTrack,
-    TrackHistory,
-)
 from onboard.estimators.leader.tracks.doubts import (
-    ASTRAY,
-    EXTENT_OPEN,
-    LEAPT,
-    UNEXPECTED,
-    Classes,
-    Exchange,
-    Extents,
-    Guard,
-    LastSight,
-    LineOfSight,
+    Checks,
     cameras_apart,
 )
 from onboard.estimators.leader.tracks.fusing import (
     Candidate,
     Predicted,
+    TrackHistory,
     TrackState,
     advance,
     compare,
@@ -56,8 +37,8 @@ from onboard.estimators.leader.tracks.fusing import (
     passes,
 )
 from onboard.estimators.leader.tracks.life_cycle import Facts, LifeCycle
-from onboard.estimators.leader.tracks.report import RateLimit, modes_of, report, with_attitude
-from onboard.filters.belief import Belief, FilterError
+from onboard.estimators.leader.tracks.report import RateLimit, modes_of, publish, report
+from onboard.filters.belief import Belief, FilterError, Update
 from onboard.filters.definite import factor
 from onboard.messages import Estimate, Lifecycle, MeasurementReport, Mode, TargetImage, Verdict
 from onboard.messages.causes import Cause, Reason
@@ -72,10 +53,23 @@ REPORTS_LATE_S: Final = 0.5  # beyond their latency
 NO_IMAGE: Final = Reason(Cause.NO_MEASUREMENT, "no image yet")
 FULL: Final = Reason(Cause.FULL, "as many targets are followed as may be")
 FORGOTTEN: Final = Reason(Cause.FORGOTTEN, "no image for longer than the reset timeout")
+FUSED: Final = (Verdict.FUSED, Verdict.FUSED_LATE)
 ALL_GATED: Final = Reason(Cause.ALL_GATED, "every image was gated")
 HANGS: Final = Reason(Cause.STALE, "the camera hangs: its image stays although we turn")
 NO_IMAGE_FITS: Final = 2.0  # the surprise (`hypotheses.update`) when a track ends as all images are gated
 TOO_WIDE: Final = 0.2  # of the range: a position less certain is not corrected, the track starts anew
+
+
+class ImageDecision(NamedTuple):
+    """What a track does with an image, by its verdict, with as much as was known of it. `why`: the track ends. One
+    that is to begin knows what was believed `before`, which the image `fits`."""
+
+    verdict: Verdict
+    image: Image | None = None
+    update: Update | None = None
+    why: Reason | None = None
+    before: TrackHistory | None = None
+    fits: bool = True
 
 
 class Track:
@@ -105,11 +99,7 @@ class Track:
         self.held: deque[Image] = deque(maxlen=self._images)
         self.rate_limit = RateLimit(config.publish_rate_hz)
         self.repeats = Repeats(config.stale_after_s, poses.camera.sigma)
-        self._exchange = Exchange(config.reset_timeout_s)
-        self._classes = Classes[BeliefFilter](0.5 * config.reset_timeout_s)
-        self._extents = Extents(0.5 * config.reset_timeout_s)
-        self._guard = Guard()
-        self._sight, self._noise = LastSight(), NOISE  # of the tracks before
+        self._checks, self._noise = Checks(config), NOISE  # of the tracks before
         self._wind: Wind | None = None
         self._surprise = 1.0  # by the images before a track starts
         self.size: Size | None = None  # by more than images
@@ -119,9 +109,9 @@ class Track:
         self.sequence = 0
         self.life = LifeCycle(config, self._images, why)
 
-    def claim(self, message: TargetImage, ownship: Ownship) -> Candidate | Verdict:
+    def claim(self, message: TargetImage, view: PosedExposure, ownship: Ownship) -> Candidate | Verdict:
         """An image beside what this track expects at its time, or why it cannot be used. Pure."""
-        image = self.prepare(message, ownship)
+        image = self.prepare(message, view, ownship)
         return (
             image
             if isinstance(image, Verdict)
@@ -151,13 +141,13 @@ class Track:
         """Let an image start the track, fuse it, or reject it, as it was compared with the track; or report why it
         is used for nothing."""
         if isinstance(claim, Verdict):
-            return self._estimate(ownship, self._report(message, claim))
+            return self._published(ownship, self._report(message, claim))
         try:
             report = self._carry_out(self._decide(claim, ownship), claim.image, ownship)
         except FilterError as error:
             self._fail(error)
             report = self._report(message, Verdict.NUMERICAL)
-        return self._estimate(ownship, report)
+        return self._published(ownship, report)
 
     def tick(self, ownship: Ownship) -> Estimate:
         """Predict to the newest navigation sample, and check the timeouts."""
@@ -168,13 +158,13 @@ class Track:
                 self._fail(error)
         if self._history is not None and self.life.is_over(ownship.now_ns):
             self._forget(FORGOTTEN)
-        return self._estimate(ownship, None)
+        return self._published(ownship, None)
 
     def take_for(self, name: str, t_ns: int, filter_: BeliefFilter | None, config: Config) -> bool:
         """The detector takes an image of this time for a class of targets, which has this filter (None: no such
         class is configured). If most images are of another class than believed, the track begins anew, and True is
         returned."""
-        if not self._classes.add(filter_, name, t_ns) or filter_ is None:
+        if not self._checks.classes.add(filter_, name, t_ns) or filter_ is None:
             return False
         was_followed = self._history is not None
         if was_followed:
@@ -231,8 +221,7 @@ class Track:
         self._forget(why)
         self.held.clear()
         self.repeats.clear()
-        self._exchange.clear()
-        self._extents.clear()
+        self._checks.clear()
         self.rate_limit.clear()
 
     @property
@@ -262,37 +251,34 @@ class Track:
 
     # ------------------------------------------------------------------------------- measurements
 
-    def prepare(self, message: TargetImage, ownship: Ownship) -> Image | Verdict:
+    def prepare(self, message: TargetImage, view: PosedExposure, ownship: Ownship) -> Image | Verdict:
         """The image of a target of this class, or why it cannot be used."""
         settings = self._filter.shape, self._config, self.half_wing, self.noise.scale
-        return prepare(message, ownship, self._poses, *settings)
+        return prepare(message, view, ownship, *settings)
 
     def prepared(self, image: Image, filter_: BeliefFilter, ownship: Ownship) -> Image | Verdict:
         """An image that was prepared by this filter, as this track would prepare it."""
         is_same = self._filter is filter_ and image.supposes(self.half_wing, self.noise.scale)
-        return image if is_same else self.prepare(image.message, ownship)
+        return image if is_same else self.prepare(image.message, image.view, ownship)
 
-    def _decide(self, found: Candidate, ownship: Ownship) -> Decision:
+    def _decide(self, found: Candidate, ownship: Ownship) -> ImageDecision:
         """What to do with an image. The history keeps it in either case, to judge it again where an earlier one
         comes later."""
         image, history, t_ns = found.image, self._history, found.image.message.t_ns
         repeated = self.repeats.judge(image)  # after what is wrong with the image itself
         if repeated is Verdict.DUPLICATE:
-            return RejectImage(Verdict.DUPLICATE)
+            return ImageDecision(Verdict.DUPLICATE)
         if repeated is not None:
-            return EndTrack(HANGS, repeated)
+            return ImageDecision(repeated, image, why=HANGS)
+        begin = ImageDecision(Verdict.INITIALISING if image.has_extent else Verdict.DIRECTION_ONLY, image)
         if history is None:
-            return BeginTrack() if image.has_extent else RejectImage(Verdict.DIRECTION_ONLY, image)
+            return begin
         if not history.reaches(t_ns):
-            return RejectImage(Verdict.TOO_OLD, image)
+            return ImageDecision(Verdict.TOO_OLD, image)
         if self.life.is_coasting(t_ns):  # until its position is too uncertain to be corrected?
             coasted = history.belief_at(t_ns, ownship)[1].leader
             if self._filter.is_too_wide(coasted, TOO_WIDE):
-                return (
-                    BeginTrack(history, found.fits)
-                    if image.has_extent
-                    else RejectImage(Verdict.DIRECTION_ONLY, image)
-                )
+                return begin._replace(before=history, fits=found.fits)
         state, known = found.state, None
         if state is not None:
             known = fuse(self._filter, self._poses, state, image, ownship, found.compared)
@@ -301,46 +287,31 @@ class Track:
         newest_ns = history.newest(passes)
         judged = self.life.judge(t_ns, passes=update.passes, has_extent=image.has_extent, newest_ns=newest_ns)
         if update.passes:
-            return FuseLate(update) if judged.is_late else FuseImage(update)
-        return RestartTrack(ALL_GATED, update) if judged.is_over else RejectImage(Verdict.GATED, image, update)
+            return ImageDecision(Verdict.FUSED_LATE if judged.is_late else Verdict.FUSED, image, update)
+        return ImageDecision(Verdict.GATED, image, update, ALL_GATED if judged.is_over else None)
 
-    def _carry_out(self, decision: Decision, image: Image, ownship: Ownship) -> MeasurementReport:
+    def _carry_out(self, decision: ImageDecision, image: Image, ownship: Ownship) -> MeasurementReport:
         """Do what was decided; the report of the image."""
-        message, t_ns = image.message, image.message.t_ns
-        match decision:
-            case FuseImage(update) | FuseLate(update):
-                self._exchange.fused(image)
-                self._extents.fused(image)
-                measurement = image.measurement
-                self._sight.see(t_ns, LineOfSight(measurement.axes[0] @ image.pose.R_cn, image.pose.r_FC_n))
-                if measurement.rows.is_wing:
-                    self._guard.seen(measurement.span, measurement.span_sigma)
-                verdict = Verdict.FUSED_LATE if isinstance(decision, FuseLate) else Verdict.FUSED
-                return self._report(message, verdict, image, update)
-            case BeginTrack(before, fits):
-                if before is not None and not fits:
-                    self.life.led_elsewhere(t_ns)
-                    self._guard.clear()
-                self._start(image, ownship, before)
-                return self._report(message, Verdict.INITIALISING, image)
-            case RestartTrack(why, update):
-                self._exchange.gated(image)
+        verdict, seen, update, why, before, fits = decision
+        t_ns = image.message.t_ns
+        if verdict in FUSED:
+            self._checks.fused(image)
+        elif verdict is Verdict.INITIALISING:
+            if before is not None and not fits:
                 self.life.led_elsewhere(t_ns)
-                leapt = self._exchange.ended()
-                self._extents.ended()
-                self._forget(why)
-                self._surprise = 1.0 if leapt else NO_IMAGE_FITS  # another object is no surprise
-                self._start(image, ownship, None)
-                return self._report(message, Verdict.GATED, image, update)
-            case EndTrack(why, verdict):
-                if self._history is not None:  # which has taken some of the same images
-                    self._forget(why)
-                return self._report(message, verdict, image)
-            case RejectImage(verdict, seen, update):
-                if verdict is Verdict.GATED:
-                    self._exchange.gated(image)
-                    self._extents.gated(image)
-                return self._report(message, verdict, seen, update)
+                self._checks.replace()
+            self._start(image, ownship, before)
+        elif verdict is Verdict.GATED and why is not None:
+            self.life.led_elsewhere(t_ns)
+            leapt = self._checks.ended(image)
+            self._forget(why)
+            self._surprise = 1.0 if leapt else NO_IMAGE_FITS  # another object is no surprise
+            self._start(image, ownship, None)
+        elif verdict is Verdict.GATED:
+            self._checks.gated(image)
+        elif why is not None and self._history is not None:  # which has taken some of the same images
+            self._forget(why)
+        return self._report(image.message, verdict, seen, update)
 
     def _start(self, image: Image, ownship: Ownship, before: TrackHistory | None) -> None:
         """Hold images until enough of them agree; start at the oldest and fuse the rest."""
@@ -368,7 +339,7 @@ class Track:
         for other in images[1:]:
             self._history.insert(other.message.t_ns, other, ownship)
         self.life.started(first.message.t_ns, again=before is not None)
-        self._sight.see(image.message.t_ns, LineOfSight(image.direction_n, image.pose.r_FC_n))
+        self._checks.begin(image)
         self._settle(self._history, ownship, inserted=True)
         held.clear()
 
@@ -397,20 +368,29 @@ class Track:
     def _forget(self, why: Reason) -> None:
         self.life.forgotten(why, had_track=self._history is not None)
         self._surprise = 1.0
-        self._guard.clear()
-        self._sight.clear()
+        self._checks.forget()
         self.prior = None
         self._noise = self.noise.restarted()
         self._history = None
 
     # ---------------------------------------------------------------------------------- estimates
 
+    def _published(self, ownship: Ownship, measurement: MeasurementReport | None) -> Estimate:
+        """The estimate now; where it says that the target is prepares the next image."""
+        estimate = self._estimate(ownship, measurement)
+        self.direction_n = None
+        if estimate.mean is not None:
+            r = estimate.mean[:3]
+            self.range = math.hypot(*r)
+            self.half_wing = min(0.5 * self._config.size_prior_m / max(self.range, 1e-3), 1.0)
+            self.direction_n = tuple(x / self.range for x in r)
+        return estimate
+
     def _estimate(self, ownship: Ownship, measurement: MeasurementReport | None) -> Estimate:
         """The estimate now, with the report on the image that it follows, if any. A covariance without a Cholesky
         factor ends the track."""
         t_ns, belief, life = ownship.now_ns, None, self.life
         modes: tuple[Mode, ...] = ()
-        self.direction_n = None
         if self._history is not None:
             try:
                 at_ns, track = self._history.belief_at(t_ns, ownship)
@@ -420,37 +400,25 @@ class Track:
             except FilterError as error:
                 self._fail(error)
                 belief = None
-        state, why = Lifecycle.INITIALISING if self.held else Lifecycle.SEARCHING, life.why
+        facts: Facts | None = None
         if belief is not None:
             left, noise = self._filter.open_question(track.leader), track.noise
             r_FL_n = belief.mean[POSITION]
-            coasting, sight = life.is_coasting(t_ns), self._sight.newest
-            is_astray = sight is not None and not life.is_carried(t_ns) and not sight.shows(r_FL_n)
-            doubt = (
-                (LEAPT if t_ns < self._exchange.until_ns else None)
-                or self._classes.doubt
-                or (EXTENT_OPEN if self._extents.is_open else None)
-                or (ASTRAY if is_astray else None)
-                or self._poses.contradiction
-                or (noise.contradiction if noise.beyond else None)
-                or self._guard.contradiction(t_ns, belief, ownship)
-                or (UNEXPECTED if left.is_misfit else None)
-            )
-            finding = "; ".join(filter(None, (noise.finding, self._extents.finding)))
+            coasting, is_carried = life.standing(t_ns)
+            known = is_carried, self._poses.contradiction, left.is_misfit
+            doubt, finding = self._checks.judge(t_ns, belief, noise, ownship, *known)
             in_view = not coasting or self._poses.see(r_FL_n, t_ns, ownship)
-            state, why = life.state(t_ns, Facts(doubt, in_view, finding, left.reason))
-            if left.reason and state.is_valid:
-                modes = modes_of(left.places)
-            r = r_FL_n.tolist()
-            self.range = math.hypot(*r)
-            self.half_wing = min(0.5 * self._config.size_prior_m / max(self.range, 1e-3), 1.0)
-            self.direction_n = tuple(x / self.range for x in r)
-            tilt, yaw = math.radians(self._config.own_tilt_sigma_deg), math.radians(self._config.own_yaw_sigma_deg)
-            belief = with_attitude(belief, ownship.attitude_sigma, (tilt, tilt, yaw))
+            facts = Facts(doubt, in_view, finding, left.reason)
+        state, why, since_ns, age, is_valid = life.status(t_ns, facts, is_held=bool(self.held))
+        if belief is not None and left.reason and is_valid:
+            modes = modes_of(left.places)
         self.sequence += 1
-        self.rate_limit.published(t_ns)
-        age = life.age(t_ns)
-        return Estimate(
+        tilt, yaw = math.radians(self._config.own_tilt_sigma_deg), math.radians(self._config.own_yaw_sigma_deg)
+        return publish(
+            belief,
+            (tilt, tilt, yaw),
+            self.rate_limit,
+            ownship,
             name=self._name,
             target=self.target,
             sequence=self.sequence,
@@ -460,12 +428,11 @@ class Track:
             reason=why.words,
             measurement=measurement,
             modes=modes,
-            state_since_ns=life.since(state, t_ns),
-            valid=state.is_valid,
+            state_since_ns=since_ns,
+            valid=is_valid,
             frame=relative_motion.FRAME,
             components=self._filter.components,
             units=self._filter.units,
-            age=None if age == math.inf else age,
+            age=age,
             reset_count=life.resets,
-            **of_belief(belief),
         )

@@ -185,7 +185,9 @@ def test_an_unusable_image_without_an_id_starts_no_track() -> None:
 def test_an_image_is_compared_with_tracks_near_its_direction_and_with_all_without_a_recent_image() -> None:
     one = estimator()
     ownship = play(one, sorted(two_aircraft("leader", "target/1"), key=lambda i: i.message.t_ns))
-    image = prepare(NEAR.image(ownship.now_ns), ownship, one._poses, one._filter.shape, one._config, 1.0)
+    message = NEAR.image(ownship.now_ns)
+    view = one._poses.view(Exposure.of(message), ownship)
+    image = prepare(message, view, ownship, one._filter.shape, one._config, 1.0)
     assert isinstance(image, Image)
     tracks = list(one._tracks.values())
 
