@@ -189,13 +189,13 @@ def moments(headings, means, P, w, about, period):
 
 
 @njit(**FILLING)
-def _median(w, x, order):
-    """The median of numbers x (K,) with weights w (K,), by their `order`: between two, by the share."""
+def _quantile(probability, w, x, order):
+    """A quantile of numbers x (K,) with weights w (K,), sorted by `order`, interpolated linearly."""
     total, last, before = 0.0, 0.0, x[order[0]]
     for k in order:
         middle = total + 0.5 * w[k]
-        if middle >= 0.5:
-            share = (0.5 - last) / (middle - last) if total > 0.0 else 1.0
+        if middle >= probability:
+            share = (probability - last) / (middle - last) if total > 0.0 else 1.0
             return before + share * (x[k] - before)
         total, last, before = total + w[k], middle, x[k]
     return before
@@ -205,7 +205,8 @@ def _median(w, x, order):
 def centre(mean, S, w, log_ranges, order):
     """Move the mean (N,) to the geometric mean of the ranges of particles with weights w (K,), or, the more the
     range is resolved, to their median, by their `order`, with what goes with the range; and the covariance (N, N)
-    to the second moments about it there, in place."""
+    to the second moments about it there, in place. An open range's is widened towards the near end of the
+    particles."""
     square, along, by = mean[0] ** 2 + mean[1] ** 2 + mean[2] ** 2, 0.0, np.empty(N)
     for i in range(N):
         by[i] = S[i, 0] * mean[0] + S[i, 1] * mean[1] + S[i, 2] * mean[2]
@@ -215,13 +216,19 @@ def centre(mean, S, w, log_ranges, order):
     for k in range(w.shape[0]):
         log_range += w[k] * log_ranges[k]
     if is_resolved > 0.0:
-        log_range += is_resolved * (_median(w, log_ranges, order) - log_range)
-    step = (np.exp(log_range) - np.sqrt(square)) * np.sqrt(square) / along
+        log_range += is_resolved * (_quantile(0.5, w, log_ranges, order) - log_range)
+    range_ = np.exp(log_range)
+    step = (range_ - np.sqrt(square)) * np.sqrt(square) / along
+    # Sigma understates the long near tail of an open range. The more open it is, the closer two sigmas come to the
+    # 2.5 % quantile, which they reach for a Gaussian.
+    near = 0.5 * (range_ - np.exp(_quantile(0.025, w, log_ranges, order)))
+    missing = near * near * square / along**2 - 1.0 / along - step * step
+    widening = step * step + (1.0 - is_resolved) * max(missing, 0.0)
     by[LOG_SIZE] = 0.0  # whatever moves the range, it is not the size
     for i in range(N):
         mean[i] += step * by[i]
         for j in range(N):
-            S[i, j] += step * by[i] * (step * by[j])
+            S[i, j] += widening * by[i] * by[j]
 
 
 @njit((OUT, VECTOR, record(tuple, NUMBER, NUMBER, NUMBER), NUMBER, NUMBER), **FILLING)
