@@ -8,8 +8,7 @@ from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Final
 
-from onboard.geometry.geodesy import geodetic_from_ned, ned_from_geodetic
-from onboard.geometry.rotations import euler_from_quaternion
+from onboard.geometry.geodesy import geodetic_from_ned
 from onboard.messages import (
     ActuatorOutputs,
     Attitude,
@@ -17,14 +16,16 @@ from onboard.messages import (
     Clock,
     Command,
     CommandAck,
-    FollowTarget,
+    CurrentMode,
     GlobalOrigin,
     GlobalPosition,
     GpsFix,
     Heartbeat,
     Imu,
+    LandedState,
     LocalPosition,
     Message,
+    Setpoint,
     SystemTime,
     TimeSync,
     Wind,
@@ -36,7 +37,7 @@ from simlink.scenarios.vehicle import Vehicle
 from simlink.sensors.navigation import Reading
 from simlink.sensors.true_state import ENCODE, true_state
 from simlink.world.constants import STEP_NS, G
-from simlink.world.follow import FollowMode, Target
+from simlink.world.setpoint_mode import SetpointMode, Target
 
 SET_MESSAGE_INTERVAL: Final = 511
 REQUEST_MESSAGE: Final = 512
@@ -50,17 +51,18 @@ PWM_PER_G: Final = 400
 
 HEARTBEAT, SYS_STATUS, SYSTEM_TIME, GPS_RAW_INT, ATTITUDE_QUATERNION = 0, 1, 2, 24, 31
 LOCAL_POSITION_NED, GLOBAL_POSITION_INT, SERVO_OUTPUT_RAW, GPS_GLOBAL_ORIGIN, HIGHRES_IMU = 32, 33, 36, 49, 105
-SIM_STATE, HIL_STATE_QUATERNION, WIND_COV = 108, 115, 231
+SIM_STATE, HIL_STATE_QUATERNION, WIND_COV, EXTENDED_SYS_STATE, CURRENT_MODE = 108, 115, 231, 245, 436
 TRUTH: Final = {"ardupilot": SIM_STATE, "px4": HIL_STATE_QUATERNION}  # where each sends its true state
 
 
 class Autopilot:
     """The session of one link. `unix_epoch_ns` is Unix time at boot."""
 
-    def __init__(self, vehicle: Vehicle, unix_epoch_ns: int, follow: FollowMode | None = None) -> None:
-        self._vehicle, self._follow = vehicle, follow
+    def __init__(self, vehicle: Vehicle, unix_epoch_ns: int, mode: SetpointMode | None = None) -> None:
+        self._vehicle, self._mode = vehicle, mode
         self._unix_epoch_ns = unix_epoch_ns
-        self._default = _default_intervals(vehicle)
+        self._default = _default_intervals(vehicle, leads=mode is not None)
+        self._custom_mode = self._reported_mode
         self._interval = dict(self._default)  # ns by message number; 0: not sent
         self._due = dict.fromkeys(self._interval, 0)
         self._latest: Reading | None = None
@@ -74,6 +76,8 @@ class Autopilot:
             HIGHRES_IMU: _imu,
             SYS_STATUS: _battery,
             WIND_COV: _wind,
+            EXTENDED_SYS_STATE: _in_the_air,
+            CURRENT_MODE: self._current_mode,
             TRUTH[vehicle.autopilot]: partial(true_state, vehicle),
         }
 
@@ -81,6 +85,10 @@ class Autopilot:
         """Messages to send at `t_ns`. Call it once per step of the world. Before the flight there is no reading:
         only HEARTBEAT and SYSTEM_TIME are sent."""
         self._latest = reading
+        if self._custom_mode != (mode := self._reported_mode):
+            self._custom_mode = mode
+            if self._vehicle.autopilot == "ardupilot":  # which reports a change at once
+                self._due[HEARTBEAT] = t_ns
         messages = []
         for number, interval in self._interval.items():
             if interval == 0 or t_ns < self._due[number]:
@@ -149,13 +157,23 @@ class Autopilot:
                 autopilot=AUTOPILOT[self._vehicle.autopilot],
                 armed=True,
                 status=ACTIVE,
-                custom_mode=0 if self._follow is None else self._follow.custom_mode,
+                custom_mode=self._reported_mode,
             )
         if number == SYSTEM_TIME:
             return SystemTime(t_ns=t_ns, t_recv_ns=t_ns, unix_ns=self._unix_epoch_ns + t_ns)
         if self._latest is None:
             return None
         return self._make[number](t_ns, self._latest)
+
+    @property
+    def _reported_mode(self) -> int:
+        return 0 if self._mode is None else self._mode.custom_mode
+
+    def _current_mode(self, t_ns: int, _: Reading) -> Message | None:
+        if self._mode is None:
+            return None
+        modes = {"custom_mode": self._mode.custom_mode, "intended_mode": self._mode.intended_mode}
+        return CurrentMode(t_ns=t_ns, t_recv_ns=t_ns, clock=Clock.NONE, **modes)
 
     def _origin(self, t_ns: int, _: Reading) -> Message:
         lat_deg, lon_deg, height = self._vehicle.origin
@@ -210,8 +228,9 @@ class Autopilot:
         )
 
 
-def _default_intervals(vehicle: Vehicle) -> dict[int, int]:
-    """Nanoseconds between messages by message number, in the order of sending within a step."""
+def _default_intervals(vehicle: Vehicle, *, leads: bool) -> dict[int, int]:
+    """Nanoseconds between messages by message number, in the order of sending within a step. `leads`: it flies on
+    setpoints, and a PX4 tells of its state and mode unasked."""
     rates = vehicle.rates
     table = {
         HEARTBEAT: rates.heartbeat,
@@ -225,7 +244,10 @@ def _default_intervals(vehicle: Vehicle) -> dict[int, int]:
         SYS_STATUS: rates.battery,
         GPS_GLOBAL_ORIGIN: 0,  # on request, as the truth
         TRUTH[vehicle.autopilot]: 0,
+        EXTENDED_SYS_STATE: 1.0 if leads and vehicle.autopilot == "px4" else 0,
     }
+    if vehicle.autopilot == "px4":
+        table[CURRENT_MODE] = 0.5 if leads else 0
     if vehicle.wind is not None:
         table[WIND_COV] = vehicle.wind.rate
     return {number: round(1e9 / rate) if rate > 0 else 0 for number, rate in table.items()}
@@ -261,6 +283,10 @@ def _wind(t_ns: int, reading: Reading) -> Message | None:
     return Wind(t_ns=t_ns, t_recv_ns=t_ns, clock=Clock.NONE, north=north, east=east, sigma=sigma)
 
 
+def _in_the_air(t_ns: int, _: Reading) -> Message:
+    return LandedState(t_ns=t_ns, t_recv_ns=t_ns, clock=Clock.NONE, on_ground=False)
+
+
 def _servo(t_ns: int, reading: Reading) -> Message:
     """The commands to a quadrotor's motors; for other vehicles four equal outputs that follow the load factor."""
     if reading.pwm_us is not None:
@@ -271,14 +297,14 @@ def _servo(t_ns: int, reading: Reading) -> Message:
 
 
 class AutopilotLink:
-    """A session in bytes: frames out, bytes in. `stream`: for TCP, where frames may be cut anywhere. `follow`:
-    what FOLLOW_TARGETs go to."""
+    """A session in bytes: frames out, bytes in. `stream`: for TCP, where frames may be cut anywhere. `mode`: what
+    setpoints go to."""
 
     def __init__(
-        self, vehicle: Vehicle, unix_epoch_ns: int, *, stream: bool, follow: FollowMode | None = None
+        self, vehicle: Vehicle, unix_epoch_ns: int, *, stream: bool, mode: SetpointMode | None = None
     ) -> None:
-        self._vehicle, self._follow = vehicle, follow
-        self._autopilot = Autopilot(vehicle, unix_epoch_ns, follow)
+        self._vehicle, self._mode = vehicle, mode
+        self._autopilot = Autopilot(vehicle, unix_epoch_ns, mode)
         self._encoder = MavlinkEncoder(vehicle.system, vehicle.component, ENCODE)
         self._decoder = MavlinkDecoder(stream=stream)
 
@@ -290,20 +316,16 @@ class AutopilotLink:
         """The frames that reply to `data`, which arrived at `t_ns`. Invalid bytes are ignored."""
         replies: list[bytes] = []
         for message in self._decoder.decode(data, t_ns):
-            if isinstance(message, FollowTarget) and self._follow is not None:
-                self._aim(message, t_ns, self._follow)
+            if isinstance(message, Setpoint) and self._mode is not None:
+                self._aim(message, t_ns, self._mode)
             replies += self._encode(self._autopilot.answer(message, t_ns))
         return replies
 
-    def _aim(self, message: FollowTarget, t_ns: int, follow: FollowMode) -> None:
-        is_own, has_attitude = message.system == self._vehicle.system, message.q_nL is not None
-        if not follow.accepts(is_own=is_own, has_attitude=has_attitude):
-            return
-        r_n = ned_from_geodetic((message.lat_deg, message.lon_deg, message.alt_msl), self._vehicle.origin)
-        north, east, down = r_n.tolist()
-        _, _, heading = euler_from_quaternion(message.q_nL or (1.0, 0.0, 0.0, 0.0))
-        target = Target((north, east, down), message.v_n, heading, message.a_n or (0.0, 0.0, 0.0))
-        follow.receive(target, (t_ns - follow.begin_ns) * S_PER_NS)
+    def _aim(self, message: Setpoint, t_ns: int, mode: SetpointMode) -> None:
+        to = (message.target_system, message.target_component)
+        if to[0] in (0, self._vehicle.system) and to[1] in (0, self._vehicle.component):
+            target = Target(message.r_OF_n, message.v_F_n, message.a_F_n, message.yaw, message.yaw_rate)
+            mode.receive(target, (t_ns - mode.begin_ns) * S_PER_NS)
 
     def _encode(self, messages: Iterable[Message]) -> list[bytes]:
         return [self._encoder.encode(message) for message in messages]

@@ -44,9 +44,10 @@ from simlink.traffic.reports import sender
 from simlink.traffic.traffic import Traffic, TrafficOutput
 from simlink.world.constants import STEP_NS, steps_of
 from simlink.world.drawn import drawn
-from simlink.world.follow import FollowMode, following_states
-from simlink.world.follow_px4 import Px4FollowMode
+from simlink.world.guided import GuidedMode
 from simlink.world.noise import uniforms
+from simlink.world.offboard import OffboardMode
+from simlink.world.setpoint_mode import SetpointMode
 from simlink.world.truth import State, states, true_size, truth_record
 
 T = TypeVar("T")
@@ -111,11 +112,11 @@ def boot_ns_of(scenario: Scenario) -> int:
     return steps_of(scenario.vehicle.boot) * STEP_NS
 
 
-def follow_mode(scenario: Scenario) -> FollowMode | None:
+def setpoint_mode(scenario: Scenario) -> SetpointMode | None:
     """The mode in which the scenario's autopilot follows; None if it does not."""
     if scenario.follow is None:
         return None
-    return (Px4FollowMode if scenario.vehicle.autopilot == "px4" else FollowMode)(scenario.follow)
+    return (OffboardMode if scenario.vehicle.autopilot == "px4" else GuidedMode)(scenario.follow)
 
 
 def ticks(
@@ -249,17 +250,17 @@ def check_mavlink(scenario: Scenario) -> None:
 
 
 class GuidedRun:
-    """A run whose follower flies on the FOLLOW_TARGETs that it receives: bytes both ways, step by step. `see`: as
-    for `ticks`."""
+    """A run whose follower flies on the setpoints that it receives: bytes both ways, step by step. `see`: as for
+    `ticks`."""
 
     def __init__(self, scenario: Scenario, seed: int, see: See | None = None) -> None:
-        if (mode := follow_mode(scenario)) is None:
+        if (mode := setpoint_mode(scenario)) is None:
             raise ValueError(f"{scenario.name} has no [follow]")
         self.mode = mode
         self._scenario = scenario
-        self._link = AutopilotLink(scenario.vehicle, EPOCH_NS, stream=False, follow=self.mode)
+        self._link = AutopilotLink(scenario.vehicle, EPOCH_NS, stream=False, mode=self.mode)
         self.mode.begin_ns = boot_ns_of(scenario)
-        world = following_states(scenario, seed, self.mode)
+        world = states(scenario, seed, self.mode)
         self._ticks = ticks(scenario, seed, self.mode.begin_ns, world, see)
 
     def step(self) -> tuple[Tick, list[Datagram]]:

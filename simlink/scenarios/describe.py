@@ -46,6 +46,7 @@ def daemon_config(scenario: Scenario) -> str:
     if scenario.follow is not None:
         lines += ["", "[guidance]", f"slot_m = {list(scenario.follow.offset)}"]
         lines += ["", "[[leader_out]]", 'link = "autopilot"']
+        lines.append("rates_hz = { SET_POSITION_TARGET_LOCAL_NED = 25.0 }")
     return "\n".join(lines)
 
 

@@ -1,9 +1,7 @@
 """The two aircraft of a formation flight; the defaults are the reference of Oh & Johnson (`scenario`)."""
 
 from collections.abc import Mapping
-from typing import Annotated, Final, Literal
-
-import msgspec
+from typing import Final, Literal
 
 from onboard.messages import NotNegative, Positive, Record, Vec3
 from simlink.scenarios.profiles import GaussMarkov, Pulse, Wave
@@ -50,25 +48,11 @@ class Follower(Record, frozen=True, kw_only=True):
 
 
 class Follow(Record, frozen=True, kw_only=True):
-    """Our vehicle flown by an autopilot in FOLLOW mode (`simlink.world.follow`; the Follow-Me of a "px4" is in
-    `simlink.world.follow_px4`, which takes `offset`, the lean and the yaw rate) from `engage` seconds on.
-    `FOLL_OFS_*` (m: forward, right, down), `FOLL_DIST_MAX` (m), `FOLL_TIMEOUT` (s), and the limits of position
-    control: the greatest speed of an approach (`WPNAV_SPEED`) and of its vertical part, acceleration and jerk
-    (m/s, m/s, m/s^2, m/s^3), lean and yaw rate. `craft` is the body that leans."""
+    """Our vehicle flown by its autopilot on setpoints, from `engage` seconds on (`simlink.world.setpoint_mode`).
+    `offset`: the slot that a daemon is told, from the leader (m: forward, right, down). `timeout`: the silence
+    after which a setpoint ends (s, GUID_TIMEOUT, COM_OF_LOSS_T). `craft` is the body that leans."""
 
     engage: NotNegative = 10.0
     offset: Vec3 = (-25.0, 0.0, 2.0)
-    dist_max: Positive = 300.0
-    timeout: NotNegative = 3.0
-    speed: Positive = 10.0
-    climb: Positive = 2.5
-    acceleration: Positive = 2.5
-    jerk: Positive = 5.0
-    lean_deg: Annotated[float, msgspec.Meta(gt=0, le=60)] = 30.0
-    yaw_rate_deg_s: Positive = 60.0
+    timeout: NotNegative = 1.0
     craft: Quadrotor = Quadrotor()
-
-    @property
-    def gain(self) -> float:
-        """Of position and of velocity, 1/s."""
-        return self.jerk / self.acceleration

@@ -17,11 +17,10 @@ from simlink.autopilot import AutopilotLink
 from simlink.sensors.navigation import Reading
 from simlink.server.links import TcpServer, UdpLink, parse_udp
 from simlink.server.outlet import Outlet, OutletOptions
-from simlink.simulation import Tick, boot_ns_of, follow_mode, ticks
+from simlink.simulation import Tick, boot_ns_of, setpoint_mode, ticks
 from simlink.traffic.reports import sender
 from simlink.world.constants import STEP_NS, STEPS_PER_SECOND
-from simlink.world.follow import following_states
-from simlink.world.truth import State
+from simlink.world.truth import State, states
 
 MOST_BEHIND: Final = 0.25  # s of wall time; beyond that the boot clock is set back
 STATUS_STEPS: Final = STEPS_PER_SECOND // 5
@@ -86,7 +85,7 @@ class Server:
         boot_ns = boot_ns_of(options.scenario)
         self._clock = BootClock(now, boot_ns, options.speed)
         self._epoch_ns = unix_ns - boot_ns
-        self._follow = follow_mode(options.scenario)  # the follower flies on FOLLOW_TARGETs
+        self._mode = setpoint_mode(options.scenario)  # the follower flies on setpoints
         self._session = self._make_session(stream=False)
         self._traffic: dict[tuple[int, int], MavlinkEncoder] = {}  # by system and component
         self._outlet = Outlet(options, self._vehicle.system)
@@ -151,9 +150,9 @@ class Server:
         self._report("flying" + (" until stopped" if o.duration is None else f" for {o.duration:g} s"))
         t_ns = boot_ns
         world = self._world
-        if self._follow is not None:
-            self._follow.begin_ns = boot_ns
-            world = following_states(o.scenario, o.seed, self._follow)
+        if self._mode is not None:
+            self._mode.begin_ns = boot_ns
+            world = states(o.scenario, o.seed, self._mode)
         for tick in ticks(o.scenario, o.seed, boot_ns, world):
             await self._until(tick.t_ns, stop)
             if stop.is_set() or (end_ns is not None and tick.t_ns > end_ns):
@@ -221,7 +220,7 @@ class Server:
         return replies
 
     def _make_session(self, *, stream: bool) -> AutopilotLink:
-        return AutopilotLink(self._vehicle, self._epoch_ns, stream=stream, follow=self._follow)
+        return AutopilotLink(self._vehicle, self._epoch_ns, stream=stream, mode=self._mode)
 
 
 class Run(Protocol):

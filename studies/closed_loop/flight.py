@@ -1,8 +1,8 @@
 """One closed-loop flight: simlink's follower, the daemon's pipeline and everything it sends, byte by byte.
 
-The follower's autopilot obeys FOLLOW_TARGET as ArduPilot's FOLLOW mode does (`simlink.world.follow`). It learns of
-the leader by nothing else. Both computers run in one process on simulated time, so a flight is a function of
-scenario and seed.
+The follower's autopilot flies on setpoints as ArduCopter's GUIDED or PX4's OFFBOARD does (`simlink.world`). It
+learns of the leader by nothing else. Both computers run in one process on simulated time, so a flight is a
+function of scenario and seed.
 """
 
 import math
@@ -113,7 +113,7 @@ def config_of(scenario: Scenario, settings: Sequence[str] = ()) -> Config:
         f"camera.mount_rpy_deg={list(scenario.camera.mount_rpy_deg)}",
         f"estimator.leader.size_prior_m={scenario.leader.size}",
         f"estimator.leader.leader_class={kind}",
-        f'leader_out=[{{ link = "{LINK}" }}]',
+        f'leader_out=[{{ link = "{LINK}", rates_hz = {{ SET_POSITION_TARGET_LOCAL_NED = 25.0 }} }}]',
         *(() if scenario.follow is None else (f"guidance.slot_m={list(scenario.follow.offset)}",)),
     )
     return load_config(None, (*known, *settings))

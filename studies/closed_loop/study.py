@@ -1,6 +1,6 @@
 """A follower flies formation on nothing but our estimates for ten minutes: straight legs, turns, a whole circle,
 drop-outs of 3 s, and one of 20 s, in which it breaks off. The daemon's pipeline flies as it ships, with nothing
-configured but the leader's size and class. The follower's autopilot obeys FOLLOW_TARGET as ArduPilot's FOLLOW mode
+configured but the leader's size and class. The follower's autopilot flies on setpoints as ArduCopter's GUIDED
 does. It begins to follow after 10 s; what counts begins 5 s later.
 """
 

@@ -17,12 +17,12 @@ from studies.closed_loop.flight import Flight, fly
 
 Autopilot = Literal["ardupilot", "px4"]
 
-SLOT: Final = (-30.0, 0.0, 2.0)  # m: behind, at 30 m; the leader's course is south, so that PX4 begins behind it
+SLOT: Final = (-30.0, 0.0, 2.0)  # m: behind, at 30 m
 SPEEDS: Final[dict[Autopilot, float]] = {"ardupilot": 8.0, "px4": 5.0}  # m/s
 ACCELERATION: Final = 1.5  # m/s^2, mean of a raised cosine
 LEAVES, BEGINS = 25.0, 45.0  # s: the hover, and what it does
 TURNING_SINCE: Final = 40.0  # s, where it is blind or killed in a circle
-COUNTS: Final = 15.0  # s, 5 s after FOLLOW is engaged
+COUNTS: Final = 15.0  # s, 5 s after the mode is entered
 FOR_GOOD: Final = 1000.0  # s
 AT_THE_END: Final = 5.0  # s
 NEAR_ITS_SLOT: Final = (0.5, 1.5)  # of the slot's distance

@@ -1,7 +1,7 @@
 """Followers of both autopilots behind a leader that leaves a hover and then manoeuvres, is not seen for a
 while, or whose daemon is killed. The daemon's pipeline flies as it ships, with nothing configured but the leader's
-size and class and the slot, 30 m behind. simlink's followers fly what it sends as ArduPilot's FOLLOW and PX4's
-Follow-Me do. ArduPilot's leader flies 8 m/s, PX4's 5 m/s. Distances are percent of the slot's.
+size and class and the slot, 30 m behind. simlink's followers fly its setpoints as ArduCopter's GUIDED and PX4's
+OFFBOARD do. ArduPilot's leader flies 8 m/s, PX4's 5 m/s. Distances are percent of the slot's.
 """
 
 from collections.abc import Sequence

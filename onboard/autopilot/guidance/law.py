@@ -27,7 +27,6 @@ BRAKING_IN_VIEW: Final = 2.0  # m/s^2; more pitches us up so far that the leader
 LEAD_TIME_S: Final = (
     0.6  # by which the vehicle's velocity lags: a leader that brakes is followed this much earlier
 )
-FULL_PASSING_SPEED: Final = 2.0  # m/s towards us, from which the motion of the leader across is not matched
 MAX_RETREAT_SPEED: Final = 4.0  # m/s, towards a slot that is farther off than we are
 VELOCITY_GAIN: Final = 1.6  # 1/s, from the error of the reference's velocity to its acceleration
 LEASH_M: Final = 6.0  # between reference and vehicle: what a vehicle lags behind at its greatest speed
@@ -146,27 +145,25 @@ class FollowLaw:
         radial = max(radial, -_stopping(max(near - self.min_distance, 0.0), STOP_GAIN, BRAKING))
         across = rho * rate + self._sway(sigma > OPEN_RANGE_RATIO * here, dt)
 
-        speed, sure_speed = float(leader.v[:2] @ u), self._radial_speed(leader, u)
-        # A leader that comes at us is let pass: to keep its bearing would be a collision course.
-        passing = min(max(1.0 - speed / FULL_PASSING_SPEED, 0.0), 1.0)
-        leader_v = passing * (leader.v[:2] - speed * u) + sure_speed * u
+        speed, sure_speed = float(leader.v[:2] @ u), self._sure_speed(leader, u, near)
+        leader_v = leader.v[:2] + (sure_speed - speed) * u
         level = limited(leader_v + radial * u + across * np.array([-u[1], u[0]]), limits.speed)
         v = np.array([*level, self._climb(before, leader, lift)])
         a_L = leader.a[:2] if near > self.min_distance - 5.0 else np.zeros(2)
-        followed = min(max(sure_speed / min(speed, -0.1), 0.0), 1.0)  # of a speed away from us
-        a_L = a_L - min(float(a_L @ u), 0.0) * (1.0 - followed) * u
+        a_L = a_L - max(float(a_L @ u), 0.0) * (1.0 - min(max(sure_speed, 0.0) / max(speed, 0.1), 1.0)) * u
         a = np.array([*(a_L - rho * rate * rate * u), 0.0])
         return self._moved(before, v, a, dt, (u, self._braking(before, leader, u, here)))
 
-    def _radial_speed(self, leader: LeaderTrack, u: Array) -> float:
-        """The leader's speed along u (2,), which points to us, as far as it is sure: positive where it comes at
-        us. Of a speed away from us only what is beyond two sigmas is followed."""
-        speed = max(float(leader.v[:2] @ u), float(leader.v_seen[:2] @ u) - SPEED_NOISE)
-        speed += LEAD_TIME_S * max(float(leader.a[:2] @ u), 0.0)
+    def _sure_speed(self, leader: LeaderTrack, u: Array, near: float) -> float:
+        """The leader's speed outward along u (2,), as far as it is sure. Only a speed beyond two sigmas is
+        chased. A leader that comes at us is believed as far as there is no room to wait."""
+        speed = min(float(leader.v[:2] @ u), float(leader.v_seen[:2] @ u) + SPEED_NOISE)
+        speed += LEAD_TIME_S * min(float(leader.a[:2] @ u), 0.0)
         sigma = sigma_along(leader.covariance[3:5, 3:5], u)
-        if speed < 0.0:
-            return min(speed + max(2.0 * sigma - 1.0, 0.0), 0.0)
-        return max(speed - max(min(0.5 * sigma, 2.0) - SPEED_NOISE, 0.0), 0.0)
+        if speed > 0.0:
+            return max(speed - max(2.0 * sigma - 1.0, 0.0), 0.0)
+        doubt = min(max((self.distance - near) / (0.25 * self.distance), 0.0), 1.0)
+        return min(speed + max((1.0 + doubt) * sigma - SPEED_NOISE, 0.0), 0.0)
 
     def _braking(self, before: ReferenceState, leader: LeaderTrack, u: Array, here: float) -> float:
         """The greatest acceleration away from the leader, m/s^2: more than keeps it in the image only where the

@@ -11,9 +11,10 @@ SIGNATURE: Final = 13
 SIGNED: Final = 0x01  # the only incompatibility flag there is; a frame with another cannot be read
 # MAVLink's checksum (CRC-16/MCRF4XX) runs through the bits of each byte in the other order than `crc_hqx`.
 MIRRORED: Final = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+CURRENT_MODE: Final = 436
 TARGET_RELATIVE: Final = 511  # of MAVLink's development.xml
 # Messages that pymavlink's dialects lack: number, name, and CRC_EXTRA, with which the checksum begins.
-UNLISTED: Final = {436: ("CURRENT_MODE", 193), TARGET_RELATIVE: ("TARGET_RELATIVE", 28)}
+UNLISTED: Final = {CURRENT_MODE: ("CURRENT_MODE", 193), TARGET_RELATIVE: ("TARGET_RELATIVE", 28)}
 
 
 def head_of(frame: bytes) -> tuple[int, int, int, int]:

@@ -14,6 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from onboard.messages import (
     CameraTracking,
     CameraTrackingGeo,
+    CurrentMode,
     FollowTarget,
     LandingTarget,
     Message,
@@ -24,7 +25,7 @@ from onboard.messages import (
     Vec3,
 )
 from onboard.messages.mavlink_enums import BODY_FRD
-from onboard.wire.mavlink.frame import TARGET_RELATIVE, UNLISTED
+from onboard.wire.mavlink.frame import CURRENT_MODE, TARGET_RELATIVE, UNLISTED
 
 POSITION, VELOCITY, ACCELERATION, ATTITUDE = 1, 2, 4, 8  # bits of est_capabilities
 LOCAL_OFFSET_NED: Final = 2  # TARGET_OBS_FRAME: NED, travels with the vehicle
@@ -37,28 +38,25 @@ NAN: Final = math.nan
 UNKNOWN: Final = 2**31 - 1  # of a latitude or longitude
 
 
-class TargetRelativeMessage(dialect.MAVLink_message):  # type: ignore[misc]  # pymavlink has no types
-    """TARGET_RELATIVE, as pymavlink's messages are made."""
+class UnlistedMessage(dialect.MAVLink_message):  # type: ignore[misc]  # pymavlink has no types
+    """A message of `UNLISTED`, as pymavlink's messages are made. `layout`: of its payload, as `struct` has it."""
 
-    id = TARGET_RELATIVE
-    msgname = "TARGET_RELATIVE"
-    # timestamp, r, pos_std, yaw_std, q_target, q_sensor; id, frame, type
-    layout = struct.Struct("<Q3f3ff4f4f3B")
-
-    def __init__(self, *fields: Any) -> None:
-        super().__init__(self.id, self.msgname)
-        self._fields = fields
+    def __init__(self, number: int, layout: str, *fields: Any) -> None:
+        name, self._extra = UNLISTED[number]
+        super().__init__(number, name)
+        self._payload = struct.pack(layout, *fields)
 
     def pack(self, mav: Any, force_mavlink1: bool = False) -> bytes:
         """The frame."""
-        payload = self.layout.pack(*self._fields)
-        return cast(bytes, self._pack(mav, UNLISTED[self.id][1], payload, force_mavlink1=force_mavlink1))
+        return cast(bytes, self._pack(mav, self._extra, self._payload, force_mavlink1=force_mavlink1))
 
 
 def _target_relative(m: Any) -> list[Any]:
     no_sensor = (0.0, 0.0, 0.0, 0.0)
     fields = (*m.r_FL_n, *m.position_sigma, m.yaw_sigma, *m.q_nL, *no_sensor)
-    return [TargetRelativeMessage(m.unix_ns // 1000, *fields, 0, LOCAL_OFFSET_NED, VISION_OTHER)]
+    # timestamp, r, pos_std, yaw_std, q_target, q_sensor; id, frame, type
+    fields = (m.unix_ns // 1000, *fields, 0, LOCAL_OFFSET_NED, VISION_OTHER)
+    return [UnlistedMessage(TARGET_RELATIVE, "<Q3f3ff4f4f3B", *fields)]
 
 
 def _follow_target(m: Any) -> list[Any]:
@@ -161,6 +159,7 @@ ENCODE: Final[dict[type[Message], Callable[[Any], list[Any]]]] = {
     FollowTarget: _follow_target,
     TargetRelative: _target_relative,
     Setpoint: _setpoint,
+    CurrentMode: lambda m: [UnlistedMessage(CURRENT_MODE, "<2IB", m.custom_mode, m.intended_mode, 0)],
     LandingTarget: _landing_target,
     CameraTracking: _camera_tracking,
     CameraTrackingGeo: _camera_tracking_geo,

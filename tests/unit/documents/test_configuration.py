@@ -198,7 +198,6 @@ def test_each_scenario_has_a_configuration_that_loads(scenario: str, tmp_path: P
     assert set(own) <= {"airframe", "custom"}
     assert tomllib.loads(daemon_config(described))["estimator"].get("traffic", {}) == {}
     if described.follow is not None:  # where its autopilot is to be led, and on which link
-        assert (config.guidance.slot_m, config.leader_out[0].link) == (
-            described.follow.offset,
-            config.link[0].name,
-        )
+        (out,) = config.leader_out
+        assert (config.guidance.slot_m, out.link) == (described.follow.offset, config.link[0].name)
+        assert out.rates_hz == {"SET_POSITION_TARGET_LOCAL_NED": 25.0}

@@ -21,7 +21,6 @@ NAME = re.compile(r"`([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*)(?:\(\))?`")
 WORD = re.compile(r"[A-Za-z_]\w*")
 COMMENT = re.compile(r"(^|\s)#.*")
 FOREIGN = {  # of other programs: what they call their own
-    *("mode_follow", "AP_Follow", "TargetEstimator", "FlightTaskAutoFollowTarget"),
     *("AC_PosControl", "PositionControl"),  # files and classes of autopilots
     *("rmw_zenoh", "apriltag_ros", "image_rect", "calibrateCamera"),  # of ROS and OpenCV
     *("LimitNICE", "maxconn"),  # systemd, HAProxy
