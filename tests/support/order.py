@@ -28,7 +28,7 @@ LONGEST: Final = (
     "tests/unit/simlink/test_encounter_families.py",
     "tests/unit/commands/test_evaluate.py",
     "tests/unit/estimators/own_state/test_honesty.py",
-    "tests/unit/simlink/test_follow.py",
+    "tests/unit/simlink/test_setpoint_modes.py",
     "tests/faults/test_latching.py",
     "tests/unit/commands/test_report.py",
     "tests/closed_loop/test_own_state.py",
