@@ -26,6 +26,8 @@ MAX_LEADER_ACCELERATION: Final = (
 MIN_COURSE_SPEED: Final = 1.0  # m/s; a slower leader drifts, and its velocity has no meaning for its course
 MIN_COURSE_SIGMAS: Final = 2.5  # from a standstill; velocities of hovering leaders are estimated up to here,
 FULL_COURSE_SIGMAS: Final = 4.0  # and never beyond here
+# Beside a leader its range, and so its course, stays open for as long as we fly parallel: going round shows it.
+UNSURE_CERTAINTY, UNSURE_SPEED_M_S = 0.1, 2.0
 COURSE_LEARNING_S: Final = 1.0  # of sure flight: errors of velocity last for most of a second
 SAME_WAY_ANGLE: Final = 2.6  # rad; beyond, both ways round are as long: go on turning as before
 MIN_TURN_RATE: Final = 0.05  # rad/s, that counts as a way round
@@ -97,7 +99,7 @@ class LeaderTrack:
             self.slot_course = math.atan2(self.r[1] - r_F[1], self.r[0] - r_F[0])
             return 0.0
         flown = math.atan2(self.v[1], self.v[0])
-        if certainty > 0.5 or self.course is None:
+        if certainty > 0.5:
             self.course = flown
         away = wrapped(flown - self.slot_course)
         if abs(away) > SAME_WAY_ANGLE and away * self._way < 0.0:
@@ -116,7 +118,8 @@ class LeaderTrack:
         sigmas = math.sqrt(max(float(v @ np.linalg.lstsq(P, v, rcond=None)[0]), 0.0))
         by_speed = min(max(speed - max(MIN_COURSE_SPEED, 2.0 * sigma_across), 0.0), 1.0)
         by_sigmas = (sigmas - MIN_COURSE_SIGMAS) / (FULL_COURSE_SIGMAS - MIN_COURSE_SIGMAS)
-        return by_speed * min(max(by_sigmas, 0.0), 1.0)
+        sure = by_speed * min(max(by_sigmas, 0.0), 1.0)
+        return max(sure, UNSURE_CERTAINTY if speed > UNSURE_SPEED_M_S else 0.0)
 
 
 def _share(error: Array, share: float, noise: float) -> Array:
