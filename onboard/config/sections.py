@@ -184,7 +184,6 @@ class GuidanceConfig(Record, frozen=True, kw_only=True):
     max_speed_m_s: Positive = 12.0  # horizontal; a lower limit of the autopilot counts
     max_closing_speed_m_s: Positive = 6.0  # of the distance
     max_acceleration_m_s2: Positive = 3.0  # horizontal; a lower limit of the autopilot counts
-    sway_m_s: NotNegative = 0.0  # speed across the line of sight while the range is open; 0: none
 
 
 class Config(Record, frozen=True, kw_only=True):

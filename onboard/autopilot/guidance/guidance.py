@@ -83,8 +83,6 @@ class Guidance:
             return f"not led: enter {mode.name} again, in the air"
         if mode.needs_stream and self._must_wait() and self._intends_mode:
             return f"PX4 would return to {mode.name} by itself: choose Hold, then {mode.name}"
-        if self.leads and self._law.is_swaying:
-            return "range open: sways to see it"
         return "range unsure: comes no nearer" if self.leads and self._law.is_unsure else ""
 
     def receive(self, message: Message) -> None:

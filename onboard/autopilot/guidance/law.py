@@ -35,8 +35,6 @@ OWN_PLACE_M: Final = 2.0  # of a range's sigma that is no reason to stay where t
 SPEED_NOISE: Final = 0.4  # m/s, of a leader's speed that no caution is taken for
 MIN_LOOK_DISTANCE: Final = 2.0  # m; nearer in the plane, the leader has no bearing
 MIN_TURN_SPEED: Final = 2.0  # m/s, about a leader that is as fast as the vehicle
-OPEN_RANGE_RATIO: Final = 0.25  # of the range: with a larger sigma, images leave it open
-SWAY_PERIOD_S: Final = 8.0  # a sway of 2 m/s is then 5 m wide, 10 degrees at 30 m
 
 
 class Phase(StrEnum):
@@ -80,9 +78,7 @@ class FollowLaw:
         self.limits = Limits(config.max_speed_m_s, config.max_acceleration_m_s2)
         self.phase = Phase.HOLD
         self.is_unsure = False
-        self.is_swaying = False
         self._reference: ReferenceState | None = None
-        self._sway_s = 0.0
 
     @property
     def has_begun(self) -> bool:
@@ -110,7 +106,7 @@ class FollowLaw:
         assert before is not None  # noqa: S101 - `begin` comes first
         r_F = before.r if (is_blind := r_F is None) else r_F
         self.phase = _phase(lost_s) if leader.is_known and not is_blind else Phase.HOLD
-        self.is_unsure = self.is_swaying = False
+        self.is_unsure = False
         if self.phase is Phase.HOLD:
             made = self._moved(before, np.zeros(3), np.zeros(3), dt)
         elif self.phase is Phase.STOP:
@@ -143,7 +139,7 @@ class FollowLaw:
         off = d - rho if rho > d else max(d - rho - max(sigma - OWN_PLACE_M, 0.0), 0.0)
         radial = min(max(_stopping(off, APPROACH_GAIN, APPROACH_BRAKING), -closing), MAX_RETREAT_SPEED)
         radial = max(radial, -_stopping(max(near - self.min_distance, 0.0), STOP_GAIN, BRAKING))
-        across = rho * rate + self._sway(sigma > OPEN_RANGE_RATIO * here, dt)
+        across = min(rho, d) * rate  # from afar straight to the slot
 
         speed, sure_speed = float(leader.v[:2] @ u), self._sure_speed(leader, u, near)
         leader_v = leader.v[:2] + (sure_speed - speed) * u
@@ -151,7 +147,7 @@ class FollowLaw:
         v = np.array([*level, self._climb(before, leader, lift)])
         a_L = leader.a[:2] if near > self.min_distance - 5.0 else np.zeros(2)
         a_L = a_L - max(float(a_L @ u), 0.0) * (1.0 - min(max(sure_speed, 0.0) / max(speed, 0.1), 1.0)) * u
-        a = np.array([*(a_L - rho * rate * rate * u), 0.0])
+        a = np.array([*(a_L - min(rho, d) * rate * rate * u), 0.0])
         return self._moved(before, v, a, dt, (u, self._braking(before, leader, u, here)))
 
     def _sure_speed(self, leader: LeaderTrack, u: Array, near: float) -> float:
@@ -161,7 +157,7 @@ class FollowLaw:
         speed += LEAD_TIME_S * min(float(leader.a[:2] @ u), 0.0)
         sigma = sigma_along(leader.covariance[3:5, 3:5], u)
         if speed > 0.0:
-            return max(speed - max(2.0 * sigma - 1.0, 0.0), 0.0)
+            return max(speed - max(1.5 * sigma - 1.0, 0.0), 0.0)
         doubt = min(max((self.distance - near) / (0.25 * self.distance), 0.0), 1.0)
         return min(speed + max((1.0 + doubt) * sigma - SPEED_NOISE, 0.0), 0.0)
 
@@ -180,12 +176,6 @@ class FollowLaw:
         sure = max(abs(float(leader.v[2])) - math.sqrt(max(leader.covariance[5, 5], 0.0)), 0.0)
         v = CLIMB_GAIN * (height - before.r[2]) + math.copysign(sure, leader.v[2])
         return float(min(max(v, -MAX_CLIMB_SPEED), MAX_CLIMB_SPEED))
-
-    def _sway(self, is_open: bool, dt: float) -> float:
-        """The speed across the line of sight that shows an open range (`sway_m_s`)."""
-        self.is_swaying = is_open and self._config.sway_m_s > 0.0
-        self._sway_s = self._sway_s + dt if self.is_swaying else 0.0
-        return self._config.sway_m_s * math.sin(2.0 * math.pi * self._sway_s / SWAY_PERIOD_S)
 
     def _give_way(self, before: ReferenceState, leader: LeaderTrack) -> Array:
         """The velocity (3,) away from a lost leader that should be nearer than the slot's distance."""

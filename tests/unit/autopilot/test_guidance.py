@@ -371,12 +371,3 @@ def test_limits_and_advice_are_those_of_the_vehicle() -> None:
 
 def parameter(name: str, value: float) -> Message:
     return ParamValue(**HEAD, extended=False, name=name, value=value)
-
-
-def test_a_sway_shows_an_open_range_where_it_is_wanted() -> None:
-    def wanders(sway: float) -> float:
-        chase = Chase(sway_m_s=sway).enter().accelerate(5.0, (1.0, 0.0, 0.0)).see(10.0).see(16.0, sigma=12.0)
-        return float(np.ptp([(row.r_F - row.r_L)[1] for row in chase.rows[-400:]]))
-
-    assert wanders(0.0) < 0.5
-    assert 2.0 < wanders(2.0) < 8.0
