@@ -16,7 +16,7 @@ from onboard.messages import NotNegative, Positive, Record, Vec3
 from onboard.messages.target import WING_POINTS
 from onboard.wire.documents.cameras import CameraInput, RosTopics
 from onboard.wire.ros.camera_info import part_of
-from onboard.wire.ros.cdr import RosKind
+from onboard.wire.ros.received import RosKind
 
 # Default errors of a gimbal's reported attitude. Its level comes from accelerometers, as an autopilot's does,
 # plus some tenths of a degree from encoders and skew. Its yaw comes from gyros alone, which drift by 10 to 50

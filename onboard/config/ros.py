@@ -3,17 +3,20 @@
 from onboard.config.reading import ConfigError
 from onboard.config.sections import Config
 from onboard.wire.ros.messages import RosEncoder
+from onboard.wire.ros.types import MISSING
 
 
 def ros_encoder(config: Config) -> RosEncoder | None:
-    """The encoder of `[ros2]`, None if nothing is published for ROS 2. Raises ConfigError if a package is
-    missing."""
+    """The encoder of `[ros2]`, None if nothing is published for ROS 2. Raises ConfigError if a package is missing,
+    also for what is received."""
     ros2 = config.ros2
-    if not ros2.enabled:
+    if not ros2.enabled and not config.ros_keys():
         return None
-    if not config.zenoh.enabled:
+    if not config.zenoh.enabled and ros2.enabled:
         raise ConfigError("ros2.enabled: it is published over Zenoh: set zenoh.enabled = true")
     try:
-        return RosEncoder(ros2, ros2.rate_hz)
+        encoder = RosEncoder(ros2, ros2.rate_hz)
     except ImportError as error:
-        raise ConfigError(f"ros2.enabled: it needs rosbags ({error}): pip install 'wingline[ros2]'") from error
+        key = "ros2.enabled" if ros2.enabled else "camera.ros_topic"
+        raise ConfigError(f"{key}: {MISSING} ({error})") from error
+    return encoder if ros2.enabled else None

@@ -1,5 +1,6 @@
 """Sensor data over Zenoh, one JSON document per sample: `CameraPoints` or `CameraDetections` per image on
-`<prefix>/camera/<camera>/points` or `detections`, `RadarDetections` per scan on
+`<prefix>/camera/<camera>/points` or `detections` (or, of `onboard ros2`, as CDR on
+`<prefix>/camera/<camera>/ros/<package>/<type>`), `RadarDetections` per scan on
 `<prefix>/radar/<radar>/detections`, `Pseudoranges` per epoch of another vehicle's receiver on
 `<prefix>/gnss/<peer>/pseudoranges`.
 
@@ -47,6 +48,7 @@ class ZenohLink(Link):
         self._keys = {
             f"{prefix}/camera/*/points": Encoding.POINTS,
             f"{prefix}/camera/*/detections": Encoding.DETECTIONS,
+            f"{prefix}/camera/*/ros/*/*": Encoding.ROS,  # of `onboard ros2`
             f"{prefix}/radar/*/detections": Encoding.RADAR,
             f"{prefix}/gnss/*/pseudoranges": Encoding.RANGES,
             **dict.fromkeys(ros, Encoding.ROS),

@@ -1,17 +1,23 @@
-"""What cameras send in ROS 2, by topic: what they see, and the CameraInfo that says through which lens."""
+"""What cameras send in ROS 2, by key: what they see, and the CameraInfo that says through which lens.
 
+Keys are those of rmw_zenoh (`domain/topic/type/hash`) and of zenoh-bridge-ros2dds (the topic alone), whose topics
+are configured, and those of `onboard ros2`, which name the camera: `onboard/1/camera/front/ros/package/Type`.
+"""
+
+import re
 from collections.abc import Collection
 from typing import Final
 
 from onboard.geometry.lens import Lens
 from onboard.messages import Datagram, Exposure
 from onboard.messages.text import plain
-from onboard.wire.documents.cameras import CameraInput, Cameras
+from onboard.wire.documents.cameras import CameraInput, Cameras, find
 from onboard.wire.documents.detections import Ignore, exposure_of
 from onboard.wire.documents.document import BadDocumentError, Refuse
-from onboard.wire.ros.cdr import CAMERA_INFO, DECODERS, decode_camera_info
+from onboard.wire.ros.received import CAMERA_INFO, DECODERS, decode_camera_info
 
 CHUNKS: Final = 4  # of rmw_zenoh's keys at least: domain, topic, type, hash
+NODE_KEY: Final = re.compile(r"onboard/[^/]+/camera/([^/]+)/ros/([^/]+/[^/]+)")  # camera, type
 
 
 class RosDecoder:
@@ -19,24 +25,29 @@ class RosDecoder:
     it."""
 
     def __init__(self, cameras: Cameras) -> None:
+        self._cameras = cameras
         self._seen = {camera.ros.seen: camera for camera in cameras.values() if camera.ros.seen}
         self._infos = [camera for camera in cameras.values() if camera.ros.info]
         self._lenses: dict[str, Lens] = {}  # that a CameraInfo had, by camera
 
     def decode(self, datagram: Datagram, refuse: Refuse, ignore: Ignore) -> list[Exposure]:
         """What one message shows; nothing of a CameraInfo. Raises BadDocumentError."""
-        topic, kind = self._named(datagram.channel)
-        of_info = [camera for camera in self._infos if camera.ros.info == topic]
+        sent = NODE_KEY.fullmatch(datagram.channel)
+        if sent is not None:
+            camera, kind = find(self._cameras, sent[1]), sent[2]
+            of_info = [camera] if kind == CAMERA_INFO else []
+        else:
+            topic, kind = self._named(datagram.channel)
+            of_info = [camera for camera in self._infos if camera.ros.info == topic]
+            camera = of_info[0] if of_info else self._seen[topic]
+            kind = kind or (CAMERA_INFO if of_info else camera.ros.kind)
+        _check(kind, (CAMERA_INFO,) if of_info else DECODERS)
+        for one in of_info:
+            lens = decode_camera_info(datagram.data, one.ros.is_rectified)
+            if lens != self._lenses.get(one.name):  # one that is the same knows its edges already
+                self._lenses[one.name] = lens
         if of_info:
-            _check(kind or CAMERA_INFO, (CAMERA_INFO,))
-            for camera in of_info:
-                lens = decode_camera_info(datagram.data, camera.ros.is_rectified)
-                if lens != self._lenses.get(camera.name):  # one that is the same knows its edges already
-                    self._lenses[camera.name] = lens
             return []
-        camera = self._seen[topic]
-        kind = kind or camera.ros.kind
-        _check(kind, DECODERS)
         document = DECODERS[kind](datagram.data)
         found = exposure_of(document, datagram.t_recv_ns, camera, self._lens(camera), refuse, ignore)
         return [found] if found else []
@@ -54,8 +65,9 @@ class RosDecoder:
         return topic, chunks[-2].replace("::msg::dds_::", "/").removesuffix("_")
 
     def _lens(self, camera: CameraInput) -> Lens:
-        """The lens of a camera's images. Raises BadDocumentError before its CameraInfo has come."""
-        lens = self._lenses.get(camera.name) if camera.ros.info else camera.lens
+        """The lens of a camera's images: its CameraInfo's, otherwise as configured. Raises BadDocumentError before
+        the CameraInfo of `ros_camera_info` has come."""
+        lens = self._lenses.get(camera.name) or (None if camera.ros.info else camera.lens)
         if lens is None:
             raise BadDocumentError(f"no CameraInfo has come on `{camera.ros.info}` yet: its lens is not known")
         return lens

@@ -11,27 +11,18 @@ from scipy.spatial.transform import Rotation
 from onboard.config import Config, parse_config
 from onboard.messages import Datagram, Encoding, TargetDetection, TargetPoints
 from onboard.wire.documents.document import BadDocumentError
-from onboard.wire.ros.cdr import CAMERA_INFO, DECODERS, decode_camera_info, decode_pose
+from onboard.wire.ros.received import CAMERA_INFO, DECODERS, decode_camera_info, decode_pose
 from onboard.wire.ros.types import RosTypes
 from tests.support.images import detections
 from tests.support.streams import EPOCH, Run, feed
 
 pytest.importorskip("rosbags", reason="needs the extra `ros2`")
-from rosbags.typesys import get_types_from_msg
 
 STAMP = 1_735_689_605_250_000_000
 POSE = "geometry_msgs/PoseWithCovarianceStamped"
 VOLUMES = "vision_msgs/Detection3DArray"
 TAGS = "apriltag_msgs/AprilTagDetectionArray"
 BOXES = "vision_msgs/Detection2DArray"
-APRILTAG = {
-    "Point": "float64 x\nfloat64 y\n",
-    "AprilTagDetection": (
-        "string family\nint32 id\nint32 hamming\nfloat32 goodness\nfloat32 decision_margin\n"
-        "apriltag_msgs/Point centre\napriltag_msgs/Point[4] corners\nfloat64[9] homography\n"
-    ),
-    "AprilTagDetectionArray": "std_msgs/Header header\napriltag_msgs/AprilTagDetection[] detections\n",
-}
 OPTICAL = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])  # from forward, left, up
 ZERO = (0.0,) * 36
 KNOWN = tuple(np.diag([0.01, 0.02, 0.3, 0.04, 0.05, 0.06]).ravel().tolist())
@@ -39,10 +30,7 @@ KNOWN = tuple(np.diag([0.01, 0.02, 0.3, 0.04, 0.05, 0.06]).ravel().tolist())
 
 @pytest.fixture(scope="module")
 def types() -> RosTypes:
-    made = RosTypes()
-    for name, text in APRILTAG.items():
-        made.store.register(get_types_from_msg(text, f"apriltag_msgs/msg/{name}"))
-    return made
+    return RosTypes()
 
 
 def header(types: RosTypes, frame: str = "camera_optical", t_ns: int = STAMP) -> Any:
@@ -294,6 +282,26 @@ def test_a_bridge_s_key_has_no_type_so_it_is_configured(types: RosTypes) -> None
     assert image.class_name == "tag36h11:3"
     assert config(ros_camera_info="eye/info").ros_keys() == [
         *("*/eye/found/*/*", "eye/found", "*/eye/info/*/*", "eye/info")
+    ]
+
+
+def test_the_node_s_key_names_the_camera_and_the_type_so_nothing_is_configured(types: RosTypes) -> None:
+    settings = parse_config({"cameras": {"tele": {}}, "estimator": {"leader": {}}})
+
+    def of_node(kind: str, data: bytes, camera: str = "tele") -> Datagram:
+        key = f"onboard/1/camera/{camera}/ros/{kind}"
+        return Datagram(channel=key, encoding=Encoding.ROS, t_recv_ns=EPOCH, data=data)
+
+    lens, tag = of_node(CAMERA_INFO, info(types, d=[])), of_node(TAGS, tags(types))
+    (before, after), run = images(settings, tag, lens, tag)
+    assert (before.camera, after.camera) == ("tele", "tele")
+    assert_allclose(before.center, (1.0 / 554.256, 0.0))  # the lens as configured
+    assert_allclose(after.center, ((321.0 - 330.0) / 700.0, (240.0 - 250.0) / 710.0))
+    assert reasons(run) == []
+    _, run = images(settings, of_node("nav_msgs/Odometry", b""), of_node(TAGS, tags(types), "rear"))
+    assert [why.split(";")[0] for why in reasons(run)] == [
+        "the topic is of nav_msgs/Odometry",
+        "no camera is called `rear`",
     ]
 
 
