@@ -10,8 +10,18 @@ from onboard.geometry.rotations import matrix_from_quaternion
 
 ENU_NED: Final[Array] = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # its own inverse
 FLU_FRD: Final[Array] = np.diag([1.0, -1.0, -1.0])  # its own inverse
+SIGMAS: Final = 2.0  # of an ellipsoid that is drawn
+MIN_VARIANCE: Final = 1e-6  # m^2; viewers draw no flat ellipsoid
 
 
 def flu_to_enu(q_nb: ArrayLike) -> Array:
     """The rotation (3, 3) that turns components in forward, left, up into east, north, up, of an attitude q_nb."""
     return np.asarray(ENU_NED @ matrix_from_quaternion(q_nb) @ FLU_FRD)
+
+
+def ellipsoid(P_n: ArrayLike) -> tuple[Array, Array]:
+    """The ellipsoid of 2 sigma of a covariance (3, 3) in n, in east, north, up: its axes as the columns of a
+    rotation (3, 3), and its diameters (3,)."""
+    squares, axes = np.linalg.eigh(ENU_NED @ np.asarray(P_n) @ ENU_NED.T)
+    axes[:, 0] *= np.sign(np.linalg.det(axes))
+    return axes, 2.0 * SIGMAS * np.sqrt(np.maximum(squares, MIN_VARIANCE))

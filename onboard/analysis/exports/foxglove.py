@@ -19,7 +19,7 @@ from mcap.writer import Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 
 from onboard.arrays import Array
-from onboard.geometry.enu import ENU_NED, flu_to_enu
+from onboard.geometry.enu import ENU_NED, ellipsoid, flu_to_enu
 from onboard.geometry.geodesy import geodetic_from_ned
 from onboard.geometry.rotations import quaternion_from_matrix
 from onboard.messages import Estimate, NavState, Output, OwnPose
@@ -28,7 +28,6 @@ from onboard.messages.schemas import key_of, schema
 
 WORLD, OWN = "world", "own"
 EVERY_NS: Final = 40_000_000  # between drawings of one thing in the scene; its poses and places are all there
-SIGMAS: Final = 2.0  # of the ellipsoid that is drawn
 ARROW: Final = 0.5  # m, of our own vehicle
 LEVELS: Final = {True: Log.INFO, False: Log.WARNING}
 UPRIGHT: Final[Quaternion] = (1.0, 0.0, 0.0, 0.0)
@@ -97,12 +96,11 @@ class FoxgloveWriter:
             return
         scene = SceneUpdate()
         entity = _entity(scene, name, estimate.t_ns)
-        squares, axes = np.linalg.eigh(ENU_NED @ P @ ENU_NED.T)
-        axes[:, 0] *= np.sign(np.linalg.det(axes))
+        axes, diameters = ellipsoid(P)
         sphere = entity.spheres.add()
         _place(sphere.pose.position, ENU_NED @ place)
         _turn(sphere.pose.orientation, axes)
-        _place(sphere.size, 2.0 * SIGMAS * np.sqrt(np.maximum(squares, 1e-6)))
+        _place(sphere.size, diameters)
         _colour(sphere.color, (0.25, 0.75, 1.0, 0.35))
         line = entity.lines.add(type=0, thickness=0.05)
         for point in (self._own_r, place):

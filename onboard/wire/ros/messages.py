@@ -4,35 +4,51 @@
     base_enu      the same axes at our vehicle
     base_link     our vehicle: forward, left, up
     leader        the leader, with axes east, north, up: its attitude is not estimated
+    front_optical a camera, named as configured: right, down, forward
 
-Each is the child of the one above; `leader` is one of `base_enu`. Where another node moves `base_link`, `base_enu`
-is its child, and `map` is left to that node. Only what is valid is published: the diagnostics say why something is
-not.
+Each is the child of the one above; `leader` is one of `base_enu`, cameras are of `base_link`. Where another node
+moves `base_link`, `base_enu` is its child, and `map` is left to that node. Only what is valid is published: the
+diagnostics say why something is not. This is the only table from records to messages: bags, rmw_zenoh and
+`onboard ros2` publish its bytes.
 """
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from onboard.geometry.enu import ENU_NED, FLU_FRD, flu_to_enu
+from onboard.geometry.camera import Camera
+from onboard.geometry.enu import ENU_NED, FLU_FRD, ellipsoid, flu_to_enu
 from onboard.geometry.rotations import quaternion_from_matrix
 from onboard.messages import Estimate, Health, NavState, OwnPose
 from onboard.messages.ros import Ros2Config, RosMessage, RosTopic
 from onboard.units import NS_PER_S
 from onboard.wire.odometry import full, odometry_of
-from onboard.wire.ros.diagnostics import statuses
+from onboard.wire.ros.diagnostics import Status, statuses
 from onboard.wire.ros.types import RosTypes
 
 PLACE_NAMES: Final = ("r_north", "r_east", "r_down")
 VELOCITY: Final = ("v_north", "v_east", "v_down")
 UNKNOWN_ANGLE: Final = math.pi**2 / 3.0  # rad^2: variance of an angle, or a rate, that may be any
 UPRIGHT_XYZW: Final = (0.0, 0.0, 0.0, 1.0)  # x, y, z, w
+FRD_OPTICAL: Final = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # from right, down, forward
+ARROW, SPHERE, TEXT, ADD = 0, 2, 9, 0  # visualization_msgs/Marker
+BLUE, ORANGE, WHITE, PALE_BLUE = (
+    (0.1, 0.4, 1.0, 1.0),
+    (1.0, 0.6, 0.1, 1.0),
+    (1.0, 1.0, 1.0, 1.0),
+    (0.25, 0.75, 1.0),
+)
+ARROW_SIZE_M: Final = np.array([0.1, 0.2, 0.0])  # diameters of the shaft and of the head
+MARKER_LIFETIME_S: Final = 1  # until the marker of an estimate that is no longer valid disappears
+MARKER_SIZE_M: Final = 0.5  # of a leader whose wingspan is not estimated, and of text
 NEW_START_NS: Final = 10 * NS_PER_S  # a clock that runs back by more has begun anew; tf2 remembers as much
 Numbers = NDArray[np.float64]
+Color = tuple[float, float, float, float]
+Place = tuple[float, Numbers, Numbers]  # weight (or opacity), mean, covariance
 
 
 class RosEncoder:
@@ -40,6 +56,7 @@ class RosEncoder:
 
     def __init__(self, config: Ros2Config, rate_hz: float | None = None) -> None:
         self._types = RosTypes()
+        self.store = self._types.store  # the typestore of rosbags
         self._period_ns = 0 if rate_hz is None else round(1e9 / rate_hz)
         self._root, prefix, self._tf = f"/{config.namespace}", config.frame_prefix, config.tf
         self._map, self._prefix = "map", prefix
@@ -48,15 +65,10 @@ class RosEncoder:
         self._last_ns: dict[str, int] = {}
         self._moved_ns: dict[str, int] = {}  # of the newest transform of each frame
 
-    @property
-    def store(self) -> Any:
-        """The typestore of rosbags."""
-        return self._types.store
-
     def encode(self, record: Any, t_ns: int) -> list[RosMessage]:
         """The messages of a record with this time in their headers; none of a kind that is not published."""
         if isinstance(record, Health):
-            return list(self._health(record, t_ns))
+            return [self.encode_diagnostics(statuses(record), record.autopilot, t_ns)]
         if isinstance(record, OwnPose):
             return list(self._own_pose(record, t_ns))
         if isinstance(record, NavState):
@@ -102,6 +114,7 @@ class RosEncoder:
         yield self._message(f"{self._root}/detections", self._detections(estimate, mean, P, t_ns), t_ns)
         if not estimate.is_primary:
             return
+        yield self._message(f"{self._root}/markers", self._markers(estimate, mean, P, t_ns), t_ns)
         name = re.sub(r"\W", "_", estimate.name, flags=re.ASCII)
         position, frame = ENU_NED @ mean[:3], f"{self._prefix}{name}"
         yield from self._moved(t_ns, (self._enu, frame, position, UPRIGHT_XYZW))
@@ -118,8 +131,7 @@ class RosEncoder:
     def _detections(self, estimate: Estimate, mean: Numbers, P: Numbers, t_ns: int) -> Any:
         """An array of one: where it may be, the likeliest first, and a cube with its wingspan as side."""
         header = self._header(t_ns, self._enu)
-        places = [(mode.weight, np.array(mode.mean), np.array(mode.covariance)) for mode in estimate.modes]
-        places = sorted(places, key=lambda place: -place[0]) or [(1.0, mean, P)]
+        places = _places(estimate) or [(1.0, mean, P)]
         results = [
             self._make(
                 "vision_msgs/ObjectHypothesisWithPose",
@@ -134,20 +146,76 @@ class RosEncoder:
         one = self._make("vision_msgs/Detection3D", header, results, box, estimate.target)
         return self._make("vision_msgs/Detection3DArray", header, [one])
 
-    # ------------------------------------------------------------------------------- health
-
-    def _health(self, health: Health, t_ns: int) -> Iterator[RosMessage]:
-        make = self._make
+    def _markers(self, estimate: Estimate, mean: Numbers, P: Numbers, t_ns: int) -> Any:
+        """The aircraft with the wingspan as diameter, its velocity, its covariance, and where else it may be."""
+        name, r = estimate.name, mean[:3]
+        side = float(mean[6]) if estimate.components[6:7] == ("size",) else MARKER_SIZE_M
+        pose, above = (
+            self._pose(ENU_NED @ r, UPRIGHT_XYZW),
+            self._pose(ENU_NED @ r + [0.0, 0.0, side], UPRIGHT_XYZW),
+        )
+        label = f"{name} {np.linalg.norm(r):.1f} m"
         found = [
+            self._marker(t_ns, name, SPHERE, pose, np.full(3, side), BLUE),
+            self._marker(t_ns, f"{name}/label", TEXT, above, np.full(3, MARKER_SIZE_M), WHITE, text=label),
+            self._ellipsoid(t_ns, f"{name}/covariance", (0.3, r, P)),
+        ]
+        if estimate.components[3:6] == VELOCITY:
+            ends = [self._make("geometry_msgs/Point", *map(float, ENU_NED @ p)) for p in (r, r + mean[3:6])]
+            origin = self._pose(np.zeros(3), UPRIGHT_XYZW)
+            found.append(self._marker(t_ns, f"{name}/velocity", ARROW, origin, ARROW_SIZE_M, ORANGE, points=ends))
+        places = enumerate((0.4 * weight, p, C) for weight, p, C in _places(estimate))
+        found += [self._ellipsoid(t_ns, f"{name}/places", place, number=i) for i, place in places]
+        return self._make("visualization_msgs/MarkerArray", found)
+
+    def _ellipsoid(self, t_ns: int, space: str, place: Place, number: int = 0) -> Any:
+        alpha, mean, P = place
+        axes, diameters = ellipsoid(P[:3, :3])
+        pose = self._pose(ENU_NED @ mean[:3], _turn(axes))
+        return self._marker(t_ns, space, SPHERE, pose, diameters, (*PALE_BLUE, alpha), number=number)
+
+    def _marker(
+        self, t_ns: int, space: str, kind: int, pose: Any, size: Numbers, color: Color, **more: Any
+    ) -> Any:
+        """A marker in `base_enu`; `more`: number, points and text."""
+        make, no_time = self._make, self._make("builtin_interfaces/Time", 0, 0)
+        number, points, text = more.get("number", 0), more.get("points", []), more.get("text", "")
+        no_bytes = np.zeros(0, np.uint8)
+        return make(
+            *("visualization_msgs/Marker", self._header(t_ns, self._enu), space, number, kind, ADD),
+            *(pose, self._vector(size), make("std_msgs/ColorRGBA", *color)),
+            *(make("builtin_interfaces/Duration", MARKER_LIFETIME_S, 0), False, points, [], ""),
+            make("sensor_msgs/CompressedImage", make("std_msgs/Header", no_time, ""), "", no_bytes),
+            *([], text, "", make("visualization_msgs/MeshFile", "", no_bytes), False),
+        )
+
+    # ------------------------------------------------------------------------------- cameras, health
+
+    def encode_mounts(self, camera: Camera, t_ns: int) -> RosMessage:
+        """The optical frames of cameras that are fixed to our vehicle, for /tf_static."""
+        fixed = [one for one in (camera, *camera.others) if one.gimbal is None]
+        transforms = [
+            self._transform(
+                *(t_ns, self._body, f"{self._prefix}{one.name}_optical", FLU_FRD @ one.r_FC_b),
+                _turn(FLU_FRD @ one.R_bc @ FRD_OPTICAL),
+            )
+            for one in fixed
+        ]
+        return self._message("/tf_static", self._make("tf2_msgs/TFMessage", transforms), t_ns)
+
+    def encode_diagnostics(self, found: Iterable[Status], hardware: str, t_ns: int) -> RosMessage:
+        """Statuses for /diagnostics."""
+        make = self._make
+        array = [
             make(
                 "diagnostic_msgs/DiagnosticStatus",
-                *(one.level, one.name, one.message, health.autopilot),
+                *(one.level, one.name, one.message, hardware),
                 [make("diagnostic_msgs/KeyValue", key, value) for key, value in one.values.items()],
             )
-            for one in statuses(health)
+            for one in found
         ]
-        array = make("diagnostic_msgs/DiagnosticArray", self._header(t_ns, ""), found)
-        yield self._message("/diagnostics", array, t_ns)
+        message = make("diagnostic_msgs/DiagnosticArray", self._header(t_ns, ""), array)
+        return self._message("/diagnostics", message, t_ns)
 
     # ------------------------------------------------------------------------------- parts of messages
 
@@ -209,6 +277,12 @@ class RosEncoder:
             return False
         self._last_ns[what] = t_ns
         return True
+
+
+def _places(estimate: Estimate) -> list[Place]:
+    """Weight, mean and covariance of each place where a target may be, the likeliest first."""
+    places = [(mode.weight, np.array(mode.mean), np.array(mode.covariance)) for mode in estimate.modes]
+    return sorted(places, key=lambda place: -place[0])
 
 
 def _turn(R: Numbers) -> tuple[float, ...]:

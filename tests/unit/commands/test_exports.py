@@ -148,6 +148,7 @@ def test_ros_reads_a_bag(exported: Path) -> None:
         "/onboard/detections": "vision_msgs/msg/Detection3DArray",
         "/onboard/leader/pose": "geometry_msgs/msg/PoseWithCovarianceStamped",
         "/onboard/leader/odometry": "nav_msgs/msg/Odometry",
+        "/onboard/markers": "visualization_msgs/msg/MarkerArray",
         "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
     }
     times = [t for _, _, t, _ in read]

@@ -27,6 +27,7 @@ HASHES = {  # as other implementations of ROS 2 over Zenoh have them
     f"{POSE}Stamped": "26432f9803e43727d3c8f668d1fdb3c630f548af631e2f4e31382371bfea3b6e",
     "diagnostic_msgs/msg/DiagnosticArray": "5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e",
     "tf2_msgs/msg/TFMessage": "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
+    "visualization_msgs/msg/MarkerArray": "86cb8800b6fb05b5eff1abd7a56f62a5641d3ae9a1c29e78e67e704f1d067dcf",
     "vision_msgs/msg/Detection3DArray": "793f5eab9595ac1c0da07873cc859db42eae51f0ee76056db8562515d830e018",
 }
 
@@ -134,7 +135,7 @@ def test_another_node_moves_our_vehicle_or_all() -> None:
     silent = RosEncoder(Ros2Config(tf="none"))
     assert silent.encode(own, STAMP) == []
     assert set(decoded(silent, silent.encode(leader(), STAMP))) == {
-        f"/onboard/{name}" for name in ("detections", "leader/pose", "leader/odometry")
+        f"/onboard/{name}" for name in ("detections", "leader/pose", "leader/odometry", "markers")
     }
 
 
@@ -157,7 +158,8 @@ def _fields(record: Any, **changed: Any) -> dict[str, Any]:
 
 def test_a_leader_is_a_pose_odometry_and_a_detection_from_our_vehicle(encoder: RosEncoder) -> None:
     read = decoded(encoder, encoder.encode(leader(), STAMP))
-    assert set(read) == {"/tf", "/onboard/detections", "/onboard/leader/pose", "/onboard/leader/odometry"}
+    topics = ("detections", "leader/pose", "leader/odometry", "markers")
+    assert set(read) == {"/tf", *(f"/onboard/{name}" for name in topics)}
     (pose,), (odometry,), (array,) = (
         read[f"/onboard/{name}"] for name in ("leader/pose", "leader/odometry", "detections")
     )
@@ -182,6 +184,41 @@ def test_an_open_range_is_several_hypotheses_the_likeliest_first(encoder: RosEnc
     results = array.detections[0].results
     assert [one.hypothesis.score for one in results] == [0.7, 0.3]
     assert [numbers(one.pose.pose.position)[1] for one in results] == [60.0, 20.0]
+
+
+def test_markers_show_the_leader_its_covariance_and_where_else_it_may_be(encoder: RosEncoder) -> None:
+    P = tuple(map(tuple, np.eye(6).tolist()))
+    modes = tuple(Mode(weight=w, mean=(r, 0, 0, 0, 0, 0), covariance=P) for w, r in ((0.3, 20.0), (0.7, 60.0)))
+    (array,) = decoded(encoder, encoder.encode(leader(modes=modes), STAMP))["/onboard/markers"]
+    found = {(one.ns, one.id): one for one in array.markers}
+    assert len(found) == len(array.markers) == 6
+    assert {
+        (one.header.frame_id, one.header.stamp.nanosec, one.action, one.lifetime.sec) for one in found.values()
+    } == {("base_enu", 250_000_000, 0, 1)}
+    aircraft, spread = found["leader", 0], found["leader/covariance", 0]
+    assert (aircraft.type, numbers(aircraft.pose.position), numbers(aircraft.scale)) == (2, [20, 10, 5], [1.8] * 3)
+    axes = Rotation.from_quat(numbers(spread.pose.orientation)).as_matrix()
+    variances = axes @ np.diag(np.square(numbers(spread.scale)) / 16.0) @ axes.T  # diameters of 2 sigma
+    assert_allclose(variances, np.diag([2.0, 1.0, 3.0]), atol=1e-12)
+    ends = [numbers(point) for point in found["leader/velocity", 0].points]
+    assert_allclose(np.diff(ends, axis=0), [[2.0, 1.0, 3.0]])
+    assert found["leader/label", 0].text == "leader 22.9 m"
+    places = [found["leader/places", k] for k in (0, 1)]
+    assert [numbers(one.pose.position) for one in places] == [[0, 60, 0], [0, 20, 0]]
+    assert places[0].color.a > places[1].color.a > 0.0
+
+
+def test_a_fixed_camera_has_an_optical_frame(encoder: RosEncoder) -> None:
+    """It looks up by 15 degrees, from 0.2 m ahead, and a point on its axis is there; one on a gimbal has none."""
+    table = {"mount_rpy_deg": [0, 15, 0], "mount_offset_m": [0.2, 0.0, -0.1]}
+    config = parse_config({"camera": table, "cameras": {"belly": {"gimbal": 1}}})
+    (tf,) = decoded(encoder, [encoder.encode_mounts(config.camera_model(), STAMP)])["/tf_static"]
+    (one,) = tf.transforms
+    assert (one.header.frame_id, one.child_frame_id) == ("base_link", "front_optical")
+    assert numbers(one.transform.translation) == [0.2, 0.0, 0.1]
+    turn = Rotation.from_quat(numbers(one.transform.rotation))
+    up, right = math.radians(15.0), [0.0, -1.0, 0.0]
+    assert_allclose(turn.apply([[0, 0, 1], [1, 0, 0]]), [[math.cos(up), 0, math.sin(up)], right], atol=1e-12)
 
 
 def test_one_of_many_is_a_detection_only(encoder: RosEncoder) -> None:
