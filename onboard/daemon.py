@@ -279,7 +279,7 @@ class Daemon:
             sinks = {name: sink.health() for name, sink in self._sinks.items()}
             links = {link.channel: link.health() for link in self._links}
             load, self._lag_ns = load_of(computer, self._lag_ns * S_PER_NS), 0
-            health = self._pipeline.health(now_ns, Rim(sinks, links, load))
+            health = self._pipeline.health(now_ns, Rim(sinks, links, load, self._clock.step_ns()))
             self._publish(health)
             self._console.show_health(health)
             self._on_health(health)

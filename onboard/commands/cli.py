@@ -1,5 +1,5 @@
 """The command line: `onboard init`, `check`, `run`, `demo`, `replay`, `report`, `evaluate`, `calibrate`, `router`,
-`recover`, `view`, `status`, `study`, `schema`, `completion`, `compile`.
+`recover`, `view`, `status`, `ros2`, `study`, `schema`, `completion`, `compile`.
 
 A user's mistake is one line. Each command is a file of this folder with a function `main`. It is imported when it
 runs, so that `--help` is quick and a replay loads no Zenoh.
@@ -108,6 +108,7 @@ def parser() -> argparse.ArgumentParser:
     _add_recover(add("recover", "repair the recording of a killed daemon for other programs", examples.RECOVER))
     _add_view(add("view", "watch a running daemon, or open a recording", examples.VIEW))
     _add_status(add("status", "what a daemon receives, what is wrong, and what to do", examples.STATUS))
+    _add_ros2(add("ros2", "run a ROS 2 node beside a daemon", examples.ROS2))
     _add_study(add("study", "measure a paper's claims", examples.STUDY))
     schema = add("schema", "print the published keys, records and types", examples.SCHEMA)
     schema.add_argument("--json", action="store_true", help="as JSON Schema")
@@ -256,6 +257,14 @@ def _add_status(status: argparse.ArgumentParser) -> None:
     status.add_argument("--vehicle", help="its id, or all (default: 1, with a file: all)")
     status.add_argument("--config", type=Path, metavar="C", help="TOML file of the daemon")
     _add_set(status)
+
+
+def _add_ros2(ros2: argparse.ArgumentParser) -> None:
+    file = "TOML file of the daemon: defaults of the parameters, certificates, mounts of the cameras"
+    ros2.add_argument("--config", type=Path, metavar="C", help=file)
+    _add_set(ros2)
+    parameters = "parameters and remappings, as of any node; must come last"
+    ros2.add_argument("--ros-args", nargs=argparse.REMAINDER, default=[], metavar="...", help=parameters)
 
 
 def _add_study(study: argparse.ArgumentParser) -> None:

@@ -121,6 +121,12 @@ examples:
   onboard status --connect tcp/192.168.1.20:7447 --watch
   onboard status --json | jq '.health.advice'
 """
+ROS2: Final = """\
+examples:
+  onboard ros2                                            beside a daemon on this computer
+  onboard ros2 --config companion.toml                    its vehicle, endpoint, cameras and [ros2]
+  onboard ros2 --ros-args -p vehicle:=uav-1 -p front.detections:=/detector/detections
+"""
 STUDY: Final = """\
 examples:
   onboard study relative-motion --seeds 10                writes report, numbers and figures to out/studies

@@ -153,7 +153,8 @@ class Advice(Record, frozen=True, kw_only=True):
 
 class Health(Record, frozen=True, kw_only=True):
     """The condition of the daemon, once a second. `uptime` and `round_trip` (of TIMESYNC) in s;
-    `clock_offset_ns`: host clock minus boot clock; `clock_rate`: seconds of the boot clock in one of the
+    `clock_offset_ns`: host clock minus boot clock; `wall_step_ns`: Unix time minus host clock, 0 unless the wall
+    clock has been set since the start; `clock_rate`: seconds of the boot clock in one of the
     host's. `states` by estimator; `verdicts` count measurements, `rejected` messages by reason. `faults`:
     present faults of our own vehicle. `refusals`: which camera messages, signed frames and requests of others
     were refused and why, of each the latest last. `own_motion_sources`: how often attitude and velocity of our
@@ -182,6 +183,7 @@ class Health(Record, frozen=True, kw_only=True):
     refusals: tuple[Refusal, ...] = ()
     own_motion_sources: dict[str, int] = msgspec.field(default_factory=dict)
     clock_rate: float = 1.0
+    wall_step_ns: int = 0
     beside: tuple[str, ...] = ()
     beside_ids: tuple[str, ...] = ()
     followed: str = ""

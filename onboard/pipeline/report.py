@@ -28,11 +28,13 @@ class Parts(NamedTuple):
 
 
 class Rim(NamedTuple):
-    """What surrounds a pipeline, if anything does: its sinks, its links, and the load of the computer."""
+    """What surrounds a pipeline, if anything does: its sinks, its links, the load of the computer, and by how
+    much the wall clock has been set since the start."""
 
     sinks: Mapping[str, SinkHealth] = {}
     links: Mapping[str, LinkHealth] = {}
     computer: ComputerLoad = ComputerLoad()
+    wall_step_ns: int = 0
 
 
 NO_RIM: Final = Rim()
@@ -51,6 +53,7 @@ def health(parts: Parts, t_recv_ns: int, first_recv_ns: int, rim: Rim) -> Health
         clock_source=clocks.source,
         clock_offset_ns=offset,
         clock_rate=clocks.rate,
+        wall_step_ns=rim.wall_step_ns,
         beside=tuple(map(autopilot_name, parts.admission.beside)),
         beside_ids=tuple(map(sender_of, parts.admission.beside)),
         round_trip=None if clocks.round_trip_ns is None else clocks.round_trip_ns * S_PER_NS,

@@ -68,6 +68,10 @@ class Client:
         except queue.Empty:
             return None
 
+    def put(self, key: str, data: bytes) -> None:
+        """Send the daemon bytes; any thread may."""
+        self._session.put(key, data)
+
     def close(self) -> None:
         """End the subscription. Queued records remain available."""
         self._session.close()

@@ -1,0 +1,1 @@
+"""`onboard ros2` as an executable of a ROS 2 package."""
