@@ -72,10 +72,10 @@ def test_it_follows_on_what_the_contour_finds_seed_1() -> None:
     assert flight.slot_error[k].max() < 2.5  # 1.3; of 25
 
 
-def test_it_does_not_follow_what_no_detector_finds_seed_1() -> None:
-    flight = fly(load_scenario("pictures-follow"), 1, 11.0, see=lambda _state, _t_ns: None)
+def test_it_stops_where_no_detector_finds_a_leader_seed_1() -> None:
+    flight = fly(load_scenario("pictures-follow"), 1, 22.0, see=lambda _state, _t_ns: None)
     assert not flight.valid.any()
-    assert not flight.following.any()
+    assert flight.speed[-1] < 0.5
 
 
 def test_a_painted_scenario_loads_with_its_detectors_seed_1() -> None:
