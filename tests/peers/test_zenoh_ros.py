@@ -165,20 +165,21 @@ def test_the_daemon_publishes_what_is_true_now_seed_1(tmp_path: Path, encoder: R
     def is_complete() -> bool:
         _, diagnostics = read.get("diagnostics", (0, None))
         names = {status.name for status in diagnostics.status} if diagnostics is not None else set()
-        return len(read) == 5 and {"onboard", "onboard: leader", "onboard: sink ros2"} <= names
+        return len(read) == 6 and {"onboard", "onboard: leader", "onboard: sink ros2"} <= names
 
     with setup.daemon(url, "ros2.enabled=true", "ros2.frame_prefix='uav1/'") as daemon:
         client = until(lambda: _tried(setup.endpoint), "the daemon's Zenoh")
         client.declare_subscriber("0/**", take)
         with setup.simulator(*links, "--wait", "300"):
-            until(is_complete, "five topics")
+            until(is_complete, "six topics")
         client.close()
         assert daemon.end(signal.SIGTERM) == 0
     assert "Traceback" not in daemon.output()
-    leader = {f"onboard/{name}" for name in ("detections", "leader/pose", "leader/odometry")}
+    leader = {f"onboard/{name}" for name in ("detections", "leader/pose", "leader/odometry", "markers")}
     assert set(read) == {"tf", "diagnostics"} | leader
     for t_ns, m in read.values():
-        stamp = (m.transforms[0] if hasattr(m, "transforms") else m).header.stamp
+        several = getattr(m, "transforms", None) or getattr(m, "markers", None)
+        stamp = (several[0] if several else m).header.stamp
         assert abs(t_ns * 1e-9 - stamp.sec - stamp.nanosec * 1e-9) < 5.0  # however busy this computer
     assert read["onboard/leader/pose"][1].header.frame_id == "uav1/base_enu"
 

@@ -80,7 +80,7 @@ def publish(node: Any, file: str) -> None:
         time.sleep(max(begin + line["at"] - time.monotonic(), 0.0))
         publishers[line["topic"]].publish(filled(type_of(line["type"])(), line["fields"]))
     print("published", file=sys.stderr, flush=True)
-    time.sleep(2.0)
+    rclpy.spin(node)  # until it is ended: a node finds publishers once a second
 
 
 def play(node: Any, file: str) -> None:

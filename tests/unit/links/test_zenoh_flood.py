@@ -29,7 +29,7 @@ class Session:
 
     def declare_subscriber(self, key: str, callback: Callable[[Any], None]) -> Any:
         self.callbacks[key] = callback
-        if len(self.callbacks) == 4:
+        if len(self.callbacks) == 5:
             self._loop.call_soon_threadsafe(self.subscribed.set)
         return SimpleNamespace(undeclare=lambda: None)
 
