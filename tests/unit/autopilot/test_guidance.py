@@ -169,7 +169,7 @@ def test_a_leader_that_stops_that_turns_back_and_that_comes_at_us_keeps_its_dist
 
 
 def test_an_open_range_stops_an_approach_and_makes_nobody_retreat() -> None:
-    for distance in (60.0, DISTANCE):
+    for distance in (60.0, 25.0, DISTANCE):
         chase = Chase(distance=distance).enter().see(20.0, sigma=0.4 * distance)
         near = chase.distances * np.exp(-2.0 * 0.4)
         assert near.min() > min(0.8 * DISTANCE, 0.99 * near[0])
