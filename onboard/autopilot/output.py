@@ -273,7 +273,7 @@ class AutopilotOutput:
         self.leader = replace(state, course=guidance.course) if state is not None and state.valid else state
 
     def _setpoint(self, boot_ns: int) -> Setpoint | None:
-        """Where to fly, as the autopilot takes it."""
+        """The setpoint of this tick as a record, None for silence."""
         wanted, autopilot = self._guidance.setpoint, self._autopilot
         if wanted is None or autopilot is None:
             return None

@@ -25,7 +25,7 @@ UNSEEN_S: Final = 0.5  # without an image: the predicted leader may have left th
 
 
 class Reasons:
-    """What has changed of the reasons."""
+    """Reasons that have changed since the last tick."""
 
     def __init__(self) -> None:
         self._start_ns: int | None = None

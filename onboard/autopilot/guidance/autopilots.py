@@ -68,7 +68,7 @@ GUIDED: Final = SetpointMode(
 
 
 def setpoint_mode(heartbeat: Heartbeat) -> SetpointMode | None:
-    """The mode of an autopilot; None for one that is not led: no multirotor, or of another make."""
+    """Return the setpoint mode of a PX4 or ArduCopter multirotor, None for any other vehicle."""
     if heartbeat.vehicle_type not in MULTIROTORS:
         return None
     return {PX4: OFFBOARD, ARDUPILOT: GUIDED}.get(heartbeat.autopilot)

@@ -65,12 +65,12 @@ class Guidance:
 
     @property
     def course(self) -> float | None:
-        """Of the leader, rad; None before it has flown."""
+        """The leader's course (rad), None before it has flown."""
         return self._leader.course
 
     @property
     def phase(self) -> Phase:
-        """What the vehicle is led to do."""
+        """The phase of the follow law."""
         return self._law.phase
 
     @property

@@ -38,7 +38,7 @@ MIN_TURN_SPEED: Final = 2.0  # m/s, about a leader that is as fast as the vehicl
 
 
 class Phase(StrEnum):
-    """What the vehicle is led to do."""
+    """Phases of the follow law."""
 
     HOLD = "hold"  # no leader is known: stay
     FOLLOW = "follow"

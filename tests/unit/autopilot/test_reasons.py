@@ -1,4 +1,4 @@
-"""What a pilot is told of a vehicle that is not led."""
+"""STATUSTEXTs that say why a vehicle is not led."""
 
 from typing import Any
 
