@@ -1,4 +1,4 @@
-"""Fly a real autopilot behind a leader on courses that are drawn at random, and judge each flight by issue 71.
+"""Fly a real autopilot behind a leader on courses that are drawn at random.
 
     python -m tests.peers.fly --autopilot ardupilot --seed 1 --out flights
 

@@ -21,13 +21,18 @@ COAST_S: Final = 1.0  # further, in which a lost leader is followed as if it fle
 LOOK_S: Final = 6.0  # further, in which the nose stays where the leader should be
 TURN_GAIN: Final = 0.3  # 1/s, from the angle to the slot to the rate about the leader
 APPROACH_GAIN, APPROACH_BRAKING = 0.5, 1.0  # 1/s, m/s^2: of the distance
-STOP_GAIN: Final = 0.6  # 1/s, with which a stop before the near end closes up
 BRAKING: Final = 2.2  # m/s^2, that every approach can count on: ArduPilot's default limit is 2.5
+LEADER_BRAKING: Final = 1.6  # m/s^2, that the vehicle is ready for: more would make it fall behind at 12 m/s
+REACTION_S: Final = 0.6  # until the vehicle brakes after its leader
 BRAKING_IN_VIEW: Final = 2.0  # m/s^2; more pitches us up so far that the leader leaves the image
 LEAD_TIME_S: Final = (
     0.6  # by which the vehicle's velocity lags: a leader that brakes is followed this much earlier
 )
 MAX_RETREAT_SPEED: Final = 4.0  # m/s, towards a slot that is farther off than we are
+PASSING_DISTANCE_RATIO: Final = 0.7  # of the slot's distance, at which a leader that comes at us should pass
+MAX_EVASION_SPEED_RATIO: Final = 0.8  # of the speed limit; the rest is left for backing off
+MIN_COMING_SPEED: Final = 0.5  # m/s, beyond half a sigma: the leader comes at us
+MIN_MISS_DISTANCE_M: Final = 3.0  # nearer, either side of the leader's path is as good
 VELOCITY_GAIN: Final = 1.6  # 1/s, from the error of the reference's velocity to its acceleration
 LEASH_M: Final = 6.0  # between reference and vehicle: what a vehicle lags behind at its greatest speed
 CLIMB_GAIN, MAX_CLIMB_SPEED, MAX_CLIMB_ACCELERATION = 0.6, 1.5, 1.5  # 1/s, m/s, m/s^2
@@ -124,7 +129,7 @@ class FollowLaw:
     def _follow(
         self, before: ReferenceState, leader: LeaderTrack, turn: float, r_F: Array, dt: float, lift: float
     ) -> ReferenceState:
-        limits, d, max_rate = self.limits, self.distance, self.max_turn_rate(leader)
+        d, max_rate = self.distance, self.max_turn_rate(leader)
         out = before.r[:2] - leader.r[:2]
         rho = max(float(np.linalg.norm(out)), 0.1)
         u = out / rho
@@ -138,22 +143,42 @@ class FollowLaw:
         closing = self._config.max_closing_speed_m_s
         off = d - rho if rho > d else max(d - rho - max(sigma - OWN_PLACE_M, 0.0), 0.0)
         radial = min(max(_stopping(off, APPROACH_GAIN, APPROACH_BRAKING), -closing), MAX_RETREAT_SPEED)
-        radial = max(radial, -_stopping(max(near - self.min_distance, 0.0), STOP_GAIN, BRAKING))
+        speed, sure_speed = float(leader.v[:2] @ u), self._sure_speed(leader, u, near)
+        radial = max(radial, -_closing_limit(max(near - self.min_distance, 0.0), max(-sure_speed, 0.0)))
         across = min(rho, d) * rate  # from afar straight to the slot
 
-        speed, sure_speed = float(leader.v[:2] @ u), self._sure_speed(leader, u, near)
         leader_v = leader.v[:2] + (sure_speed - speed) * u
-        level = limited(leader_v + radial * u + across * np.array([-u[1], u[0]]), limits.speed)
+        level = self._evade(leader_v + radial * u + across * np.array([-u[1], u[0]]), before, leader)
         v = np.array([*level, self._climb(before, leader, lift)])
         a_L = leader.a[:2] if near > self.min_distance - 5.0 else np.zeros(2)
         a_L = a_L - max(float(a_L @ u), 0.0) * (1.0 - min(max(sure_speed, 0.0) / max(speed, 0.1), 1.0)) * u
         a = np.array([*(a_L - min(rho, d) * rate * rate * u), 0.0])
         return self._moved(before, v, a, dt, (u, self._braking(before, leader, u, here)))
 
+    def _evade(self, v: Array, before: ReferenceState, leader: LeaderTrack) -> Array:
+        """Limit velocity v (2,) to the greatest speed, and leave the path of a leader that comes at us."""
+        limit, speed = self.limits.speed, max(float(np.linalg.norm(leader.v[:2])), 0.1)
+        out = before.r[:2] - leader.r[:2]
+        path = leader.v[:2] / speed
+        way = float(out @ path)  # m, of the leader until it passes us
+        aside = out - way * path
+        miss, passing = float(np.linalg.norm(aside)), PASSING_DISTANCE_RATIO * self.distance
+        coming = speed * way / max(float(np.linalg.norm(out)), 0.1)
+        if coming < MIN_COMING_SPEED + 0.5 * sigma_along(leader.covariance[3:5, 3:5], path):
+            return limited(v, limit)
+        side = np.array([-path[1], path[0]])
+        begun = before.v[:2] if abs(float(before.v[:2] @ side)) > MIN_COMING_SPEED else v
+        side = side * math.copysign(1.0, float((aside if miss > MIN_MISS_DISTANCE_M else begun) @ side))
+        needed = min((passing - miss) * speed / way, MAX_EVASION_SPEED_RATIO * limit)
+        across = max(min(max(float(v @ side), needed), limit), -limit)
+        along = limited(float(v @ path) * path, math.sqrt(limit * limit - across * across))
+        return along + across * side
+
     def _sure_speed(self, leader: LeaderTrack, u: Array, near: float) -> float:
-        """The leader's speed outward along u (2,), as far as it is sure. Only a speed beyond two sigmas is
-        chased. A leader that comes at us is believed as far as there is no room to wait."""
-        speed = min(float(leader.v[:2] @ u), float(leader.v_seen[:2] @ u) + SPEED_NOISE)
+        """The leader's speed to us along u (2,), as far as it is sure: the vehicle retreats from a sure speed
+        only, and follows a leader that flies off as fast as is sure where that one may be near."""
+        smooth, seen = float(leader.v[:2] @ u), float(leader.v_seen[:2] @ u)
+        speed = min(smooth, seen + SPEED_NOISE) if smooth > 0.0 else max(smooth, min(seen - SPEED_NOISE, 0.0))
         speed += LEAD_TIME_S * min(float(leader.a[:2] @ u), 0.0)
         sigma = sigma_along(leader.covariance[3:5, 3:5], u)
         if speed > 0.0:
@@ -239,3 +264,11 @@ def _stopping(way: float, gain: float, braking: float) -> float:
     if abs(way) <= linear:
         return gain * way
     return math.copysign(math.sqrt(2.0 * braking * (abs(way) - 0.5 * linear)), way)
+
+
+def _closing_limit(gap: float, speed: float) -> float:
+    """The closing speed at which the vehicle can stop within the `gap` (m) behind a leader that flies off with
+    `speed` (m/s) and brakes."""
+    lag = REACTION_S * BRAKING
+    total = math.sqrt(lag * lag + 2.0 * BRAKING * (gap + speed * speed / (2.0 * LEADER_BRAKING))) - lag
+    return max(total - speed, 0.0)

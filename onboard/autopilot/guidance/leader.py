@@ -20,9 +20,9 @@ POSITION_TIME_S: Final = 0.7
 VELOCITY_NOISE_M_S: Final = 0.5  # an error that is this many times larger is followed as many times faster,
 POSITION_NOISE_M: Final = 0.6
 MAX_SPEED_UP: Final = 3.0  # but no more than this
-MAX_LEADER_ACCELERATION: Final = (
-    3.0  # m/s^2, that is fed forward: more is seldom true, and the vehicle cannot fly it
-)
+# m/s^2, that is fed forward, and by which velocities change beside it: more is seldom true. A leader that yaws on
+# the spot looks for a second as if it flew off with 15 m/s^2.
+MAX_LEADER_ACCELERATION: Final = 3.0
 MIN_COURSE_SPEED: Final = 1.0  # m/s; a slower leader drifts, and its velocity has no meaning for its course
 MIN_COURSE_SIGMAS: Final = 2.5  # from a standstill; velocities of hovering leaders are estimated up to here,
 FULL_COURSE_SIGMAS: Final = 4.0  # and never beyond here
@@ -77,7 +77,8 @@ class LeaderTrack:
             return
         self.a = self.a + -math.expm1(-dt / ACCELERATION_TIME_S) * (a - self.a)
         moved = self.v + dt * self.a
-        self.v = moved + _share(v - moved, dt / VELOCITY_TIME_S, VELOCITY_NOISE_M_S)
+        change = _share(v - moved, dt / VELOCITY_TIME_S, VELOCITY_NOISE_M_S)
+        self.v = moved + limited(change, MAX_LEADER_ACCELERATION * dt)
         moved = self.r + dt * self.v
         self.r = moved + _share(r - moved, dt / POSITION_TIME_S, POSITION_NOISE_M)
 

@@ -8,6 +8,7 @@ import pytest
 
 from onboard.arrays import Array
 from onboard.autopilot.guidance import GUIDED, OFFBOARD, Follower, Guidance, Phase, ReferenceState, SetpointMode
+from onboard.autopilot.guidance.law import _closing_limit
 from onboard.config import GuidanceConfig
 from onboard.messages import (
     Cause,
@@ -166,6 +167,44 @@ def test_a_leader_that_stops_that_turns_back_and_that_comes_at_us_keeps_its_dist
     assert nearest["turns back"] > 2.0 / 3.0 * DISTANCE, nearest
     assert nearest["comes"] > 0.5 * DISTANCE, nearest
     assert chase.aside() < math.radians(30.0)
+
+
+@pytest.mark.parametrize("aside", [0.0, 8.0])
+def test_the_path_of_a_leader_that_comes_at_us_is_left(aside: float) -> None:
+    chase = Chase().enter().see(1.0)
+    chase.r_L = chase.r_L + np.array([0.0, aside, 0.0])
+    chase.v_L = np.array([-6.0, 0.0, 0.0])  # at once: an estimate that was late
+    chase.see(6.0)
+    assert chase.distances.min() > 0.5 * DISTANCE
+    assert (chase.r_F[1] < 0.0) or aside == 0.0  # not across its path
+
+
+def test_a_leader_that_passes_far_enough_moves_nobody_aside() -> None:
+    chase = Chase().enter().see(1.0)
+    law, leader = chase.guidance._law, chase.guidance._leader
+    before, leader.v = law._reference, np.array([-6.0, 0.0, 0.0])
+    assert before is not None
+    leader.r = before.r + np.array([30.0, 24.0, 0.0])
+    assert (law._evade(np.zeros(2), before, leader) == 0.0).all()
+
+
+def test_a_yaw_on_the_spot_that_looks_as_if_the_leader_flew_off_is_not_chased() -> None:
+    """Estimates of real flights: from rest to 6 m/s within 0.4 s, where the wing turned away and narrowed."""
+    chase = Chase().enter().see(3.0)
+    for k in range(round(1.5 * S / TICK)):
+        v = np.array([min(15.0 * k * TICK / S, 6.0), 0.0, 0.0])
+        chase.step(state(chase.t_ns + TICK, chase.r_L + 1.2 * v, v, np.zeros(3), chase.r_F, sigma=4.0))
+    assert chase.distances.min() > 0.9 * DISTANCE
+
+
+def test_it_is_ready_for_a_leader_that_brakes_while_it_catches_up() -> None:
+    """The closing speed counts on a stop of the leader, where the range says that there is room for more."""
+    for speed in (0.0, 3.0, 6.0, 9.0, 12.0):
+        for gap in (0.0, 5.0, 20.0, 60.0):
+            closing = _closing_limit(gap, speed)
+            stop = 0.6 * (speed + closing) + (speed + closing) ** 2 / (2.0 * 2.2)
+            assert stop <= gap + speed**2 / (2.0 * 1.6) + 0.1 or closing == 0.0
+    assert _closing_limit(0.0, 12.0) > 0.0  # in its slot it keeps up
 
 
 def test_an_open_range_stops_an_approach_and_makes_nobody_retreat() -> None:
