@@ -31,6 +31,7 @@ from onboard.messages import (
 )
 from onboard.messages.causes import Cause, Reason
 from onboard.messages.mavlink_enums import ARDUPILOT
+from onboard.messages.senders import SENDERS, Sender
 from onboard.units import NS_PER_S
 from onboard.wire.datagrams import OnRefused, ignore
 from onboard.wire.mavlink.encode import message_number
@@ -46,9 +47,6 @@ DONE: Final = frozenset({0, 5})  # MAV_RESULT accepted, in progress
 ORIGIN_AGAIN_NS: Final = 5 * NS_PER_S
 PARAMETER_ASKS: Final = 3  # per boot: not every autopilot has what is asked for
 RATIONED: Final = Reason(Cause.RATIONED, "answers are rationed: it asks for too much in too short a time")
-
-
-ASKING: Final = (TimeSync, Ping, ParamRequest, CommandAck, Command)
 
 
 class Session:
@@ -141,9 +139,12 @@ class Session:
             return []
         frames = []
         for m in messages:
-            if isinstance(m, ParamValue):
+            is_its = (m.system, m.component) == (self._autopilot.system, self._autopilot.component)
+            if isinstance(m, ParamValue) and is_its:
                 self._known_parameters.add(m.name)
-            if not isinstance(m, ASKING):
+            elif isinstance(m, CommandAck) and is_its and us.is_target(m):
+                self._read_ack(m)
+            if Sender.ASKER not in SENDERS.get(type(m), Sender.AUTOPILOT):
                 continue
             if not self._rations.admits(m, now_ns):
                 self._refuse(sender_of(m), RATIONED, m.t_recv_ns)
@@ -166,8 +167,6 @@ class Session:
             if refusal:
                 self.refusals.append((sender_of(m), f"refused: {refusal}"))
             return list(map(self._pack, replies))
-        if isinstance(m, CommandAck) and us.is_target(m):
-            self._read_ack(m)
         if isinstance(m, Command) and us.is_target(m):
             return us.answer(m, now_ns)
         return []

@@ -24,6 +24,7 @@ from onboard.messages.camera import DetectedPoint as DetectedPoint
 from onboard.messages.camera import DetectedPose as DetectedPose
 from onboard.messages.camera import Detection as Detection
 from onboard.messages.camera import Exposure as Exposure
+from onboard.messages.camera import FieldOfView as FieldOfView
 from onboard.messages.camera import GimbalAttitude as GimbalAttitude
 from onboard.messages.camera import ImageFeature as ImageFeature
 from onboard.messages.camera import Intrinsics as Intrinsics

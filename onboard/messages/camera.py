@@ -32,6 +32,12 @@ class GimbalAttitude(Message, frozen=True, kw_only=True):
     is_replaced: bool = False
 
 
+class FieldOfView(Message, frozen=True, kw_only=True):
+    """CAMERA_FOV_STATUS: the horizontal field of view of a camera that zooms, rad."""
+
+    hfov: float
+
+
 class RelativePose(Record, frozen=True, kw_only=True):
     """An aircraft's pose relative to the camera, of which a detector may know either part. `r_CL_c`: its center
     from the camera, m, in c, with covariance (3, 3). `q_cL`: from its body's axes to c, with the covariance (3,

@@ -5,7 +5,6 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from onboard.clocks import SENSED
 from onboard.config import AutopilotConfig, LeaderOutConfig
 from onboard.messages import (
     AdsbVehicle,
@@ -13,7 +12,6 @@ from onboard.messages import (
     Clock,
     DistanceReading,
     FollowTarget,
-    GimbalAttitude,
     GlobalOrigin,
     GlobalPosition,
     Heartbeat,
@@ -22,12 +20,11 @@ from onboard.messages import (
     PeerPosition,
     Wind,
 )
+from onboard.messages.senders import SENDERS, Sender
 from onboard.ownship import is_usable
 from onboard.pipeline.latching import Latch
 
 NO_SYSTEM: Final = 0  # a vision process on this computer: no MAVLink system
-# Not of our own motion: any component of our vehicle may send them.
-ANY_COMPONENT: Final = (*SENSED, AdsbVehicle, DistanceReading, GimbalAttitude)
 # Often without a stamp: they hold from their arrival.
 FROM_ARRIVAL: Final = (GlobalOrigin, Battery, Wind)
 # Of sensors, which other programs on this computer may send with our component id: theirs, where we send none.
@@ -111,8 +108,8 @@ class Admission:
             self.heard_ns = message.t_recv_ns
         elif not self.is_ours(message):
             return self._from_peer(message) or ("other_system" if mine is not None else "before_heartbeat")
-        elif not isinstance(message, ANY_COMPONENT):
-            return "other_component"  # a gimbal's own pose, a peer's clock: not our own motion
+        elif Sender.COMPONENT not in SENDERS.get(type(message), Sender.AUTOPILOT):
+            return "other_component"
         if isinstance(message, Imu) and not is_usable(message):
             return "imu_unusable"
         return message
@@ -133,5 +130,5 @@ class Admission:
             )
         elif isinstance(message, FollowTarget):  # its stamp is of the other vehicle's clock, too
             message = replace(message, t_ns=message.t_recv_ns, clock=Clock.NONE)
-        is_wanted = self.autopilot is not None and isinstance(message, UNSTAMPED)
+        is_wanted = self.autopilot is not None and Sender.PEER in SENDERS.get(type(message), Sender.AUTOPILOT)
         return message if is_wanted and type(message) in self._listened else None

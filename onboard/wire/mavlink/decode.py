@@ -27,7 +27,7 @@ MESSAGE_NAMES: Final = {
 }
 UNKNOWN: Final = "unknown_message"
 TRACKING: Final = Layout("<7f4B")  # CAMERA_TRACKING_IMAGE_STATUS
-FIELD_OF_VIEW: Final = Layout("<I6i6f", boot_ms=0)  # CAMERA_FOV_STATUS
+FIELD_OF_VIEW: Final = Layout("<I6i6f")  # CAMERA_FOV_STATUS, whose time is of the camera's own clock
 OnError = Callable[[str, Exception], None]
 IsOwn = Callable[[int, int, str], bool]  # system, component, name
 OnOwn = Callable[[int, int, int], None]  # system, component, arrival
@@ -159,7 +159,8 @@ class MavlinkDecoder:
             fields = TRACKING.fields(payload)
             return self._trackers.tracking(fields, TRACKING.header(fields, t_recv_ns, system, component))
         if name == "CAMERA_FOV_STATUS":
-            self._trackers.field_of_view(FIELD_OF_VIEW.fields(payload), component)
+            fields = FIELD_OF_VIEW.fields(payload)
+            return self._trackers.field_of_view(fields, FIELD_OF_VIEW.header(fields, t_recv_ns, system, component))
         return None
 
 

@@ -27,8 +27,9 @@ from onboard.messages import (
     DetectedPose,
     Detection,
     Exposure,
+    FieldOfView,
 )
-from onboard.messages.causes import Reason
+from onboard.messages.causes import Cause, Reason
 from onboard.messages.mavlink_enums import BODY_FRD
 from onboard.wire.documents.cameras import CameraInput, Cameras
 from onboard.wire.documents.detections import LONGEST_RANGE, exposure_of
@@ -39,6 +40,7 @@ ACTIVE, COASTING = 1, 8  # CAMERA_TRACKING_STATUS_FLAGS
 POINT, RECTANGLE = 1, 2  # CAMERA_TRACKING_MODE
 # of the focal length: a calibrated one is better than one so near that a camera states
 AS_CONFIGURED: Final = 0.05
+MAX_ZOOM: Final = 200.0  # of the configured focal length; hybrid zooms of gimbal cameras reach 180
 UNKNOWN_Q: Final = ((0.0,) * 4, (1.0, 0.0, 0.0, 0.0))  # what senders fill in that know no rotation
 Refuse = Callable[[Reason, int], None]
 
@@ -54,7 +56,8 @@ class TrackerDecoder:
     def __init__(self, cameras: Cameras, refuse: Refuse = ignore) -> None:
         self._refuse = refuse
         self._trackers = {c.tracker: c for c in cameras.values() if c.tracker is not None}
-        self._lenses = {component: c.lens for component, c in self._trackers.items()}  # as they zoom
+        # By system and component: a camera's zoom is that of its own images, whichever of them count.
+        self._lenses: dict[tuple[int, int], Lens] = {}
         self._landing = next((c for c in cameras.values() if c.is_landing_target), None)
 
     @property
@@ -69,19 +72,26 @@ class TrackerDecoder:
         if camera is None or not status & ACTIVE or status & COASTING:
             return None
         head = header | {"t_ns": header["t_recv_ns"], "clock": Clock.HOST}
-        lens = self._lenses[header["component"]]
+        lens = self._lenses.get((header["system"], header["component"]), camera.lens)
         return self._image(camera, lens, head, lambda: _tracked(fields, lens))
 
-    def field_of_view(self, fields: tuple[Any, ...], component: int) -> None:
+    def field_of_view(self, fields: tuple[Any, ...], header: dict[str, Any]) -> FieldOfView | None:
         """Take a CAMERA_FOV_STATUS of a tracking camera: its zoom is as its horizontal field of view."""
-        camera, hfov = self._trackers.get(component), math.radians(fields[11])
-        if camera is None or not 0.0 < hfov < math.pi:  # NaN or 0: not known
-            return
+        camera, hfov = self._trackers.get(header["component"]), math.radians(fields[11])
+        if camera is None or hfov == 0.0 or math.isnan(hfov):  # not known
+            return None
         lens = camera.lens
-        zoom = 0.5 * lens.width_px / (lens.pixel(math.tan(0.5 * hfov), 0.0)[0] - lens.cx_px)
+        edge_px = lens.pixel(math.tan(0.5 * hfov), 0.0)[0] - lens.cx_px if 0.0 < hfov < math.pi else 0.0
+        zoom = 0.5 * lens.width_px / edge_px if edge_px > 0.0 else 0.0
+        if not 1.0 / MAX_ZOOM <= zoom <= MAX_ZOOM:
+            words = f"CAMERA_FOV_STATUS: an hfov of {fields[11]:.7g} degrees is no zoom of the configured lens"
+            self._refuse(Reason(Cause.DOCUMENT, words), header["t_recv_ns"])
+            return None
         if abs(zoom - 1.0) < AS_CONFIGURED:
             zoom = 1.0
-        self._lenses[component] = dataclasses.replace(lens, fx_px=zoom * lens.fx_px, fy_px=zoom * lens.fy_px)
+        zoomed = dataclasses.replace(lens, fx_px=zoom * lens.fx_px, fy_px=zoom * lens.fy_px)
+        self._lenses[header["system"], header["component"]] = zoomed
+        return FieldOfView(**header, hfov=hfov)
 
     def landing_target(self, fields: tuple[Any, ...], header: dict[str, Any]) -> Exposure | None:
         """The image of a LANDING_TARGET that is a whole aircraft; target 0 is the leader."""

@@ -183,6 +183,8 @@ def test_a_parameter_is_asked_for_until_it_comes_three_times_a_boot() -> None:
     session.respond([replace(value, name="WP_SPD_UP")], T0)
     assert len(asked(60)) == 6
     session.reboot()
+    others = [replace(value, name=name, system=s, component=c) for s, c in ((66, 1), (42, 66)) for name in names]
+    session.respond(others, T0)
     session.respond([value], T0)
     assert asked(120) == [(t, "WPNAV_SPEED") for t in (0.0, 5.0, 10.0)]
 
@@ -252,9 +254,10 @@ def test_a_refused_message_rate_is_named_in_the_health() -> None:
     times = {"t_ns": T0, "t_recv_ns": T0, "clock": Clock.NONE, "system": 42, "component": 1}
     ack = CommandAck(**times, target_system=42, target_component=191, command=511, result=3)
     accepted, others = replace(ack, result=0), replace(ack, target_component=190)
+    strange, camera = replace(ack, system=66), replace(ack, component=100)
     for _ in output.tick(T0 - S, healthy=True, rates=SLOW):
         pass  # requests, that of the filter's status among them, which may be refused
-    for answer, count in ((accepted, 0), (others, 0), (ack, 0), (ack, 1), (ack, 2)):
+    for answer, count in ((accepted, 0), (others, 0), (ack, 0), (strange, 0), (camera, 0), (ack, 1), (ack, 2)):
         assert output.respond("autopilot", [answer], T0).frames == []
         assert len(refused) == count
     assert refused[0] == "the autopilot refuses a message rate (MAV_RESULT 3)"

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 from onboard.config import ConfigError, parse_config
 from onboard.geometry.rotations import matrix_from_euler, matrix_from_quaternion
-from onboard.messages import Clock, Message, TargetDetection
+from onboard.messages import Clock, FieldOfView, Message, TargetDetection
 from onboard.wire.mavlink.decode import MavlinkDecoder
 from onboard.wire.mavlink.tracking import TrackerDecoder
 from tests.support.images import detections
@@ -27,7 +27,8 @@ def decoded(data: bytes, **camera: Any) -> tuple[list[Message], list[str]]:
     reasons: list[str] = []
     inputs = parse_config({"camera": camera}).camera_inputs()
     trackers = TrackerDecoder(inputs, lambda why, _: reasons.append(why.words))
-    return detections(MavlinkDecoder(stream=False, trackers=trackers).decode(data, RECV)), reasons
+    messages = MavlinkDecoder(stream=False, trackers=trackers).decode(data, RECV)
+    return detections(m for m in messages if not isinstance(m, FieldOfView)), reasons
 
 
 def one(data: bytes, **camera: Any) -> TargetDetection:
@@ -98,6 +99,13 @@ def test_a_tracking_camera_that_zooms_says_its_focal_length(says: str, zoom: flo
     m = one(status + tracking(rect=(0.5, 0.25, 0.6, 0.35), mode=2), tracker=100)
     assert m.half_width == pytest.approx(plain.half_width / zoom, rel=1e-5)
     assert m.features[0].point == pytest.approx([x / zoom for x in plain.features[0].point], rel=1e-5)
+
+
+@pytest.mark.parametrize("hfov", [1e-15, 1e-6, 179.9999, 180.0, -20.0, math.inf])
+def test_a_field_of_view_that_no_zoom_has_is_refused_and_named(hfov: float) -> None:
+    messages, (reason,) = decoded(zoomed(hfov) + tracking(rect=(0.5, 0.25, 0.6, 0.35), mode=2), tracker=100)
+    assert messages == decoded(tracking(rect=(0.5, 0.25, 0.6, 0.35), mode=2), tracker=100)[0]
+    assert reason == f"CAMERA_FOV_STATUS: an hfov of {hfov:.7g} degrees is no zoom of the configured lens"
 
 
 def test_a_tracked_rectangle_is_a_box_at_its_arrival() -> None:
