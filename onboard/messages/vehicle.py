@@ -74,7 +74,7 @@ class LocalPosition(Message, frozen=True, kw_only=True):
 
 
 class EstimatorStatus(Message, frozen=True, kw_only=True):
-    """EKF_STATUS_REPORT, ESTIMATOR_STATUS, or the covariance of ODOMETRY: what the autopilot says of its own
+    """EKF_STATUS_REPORT, ESTIMATOR_STATUS, or covariance and resets of ODOMETRY: what the autopilot says of its own
     filter. None: the report does not say it."""
 
     horizontal_velocity: bool | None  # whether it knows it; not in ArduPilot's constant-position mode
@@ -82,6 +82,7 @@ class EstimatorStatus(Message, frozen=True, kw_only=True):
     is_at_rest: bool = False  # PX4's constant-position mode
     yaw_sigma: float | None = None  # rad
     tilt_sigma: float | None = None  # rad, of roll and pitch; with `yaw_sigma`
+    resets: int | None = None  # ODOMETRY only: a count of steps in its state, modulo 256
 
 
 class GlobalOrigin(Message, frozen=True, kw_only=True):

@@ -2,9 +2,9 @@
 accelerometer, and two statements about one instant.
 
 Nothing here depends on an estimator. Each check compares two streams of the autopilot, so that one that hangs, is
-wrong, or comes from another vehicle is contradicted by the other. A single step proves nothing: an autopilot may
-correct itself. A contradiction that goes on does. The limits lie well above what recorded flights show, but for
-those whose autopilot loses its own state (docs/fly-it.md, "Faults it detects").
+wrong, or comes from another vehicle is contradicted by the other. An autopilot may correct itself in one step:
+that costs `DOUBTED_NS`, a contradiction that goes on costs more. The limits lie well above what recorded flights
+show, but for those whose autopilot loses its own state (docs/fly-it.md, "Faults it detects").
 
 Noise is no contradiction. How noisy a stream is, is learnt from it (`scatter`). A stream is compared over strides
 that are long enough for its noise to be small beside the limit: of a quiet stream each step is one, a noisy one
@@ -21,7 +21,7 @@ from onboard.ownship.scatter import TIME_S, Ceiling, Scatter
 from onboard.units import NS_PER_S, S_PER_NS
 
 DOUBTED_NS: Final = NS_PER_S  # own motion is in doubt for so long after a contradiction
-YAW_HOLD_NS: Final = 10 * NS_PER_S  # one that shows only while we accelerate; a turn and its reversal take less
+YAW_HOLD_NS: Final = 10 * NS_PER_S  # a wrong yaw shows only while we accelerate; a turn and its reversal take less
 IS_FAULT_NS: Final = 280_000_000  # every step contradicts for so long: no correction of an autopilot, but a fault
 FEWEST_STRIDES: Final = 4  # strides in that time
 STREAM_SIGMAS: Final = 3.0  # a stream's own noise may explain so much
@@ -47,8 +47,9 @@ SLOWEST_IMU_NS: Final = 60_000_000
 FORGOTTEN: Final = 256  # samples that are forgotten together
 NO_NOISE: Final = (0.0, 0.0, 0.0)
 LEAP: Final = 5.0  # m/s; a velocity that changes by more from one sample to the next ...
-HARDEST_CHANGE: Final = 60.0  # m/s^2; ... and faster than this is wrong, unless as many samples in a row as
-SAMPLES_TO_CONFIRM: Final = 4  # agree on it
+HARDEST_CHANGE: Final = 60.0  # m/s^2; ... and faster than this is wrong, as is one that changes by more than ...
+UNSEEN_ACCELERATION: Final = 10.0  # m/s^2; ... this since the newest IMU sample and `LEAST_CHANGE` otherwise than
+SAMPLES_TO_CONFIRM: Final = 4  # the accelerometer says, unless so many samples in a row agree on it
 ELSEWHERE: Final = 1.0  # m; two statements about one instant that differ more are of two sources ...
 ANOTHER_WAY: Final = math.radians(3.0)  # ... or attitudes that do
 
@@ -171,6 +172,7 @@ class Contradictions:
 
     def __init__(self) -> None:
         self._found: tuple[int, str] | None = None  # until when, and what
+        self.has_misled = False  # the present or last one was more than one step: what follows from it is wrong
         self._attitude: Sample | None = None
         self._nav: Sample | None = None
         self._turns = Strides(RATE_DIFFERENCE, RATE_SHARE, ATTITUDE_NOISE)
@@ -193,9 +195,10 @@ class Contradictions:
             return ""
         return self._found[1]
 
-    def note(self, t_ns: int, what: str, hold_ns: int = DOUBTED_NS) -> None:
+    def note(self, t_ns: int, what: str, hold_ns: int = DOUBTED_NS, *, is_step: bool = False) -> None:
         """A contradiction at a time; it is held for as long as nothing says that it is over."""
         until_ns = t_ns + hold_ns
+        self.has_misled = not is_step or (self.has_misled and bool(self.reason(t_ns)))
         if self._found is None or until_ns >= self._found[0]:
             self._found = until_ns, what
 
@@ -244,17 +247,52 @@ class Contradictions:
     def leaps(self, t_ns: int, v: Sequence[float]) -> bool:
         """Whether no aircraft can have changed to this velocity since the last sample: it is not taken then. If
         the next ones agree with it, what was taken before was wrong."""
-        if self._nav is None or _is_near((self._nav.t_ns, self._nav.rate), (t_ns, v)):
+        if self._nav is None or self._is_near((self._nav.t_ns, self._nav.rate), (t_ns, v)):
             self._leapt.clear()
             return False
-        if self._leapt and not _is_near(self._leapt[-1], (t_ns, v)):
+        if self._leapt and not self._is_near(self._leapt[-1], (t_ns, v)):
             self._leapt.clear()
         self._leapt.append((t_ns, v))
         if len(self._leapt) < SAMPLES_TO_CONFIRM:
             return True
-        self._leapt.clear()
-        self.note(t_ns, "velocity has leapt")
+        self.correct(t_ns, "velocity has leapt")
         return False
+
+    def correct(self, t_ns: int, what: str) -> None:
+        """The autopilot has corrected its state in one step: what follows is not compared with what was before."""
+        self._leapt.clear()
+        self._velocities.clear()
+        self._nav = None
+        self.note(t_ns, what, is_step=True)
+
+    def _is_near(self, before: tuple[int, Sequence[float]], now: tuple[int, Sequence[float]]) -> bool:
+        """Whether an aircraft can change from one velocity to the other in the time, by the accelerometer where it
+        is known."""
+        dt_ns = now[0] - before[0]
+        if math.dist(before[1], now[1]) >= LEAP + HARDEST_CHANGE * dt_ns * S_PER_NS:
+            return False
+        most_ns = WINDOW_NS if self._leapt else STRIDE_NS  # in a longer stride, a wrong yaw looks like a step
+        gained = self._gained(before[0], now[0]) if 0 < dt_ns <= most_ns else None
+        if gained is None:
+            return True
+        north, east, unseen = gained
+        off = math.hypot(now[1][0] - before[1][0] - north, now[1][1] - before[1][1] - east)
+        return off < LEAST_CHANGE + self._change_noise + UNSEEN_ACCELERATION * unseen
+
+    def _gained(self, from_ns: int, to_ns: int) -> tuple[float, float, float] | None:
+        """The velocity north and east that the accelerometer has gained between two times, and the time, s, since
+        its newest sample; None where it is not known."""
+        imu = self._imu
+        newest_ns = imu.since_newest(to_ns)
+        if newest_ns is None or imu.first_ns > from_ns or newest_ns > 2 * SLOWEST_IMU_NS:
+            return None
+        (n0, e0), (n1, e1) = imu.until(from_ns), imu.until(to_ns)
+        return n1 - n0, e1 - e0, max(newest_ns, 0) * S_PER_NS
+
+    @property
+    def _change_noise(self) -> float:
+        """What noise explains of the difference of two velocities, m/s."""
+        return STREAM_SIGMAS * math.sqrt(2.0) * math.hypot(*(self.velocity_noise or NO_NOISE)[:2])
 
     def add_nav(self, t_ns: int, r: Sequence[float], v: Sequence[float]) -> None:
         """The next position (3), NaN where it is not known, and velocity (3)."""
@@ -316,22 +354,14 @@ class Contradictions:
         while now.t_ns - self._velocities[0].t_ns > WINDOW_NS:
             self._velocities.popleft()
         first = self._velocities[0]
-        imu = self._imu
-        newest = imu.since_newest(now.t_ns)
-        if now.t_ns - first.t_ns < SHORTEST_NS or newest is None:
+        if now.t_ns - first.t_ns < SHORTEST_NS or (gained := self._gained(first.t_ns, now.t_ns)) is None:
             return
-        if imu.first_ns > first.t_ns or newest > 2 * SLOWEST_IMU_NS:
-            return
-        (n0, e0), (n1, e1) = imu.until(first.t_ns), imu.until(now.t_ns)
+        (n, e, _), limit = gained, LEAST_CHANGE + self._change_noise
         north, east = now.rate[0] - first.rate[0], now.rate[1] - first.rate[1]
-        noise = STREAM_SIGMAS * math.sqrt(2.0) * math.hypot(*(self.velocity_noise or NO_NOISE)[:2])
-        if math.hypot(north - (n1 - n0), east - (e1 - e0)) > LEAST_CHANGE + noise:
-            self.note(now.t_ns, "velocity contradicts the accelerometer", YAW_HOLD_NS)
-
-
-def _is_near(before: tuple[int, Sequence[float]], now: tuple[int, Sequence[float]]) -> bool:
-    """Whether an aircraft can change from one velocity to the other in the time."""
-    return math.dist(before[1], now[1]) < LEAP + HARDEST_CHANGE * (now[0] - before[0]) * 1e-9
+        if math.hypot(north - n, east - e) > limit:
+            may_be_yaw = abs(math.hypot(north, east) - math.hypot(n, e)) < limit  # it turns what is gained
+            hold_ns = YAW_HOLD_NS if may_be_yaw else DOUBTED_NS
+            self.note(now.t_ns, "velocity contradicts the accelerometer", hold_ns)
 
 
 def _between(a: Sequence[float], b: Sequence[float]) -> tuple[float, float, float]:

@@ -77,6 +77,7 @@ class Ownship:
         self._source_of_attitude, self._source_of_velocity = Source("attitude", source), Source("velocity", source)
         self._last_local_ns = -FALLBACK_NS
         self._status: EstimatorStatus | None = None
+        self._resets: int | None = None  # as the autopilot counts its own
         self._uncertainty = AttitudeUncertainty()
         self._contradictions = Contradictions()
         self._reckoning = Reckoning()
@@ -114,9 +115,13 @@ class Ownship:
     def receive_status(self, status: EstimatorStatus) -> bool:
         """Take the autopilot's report on its own filter. True if the filter may have a horizontal velocity."""
         self._uncertainty.receive(status)
-        if status.yaw_sigma is None:
+        if status.resets is None:
             self._status = status
-        return status.horizontal_velocity is not False
+            return status.horizontal_velocity is not False
+        if self._resets not in (None, status.resets):
+            self._contradictions.correct(self.now_ns, "the autopilot has reset its filter")
+        self._resets = status.resets
+        return True
 
     @property
     def attitude_sigma(self) -> Vec3:
@@ -134,6 +139,12 @@ class Ownship:
         """What has contradicted itself within the last second, so that nothing follows from our own motion; ""
         if nothing has."""
         return self._contradictions.reason(self.now_ns)
+
+    @property
+    def has_misled(self) -> bool:
+        """Whether the present or last doubt was more than one step, so that what was estimated meanwhile is
+        wrong."""
+        return self._contradictions.has_misled
 
     def pose_at(self, t_ns: int) -> Pose | None:
         """The pose at a time, interpolated; extrapolated by the newest rates for a short while after the newest

@@ -294,11 +294,11 @@ class Pipeline:
 
     def _judge_own_motion(self) -> None:
         """Notice when our own motion contradicts itself. What was estimated from it is forgotten once it no longer
-        does."""
+        does; after a single step, it is kept."""
         doubt = self.ownship.doubt
         if doubt and not self._doubt:
             self._monitor.rejected[doubt.replace(" ", "_")] += 1
-        if self._doubt and not doubt:
+        if self._doubt and not doubt and self.ownship.has_misled:
             self._reset(Reason(Cause.OWN_MOTION_DOUBT, f"our own motion was in doubt: {self._doubt}"))
         self._doubt = doubt
 

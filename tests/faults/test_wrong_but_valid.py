@@ -122,6 +122,23 @@ def test_velocities_that_leap_and_stay_are_in_doubt_and_then_followed() -> None:
     assert not any(e.valid for e in run.estimates if BEGINS + 100 * MS < e.t_ns < BEGINS + S)
 
 
+@pytest.mark.parametrize(("step", "until_s"), [(1.3, 9.0), (2.0, 9.0), (2.0, 0.04)])
+def test_a_step_of_the_velocity_costs_a_second_and_an_outlier_itself(step: float, until_s: float) -> None:
+    """As at a change of ArduPilot's EKF lane."""
+    stepped = lambda m: replace(m, v_F_n=(m.v_F_n[0] + step, *m.v_F_n[1:]))  # noqa: E731
+    run = changed(INERTIAL, LocalPosition, stepped, BEGINS + round(until_s * S))
+    invalid = [e for e in run.estimates if not e.valid and e.t_ns > BEGINS]
+    if until_s < 1.0:
+        assert run.rejected == {"velocity_leaps": 1}
+        assert invalid == []
+        return
+    assert run.rejected == {"velocity_leaps": 3, "velocity_has_leapt": 1}
+    assert {e.reason for e in invalid} == {"our own motion is in doubt: velocity has leapt"}
+    assert invalid[-1].t_ns < BEGINS + 1.4 * S
+    assert all(e.valid for e in run.estimates if e.t_ns > BEGINS + 1.4 * S)
+    assert run.estimates[-1].reset_count == clean().estimates[-1].reset_count
+
+
 @pytest.mark.parametrize("apart_ms", [-310, 200, 310])
 def test_two_sources_of_one_id(apart_ms: int) -> None:
     """The second one's boot clock is not ours."""

@@ -45,6 +45,7 @@ POS_HORIZ_REL: Final = 8
 POS_HORIZ_ABS: Final = 16
 CONST_POS_MODE: Final = 128
 ATTITUDE_VARIANCES: Final = (29, 32, 34)  # in ODOMETRY, of the pose's covariance: roll, pitch, yaw
+RESET_COUNTER: Final = 58  # in ODOMETRY
 MOST_VARIANCE: Final = math.pi**2  # rad^2, which says nothing
 GEOMETRIC_ALTITUDE: Final = 1  # ADSB_ALTITUDE_TYPE
 # ADSB_FLAGS
@@ -150,17 +151,17 @@ def _estimator_status(flags: int, ratios: Sequence[float], h: Header, *, is_px4:
     )
 
 
-def _odometry(f: Fields, h: Header) -> Message | None:
-    """Of the autopilot's own: what it says of its attitude. Zero and NaN are unknown."""
+def _odometry(f: Fields, h: Header) -> Message:
+    """Of the autopilot's own: what it says of its attitude, and its resets. Variances of 0 and NaN are unknown."""
     roll, pitch, yaw = (f[i] for i in ATTITUDE_VARIANCES)
-    if not all(0.0 < variance < math.inf for variance in (roll, pitch, yaw)):
-        return None
+    is_known = all(0.0 < variance < math.inf for variance in (roll, pitch, yaw))
     return EstimatorStatus(
         **h,
         horizontal_velocity=None,
         horizontal_position=None,
-        yaw_sigma=math.sqrt(min(yaw, MOST_VARIANCE)),
-        tilt_sigma=math.sqrt(min(max(roll, pitch), MOST_VARIANCE)),
+        yaw_sigma=math.sqrt(min(yaw, MOST_VARIANCE)) if is_known else None,
+        tilt_sigma=math.sqrt(min(max(roll, pitch), MOST_VARIANCE)) if is_known else None,
+        resets=f[RESET_COUNTER],
     )
 
 

@@ -8,7 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.geometry.rotations import matrix_from_euler, quaternion_from_euler
-from onboard.messages import Attitude, GlobalPosition, LocalPosition
+from onboard.messages import Attitude, EstimatorStatus, GlobalPosition, LocalPosition
 from onboard.ownship import Ownship
 from tests.support.streams import CIRCLE, EPOCH, MS, S
 
@@ -272,3 +272,14 @@ def test_a_global_position_of_the_same_stamp_does_not_keep_the_local_one_out() -
     np.testing.assert_allclose(pose.v_F_n, CIRCLE.at(5.08).v)
     np.testing.assert_allclose(pose.r_OF_n, CIRCLE.at(5.08).r)
     assert own.rejected == {"position_out_of_order": 1}
+
+
+def test_a_reset_that_the_autopilot_counts_costs_a_second_and_no_velocity() -> None:
+    own = circling()
+    status = EstimatorStatus(t_ns=8 * S, t_recv_ns=EPOCH, horizontal_velocity=None, horizontal_position=None)
+    for resets, doubt in ((7, ""), (7, ""), (8, "the autopilot has reset its filter")):
+        own.receive_status(replace(status, resets=resets))
+        assert own.doubt == doubt
+    stepped = replace(CIRCLE.position(8 * S + 20 * MS), v_F_n=(30.0, 0.0, 0.0))
+    assert own.receive(stepped, 8 * S + 20 * MS)
+    assert not own.has_misled

@@ -56,11 +56,12 @@ def test_the_covariance_of_odometry_is_read_and_zero_and_nan_are_unknown(
     values = [0.0] * 55
     values[28] = values[31] = 1e-4
     values[33] = variance
-    payload = struct.pack("<Q55f4Bb", 5_000_000, *values, 1, 8, 0, 2, 100)
+    payload = struct.pack("<Q55f4Bb", 5_000_000, *values, 1, 8, 7, 2, 100)
     found = MavlinkDecoder(stream=False).decode(frame(331, 91, payload), RECV)
     assert [m.yaw_sigma for m in found if isinstance(m, EstimatorStatus)] == (
-        [] if sigma is None else [pytest.approx(sigma, rel=1e-5)]
+        [sigma if sigma is None else pytest.approx(sigma, rel=1e-5)]
     )
+    assert [m.resets for m in found if isinstance(m, EstimatorStatus)] == [7]
 
 
 @pytest.mark.parametrize(
