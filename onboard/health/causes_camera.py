@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from onboard.health.needs import Moment
+from onboard.health.words import FIT
 from onboard.messages import Advice, CameraHealth, Clock, Consistency, Health, Severity
 from onboard.messages.causes import Cause
 from onboard.messages.stamps import Reading, Span, read_stamps
@@ -28,7 +29,6 @@ LEADERS: Final = ("leader", "oh_johnson")
 SETUP: Final = frozenset({Cause.MOUNT, Cause.FOCAL_LENGTH, Cause.DELAY, Cause.CAMERA_SETUP})
 DOUBTED_NS: Final = 10 * NS_PER_S
 WHICH: Final = "; which camera, is found once we have tilted and turned for half a minute"
-FIT: Final = "`onboard calibrate LOG` finds mount, delay and focal length of a recorded flight"
 
 
 def silent_camera(m: Moment) -> Iterator[Advice]:

@@ -5,7 +5,8 @@ from typing import Final, NamedTuple
 
 from msgspec.structs import replace
 
-from onboard.messages import Estimate, Exposure, MeasurementReport, Message, NavState, Refusal, Verdict
+from onboard.health.words import words_of
+from onboard.messages import Estimate, Exposure, MeasurementReport, Message, NavState, Refusal
 from onboard.messages.causes import Cause, Reason
 from onboard.messages.text import plain, without_names, without_numbers
 from onboard.units import S_PER_NS
@@ -15,39 +16,6 @@ ALIKE: Final = 8  # of these, kinds that differ only in names: senders may choos
 OTHERS: Final = "others"  # the source of all further ones
 ROS_HASH: Final = "/RIHS"  # of a type begins so, at the end of a key of rmw_zenoh: nobody reads it
 LONGEST: Final = 240  # characters; the text may quote what came
-
-REFUSAL_WORDS: Final[dict[str, str]] = {  # by what the health counts
-    Cause.BEFORE_HEARTBEAT: "no autopilot has sent a heartbeat yet, so it is not known whose vehicle this is",
-    Cause.OTHER_SYSTEM: "it is of another MAVLink system; expected the system of our autopilot",
-    Cause.UNSTAMPED_POINTS: "it has no time; expected the time of exposure, on the clock `boot` or `host`",
-    Cause.NO_TIME_BASE: "the autopilot has sent no time stamp yet, so the time of exposure cannot be compared "
-    "with it",
-}
-VERDICTS: Final = {  # each is a cause, too
-    Verdict.NOT_FINITE: "a coordinate or a sigma is not a finite number",
-    Verdict.DEGENERATE: "the wingtips coincide, a point is 90 degrees off the optical axis, or a sigma is absurd; "
-    "expected three distinct points in pixels of the image",
-    Verdict.OUT_OF_VIEW: "a point is at or beyond the edge of the image; expected all inside `width_px` and "
-    "`height_px` by more than `edge_px`",
-    Verdict.DUPLICATE: "`t_ns` is that of an earlier image of this target; expected a new time for each image",
-    Verdict.STALE: "the points have not changed at all although the camera has turned: does the camera hang?",
-    Verdict.TOO_OLD: "`t_ns` is {age:.2f} s before the autopilot's newest message; expected at most "
-    "`rewind_horizon_s`, and a time of exposure on the clock that `clock` names",
-    Verdict.TOO_NEW: "`t_ns` is {lead:.2f} s after the autopilot's newest message; expected a time of exposure on "
-    "the clock that `clock` names",
-    Verdict.NO_POSE: "our own attitude at `t_ns`, {age:.2f} s before the autopilot's newest message, is not known"
-    ", or not that of the camera's gimbal",
-    Verdict.DIRECTION_ONLY: "it shows no wing, or one of less than two sigmas, and a direction alone starts no "
-    "track; expected `left` and `right` in the first images",
-    Verdict.FULL: "as many targets are followed as `max_targets` allows",
-}
-
-OWN_SENSORS: Final = {  # of our own state's sensors
-    Verdict.NOT_FINITE: "a field is not a finite number; expected one, or MAVLink's value for not known",
-    Verdict.DEGENERATE: "it states what no vehicle does; expected the units and scales of the MAVLink message",
-    Verdict.UNASSOCIATED: "no motor is observed: the vehicle is armed, and no outputs run all of them above the "
-    "`pwm_us` of its airframe, so that its faults are not named; expected SERVO_OUTPUT_RAW of the motors' port",
-}
 
 
 class RefusalKind(NamedTuple):
@@ -86,13 +54,14 @@ class Refusals:
         """Count a message that went no further, if it is of a camera: for a reason, or by what the health
         counts."""
         if isinstance(message, Exposure):
-            found = why if isinstance(why, Reason) else Reason(Cause(why), REFUSAL_WORDS[why])
+            found = why if isinstance(why, Reason) else Reason(Cause(why), words_of(why).refused or "")
             self.add(f"camera {message.camera}", found, message.t_recv_ns)
 
     def add_verdict(self, estimate: Estimate, report: MeasurementReport) -> None:
         """Count an image that an estimator could not use. A gated image could be used: it only fits no track."""
-        is_own = isinstance(estimate, NavState) and report.verdict in OWN_SENSORS
-        text = (OWN_SENSORS if is_own else VERDICTS).get(report.verdict)
+        known = words_of(report.verdict)
+        is_own = isinstance(estimate, NavState) and known.sensor is not None
+        text = known.sensor if is_own else known.refused
         if text is None or (report.points is None and not is_own):
             return
         lead = (report.t_ns - estimate.t_ns) * S_PER_NS

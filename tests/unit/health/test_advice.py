@@ -23,7 +23,8 @@ from onboard.commands.status import describe, is_healthy
 from onboard.config import Config, parse_config
 from onboard.health import Advisor, Needs
 from onboard.health.causes_camera import WHICH
-from onboard.health.causes_state import STATE_REMEDIES, VALID
+from onboard.health.causes_state import VALID
+from onboard.health.words import WORDS
 from onboard.messages import (
     DOUBT,
     Advice,
@@ -613,7 +614,7 @@ def test_every_cause_that_an_estimate_states_has_a_remedy_of_its_own() -> None:
     """Those between the state of a track and the refusals of messages."""
     causes = list(Cause)
     stated = causes[causes.index(Cause.NO_MEASUREMENT) : causes.index(Cause.DOCUMENT)]
-    assert set(stated) - set(STATE_REMEDIES) == set()
+    assert set(stated) - set(WORDS) == set()
 
 
 def test_17_a_port_in_use() -> None:
