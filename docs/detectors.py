@@ -21,8 +21,8 @@ import numpy.typing as npt
 
 from onboard.arrays import Array
 from simlink.scenarios.scenario import load_scenario
-from simlink.sensors.pictures import Find, Painter, seen_by
-from simlink.world.drawn import drawn as drawn_by_seed
+from simlink.sensors.pictures import Find, Painter, picture_detector
+from simlink.world.drawn import draw_scenario as drawn_by_seed
 from simlink.world.truth import true_size
 from studies.closed_loop.flight import Flight, fly
 from studies.closed_loop.scores import SETTLE
@@ -112,7 +112,7 @@ def flown(find: Find, seed: int, seconds: float) -> Flight:
     """A flight of `pictures-follow` in simulated time on nothing but what a detector finds."""
     scenario = load_scenario("pictures-follow")
     painter = Painter(drawn_by_seed(scenario, seed).camera, true_size(scenario, seed), seed)
-    return fly(scenario, seed, seconds, see=seen_by(find, painter))
+    return fly(scenario, seed, seconds, detect=picture_detector(find, painter))
 
 
 def flights(seeds: int, seconds: float) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""The autopilot's end of one MAVLink link: the messages that are due, and replies to commands.
+"""The autopilot's side of one MAVLink link: periodic messages and replies to commands.
 
 As on a real autopilot, message intervals belong to one link. All times are on the boot clock.
 """
@@ -36,18 +36,18 @@ from onboard.wire.mavlink.encode import MavlinkEncoder
 from simlink.scenarios.vehicle import Vehicle
 from simlink.sensors.navigation import Reading
 from simlink.sensors.true_state import ENCODE, true_state
-from simlink.world.constants import STEP_NS, G
+from simlink.world.constants import GRAVITY, STEP_NS
 from simlink.world.setpoint_mode import SetpointMode, Target
 
-SET_MESSAGE_INTERVAL: Final = 511
-REQUEST_MESSAGE: Final = 512
+SET_MESSAGE_INTERVAL: Final = 511  # MAV_CMD
+REQUEST_MESSAGE: Final = 512  # MAV_CMD
 ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4  # MAV_RESULT
 VEHICLE_TYPE: Final = {"fixed_wing": 1, "quadrotor": 2}  # MAV_TYPE
 AUTOPILOT: Final = {"ardupilot": 3, "px4": 12}  # MAV_AUTOPILOT
 ACTIVE: Final = 4  # MAV_STATE
 NO_FIX, FIX_3D = 1, 3  # GPS_FIX_TYPE
-HOVER_PWM_US: Final = 1500
-PWM_PER_G: Final = 400
+HOVER_PULSE_WIDTH_US: Final = 1500
+PULSE_WIDTH_PER_G_US: Final = 400
 
 HEARTBEAT, SYS_STATUS, SYSTEM_TIME, GPS_RAW_INT, ATTITUDE_QUATERNION = 0, 1, 2, 24, 31
 LOCAL_POSITION_NED, GLOBAL_POSITION_INT, SERVO_OUTPUT_RAW, GPS_GLOBAL_ORIGIN, HIGHRES_IMU = 32, 33, 36, 49, 105
@@ -56,7 +56,7 @@ TRUTH: Final = {"ardupilot": SIM_STATE, "px4": HIL_STATE_QUATERNION}  # where ea
 
 
 class Autopilot:
-    """The session of one link. `unix_epoch_ns` is Unix time at boot."""
+    """The MAVLink session of one link; `unix_epoch_ns` is the Unix time at boot."""
 
     def __init__(self, vehicle: Vehicle, unix_epoch_ns: int, mode: SetpointMode | None = None) -> None:
         self._vehicle, self._mode = vehicle, mode
@@ -82,8 +82,10 @@ class Autopilot:
         }
 
     def due(self, t_ns: int, reading: Reading | None) -> list[Message]:
-        """Messages to send at `t_ns`. Call it once per step of the world. Before the flight there is no reading:
-        only HEARTBEAT and SYSTEM_TIME are sent."""
+        """Return the messages to send at `t_ns`; call it once per step of the world.
+
+        Before the flight there is no reading, and only HEARTBEAT and SYSTEM_TIME are sent.
+        """
         self._latest = reading
         if self._custom_mode != (mode := self._reported_mode):
             self._custom_mode = mode
@@ -103,7 +105,7 @@ class Autopilot:
         return messages
 
     def answer(self, message: Message, t_ns: int) -> list[Message]:
-        """Replies to a message that arrived at `t_ns`."""
+        """Return the replies to a message that arrived at `t_ns`."""
         if isinstance(message, TimeSync) and message.tc1_ns == 0:
             return [TimeSync(t_ns=t_ns, t_recv_ns=t_ns, tc1_ns=t_ns, ts1_ns=message.ts1_ns)]
         if not isinstance(message, Command):
@@ -123,7 +125,7 @@ class Autopilot:
         return [ack, *replies]
 
     def _execute(self, command: Command, t_ns: int) -> tuple[int, list[Message]]:
-        """MAV_RESULT of a command, and the messages it requests."""
+        """Execute a command; return its MAV_RESULT and the messages that it requests."""
         if command.command not in (SET_MESSAGE_INTERVAL, REQUEST_MESSAGE):
             return UNSUPPORTED, []
         number = command.params[0]
@@ -148,7 +150,7 @@ class Autopilot:
         self._due[number] = t_ns
 
     def _message(self, number: int, t_ns: int) -> Message | None:
-        """The message of that number now; None if it needs a reading and the flight has not begun."""
+        """Return the message of this number, or None if it needs a reading and there is none yet."""
         if number == HEARTBEAT:
             return Heartbeat(
                 t_ns=t_ns,
@@ -229,8 +231,10 @@ class Autopilot:
 
 
 def _default_intervals(vehicle: Vehicle, *, leads: bool) -> dict[int, int]:
-    """Nanoseconds between messages by message number, in the order of sending within a step. `leads`: it flies on
-    setpoints, and a PX4 tells of its state and mode unasked."""
+    """Return the intervals in ns by message number, in the order of sending within a step.
+
+    With `leads` the vehicle flies on setpoints, and a PX4 then sends its state and mode without a request.
+    """
     rates = vehicle.rates
     table = {
         HEARTBEAT: rates.heartbeat,
@@ -288,17 +292,19 @@ def _in_the_air(t_ns: int, _: Reading) -> Message:
 
 
 def _servo(t_ns: int, reading: Reading) -> Message:
-    """The commands to a quadrotor's motors; for other vehicles four equal outputs that follow the load factor."""
+    """Return the motor commands of a quadrotor, else four equal outputs that follow the load factor."""
     if reading.pwm_us is not None:
         return ActuatorOutputs(t_ns=t_ns, t_recv_ns=t_ns, clock=Clock.BOOT, pwm_us=reading.pwm_us)
-    load = -reading.imu_f_b[2] / G
-    pwm = min(max(round(HOVER_PWM_US + PWM_PER_G * (load - 1.0)), 1000), 2000)
+    load = -reading.imu_f_b[2] / GRAVITY
+    pwm = min(max(round(HOVER_PULSE_WIDTH_US + PULSE_WIDTH_PER_G_US * (load - 1.0)), 1000), 2000)
     return ActuatorOutputs(t_ns=t_ns, t_recv_ns=t_ns, clock=Clock.BOOT, pwm_us=(pwm,) * 4)
 
 
 class AutopilotLink:
-    """A session in bytes: frames out, bytes in. `stream`: for TCP, where frames may be cut anywhere. `mode`: what
-    setpoints go to."""
+    """The session of one link in bytes.
+
+    With `stream` (TCP) frames may be split anywhere. `mode` receives the setpoints.
+    """
 
     def __init__(
         self, vehicle: Vehicle, unix_epoch_ns: int, *, stream: bool, mode: SetpointMode | None = None
@@ -309,11 +315,11 @@ class AutopilotLink:
         self._decoder = MavlinkDecoder(stream=stream)
 
     def send(self, t_ns: int, reading: Reading | None) -> list[bytes]:
-        """The frames due at `t_ns`."""
+        """Return the frames due at `t_ns`."""
         return self._encode(self._autopilot.due(t_ns, reading))
 
     def receive(self, data: bytes, t_ns: int) -> list[bytes]:
-        """The frames that reply to `data`, which arrived at `t_ns`. Invalid bytes are ignored."""
+        """Return the frames that reply to `data`, which arrived at `t_ns`; invalid bytes are ignored."""
         replies: list[bytes] = []
         for message in self._decoder.decode(data, t_ns):
             if isinstance(message, Setpoint) and self._mode is not None:

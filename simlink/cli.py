@@ -1,4 +1,7 @@
-"""The command line: `simlink list`, `simlink config`, `simlink run`, `simlink camera`, `simlink log`."""
+"""The command line of simlink.
+
+Its commands are `simlink list`, `simlink config`, `simlink run`, `simlink camera` and `simlink log`.
+"""
 
 import argparse
 import asyncio
@@ -13,7 +16,7 @@ from typing import NoReturn
 from msgspec.structs import replace
 
 from simlink.encounters.encounter import Encounter
-from simlink.encounters.others import KNOWN, flown_by_others, longest_of
+from simlink.encounters.others import GEOMETRY_NAMES, max_duration, recorded_encounter
 from simlink.encounters.recording import SUFFIXES, LogError
 from simlink.encounters.trajectory import read_trajectories
 from simlink.encounters.truth import states
@@ -40,7 +43,7 @@ examples:
                                               image points as LANDING_TARGETs on udpout:127.0.0.1:14560
   simlink run my.toml --mavlink udpout:192.168.1.20:14540 --tcp none
   simlink run recorded --leader-from flight.bin --geometry orbit
-                                              the leader flies as a recorded vehicle did
+                                              the leader flies a recorded flight
 
 links:
   --mavlink   the autopilot's stream; commands and replies use the same socket
@@ -71,14 +74,17 @@ The same scenario and seed, and the same logs, always give the same bytes.
 
 
 class _Parser(argparse.ArgumentParser):
-    """A usage error is one line, not a page of usage."""
+    """A parser that reports a usage error on one line instead of a page of usage."""
 
     def error(self, message: str) -> NoReturn:
         self.exit(USER_ERROR, f"{self.prog}: {message} (see {self.prog} --help)\n")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; the exit code: 0, 1 (a file could not be written) or 2 (a usage error)."""
+    """Run the command line.
+
+    The exit code is 0, 1 if a file could not be written, or 2 after a usage error.
+    """
     arguments = parser().parse_args(argv)
     command: Callable[[argparse.Namespace], int] = arguments.command
     try:
@@ -107,30 +113,34 @@ def _run(a: argparse.Namespace) -> int:
     apart = ("command", "scenario", *RECORDED)
     given = {key: value for key, value in vars(a).items() if key not in apart}
     scenario, world = load_scenario(a.scenario), None
-    if (encounter := _recorded(a, scenario, math.inf)) is not None:
+    if (encounter := _make_encounter(a, scenario, math.inf)) is not None:
         scenario, world = encounter.scenario, states(encounter.truth)
     options = Options(scenario=scenario, **given)
     asyncio.run(serve(Server(options, time.monotonic, time.time_ns(), _report, world)))
     return 0
 
 
-def _recorded(a: argparse.Namespace, scenario: Scenario, seconds: float) -> Encounter | None:
-    """The encounter with a recorded leader, of so many seconds or as long as the flight is; None without one.
-    Raises LogError, ScenarioError."""
+def _make_encounter(a: argparse.Namespace, scenario: Scenario, seconds: float) -> Encounter | None:
+    """Return the encounter with a recorded leader, or None without `--leader-from`.
+
+    It lasts `seconds`, or as long as the recorded flight. Raises LogError and ScenarioError.
+    """
     if a.leader_from is None:
         for name in RECORDED[1:]:
             if getattr(a, name) is not None:
-                raise ScenarioError(f"--{name.replace('_', '-')} goes with --leader-from")
+                raise ScenarioError(f"--{name.replace('_', '-')} needs --leader-from LOG")
         return None
     if scenario.follow is not None:
-        raise ScenarioError(f"{scenario.name}: [follow] does not go with --leader-from: the follower is drawn")
+        raise ScenarioError(
+            f"{scenario.name}: [follow] excludes --leader-from; choose a scenario without [follow]"
+        )
     flights = [read_trajectories(path)[0] for path in (a.leader_from, a.follower_from) if path is not None]
     leader, follower = flights[0], flights[1] if len(flights) > 1 else None
-    geometry = a.geometry or KNOWN[0]
+    geometry = a.geometry or GEOMETRY_NAMES[0]
     wanted = seconds if a.duration is None else a.duration
     if a.duration is None:
-        wanted = min(wanted, longest_of(geometry, flights))
-    encounter = flown_by_others(scenario, a.seed, leader, geometry, wanted, follower=follower)
+        wanted = min(wanted, max_duration(geometry, flights))
+    encounter = recorded_encounter(scenario, a.seed, leader, geometry, wanted, follower=follower)
     mount = list(encounter.scenario.camera.mount_rpy_deg)
     _report(f"{encounter.family}: {wanted:.0f} s; camera.mount_rpy_deg={mount}, class {encounter.leader_class}")
     return encounter
@@ -155,7 +165,7 @@ def _camera(a: argparse.Namespace) -> int:
 def _log(a: argparse.Namespace) -> int:
     scenario = load_scenario(a.scenario)
     duration, world = scenario.duration if a.duration is None else a.duration, None
-    if (encounter := _recorded(a, scenario, duration)) is not None:
+    if (encounter := _make_encounter(a, scenario, duration)) is not None:
         scenario, world = encounter.scenario, states(encounter.truth)
         duration = float(encounter.truth.t[-1])
     try:
@@ -187,7 +197,7 @@ def _write_log(
 
 
 def _report(line: str) -> None:
-    with suppress(OSError):  # nobody reads it any more: that ends no flight
+    with suppress(OSError):  # a closed stderr must not end the flight
         print(f"simlink: {line}", file=sys.stderr, flush=True)
 
 
@@ -227,7 +237,7 @@ def _or_none(text: str) -> str | None:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The parser of all commands; `command` of the parsed arguments is the command's function."""
+    """Return the parser of all commands; `command` of the parsed arguments is the function to call."""
     top = _Parser(
         prog="simlink",
         description="Simulate a flight: an autopilot's MAVLink stream, a camera's image points of the aircraft "
@@ -251,7 +261,7 @@ def parser() -> argparse.ArgumentParser:
     _add_camera(
         commands.add_parser(
             "camera",
-            help="be the camera between two autopilots in simulation",
+            help="simulate the camera between two simulated autopilots",
             epilog=CAMERA_EXAMPLES,
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
@@ -259,7 +269,7 @@ def parser() -> argparse.ArgumentParser:
     _add_log(
         commands.add_parser(
             "log",
-            help="fly as fast as possible and write files",
+            help="fly as fast as possible and write the flight to files",
             epilog=LOG_EXAMPLES,
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
@@ -301,25 +311,25 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
 
 def _add_camera(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    what = f"[camera] and [leader] of a name from `simlink list`, or of a .toml file {SHOW}"
+    what = f"scenario with [camera] and [leader]: a name from `simlink list`, or a .toml file {SHOW}"
     add("scenario", metavar="SCENARIO", nargs="?", default="sitl", help=what)
     _add_seed(parser)
     link = "MAVLink of the vehicle {}: tcp:HOST:PORT, udpin:HOST:PORT or udpout:HOST:PORT"
     add("--follower", required=True, metavar="URL", help=link.format("with the camera"))
     add("--leader", required=True, metavar="URL", help=link.format("that it sees"))
-    add("--sees", choices=SEES, help="what is found of the leader (default: the scenario's, the wing)")
+    add("--sees", choices=SEES, help="the detector's output (default: that of the scenario)")
     _add_outlet(parser)
     _add_truth(parser)
     parser.set_defaults(command=_camera)
 
 
 def _add_outlet(parser: argparse.ArgumentParser) -> None:
-    """Where images and truth go, and for how long."""
+    """Add the options for the destinations of images and truth, and for the duration."""
     add = parser.add_argument
     add("--duration", type=_positive, metavar="S", help="length of the flight, s (default: until stopped)")
     cameras = ("zenoh", "mavlink", "both", "none")
     add("--camera", choices=cameras, default="zenoh", help=f"where image points are sent {SHOW}")
-    points = f"link of the image points as LANDING_TARGETs, other than the autopilot's {SHOW}"
+    points = f"separate link for image points as LANDING_TARGETs {SHOW}"
     add("--camera-mavlink", default="udpout:127.0.0.1:14560", metavar="SPEC", help=points)
     zenoh = f"Zenoh router to connect to, or none {SHOW}"
     add("--zenoh", type=_or_none, default="tcp/127.0.0.1:7447", metavar="ENDPOINT", help=zenoh)
@@ -337,14 +347,21 @@ def _add_log(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_recorded(parser: argparse.ArgumentParser) -> None:
-    """Recorded flights in place of drawn ones."""
+    """Add the options that replace drawn flights by recorded ones."""
     add = parser.add_argument
     kinds = ", ".join(SUFFIXES)
-    leader = f"the leader flies as in this log ({kinds}): its longest stretch without gaps, and no longer"
+    leader = f"log ({kinds}) that the leader flies: its longest stretch without gaps"
     add("--leader-from", type=Path, metavar="LOG", help=leader)
-    add("--follower-from", type=Path, metavar="LOG", help="our vehicle sways and leans as in this log")
-    where = f"from where we see a recorded leader: {', '.join(KNOWN)} (default: {KNOWN[0]})"
-    add("--geometry", choices=KNOWN, metavar="NAME", help=where)
+    add(
+        "--follower-from",
+        type=Path,
+        metavar="LOG",
+        help="log from which our vehicle takes its sway and its attitude",
+    )
+    where = (
+        f"our position relative to a recorded leader: {', '.join(GEOMETRY_NAMES)} (default: {GEOMETRY_NAMES[0]})"
+    )
+    add("--geometry", choices=GEOMETRY_NAMES, metavar="NAME", help=where)
 
 
 def _add_truth(parser: argparse.ArgumentParser) -> None:

@@ -1,4 +1,4 @@
-"""A run written to files as fast as possible: a .tlog of all MAVLink messages, and CSV files of the truth."""
+"""Runs written to files as fast as possible: MAVLink as .tlog, the truth as CSV."""
 
 import gzip
 from collections.abc import Callable, Iterator
@@ -35,12 +35,13 @@ def write_log(
     progress: Callable[[float], None] = lambda _: None,
     world: Iterator[State] | None = None,
 ) -> tuple[int, int]:
-    """Write the files; the numbers of frames and of truth rows. `truth` is the leader's, `state` our own
-    vehicle's. The same seed gives the same bytes, also in compressed files (names in .gz).
+    """Write the files and return the numbers of frames and of truth rows.
 
-    `progress` is called with the seconds of flight that are done. `world`: the states, if not those that follow
-    from scenario and seed alone. Raises OSError when a file cannot be written,
-    and ScenarioError, before there is one, where a .tlog cannot hold the images.
+    `truth` is the file of the leader, `state` that of our own vehicle. The same seed gives the same bytes, also in
+    compressed files (names in .gz). `progress` is called with the simulated seconds so far. `world` replaces the
+    states that follow from scenario and seed.
+
+    Raises OSError if a file cannot be written, and ScenarioError if a .tlog cannot hold the images.
     """
     check_mavlink(scenario)
     frames = 0
@@ -62,8 +63,10 @@ def write_log(
 
 
 class TruthTables(ExitStack):
-    """CSV files of the truth: of the leader, and of our own vehicle's `state`. None: no such file. Raises OSError
-    when a file cannot be written."""
+    """CSV files of the truth of the leader and of our own vehicle; None means no file.
+
+    Raises OSError if a file cannot be written.
+    """
 
     def __init__(self, truth: Path | None, state: Path | None) -> None:
         super().__init__()
@@ -94,8 +97,10 @@ def state_row(truth: Truth) -> str:
 
 
 def _open(path: Path, stack: ExitStack) -> IO[bytes]:
-    """The file, or a gzip stream to it. Its header has neither name nor time, so that equal data give equal
-    bytes."""
+    """Open a file, through gzip if its name ends in .gz.
+
+    The gzip header has neither name nor time, so that equal data give equal bytes.
+    """
     file: IO[bytes] = path.open("wb")
     if path.suffix != ".gz":
         return file

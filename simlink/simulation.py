@@ -1,6 +1,7 @@
 """One run, step by step: world, sensors, traffic. It depends on scenario and seed alone.
 
-A run in three forms, from ideal to realistic; a study has a fourth, arrays (`studies/relative_motion/flight.py`):
+A run has three forms, from ideal to realistic. Studies have a fourth, arrays
+(`studies/relative_motion/flight.py`).
 
     ticks(scenario, seed, boot_ns)       endless steps of 5 ms: for the server
     simulate(scenario, seed, duration)   records with the times at which they are sent
@@ -42,8 +43,8 @@ from simlink.sensors.navigation import Reading, readings
 from simlink.sensors.rangefinder import RangefinderSensor
 from simlink.traffic.reports import sender
 from simlink.traffic.traffic import Traffic, TrafficOutput
-from simlink.world.constants import STEP_NS, steps_of
-from simlink.world.drawn import drawn
+from simlink.world.constants import STEP_NS, step_count
+from simlink.world.drawn import draw_scenario
 from simlink.world.guided import GuidedMode
 from simlink.world.noise import uniforms
 from simlink.world.offboard import OffboardMode
@@ -52,13 +53,13 @@ from simlink.world.truth import State, states, true_size, truth_record
 
 T = TypeVar("T")
 CameraLink = Literal["zenoh", "mavlink", "none"]
-See = Callable[[State, int], Image | None]
-CAMERA_COMPONENT: Final = 191
+Detect = Callable[[State, int], Image | None]
+CAMERA_COMPONENT_ID: Final = 191
 EPOCH_NS: Final = 1_735_689_600 * 10**9  # 2025-01-01: Unix time at boot of runs without a real clock
-TRANSPORT_NS: Final = 1_000_000
-JITTER_NS: Final = 1_000_000
-# What is published as JSON: the channel on which it arrives, and its encoding.
-JSON: Final[dict[type[Record], tuple[str, Encoding]]] = {
+TRANSPORT_LATENCY_NS: Final = 1_000_000
+TRANSPORT_SPREAD_NS: Final = 1_000_000
+# Channel and encoding of the records that are published as JSON.
+JSON_CHANNELS: Final[dict[type[Record], tuple[str, Encoding]]] = {
     CameraPoints: ("points", Encoding.POINTS),
     CameraDetections: ("points", Encoding.DETECTIONS),
     RadarDetections: ("radar", Encoding.RADAR),
@@ -67,7 +68,7 @@ JSON: Final[dict[type[Record], tuple[str, Encoding]]] = {
 
 
 class Tick(NamedTuple):
-    """One step of a run. `truth` at exposures only; `images`: those delivered at this step."""
+    """One step of a run; `truth` is set at exposures only, `images` are those delivered at it."""
 
     t_ns: int  # boot clock
     state: State
@@ -80,8 +81,10 @@ class Tick(NamedTuple):
 
 
 class Event(NamedTuple):
-    """A record that leaves the simulated vehicle at `t_ns` (boot clock). `sender`: MAVLink system and component of
-    records that are not the autopilot's own."""
+    """A record that leaves the simulated vehicle at `t_ns` (boot clock).
+
+    `sender` is the MAVLink system and component of records that are not the autopilot's own.
+    """
 
     t_ns: int
     message: Message | CameraPoints | CameraDetections | RadarDetections | Pseudoranges | Truth | TrafficTruth
@@ -89,47 +92,49 @@ class Event(NamedTuple):
 
 
 class InTransit(Generic[T]):
-    """What has left a sensor and has not been delivered yet, in order."""
+    """A queue of items that have left a sensor and are delivered after its latency, in order."""
 
     def __init__(self, latency: float) -> None:
         self._latency_ns = round(latency * NS_PER_S)
         self._waiting: deque[tuple[int, T]] = deque()
 
     def put(self, t_ns: int, item: T) -> None:
-        """It leaves now."""
+        """Add an item that leaves now."""
         self._waiting.append((t_ns + self._latency_ns, item))
 
     def due(self, t_ns: int) -> tuple[T, ...]:
-        """What is delivered by now."""
+        """Remove and return the items delivered by now."""
         found = []
         while self._waiting and self._waiting[0][0] <= t_ns:
             found.append(self._waiting.popleft()[1])
         return tuple(found)
 
 
-def boot_ns_of(scenario: Scenario) -> int:
-    """The boot clock when the flight begins: a whole number of steps."""
-    return steps_of(scenario.vehicle.boot) * STEP_NS
+def boot_time_ns(scenario: Scenario) -> int:
+    """Return the boot clock when the flight begins: a whole number of steps."""
+    return step_count(scenario.vehicle.boot) * STEP_NS
 
 
 def setpoint_mode(scenario: Scenario) -> SetpointMode | None:
-    """The mode in which the scenario's autopilot follows; None if it does not."""
+    """Return the mode in which the scenario's autopilot follows, or None if it does not."""
     if scenario.follow is None:
         return None
     return (OffboardMode if scenario.vehicle.autopilot == "px4" else GuidedMode)(scenario.follow)
 
 
 def ticks(
-    scenario: Scenario, seed: int, boot_ns: int, world: Iterator[State] | None = None, see: See | None = None
+    scenario: Scenario, seed: int, boot_ns: int, world: Iterator[State] | None = None, detect: Detect | None = None
 ) -> Iterator[Tick]:
-    """The run, 200 ticks per second, without end. The flight begins at boot time `boot_ns`. `world`: the states,
-    if not those that follow from scenario and seed alone. `see`: what is found in an image of a state, with its
-    stamp (ns, boot clock), if not by the scenario's own detector."""
-    scenario = drawn(scenario, seed)
+    """Yield the run, 200 ticks per second, without end.
+
+    The flight begins at boot time `boot_ns`. `world` replaces the states that follow from scenario and seed.
+    `detect` replaces the own detector: it takes a state and a stamp (ns, boot clock) and returns an image.
+    """
+    scenario = draw_scenario(scenario, seed)
     size = true_size(scenario, seed)
     gimbal, settings = make_gimbal(scenario.camera, seed), scenario.camera.gimbal
     mount = None if gimbal is None else gimbal.mount
-    see = see or Vision(scenario, seed, size, mount).expose
+    detect = detect or Vision(scenario, seed, size, mount).expose
     rangefinder = None
     if scenario.rangefinder is not None:
         rangefinder = RangefinderSensor(scenario.rangefinder, scenario.camera, seed, mount)
@@ -142,7 +147,7 @@ def ticks(
         truth = None
         if is_exposure(state.step, rate):
             truth = truth_record(state, size, t_ns)
-            image = see(state, t_ns + stamp_late_ns)
+            image = detect(state, t_ns + stamp_late_ns)
             if image is not None:
                 images.put(t_ns, image)
         if gimbal is not None and settings is not None and is_exposure(state.step, settings.rate):
@@ -156,7 +161,7 @@ def ticks(
 def _distance(
     rangefinder: RangefinderSensor | None, scenario: Scenario, state: State, t_ns: int
 ) -> DistanceReading | None:
-    """The range that the rangefinder sends at this step, if it sends one."""
+    """Return the reading that the rangefinder sends at this step, or None."""
     settings = scenario.rangefinder
     if rangefinder is None or settings is None or not is_exposure(state.step, settings.rate):
         return None
@@ -170,17 +175,17 @@ def simulate(
     camera: CameraLink = "zenoh",
     world: Iterator[State] | None = None,
 ) -> Iterator[Event]:
-    """All records that the vehicle sends in `duration` s (None: the scenario's) in order, with the truth among
-    them. `world`: as for `ticks`.
+    """Yield all records that the vehicle sends in `duration` s, in order, and the truth.
 
-    Images are CameraPoints or CameraDetections, or TargetPoints with `camera` "mavlink"; nothing is quantised.
-    Raises ScenarioError for images that MAVLink does not carry.
+    A `duration` of None is the scenario's; `world` is that of `ticks`. Images are CameraPoints or
+    CameraDetections, or TargetPoints with `camera` "mavlink"; nothing is quantised. Raises ScenarioError for
+    images that MAVLink does not carry.
     """
     if camera == "mavlink":
         check_mavlink(scenario)
     autopilot = Autopilot(scenario.vehicle, EPOCH_NS)
-    steps = steps_of(scenario.duration if duration is None else duration)
-    for tick in islice(ticks(scenario, seed, boot_ns_of(scenario), world), steps + 1):
+    steps = step_count(scenario.duration if duration is None else duration)
+    for tick in islice(ticks(scenario, seed, boot_time_ns(scenario), world), steps + 1):
         if tick.truth is not None:
             yield Event(tick.t_ns, tick.truth)
         for message in autopilot.due(tick.t_ns, tick.reading):
@@ -215,12 +220,14 @@ def datagrams(
     camera: CameraLink = "zenoh",
     world: Iterator[State] | None = None,
 ) -> Iterator[Datagram | Truth | TrafficTruth]:
-    """`simulate` as bytes: one MAVLink frame (channel "autopilot", images "camera") or one JSON document
-    (channels "points", "radar", "gnss") per Datagram, arriving 1-2 ms after it was sent, in order; the truth
-    among them."""
+    """Yield `simulate` as bytes with arrival times, in order, and the truth.
+
+    Each Datagram is one MAVLink frame (channel "autopilot", images "camera") or one JSON document (channels
+    "points", "radar", "gnss"), and arrives 1 to 2 ms after it was sent.
+    """
     vehicle = scenario.vehicle
     encoder = MavlinkEncoder(vehicle.system, vehicle.component)
-    vision = MavlinkEncoder(vehicle.system, CAMERA_COMPONENT)
+    vision = MavlinkEncoder(vehicle.system, CAMERA_COMPONENT_ID)
     traffic: dict[tuple[int, int], MavlinkEncoder] = {}
     jitter = uniforms(seed, "transport")
     t_recv_ns = 0
@@ -228,9 +235,11 @@ def datagrams(
         if isinstance(message, Truth | TrafficTruth):
             yield message
             continue
-        t_recv_ns = max(t_recv_ns, EPOCH_NS + t_ns + TRANSPORT_NS + int(JITTER_NS * next(jitter)))
+        t_recv_ns = max(
+            t_recv_ns, EPOCH_NS + t_ns + TRANSPORT_LATENCY_NS + int(TRANSPORT_SPREAD_NS * next(jitter))
+        )
         if not isinstance(message, Message):
-            channel, encoding = JSON[type(message)]
+            channel, encoding = JSON_CHANNELS[type(message)]
             yield _datagram(channel, encoding, t_recv_ns, msgspec.json.encode(message))
         elif isinstance(message, TargetPoints):
             for frame in split_frames(vision.encode(message)):
@@ -241,42 +250,48 @@ def datagrams(
 
 
 def check_mavlink(scenario: Scenario) -> None:
-    """Raise ScenarioError where MAVLink cannot carry what the detector finds."""
+    """Raise ScenarioError if MAVLink cannot carry the camera's detections."""
     if scenario.camera.sees != "wing":
         sees = scenario.camera.sees
-        raise ScenarioError(f"{scenario.name}: camera.sees: LANDING_TARGET carries no {sees!r}, the wing only")
+        raise ScenarioError(
+            f"{scenario.name}: camera.sees is {sees!r}, but LANDING_TARGET carries 'wing' only; use Zenoh"
+        )
     if not is_plain(scenario.camera):
-        raise ScenarioError(f"{scenario.name}: camera: LANDING_TARGET carries no distortion, classes or ids")
+        raise ScenarioError(
+            f"{scenario.name}: camera: LANDING_TARGET carries no distortion, classes or ids; use Zenoh"
+        )
 
 
 class GuidedRun:
-    """A run whose follower flies on the setpoints that it receives: bytes both ways, step by step. `see`: as for
-    `ticks`."""
+    """A run whose follower flies on the setpoints that it receives, in bytes and step by step.
 
-    def __init__(self, scenario: Scenario, seed: int, see: See | None = None) -> None:
+    `detect` is that of `ticks`.
+    """
+
+    def __init__(self, scenario: Scenario, seed: int, detect: Detect | None = None) -> None:
         if (mode := setpoint_mode(scenario)) is None:
-            raise ValueError(f"{scenario.name} has no [follow]")
+            raise ValueError(f"{scenario.name} has no [follow], which a guided run needs")
         self.mode = mode
         self._scenario = scenario
         self._link = AutopilotLink(scenario.vehicle, EPOCH_NS, stream=False, mode=self.mode)
-        self.mode.begin_ns = boot_ns_of(scenario)
+        self.mode.begin_ns = boot_time_ns(scenario)
         world = states(scenario, seed, self.mode)
-        self._ticks = ticks(scenario, seed, self.mode.begin_ns, world, see)
+        self._ticks = ticks(scenario, seed, self.mode.begin_ns, world, detect)
 
     def step(self) -> tuple[Tick, list[Datagram]]:
-        """The next step of 5 ms, and what arrives of it at the companion computer."""
+        """Advance by 5 ms; return the tick and the datagrams for the companion computer."""
         tick = next(self._ticks)
-        t_recv_ns = EPOCH_NS + tick.t_ns + TRANSPORT_NS
+        t_recv_ns = EPOCH_NS + tick.t_ns + TRANSPORT_LATENCY_NS
         frames = self._link.send(tick.t_ns, tick.reading)
         images = [document(image, self._scenario.camera) for image in tick.images]
         return tick, [
             *(_datagram("autopilot", Encoding.MAVLINK, t_recv_ns, data) for data in frames),
-            *(_datagram(*JSON[type(image)], t_recv_ns, msgspec.json.encode(image)) for image in images),
+            *(_datagram(*JSON_CHANNELS[type(image)], t_recv_ns, msgspec.json.encode(image)) for image in images),
         ]
 
     def receive(self, data: bytes, tick: Tick) -> list[Datagram]:
-        """Bytes of the companion computer that arrive at a step; what the autopilot replies."""
-        t_recv_ns = EPOCH_NS + tick.t_ns + TRANSPORT_NS
+        """Process bytes of the companion computer; return the autopilot's replies."""
+        t_recv_ns = EPOCH_NS + tick.t_ns + TRANSPORT_LATENCY_NS
         replies = self._link.receive(data, tick.t_ns)
         return [_datagram("autopilot", Encoding.MAVLINK, t_recv_ns, reply) for reply in replies]
 
@@ -286,7 +301,7 @@ def _datagram(channel: str, encoding: Encoding, t_recv_ns: int, data: bytes) -> 
 
 
 def split_frames(data: bytes) -> list[bytes]:
-    """The MAVLink frames in a sequence of whole frames."""
+    """Split a sequence of whole MAVLink frames."""
     frames, at = [], 0
     while (length := frame_length(data, at)) is not None:
         frames.append(data[at : at + length])

@@ -1,2 +1,5 @@
-"""Random encounters of two aircraft, by family and seed. Geometry, courses, noses, speeds, wind and sensors are
-drawn around what estimators suppose, and never at it. `encounter.make_encounter` is the way in."""
+"""Random encounters of two aircraft, by family and seed.
+
+Geometry, courses, headings, speeds, wind and sensors are drawn around the values that estimators assume, never
+exactly at them. Start at `encounter.make_encounter`.
+"""

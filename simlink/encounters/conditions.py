@@ -1,7 +1,7 @@
-"""What is drawn of the aircraft and the sensors of an encounter, and the ranges it is drawn from.
+"""Ranges of the random parameters of an encounter's aircraft and sensors.
 
-No estimator is to be judged at its own settings, so each range lies around what the leader estimator supposes, and
-has its reason from a measurement where there is one.
+No estimator may be judged at its own settings, so each range lies around the value that the leader estimator
+assumes. A comment at each range names the measurement behind it, where there is one.
 """
 
 from typing import Final, Literal, NamedTuple
@@ -19,7 +19,9 @@ from simlink.sensors.arrays import Array
 from simlink.world.drawn import Range
 
 NOMINAL_SIZE: Final = 2.0  # m
-SIZE_WITHIN: Final = 0.02  # of it: a manual states a wingspan without the bend and the tip that a detector finds
+MAX_SIZE_ERROR: Final = (
+    0.02  # relative: a manual states a wingspan without the bend and the tips that a detector finds
+)
 
 # A multirotor leans against the air: 0.22 / s at 12 m/s and 0.12 / s at 6 m/s, read off the leader's attitude in
 # ../shared/data/formation-copter (a lean of 15 degrees at 12 m/s). A heavy lifter with small discs leans a few
@@ -35,19 +37,23 @@ NOSE_WOBBLE_S: Final[Range] = (2.0, 6.0)
 # Detectors place a point to about a pixel; better on sharp tips, worse with motion blur.
 IMAGE_NOISE_PX: Final[Range] = (0.6, 1.4)
 # Of detectors on small computers, from a large network on a Raspberry Pi to a small one on a GPU.
-IMAGE_HZ: Final[Range] = (4.0, 30.0)
+IMAGE_RATE_HZ: Final[Range] = (4.0, 30.0)
 # Beside pinholes (images that are undistorted before), lenses as their calibrations describe them: M12 lenses of
 # 60 degrees bend a corner of the image in by up to a tenth; fisheyes of 90 to 120 degrees follow the equidistant
 # model to some percent. Focal lengths of an image of 640 x 480 px.
-PINHOLE: Final = 0.5  # of the cameras
-FISHEYE: Final = 0.25
-RADIAL: Final[tuple[Range, Range, Range]] = ((-0.30, 0.10), (0.0, 0.10), (-1e-3, 1e-3))  # k1, k2, p1 and p2
-FISHEYE_PX: Final[Range] = (300.0, 420.0)
+PINHOLE_SHARE: Final = 0.5  # of the cameras
+FISHEYE_SHARE: Final = 0.25
+LENS_DISTORTION: Final[tuple[Range, Range, Range]] = (
+    (-0.30, 0.10),
+    (0.0, 0.10),
+    (-1e-3, 1e-3),
+)  # k1, k2, p1 and p2
+FISHEYE_FOCAL_LENGTH_PX: Final[Range] = (300.0, 420.0)
 FISHEYE_K1: Final[Range] = (-0.03, 0.03)
 LATENCY_S: Final[Range] = (0.020, 0.090)  # from exposure to arrival; 60 ms in ../shared/data
-LOSE: Final[Range] = (0.005, 0.05)  # per image; the reference scenario of Oh & Johnson has .02
-REGAIN: Final[Range] = (0.15, 0.6)  # per image; it has .38
-SMALLEST_PX: Final[Range] = (4.0, 7.0)  # of the wingspan as seen broadside: what is smaller is not detected
+LOSS_PROBABILITY: Final[Range] = (0.005, 0.05)  # per image; the reference scenario of Oh & Johnson has .02
+REGAIN_PROBABILITY: Final[Range] = (0.15, 0.6)  # per image; theirs is .38
+MIN_SIZE_PX: Final[Range] = (4.0, 7.0)  # smallest wingspan, as seen broadside, that is detected
 # A camera sits on an arm or under the belly of a small multirotor. It looks past the propellers to a side, and up
 # against the lean of flight: 15 degrees in ../shared/data/formation-copter.
 MOUNT_OFFSET: Final[tuple[Range, Range, Range]] = ((-0.10, 0.30), (-0.15, 0.15), (-0.15, 0.15))  # m, body FRD
@@ -67,28 +73,31 @@ POSITION_LAG_S: Final[Range] = (0.015, 0.030)
 # Filters of autopilots know the wind after a turn to half a metre a second, before it to two.
 WIND_ERROR: Final[Range] = (0.5, 2.0)  # m/s, standard deviation on each axis
 # The standard deviation that they state, over its own.
-WIND_STATED: Final[Range] = (0.6, 1.5)
+WIND_SIGMA_RATIO: Final[Range] = (0.6, 1.5)
 
 
 # A small gimbal finds the horizon by its accelerometers, as an autopilot does, and its yaw by gyros alone, which
 # drift by 10 to 50 degrees an hour; motor encoders and belts leave some tenths of a degree more.
-GIMBAL_TILT_DEG: Final[Range] = (0.2, 0.8)  # standard deviations
-GIMBAL_YAW_DEG: Final[Range] = (0.5, 1.6)
-SWEEP_DEG: Final[tuple[Range, Range]] = ((4.0, 14.0), (2.0, 6.0))  # yaw and pitch, to either side
-SWEEP_S: Final[tuple[Range, Range]] = ((4.0, 9.0), (2.5, 6.0))
-GIMBAL_HZ: Final[Range] = (8.0, 30.0)
+GIMBAL_TILT_ERROR_DEG: Final[Range] = (0.2, 0.8)  # standard deviations
+GIMBAL_YAW_ERROR_DEG: Final[Range] = (0.5, 1.6)
+SWEEP_AMPLITUDE_DEG: Final[tuple[Range, Range]] = ((4.0, 14.0), (2.0, 6.0))  # in yaw and pitch
+SWEEP_PERIOD_S: Final[tuple[Range, Range]] = ((4.0, 9.0), (2.5, 6.0))
+GIMBAL_RATE_HZ: Final[Range] = (8.0, 30.0)
 GIMBAL_LATENCY_S: Final[Range] = (0.002, 0.03)
 
 
 class Conditions(NamedTuple):
-    """Of one encounter: the leader's drag (1/s), and all that a scenario has of leader, camera and autopilot."""
+    """The leader's drag (1/s), and the scenario with leader, camera and autopilot of one encounter."""
 
     drag: float
     scenario: Scenario
 
 
 def draw_conditions(rng: np.random.Generator) -> Conditions:
-    """The conditions of one encounter, but for the errors of our own state, which each run draws."""
+    """Draw the conditions of one encounter, without the errors of our own state.
+
+    Each run draws those itself (`simlink.world.drawn`).
+    """
 
     def process(sigma: Range, time: Range) -> GaussMarkov:
         return GaussMarkov(sigma=_one(rng, sigma), time=_one(rng, time))
@@ -98,18 +107,18 @@ def draw_conditions(rng: np.random.Generator) -> Conditions:
         f_px=lens.f_px,
         distortion_model=lens.model,
         distortion=lens.distortion,
-        rate=_one(rng, IMAGE_HZ),
+        rate=_one(rng, IMAGE_RATE_HZ),
         sigma_px=_one(rng, IMAGE_NOISE_PX),
         states_sigma=False,
-        p_lose=_one(rng, LOSE),
-        p_regain=_one(rng, REGAIN),
+        p_lose=_one(rng, LOSS_PROBABILITY),
+        p_regain=_one(rng, REGAIN_PROBABILITY),
         latency=_one(rng, LATENCY_S),
-        smallest_px=_one(rng, SMALLEST_PX),
+        smallest_px=_one(rng, MIN_SIZE_PX),
         mount_offset=_three(rng, MOUNT_OFFSET),
         mount_rpy_deg=_three(rng, MOUNT_RPY_DEG),
     )
     leader = Leader(
-        size=NOMINAL_SIZE * (1.0 + _one(rng, (-SIZE_WITHIN, SIZE_WITHIN))),
+        size=NOMINAL_SIZE * (1.0 + _one(rng, (-MAX_SIZE_ERROR, MAX_SIZE_ERROR))),
         size_sigma_percent=0.0,
         bank_wobble_deg=process(BANK_WOBBLE_DEG, BANK_WOBBLE_S),
         heading_wobble_deg=process(NOSE_WOBBLE_DEG, NOSE_WOBBLE_S),
@@ -142,32 +151,32 @@ class _Lens(NamedTuple):
 
 def _lens(rng: np.random.Generator) -> _Lens:
     kind, f_px = rng.uniform(), Camera().f_px
-    if kind < PINHOLE:
+    if kind < PINHOLE_SHARE:
         return _Lens(f_px, "radial-tangential", ())
-    if kind < PINHOLE + FISHEYE:
-        return _Lens(_one(rng, FISHEYE_PX), "fisheye", (_one(rng, FISHEYE_K1), 0.0, 0.0, 0.0))
-    k1, k2, p1, p2 = (_one(rng, RADIAL[i]) for i in (0, 1, 2, 2))
+    if kind < PINHOLE_SHARE + FISHEYE_SHARE:
+        return _Lens(_one(rng, FISHEYE_FOCAL_LENGTH_PX), "fisheye", (_one(rng, FISHEYE_K1), 0.0, 0.0, 0.0))
+    k1, k2, p1, p2 = (_one(rng, LENS_DISTORTION[i]) for i in (0, 1, 2, 2))
     return _Lens(f_px, "radial-tangential", (k1, k2, p1, p2))
 
 
 def draw_gimbal(rng: np.random.Generator) -> Gimbal:
-    """The gimbal of one encounter."""
-    yaw, pitch = (_one(rng, among) for among in SWEEP_DEG)
-    slow, fast = (_one(rng, among) for among in SWEEP_S)
+    """Draw the gimbal of one encounter."""
+    yaw, pitch = (_one(rng, among) for among in SWEEP_AMPLITUDE_DEG)
+    slow, fast = (_one(rng, among) for among in SWEEP_PERIOD_S)
     return Gimbal(
         sweep_deg=(yaw, pitch),
         period=(slow, fast),
         phase_deg=(_one(rng, (0.0, 360.0)), _one(rng, (0.0, 360.0))),
-        rate=_one(rng, GIMBAL_HZ),
+        rate=_one(rng, GIMBAL_RATE_HZ),
         latency=_one(rng, GIMBAL_LATENCY_S),
-        error_deg=_one(rng, GIMBAL_TILT_DEG),
-        yaw_error_deg=_one(rng, GIMBAL_YAW_DEG),
+        error_deg=_one(rng, GIMBAL_TILT_ERROR_DEG),
+        yaw_error_deg=_one(rng, GIMBAL_YAW_ERROR_DEG),
     )
 
 
 def draw_wind(rng: np.random.Generator, wind: Array) -> WindEstimate:
-    """What an autopilot knows of the wind (3,) in n, m/s."""
-    sigma, stated = _one(rng, WIND_ERROR), _one(rng, WIND_STATED)
+    """Draw the autopilot's estimate of the wind (3,) in n, m/s."""
+    sigma, stated = _one(rng, WIND_ERROR), _one(rng, WIND_SIGMA_RATIO)
     return WindEstimate(north=float(wind[0]), east=float(wind[1]), sigma=sigma, stated=stated)
 
 

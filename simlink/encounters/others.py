@@ -1,10 +1,10 @@
-"""Encounters with leaders that others flew: the leader is a recorded flight, and what follows it is drawn, or is
-another recorded flight, which sways and leans as it was recorded.
+"""Encounters with a recorded leader, and a drawn or recorded follower.
 
-A recorded follower is moved to where the geometry wants it, and its attitude is turned about its own thrust axis
-until its camera looks at the leader, as a multirotor may.
+A recorded follower is moved to the slot of the geometry. Its attitude is rotated about its own thrust axis until
+its camera points at the leader, as a multirotor may.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final, NamedTuple
 
@@ -12,114 +12,128 @@ import numpy as np
 from msgspec.structs import replace
 
 from onboard.geometry.rotations import matrix_from_quaternion
-from simlink.encounters.attitudes import follower_attitude, slewed
-from simlink.encounters.curves import Motion, following, level, moving, wander, wobble
+from simlink.encounters.attitudes import follower_attitude, limit_slew
+from simlink.encounters.curves import Motion, follow_path, heading_vector, motion_from_positions, wander, wobble
 from simlink.encounters.encounter import Encounter
-from simlink.encounters.families import TURN
 from simlink.encounters.recording import LogError
-from simlink.encounters.trajectory import Trajectory, blurred, times
+from simlink.encounters.trajectory import Trajectory, smooth_columns, time_grid
 from simlink.encounters.truth import EncounterTruth
 from simlink.scenarios.camera import Camera
 from simlink.scenarios.profiles import GaussMarkov
 from simlink.scenarios.scenario import Scenario
 from simlink.sensors.arrays import Array
-from simlink.world.constants import DT, steps_of
+from simlink.world.constants import DT, step_count
 from simlink.world.noise import stream
 
-DISTANCE: Final = (6.0, 35.0)  # m, all orders of magnitude as probable
-NEAREST: Final = 3.5  # m: nearer, the follower has another slot
-FARTHEST: Final = 60.0  # m: a leader of half a metre is then 5 px wide
-IN_VIEW: Final = 0.6  # of the time, at least
-ATTEMPTS: Final = 60
-SWAY_S: Final = 8.0  # what is slower in a recorded follower's motion is where it flew, and not how
-MEAN_SPEED: Final = 0.7  # m/s: a leader that on average is slower has no course
-LATE_S: Final = (1.0, 12.0)  # by which a leader's own flight follows it
-BESIDE: Final[Array] = np.array([4.0, 4.0, 2.0])  # m, at most, from where it flew
-AIM: Final = GaussMarkov(sigma=2.0, time=6.0)  # degrees, of the camera off the leader
+DISTANCE_RANGE_M: Final = (6.0, 35.0)  # log-uniform
+MIN_DISTANCE: Final = 3.5  # m; a slot that leads nearer is drawn again
+MAX_DISTANCE: Final = 60.0  # m, at which a leader of half a metre is 5 px wide
+MIN_VIEW_SHARE: Final = 0.6  # of the time
+MAX_ATTEMPTS: Final = 60
+SWAY_WINDOW_S: Final = 8.0  # slower motion of a recorded follower is its route, not its sway
+MIN_MEAN_SPEED: Final = 0.7  # m/s; a leader that is slower on average has no course
+DELAY_RANGE_S: Final = (1.0, 12.0)  # of a leader's own flight that follows it
+MAX_TRAIL_OFFSET: Final[Array] = np.array([4.0, 4.0, 2.0])  # m, from the recorded path
+AIM_ERROR: Final = GaussMarkov(sigma=2.0, time=6.0)  # degrees, of the camera's direction
 
 
 class Slot(NamedTuple):
-    """Where a follower flies (N, 3), m in n, about which it may sway, with its attitude as Euler angles (N, 3) if
-    it is a flight as recorded."""
+    """The positions (N, 3) of a follower in n, m, and its attitude (N, 4) if it is recorded."""
 
     place: Array
-    q_nb: Array | None = None
+    q_nb: Array | None = None  # None: the attitude is drawn, and the position may sway
 
 
 def _course(rng: np.random.Generator, leader: Trajectory) -> float:
-    """The leader's course on average, rad; anywhere for one that has none."""
+    """Return the leader's mean course (rad), or a random one if it has none."""
     v = leader.motion.v.mean(axis=0)
-    return float(np.arctan2(v[1], v[0])) if np.hypot(v[0], v[1]) > MEAN_SPEED else float(rng.uniform(0.0, TURN))
+    return (
+        float(np.arctan2(v[1], v[0]))
+        if np.hypot(v[0], v[1]) > MIN_MEAN_SPEED
+        else float(rng.uniform(0.0, math.tau))
+    )
 
 
-def _side(rng: np.random.Generator) -> float:
+def _draw_side(rng: np.random.Generator) -> float:
     return float(rng.choice([-1.0, 1.0]))
 
 
-def _away(rng: np.random.Generator, distance: float, direction: float, elevation: float = 0.0) -> Array:
-    """From the leader to a follower that has it in this direction and elevation, rad."""
+def _slot_offset(rng: np.random.Generator, distance: float, direction: float, elevation: float = 0.0) -> Array:
+    """Return the vector from the leader to a follower that sees it in this direction and elevation (rad)."""
     raised = elevation + rng.uniform(-0.12, 0.12)
-    away: Array = -distance * (np.cos(raised) * level(np.array(direction)) + np.array([0.0, 0.0, -np.sin(raised)]))
+    away: Array = -distance * (
+        np.cos(raised) * heading_vector(np.array(direction)) + np.array([0.0, 0.0, -np.sin(raised)])
+    )
     return away
 
 
-def _along(rng: np.random.Generator, leader: Trajectory) -> Array:
-    """The path of one that flies as the leader does, some seconds late and with limited acceleration."""
+def _delayed_path(rng: np.random.Generator, leader: Trajectory) -> Array:
+    """Return the path of a follower that repeats the leader's, late and with limited acceleration."""
     most = max(5.0, 1.5 * float(np.sqrt(np.mean(np.sum(leader.motion.a**2, axis=1)))))
-    return following(leader.motion.r, rng.uniform(0.5, 2.0), rng.uniform(2.0, most))
+    return follow_path(leader.motion.r, rng.uniform(0.5, 2.0), rng.uniform(2.0, most))
 
 
 def behind(rng: np.random.Generator, leader: Trajectory, distance: float) -> Slot:
-    """From behind its mean course."""
-    return Slot(_along(rng, leader) + _away(rng, distance, _course(rng, leader) + rng.uniform(-0.4, 0.4)))
+    """We follow behind its mean course."""
+    return Slot(
+        _delayed_path(rng, leader) + _slot_offset(rng, distance, _course(rng, leader) + rng.uniform(-0.4, 0.4))
+    )
 
 
 def abreast(rng: np.random.Generator, leader: Trajectory, distance: float) -> Slot:
-    """Beside its mean course."""
-    direction = _course(rng, leader) + _side(rng) * TURN / 4 + rng.uniform(-0.3, 0.3)
-    return Slot(_along(rng, leader) + _away(rng, distance, direction))
+    """We fly to the side of its mean course."""
+    direction = _course(rng, leader) + _draw_side(rng) * math.tau / 4 + rng.uniform(-0.3, 0.3)
+    return Slot(_delayed_path(rng, leader) + _slot_offset(rng, distance, direction))
 
 
 def sideways(rng: np.random.Generator, leader: Trajectory, distance: float) -> Slot:
-    """From the side of its nose, wherever it flies."""
+    """We see it from the side of its nose, whatever its course."""
     ahead = matrix_from_quaternion(leader.q_nb)[:, :, 0].mean(axis=0)
     nose = float(np.arctan2(ahead[1], ahead[0]))
-    return Slot(_along(rng, leader) + _away(rng, distance, nose + _side(rng) * rng.uniform(0.7, 2.4)))
+    return Slot(
+        _delayed_path(rng, leader) + _slot_offset(rng, distance, nose + _draw_side(rng) * rng.uniform(0.7, 2.4))
+    )
 
 
 def orbit(rng: np.random.Generator, leader: Trajectory, distance: float) -> Slot:
     """We circle it at 2 to 5 m/s while it flies."""
-    t = times(len(leader.q_nb))
-    direction = rng.uniform(0.0, TURN) + _side(rng) * rng.uniform(2.0, 5.0) / distance * t
-    return Slot(_along(rng, leader) - distance * level(direction) + np.array([0.0, 0.0, rng.uniform(-2.0, 2.0)]))
+    t = time_grid(len(leader.q_nb))
+    direction = rng.uniform(0.0, math.tau) + _draw_side(rng) * rng.uniform(2.0, 5.0) / distance * t
+    return Slot(
+        _delayed_path(rng, leader)
+        - distance * heading_vector(direction)
+        + np.array([0.0, 0.0, rng.uniform(-2.0, 2.0)])
+    )
 
 
 def steep(rng: np.random.Generator, leader: Trajectory, distance: float) -> Slot:
-    """From 45 to 65 degrees above or below."""
-    elevation = _side(rng) * np.radians(rng.uniform(45.0, 65.0))
-    return Slot(_along(rng, leader) + _away(rng, distance, rng.uniform(0.0, TURN), elevation))
+    """We see it from 45 to 65 degrees above or below."""
+    elevation = _draw_side(rng) * np.radians(rng.uniform(45.0, 65.0))
+    return Slot(_delayed_path(rng, leader) + _slot_offset(rng, distance, rng.uniform(0.0, math.tau), elevation))
 
 
 def hover(rng: np.random.Generator, leader: Trajectory, distance: float) -> Slot:
-    """We hover, as far from where it is on average."""
+    """We hover at a distance from its mean position."""
     middle = leader.motion.r.mean(axis=0)
-    return Slot(np.broadcast_to(middle + _away(rng, distance, rng.uniform(0.0, TURN)), leader.motion.r.shape))
+    return Slot(
+        np.broadcast_to(middle + _slot_offset(rng, distance, rng.uniform(0.0, math.tau)), leader.motion.r.shape)
+    )
 
 
 def tour(rng: np.random.Generator, leader: Trajectory, distance: float) -> Slot:
-    """We hover outside of where it flies, and turn after it."""
+    """We hover outside its area and turn after it."""
     middle = leader.motion.r.mean(axis=0)
     reach = float(np.linalg.norm((leader.motion.r - middle)[:, :2], axis=1).max())
-    away = _away(rng, reach + 0.5 * distance, rng.uniform(0.0, TURN))
+    away = _slot_offset(rng, reach + 0.5 * distance, rng.uniform(0.0, math.tau))
     return Slot(np.broadcast_to(middle + away, leader.motion.r.shape))
 
 
 def survey(rng: np.random.Generator, leader: Trajectory, distance: float) -> Slot:
     """We fly straight with its mean velocity."""
-    t = times(len(leader.q_nb))
+    t = time_grid(len(leader.q_nb))
     v = leader.motion.v.mean(axis=0)
     middle = (leader.motion.r - t[:, None] * v).mean(axis=0)
-    return Slot(middle + t[:, None] * v + _away(rng, distance, rng.uniform(0.0, TURN)))
+    return Slot(middle + t[:, None] * v + _slot_offset(rng, distance, rng.uniform(0.0, math.tau)))
 
 
 GEOMETRIES: Final[Mapping[str, Callable[[np.random.Generator, Trajectory, float], Slot]]] = {
@@ -132,11 +146,11 @@ GEOMETRIES: Final[Mapping[str, Callable[[np.random.Generator, Trajectory, float]
     "tour": tour,
     "survey": survey,
 }
-TRAIL: Final = "trail"  # the leader's own flight, some seconds earlier, follows it
-KNOWN: Final = (*GEOMETRIES, TRAIL)
+TRAIL: Final = "trail"  # the leader's own flight follows it, some seconds late
+GEOMETRY_NAMES: Final = (*GEOMETRIES, TRAIL)
 
 
-def flown_by_others(
+def recorded_encounter(
     scenario: Scenario,
     seed: int,
     leader: Trajectory,
@@ -144,89 +158,103 @@ def flown_by_others(
     seconds: float,
     *,
     follower: Trajectory | None = None,
-    distance: tuple[float, float] = DISTANCE,
+    distance: tuple[float, float] = DISTANCE_RANGE_M,
 ) -> Encounter:
-    """An encounter with a part of a recorded flight, which `seed` draws with all else. Camera, autopilot and
-    errors are the scenario's; the camera's mount looks up or down as the geometry and the follower's lean need.
+    """Return an encounter with a part of a recorded flight, drawn by `seed` with everything else.
 
-    Raises ValueError for a geometry that is none of KNOWN, and LogError where the flight is too short, or none of
-    the slots that were drawn keeps its distance and has the leader in view.
+    Camera, autopilot and errors are those of the scenario; the camera's mount is tilted as the geometry and the
+    follower's attitude require.
+
+    Raises ValueError for an unknown geometry, and LogError if the flight is too short or if no drawn slot keeps
+    its distance with the leader in view.
     """
-    if geometry not in KNOWN:
-        raise ValueError(f"geometry: no {geometry!r}; known: {', '.join(KNOWN)}")
-    rng, count = stream(seed, f"encounters.others.{geometry}"), steps_of(seconds) + 1
-    before = steps_of(LATE_S[1]) if geometry == TRAIL else 0
-    for _ in range(ATTEMPTS):
-        long = _part(rng, leader, count + before)
+    if geometry not in GEOMETRY_NAMES:
+        raise ValueError(f"unknown geometry {geometry!r}; choose one of {', '.join(GEOMETRY_NAMES)}")
+    rng, count = stream(seed, f"encounters.others.{geometry}"), step_count(seconds) + 1
+    before = step_count(DELAY_RANGE_S[1]) if geometry == TRAIL else 0
+    for _ in range(MAX_ATTEMPTS):
+        long = _random_part(rng, leader, count + before)
         far = float(np.exp(rng.uniform(*np.log(distance))))
-        late = _lateness(rng, long, far, before, count) if geometry == TRAIL else 0
+        late = _trail_delay(rng, long, far, before, count) if geometry == TRAIL else 0
         flown = long.part(before, count)
         if geometry == TRAIL:
             earlier = long.part(before - late, count)
             apart = long.motion.r[before - late] - long.motion.r[before]
-            slot = Slot(earlier.motion.r + apart + BESIDE * rng.uniform(-1.0, 1.0, 3), earlier.q_nb)
+            slot = Slot(earlier.motion.r + apart + MAX_TRAIL_OFFSET * rng.uniform(-1.0, 1.0, 3), earlier.q_nb)
         else:
             slot = GEOMETRIES[geometry](rng, flown, far)
         if follower is not None and slot.q_nb is None:
-            other = _part(rng, follower, count)
-            sway = other.motion.r - blurred(other.motion.r, SWAY_S)
+            other = _random_part(rng, follower, count)
+            sway = other.motion.r - smooth_columns(other.motion.r, SWAY_WINDOW_S)
             slot = Slot(slot.place + sway, other.q_nb)
         elif slot.q_nb is None:
-            t = times(count)
+            t = time_grid(count)
             amplitude = 10.0 ** rng.uniform(-1.0, 0.0)
             slot = Slot(slot.place + wander(rng, t, (amplitude, amplitude, 0.3 * amplitude), (11.0, 7.0, 5.0)))
-        found = _encounter(rng, scenario, seed, flown, geometry, slot)
+        found = _encounter_in_slot(rng, scenario, seed, flown, geometry, slot)
         if found is not None:
             return found
-    raise LogError(f"{leader.name}: no place was found from which a camera sees it in the geometry {geometry!r}")
+    raise LogError(
+        f"{leader.name}: no slot of the geometry {geometry!r} keeps it in view; try another geometry or seed"
+    )
 
 
-def longest_of(geometry: str, flights: Sequence[Trajectory]) -> float:
-    """How long an encounter of these flights may last, s: leader, and follower if it is recorded."""
-    return min(flights[0].seconds - (LATE_S[1] if geometry == TRAIL else 0.0), *(f.seconds for f in flights))
+def max_duration(geometry: str, flights: Sequence[Trajectory]) -> float:
+    """Return the longest possible duration (s) of an encounter with these flights.
+
+    They are the leader and, if it is recorded, the follower.
+    """
+    return min(
+        flights[0].seconds - (DELAY_RANGE_S[1] if geometry == TRAIL else 0.0), *(f.seconds for f in flights)
+    )
 
 
-def _part(rng: np.random.Generator, flight: Trajectory, count: int) -> Trajectory:
-    """So many steps of a flight from anywhere. Raises LogError."""
+def _random_part(rng: np.random.Generator, flight: Trajectory, count: int) -> Trajectory:
+    """Return `count` steps of a flight from a random position. Raises LogError."""
     spare = len(flight.q_nb) - count
     if spare < 0:
-        raise LogError(f"{flight.name}: {flight.seconds:.0f} s of flight, and {DT * (count - 1):.0f} s are wanted")
+        raise LogError(
+            f"{flight.name}: the flight lasts {flight.seconds:.0f} s, shorter than {DT * (count - 1):.0f} s"
+        )
     return flight.part(int(rng.integers(spare + 1)), count)
 
 
-def _lateness(rng: np.random.Generator, long: Trajectory, far: float, before: int, count: int) -> int:
-    """By how many steps the flight itself follows at about this distance."""
+def _trail_delay(rng: np.random.Generator, long: Trajectory, far: float, before: int, count: int) -> int:
+    """Return the delay (steps) at which a flight follows itself at about this distance."""
     r = long.motion.r
-    choices = range(steps_of(LATE_S[0]), before + 1, steps_of(0.25))
+    choices = range(step_count(DELAY_RANGE_S[0]), before + 1, step_count(0.25))
     now = r[before : before + count]
     apart = [np.median(np.linalg.norm(now - r[before - n :][:count], axis=1)) for n in choices]
     near = np.abs(np.array(apart) - far)
     return choices[int(rng.choice(np.argsort(near)[:3]))]
 
 
-def _encounter(
+def _encounter_in_slot(
     rng: np.random.Generator, scenario: Scenario, seed: int, leader: Trajectory, geometry: str, slot: Slot
 ) -> Encounter | None:
-    """The encounter with the follower in its slot; None where it comes too near or loses sight."""
-    ours = moving(slot.place) if slot.q_nb is None else _smooth(slot.place)
+    """Return the encounter with the follower in its slot, or None if that is not usable.
+
+    It must neither come too near, nor be too far, nor lose sight of the leader.
+    """
+    ours = motion_from_positions(slot.place) if slot.q_nb is None else _smooth(slot.place)
     r_FL_n = leader.motion.r - ours.r
     apart = np.linalg.norm(r_FL_n, axis=1)
-    if apart.min() < NEAREST or apart.max() > FARTHEST:
+    if apart.min() < MIN_DISTANCE or apart.max() > MAX_DISTANCE:
         return None
     camera = replace(scenario.camera, mount_rpy_deg=(0.0, 0.0, 0.0))
     sight = np.unwrap(np.arctan2(r_FL_n[:, 1], r_FL_n[:, 0]))
-    t = times(len(sight))
+    t = time_grid(len(sight))
     if slot.q_nb is None:
         euler = follower_attitude(rng, seed, t, ours, sight, camera.mount_rpy_deg)
         R_nb = matrix_from_quaternion(quaternions(euler))
     else:
-        aim = wobble(seed, "encounters.aim", AIM, len(t), np.pi / 180)
-        R_nb = _turned(matrix_from_quaternion(slot.q_nb), slewed(sight + aim))
+        aim = wobble(seed, "encounters.aim", AIM_ERROR, len(t), np.pi / 180)
+        R_nb = _yaw_to(matrix_from_quaternion(slot.q_nb), limit_slew(sight + aim))
         euler = euler_angles(R_nb)
     r_b = np.einsum("nij,ni->nj", R_nb, r_FL_n)
     up = np.degrees(np.arctan2(-r_b[:, 2], r_b[:, 0]))
     camera = replace(camera, mount_rpy_deg=(0.0, float(round(np.median(up))), 0.0))
-    if _share_in_view(camera, r_b) < IN_VIEW:
+    if _share_in_view(camera, r_b) < MIN_VIEW_SHARE:
         return None
     truth = EncounterTruth(
         t=t,
@@ -241,14 +269,14 @@ def _encounter(
 
 
 def _smooth(place: Array) -> Motion:
-    """The motion of one at these positions (N, 3), where recordings have corners of their own."""
-    return moving(blurred(place, 0.06))
+    """Return the motion through these positions (N, 3), smoothed because recordings have corners."""
+    return motion_from_positions(smooth_columns(place, 0.06))
 
 
-def _turned(R_nb: Array, yaw: Array) -> Array:
-    """Attitudes (N, 3, 3) turned about their own z axes, until their noses point to `yaw` (N,), rad."""
+def _yaw_to(R_nb: Array, yaw: Array) -> Array:
+    """Rotate attitudes (N, 3, 3) about their own z axes until the nose points to `yaw` (N,), rad."""
     down = R_nb[:, :, 2]
-    ahead = level(yaw)
+    ahead = heading_vector(yaw)
     # the part across `down` of a vector that is across it and in the upright plane of `yaw`
     ahead = ahead - (np.einsum("ni,ni->n", ahead, down) / down[:, 2])[:, None] * np.array([0.0, 0.0, 1.0])
     ahead /= np.linalg.norm(ahead, axis=1)[:, None]
@@ -256,7 +284,7 @@ def _turned(R_nb: Array, yaw: Array) -> Array:
 
 
 def _share_in_view(camera: Camera, r_b: Array) -> float:
-    """How often a leader at r_b (N, 3) is inside the image of a camera that is tilted alone."""
+    """Return the share of the positions r_b (N, 3) inside the image of a camera with a pitched mount."""
     up = np.radians(camera.mount_rpy_deg[1])
     ahead = np.cos(up) * r_b[:, 0] - np.sin(up) * r_b[:, 2]
     below = np.sin(up) * r_b[:, 0] + np.cos(up) * r_b[:, 2]

@@ -1,9 +1,8 @@
-"""What a log of a flight says of a vehicle's motion: position, velocity, attitude and specific force, as sampled.
+"""The motion of a vehicle as sampled in a log: position, velocity, attitude, specific force.
 
-ArduPilot .bin, PX4 .ulg, .tlog, and .csv. A .csv is a table whose head line names, in any order, `time_s`,
-`north_m`, `east_m`, `down_m`, `q_w`, `q_x`, `q_y`, `q_z` (body FRD to NED) and, where they are known,
-`v_north_m_s`, `v_east_m_s`, `v_down_m_s`, and `mav_type` (1: a fixed wing). It is for flights from motion capture,
-or from a data set.
+It reads ArduPilot .bin, PX4 .ulg, .tlog and .csv. The head line of a .csv names, in any order, `time_s`,
+`north_m`, `east_m`, `down_m`, `q_w`, `q_x`, `q_y`, `q_z` (body FRD to NED) and optionally `v_north_m_s`,
+`v_east_m_s`, `v_down_m_s` and `mav_type` (1: fixed wing). It suits motion capture and data sets.
 """
 
 import csv
@@ -26,39 +25,40 @@ from simlink.encounters.families import LeaderClass
 from simlink.sensors.arrays import Array
 
 FIXED_WING: Final = 1  # MAV_TYPE
-FIX_3D: Final = 3
+MIN_FIX_TYPE: Final = 3  # GPS_FIX_TYPE_3D_FIX
 SUFFIXES: Final = (".bin", ".ulg", ".tlog", ".csv")
-PLACE: Final = ("time_s", "north_m", "east_m", "down_m")
-VELOCITY: Final = ("v_north_m_s", "v_east_m_s", "v_down_m_s")
-ATTITUDE: Final = ("q_w", "q_x", "q_y", "q_z")
-USED: Final = (Attitude, LocalPosition, GlobalPosition, GpsFix, Imu, Heartbeat)
-NOTHING: Final[Array] = np.empty((0, 0))
+POSITION_COLUMNS: Final = ("time_s", "north_m", "east_m", "down_m")
+VELOCITY_COLUMNS: Final = ("v_north_m_s", "v_east_m_s", "v_down_m_s")
+ATTITUDE_COLUMNS: Final = ("q_w", "q_x", "q_y", "q_z")
+MESSAGE_TYPES: Final = (Attitude, LocalPosition, GlobalPosition, GpsFix, Imu, Heartbeat)
+EMPTY: Final[Array] = np.empty((0, 0))
 
 
 class LogError(ValueError):
-    """A log from which no flight can be taken; one line that names it and says why."""
+    """A log without a usable flight; the message is one line that names the log and the reason."""
 
 
 class Recording(NamedTuple):
-    """Rows in the order of time, which is their first column, in s: `places` (n, 7) of position and velocity in n,
-    NaN where the velocity is not known; `attitudes` (m, 5) of q_nb; `forces` (k, 4) of the specific force in b;
-    `arms` (j, 2), 1 where the motors are armed. `is_gps`: places are a receiver's, late, and not an EKF's."""
+    """The samples of one log, in rows ordered by their first column, the time (s).
+
+    `is_gps` marks positions that come, late, from a receiver instead of an EKF.
+    """
 
     name: str
-    places: Array
-    attitudes: Array
-    forces: Array
-    arms: Array
+    places: Array  # (n, 7): position and velocity in n; NaN where the velocity is unknown
+    attitudes: Array  # (m, 5): q_nb
+    forces: Array  # (k, 4): specific force in b
+    arms: Array  # (j, 2): 1 if the motors are armed
     leader_class: LeaderClass = "multirotor"
     is_gps: bool = False
 
 
 def read_recording(path: Path) -> Recording:
-    """The motion in a log, by the kind of its file. Raises LogError."""
+    """Read the motion from a log, whose format follows from its name and content. Raises LogError."""
     try:
         if path.suffix.lower() == ".csv":
-            return _of_table(path)
-        return _of_messages(path, _messages(path))
+            return _from_csv(path)
+        return _from_messages(path, _messages(path))
     except OSError as error:
         raise LogError(f"{path}: {error.strerror or error}") from error
     except (NotALogError, UnicodeDecodeError, csv.Error) as error:
@@ -80,20 +80,20 @@ def _messages(path: Path) -> Iterator[Message]:
                     yield from decoder.decode(datagram.data, datagram.t_recv_ns)
 
 
-def _of_messages(path: Path, messages: Iterable[Message]) -> Recording:
-    """The motion of the vehicle that sends most attitudes. Stamps are taken, not arrivals."""
-    kept = [m for m in messages if isinstance(m, USED)]
+def _from_messages(path: Path, messages: Iterable[Message]) -> Recording:
+    """Return the motion of the vehicle that sends most attitudes, by its own stamps."""
+    kept = [m for m in messages if isinstance(m, MESSAGE_TYPES)]
     senders = Counter((m.system, m.component) for m in kept if isinstance(m, Attitude))
     if not senders:
-        raise LogError(f"{path}: it holds no attitude")
+        raise LogError(f"{path}: the log has no attitude, which a flight needs")
     ((sender, _),) = senders.most_common(1)
     own = [m for m in kept if (m.system, m.component) == sender]
     stamped = [m for m in own if m.clock is Clock.BOOT]
     at = [m for m in stamped if isinstance(m, LocalPosition)]
     local: Sequence[Sequence[float]] = [(m.t_ns, *m.r_OF_n, *m.v_F_n) for m in at]
     globally = [m for m in stamped if isinstance(m, GlobalPosition)]
-    fixes = [m for m in stamped if isinstance(m, GpsFix) and m.fix_type >= FIX_3D]
-    places = local or _of_global(globally) or _of_fixes(fixes)
+    fixes = [m for m in stamped if isinstance(m, GpsFix) and m.fix_type >= MIN_FIX_TYPE]
+    places = local or _rows_from_positions(globally) or _rows_from_fixes(fixes)
     newest, arms = 0, []
     for m in own:  # heartbeats have no stamp of their own
         newest = m.t_ns if m.clock is Clock.BOOT else newest
@@ -111,16 +111,19 @@ def _of_messages(path: Path, messages: Iterable[Message]) -> Recording:
     )
 
 
-def _of_global(messages: list[GlobalPosition]) -> list[tuple[float, ...]]:
-    """Rows of GLOBAL_POSITION_INT, from the place of the first."""
+def _rows_from_positions(messages: list[GlobalPosition]) -> list[tuple[float, ...]]:
+    """Return rows of GLOBAL_POSITION_INT relative to its first position."""
     if not messages:
         return []
     origin = (messages[0].lat_deg, messages[0].lon_deg, messages[0].alt_msl)
     return [(m.t_ns, *ned_from_geodetic((m.lat_deg, m.lon_deg, m.alt_msl), origin), *m.v_F_n) for m in messages]
 
 
-def _of_fixes(fixes: list[GpsFix]) -> list[tuple[float, ...]]:
-    """Rows of fixes, from the place of the first. A receiver that gives no vertical speed gives no velocity."""
+def _rows_from_fixes(fixes: list[GpsFix]) -> list[tuple[float, ...]]:
+    """Return rows of GPS fixes relative to the first one.
+
+    A receiver without a vertical speed gives no velocity.
+    """
     if not fixes:
         return []
     origin, rows = (fixes[0].lat_deg, fixes[0].lon_deg, fixes[0].alt_msl), []
@@ -132,15 +135,17 @@ def _of_fixes(fixes: list[GpsFix]) -> list[tuple[float, ...]]:
     return rows
 
 
-def _of_table(path: Path) -> Recording:
-    """The motion in a .csv."""
+def _from_csv(path: Path) -> Recording:
+    """Return the motion from a .csv."""
     with path.open(encoding="utf-8", newline="") as file:
         reader = csv.DictReader(file)
-        missing = [name for name in (*PLACE, *ATTITUDE) if name not in (reader.fieldnames or ())]
+        missing = [
+            name for name in (*POSITION_COLUMNS, *ATTITUDE_COLUMNS) if name not in (reader.fieldnames or ())
+        ]
         if missing:
-            raise LogError(f"{path}: it has no column {', '.join(missing)}")
-        has_velocity = all(name in (reader.fieldnames or ()) for name in VELOCITY)
-        names, rows = (*PLACE, *(VELOCITY if has_velocity else ()), *ATTITUDE), []
+            raise LogError(f"{path}: the table lacks the column(s) {', '.join(missing)}")
+        has_velocity = all(name in (reader.fieldnames or ()) for name in VELOCITY_COLUMNS)
+        names, rows = (*POSITION_COLUMNS, *(VELOCITY_COLUMNS if has_velocity else ()), *ATTITUDE_COLUMNS), []
         is_fixed_wing = False
         try:
             for row in reader:
@@ -166,16 +171,18 @@ def _of_table(path: Path) -> Recording:
 
 
 def _rows(path: Path, what: str, rows: Sequence[Sequence[float]]) -> Array:
-    """At least two rows of what a flight needs. Raises LogError."""
-    table = _table(rows, len(rows[0])) if rows else NOTHING
+    """Return the table of these rows; raises LogError if there are fewer than two."""
+    table = _table(rows, len(rows[0])) if rows else EMPTY
     if len(table) < 2:
-        raise LogError(f"{path}: it holds no {what}")
+        raise LogError(f"{path}: the log has no {what}, which a flight needs")
     return table
 
 
 def _table(rows: Sequence[Sequence[float]], columns: int) -> Array:
-    """Rows in the order of their stamps (ns, then s), one of each stamp, without those that are not finite but for
-    a velocity."""
+    """Return the table of these rows, ordered by stamp (ns, converted to s), one row a stamp.
+
+    Rows with values that are not finite are dropped, unless only the velocity is unknown.
+    """
     table: Array = np.array(rows, dtype=float).reshape(-1, columns)
     table = table[np.isfinite(table[:, :4]).all(axis=1)]
     table = table[np.unique(table[:, 0], return_index=True)[1]]
@@ -184,5 +191,5 @@ def _table(rows: Sequence[Sequence[float]], columns: int) -> Array:
 
 
 def gaps(t: Array, longest: float) -> list[tuple[float, float]]:
-    """The times between samples at t (n,) that are farther apart than `longest` s."""
+    """Return the intervals between samples at t (n,) that are more than `longest` seconds apart."""
     return [(a, b) for a, b in pairwise(t.tolist()) if b - a > longest]

@@ -1,14 +1,12 @@
-"""Recorded flights as smooth trajectories: the stretches of a log in which a vehicle flies, resampled to the steps
-of the world.
+"""Recorded flights as smooth trajectories, resampled to the steps of the world.
 
-Velocity is the derivative of position, and acceleration that of velocity, so that a recording is as good a truth
-as a drawn flight. Recorded velocity is smoothed over SMOOTH s or two samples and integrated; the slow rest to the
-recorded position is added. Where a log has fixes of a receiver alone, IMU and attitude give the velocity, whose
-drift the fixes remove; how late they are is found by correlation. Attitude is interpolated as it was recorded.
+Velocity is the derivative of position and acceleration that of velocity, so that a recording is as consistent a
+truth as a drawn flight. Recorded velocity is smoothed and integrated, then corrected slowly towards the recorded
+position. With GPS fixes only, velocity comes from IMU and attitude and is corrected by the fixes, whose latency is
+found by correlation.
 
-Left out are gaps, steps of the EKF, times at rest, and times in which attitude and acceleration disagree by more
-than DISAGREES: by the specific force where there is one, else by its part along the wing, which rotors and wings
-leave near zero but for drag.
+Gaps, EKF resets and times at rest are left out, and times in which attitude and acceleration disagree: by the
+specific force if it is logged, else by its component along the wing, which is near zero except for drag.
 """
 
 from collections import defaultdict
@@ -23,29 +21,32 @@ from simlink.encounters.curves import Motion
 from simlink.encounters.families import LeaderClass
 from simlink.encounters.recording import LogError, Recording, gaps, read_recording
 from simlink.sensors.arrays import Array, Flags
-from simlink.world.constants import DT, G
+from simlink.world.constants import DT, GRAVITY
 
-SMOOTH: Final = 0.08  # s
-PULL: Final = 2.0  # s, after which a smoothed trajectory is where the recorded one is
-EDGE: Final = (2.0, 4.0)  # s at either end of a piece that are not used, where smoothing lacks a side: EKF, GPS
-LONGEST_GAP: Final = 0.5  # s
-LONGEST_GPS_GAP: Final = 1.1  # s
-STEP: Final = (0.4, 3.0)  # m, of the position beside what the velocity says: an EKF's, a receiver's
-DISAGREES: Final = 1.0  # m/s^2
-DISAGREES_S: Final = 0.5  # s, over which that is a mean
-DRAG: Final = 0.6  # 1/s, at most, along the wing
-BANKS: Final = 0.1  # rad, more: by so much a bank may be off that of the thrust without a fault of the log
+SMOOTHING_WINDOW_S: Final = 0.08
+CORRECTION_WINDOW_S: Final = 2.0  # over which a smoothed trajectory returns to the recorded position
+EDGE_S: Final = (2.0, 4.0)  # left out at both ends, where smoothing is one-sided: EKF, GPS
+MAX_GAP_TIME_S: Final = 0.5
+MAX_GPS_GAP_TIME_S: Final = 1.1
+MIN_RESET_M: Final = (0.4, 3.0)  # jump of the position that the velocity does not explain: EKF, GPS
+MAX_ACCELERATION_ERROR: Final = 1.0  # m/s^2
+ACCELERATION_WINDOW_S: Final = 0.5  # over which the error is averaged
+MAX_DRAG: Final = 0.6  # 1/s, along the wing
+MAX_BANK_ERROR: Final = 0.1  # rad; a log without faults has bank errors of this size
 # RMS rate of the attitude, rad/s: on the ground of eight logs 0.002 to 0.02, in calm hovers from 0.03 up.
-MOVES: Final = 0.02
-MOVES_S: Final = 3.0
-CARRIES: Final = 5.0  # m/s: a fixed wing flies no slower
-LATEST: Final = 0.5  # s, of a fix
-LEAST: Final = 20.0  # s, of a stretch
-WEIGHT: Final[Array] = np.array([0.0, 0.0, G])
+MIN_ATTITUDE_RATE: Final = 0.02
+MOTION_WINDOW_S: Final = 3.0
+FIXED_WING_MIN_SPEED: Final = 5.0  # m/s
+MAX_GPS_LATENCY_S: Final = 0.5
+MIN_DURATION_S: Final = 20.0
+GRAVITY_N: Final[Array] = np.array([0.0, 0.0, GRAVITY])
 
 
 class Trajectory(NamedTuple):
-    """N steps of DT: the motion in n from the place of the first, and q_nb (N, 4). `begin`: s of the log."""
+    """The motion in n relative to its first position, and q_nb (N, 4), in N steps of DT.
+
+    `begin` is the time in the log (s).
+    """
 
     name: str
     begin: float
@@ -55,26 +56,28 @@ class Trajectory(NamedTuple):
 
     @property
     def seconds(self) -> float:
-        """How long it is."""
+        """The duration, s."""
         return DT * (len(self.q_nb) - 1)
 
     def part(self, begin: int, count: int) -> "Trajectory":
-        """`count` steps from step `begin` on."""
+        """Return `count` steps from step `begin` on."""
         r, v, a = (x[begin : begin + count] for x in self.motion)
         return self._replace(
             begin=self.begin + DT * begin, motion=Motion(r - r[0], v, a), q_nb=self.q_nb[begin : begin + count]
         )
 
 
-def times(count: int) -> Array:
-    """So many times (N,), DT apart, s."""
+def time_grid(count: int) -> Array:
+    """Return `count` times (N,), DT apart, s."""
     t: Array = DT * np.arange(count, dtype=np.float64)
     return t
 
 
-def read_trajectories(path: Path, least: float = LEAST) -> list[Trajectory]:
-    """The stretches of at least `least` s in which the vehicle of a log flies, the longest first. Raises LogError,
-    which says why where there is none."""
+def read_trajectories(path: Path, least: float = MIN_DURATION_S) -> list[Trajectory]:
+    """Return the stretches of at least `least` seconds in which the vehicle flies, longest first.
+
+    Raises LogError with the reasons if there is none.
+    """
     recording = read_recording(path)
     found, lost = stretches(recording, least)
     if not found:
@@ -86,23 +89,23 @@ def read_trajectories(path: Path, least: float = LEAST) -> list[Trajectory]:
     return sorted(found, key=lambda one: one.seconds, reverse=True)
 
 
-def stretches(recording: Recording, least: float = LEAST) -> tuple[list[Trajectory], dict[str, float]]:
-    """The stretches of a recording, in order, and how many seconds were left out for which reason."""
+def stretches(recording: Recording, least: float = MIN_DURATION_S) -> tuple[list[Trajectory], dict[str, float]]:
+    """Return the stretches of a recording in order, and the seconds left out by reason."""
     found: list[Trajectory] = []
     lost: dict[str, float] = defaultdict(float)
     for begin, end in _pieces(recording, lost):
-        t, edge = begin + times(int((end - begin) / DT)), EDGE[recording.is_gps]
+        t, edge = begin + time_grid(int((end - begin) / DT)), EDGE_S[recording.is_gps]
         if len(t) * DT < 2.0 * edge + least:
             lost["too short between gaps or steps"] += len(t) * DT
             continue
         motion, q_nb = _smooth(recording, t)
-        recording = recording._replace(forces=_unbiased(recording, t, motion, q_nb))
+        recording = recording._replace(forces=_remove_force_bias(recording, t, motion, q_nb))
         if recording.is_gps:
             motion, q_nb = _smooth(recording, t)
-        use = _flies(recording, t, motion, q_nb, lost) & _agrees(recording, t, motion, q_nb, lost)
+        use = _is_flying(recording, t, motion, q_nb, lost) & _is_consistent(recording, t, motion, q_nb, lost)
         use &= (t >= begin + edge) & (t <= end - edge)
         whole = Trajectory(recording.name, begin, motion, q_nb, recording.leader_class)
-        for first, last in _runs(use):
+        for first, last in _index_ranges(use):
             if (last - first) * DT >= least:
                 found.append(whole.part(first, last - first))
             else:
@@ -111,16 +114,18 @@ def stretches(recording: Recording, least: float = LEAST) -> tuple[list[Trajecto
 
 
 def _pieces(recording: Recording, lost: dict[str, float]) -> list[tuple[float, float]]:
-    """Times without gaps and steps, (from, to) s."""
+    """Return the intervals (from, to), s, without gaps and resets."""
     t, places = recording.places[:, 0], recording.places
-    dt, longest = np.diff(t), LONGEST_GPS_GAP if recording.is_gps else LONGEST_GAP
-    apart = gaps(t, longest) + gaps(recording.attitudes[:, 0], LONGEST_GAP)
+    dt, longest = np.diff(t), MAX_GPS_GAP_TIME_S if recording.is_gps else MAX_GAP_TIME_S
+    apart = gaps(t, longest) + gaps(recording.attitudes[:, 0], MAX_GAP_TIME_S)
     if recording.is_gps:
-        apart += gaps(recording.forces[:, 0], LONGEST_GAP)
+        apart += gaps(recording.forces[:, 0], MAX_GAP_TIME_S)
     r, v = places[:, 1:4], places[:, 4:7]
     jump = np.linalg.norm(np.diff(r, axis=0) - 0.5 * dt[:, None] * (v[1:] + v[:-1]), axis=1)
-    steps = np.flatnonzero((jump > STEP[recording.is_gps]) & (dt <= longest))  # NaN is none
-    ends = sorted([*apart, *((t[i] - PULL, t[i + 1] + PULL) for i in steps.tolist())])
+    steps = np.flatnonzero((jump > MIN_RESET_M[recording.is_gps]) & (dt <= longest))  # NaN is none
+    ends = sorted(
+        [*apart, *((t[i] - CORRECTION_WINDOW_S, t[i + 1] + CORRECTION_WINDOW_S) for i in steps.tolist())]
+    )
     at = float(max(t[0], recording.attitudes[0, 0]))
     last = float(min(t[-1], recording.attitudes[-1, 0]))
     if recording.is_gps:
@@ -138,7 +143,7 @@ def _pieces(recording: Recording, lost: dict[str, float]) -> list[tuple[float, f
 
 
 def _smooth(recording: Recording, t: Array) -> tuple[Motion, Array]:
-    """The motion and q_nb at the times t (N,), DT apart."""
+    """Return the motion and q_nb at the times t (N,), DT apart."""
     q_nb = _attitude(recording.attitudes, t)
     when, r, v = recording.places[:, 0], recording.places[:, 1:4], recording.places[:, 4:7]
     known = np.isfinite(v).all(axis=1)
@@ -147,110 +152,113 @@ def _smooth(recording: Recording, t: Array) -> tuple[Motion, Array]:
     when_v, v = (when[known], v[known]) if known.any() else (between, np.diff(r, axis=0) / np.diff(when)[:, None])
     late = 0.0
     if recording.is_gps:
-        force = np.einsum("nij,nj->ni", matrix_from_quaternion(q_nb), _at(recording.forces, t))
-        fast = np.cumsum(blurred(force + WEIGHT, SMOOTH), axis=0) * DT
-        late = _lateness(t, fast, when_v, v)
-        slow = _columns(t + late, when_v, v)
-        fast = fast + blurred(slow - fast, PULL)
+        force = np.einsum("nij,nj->ni", matrix_from_quaternion(q_nb), _interpolate_rows(recording.forces, t))
+        fast = np.cumsum(smooth_columns(force + GRAVITY_N, SMOOTHING_WINDOW_S), axis=0) * DT
+        late = _latency(t, fast, when_v, v)
+        slow = _interpolate(t + late, when_v, v)
+        fast = fast + smooth_columns(slow - fast, CORRECTION_WINDOW_S)
     else:
         inside = (when_v >= t[0]) & (when_v <= t[-1])
-        seconds = max(SMOOTH, float(np.median(np.diff(when_v[inside]))))
-        fast = blurred(_columns(t, when_v, v), seconds)
+        seconds = max(SMOOTHING_WINDOW_S, float(np.median(np.diff(when_v[inside]))))
+        fast = smooth_columns(_interpolate(t, when_v, v), seconds)
     place = np.vstack([np.zeros(3), np.cumsum(0.5 * DT * (fast[1:] + fast[:-1]), axis=0)])
-    place = place + blurred(_columns(t + late, when, r) - place, PULL)
+    place = place + smooth_columns(_interpolate(t + late, when, r) - place, CORRECTION_WINDOW_S)
     velocity = np.gradient(place, DT, axis=0)
     return Motion(place, velocity, np.gradient(velocity, DT, axis=0)), q_nb
 
 
-def _lateness(t: Array, fast: Array, when: Array, v: Array) -> float:
-    """By how many seconds velocities v (n, 3) at the times `when` are late, beside `fast` (N, 3) at t."""
+def _latency(t: Array, fast: Array, when: Array, v: Array) -> float:
+    """Return the latency (s) of velocities v (n, 3) at `when` relative to `fast` (N, 3) at t."""
 
-    ends = round(EDGE[1] / DT)
+    ends = round(EDGE_S[1] / DT)
 
     def quick(x: Array) -> Array:
-        change: Array = x - blurred(x, EDGE[1])
+        change: Array = x - smooth_columns(x, EDGE_S[1])
         return change[ends:-ends, :2]
 
-    ours = quick(blurred(fast, 0.2))
-    lags = np.arange(0.0, LATEST + 0.01, 0.02)
-    unlike = [float(np.sum((ours - quick(_columns(t + lag, when, v))) ** 2)) for lag in lags]
+    ours = quick(smooth_columns(fast, 0.2))
+    lags = np.arange(0.0, MAX_GPS_LATENCY_S + 0.01, 0.02)
+    unlike = [float(np.sum((ours - quick(_interpolate(t + lag, when, v))) ** 2)) for lag in lags]
     return float(lags[int(np.argmin(unlike))])
 
 
 def _attitude(attitudes: Array, t: Array) -> Array:
-    """q_nb (N, 4) at t, on the straight line between two samples."""
+    """Return q_nb (N, 4) at t, interpolated linearly."""
     q = attitudes[:, 1:].copy()
     q /= np.linalg.norm(q, axis=1)[:, None]
     flips = np.cumprod(np.where(np.einsum("ni,ni->n", q[1:], q[:-1]) < 0.0, -1.0, 1.0))
     q[1:] *= flips[:, None]
-    between = _columns(t, attitudes[:, 0], q)
+    between = _interpolate(t, attitudes[:, 0], q)
     return np.asarray(between / np.linalg.norm(between, axis=1)[:, None])
 
 
-def _unbiased(recording: Recording, t: Array, motion: Motion, q_nb: Array) -> Array:
-    """The specific forces without what they are off by on average, in b, beside a motion at t (N,)."""
+def _remove_force_bias(recording: Recording, t: Array, motion: Motion, q_nb: Array) -> Array:
+    """Return the specific forces in b without their median error relative to a motion at t (N,)."""
     if not _has_forces(recording):
         return recording.forces
-    force = np.einsum("nij,ni->nj", matrix_from_quaternion(q_nb), motion.a - WEIGHT)
-    bias = force - _at(recording.forces, t)
+    force = np.einsum("nij,ni->nj", matrix_from_quaternion(q_nb), motion.a - GRAVITY_N)
+    bias = force - _interpolate_rows(recording.forces, t)
     return np.asarray(recording.forces + np.concatenate([[0.0], np.median(bias, axis=0)]))
 
 
 def _has_forces(recording: Recording) -> bool:
-    """Whether there is a specific force all the time."""
-    return len(recording.forces) > 1 and not gaps(recording.forces[:, 0], LONGEST_GAP)
+    """Whether there is a specific force throughout."""
+    return len(recording.forces) > 1 and not gaps(recording.forces[:, 0], MAX_GAP_TIME_S)
 
 
-def _flies(recording: Recording, t: Array, motion: Motion, q_nb: Array, lost: dict[str, float]) -> Flags:
-    """Whether it flies: its attitude moves, its motors are armed, where the log says so at all, and a fixed wing
-    is fast enough."""
+def _is_flying(recording: Recording, t: Array, motion: Motion, q_nb: Array, lost: dict[str, float]) -> Flags:
+    """Return when it flies (N,): its attitude moves, it is armed, and a fixed wing is fast enough."""
     rate = 2.0 * np.linalg.norm(np.gradient(q_nb, DT, axis=0), axis=1)
-    flies = np.sqrt(blurred(rate[:, None] ** 2, MOVES_S)[:, 0].clip(0.0)) > MOVES
+    flies = np.sqrt(smooth_columns(rate[:, None] ** 2, MOTION_WINDOW_S)[:, 0].clip(0.0)) > MIN_ATTITUDE_RATE
     arms = recording.arms
     if len(arms) and arms[:, 1].any():
         flies &= arms[np.clip(np.searchsorted(arms[:, 0], t, "right") - 1, 0, None), 1] > 0.0
     if recording.leader_class == "fixed_wing":
-        flies &= blurred(np.linalg.norm(motion.v, axis=1)[:, None], MOVES_S)[:, 0] > CARRIES
+        flies &= (
+            smooth_columns(np.linalg.norm(motion.v, axis=1)[:, None], MOTION_WINDOW_S)[:, 0] > FIXED_WING_MIN_SPEED
+        )
     lost["at rest"] += float(np.count_nonzero(~flies)) * DT
     return np.asarray(flies)
 
 
-def _agrees(recording: Recording, t: Array, motion: Motion, q_nb: Array, lost: dict[str, float]) -> Flags:
-    """Whether attitude and acceleration agree."""
+def _is_consistent(recording: Recording, t: Array, motion: Motion, q_nb: Array, lost: dict[str, float]) -> Flags:
+    """Return when attitude and acceleration agree (N,)."""
     R_nb = matrix_from_quaternion(q_nb)
     if _has_forces(recording):
-        off = np.einsum("nij,nj->ni", R_nb, _at(recording.forces, t)) + WEIGHT - motion.a
-        limit: Array | float = DISAGREES
+        off = np.einsum("nij,nj->ni", R_nb, _interpolate_rows(recording.forces, t)) + GRAVITY_N - motion.a
+        limit: Array | float = MAX_ACCELERATION_ERROR
     else:
-        force, wing = motion.a - WEIGHT, R_nb[:, :, 1]
+        force, wing = motion.a - GRAVITY_N, R_nb[:, :, 1]
         along, speed = np.einsum("nj,nj->n", wing, force), np.einsum("nj,nj->n", wing, motion.v)
-        drag = float(np.clip(-(along @ speed) / max(speed @ speed, 1e-9), 0.0, DRAG))
+        drag = float(np.clip(-(along @ speed) / max(speed @ speed, 1e-9), 0.0, MAX_DRAG))
         off = (along + drag * speed)[:, None]
-        limit = DISAGREES + BANKS * np.linalg.norm(force, axis=1)
-    agrees = np.linalg.norm(blurred(off, DISAGREES_S), axis=1) <= limit
-    agrees = blurred(agrees[:, None].astype(float), DISAGREES_S)[:, 0] > 1.0 - 1e-6
+        limit = MAX_ACCELERATION_ERROR + MAX_BANK_ERROR * np.linalg.norm(force, axis=1)
+    agrees = np.linalg.norm(smooth_columns(off, ACCELERATION_WINDOW_S), axis=1) <= limit
+    agrees = smooth_columns(agrees[:, None].astype(float), ACCELERATION_WINDOW_S)[:, 0] > 1.0 - 1e-6
     lost["whose attitude and acceleration disagree"] += float(np.count_nonzero(~agrees)) * DT
     return np.asarray(agrees)
 
 
-def _runs(use: Flags) -> list[tuple[int, int]]:
-    """Where `use` holds without interruption, [from, to)."""
+def _index_ranges(use: Flags) -> list[tuple[int, int]]:
+    """Return the index ranges [from, to) in which `use` holds."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], use.astype(np.int8), [0]]))).tolist()
     return list(zip(edges[::2], edges[1::2], strict=True))
 
 
-def _at(rows: Array, t: Array) -> Array:
-    return _columns(t, rows[:, 0], rows[:, 1:])
+def _interpolate_rows(rows: Array, t: Array) -> Array:
+    return _interpolate(t, rows[:, 0], rows[:, 1:])
 
 
-def _columns(t: Array, when: Array, values: npt.NDArray[np.float64]) -> Array:
-    """values (n, k) at the times `when` (n,), linear between them, at t (N,)."""
+def _interpolate(t: Array, when: Array, values: npt.NDArray[np.float64]) -> Array:
+    """Interpolate values (n, k) at the times `when` (n,) linearly to t (N,)."""
     return np.column_stack([np.interp(t, when, x) for x in values.T])
 
 
-def blurred(x: Array, seconds: float) -> Array:
-    """x (N, k) smoothed by two means over `seconds`, which together weigh it by a triangle. At the ends it goes on
-    as it does on the other side of the end, upside down."""
+def smooth_columns(x: Array, seconds: float) -> Array:
+    """Smooth x (N, k) by two moving averages over `seconds`, a triangular window together.
+
+    The ends are padded by odd reflection.
+    """
     half = max(1, round(seconds / DT / 2))
     width = 2 * half + 1
     if len(x) <= 2 * half + 1:

@@ -8,12 +8,14 @@ import numpy as np
 from simlink.encounters.curves import Motion
 from simlink.sensors.arrays import Array
 from simlink.world import attitude, truth
-from simlink.world.truth import State, body_rate, world_of
+from simlink.world.truth import State, body_rate, make_state
 
 
 class EncounterTruth(NamedTuple):
-    """N times `t` (s of the encounter), motions in n, Euler angles (N, 3) as in `attitudes`. The leader is L, the
-    follower F, another aircraft O."""
+    """The truth at N times `t` (s), with motions in n and Euler angles (N, 3) as in `attitudes`.
+
+    The leader is L, the follower F, another aircraft O.
+    """
 
     t: Array
     leader: Motion
@@ -30,7 +32,7 @@ class EncounterTruth(NamedTuple):
 
     @property
     def v_FL_n(self) -> Array:
-        """Its velocity relative to the follower's (N, 3), m/s."""
+        """The leader's velocity relative to the follower (N, 3), m/s."""
         return self.leader.v - self.follower.v
 
 
@@ -40,11 +42,11 @@ def states(flown: EncounterTruth) -> Iterator[State]:
     if flown.other is not None and flown.euler_O is not None:
         vehicles.append(_motions(flown.other, flown.euler_O))
     for step, (t, leader, follower, *others) in enumerate(zip(flown.t.tolist(), *vehicles, strict=True)):
-        yield world_of(step, t, leader, follower)._replace(others=tuple(others))
+        yield make_state(step, t, leader, follower)._replace(others=tuple(others))
 
 
 def at(t: Array, values: Array, when: Array) -> Array:
-    """Rows of `values` (N, k) at the times `when` (M,), linear between two: (M, k)."""
+    """Interpolate rows of `values` (N, k) linearly at the times `when` (M,): (M, k)."""
     return np.column_stack([np.interp(when, t, x) for x in values.T])
 
 

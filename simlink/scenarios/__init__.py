@@ -1,1 +1,1 @@
-"""The scenarios: their records and files, and the daemon's configuration for each."""
+"""Scenarios: their records, their files, and the daemon's configuration for each."""

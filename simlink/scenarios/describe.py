@@ -1,6 +1,8 @@
-"""The configuration that a daemon needs for a scenario: what its user knows. That is the camera, the leader's
-wingspan and class, our own craft, and where its autopilot is to follow. Nobody tells a daemon how large errors
-are: they stay at its defaults."""
+"""The daemon's configuration for a scenario: only what its user would know.
+
+That is the camera, the leader's wingspan and class, our own craft, and the slot to follow in. The sizes of errors
+stay at the daemon's defaults.
+"""
 
 from typing import Final
 
@@ -8,13 +10,13 @@ from simlink.scenarios.camera import Camera, Sees
 from simlink.scenarios.formation import NAMED_POINTS
 from simlink.scenarios.quadrotor import Quadrotor
 from simlink.scenarios.scenario import Scenario
-from simlink.scenarios.traffic import FIRST_ICAO, FIRST_SYSTEM, LEADER
+from simlink.scenarios.traffic import FIRST_ICAO, FIRST_SYSTEM_ID, LEADER_INDEX
 
 AIRCRAFT: Final[dict[Sees, str]] = {"box": "fixed-wing", "center_box": "fixed-wing", "rotor_box": "quadrotor"}
 
 
 def daemon_config(scenario: Scenario) -> str:
-    """Configuration of `onboard` in TOML. The prior of the leader's size is the nominal size."""
+    """Return the configuration of `onboard` in TOML; the size prior is the leader's nominal size."""
     camera, leader = scenario.camera, scenario.leader
     lines = [
         f"# Made by `simlink config {scenario.name}`.",
@@ -38,7 +40,7 @@ def daemon_config(scenario: Scenario) -> str:
     if camera.sees == "points":
         at = (f"{name} = {[leader.size * x for x in point]}" for name, point in NAMED_POINTS.items())
         lines += [f"points_m = {{ {', '.join(at)} }}", "named_wingtips = true"]
-    lines += _beside(scenario)
+    lines += _leader_sources(scenario)
     if scenario.quadrotor is not None:
         lines += _own_state(scenario.quadrotor, scenario)
     if scenario.traffic.aircraft:
@@ -50,27 +52,37 @@ def daemon_config(scenario: Scenario) -> str:
     return "\n".join(lines)
 
 
-def _beside(scenario: Scenario) -> list[str]:
-    """Whose broadcasts and ranges are the leader's."""
+def _leader_sources(scenario: Scenario) -> list[str]:
+    """Return the sections that name the leader's own broadcast and the rangefinder."""
     lines: list[str] = []
     if scenario.broadcast is not None and scenario.broadcast.says == "adsb":
-        lines += ["", "[estimator.leader.broadcast]", f'icao = "{FIRST_ICAO + LEADER:06x}"', "trusted = true"]
+        lines += [
+            "",
+            "[estimator.leader.broadcast]",
+            f'icao = "{FIRST_ICAO + LEADER_INDEX:06x}"',
+            "trusted = true",
+        ]
     elif scenario.broadcast is not None:
-        lines += ["", "[estimator.leader.broadcast]", f"system = {FIRST_SYSTEM + LEADER}", "trusted = true"]
+        lines += [
+            "",
+            "[estimator.leader.broadcast]",
+            f"system = {FIRST_SYSTEM_ID + LEADER_INDEX}",
+            "trusted = true",
+        ]
     if scenario.rangefinder is not None:
         lines += ["", "[estimator.leader.range]", f"sensor = {scenario.rangefinder.sensor}"]
     return lines
 
 
 def _lens(camera: Camera) -> list[str]:
-    """What a calibration says of a lens that distorts."""
+    """Return the lines of the calibration of a lens that distorts."""
     if not camera.distortion:
         return []
     return [f'distortion_model = "{camera.distortion_model}"', f"distortion = {list(camera.distortion)}"]
 
 
 def _own_state(craft: Quadrotor, scenario: Scenario) -> list[str]:
-    """The section of the own-state estimator: the nominal craft, and how late its fixes are."""
+    """Return the section of the own-state estimator: the nominal craft and the GPS delay."""
     lines = ["", "[delay]", f"gps_s = {scenario.gps.delay}", "", "[estimator.own_state]"]
     if _constants(craft) == _constants(Quadrotor()):
         return [*lines, 'airframe = "csvsf"']
@@ -90,6 +102,6 @@ def _own_state(craft: Quadrotor, scenario: Scenario) -> list[str]:
 
 
 def _constants(craft: Quadrotor) -> tuple[object, ...]:
-    """What an airframe of `onboard` holds. Those of simlink's default craft have a name there."""
+    """Return the constants of an airframe, to compare with simlink's default craft."""
     body = (craft.mass, craft.inertia, craft.rotors, craft.thrust_max, craft.torque_per_thrust, craft.drag)
     return *body, craft.battery.full

@@ -1,4 +1,4 @@
-"""The two aircraft of a formation flight; the defaults are the reference of Oh & Johnson (`scenario`)."""
+"""The two aircraft of a formation flight; the defaults are those of Oh & Johnson."""
 
 from collections.abc import Mapping
 from typing import Final, Literal
@@ -12,11 +12,13 @@ NAMED_POINTS: Final[Mapping[str, Vec3]] = {"nose": (0.36, 0.0, 0.0), "tail": (-0
 
 
 class Leader(Record, frozen=True, kw_only=True):
-    """The aircraft ahead: a point mass with a size. Bank and heading wobble about coordinated flight.
+    """The aircraft ahead, a point mass with a size and random errors of bank and heading.
 
     `a_lat` is positive to the right, `a_long` positive up and normal to the velocity (m/s^2, Oh & Johnson). `size`
     is the nominal distance of the two wing points (m); a run draws size (1 + size_sigma_percent / 100 N(0, 1)).
-    `speed` in m/s, along the nose: a leader that backs up has a negative one; `height` above the origin in m."""
+    `speed` (m/s) is along the nose, so a leader that backs up has a negative one. `height` is above the origin
+    (m).
+    """
 
     size: Positive = 2.667
     size_sigma_percent: NotNegative = 2.0
@@ -35,8 +37,11 @@ class Leader(Record, frozen=True, kw_only=True):
 
 
 class Follower(Record, frozen=True, kw_only=True):
-    """Our vehicle. It keeps a slot in the leader's path axes: forward along the course, right, down (m). The slot
-    wanders sinusoidally about its place with amplitudes `wander` (m), periods `wander_period` (s)."""
+    """Our vehicle, which keeps a slot in the leader's path axes.
+
+    The axes point forward along the course, right and down (m). The slot moves sinusoidally about its place with
+    amplitudes `wander` (m) and periods `wander_period` (s).
+    """
 
     slot: Vec3 = (-27.432, 3.048, 1.524)
     wander: Vec3 = (0.9144, 0.9144, 0.3048)
@@ -48,11 +53,13 @@ class Follower(Record, frozen=True, kw_only=True):
 
 
 class Follow(Record, frozen=True, kw_only=True):
-    """Our vehicle flown by its autopilot on setpoints, from `engage` seconds on (`simlink.world.setpoint_mode`).
-    `offset`: the slot that a daemon is told, from the leader (m: forward, right, down). `timeout`: the silence
-    after which a setpoint ends (s, GUID_TIMEOUT, COM_OF_LOSS_T). `craft` is the body that leans."""
+    """Our vehicle flown by its autopilot on setpoints (`simlink.world.setpoint_mode`)."""
 
-    engage: NotNegative = 10.0
-    offset: Vec3 = (-25.0, 0.0, 2.0)
-    timeout: NotNegative = 1.0
-    craft: Quadrotor = Quadrotor()
+    engage: NotNegative = 10.0  # s, the time from which the pilot requests the mode
+    offset: Vec3 = (
+        -25.0,
+        0.0,
+        2.0,
+    )  # m forward, right, down of the leader: the slot in the daemon's configuration
+    timeout: NotNegative = 1.0  # s after which a setpoint expires: GUID_TIMEOUT, COM_OF_LOSS_T
+    craft: Quadrotor = Quadrotor()  # the body that tilts

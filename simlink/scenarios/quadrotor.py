@@ -9,15 +9,14 @@ from simlink.scenarios.profiles import GaussMarkov, Interval, Probability
 
 
 class QuadrotorFault(Record, frozen=True, kw_only=True):
-    """A fault from `at` (s) on: the share of its thrust that one motor loses (motor 1 to 4, 0: none), and factors
-    on all thrusts, on the mass and on the moments of inertia."""
+    """A fault of the quadrotor from the time `at` (s) on."""
 
     at: NotNegative = 10.0
-    motor: Annotated[int, msgspec.Meta(ge=0, le=4)] = 0
-    motor_loss: Probability = 0.0
-    inputs: Positive = 1.0
-    mass: Positive = 1.0
-    inertia: Positive = 1.0
+    motor: Annotated[int, msgspec.Meta(ge=0, le=4)] = 0  # 1 to 4; 0: none
+    motor_loss: Probability = 0.0  # share of its thrust that this motor loses
+    inputs: Positive = 1.0  # factor on all thrusts
+    mass: Positive = 1.0  # factor
+    inertia: Positive = 1.0  # factor on the moments of inertia
 
 
 class Gust(Record, frozen=True, kw_only=True):
@@ -29,19 +28,19 @@ class Gust(Record, frozen=True, kw_only=True):
 
 
 class Battery(Record, frozen=True, kw_only=True):
-    """Its voltage falls evenly from `full` to `empty` (V) within `minutes` of flight, and thrust with its square.
-    0 minutes: it stays full."""
+    """A battery whose voltage falls linearly; thrust falls with its square."""
 
-    minutes: NotNegative = 0.0
-    full: Positive = 12.6
-    empty: Positive = 10.54
+    minutes: NotNegative = 0.0  # of flight from full to empty; 0: it stays full
+    full: Positive = 12.6  # V
+    empty: Positive = 10.54  # V
 
 
 class Quadrotor(Record, frozen=True, kw_only=True):
-    """A rigid body under four rotors. Each rotor: place forward and right of the centre (m), and the sense (+1,
-    -1) of its drag torque about b's z axis. `mass` in kg; `thrust_max` of one rotor in N.
+    """A rigid body under four rotors; the defaults are those of Al-Shabi, Gadsden and Wilkerson.
 
-    The defaults are the craft of Al-Shabi, Gadsden and Wilkerson. `path`: a figure eight, or the follower's slot.
+    Each rotor has its position forward and right of the centre (m), and the sense (+1, -1) of its drag torque
+    about b's z axis. `mass` is in kg, `thrust_max` of one rotor in N. `path` is a figure eight or the follower's
+    slot.
     """
 
     path: Literal["figure_eight", "slot"] = "figure_eight"

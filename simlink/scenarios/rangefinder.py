@@ -1,4 +1,4 @@
-"""A rangefinder of a scenario: a laser or a radio that measures how far the leader is."""
+"""The rangefinder of a scenario: a laser or a radio that measures the range of the leader."""
 
 from typing import Annotated
 
@@ -9,9 +9,11 @@ from simlink.scenarios.profiles import Probability
 
 
 class Rangefinder(Record, frozen=True, kw_only=True):
-    """It sends a DISTANCE_SENSOR of the id `sensor` at `rate` (Hz). The range is off by a bias that is drawn
-    once a run, and by what is new in each (m, 1 sigma); it measures nothing with probability `p_miss`, beyond
-    `range_max`, and beyond `half_angle_deg` from the camera's axis."""
+    """A sensor that sends DISTANCE_SENSOR with the id `sensor` at `rate` (Hz).
+
+    Its range has a bias, drawn once a run, and white noise (m, 1 sigma). It measures nothing with probability
+    `p_miss`, beyond `range_max` (m), and beyond `half_angle_deg` from the camera's axis.
+    """
 
     sensor: Annotated[int, msgspec.Meta(ge=0, le=255)] = 1
     rate: Annotated[float, msgspec.Meta(gt=0, le=200)] = 10.0

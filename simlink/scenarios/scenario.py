@@ -1,8 +1,8 @@
-"""Scenarios: TOML files read into frozen records. SI units; the defaults are the reference formation flight.
+"""Scenarios: TOML files read into frozen records, in SI units.
 
-The reference is that of Oh & Johnson (relative motion by vision), in feet in the paper and in metres here:
-a leader at 70 ft/s in a steady right turn of 8 ft/s^2, the follower 90 ft behind, 10 ft to the right and 5 ft
-below. `scenarios/formation.toml` lists every default; the other files contain only the differences.
+The defaults are the reference formation flight of Oh & Johnson (relative motion by vision), in metres instead of
+feet: a leader at 70 ft/s in a steady right turn of 8 ft/s^2, the follower 90 ft behind, 10 ft to the right and 5
+ft below. `scenarios/formation.toml` lists every default; the other files contain only the differences.
 """
 
 import math
@@ -22,22 +22,23 @@ from simlink.scenarios.camera import BOXES, Camera, lens_of
 from simlink.scenarios.formation import Follow, Follower, Leader
 from simlink.scenarios.quadrotor import Quadrotor
 from simlink.scenarios.rangefinder import Rangefinder
-from simlink.scenarios.traffic import MOST_AIRCRAFT, Broadcast, TrafficScene
+from simlink.scenarios.traffic import MAX_AIRCRAFT_COUNT, Broadcast, TrafficScene
 from simlink.scenarios.vehicle import BarometerErrors, Gps, ImuErrors, Nav, Outliers, Vehicle
 
 SCENARIO_FOLDER = Path(__file__).parent
 
 
 class ScenarioError(ValueError):
-    """A scenario that does not exist or is not valid; one line that names the file and the key."""
+    """An unknown or invalid scenario; the message is one line with the file and the key."""
 
 
 class Scenario(Record, frozen=True, kw_only=True):
-    """One flight. Pulses and blackouts repeat every `repeat` seconds of an endless flight; `duration` in s.
+    """One flight; pulses and blackouts repeat every `repeat` seconds, `duration` is in s.
 
-    Of runs on the wire and through a pipeline (`simlink.world.drawn`): with `own_errors`, the autopilot's attitude
-    and velocity have errors whose size is drawn by seed; sizes of errors, their correlation times and latencies
-    differ from run to run by factors up to `spread`."""
+    Two fields apply to runs on the wire and through a pipeline only (`simlink.world.drawn`). With `own_errors` the
+    seed draws the sizes of the autopilot's attitude and velocity errors. `spread` is the largest factor by which
+    the sizes of errors, their correlation times and latencies differ from run to run.
+    """
 
     name: str = "formation"
     description: str = ""
@@ -67,9 +68,9 @@ def scenario_names() -> tuple[str, ...]:
 
 
 def load_scenario(name_or_path: str) -> Scenario:
-    """The scenario of that name, or in that .toml file.
+    """Return the scenario of this name, or of this .toml file.
 
-    Raises ScenarioError when there is none, or when it is not valid.
+    Raises ScenarioError if it does not exist or is not valid.
     """
     if name_or_path.endswith(".toml"):
         path = Path(name_or_path)
@@ -87,7 +88,7 @@ def load_scenario(name_or_path: str) -> Scenario:
 
 
 def parse_scenario(text: str, name: str, source: str = "scenario") -> Scenario:
-    """The scenario of a TOML text. Raises ScenarioError, which begins with `source` and names the key."""
+    """Parse a scenario from TOML; a ScenarioError begins with `source` and names the key."""
     data = _tables(text, source)
     data.setdefault("name", name)
     for path, value in _numbers(data, ""):
@@ -102,7 +103,7 @@ def parse_scenario(text: str, name: str, source: str = "scenario") -> Scenario:
 
 
 def _tables(text: str, source: str) -> dict[str, Any]:
-    """The tables of a TOML text, merged into those of the scenario that it `extends`. Raises ScenarioError."""
+    """Return the tables of a TOML text, merged into the scenario that it `extends`. Raises ScenarioError."""
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -121,10 +122,12 @@ def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
     return base | changes | {key: _merged(base[key], changes[key]) for key in tables}
 
 
-def from_the_side(scenario: Scenario, angle_deg: float) -> Scenario:
-    """The same flight with the slot rotated about the leader by `angle_deg` and the camera rotated back towards
-    it: the leader is then yawed by that angle against the image plane (in a turn, less the angle between the two
-    courses)."""
+def rotate_slot(scenario: Scenario, angle_deg: float) -> Scenario:
+    """Return the flight with the slot rotated about the leader by `angle_deg`, the camera back.
+
+    The leader is then yawed by that angle against the image plane; in a turn, by the angle less the difference of
+    the two courses.
+    """
     c, s = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
     x, y, z = scenario.follower.slot
     roll, pitch, yaw = scenario.camera.mount_rpy_deg
@@ -134,7 +137,7 @@ def from_the_side(scenario: Scenario, angle_deg: float) -> Scenario:
 
 
 def check(s: Scenario, source: str) -> None:
-    """Conditions on several fields. Raises ScenarioError, which begins with `source`."""
+    """Check the conditions on several fields. Raises ScenarioError, which begins with `source`."""
     for key, intervals in (
         ("leader.speed_pulses", s.leader.speed_pulses),
         ("leader.climb_pulses", s.leader.climb_pulses),
@@ -158,42 +161,47 @@ def check(s: Scenario, source: str) -> None:
         ("follower.slot_pulses", s.follower.slot_pulses),
     ):
         if any(pulse.hold >= pulse.end - pulse.start for pulse in pulses):
-            raise ScenarioError(f"{source}: {key}: hold leaves no time to rise and fall")
+            raise ScenarioError(f"{source}: {key}: hold must be shorter than end - start")
     # a point mass needs speed to turn; in straight flight it may stop, and ahead of a multirotor fly backwards
     turns = any((w.mean, w.amplitude) != (0.0, 0.0) for w in (s.leader.a_lat, s.leader.a_long))
     turns = turns or bool(s.leader.a_lat_pulses)
     slowest = s.leader.speed + sum(min(p.change, 0.0) for p in s.leader.speed_pulses)
     hovers = s.follower.attitude == "hover"
     if slowest < (1.0 if turns else -math.inf if hovers else 0.0):
-        least = "at least 1 m/s as it turns" if turns else "from flying backwards"
-        raise ScenarioError(f"{source}: leader.speed_pulses: the leader must keep {least}")
+        least = "at least 1 m/s in a turn" if turns else "0 m/s or more, unless the follower hovers"
+        raise ScenarioError(f"{source}: leader.speed_pulses: the speed falls to {slowest:g} m/s; keep {least}")
     if slowest < 1.0 and not hovers and s.quadrotor is None:
-        raise ScenarioError(f'{source}: follower.attitude: must be "hover" behind a leader that stops')
+        raise ScenarioError(f'{source}: follower.attitude must be "hover" behind a leader that stops')
     names = [aircraft.name for aircraft in s.traffic.aircraft]
-    if len(set(names)) < len(names) or len(names) > MOST_AIRCRAFT:
-        raise ScenarioError(f"{source}: traffic.aircraft: at most {MOST_AIRCRAFT}, each with a name of its own")
+    if len(set(names)) < len(names) or len(names) > MAX_AIRCRAFT_COUNT:
+        raise ScenarioError(
+            f"{source}: traffic.aircraft: at most {MAX_AIRCRAFT_COUNT}, each with a name of its own"
+        )
     _check_camera(s.camera, source)
 
 
 def _check_camera(camera: Camera, source: str) -> None:
     if camera.stamp_late > camera.latency:
-        raise ScenarioError(f"{source}: camera.stamp_late: no image is stamped after its delivery (latency)")
+        late, latency = camera.stamp_late, camera.latency
+        raise ScenarioError(f"{source}: camera.stamp_late is {late:g} s; at most camera.latency ({latency:g} s)")
     if camera.wrong_blob and camera.sees != "wing":
-        raise ScenarioError(f"{source}: camera.wrong_blob: blobs stand for a wing, not for {camera.sees!r}")
+        raise ScenarioError(f"{source}: camera.wrong_blob needs camera.sees = 'wing', not {camera.sees!r}")
     try:
         lens_of(camera)
     except LensError as error:
         raise ScenarioError(f"{source}: camera.distortion: {error}") from error
     if camera.least_inside < 1.0 and camera.sees not in BOXES:
-        raise ScenarioError(f"{source}: camera.least_inside: boxes alone are cut, not {camera.sees!r}")
+        raise ScenarioError(
+            f"{source}: camera.least_inside below 1 needs camera.sees 'box' or 'rotor_box', not {camera.sees!r}"
+        )
     if camera.distortion and camera.pictures != "none":
-        raise ScenarioError(f"{source}: camera.distortion: pictures are drawn as a pinhole's")
+        raise ScenarioError(f"{source}: camera.distortion: pictures need a lens without distortion; remove it")
     if camera.blob_span_px[0] > camera.blob_span_px[1]:
-        raise ScenarioError(f"{source}: camera.blob_span_px: the smaller number comes first")
+        raise ScenarioError(f"{source}: camera.blob_span_px: put the smaller number first")
 
 
 def _numbers(value: Any, path: str) -> Iterator[tuple[str, float]]:
-    """Every float in nested tables and lists, with its dotted key."""
+    """Yield every float in nested tables and lists, with its dotted key."""
     if isinstance(value, float):
         yield path, value
     elif isinstance(value, dict):
@@ -205,7 +213,7 @@ def _numbers(value: Any, path: str) -> Iterator[tuple[str, float]]:
 
 
 def _explain(error: str) -> str:
-    """msgspec's message; for an unknown key, with the known keys of that table."""
+    """Return msgspec's message; for an unknown key, one with the known keys of that table."""
     unknown = re.fullmatch(r"Object contains unknown field `(.+?)`(?: - at `\$\.?(.*)`)?", error)
     if unknown is None:
         return error.replace("`$.", "`")

@@ -7,39 +7,41 @@ import msgspec
 from onboard.messages import NotNegative, Positive, Record, Vec3
 from simlink.scenarios.profiles import GaussMarkov, Interval, Probability, Rate, Wave
 
-MOST_AIRCRAFT: Final = 100  # their MAVLink system numbers end at 255
+MAX_AIRCRAFT_COUNT: Final = 100  # their MAVLink system numbers end at 255
 FIRST_ICAO: Final = 0x4B1A00
-FIRST_SYSTEM: Final = 101
-LEADER: Final = -1  # the number of the leader among other aircraft: system 100
+FIRST_SYSTEM_ID: Final = 101
+LEADER_INDEX: Final = -1  # relative to the other aircraft, so that the leader is system 100
 
 
 class Reports(Record, frozen=True, kw_only=True):
-    """Position reports of other aircraft: `rate` (Hz), latency drawn between two bounds (s), drop-outs, errors of
-    the sender's GNSS (correlated and white, m and m/s), and quantisation steps (m, m/s)."""
+    """The position reports of other aircraft: rate, latency, drop-outs and errors."""
 
-    rate: Annotated[float, msgspec.Meta(gt=0, le=50)] = 1.0
-    latency: tuple[NotNegative, NotNegative] = (0.2, 0.6)
+    rate: Annotated[float, msgspec.Meta(gt=0, le=50)] = 1.0  # Hz
+    latency: tuple[NotNegative, NotNegative] = (0.2, 0.6)  # s, uniform between these
     p_lose: Probability = 0.05  # received -> not, per report
     p_regain: Probability = 0.5
-    position: GaussMarkov = GaussMarkov(sigma=2.5, time=60.0)
-    position_white: NotNegative = 1.5
-    velocity_white: NotNegative = 0.2
-    position_step: NotNegative = 5.1  # of the compact position reports
-    altitude_step: NotNegative = 7.62  # 25 feet
-    velocity_step: NotNegative = 0.5144  # a knot
-    climb_step: NotNegative = 0.3251  # 64 feet a minute
+    position: GaussMarkov = GaussMarkov(sigma=2.5, time=60.0)  # m, of the sender's GNSS
+    position_white: NotNegative = 1.5  # m
+    velocity_white: NotNegative = 0.2  # m/s
+    position_step: NotNegative = 5.1  # m, quantisation of compact position reports
+    altitude_step: NotNegative = 7.62  # m: 25 feet
+    velocity_step: NotNegative = 0.5144  # m/s: a knot
+    climb_step: NotNegative = 0.3251  # m/s: 64 feet a minute
 
 
 class Broadcast(Reports, frozen=True, kw_only=True):
-    """The leader's own position: as its GLOBAL_POSITION_INT, or as ADS-B through our receiver."""
+    """The leader's own position, as GLOBAL_POSITION_INT or as ADS-B through our receiver."""
 
     says: Literal["position", "adsb"] = "position"
 
 
 class TrafficRadar(Record, frozen=True, kw_only=True):
-    """A phased array on our vehicle (De Vivo et al., Table 4), with `panels` all round. During `jammed` every
-    aircraft radiates `jammer_power` (W); during `lost` there is no signal. `glint`: distance (m, 1 sigma on each
-    axis, new in each scan) from an aircraft's centre to the point that reflects. `range_max` in m."""
+    """A phased array on our vehicle (De Vivo et al., Table 4), with `panels` all round.
+
+    During `jammed` every aircraft radiates `jammer_power` (W); during `lost` there is no signal. `glint` is the
+    distance from an aircraft's centre to the reflecting point (m, 1 sigma on each axis, new in each scan).
+    `range_max` is in m.
+    """
 
     name: str = "nose"
     rate: Rate = 10.0
@@ -59,21 +61,24 @@ class TrafficRadar(Record, frozen=True, kw_only=True):
 
 
 class PeerReceiver(Record, frozen=True, kw_only=True):
-    """The GNSS receiver of an aircraft that shares pseudoranges over Zenoh: rate (Hz), standard deviations of the
-    pseudoranges (m, without multipath) and of their rates (m/s). During `masked` only three satellites are in
-    view, during `lost` none."""
+    """The GNSS receiver of an aircraft that shares pseudoranges over Zenoh.
 
-    rate: Annotated[float, msgspec.Meta(gt=0, le=10)] = 1.0
-    sigma: Positive = 5.0
-    rate_sigma: Positive = 0.1
+    During `masked` only three satellites are in view, during `lost` none.
+    """
+
+    rate: Annotated[float, msgspec.Meta(gt=0, le=10)] = 1.0  # Hz
+    sigma: Positive = 5.0  # m, of the pseudoranges, without multipath
+    rate_sigma: Positive = 0.1  # m/s
     masked: tuple[Interval, ...] = ()
     lost: tuple[Interval, ...] = ()
 
 
 class Aircraft(Record, frozen=True, kw_only=True):
-    """Another aircraft. `start`: r_OT_n at time 0 (m). Start and course differ from run to run by their sigmas.
-    `speed` and `climb` in m/s; `a_lat` turns it to the right (m/s^2); its transponder is off from `silent_from`
-    (s) on."""
+    """Another aircraft; its start and course differ from run to run by their sigmas.
+
+    `start` is r_OT_n at time 0 (m); `speed` and `climb` are in m/s; `a_lat` turns it to the right (m/s^2). Its
+    transponder is off from `silent_from` (s) on.
+    """
 
     name: str
     says: Literal["adsb", "peer", "ranges", "nothing"] = "adsb"

@@ -9,11 +9,10 @@ from simlink.scenarios.profiles import GaussMarkov, Interval, Probability, Rate
 
 
 class Nav(Record, frozen=True, kw_only=True):
-    """Errors of the autopilot's own state estimate, per axis: attitude (deg), velocity (m/s), position (m).
-    `yaw_deg`: of the rotation about b's z axis, if it differs from the others; only on the wire."""
+    """Errors of the autopilot's own state estimate, per axis, in deg, m/s and m."""
 
     attitude_deg: GaussMarkov = GaussMarkov(time=10.0)
-    yaw_deg: GaussMarkov | None = None
+    yaw_deg: GaussMarkov | None = None  # about b's z axis, if it differs; only on the wire
     velocity: GaussMarkov = GaussMarkov(time=5.0)
     position: GaussMarkov = GaussMarkov(time=10.0)
     acceleration_white: NotNegative = 0.0  # m/s^2, only in the studies' `fly`
@@ -24,8 +23,11 @@ class Nav(Record, frozen=True, kw_only=True):
 
 
 class Outliers(Record, frozen=True, kw_only=True):
-    """Single wrong values. From `start` on (s), at each step and with this probability, a channel of attitude,
-    body rates or GPS is wrong by `sigmas` times its white noise."""
+    """Single wrong values in attitude, body rates and GPS.
+
+    From `start` (s) on, at each step and with this probability, a channel is wrong by `sigmas` times its white
+    noise.
+    """
 
     probability: Probability = 0.0
     sigmas: NotNegative = 20.0
@@ -42,28 +44,28 @@ class ImuErrors(Record, frozen=True, kw_only=True):
 
 
 class BarometerErrors(Record, frozen=True, kw_only=True):
-    """Errors of the barometer's altitude, which comes 50 times a second: white noise (m), a drifting offset (m),
-    and a scale error of heights above the origin, drawn once a run: the air is not the standard atmosphere."""
+    """Errors of the barometer's altitude, which is sampled 50 times a second."""
 
-    white: NotNegative = 0.15
-    drift: GaussMarkov = GaussMarkov(sigma=0.5, time=100.0)
-    stretch: NotNegative = 0.02
+    white: NotNegative = 0.15  # m
+    drift: GaussMarkov = GaussMarkov(sigma=0.5, time=100.0)  # m
+    stretch: NotNegative = (
+        0.02  # scale error of heights above the origin, as the air is not the standard atmosphere
+    )
 
 
 class Gps(Record, frozen=True, kw_only=True):
-    """Raw fixes: correlated and white position error per axis (m), white velocity error (m/s), age of the fix at
-    its stamp (s), and intervals without a fix."""
+    """Errors of the raw GPS fixes, and intervals without a fix."""
 
-    position: GaussMarkov = GaussMarkov(sigma=1.0, time=30.0)
-    position_white: Vec3 = (0.0, 0.0, 0.0)
-    velocity_white: NotNegative = 0.1
-    vertical_velocity_white: NotNegative = 0.3  # in records only: MAVLink does not carry the vertical velocity
-    delay: NotNegative = 0.0
+    position: GaussMarkov = GaussMarkov(sigma=1.0, time=30.0)  # m, per axis
+    position_white: Vec3 = (0.0, 0.0, 0.0)  # m
+    velocity_white: NotNegative = 0.1  # m/s
+    vertical_velocity_white: NotNegative = 0.3  # m/s, in records only: MAVLink has no vertical velocity
+    delay: NotNegative = 0.0  # s, age of the fix at its stamp
     outages: tuple[Interval, ...] = ()
 
 
 class Rates(Record, frozen=True, kw_only=True):
-    """How often the autopilot sends each message, Hz; 0: only on request."""
+    """Rates of the autopilot's messages (Hz); 0 means only on request."""
 
     heartbeat: Rate = 1.0
     system_time: Rate = 2.0
@@ -77,8 +79,10 @@ class Rates(Record, frozen=True, kw_only=True):
 
 
 class WindEstimate(Record, frozen=True, kw_only=True):
-    """The wind to `north` and `east` (m/s) as the autopilot estimates it, `rate` times a second: with a constant
-    error of standard deviation `sigma` (m/s), which it states as `stated` times that."""
+    """The autopilot's estimate of the wind towards north and east (m/s).
+
+    Its error is constant in a run, with standard deviation `sigma`; the autopilot reports `stated` times that.
+    """
 
     north: float = 0.0
     east: float = 0.0
@@ -88,11 +92,11 @@ class WindEstimate(Record, frozen=True, kw_only=True):
 
 
 class Vehicle(Record, frozen=True, kw_only=True):
-    """Our vehicle's identity on MAVLink. `origin` of the local frame: WGS-84 latitude and longitude (deg), height
-    (m).
+    """The identity of our vehicle on MAVLink.
 
-    A daemon may correct the stamps of an "ardupilot", which are known to be late (`Nav.position_delay`,
-    `Gps.delay`)."""
+    `origin` of the local frame is WGS-84 latitude and longitude (deg) and height (m). An ArduPilot stamps late
+    (`Nav.position_delay`, `Gps.delay`), which a daemon may correct.
+    """
 
     type: Literal["fixed_wing", "quadrotor"] = "fixed_wing"
     autopilot: Literal["ardupilot", "px4"] = "px4"

@@ -1,9 +1,8 @@
-"""A GPS almanac in YUMA's text form, and the positions of its satellites (IS-GPS-200, 20.3.3.5.2.1, with the
-elements of an almanac only).
+"""A GPS almanac in YUMA format and the positions of its satellites.
 
-`data/gps-week-2429.alm` is that of GPS week 2429 (381 as broadcast, modulo 1024), applicable at 61440 s: 26
-July 2026, as the U.S. Coast Guard's Navigation Center publishes it (a work of the U.S. government) and CelesTrak
-passes on.
+The positions follow IS-GPS-200, 20.3.3.5.2.1, with the elements of an almanac only. `data/gps-week-2429.alm` is
+the almanac of GPS week 2429 (381 as broadcast, modulo 1024), applicable at 61440 s: 26 July 2026. It was published
+by the U.S. Coast Guard's Navigation Center (a work of the U.S. government) and distributed by CelesTrak.
 """
 
 from functools import lru_cache
@@ -13,10 +12,10 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from simlink.sensors.arrays import Array
-from simlink.sensors.constellation import EARTH_RATE, GRAVITY, Satellites
+from simlink.sensors.constellation import EARTH_RATE, GRAVITATIONAL_CONSTANT, Satellites
 
-FILE: Final = Path(__file__).parent / "data" / "gps-week-2429.alm"
-ITERATIONS: Final = 8  # of Kepler's equation; each gains two digits at least at these eccentricities
+ALMANAC_PATH: Final = Path(__file__).parent / "data" / "gps-week-2429.alm"
+KEPLER_ITERATIONS: Final = 8  # each gains at least two digits at these eccentricities
 FIELDS: Final = {
     "Eccentricity": "eccentricity",
     "Time of Applicability(s)": "time",
@@ -30,7 +29,10 @@ FIELDS: Final = {
 
 
 class Almanac(NamedTuple):
-    """Names and orbital elements (s,) of the healthy satellites; rad, rad/s, s of the GPS week, m^1/2."""
+    """Names and orbital elements (s,) of the healthy satellites.
+
+    Units are rad, rad/s, s of the GPS week, and m^1/2.
+    """
 
     names: tuple[str, ...]
     eccentricity: Array
@@ -44,7 +46,7 @@ class Almanac(NamedTuple):
 
 
 def read(text: str) -> Almanac:
-    """The healthy satellites of a YUMA almanac. Raises ValueError when it is damaged."""
+    """Parse a YUMA almanac and keep its healthy satellites. Raises ValueError if it is damaged."""
     names, rows = [], []
     for block in text.split("********")[2::2]:
         entries = dict(line.split(":", maxsplit=1) for line in block.splitlines() if ":" in line)
@@ -57,26 +59,28 @@ def read(text: str) -> Almanac:
             names.append(f"G{number:02d}")
             rows.append(row)
     if not rows:
-        raise ValueError("almanac: no healthy satellite in it")
+        raise ValueError("almanac: it has no healthy satellite")
     return Almanac(tuple(names), *np.array(rows).T)
 
 
 @lru_cache(maxsize=1)
 def load() -> Almanac:
     """The almanac that comes with the package."""
-    return read(FILE.read_text(encoding="ascii"))
+    return read(ALMANAC_PATH.read_text(encoding="ascii"))
 
 
 def satellites(almanac: Almanac, t: float) -> Satellites:
-    """Positions and velocities (s, 3) in e at `t` seconds of the almanac's GPS week, m and m/s; the
-    velocity is relative to the rotating Earth."""
+    """Return positions and velocities (s, 3) in e at `t` seconds of the almanac's GPS week.
+
+    They are in m and m/s; the velocity is relative to the rotating Earth.
+    """
     a = almanac
     since = t - a.time
     axis = a.root_axis**2
-    motion = np.sqrt(GRAVITY / axis**3)
+    motion = np.sqrt(GRAVITATIONAL_CONSTANT / axis**3)
     mean = a.anomaly + motion * since
     E = mean.copy()
-    for _ in range(ITERATIONS):
+    for _ in range(KEPLER_ITERATIONS):
         E -= (E - a.eccentricity * np.sin(E) - mean) / (1.0 - a.eccentricity * np.cos(E))
     flat = np.sqrt(1.0 - a.eccentricity**2)
     # in the orbital plane: towards the perigee, and across

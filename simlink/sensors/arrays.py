@@ -1,4 +1,4 @@
-"""The array type of the sensors, and which of many times lie in fault intervals."""
+"""The array types of the sensors, and a test of times against fault intervals."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,7 @@ Flags = npt.NDArray[np.bool_]
 
 
 def within(t: Array, intervals: Sequence[tuple[float, float]]) -> Flags:
-    """Which times t (N,) lie in one of the intervals [from, to), s."""
+    """Return which times t (N,) lie in one of the intervals [from, to), s."""
     inside = np.zeros(t.shape, bool)
     for begin, end in intervals:
         inside |= (t >= begin) & (t < end)

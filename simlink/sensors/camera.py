@@ -1,7 +1,7 @@
 """The camera and its vision process: exposures, noise, drop-outs, wrong blobs.
 
-A point is (Y_c/X_c, Z_c/X_c), positive right and down, as in `onboard.geometry.camera`; where the lens distorts,
-it is moved by that, in units of the focal length.
+A point is (Y_c/X_c, Z_c/X_c), positive right and down, as in `onboard.geometry.camera`. Lens distortion moves it,
+in units of the focal length.
 """
 
 import math
@@ -34,12 +34,14 @@ from simlink.world.truth import State
 
 Mount = Callable[[State], Quaternion]
 Points = tuple[ImagePoint, ImagePoint, ImagePoint]  # center, left wing, right wing of the leader
-BY_SIDE: Final = ("wing", "wing_pose")  # detectors that know no wing from the other
+SIDE_NAMING: Final = ("wing", "wing_pose")  # detectors that name the wing tips by their side in the image
 
 
 class Image(NamedTuple):
-    """The points of one registered image, in units of the focal length; `t_ns` is its stamp (boot clock).
-    `detections`: what a detector finds that does not find these points alone."""
+    """One image: the leader's points in units of the focal length, and its stamp on the boot clock.
+
+    `detections` replaces the points when the detector finds something else than these alone.
+    """
 
     t_ns: int
     points: Points
@@ -54,25 +56,28 @@ def mount_quaternion(camera: Camera) -> Quaternion:
 
 
 def leader_points_n(r_FL_n: Vec3, q_nL: Quaternion, size: float) -> tuple[Vec3, Vec3, Vec3]:
-    """Center, left and right wing point relative to the follower, in n."""
+    """Return the center, left and right wing point relative to the follower, in n."""
     x, y, z = attitude.to_n(q_nL, (0.0, size / 2, 0.0))
     r = r_FL_n
     return r, (r[0] - x, r[1] - y, r[2] - z), (r[0] + x, r[1] + y, r[2] + z)
 
 
 def in_camera(r_FP_n: Vec3, q_nF: Quaternion, camera: Camera, q_bc: Quaternion) -> Vec3:
-    """r_CP_c of a point P. The components are floats, or arrays of them."""
+    """Return r_CP_c of a point P; the components are floats, or arrays of them."""
     return attitude.to_b(q_bc, difference(attitude.to_b(q_nF, r_FP_n), camera.mount_offset))
 
 
 def is_inside(camera: Camera, x: Real, y: Real, z: Real) -> Real:
-    """Whether points at (x, y, z) in c lie ahead of the lens and inside the image."""
+    """Whether points at (x, y, z) in c lie in front of the lens and inside the image."""
     half_width, half_height = camera.width_px / 2 / camera.f_px, camera.height_px / 2 / camera.f_px
     return (x > 0.0) & (abs(y) <= half_width * x) & (abs(z) <= half_height * x)
 
 
 def project(state: State, size: float, camera: Camera, q_bc: Quaternion) -> Points | None:
-    """Image points of the leader; None if one is behind the lens or outside the image, or the leader too small."""
+    """Project the leader's points into the image; None if that is not possible.
+
+    That is so if a point is behind the lens or outside the image, or if the leader is too small.
+    """
     points = []
     r_FL_n, lens = difference(state.r_OL_n, state.r_OF_n), lens_of(camera)
     if camera.f_px * size < camera.smallest_px * math.hypot(*r_FL_n):
@@ -89,14 +94,20 @@ def project(state: State, size: float, camera: Camera, q_bc: Quaternion) -> Poin
 
 
 def is_exposure(step: int, rate: float) -> bool:
-    """Whether an image is taken at this step of the world: the first step at or after each 1 / rate."""
+    """Whether an image is taken at this step of the world.
+
+    It is the first step at or after each multiple of 1 / rate.
+    """
     per_step = rate / STEPS_PER_SECOND
     # a millionth of a step tolerates the rounding of rates such as 60, whose period is no binary fraction
     return math.floor(step * per_step + 1e-6) > math.floor((step - 1) * per_step + 1e-6)
 
 
 def registrations(camera: Camera, seed: int) -> Iterator[bool]:
-    """Whether the vision process finds the leader, image by image: a Markov chain that begins registered."""
+    """Yield for each image whether the vision process finds the leader.
+
+    It is a Markov chain that begins with a registered image.
+    """
     u = uniforms(seed, "camera.registration")
     registered = True
     while True:
@@ -104,9 +115,11 @@ def registrations(camera: Camera, seed: int) -> Iterator[bool]:
         registered = next(u) >= camera.p_lose if registered else next(u) < camera.p_regain
 
 
-def _noisy(points: Points, z: Sequence[float], sigma: float) -> Points:
-    """Points with noise; `z`: six numbers, even when sigma is zero: each image then has its own place in the
-    stream."""
+def _add_noise(points: Points, z: Sequence[float], sigma: float) -> Points:
+    """Add noise to points, from six standard normal numbers `z`.
+
+    They are drawn even for sigma 0, so that each image has its own place in the stream.
+    """
     (a, b), (c, d), (e, f) = points
     return (
         (a + sigma * z[0], b + sigma * z[1]),
@@ -115,16 +128,18 @@ def _noisy(points: Points, z: Sequence[float], sigma: float) -> Points:
     )
 
 
-def named_by_side(points: Points) -> Points:
-    """The points as a detector names them that knows no wing from the other: left is the tip further left."""
+def name_by_side(points: Points) -> Points:
+    """Name the wing tips by their side in the image: left is the one further left."""
     center, *tips = points
     left, right = sorted(tips)
     return center, left, right
 
 
 def blob(camera: Camera, u: Real, v: Real, w: Real) -> Points:
-    """A wrong detection: center uniform in the image, level span uniform in `blob_span_px`. u, v, w: uniform
-    draws."""
+    """Return a wrong detection from three uniform draws u, v and w.
+
+    Its center is uniform in the image and its horizontal span uniform in `blob_span_px`.
+    """
     low, high = camera.blob_span_px
     x = (u - 0.5) * camera.width_px / camera.f_px
     y = (v - 0.5) * camera.height_px / camera.f_px
@@ -132,9 +147,11 @@ def blob(camera: Camera, u: Real, v: Real, w: Real) -> Points:
     return (x, y), (x - half, y), (x + half, y)
 
 
-def correlated(white: Iterator[float], count: int, camera: Camera) -> Iterator[list[float]]:
-    """Of each image so many standard normal numbers, which are correlated over the camera's `noise_time` from one
-    image to the next."""
+def correlated_normals(white: Iterator[float], count: int, camera: Camera) -> Iterator[list[float]]:
+    """Yield for each image `count` standard normal numbers.
+
+    They are correlated over the camera's `noise_time` from one image to the next.
+    """
     decay = math.exp(-1.0 / (camera.rate * camera.noise_time)) if camera.noise_time else 0.0
     drive = math.sqrt(1.0 - decay * decay)
     x = list(islice(white, count))
@@ -144,7 +161,10 @@ def correlated(white: Iterator[float], count: int, camera: Camera) -> Iterator[l
 
 
 class CameraSensor:
-    """The camera of one run: `expose` once per image, in order. `mount`: q_bc of a moving mount."""
+    """The camera of one run: call `expose` once per image, in order.
+
+    `mount` gives q_bc of a moving mount.
+    """
 
     def __init__(self, scenario: Scenario, seed: int, size: float, mount: Mount | None = None) -> None:
         self._camera, fixed = scenario.camera, mount_quaternion(scenario.camera)
@@ -152,22 +172,22 @@ class CameraSensor:
         self._size = size
         self._mount = mount or (lambda _: fixed)
         self._registered = registrations(scenario.camera, seed)
-        self._noise = correlated(normals(seed, "camera.noise"), 6, scenario.camera)
+        self._noise = correlated_normals(normals(seed, "camera.noise"), 6, scenario.camera)
         self._wrong = uniforms(seed, "camera.wrong")
 
     def expose(self, state: State) -> Points | None:
-        """The points measured in an image exposed now; None when the leader is not registered."""
+        """Return the points measured in an image exposed now, or None if the leader is not registered."""
         camera, t = self._camera, state.t % self._repeat
         registered = next(self._registered) and not is_within(t, camera.blackouts)
         wrong = next(self._wrong) < camera.wrong_blob
         other = blob(camera, next(self._wrong), next(self._wrong), next(self._wrong))
         truth = project(state, self._size, camera, self._mount(state))
-        noisy = _noisy(truth or other, next(self._noise), camera.sigma_px / camera.f_px)
+        noisy = _add_noise(truth or other, next(self._noise), camera.sigma_px / camera.f_px)
         if not registered or truth is None:
             return None
         if wrong:
             return other
-        return named_by_side(noisy) if camera.sees in BY_SIDE else noisy
+        return name_by_side(noisy) if camera.sees in SIDE_NAMING else noisy
 
 
 def target_points(image: Image, camera: Camera) -> TargetPoints:
@@ -179,7 +199,7 @@ def target_points(image: Image, camera: Camera) -> TargetPoints:
 
 
 def stated_sigma_px(camera: Camera) -> float | None:
-    """The noise that a point comes with; None: it comes without."""
+    """Return the noise that is reported with a point, or None if none is."""
     return camera.sigma_px or None if camera.states_sigma else None
 
 

@@ -10,11 +10,11 @@ import numpy as np
 
 from simlink.sensors.arrays import Array
 
-AXIS = 26559.7e3  # m
-INCLINATION_DEG = 55.0
-GREENWICH_DEG = 15 * (18 + 36 / 60 + 14.4 / 3600)  # hour angle at the epoch, 1993-07-01 00:00
+ORBIT_RADIUS = 26559.7e3  # m
+INCLINATION_ANGLE_DEG = 55.0
+GREENWICH_HOUR_ANGLE_DEG = 15 * (18 + 36 / 60 + 14.4 / 3600)  # at the epoch, 1993-07-01 00:00
 EARTH_RATE = 7.2921151467e-5  # rad/s
-GRAVITY = 3.986005e14  # m^3/s^2
+GRAVITATIONAL_CONSTANT = 3.986005e14  # m^3/s^2, times the Earth's mass
 # right ascension of the ascending node of planes A-F, and arguments of latitude of their slots 1-4, at the epoch
 NODE_DEG = (272.847, 332.847, 32.847, 92.847, 152.847, 212.847)
 ARGUMENT_DEG = (
@@ -29,22 +29,27 @@ SLOTS = tuple(f"{plane}{slot}" for plane in "ABCDEF" for slot in range(1, 5))
 
 
 class Satellites(NamedTuple):
-    """Positions and velocities (24, 3) in e, m and m/s, of the satellites in the order of SLOTS."""
+    """Positions and velocities (24, 3) in e (m, m/s) of the satellites, in the order of SLOTS."""
 
     position: Array
     velocity: Array
 
 
 def satellites(t: float) -> Satellites:
-    """All 24 satellites, `t` seconds after the epoch. The velocity is relative to the rotating Earth."""
-    motion = np.sqrt(GRAVITY / AXIS**3)
+    """All 24 satellites, `t` seconds after the epoch.
+
+    The velocity is relative to the rotating Earth.
+    """
+    motion = np.sqrt(GRAVITATIONAL_CONSTANT / ORBIT_RADIUS**3)
     u = np.radians(np.ravel(ARGUMENT_DEG)) + motion * t
-    node = np.radians(np.repeat(NODE_DEG, 4) - GREENWICH_DEG) - EARTH_RATE * t
-    cos_i, sin_i = np.cos(np.radians(INCLINATION_DEG)), np.sin(np.radians(INCLINATION_DEG))
+    node = np.radians(np.repeat(NODE_DEG, 4) - GREENWICH_HOUR_ANGLE_DEG) - EARTH_RATE * t
+    cos_i, sin_i = np.cos(np.radians(INCLINATION_ANGLE_DEG)), np.sin(np.radians(INCLINATION_ANGLE_DEG))
     along, up, across = np.cos(u), np.sin(u) * sin_i, np.sin(u) * cos_i
     d_along, d_up, d_across = -np.sin(u), np.cos(u) * sin_i, np.cos(u) * cos_i
     c, s = np.cos(node), np.sin(node)
-    position = AXIS * np.column_stack([along * c - across * s, along * s + across * c, up])
-    velocity = AXIS * motion * np.column_stack([d_along * c - d_across * s, d_along * s + d_across * c, d_up])
+    position = ORBIT_RADIUS * np.column_stack([along * c - across * s, along * s + across * c, up])
+    velocity = (
+        ORBIT_RADIUS * motion * np.column_stack([d_along * c - d_across * s, d_along * s + d_across * c, d_up])
+    )
     velocity += EARTH_RATE * np.column_stack([position[:, 1], -position[:, 0], np.zeros(len(u))])
     return Satellites(position, velocity)

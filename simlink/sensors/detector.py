@@ -1,4 +1,4 @@
-"""What a detector finds of aircraft beyond the wing's three points: nose and tail, a box, a pose, a class."""
+"""Detections beyond the wing's three points: nose and tail, a box, a pose, a class."""
 
 from collections.abc import Iterable, Iterator
 from typing import Final
@@ -13,12 +13,12 @@ from simlink.sensors.camera import (
     Image,
     Mount,
     Points,
-    correlated,
+    correlated_normals,
     mount_quaternion,
     stated_sigma_px,
 )
 from simlink.sensors.poses import PoseDetector
-from simlink.sensors.shapes import Place, box_around, draw_rotors, draw_shape, projected
+from simlink.sensors.shapes import Place, box_around, draw_rotors, draw_shape, project_points
 from simlink.world.attitude import difference
 from simlink.world.noise import stream
 from simlink.world.truth import State
@@ -27,8 +27,11 @@ WING: Final = ("center", "left", "right")
 
 
 class Detector:
-    """The detector of one run, for an aircraft of wingspan `size` (m) whose shape is drawn by `seed`: `detect`
-    once for each registered image, in order. `mount`: q_bc of a moving mount. `target`: the id that it gives."""
+    """The detector of one run, for an aircraft of wingspan `size` (m) with a shape drawn by `seed`.
+
+    Call `detect` once for each registered image, in order. `mount` gives q_bc of a moving mount, `target` is the
+    id in each detection.
+    """
 
     def __init__(
         self, camera: Camera, seed: int, size: float, mount: Mount | None = None, target: str = "leader"
@@ -38,13 +41,13 @@ class Detector:
         self._mount = mount or (lambda _: fixed)
         random = stream(seed, "camera.box")
         self._shape = draw_shape(random)
-        self._noise = correlated(iter(random.standard_normal, None), 4, camera)
+        self._noise = correlated_normals(iter(random.standard_normal, None), 4, camera)
         if camera.sees == "rotor_box":
             self._shape = self._shape._replace(bounds=draw_rotors(stream(seed, "camera.rotors")))
         self._poses = PoseDetector(stream(seed, "camera.pose"))
 
     def detect(self, state: State, points: Points) -> tuple[Detection, ...] | None:
-        """What it finds beside or in place of the wing's `points`; None: these alone."""
+        """Return the detections of an image, or None if it holds only the wing's `points`."""
         camera, sees = self._camera, self._camera.sees
         if is_plain(camera):
             return None
@@ -58,7 +61,7 @@ class Detector:
         elif sees == "center_box":
             named = self._named([(WING[0], points[0])])
         if sees in ("pose", "wing_pose"):
-            pose = self._poses.see(place)
+            pose = self._poses.detect(place)
         elif sees in ("box", "center_box", "rotor_box"):
             box = self._box(place)
             if box is None:
@@ -68,10 +71,10 @@ class Detector:
         return (Detection(points=named, box=box, pose=pose, target=self._target, class_name=name),)
 
     def _all(self, points: Points, place: Place) -> Iterator[tuple[str, ImagePoint]]:
-        """The wing's points, and nose and tail with as much noise."""
+        """Yield the wing's points, then nose and tail with the same noise."""
         yield from zip(WING, points, strict=True)
         sigma = self._camera.sigma_px / self._camera.f_px
-        at, z = projected(self._shape.named.values(), place), next(self._noise)
+        at, z = project_points(self._shape.named.values(), place), next(self._noise)
         for name, (u, v), du, dv in zip(self._shape.named, at, z[::2], z[1::2], strict=True):
             yield name, (u + sigma * du, v + sigma * dv)
 
@@ -84,9 +87,9 @@ class Detector:
         }
 
     def _box(self, place: Place) -> Box | None:
-        """The box, cut at the image's edge; None where too little of it is inside."""
+        """Return the box, cut at the image's edge, or None if too little of it is inside."""
         c = self._camera
-        corners = projected(self._shape.bounds, place)
+        corners = project_points(self._shape.bounds, place)
         (u, v), half = box_around(corners, self._shape, np.array(next(self._noise)))
         middle, sides = np.array([u, v]), np.array(half)
         if cuts(c):
@@ -105,15 +108,17 @@ class Detector:
 
 
 class Vision:
-    """Camera and detector of one run, for aircraft of wingspan `size` (m): `expose` once per image, in order.
-    `mount`: q_bc of a moving mount."""
+    """Camera and detector of one run, for aircraft of wingspan `size` (m).
+
+    Call `expose` once per image, in order. `mount` gives q_bc of a moving mount.
+    """
 
     def __init__(self, scenario: Scenario, seed: int, size: float, mount: Mount | None = None) -> None:
         self._arguments = scenario, seed, size, mount
         self._pairs: list[tuple[CameraSensor, Detector]] = []
 
     def expose(self, state: State, stamp_ns: int) -> Image | None:
-        """What is found in an image exposed now, of the leader and of all others; None: nothing."""
+        """Return the image exposed now with the leader and all others, or None if nothing is found."""
         first: Points | None = None
         found: list[Detection] = []
         places = ((state.r_OL_n, state.q_nL), *((other.r_n, other.q_nb) for other in state.others))
@@ -130,7 +135,10 @@ class Vision:
         return Image(stamp_ns, first, tuple(found)) if first and found else None
 
     def _pair(self, k: int) -> tuple[CameraSensor, Detector]:
-        """What finds the leader (0), or one of the others; each has its own random numbers."""
+        """Return camera and detector of the leader (0) or of another aircraft.
+
+        Each pair has its own random numbers.
+        """
         while len(self._pairs) <= k:
             scenario, seed, size, mount = self._arguments
             own, name = seed + (len(self._pairs) << 96), f"other-{len(self._pairs)}" if self._pairs else "leader"

@@ -1,4 +1,7 @@
-"""A camera's gimbal: level, turned with our heading, sweeping to either side; and what it says of itself."""
+"""The gimbal of a camera: its attitude, and the attitude that it reports.
+
+It is level, turned with our heading, and sweeps to either side.
+"""
 
 import math
 
@@ -11,7 +14,7 @@ from simlink.world.truth import State
 
 
 class GimbalSensor:
-    """The gimbal of one run. Its word of its attitude has a constant error, drawn by seed."""
+    """The gimbal of one run; its reported attitude has a constant error, drawn by seed."""
 
     def __init__(self, camera: Camera, gimbal: Gimbal, seed: int) -> None:
         self._gimbal, self._mount = gimbal, mount_quaternion(camera)
@@ -21,7 +24,7 @@ class GimbalSensor:
         self._error = attitude.from_vector(x, y, z)
 
     def head(self, t: float) -> Quaternion:
-        """q_hg at a time of flight: from the head's axes to NED turned to our heading."""
+        """Return q_hg at a time of flight: from the head's axes to NED turned to our heading."""
         g = self._gimbal
         yaw, pitch = (
             math.radians(width) * math.sin(2 * math.pi * t / period + math.radians(phase))
@@ -39,7 +42,7 @@ class GimbalSensor:
         return attitude.product(attitude.conjugate(state.q_nF), q_nc)
 
     def attitude(self, state: State, t_ns: int, system: int) -> GimbalAttitude:
-        """What it says now."""
+        """Return the attitude report at this state."""
         q = attitude.product(self.head(state.t), self._error)
         component = self._gimbal.component
         return GimbalAttitude(
@@ -53,5 +56,5 @@ class GimbalSensor:
 
 
 def make_gimbal(camera: Camera, seed: int) -> GimbalSensor | None:
-    """The gimbal that a camera is on, if any."""
+    """Return the gimbal of a camera, or None for a fixed mount."""
     return None if camera.gimbal is None else GimbalSensor(camera, camera.gimbal, seed)

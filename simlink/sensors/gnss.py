@@ -1,8 +1,9 @@
-"""A GNSS receiver in flight: pseudoranges and their rates, with the errors of De Vivo et al., 5.2.2-5.2.3.
+"""A GNSS receiver in flight, with the errors of De Vivo et al., 5.2.2-5.2.3.
 
-The receiver gives the satellites' positions and velocities in e at the time of reception, corrected for the
-Earth's rotation during the signal's flight: a range is the distance between two points. Errors: the receiver's
-clock (common to all), the troposphere (minus a model's mean unless `corrected` is false), multipath, and noise.
+It measures pseudoranges and their rates. Satellite positions and velocities are in e at the time of reception,
+corrected for the Earth's rotation during the signal's flight, so that a range is the distance between two points.
+Errors are the receiver's clock (common to all), the troposphere (minus a model's mean unless `corrected` is
+false), multipath, and noise.
 
 Erratum: the elevation in the multipath formula is in degrees; in radians, as printed, it has hardly any effect.
 """
@@ -36,7 +37,7 @@ class Receiver(NamedTuple):
 
 
 class GnssConditions(NamedTuple):
-    """Intervals [from, to) s of faults: a degraded clock, and no signal (the tracking loops have lost lock)."""
+    """Fault intervals [from, to), s: a degraded clock, and no signal (loss of lock)."""
 
     degraded: Sequence[tuple[float, float]] = ()
     lost: Sequence[tuple[float, float]] = ()
@@ -47,8 +48,10 @@ class GnssConditions(NamedTuple):
 
 
 class Fix(NamedTuple):
-    """Measurements of s satellites at one time. `sigma`: the standard deviations that the receiver reports; it
-    does not notice a degraded clock."""
+    """Measurements of s satellites at one time.
+
+    `sigma` is the standard deviation that the receiver reports; it does not notice a degraded clock.
+    """
 
     y: Array  # (2 s,): pseudoranges m, then rates m/s
     sigma: Array  # (2 s,)
@@ -58,7 +61,7 @@ class Fix(NamedTuple):
 
 
 class Reception(NamedTuple):
-    """A whole flight: the clock's true error and drift (N, 2), m and m/s, and a fix or None at each time."""
+    """A whole flight: true clock error and drift (N, 2) in m and m/s, and a fix or None each time."""
 
     clock: Array
     fixes: tuple[Fix | None, ...]
@@ -72,17 +75,18 @@ def receive(
     rng: np.random.Generator,
     conditions: GnssConditions = GnssConditions(),  # noqa: B008 - immutable
 ) -> Reception:
-    """The reception of a flight at evenly spaced times t (N,), s, with positions and velocities (N, 3) in e.
+    """Simulate the reception during a flight with positions and velocities (N, 3) in e.
 
-    Random numbers are drawn for all satellites at all times, so that a fault changes the errors during it only.
-    Raises ValueError for a single time, and for a mask that admits satellites below the horizon.
+    The times t (N,), s, are evenly spaced. Random numbers are drawn for all satellites at all times, so that a
+    fault changes only the errors during it. Raises ValueError for a single time, and for a mask that admits
+    satellites below the horizon.
     """
     if len(t) < 2 or not receiver.mask_deg > 0:
-        raise ValueError("needs two times at least, and a mask above the horizon")
+        raise ValueError("receive() needs at least two times and a mask above the horizon")
     n, dt = len(t), float(t[1] - t[0])
     degraded, lost = within(t, conditions.degraded), within(t, conditions.lost)
     clock = _clock(receiver, conditions, degraded, dt, rng)
-    wet = troposphere.WET_ZENITH + np.sqrt(receiver.wet_walk * dt) * np.cumsum(rng.standard_normal(n))
+    wet = troposphere.WET_ZENITH_DELAY + np.sqrt(receiver.wet_walk * dt) * np.cumsum(rng.standard_normal(n))
     noise = rng.standard_normal((n, 2, len(constellation.SLOTS)))
     fixes: list[Fix | None] = []
     for k in range(n):
@@ -98,7 +102,7 @@ def receive(
 
 
 def elevations(satellites: Array, r_e: Array) -> Array:
-    """Elevations (s,), rad, of satellites (s, 3) over the horizon at r_e (3,)."""
+    """Return the elevations (s,), rad, of satellites (s, 3) over the horizon at r_e (3,)."""
     lat_deg, lon_deg, _ = geodetic_from_ecef(r_e)
     sight = satellites - r_e
     down = sight @ rotation_ne(lat_deg, lon_deg)[2]
@@ -106,7 +110,7 @@ def elevations(satellites: Array, r_e: Array) -> Array:
 
 
 def multipath(elevation: Array) -> Array:
-    """Standard deviation (s,), m, of the multipath at an elevation (s,), rad: ICAO's standard model."""
+    """Return the multipath standard deviation (s,), m, at an elevation (s,), rad (ICAO's model)."""
     return np.asarray(0.13 + 0.53 * np.exp(-np.degrees(elevation) / 10))
 
 
@@ -119,8 +123,11 @@ def fix(
     wet: float,
     noise: Array,
 ) -> Fix:
-    """The receiver's measurements at a position and velocity in e, given its clock's error and drift (2,), the wet
-    zenith delay (m), and normal numbers (2, s) for all satellites, above the mask or not."""
+    """Return the receiver's measurements at a position and velocity in e.
+
+    `clock` (2,) is its clock's error and drift, `wet` the wet zenith delay (m), and `noise` (2, s) holds normal
+    numbers for all satellites, above the mask or not.
+    """
     elevation = elevations(satellites.position, r_e)
     up = np.flatnonzero(elevation >= np.radians(receiver.mask_deg))
     position, velocity, elevation = satellites.position[up], satellites.velocity[up], elevation[up]
@@ -149,7 +156,10 @@ def _clock(
     dt: float,
     rng: np.random.Generator,
 ) -> Array:
-    """Error and drift (N, 2), m and m/s: random walks of both, and the drift integrates into the error."""
+    """Return clock error and drift (N, 2), m and m/s.
+
+    Both are random walks, and the drift integrates into the error.
+    """
     start = rng.standard_normal(2) * (receiver.clock_sigma, receiver.drift_sigma)
     steps = rng.standard_normal((len(degraded), 3))
     drift_walk = np.sqrt(receiver.drift_walk * np.where(degraded, conditions.drift_walk_factor, 1.0) * dt)

@@ -1,4 +1,4 @@
-"""Our vehicle's navigation: the autopilot's state estimate, IMU, GPS and barometer, with the scenario's errors."""
+"""The readings of our vehicle's autopilot: state estimate, IMU, GPS and barometer."""
 
 import math
 from collections import deque
@@ -10,7 +10,7 @@ from simlink.scenarios.profiles import is_within
 from simlink.scenarios.scenario import Scenario
 from simlink.world import attitude
 from simlink.world.attitude import add
-from simlink.world.constants import DT, steps_of
+from simlink.world.constants import DT, step_count
 from simlink.world.noise import gauss_markov, gauss_markov_vectors, normals, uniforms
 from simlink.world.truth import State
 
@@ -19,7 +19,7 @@ ZERO: Final[Vec3] = (0.0, 0.0, 0.0)
 
 
 class Reading(NamedTuple):
-    """State estimate and sensor readings of our vehicle, stamped with one step; SI, frames as named.
+    """The state estimate and sensor readings at one step, in SI units and the named frames.
 
     The delayed streams (`position_*`, `gps_*`) hold values that were true one delay earlier, as on real vehicles.
     """
@@ -42,7 +42,7 @@ class Reading(NamedTuple):
 
 
 def readings(scenario: Scenario, seed: int, world: Iterator[State]) -> Iterator[tuple[State, Reading]]:
-    """Each state of the world with our vehicle's readings of it."""
+    """Yield each state of the world with our vehicle's readings of it."""
     nav, imu, gps = scenario.nav, scenario.imu, scenario.gps
     attitude_error = gauss_markov_vectors(
         seed, "nav.attitude", nav.attitude_deg, DT, math.pi / 180, nav.yaw_deg or nav.attitude_deg
@@ -54,7 +54,7 @@ def readings(scenario: Scenario, seed: int, world: Iterator[State]) -> Iterator[
     gps_speed_white = _scaled(seed, "gps.velocity", gps_speed_sigmas)
     accel = white(seed, "imu.accel", imu.accel_white, imu.accel_bias)
     gyro = white(seed, "imu.gyro", imu.gyro_white, imu.gyro_bias)
-    position_steps, gps_steps = steps_of(nav.position_delay), steps_of(gps.delay)
+    position_steps, gps_steps = step_count(nav.position_delay), step_count(gps.delay)
     attitude_white = _scaled(seed, "nav.attitude_white", nav.attitude_white)
     rates_white = white(seed, "nav.rates_white", nav.rates_white)
     gps_white = _scaled(seed, "gps.position_white", gps.position_white)
@@ -93,8 +93,10 @@ def readings(scenario: Scenario, seed: int, world: Iterator[State]) -> Iterator[
 
 
 def barometer(scenario: Scenario, seed: int) -> Callable[[State], float | None]:
-    """A function of the state: the barometer's altitude (m), None between its samples. Call it once per state, in
-    order."""
+    """Return a function that gives the barometer's altitude (m), or None between its samples.
+
+    Call it once per state, in order.
+    """
     b, datum = scenario.barometer, scenario.vehicle.origin[2]
     draw = normals(seed, "barometer")
     stretch = 1.0 + b.stretch * next(draw)
@@ -109,7 +111,7 @@ def barometer(scenario: Scenario, seed: int) -> Callable[[State], float | None]:
 
 
 def _wind(scenario: Scenario, seed: int) -> Vec3 | None:
-    """The estimate of the wind, if there is one: north, east and the stated standard deviation, m/s."""
+    """Return the wind estimate (north, east, reported sigma; m/s), or None if there is none."""
     estimate, draw = scenario.vehicle.wind, normals(seed, "nav.wind")
     if estimate is None:
         return None
@@ -118,15 +120,17 @@ def _wind(scenario: Scenario, seed: int) -> Vec3 | None:
 
 
 def outliers(scenario: Scenario, seed: int) -> Iterator[tuple[Vec3, Vec3, Vec3, Vec3]]:
-    """The outliers to add at each step to attitude (rad), body rates (rad/s), GPS position (m) and velocity
-    (m/s)."""
+    """Yield the outliers of each step: attitude, body rates, GPS position and velocity.
+
+    They are in rad, rad/s, m and m/s.
+    """
     o, gps = scenario.outliers, scenario.gps
     rates = (scenario.nav.rates_white,) * 3
     speed = (gps.velocity_white, gps.velocity_white, gps.vertical_velocity_white)
     sizes = (*scenario.nav.attitude_white, *rates, *gps.position_white, *speed)
     step, draw = 0, uniforms(seed, "outliers")
     while True:
-        if o.probability == 0.0 or step < steps_of(o.start):
+        if o.probability == 0.0 or step < step_count(o.start):
             step += 1
             yield ZERO, ZERO, ZERO, ZERO
             continue
@@ -135,18 +139,18 @@ def outliers(scenario: Scenario, seed: int) -> Iterator[tuple[Vec3, Vec3, Vec3, 
 
 
 def _sign(u: float, probability: float) -> float:
-    """-1 or +1, each with half the probability, else 0; `u` is uniform in [0, 1)."""
+    """Return -1 or +1, each with half the probability, else 0; `u` is uniform in [0, 1)."""
     return float(u < probability / 2) - float(u > 1 - probability / 2)
 
 
 def _scaled(seed: int, name: str, sigmas: Vec3) -> Iterator[Vec3]:
-    """White errors with a standard deviation for each axis, without end."""
+    """Yield white errors with a standard deviation for each axis, without end."""
     for x, y, z in white(seed, name, 1.0 if any(sigmas) else 0.0):
         yield sigmas[0] * x, sigmas[1] * y, sigmas[2] * z
 
 
 def white(seed: int, name: str, sigma: float, bias_sigma: float = 0.0) -> Iterator[Vec3]:
-    """Vectors of independent white errors about a bias drawn once, without end."""
+    """Yield vectors of independent white errors about a bias that is drawn once, without end."""
     b = normals(seed, f"{name}.bias")
     bx, by, bz = bias_sigma * next(b), bias_sigma * next(b), bias_sigma * next(b)
     z = normals(seed, name)

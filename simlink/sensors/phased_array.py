@@ -1,11 +1,11 @@
-"""A phased-array radar: its measurements and their errors, by the signal-to-noise ratio. De Vivo et al., 5.1.2.
+"""A phased-array radar whose errors follow from its signal-to-noise ratio. De Vivo et al., 5.1.2.
 
-Frame: east, north, up at the radar. Azimuth is clockwise from north, elevation positive up, rad; range in m.
+The frame is east, north, up at the radar. Azimuth is clockwise from north, elevation positive up, rad; range in m.
 
-Errata: the paper's S/(J+N) lacks the pulse duration tau (without it watts are divided by joules); the formula it
-calls coherent integration is the non-coherent one; L is given "in dB" and enters as a ratio. Its theta is the
+Errata: the paper's S/(J+N) lacks the pulse duration tau (without it watts are divided by joules); the formula that
+it calls coherent integration is the non-coherent one; L is given "in dB" and enters as a ratio. Its theta is the
 azimuth in the measurement vector but the elevation in the scan loss: here the unscanned beam points to azimuth
-theta_r and elevation phi_r of Table 4. The paper refers to Curry (2005) for the losses; `losses_db` states them.
+theta_r and elevation phi_r of Table 4. For the losses it refers to Curry (2005); they are in `losses_db`.
 """
 
 from collections.abc import Sequence
@@ -15,9 +15,9 @@ import numpy as np
 
 from simlink.sensors.arrays import Array, Flags, within
 
-LIGHT = 299792458.0  # m/s
-BOLTZMANN = 1.380649e-23  # J/K
-EARTH = 6371e3 * 4 / 3  # m: refraction of radio waves acts like a larger Earth
+SPEED_OF_LIGHT = 299792458.0  # m/s
+BOLTZMANN_CONSTANT = 1.380649e-23  # J/K
+EFFECTIVE_EARTH_RADIUS = 6371e3 * 4 / 3  # m; refraction of radio waves acts like a larger Earth
 
 
 class Radar(NamedTuple):
@@ -61,8 +61,7 @@ class Measurements(NamedTuple):
 
 
 class RadarConditions(NamedTuple):
-    """Weather and faults: rain everywhere, and intervals [from, to) s in which the target jams or the signal is
-    lost."""
+    """Weather and faults: rain everywhere, and intervals [from, to), s, of jamming and no signal."""
 
     rain_mm_h: float = 0.0
     jammed: Sequence[tuple[float, float]] = ()
@@ -76,7 +75,7 @@ def measure(
     rng: np.random.Generator,
     conditions: RadarConditions = RadarConditions(),  # noqa: B008 - immutable
 ) -> Measurements:
-    """Measurements of a target at r_RT (N, 3), east, north, up of the radar, m, at times t (N,), s.
+    """Measure a target at r_RT (N, 3), east, north, up of the radar (m), at times t (N,), s.
 
     Each measurement draws three normal numbers, detected or not, so that a fault changes the noise during it only.
     """
@@ -102,32 +101,35 @@ def spherical(r_RT: Array) -> Array:
 def bandwidth(radar: Radar) -> float:
     """Bandwidth of the signal, Hz: that of the array at its largest scan angle (0.15 GHz)."""
     widest = np.radians(max(radar.beamwidth_azimuth_deg, radar.beamwidth_elevation_deg))
-    return float(widest * LIGHT / (0.886 * _wavelength(radar) * np.sin(np.radians(radar.scan_max_deg))))
+    return float(widest * SPEED_OF_LIGHT / (0.886 * _wavelength(radar) * np.sin(np.radians(radar.scan_max_deg))))
 
 
 def scan_angles(radar: Radar, polar: Array) -> Array:
-    """Azimuth and elevation (N, 2), rad, relative to the unscanned beam, of targets at `polar` (N, 3)."""
+    """Return azimuth and elevation (N, 2), rad, of targets relative to the unscanned beam."""
     azimuth = polar[:, 1] - np.radians(radar.azimuth_deg)
     azimuth = np.remainder(azimuth + np.pi, 2 * np.pi) - np.pi
     return np.column_stack([azimuth, polar[:, 2] - np.radians(radar.elevation_deg)])
 
 
 def in_scan(radar: Radar, polar: Array) -> Flags:
-    """Whether the beam can be steered to targets at `polar` (N, 3): (N,)."""
+    """Return (N,) whether the beam can be steered to targets at `polar` (N, 3)."""
     return np.asarray(np.all(np.abs(scan_angles(radar, polar)) <= np.radians(radar.scan_max_deg), axis=1))
 
 
 def elevation_above_horizon(distance: Array, height: Array) -> Array:
-    """Phi (N,), rad, of targets at a distance and height, m, over an Earth of 4/3 the radius."""
+    """Return phi (N,), rad, of targets at a distance and height (m), over an Earth of 4/3 the radius."""
     near = np.maximum(distance, 1.0)
-    above = ((EARTH + height) ** 2 - near**2 - EARTH**2) / (2 * near * EARTH)
+    above = ((EFFECTIVE_EARTH_RADIUS + height) ** 2 - near**2 - EFFECTIVE_EARTH_RADIUS**2) / (
+        2 * near * EFFECTIVE_EARTH_RADIUS
+    )
     return np.asarray(np.arcsin(np.clip(above, -1.0, 1.0)))
 
 
 def losses_db(radar: Radar, polar: Array, height: Array, rain_mm_h: float = 0.0) -> Array:
-    """L (N,), dB, over both ways: antennas, processing, beam shape, scan, atmospheric gases and rain.
+    """Return L (N,), dB, over both ways.
 
-    The lens loss, of rays that leave the atmosphere, is negligible at the ranges of sense and avoid.
+    It holds the losses of antennas, processing, beam shape, scan, atmospheric gases and rain. The lens loss, of
+    rays that leave the atmosphere, is negligible at the ranges of sense and avoid.
     """
     fixed = radar.transmit_loss_db + radar.receive_loss_db + radar.processing_loss_db + radar.beamshape_loss_db
     off = scan_angles(radar, polar)
@@ -153,7 +155,7 @@ def signal_to_noise(
     both = _ratio(radar.transmit_gain_db) * _ratio(radar.receive_gain_db)
     energy = radar.peak_power * radar.pulse * both * wavelength**2 * cross_section / ((4 * np.pi) ** 3 * r**4)
     energy = energy / 10 ** (losses_db(radar, polar, height, rain_mm_h) / 10)
-    noise = BOLTZMANN * radar.temperature
+    noise = BOLTZMANN_CONSTANT * radar.temperature
     radiated = radar.jammer_power * _ratio(radar.receive_gain_db) * wavelength**2
     jammer = radiated / ((4 * np.pi * r) ** 2 * radar.jammer_bandwidth * _ratio(radar.receive_loss_db))
     return np.asarray(energy / (noise + np.where(jammed, jammer, 0.0)))
@@ -165,8 +167,8 @@ def integrated(radar: Radar, ratio: Array) -> Array:
 
 
 def accuracy(radar: Radar, polar: Array, ratio: Array) -> Array:
-    """Standard deviations (N, 3) of range (m), azimuth and elevation (rad): eq 45, noise and fixed errors."""
-    cell = LIGHT / (2 * bandwidth(radar))
+    """Return the standard deviations (N, 3) of range (m), azimuth and elevation (rad), eq 45."""
+    cell = SPEED_OF_LIGHT / (2 * bandwidth(radar))
     beam = np.radians([radar.beamwidth_azimuth_deg, radar.beamwidth_elevation_deg])
     beam = beam / np.maximum(np.cos(scan_angles(radar, polar)), 1e-3)
     noisy = np.sqrt(2 * ratio)
@@ -176,7 +178,7 @@ def accuracy(radar: Radar, polar: Array, ratio: Array) -> Array:
 
 
 def _wavelength(radar: Radar) -> float:
-    return LIGHT / radar.frequency
+    return SPEED_OF_LIGHT / radar.frequency
 
 
 def _ratio(db: float) -> float:

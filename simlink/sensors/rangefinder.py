@@ -1,4 +1,4 @@
-"""A rangefinder beside the camera: how far the leader is, if it is in its beam."""
+"""A rangefinder on the camera's axis that measures the range of a leader in its beam."""
 
 import math
 from typing import Final
@@ -11,12 +11,14 @@ from simlink.world.attitude import difference
 from simlink.world.noise import normals, uniforms
 from simlink.world.truth import State
 
-COMPONENT: Final = 158  # MAV_COMP_ID_PERIPHERAL
+COMPONENT_ID: Final = 158  # MAV_COMP_ID_PERIPHERAL
 
 
 class RangefinderSensor:
-    """The rangefinder of one run. Call `measure` once for each of its readings, in order. `mount`: q_bc of a
-    moving mount of the camera."""
+    """The rangefinder of one run: call `measure` once for each of its readings, in order.
+
+    `mount` gives q_bc of a moving mount of the camera.
+    """
 
     def __init__(self, settings: Rangefinder, camera: Camera, seed: int, mount: Mount | None = None) -> None:
         self._settings, self._camera, fixed = settings, camera, mount_quaternion(camera)
@@ -25,7 +27,7 @@ class RangefinderSensor:
         self._bias = settings.bias * next(self._noise)
 
     def measure(self, state: State, t_ns: int, system: int) -> DistanceReading:
-        """What it sends now."""
+        """Return the reading at this state."""
         s = self._settings
         r = in_camera(difference(state.r_OL_n, state.r_OF_n), state.q_nF, self._camera, self._mount(state))
         distance = math.hypot(*r)
@@ -35,7 +37,7 @@ class RangefinderSensor:
             t_ns=t_ns,
             t_recv_ns=t_ns,
             system=system,
-            component=COMPONENT,
+            component=COMPONENT_ID,
             sensor=s.sensor,
             distance=distance + self._bias + s.white * noise if is_seen and not missed else None,
             sigma=None,

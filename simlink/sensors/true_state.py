@@ -1,5 +1,8 @@
-"""The true state that an autopilot in simulation sends: SIM_STATE of ArduPilot, HIL_STATE_QUATERNION of PX4. No
-daemon reads them: a decoder and an encoder know them only where `CONVERT` and `ENCODE` are given to them."""
+"""The true state that an autopilot sends in simulation.
+
+It is SIM_STATE of ArduPilot or HIL_STATE_QUATERNION of PX4. No daemon reads them: a decoder and an encoder know
+them only with `CONVERT` and `ENCODE`.
+"""
 
 from collections.abc import Callable
 from typing import Any, Final
@@ -19,8 +22,11 @@ HIL_STATE_QUATERNION: Final = Layout("<Q7f3i3h2H3h", usec=0)
 
 
 class VehicleTruth(Message, frozen=True, kw_only=True):
-    """Where a simulated vehicle really is. SIM_STATE of an ArduPilot has no time: its clock is NONE, `t_ns` the
-    time of arrival. HIL_STATE_QUATERNION of a PX4 has one. WGS-84 degrees, m, m/s in n, body rates in rad/s."""
+    """The true state of a simulated vehicle: WGS-84 degrees, m, m/s in n, body rates in rad/s.
+
+    SIM_STATE of an ArduPilot has no time: its clock is NONE and `t_ns` the time of arrival. HIL_STATE_QUATERNION
+    of a PX4 is on the boot clock.
+    """
 
     lat_deg: float
     lon_deg: float
@@ -31,7 +37,7 @@ class VehicleTruth(Message, frozen=True, kw_only=True):
 
 
 def true_state(vehicle: Vehicle, t_ns: int, reading: Reading) -> VehicleTruth | None:
-    """The truth behind a reading at boot time `t_ns`, on the clock of the vehicle's message; None: not known."""
+    """Return the truth behind a reading at boot time `t_ns`, or None if it is unknown."""
     state = reading.state
     if state is None:
         return None

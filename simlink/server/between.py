@@ -1,8 +1,8 @@
-"""`simlink camera`: what a camera on one simulated vehicle would see of another one.
+"""`simlink camera`: the images that a camera on one simulated vehicle takes of another one.
 
-Both are vehicles of other programs, of which only the true states arrive. Exposures stand on the follower's boot
-clock. The leader's clock is set against it by the mean delay with which the messages of each arrive, so that one
-late message moves nothing.
+Both vehicles are simulated by other programs, and only their true states arrive. Exposures are on the follower's
+boot clock. The leader's clock is aligned with it by the mean arrival delay of each, so that one late message
+changes nothing.
 """
 
 import asyncio
@@ -20,17 +20,17 @@ from simlink.server.observed import LocalFrame
 from simlink.server.outlet import Outlet, OutletOptions
 from simlink.server.peer import PeerLink
 from simlink.simulation import check_mavlink
-from simlink.world.drawn import drawn
-from simlink.world.truth import Motion, true_size, truth_record, world_of
+from simlink.world.drawn import draw_scenario
+from simlink.world.truth import Motion, make_state, true_size, truth_record
 
-TURN: Final = 0.004  # s
-MOST_LATE_NS: Final = NS_PER_S // 2  # an exposure for which no true state comes is left out then
-GRACE_NS: Final = 3 * NS_PER_S  # before what is missing is named
-STATUS_NS: Final = NS_PER_S // 5
+POLL_PERIOD_S: Final = 0.004
+MAX_LATENCY_NS: Final = NS_PER_S // 2  # an exposure without true states is skipped after this
+GRACE_PERIOD_NS: Final = 3 * NS_PER_S  # before missing data are reported
+STATUS_PERIOD_NS: Final = NS_PER_S // 5
 
 
 class CameraOptions(OutletOptions, frozen=True, kw_only=True):
-    """The two vehicles' links; `duration` in s from the first exposure on (None: endless)."""
+    """The links of the two vehicles; `duration` (s) counts from the first exposure, None is endless."""
 
     follower: str
     leader: str
@@ -38,8 +38,11 @@ class CameraOptions(OutletOptions, frozen=True, kw_only=True):
 
 
 class CameraBetween:
-    """The camera of one run. `now_ns` is a monotonic clock; `report` is called with one line at a time, `on_truth`
-    with the truth of each exposure. Raises LinkError and ScenarioError for invalid options."""
+    """The camera of one run.
+
+    `now_ns` is a monotonic clock; `report` is called with one line at a time, `on_truth` with the truth of each
+    exposure. Raises LinkError and ScenarioError for invalid options.
+    """
 
     def __init__(
         self,
@@ -49,8 +52,10 @@ class CameraBetween:
         on_truth: Callable[[Truth], None] = lambda _: None,
     ) -> None:
         if options.scenario.camera.gimbal is not None:
-            raise ScenarioError(f"{options.scenario.name}: camera.gimbal: `simlink camera` has a fixed mount only")
-        scenario = drawn(options.scenario, options.seed)
+            raise ScenarioError(
+                f"{options.scenario.name}: camera.gimbal: `simlink camera` supports a fixed mount only; remove it"
+            )
+        scenario = draw_scenario(options.scenario, options.seed)
         self.exposures = 0
         self._options, self._now_ns, self._report, self._on_truth = options, now_ns, report, on_truth
         self._camera = scenario.camera
@@ -73,13 +78,13 @@ class CameraBetween:
         return 0 if self._outlet is None else self._outlet.images
 
     async def run(self, stop: asyncio.Event) -> None:
-        """Send what the camera sees, until the duration is over or `stop` is set. Raises LinkError."""
+        """Send images until the duration is over or `stop` is set. Raises LinkError."""
         o = self._options
-        self._report(f"{o.scenario.name}, seed {o.seed}: {o.follower} sees {o.leader}; {o.places}")
+        self._report(f"{o.scenario.name}, seed {o.seed}: {o.follower} sees {o.leader}; {o.destinations}")
         links = [asyncio.create_task(link.run()) for link in (self.follower, self.leader)]
         try:
-            await self._until_known(stop, links)
-            await self._see(stop, links)
+            await self._wait_for_follower(stop, links)
+            await self._run_exposures(stop, links)
         finally:
             for link in links:
                 link.cancel()
@@ -87,57 +92,57 @@ class CameraBetween:
             if self._outlet is not None:
                 await self._outlet.close()
 
-    async def _until_known(self, stop: asyncio.Event, links: list[asyncio.Task[None]]) -> None:
-        """Wait for the follower's system, from which the images come, and open the outputs."""
+    async def _wait_for_follower(self, stop: asyncio.Event, links: list[asyncio.Task[None]]) -> None:
+        """Wait until the follower's system id is known, then open the outputs."""
         begin_ns = self._now_ns()
         while not stop.is_set() and (sender := self.follower.vehicle.sender) is None:
-            self._say_missing(begin_ns)
-            await self._turn(links)
+            self._report_missing(begin_ns)
+            await self._poll(links)
         if not stop.is_set() and sender is not None:
             self._outlet = Outlet(self._options, sender[0])
             await self._outlet.open()
 
-    async def _see(self, stop: asyncio.Event, links: list[asyncio.Task[None]]) -> None:
+    async def _run_exposures(self, stop: asyncio.Event, links: list[asyncio.Task[None]]) -> None:
         outlet = self._outlet
         if outlet is None:
             return
         begin_ns, status_ns = self._now_ns(), 0
         while not stop.is_set() and not self._is_over():
             now_ns = self._now_ns()
-            self._say_missing(begin_ns)
+            self._report_missing(begin_ns)
             self._expose(outlet)
             self._deliver(outlet, now_ns)
-            if now_ns - status_ns >= STATUS_NS:
+            if now_ns - status_ns >= STATUS_PERIOD_NS:
                 self._status(outlet, finished=False)
                 status_ns = now_ns
-            await self._turn(links)
+            await self._poll(links)
         await outlet.finish()
         self._status(outlet, finished=True)
         self._report(f"sent {outlet.images} images of {self.exposures} exposures")
         await outlet.flush()
 
-    async def _turn(self, links: list[asyncio.Task[None]]) -> None:
+    async def _poll(self, links: list[asyncio.Task[None]]) -> None:
         for link in links:
             if link.done():
                 link.result()  # raises what ended it
-        await asyncio.sleep(TURN)
+        await asyncio.sleep(POLL_PERIOD_S)
 
     def _is_over(self) -> bool:
         duration, rate = self._options.duration, self._camera.rate
         return duration is not None and self.exposures >= duration * rate
 
-    def _say_missing(self, begin_ns: int) -> None:
-        """A line where a vehicle's truth does not come, and one when it does."""
+    def _report_missing(self, begin_ns: int) -> None:
+        """Report when a vehicle's true states do not arrive, and when they do again."""
         now_ns = self._now_ns()
         for link in (self.follower, self.leader):
             missing = link.vehicle.missing(now_ns)
-            if missing == self._missing[link.name] or now_ns - begin_ns < GRACE_NS:
+            if missing == self._missing[link.name] or now_ns - begin_ns < GRACE_PERIOD_NS:
                 continue
             self._missing[link.name] = missing
             self._report(f"{link.name} {link.url}: {missing or 'its true states arrive'}")
 
     def _expose(self, outlet: Outlet) -> None:
-        """All exposures for which the true states of both vehicles are there."""
+        """Take all exposures for which the true states of both vehicles have arrived."""
         follower, leader = self.follower.vehicle, self.leader.vehicle
         if follower.latest_ns is None or follower.offset_ns is None or leader.offset_ns is None:
             return
@@ -149,19 +154,21 @@ class CameraBetween:
             own, other = follower.at(t_ns), leader.at(t_ns + between_ns)
             if own is not None and other is not None:
                 self._image(outlet, t_ns, own, other)
-            elif t_ns > follower.latest_ns - MOST_LATE_NS:
+            elif t_ns > follower.latest_ns - MAX_LATENCY_NS:
                 return  # its true state may still come
             self._count += 1
 
     def _image(self, outlet: Outlet, t_ns: int, own: Motion, other: Motion) -> None:
-        state = world_of(self.exposures, self.exposures / self._camera.rate, other, own)
+        state = make_state(self.exposures, self.exposures / self._camera.rate, other, own)
         truth = truth_record(state, self._size, t_ns)
         image = self._vision.expose(state, t_ns + round(self._camera.stamp_late * NS_PER_S))
         if image is not None:
             self._in_transit.append((t_ns, image))
         if not self.exposures:
             distance = math.dist(own.r_n, other.r_n)
-            self._report(f"the first exposure: the leader is {distance:.1f} m away, {_view(image is not None)}")
+            self._report(
+                f"the first exposure: the leader is {distance:.1f} m away, {_visibility(image is not None)}"
+            )
         outlet.draw(state, t_ns)
         outlet.publish(truth)
         self._on_truth(truth)
@@ -178,5 +185,5 @@ class CameraBetween:
         outlet.publish(SimStatus(t_ns=t_ns, images=outlet.images, frames=0, finished=finished))
 
 
-def _view(is_seen: bool) -> str:
+def _visibility(is_seen: bool) -> str:
     return "in the image" if is_seen else "outside the image or missed"

@@ -1,4 +1,7 @@
-"""The simulator's sockets: UDP to a companion computer, TCP for ground stations. Neither waits for a peer."""
+"""The simulator's sockets: UDP to a companion computer, TCP for ground stations.
+
+Neither waits for a peer.
+"""
 
 import asyncio
 import os
@@ -9,19 +12,22 @@ from onboard.messages import Record
 from simlink.autopilot import AutopilotLink
 from simlink.sensors.navigation import Reading
 
-MOST_UNSENT_BYTES: Final = 1 << 20  # of one TCP client; beyond that it misses frames
+MAX_UNSENT_BYTES: Final = 1 << 20  # of one TCP client, which misses frames beyond
 
 MakeSession = Callable[[], AutopilotLink]
 Now = Callable[[], int]  # boot clock, ns
 
 
 class LinkError(Exception):
-    """A link cannot be opened; one line with the link and the reason."""
+    """A link cannot be opened; the message is one line with the link and the reason."""
 
 
 class UdpSpec(Record, frozen=True, kw_only=True):
-    """`udpout:host:port` sends there and receives on the same socket; `udpin:host:port` listens there and sends to
-    the sender of the last datagram."""
+    """A parsed UDP link.
+
+    `udpout:host:port` sends there and receives on the same socket; `udpin:host:port` listens there and sends to
+    the sender of the last datagram.
+    """
 
     out: bool
     host: str
@@ -29,7 +35,7 @@ class UdpSpec(Record, frozen=True, kw_only=True):
 
 
 def parse_udp(spec: str) -> UdpSpec:
-    """The UdpSpec of a text. Raises LinkError."""
+    """Parse a UDP link. Raises LinkError."""
     kind, _, rest = spec.partition(":")
     host, _, port = rest.rpartition(":")
     if kind not in ("udpout", "udpin") or not host or not port.isdecimal() or not int(port) < 65536:
@@ -38,7 +44,7 @@ def parse_udp(spec: str) -> UdpSpec:
 
 
 class UdpLink(asyncio.DatagramProtocol):
-    """One UDP socket. `received` is called with each datagram and returns frames to reply with."""
+    """One UDP socket; `received` is called with each datagram and returns frames to reply with."""
 
     def __init__(self, spec: UdpSpec, received: Callable[[bytes], Iterable[bytes]]) -> None:
         self.has_peer = False  # whether a peer has ever sent anything
@@ -70,7 +76,7 @@ class UdpLink(asyncio.DatagramProtocol):
         return str(host), int(port)
 
     def send(self, data: bytes) -> bool:
-        """Send one datagram; False if there is no peer yet. Never blocks, never raises."""
+        """Send one datagram, without blocking; return False if there is no peer yet."""
         if not self._spec.out and self._peer is None:
             return False
         self._get().sendto(data, self._peer if not self._spec.out else None)
@@ -87,17 +93,17 @@ class UdpLink(asyncio.DatagramProtocol):
         return self._transport
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """From asyncio."""
+        """Called by asyncio."""
         self._transport = cast(asyncio.DatagramTransport, transport)
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
-        """From asyncio."""
+        """Called by asyncio."""
         self.has_peer, self._peer = True, addr
         for frame in self._received(data):
             self.send(frame)
 
     def error_received(self, exc: Exception) -> None:  # noqa: ARG002  # asyncio's signature
-        """From asyncio: on loopback, ECONNREFUSED while the daemon is not running. It may start later."""
+        """Called by asyncio, on loopback with ECONNREFUSED while the daemon is not running."""
         self.refused += 1
 
 
@@ -135,7 +141,7 @@ class TcpServer:
         return int(self._server.sockets[0].getsockname()[1])
 
     def send(self, t_ns: int, reading: Reading | None) -> int:
-        """Send each client the frames due at `t_ns`; the number of frames sent."""
+        """Send each client the frames due at `t_ns`; return the number of frames sent."""
         return sum(client.send(client.session.send(t_ns, reading)) for client in tuple(self.clients))
 
     async def close(self) -> None:
@@ -156,9 +162,9 @@ class TcpClient(asyncio.Protocol):
         self._transport: asyncio.Transport | None = None
 
     def send(self, frames: list[bytes]) -> int:
-        """Send frames, unless the client reads too slowly; the number sent."""
+        """Send frames unless the client reads too slowly; return the number sent."""
         transport = self._transport
-        if not frames or transport is None or transport.get_write_buffer_size() > MOST_UNSENT_BYTES:
+        if not frames or transport is None or transport.get_write_buffer_size() > MAX_UNSENT_BYTES:
             return 0
         transport.write(b"".join(frames))
         return len(frames)
@@ -169,21 +175,21 @@ class TcpClient(asyncio.Protocol):
             self._transport.abort()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """From asyncio."""
+        """Called by asyncio."""
         self._transport = cast(asyncio.Transport, transport)
         self._server.clients.add(self)
 
     def data_received(self, data: bytes) -> None:
-        """From asyncio."""
+        """Called by asyncio."""
         self._server.has_peer = True
         self.send(self.session.receive(data, self._server.now()))
 
     def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002  # asyncio's signature
-        """From asyncio."""
+        """Called by asyncio."""
         self._server.clients.discard(self)
 
 
 def reason(error: OSError) -> str:
-    """The reason of an OSError in a few words: the system's, where asyncio's has the address, which is known."""
+    """Return the reason of an OSError in a few words, without the address that is known anyway."""
     number = error.errno or 0
     return (os.strerror(number) if number > 0 else error.strerror or str(error)).lower()

@@ -1,4 +1,4 @@
-"""Where a simulated camera's images go: to a UDP link as LANDING_TARGETs, and over Zenoh, beside the truth."""
+"""The outputs of a simulated camera: LANDING_TARGETs over UDP, and images and truth over Zenoh."""
 
 import asyncio
 from typing import Final, Literal
@@ -11,16 +11,18 @@ from simlink.sensors.gimbal import make_gimbal
 from simlink.sensors.pictures import Painter
 from simlink.server.links import LinkError, UdpLink, parse_udp
 from simlink.server.publish import Published, ZenohPublisher, check_vehicle
-from simlink.simulation import CAMERA_COMPONENT, check_mavlink
-from simlink.world.drawn import drawn
+from simlink.simulation import CAMERA_COMPONENT_ID, check_mavlink
+from simlink.world.drawn import draw_scenario
 from simlink.world.truth import State, true_size
 
-FLUSH: Final = 0.2  # s, for Zenoh to send the last records
+FLUSH_TIME_S: Final = 0.2  # for Zenoh to send the last records
 
 
 class OutletOptions(Record, frozen=True, kw_only=True):
-    """The camera of `scenario` with the random numbers of `seed`, and where its images go. Without `zenoh` no
-    truth is published."""
+    """The scenario and seed of the camera, and the destinations of its images.
+
+    Without `zenoh` no truth is published.
+    """
 
     scenario: Scenario
     seed: int = 1
@@ -30,27 +32,32 @@ class OutletOptions(Record, frozen=True, kw_only=True):
     vehicle: str = "1"
 
     @property
-    def places(self) -> str:
-        """Where images and truth go, in words."""
+    def destinations(self) -> str:
+        """The destinations of images and truth, for a report."""
         both = f"{self.zenoh} and {self.camera_mavlink}"
         images = {"mavlink": self.camera_mavlink, "both": both, "none": "nowhere"}.get(self.camera, self.zenoh)
         return f"images {images}; truth {self.zenoh or 'nowhere'}"
 
 
 class Outlet:
-    """The outputs of one run; `images` counts what was sent. `system`: of the vehicle with the camera. Raises
-    LinkError and ScenarioError for invalid options, PictureError where pictures cannot be drawn."""
+    """The outputs of one run; `images` counts the images sent.
+
+    `system` is the MAVLink system of the vehicle with the camera. Raises LinkError and ScenarioError for invalid
+    options, PictureError if pictures cannot be drawn.
+    """
 
     def __init__(self, options: OutletOptions, system: int) -> None:
         if options.camera in ("zenoh", "both") and options.zenoh is None:
-            raise LinkError("images over Zenoh need an endpoint; or choose --camera mavlink or none")
+            raise LinkError(
+                f"--camera {options.camera} needs an endpoint; set --zenoh, or choose --camera mavlink or none"
+            )
         check_vehicle(options.vehicle)
         if options.camera in ("mavlink", "both"):
             check_mavlink(options.scenario)
         self.images = 0
         self._options = options
         self._camera = options.scenario.camera
-        self._encoder = MavlinkEncoder(system, CAMERA_COMPONENT)
+        self._encoder = MavlinkEncoder(system, CAMERA_COMPONENT_ID)
         self._zenoh: ZenohPublisher | None = None
         self._udp: UdpLink | None = None
         if options.camera in ("mavlink", "both"):
@@ -58,7 +65,7 @@ class Outlet:
         self._painter: Painter | None = None
         self._painting: asyncio.Task[None] | None = None  # the picture that is being drawn
         if self._camera.pictures != "none":
-            flown = drawn(options.scenario, options.seed)
+            flown = draw_scenario(options.scenario, options.seed)
             gimbal = make_gimbal(flown.camera, options.seed)
             mount = None if gimbal is None else gimbal.mount
             self._painter = Painter(flown.camera, true_size(flown, options.seed), options.seed, mount)
@@ -73,13 +80,13 @@ class Outlet:
             self._zenoh = await asyncio.to_thread(ZenohPublisher.open, *arguments)
 
     def has_viewer(self) -> bool:
-        """Whether someone receives the images; True where that cannot be known."""
+        """Whether someone receives the images; True if that cannot be known."""
         if self._zenoh is None or self._options.camera not in ("zenoh", "both"):
             return True
         return self._zenoh.has_viewer()
 
     def send_image(self, image: Image) -> None:
-        """Send what is found in one image, unless pictures are sent instead."""
+        """Send the detections of one image, unless pictures are sent instead."""
         if self._painter is not None:
             return
         if self._options.camera in ("zenoh", "both"):
@@ -89,8 +96,10 @@ class Outlet:
         self.images += self._options.camera != "none"
 
     def draw(self, state: State, t_ns: int) -> None:
-        """Draw and publish what the camera sees, if pictures are wanted; while that takes too long, exposures are
-        left out."""
+        """Draw and publish a picture if pictures are wanted.
+
+        An exposure is skipped while the picture before it is still being drawn.
+        """
         if self._painter is not None and (self._painting is None or self._painting.done()):
             self._painting = asyncio.create_task(self._paint(self._painter, state, t_ns))
 
@@ -109,9 +118,9 @@ class Outlet:
             await self._painting
 
     async def flush(self) -> None:
-        """Leave Zenoh the time to send the last records."""
+        """Wait until Zenoh has had time to send the last records."""
         if self._zenoh is not None:
-            await asyncio.sleep(FLUSH)
+            await asyncio.sleep(FLUSH_TIME_S)
 
     async def close(self) -> None:
         """Close the links that are open."""

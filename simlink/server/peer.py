@@ -1,4 +1,4 @@
-"""The link to a simulated vehicle of another program: TCP, which is connected again, or UDP."""
+"""The link to a vehicle simulated by another program, over UDP or TCP with reconnection."""
 
 import asyncio
 from collections.abc import Callable
@@ -7,13 +7,15 @@ from typing import Any, Final
 from simlink.server.links import LinkError, UdpLink, parse_udp, reason
 from simlink.server.observed import LocalFrame, ObservedVehicle
 
-RETRY: Final = 0.5  # s
-TURN: Final = 0.1  # s, between looks at what is due
+RETRY_PERIOD_S: Final = 0.5
+POLL_PERIOD_S: Final = 0.1
 
 
 class PeerLink:
-    """The link of a URL: tcp:HOST:PORT, udpin:HOST:PORT or udpout:HOST:PORT. `name`: of the vehicle, for `report`,
-    which is called with a line. Raises LinkError for another URL."""
+    """The link of a URL: tcp:HOST:PORT, udpin:HOST:PORT or udpout:HOST:PORT.
+
+    `name` is the vehicle's in the lines passed to `report`. Raises LinkError for any other URL.
+    """
 
     def __init__(
         self, name: str, url: str, frame: LocalFrame, now_ns: Callable[[], int], report: Callable[[str], None]
@@ -31,7 +33,7 @@ class PeerLink:
         return ()
 
     async def run(self) -> None:
-        """Receive and request until cancelled. Raises LinkError where a UDP port cannot be opened."""
+        """Receive and request until cancelled. Raises LinkError if a UDP port cannot be opened."""
         if self._udp is not None:
             await self._over_udp(self._udp)
         elif self._tcp is not None:
@@ -43,7 +45,7 @@ class PeerLink:
             while True:
                 for frame in self.vehicle.requests(self._now_ns()):
                     link.send(frame)
-                await asyncio.sleep(TURN)
+                await asyncio.sleep(POLL_PERIOD_S)
         finally:
             link.close()
 
@@ -56,15 +58,15 @@ class PeerLink:
             except OSError as error:
                 why = reason(error)
                 if why != reported:
-                    self._report(f"{self.name} {self.url}: {why}; tried again until it answers")
+                    self._report(f"{self.name} {self.url}: {why}; retrying")
                 reported = why
-                await asyncio.sleep(RETRY)
+                await asyncio.sleep(RETRY_PERIOD_S)
                 continue
             reported = ""
             try:
                 while not stream.is_lost:
                     transport.write(b"".join(self.vehicle.requests(self._now_ns())))
-                    await asyncio.sleep(TURN)
+                    await asyncio.sleep(POLL_PERIOD_S)
             finally:
                 transport.abort()
 
@@ -77,11 +79,11 @@ class _Stream(asyncio.Protocol):
         self._received = received
 
     def data_received(self, data: bytes) -> None:
-        """From asyncio."""
+        """Called by asyncio."""
         self._received(data)
 
     def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002  # asyncio's signature
-        """From asyncio."""
+        """Called by asyncio."""
         self.is_lost = True
 
 

@@ -1,4 +1,4 @@
-"""Publishing over Zenoh: images, radar scans, pseudoranges, the truth, and counts of what was sent.
+"""Publishing over Zenoh: images, radar scans, pseudoranges, truth and counts.
 
 Records are dropped rather than delayed: a slow subscriber must not slow the simulation.
 """
@@ -22,9 +22,9 @@ from simlink.server.links import LinkError
 
 
 def check_vehicle(vehicle: str) -> str:
-    """The vehicle's id, if it may be part of a key. Raises LinkError."""
+    """Return the vehicle's id if it may be part of a key. Raises LinkError."""
     if not vehicle.isascii() or any(c in "*$?# " for c in vehicle) or "" in vehicle.split("/"):
-        raise LinkError(f"bad vehicle id {vehicle!r}: ASCII without * $ ? # or blanks, and no empty part")
+        raise LinkError(f"bad vehicle id {vehicle!r}: use ASCII without * $ ? # or blanks, and no empty part")
     return vehicle
 
 
@@ -32,11 +32,14 @@ Images = CameraPoints | CameraDetections | Picture
 Published = Images | RadarDetections | Pseudoranges | Truth | TrafficTruth | SimStatus
 
 # connects within a second to a daemon that starts later; Zenoh's default slows down to 4 s
-RETRY: Final = {"period_init_ms": 200, "period_max_ms": 500, "period_increase_factor": 1.5}
+RETRY_OPTIONS: Final = {"period_init_ms": 200, "period_max_ms": 500, "period_increase_factor": 1.5}
 
 
 class ZenohPublisher:
-    """A publisher of each kind of record; `ZenohPublisher.open` connects, and keeps trying in the background."""
+    """A publisher of each kind of record.
+
+    `ZenohPublisher.open` connects and keeps trying in the background.
+    """
 
     def __init__(self, session: Any, vehicle: str, camera: str, radar: str) -> None:
         import zenoh  # noqa: PLC0415  # a run without Zenoh need not load it
@@ -57,9 +60,9 @@ class ZenohPublisher:
 
     @classmethod
     def open(cls, endpoint: str, vehicle: str, camera: str, radar: str) -> "ZenohPublisher":
-        """Connect to `endpoint` (such as tcp/127.0.0.1:7447) and to nothing else: no listening, no scouting.
+        """Connect to `endpoint`, such as tcp/127.0.0.1:7447, without listening or scouting.
 
-        Blocks for half a second if no router runs yet. Raises LinkError for an invalid endpoint.
+        It blocks for half a second if no router runs yet. Raises LinkError for an invalid endpoint.
         """
         import zenoh  # noqa: PLC0415  # see above
 
@@ -70,7 +73,7 @@ class ZenohPublisher:
             "scouting/gossip/enabled": False,
             "listen/endpoints": [],
             "connect/endpoints": [endpoint],
-            "connect/retry": RETRY,
+            "connect/retry": RETRY_OPTIONS,
         }
         try:
             for key, value in settings.items():

@@ -1,7 +1,7 @@
-"""The simulator as a process: it paces a run by the clock, sends its messages and answers commands.
+"""The simulator as a process: it paces a run, sends its messages and answers commands.
 
-Nothing here waits for a receiver. On a computer too slow for the requested speed the flight slows down, and the
-boot clock with it: stamps and TIMESYNC replies always agree.
+Nothing here waits for a receiver. On a computer too slow for the requested speed the flight slows down and the
+boot clock with it, so that stamps and TIMESYNC replies always agree.
 """
 
 import asyncio
@@ -17,20 +17,22 @@ from simlink.autopilot import AutopilotLink
 from simlink.sensors.navigation import Reading
 from simlink.server.links import TcpServer, UdpLink, parse_udp
 from simlink.server.outlet import Outlet, OutletOptions
-from simlink.simulation import Tick, boot_ns_of, setpoint_mode, ticks
+from simlink.simulation import Tick, boot_time_ns, setpoint_mode, ticks
 from simlink.traffic.reports import sender
 from simlink.world.constants import STEP_NS, STEPS_PER_SECOND
 from simlink.world.truth import State, states
 
-MOST_BEHIND: Final = 0.25  # s of wall time; beyond that the boot clock is set back
+MAX_LAG_S: Final = 0.25  # of wall time, beyond which the boot clock is set back
 STATUS_STEPS: Final = STEPS_PER_SECOND // 5
-WAIT_POLL: Final = 0.02  # s
-LONGEST_SLEEP: Final = 0.05  # s: a stop is noticed this soon
+POLL_PERIOD_S: Final = 0.02  # while waiting for a peer
+MAX_SLEEP_TIME_S: Final = 0.05  # a stop is noticed within it
 
 
 class Options(OutletOptions, frozen=True, kw_only=True):
-    """Options of a run. `duration` in s of flight (None: endless), `wait` in s of wall time; a link that is None
-    is absent."""
+    """Options of a run; `duration` in s of flight (None: endless), `wait` in s of wall time.
+
+    A link that is None is not opened.
+    """
 
     speed: float = 1.0
     duration: float | None = None
@@ -41,7 +43,7 @@ class Options(OutletOptions, frozen=True, kw_only=True):
 
 
 class BootClock:
-    """The autopilot's time since boot. It runs `speed` times as fast as `now` (s, monotonic)."""
+    """The autopilot's time since boot, `speed` times as fast as `now` (s, monotonic)."""
 
     def __init__(self, now: Callable[[], float], boot_ns: int, speed: float) -> None:
         self._now = now
@@ -54,21 +56,23 @@ class BootClock:
         return boot_ns + round((self._now() - wall) * self._speed * NS_PER_S)
 
     def wait_for(self, t_ns: int) -> float:
-        """Wall seconds until `t_ns`, negative when it has passed. The clock is set back when that was too long
-        ago."""
+        """Return the wall seconds until `t_ns`, negative if it has passed.
+
+        The clock is set back if that was too long ago.
+        """
         ahead = (t_ns - self.ns()) * S_PER_NS / self._speed
-        if ahead < -MOST_BEHIND:
+        if ahead < -MAX_LAG_S:
             self._anchor = (self._now(), t_ns)
             return 0.0
         return ahead
 
 
 class Server:
-    """One run. `await run(stop)` opens the links, flies, and closes them in any case.
+    """One run: `await run(stop)` opens the links, flies, and closes them in any case.
 
-    `now` is a monotonic clock in seconds, `unix_ns` the present Unix time, for SYSTEM_TIME; `report` is called
-    with one line of text at a time. `world`: the states, if not those that follow from scenario and seed; the
-    flight ends with them. Raises LinkError for invalid options.
+    `now` is a monotonic clock in seconds, `unix_ns` the present Unix time for SYSTEM_TIME; `report` is called with
+    one line of text at a time. `world` replaces the states that follow from scenario and seed, and ends the
+    flight. Raises LinkError for invalid options.
     """
 
     def __init__(
@@ -82,7 +86,7 @@ class Server:
         self.frames = 0  # sent so far
         self._options, self._now, self._report, self._world = options, now, report, world
         self._vehicle = options.scenario.vehicle
-        boot_ns = boot_ns_of(options.scenario)
+        boot_ns = boot_time_ns(options.scenario)
         self._clock = BootClock(now, boot_ns, options.speed)
         self._epoch_ns = unix_ns - boot_ns
         self._mode = setpoint_mode(options.scenario)  # the follower flies on setpoints
@@ -103,7 +107,7 @@ class Server:
         return self._outlet.images
 
     async def run(self, stop: asyncio.Event) -> None:
-        """Fly until the duration is over or `stop` is set. Raises LinkError when a link cannot be opened."""
+        """Fly until the duration is over or `stop` is set. Raises LinkError if a link cannot be opened."""
         try:
             await self._open()
             await self._wait_for_peer(stop)
@@ -117,7 +121,9 @@ class Server:
                 await link.open()
         o = self._options
         tcp = "no TCP" if self.tcp is None else f"TCP {o.tcp_host}:{self.tcp.port}"
-        self._report(f"{o.scenario.name}, seed {o.seed}: MAVLink {o.mavlink or 'not by UDP'}, {tcp}; {o.places}")
+        self._report(
+            f"{o.scenario.name}, seed {o.seed}: MAVLink {o.mavlink or 'not by UDP'}, {tcp}; {o.destinations}"
+        )
 
     async def _close(self) -> None:
         if self.udp is not None:
@@ -128,15 +134,17 @@ class Server:
         await asyncio.sleep(0)  # asyncio closes sockets on its next turn
 
     async def _wait_for_peer(self, stop: asyncio.Event) -> None:
-        """Send heartbeats only, until a peer has sent something and the images have a subscriber, or `wait` is
-        over."""
+        """Send heartbeats only, until a peer answers and the images have a subscriber.
+
+        Give up after `wait` seconds.
+        """
         o = self._options
         deadline = self._now() + o.wait
         if o.wait > 0:
             self._report(f"waiting up to {o.wait:g} s for a peer")
         while not stop.is_set() and self._now() < deadline and not self._peer_is_there():
             self._send_frames(self._clock.ns(), None)
-            await asyncio.sleep(WAIT_POLL)
+            await asyncio.sleep(POLL_PERIOD_S)
 
     def _peer_is_there(self) -> bool:
         links = [link for link in (self.udp, self.tcp) if link is not None]
@@ -167,10 +175,10 @@ class Server:
         await self._outlet.flush()
 
     async def _until(self, t_ns: int, stop: asyncio.Event) -> None:
-        """Sleep until the boot clock shows `t_ns`; the event loop serves the sockets at least once."""
+        """Sleep until the boot clock shows `t_ns`, and serve the sockets at least once."""
         # waiting for the event with a time limit would make and cancel a task 200 times a second
         while (ahead := self._clock.wait_for(t_ns)) > 0 and not stop.is_set():  # noqa: ASYNC110
-            await asyncio.sleep(min(ahead, LONGEST_SLEEP))
+            await asyncio.sleep(min(ahead, MAX_SLEEP_TIME_S))
         await asyncio.sleep(0)
 
     def _send(self, tick: Tick) -> None:
@@ -193,8 +201,11 @@ class Server:
             self.frames += sent if self.udp is None else 0
 
     def _send_others(self, tick: Tick) -> None:
-        """Reports of traffic, the gimbal's and the rangefinder's go out on the autopilot's link, which forwards
-        them; pseudoranges, scans and truth go out over Zenoh."""
+        """Send the records that are not the autopilot's own.
+
+        Reports of traffic, gimbal and rangefinder go to the autopilot's link, which forwards them. Pseudoranges,
+        scans and truth go to Zenoh.
+        """
         traffic = tick.traffic
         reports = [(report, sender(report, self._vehicle.system)) for report in traffic.reports]
         own = [(report, (report.system, report.component)) for report in (tick.gimbal, tick.distance) if report]
@@ -214,7 +225,7 @@ class Server:
         self._outlet.publish(SimStatus(t_ns=t_ns, images=self.images, frames=self.frames, finished=finished))
 
     def _answer(self, data: bytes) -> list[bytes]:
-        """Replies to a datagram from the UDP peer; they are counted in `frames`."""
+        """Return the replies to a datagram from the UDP peer, counted in `frames`."""
         replies = self._session.receive(data, self._clock.ns())
         self.frames += len(replies)
         return replies
@@ -224,15 +235,17 @@ class Server:
 
 
 class Run(Protocol):
-    """What runs until it is stopped."""
+    """Anything that runs until it is stopped."""
 
     async def run(self, stop: asyncio.Event) -> None:
         """Run until the end, or until `stop` is set."""
 
 
 async def serve(server: Run) -> None:
-    """Run until the flight ends or a signal arrives: SIGINT, SIGTERM, and unless `nohup` ignores it SIGHUP. Raises
-    LinkError."""
+    """Run until the flight ends or SIGINT, SIGTERM or SIGHUP arrives. Raises LinkError.
+
+    SIGHUP is ignored if `nohup` ignores it.
+    """
     ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
     numbers = (signal.SIGINT, signal.SIGTERM, *(() if ignored else (signal.SIGHUP,)))
     stop = asyncio.Event()

@@ -1,7 +1,7 @@
-"""The motion of other aircraft: a lateral acceleration turns the course; speed, climb, and turbulence in the
-velocity.
+"""The motion of other aircraft.
 
-Frames are those of `onboard.geometry`; O is the scenario's origin, T the aircraft.
+A lateral acceleration turns the course; speed and climb are constant, with turbulence in the velocity. Frames are
+those of `onboard.geometry`; O is the scenario's origin, T the aircraft.
 """
 
 import math
@@ -15,8 +15,8 @@ from simlink.world.attitude import add
 from simlink.world.constants import STEPS_PER_SECOND
 from simlink.world.noise import gauss_markov_vectors, normals
 
-STRIDE: Final = 4  # steps of the world for one of the traffic: 50 Hz
-DT: Final = STRIDE / STEPS_PER_SECOND
+STRIDE_STEPS: Final = 4  # steps of the world per step of the traffic: 50 Hz
+STRIDE_TIME_S: Final = STRIDE_STEPS / STEPS_PER_SECOND
 
 Matrix = list[list[float]]
 
@@ -29,12 +29,12 @@ class Motion(NamedTuple):
 
 
 def motions(aircraft: Aircraft, seed: int) -> Iterator[Motion]:
-    """The aircraft's motion at 50 Hz, without end."""
+    """Yield the aircraft's motion at 50 Hz, without end."""
     draw = normals(seed, f"traffic.{aircraft.name}.start")
     spread = aircraft.start_sigma
     r = add(aircraft.start, (spread * next(draw), spread * next(draw), 0.2 * spread * next(draw)))
     course = math.radians(aircraft.course_deg + aircraft.course_sigma_deg * next(draw))
-    turbulence = gauss_markov_vectors(seed, f"traffic.{aircraft.name}", aircraft.turbulence, DT)
+    turbulence = gauss_markov_vectors(seed, f"traffic.{aircraft.name}", aircraft.turbulence, STRIDE_TIME_S)
     lateral, t = aircraft.a_lat, 0.0
     before: Vec3 | None = None
     while True:
@@ -45,7 +45,7 @@ def motions(aircraft: Aircraft, seed: int) -> Iterator[Motion]:
             -aircraft.climb + 0.5 * gz,
         )
         if before is not None:
-            half = 0.5 * DT
+            half = 0.5 * STRIDE_TIME_S
             r = (
                 r[0] + half * (v[0] + before[0]),
                 r[1] + half * (v[1] + before[1]),
@@ -54,17 +54,20 @@ def motions(aircraft: Aircraft, seed: int) -> Iterator[Motion]:
         yield Motion(r, v)
         before = v
         phase = 2 * math.pi * t / lateral.period + math.radians(lateral.phase_deg)
-        course += DT * (lateral.mean + lateral.amplitude * math.sin(phase)) / aircraft.speed
-        t += DT
+        course += STRIDE_TIME_S * (lateral.mean + lateral.amplitude * math.sin(phase)) / aircraft.speed
+        t += STRIDE_TIME_S
 
 
 def level_at(lat_deg: float, lon_deg: float, origin: tuple[float, float, float]) -> Matrix:
-    """The rotation from NED at the origin to NED at a place: over 10 km the horizon tilts by 1.6 mrad."""
+    """Return the rotation from NED at the origin to NED at another place.
+
+    Over 10 km the horizon tilts by 1.6 mrad.
+    """
     rows = rotation_ne(lat_deg, lon_deg) @ rotation_ne(origin[0], origin[1]).T
     return rows.tolist()  # type: ignore[no-any-return]  # of an array
 
 
 def rotate(matrix: Matrix, v: Vec3) -> Vec3:
-    """matrix v."""
+    """Return matrix @ v."""
     x, y, z = (row[0] * v[0] + row[1] * v[1] + row[2] * v[2] for row in matrix)
     return x, y, z

@@ -1,5 +1,7 @@
-"""Another aircraft's GNSS receiver, which shares its pseudoranges and their rates: the errors of
-`simlink.sensors.gnss`, the satellites of a real almanac."""
+"""The GNSS receiver of another aircraft, which shares its pseudoranges and their rates.
+
+Its errors are those of `simlink.sensors.gnss`, its satellites those of a real almanac.
+"""
 
 import math
 from typing import Final
@@ -28,11 +30,14 @@ class RangesSensor:
         self._almanac = almanac.load()
         self._rng = stream(seed, f"{name}.ranges")
         self._clock = self._rng.standard_normal(2) * (self._receiver.clock_sigma, self._receiver.drift_sigma)
-        self._wet = troposphere.WET_ZENITH
+        self._wet = troposphere.WET_ZENITH_DELAY
 
     def measure(self, t: float, t_ns: int, r: Vec3, v: Vec3) -> Pseudoranges | None:
-        """Measurements at flight time t (s), position r from the origin and velocity v, in n at the origin; None
-        without a signal. Call it once per epoch: it draws random numbers in any case."""
+        """Return the measurements at flight time t (s), or None without a signal.
+
+        Position r from the origin and velocity v are in n at the origin. Call it once per epoch, since it draws
+        random numbers in any case.
+        """
         noise = self._rng.standard_normal((2, len(self._almanac.names)))
         self._advance_errors(1.0 / self._settings.rate)
         if is_within(t, self._settings.lost):
@@ -66,7 +71,7 @@ class RangesSensor:
         )
 
     def _advance_errors(self, dt: float) -> None:
-        """One step dt (s) of the random walks of clock and troposphere."""
+        """Advance the random walks of clock and troposphere by dt (s)."""
         walk, drift, wet = self._rng.standard_normal(3)
         r = self._receiver
         self._clock[0] += dt * self._clock[1] + math.sqrt(r.clock_walk * dt) * walk

@@ -1,10 +1,9 @@
-"""A radar on our vehicle with a full view around: panels of the phased array of De Vivo et al. (`phased_array`),
-each steered within the limits of Table 4.
+"""A radar on our vehicle that sees all round, with several phased arrays (`phased_array`).
 
-Detections are in b. The signal-to-noise ratio S, with losses of scan and weather and the targets' jammers,
-determines the accuracy and the probability of detection: an echo that fluctuates from scan to scan (Swerling's
-first case) passes a threshold of false-alarm probability P with probability P^(1/(1+S)). The reflecting point
-moves over the aircraft (glint); the radar's reported accuracy does not contain that.
+Each panel is steered within the limits of Table 4 of De Vivo et al., and detections are in b. The signal-to-noise
+ratio S follows from the losses of scan and weather and the targets' jammers. It sets the accuracy and the
+probability of detection: a Swerling-1 echo passes a threshold of false-alarm probability P with probability
+P^(1/(1+S)). The reflecting point moves over the aircraft (glint), which the reported accuracy does not contain.
 """
 
 import math
@@ -20,11 +19,11 @@ from simlink.sensors.arrays import Array
 from simlink.world import attitude
 from simlink.world.noise import normals, uniforms
 
-DRAWS: Final = 6  # normal numbers for each aircraft and scan, detected or not: three for glint, three for noise
+NORMAL_SAMPLES: Final = 6  # per aircraft and scan, detected or not: three for glint, three for noise
 
 
 class RadarSensor:
-    """Noise, missed echoes, false alarms, jamming, loss of all signal."""
+    """The radar of one run, with noise, missed echoes, false alarms, jamming and loss of signal."""
 
     def __init__(self, radar: TrafficRadar, seed: int) -> None:
         self._radar = radar
@@ -36,11 +35,11 @@ class RadarSensor:
     def scan(
         self, t: float, t_ns: int, q_nF: Quaternion, others: list[Vec3]
     ) -> tuple[RadarDetections, list[bool]]:
-        """One scan of aircraft at r_FT_n, at flight time t (s), and which of them it contains."""
+        """Scan the aircraft at r_FT_n at flight time t (s); return the scan and who is in it."""
         radar, count = self._radar, len(others)
         jammed = is_within(t, radar.jammed)
         body = np.array([attitude.to_b(q_nF, other) for other in others]).reshape(count, 3)
-        draws = np.array([next(self._z) for _ in range(count * DRAWS)]).reshape(count, DRAWS)
+        draws = np.array([next(self._z) for _ in range(count * NORMAL_SAMPLES)]).reshape(count, NORMAL_SAMPLES)
         chance = np.array([next(self._u) for _ in others])
         polar = _polar(body)
         ratio, sigma = self._quality(polar, -np.array(others).reshape(count, 3)[:, 2], jammed)
@@ -56,7 +55,10 @@ class RadarSensor:
         return RadarDetections(t_ns=t_ns, clock=Clock.BOOT, radar=radar.name, detections=found), hit.tolist()
 
     def _quality(self, polar: Array, height: Array, jammed: bool) -> tuple[Array, Array]:
-        """Integrated S/N (k,), or S/(J+N) when jammed, and standard deviations (k, 3) as in `accuracy`."""
+        """Return the integrated S/N (k,) and the standard deviations (k, 3) as in `accuracy`.
+
+        When jammed the ratio is S/(J+N).
+        """
         on_panel, jammers = self._on_panel(polar), np.full(len(polar), jammed)
         rain, size = self._radar.rain_mm_h, self._radar.cross_section
         one = phased_array.signal_to_noise(self._array, on_panel, height, rain, jammers, size)
@@ -64,7 +66,7 @@ class RadarSensor:
         return ratio, phased_array.accuracy(self._array, on_panel, ratio)
 
     def _on_panel(self, polar: Array) -> Array:
-        """Range, azimuth and elevation (k, 3) in the axes of the panel that faces each target."""
+        """Return range, azimuth and elevation (k, 3) in the axes of the panel that faces each target."""
         width = 2 * math.pi / self._radar.panels
         on_panel = polar.copy()
         on_panel[:, 1] = np.remainder(polar[:, 1] + width / 2, width) - width / 2
@@ -84,7 +86,7 @@ class RadarSensor:
         return alarms
 
     def _poisson(self, mean: float) -> int:
-        """A Poisson number, by Knuth's product of uniforms."""
+        """Return a Poisson number, by Knuth's product of uniforms."""
         limit, product, count = math.exp(-mean), next(self._u), 0
         while product > limit:
             product *= next(self._u)
@@ -105,7 +107,7 @@ def _detection(polar: Array, sigma: Array, ratio: float) -> RadarDetection:
 
 
 def _polar(body: Array) -> Array:
-    """Range, azimuth (positive right of b's first axis) and elevation (positive up), (k, 3), of points in b."""
+    """Return range, azimuth (positive right) and elevation (positive up), (k, 3), of points in b."""
     x, y, z = body[:, 0], body[:, 1], body[:, 2]
     level = np.hypot(x, y)
     return np.column_stack([np.hypot(level, z), np.arctan2(y, x), np.arctan2(-z, level)])

@@ -1,5 +1,4 @@
-"""Reports of other aircraft as they reach us: ADS-B through our receiver, GLOBAL_POSITION_INT, and
-pseudoranges."""
+"""The reports of other aircraft as they reach us: ADS-B, GLOBAL_POSITION_INT, pseudoranges."""
 
 import heapq
 import math
@@ -10,26 +9,28 @@ from msgspec.structs import replace
 from onboard.geometry.geodesy import geodetic_from_ned
 from onboard.messages import AdsbVehicle, AltitudeType, Clock, GlobalPosition, Message, Pseudoranges, Vec3
 from simlink.scenarios.scenario import Scenario
-from simlink.scenarios.traffic import FIRST_ICAO, FIRST_SYSTEM, Aircraft, Reports
+from simlink.scenarios.traffic import FIRST_ICAO, FIRST_SYSTEM_ID, Aircraft, Reports
 from simlink.traffic.aircraft import Motion, level_at, rotate
 from simlink.traffic.peer_gnss import RangesSensor
 from simlink.world.attitude import add
 from simlink.world.noise import gauss_markov_vectors, normals, uniforms
 
-RECEIVER: Final = 156  # MAV_COMP_ID_ADSB
-REPEAT_S: Final = 10.0  # the ADS-B receiver repeats an aircraft's last report for this long
-METRES_PER_DEGREE: Final = 111_195.0
+RECEIVER_COMPONENT_ID: Final = 156  # MAV_COMP_ID_ADSB
+REPEAT_DURATION_S: Final = 10.0  # for which the ADS-B receiver repeats an aircraft's last report
+DEGREE_LENGTH_M: Final = 111_195.0
 
 
 class Transmitter:
-    """One aircraft's reports. `received` counts those that reach us. `errors`: if they are not those of the
-    scenario's traffic."""
+    """The reports of one aircraft; `received` counts those that reach us.
+
+    `errors` replaces those of the scenario's traffic.
+    """
 
     def __init__(
         self, aircraft: Aircraft, number: int, scenario: Scenario, seed: int, errors: Reports | None = None
     ) -> None:
         self.aircraft = aircraft
-        self.icao, self.system = FIRST_ICAO + number, FIRST_SYSTEM + number
+        self.icao, self.system = FIRST_ICAO + number, FIRST_SYSTEM_ID + number
         self.received = 0
         name, origin = f"traffic.{aircraft.name}", scenario.vehicle.origin
         self._origin = origin
@@ -57,7 +58,7 @@ class Transmitter:
         return names[self.aircraft.says]
 
     def step(self, t: float, motion: Motion) -> list[Message]:
-        """The reports that reach our vehicle at flight time t (s)."""
+        """Return the reports that reach our vehicle at flight time t (s)."""
         if self.aircraft.says in ("nothing", "ranges"):
             return []
         if t >= self._due:
@@ -69,7 +70,7 @@ class Transmitter:
         return arrived
 
     def ranges(self, t: float, t_ns: int, motion: Motion) -> list[Pseudoranges]:
-        """The pseudoranges that its receiver shares at flight time t (s)."""
+        """Return the pseudoranges that its receiver shares at flight time t (s)."""
         if self._receiver is None or t < self._due:
             return []
         self._due += self._range_period
@@ -93,17 +94,19 @@ class Transmitter:
             if isinstance(message, AdsbVehicle):
                 self._last = t, message
             self._post(t + delay, message)
-        elif self._last is not None and t - self._last[0] < REPEAT_S:
+        elif self._last is not None and t - self._last[0] < REPEAT_DURATION_S:
             self._post(t + delay, replace(self._last[1], tslc=float(math.floor(t + delay - self._last[0]))))
 
     def _post(self, t: float, message: Message) -> None:
-        """Let a message arrive at flight time t."""
+        """Schedule a message to arrive at flight time t."""
         self._sent += 1
         heapq.heappush(self._in_transit, (t, self._sent, message))
 
     def _measured(self, motion: Motion, position_error: Vec3) -> tuple[tuple[float, float, float], Vec3, Vec3]:
-        """By the aircraft's own GNSS: latitude, longitude (deg) and height (m); r_OT in n; velocity in NED
-        there."""
+        """Return the aircraft's own GNSS measurement.
+
+        It is latitude, longitude (deg) and height (m), r_OT in n, and the velocity in NED at that place.
+        """
         e, z = self._errors, self._z
         noise = (e.position_white * next(z), e.position_white * next(z), e.position_white * next(z))
         r = add(add(motion.r, position_error), noise)
@@ -114,7 +117,7 @@ class Transmitter:
     def _adsb(self, motion: Motion, position_error: Vec3) -> AdsbVehicle:
         e = self._errors
         (lat_deg, lon_deg, height), _, v = self._measured(motion, position_error)
-        step_deg = e.position_step / METRES_PER_DEGREE
+        step_deg = e.position_step / DEGREE_LENGTH_M
         wide_deg = step_deg / math.cos(math.radians(lat_deg))
         north, east = _quantised(v[0], e.velocity_step), _quantised(v[1], e.velocity_step)
         return AdsbVehicle(
@@ -149,8 +152,8 @@ class Transmitter:
 
 
 def sender(message: Message, vehicle_system: int) -> tuple[int, int]:
-    """(system, component) that sends a traffic message: our own ADS-B receiver, or another autopilot."""
-    return (vehicle_system, RECEIVER) if isinstance(message, AdsbVehicle) else (message.system, 1)
+    """Return (system, component) of a traffic message: our ADS-B receiver or another autopilot."""
+    return (vehicle_system, RECEIVER_COMPONENT_ID) if isinstance(message, AdsbVehicle) else (message.system, 1)
 
 
 def _quantised(value: float, step: float) -> float:

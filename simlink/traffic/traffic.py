@@ -1,4 +1,4 @@
-"""All other aircraft of a run: their reports, our radar's scans and the truth, step by step.
+"""All other aircraft of a run: their reports, our radar's scans and the truth.
 
 Random numbers belong to the seed and one aircraft or sensor: a further aircraft leaves the others unchanged.
 """
@@ -8,19 +8,19 @@ from typing import Final, Literal, NamedTuple
 from onboard.geometry.geodesy import geodetic_from_ned
 from onboard.messages import IntruderTruth, Message, Pseudoranges, RadarDetections, TrafficTruth, Vec3
 from simlink.scenarios.scenario import Scenario
-from simlink.scenarios.traffic import LEADER, Aircraft
-from simlink.traffic.aircraft import STRIDE, Motion, level_at, motions, rotate
+from simlink.scenarios.traffic import LEADER_INDEX, Aircraft
+from simlink.traffic.aircraft import STRIDE_STEPS, Motion, level_at, motions, rotate
 from simlink.traffic.radar import RadarSensor
 from simlink.traffic.reports import Transmitter
 from simlink.world.attitude import difference
 from simlink.world.constants import STEPS_PER_SECOND
 from simlink.world.truth import State
 
-TRUTH_STRIDE: Final = 20  # steps of the world: 10 Hz
+TRUTH_STRIDE_STEPS: Final = 20  # steps of the world: 10 Hz
 
 
 class TrafficOutput(NamedTuple):
-    """What the traffic gives at one step: reports that arrive, pseudoranges, a radar scan, the truth."""
+    """The traffic's output at one step: reports that arrive, pseudoranges, a radar scan, the truth."""
 
     reports: tuple[Message, ...] = ()
     ranges: tuple[Pseudoranges, ...] = ()
@@ -29,7 +29,7 @@ class TrafficOutput(NamedTuple):
 
 
 class Traffic:
-    """All other aircraft of a run. Call `step` once per step of the world, in order."""
+    """All other aircraft of a run: call `step` once per step of the world, in order."""
 
     def __init__(self, scenario: Scenario, seed: int) -> None:
         self._radar = scenario.traffic.radar
@@ -41,11 +41,11 @@ class Traffic:
         self._sensor = RadarSensor(self._radar, seed)
         self._detections = [0] * len(self._motions)
         rate = self._radar.rate or STEPS_PER_SECOND  # 0: it is off
-        self._scan_steps = max(round(STEPS_PER_SECOND / rate / STRIDE) * STRIDE, STRIDE)
+        self._scan_steps = max(round(STEPS_PER_SECOND / rate / STRIDE_STEPS) * STRIDE_STEPS, STRIDE_STEPS)
 
     def step(self, state: State, t_ns: int) -> TrafficOutput:
-        """The traffic's output at this state of the world, `t_ns` on the boot clock."""
-        if state.step % STRIDE:
+        """Return the traffic's output at this state of the world, `t_ns` on the boot clock."""
+        if state.step % STRIDE_STEPS:
             return TrafficOutput()
         if self._leader is None:
             return self._others(state, t_ns)
@@ -54,7 +54,7 @@ class Traffic:
         return others._replace(reports=(*others.reports, *reports))
 
     def _others(self, state: State, t_ns: int) -> TrafficOutput:
-        """The output of all but the leader."""
+        """Return the output of all aircraft except the leader."""
         if not self._motions:
             return TrafficOutput()
         now = [next(m) for m in self._motions]
@@ -62,7 +62,7 @@ class Traffic:
         reports = tuple(report for transmitter, motion in pairs for report in transmitter.step(state.t, motion))
         ranges = tuple(e for transmitter, motion in pairs for e in transmitter.ranges(state.t, t_ns, motion))
         scanning = self._radar.rate > 0 and state.step % self._scan_steps == 0
-        if not scanning and state.step % TRUTH_STRIDE:
+        if not scanning and state.step % TRUTH_STRIDE_STEPS:
             return TrafficOutput(reports, ranges)
         # the autopilot's attitude refers to the horizon at our position, and so do the radar's angles
         lat_deg, lon_deg, _ = geodetic_from_ned(state.r_OF_n, self._origin)
@@ -72,7 +72,7 @@ class Traffic:
         if scanning:
             scan, detected = self._sensor.scan(state.t, t_ns, state.q_nF, r)
             self._detections = [count + hit for count, hit in zip(self._detections, detected, strict=True)]
-        if state.step % TRUTH_STRIDE == 0:
+        if state.step % TRUTH_STRIDE_STEPS == 0:
             v = [rotate(level, difference(m.v, state.v_F_n)) for m in now]
             truth = self._truth(t_ns, r, v)
         return TrafficOutput(reports, ranges, scan, truth)
@@ -93,9 +93,9 @@ class Traffic:
 
 
 def _leader(scenario: Scenario, seed: int) -> Transmitter | None:
-    """What sends the leader's own position, if anything does."""
+    """Return the transmitter of the leader's own position, or None if it sends none."""
     if scenario.broadcast is None:
         return None
     says: Literal["adsb", "peer"] = "adsb" if scenario.broadcast.says == "adsb" else "peer"
     aircraft = Aircraft(name="leader", says=says, start=(0.0, 0.0, 0.0))
-    return Transmitter(aircraft, LEADER, scenario, seed, scenario.broadcast)
+    return Transmitter(aircraft, LEADER_INDEX, scenario, seed, scenario.broadcast)

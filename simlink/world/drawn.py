@@ -1,8 +1,8 @@
-"""What differs from run to run, by seed: how large our vehicle's errors are, and those of its sensors.
+"""Parameters that differ from run to run, by seed: the sizes of our vehicle's and sensors' errors.
 
-A run on the wire, or through a pipeline, is drawn (`simlink.simulation`); the flights that studies
-compute as arrays, to reproduce a paper, are not. Nobody who configures a daemon knows these numbers, and no
-estimator is to be judged at its own settings.
+Runs on the wire and through a pipeline are drawn (`simlink.simulation`); the flights that studies compute as
+arrays, to reproduce a paper, are not. No user of a daemon knows these numbers, and no estimator may be judged at
+its own settings.
 """
 
 from typing import Final, TypeVar
@@ -31,8 +31,8 @@ VELOCITY_ERROR: Final[Range] = (0.05, 0.16)  # m/s, standard deviation per axis
 VELOCITY_ERROR_S: Final[Range] = (5.0, 60.0)
 
 
-def drawn(scenario: Scenario, seed: int) -> Scenario:
-    """The scenario as the run `seed` flies it."""
+def draw_scenario(scenario: Scenario, seed: int) -> Scenario:
+    """Return the scenario as the run `seed` flies it."""
     if scenario.own_errors:
         scenario = replace(scenario, nav=_own_errors(scenario.nav, stream(seed, "drawn.nav")), own_errors=False)
     if scenario.spread == 1.0:
@@ -53,10 +53,10 @@ def drawn(scenario: Scenario, seed: int) -> Scenario:
         barometer=barometer,
         imu=replace(
             scenario.imu,
-            accel_white=factor.of(scenario.imu.accel_white),
-            accel_bias=factor.of(scenario.imu.accel_bias),
+            accel_white=factor.scale(scenario.imu.accel_white),
+            accel_bias=factor.scale(scenario.imu.accel_bias),
         ),
-        camera=replace(scenario.camera, sigma_px=factor.of(scenario.camera.sigma_px)),
+        camera=replace(scenario.camera, sigma_px=factor.scale(scenario.camera.sigma_px)),
         quadrotor=None if craft is None else factor.craft(craft),
         traffic=factor.traffic(scenario.traffic),
         broadcast=None if scenario.broadcast is None else factor.reports(scenario.broadcast),
@@ -77,20 +77,20 @@ def _own_errors(nav: Nav, rng: np.random.Generator) -> Nav:
 
 
 class _Factor:
-    """Numbers multiplied by factors between 1 / spread and spread, each its own, their logarithms uniform."""
+    """Multiplies numbers by random factors between 1 / spread and spread, log-uniform."""
 
     def __init__(self, spread: float, rng: np.random.Generator) -> None:
         self._spread, self._rng = spread, rng
 
-    def of(self, value: float) -> float:
+    def scale(self, value: float) -> float:
         return value * float(self._spread ** self._rng.uniform(-1.0, 1.0))
 
-    def all(self, values: tuple[float, float, float]) -> tuple[float, float, float]:
-        by = self.of(1.0)
+    def scale_vector(self, values: tuple[float, float, float]) -> tuple[float, float, float]:
+        by = self.scale(1.0)
         return values[0] * by, values[1] * by, values[2] * by
 
     def process(self, process: GaussMarkov) -> GaussMarkov:
-        return GaussMarkov(sigma=self.of(process.sigma), time=self.of(process.time))
+        return GaussMarkov(sigma=self.scale(process.sigma), time=self.scale(process.time))
 
     def nav(self, nav: Nav) -> Nav:
         return replace(
@@ -98,29 +98,29 @@ class _Factor:
             attitude_deg=self.process(nav.attitude_deg),
             velocity=self.process(nav.velocity),
             position=self.process(nav.position),
-            attitude_white=self.all(nav.attitude_white),
-            rates_white=self.of(nav.rates_white),
+            attitude_white=self.scale_vector(nav.attitude_white),
+            rates_white=self.scale(nav.rates_white),
         )
 
     def gps(self, gps: Gps) -> Gps:
         return replace(
             gps,
             position=self.process(gps.position),
-            position_white=self.all(gps.position_white),
-            velocity_white=self.of(gps.velocity_white),
-            vertical_velocity_white=self.of(gps.vertical_velocity_white),
+            position_white=self.scale_vector(gps.position_white),
+            velocity_white=self.scale(gps.velocity_white),
+            vertical_velocity_white=self.scale(gps.vertical_velocity_white),
         )
 
     def barometer(self, barometer: BarometerErrors) -> BarometerErrors:
         return replace(
             barometer,
-            white=self.of(barometer.white),
+            white=self.scale(barometer.white),
             drift=self.process(barometer.drift),
-            stretch=self.of(barometer.stretch),
+            stretch=self.scale(barometer.stretch),
         )
 
     def craft(self, craft: Quadrotor) -> Quadrotor:
-        return replace(craft, motor_time=self.of(craft.motor_time), turbulence=self.process(craft.turbulence))
+        return replace(craft, motor_time=self.scale(craft.motor_time), turbulence=self.process(craft.turbulence))
 
     def traffic(self, scene: TrafficScene) -> TrafficScene:
         receiver = scene.receiver
@@ -129,22 +129,24 @@ class _Factor:
             aircraft=tuple(self.aircraft(a) for a in scene.aircraft),
             adsb=self.reports(scene.adsb),
             peer=self.reports(scene.peer),
-            receiver=replace(receiver, sigma=self.of(receiver.sigma), rate_sigma=self.of(receiver.rate_sigma)),
-            radar=replace(scene.radar, glint=self.of(scene.radar.glint)),
+            receiver=replace(
+                receiver, sigma=self.scale(receiver.sigma), rate_sigma=self.scale(receiver.rate_sigma)
+            ),
+            radar=replace(scene.radar, glint=self.scale(scene.radar.glint)),
         )
 
     def aircraft(self, aircraft: Aircraft) -> Aircraft:
         return replace(aircraft, turbulence=self.process(aircraft.turbulence))
 
     def rangefinder(self, rangefinder: Rangefinder) -> Rangefinder:
-        return replace(rangefinder, white=self.of(rangefinder.white), bias=self.of(rangefinder.bias))
+        return replace(rangefinder, white=self.scale(rangefinder.white), bias=self.scale(rangefinder.bias))
 
     def reports(self, reports: R) -> R:
-        by, (earliest, latest) = self.of(1.0), reports.latency
+        by, (earliest, latest) = self.scale(1.0), reports.latency
         return replace(
             reports,
             latency=(by * earliest, by * latest),
             position=self.process(reports.position),
-            position_white=self.of(reports.position_white),
-            velocity_white=self.of(reports.velocity_white),
+            position_white=self.scale(reports.position_white),
+            velocity_white=self.scale(reports.velocity_white),
         )

@@ -1,7 +1,7 @@
-"""Equations of motion of the two aircraft: profiles in time, the leader's point mass, the follower's slot.
+"""Equations of motion of the two aircraft: the leader's point mass, the follower's slot.
 
-Leader: dcourse/dt = a_lat / (V cos climb), dclimb/dt = a_long / V, speed V a function of time. The follower
-accelerates as its slot does, plus proportional and derivative feedback of its position error.
+For the leader dcourse/dt = a_lat / (V cos climb) and dclimb/dt = a_long / V, with the speed V a function of time.
+The follower accelerates as its slot does, plus proportional and derivative feedback of its position error.
 
 Functions with an argument `maths` work on floats with `math`, step by step, and on whole flights as arrays with
 `numpy`.
@@ -24,7 +24,7 @@ Real3 = tuple[Real, Real, Real]
 
 
 class Derivative(NamedTuple):
-    """Time derivative of the kinematics, and the velocities and accelerations behind it (m/s, m/s^2)."""
+    """The derivative of the kinematics, with its velocities and accelerations (m/s, m/s^2)."""
 
     kinematics: Kinematics
     v_L_n: Vec3
@@ -38,7 +38,7 @@ EquationsOfMotion = Callable[[float, Kinematics], Derivative]
 
 
 def wave(w: Wave, maths: ModuleType = math) -> Callable[[Real], tuple[Real, Real]]:
-    """(value, derivative) of a Wave as a function of time."""
+    """Return (value, derivative) of a Wave as a function of time."""
     mean, amplitude = w.mean, w.amplitude
     omega, phase = 2 * math.pi / w.period, math.radians(w.phase_deg)
 
@@ -54,7 +54,10 @@ def wave(w: Wave, maths: ModuleType = math) -> Callable[[Real], tuple[Real, Real
 def pulses(
     items: Sequence[Pulse], repeat: float, maths: ModuleType = math
 ) -> Callable[[Real], tuple[Real, Real, Real]]:
-    """(value, first, second derivative) of the sum of pulses, repeated every `repeat` seconds."""
+    """Return (value, first, second derivative) of the sum of pulses as a function of time.
+
+    It repeats every `repeat` seconds.
+    """
     rows = [(p.start, p.end, p.hold, p.change / 2, 2 * math.pi / (p.end - p.start - p.hold)) for p in items]
 
     def at(t: Real) -> tuple[Real, Real, Real]:
@@ -78,8 +81,10 @@ def pulses(
 def slot(
     f: Follower, phases: Real3, repeat: float, maths: ModuleType = math
 ) -> Callable[[Real], tuple[Real3, Real3, Real3]]:
-    """Position, velocity and acceleration of the slot in the leader's path axes (forward, right, down), over
-    time."""
+    """Return position, velocity and acceleration of the slot as a function of time.
+
+    They are in the leader's path axes (forward, right, down).
+    """
     (x0, y0, z0), (ax, ay, az), (px, py, pz) = f.slot, f.wander, phases
     wx, wy, wz = (2 * math.pi / period for period in f.wander_period)
     forward = pulses(f.slot_pulses, repeat, maths)
@@ -107,7 +112,7 @@ class SlotMotion(NamedTuple):
 
 
 class LeaderMotion(NamedTuple):
-    """Rates of the leader's course and climb angle (rad/s, rad/s^2), its velocity and acceleration in n."""
+    """The leader's path rates (rad/s, rad/s^2), and its velocity and acceleration in n."""
 
     course_rate: Real
     course_rate_dot: Real
@@ -119,7 +124,7 @@ class LeaderMotion(NamedTuple):
 
 
 def leader_motion(scenario: Scenario, maths: ModuleType = math) -> Callable[[Real, Real, Real], LeaderMotion]:
-    """The leader's motion as a function of time (s), course and climb angle (rad)."""
+    """Return the leader's motion as a function of time (s), course and climb angle (rad)."""
     leader = scenario.leader
     cruise, speed_change = leader.speed, pulses(leader.speed_pulses, scenario.repeat, maths)
     lateral, normal = wave(leader.a_lat, maths), wave(leader.a_long, maths)
@@ -154,8 +159,11 @@ def leader_motion(scenario: Scenario, maths: ModuleType = math) -> Callable[[Rea
 def slot_in_n(
     course: Real, leader: LeaderMotion, r_L: Real3, s: tuple[Real3, Real3, Real3], maths: ModuleType = math
 ) -> SlotMotion:
-    """The slot in n from the slot s in path axes, which rotate about the vertical with the leader's course:
-    a = a_L + R (s'' + 2 w x s' + w' x s + w x (w x s)), w = (0, 0, course rate)."""
+    """Return the slot in n from the slot s in path axes.
+
+    The axes rotate about the vertical with the leader's course, so a = a_L + R (s'' + 2 w x s' + w' x s + w x (w x
+    s)), w = (0, 0, course rate).
+    """
     rate, rate_dot, v_L, a_L = leader.course_rate, leader.course_rate_dot, leader.v_n, leader.a_n
     c, n = maths.cos(course), maths.sin(course)
     (x, y, z), (dx, dy, dz), (ddx, ddy, ddz) = s
@@ -170,7 +178,7 @@ def slot_in_n(
 
 
 def make_motion(scenario: Scenario, phases: Vec3) -> tuple[EquationsOfMotion, Kinematics]:
-    """The equations of motion and the initial state: the follower on its slot, moving with it."""
+    """Return the equations of motion and the initial state, with the follower on its moving slot."""
     leader = scenario.leader
     leader_at = leader_motion(scenario)
     slot_at = slot(scenario.follower, phases, scenario.repeat)
@@ -199,12 +207,12 @@ def make_motion(scenario: Scenario, phases: Vec3) -> tuple[EquationsOfMotion, Ki
 
 
 def advance(f: EquationsOfMotion, t: float, y: Kinematics, first: Derivative, dt: float) -> Kinematics:
-    """The kinematics one step later; `first` is f(t, y)."""
+    """Return the kinematics one step later; `first` is f(t, y)."""
     return runge_kutta(lambda t, y: f(t, y).kinematics, t, y, first.kinematics, dt)
 
 
 def runge_kutta(f: Callable[[float, Row], Row], t: float, y: Row, k1: Row, dt: float) -> Row:
-    """One step of the classical fourth-order Runge-Kutta method for y' = f(t, y); k1 is f(t, y)."""
+    """Advance y' = f(t, y) by one step of the classical Runge-Kutta method; k1 is f(t, y)."""
     h = dt / 2
     k2 = f(t + h, tuple([a + h * b for a, b in zip(y, k1, strict=True)]))
     k3 = f(t + h, tuple([a + h * b for a, b in zip(y, k2, strict=True)]))

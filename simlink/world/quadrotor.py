@@ -1,9 +1,9 @@
-"""A quadrotor: a rigid body with six degrees of freedom under four rotors, integrated by Runge-Kutta.
+"""A quadrotor: a rigid body with six degrees of freedom under four rotors.
 
-State: r_OF_n, v_F_n, q_nb, omega_b, and the speed of each rotor as a share of its maximum. A rotor at (x, y) in b
-(forward, right) pushes up with the square of its speed and turns the body about -y x thrust (roll), x thrust
-(pitch) and its own drag torque (yaw); its speed follows the command with a lag. Rotor drag acts against the
-velocity along b's x and y. No filter's model is used here.
+Its state is r_OF_n, v_F_n, q_nb, omega_b, and the speed of each rotor as a share of its maximum, integrated by
+Runge-Kutta. A rotor at (x, y) in b (forward, right) pushes up with the square of its speed and turns the body
+about -y x thrust (roll), x thrust (pitch) and its own drag torque (yaw); its speed follows the command with a lag.
+Rotor drag acts against the velocity along b's x and y. No filter's model is used here.
 """
 
 import math
@@ -14,29 +14,27 @@ from onboard.messages import Quaternion, Vec3
 from simlink.scenarios.profiles import is_within
 from simlink.scenarios.quadrotor import Battery, Quadrotor, QuadrotorFault
 from simlink.world import attitude
-from simlink.world.constants import G
+from simlink.world.constants import GRAVITY
 from simlink.world.motion import Row, runge_kutta
 from simlink.world.noise import gauss_markov, gauss_markov_vectors, normals
 from simlink.world.quadrotor_control import Controller, Pilot, Reference, thrust_attitude
 
 PWM_US: Final = (1000, 2000)  # of a rotor at rest and at its maximum speed
-FULL: Final = 1.0
 
 Body = Row  # r (3), v (3), q (4), omega (3), rotor speeds (4)
 
 
 class Forces(NamedTuple):
-    """The forces' parameters during one step: each rotor's thrust at full speed (N), mass (kg), moments of inertia
-    (kg m^2), and the wind's acceleration in n (m/s^2)."""
+    """The parameters of the forces during one step."""
 
-    thrusts: tuple[float, float, float, float]
-    mass: float
-    inertia: Vec3
-    wind_n: Vec3
+    thrusts: tuple[float, float, float, float]  # N, of each rotor at full speed
+    mass: float  # kg
+    inertia: Vec3  # kg m^2
+    wind_n: Vec3  # m/s^2, the wind's acceleration
 
 
 class QuadrotorState(NamedTuple):
-    """The quadrotor at one step, SI; `pwm_us`: the commands to its motors."""
+    """The quadrotor at one step, in SI units; `pwm_us` are the commands to its motors."""
 
     r_n: Vec3
     v_n: Vec3
@@ -50,7 +48,7 @@ class QuadrotorState(NamedTuple):
 
 
 def derivative(craft: Quadrotor, forces: Forces, command: Body, y: Body) -> tuple[Body, Vec3]:
-    """Time derivative of a body's state, and its specific force in b (m/s^2)."""
+    """Return the time derivative of a body's state, and its specific force in b (m/s^2)."""
     q: Quaternion = (y[6], y[7], y[8], y[9])
     p, w, r = y[10:13]
     vx, vy, _ = attitude.to_b(q, (y[3], y[4], y[5]))
@@ -68,7 +66,7 @@ def derivative(craft: Quadrotor, forces: Forces, command: Body, y: Body) -> tupl
     turn = attitude.product(q, (0.0, p, w, r))
     return (
         y[3], y[4], y[5],
-        ax, ay, az + G,
+        ax, ay, az + GRAVITY,
         0.5 * turn[0], 0.5 * turn[1], 0.5 * turn[2], 0.5 * turn[3],
         (roll + (iyy - izz) * w * r) / ixx,
         (pitch + (izz - ixx) * p * r) / iyy,
@@ -78,7 +76,7 @@ def derivative(craft: Quadrotor, forces: Forces, command: Body, y: Body) -> tupl
 
 
 def advance(craft: Quadrotor, forces: Forces, command: Body, y: Body, dt: float) -> Body:
-    """The body one step later, with its quaternion normalised."""
+    """Return the body one step later, with its quaternion normalised."""
 
     def slope(_: float, y: Body) -> Body:
         return derivative(craft, forces, command, y)[0]
@@ -92,9 +90,10 @@ def advance(craft: Quadrotor, forces: Forces, command: Body, y: Body, dt: float)
 def quadrotor_states(
     craft: Quadrotor, seed: int, references: Iterator[Reference], dt: float, pilot: Pilot | None = None
 ) -> Iterator[QuadrotorState]:
-    """The quadrotor every `dt` seconds, flown along `references` (one per step) by its controller, or by `pilot`.
+    """Yield the quadrotor's state every `dt` seconds along `references`, one per step.
 
-    Both know the true state: the flight must not depend on the estimator under test.
+    Its controller or `pilot` flies it. Both know the true state: the flight must not depend on the estimator under
+    test.
     """
     controller = pilot or Controller(craft, dt)
     turbulence = gauss_markov_vectors(seed, "quadrotor.air", craft.turbulence, dt)
@@ -103,9 +102,9 @@ def quadrotor_states(
     for step, reference in enumerate(references):
         t = step * dt
         if y is None:
-            hover = math.sqrt(craft.mass * G / (4 * craft.thrust_max))
+            hover = math.sqrt(craft.mass * GRAVITY / (4 * craft.thrust_max))
             ax, ay, az = reference.a_n
-            down = (-ax, -ay, G - az)
+            down = (-ax, -ay, GRAVITY - az)
             tilted = thrust_attitude(down, math.sqrt(sum(x * x for x in down)), reference.yaw)
             y = (*reference.r_n, *reference.v_n, *tilted, 0.0, 0.0, 0.0, hover, hover, hover, hover)
         wind = _wind(craft, t, next(turbulence), (next(wobble[0]), next(wobble[1])))
@@ -128,7 +127,7 @@ def quadrotor_states(
 
 
 def forces_at(craft: Quadrotor, t: float, wind_n: Vec3) -> Forces:
-    """The forces' parameters at time `t` (s), with the scenario's fault from its onset on."""
+    """Return the parameters of the forces at time `t` (s), with the scenario's fault from its onset."""
     fault = craft.fault if t >= craft.fault.at else QuadrotorFault()
     share = voltage_at(craft.battery, t) / craft.battery.full
     full = [craft.thrust_max * fault.inputs * share * share] * 4
@@ -140,25 +139,25 @@ def forces_at(craft: Quadrotor, t: float, wind_n: Vec3) -> Forces:
 
 
 def voltage_at(battery: Battery, t: float) -> float:
-    """The battery's voltage at time `t` (s), V."""
+    """Return the battery's voltage at time `t` (s), V."""
     used = min(t / (60.0 * battery.minutes), 1.0) if battery.minutes else 0.0
     return battery.full + used * (battery.empty - battery.full)
 
 
 def active_faults(craft: Quadrotor, t: float) -> str:
-    """Names of the faults at time `t` (s), "" when there is none."""
+    """Return the names of the faults at time `t` (s), "" if there is none."""
     found = []
     fault = craft.fault
     if t >= fault.at:
         found += [f"motor {fault.motor}"] if fault.motor and fault.motor_loss else []
-        found += ["inputs"] if fault.inputs != FULL else []
-        found += ["mass"] if fault.mass != FULL else []
-        found += ["inertia"] if fault.inertia != FULL else []
+        found += ["inputs"] if fault.inputs != 1.0 else []
+        found += ["mass"] if fault.mass != 1.0 else []
+        found += ["inertia"] if fault.inertia != 1.0 else []
     return ", ".join(found + (["gust"] if _gusts(craft, t) else []))
 
 
 def _wind(craft: Quadrotor, t: float, air: Vec3, wobble: tuple[float, float]) -> Vec3:
-    """The wind's acceleration in n: steady wind, turbulence, and the gust during its interval."""
+    """Return the wind's acceleration in n: steady wind, turbulence, and the gust in its interval."""
     air = attitude.add(air, (craft.drag * craft.wind[0], craft.drag * craft.wind[1], 0.0))
     if not _gusts(craft, t):
         return air

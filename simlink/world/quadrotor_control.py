@@ -1,8 +1,8 @@
 """The quadrotor's path, and the cascaded controller that follows it.
 
-Position and velocity errors give an acceleration; with gravity, a thrust vector; with the commanded yaw, an
-attitude. The attitude error gives a body rate, the rate error a torque; thrust and torques give each rotor's
-speed.
+Position and velocity errors give an acceleration, with gravity a thrust vector, and with the commanded yaw an
+attitude. The attitude error gives a body rate, the rate error a torque; thrust and torques give the speed of each
+rotor.
 """
 
 import math
@@ -14,7 +14,7 @@ import numpy as np
 from onboard.messages import Quaternion, Vec3
 from simlink.scenarios.quadrotor import Quadrotor
 from simlink.world import attitude
-from simlink.world.constants import G
+from simlink.world.constants import GRAVITY
 from simlink.world.noise import uniforms
 
 POSITION_GAIN: Final = (4.0, 4.0, 4.0)  # 1/s^2
@@ -37,8 +37,11 @@ class Reference(NamedTuple):
 
 
 def figure_eight(seed: int, dt: float) -> Iterator[Reference]:
-    """(4 sin a, 2 sin 2a, -10 - sin .6t) m, a = w t + phase, w = .5 (.8 + .4 U); yaw .3 sin .4t. `U` and the phase
-    are uniform draws, once a run."""
+    """Yield a figure eight, with a random speed and phase drawn once a run.
+
+    The position is (4 sin a, 2 sin 2a, -10 - sin .6t) m with a = w t + phase and w = .5 (.8 + .4 U), the yaw .3
+    sin .4t; U is uniform.
+    """
     drawn = uniforms(seed, "quadrotor.path")
     w = 0.5 * (0.8 + 0.4 * next(drawn))
     phase = 2 * math.pi * next(drawn)
@@ -56,7 +59,7 @@ def figure_eight(seed: int, dt: float) -> Iterator[Reference]:
 
 
 def commanded_acceleration(reference: Reference, r_n: Vec3, v_n: Vec3, integral: Vec3) -> Vec3:
-    """The acceleration in n that leads back to the path, limited (m/s^2)."""
+    """Return the limited acceleration in n that leads back to the path (m/s^2)."""
     commanded = []
     for i in range(3):
         e, ev = reference.r_n[i] - r_n[i], reference.v_n[i] - v_n[i]
@@ -66,16 +69,16 @@ def commanded_acceleration(reference: Reference, r_n: Vec3, v_n: Vec3, integral:
 
 
 class Pilot(Protocol):
-    """What flies a quadrotor."""
+    """Commands the rotors of a quadrotor."""
 
     def command(
         self, reference: Reference, r_n: Vec3, v_n: Vec3, q_nb: Quaternion, omega_b: Vec3, /
     ) -> tuple[float, ...]:
-        """Each rotor's speed as a share of its maximum; called once per step."""
+        """Return each rotor's speed as a share of its maximum; called once per step."""
 
 
 class Controller:
-    """The cascaded controller. It assumes the nominal craft; its integral compensates faults."""
+    """The cascaded controller of the nominal craft; its integral compensates faults."""
 
     def __init__(self, craft: Quadrotor, dt: float) -> None:
         self._craft = craft
@@ -92,7 +95,7 @@ class Controller:
     def command(
         self, reference: Reference, r_n: Vec3, v_n: Vec3, q_nb: Quaternion, omega_b: Vec3
     ) -> tuple[float, ...]:
-        """Each rotor's speed as a share of its maximum."""
+        """Return each rotor's speed as a share of its maximum."""
         for i in range(3):
             grown = self._integral[i] + INTEGRAL_GAIN[i] * (reference.r_n[i] - r_n[i]) * self._dt
             self._integral[i] = min(max(grown, -INTEGRAL_LIMIT), INTEGRAL_LIMIT)
@@ -100,9 +103,9 @@ class Controller:
         return self.steer(commanded_acceleration(reference, r_n, v_n, (x, y, z)), reference.yaw, q_nb, omega_b)
 
     def steer(self, a_n: Vec3, yaw: float, q_nb: Quaternion, omega_b: Vec3) -> tuple[float, ...]:
-        """Each rotor's speed as a share of its maximum, for an acceleration in n (m/s^2) and a yaw (rad)."""
+        """Return each rotor's speed for an acceleration in n (m/s^2) and a yaw (rad)."""
         ax, ay, az = a_n
-        down = (-ax, -ay, G - az)  # commanded direction of b's z axis
+        down = (-ax, -ay, GRAVITY - az)  # commanded direction of b's z axis
         lift = math.sqrt(down[0] ** 2 + down[1] ** 2 + down[2] ** 2)
         commanded = thrust_attitude(down, lift, yaw)
         error = attitude.to_vector(attitude.product(attitude.conjugate(q_nb), commanded))
@@ -122,7 +125,10 @@ class Controller:
 
 
 def thrust_attitude(down: Vec3, length: float, yaw: float) -> Quaternion:
-    """q_nb with z along `down` (n, of that length): level at `yaw` (rad), then tilted by the shortest rotation."""
+    """Return q_nb with z along `down` (n, of that length), tilted from level at `yaw` (rad).
+
+    The tilt is the shortest rotation.
+    """
     z = (down[0] / length, down[1] / length, down[2] / length)
     level = attitude.from_euler(0.0, 0.0, yaw)
     in_level = attitude.to_b(level, z)

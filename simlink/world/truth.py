@@ -1,9 +1,9 @@
-"""The truth: the states of leader and follower, step by step. No filter's model is used here.
+"""The truth: the states of leader and follower, step by step.
 
 `states` is endless and depends on the scenario and the seed alone. The follower flies coordinated (heading along
 its course, pitch along its path, bank atan(a_right / g)), tilts like a hovering multirotor, or is the rigid body
 of `simlink.world.quadrotor`. The leader flies coordinated, with errors in bank and heading. Frames are those of
-`onboard.geometry`.
+`onboard.geometry`. No filter's model is used here.
 """
 
 import math
@@ -17,17 +17,17 @@ from simlink.scenarios.quadrotor import Quadrotor
 from simlink.scenarios.scenario import Scenario
 from simlink.world import attitude
 from simlink.world.attitude import difference
-from simlink.world.constants import DT, STEPS_PER_SECOND, G
+from simlink.world.constants import DT, GRAVITY, STEPS_PER_SECOND
 from simlink.world.motion import Derivative, Kinematics, Real, Real3, advance, make_motion, pulses
 from simlink.world.noise import gauss_markov, normals, uniforms
 from simlink.world.quadrotor import quadrotor_states
 from simlink.world.quadrotor_control import Pilot, Reference, figure_eight
 
-STILL: Final[Vec3] = (0.0, 0.0, 0.0)
+NO_ROTATION: Final[Vec3] = (0.0, 0.0, 0.0)
 
 
 class State(NamedTuple):
-    """The world after `step` steps of 5 ms. SI; n is NED at the scenario's origin O."""
+    """The world after `step` steps of 5 ms, in SI units; n is NED at the scenario's origin O."""
 
     step: int
     t: float
@@ -50,7 +50,7 @@ class State(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """The true state of a vehicle at one time: position, velocity and acceleration in n, attitude, body rates."""
+    """The true motion of a vehicle: position, velocity, acceleration in n, attitude, body rates."""
 
     r_n: Vec3
     v_n: Vec3
@@ -59,11 +59,13 @@ class Motion(NamedTuple):
     omega_b: Vec3
 
 
-def world_of(
+def make_state(
     step: int, t: float, leader: Motion, follower: Motion, across: tuple[float, float] | None = None
 ) -> State:
-    """The world of two vehicles, however they are flown, after `step` steps, at `t` s. `across`: the leader's
-    a_lat and a_long, where they are known and need not follow from its motion."""
+    """Return the world of two vehicles after `step` steps, at `t` s.
+
+    `across` holds the leader's a_lat and a_long if they do not follow from its motion.
+    """
     a_lat, a_long = across or path_accelerations(leader.v_n, leader.a_n)
     a_F = follower.a_n
     return State(
@@ -80,12 +82,12 @@ def world_of(
         a_F_n=a_F,
         q_nF=follower.q_nb,
         omega_b=follower.omega_b,
-        f_b=attitude.to_b(follower.q_nb, (a_F[0], a_F[1], a_F[2] - G)),
+        f_b=attitude.to_b(follower.q_nb, (a_F[0], a_F[1], a_F[2] - GRAVITY)),
     )
 
 
 def path_accelerations(v_n: Vec3, a_n: Vec3) -> tuple[float, float]:
-    """Oh & Johnson's a_lat (to the right) and a_long (up, normal to the velocity); 0 without horizontal speed."""
+    """Return Oh & Johnson's a_lat (right) and a_long (up, normal to v); 0 without horizontal speed."""
     horizontal, speed = math.hypot(v_n[0], v_n[1]), math.hypot(*v_n)
     if horizontal == 0.0:
         return 0.0, 0.0
@@ -95,14 +97,17 @@ def path_accelerations(v_n: Vec3, a_n: Vec3) -> tuple[float, float]:
 
 
 def true_size(scenario: Scenario, seed: int) -> float:
-    """The leader's true size in this run, m: the nominal size with its random error."""
+    """Return the leader's true size in this run, m: the nominal size with its random error."""
     sigma = scenario.leader.size_sigma_percent / 100
     return scenario.leader.size * (1.0 + sigma * next(normals(seed, "leader.size")))
 
 
 def states(scenario: Scenario, seed: int, pilot: Pilot | None = None) -> Iterator[State]:
-    """The world, 200 states per second of flight, without end. `pilot`: flies the craft of `[follow]`; its
-    references are the scenario's slot, with the nose along the leader's course."""
+    """Yield the world, 200 states per second of flight, without end.
+
+    `pilot` flies the craft of `[follow]`; its references are the scenario's slot, with the nose along the leader's
+    course.
+    """
     formation = _formation(scenario, seed)
     if pilot is not None and scenario.follow is not None:
         formation, slots = tee(formation)
@@ -122,7 +127,7 @@ def _with_quadrotor(
     path: Iterator[Reference],
     pilot: Pilot | None = None,
 ) -> Iterator[State]:
-    """The same world with a quadrotor on a path as follower."""
+    """Yield the same world with a quadrotor on a path as follower."""
     q_before = None
     for state, m in zip(formation, quadrotor_states(craft, seed, path, DT, pilot), strict=True):
         yield state._replace(
@@ -140,7 +145,7 @@ def _with_quadrotor(
 
 
 def _as_slot(state: State) -> Reference:
-    """A reference for the quadrotor: the follower's motion, with the follower's heading."""
+    """Return the follower's motion as a reference for the quadrotor, with the follower's heading."""
     w, x, y, z = state.q_nF
     return Reference(
         state.r_OF_n, state.v_F_n, state.a_F_n, math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
@@ -148,13 +153,13 @@ def _as_slot(state: State) -> Reference:
 
 
 def _as_reference(state: State) -> Reference:
-    """A reference for the quadrotor: the follower's motion, with the nose along its course."""
+    """Return the follower's motion as a reference for the quadrotor, with the nose along its course."""
     course = math.atan2(state.v_F_n[1], state.v_F_n[0])
     return Reference(state.r_OF_n, state.v_F_n, state.a_F_n, course)
 
 
 def _formation(scenario: Scenario, seed: int) -> Iterator[State]:
-    """Leader and follower as point masses with an attitude."""
+    """Yield leader and follower as point masses with an attitude."""
     phase = uniforms(seed, "follower.wander")
     turn = 2 * math.pi
     f, y = make_motion(scenario, (turn * next(phase), turn * next(phase), turn * next(phase)))
@@ -165,17 +170,17 @@ def _formation(scenario: Scenario, seed: int) -> Iterator[State]:
         t = step / STEPS_PER_SECOND
         rates = f(t, y)
         r_F_n, v_F_n = (y[5], y[6], y[7]), (y[8], y[9], y[10])
-        q_nF = hovering(rates.a_F_n, y[0]) if hovers else coordinated(v_F_n, rates.a_F_n)
+        q_nF = hovering_attitude(rates.a_F_n, y[0]) if hovers else coordinated_attitude(v_F_n, rates.a_F_n)
         q_nL = leader_attitude(t, y, rates)
-        leader = Motion((y[2], y[3], y[4]), rates.v_L_n, rates.a_L_n, q_nL, STILL)
+        leader = Motion((y[2], y[3], y[4]), rates.v_L_n, rates.a_L_n, q_nL, NO_ROTATION)
         follower = Motion(r_F_n, v_F_n, rates.a_F_n, q_nF, body_rate(q_before, q_nF))
-        yield world_of(step, t, leader, follower, (rates.a_lat, rates.a_long))
+        yield make_state(step, t, leader, follower, (rates.a_lat, rates.a_long))
         y = advance(f, t, y, rates, DT)
         step, q_before = step + 1, q_nF
 
 
 def leader_attitudes(scenario: Scenario, seed: int) -> Callable[[float, Kinematics, Derivative], Quaternion]:
-    """A function that gives the leader's attitude. Call it once per step, in order."""
+    """Return a function that gives the leader's attitude; call it once per step, in order."""
     bank, heading = _wobbles(scenario, seed)
     yaw_at = pulses(scenario.leader.yaw_pulses_deg, scenario.repeat)
 
@@ -186,7 +191,7 @@ def leader_attitudes(scenario: Scenario, seed: int) -> Callable[[float, Kinemati
 
 
 def _wobbles(scenario: Scenario, seed: int) -> tuple[Iterator[float], Iterator[float]]:
-    """The leader's bank and heading errors, rad, one per step."""
+    """Return the leader's bank and heading errors, rad, one per step."""
     b, h = scenario.leader.bank_wobble_deg, scenario.leader.heading_wobble_deg
     return (
         gauss_markov(normals(seed, "leader.bank"), b, DT, math.pi / 180),
@@ -197,43 +202,49 @@ def _wobbles(scenario: Scenario, seed: int) -> tuple[Iterator[float], Iterator[f
 def _leader_attitude(
     course: float, climb: float, rates: Derivative, bank_error: float, heading_error: float
 ) -> Quaternion:
-    return attitude.from_euler(math.atan(rates.a_lat / G) + bank_error, climb, course + heading_error)
+    return attitude.from_euler(math.atan(rates.a_lat / GRAVITY) + bank_error, climb, course + heading_error)
 
 
-def coordinated(v_n: Vec3, a_n: Vec3) -> Quaternion:
-    """q_nb of coordinated flight: heading along the course, pitch along the path, bank atan(a_right / g)."""
+def coordinated_attitude(v_n: Vec3, a_n: Vec3) -> Quaternion:
+    """Return q_nb of coordinated flight.
+
+    Heading is along the course, pitch along the path, bank atan(a_right / g).
+    """
     return attitude.from_euler(*coordinated_angles(v_n, a_n))
 
 
 def coordinated_angles(v_n: Real3, a_n: Real3, maths: ModuleType = math) -> Real3:
-    """Roll, pitch and yaw of coordinated flight, rad."""
+    """Return roll, pitch and yaw of coordinated flight, rad."""
     horizontal = maths.hypot(v_n[0], v_n[1])
     right = (a_n[1] * v_n[0] - a_n[0] * v_n[1]) / (horizontal + (horizontal == 0.0))
-    return maths.atan(right / G), maths.atan2(-v_n[2], horizontal), maths.atan2(v_n[1], v_n[0])
+    return maths.atan(right / GRAVITY), maths.atan2(-v_n[2], horizontal), maths.atan2(v_n[1], v_n[0])
 
 
-def hovering(a_n: Vec3, yaw: float) -> Quaternion:
-    """q_nb of a multirotor with this heading (rad), tilted so that its thrust gives the acceleration."""
+def hovering_attitude(a_n: Vec3, yaw: float) -> Quaternion:
+    """Return q_nb of a multirotor with this heading (rad), tilted for this acceleration."""
     return attitude.from_euler(*hovering_angles(a_n, yaw))
 
 
 def hovering_angles(a_n: Real3, yaw: Real, maths: ModuleType = math) -> Real3:
-    """Roll, pitch and yaw of `hovering`, rad."""
+    """Return roll, pitch and yaw of `hovering_attitude`, rad."""
     c, s = maths.cos(yaw), maths.sin(yaw)
-    forward, right, up = c * a_n[0] + s * a_n[1], c * a_n[1] - s * a_n[0], G - a_n[2]
+    forward, right, up = c * a_n[0] + s * a_n[1], c * a_n[1] - s * a_n[0], GRAVITY - a_n[2]
     return maths.atan2(right, maths.hypot(forward, up)), maths.atan2(-forward, up), yaw
 
 
 def body_rate(q_before: Quaternion | None, q_now: Quaternion) -> Vec3:
-    """Mean rate over one step, rad/s, in b: the output of a gyro that integrates its rate. 0 at the first step."""
+    """Return the mean body rate over one step, rad/s in b, as an integrating gyro gives it.
+
+    It is 0 at the first step.
+    """
     if q_before is None:
-        return STILL
+        return NO_ROTATION
     x, y, z = attitude.to_vector(attitude.product(attitude.conjugate(q_before), q_now))
     return x * STEPS_PER_SECOND, y * STEPS_PER_SECOND, z * STEPS_PER_SECOND
 
 
 def truth_record(s: State, size: float, t_ns: int) -> Truth:
-    """The record of the truth to publish at boot time `t_ns`."""
+    """Return the record of the truth to publish at boot time `t_ns`."""
     return Truth(
         t_ns=t_ns,
         r_FL_n=difference(s.r_OL_n, s.r_OF_n),

@@ -21,7 +21,7 @@ from onboard.pipeline import Pipeline
 from onboard.units import NS_PER_S
 from simlink.scenarios.scenario import Scenario
 from simlink.sensors.camera import mount_quaternion, project
-from simlink.simulation import GuidedRun, See, Tick, boot_ns_of
+from simlink.simulation import Detect, GuidedRun, Tick, boot_time_ns
 from simlink.world.truth import true_size
 
 LINK: Final = "autopilot"
@@ -125,11 +125,11 @@ def fly(
     duration: float,
     settings: Sequence[str] = (),
     killed: tuple[float, float] = (math.inf, math.inf),
-    see: See | None = None,
+    detect: Detect | None = None,
 ) -> Flight:
     """The flight over `duration` s. From the first to the second time of `killed` (s) there is no daemon; then it
-    has been started again, with what it has left. `see`: what finds the leader in images, if not simlink."""
-    run, companion = GuidedRun(scenario, seed, see), Companion(config_of(scenario, settings))
+    has been started again, with what it has left. `detect`: what finds the leader in images, if not simlink."""
+    run, companion = GuidedRun(scenario, seed, detect), Companion(config_of(scenario, settings))
     row = Row(scenario, seed)
     epoch_ns: int | None = None
     advice: set[str] = set()  # of a daemon that was killed
@@ -166,7 +166,7 @@ class Row:
     def __init__(self, scenario: Scenario, seed: int) -> None:
         follow = scenario.follow
         assert follow is not None  # noqa: S101 - GuidedRun raises otherwise
-        self._offset, self._begin_ns = follow.offset, boot_ns_of(scenario)
+        self._offset, self._begin_ns = follow.offset, boot_time_ns(scenario)
         self._camera, self._size = scenario.camera, true_size(scenario, seed)
         self._mount = mount_quaternion(scenario.camera)
         self._course = math.radians(scenario.leader.course_deg)

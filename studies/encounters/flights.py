@@ -15,9 +15,8 @@ from onboard.messages import Datagram, Estimate, Message, Vec3
 from onboard.models.relative_motion import A_LAT, A_LONG
 from onboard.pipeline import Pipeline
 from simlink.encounters.conditions import NOMINAL_SIZE
-from simlink.encounters.departures import NONE, Departure
-from simlink.encounters.encounter import BOOT_NS, Encounter, Mount, make_encounter
-from simlink.encounters.encounter import SECONDS as WHOLE
+from simlink.encounters.departures import NO_DEPARTURE, Departure
+from simlink.encounters.encounter import BOOT_NS, DURATION_S, Encounter, Mount, make_encounter
 from simlink.encounters.families import FAMILIES
 from simlink.encounters.truth import EncounterTruth, at
 from simlink.scenarios.camera import Sees
@@ -25,7 +24,6 @@ from simlink.scenarios.formation import NAMED_POINTS
 from simlink.world.truth import path_accelerations
 from studies.encounters import recorded
 
-SECONDS: Final = WHOLE
 SETTLE: Final = 5.0  # s before estimates count
 AFTER: Final = 8.0  # s from the beginning of a manoeuvre
 UNKNOWN: Final[Array] = np.empty(0)
@@ -51,7 +49,7 @@ class Case(NamedTuple):
     sees: Sees = "wing"
     feels_wind: bool = False  # our autopilot estimates it
     mount: Mount = "fixed"
-    departure: Departure = NONE
+    departure: Departure = NO_DEPARTURE
     log: str = ""  # a file with a recorded flight, which the leader flies; `family` is then a geometry
 
     @property
@@ -145,7 +143,7 @@ def encounter_of(case: Case, seed: int) -> Encounter | None:
     return make_encounter(
         case.family,
         seed,
-        SECONDS,
+        DURATION_S,
         case.sees,
         mount=case.mount,
         feels_wind=case.feels_wind,

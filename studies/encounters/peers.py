@@ -49,7 +49,7 @@ class Pair(NamedTuple):
 
 def fly(case: Case, seed: int, settings: Sequence[str] = ()) -> Pair:
     """One encounter by both; `settings` are overrides of ours."""
-    encounter = make_encounter(case.family, seed, flights.SECONDS, case.sees, departure=case.departure)
+    encounter = make_encounter(case.family, seed, flights.DURATION_S, case.sees, departure=case.departure)
     share = float(np.hypot(UNKNOWN if case.settings else KNOWN, LASTING))
     size = APPARENT * NOMINAL_SIZE
     return Pair(flights.fly(case, seed, settings), flown(encounter, size, share * size))

@@ -11,9 +11,9 @@ from typing import Final
 import numpy as np
 from msgspec.structs import replace
 
-from simlink.encounters.encounter import SECONDS, Encounter
+from simlink.encounters.encounter import DURATION_S, Encounter
 from simlink.encounters.families import LeaderClass
-from simlink.encounters.others import KNOWN, flown_by_others, longest_of
+from simlink.encounters.others import GEOMETRY_NAMES, max_duration, recorded_encounter
 from simlink.encounters.recording import SUFFIXES, LogError
 from simlink.encounters.trajectory import Trajectory, read_trajectories
 from simlink.scenarios.scenario import load_scenario
@@ -74,11 +74,11 @@ def encounter(path: Path, geometry: str, seed: int) -> Encounter | None:
         if other is not None and other.leader_class == "multirotor":
             follower = other
     flights = [leader] if follower is None else [leader, follower]
-    seconds = min(SECONDS, longest_of(geometry, flights))
+    seconds = min(DURATION_S, max_duration(geometry, flights))
     try:
-        return flown_by_others(scenario, seed, leader, geometry, max(seconds, SHORTEST), follower=follower)
+        return recorded_encounter(scenario, seed, leader, geometry, max(seconds, SHORTEST), follower=follower)
     except LogError:
         return None
 
 
-GEOMETRIES: Final = KNOWN
+GEOMETRIES: Final = GEOMETRY_NAMES

@@ -11,7 +11,7 @@ from simlink.sensors.arrays import Array
 from simlink.sensors.camera import CameraSensor, Points, is_exposure
 from simlink.sensors.navigation import readings, white
 from simlink.world.attitude import add, difference
-from simlink.world.constants import STEPS_PER_SECOND, steps_of
+from simlink.world.constants import STEPS_PER_SECOND, step_count
 from simlink.world.truth import State, states, true_size
 
 NAV_RATE: Final = 50  # Hz
@@ -60,7 +60,7 @@ def fly(scenario: Scenario, seed: int, duration: float | None = None) -> Flight:
     camera = CameraSensor(scenario, seed, size)
     errors = scenario.nav
     acceleration = white(seed, "nav.acceleration", errors.acceleration_white, errors.acceleration_bias)
-    steps = steps_of(scenario.duration if duration is None else duration)
+    steps = step_count(scenario.duration if duration is None else duration)
     nav: list[tuple[State, Vec3, Vec3, tuple[float, ...]]] = []
     images: list[tuple[State, Points | None]] = []
     for state, reading in islice(readings(scenario, seed, states(scenario, seed)), steps + 1):

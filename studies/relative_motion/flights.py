@@ -28,7 +28,7 @@ from simlink.sensors.camera import (
     registrations,
 )
 from simlink.world import attitude
-from simlink.world.constants import DT, STEPS_PER_SECOND, G, steps_of
+from simlink.world.constants import DT, GRAVITY, STEPS_PER_SECOND, step_count
 from simlink.world.motion import Derivative, Kinematics, advance, leader_motion, pulses, slot, slot_in_n
 from simlink.world.noise import gauss_markov, stream
 from simlink.world.truth import coordinated_angles, hovering_angles, true_size
@@ -85,7 +85,7 @@ def fly_many(
     images are exposed between navigation samples.
     """
     _check(scenario)
-    steps = steps_of(scenario.duration if duration is None else duration)
+    steps = step_count(scenario.duration if duration is None else duration)
     nav = np.arange(0, steps + 1, STRIDE)
     exposed = np.array([k for k in range(steps + 1) if is_exposure(k, scenario.camera.rate)])
     if np.any(exposed % STRIDE):
@@ -141,7 +141,7 @@ def _truth(scenario: Scenario, seeds: Sequence[int], courses: Array, t: Array) -
     heading = _wobble(seeds, "leader.heading", wobble.heading_wobble_deg, len(t)) + np.radians(yaw)
     shape = course.shape
     # the function takes arrays of angles too
-    q_nL = quaternion_from_euler(np.arctan(m.a_lat / G) + bank, climb + 0.0 * bank, course + heading)  # type: ignore[arg-type]
+    q_nL = quaternion_from_euler(np.arctan(m.a_lat / GRAVITY) + bank, climb + 0.0 * bank, course + heading)  # type: ignore[arg-type]
     return TruthArrays(
         r_FL_n=_stack(r_L, shape) - _stack(follower.r_n, shape),
         v_FL_n=_stack(m.v_n, shape) - _stack(follower.v_n, shape),

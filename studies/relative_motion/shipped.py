@@ -24,7 +24,7 @@ from onboard.models.relative_motion import N
 from onboard.pipeline import Pipeline
 from simlink.autopilot import ACTIVE, AUTOPILOT, VEHICLE_TYPE
 from simlink.encounters.encounter import BOOT_NS
-from simlink.simulation import CAMERA_COMPONENT, EPOCH_NS
+from simlink.simulation import CAMERA_COMPONENT_ID, EPOCH_NS
 from studies.relative_motion.flight import NAV_RATE, Flight
 from studies.relative_motion.formation import ON_TIME, Lateness, Setting, Track
 
@@ -149,7 +149,7 @@ def _images(flight: Flight, camera: str, late: Lateness) -> Iterator[Message]:
             image = TargetPoints(
                 t_ns=ns,
                 t_recv_ns=EPOCH_NS + boot_ns(delivered + wait),
-                component=CAMERA_COMPONENT,
+                component=CAMERA_COMPONENT_ID,
                 camera=camera,
                 center=center,
                 left=left,

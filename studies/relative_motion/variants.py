@@ -4,7 +4,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from simlink.scenarios.scenario import Scenario, from_the_side, load_scenario
+from simlink.scenarios.scenario import Scenario, load_scenario, rotate_slot
 from studies.relative_motion.formation import B0, Lateness, Method, Setting
 from studies.relative_motion.methods import AS_PRINTED, HONEST, PAPER_MENDED, R_ALONE, TUNED
 from studies.relative_motion.shipped import DEFAULT, DELAY, ON_WING, Shipped
@@ -52,7 +52,7 @@ LABELS: Final = {method.name: method.label for variant in VARIANTS for method in
 def scenario_of(variant: Variant) -> Scenario:
     """The scenario that is flown."""
     scenario = load_scenario(variant.scenario)
-    return from_the_side(scenario, variant.angle_deg) if variant.angle_deg else scenario
+    return rotate_slot(scenario, variant.angle_deg) if variant.angle_deg else scenario
 
 
 def course_deg(seed: int) -> float:

@@ -12,7 +12,7 @@ import psutil
 import pytest
 
 from simlink.scenarios.scenario import load_scenario
-from simlink.world.drawn import drawn
+from simlink.world.drawn import draw_scenario
 from tests.support import documents
 from tests.support.honesty import assert_neither_too_sure_nor_too_unsure
 from tests.support.programs import PATIENCE, Program, all_gone, run, started, until
@@ -94,7 +94,7 @@ def test_demo_seed_1_tracks_within_the_documented_error(settled: Flown) -> None:
     assert 0 < settled.numbers["velocity_rmse_m_s"] <= 0.28
     assert_neither_too_sure_nor_too_unsure(settled.numbers["nees_mean"], 9)
     # six numbers an image, whose noise is drawn; the daemon supposes a pixel, and learns that it is less
-    sigma_px = drawn(load_scenario("formation"), 1).camera.sigma_px
+    sigma_px = draw_scenario(load_scenario("formation"), 1).camera.sigma_px
     assert 4.8 * sigma_px**2 < settled.numbers["nis_mean"] < 7.2
     assert settled.numbers["inside_95_percent"] > 98.0
     assert f"{settled.numbers['range_error_rms_percent']:.2f} %" in settled.stdout

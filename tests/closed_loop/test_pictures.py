@@ -13,9 +13,9 @@ from onboard.scoring.leader import LeaderScore, score_leader
 from onboard.scoring.reference import reference_from_records
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario
-from simlink.sensors.pictures import Painter, seen_by
-from simlink.simulation import EPOCH_NS, boot_ns_of, datagrams, ticks
-from simlink.world.drawn import drawn
+from simlink.sensors.pictures import Painter, picture_detector
+from simlink.simulation import EPOCH_NS, boot_time_ns, datagrams, ticks
+from simlink.world.drawn import draw_scenario
 from simlink.world.truth import true_size
 from studies.closed_loop.flight import fly
 from tests.unit.simlink.test_pictures import example
@@ -26,7 +26,7 @@ DETECTION_NS = 60_000_000  # from exposure to arrival
 def flown(name: str, detector: str, seed: int, seconds: float) -> LeaderScore:
     """The score of a flight of scenario `name` on nothing but what a detector finds in its pictures."""
     scenario, find = load_scenario(name), example(detector).find
-    flight = drawn(scenario, seed)
+    flight = draw_scenario(scenario, seed)
     painter = Painter(flight.camera, true_size(flight, seed), seed)
     timed, truths = [], []
     for item in datagrams(scenario, seed, seconds, "none"):
@@ -34,7 +34,7 @@ def flown(name: str, detector: str, seed: int, seconds: float) -> LeaderScore:
             timed.append((item.t_recv_ns, item))
         elif isinstance(item, Truth):
             truths.append(item)
-    boot_ns = boot_ns_of(scenario)
+    boot_ns = boot_time_ns(scenario)
     for tick in ticks(scenario, seed, boot_ns):
         if tick.t_ns > boot_ns + seconds * 1e9:
             break
@@ -64,8 +64,8 @@ def test_the_truth_is_in_the_ellipsoid_on_pixels_alone_seeds_1_to_4(name: str, d
 def test_it_follows_on_what_the_contour_finds_seed_1() -> None:
     """30 s: it follows from 10 s on."""
     scenario = load_scenario("pictures-follow")
-    painter = Painter(drawn(scenario, 1).camera, true_size(scenario, 1), 1)
-    flight = fly(scenario, 1, 30.0, see=seen_by(example("contour").find, painter))
+    painter = Painter(draw_scenario(scenario, 1).camera, true_size(scenario, 1), 1)
+    flight = fly(scenario, 1, 30.0, detect=picture_detector(example("contour").find, painter))
     k = flight.t > 15.0
     assert flight.valid[k].all()
     assert flight.following[k].all()
@@ -73,7 +73,7 @@ def test_it_follows_on_what_the_contour_finds_seed_1() -> None:
 
 
 def test_it_stops_where_no_detector_finds_a_leader_seed_1() -> None:
-    flight = fly(load_scenario("pictures-follow"), 1, 22.0, see=lambda _state, _t_ns: None)
+    flight = fly(load_scenario("pictures-follow"), 1, 22.0, detect=lambda _state, _t_ns: None)
     assert not flight.valid.any()
     assert flight.speed[-1] < 0.5
 

@@ -14,7 +14,7 @@ from onboard.analysis.exports.csv_rows import CsvWriter
 from onboard.messages import Estimate
 from simlink.cli import main as simlink
 from simlink.scenarios.scenario import load_scenario
-from simlink.world.drawn import drawn
+from simlink.world.drawn import draw_scenario
 from tests.support import documents
 from tests.support.cases import slow_but
 from tests.support.honesty import assert_neither_too_sure_nor_too_unsure
@@ -77,7 +77,7 @@ def test_scenario_seed_1_keeps_its_bounds(replay: Flights, scenario: str) -> Non
     )  # of one, 14 s are blind
     assert score.verdicts.get("gated", 0) <= bounds.gated
     # six numbers per image, whose noise is drawn; the daemon supposes a pixel
-    sigma_px = drawn(load_scenario(scenario), SEED).camera.sigma_px
+    sigma_px = draw_scenario(load_scenario(scenario), SEED).camera.sigma_px
     assert 4.3 < score.nis_mean / sigma_px**2 < 7.8
 
 

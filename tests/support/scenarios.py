@@ -12,7 +12,7 @@ from onboard.scoring.leader import LeaderScore
 from onboard.scoring.reference import reference_from_records
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario
-from simlink.simulation import boot_ns_of
+from simlink.simulation import boot_time_ns
 from tests.support import kept
 
 SECONDS: Final = {  # of flight, where it matters
@@ -93,7 +93,7 @@ class Flights:
             scorers.add(estimate)
         score, beside = scorers.scores(math.inf)
         of_leader = [e for e in estimates if e.name == OF_FLIGHT]
-        return Replayed(of_leader, score, boot_ns_of(loaded), own, health, errors, beside)
+        return Replayed(of_leader, score, boot_time_ns(loaded), own, health, errors, beside)
 
     def _flight(self, scenario: str, end: float) -> Recorded:
         key = (scenario, end)

@@ -15,9 +15,9 @@ from onboard.estimators.leader.config import Config as Leader
 from onboard.estimators.own_state.config import AIRFRAMES
 from onboard.estimators.own_state.config import Config as OwnState
 from onboard.estimators.traffic.config import Config as Traffic
-from simlink.encounters.conditions import GIMBAL_TILT_DEG, GIMBAL_YAW_DEG, draw_conditions
+from simlink.encounters.conditions import GIMBAL_TILT_ERROR_DEG, GIMBAL_YAW_ERROR_DEG, draw_conditions
 from simlink.scenarios.scenario import Scenario, load_scenario
-from simlink.world.drawn import drawn
+from simlink.world.drawn import draw_scenario
 
 SEEDS = range(1, 61)
 ROOT12 = math.sqrt(12.0)
@@ -104,13 +104,13 @@ ENCOUNTERS = tuple(pair for pair in FORMATION if pair.name not in ("tilt_sigma_d
 
 def test_gimbals_of_encounters_are_drawn_around_the_defaults() -> None:
     tilt, yaw, _ = mount_errors([CameraConfig(gimbal=1)])
-    for default, (least, most) in ((tilt, GIMBAL_TILT_DEG), (yaw, GIMBAL_YAW_DEG)):
+    for default, (least, most) in ((tilt, GIMBAL_TILT_ERROR_DEG), (yaw, GIMBAL_YAW_ERROR_DEG)):
         assert least < default < most
 
 
 @cache
 def runs(scenario: str) -> list[Scenario]:
-    return [drawn(load_scenario(scenario), seed) for seed in SEEDS]
+    return [draw_scenario(load_scenario(scenario), seed) for seed in SEEDS]
 
 
 @pytest.mark.parametrize(("scenario", "pair"), EVERY, ids=lambda x: x if isinstance(x, str) else x.name)
@@ -124,18 +124,18 @@ def test_no_run_is_flown_at_a_default_seeds_1_to_60(scenario: str, pair: Pair) -
 @pytest.mark.parametrize("pair", ENCOUNTERS, ids=lambda pair: pair.name)
 def test_encounters_are_drawn_around_the_defaults_seed_9(pair: Pair) -> None:
     rng = np.random.default_rng(9)
-    values = [pair.simulated(drawn(draw_conditions(rng).scenario, seed)) for seed in SEEDS]
+    values = [pair.simulated(draw_scenario(draw_conditions(rng).scenario, seed)) for seed in SEEDS]
     assert not np.isclose(values, pair.default, rtol=1e-6).any()
     assert min(values) < pair.default < max(values)
 
 
 @pytest.mark.parametrize("scenario", ["formation", "quadrotor-motor", "traffic", "traffic-gnss"])
 def test_what_is_drawn_depends_on_the_seed_alone_seeds_3_and_4(scenario: str) -> None:
-    one, again, other = (drawn(load_scenario(scenario), seed) for seed in (3, 3, 4))
+    one, again, other = (draw_scenario(load_scenario(scenario), seed) for seed in (3, 3, 4))
     assert one == again != other
-    assert drawn(one, 5) == one  # it is drawn once
+    assert draw_scenario(one, 5) == one  # it is drawn once
 
 
 def test_a_scenario_without_spread_is_flown_as_it_is_written() -> None:
     plain = load_scenario("formation-s-turn")
-    assert drawn(plain, 1) is plain
+    assert draw_scenario(plain, 1) is plain

@@ -8,7 +8,7 @@ from onboard.messages import Command, CommandAck, Heartbeat, Message, TimeSync
 from simlink.autopilot import Autopilot, AutopilotLink
 from simlink.scenarios.scenario import Scenario
 from simlink.scenarios.vehicle import Rates, Vehicle
-from simlink.simulation import boot_ns_of, ticks
+from simlink.simulation import boot_time_ns, ticks
 
 MS = 1_000_000
 UNIX = 1_700_000_000 * 10**9
@@ -33,7 +33,7 @@ def sent(
 ) -> Counter[str]:
     scenario = scenario or Scenario()
     count: Counter[str] = Counter()
-    run = ticks(scenario, 1, boot_ns_of(scenario))
+    run = ticks(scenario, 1, boot_time_ns(scenario))
     for tick in islice(run, round(skip * 200), round((skip + seconds) * 200)):
         count.update(type(m).__name__ for m in autopilot.due(tick.t_ns, tick.reading))
     return count
@@ -153,7 +153,7 @@ def test_a_stream_session_reads_a_command_cut_in_two() -> None:
 def test_the_values_on_the_wire_are_the_worlds_seed_1() -> None:
     scenario = Scenario()
     link = AutopilotLink(scenario.vehicle, UNIX, stream=False)
-    (tick,) = islice(ticks(scenario, 1, boot_ns_of(scenario)), 1)
+    (tick,) = islice(ticks(scenario, 1, boot_time_ns(scenario)), 1)
     peer = dialect.MAVLink(None)
     got = {m.get_type(): m for m in (peer.parse_buffer(f)[0] for f in link.send(tick.t_ns, tick.reading))}
     assert got["SYSTEM_TIME"].time_boot_ms == 40_000

@@ -17,7 +17,7 @@ from simlink.scenarios.profiles import GaussMarkov
 from simlink.scenarios.rangefinder import Rangefinder
 from simlink.scenarios.scenario import Scenario, load_scenario
 from simlink.scenarios.traffic import Broadcast
-from simlink.sensors.rangefinder import COMPONENT, RangefinderSensor
+from simlink.sensors.rangefinder import COMPONENT_ID, RangefinderSensor
 from simlink.simulation import Event, datagrams, simulate
 from simlink.world.truth import states
 
@@ -99,7 +99,7 @@ def test_a_rangefinder_measures_from_the_camera_to_the_leader_with_its_bias() ->
         pytest.approx(distance),
         1,
         7,
-        COMPONENT,
+        COMPONENT_ID,
     )
     biased = sensor(bias=0.5)
     readings = [biased.measure(state, 5, 7).distance for _ in range(3)]

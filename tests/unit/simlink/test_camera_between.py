@@ -87,15 +87,13 @@ def test_a_vehicle_that_turns_is_observed_with_its_attitude_seed_1() -> None:
 
 def test_the_truth_is_requested_and_is_nobody_elses() -> None:
     vehicle = ObservedVehicle(LocalFrame(), stream=False)
-    assert vehicle.missing(0) == "no autopilot's heartbeat is heard"
+    assert vehicle.missing(0) == "no heartbeat of an autopilot has arrived"
     station = Heartbeat(t_ns=0, t_recv_ns=0, vehicle_type=6, autopilot=8, armed=False, status=4)
     vehicle.receive(MavlinkEncoder(255, 190).encode(station), 0)
     assert vehicle.sender is None
     beat = Heartbeat(t_ns=0, t_recv_ns=0, vehicle_type=2, autopilot=12, armed=True, status=4)
     vehicle.receive(MavlinkEncoder(7, 1).encode(beat), 0)
-    assert vehicle.missing(0) == (
-        "PX4, system 7, is heard, but sends no HIL_STATE_QUATERNION: only simulated vehicles do"
-    )
+    assert vehicle.missing(0) == ("PX4, system 7, sends no HIL_STATE_QUATERNION; only simulated vehicles do")
     decoder = MavlinkDecoder(stream=False)
     commands: list[Any] = [m for frame in vehicle.requests(5 * 10**9) for m in decoder.decode(frame, 0)][1:]
     assert [(c.target_system, c.command, *c.params[:2]) for c in commands] == [
@@ -124,7 +122,7 @@ def test_a_clock_of_another_speed_is_said_seed_1(speed: float) -> None:
     vehicle, flown = observed(of("ardupilot"), 12.0, speed=speed)
     now_ns = EPOCH_NS + round(flown[-1].step * STEP_NS / speed)
     assert vehicle.missing(now_ns).startswith(
-        "its clock does not run as fast as this computer's: fly at speedup 1"
+        "its clock and this computer's run at different speeds; set speedup 1"
     )
 
 
@@ -230,15 +228,15 @@ def test_what_cannot_be_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(LinkError, match="expected tcp:HOST:PORT, udpin:HOST:PORT or udpout:HOST:PORT"):
         CameraBetween(CameraOptions(scenario=SITL, follower="tcp:x", leader="tcp:x"), time.monotonic_ns, print)
     gimbal = load_scenario("formation-gimbal")
-    with pytest.raises(ScenarioError, match="fixed mount only"):
+    with pytest.raises(ScenarioError, match="fixed mount only; remove it"):
         CameraBetween(CameraOptions(scenario=gimbal, follower="", leader=""), time.monotonic_ns, print)
     boxes = CameraOptions(scenario=BOXES, follower="", leader="", camera="mavlink")
-    with pytest.raises(ScenarioError, match="LANDING_TARGET carries no 'box', the wing only"):
+    with pytest.raises(ScenarioError, match="sees is 'box', but LANDING_TARGET carries 'wing' only"):
         CameraBetween(boxes, time.monotonic_ns, print)
     assert main(["camera", "--follower", "", "--leader", "", "--sees", "box", "--camera", "both"]) == 2
-    assert "LANDING_TARGET carries no 'box'" in capsys.readouterr().err
+    assert "camera.sees is 'box', but LANDING_TARGET" in capsys.readouterr().err
     assert main(["camera", "formation-wrong-blobs", "--follower", "", "--leader", "", "--sees", "box"]) == 2
-    assert "--sees: camera.wrong_blob: blobs stand for a wing" in capsys.readouterr().err
+    assert "--sees: camera.wrong_blob needs camera.sees = 'wing'" in capsys.readouterr().err
     assert main(["camera", "--follower", "serial:x", "--leader", "tcp:127.0.0.1:1"]) == 2
     assert "bad link 'serial:x'" in capsys.readouterr().err
 
@@ -264,7 +262,7 @@ def test_what_is_missing_is_said() -> None:
         return lines
 
     lines = run(fly_alone)
-    assert lines[1] == "follower tcp:127.0.0.1:1: connection refused; tried again until it answers"
-    assert lines[2] == "follower tcp:127.0.0.1:1: no autopilot's heartbeat is heard"
-    assert lines[3] == "leader udpin:127.0.0.1:0: no autopilot's heartbeat is heard"
+    assert lines[1] == "follower tcp:127.0.0.1:1: connection refused; retrying"
+    assert lines[2] == "follower tcp:127.0.0.1:1: no heartbeat of an autopilot has arrived"
+    assert lines[3] == "leader udpin:127.0.0.1:0: no heartbeat of an autopilot has arrived"
     assert len(lines) == 4

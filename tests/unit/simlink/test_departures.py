@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 from onboard.messages import LocalPosition, TargetDetection, TargetPoints
 from simlink.encounters.attitudes import multirotor_attitude
 from simlink.encounters.conditions import NOMINAL_SIZE
-from simlink.encounters.curves import moving
-from simlink.encounters.departures import NONE, Departure
+from simlink.encounters.curves import motion_from_positions
+from simlink.encounters.departures import NO_DEPARTURE, Departure
 from simlink.encounters.encounter import Encounter, make_encounter
 from simlink.scenarios.camera import Camera
 from simlink.scenarios.profiles import GaussMarkov
-from simlink.sensors.camera import correlated
+from simlink.sensors.camera import correlated_normals
 from simlink.sensors.shapes import draw_rotors
-from simlink.world.constants import DT, G
+from simlink.world.constants import DT, GRAVITY
 from simlink.world.noise import normals
 from studies.encounters.flights import received
 from tests.support.images import detections
@@ -46,7 +46,7 @@ def test_a_leader_without_drag_leans_only_as_it_accelerates_seed_1() -> None:
 def test_wind_makes_a_leader_that_hovers_lean_seeds_1_to_8() -> None:
     for seed in SEEDS:
         windy = make_encounter("hover", seed, SECONDS, departure=Departure(wind=8.0, wobble=0.0, vigour=0.0))
-        expected = np.arctan(8.0 * windy.drag / G)
+        expected = np.arctan(8.0 * windy.drag / GRAVITY)
         assert lean(windy) == pytest.approx(expected, abs=5e-3)
 
 
@@ -76,7 +76,8 @@ def test_a_yaw_leads_its_course_in_a_turn_seeds_1_to_8() -> None:
 def test_a_nose_swings_by_its_slack_and_turns_at_its_rate_seeds_1_to_8() -> None:
     for seed in SEEDS:
         plain, swung = (
-            make_encounter("behind", seed, 30.0, departure=d) for d in (NONE, Departure(nose_slack_deg=28.0))
+            make_encounter("behind", seed, 30.0, departure=d)
+            for d in (NO_DEPARTURE, Departure(nose_slack_deg=28.0))
         )
         swing = swung.truth.euler_L[:, 2] - plain.truth.euler_L[:, 2]
         assert np.degrees(np.sqrt(np.mean(swing**2))) == pytest.approx(28.0, abs=0.1)
@@ -105,8 +106,8 @@ def test_a_bank_wobbles_and_a_standing_wing_leans_against_the_air_seed_1() -> No
     assert np.std(error) == pytest.approx(9.0, abs=1.0)
     assert np.corrcoef(error[60:], error[:-60])[0, 1] == pytest.approx(np.exp(-1.0), abs=0.15)
     o = np.zeros(3)
-    flying = moving(np.column_stack([4.0 * np.arange(9) * DT, np.zeros(9), np.zeros(9)]))
-    for nose, angle in ((0.0, np.arctan(2.2 * 4.0 / G)), (np.pi / 2, 0.0)):
+    flying = motion_from_positions(np.column_stack([4.0 * np.arange(9) * DT, np.zeros(9), np.zeros(9)]))
+    for nose, angle in ((0.0, np.arctan(2.2 * 4.0 / GRAVITY)), (np.pi / 2, 0.0)):
         euler = multirotor_attitude(flying, np.full(9, nose), o, 0.0, 2.2)
         assert -euler[4, 1] == pytest.approx(angle, abs=1e-6)
         assert euler[4, 0] == pytest.approx(0.0, abs=1e-6)
@@ -165,10 +166,10 @@ def test_other_departures_change_what_they_name_and_nothing_else_seed_2() -> Non
 
 def test_correlated_noise_of_images_is_as_large_and_lasts_as_long_as_it_says_seed_3() -> None:
     camera = Camera(rate=20.0, noise_time=0.5)
-    x = np.array(list(islice(correlated(normals(3, "test"), 6, camera), 20_000)))
+    x = np.array(list(islice(correlated_normals(normals(3, "test"), 6, camera), 20_000)))
     assert np.std(x, axis=0) == pytest.approx(np.ones(6), rel=0.1)
     assert np.mean(x[10:] * x[:-10]) == pytest.approx(np.exp(-1.0), abs=0.05)  # half a second later
-    white = list(islice(correlated(normals(3, "test"), 6, Camera()), 50))
+    white = list(islice(correlated_normals(normals(3, "test"), 6, Camera()), 50))
     assert [*np.ravel(white)] == list(islice(normals(3, "test"), 300))
 
 

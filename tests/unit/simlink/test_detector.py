@@ -103,10 +103,10 @@ def test_a_daemon_follows_it_with_what_simlink_config_says_seed_1(sees: Sees, tm
 
 
 def test_mavlink_carries_the_wing_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(ScenarioError, match="LANDING_TARGET carries no 'pose', the wing only"):
+    with pytest.raises(ScenarioError, match="sees is 'pose', but LANDING_TARGET carries 'wing' only"):
         next(simulate(seen_as("pose"), 1, 1.0, "mavlink"))
     path = tmp_path / "boxes.toml"
     path.write_text('[camera]\nsees = "box"\n', encoding="utf-8")
     assert main(["log", str(path), "--out", str(tmp_path / "x.tlog")]) == 2
-    assert "boxes: camera.sees: LANDING_TARGET carries no 'box'" in capsys.readouterr().err
+    assert "boxes: camera.sees is 'box', but LANDING_TARGET" in capsys.readouterr().err
     assert not (tmp_path / "x.tlog").exists()

@@ -55,7 +55,7 @@ def test_a_flip_is_the_mirror_image_about_the_line_of_sight() -> None:
     detector._flips, detector._is_flipped = 1.0, True
     line = np.array([1.0, 0.0, 0.0])
     for nose in (0.4, 2.8):  # one is seen from behind, one from ahead
-        R = detector._ambiguous(matrix_from_euler(0.1, 0.0, nose), line)
+        R = detector._flip_if_ambiguous(matrix_from_euler(0.1, 0.0, nose), line)
         assert R[:, 0] == pytest.approx(matrix_from_euler(0.0, 0.0, -nose)[:, 0], abs=1e-9)
         assert np.linalg.det(R) == pytest.approx(1.0)
 
@@ -108,5 +108,5 @@ def test_a_fixed_camera_has_no_gimbal_and_the_flight_is_the_same_seed_1() -> Non
 
 
 def test_a_mount_that_is_none_is_named() -> None:
-    with pytest.raises(ValueError, match="mount: no 'arm'; known: fixed, gimbal"):
+    with pytest.raises(ValueError, match="unknown mount 'arm'; choose one of fixed, gimbal"):
         make_encounter("behind", 1, 5.0, mount="arm")

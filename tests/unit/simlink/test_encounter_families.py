@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from onboard.messages import Encoding, TargetPoints
-from simlink.encounters.curves import Motion, following
+from simlink.encounters.curves import Motion, follow_path
 from simlink.encounters.encounter import BOOT_NS, Encounter, make_encounter
 from simlink.encounters.families import FAMILIES
 from simlink.world.constants import DT
@@ -204,7 +204,7 @@ def test_one_who_follows_is_in_step_until_the_path_changes_and_brakes_in_time() 
     """A path at 8 m/s that stops at once after 10 s: whoever may brake by 2 m/s^2 passes its end by little."""
     t = DT * np.arange(6001)
     path = np.minimum(8.0 * t, 80.0)[:, None] * np.array([[0.6, 0.8, 0.0]])
-    along = following(path, 1.0, 2.0) @ np.array([0.6, 0.8, 0.0])
+    along = follow_path(path, 1.0, 2.0) @ np.array([0.6, 0.8, 0.0])
     assert np.abs(along - 8.0 * t)[t < 10.9].max() < 1e-6
     v = np.gradient(along, DT)
     assert np.abs(np.gradient(v, DT)).max() < 2.01

@@ -17,9 +17,9 @@ from simlink.encounters.curves import Motion
 from simlink.encounters.encounter import BOOT_NS, Encounter, make_encounter
 from simlink.encounters.families import FAMILIES
 from simlink.encounters.truth import states
-from simlink.sensors.camera import named_by_side
+from simlink.sensors.camera import name_by_side
 from simlink.simulation import EPOCH_NS
-from simlink.world.constants import DT, steps_of
+from simlink.world.constants import DT, step_count
 from studies.encounters.flights import received
 from tests.support.images import detections
 
@@ -72,7 +72,7 @@ def test_wingtips_are_named_by_their_side_in_the_image_seeds_1_to_3() -> None:
     for seed in SEEDS:
         images = of(make_encounter("hover", seed, 5.0), TargetPoints)
         assert all(image.left[0] <= image.right[0] for image in images)
-    swapped = named_by_side(((0.0, 0.0), (0.2, 0.1), (-0.2, -0.1)))
+    swapped = name_by_side(((0.0, 0.0), (0.2, 0.1), (-0.2, -0.1)))
     assert swapped == ((0.0, 0.0), (-0.2, -0.1), (0.2, 0.1))
 
 
@@ -98,7 +98,7 @@ def test_our_own_state_is_late_and_off_by_what_was_drawn_seeds_1_to_3() -> None:
     for seed in SEEDS:
         encounter = make_encounter("circling", seed, 10.0)
         nav, truth = encounter.scenario.nav, encounter.truth
-        positions, lag = of(encounter, LocalPosition)[10:], DT * steps_of(nav.position_delay)
+        positions, lag = of(encounter, LocalPosition)[10:], DT * step_count(nav.position_delay)
         px4 = encounter.scenario.vehicle.autopilot == "px4"
         assert lag == 0.0 if px4 else 0.015 <= lag <= 0.03
         r = sampled(encounter, truth.follower.r, positions, lag)
@@ -142,7 +142,7 @@ def test_other_families_leave_an_encounter_as_it_is_seed_4(monkeypatch: pytest.M
     one = make_encounter("hover", 4, 1.0)
     monkeypatch.setattr(encounter_module, "FAMILIES", {"further": FAMILIES["crab"], "hover": FAMILIES["hover"]})
     assert np.array_equal(one.truth.r_FL_n, make_encounter("hover", 4, 1.0).truth.r_FL_n)
-    assert encounter_module._seed_of("hover", 4) == 4 << 32 | 0xFAD8B7D4  # in every process
+    assert encounter_module._stream_seed("hover", 4) == 4 << 32 | 0xFAD8B7D4  # in every process
 
 
 @pytest.mark.parametrize("family", FAMILIES)
@@ -201,7 +201,7 @@ def test_the_camera_is_mounted_anywhere_and_looks_at_the_leader_seed_8() -> None
 
 
 def test_an_unknown_family_is_refused() -> None:
-    with pytest.raises(ValueError, match="known: behind"):
+    with pytest.raises(ValueError, match="choose one of behind"):
         make_encounter("upside_down", 1)
 
 

@@ -20,9 +20,9 @@ from simlink.cli import main
 from simlink.scenarios.scenario import (
     Scenario,
     ScenarioError,
-    from_the_side,
     load_scenario,
     parse_scenario,
+    rotate_slot,
     scenario_names,
 )
 from simlink.simulation import datagrams, simulate
@@ -58,8 +58,11 @@ def test_every_scenario_loads_and_has_a_description(name: str) -> None:
         ("[vehicle]\ntype = 'boat'", "'boat' - at `vehicle.type`"),
         ("[camera]\nblackouts = [{ start = 5.0, end = 4.0 }]", "camera.blackouts: needs start < end"),
         ("[leader]\nspeed = 4.0\nspeed_pulses = [{ start = 1.0, end = 2.0, change = -4.0 }]", "at least 1 m/s"),
-        ("[camera]\nstamp_late = 0.03", "camera.stamp_late: no image is stamped after its delivery"),
-        ("[camera]\nwrong_blob = 0.1\nsees = 'box'", "camera.wrong_blob: blobs stand for a wing, not for 'box'"),
+        (
+            "[camera]\nstamp_late = 0.03",
+            "camera.stamp_late is 0.03 s; at most camera.latency (0.02 s)",
+        ),
+        ("[camera]\nwrong_blob = 0.1\nsees = 'box'", "camera.wrong_blob needs camera.sees = 'wing', not 'box'"),
         ("[leader", "end of document"),
         ("extends = 'quadrotr'", "extends: no scenario 'quadrotr'; known: formation"),
     ],
@@ -81,7 +84,7 @@ def test_a_scenario_extends_another() -> None:
 
 
 def test_the_slot_seen_from_the_side_is_the_reference_slot_turned() -> None:
-    turned, file = from_the_side(load_scenario("formation"), 45.0), load_scenario("formation-from-the-side")
+    turned, file = rotate_slot(load_scenario("formation"), 45.0), load_scenario("formation-from-the-side")
     # (-90, 10) ft turned by 45 degrees: (-100, -80) ft / sqrt 2
     assert turned.follower.slot == pytest.approx((-100 * 0.3048 / 2**0.5, -80 * 0.3048 / 2**0.5, 1.524))
     assert turned.camera.mount_rpy_deg == file.camera.mount_rpy_deg == (0.0, 0.0, 45.0)

@@ -16,7 +16,7 @@ from onboard.messages import Clock
 from simlink.cli import main
 from simlink.scenarios.scenario import Scenario, load_scenario
 from simlink.sensors.camera import mount_quaternion, project
-from simlink.sensors.pictures import Painter, seen_by
+from simlink.sensors.pictures import Painter, picture_detector
 from simlink.world.truth import State, states, true_size
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
@@ -97,12 +97,12 @@ def test_a_leader_at_the_edge_or_close_by_is_drawn_without_an_error() -> None:
 def test_what_a_detector_finds_is_an_image_of_the_leader_and_nothing_is_none_seed_1() -> None:
     _, ((state, _), *_), painter = painted("aircraft", count=1)
     points = {"left": (1.0, 2.0, 0.5), "right": (3.0, 4.0, 0.25)}
-    image = seen_by(lambda picture: points if picture.shape == (480, 640) else None, painter)(state, 7)
+    image = picture_detector(lambda picture: points if picture.shape == (480, 640) else None, painter)(state, 7)
     assert image is not None
     ((found,), t_ns) = image.detections, image.t_ns
     assert (t_ns, found.target) == (7, "leader")
     assert {n: (p.u_px, p.v_px, p.sigma_px) for n, p in found.points.items()} == points
-    assert seen_by(lambda _: None, painter)(state, 7) is None
+    assert picture_detector(lambda _: None, painter)(state, 7) is None
 
 
 def test_without_opencv_a_run_with_pictures_says_what_is_missing(
@@ -112,4 +112,4 @@ def test_without_opencv_a_run_with_pictures_says_what_is_missing(
     assert (
         main(["run", "pictures", "--mavlink", "none", "--tcp", "none", "--zenoh", "none", "--camera", "none"]) == 2
     )
-    assert "simlink: pictures need OpenCV: pip install opencv-python-headless" in capsys.readouterr().err
+    assert "simlink: pictures need OpenCV; run `pip install opencv-python-headless`" in capsys.readouterr().err

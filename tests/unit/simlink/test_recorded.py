@@ -9,12 +9,19 @@ from numpy.typing import NDArray
 
 from onboard.geometry.rotations import matrix_from_quaternion
 from simlink.cli import main
-from simlink.encounters.others import GEOMETRIES, KNOWN, NEAREST, flown_by_others, quaternions
-from simlink.encounters.recording import ATTITUDE, PLACE, VELOCITY, LogError, Recording, read_recording
+from simlink.encounters.others import GEOMETRIES, GEOMETRY_NAMES, MIN_DISTANCE, quaternions, recorded_encounter
+from simlink.encounters.recording import (
+    ATTITUDE_COLUMNS,
+    POSITION_COLUMNS,
+    VELOCITY_COLUMNS,
+    LogError,
+    Recording,
+    read_recording,
+)
 from simlink.encounters.trajectory import Trajectory, read_trajectories, stretches
 from simlink.log import write_log
 from simlink.scenarios.scenario import load_scenario
-from simlink.world.constants import DT, G
+from simlink.world.constants import DT, GRAVITY
 from simlink.world.truth import hovering_angles
 
 Array = NDArray[np.float64]
@@ -34,7 +41,9 @@ def recording(*, hz: float = 10.0, late: float = 0.0, is_gps: bool = False, bias
     t, fast = np.arange(0.0, SECONDS, 1.0 / hz), np.arange(0.0, SECONDS, 0.02)
     r, v, _, _ = circle(t - late)
     _, _, a, q = circle(fast)
-    force = np.einsum("nij,ni->nj", matrix_from_quaternion(q), a - [0.0, 0.0, G]) + np.array([bias, 0.0, 0.0])
+    force = np.einsum("nij,ni->nj", matrix_from_quaternion(q), a - [0.0, 0.0, GRAVITY]) + np.array(
+        [bias, 0.0, 0.0]
+    )
     rows = (np.column_stack([t, r, v]), np.column_stack([fast, q]), np.column_stack([fast, force]))
     return Recording("circle", *rows, np.empty((0, 2)), is_gps=is_gps)
 
@@ -55,7 +64,11 @@ def off(one: Trajectory) -> Array:
 def as_csv(path: Path, of: Recording, *, velocity: bool = True) -> Path:
     """The positions of a recording as a .csv, with the attitudes of their times."""
     _, _, _, q = circle(of.places[:, 0])
-    names = (*PLACE, *VELOCITY, *ATTITUDE) if velocity else (*PLACE, *ATTITUDE)
+    names = (
+        (*POSITION_COLUMNS, *VELOCITY_COLUMNS, *ATTITUDE_COLUMNS)
+        if velocity
+        else (*POSITION_COLUMNS, *ATTITUDE_COLUMNS)
+    )
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(names)
@@ -137,10 +150,10 @@ def test_an_attitude_that_disagrees_with_the_acceleration_is_refused_in_words(
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("", "no column time_s"),
-        ("time_s,north_m\n", "no column east_m"),
-        (",".join((*PLACE, *ATTITUDE)) + "\n", "no position"),
-        (",".join((*PLACE, *ATTITUDE)) + "\n0,0,0,x,1,0,0,0\n", "line 2: could not convert"),
+        ("", r"lacks the column\(s\) time_s"),
+        ("time_s,north_m\n", r"lacks the column\(s\) east_m"),
+        (",".join((*POSITION_COLUMNS, *ATTITUDE_COLUMNS)) + "\n", "no position"),
+        (",".join((*POSITION_COLUMNS, *ATTITUDE_COLUMNS)) + "\n0,0,0,x,1,0,0,0\n", "line 2: could not convert"),
     ],
 )
 def test_a_table_that_is_none_is_refused_by_name(tmp_path: Path, text: str, says: str) -> None:
@@ -168,21 +181,21 @@ def test_a_tlog_gives_the_flight_of_its_vehicle_seed_3(tmp_path: Path) -> None:
     assert len(recorded.forces) > 1000
 
 
-@pytest.mark.parametrize("geometry", KNOWN)
+@pytest.mark.parametrize("geometry", GEOMETRY_NAMES)
 def test_a_geometry_keeps_its_distance_and_has_the_leader_in_view_seed_2(geometry: str) -> None:
     leader, scenario = only(recording()), load_scenario("recorded")
-    one = flown_by_others(scenario, 2, leader, geometry, 15.0)
-    again = flown_by_others(scenario, 2, leader, geometry, 15.0)
+    one = recorded_encounter(scenario, 2, leader, geometry, 15.0)
+    again = recorded_encounter(scenario, 2, leader, geometry, 15.0)
     assert np.array_equal(one.truth.follower.r, again.truth.follower.r)
     apart = np.linalg.norm(one.truth.r_FL_n, axis=1)
-    assert apart.min() >= NEAREST
+    assert apart.min() >= MIN_DISTANCE
     images = [d for d in one.datagrams() if d.channel == "points"]
     assert len(images) > 0.55 * 15.0 * scenario.camera.rate
 
 
 def test_a_recorded_follower_sways_and_leans_as_it_flew_seed_4() -> None:
     leader, scenario = only(recording()), load_scenario("recorded")
-    one = flown_by_others(scenario, 4, leader, "behind", 15.0, follower=leader)
+    one = recorded_encounter(scenario, 4, leader, "behind", 15.0, follower=leader)
     down = matrix_from_quaternion(quaternions(one.truth.euler_F))[:, :, 2]
     tilts = matrix_from_quaternion(leader.q_nb)[:, :, 2]
     count = len(down)
@@ -196,11 +209,11 @@ def test_a_recorded_follower_sways_and_leans_as_it_flew_seed_4() -> None:
 
 def test_flights_that_are_too_short_and_geometries_that_are_none_are_refused() -> None:
     leader, scenario = only(recording()), load_scenario("recorded")
-    with pytest.raises(LogError, match="36 s of flight, and 60 s are wanted"):
-        flown_by_others(scenario, 1, leader, "hover", 60.0)
-    with pytest.raises(ValueError, match="geometry: no 'below'; known: behind"):
-        flown_by_others(scenario, 1, leader, "below", 10.0)
-    assert set(GEOMETRIES) < set(KNOWN)
+    with pytest.raises(LogError, match="the flight lasts 36 s, shorter than 60 s"):
+        recorded_encounter(scenario, 1, leader, "hover", 60.0)
+    with pytest.raises(ValueError, match="unknown geometry 'below'; choose one of behind"):
+        recorded_encounter(scenario, 1, leader, "below", 10.0)
+    assert set(GEOMETRIES) < set(GEOMETRY_NAMES)
 
 
 def test_the_command_line_flies_a_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -220,8 +233,8 @@ def test_the_command_line_flies_a_log(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "circle, orbit: 4 s; camera.mount_rpy_deg=[0.0, " in said
     assert len((tmp_path / "x.csv").read_text(encoding="utf-8").splitlines()) == 102
     assert main(["log", "recorded", "--geometry", "orbit", "--out", out]) == 2
-    assert "--geometry goes with --leader-from" in capsys.readouterr().err
+    assert "--geometry needs --leader-from" in capsys.readouterr().err
     assert main(["log", "guided", *flags, "--out", out]) == 2
-    assert "[follow] does not go with --leader-from" in capsys.readouterr().err
+    assert "[follow] excludes --leader-from" in capsys.readouterr().err
     assert main(["log", "recorded", "--leader-from", str(tmp_path / "none.bin"), "--out", out]) == 2
     assert "none.bin: No such file" in capsys.readouterr().err

@@ -19,8 +19,8 @@ from simlink.scenarios.profiles import GaussMarkov
 from simlink.scenarios.quadrotor import Quadrotor
 from simlink.scenarios.scenario import Scenario, load_scenario
 from simlink.simulation import EPOCH_NS, GuidedRun
-from simlink.world.guided import GuidedMode, approach
-from simlink.world.offboard import OffboardMode, first_of
+from simlink.world.guided import GuidedMode, approach_rate
+from simlink.world.offboard import OffboardMode, prioritized_sum
 from simlink.world.quadrotor import QuadrotorState, quadrotor_states
 from simlink.world.quadrotor_control import Reference
 from simlink.world.setpoint_mode import SetpointMode, Target
@@ -169,7 +169,7 @@ def test_guided_holds_without_a_setpoint_and_ignores_those_before() -> None:
     ],
 )
 def test_px4_gives_corrections_the_right_of_way(first: Vec3, second: Vec3, sum_of: Vec3) -> None:
-    assert first_of(first, second, 12.0) == pytest.approx(sum_of)
+    assert prioritized_sum(first, second, 12.0) == pytest.approx(sum_of)
 
 
 @pytest.mark.parametrize("gain", [0.5, 1.0, 2.0])
@@ -178,15 +178,15 @@ def test_an_error_is_removed_at_a_rate_from_which_the_limit_can_stop(gain: float
     limit, error, dt = 2.0, 30.0, 1e-3
     rates = []
     while error > 1e-3:
-        rate, *_ = approach((error, 0.0, 0.0), gain, limit, 100.0)
+        rate, *_ = approach_rate((error, 0.0, 0.0), gain, limit, 100.0)
         rates.append(rate)
         error -= rate * dt
     slowing = [(a - b) / dt for a, b in pairwise(rates)]
     assert max(slowing) == pytest.approx(limit, rel=0.01)
     assert min(slowing) >= 0.0
-    assert approach((0.0, 0.1, 0.0), gain, limit, 100.0) == pytest.approx((0.0, 0.1 * gain, 0.0))
-    assert math.hypot(*approach((30.0, 40.0, 0.0), gain, limit, 5.0)) == pytest.approx(5.0)
-    assert approach(AT_REST, gain, limit, 5.0) == AT_REST
+    assert approach_rate((0.0, 0.1, 0.0), gain, limit, 100.0) == pytest.approx((0.0, 0.1 * gain, 0.0))
+    assert math.hypot(*approach_rate((30.0, 40.0, 0.0), gain, limit, 5.0)) == pytest.approx(5.0)
+    assert approach_rate(AT_REST, gain, limit, 5.0) == AT_REST
 
 
 def of(autopilot: str) -> Scenario:

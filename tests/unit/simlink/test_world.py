@@ -10,7 +10,7 @@ from simlink.scenarios.formation import Leader
 from simlink.scenarios.profiles import Wave
 from simlink.scenarios.scenario import Scenario, load_scenario
 from simlink.world import attitude
-from simlink.world.truth import State, coordinated, true_size
+from simlink.world.truth import State, coordinated_attitude, true_size
 from tests.support.simlink_truth import HZ, G, dead_reckoned, flight
 
 
@@ -112,7 +112,7 @@ def test_the_leader_wobbles_about_coordinated_flight_seed_6() -> None:
 
 
 def test_a_coordinated_right_turn_has_the_right_wing_down() -> None:
-    roll, pitch, yaw = rotations.euler_from_quaternion(coordinated((0.0, 20.0, -2.0), (-3.0, 0.0, 0.0)))
+    roll, pitch, yaw = rotations.euler_from_quaternion(coordinated_attitude((0.0, 20.0, -2.0), (-3.0, 0.0, 0.0)))
     # flying east, turning south: right; climbing 2 in 20
     assert (roll, pitch, yaw) == pytest.approx((math.atan(3.0 / G), math.atan(0.1), math.pi / 2))
 

@@ -103,10 +103,13 @@ def test_the_hovering_leader_stands_and_yaws_seed_2() -> None:
             "[leader]\nspeed = 5\na_lat = { mean = 0.0 }\nspeed_pulses = [{ start = 1, end = 9, change = -5 }]",
             "hover",
         ),
-        ("[leader]\nspeed_pulses = [{ start = 1.0, end = 9.0, change = 1.0, hold = 8.0 }]", "no time to rise"),
+        (
+            "[leader]\nspeed_pulses = [{ start = 1.0, end = 9.0, change = 1.0, hold = 8.0 }]",
+            "hold must be shorter than end - start",
+        ),
         (
             "[leader]\na_lat = { mean = 0.0 }\nspeed_pulses = [{ start = 1.0, end = 9.0, change = -30.0 }]",
-            "backwards",
+            "keep 0 m/s or more",
         ),
     ],
 )

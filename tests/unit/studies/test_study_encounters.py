@@ -233,7 +233,7 @@ def test_what_is_not_valid_has_no_position_seed_2() -> None:
 
 
 def test_settings_reach_the_pipeline_seed_1(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(flown, "SECONDS", 7.0)
+    monkeypatch.setattr(flown, "DURATION_S", 7.0)
     default, same, other = (
         fly(Case("behind"), 1, settings)
         for settings in ((), ("estimator.leader.own_velocity_sigma_m_s=0.1",), ("camera.sigma_px=3.0",))
@@ -252,7 +252,7 @@ def test_what_is_known_of_the_mount_is_configured_seeds_1_and_2() -> None:
 
 
 def test_two_families_fly_and_are_reported_seed_1(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(flown, "SECONDS", 8.0)
+    monkeypatch.setattr(flown, "DURATION_S", 8.0)
     monkeypatch.setitem(matplotlib.rcParams, "savefig.dpi", 20)
     cases = (Case("behind"), Case("circling", ON_WING))
     found = study.run(1, 1, 1, tmp_path, cases=cases)

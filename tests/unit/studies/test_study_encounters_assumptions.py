@@ -73,7 +73,7 @@ def test_the_camera_is_configured_wrongly_about_one_axis_that_differs_by_seed() 
 
 
 def test_departures_reach_the_flight_seed_1(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(flown, "SECONDS", 6.0)
+    monkeypatch.setattr(flown, "DURATION_S", 6.0)
     plain, *others = (
         fly(Case("behind", departure=departure), 1)
         for departure in (Departure(), Departure(mount_off_deg=1.0), Departure(image_noise=3.7))

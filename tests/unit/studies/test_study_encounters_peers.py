@@ -60,7 +60,7 @@ def test_boxes_have_bearing_and_angle_by_our_own_pose_seed_3() -> None:
 
 
 def test_both_fly_and_an_unknown_size_is_off_seed_5(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(flights_module, "SECONDS", 7.0)
+    monkeypatch.setattr(flights_module, "DURATION_S", 7.0)
     pair = fly(BESIDE["we sway by 3 m, size unknown to 50 %"], 5)
     for flight, least in zip(pair, (0.35, 0.03), strict=True):  # ours considers the size, and does not estimate it
         assert np.isfinite(flight.range_).mean() > 0.9

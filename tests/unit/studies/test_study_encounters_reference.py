@@ -62,7 +62,7 @@ def test_nothing_is_claimed_without_a_reference() -> None:
 
 
 def test_an_encounter_is_flown_by_the_reference_too_seed_1(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(flown, "SECONDS", 5.0)
+    monkeypatch.setattr(flown, "DURATION_S", 5.0)
     monkeypatch.setattr(reference, "SETTINGS", ("estimator.leader.particles=200",))
     found = study.run(1, 1, 1, cases=[Case("hover")], compared=1)
     (row,) = found.tables[2].rows
@@ -74,7 +74,7 @@ def test_an_encounter_is_flown_by_the_reference_too_seed_1(monkeypatch: pytest.M
 def test_the_first_encounters_are_flown_by_the_reference_too_seeds_1_and_2(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(flown, "SECONDS", 10.0)
+    monkeypatch.setattr(flown, "DURATION_S", 10.0)
     monkeypatch.setattr(reference, "SETTINGS", ("estimator.leader.particles=200",))
     found = study.run(2, 1, 1, cases=[POSES[0], Case("hover"), Case("circling", ON_WING)], compared=1)
     first, second = found.tables[3].rows

@@ -16,7 +16,7 @@ from onboard.models.relative_motion import POSITION, SIZE
 from onboard.pipeline import Pipeline
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario
-from simlink.world.drawn import drawn
+from simlink.world.drawn import draw_scenario
 from tests.support import kept
 from tests.support.honesty import nees
 
@@ -62,7 +62,7 @@ def fly(name: str, seed: int, seconds: float, folder: Path) -> Flight:
     (folder / "x.toml").write_text(daemon_config(scenario))
     prior = scenario.leader.size * math.exp(PRIOR * float(np.random.default_rng(seed).standard_normal()))
     settings = [f"size_prior_m={prior}", f"size_prior_sigma_m={PRIOR * prior}"]
-    if (broadcast := drawn(scenario, seed).broadcast) is not None:
+    if (broadcast := draw_scenario(scenario, seed).broadcast) is not None:
         settings += [f"broadcast.{key}" for key in (*GNSS, f"latency_s={sum(broadcast.latency) / 2}")]
     pipeline = Pipeline(load_config(folder / "x.toml", [f"estimator.leader.{key}" for key in settings]))
     estimates: list[Estimate] = []

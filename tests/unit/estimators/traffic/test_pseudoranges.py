@@ -75,7 +75,7 @@ def test_enough_are_up_everywhere() -> None:
 
 @pytest.mark.parametrize("line", ["Mean Anom(rad)", "ID", "Health"])
 def test_a_damaged_almanac_is_refused(line: str) -> None:
-    text = almanac.FILE.read_text()
+    text = almanac.ALMANAC_PATH.read_text()
     with pytest.raises(ValueError, match="almanac"):
         almanac.read(text.replace(line, "Nonsense", 1))
     with pytest.raises(ValueError, match="no healthy"):
