@@ -4,11 +4,12 @@ All rows share one flight of 6 s: own motion at 25 Hz, images at 12.5 Hz, and th
 the fault, no exception is counted, every estimate is sane, and a valid one is right. Other rows have files of
 their own: reboots (`tests/unit/test_reboot.py`), floods (`tests/unit/estimators/leader/test_leader_floods.py`), a
 link that is late without TIMESYNC (`test_held_up.py`), clocks of another rate (`test_other_clocks.py`), who is
-followed (`test_latching.py`), a camera that is late beside a sound one (`tests/unit/health/test_mounts.py`, as it
-takes 20 s), noisy detectors, gimbals and the signs of their angles, which need a gimbal configured, and mirrored
-places (`tests/unit/estimators/leader`: `test_noise.py`, `test_gimbal_frames.py`, `test_sight.py`), hours of
-silence and ADS-B without a position (`own_state` and `traffic` there), sinks, the recorder and the wall clock
-(beside this file).
+followed (`test_latching.py`), what guidance does without a position, after a reset of the origin, on the ground
+and while the mode changes (`tests/unit/autopilot/test_guidance.py`), a camera that is late beside a sound one
+(`tests/unit/health/test_mounts.py`, as it takes 20 s), noisy detectors, gimbals and the signs of their angles,
+which need a gimbal configured, and mirrored places (`tests/unit/estimators/leader`: `test_noise.py`,
+`test_gimbal_frames.py`, `test_sight.py`), hours of silence and ADS-B without a position (`own_state` and `traffic`
+there), sinks, the recorder and the wall clock (beside this file).
 """
 
 import itertools
