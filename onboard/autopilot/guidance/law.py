@@ -18,7 +18,7 @@ from onboard.config import GuidanceConfig
 
 SEEN_S: Final = 0.3  # since the last usable state: the leader is seen
 COAST_S: Final = 1.0  # further, in which a lost leader is followed as if it flew on: most drop-outs are shorter
-LOOK_S: Final = 6.0  # further, in which the nose stays where the leader should be
+LOOK_S: Final = 15.0  # further, in which the nose stays where the leader should be: a restart can take 8 s
 TURN_GAIN: Final = 0.3  # 1/s, from the angle to the slot to the rate about the leader
 APPROACH_GAIN, APPROACH_BRAKING = 0.5, 1.0  # 1/s, m/s^2: of the distance
 BRAKING: Final = 2.2  # m/s^2, that every approach can count on: ArduPilot's default limit is 2.5

@@ -253,7 +253,7 @@ def test_noise_of_a_leader_at_rest_teaches_no_course_seed_3() -> None:
 def test_a_lost_leader_is_followed_for_a_second_and_then_let_go() -> None:
     chase = Chase().enter().accelerate(5.0, (1.0, 0.0, 0.0)).see(20.0)
     phases, speeds = [], []
-    for _ in range(round(10.0 * S / TICK)):
+    for _ in range(round(18.0 * S / TICK)):
         sent = chase.step(None)
         assert sent is not None, "silence is the autopilot's failsafe"
         phases.append(chase.guidance.phase)
@@ -261,7 +261,7 @@ def test_a_lost_leader_is_followed_for_a_second_and_then_let_go() -> None:
     second = S // TICK
     assert phases[second // 5] is Phase.FOLLOW
     assert phases[second] is Phase.COAST
-    assert {*phases[2 * second : 7 * second]} == {Phase.STOP}
+    assert {*phases[2 * second : 16 * second]} == {Phase.STOP}
     assert phases[-1] is Phase.HOLD
     assert speeds[second] == pytest.approx(5.0, abs=0.5)
     assert max(speeds[5 * second :]) < 0.2
