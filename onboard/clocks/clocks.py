@@ -20,7 +20,7 @@ import msgspec
 
 from onboard.clocks.cameras import Followers
 from onboard.clocks.odd_stamps import OddStamps
-from onboard.clocks.offset import WINDOW_NS, Offset, Reply, lower
+from onboard.clocks.offset import WINDOW_NS, Offset, Reply
 from onboard.clocks.wall_clock import WallClock
 from onboard.messages import (
     ActuatorOutputs,
@@ -51,6 +51,9 @@ MOST_GIMBALS: Final = 8
 LONGEST_ROUND_TRIP_NS: Final = 200_000_000
 BACK_NS: Final = 150_000_000  # behind the newest stamp; streams of one clock are closer
 RATE_REASON: Final = Reason(Cause.CLOCK_RATE, "the autopilot's clock runs at another rate than this computer's")
+TIMESYNC_REASON: Final = Reason(
+    Cause.DEGENERATE, "TIMESYNC: its clock is not that of the autopilot's stamps; the arrivals of these are used"
+)
 LATER_NS: Final = 5_000_000  # jitter by which a stamp may be later than its arrival
 
 
@@ -99,7 +102,7 @@ class Clocks:
         self._before = 0  # host - boot at the last message that fits
         self._tagged: list[int] = []  # arrivals of the last replies with our tag
         self._own_replies = False
-        self._gimbals: dict[tuple[int, int], list[tuple[int, int]]] = {}  # the same for each gimbal's own clock
+        self._gimbals: dict[tuple[int, int], Offset] = {}  # of each gimbal's own clock
         self._late_since: int | None = None  # arrival since which messages are late by a second or more
         self._used: tuple[int, int] | None = None  # arrival and offset of the last stamp that was converted
 
@@ -214,11 +217,11 @@ class Clocks:
         if offset is None or (key not in self._gimbals and len(self._gimbals) >= MOST_GIMBALS):
             return self._refuse("no_time_base")
         own = message.t_recv_ns - message.t_ns
-        fastest = self._gimbals.setdefault(key, [])
-        if fastest and abs(own - fastest[0][1]) > JUMP_NS:  # it has restarted
-            fastest.clear()
-        lower(fastest, own, message.t_recv_ns, self._offset.slope)
-        return msgspec.structs.replace(message, t_ns=message.t_ns + fastest[0][1] - offset)
+        known = self._gimbals.setdefault(key, Offset())
+        if abs(own - (known.at(message.t_recv_ns) or own)) > JUMP_NS:  # it has restarted
+            known.clear()
+        known.add_arrival(message.t_recv_ns, own)
+        return msgspec.structs.replace(message, t_ns=message.t_ns + (known.at(message.t_recv_ns) or own) - offset)
 
     def resume(self, round_trip_ns: int, t_recv_ns: int, offset_ns: int) -> None:
         """Continue with the offset of an earlier run, measured by a round trip at a time of the host clock."""
@@ -230,31 +233,37 @@ class Clocks:
         if self._wall.compare(t_recv_ns, wall_step_ns):
             self.rejected["host_clock_steps"] += 1
 
-    def receive_reply(self, message: TimeSync) -> None:
+    def receive_reply(self, message: TimeSync) -> Reason | None:
         """Learn the offset from a TIMESYNC reply. Autopilots also forward replies to requests of others; ours
         have our tag in ts1. If a log contains none of ours, any reply that could be the recorder's is used. One
-        in a thousand of these has our tag by chance, so only several tagged replies count as ours."""
+        in a thousand of these has our tag by chance, so only several tagged replies count as ours. A reply whose
+        clock is not that of the autopilot's stamps is refused, and the reason returned."""
         if message.tc1_ns == 0:
-            return  # a request
+            return None  # a request
         round_trip = message.t_recv_ns - message.ts1_ns
         ours = message.is_tagged
         if not 0 <= round_trip <= LONGEST_ROUND_TRIP_NS:
             self.rejected["timesync_not_ours"] += 1
-            return
+            return None
         if ours:
             self._tagged = [*self._tagged, message.t_recv_ns][-CONFIRM_TAGGED:]
         asks = len(self._tagged) == CONFIRM_TAGGED and message.t_recv_ns - self._tagged[0] < WINDOW_NS
         if asks and not ours:
             self.rejected["timesync_not_ours"] += 1
-            return
+            return None
         if asks and not self._own_replies:
             self._offset.keep(self._tagged)
         self._own_replies = asks
         offset = (message.ts1_ns + message.t_recv_ns) // 2 - message.tc1_ns
         if self._newest_stamp is not None:
             offset += round((self._base - offset) / BOOT_WRAP_NS) * BOOT_WRAP_NS
+            shown = self._base, self._offset.carried(message.t_recv_ns)
+            if all(abs(offset - by_stamps) > JUMP_NS for by_stamps in shown):
+                self.rejected["timesync_contradicted"] += 1
+                return None if self._odd.is_pending else TIMESYNC_REASON
         self._offset.add_reply(Reply(round_trip, message.t_recv_ns, offset))
         self.source = "timesync"
+        return None
 
     def _continues(self, stamp: int, message: Message) -> bool:
         """Whether a boot stamp fits. Also updates the offset and detects reboots and jumps back."""
@@ -265,7 +274,7 @@ class Clocks:
             return True
         fits = abs(offset - self._base) < JUMP_NS
         runs_on = -JUMP_NS < stamp - self._newest_stamp < CONTINUES_NS
-        above = offset - self._carried(t_recv) if self._offset.fastest else 0  # the offset of the fastest messages
+        above = offset - self._offset.carried(t_recv) if self._offset.fastest else 0
         is_early = above < -AHEAD_NS
         # ahead of its arrival: a wrong stamp, or all earlier messages were held up
         ahead = is_early and t_recv >= self._last_arrival
@@ -291,11 +300,6 @@ class Clocks:
         if not self._offset.replies:
             self.source = "arrival"
         return True
-
-    def _carried(self, t_recv: int) -> int:
-        """The offset of the fastest messages, extrapolated to now."""
-        since_ns, offset = self._offset.fastest[0]
-        return offset + round(self._offset.slope * (t_recv - since_ns))
 
     def _jump(self, stamp: int, offset: int, t_recv: int) -> None:
         """The boot clock continues from another time: the autopilot has rebooted or set it."""

@@ -27,6 +27,11 @@ class OddStamps:
         self._received: deque[int] = deque()  # hashes of the last messages
         self._known: set[int] = set()  # the same
 
+    @property
+    def is_pending(self) -> bool:
+        """Whether stamps that do not fit agree: perhaps the clock has jumped."""
+        return bool(self._odd or self._back)
+
     def fit(self, newest_stamp: int) -> None:
         """A stamp fits and is the newest."""
         self._newest_stamp = newest_stamp

@@ -27,6 +27,12 @@ STRAIGHT: Final = 0.1  # residual of a steady slope, as a share of its change ov
 UNSTEADY: Final = 0.1  # relative change of a steady slope
 LATE_BY: Final = 10  # a link may be late by this many times the spread of its fastest messages
 LATE_AT_LEAST_NS: Final = 100_000_000
+# Stamps that are this much earlier than all others, for so short a time, were wrong: what was before goes on. A
+# link that is held up again is not as steady.
+MIN_DROP_NS: Final = 50_000_000
+MAX_DROP_LASTS_NS: Final = NS_PER_S
+STEADY_NS: Final = 20_000_000
+RESTORED_AFTER_NS: Final = 4 * NS_PER_S
 ROUND_TRIPS_DIFFER_NS: Final = 5_000_000  # beyond the error that round trips allow: the clock has jumped
 
 
@@ -50,6 +56,7 @@ class Offset:
         self._best: Reply | None = None  # reply; None until needed
         self._blocks: list[tuple[int, int]] = []  # the fastest of each block
         self._shown: list[Reply] = []  # replies to fit
+        self._drop: tuple[int, int] | None = None  # arrival of a much earlier stamp, and the offset before it
 
     @property
     def round_trip_ns(self) -> int | None:
@@ -90,22 +97,42 @@ class Offset:
         self._best = None
         self._blocks.clear()
         self._shown.clear()
+        self._drop = None
 
     def add_arrival(self, t_recv: int, offset: int) -> None:
         """Learn from a message that arrived `offset` after its stamp."""
         while self.replies and t_recv - self.replies[0].t_recv >= WINDOW_NS:
             self.replies.pop(0)
             self._best = None
+        before = self.carried(t_recv) if self.fastest else offset
+        if self._drop is None and offset < before - MIN_DROP_NS:
+            self._drop = t_recv, before
         lower(self.fastest, offset, t_recv, self.slope, self._spread)
         blocks = self._blocks
         if not blocks or t_recv // BLOCK_NS > blocks[-1][0] // BLOCK_NS:
             if blocks and not self.replies:
                 self._fit([(float(t), float(o)) for t, o in blocks if t_recv - t < FIT_NS], "arrival")
+            if self._drop is not None and t_recv - self._drop[0] >= RESTORED_AFTER_NS:
+                self._judge_drop(*self._drop)
+                self._drop = None
             blocks.append((t_recv, offset))
             while t_recv - blocks[0][0] >= WINDOW_NS:
                 blocks.pop(0)
         elif offset < blocks[-1][1]:
             blocks[-1] = t_recv, offset
+
+    def carried(self, t_ns: int) -> int:
+        """The offset of the fastest messages, extrapolated."""
+        since_ns, offset = self.fastest[0]
+        return offset + round(self.slope * (t_ns - since_ns))
+
+    def _judge_drop(self, t_ns: int, before: int) -> None:
+        """Undo a drop of the envelope that did not last, if all has been as before since then."""
+        since = [block for block in self._blocks if block[0] - t_ns > MAX_DROP_LASTS_NS]
+        offsets = [offset - self.slope * (t - t_ns) for t, offset in since]
+        if offsets and max(offsets) - min(offsets) < STEADY_NS and abs(min(offsets) - before) < MIN_DROP_NS:
+            self._blocks = since
+            self._envelop()
 
     def add_reply(self, reply: Reply) -> None:
         """Learn from a reply. If the last two contradict the earlier ones, the clock has jumped."""
@@ -169,9 +196,13 @@ class Offset:
             return
         self.slope = slope
         self._best = None
+        self._envelop()
+
+    def _envelop(self) -> None:
+        """Make the envelope anew, of the fastest of each block."""
         self.fastest.clear()
         for t_recv, offset in self._blocks:
-            lower(self.fastest, offset, t_recv, slope, self._spread)
+            lower(self.fastest, offset, t_recv, self.slope, self._spread)
 
 
 def lower(

@@ -165,7 +165,8 @@ class Pipeline:
             return None
         self._monitor.receive(admitted)
         if isinstance(admitted, TimeSync):
-            self.clocks.receive_reply(admitted)
+            if (why := self.clocks.receive_reply(admitted)) is not None:
+                self.refuse("autopilot", why, admitted.t_recv_ns)
             return None
         if isinstance(admitted, EstimatorStatus):
             if not self.ownship.receive_status(admitted):  # as if own motion had stopped long ago
