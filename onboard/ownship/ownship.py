@@ -75,6 +75,9 @@ class Ownship:
         longest_ns = round(max_extrapolation * NS_PER_S)
         self._attitudes, self._nav = Attitudes(longest_ns), Navigation(longest_ns)
         self._source_of_attitude, self._source_of_velocity = Source("attitude", source), Source("velocity", source)
+        is_fixed = self._source_of_attitude.is_fixed  # then these are what the autopilot states; else beside them:
+        self._stated_attitudes = self._attitudes if is_fixed else Attitudes(longest_ns)
+        self._stated_nav = self._nav if is_fixed else Navigation(longest_ns)
         self._last_local_ns = -FALLBACK_NS
         self._status: EstimatorStatus | None = None
         self._resets: int | None = None  # as the autopilot counts its own
@@ -258,7 +261,10 @@ class Ownship:
         self.now_ns = max(self.now_ns, stamp_ns)
         self.samples += 1
         self._contradictions.add_attitude(m.t_ns, q, omega)
-        self._attitudes.append(m.t_ns, self._sourced(m.t_ns, AttitudeSample(q, omega, NO_NOISE), own))
+        stated = AttitudeSample(q, omega, NO_NOISE)
+        self._attitudes.append(m.t_ns, self._sourced(m.t_ns, stated, own))
+        if self._stated_attitudes is not self._attitudes:
+            self._stated_attitudes.append(m.t_ns, stated)
         return True
 
     def _sourced(self, t_ns: int, stated: AttitudeSample, own: StatedMotion | None) -> AttitudeSample:
@@ -316,7 +322,10 @@ class Ownship:
         self.samples += 1
         self._ways.clear()
         self._uncertainty.move(m.t_ns, v_n)
-        self._nav.append(m.t_ns, self._moving(m.t_ns, NavSample(r, v_n), own))
+        stated = NavSample(r, v_n)
+        self._nav.append(m.t_ns, self._moving(m.t_ns, stated, own))
+        if self._stated_nav is not self._nav:
+            self._stated_nav.append(m.t_ns, stated)
         return True
 
     def _moving(self, t_ns: int, stated: NavSample, own: StatedMotion | None) -> NavSample:
@@ -336,14 +345,14 @@ class Ownship:
         return NavSample((x, y, z), (u, v, w))
 
     def _compare_attitude(self, t_ns: int, q: Quaternion) -> None:
-        """An attitude that comes late beside the history's."""
-        known = self._attitudes.at(t_ns)
+        """An attitude that comes late beside the one that the autopilot has stated."""
+        known = self._stated_attitudes.at(t_ns)
         if known is not None:
             off = turn(known.q, q)
             self._contradictions.add_other(self.now_ns, off=math.hypot(*off), limit=ANOTHER_WAY)
 
     def _compare_position(self, t_ns: int, r: Vec3) -> None:
-        """A position that comes late beside the history's."""
-        known = self._nav.at(t_ns)
+        """A position that comes late beside the one that the autopilot has stated."""
+        known = self._stated_nav.at(t_ns)
         if known is not None:
             self._contradictions.add_other(self.now_ns, off=math.dist(known.r, r), limit=ELSEWHERE)

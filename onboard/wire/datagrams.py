@@ -15,7 +15,7 @@ from onboard.wire.documents.pseudoranges import decode_ranges
 from onboard.wire.documents.radar import decode_radar
 from onboard.wire.documents.warm_state import decode_warm_state
 from onboard.wire.logs import tlog
-from onboard.wire.mavlink.decode import IsOwn, MavlinkDecoder, OnError, nobody, raise_error
+from onboard.wire.mavlink.decode import IsOwn, MavlinkDecoder, OnError, Repetitions, nobody, raise_error
 from onboard.wire.mavlink.signing import Stamps, Verifier
 from onboard.wire.mavlink.tracking import TrackerDecoder
 from onboard.wire.ros.topics import RosDecoder
@@ -67,6 +67,7 @@ class DatagramDecoder:
         self._keys, self._is_own, self._ros = keys, is_own, RosDecoder(cameras)
         self._stamps: dict[bytes, Stamps] = {}  # of signed frames, by key: its links share them
         self._mavlink: dict[str, MavlinkDecoder] = {}
+        self._repetitions = Repetitions()
         self._bad: Counter[str] = Counter()
         self._ignored: set[str] = set()
         self._foreign: Counter[str] = Counter()  # pieces by channel, before its first frame
@@ -95,6 +96,7 @@ class DatagramDecoder:
                 stream=datagram.encoding is Encoding.MAVLINK_STREAM,
                 on_error=self._on_error,
                 verifier=self._verifier(datagram.channel),
+                repetitions=self._repetitions,
                 trackers=TrackerDecoder(self._cameras, partial(self._refuse_tracker, datagram.channel)),
                 is_own=self._is_own,
                 on_own=partial(self._name_own, datagram.channel),

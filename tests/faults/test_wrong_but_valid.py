@@ -12,6 +12,7 @@ from msgspec.structs import replace
 
 from onboard.geometry.rotations import matrix_from_quaternion, quaternion_from_euler, quaternion_product
 from onboard.messages import Attitude, Estimate, Imu, LocalPosition, Message, TargetPoints
+from onboard.ownship import Ownship, StatedMotion
 from tests.support.faulty_flight import ITEMS, T0, T1, assert_on_target, clean, flown
 from tests.support.streams import (
     CIRCLE,
@@ -247,3 +248,27 @@ def test_a_detector_that_is_4_times_as_noisy_is_taken_so_and_told_with_seed_44()
     assert 3.0 < float(found[1]) < 5.5
     late = [e for e in run.estimates if e.valid and e.t_ns > (T0 + 6.0) * S]
     assert np.mean([position_nees(e) for e in late]) < 3.0
+
+
+@pytest.mark.parametrize("late_ms", [0, 25])
+def test_datagrams_that_come_twice_count_once(late_ms: int) -> None:
+    """A router and a bridge forward one link."""
+    once = encode(INERTIAL)
+    again = [replace(d, t_recv_ns=d.t_recv_ns + late_ms * MS) for d in once]
+    twice = sorted([*once, *again], key=lambda d: d.t_recv_ns)
+    run = flown(twice)
+    assert run.rejected == {"repeated": flown(once).pipeline._decoder.frames.total()}
+    assert [e.mean for e in run.estimates] == [e.mean for e in clean().estimates]
+
+
+def test_our_own_state_is_no_second_source_beside_what_comes_again() -> None:
+    """With other frames than before: as by another link of the autopilot."""
+    own = Ownship(max_extrapolation=0.1, source="own_state")
+    for ms in range(0, 4000, 20):
+        a, p = CIRCLE.attitude(ms * MS), CIRCLE.position(ms * MS)
+        tilted = quaternion_product(np.array(a.q_nb), quaternion_from_euler(0.0, 0.0, math.radians(4.0)))
+        state = StatedMotion(tuple(tilted.tolist()), a.omega_b, (0.02,) * 3, p.r_OF_n, p.v_F_n, (0.1,) * 3)
+        for message in (a, p, a, p):
+            own.receive(message, ms * MS, state)
+    assert own.source_changes["attitude_from_own_state.own_state_is_surer"] == 1
+    assert own.doubt == ""

@@ -47,11 +47,11 @@ P_0, T_0, BETA, GAS = 101_325.0, 288.15, -0.0065, 287.05287
 def _odometry(m: Any, h: dict[str, Any]) -> Message | None:
     """The variances of the attitude: the last three of the diagonal of an upper triangle of six rows."""
     roll, pitch, yaw = (m.pose_covariance[i] for i in (15, 18, 20))
-    if not all(v > 0.0 and math.isfinite(v) for v in (roll, pitch, yaw)):
-        return None
-    yaw_sigma, tilt_sigma = (math.sqrt(min(v, math.pi**2)) for v in (yaw, max(roll, pitch)))
     unknown = dict.fromkeys(("horizontal_velocity", "horizontal_position"))
-    return EstimatorStatus(**h, **unknown, yaw_sigma=yaw_sigma, tilt_sigma=tilt_sigma)
+    if not all(v > 0.0 and math.isfinite(v) for v in (roll, pitch, yaw)):
+        return EstimatorStatus(**h, **unknown, resets=m.reset_counter)
+    yaw_sigma, tilt_sigma = (math.sqrt(min(v, math.pi**2)) for v in (yaw, max(roll, pitch)))
+    return EstimatorStatus(**h, **unknown, yaw_sigma=yaw_sigma, tilt_sigma=tilt_sigma, resets=m.reset_counter)
 
 
 def _known(value: float, unknown: float, scale: float) -> float | None:

@@ -28,6 +28,8 @@ MESSAGE_NAMES: Final = {
 UNKNOWN: Final = "unknown_message"
 TRACKING: Final = Layout("<7f4B")  # CAMERA_TRACKING_IMAGE_STATUS
 FIELD_OF_VIEW: Final = Layout("<I6i6f")  # CAMERA_FOV_STATUS, whose time is of the camera's own clock
+REPEATED_NS: Final = 500_000_000  # two ways of one link, as by a router and a bridge, differ by less
+KEPT_FRAMES: Final = 128  # sequence numbers begin anew after 256
 OnError = Callable[[str, Exception], None]
 IsOwn = Callable[[int, int, str], bool]  # system, component, name
 OnOwn = Callable[[int, int, int], None]  # system, component, arrival
@@ -43,11 +45,27 @@ def nobody(_system: int, _component: int, _name: str) -> bool:
     return False
 
 
+class Repetitions:
+    """Frames that came lately: who forwards a link twice sends each frame twice, to the byte."""
+
+    def __init__(self) -> None:
+        self._recent: dict[bytes, int] = {}  # arrivals by frame, the oldest first
+
+    def holds(self, frame: bytes, t_recv_ns: int) -> bool:
+        """Whether this very frame came a moment ago; it is kept."""
+        before_ns = self._recent.pop(frame, None)
+        self._recent[frame] = t_recv_ns
+        if len(self._recent) > KEPT_FRAMES:
+            del self._recent[next(iter(self._recent))]
+        return before_ns is not None and abs(t_recv_ns - before_ns) <= REPEATED_NS
+
+
 class MavlinkDecoder:
     """Decoder of one channel. `rejected` counts by reason the bytes and frames that gave no message; `names`
     counts every well-formed frame by its MAVLink name. `on_error` is called with a frame's name and the exception
     that it caused; the other frames are decoded. What `is_own` knows as ours has come back, and is refused before
     its signature, which is good, is tested: `on_own` is called. With a `verifier`, only frames that it lets pass.
+    `repetitions`, common to channels that may carry the same frames, leave out what comes twice.
     `trackers` read what is of whole aircraft. `also`: messages that are read beside those of `CONVERT`."""
 
     def __init__(
@@ -56,6 +74,7 @@ class MavlinkDecoder:
         stream: bool,
         on_error: OnError = raise_error,
         verifier: Verifier | None = None,
+        repetitions: Repetitions | None = None,
         trackers: TrackerDecoder | None = None,
         also: Mapping[str, tuple[Layout, Convert]] | None = None,
         is_own: IsOwn = nobody,
@@ -66,6 +85,7 @@ class MavlinkDecoder:
         self._stream = stream
         self._on_error = on_error
         self._verifier = verifier
+        self._repetitions = repetitions
         self._untested = 0
         self._is_own, self._on_own = is_own, on_own
         self._rest = b""  # of a stream: the frame that is not complete yet
@@ -137,6 +157,9 @@ class MavlinkDecoder:
             self.rejected[reason] += 1
             return None
         self.names[name] += 1
+        if self._repetitions is not None and self._repetitions.holds(frame, t_recv_ns):
+            self.rejected["repeated"] += 1
+            return None
         try:
             return self._record(name, payload, t_recv_ns, system, component)
         except Exception as error:  # of any kind: it costs this frame
