@@ -63,6 +63,7 @@ class Poses:
 
     def __init__(self, t: Array, r_OF_n: Array, q_nb: Array) -> None:
         signs = np.cumprod(np.where(np.sum(q_nb[1:] * q_nb[:-1], axis=1) < 0, -1.0, 1.0))
+        self.is_defined = bool(np.isfinite(r_OF_n).all())  # the autopilot may know its attitude alone, for a while
         self.t, self._columns = t, (*r_OF_n.T, *np.vstack([q_nb[:1], q_nb[1:] * signs[:, None]]).T)
 
     def at(self, t: Array) -> tuple[Array, Array]:

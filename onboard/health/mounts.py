@@ -143,7 +143,7 @@ class Mounts:
     def _add_window(self, one: Ended) -> None:
         """A window that has ended, and a search for what it and those before it show."""
         source, sights, poses, t_recv_ns = one
-        if len(sights) < FEWEST_IMAGES or poses is None or len(poses.t) < FEWEST_IMAGES:
+        if poses is None or not poses.is_defined or min(len(sights), len(poses.t)) < FEWEST_IMAGES:
             return
         few = sights[:: 1 + len(sights) // MOST_IMAGES]
         rows = np.array([(1e-9 * s.t_ns, s.u, s.v, s.distance) for s in few])

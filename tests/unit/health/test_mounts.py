@@ -23,8 +23,11 @@ from onboard.messages import (
     Datagram,
     Estimate,
     Exposure,
+    GlobalPosition,
     Lifecycle,
+    LocalPosition,
     MeasurementReport,
+    Message,
     TargetPoints,
     Verdict,
 )
@@ -35,7 +38,7 @@ from onboard.units import NS_PER_S
 from simlink.scenarios.scenario import Scenario, load_scenario
 from simlink.simulation import datagrams
 from tests.support.images import exposed
-from tests.support.streams import Stream
+from tests.support.streams import Stream, advance
 
 CAMERA = parse_config({}).camera_model()
 UP_DEG = 8.0  # as the camera of the scenario `guided` looks
@@ -344,3 +347,18 @@ def test_the_status_advises_a_mount_that_is_20_degrees_off_seed_5() -> None:
 @pytest.mark.parametrize("seed", [1, 3])
 def test_a_noisy_attitude_makes_no_mount_wrong_seeds_1_3(seed: int) -> None:
     assert hints(load_scenario("mission"), [0.0, 8.0, 0.0], 60.0, seed) == []
+
+
+def test_windows_in_which_our_own_position_is_not_known_are_left_out_seed_1() -> None:
+    """LOCAL_POSITION_NED goes away now and then, GLOBAL_POSITION_INT goes on: no message is lost over it."""
+    sent: list[Message] = []
+    for item in Stream(t0=40.0, t1=55.0, sparse=True).items():
+        m = item.message
+        if isinstance(m, LocalPosition):
+            place = {"lat_deg": 47.0 + m.r_OF_n[0] / 111_195.0, "lon_deg": 8.0 + m.r_OF_n[1] / 75_830.0}
+            height = {"alt_msl": 400.0 - m.r_OF_n[2], "height": -m.r_OF_n[2]}
+            times = {"t_ns": m.t_ns, "t_recv_ns": m.t_recv_ns}
+            sent.append(GlobalPosition(**times, v_F_n=m.v_F_n, heading_rad=None, **place, **height))
+        if not isinstance(m, LocalPosition) or m.t_ns % (6 * NS_PER_S) > 2.2 * NS_PER_S:
+            sent.append(m)
+    assert any(e.valid for e in advance(sent).estimates)
