@@ -5,7 +5,7 @@ from typing import Final
 
 from onboard.health.causes_camera import FEWEST_JUDGED, of_camera, stamp_reading
 from onboard.health.needs import Moment
-from onboard.health.words import words_of
+from onboard.health.words import NOTHING, WORDS
 from onboard.messages import DOUBTS, Advice, Severity
 from onboard.messages.causes import Cause
 from onboard.units import NS_PER_S
@@ -30,7 +30,7 @@ def refused(m: Moment) -> Iterator[Advice]:
             continue
         if _follows(m, refusal.cause) or _is_rare(m, refusal.cause):
             continue
-        remedy = words_of(refusal.cause).refusal
+        remedy = WORDS.get(refusal.cause, NOTHING).refusal
         what = "" if refusal.cause in DOUBTS else "refused from "
         yield Advice(
             kind=remedy.advice,

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from onboard.health.needs import Moment
-from onboard.health.words import words_of
+from onboard.health.words import NOTHING, WORDS
 from onboard.messages import Advice, Health
 from onboard.messages.causes import Cause
 from onboard.units import NS_PER_S
@@ -21,7 +21,7 @@ def invalid(m: Moment) -> Iterator[Advice]:
         if is_valid(m.now, name) or name not in m.before.states or is_valid(m.before, name):
             continue
         cause, why = m.now.causes.get(name, Cause.NONE), m.now.reasons.get(name, "")
-        remedy = words_of(cause).state
+        remedy = WORDS.get(cause, NOTHING).state
         yield Advice(
             kind="not-valid",
             severity=remedy.severity,

@@ -5,7 +5,7 @@ from typing import Final, NamedTuple
 
 from msgspec.structs import replace
 
-from onboard.health.words import words_of
+from onboard.health.words import NOTHING, WORDS
 from onboard.messages import Estimate, Exposure, MeasurementReport, Message, NavState, Refusal
 from onboard.messages.causes import Cause, Reason
 from onboard.messages.text import plain, without_names, without_numbers
@@ -54,12 +54,12 @@ class Refusals:
         """Count a message that went no further, if it is of a camera: for a reason, or by what the health
         counts."""
         if isinstance(message, Exposure):
-            found = why if isinstance(why, Reason) else Reason(Cause(why), words_of(why).refused or "")
+            found = why if isinstance(why, Reason) else Reason(Cause(why), WORDS.get(why, NOTHING).refused or "")
             self.add(f"camera {message.camera}", found, message.t_recv_ns)
 
     def add_verdict(self, estimate: Estimate, report: MeasurementReport) -> None:
         """Count an image that an estimator could not use. A gated image could be used: it only fits no track."""
-        known = words_of(report.verdict)
+        known = WORDS.get(report.verdict, NOTHING)
         is_own = isinstance(estimate, NavState) and known.sensor is not None
         text = known.sensor if is_own else known.refused
         if text is None or (report.points is None and not is_own):

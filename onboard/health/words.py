@@ -1,6 +1,7 @@
 """The one table of what is said of a cause: why a message is refused, and what to do about that, or about an
 estimate that is not valid. What a cause means in general is `Cause.meaning`."""
 
+from collections.abc import Mapping
 from typing import Final, NamedTuple
 
 from onboard.messages import Severity
@@ -70,7 +71,7 @@ SENSORS: Final = Remedy(
     severity=Severity.ERROR,
 )
 
-WORDS: Final = {
+WORDS: Final[Mapping[str, Words]] = {  # by cause, and by a verdict of the same name
     # The state of a track
     **dict.fromkeys(
         (Cause.NO_MEASUREMENT, Cause.FORGOTTEN, Cause.TIMEOUT, Cause.DISPLACED),
@@ -269,8 +270,3 @@ WORDS: Final = {
         (Cause.KEY_UNREADABLE, Cause.RANGE_UNUSED, Cause.IGNORED), Words(refusal=NOTHING.refusal.noticed)
     ),
 }
-
-
-def words_of(cause: str) -> Words:
-    """The words of a cause; of a verdict that is no cause, none."""
-    return WORDS[Cause(cause)] if cause in WORDS else NOTHING

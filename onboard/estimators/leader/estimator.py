@@ -32,7 +32,7 @@ from onboard.estimators.leader.image.prepare import Image, agree, prepare
 from onboard.estimators.leader.reports.broadcast import Broadcast
 from onboard.estimators.leader.reports.prior import prior_of, size_of
 from onboard.estimators.leader.reports.ranging import Ranging
-from onboard.estimators.leader.tracks.fusing import Candidate
+from onboard.estimators.leader.tracks.fusing import ImageRecord
 from onboard.estimators.leader.tracks.gimbal_frames import GimbalFrames, may_be_contradicted
 from onboard.estimators.leader.tracks.track import FULL, FUSED, NO_IMAGE, Track
 from onboard.geometry.camera import Camera
@@ -119,7 +119,7 @@ class Estimator:
             return []
         view, answers = self._poses.view(message, ownship), dict[int, list[Estimate]]()
         found: dict[int, Track] = {}  # the tracks of the exposure's detections
-        claims: dict[int, Candidate | Verdict] = {}
+        claims: dict[int, ImageRecord] = {}
         for i, seen in enumerate(message.detections):
             if seen.target == NO_ID:
                 continue
@@ -135,33 +135,25 @@ class Estimator:
         if len(claims) > 1:
             self._exchange(claims, found, ownship)
         for i, claim in claims.items():
-            answers[i] += self._take(message.detections[i], view, found[i], claim, ownship)
+            answers[i] += self._take(claim, view, found[i], ownship)
         if len(answers) < len(message.detections):
             answers |= self._unnamed(view, found, ownship)
         return [estimate for i in sorted(answers) for estimate in answers[i]]
 
-    def _take(
-        self,
-        seen: TargetImage,
-        view: PosedExposure,
-        track: Track,
-        claim: Candidate | Verdict | None,
-        ownship: Ownship,
-    ) -> list[Estimate]:
-        """Let a track take a detection, as it was compared with the track, or None where it was not yet."""
-        said: list[Estimate] = []
+    def _take(self, claim: ImageRecord, view: PosedExposure, track: Track, ownship: Ownship) -> list[Estimate]:
+        """Let a track take a detection, as it was compared with the track, or may have been with another one."""
+        said, seen = list[Estimate](), claim.message
         if self._classes:
             filter_ = track.filter
             known = self._classes.get(seen.class_name, (None, self._config))
             if track.take_for(seen.class_name, seen.t_ns, *known):
                 self._verdicts[CLASS] += 1
                 said.append(track.tick(ownship))
-            claim = claim if track.filter is filter_ else None
-        if claim is None:
-            claim = track.claim(seen, view, ownship)
-        if track.target == NAME and self._frames is not None and isinstance(claim, Candidate):
+            if track.filter is not filter_:
+                claim = track.claim(seen, view, ownship)
+        if track.target == NAME and self._frames is not None and claim.image is not None:
             self._compare(self._frames, claim.image, track.range, ownship)
-        said.append(estimate := self._counted(track.take(seen, claim, ownship)))
+        said.append(estimate := self._counted(track.take(claim, ownship)))
         report, is_shown = estimate.measurement, estimate.valid or estimate.cause is Cause.NOISE
         if track.target == NAME and is_shown and report is not None and report.verdict in FUSED:
             self._seen_ns[seen.camera] = seen.t_ns
@@ -176,24 +168,24 @@ class Estimator:
             self._verdicts.update(f"{MISFIT}{name}" for name in estimate.measurement.misfits)
         return estimate
 
-    def _exchange(self, claims: dict[int, Candidate | Verdict], found: dict[int, Track], ownship: Ownship) -> None:
+    def _exchange(self, claims: dict[int, ImageRecord], found: dict[int, Track], ownship: Ownship) -> None:
         """Where detections hardly fit the tracks of their ids, which were `found` for them, but fit each other's,
         the ids have been exchanged: from now on they are those of the other tracks."""
         firsts = {found[i].target: i for i in reversed(claims)}.values()  # of two detections with one id
-        every = ((i, claims[i]) for i in sorted(firsts))
-        known = {i: c for i, c in every if isinstance(c, Candidate) and c.compared is not None}
+        known = {i: claims[i] for i in sorted(firsts) if claims[i].compared is not None}
+        images = {i: claim.image for i, claim in known.items() if claim.image is not None}
         doubtful = [i for i, claim in known.items() if claim.nis > AN_ID]
         if not doubtful or len(known) < 2:
             return
-        near = {j for i in doubtful for j, claim in known.items() if offset(found[i], claim.image) < BESIDE}
+        near = {j for i in doubtful for j, image in images.items() if offset(found[i], image) < BESIDE}
         pairs = {(i, i): known[i] for i in near.union(doubtful)}
         for i, _ in list(pairs):
-            predicted = found[i].predict(known[i].image.message.t_ns, ownship)
-            others = {(i, j): found[i].compare(known[j].image, predicted, ownship) for _, j in pairs if j != i}
+            predicted = found[i].predict(known[i].message.t_ns, ownship)
+            others = {(i, j): found[i].compare(images[j], predicted, ownship) for _, j in pairs if j != i}
             pairs |= {pair: candidate for pair, candidate in others.items() if candidate.fits}
         tracks = exchanged({pair: candidate.cost for pair, candidate in pairs.items()})
         self._verdicts[EXCHANGED] += len(tracks)
-        self._ids |= {known[j].image.message.target: found[i].target for j, i in tracks.items()}
+        self._ids |= {known[j].message.target: found[i].target for j, i in tracks.items()}
         claims |= {j: pairs[i, j] for j, i in tracks.items()}
         found |= {j: found[i] for j, i in tracks.items()}
 
@@ -208,7 +200,7 @@ class Estimator:
             if isinstance(image, Image):
                 images[i] = image
             elif image is not None:
-                answers[i] = self._take(seen, view, self._tracks[NAME], image, ownship)
+                answers[i] = self._take(ImageRecord(seen, image), view, self._tracks[NAME], ownship)
         if not images:
             return answers
         tracks = [track for track in self._tracks.values() if track not in found.values()]
@@ -218,9 +210,10 @@ class Estimator:
         decided, undecided = associate({pair: c.cost if is_choice else 0.0 for pair, c in fitting.items()})
         found |= {i: tracks[k] for i, k in decided.items()}
         for i, k in undecided.items():
-            answers[i] = [self._counted(tracks[k].take(detections[i], Verdict.UNASSOCIATED, ownship))]
+            unused = ImageRecord(detections[i], Verdict.UNASSOCIATED)
+            answers[i] = [self._counted(tracks[k].take(unused, ownship))]
         for i, k in decided.items():
-            answers[i] = self._take(detections[i], view, tracks[k], pairs[k, i], ownship)
+            answers[i] = self._take(pairs[k, i], view, tracks[k], ownship)
         free = [track for k, track in enumerate(tracks) if k not in undecided.values()]
         for i, image in images.items():
             if i in answers:
@@ -228,11 +221,11 @@ class Estimator:
             seen = detections[i]
             twin = next((track for j, track in found.items() if overlap(seen, detections[j])), None)
             if twin is not None:
-                answers[i] = [self._counted(twin.take(seen, Verdict.DUPLICATE, ownship))]
+                answers[i] = [self._counted(twin.take(ImageRecord(seen, Verdict.DUPLICATE), ownship))]
             elif (track := self._left_over(image, [t for t in free if t not in found.values()], ownship)) is None:
                 answers[i] = self._refuse(seen, ownship)
             else:
-                answers[i], found[i] = self._take(seen, view, track, None, ownship), track
+                answers[i], found[i] = self._take(track.claim(seen, view, ownship), view, track, ownship), track
         return answers
 
     def withholds(self, exposure: Exposure, doubts: Mapping[str, Reason]) -> Reason | None:
@@ -363,7 +356,7 @@ class Estimator:
             return []
         self._next_refusal_ns = ownship.now_ns + REFUSAL_PERIOD_NS
         target = message.target or f"{UNNAMED}{self._numbered}"
-        return [self._track(target, FULL).take(message, Verdict.FULL, ownship)]
+        return [self._track(target, FULL).take(ImageRecord(message, Verdict.FULL), ownship)]
 
     def _named(self, target: str, ownship: Ownship) -> Track | None:
         """The track of that id, a new one if there is none; None if there are too many."""
@@ -402,12 +395,12 @@ class Estimator:
 
     def _candidates(
         self, images: Mapping[int, Image], tracks: Sequence[Track], ownship: Ownship
-    ) -> dict[tuple[int, int], Candidate]:
+    ) -> dict[tuple[int, int], ImageRecord]:
         """Detections beside what tracks expect, by the numbers of both. A detection is compared with all tracks
         without a recent image, whose target may be anywhere, and of the others with those hardly farther from its
         direction than the nearest one: to compare each with each would cost n^2 updates of n targets."""
         predicted: dict[int, Any] = {}
-        found: dict[tuple[int, int], Candidate] = {}
+        found: dict[tuple[int, int], ImageRecord] = {}
         for i, image in images.items():
             offsets = {id(track): offset for offset, track in self._offsets(image, tracks)}
             limit = FARTHER * min(offsets.values(), default=0.0) + BESIDE
@@ -477,7 +470,7 @@ def continued(by: Track, image: Image, near: Mapping[float, Track], ownship: Own
     }
     nearest = gone[min(gone)] if gone else None
     claim = nearest.claim(image.message, image.view, ownship) if nearest is not None else None
-    return nearest if isinstance(claim, Candidate) and claim.fits else None
+    return nearest if claim is not None and claim.fits else None
 
 
 def overlap(one: TargetImage, other: TargetImage) -> bool:

@@ -7,7 +7,7 @@ from msgspec.structs import replace
 from onboard.config import Config, parse_config
 from onboard.geometry.lens import Lens
 from onboard.health.cameras import Hints
-from onboard.health.words import words_of
+from onboard.health.words import WORDS
 from onboard.messages import DOUBT, Message, Reason, Severity, TargetPoints
 from onboard.sinks.console import ConsoleLines
 from onboard.wire.documents.points import doubt_of
@@ -79,5 +79,5 @@ def test_doubtful_intrinsics_are_named_as_long_as_images_come() -> None:
     assert [t for _, _, t in found] == [image.t_recv_ns for image in images]
     _, why, _ = found[0]
     assert why.words.startswith(f"{DOUBT}the principal point (100, 240) is far from the middle")
-    remedy = words_of(why.cause).refusal
+    remedy = WORDS[why.cause].refusal
     assert (remedy.advice, remedy.severity) == ("pixels", Severity.WARNING)

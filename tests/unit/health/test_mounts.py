@@ -16,7 +16,7 @@ from onboard.geometry.rotations import matrix_from_euler, quaternion_from_matrix
 from onboard.health import mounts
 from onboard.health.camera_errors import Explanation, Poses, Sights, Window, explanations, finished
 from onboard.health.mounts import Mounts, why
-from onboard.health.words import words_of
+from onboard.health.words import WORDS
 from onboard.messages import (
     DOUBT,
     Advice,
@@ -117,7 +117,7 @@ def test_a_wrong_focal_length_is_measured_within_its_sigma_seed_1(focal: float) 
     measured = re.search(r"`f_px` were (\S+) times as long", reason.words)
     assert measured is not None
     assert float(measured[1]) == pytest.approx(focal, rel=0.1)
-    assert words_of(reason.cause).refusal.advice == "focal"
+    assert WORDS[reason.cause].refusal.advice == "focal"
 
 
 @pytest.mark.parametrize("delay", [-0.3, 0.1])
@@ -130,7 +130,7 @@ def test_a_late_clock_is_no_focal_length_seed_2(delay: float) -> None:
     assert measured is not None
     assert float(measured[1]) == pytest.approx(abs(delay), abs=0.02)
     assert measured[2] == ("older" if delay < 0 else "newer")
-    assert words_of(reason.cause).refusal.advice == "stamps"
+    assert WORDS[reason.cause].refusal.advice == "stamps"
 
 
 class Nodding:
@@ -265,7 +265,7 @@ def test_two_errors_are_both_named_seed_1() -> None:
     reason = why(CAMERA, found)
     assert "stamps were 0.20 s newer" in reason.words
     assert "looked 15 degrees" in reason.words
-    assert words_of(reason.cause).refusal.advice == "camera-setup"
+    assert WORDS[reason.cause].refusal.advice == "camera-setup"
 
 
 def test_what_cannot_be_told_apart_is_said_so() -> None:
@@ -274,7 +274,7 @@ def test_what_cannot_be_told_apart_is_said_so() -> None:
     assert "15 degrees lower" in reason.words
     assert ", or `f_px` were 0.41 times as long" in reason.words
     assert "this flight does not tell them apart" in reason.words
-    assert words_of(reason.cause).refusal.advice == "camera-setup"
+    assert WORDS[reason.cause].refusal.advice == "camera-setup"
 
 
 def test_a_right_camera_is_never_doubted_seeds_1_to_5() -> None:

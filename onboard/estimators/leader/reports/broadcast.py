@@ -23,14 +23,7 @@ from onboard.estimators.leader.hypotheses.auxiliary import (
     Report,
 )
 from onboard.estimators.leader.hypotheses.particles import Bias
-from onboard.messages import (
-    AdsbVehicle,
-    FollowTarget,
-    GlobalPosition,
-    Message,
-    PeerPosition,
-    Verdict,
-)
+from onboard.messages import AdsbVehicle, FollowTarget, GlobalPosition, Message, PeerPosition, Verdict
 from onboard.ownship import Ownship
 from onboard.units import NS_PER_S
 

@@ -1,7 +1,7 @@
 """What may contradict that what is followed is the leader, and where it is believed. `life_cycle` asks: while any
 of these holds, the leader is lost.
 
-**Another object** (`Exchange`). An aircraft moves on from image to image. An object that another one is
+**Another object**. An aircraft moves on from image to image. An object that another one is
 exchanged for, by a detector, leaps: in direction, or in apparent size. If from a leap on no image fits the
 track, one of the two is not the target, and nothing says which. The new track is then in question until the
 images leap back, in direction and size, or until the old one would have been forgotten anyway.
@@ -10,7 +10,7 @@ images leap back, in direction and size, or until the old one would have been fo
 images of the last seconds is believed, and the size with it. While two classes come about equally often, nothing
 is.
 
-**Another extent** (`Extents`). A detector may bound now all of an aircraft, now a part: a helicopter with its
+**Another extent** (`Seen`). A detector may bound now all of an aircraft, now a part: a helicopter with its
 disc or without. Images of one extent then fit the track and those of the other do not, in the same direction. No
 image shows which of the two the configured size is of, so while both come the range is not known.
 
@@ -25,7 +25,7 @@ It cannot see a range that is wrong and stays so. docs/measurements.md says how 
 **Another way to fly**. Where the images fit none of the hypotheses (`hypotheses.update`), what all of them have in
 common is wrong, and their weights say nothing: `hypotheses.belief.SURPRISED`.
 
-**Another side** (`LastSight`). A leader that was seen is in front of the camera that saw it, and soon after it
+**Another side**. A leader that was seen is in front of the camera that saw it, and soon after it
 is not far from there: a place mirrored through us has the right range, and no range shows the difference.
 """
 
@@ -77,49 +77,6 @@ ASTRAY: Final = Reason(
 )
 
 
-class Exchange:
-    """The newest image that was fused, the first that was not, and until when the track is in question."""
-
-    def __init__(self, forgotten_after_s: float) -> None:
-        self._forgotten_after_ns = round(forgotten_after_s * NS_PER_S)
-        self._fused: Image | None = None
-        self._gated: Image | None = None
-        self._before: Image | None = None  # the newest image of what was followed before
-        self.until_ns = 0  # what is followed may be another object
-
-    def fused(self, image: Image) -> None:
-        """A track took an image."""
-        self._gated = None
-        if self._fused is None or image.message.t_ns > self._fused.message.t_ns:
-            self._fused = image
-
-    def gated(self, image: Image) -> None:
-        """A track did not take an image."""
-        if self._gated is None:
-            self._gated = image
-
-    def ended(self) -> bool:
-        """The track has ended, as no image fits it: whether the images had leapt. The next is then in question,
-        unless they have leapt back."""
-        last, first = self._fused, self._gated
-        self._fused = self._gated = None
-        if last is None or first is None or not leaps(last, first):
-            return False
-        back = self._before  # what an earlier image showed, some seconds ago: as large, and about where it was
-        if back is not None and _is_there(back, first) and _is_as_big(back, first):
-            self._before, self.until_ns = None, 0
-            return True
-        if last.message.t_ns > self.until_ns:
-            self._before = last
-        self.until_ns = last.message.t_ns + self._forgotten_after_ns
-        return True
-
-    def clear(self) -> None:
-        """Forget all images."""
-        self._fused = self._gated = self._before = None
-        self.until_ns = 0
-
-
 class Classes(Generic[K]):
     """What the detector takes a target for: `kind`, by the images of the last seconds (`memory_s`, as a time
     constant). A class that is not configured is None: it says nothing against those that are."""
@@ -155,63 +112,6 @@ class Classes(Generic[K]):
             return None
         words = f"the detector takes it now for {self._names[self.kind]}, now for {self._names[most]}"
         return Reason(Cause.CLASS_OPEN, words)
-
-
-class Extents:
-    """How often a target appears in the images of the last seconds (`memory_s`, as a time constant) as the track
-    expects, how often where it should be, but of another size, and how often elsewhere."""
-
-    def __init__(self, memory_s: float) -> None:
-        self._memory_s = memory_s
-        self.clear()
-
-    def clear(self) -> None:
-        """Forget all images."""
-        self._fused: Image | None = None
-        self._t_ns, self._expected, self._resized, self._elsewhere = 0, 0.0, 0.0, 0.0
-
-    def fused(self, image: Image) -> None:
-        """A track took an image."""
-        if image.has_extent:
-            self._decay(image)
-            self._expected += 1.0
-            if self._fused is None or image.message.t_ns > self._fused.message.t_ns:
-                self._fused = image
-
-    def gated(self, image: Image) -> None:
-        """A track did not take an image."""
-        last = self._fused
-        if last is None or not 0.0 < _between(last, image) < LONGEST_S:
-            return
-        self._decay(image)
-        is_there = _is_there(last, image)
-        self._resized += is_there and leaps_in_size(last, image)
-        self._elsewhere += not is_there
-
-    def ended(self) -> None:
-        """The track has ended, as no image fits it. If it was for their size, another one is believed."""
-        if not self.is_open:
-            self.clear()
-        self._expected, self._resized = self._resized, self._expected
-
-    def _decay(self, image: Image) -> None:
-        t_ns = image.message.t_ns
-        passed_s, self._t_ns = max(t_ns - self._t_ns, 0) / NS_PER_S, max(t_ns, self._t_ns)
-        decay = math.exp(-passed_s / self._memory_s)
-        if self._fused is not None and image.noise_scale > self._fused.noise_scale:
-            decay = 0.0  # those before were judged by too little noise
-        self._expected, self._resized = decay * self._expected, decay * self._resized
-        self._elsewhere *= decay
-
-    @property
-    def is_open(self) -> bool:
-        """Whether the images of another size are too many for outliers."""
-        return self._resized > max(2.0, SELDOM * self._expected)
-
-    @property
-    def finding(self) -> str:
-        """What there is to report of images elsewhere, "" if they are as few as outliers."""
-        return ELSEWHERE if self._elsewhere > max(2.0, 2.0 * SELDOM * self._expected) else ""
 
 
 def leaps(before: Image, after: Image) -> bool:
@@ -346,57 +246,98 @@ class LineOfSight(NamedTuple):
         return bool(self.direction_n @ r > math.cos(FARTHEST) * math.sqrt(r @ r))
 
 
-class LastSight:
-    """The newest sight of one leader; None before the first."""
+class Seen(NamedTuple):
+    """How often a target appears as its track expects, where it should be but of another size, and elsewhere: over
+    the last seconds, up to a time."""
 
-    def __init__(self) -> None:
-        self.clear()
+    t_ns: int = 0
+    expected: float = 0.0
+    resized: float = 0.0
+    elsewhere: float = 0.0
 
-    def clear(self) -> None:
-        """Forget it: another track begins."""
-        self._t_ns = 0
-        self.newest: LineOfSight | None = None
+    @property
+    def is_open(self) -> bool:
+        """Whether the images of another size are too many for outliers."""
+        return self.resized > max(2.0, SELDOM * self.expected)
 
-    def see(self, t_ns: int, sight: LineOfSight) -> None:
-        """An image was fused."""
-        if t_ns >= self._t_ns:
-            self._t_ns, self.newest = t_ns, sight
+    @property
+    def finding(self) -> str:
+        """What there is to report of images elsewhere, "" if they are as few as outliers."""
+        return ELSEWHERE if self.elsewhere > max(2.0, 2.0 * SELDOM * self.expected) else ""
+
+    def after(self, t_ns: int, memory_s: float) -> "Seen":
+        """At a later time, before its image counts."""
+        decay = math.exp(-max(t_ns - self.t_ns, 0) / NS_PER_S / memory_s)
+        counts = decay * self.expected, decay * self.resized, decay * self.elsewhere
+        return Seen(max(t_ns, self.t_ns), *counts)
 
 
 class Checks:
-    """All of one track, and what they make of what became of its images."""
+    """What contradicts one track, by what became of its images and by what was published of it."""
 
     def __init__(self, config: Config) -> None:
-        memory_s = 0.5 * config.reset_timeout_s
-        self.classes = Classes[BeliefFilter](memory_s)
-        self._exchange, self._extents = Exchange(config.reset_timeout_s), Extents(memory_s)
-        self._guard, self._sight = Guard(), LastSight()
+        self._memory_s = 0.5 * config.reset_timeout_s
+        self._forgotten_after_ns = round(config.reset_timeout_s * NS_PER_S)
+        self.classes = Classes[BeliefFilter](self._memory_s)
+        self._guard = Guard()
+        self._last: Image | None = None  # the newest that was fused
+        self._gated: Image | None = None  # the first that was not
+        self._before: Image | None = None  # the newest image of what was followed before
+        self.leapt_until_ns = self._sight_ns = 0  # until then what is followed may be another object
+        self.sight: LineOfSight | None = None  # the newest
+        self.seen = Seen()
 
     def begin(self, image: Image) -> None:
         """A track begins with an image."""
-        self._sight.see(
-            image.message.t_ns, LineOfSight(image.measurement.axes[0] @ image.pose.R_cn, image.pose.r_FC_n)
-        )
+        t_ns = image.message.t_ns
+        if self.sight is None or t_ns >= self._sight_ns:
+            line = image.measurement.axes[0] @ image.pose.R_cn
+            self._sight_ns, self.sight = t_ns, LineOfSight(line, image.pose.r_FC_n)
 
     def fused(self, image: Image) -> None:
         """A track took an image."""
-        self._exchange.fused(image)
-        self._extents.fused(image)
+        self._gated = None
+        t_ns, measurement = image.message.t_ns, image.measurement
+        if image.has_extent:
+            seen = self._seen_before(image)
+            self.seen = seen._replace(expected=seen.expected + 1.0)
+        if self._last is None or t_ns > self._last.message.t_ns:
+            self._last = image
         self.begin(image)
-        measurement = image.measurement
         if measurement.rows.is_wing:
             self._guard.seen(measurement.span, measurement.span_sigma)
 
     def gated(self, image: Image) -> None:
         """A track did not take an image."""
-        self._exchange.gated(image)
-        self._extents.gated(image)
+        self._gated = self._gated or image
+        last = self._last
+        if last is None or not 0.0 < _between(last, image) < LONGEST_S:
+            return
+        seen, is_there = self._seen_before(image), _is_there(last, image)
+        resized = seen.resized + (is_there and leaps_in_size(last, image))
+        self.seen = seen._replace(resized=resized, elsewhere=seen.elsewhere + (not is_there))
+
+    def _seen_before(self, image: Image) -> Seen:
+        if self._last is not None and image.noise_scale > self._last.noise_scale:
+            return Seen(image.message.t_ns)  # those before were judged by too little noise
+        return self.seen.after(image.message.t_ns, self._memory_s)
 
     def ended(self, image: Image) -> bool:
-        """The track has ended, as no image fits it, this one neither; whether the images had leapt."""
-        self._exchange.gated(image)
-        self._extents.ended()
-        return self._exchange.ended()
+        """The track has ended, as no image fits it, this one neither. Whether the images had leapt: the next track
+        is then in question, unless they have leapt back. If it was for their size, another one is believed."""
+        last, first, seen = self._last, self._gated or image, self.seen
+        self._last = self._gated = None
+        self.seen = seen._replace(expected=seen.resized, resized=seen.expected) if seen.is_open else Seen()
+        if last is None or not leaps(last, first):
+            return False
+        back = self._before  # what an earlier image showed, some seconds ago: as large, and about where it was
+        if back is not None and _is_there(back, first) and _is_as_big(back, first):
+            self._before, self.leapt_until_ns = None, 0
+            return True
+        if last.message.t_ns > self.leapt_until_ns:
+            self._before = last
+        self.leapt_until_ns = last.message.t_ns + self._forgotten_after_ns
+        return True
 
     def replace(self) -> None:
         """Another track begins, elsewhere: what was published of its range says nothing of it."""
@@ -405,12 +346,12 @@ class Checks:
     def forget(self) -> None:
         """The track has ended, whatever comes next."""
         self._guard.clear()
-        self._sight.clear()
+        self._sight_ns, self.sight = 0, None
 
     def clear(self) -> None:
         """Forget all images and all times."""
-        self._exchange.clear()
-        self._extents.clear()
+        self._last = self._gated = self._before = None
+        self.leapt_until_ns, self.seen = 0, Seen()
 
     def judge(
         self,
@@ -424,16 +365,15 @@ class Checks:
     ) -> tuple[Reason | None, str]:
         """What contradicts a belief that is to be published, None if nothing does; and what else there is to
         report, "" if nothing."""
-        sight = self._sight.newest
-        is_astray = sight is not None and not is_carried and not sight.shows(belief.mean[POSITION])
+        is_astray = self.sight is not None and not is_carried and not self.sight.shows(belief.mean[POSITION])
         doubt = (
-            (LEAPT if t_ns < self._exchange.until_ns else None)
+            (LEAPT if t_ns < self.leapt_until_ns else None)
             or self.classes.doubt
-            or (EXTENT_OPEN if self._extents.is_open else None)
+            or (EXTENT_OPEN if self.seen.is_open else None)
             or (ASTRAY if is_astray else None)
             or contradiction
             or (noise.contradiction if noise.beyond else None)
             or self._guard.contradiction(t_ns, belief, ownship)
             or (UNEXPECTED if is_misfit else None)
         )
-        return doubt, "; ".join(filter(None, (noise.finding, self._extents.finding)))
+        return doubt, "; ".join(filter(None, (noise.finding, self.seen.finding)))

@@ -14,6 +14,8 @@ from onboard.estimators.leader.image.detector import TOO_LARGE, NoiseScale, Show
 from onboard.estimators.leader.image.prepare import Image, measure, newest_pose
 from onboard.estimators.leader.tracks.doubts import LineOfSight
 from onboard.filters.belief import FilterError, Update
+from onboard.messages import TargetImage, Verdict
+from onboard.messages.causes import Reason
 from onboard.models.relative_motion import POSITION
 from onboard.ownship import Ownship
 
@@ -30,14 +32,21 @@ TrackHistory = History[TrackState, Ownship]
 Predicted = tuple[TrackState, Prediction]  # a track at the time of an image, and its filter's hypotheses
 
 
-class Candidate(NamedTuple):
-    """An image that may be of a track: the track's state before it, and the image beside what the track expects,
-    None where it expects nothing; whether it `fits`, so that it passes the gate."""
+class ImageRecord(NamedTuple):
+    """What a track made of one image, from its prediction to the verdict. Life cycle, checks and report read it.
 
-    image: Image
+    Without a `verdict` it is an association hypothesis: the track's `state` before the image, and the image beside
+    what the track expects (`compared`), None where it expects nothing."""
+
+    message: TargetImage
+    verdict: Verdict | None = None
+    image: Image | None = None  # None: it cannot be used
     state: TrackState | None = None
     compared: ImageComparison | None = None
-    fits: bool = False
+    fits: bool = False  # it passes the gate of what the track expects
+    update: Update | None = None
+    why: Reason | None = None  # the track ends
+    before: TrackHistory | None = None  # of one that begins: what was believed before
 
     @property
     def nis(self) -> float:

@@ -11,22 +11,17 @@ from onboard.estimators.kit.reports import image_report, of_belief
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter
 from onboard.estimators.leader.hypotheses.places import Place
 from onboard.estimators.leader.image.measurement import COMPONENTS, points_of
-from onboard.estimators.leader.image.prepare import Image
-from onboard.filters.belief import Belief, Update
-from onboard.messages import Estimate, MeasurementReport, Mode, TargetImage, Vec3, Verdict
+from onboard.estimators.leader.tracks.fusing import ImageRecord
+from onboard.filters.belief import Belief
+from onboard.messages import Estimate, MeasurementReport, Mode, Vec3, Verdict
 from onboard.models.relative_motion import POSITION, VELOCITY
 from onboard.ownship import Ownship
 from onboard.units import NS_PER_S
 
 
-def report(
-    filter_: BeliefFilter,
-    message: TargetImage,
-    verdict: Verdict,
-    image: Image | None = None,
-    update: Update | None = None,
-) -> MeasurementReport:
-    """The report of a verdict, with as much as was known when it was reached."""
+def report(filter_: BeliefFilter, record: ImageRecord) -> MeasurementReport:
+    """The report of an image, with as much as was known when its verdict was reached."""
+    image, update = record.image, record.update
     more, count = dict[str, Any](), 0 if image is None else len(image.measurement.rows.y)
     if image is not None and update is not None:
         more = {"misfits": update.misfits, "noise_scale": image.noise_scale}
@@ -34,8 +29,8 @@ def report(
         if all(math.isfinite(u + v) for u, v in points):  # none is behind the camera
             more["predicted_points"] = points
     return image_report(
-        message,
-        verdict,
+        record.message,
+        record.verdict or Verdict.NUMERICAL,
         components=COMPONENTS[:count],
         units=("rad",) * count,
         gate=filter_.gate,

@@ -10,7 +10,7 @@ import math
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from onboard.estimators.kit.history import History
 from onboard.estimators.leader.assumptions import Size
@@ -22,12 +22,9 @@ from onboard.estimators.leader.image.camera_pose import CameraPoses, PosedExposu
 from onboard.estimators.leader.image.detector import NoiseScale, Repeats
 from onboard.estimators.leader.image.prepare import Image, hold, prepare
 from onboard.estimators.leader.reports.prior import Prior
-from onboard.estimators.leader.tracks.doubts import (
-    Checks,
-    cameras_apart,
-)
+from onboard.estimators.leader.tracks.doubts import Checks, cameras_apart
 from onboard.estimators.leader.tracks.fusing import (
-    Candidate,
+    ImageRecord,
     Predicted,
     TrackHistory,
     TrackState,
@@ -38,7 +35,7 @@ from onboard.estimators.leader.tracks.fusing import (
 )
 from onboard.estimators.leader.tracks.life_cycle import Facts, LifeCycle
 from onboard.estimators.leader.tracks.report import RateLimit, modes_of, publish, report
-from onboard.filters.belief import Belief, FilterError, Update
+from onboard.filters.belief import Belief, FilterError
 from onboard.filters.definite import factor
 from onboard.messages import Estimate, Lifecycle, MeasurementReport, Mode, TargetImage, Verdict
 from onboard.messages.causes import Cause, Reason
@@ -60,21 +57,8 @@ NO_IMAGE_FITS: Final = 2.0  # the surprise (`hypotheses.update`) when a track en
 TOO_WIDE: Final = 0.2  # of the range: a position less certain is not corrected, the track starts anew
 
 
-class ImageDecision(NamedTuple):
-    """What a track does with an image, by its verdict, with as much as was known of it. `why`: the track ends. One
-    that is to begin knows what was believed `before`, which the image `fits`."""
-
-    verdict: Verdict
-    image: Image | None = None
-    update: Update | None = None
-    why: Reason | None = None
-    before: TrackHistory | None = None
-    fits: bool = True
-
-
 class Track:
-    """All state of one target. `direction_n` (3,) is where the target was estimated last, None without a track,
-    and `range`, m, how far away; `half_wing` how long half its wing appears at most, in focal lengths; `held`:
+    """All state of one target. `place` (3,): where the target was estimated last, None without a track; `held`:
     images that are to start it; `repeats`: its stamps; `rate_limit`: when a tick is due; `sequence` and `life`:
     counts that go on with its name; `why`: why there is none yet. `may_begin`: asked, by target and time, before
     its filter starts."""
@@ -91,8 +75,7 @@ class Track:
         may_begin: Callable[[str, int], bool] = lambda *_: True,
     ) -> None:
         self.target, self._may_begin = target, may_begin
-        self.direction_n: tuple[float, ...] | None = None
-        self.half_wing, self.range = 1.0, math.inf
+        self.place: tuple[float, ...] | None = None
         self._name, self._filter, self._poses, self._config = name, filter_, poses, config
         self._history: TrackHistory | None = None
         self._images = config.initialise_images  # that must agree before a track starts
@@ -105,18 +88,15 @@ class Track:
         self.size: Size | None = None  # by more than images
         self.prior: Prior | None = None  # of an earlier run, until a track starts
         self.prior_verdict = ""  # what became of it
-        self._report = partial(report, filter_)
         self.sequence = 0
         self.life = LifeCycle(config, self._images, why)
 
-    def claim(self, message: TargetImage, view: PosedExposure, ownship: Ownship) -> Candidate | Verdict:
-        """An image beside what this track expects at its time, or why it cannot be used. Pure."""
+    def claim(self, message: TargetImage, view: PosedExposure, ownship: Ownship) -> ImageRecord:
+        """An image beside what this track expects at its time, or the verdict that it cannot be used. Pure."""
         image = self.prepare(message, view, ownship)
-        return (
-            image
-            if isinstance(image, Verdict)
-            else self.compare(image, self.predict(message.t_ns, ownship), ownship)
-        )
+        if isinstance(image, Verdict):
+            return ImageRecord(message, image)
+        return self.compare(image, self.predict(message.t_ns, ownship), ownship)
 
     def predict(self, t_ns: int, ownship: Ownship) -> Predicted | None:
         """The track at the time of an image; None without one, or before all that is remembered. Pure."""
@@ -126,28 +106,30 @@ class Track:
         except FilterError:
             return None
 
-    def compare(self, image: Image, predicted: Predicted | None, ownship: Ownship) -> Candidate:
+    def compare(self, image: Image, predicted: Predicted | None, ownship: Ownship) -> ImageRecord:
         """An image beside what this track, `predicted` to its time, expects. Pure."""
+        record = ImageRecord(image.message, image=image)
         if predicted is None:
-            return Candidate(image)
+            return record
         state, prediction = predicted
         try:
             compared = compare(self._filter, self._poses, state.noise, prediction, image, ownship)
         except FilterError:
-            return Candidate(image)
-        return Candidate(image, state, compared, compared.expected.nis <= self._filter.gate)
+            return record
+        fits = compared.expected.nis <= self._filter.gate
+        return record._replace(state=state, compared=compared, fits=fits)
 
-    def take(self, message: TargetImage, claim: Candidate | Verdict, ownship: Ownship) -> Estimate:
+    def take(self, record: ImageRecord, ownship: Ownship) -> Estimate:
         """Let an image start the track, fuse it, or reject it, as it was compared with the track; or report why it
         is used for nothing."""
-        if isinstance(claim, Verdict):
-            return self._published(ownship, self._report(message, claim))
         try:
-            report = self._carry_out(self._decide(claim, ownship), claim.image, ownship)
+            if record.verdict is None and record.image is not None:
+                record = self._decide(record, record.image, ownship)
+                self._carry_out(record, ownship)
         except FilterError as error:
             self._fail(error)
-            report = self._report(message, Verdict.NUMERICAL)
-        return self._published(ownship, report)
+            record = ImageRecord(record.message, Verdict.NUMERICAL)
+        return self._published(ownship, report(self._filter, record))
 
     def tick(self, ownship: Ownship) -> Estimate:
         """Predict to the newest navigation sample, and check the timeouts."""
@@ -170,7 +152,7 @@ class Track:
         if was_followed:
             self._forget(Reason(Cause.CLASS_CHANGED, f"the detector takes it for {name} now"))
         self.held.clear()
-        self._filter, self._config, self._report = filter_, config, partial(report, filter_)
+        self._filter, self._config = filter_, config
         return was_followed
 
     def feel(self, wind: Wind, ownship: Ownship) -> None:
@@ -235,6 +217,21 @@ class Track:
         return self._filter
 
     @property
+    def range(self) -> float:
+        """How far away the target was estimated last, m; infinite without a track."""
+        return math.inf if self.place is None else math.hypot(*self.place)
+
+    @property
+    def half_wing(self) -> float:
+        """How long half its wing appears at most, in focal lengths."""
+        return min(0.5 * self._config.size_prior_m / max(self.range, 1e-3), 1.0) if self.place else 1.0
+
+    @property
+    def direction_n(self) -> tuple[float, ...] | None:
+        """Where the target was estimated last (3,), a unit vector in n; None without a track."""
+        return None if self.place is None else tuple(x / self.range for x in self.place)
+
+    @property
     def state(self) -> Lifecycle:
         """The state of the last estimate."""
         return self.life.latest
@@ -261,46 +258,49 @@ class Track:
         is_same = self._filter is filter_ and image.supposes(self.half_wing, self.noise.scale)
         return image if is_same else self.prepare(image.message, image.view, ownship)
 
-    def _decide(self, found: Candidate, ownship: Ownship) -> ImageDecision:
+    def _decide(self, record: ImageRecord, image: Image, ownship: Ownship) -> ImageRecord:
         """What to do with an image. The history keeps it in either case, to judge it again where an earlier one
         comes later."""
-        image, history, t_ns = found.image, self._history, found.image.message.t_ns
+        history, t_ns = self._history, record.message.t_ns
         repeated = self.repeats.judge(image)  # after what is wrong with the image itself
         if repeated is Verdict.DUPLICATE:
-            return ImageDecision(Verdict.DUPLICATE)
+            return ImageRecord(record.message, repeated)
         if repeated is not None:
-            return ImageDecision(repeated, image, why=HANGS)
-        begin = ImageDecision(Verdict.INITIALISING if image.has_extent else Verdict.DIRECTION_ONLY, image)
+            return record._replace(verdict=repeated, why=HANGS)
+        record = record._replace(verdict=Verdict.INITIALISING if image.has_extent else Verdict.DIRECTION_ONLY)
         if history is None:
-            return begin
+            return record
         if not history.reaches(t_ns):
-            return ImageDecision(Verdict.TOO_OLD, image)
+            return record._replace(verdict=Verdict.TOO_OLD)
         if self.life.is_coasting(t_ns):  # until its position is too uncertain to be corrected?
             coasted = history.belief_at(t_ns, ownship)[1].leader
             if self._filter.is_too_wide(coasted, TOO_WIDE):
-                return begin._replace(before=history, fits=found.fits)
-        state, known = found.state, None
-        if state is not None:
-            known = fuse(self._filter, self._poses, state, image, ownship, found.compared)
+                return record._replace(before=history)
+        known = None
+        if record.state is not None:
+            known = fuse(self._filter, self._poses, record.state, image, ownship, record.compared)
         update = history.insert(t_ns, image, ownship, known)
         history.settle(ownship)
         newest_ns = history.newest(passes)
         judged = self.life.judge(t_ns, passes=update.passes, has_extent=image.has_extent, newest_ns=newest_ns)
         if update.passes:
-            return ImageDecision(Verdict.FUSED_LATE if judged.is_late else Verdict.FUSED, image, update)
-        return ImageDecision(Verdict.GATED, image, update, ALL_GATED if judged.is_over else None)
+            verdict, why = Verdict.FUSED_LATE if judged.is_late else Verdict.FUSED, None
+        else:
+            verdict, why = Verdict.GATED, ALL_GATED if judged.is_over else None
+        return record._replace(verdict=verdict, update=update, why=why)
 
-    def _carry_out(self, decision: ImageDecision, image: Image, ownship: Ownship) -> MeasurementReport:
-        """Do what was decided; the report of the image."""
-        verdict, seen, update, why, before, fits = decision
-        t_ns = image.message.t_ns
+    def _carry_out(self, record: ImageRecord, ownship: Ownship) -> None:
+        """Do what was decided."""
+        verdict, image, why, t_ns = record.verdict, record.image, record.why, record.message.t_ns
+        if image is None:
+            return
         if verdict in FUSED:
             self._checks.fused(image)
         elif verdict is Verdict.INITIALISING:
-            if before is not None and not fits:
+            if record.before is not None and not record.fits:
                 self.life.led_elsewhere(t_ns)
                 self._checks.replace()
-            self._start(image, ownship, before)
+            self._start(image, ownship, record.before)
         elif verdict is Verdict.GATED and why is not None:
             self.life.led_elsewhere(t_ns)
             leapt = self._checks.ended(image)
@@ -311,7 +311,6 @@ class Track:
             self._checks.gated(image)
         elif why is not None and self._history is not None:  # which has taken some of the same images
             self._forget(why)
-        return self._report(image.message, verdict, seen, update)
 
     def _start(self, image: Image, ownship: Ownship, before: TrackHistory | None) -> None:
         """Hold images until enough of them agree; start at the oldest and fuse the rest."""
@@ -378,12 +377,7 @@ class Track:
     def _published(self, ownship: Ownship, measurement: MeasurementReport | None) -> Estimate:
         """The estimate now; where it says that the target is prepares the next image."""
         estimate = self._estimate(ownship, measurement)
-        self.direction_n = None
-        if estimate.mean is not None:
-            r = estimate.mean[:3]
-            self.range = math.hypot(*r)
-            self.half_wing = min(0.5 * self._config.size_prior_m / max(self.range, 1e-3), 1.0)
-            self.direction_n = tuple(x / self.range for x in r)
+        self.place = None if estimate.mean is None else estimate.mean[:3]
         return estimate
 
     def _estimate(self, ownship: Ownship, measurement: MeasurementReport | None) -> Estimate:

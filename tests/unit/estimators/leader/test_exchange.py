@@ -6,36 +6,36 @@ from typing import Any
 
 import numpy as np
 
+from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.image.prepare import Image
-from onboard.estimators.leader.tracks.doubts import Exchange, Extents
+from onboard.estimators.leader.tracks.doubts import Checks
 
 FORGOTTEN_S = 5.0
+CONFIG = Config(reset_timeout_s=FORGOTTEN_S)
+SLOW = Config(reset_timeout_s=2.0 * FORGOTTEN_S)  # which counts images over half of it
 
 
 def image(t: float, degrees: float = 0.0, span: float = 0.1) -> Image:
     """At t seconds, in this direction, with a wing of this apparent size."""
     angle = np.radians(degrees)
-    measurement: Any = SimpleNamespace(
-        axes=np.array([[np.cos(angle), np.sin(angle), 0.0]]), has_wing=True, span=span, span_sigma=1e-3 * span
-    )
+    shown = {"has_wing": True, "rows": SimpleNamespace(is_wing=True), "span": span, "span_sigma": 1e-3 * span}
+    measurement: Any = SimpleNamespace(axes=np.array([[np.cos(angle), np.sin(angle), 0.0]]), **shown)
     message: Any = SimpleNamespace(t_ns=round(t * 1e9))
-    pose: Any = SimpleNamespace(R_cn=np.eye(3))
+    pose: Any = SimpleNamespace(R_cn=np.eye(3), r_FC_n=np.zeros(3))
     unused: Any = None
     return Image(message, True, measurement, pose, True, unused, 1.0, 1.0)
 
 
-def ended_after(fused: Image | None, gated: Image | None) -> Exchange:
-    exchange = Exchange(FORGOTTEN_S)
+def ended_after(fused: Image | None, gated: Image) -> Checks:
+    exchange = Checks(CONFIG)
     if fused is not None:
         exchange.fused(fused)
-    if gated is not None:
-        exchange.gated(gated)
-    exchange.ended()
+    exchange.ended(gated)
     return exchange
 
 
-def asked_at(exchange: Exchange, t: float) -> bool:
-    return round(t * 1e9) < exchange.until_ns
+def asked_at(exchange: Checks, t: float) -> bool:
+    return round(t * 1e9) < exchange.leapt_until_ns
 
 
 def test_what_leapt_is_in_question_until_the_old_one_would_be_forgotten() -> None:
@@ -45,9 +45,8 @@ def test_what_leapt_is_in_question_until_the_old_one_would_be_forgotten() -> Non
         assert not asked_at(exchange, 1.0 + FORGOTTEN_S)
 
 
-def test_an_end_without_an_image_before_or_after_asks_nothing() -> None:
-    for fused, gated in ((None, image(1.05)), (image(1.0), None), (None, None)):
-        assert not asked_at(ended_after(fused, gated), 1.1)
+def test_an_end_without_an_image_before_asks_nothing() -> None:
+    assert not asked_at(ended_after(None, image(1.05)), 1.1)
 
 
 def test_what_moves_on_is_not_in_question() -> None:
@@ -59,30 +58,26 @@ def test_what_moves_on_is_not_in_question() -> None:
 def test_images_that_leap_back_end_the_question() -> None:
     exchange = ended_after(image(1.0), image(1.05, span=0.2))
     exchange.fused(image(1.5, span=0.2))
-    exchange.gated(image(1.55, span=0.1))
-    exchange.ended()
+    exchange.ended(image(1.55, span=0.1))
     assert not asked_at(exchange, 1.6)
 
 
 def test_a_third_object_prolongs_the_question_and_the_first_one_ends_it() -> None:
     exchange = ended_after(image(1.0), image(1.05, span=0.2))
     exchange.fused(image(2.0, span=0.2))
-    exchange.gated(image(2.05, span=0.4))
-    exchange.ended()
+    exchange.ended(image(2.05, span=0.4))
     assert asked_at(exchange, 2.0 + FORGOTTEN_S - 1e-6)
     exchange.fused(image(3.0, span=0.4))
-    exchange.gated(image(3.05, span=0.1))
-    exchange.ended()
+    exchange.ended(image(3.05, span=0.1))
     assert not asked_at(exchange, 3.1)
 
 
 def test_the_newest_image_counts_in_whatever_order_they_come() -> None:
-    exchange = Exchange(FORGOTTEN_S)
+    exchange = Checks(CONFIG)
     exchange.fused(image(1.0, degrees=9.0))
     exchange.fused(image(0.9))
     exchange.gated(image(1.05, degrees=9.5))
-    exchange.gated(image(1.1, degrees=40.0))  # the first one counts
-    exchange.ended()
+    exchange.ended(image(1.1, degrees=40.0))  # the first one counts
     assert not asked_at(exchange, 1.1)
 
 
@@ -91,20 +86,19 @@ def test_another_aircraft_of_the_same_size_elsewhere_is_not_the_first_one_again(
     for back_deg, is_asked in ((1.0, False), (7.0, False), (-25.0, True), (40.0, True)):
         exchange = ended_after(image(1.0), image(1.05, degrees=20.0))
         exchange.fused(image(1.5, degrees=20.0))
-        exchange.gated(image(1.55, degrees=back_deg))
-        exchange.ended()
+        exchange.ended(image(1.55, degrees=back_deg))
         assert asked_at(exchange, 1.6) == is_asked
 
 
 def open_after(spans: Sequence[float], degrees: float = 0.0, believed: float = 0.1) -> list[bool]:
     """Whether it is open what is bounded, after each image, 40 ms apart; a track takes those of one size."""
-    extents, found = Extents(FORGOTTEN_S), []
+    extents, found = Checks(SLOW), []
     for k, span in enumerate(spans):
         if span == believed:
             extents.fused(image(0.04 * k, span=span))
         else:
             extents.gated(image(0.04 * k, degrees=degrees, span=span))
-        found.append(extents.is_open)
+        found.append(extents.seen.is_open)
     return found
 
 
@@ -119,21 +113,21 @@ def test_sizes_that_come_by_turns_leave_open_what_is_bounded_and_a_few_outliers_
 
 def test_one_box_an_image_now_of_this_now_of_that_aircraft_is_named() -> None:
     for every, is_named in ((2, True), (10, False)):
-        extents = Extents(FORGOTTEN_S)
+        extents = Checks(SLOW)
         for k in range(100):
             (extents.fused if k % every else extents.gated)(image(0.04 * k, degrees=0.0 if k % every else 8.0))
-        assert bool(extents.finding) == is_named
-        assert not extents.is_open
+        assert bool(extents.seen.finding) == is_named
+        assert not extents.seen.is_open
 
 
 def test_a_size_that_is_believed_anew_is_open_while_the_other_one_comes_back() -> None:
-    extents = Extents(FORGOTTEN_S)
+    extents = Checks(SLOW)
     for k in range(30):
         (extents.fused if k < 15 else extents.gated)(image(0.01 * k, span=0.1 if k < 15 else 0.2))
-    extents.ended()
-    assert extents.is_open
+    extents.ended(image(0.31, span=0.2))
+    assert extents.seen.is_open
     extents.clear()
     extents.fused(image(1.0))
     extents.gated(image(1.04, degrees=20.0))
-    extents.ended()
-    assert not extents.is_open  # it was another direction
+    extents.ended(image(1.08, degrees=20.0))
+    assert not extents.seen.is_open  # it was another direction

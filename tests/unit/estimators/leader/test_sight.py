@@ -5,9 +5,10 @@ import math
 import numpy as np
 import pytest
 
+from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.image.camera_pose import CameraPose
-from onboard.estimators.leader.tracks.doubts import LastSight, LineOfSight
-from tests.support.streams import S
+from onboard.estimators.leader.tracks.doubts import Checks, LineOfSight
+from tests.unit.estimators.leader.test_exchange import image
 
 NORTH = CameraPose(np.eye(3), np.array([0.3, 0.0, 0.0]), np.zeros(3), np.zeros(3))  # looks north, from our nose
 
@@ -27,7 +28,8 @@ def test_a_place_is_believed_within_30_degrees_of_the_last_sight(degrees: float,
 
 
 def test_an_older_image_is_not_the_last_sight() -> None:
-    last, older, newer = LastSight(), LineOfSight(np.ones(3), np.zeros(3)), LineOfSight(np.ones(3), np.ones(3))
-    last.see(2 * S, newer)
-    last.see(S, older)
-    assert last.newest is newer
+    checks = Checks(Config())
+    for t, place in ((2.0, 1.0), (1.0, 0.0)):
+        checks.begin(image(t, degrees=10.0 * place))
+    assert checks.sight is not None
+    assert checks.sight.direction_n[1] == pytest.approx(math.sin(math.radians(10.0)))
