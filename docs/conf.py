@@ -12,7 +12,9 @@ from onboard import __version__ as release
 project = "wingline"
 version = release
 copyright = "BSD-3-Clause"  # noqa: A001 - Sphinx reads this name
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.viewcode"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
+napoleon_google_docstring = False
+napoleon_use_ivar = True
 autodoc_member_order = "bysource"
 autodoc_default_options = {"members": True}
 autodoc_typehints = "signature"

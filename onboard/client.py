@@ -1,9 +1,9 @@
-"""For detectors in Python: what a camera sees, sent to a running daemon.
+"""Client for detectors in Python: send detections to a running daemon.
 
     with Camera() as camera:
         camera.send({"left": (310.4, 226.0), "right": (352.1, 223.7)}, t_ns=time_of_exposure)
 
-The daemon names what it refuses on its standard error and in its health.
+The daemon reports refused detections on its standard error and in its health.
 """
 
 import math
@@ -33,11 +33,28 @@ Point = tuple[float, float] | tuple[float, float, float]
 
 
 class Camera:
-    """A connection to the daemon at `endpoint` for the camera of that name; empty: the first that it has. `clock`:
-    by which its times of exposure are, Unix time by default. A detector may start before the daemon: `wait_s` is
-    how long to wait for it, with a line on standard error; later, a daemon that starts anew is found again.
+    """A connection to the daemon for one camera.
 
-    Raises SinkError when no daemon answers.
+    A detector may start before the daemon: the constructor waits for it, and says so on standard error. A daemon
+    that restarts later is found again.
+
+    Parameters
+    ----------
+    name
+        Name of the camera; empty: the daemon's first one.
+    endpoint
+        The daemon's Zenoh endpoint.
+    vehicle
+        The daemon's vehicle, a part of the key.
+    clock
+        Clock of the times of exposure; Unix time by default.
+    wait_s
+        How long to wait for the daemon, s.
+
+    Raises
+    ------
+    SinkError
+        If no daemon answers in time.
     """
 
     def __init__(
@@ -68,11 +85,25 @@ class Camera:
         intrinsics: Intrinsics | None = None,
         attitude: MountAttitude | None = None,
     ) -> None:
-        """Send one aircraft in one image: any of the points `center`, `left` and `right`, each (u, v) or (u, v,
-        sigma) in pixels, or a box (u, v of its middle, width, height), or a pose (see `pose_of`), or several of
-        these. `t_ns`: the time of exposure on the camera's clock, in ns; None: now, which is late by as long as
-        detection takes. `attitude`: where a moving mount pointed. The rest is as in
-        `messages.Detection`."""
+        """Send one aircraft in one image, given by points, a box, a pose, or several of these.
+
+        Parameters
+        ----------
+        points
+            Any of `center`, `left`, `right` and the points of its class, each (u, v) or (u, v, sigma) in pixels.
+        box
+            Middle u and v, width and height, in pixels.
+        pose
+            Pose of the aircraft in the camera's axes, see `pose_of`.
+        t_ns
+            Time of exposure on the camera's clock, ns. None: now, which is late by the duration of the detection.
+        target, class_name, confidence, range_m
+            As in `messages.Detection`.
+        intrinsics
+            Intrinsics of this image; None: as configured.
+        attitude
+            Attitude of a moving mount at exposure.
+        """
         detection = Detection(
             points={name: _point(p) for name, p in (points or {}).items()},
             box=None if box is None else _box(box),
@@ -92,7 +123,15 @@ class Camera:
         intrinsics: Intrinsics | None = None,
         attitude: MountAttitude | None = None,
     ) -> None:
-        """Send all aircraft of one image at once."""
+        """Send all aircraft of one image at once.
+
+        Parameters
+        ----------
+        detections
+            The aircraft.
+        t_ns, intrinsics, attitude
+            As in `send`.
+        """
         document = CameraDetections(
             t_ns=time.time_ns() if t_ns is None else int(t_ns),
             clock=Clock.HOST if t_ns is None else self._clock,
@@ -104,7 +143,7 @@ class Camera:
         self._session.put(self._key, msgspec.json.encode(document, enc_hook=_plain))
 
     def close(self) -> None:
-        """End the connection."""
+        """Close the connection."""
         self._session.close()
 
     def __enter__(self) -> Self:
@@ -117,9 +156,27 @@ class Camera:
 
 
 def pose_of(rvec: Any, tvec: Any, covariance: Any = None) -> DetectedPose:
-    """The pose that OpenCV's solvePnP gives, of an aircraft whose points are in its own axes: forward, right and
-    down from its center. `rvec` and `tvec`: three numbers in any shape; `covariance`: (6, 6), of the position in
-    m^2 and then of the rotation in rad^2, about the camera's axes."""
+    """Convert the pose that OpenCV's solvePnP returns.
+
+    The points of the aircraft must be in its own axes: forward, right and down from its center.
+
+    Parameters
+    ----------
+    rvec, tvec
+        Rotation vector, rad, and translation, m: three numbers in any shape.
+    covariance
+        Covariance (6, 6) of the position, m^2, and then of the rotation about the camera's axes, rad^2.
+
+    Returns
+    -------
+    DetectedPose
+        The pose, for `Camera.send`.
+
+    Raises
+    ------
+    msgspec.ValidationError
+        If the covariance is not 6 x 6.
+    """
     turn = np.ravel(np.asarray(rvec, dtype=float))
     angle = float(np.linalg.norm(turn))
     i, j, k = (turn * (math.sin(angle / 2) / angle if angle > 0.0 else 0.5)).tolist()
@@ -130,17 +187,19 @@ def pose_of(rvec: Any, tvec: Any, covariance: Any = None) -> DetectedPose:
 
 
 def _plain(value: Any) -> Any:
-    """NumPy's numbers and arrays, of which detections may be made, as JSON has them."""
+    """Convert NumPy's numbers and arrays to the types that JSON has."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     raise NotImplementedError(f"a {type(value).__name__} is no part of a detection")
 
 
 def _point(p: Any) -> DetectedPoint:
+    """Convert (u, v) or (u, v, sigma), of any numeric type, in pixels."""
     u_px, v_px, *sigma = map(float, p)  # also of NumPy's numbers
     return DetectedPoint(u_px=u_px, v_px=v_px, sigma_px=sigma[0] if sigma else None)
 
 
 def _box(sides: Iterable[float]) -> Box:
+    """Convert the middle u and v, width and height, in pixels."""
     u_px, v_px, width_px, height_px = map(float, sides)
     return Box(u_px=u_px, v_px=v_px, width_px=width_px, height_px=height_px)

@@ -26,7 +26,7 @@ from onboard.links.host_clock import HostClock
 from onboard.links.host_computer import HostComputer, load_of
 from onboard.links.service_manager import ServiceManager
 from onboard.links.zenoh import ZenohLink
-from onboard.messages import Datagram, Estimate, Health, LeaderState, Message, Output, WarmState, not_valid
+from onboard.messages import Datagram, Estimate, Health, LeaderState, Message, Output, WarmState, invalidate
 from onboard.pipeline import Pipeline, Rim
 from onboard.pipeline.silence import BEHIND
 from onboard.sinks import SinkRunner
@@ -314,7 +314,7 @@ class Daemon:
         if not isinstance(record, Estimate | LeaderState) or not record.valid or offset_ns is None:
             return record
         age_ns = self._now_ns() - offset_ns - record.t_ns
-        return not_valid(record, BEHIND) if age_ns > self._max_age_ns else record
+        return invalidate(record, BEHIND) if age_ns > self._max_age_ns else record
 
     def _publish(self, record: Any) -> None:
         for sink in self._sinks.values():

@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Final
 
-from onboard.messages import DOUBT, CameraHealth, Exposure, TargetImage
+from onboard.messages import DOUBT_PREFIX, CameraHealth, Exposure, TargetImage
 from onboard.messages.causes import Cause, Reason
 from onboard.units import NS_PER_S, S_PER_NS
 
@@ -23,12 +23,12 @@ QUARTER_IMAGES: Final = 500  # in a row, of one camera
 SPAN_NS: Final = 20 * NS_PER_S  # that they last at least
 UNUSED: Final = Reason(
     Cause.RANGE_UNUSED,
-    f"{DOUBT}`range_m` of its detections is not used: set `detections = true` in [estimator.leader.range], or "
+    f"{DOUBT_PREFIX}`range_m` of its detections is not used: set `detections = true` in [estimator.leader.range], or "
     "leave it out",
 )
 QUARTER_REASON: Final = Reason(
     Cause.QUARTER,
-    f"{DOUBT}the points of all its images are in the upper left quarter of the configured image: are they pixels "
+    f"{DOUBT_PREFIX}the points of all its images are in the upper left quarter of the configured image: are they pixels "
     "of an image of half the size? Then set `width_px` and `height_px`, or send `intrinsics`",
 )
 
@@ -127,7 +127,7 @@ class Hints:
         if image.range is not None and not self._takes_ranges:
             self._add(source, UNUSED, image.t_recv_ns)
         if image.doubt:
-            self._add(source, Reason(image.doubt.cause, DOUBT + image.doubt.words), image.t_recv_ns)
+            self._add(source, Reason(image.doubt.cause, DOUBT_PREFIX + image.doubt.words), image.t_recv_ns)
         left, upper, right, lower = image.view or (0.0, 0.0, 0.0, 0.0)
         middle = _between(left, right), _between(upper, lower)
         count, since_ns = self._quarters.get(image.camera, (0, image.t_recv_ns))

@@ -6,7 +6,7 @@ from typing import Final
 from onboard.health.causes_camera import FEWEST_JUDGED, of_camera, stamp_reading
 from onboard.health.needs import Moment
 from onboard.health.words import NOTHING, WORDS
-from onboard.messages import DOUBTS, Advice, Severity
+from onboard.messages import DOUBT_CAUSES, Advice, Severity
 from onboard.messages.causes import Cause
 from onboard.units import NS_PER_S
 
@@ -31,7 +31,7 @@ def refused(m: Moment) -> Iterator[Advice]:
         if _follows(m, refusal.cause) or _is_rare(m, refusal.cause):
             continue
         remedy = WORDS.get(refusal.cause, NOTHING).refusal
-        what = "" if refusal.cause in DOUBTS else "refused from "
+        what = "" if refusal.cause in DOUBT_CAUSES else "refused from "
         yield Advice(
             kind=remedy.advice,
             severity=remedy.severity,

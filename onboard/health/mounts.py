@@ -24,7 +24,7 @@ from onboard.health.camera_errors import (
     Window,
     explanations,
 )
-from onboard.messages import DOUBT, Estimate, Verdict
+from onboard.messages import DOUBT_PREFIX, Estimate, Verdict
 from onboard.messages.causes import Cause, Reason
 from onboard.ownship.ownship import Ownship
 from onboard.units import NS_PER_S
@@ -177,7 +177,7 @@ def why(camera: Camera, found: list[Explanation], delay_ns: int = 0) -> Reason:
     apart = "" if len(found) == 1 else "; this flight does not tell them apart"
     cause = CAUSES[kinds[0]] if len(kinds) == 1 else Cause.CAMERA_SETUP
     seen = f"the leader moves in the image as we lean as if {', or '.join(words)}{apart}"
-    return Reason(cause, f"{DOUBT}{seen}; a leader that we follow on its own way may move so, too")
+    return Reason(cause, f"{DOUBT_PREFIX}{seen}; a leader that we follow on its own way may move so, too")
 
 
 def _words(camera: Camera, kind: str, errors: Array, sigmas: Array, delay_ns: int) -> str:

@@ -242,9 +242,9 @@ class UdpLink(Link):
                 self.errors += 1
                 return
             # the wait first: where this process is held up in between, it arrived later, not before it was sent
-            waited_ns, taken_ns = _waited_ns(ancillary), now_ns()
-            waited_ns = min(waited_ns, taken_ns - self._emptied_ns.get(sock, 0))
-            t_recv_ns = taken_ns - waited_ns
+            waited_ns, read_ns = _waited_ns(ancillary), now_ns()
+            waited_ns = min(waited_ns, read_ns - self._emptied_ns.get(sock, 0))
+            t_recv_ns = read_ns - waited_ns
             self._drops[sock] = _dropped(ancillary, self._drops.get(sock, 0))
             self.dropped = self._dropped_before + sum(self._drops.values())
             if not data:

@@ -1,12 +1,12 @@
-"""Every typed record that crosses a boundary: between stages, processes, or the wire and the filters.
+"""Typed records that cross a boundary between stages, processes, the wire and the filters.
 
 Records are frozen and keyword-only, contain tuples rather than arrays, and use SI units. Names contain the frames
 (see `onboard.geometry`). `t_ns` is the time at which a record was TRUE: after decoding, on the clock that stamped
-it (`clock`); after `onboard.clocks`, on the autopilot's boot clock, the one time base of the program. `t_recv_ns`
-is the time at which its bytes arrived, on this computer's clock. Both are integer nanoseconds.
+it (`clock`); after `onboard.clocks`, on the autopilot's boot clock, the program's only time base. `t_recv_ns` is
+the time at which its bytes arrived, on this computer's clock. Both are integer nanoseconds.
 """
 
-# `as` its own name: for others to import from here
+# `import X as X` marks a re-export.
 from onboard.messages.base import Clock as Clock
 from onboard.messages.base import Datagram as Datagram
 from onboard.messages.base import Encoding as Encoding
@@ -60,8 +60,8 @@ from onboard.messages.guidance import LeaderState as LeaderState
 from onboard.messages.guidance import MessageInterval as MessageInterval
 from onboard.messages.guidance import Setpoint as Setpoint
 from onboard.messages.guidance import TargetRelative as TargetRelative
-from onboard.messages.health import DOUBT as DOUBT
-from onboard.messages.health import DOUBTS as DOUBTS
+from onboard.messages.health import DOUBT_PREFIX as DOUBT_PREFIX
+from onboard.messages.health import DOUBT_CAUSES as DOUBT_CAUSES
 from onboard.messages.health import Advice as Advice
 from onboard.messages.health import CameraHealth as CameraHealth
 from onboard.messages.health import ComputerLoad as ComputerLoad
@@ -98,7 +98,7 @@ from onboard.messages.truth import Picture as Picture
 from onboard.messages.truth import SimStatus as SimStatus
 from onboard.messages.truth import TrafficTruth as TrafficTruth
 from onboard.messages.truth import Truth as Truth
-from onboard.messages.validity import not_valid as not_valid
+from onboard.messages.validity import invalidate as invalidate
 from onboard.messages.vehicle import NOT_LIFTED as NOT_LIFTED
 from onboard.messages.vehicle import ActuatorOutputs as ActuatorOutputs
 from onboard.messages.vehicle import Attitude as Attitude

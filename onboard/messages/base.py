@@ -1,4 +1,4 @@
-"""The base records of all messages, and bytes as they arrive on a link."""
+"""Base records of all messages, and bytes as they arrive on a link."""
 
 from enum import StrEnum
 from typing import Annotated, Self
@@ -38,9 +38,18 @@ class Encoding(StrEnum):
 
 
 class Datagram(Record, frozen=True, kw_only=True):
-    """Bytes as they arrived on a link; recordings contain these. `wall_step_ns`: the wall clock less the clock of
-    `t_recv_ns`, which is never set; None where `t_recv_ns` is the wall clock's, or that is not known. `waited_us`:
-    how long they then waited in sockets and queues of this program, microseconds, until it took them."""
+    """Bytes as they arrived on a link; recordings contain these.
+
+    Attributes
+    ----------
+    t_recv_ns
+        Arrival time.
+    wall_step_ns
+        Wall clock minus the monotonic clock of `t_recv_ns`; None if `t_recv_ns` is the wall clock's own, or if the
+        difference is unknown.
+    waited_us
+        Time that the bytes spent in sockets and queues before the program read them, in microseconds.
+    """
 
     channel: str
     encoding: Encoding
@@ -50,13 +59,23 @@ class Datagram(Record, frozen=True, kw_only=True):
     waited_us: int = 0
 
     @property
-    def taken_ns(self) -> int:
-        """When the program took them, on the clock of `t_recv_ns`."""
+    def read_ns(self) -> int:
+        """Time at which the program read the bytes, on the clock of `t_recv_ns`."""
         return self.t_recv_ns + 1_000 * self.waited_us
 
 
 class Message(Record, frozen=True, kw_only=True):
-    """Base of all decoded messages: times, and MAVLink system and component of the sender."""
+    """Base of all decoded messages.
+
+    Attributes
+    ----------
+    t_ns
+        Time at which the content was true, on `clock`.
+    t_recv_ns
+        Arrival time on this computer's clock.
+    system, component
+        MAVLink identity of the sender.
+    """
 
     t_ns: int
     t_recv_ns: int
@@ -65,5 +84,5 @@ class Message(Record, frozen=True, kw_only=True):
     component: int = 1
 
     def at(self, t_ns: int) -> Self:
-        """The same, true at a time on the boot clock."""
+        """Return the same message, true at a time on the boot clock."""
         return msgspec.structs.replace(self, t_ns=t_ns, clock=Clock.BOOT)

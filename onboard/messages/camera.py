@@ -1,4 +1,4 @@
-"""What a camera sees of a target: as detectors send it, and as image points; and where a moving mount points."""
+"""Detections of a target in an image, in pixels and as image points, and the attitude of a moving mount."""
 
 from typing import Literal, Self
 
@@ -15,17 +15,30 @@ Six = tuple[float, float, float, float, float, float]
 
 
 class MountAttitude(Record, frozen=True, kw_only=True, forbid_unknown_fields=False):
-    """Where the head of a moving mount points: `q` (Hamilton, scalar first) from the head's axes (forward, right,
-    down) to those of `frame`. That is NED (`earth`), NED turned to our own heading (`heading`), or our body
-    (`body`). The camera is on the head as `mount_rpy_deg` says."""
+    """The attitude of the head of a moving mount, to which the camera is fixed by `mount_rpy_deg`.
+
+    Attributes
+    ----------
+    q
+        Rotation from the head's axes (forward, right, down) to those of `frame`; Hamilton, scalar first.
+    frame
+        NED (`earth`), NED turned to our own heading (`heading`), or our body (`body`).
+    """
 
     q: Quaternion
     frame: MountFrame
 
 
 class GimbalAttitude(Message, frozen=True, kw_only=True):
-    """GIMBAL_DEVICE_ATTITUDE_STATUS. `device`: gimbal_device_id, or without one the component that sends it.
-    `is_replaced`: from a MOUNT_ORIENTATION, which counts where a device sends nothing newer."""
+    """GIMBAL_DEVICE_ATTITUDE_STATUS.
+
+    Attributes
+    ----------
+    device
+        The gimbal_device_id, or the sending component if there is none.
+    is_replaced
+        Whether it comes from a MOUNT_ORIENTATION, which is used only while no device sends anything newer.
+    """
 
     device: int
     mount: MountAttitude
@@ -39,9 +52,19 @@ class FieldOfView(Message, frozen=True, kw_only=True):
 
 
 class RelativePose(Record, frozen=True, kw_only=True):
-    """An aircraft's pose relative to the camera, of which a detector may know either part. `r_CL_c`: its center
-    from the camera, m, in c, with covariance (3, 3). `q_cL`: from its body's axes to c, with the covariance (3,
-    3) of a small rotation about the axes of c, rad^2."""
+    """The pose of an aircraft relative to the camera; either part may be unknown.
+
+    Attributes
+    ----------
+    r_CL_c
+        Position of its center from the camera in c, m.
+    r_covariance
+        Covariance (3, 3) of the position, m^2.
+    q_cL
+        Rotation from its body's axes to c.
+    turn_covariance
+        Covariance (3, 3) of a small rotation about the axes of c, rad^2.
+    """
 
     r_CL_c: Vec3 | None = None
     r_covariance: Covariance3 | None = None
@@ -50,15 +73,27 @@ class RelativePose(Record, frozen=True, kw_only=True):
 
 
 class TargetImage(Message, frozen=True, kw_only=True):
-    """What one image shows of one aircraft: see `TargetPoints` and `TargetDetection`.
+    """Base of all detections of one aircraft in one image: see `TargetPoints` and `TargetDetection`.
 
     Image points are (Y_c/X_c, Z_c/X_c): the image plane of a pinhole camera with unit focal length, lens
-    distortion removed, positive right and positive down. `target` is empty if the vision process does not identify
-    aircraft; `class_name` is the detector's class, empty without one. `view`: left, upper, right and lower edge of
-    the image in that unit; None: as configured. `mount`: where a moving mount pointed at exposure; None: as the
-    camera is configured. `range`: how far the aircraft was, m, by another sensor, and its standard deviation, if
-    it has one. `pose`: where it was and how it was turned, if the detector knows. `doubt`: what is doubtful in the
-    camera's intrinsics, None if nothing is.
+    distortion removed, positive right and positive down.
+
+    Attributes
+    ----------
+    target
+        Name of the aircraft; empty if the vision process does not identify aircraft.
+    class_name
+        The detector's class; empty without one.
+    view
+        Left, upper, right and lower edge of the image, in focal lengths; None: as configured.
+    mount
+        Attitude of a moving mount at exposure; None: the camera is fixed as configured.
+    range, range_sigma
+        Distance of the aircraft by another sensor, m, and its standard deviation.
+    pose
+        Pose of the aircraft relative to the camera, if the detector estimates it.
+    doubt
+        Reason to doubt the camera's intrinsics; None if there is none.
     """
 
     camera: str
@@ -73,12 +108,18 @@ class TargetImage(Message, frozen=True, kw_only=True):
 
     @property
     def image_points(self) -> tuple[ImagePoint, ...]:
-        """The points that were seen, the center first if it was."""
+        """Points that were detected, the center first if it was one of them."""
         raise NotImplementedError
 
 
 class ImageFeature(Record, frozen=True, kw_only=True):
-    """A named point and the standard deviation of each of its coordinates, in focal lengths."""
+    """A named image point.
+
+    Attributes
+    ----------
+    sigma
+        Standard deviation of each coordinate, in focal lengths.
+    """
 
     name: str
     point: ImagePoint
@@ -86,8 +127,16 @@ class ImageFeature(Record, frozen=True, kw_only=True):
 
 
 class TargetPoints(TargetImage, frozen=True, kw_only=True):
-    """All three points of one aircraft. `sigma`: standard deviation of each coordinate of the center, left and
-    right point, in focal lengths; None: the configured pixel noise. `others`: further points of the class."""
+    """All three points of one aircraft.
+
+    Attributes
+    ----------
+    sigma
+        Standard deviation of each coordinate of the center, left and right point, in focal lengths; None: the
+        configured pixel noise.
+    others
+        Further points of the class.
+    """
 
     center: ImagePoint
     left: ImagePoint
@@ -102,10 +151,19 @@ class TargetPoints(TargetImage, frozen=True, kw_only=True):
 
 
 class TargetDetection(TargetImage, frozen=True, kw_only=True):
-    """Less than all three points: some of `center`, `left`, `right` and further points of the class, and `box`,
-    the middle of a box. `half_width`: half the larger side of the box, in focal lengths about its middle; None:
-    there is none. `sides`: the middles of its left, upper, right and lower side; None where the edge of the image
-    may cut it off, so that it shows a direction alone."""
+    """A detection without all three points: some points, a box, or both.
+
+    Attributes
+    ----------
+    features
+        Detected points: some of `center`, `left`, `right` and the further points of the class, and `box`, the
+        middle of a box.
+    half_width
+        Half the larger side of the box about its middle, in focal lengths; None without a box.
+    sides
+        Middles of the box's left, upper, right and lower side; None if the edge of the image may cut the box off,
+        so that it shows only a direction.
+    """
 
     features: tuple[ImageFeature, ...]
     half_width: float | None = None
@@ -113,19 +171,19 @@ class TargetDetection(TargetImage, frozen=True, kw_only=True):
 
     @property
     def image_points(self) -> tuple[ImagePoint, ...]:
-        """The points that were seen."""
+        """Points that were detected."""
         return tuple(feature.point for feature in self.features)
 
 
 class Exposure(Message, frozen=True, kw_only=True):
-    """What one image of a camera shows: the `detections` in it, at least one, each with the image's stamps."""
+    """All detections in one image of a camera, at least one, each with the image's stamps."""
 
     camera: str
     detections: tuple[TargetImage, ...]
 
     @classmethod
     def of(cls, first: TargetImage, *others: TargetImage) -> "Exposure":
-        """The exposure in which these are. Raises ValueError where they are not of one image."""
+        """Return the exposure with these detections. Raises ValueError if they are of several images."""
         if any((other.camera, other.t_ns) != (first.camera, first.t_ns) for other in others):
             raise ValueError("detections of one exposure have one camera and one time")
         return cls(
@@ -139,15 +197,20 @@ class Exposure(Message, frozen=True, kw_only=True):
         )
 
     def at(self, t_ns: int) -> Self:
-        """The same, true at a time on the boot clock."""
+        """Return the same exposure, true at a time on the boot clock."""
         stamped = {"t_ns": t_ns, "clock": Clock.BOOT}
         detections = tuple(replace(detection, **stamped) for detection in self.detections)
         return replace(self, detections=detections, **stamped)
 
 
 class Pixel(Record, frozen=True, kw_only=True):
-    """A labelled image point in pixels: u right, v down. `sigma_px`: standard deviation of each coordinate, if
-    known."""
+    """An image point in pixels: u right, v down.
+
+    Attributes
+    ----------
+    sigma_px
+        Standard deviation of each coordinate, if known.
+    """
 
     u_px: float
     v_px: float
@@ -155,8 +218,17 @@ class Pixel(Record, frozen=True, kw_only=True):
 
 
 class Intrinsics(Record, frozen=True, kw_only=True):
-    """Pinhole intrinsics in pixels of the image that contains the points, lens distortion removed. Without its
-    width and height, the principal point (cx, cy) is taken as its middle."""
+    """Pinhole intrinsics in pixels of the image that contains the points, lens distortion removed.
+
+    Attributes
+    ----------
+    fx_px, fy_px
+        Focal lengths.
+    cx_px, cy_px
+        Principal point.
+    width_px, height_px
+        Size of the image; None: the principal point is assumed to be its middle.
+    """
 
     fx_px: float
     fy_px: float
@@ -167,7 +239,13 @@ class Intrinsics(Record, frozen=True, kw_only=True):
 
 
 class CameraPoints(Record, frozen=True, kw_only=True):
-    """Output of a vision process, one per image. `t_ns` is the time of exposure on `clock`."""
+    """Output of a vision process that finds all three points, one record per image.
+
+    Attributes
+    ----------
+    t_ns
+        Time of exposure on `clock`.
+    """
 
     t_ns: int
     clock: Clock
@@ -180,7 +258,13 @@ class CameraPoints(Record, frozen=True, kw_only=True):
 
 
 class DetectedPoint(Record, frozen=True, kw_only=True, forbid_unknown_fields=False):
-    """A named point in pixels: u right, v down. `sigma_px`: standard deviation of each coordinate, if known."""
+    """A named point in pixels: u right, v down.
+
+    Attributes
+    ----------
+    sigma_px
+        Standard deviation of each coordinate, if known.
+    """
 
     u_px: float
     v_px: float
@@ -188,8 +272,15 @@ class DetectedPoint(Record, frozen=True, kw_only=True, forbid_unknown_fields=Fal
 
 
 class Box(Record, frozen=True, kw_only=True, forbid_unknown_fields=False):
-    """A box around an aircraft in pixels: its middle, u right, v down, and its size. `sigma_px`: standard
-    deviation of each side, if known."""
+    """A box around an aircraft in pixels.
+
+    Attributes
+    ----------
+    u_px, v_px
+        Middle of the box: u right, v down.
+    sigma_px
+        Standard deviation of each side, if known.
+    """
 
     u_px: float
     v_px: float
@@ -199,11 +290,22 @@ class Box(Record, frozen=True, kw_only=True, forbid_unknown_fields=False):
 
 
 class DetectedPose(Record, frozen=True, kw_only=True, forbid_unknown_fields=False):
-    """An aircraft's pose, as OpenCV's solvePnP, ArUco and AprilTag give it: in the camera's optical axes, right,
-    down and forward. `position_m`: the aircraft's center. `q` (Hamilton, scalar first): from the aircraft's axes
-    (forward, right, down) to the camera's. Either may be missing. `covariance` (6 x 6): of x, y and z in m^2, then
-    of small rotations about the camera's x, y and z in rad^2, the order of ROS; the part of what is missing is not
-    read. Without one the position is as exact as a point and 5 % of the range, the rotation to 10 degrees."""
+    """The pose of an aircraft as OpenCV's solvePnP, ArUco and AprilTag give it.
+
+    The camera's axes are its optical axes: right, down and forward. Position or rotation may be missing. Without a
+    covariance the position is as accurate as a point and 5 % of the range, and the rotation is known to 10
+    degrees.
+
+    Attributes
+    ----------
+    position_m
+        Center of the aircraft in the camera's axes.
+    q
+        Rotation from the aircraft's axes (forward, right, down) to the camera's; Hamilton, scalar first.
+    covariance
+        Covariance (6, 6) of x, y and z in m^2, then of small rotations about the camera's x, y and z in rad^2, the
+        order of ROS. The part of a missing quantity is ignored.
+    """
 
     position_m: Vec3 | None = None
     q: Quaternion | None = None
@@ -211,13 +313,26 @@ class DetectedPose(Record, frozen=True, kw_only=True, forbid_unknown_fields=Fals
 
 
 class Detection(Record, frozen=True, kw_only=True, forbid_unknown_fields=False):
-    """One aircraft in an image: named points (`center`, `left`, `right`, and those of its class), any of them, a
-    `box`, or a `pose`, or several of these. All else is optional. `target` names the aircraft: "leader", or any
-    other id; empty: it goes to the track that it fits best. `class`: what the detector takes it for; see
-    `classes` of `[camera]` and `[target.CLASS]`. `id`: the detector's own track number, which is not used yet.
-    `confidence`: 0 to 1; below the camera's `min_confidence` the detection is refused, and the lower it is, the
-    larger is the noise of points that bring no sigma. `range_m`: how far it was at exposure by a rangefinder or
-    a radio, and `range_sigma_m`, its standard deviation; see `[estimator.leader.range]`."""
+    """One aircraft in an image, given by named points, a box, a pose, or several of these.
+
+    Attributes
+    ----------
+    points
+        Any of `center`, `left`, `right` and the further points of its class.
+    target
+        Name of the aircraft: "leader", or any other id; empty: the detection goes to the track that it fits best.
+    class
+        Class by the detector; see `classes` of `[camera]` and `[target.CLASS]`.
+    id
+        The detector's own track number, which is not used yet.
+    confidence
+        From 0 to 1. A detection below the camera's `min_confidence` is refused. Lower confidence means more noise
+        for points without a `sigma_px`.
+    range_m
+        Distance at exposure by a rangefinder or a radio; see `[estimator.leader.range]`.
+    range_sigma_m
+        Standard deviation of `range_m`.
+    """
 
     points: dict[str, DetectedPoint] = msgspec.field(default_factory=dict)
     box: Box | None = None
@@ -231,10 +346,21 @@ class Detection(Record, frozen=True, kw_only=True, forbid_unknown_fields=False):
 
 
 class CameraDetections(Record, frozen=True, kw_only=True, forbid_unknown_fields=False):
-    """Output of a detector, one per image: as much of each aircraft as it has found. `t_ns` is the time of
-    exposure on `clock`. Without `camera` it is the first that is configured, and without `intrinsics` the camera's
-    own hold. `attitude`: where a moving mount pointed at exposure. Fields that are not known are ignored, and each
-    is named once."""
+    """Output of a detector, one record per image, with whatever it has found of each aircraft.
+
+    Unknown fields are ignored, and each is reported once.
+
+    Attributes
+    ----------
+    t_ns
+        Time of exposure on `clock`.
+    camera
+        Name of the camera; empty: the first configured one.
+    intrinsics
+        Intrinsics of this image; None: as configured.
+    attitude
+        Attitude of a moving mount at exposure.
+    """
 
     t_ns: int
     clock: Clock

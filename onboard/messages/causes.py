@@ -1,20 +1,23 @@
-"""Why an estimate is what it is, and why something is refused or fails: a cause for programs, words for people.
+"""Causes and reasons: why an estimate is what it is, and why something is refused or fails.
 
-Who writes the words names the cause, and nobody reads the words to decide. A cause is one kind of thing that a
-person would do one thing about; the words may say more, with names and numbers."""
+A cause is for programs, and a reason adds words for people. The writer of the words chooses the cause, and no
+program parses the words. One cause covers everything with the same remedy; the words add names and numbers.
+"""
 
 from enum import StrEnum
 from typing import Final, NamedTuple
 
 
 class Cause(StrEnum):
-    """Why: of an estimate's state, of a refusal, of the error of a link or a sink. Words for people stand beside
-    it, and may change; a cause keeps its name."""
+    """The cause of an estimate's state, of a refusal, or of the error of a link or a sink.
+
+    A cause keeps its name; the words that accompany it may change.
+    """
 
     meaning: str
 
     def __new__(cls, value: str, meaning: str = "") -> "Cause":
-        """A cause by its name, with its meaning for a table."""
+        """Create a cause with its name, and its meaning for a table."""
         made = str.__new__(cls, value)
         made._value_, made.meaning = value, meaning
         return made
@@ -117,13 +120,13 @@ class Cause(StrEnum):
 
 
 class Reason(NamedTuple):
-    """A cause, and the same in words for a person."""
+    """A cause and its description for a person."""
 
     cause: Cause
     words: str
 
     def also(self, words: str) -> "Reason":
-        """The same cause, with more words."""
+        """Return a reason with the same cause and further words."""
         return Reason(self.cause, f"{self.words}; {words}")
 
 

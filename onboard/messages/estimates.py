@@ -46,11 +46,24 @@ class Verdict(StrEnum):
 
 
 class MeasurementReport(Record, frozen=True, kw_only=True):
-    """One measurement of `source` with its prediction, its innovation and the verdict. Vectors have
-    `components` and `units`; points are as in `TargetPoints`. A field is None if the verdict was reached before
-    it could be computed. `misfits`: named points that were left out, since they fit no attitude of the target.
-    `noise_scale`: how many times the configured standard deviations were used, as an estimator has learnt. Of a
-    box, the components are its middle, right and down, and its width and height."""
+    """One measurement with its prediction, its innovation and the verdict.
+
+    A field is None if the verdict was reached before it could be computed. The components of a box are its middle
+    (right and down), its width and its height.
+
+    Attributes
+    ----------
+    source
+        Name of the sensor.
+    components, units
+        Name and unit of each component of the vectors.
+    points, predicted_points
+        Image points as in `TargetPoints`.
+    misfits
+        Named points that were left out because they fit no attitude of the target.
+    noise_scale
+        Factor on the configured standard deviations, as the estimator has learnt it.
+    """
 
     source: str
     t_ns: int
@@ -71,7 +84,7 @@ class MeasurementReport(Record, frozen=True, kw_only=True):
 
 
 class ThreatLevel(StrEnum):
-    """How close another aircraft will come."""
+    """How dangerous the closest approach of another aircraft is."""
 
     NONE = "none"
     LOW = "low"  # it may come too close, within the uncertainty
@@ -79,11 +92,22 @@ class ThreatLevel(StrEnum):
 
 
 class ClosestApproach(Record, frozen=True, kw_only=True):
-    """The predicted closest approach of another aircraft. We keep our velocity; the other aircraft keeps its
-    velocity or its present turn (`turn_rate`, rad/s, positive right; 0: straight). `time`: seconds after the
-    estimate's time (0: the distance already grows), `distance` in m, each with its standard deviation.
-    `horizontal` and `vertical`: components of the distance, m, vertical positive if the other aircraft is
-    above."""
+    """The predicted closest approach of another aircraft.
+
+    We are assumed to keep our velocity, and the other aircraft its velocity or its present turn.
+
+    Attributes
+    ----------
+    time, time_sigma
+        Time from the estimate to the closest approach, s, and its standard deviation; 0 if the distance already
+        grows.
+    distance, distance_sigma
+        Distance at that time, m, and its standard deviation.
+    horizontal, vertical
+        Components of the distance, m; vertical is positive if the other aircraft is above.
+    turn_rate
+        Turn rate of the other aircraft, rad/s, positive right; 0: straight flight.
+    """
 
     time: float
     time_sigma: float
@@ -96,8 +120,17 @@ class ClosestApproach(Record, frozen=True, kw_only=True):
 
 
 class Intruder(Record, frozen=True, kw_only=True):
-    """Further data of a traffic track: its reported identity, the sources of its measurements, WGS-84 position
-    (degrees, m above mean sea level), velocity over ground (m/s, NED), and its closest approach."""
+    """Identity, position over ground and closest approach of a traffic track.
+
+    Attributes
+    ----------
+    sources
+        Sensors that have contributed measurements.
+    lat_deg, lon_deg, alt_msl
+        WGS-84 position, degrees and m above mean sea level.
+    v_n
+        Velocity over ground in NED, m/s.
+    """
 
     icao: int | None
     system: int | None
@@ -113,8 +146,17 @@ class Intruder(Record, frozen=True, kw_only=True):
 
 
 class Mode(Record, frozen=True, kw_only=True):
-    """One of several places where a target may be: its probability, and mean (6) and covariance (6 x 6) of the
-    estimate's first six components, relative position (m) and velocity (m/s)."""
+    """One of several places where a target may be.
+
+    Attributes
+    ----------
+    weight
+        Probability of this place.
+    mean
+        The estimate's first six components (6,): relative position (m) and velocity (m/s).
+    covariance
+        Covariance (6, 6) of `mean`.
+    """
 
     weight: float
     mean: tuple[float, ...]
@@ -122,10 +164,23 @@ class Mode(Record, frozen=True, kw_only=True):
 
 
 class Estimate(Record, frozen=True, kw_only=True):
-    """One estimate of one target by one estimator. `mean` and `covariance` have `components` and `units` and
-    are None before a track exists. Use an estimate only if it is `valid`; `reason` says why it is what it is, and
-    `cause` does for programs. `frame`: frame of the vector components. `age`: seconds from the last fused
-    measurement to `t_ns`. `state_since_ns`: start of the state."""
+    """One estimate of one target by one estimator. Use it only if it is `valid`.
+
+    Attributes
+    ----------
+    reason, cause
+        Why the estimate is in its state, for people and for programs.
+    frame
+        Frame of the vector components.
+    components, units
+        Name and unit of each component of `mean`.
+    mean, covariance
+        Mean (n,) and covariance (n, n); None before a track exists.
+    age
+        Seconds from the last fused measurement to `t_ns`.
+    state_since_ns
+        Start of the state.
+    """
 
     name: str
     target: str
@@ -149,7 +204,7 @@ class Estimate(Record, frozen=True, kw_only=True):
 
     @property
     def is_primary(self) -> bool:
-        """Whether this is the estimator's one target (the leader, our own state), and not one of many."""
+        """Whether this is the estimator's only target (the leader, our own state), and not one of many."""
         return self.target == self.name
 
 
@@ -163,9 +218,16 @@ class FaultKind(StrEnum):
 
 
 class Fault(Record, frozen=True, kw_only=True):
-    """A fault that lasts. `part`: the motor ("motor 1"), the sensor ("attitude.roll"), or "". `magnitude` in
-    `unit`: the share of thrust lost, the mass as a multiple of the configured one, m/s^2, or wrong values per
-    second."""
+    """A lasting fault of our own vehicle.
+
+    Attributes
+    ----------
+    part
+        The motor ("motor 1"), the sensor ("attitude.roll"), or "".
+    magnitude
+        In `unit`: the share of thrust lost, the mass as a multiple of the configured one, m/s^2, or wrong values
+        per second.
+    """
 
     kind: FaultKind
     part: str
@@ -175,13 +237,27 @@ class Fault(Record, frozen=True, kw_only=True):
 
 
 class NavState(Estimate, frozen=True, kw_only=True):
-    """Our own vehicle by our own estimator: position from O, velocity, attitude (ZYX), body rates. The attitude
-    part of `covariance` is that of the rotation vector, rad about b's axes, from the estimate to the truth.
+    """Our own vehicle by our own estimator: position from O, velocity, attitude (ZYX) and body rates.
 
-    `layer`: width of the smoothing boundary layer of each component of the last measurement; an innovation
-    beyond it indicates an error of the model. `switch_fraction`: share of innovations beyond it over the last
-    second. `nis_ratio`: mean NIS over its expectation, over the same time. `quality`: 1 to 100 %, -1 when not
-    valid. `origin`: O, degrees and m above mean sea level."""
+    The attitude part of `covariance` is that of the rotation vector from the estimate to the truth, rad about b's
+    axes.
+
+    Attributes
+    ----------
+    q_nb, omega_b
+        Attitude (body to NED), and body rates, rad/s.
+    origin
+        The autopilot's origin O, degrees and m above mean sea level.
+    layer
+        Width of the smoothing boundary layer of each component of the last measurement. An innovation beyond it
+        indicates an error of the model.
+    switch_fraction
+        Share of innovations beyond their layer over the last second.
+    nis_ratio
+        Mean NIS over its expectation, over the last second.
+    quality
+        From 1 to 100 %; -1 when not valid.
+    """
 
     q_nb: Quaternion | None
     omega_b: Vec3 | None
@@ -194,9 +270,17 @@ class NavState(Estimate, frozen=True, kw_only=True):
 
 
 class OwnPose(Record, frozen=True, kw_only=True):
-    """Our own vehicle by the autopilot's estimate: position from the autopilot's origin O, velocity,
-    acceleration (m, m/s, m/s^2, NED) and attitude. While the horizontal position is unknown, north and east are
-    None. `t_ns` is on the boot clock."""
+    """Our own vehicle by the autopilot's estimate. `t_ns` is on the boot clock.
+
+    Attributes
+    ----------
+    r_OF_n
+        Position from the autopilot's origin O in NED, m; north and east are None while they are unknown.
+    v_F_n, a_F_n
+        Velocity and acceleration in NED, m/s and m/s^2.
+    q_nb
+        Attitude, body to NED.
+    """
 
     t_ns: int
     r_OF_n: tuple[float | None, float | None, float]

@@ -1,4 +1,4 @@
-"""The leader in absolute terms, and the messages that tell autopilots and ground stations of it."""
+"""The leader's absolute state, and the messages that report it to autopilots and ground stations."""
 
 from onboard.messages.base import Message, Quaternion, Record, Vec3
 from onboard.messages.causes import Cause
@@ -6,15 +6,33 @@ from onboard.messages.estimates import Lifecycle
 
 
 class LeaderState(Record, frozen=True, kw_only=True):
-    """The leader in absolute terms, ready to be flown on. It is predicted to `t_ns` (boot clock), which is
-    `t_host_ns` on the wall clock of the daemon's computer. Position from the autopilot's origin O, velocity and
-    acceleration (m, m/s, m/s^2, NED); `covariance` (6, 6) of position and velocity includes the errors of our
-    own. `r_FL_n`: from us to the leader; `r_FL_covariance` (3, 3) lacks the error of our own position. WGS-84
-    degrees and metres above mean sea level, where O is known. `course` (rad): the last one of a leader that
-    hovers, None before it has flown. `age`: seconds from the last fused image to `t_ns`. If it is not `valid`,
-    `reason` says why, and `cause` for programs; the vectors are then those of an estimate that is withheld,
-    with wider sigmas, while the leader is in the image, else None. Use them only where nothing depends on the
-    range, as to keep the leader in the image."""
+    """The leader's absolute state, predicted to `t_ns` for use in flight.
+
+    If it is not `valid`, the vectors are those of a withheld estimate with wider sigmas while the leader is in the
+    image, and None otherwise. Use them only where nothing depends on the range, as to keep the leader in the
+    image.
+
+    Attributes
+    ----------
+    t_ns, t_host_ns
+        The same time on the boot clock and on the wall clock of the daemon's computer.
+    reason, cause
+        Why the state is not valid, for people and for programs.
+    r_OL_n, v_L_n, a_L_n
+        Position from the autopilot's origin O, velocity and acceleration in NED, m, m/s and m/s^2.
+    covariance
+        Covariance (6, 6) of position and velocity, with the errors of our own position and velocity.
+    r_FL_n, r_FL_covariance
+        Position from us in NED, m, and its covariance (3, 3) without the error of our own position.
+    lat_deg, lon_deg, alt_msl
+        WGS-84 position, degrees and metres above mean sea level; None while O is unknown.
+    course
+        Course over ground, rad; while the leader hovers, its last one; None before it has flown.
+    size
+        Wingspan, m.
+    age
+        Seconds from the last fused image to `t_ns`.
+    """
 
     t_ns: int
     t_host_ns: int
@@ -38,8 +56,19 @@ class LeaderState(Record, frozen=True, kw_only=True):
 
 
 class FollowTarget(Message, frozen=True, kw_only=True):
-    """FOLLOW_TARGET: WGS-84 degrees and metres above mean sea level, velocity and acceleration in n, the attitude
-    (None: not sent), and the standard deviations of the position, m."""
+    """FOLLOW_TARGET.
+
+    Attributes
+    ----------
+    lat_deg, lon_deg, alt_msl
+        WGS-84 degrees and metres above mean sea level.
+    v_n, a_n
+        Velocity and acceleration in NED.
+    q_nL
+        Attitude; None: not sent.
+    position_sigma
+        Standard deviations of the position, m.
+    """
 
     lat_deg: float
     lon_deg: float
@@ -51,8 +80,15 @@ class FollowTarget(Message, frozen=True, kw_only=True):
 
 
 class Setpoint(Message, frozen=True, kw_only=True):
-    """SET_POSITION_TARGET_LOCAL_NED with every field in use: where the vehicle is to be, from O, how it is to move
-    there, and its heading (m, m/s, m/s^2, rad, rad/s, n)."""
+    """SET_POSITION_TARGET_LOCAL_NED with every field in use.
+
+    Attributes
+    ----------
+    r_OF_n, v_F_n, a_F_n
+        Requested position from O, velocity and acceleration in NED, m, m/s and m/s^2.
+    yaw, yaw_rate
+        Requested heading and its rate, rad and rad/s.
+    """
 
     target_system: int
     target_component: int
@@ -64,8 +100,17 @@ class Setpoint(Message, frozen=True, kw_only=True):
 
 
 class TargetRelative(Message, frozen=True, kw_only=True):
-    """TARGET_RELATIVE in a NED frame that travels with us. `unix_ns`: Unix time; standard deviations in m and rad;
-    `q_nL`: attitude of the leader."""
+    """TARGET_RELATIVE in a NED frame that travels with us.
+
+    Attributes
+    ----------
+    unix_ns
+        Unix time.
+    position_sigma, yaw_sigma
+        Standard deviations in m and rad.
+    q_nL
+        Attitude of the leader.
+    """
 
     unix_ns: int
     r_FL_n: Vec3
@@ -75,8 +120,17 @@ class TargetRelative(Message, frozen=True, kw_only=True):
 
 
 class LandingTarget(Message, frozen=True, kw_only=True):
-    """LANDING_TARGET with a valid position: from us in the body (FRD), or from O in NED if `is_local`. `angles` to
-    the right and below the body's forward axis, rad; `distance` in m; angular `size`, rad."""
+    """LANDING_TARGET with a valid position.
+
+    Attributes
+    ----------
+    r
+        Position from us in the body (FRD), or from O in NED if `is_local`, m.
+    angles
+        Angles to the right of and below the body's forward axis, rad.
+    distance, size
+        Distance, m, and angular size, rad.
+    """
 
     r: Vec3
     is_local: bool
@@ -86,8 +140,14 @@ class LandingTarget(Message, frozen=True, kw_only=True):
 
 
 class CameraTracking(Message, frozen=True, kw_only=True):
-    """CAMERA_TRACKING_IMAGE_STATUS: whether the camera's target is tracked, and its place and radius as shares of
-    the image's width and height, None while it should be outside the view."""
+    """CAMERA_TRACKING_IMAGE_STATUS: whether the camera's target is tracked, and where it is in the image.
+
+    Attributes
+    ----------
+    point, radius
+        Center and radius as shares of the image's width and height; None while the target is expected outside the
+        view.
+    """
 
     is_active: bool
     point: tuple[float, float] | None = None
@@ -95,8 +155,13 @@ class CameraTracking(Message, frozen=True, kw_only=True):
 
 
 class CameraTrackingGeo(Message, frozen=True, kw_only=True):
-    """CAMERA_TRACKING_GEO_STATUS: where the camera's target is. None where it is not known. `heading`: direction
-    from us, rad from north."""
+    """CAMERA_TRACKING_GEO_STATUS: the position of the camera's target. None where it is unknown.
+
+    Attributes
+    ----------
+    heading
+        Direction from us to the target, rad from north.
+    """
 
     is_active: bool
     position: Vec3 | None = None  # degrees, degrees, m above mean sea level
@@ -109,7 +174,7 @@ class CameraTrackingGeo(Message, frozen=True, kw_only=True):
 
 
 class MessageInterval(Message, frozen=True, kw_only=True):
-    """MESSAGE_INTERVAL: how often a message is sent, us; -1: not sent."""
+    """MESSAGE_INTERVAL: the interval at which a message is sent, us; -1: not sent."""
 
     number: int
     interval_us: int

@@ -1,4 +1,4 @@
-"""The condition of the daemon."""
+"""The condition of the daemon: streams, links, sinks, cameras, consistency and advice."""
 
 from enum import StrEnum
 from typing import Final
@@ -20,9 +20,18 @@ class StreamHealth(Record, frozen=True, kw_only=True):
 
 
 class SinkHealth(Record, frozen=True, kw_only=True):
-    """One sink: records sent, records dropped because its queue was full, restarts after failures, and the
-    present error with its cause. `dropped_important`: of the dropped records, those that give way to no others.
-    In the recorder these are the received bytes, in Zenoh all but further targets and traffic."""
+    """One sink: records sent and dropped, restarts after failures, and the present error.
+
+    Attributes
+    ----------
+    dropped
+        Records dropped because the queue was full.
+    dropped_important
+        Dropped records that give way to no others: received bytes in the recorder; in Zenoh everything except
+        further targets and traffic.
+    cause
+        Cause of `error`.
+    """
 
     sent: int = 0
     dropped: int = 0
@@ -33,13 +42,27 @@ class SinkHealth(Record, frozen=True, kw_only=True):
 
 
 class LinkHealth(Record, frozen=True, kw_only=True):
-    """One link: datagrams (or pieces of a stream) received and sent, failed sends and reads, datagrams that the
-    kernel dropped because the program was too slow, and the size of the kernel's buffer (0: not known). `shed`:
-    datagrams of a sender beyond its budget, which are neither decoded nor recorded; `skipped`: the same of
-    datagrams that had waited in this program for too long. `routers`: Zenoh routers
-    that this program is connected to; None for other links. `error`: why a link that connects by itself is not
-    connected, with its `cause`. `refused`: connections that were refused while another gave messages;
-    `refused_from`: the last."""
+    """One link: datagrams (or pieces of a stream) received and sent, and its errors.
+
+    Attributes
+    ----------
+    errors
+        Failed sends and reads.
+    dropped
+        Datagrams that the kernel dropped because the program was too slow.
+    buffer_bytes
+        Size of the kernel's buffer; 0: unknown.
+    shed
+        Datagrams of a sender beyond its budget, which are neither decoded nor recorded.
+    skipped
+        Datagrams that had waited in this program for too long, and were not processed.
+    routers
+        Zenoh routers that this program is connected to; None for other links.
+    error, cause
+        Why a link that connects by itself is not connected.
+    refused, refused_from
+        Connections refused while another one was delivering messages, and the sender of the last one.
+    """
 
     received: int = 0
     sent: int = 0
@@ -55,8 +78,8 @@ class LinkHealth(Record, frozen=True, kw_only=True):
     cause: Cause = Cause.NONE
 
 
-DOUBT: Final = "in doubt: "  # before the reason of a refusal that is none: the messages were used ...
-DOUBTS: Final = frozenset(  # ... of these causes
+DOUBT_PREFIX: Final = "in doubt: "  # begins the reason of a `Refusal` whose messages were used
+DOUBT_CAUSES: Final = frozenset(  # causes of such refusals
     {
         *(Cause.MOUNT, Cause.FOCAL_LENGTH, Cause.DELAY, Cause.CAMERA_SETUP, Cause.OFF_CENTER),
         *(Cause.OWN_MOTION_DOUBT, Cause.BINNED, Cause.QUARTER, Cause.RANGE_UNUSED, Cause.UNVERIFIED),
@@ -66,9 +89,19 @@ DOUBTS: Final = frozenset(  # ... of these causes
 
 
 class Refusal(Record, frozen=True, kw_only=True):
-    """Messages of one camera that were refused for one reason. `source`: the key, link or camera that they came
-    from. `reason`: the field, and what was expected; of several that differ only in a number, the first. `cause`:
-    the same for programs. `t_recv_ns`: arrival of the latest."""
+    """Messages of one source that were refused for one reason.
+
+    Attributes
+    ----------
+    source
+        Key, link or camera that they came from.
+    reason
+        The field, and what was expected; the first of several that differ only in a number.
+    cause
+        The reason for programs.
+    t_recv_ns
+        Arrival of the latest.
+    """
 
     source: str
     reason: str
@@ -78,11 +111,25 @@ class Refusal(Record, frozen=True, kw_only=True):
 
 
 class CameraHealth(Record, frozen=True, kw_only=True):
-    """Images of one camera that could be put on the time base. `rate` over the last seconds, Hz; `age`: s since
-    the last one arrived. Of the last one: `latency`, s from exposure to arrival; `lead`, s from our own newest
-    motion to exposure (negative: before it); `clock` of its stamp, and the stamp as it came, ns. `off_axis`: the
-    largest angle of a point of it off the optical axis, rad. `targets`, `classes`: names that its
-    detector gives, of each the first few."""
+    """Images of one camera that could be put on the time base.
+
+    Attributes
+    ----------
+    rate
+        Rate over the last seconds, Hz.
+    age
+        Seconds since the last image arrived.
+    latency
+        Seconds from exposure to arrival of the last image.
+    lead
+        Seconds from our own newest motion to the exposure of the last image; negative: before it.
+    clock, stamp_ns
+        Clock of the last image's stamp, and the stamp as it came.
+    off_axis
+        Largest angle between a point of the last image and the optical axis, rad.
+    targets, classes
+        First few names that its detector gives to aircraft and to classes.
+    """
 
     count: int
     rate: float
@@ -97,10 +144,20 @@ class CameraHealth(Record, frozen=True, kw_only=True):
 
 
 class Consistency(Record, frozen=True, kw_only=True):
-    """Whether the innovations of one source are as large as an estimator expects, over its last `count`
-    measurements. `nis`: mean NIS over its expectation, 1 for the configured noise; `low`, `high`: its bounds
-    (99.7 %), if nothing else is wrong. `noise`: by what factor the source is noisier than configured, by the
-    same innovations and what an estimator has learnt of it."""
+    """Whether the innovations of one source are as large as its estimator expects.
+
+    Attributes
+    ----------
+    count
+        Number of measurements, the latest ones.
+    nis
+        Mean NIS over its expectation; 1 for the configured noise.
+    low, high
+        Bounds of `nis` (99.7 %) if nothing else is wrong.
+    noise
+        Factor by which the source is noisier than configured, from the innovations and from what its estimator has
+        learnt.
+    """
 
     count: int
     nis: float
@@ -110,9 +167,17 @@ class Consistency(Record, frozen=True, kw_only=True):
 
 
 class ComputerLoad(Record, frozen=True, kw_only=True):
-    """How busy this computer is: load of its busiest core and of all (%), memory and storage that are free
-    (bytes; None: not known), and `lag`, the longest time (s) in the last second by which the daemon was late
-    for its own timer."""
+    """The load of this computer.
+
+    Attributes
+    ----------
+    cpu_busiest, cpu
+        Load of the busiest core and of all, %.
+    memory_free, storage_free
+        Free memory and storage, bytes; None: unknown.
+    lag
+        Longest time in the last second by which the daemon was late for its own timer, s.
+    """
 
     cpu_busiest: float | None = None
     cpu: float | None = None
@@ -122,19 +187,35 @@ class ComputerLoad(Record, frozen=True, kw_only=True):
 
 
 class Severity(StrEnum):
-    """How much a cause costs."""
+    """The consequence of an advice's cause."""
 
-    ERROR = "error"  # no estimate, or none of one kind, while it lasts
+    ERROR = "error"  # no estimates, or none of one kind, while it lasts
     WARNING = "warning"  # estimates are worse, or some are missing
-    NOTICE = "notice"  # nothing, as long as it is meant
+    NOTICE = "notice"  # no consequence if it is intended
 
 
 class Advice(Record, frozen=True, kw_only=True):
-    """Something that is wrong, and its remedy. `kind`: the advice's name, of the table in docs/status.md; `cause`:
-    the same under its old name, for one release, as one of the two at least is given;
-    `about`: the camera, stream or link. `what`: what was found and what is needed, with figures; `remedy`: the
-    line to type, or the key to change. `text`: the same for a pilot, as STATUSTEXT. `over`: what is reported once
-    it is over. `count`: messages that were refused."""
+    """A problem and its remedy.
+
+    Attributes
+    ----------
+    kind
+        Name of the advice, of the table in docs/status.md.
+    cause
+        The old name of `kind`, accepted for one release; at least one of the two is given.
+    about
+        The camera, stream or link.
+    what
+        What was found and what is needed, with figures.
+    remedy
+        The line to type, or the key to change.
+    text
+        A short form for a pilot, sent as STATUSTEXT.
+    over
+        Text that reports the end of the problem.
+    count
+        Number of messages that were refused.
+    """
 
     kind: str = ""
     cause: str = ""
@@ -152,18 +233,44 @@ class Advice(Record, frozen=True, kw_only=True):
 
 
 class Health(Record, frozen=True, kw_only=True):
-    """The condition of the daemon, once a second. `uptime` and `round_trip` (of TIMESYNC) in s;
-    `clock_offset_ns`: host clock minus boot clock; `wall_step_ns`: Unix time minus host clock, 0 unless the wall
-    clock has been set since the start; `clock_rate`: seconds of the boot clock in one of the
-    host's. `states` by estimator; `verdicts` count measurements, `rejected` messages by reason. `faults`:
-    present faults of our own vehicle. `refusals`: which camera messages, signed frames and requests of others
-    were refused and why, of each the latest last. `own_motion_sources`: how often attitude and velocity of our
-    own vehicle came to be taken from the autopilot or from our own state's estimator (`[ownship] source`), by
-    which and why. `beside`: other autopilots that are heard; `beside_ids`: their MAVLink system and component, as
-    `1/1`; `followed`: the same of the autopilot; `senders`: messages by system and component, of the first heard.
-    `needed`: rate that each stream must have, Hz. `cameras`: whose images come. `reasons`: why the states are what
-    they are, and `causes` for programs. `consistency` by estimator and source. `advice`: what is wrong and its
-    remedy, the worst first."""
+    """The condition of the daemon, once a second.
+
+    Attributes
+    ----------
+    uptime, round_trip
+        Time since the start, and the round trip of TIMESYNC, s.
+    clock_offset_ns
+        Host clock minus boot clock.
+    wall_step_ns
+        Unix time minus host clock; 0 unless the wall clock has been set since the start.
+    clock_rate
+        Seconds of the boot clock in one second of the host's.
+    states, reasons, causes
+        State of each estimator, and why, for people and for programs.
+    verdicts, rejected
+        Counts of measurements by verdict, and of messages by reason.
+    faults
+        Present faults of our own vehicle.
+    refusals
+        Refused camera messages, signed frames and requests of others, the latest last.
+    own_motion_sources
+        How often each source of our own attitude and velocity was chosen (`[ownship] source`), by source and
+        reason.
+    beside, beside_ids
+        Other autopilots that are heard, and their MAVLink system and component, as `1/1`.
+    followed
+        MAVLink system and component of the autopilot in use.
+    senders
+        Messages by system and component, of the first senders heard.
+    needed
+        Rate that each stream must have, Hz.
+    cameras
+        Cameras with images.
+    consistency
+        Consistency by estimator and source.
+    advice
+        Problems and their remedies, the worst first.
+    """
 
     t_ns: int
     t_recv_ns: int

@@ -1,4 +1,4 @@
-"""Parameters over MAVLink, in the ordinary and the extended protocol; PING."""
+"""Messages of the parameter protocols, ordinary and extended, and of a MAVLink component's identity."""
 
 from enum import StrEnum
 
@@ -6,7 +6,7 @@ from onboard.messages.base import Message
 
 
 class ParamAction(StrEnum):
-    """What is requested of parameters."""
+    """The kinds of parameter requests."""
 
     LIST = "list"
     READ = "read"
@@ -14,8 +14,15 @@ class ParamAction(StrEnum):
 
 
 class ParamRequest(Message, frozen=True, kw_only=True):
-    """PARAM_REQUEST_LIST, PARAM_REQUEST_READ, PARAM_SET, or their `extended` counterparts. A parameter is
-    named, or numbered if `index` is not negative. `value` is None where it is no number."""
+    """PARAM_REQUEST_LIST, PARAM_REQUEST_READ, PARAM_SET, or their `extended` counterparts.
+
+    Attributes
+    ----------
+    name, index
+        The parameter's name, or its number if `index` is not negative.
+    value
+        None if the value is not a number.
+    """
 
     target_system: int
     target_component: int
@@ -27,8 +34,15 @@ class ParamRequest(Message, frozen=True, kw_only=True):
 
 
 class ParamValue(Message, frozen=True, kw_only=True):
-    """PARAM_VALUE or PARAM_EXT_VALUE: number `index` of `count` parameters. `default`, where it is known: what the
-    value is unless somebody sets it. A log's parameters have no number: -1 of 0."""
+    """PARAM_VALUE or PARAM_EXT_VALUE: number `index` of `count` parameters.
+
+    Attributes
+    ----------
+    count, index
+        0 and -1 for the parameters of a log, which have no number.
+    default
+        The value unless somebody sets it, if known.
+    """
 
     extended: bool
     name: str
@@ -47,7 +61,7 @@ class ParamAck(Message, frozen=True, kw_only=True):
 
 
 class Ping(Message, frozen=True, kw_only=True):
-    """PING: a request if both targets are 0. `time_us` is the requester's."""
+    """PING: a request if both targets are 0. `time_us` is that of the requester."""
 
     time_us: int
     number: int
@@ -63,8 +77,19 @@ class Version(Message, frozen=True, kw_only=True):
 
 
 class ComputerStatus(Message, frozen=True, kw_only=True):
-    """ONBOARD_COMPUTER_STATUS: seconds since boot, load of each core in percent, bytes of memory and storage,
-    deg C. None or empty: not known."""
+    """ONBOARD_COMPUTER_STATUS. None or empty: unknown.
+
+    Attributes
+    ----------
+    uptime
+        Seconds since boot.
+    cpu_percent
+        Load of each core.
+    memory_used, memory_total, storage_used, storage_total
+        Bytes.
+    temperature
+        Degrees Celsius.
+    """
 
     uptime: float
     cpu_percent: tuple[float, ...]
@@ -76,7 +101,7 @@ class ComputerStatus(Message, frozen=True, kw_only=True):
 
 
 class CameraInformation(Message, frozen=True, kw_only=True):
-    """CAMERA_INFORMATION of a camera in which we track the leader, and which takes no commands."""
+    """CAMERA_INFORMATION of a camera in which we track the leader, and which accepts no commands."""
 
     name: str
     width_px: int

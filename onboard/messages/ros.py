@@ -1,4 +1,4 @@
-"""What goes to ROS 2: its configuration, topics, and messages as bytes."""
+"""Output to ROS 2: its configuration, topics, and messages as bytes."""
 
 import re
 from typing import Annotated, Final, Literal, NamedTuple
@@ -7,33 +7,33 @@ import msgspec
 
 from onboard.messages.base import Positive, Record
 
-NAME: Final = re.compile(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)  # of a topic, without the first slash
-FRAME_ID: Final = re.compile(r"[\w/-]*", re.ASCII)
+TOPIC_PATTERN: Final = re.compile(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)  # without the first slash
+FRAME_ID_PATTERN: Final = re.compile(r"[\w/-]*", re.ASCII)
 
 
 class Ros2Config(Record, frozen=True, kw_only=True):
-    """`[ros2]`: what is published for ROS 2, over rmw_zenoh (`enabled`) or in a bag of `onboard replay`.
+    """Configuration `[ros2]`: output over rmw_zenoh (`enabled`), or in a bag of `onboard replay`.
 
-    Raises ValueError for a name that ROS does not take.
+    Raises ValueError for a name that ROS does not accept.
     """
 
     enabled: bool = False
     domain: Annotated[int, msgspec.Meta(ge=0, le=232)] = 0  # ROS_DOMAIN_ID
-    distribution: Literal["humble", "jazzy"] = "jazzy"  # jazzy: and later; Humble has no hashes of types
+    distribution: Literal["humble", "jazzy"] = "jazzy"  # jazzy includes later ones; Humble has no type hashes
     namespace: str = "onboard"  # before each topic but /tf and /diagnostics
     frame_prefix: str = ""  # before each frame but `map`, such as "uav1/"
-    rate_hz: Positive = 30.0  # live, of each topic at most
+    rate_hz: Positive = 30.0  # maximum rate of each topic in flight
     tf: Literal["map", "base_link", "none"] = (
-        "map"  # the root of what is on /tf; base_link: another node moves that
+        "map"  # root of the /tf tree; base_link: another node publishes its motion
     )
 
     def __post_init__(self) -> None:
-        if not NAME.fullmatch(self.namespace):
+        if not TOPIC_PATTERN.fullmatch(self.namespace):
             raise ValueError(
                 f"namespace {self.namespace!r} is no name of ROS: letters, digits, _ and / between, without the"
                 ' first slash, such as "onboard" or "uav1/onboard"'
             )
-        if not FRAME_ID.fullmatch(self.frame_prefix):
+        if not FRAME_ID_PATTERN.fullmatch(self.frame_prefix):
             raise ValueError(
                 f'frame_prefix {self.frame_prefix!r}: letters, digits, _, - and / only, such as "uav1/"'
             )

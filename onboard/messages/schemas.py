@@ -1,7 +1,9 @@
-"""JSON Schemas and README tables of the published records, generated from the records themselves."""
+"""JSON Schemas and tables of the published records, generated from the records themselves."""
 
+import re
 from collections.abc import Iterator
 from enum import Enum
+from inspect import cleandoc
 from types import UnionType
 from typing import Any, Final, Literal, Union, get_args, get_origin
 
@@ -21,6 +23,8 @@ from onboard.messages import (
     Record,
 )
 
+ATTRIBUTES: Final = "Attributes\n----------\n"  # heading of the numpydoc section of fields
+
 PUBLISHED: Final[dict[str, type[Record]]] = {
     "estimate/<name>": Estimate,
     "estimate/<name>/<target>": Estimate,
@@ -33,11 +37,11 @@ PUBLISHED: Final[dict[str, type[Record]]] = {
     "radar/<radar>/detections": RadarDetections,
     "gnss/<peer>/pseudoranges": Pseudoranges,
 }
-"""Key below `onboard/<vehicle>/` -> the record published there as JSON. The daemon reads the last four."""
+"""Keys below `onboard/<vehicle>/`, and the records published there as JSON. The daemon reads the last four."""
 
 
 def key_of(record: Record) -> str:
-    """The key of a record below the vehicle's prefix, for publishing and recording. Raises KeyError."""
+    """Return the key of a record below the vehicle's prefix. Raises KeyError for an unpublished record."""
     if isinstance(record, NavState):
         return "own_state"
     if isinstance(record, Estimate):
@@ -46,34 +50,36 @@ def key_of(record: Record) -> str:
 
 
 def schema(record: type[Record]) -> dict[str, Any]:
-    """JSON Schema (2020-12) of one record, self-contained."""
+    """Return the JSON Schema (2020-12) of one record, self-contained."""
     (reference,), components = msgspec.json.schema_components([record], ref_template="#/$defs/{name}")
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
     return head | reference | {"$defs": components}
 
 
 def schemas() -> dict[str, dict[str, Any]]:
-    """JSON Schema of each published record, by key pattern."""
+    """Return the JSON Schema of each published record, by key pattern."""
     return {key: schema(record) for key, record in PUBLISHED.items()}
 
 
 def describe() -> str:
-    """Markdown: tables of keys, of the fields of each record and each record inside it, and of causes."""
+    """Return Markdown tables of keys, of the fields of each record and each record inside it, and of causes."""
     lines = ["| key | record | content |", "|---|---|---|"]
     for key, record in PUBLISHED.items():
         lines.append(f"| `{key}` | [`{record.__name__}`](#{record.__name__.lower()}) | {_summary(record)} |")
     for record in _all_records():
-        lines += ["", f"#### {record.__name__}", "", _text(record), "", "| field | type |", "|---|---|"]
+        lines += ["", f"#### {record.__name__}", "", _text(record), "", "| field | type | meaning |", "|---|---|---|"]
+        meanings = _meanings(record)
         for field in msgspec.structs.fields(record):
             optional = "" if field.required else ", optional"
-            lines.append(f"| `{field.encode_name}` | {_type(field.type)}{optional} |")
+            meaning = meanings.get(field.encode_name, "")
+            lines.append(f"| `{field.encode_name}` | {_type(field.type)}{optional} | {meaning} |")
     lines += ["", f"#### {Cause.__name__}", "", _text(Cause), "", "| cause | meaning |", "|---|---|"]
     lines += [f"| `{cause.value}` | {cause.meaning} |" for cause in Cause]
     return "\n".join(lines) + "\n"
 
 
 def _all_records() -> list[type[Record]]:
-    """The published records, each followed by the records inside it; each once."""
+    """Return the published records, each followed by the records inside it; each once."""
     found: dict[type[Record], None] = {}
 
     def visit(record: type[Record]) -> None:
@@ -91,24 +97,38 @@ def _all_records() -> list[type[Record]]:
 
 
 def _parts(annotation: Any) -> Iterator[Any]:
-    """An annotation and all annotations in its brackets."""
+    """Yield an annotation and all annotations in its brackets."""
     yield annotation
     for part in get_args(annotation):
         yield from _parts(part)
 
 
 def _text(record: type) -> str:
-    """A class's docstring on one line."""
-    return " ".join((record.__doc__ or "").split()).replace("|", r"\|")
+    """Return a class's docstring on one line, without its section of attributes."""
+    return _line(cleandoc(record.__doc__ or "").partition(ATTRIBUTES)[0])
+
+
+def _line(text: str) -> str:
+    return " ".join(text.split()).replace("|", r"\|")
+
+
+def _meanings(record: type) -> dict[str, str]:
+    """Return the descriptions of fields in the sections of attributes, by name, with those of the bases."""
+    meanings: dict[str, str] = {}
+    for base in reversed(record.__mro__):
+        section = cleandoc(base.__doc__ or "").partition(ATTRIBUTES)[2]
+        for names, description in re.findall(r"^(\w[\w, ]*)\n((?:    .*\n?)+)", section, re.MULTILINE):
+            meanings |= dict.fromkeys(names.split(", "), _line(description))
+    return meanings
 
 
 def _summary(record: type[Record]) -> str:
-    """The first sentence of the docstring."""
+    """Return the first sentence of the docstring."""
     return _text(record).split(". ")[0].rstrip(".")
 
 
 def _type(annotation: Any) -> str:
-    """The JSON type of an annotation, as Markdown for a table."""
+    """Return the JSON type of an annotation, as Markdown for a table."""
     origin, arguments = get_origin(annotation), get_args(annotation)
     if origin in (Union, UnionType):
         return " or ".join(_type(a) for a in arguments)

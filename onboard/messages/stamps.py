@@ -1,5 +1,8 @@
-"""What the stamp of an image is, where it is not what it says: of the other clock, in another unit, of a clock
-that is whole hours, days or 1,024 weeks off, or of one that began at 0."""
+"""Diagnosis of image stamps that are wrong.
+
+It recognises the other clock, another unit, a clock that is whole hours, days or 1,024 weeks off, and a clock that
+started at 0.
+"""
 
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
@@ -10,34 +13,34 @@ from onboard.units import NS_PER_S
 
 UNITS: Final = {"nanoseconds": 1, "microseconds": 1_000, "milliseconds": 1_000_000, "seconds": NS_PER_S}
 CLOCK_NAMES: Final = {Clock.HOST: "Unix time", Clock.BOOT: "the autopilot's time since its boot"}
-# By what clocks are off: the rollover of GPS weeks, a day's mistake, a time zone; and at most so many of these.
+# Usual errors of clocks (GPS week rollover, a wrong date, a time zone): name, seconds, maximum number of them.
 CLOCK_STEPS: Final = (("{} x 1,024 weeks", 619_315_200, 3), ("{} days", 86_400, 400), ("{} hours", 3_600, 48))
-SIM_TIME: Final = "set `use_sim_time` of camera and detector to false: a ROS stamp is of this computer's clock"
-SLACK_NS: Final = 2 * NS_PER_S
-LATEST_NS: Final = 2**63
-BEGAN_NS: Final = 2 * 365 * 86_400 * NS_PER_S  # after 1970: no clock that was set says so
+SIM_TIME_REMEDY: Final = "set `use_sim_time` of camera and detector to false: a ROS stamp is of this computer's clock"
+CLOCK_TOLERANCE_NS: Final = 2 * NS_PER_S  # Stamps may be this far outside the interval of their clock.
+MAX_STAMP_NS: Final = 2**63
+MAX_UNSET_CLOCK_TIME_NS: Final = 2 * 365 * 86_400 * NS_PER_S  # Unix time before 1972 is that of a clock that was never set.
 
 
 class Span(NamedTuple):
-    """Times of one clock, ns: between these stamps may be."""
+    """Interval of plausible stamps of one clock, ns."""
 
     begin: int
     end: int
 
     def holds(self, times: Sequence[int]) -> bool:
-        """Whether all times are within."""
-        return self.begin - SLACK_NS <= min(times) and max(times) <= self.end + SLACK_NS
+        """Return whether all times are within the interval."""
+        return self.begin - CLOCK_TOLERANCE_NS <= min(times) and max(times) <= self.end + CLOCK_TOLERANCE_NS
 
     def __str__(self) -> str:
-        """Its begin and end for a person: dates and times, UTC, or seconds since a boot."""
-        if not BEGAN_NS < self.begin <= self.end < LATEST_NS:
+        """Return begin and end for a person: dates and times, UTC, or seconds since a boot."""
+        if not MAX_UNSET_CLOCK_TIME_NS < self.begin <= self.end < MAX_STAMP_NS:
             return f"{self.begin / NS_PER_S:.3f} to {self.end / NS_PER_S:.3f} s"
         times = (datetime.fromtimestamp(t_ns / NS_PER_S, UTC) for t_ns in self)
         return " to ".join(f"{time:%Y-%m-%d %H:%M:%S}" for time in times)
 
 
 class Reading(NamedTuple):
-    """What stamps are, in words that follow "is", and what mends it."""
+    """A diagnosis of stamps, in words that follow "is", and the remedy."""
 
     words: str
     remedy: str
@@ -46,8 +49,11 @@ class Reading(NamedTuple):
 def read_stamps(
     stamps: Sequence[int], clock: Clock, spans: Mapping[Clock, Span], *, is_ros: bool = False
 ) -> Reading | None:
-    """What stamps of this clock are, by the times that each clock may show; None where they are right, or nothing
-    says it. `is_ros`: of the header of a ROS message, which names no clock."""
+    """Diagnose stamps of a clock by the interval of each clock.
+
+    `is_ros`: the stamps are from headers of ROS messages, which name no clock. Returns None if the stamps are right,
+    or if nothing explains them.
+    """
     if clock in spans and spans[clock].holds(stamps):
         return None
     for unit, ns in UNITS.items():
@@ -60,17 +66,19 @@ def read_stamps(
 
 
 def _misread(clock: Clock, of: Clock, unit: str, ns: int, *, is_ros: bool) -> Reading:
+    """Describe stamps of another clock, in another unit, or both."""
     words, remedies = [CLOCK_NAMES[of] + ("" if ns == 1 else f" in {unit}")], list[str]()
     if ns != 1:
         words.append("expected are nanoseconds")
         remedies.append(f"send nanoseconds: {ns:,} times as much")
     if of is not clock:
         words.append("where a ROS stamp is Unix time" if is_ros else f"but `clock` is `{clock.value}`")
-        remedies.append(SIM_TIME if is_ros else f"let the detector send `clock: {of.value}`")
+        remedies.append(SIM_TIME_REMEDY if is_ros else f"let the detector send `clock: {of.value}`")
     return Reading(", ".join(words), "; ".join(remedies))
 
 
 def _off(stamps: Sequence[int], span: Span) -> Reading | None:
+    """Diagnose a clock that is off by a whole number of one of `CLOCK_STEPS`."""
     by = min(stamps) - span.begin
     for name, seconds, most in CLOCK_STEPS:
         whole = seconds * NS_PER_S
@@ -85,10 +93,11 @@ def _off(stamps: Sequence[int], span: Span) -> Reading | None:
 
 
 def _began(stamps: Sequence[int], *, is_ros: bool) -> Reading | None:
-    if not 0 <= min(stamps) < BEGAN_NS:
+    """Diagnose a clock that started at 0 and was never set."""
+    if not 0 <= min(stamps) < MAX_UNSET_CLOCK_TIME_NS:
         return None
     since = f"{min(stamps) / NS_PER_S:.1f} s after 1970"
     words = f"{since}, of a clock that began at 0, as a simulator's does, or was never set"
     if is_ros:
-        return Reading(words, SIM_TIME)
+        return Reading(words, SIM_TIME_REMEDY)
     return Reading(words, "stamp by this computer's clock, or by the autopilot's with `clock: boot`")

@@ -14,10 +14,22 @@ class AltitudeType(StrEnum):
 
 
 class AdsbVehicle(Message, frozen=True, kw_only=True):
-    """ADSB_VEHICLE: the last report of one aircraft at an ADS-B receiver; fields not marked as valid are None.
+    """ADSB_VEHICLE: the last report of one aircraft at an ADS-B receiver. Fields not marked as valid are None.
 
-    WGS-84 degrees, m, m/s; `course` over ground in rad clockwise from true north, `climb` positive up. `tslc`:
-    time since the last reception, in whole seconds; `icao`: the 24-bit address; `emitter`: ADSB_EMITTER_TYPE.
+    Attributes
+    ----------
+    icao
+        The 24-bit address.
+    lat_deg, lon_deg, altitude
+        WGS-84 degrees, and m by `altitude_type`.
+    course
+        Course over ground, rad clockwise from true north.
+    ground_speed, climb
+        m/s; `climb` is positive up.
+    emitter
+        ADSB_EMITTER_TYPE.
+    tslc
+        Time since the last reception, in whole seconds.
     """
 
     icao: int
@@ -36,8 +48,10 @@ class AdsbVehicle(Message, frozen=True, kw_only=True):
 
 
 class PeerPosition(Message, frozen=True, kw_only=True):
-    """GLOBAL_POSITION_INT of another vehicle, `system`; fields as in `GlobalPosition`. Its stamp is on the
-    other vehicle's boot clock, so its arrival counts as its time."""
+    """GLOBAL_POSITION_INT of another vehicle, `system`; fields as in `GlobalPosition`.
+
+    Its stamp is on the other vehicle's boot clock, so its arrival counts as its time.
+    """
 
     lat_deg: float
     lon_deg: float
@@ -46,8 +60,17 @@ class PeerPosition(Message, frozen=True, kw_only=True):
 
 
 class DistanceReading(Message, frozen=True, kw_only=True):
-    """DISTANCE_SENSOR: the range that a rangefinder or a radio measured (m), with its standard deviation if it is
-    sent. It is taken as true at its arrival. `sensor`: its id. `distance` is None where it measured nothing."""
+    """DISTANCE_SENSOR: a range measured by a rangefinder or a radio, assumed true at its arrival.
+
+    Attributes
+    ----------
+    sensor
+        Its id.
+    distance
+        Range, m; None if nothing was measured.
+    sigma
+        Standard deviation, m, if it is sent.
+    """
 
     sensor: int
     distance: float | None
@@ -55,10 +78,20 @@ class DistanceReading(Message, frozen=True, kw_only=True):
 
 
 class SatelliteRange(Record, frozen=True, kw_only=True):
-    """A GNSS receiver's measurement of one satellite: pseudorange (m) and its rate (m/s), with their standard
-    deviations if known. Position and velocity of the satellite (m, m/s) are in e at the time of reception. The
-    Earth's rotation during the signal's flight, the satellite's clock error and the mean troposphere are
-    corrected, as in receivers."""
+    """A GNSS receiver's measurement of one satellite.
+
+    The Earth's rotation during the signal's flight, the satellite's clock error and the mean troposphere are
+    corrected, as in receivers.
+
+    Attributes
+    ----------
+    r_e, v_e
+        Position and velocity of the satellite in e at the time of reception, m and m/s.
+    pseudorange, rate
+        Pseudorange, m, and its rate, m/s.
+    sigma, rate_sigma
+        Their standard deviations, if known.
+    """
 
     satellite: str
     r_e: Vec3
@@ -70,15 +103,22 @@ class SatelliteRange(Record, frozen=True, kw_only=True):
 
 
 class PeerRanges(Message, frozen=True, kw_only=True):
-    """One epoch of another vehicle's GNSS receiver. The receiver's clock error is in all its pseudoranges."""
+    """One epoch of another vehicle's GNSS receiver. All its pseudoranges contain the receiver's clock error."""
 
     peer: int
     satellites: tuple[SatelliteRange, ...]
 
 
 class Pseudoranges(Record, frozen=True, kw_only=True):
-    """Pseudoranges that another vehicle, MAVLink system number `peer`, shares, one record per epoch. `t_ns` is the
-    time of reception on `clock`."""
+    """Pseudoranges shared by another vehicle, one record per epoch.
+
+    Attributes
+    ----------
+    t_ns
+        Time of reception on `clock`.
+    peer
+        MAVLink system number of the other vehicle.
+    """
 
     t_ns: int
     clock: Clock
@@ -87,8 +127,17 @@ class Pseudoranges(Record, frozen=True, kw_only=True):
 
 
 class Collision(Message, frozen=True, kw_only=True):
-    """COLLISION: closest approach of a threat. `source`: 0 ADS-B, 1 another vehicle's GLOBAL_POSITION_INT;
-    `threat`: its address or system number. `time` in s, distances in m."""
+    """COLLISION: the closest approach of a threat.
+
+    Attributes
+    ----------
+    source
+        0: ADS-B; 1: another vehicle's GLOBAL_POSITION_INT.
+    threat
+        Its address or system number.
+    time, vertical, horizontal
+        Time in s, distances in m.
+    """
 
     source: int
     threat: int
@@ -99,8 +148,21 @@ class Collision(Message, frozen=True, kw_only=True):
 
 
 class RadarDetection(Record, frozen=True, kw_only=True):
-    """One echo: range (m), azimuth (rad, positive right of the frame's first axis), elevation (rad, positive up),
-    their standard deviations, if known, and the signal-to-noise ratio."""
+    """One radar echo.
+
+    Attributes
+    ----------
+    range
+        m.
+    azimuth
+        rad, positive right of the frame's first axis.
+    elevation
+        rad, positive up.
+    sigma
+        Standard deviations of range, azimuth and elevation, if known.
+    snr_db
+        Signal-to-noise ratio, dB.
+    """
 
     range: float
     azimuth: float
@@ -121,8 +183,15 @@ class RadarScan(Message, frozen=True, kw_only=True):
 
 
 class RadarDetections(Record, frozen=True, kw_only=True):
-    """Output of a radar on our vehicle, one per scan. `t_ns` is the time of the echoes on `clock`. Azimuth and
-    elevation refer to our body axes, or to local NED for a levelled radar."""
+    """Output of a radar on our vehicle, one record per scan.
+
+    Attributes
+    ----------
+    t_ns
+        Time of the echoes on `clock`.
+    frame
+        Azimuth and elevation refer to our body axes, or to local NED for a levelled radar.
+    """
 
     t_ns: int
     clock: Clock

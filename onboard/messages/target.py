@@ -1,4 +1,4 @@
-"""Classes of targets: what aircraft a detector's class means."""
+"""Classes of targets: the aircraft that a detector's class stands for."""
 
 import math
 from typing import Final, Literal
@@ -7,26 +7,26 @@ import msgspec
 
 from onboard.messages.base import Positive, Record, Vec3
 
-WING_POINTS: Final = ("center", "left", "right")  # of every class: its middle and its wingtips
-POINT_SPANS: Final = 3.0  # times the wingspan: no point of an aircraft is farther from its center
-MOST_POINTS: Final = 32
-Aircraft = Literal["fixed-wing", "quadrotor", "hexarotor", "octorotor"]  # what has usual proportions
+WING_POINTS: Final = ("center", "left", "right")  # every class has its middle and its wingtips
+MAX_POINT_DISTANCE_RATIO: Final = 3.0  # Distance of a point from the center over the wingspan.
+MAX_POINT_COUNT: Final = 32
+Aircraft = Literal["fixed-wing", "quadrotor", "hexarotor", "octorotor"]  # those with usual proportions
 
 
 class TargetClass(Record, frozen=True, kw_only=True):
-    """`[target.CLASS]`: a class of aircraft, by the name that the detector gives it. Every class has the points
-    `center`, `left` and `right`, which are its middle and its wingtips; `points_m` has further ones.
+    """Configuration `[target.CLASS]`: a class of aircraft, by the detector's name for it.
 
-    Raises ValueError for a point that cannot be one.
+    Every class has the points `center`, `left` and `right`, which are its middle and its wingtips; `points_m` adds
+    further ones. Raises ValueError for an impossible point.
     """
 
     size_prior_m: Positive  # the wingspan
     size_prior_sigma_m: Positive | None = None  # None: 2 % of the wingspan
-    leader_class: Literal["fixed_wing", "multirotor"] = "multirotor"  # how freely it changes its speed
-    named_wingtips: bool = False  # the detector tells the left wingtip from the right one, seen from anywhere
-    points_m: dict[str, Vec3] = msgspec.field(default_factory=dict)  # body FRD, from the center, at that wingspan
-    wings: bool = True  # boxes bound a wing, too; false: the points alone
-    aircraft: Aircraft | None = None  # what boxes bound, of usual proportions; None: as `outline_of` says
+    leader_class: Literal["fixed_wing", "multirotor"] = "multirotor"  # sets how quickly its speed may change
+    named_wingtips: bool = False  # the detector distinguishes left and right wingtip from any direction
+    points_m: dict[str, Vec3] = msgspec.field(default_factory=dict)  # body FRD from the center, at `size_prior_m`
+    wings: bool = True  # boxes include the wing; false: only the points
+    aircraft: Aircraft | None = None  # boxes bound this type; None: see `outline_of`
 
     def __post_init__(self) -> None:
         check_points(self.points_m, self.size_prior_m)
@@ -34,7 +34,7 @@ class TargetClass(Record, frozen=True, kw_only=True):
 
 
 def check_bounds(points_m: dict[str, Vec3], aircraft: Aircraft | None, *, wings: bool) -> None:
-    """Raise ValueError for a class of which it is not clear what its boxes bound."""
+    """Raise ValueError for a class that does not define what its boxes bound."""
     if not wings and aircraft is not None:
         raise ValueError(
             f'aircraft = "{aircraft}" and wings = false: both say what boxes bound; drop wings for usual'
@@ -47,13 +47,13 @@ def check_bounds(points_m: dict[str, Vec3], aircraft: Aircraft | None, *, wings:
 
 
 def check_points(points_m: dict[str, Vec3], size_m: float) -> None:
-    """Raise ValueError for points of a class that cannot be used."""
-    if len(points_m) > MOST_POINTS:
-        raise ValueError(f"points_m: {MOST_POINTS} points at most, not {len(points_m)}")
+    """Raise ValueError for unusable points of a class."""
+    if len(points_m) > MAX_POINT_COUNT:
+        raise ValueError(f"points_m: {MAX_POINT_COUNT} points at most, not {len(points_m)}")
     for name, point in points_m.items():
         if name in WING_POINTS:
             raise ValueError(f"points_m.{name}: every class has it, half the wingspan from the center")
         if name in ("", "box"):
             raise ValueError(f"points_m.{name}: no point can be called so")
-        if not math.hypot(*point) <= POINT_SPANS * size_m:
-            raise ValueError(f"points_m.{name}: farther than {POINT_SPANS:g} times the wingspan from the center")
+        if not math.hypot(*point) <= MAX_POINT_DISTANCE_RATIO * size_m:
+            raise ValueError(f"points_m.{name}: farther than {MAX_POINT_DISTANCE_RATIO:g} times the wingspan from the center")

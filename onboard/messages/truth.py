@@ -1,12 +1,20 @@
-"""The simulator's truth, and its pictures."""
+"""The simulator's truth and its pictures."""
 
 from onboard.messages.base import Clock, Quaternion, Record, Vec3
 
 
 class Truth(Record, frozen=True, kw_only=True):
-    """The true state of a simulated formation, which no estimator may use. Boot clock; NED; SI. The leader
-    relative to the follower, its size (wingspan, m), Oh & Johnson's a_lat and a_long (m/s^2), and both absolute
-    poses."""
+    """The true state of a simulated formation, on the boot clock, in NED and SI. No estimator may use it.
+
+    Attributes
+    ----------
+    r_FL_n, v_FL_n
+        Leader relative to the follower.
+    size
+        The leader's wingspan, m.
+    a_lat, a_long
+        Oh & Johnson's lateral and longitudinal accelerations, m/s^2.
+    """
 
     t_ns: int
     r_FL_n: Vec3
@@ -25,8 +33,15 @@ class Truth(Record, frozen=True, kw_only=True):
 
 
 class IntruderTruth(Record, frozen=True, kw_only=True):
-    """One aircraft of the simulated traffic, relative to us, in NED at our position (m, m/s). `messages`: its
-    reports received so far; `detections`: its detections by our radar so far."""
+    """One aircraft of the simulated traffic, relative to us, in NED at our position (m, m/s).
+
+    Attributes
+    ----------
+    messages
+        Its reports received so far.
+    detections
+        Its detections by our radar so far.
+    """
 
     name: str
     target: str
@@ -53,7 +68,7 @@ class SimStatus(Record, frozen=True, kw_only=True):
 
 
 class Picture(Record, frozen=True, kw_only=True):
-    """What the simulated camera sees, as JPEG, exposed at `t_ns` on `clock`."""
+    """An image of the simulated camera, as JPEG, exposed at `t_ns` on `clock`."""
 
     t_ns: int
     clock: Clock

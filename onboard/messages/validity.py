@@ -1,4 +1,4 @@
-"""The one way in which a record loses its validity after it was made."""
+"""Invalidation of a record after it was made."""
 
 from typing import Final, TypeVar
 
@@ -13,8 +13,8 @@ Judged = TypeVar("Judged", bound=Estimate | LeaderState)
 VECTORS: Final = ("r_OL_n", "v_L_n", "a_L_n", "covariance", "r_FL_n", "r_FL_covariance")  # of a leader's state
 
 
-def not_valid(record: Judged, why: Reason) -> Judged:
-    """The same record, not to be used for this reason."""
+def invalidate(record: Judged, why: Reason) -> Judged:
+    """Return the same record, marked invalid for this reason."""
     made = replace(record, valid=False, cause=why.cause, reason=why.words)
     if isinstance(made, LeaderState):
         return replace(made, **dict.fromkeys(VECTORS))

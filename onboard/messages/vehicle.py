@@ -1,19 +1,27 @@
-"""Messages from an autopilot and to it."""
+"""Messages to and from an autopilot."""
 
 from typing import Final
 
 from onboard.messages.base import Message, Positive, Quaternion, Vec3
 
-OUR_TAG: Final = 191  # the last three digits of the ts1_ns in our own TIMESYNC requests
+TIMESYNC_TAG_NS: Final = 191  # Last three digits of `ts1_ns` in our own TIMESYNC requests.
 
-
-# What flies on no lift of its own, or not at all, by MAV_TYPE.
+# Vehicles without aerodynamic lift, by MAV_TYPE.
 NOT_LIFTED: Final = {7: "airship", 8: "balloon", 9: "rocket", 10: "rover", 11: "boat", 12: "submarine"}
 
 
 class Heartbeat(Message, frozen=True, kw_only=True):
-    """HEARTBEAT. `vehicle_type` and `autopilot` are MAV_TYPE and MAV_AUTOPILOT numbers, `custom_mode` is the
-    autopilot's own number of its flight mode."""
+    """HEARTBEAT.
+
+    Attributes
+    ----------
+    vehicle_type, autopilot
+        MAV_TYPE and MAV_AUTOPILOT numbers.
+    status
+        MAV_STATE number.
+    custom_mode
+        The autopilot's own number of its flight mode.
+    """
 
     vehicle_type: int
     autopilot: int
@@ -23,15 +31,20 @@ class Heartbeat(Message, frozen=True, kw_only=True):
 
 
 class CurrentMode(Message, frozen=True, kw_only=True):
-    """CURRENT_MODE: the flight mode, and the one that was asked for and that the vehicle returns to as soon as it
-    can (0: not known), as `Heartbeat.custom_mode`."""
+    """CURRENT_MODE: the flight mode and the intended mode, numbered as `Heartbeat.custom_mode`.
+
+    Attributes
+    ----------
+    intended_mode
+        The requested mode, to which the vehicle returns as soon as it can; 0: unknown.
+    """
 
     custom_mode: int
     intended_mode: int
 
 
 class LandedState(Message, frozen=True, kw_only=True):
-    """EXTENDED_SYS_STATE: whether the vehicle is on the ground; None where the autopilot does not know."""
+    """EXTENDED_SYS_STATE: whether the vehicle is on the ground; None if the autopilot does not know."""
 
     on_ground: bool | None
 
@@ -51,12 +64,12 @@ class TimeSync(Message, frozen=True, kw_only=True):
     @property
     def is_tagged(self) -> bool:
         """Whether the request's time has our tag, see `tagged`."""
-        return self.ts1_ns % 1000 == OUR_TAG
+        return self.ts1_ns % 1000 == TIMESYNC_TAG_NS
 
 
 def tagged(now_ns: int) -> int:
-    """The `ts1_ns` of our own request: the time to the microsecond, with our tag for nanoseconds."""
-    return now_ns - now_ns % 1000 + OUR_TAG
+    """Return the `ts1_ns` of our own request: the time to the microsecond, with our tag for nanoseconds."""
+    return now_ns - now_ns % 1000 + TIMESYNC_TAG_NS
 
 
 class Attitude(Message, frozen=True, kw_only=True):
@@ -74,10 +87,12 @@ class LocalPosition(Message, frozen=True, kw_only=True):
 
 
 class EstimatorStatus(Message, frozen=True, kw_only=True):
-    """EKF_STATUS_REPORT, ESTIMATOR_STATUS, or covariance and resets of ODOMETRY: what the autopilot says of its own
-    filter. None: the report does not say it."""
+    """The autopilot's report on its own filter. None: not reported.
 
-    horizontal_velocity: bool | None  # whether it knows it; not in ArduPilot's constant-position mode
+    It comes from EKF_STATUS_REPORT, ESTIMATOR_STATUS, or the covariance and reset counter of ODOMETRY.
+    """
+
+    horizontal_velocity: bool | None  # whether it is known; not in ArduPilot's constant-position mode
     horizontal_position: bool | None
     is_at_rest: bool = False  # PX4's constant-position mode
     yaw_sigma: float | None = None  # rad
@@ -105,8 +120,17 @@ class GlobalPosition(Message, frozen=True, kw_only=True):
 
 
 class GpsFix(Message, frozen=True, kw_only=True):
-    """GPS_RAW_INT: a raw fix. Speeds in m/s, course in rad, accuracies in m (None if not given); `v_down` from
-    logs only: the MAVLink message has none."""
+    """GPS_RAW_INT: a raw fix.
+
+    Attributes
+    ----------
+    ground_speed, v_down
+        m/s; `v_down` is in logs only, since the MAVLink message has none.
+    course_rad
+        Course over ground.
+    h_acc, v_acc
+        Horizontal and vertical accuracy, m; None if not given.
+    """
 
     fix_type: int
     satellites: int | None
@@ -121,8 +145,15 @@ class GpsFix(Message, frozen=True, kw_only=True):
 
 
 class Imu(Message, frozen=True, kw_only=True):
-    """HIGHRES_IMU, SCALED_IMU or RAW_IMU: specific force (m/s^2) and angular rate (rad/s), body FRD; if the
-    message has a new one, the barometer's altitude (m, see `Barometer`)."""
+    """HIGHRES_IMU, SCALED_IMU or RAW_IMU.
+
+    Attributes
+    ----------
+    f_b, omega_b
+        Specific force, m/s^2, and angular rate, rad/s, in the body (FRD).
+    pressure_altitude
+        The barometer's altitude, m (see `Barometer`), if the message has a new one.
+    """
 
     f_b: Vec3
     omega_b: Vec3
@@ -130,15 +161,24 @@ class Imu(Message, frozen=True, kw_only=True):
 
 
 class Barometer(Message, frozen=True, kw_only=True):
-    """SCALED_PRESSURE: the altitude of this pressure in the standard atmosphere, m. Its error is a slowly changing
-    offset, and some per cent of height if the air is warmer or colder than standard."""
+    """SCALED_PRESSURE: the altitude of this pressure in the standard atmosphere, m.
+
+    Its error is a slowly changing offset, and some per cent of height if the air is warmer or colder than
+    standard.
+    """
 
     pressure_altitude: float
 
 
 class ActuatorOutputs(Message, frozen=True, kw_only=True):
-    """SERVO_OUTPUT_RAW: pulse widths in microseconds, 0 where unused. `port` 0 has the main outputs, others have
-    auxiliary ones: which of them drive the motors differs with autopilot and protocol."""
+    """SERVO_OUTPUT_RAW: pulse widths in microseconds, 0 where unused.
+
+    Attributes
+    ----------
+    port
+        0: the main outputs; others: auxiliary ones. Which of them drive the motors differs with autopilot and
+        protocol.
+    """
 
     pwm_us: tuple[int, ...]
     port: int = 0
@@ -151,8 +191,15 @@ class Battery(Message, frozen=True, kw_only=True):
 
 
 class Wind(Message, frozen=True, kw_only=True):
-    """WIND_COV or WIND: velocity of the air over ground to the north and to the east, m/s, and its standard
-    deviation on each of these axes if it is given."""
+    """WIND_COV or WIND: velocity of the air over ground.
+
+    Attributes
+    ----------
+    north, east
+        m/s.
+    sigma
+        Standard deviation on each of these axes, m/s, if it is given.
+    """
 
     north: float
     east: float
@@ -178,8 +225,19 @@ class CommandAck(Message, frozen=True, kw_only=True):
 
 
 class Odometry(Message, frozen=True, kw_only=True):
-    """ODOMETRY: position from O in n and attitude, velocity and rates in b; covariances (21) are upper triangles,
-    row by row, of position and rotation, and of velocity and rates. `quality`: -1 not valid, 1 to 100 %."""
+    """ODOMETRY.
+
+    Attributes
+    ----------
+    r_OF_n, q_nb
+        Position from O in n, m, and attitude.
+    v_F_b, omega_b
+        Velocity and rates in b.
+    pose_covariance, velocity_covariance
+        Upper triangles (21,), row by row, of position and rotation, and of velocity and rates.
+    quality
+        1 to 100 %; -1: not valid.
+    """
 
     r_OF_n: Vec3
     q_nb: Quaternion

@@ -14,7 +14,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.geometry.rotations import matrix_of
 from onboard.messages import (
-    DOUBT,
+    DOUBT_PREFIX,
     Attitude,
     EstimatorStatus,
     GimbalAttitude,
@@ -188,7 +188,7 @@ class Ownship:
         if bias < LEAST_BIAS:
             return None
         words = f"the autopilot's velocity and ours have differed by {bias:.2f} m/s for 10 s; {used} is used"
-        return Reason(Cause.OWN_MOTION_DOUBT, f"{DOUBT}{words}")
+        return Reason(Cause.OWN_MOTION_DOUBT, f"{DOUBT_PREFIX}{words}")
 
     @property
     def source_changes(self) -> dict[str, int]:

@@ -35,7 +35,7 @@ from onboard.messages import (
     Output,
     TimeSync,
     WarmState,
-    not_valid,
+    invalidate,
 )
 from onboard.messages.causes import Cause, Reason
 from onboard.pipeline.admission import FROM_ARRIVAL, Admission
@@ -114,7 +114,7 @@ class Pipeline:
             self._first_recv_ns = datagram.t_recv_ns
         self.clocks.is_one_clock = datagram.channel != tlog.TLOG_CHANNEL
         self.clocks.compare(datagram.t_recv_ns, datagram.wall_step_ns)
-        self._taken_ns, self._waited_ns = datagram.taken_ns, datagram.taken_ns - datagram.t_recv_ns
+        self._taken_ns, self._waited_ns = datagram.read_ns, datagram.read_ns - datagram.t_recv_ns
         return self._decoder.decode(datagram)
 
     def advance(self, messages: Sequence[Message]) -> list[Output]:
@@ -319,7 +319,7 @@ class Pipeline:
         for made in estimates:
             why = None if isinstance(made, NavState) else doubt
             why = why or self._too_old(made)
-            estimate = made if why is None else not_valid(made, why)
+            estimate = made if why is None else invalidate(made, why)
             self._mounts.see(estimate, self.ownship)
             self._monitor.publish(estimate)
             self._last_words.note(estimate)

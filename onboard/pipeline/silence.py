@@ -5,7 +5,7 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from onboard.messages import Estimate, Lifecycle, not_valid
+from onboard.messages import Estimate, Lifecycle, invalidate
 from onboard.messages.causes import Cause, Reason
 from onboard.units import NS_PER_S
 
@@ -39,7 +39,7 @@ class LastWords:
 
 def _withdrawn(estimate: Estimate) -> Estimate:
     return replace(
-        not_valid(estimate, WITHDRAWN),
+        invalidate(estimate, WITHDRAWN),
         sequence=estimate.sequence + 1,
         state=Lifecycle.LOST,
         state_since_ns=estimate.t_ns,

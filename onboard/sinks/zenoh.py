@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import msgspec
 
-from onboard.messages import Estimate, Health, LeaderState, Lifecycle, OwnPose, not_valid
+from onboard.messages import Estimate, Health, LeaderState, Lifecycle, OwnPose, invalidate
 from onboard.messages.causes import Cause, Reason
 from onboard.messages.schemas import key_of
 from onboard.sinks.sink import SinkError, SinkRunner
@@ -114,6 +114,6 @@ def aged(record: Published, age_s: float, validity_s: float) -> tuple[bytes, byt
     stale = age_s > validity_s
     if stale and isinstance(record, Estimate | LeaderState):
         why = Reason(Cause.OUTDATED, f"stale: published {age_s:.1f} s ago")
-        record = msgspec.structs.replace(not_valid(record, why), state=Lifecycle.LOST)
+        record = msgspec.structs.replace(invalidate(record, why), state=Lifecycle.LOST)
     attachment = {"age_s": round(age_s, 3), "stale": stale}
     return msgspec.json.encode(record), msgspec.json.encode(attachment)

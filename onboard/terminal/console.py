@@ -5,7 +5,7 @@ from typing import Any
 import rich.console
 from rich.text import Text
 
-from onboard.messages.text import LINE, plain
+from onboard.messages.text import MAX_LINE_LENGTH, plain
 
 
 class Console(rich.console.Console):
@@ -14,5 +14,5 @@ class Console(rich.console.Console):
 
     def render_str(self, text: str, **options: Any) -> Text:
         """A string, also of a table's cell, as it is drawn."""
-        lines = "\n".join(plain(line, LINE) for line in text.split("\n"))
+        lines = "\n".join(plain(line, MAX_LINE_LENGTH) for line in text.split("\n"))
         return super().render_str(lines, **{**options, "markup": False, "emoji": False})

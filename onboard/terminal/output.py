@@ -29,9 +29,9 @@ def one_line(text: str) -> str:
     """Text, parts of which may come from outside, as a line that controls no terminal."""
     if text.isprintable() and len(text) < SHORT:
         return text
-    from onboard.messages.text import LINE, plain  # noqa: PLC0415 - this file is loaded before all others
+    from onboard.messages.text import MAX_LINE_LENGTH, plain  # noqa: PLC0415 - this file is loaded before all others
 
-    return plain(text, LINE)
+    return plain(text, MAX_LINE_LENGTH)
 
 
 class Lines:

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from onboard.messages import DOUBT, Estimate, Fault, FaultKind, Health, MeasurementReport, Mode, NavState, Severity
+from onboard.messages import DOUBT_PREFIX, Estimate, Fault, FaultKind, Health, MeasurementReport, Mode, NavState, Severity
 from onboard.units import S_PER_NS
 from onboard.view.motion import LeaderArrays, RangeEstimate, leader_state, open_interval, range_estimate
 
@@ -136,7 +136,7 @@ def health(record: Health) -> str:
         if table:
             rows += ["", f"{title}: " + " · ".join(f"{name} {n}" for name, n in sorted(table.items()))]
     for r in record.refusals[-REFUSALS:]:
-        what = "" if r.reason.startswith(DOUBT) else "**refused** from "
+        what = "" if r.reason.startswith(DOUBT_PREFIX) else "**refused** from "
         rows.append(f"{what}{r.source}: {r.reason} ({r.count} times)")
     rows += ["", "| sink | sent | dropped | restarts |", "|---|---:|---:|---:|"]
     rows += [f"| {n} {s.error} | {s.sent} | {s.dropped} | {s.restarts} |" for n, s in sorted(record.sinks.items())]

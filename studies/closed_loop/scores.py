@@ -50,8 +50,8 @@ def score(flight: Flight, scenario: Scenario) -> Score:
     if away.any():
         first, last = np.flatnonzero(away)[[0, -1]]
         after = flight.closing[first:last]
-        not_valid = ~flight.valid[first:last].astype(bool)
-        still = np.flatnonzero((after > CLOSES) & not_valid)
+        invalidate = ~flight.valid[first:last].astype(bool)
+        still = np.flatnonzero((after > CLOSES) & invalidate)
         stop = 0.0 if not still.size else (still[-1] + 1) / ROWS_PER_S
         greatest, back = float(flight.distance[first:last].max()), flight.t[last] - flight.t[first]
     return Score(

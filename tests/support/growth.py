@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from onboard.commands.compiling import needed_by
-from onboard.messages import not_valid
+from onboard.messages import invalidate
 from tests.support.programs import ROOT
 
 OF_SCORES = ("scoring", "view", "analysis", "commands")  # there `valid` is a count, or shown
@@ -44,7 +44,7 @@ def takes_valid() -> set[str]:
         path.relative_to(ROOT).as_posix()
         for path in _files("onboard")
         for node in ast.walk(_tree(path))
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == not_valid.__name__
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == invalidate.__name__
     }
 
 

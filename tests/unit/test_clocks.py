@@ -6,7 +6,7 @@ from msgspec.structs import replace
 
 from onboard.clocks import Clocks
 from onboard.messages import Clock, tagged
-from onboard.messages.vehicle import OUR_TAG
+from onboard.messages.vehicle import TIMESYNC_TAG_NS
 from tests.support.clock_messages import EPOCH, MS, S, image, reply, run, sample
 
 
@@ -87,7 +87,7 @@ def test_a_reply_with_our_tag_by_chance_does_not_exclude_the_others_in_a_log() -
     clocks = Clocks()
     for i in range(600):
         run(clocks, 5 + 0.2 * i, 0.2)
-        clocks.receive_reply(reply(round((5.2 + 0.2 * i) * S), MS, MS, tag=OUR_TAG if i in (20, 300) else i % 100))
+        clocks.receive_reply(reply(round((5.2 + 0.2 * i) * S), MS, MS, tag=TIMESYNC_TAG_NS if i in (20, 300) else i % 100))
     assert clocks.source == "timesync"
     assert len(clocks._offset.replies) > 40
     assert not clocks.rejected
@@ -97,7 +97,7 @@ def test_when_ours_stop_the_others_serve_again() -> None:
     clocks = Clocks()
     for i in range(60):
         run(clocks, 5 + i, 1)
-        clocks.receive_reply(reply((6 + i) * S, MS, MS, tag=OUR_TAG if i < 10 else 7))
+        clocks.receive_reply(reply((6 + i) * S, MS, MS, tag=TIMESYNC_TAG_NS if i < 10 else 7))
     assert clocks.source == "timesync"
     assert 5 <= clocks.rejected["timesync_not_ours"] <= 10
 
@@ -134,7 +134,7 @@ def test_without_replies_for_long_the_arrivals_serve_again() -> None:
 
 def test_a_tag_keeps_the_time_to_a_microsecond() -> None:
     for now in (EPOCH, EPOCH + 999, EPOCH + 123_456_789):
-        assert tagged(now) % 1000 == OUR_TAG
+        assert tagged(now) % 1000 == TIMESYNC_TAG_NS
         assert abs(tagged(now) - now) < 1000
 
 

@@ -13,7 +13,7 @@ from onboard import UserError
 from onboard.analysis.flights.flight_folder import Documents, FlightFolder, flight_folder
 from onboard.config import Config, ConfigError, read_recorded, signing_key
 from onboard.messages import (
-    DOUBT,
+    DOUBT_PREFIX,
     Clock,
     Datagram,
     Estimate,
@@ -39,7 +39,7 @@ PROGRESS_EVERY: Final = 2000
 HEALTH_NS: Final = NS_PER_S  # between health records
 FLOWN: Final = "flown"
 UNVERIFIED: Final = (
-    f"{DOUBT}{{}} signed frames were used unverified: this replay has not the key of link `{{}}`; name it in "
+    f"{DOUBT_PREFIX}{{}} signed frames were used unverified: this replay has not the key of link `{{}}`; name it in "
     "`key_file` of its [[link]]"
 )
 FOREIGN_FORMATS: Final = {  # by how a file begins: what it is, and what to do
@@ -168,7 +168,7 @@ def pipeline_of(config: Config) -> Pipeline:
                 reasons[link.name] = str(error)
     pipeline = Pipeline(config, keys)
     for name, reason in reasons.items():
-        pipeline.refuse(name, Reason(Cause.KEY_UNREADABLE, f"{DOUBT}{reason}"), 0)
+        pipeline.refuse(name, Reason(Cause.KEY_UNREADABLE, f"{DOUBT_PREFIX}{reason}"), 0)
     return pipeline
 
 

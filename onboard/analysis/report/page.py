@@ -11,7 +11,7 @@ from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 
 from onboard.analysis.report.verdict import Check, Grade, worst
-from onboard.messages.text import LINE, plain
+from onboard.messages.text import MAX_LINE_LENGTH, plain
 
 COLOURS: Final = {Grade.PASS: "#1f7a45", Grade.AMBER: "#b26a00", Grade.FAIL: "#b3261e"}
 STYLE: Final = """
@@ -84,7 +84,7 @@ def html(report: FlightReport) -> str:
 
 def write_pdf(report: FlightReport, path: Path) -> None:
     """The verdict and the checks on the first page, then the figures, the tables, the first parameters."""
-    metadata = {"Title": plain(report.title, LINE), "CreationDate": None}
+    metadata = {"Title": plain(report.title, MAX_LINE_LENGTH), "CreationDate": None}
     with mpl.rc_context({"text.parse_math": False}), PdfPages(path, metadata=metadata) as pdf:
         pdf.savefig(_first_page(report))
         for title, figure in report.figures.items():
@@ -104,7 +104,7 @@ def _first(table: Table) -> Table:
 
 def _text(text: str) -> str:
     """Text as HTML: parts of it, such as a file's name, may come from outside."""
-    return escape(plain(text, LINE))
+    return escape(plain(text, MAX_LINE_LENGTH))
 
 
 def svg(figure: Figure) -> str:

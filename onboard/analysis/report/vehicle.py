@@ -9,7 +9,7 @@ import numpy as np
 from onboard.analysis.report.series import NumberRows
 from onboard.messages import ActuatorOutputs, Battery, GpsFix, Heartbeat, Imu, Message, ParamValue, StatusText
 from onboard.messages.mavlink_enums import ARDUPILOT, PX4
-from onboard.messages.text import LINE, plain
+from onboard.messages.text import MAX_LINE_LENGTH, plain
 from onboard.units import NS_PER_S
 
 WINDOW_S: Final = 0.5  # over which the accelerometer's scatter is taken
@@ -118,7 +118,7 @@ class VehicleSeries:
 
     def _say(self, t: float, kind: str, text: str) -> None:
         if len(self.words) < MOST_WORDS:
-            self.words.append((t, kind, plain(text, LINE)))
+            self.words.append((t, kind, plain(text, MAX_LINE_LENGTH)))
         else:
             self.left_out += 1
 

@@ -33,7 +33,7 @@ from onboard.messages import (
 )
 from onboard.messages.base import Vec3
 from onboard.messages.mavlink_enums import ARDUPILOT
-from onboard.messages.text import LINE, plain
+from onboard.messages.text import MAX_LINE_LENGTH, plain
 from onboard.wire.logs.tlog import NotALogError
 from onboard.wire.mavlink.records import POS_HORIZ_ABS, POS_HORIZ_REL, VELOCITY_HORIZ, barometer
 
@@ -154,7 +154,7 @@ class _Said:
         """The message of a row."""
         header = header | {"clock": Clock.NONE}
         if kind == "MSG":
-            return StatusText(**header, severity=INFO, text=plain(str(row.Message), LINE))
+            return StatusText(**header, severity=INFO, text=plain(str(row.Message), MAX_LINE_LENGTH))
         if kind == "ARM":
             self._armed = bool(row.ArmState)
         else:

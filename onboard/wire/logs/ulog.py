@@ -30,7 +30,7 @@ from onboard.messages import (
     StatusText,
 )
 from onboard.messages.mavlink_enums import PX4
-from onboard.messages.text import LINE, plain
+from onboard.messages.text import MAX_LINE_LENGTH, plain
 from onboard.wire.logs.tlog import NotALogError
 
 MAGIC: Final = b"ULog\x01\x12\x35"
@@ -156,7 +156,7 @@ def _texts(log: Any, source: LogSource, start_ns: int) -> Iterator[Message]:
     """The texts of PX4; its levels are digits. No time base begins with a text."""
     for logged in sorted(log.logged_messages, key=lambda logged: int(logged.timestamp)):
         header = _header(max(int(logged.timestamp) * 1000, start_ns), source) | {"clock": Clock.NONE}
-        yield StatusText(**header, severity=int(logged.log_level) & 7, text=plain(str(logged.message), LINE))
+        yield StatusText(**header, severity=int(logged.log_level) & 7, text=plain(str(logged.message), MAX_LINE_LENGTH))
 
 
 def _check_formats(file: BinaryIO) -> None:

@@ -13,7 +13,7 @@ from onboard.autopilot.requests import version
 from onboard.autopilot.session import Session
 from onboard.config import AutopilotConfig, Config, parse_config
 from onboard.messages import Clock, Command, CommandAck, Heartbeat, ParamValue, Ping, TimeSync
-from onboard.messages.vehicle import OUR_TAG
+from onboard.messages.vehicle import TIMESYNC_TAG_NS
 from onboard.wire.mavlink.encode import MavlinkEncoder
 from tests.support.emitted import command_long
 
@@ -127,7 +127,7 @@ def test_timesync_five_times_a_second_tagged_as_ours() -> None:
     assert len(requests) == 20
     for t, m in requests:
         assert m.tc1 == 0
-        assert m.ts1 % 1000 == OUR_TAG == 191
+        assert m.ts1 % 1000 == TIMESYNC_TAG_NS == 191
         assert abs(m.ts1 - (T0 + round(t * 1000) * MS)) < 1000
 
 

@@ -12,7 +12,7 @@ from onboard.analysis.flights.replay import replay as replayed_log
 from onboard.commands.calibrate import collect
 from onboard.commands.cli import main
 from onboard.config import Config, parse_config
-from onboard.messages import DOUBT, Datagram, Encoding, Estimate
+from onboard.messages import DOUBT_PREFIX, Datagram, Encoding, Estimate
 from onboard.pipeline import Pipeline
 from onboard.sinks.recorder import Recorder
 from onboard.wire.mavlink.encode import MavlinkEncoder
@@ -71,7 +71,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Flown:
 
 
 def named(result: ReplayResult) -> str:
-    return "\n".join(r.reason for r in result.health.refusals if r.reason.startswith(DOUBT))
+    return "\n".join(r.reason for r in result.health.refusals if r.reason.startswith(DOUBT_PREFIX))
 
 
 def test_with_the_key_a_replay_makes_what_the_flight_made(flown: Flown) -> None:

@@ -26,7 +26,7 @@ from onboard.health.causes_camera import WHICH
 from onboard.health.causes_state import VALID
 from onboard.health.words import WORDS
 from onboard.messages import (
-    DOUBT,
+    DOUBT_PREFIX,
     Advice,
     Attitude,
     Cause,
@@ -252,7 +252,7 @@ def test_07_a_class_without_a_section() -> None:
 
 def test_08_a_mount_that_is_off() -> None:
     pipeline = Pipeline(configured())
-    reason = f"{DOUBT}the leader moves as we lean, as if the camera looked higher than `mount_rpy_deg` says"
+    reason = f"{DOUBT_PREFIX}the leader moves as we lean, as if the camera looked higher than `mount_rpy_deg` says"
     pipeline.refuse("camera front", Reason(Cause.MOUNT, reason), EPOCH)
     (advice,) = [a for a in pipeline.health(EPOCH + S).advice if a.kind == "mount"]
     assert advice.severity is Severity.WARNING

@@ -8,7 +8,7 @@ from onboard.config import Config, parse_config
 from onboard.geometry.lens import Lens
 from onboard.health.cameras import Hints
 from onboard.health.words import WORDS
-from onboard.messages import DOUBT, Message, Reason, Severity, TargetPoints
+from onboard.messages import DOUBT_PREFIX, Message, Reason, Severity, TargetPoints
 from onboard.sinks.console import ConsoleLines
 from onboard.wire.documents.points import doubt_of
 from tests.support.streams import CIRCLE, EPOCH, SIZE, Run, S, Stream, advance
@@ -44,7 +44,7 @@ def test_pixels_of_an_image_of_half_the_size_are_noticed() -> None:
     lines: list[str] = []
     ConsoleLines(lines.append, pilot=lambda _: None).show_health(run.pipeline.health(EPOCH + 31 * S))
     (line,) = [line for line in lines if "quarter" in line]
-    assert line.startswith(f"camera landing_target: {DOUBT}")
+    assert line.startswith(f"camera landing_target: {DOUBT_PREFIX}")
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.25])
@@ -78,6 +78,6 @@ def test_doubtful_intrinsics_are_named_as_long_as_images_come() -> None:
         hints.see(image)
     assert [t for _, _, t in found] == [image.t_recv_ns for image in images]
     _, why, _ = found[0]
-    assert why.words.startswith(f"{DOUBT}the principal point (100, 240) is far from the middle")
+    assert why.words.startswith(f"{DOUBT_PREFIX}the principal point (100, 240) is far from the middle")
     remedy = WORDS[why.cause].refusal
     assert (remedy.advice, remedy.severity) == ("pixels", Severity.WARNING)

@@ -18,7 +18,7 @@ from onboard.health.camera_errors import Explanation, Poses, Sights, Window, exp
 from onboard.health.mounts import Mounts, why
 from onboard.health.words import WORDS
 from onboard.messages import (
-    DOUBT,
+    DOUBT_PREFIX,
     Advice,
     Datagram,
     Estimate,
@@ -213,7 +213,7 @@ def test_images_of_a_camera_in_doubt_are_left_out_while_another_shows_the_leader
 
 def test_an_image_that_is_left_out_reaches_no_estimator_and_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     pipeline = Pipeline(parse_config({"estimator": {"leader": LEADER}}))
-    why = Reason(Cause.DELAY, f"{DOUBT}its stamps were 0.30 s older")
+    why = Reason(Cause.DELAY, f"{DOUBT_PREFIX}its stamps were 0.30 s older")
     pipeline._mounts.doubts["landing_target"] = why
     monkeypatch.setattr(pipeline.estimators["leader"], "withholds", lambda *_: why)
     for item in Stream(t1=7.0, sparse=True).items():
@@ -313,7 +313,7 @@ def hints(scenario: Scenario, mount_deg: list[float], seconds: float, seed: int)
         if isinstance(item, Datagram):
             pipeline.feed(item)
             now_ns = item.t_recv_ns
-    return [r.reason for r in pipeline.health(now_ns).refusals if r.reason.startswith(DOUBT)]
+    return [r.reason for r in pipeline.health(now_ns).refusals if r.reason.startswith(DOUBT_PREFIX)]
 
 
 @pytest.mark.slow

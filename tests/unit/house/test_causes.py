@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from onboard.health.words import WORDS
-from onboard.messages import DOUBTS, Cause, Severity, Verdict
+from onboard.messages import DOUBT_CAUSES, Cause, Severity, Verdict
 from tests.support.programs import ROOT
 
 PROSE = {"reason", "reasons", "words", "error", "what", "text"}  # attributes that hold sentences
@@ -77,8 +77,8 @@ def test_every_cause_is_named_by_somebody() -> None:
 
 
 def test_what_is_only_in_doubt_and_what_it_costs_is_known_by_its_cause() -> None:
-    assert WORDS.keys() >= DOUBTS
-    costly = {cause for cause in DOUBTS if WORDS[cause].refusal.severity is not Severity.NOTICE}
+    assert WORDS.keys() >= DOUBT_CAUSES
+    costly = {cause for cause in DOUBT_CAUSES if WORDS[cause].refusal.severity is not Severity.NOTICE}
     assert costly == {Cause.MOUNT, Cause.FOCAL_LENGTH, Cause.DELAY, Cause.CAMERA_SETUP, Cause.OFF_CENTER}
 
 

@@ -17,7 +17,7 @@ from onboard.messages import (
     Record,
     Refusal,
     SinkHealth,
-    not_valid,
+    invalidate,
 )
 from onboard.messages.schemas import describe, schemas
 from tests.support.leader import leader_state
@@ -64,7 +64,7 @@ def test_a_record_that_is_no_longer_valid_says_why_in_both_ways() -> None:
     for record in (make_estimate(), nav_state(), leader_state()):
         assert record.valid
         assert isinstance(record, Estimate | NavState | LeaderState)
-        made = not_valid(record, OLD)
+        made = invalidate(record, OLD)
         assert (made.valid, made.cause, made.reason) == (False, *OLD)
 
 

@@ -19,7 +19,7 @@ from onboard.commands.status import describe
 from onboard.config import Config, parse_config
 from onboard.health.refusals import Refusals
 from onboard.messages import CameraHealth, Cause, Datagram, Encoding, Exposure, Health, Reason, Refusal
-from onboard.messages.text import LINE, plain, plain_record
+from onboard.messages.text import MAX_LINE_LENGTH, plain, plain_record
 from onboard.pipeline import Pipeline
 from onboard.terminal import output as terminal
 from onboard.terminal.console import Console
@@ -110,8 +110,8 @@ def test_no_text_from_outside_reaches_a_person_as_it_came(reader: str, evil: str
     read = READERS[reader](text, tmp_path)
     lines = read.split("\n")
     assert all(line.isprintable() for line in lines)
-    assert text not in read or (text.isprintable() and len(text) <= LINE)
-    assert "d" * (LINE + 1) not in read
+    assert text not in read or (text.isprintable() and len(text) <= MAX_LINE_LENGTH)
+    assert "d" * (MAX_LINE_LENGTH + 1) not in read
     assert "vehicle 1: healthy" not in lines
 
 
@@ -142,4 +142,4 @@ def test_a_source_without_end_costs_the_health_little() -> None:
 
 def test_status_stays_narrow() -> None:
     shown = describe("1", plain_record(forged("d" * 60_000)))
-    assert max(map(len, shown.split("\n"))) < 3 * LINE
+    assert max(map(len, shown.split("\n"))) < 3 * MAX_LINE_LENGTH

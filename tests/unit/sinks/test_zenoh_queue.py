@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from onboard.messages import Cause, Estimate, Lifecycle, Reason, not_valid
+from onboard.messages import Cause, Estimate, Lifecycle, Reason, invalidate
 from onboard.sinks import zenoh
 from tests.support.records import make_estimate
 
@@ -56,7 +56,7 @@ def test_a_record_is_published_and_replied_as_it_holds_then(monkeypatch: pytest.
     session = Session()
     monkeypatch.setattr(session, "declare_publisher", lambda *_, **__: SimpleNamespace(put=partial(keep, put)))
     sink = zenoh.ZenohSink(
-        session, "onboard/1", current=lambda r: not_valid(r, OLD) if isinstance(r, Estimate) and len(put) else r
+        session, "onboard/1", current=lambda r: invalidate(r, OLD) if isinstance(r, Estimate) and len(put) else r
     )
     record = make_estimate(1, "leader", state=Lifecycle.TRACKING)
     sink.write([record])
