@@ -1,5 +1,7 @@
-"""Other estimators of the leader: a curve of each in the plots, and an outline at its estimated place. Their
-bands are not drawn, since one very wide band would flatten every plot."""
+"""Other estimators of the leader, each as a curve in the plots and an outline in the scene.
+
+Their bands are not drawn, since one very wide band would flatten every plot.
+"""
 
 from typing import Final
 
@@ -8,7 +10,7 @@ import numpy as np
 from onboard.messages import Estimate
 from onboard.view import palette, plots, scene, shapes, space
 from onboard.view.columns import HIDDEN, Columns, Transform, no_tags, scalars, tags, transforms
-from onboard.view.memory import Memory
+from onboard.view.memory import DRAW_RATE_HZ, Memory
 from onboard.view.motion import LeaderArrays
 from onboard.view.sdk import rr
 
@@ -16,13 +18,13 @@ COMPONENTS: Final = ("range", *plots.QUANTITIES.values())
 
 
 def colour_of(place: int) -> tuple[str, palette.Colour]:
-    """The colour of the estimator at this place among the others, with its name."""
+    """Return the colour, with its name, of the estimator at this place among the others."""
     colours = tuple(palette.BESIDE_COLOURS.items())
     return colours[place % len(colours)]
 
 
 def log_static(stream: "rr.RecordingStream", name: str, colour: palette.Colour) -> None:
-    """Its curves, its outline and its label, which do not change."""
+    """Log the curves, outline and label of an estimator, which do not change."""
     for plot in (*COMPONENTS, *plots.ERROR_PLOTS):
         scene.log_curves(stream, f"plots/{plot}/{name}", [(name, colour, 1.5)])
     scene.log_lines(stream, f"{scene.BESIDE_PATH}/{name}/outline", shapes.aeroplane_outline(), colour, 0.8)
@@ -34,7 +36,10 @@ def log_static(stream: "rr.RecordingStream", name: str, colour: palette.Colour) 
 def draw(
     columns: Columns, memory: Memory, estimate: Estimate, leader: LeaderArrays | None, colour: palette.Colour
 ) -> None:
-    """Its range and components; its error follows with the truth (`plots.plot_errors`)."""
+    """Draw the range and components of an estimate.
+
+    Its error follows with the truth (`plots.plot_errors`).
+    """
     name, t_ns = estimate.name, estimate.t_ns
     outline, label = f"{scene.BESIDE_PATH}/{name}", f"{scene.BESIDE_TAG}/{name}"
     if leader is None:
@@ -47,11 +52,11 @@ def draw(
     for k, plot in plots.QUANTITIES.items():
         columns.add(scalars, f"plots/{plot}/{name}", t_ns, leader.mean[k])
     memory.waiting[name].append(leader)
-    if not memory.due(f"beside {name}", t_ns, space.SCENE_HZ):
+    if not memory.is_due(f"beside {name}", t_ns, DRAW_RATE_HZ):
         return
     v_F_n = np.zeros(3) if memory.own is None else np.asarray(memory.own.v_F_n, dtype=float)
     attitude = space.leader_attitude(memory, t_ns, v_F_n + leader.mean[3:6])
     span = leader.mean[6] if np.isfinite(leader.mean[6]) else 1.0
     columns.add(transforms, outline, t_ns, Transform(leader.r, attitude, np.full(3, span)))
-    below = leader.r + np.array([0.0, 0.0, space.TAG_ABOVE])
+    below = leader.r + np.array([0.0, 0.0, space.TAG_OFFSET])
     columns.add(tags, label, t_ns, (below, colour, name))

@@ -1,6 +1,6 @@
-"""A client of a running daemon, for the view and the demo: subscribes to what it and a simulator publish.
+"""A client of a running daemon, for the view and the demo.
 
-Records arrive on Zenoh's threads and wait in a queue until they are taken.
+It subscribes to the records of the daemon and of a simulator. They arrive on Zenoh's threads and are queued.
 """
 
 import queue
@@ -26,20 +26,19 @@ RECORD_TYPES: Final[dict[str, type[Record]]] = {
 
 
 class PublishedRecord(NamedTuple):
-    """A record, the time of its publication (ns, this computer's clock; None if the publisher sent none), and the
-    vehicle in its key."""
+    """A record with the time of its publication and the vehicle in its key."""
 
     record: Any
-    t_publish_ns: int | None
+    t_publish_ns: int | None  # this computer's clock; None if the publisher sent none
     vehicle: str = ""
 
 
 class Client:
-    """A subscription to one vehicle's daemon (None: all vehicles), and to the simulator's truth. `credentials`
-    authenticate us to a router; their mode and endpoints are not used. `alive` is set while the vehicle runs (of
-    several, the one that changed last).
+    """A subscription to one vehicle's daemon, or to all with None, and to the simulator's truth.
 
-    Raises SinkError when no daemon answers at `endpoint` within `wait_s` seconds.
+    `credentials` authenticate us to a router; their mode and endpoints are not used. `alive` is set while the
+    vehicle runs (of several, the one that changed last). Raises SinkError if no daemon answers at `endpoint`
+    within `wait_s` seconds.
     """
 
     def __init__(
@@ -62,14 +61,14 @@ class Client:
         self._subscribers.append(self._session.watch_liveliness(f"onboard/{of}/alive", self._update_alive))
 
     def take(self, timeout: float) -> PublishedRecord | None:
-        """The next record, None if none comes within `timeout` seconds."""
+        """Return the next record, or None after `timeout` seconds without one."""
         try:
             return self._records.get(timeout=timeout)
         except queue.Empty:
             return None
 
     def put(self, key: str, data: bytes) -> None:
-        """Send the daemon bytes; any thread may."""
+        """Send bytes to the daemon; may be called from any thread."""
         self._session.put(key, data)
 
     def close(self) -> None:

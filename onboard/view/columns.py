@@ -1,7 +1,7 @@
 """Rows gathered into columns and sent together.
 
-Logging one row of one entity costs 30 to 150 us, a row of a column a few. So rows are collected over a tenth of a
-second of flight. A row's kind is the function that turns its values into columns.
+Logging one row of one entity costs 30 to 150 us, a row of a column only a few. Rows are therefore collected over a
+tenth of a second of flight. The kind of a row is the function that turns its values into columns.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,7 +19,7 @@ Kind = Callable[[Sequence[Any]], Any]
 
 
 class Transform(NamedTuple):
-    """Of an entity in its parent: translation m, quaternion (scalar first), scale of its three axes."""
+    """The pose of an entity in its parent: translation (m), quaternion (scalar first), scale."""
 
     translation: ArrayLike
     q: ArrayLike
@@ -27,7 +27,7 @@ class Transform(NamedTuple):
 
 
 class ImagePoints(NamedTuple):
-    """Points in the image, px (n, 2), their colour, and a label of the first."""
+    """Points in the image (n, 2), px, their colour, and a label of the first."""
 
     positions: Array
     colour: tuple[int, ...]
@@ -57,7 +57,7 @@ def transforms(values: Sequence[Transform]) -> Any:
 
 
 def image_points(values: Sequence[ImagePoints]) -> Any:
-    """Columns of coloured image points; a row of none removes the last ones."""
+    """Columns of coloured image points; an empty row removes the previous points."""
     lengths = [len(v.positions) for v in values]
     colours = [v.colour for v in values for _ in v.positions]
     positions = np.concatenate([np.asarray(v.positions, dtype=float).reshape(-1, 2) for v in values])
@@ -77,7 +77,7 @@ def labels(values: Sequence[ImagePoints]) -> Any:
 
 
 def discs(values: Sequence[tuple[Sequence[tuple[int, ...]], Sequence[str]]]) -> Any:
-    """Columns of the colours and labels of image points that stay where they are."""
+    """Columns of the colours and labels of image points with constant positions."""
     lengths = [len(colours) for colours, _ in values]
     colours = np.array([colour for row, _ in values for colour in row], dtype=np.uint8)
     return [
@@ -157,11 +157,11 @@ class Columns:
         self._rows: dict[tuple[Kind, str], list[tuple[int, Any]]] = {}
 
     def add(self, kind: Kind, entity: str, t_ns: int, value: Any) -> None:
-        """One row of an entity, true at t_ns."""
+        """Add one row of an entity, valid at t_ns."""
         self._rows.setdefault((kind, entity), []).append((t_ns, value))
 
     def flush(self, stream: "rr.RecordingStream", *, plots: bool = True) -> None:
-        """Hand everything to the stream and forget it; without `plots`, time series wait for a later call."""
+        """Send all rows to the stream; without `plots`, time series wait for a later call."""
         kept = {} if plots else {key: rows for key, rows in self._rows.items() if key[0] is scalars}
         for (kind, entity), rows in self._rows.items():
             if (kind, entity) in kept:

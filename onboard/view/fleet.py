@@ -11,12 +11,15 @@ from onboard.view import words
 from onboard.view.scene import Rotors
 from onboard.view.view import View
 
-MOST_DRAWN: Final = 50  # vehicles that are drawn; further ones are not
+MAX_VEHICLES: Final = 50  # drawn; further ones are ignored
 
 
 class Views:
-    """A view per vehicle, created with its first record. With `apart`, each has a name and its own file,
-    FILE-vehicle.rrd. Otherwise there is one vehicle, whose view exists from the start."""
+    """A view for each vehicle, created with its first record.
+
+    With `apart`, each has a name and its own file, FILE-vehicle.rrd. Otherwise there is one vehicle, whose view
+    exists from the start.
+    """
 
     def __init__(
         self,
@@ -40,7 +43,7 @@ class Views:
     def show(self, vehicle: str, record: Any) -> None:
         """Draw a record of a vehicle."""
         view = self._only or self._views.get(vehicle)
-        if view is None and len(self._views) < MOST_DRAWN:
+        if view is None and len(self._views) < MAX_VEHICLES:
             view = self._views[vehicle] = self._closing.enter_context(self._open(vehicle))
         if view is not None:
             view.show(record)
@@ -48,7 +51,7 @@ class Views:
             self._show_all(vehicle, record)
 
     def _show_all(self, vehicle: str, record: Any) -> None:
-        """With two or more vehicles, the table of all in each view, at every health."""
+        """Update the table of all vehicles in each view with every health, for two or more vehicles."""
         known = self._vehicles.get(vehicle, words.VehicleRecords())
         if isinstance(record, NavState):
             self._vehicles[vehicle] = known._replace(own=record)

@@ -1,4 +1,4 @@
-"""Measurements of the leader into the camera's image, in pixels."""
+"""Drawing of the leader's measurements in the camera's image, in pixels."""
 
 import numpy as np
 
@@ -7,17 +7,16 @@ from onboard.geometry.camera import Camera, pixels_from_points
 from onboard.messages import MeasurementReport
 from onboard.view import palette, scene, words
 from onboard.view.columns import Columns, ImagePoints, circles, image_points, labels, lines_2d
-from onboard.view.memory import Memory
+from onboard.view.memory import DRAW_RATE_HZ, Memory
 from onboard.view.motion import LeaderArrays, range_estimate
 
-IMAGE_HZ = 25.0
-MAGNIFICATION = 5.0
-STALE_NS = 300_000_000  # without an image for this long, the last one is cleared
+MAGNIFIER_SCALE = 5.0
+IMAGE_TIMEOUT_NS = 300_000_000  # the last image is cleared after this
 NO_POINTS = np.zeros((0, 2))
 
 
 def pixels(points: tuple[tuple[float, float], ...] | None, camera: Camera) -> Array:
-    """Image points as pixels (n, 2), (0, 2) if there are none; points that are not finite are left out."""
+    """Convert image points to pixels (n, 2) and drop those that are not finite."""
     if points is None or len(points) == 0:
         return NO_POINTS
     px = pixels_from_points(points, camera)
@@ -25,12 +24,15 @@ def pixels(points: tuple[tuple[float, float], ...] | None, camera: Camera) -> Ar
 
 
 def wing(px: Array) -> Array:
-    """The line left tip, centre, right tip of (centre, left, right) px (3, 2); nothing if a point is missing."""
+    """Return the line left tip, centre, right tip of (centre, left, right) px (3, 2), or no points."""
     return px[[1, 0, 2]] if len(px) == 3 else NO_POINTS
 
 
 def expected_error(camera: Camera, leader: LeaderArrays | None) -> float:
-    """Three sigma of an image point's error, px: of pixel noise and of the position across the line of sight."""
+    """Return three sigma of an image point's error, px.
+
+    It contains pixel noise and the position error across the line of sight.
+    """
     if leader is None:
         return scene.SIGMAS * camera.sigma_px
     r = range_estimate(leader)
@@ -38,10 +40,10 @@ def expected_error(camera: Camera, leader: LeaderArrays | None) -> float:
 
 
 def magnify(px: Array, centre: Array, camera: Camera) -> Array:
-    """Pixels (n, 2) as the magnifier shows them, enlarged about `centre`; points outside it are left out."""
+    """Enlarge pixels (n, 2) about `centre` for the magnifier, without those outside it."""
     x, y, w, h = scene.magnifier(camera)
     half = np.array([w, h]) / 2
-    offset = MAGNIFICATION * (px - centre)
+    offset = MAGNIFIER_SCALE * (px - centre)
     inside = np.all(np.abs(offset) < half, axis=1)
     return np.asarray(offset[inside] + np.array([x, y]) + half)
 
@@ -49,7 +51,7 @@ def magnify(px: Array, centre: Array, camera: Camera) -> Array:
 def draw_points(
     columns: Columns, place: str, t_ns: int, measured: ImagePoints, predicted: Array, radius: float
 ) -> None:
-    """Measured and predicted points and the wings between them, in the image or in the magnifier."""
+    """Draw measured and predicted points and the wings between them, in image or magnifier."""
     columns.add(image_points, f"{place}/measured", t_ns, measured)
     columns.add(lines_2d, f"{place}/measured_wing", t_ns, wing(measured.positions))
     columns.add(circles, f"{place}/predicted", t_ns, (predicted, radius))
@@ -59,28 +61,28 @@ def draw_points(
 def draw_image(
     columns: Columns, memory: Memory, camera: Camera, report: MeasurementReport, leader: LeaderArrays | None
 ) -> None:
-    """The measured points, in the colour of the verdict, over the predicted ones."""
+    """Draw the measured points, in the colour of the verdict, over the predicted ones."""
     t_ns = report.t_ns
-    if not memory.due("image", t_ns, IMAGE_HZ):
+    if not memory.is_due("image", t_ns, DRAW_RATE_HZ):
         return
     colour, radius = palette.VERDICTS[report.verdict], expected_error(camera, leader)
     measured, predicted = pixels(report.points, camera), pixels(report.predicted_points, camera)
     draw_points(columns, scene.CAMERA, t_ns, ImagePoints(measured, colour), predicted, radius)
     centre = next((px[0] for px in (predicted, measured) if len(px)), np.zeros(2))
     close, expected = (magnify(px, centre, camera) for px in (measured, predicted))
-    draw_points(columns, scene.MAGNIFIER, t_ns, ImagePoints(close, colour), expected, MAGNIFICATION * radius)
+    draw_points(columns, scene.MAGNIFIER, t_ns, ImagePoints(close, colour), expected, MAGNIFIER_SCALE * radius)
     draw_verdict(columns, camera, t_ns, colour, words.verdict_label(report))
 
 
 def draw_verdict(columns: Columns, camera: Camera, t_ns: int, colour: palette.Colour, text: str) -> None:
-    """The words at the top of the image."""
+    """Draw the text at the top of the image."""
     place = np.array([[camera.width_px / 2, camera.height_px * 0.06]])
     columns.add(labels, f"{scene.CAMERA}/verdict", t_ns, ImagePoints(place, colour, text))
 
 
 def clear_image(columns: Columns, memory: Memory, camera: Camera, t_ns: int) -> None:
-    """No image: an empty frame that says so."""
-    if not memory.due("no image", t_ns, 2.0):
+    """Draw an empty frame with a label that there is no image."""
+    if not memory.is_due("no image", t_ns, 2.0):
         return
     for place in (scene.CAMERA, scene.MAGNIFIER):
         draw_points(columns, place, t_ns, ImagePoints(NO_POINTS, palette.GREY), NO_POINTS, 1.0)

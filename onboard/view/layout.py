@@ -1,4 +1,4 @@
-"""The layout of the window, for 1400 x 900. The blueprint is sent with the data."""
+"""The layout of the window, for 1400 x 900 px; the blueprint is sent with the data."""
 
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
@@ -10,20 +10,19 @@ from onboard.view.sdk import rrb
 from onboard.view.words import plain
 
 WINDOW_S = 30.0  # of flight in every plot
-TRAIL_S = 10.0
+TRAIL_DURATION_S = 10.0
 BACKGROUND = [18, 20, 23]
 
 
 class Contents(NamedTuple):
-    """Contents of a flight so far, by which its first page is chosen: a leader, our own state, traffic, a present
-    threat, a truth, and other vehicles of a fleet."""
+    """The contents of a flight so far, which decide the first page."""
 
     leader: bool = True
-    own: bool = False
+    own: bool = False  # our own state
     traffic: bool = False
-    threat: bool = False
+    threat: bool = False  # of another aircraft, now
     truth: bool = False
-    fleet: bool = False
+    fleet: bool = False  # other vehicles
 
 
 LEADER_ALONE = Contents()
@@ -32,15 +31,15 @@ Point = tuple[float, float, float]
 Sides = tuple[float, float]
 
 
-def last(seconds: float) -> "rrb.VisibleTimeRanges":
-    """The last seconds up to the time shown."""
+def last_seconds(seconds: float) -> "rrb.VisibleTimeRanges":
+    """Return the time range of the last seconds up to the time shown."""
     start = rrb.TimeRangeBoundary.cursor_relative(seconds=-seconds)
     end = rrb.TimeRangeBoundary.cursor_relative(seconds=0.0)
     return rrb.VisibleTimeRanges([rrb.VisibleTimeRange(TIMELINE, start=start, end=end)])
 
 
 def time_axis() -> "rrb.TimeAxis":
-    """One axis for all plots: the window up to the time shown, and a little room."""
+    """Return the common axis of all plots: the window up to the time shown, with a margin."""
     start = rrb.TimeRangeBoundary.cursor_relative(seconds=-WINDOW_S)
     end = rrb.TimeRangeBoundary.cursor_relative(seconds=0.02 * WINDOW_S)
     return rrb.TimeAxis(view_range=rrb.TimeRange(start=start, end=end))
@@ -53,12 +52,12 @@ def plot(name: str, entity: str, *, legend: bool = False) -> "rrb.TimeSeriesView
         origin=f"/plots/{entity}",
         axis_x=time_axis(),
         plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend),
-        time_ranges=last(WINDOW_S),
+        time_ranges=last_seconds(WINDOW_S),
     )
 
 
-def flat(name: str, entity: str, x: Sides, y: Sides, *, titlebar: bool = True) -> "rrb.Spatial2DView":
-    """A picture of one entity between the sides `x`, left and right, and `y`, above and below."""
+def view_2d(name: str, entity: str, x: Sides, y: Sides, *, titlebar: bool = True) -> "rrb.Spatial2DView":
+    """Return a 2-D view of one entity between the sides `x` (left, right) and `y` (top, bottom)."""
     return rrb.Spatial2DView(
         name=name,
         origin=f"/{entity}",
@@ -70,14 +69,16 @@ def flat(name: str, entity: str, x: Sides, y: Sides, *, titlebar: bool = True) -
 
 def banner(entity: str = scene.BANNER) -> "rrb.Spatial2DView":
     """A headline, in the colour of the state."""
-    return flat("State", entity, (-400.0, 400.0), (-9.0, 31.0), titlebar=False)
+    return view_2d("State", entity, (-400.0, 400.0), (-9.0, 31.0), titlebar=False)
 
 
-def solid(
+def view_3d(
     name: str, entity: str, contents: Sequence[str], position: Point, target: Point, trails: Iterable[str] = ()
 ) -> "rrb.Spatial3DView":
-    """A scene in the frame of an entity, from `position`, looking at `target` and turning about it; m, z down. Of
-    `trails` the last seconds are seen."""
+    """Return a 3-D view in the frame of an entity, seen from `position` and turning about `target`.
+
+    Positions are in m with z down. Of `trails` the last seconds are shown.
+    """
     kind = rrb.Eye3DKind.Orbital
     eye = rrb.EyeControls3D(kind=kind, position=position, look_target=target, eye_up=(0.0, 0.0, -1.0))
     return rrb.Spatial3DView(
@@ -88,50 +89,50 @@ def solid(
         line_grid=False,
         spatial_information=rrb.SpatialInformation.from_fields(show_axes=False),
         background=BACKGROUND,
-        overrides={trail: last(TRAIL_S) for trail in trails},
+        overrides={trail: last_seconds(TRAIL_DURATION_S) for trail in trails},
     )
 
 
 def chase_view(*, has_leader: bool = True) -> "rrb.Spatial3DView":
-    """From behind and above, turning with our heading: the leader stays ahead."""
+    """Return the view from behind and above, which turns with our heading."""
     # its outline would cover the leader at this distance; the truth has its trail and the close view
     without = [
         *(scene.HEADING, scene.LEADER_TRUTH, scene.TRUE_SIZE, scene.MAGNIFIER),
         *(f"{scene.CAMERA}/{name}" for name in ("verdict", "frame")),
     ]
-    drawn = f", leader drawn at {scene.ENLARGEMENT:.0f} times its size" if has_leader else ""
+    drawn = f", leader drawn at {scene.LEADER_SCALE:.0f} times its size" if has_leader else ""
     name = f"Chase view: 10 m grid at our altitude{drawn}"
     contents = [f"+ /{scene.SCENE}/**", *(f"- /{entity}/**" for entity in without)]
-    return solid(name, scene.HEADING, contents, (-5.5, -7.5, -10.0), (9.0, 0.0, 0.5), scene.TRAILS.values())
+    return view_3d(name, scene.HEADING, contents, (-5.5, -7.5, -10.0), (9.0, 0.0, 0.5), scene.TRAILS.values())
 
 
 def close_view() -> "rrb.Spatial3DView":
-    """The leader by itself: estimate, truth and the ellipsoid between them, and where others place it."""
+    """Return the view of the leader alone: estimate, truth, uncertainty, and other estimators."""
     entities = (scene.TRUE_SIZE, scene.LEADER_TRUTH, scene.UNCERTAINTY, scene.BESIDE_PATH)
     contents = [f"+ /{entity}/**" for entity in entities]
-    return solid("Leader, close", scene.AROUND_LEADER, contents, (-3.5, -2.6, -2.4), (0.0, 0.0, 0.0))
+    return view_3d("Leader, close", scene.AROUND_LEADER, contents, (-3.5, -2.6, -2.4), (0.0, 0.0, 0.0))
 
 
 def camera_view(camera: Camera) -> "rrb.Spatial2DView":
     """The camera's image."""
     x, y = (-8.0, camera.width_px + 8.0), (-8.0, 1.54 * camera.height_px + 8.0)
-    return flat(f"Camera {plain(camera.name)}, wing x5 below", scene.CAMERA, x, y)
+    return view_2d(f"Camera {plain(camera.name)}, wing x5 below", scene.CAMERA, x, y)
 
 
 def rotors_view() -> "rrb.Spatial2DView":
-    """Our vehicle from above, with its rotors and their faults."""
-    return flat("Our rotors", scene.ROTORS_PATH, (-1.0, 1.0), (-0.75, 0.9))
+    """Return the view of our vehicle from above, with its rotors and their faults."""
+    return view_2d("Our rotors", scene.ROTORS_PATH, (-1.0, 1.0), (-0.75, 0.9))
 
 
 def traffic_view() -> "rrb.Spatial2DView":
     """The map of other aircraft."""
-    side = 0.5 * traffic.SHOWN
-    name = "Traffic: north up, ways of the next 20 s relative to us"
-    return flat(name, traffic.MAP, (-side, side), (-side, side))
+    side = 0.5 * traffic.MAP_WIDTH
+    name = "Traffic: north up, relative motion of the next 20 s"
+    return view_2d(name, traffic.MAP, (-side, side), (-side, side))
 
 
 def range_plots(others: str) -> list["rrb.TimeSeriesView"]:
-    """The leader's range and its error; `others` names the curves of other estimators."""
+    """Return the plots of the leader's range and its error; `others` names further curves."""
     return [
         plot(f"Leader: range [m] ±3σ; truth white{others}", "range"),
         plot(f"Leader: error in range [m] ±3σ{others}", "range_error"),
@@ -139,7 +140,7 @@ def range_plots(others: str) -> list["rrb.TimeSeriesView"]:
 
 
 def overview(shown: Contents, others: str) -> "rrb.Vertical":
-    """The leader's position and its consistency."""
+    """Return the page with the leader's position and its consistency."""
     return rrb.Vertical(
         *range_plots(others)[: 2 if shown.truth else 1],
         plot(f"Wingspan of the leader [m], ±3σ{others}", "size"),
@@ -148,8 +149,8 @@ def overview(shown: Contents, others: str) -> "rrb.Vertical":
     )
 
 
-def both(shown: Contents, others: str) -> "rrb.Vertical":
-    """The first page with our own state: both estimates and their consistency."""
+def leader_and_own_page(shown: Contents, others: str) -> "rrb.Vertical":
+    """Return the first page with our own state: both estimates and their consistency."""
     mine = own_errors() if shown.truth else [own_plot("north"), own_plot("roll")]
     ours = range_plots(others) if shown.truth else [range_plots(others)[0], plot("Wingspan [m], ±3σ", "size")]
     return rrb.Vertical(*ours, *mine, name="Both")
@@ -164,33 +165,35 @@ def own_errors() -> list["rrb.TimeSeriesView"]:
 
 
 def own_plot(name: str) -> "rrb.TimeSeriesView":
-    """One component of our own state, with the autopilot's and the truth."""
+    """Return the plot of one component of our own state, with the autopilot's and the truth."""
     what, unit = (f"velocity {name}", "m/s") if name in scene.AXIS_NAMES else (name, "°")
     return plot(f"Own {what} [{unit}], ±3σ; autopilot amber, truth white", f"own/{name}")
 
 
-def own(shown: Contents) -> "rrb.Vertical":
-    """The first page of a flight without a leader: our own state and its model error."""
+def own_page(shown: Contents) -> "rrb.Vertical":
+    """Return the first page of a flight without a leader: our own state and its model error."""
     first = own_errors() if shown.truth else [own_plot("north"), own_plot("east")]
     return rrb.Vertical(
         *first,
         *([] if shown.truth else [own_plot("roll")]),
         plot("Own height [m]", "own/height"),
-        plot("What the model cannot explain, and quality [%]", "own/trust", legend=True),
+        plot("Outside the boundary layer, and quality [%]", "own/trust", legend=True),
         name="Own",
     )
 
 
 def first_page(shown: Contents, others: str) -> list["rrb.Vertical"]:
-    """The page that opens first; none if it is that of traffic."""
+    """Return the page that opens first, or none if it is that of traffic."""
     if shown.own:
-        return [both(shown, others)] if shown.leader else [own(shown)]
+        return [leader_and_own_page(shown, others)] if shown.leader else [own_page(shown)]
     return []
 
 
 def plots(shown: Contents, others: str, page: str = "") -> "rrb.Tabs":
-    """The first page of what flies, pages of plots for the leader, our own state and the links, and of traffic.
-    `page` is open; "": the one of what flies."""
+    """Return all pages of plots: leader, own state, links, and traffic.
+
+    `page` is the one that is open; "" chooses it by the contents.
+    """
     first = first_page(shown, others)
     traffic_first = shown.threat or (shown.traffic and not shown.leader)
     pages = [
@@ -218,7 +221,7 @@ def plots(shown: Contents, others: str, page: str = "") -> "rrb.Tabs":
             *(own_plot(axis) for axis in scene.AXIS_NAMES),
             *(plot(f"Own {angle} [°]", f"own/{angle}") for angle in ("roll", "pitch", "yaw")),
             plot("Own height [m]", "own/height"),
-            plot("What the model cannot explain, and quality [%]", "own/trust", legend=True),
+            plot("Outside the boundary layer, and quality [%]", "own/trust", legend=True),
             name="Own state",
         ),
         rrb.Vertical(
@@ -234,13 +237,12 @@ def plots(shown: Contents, others: str, page: str = "") -> "rrb.Tabs":
 
 def traffic_page() -> "rrb.Vertical":
     """The map of other aircraft and the table of the closest approaches."""
-    table = rrb.TextDocumentView(name="The nearest to come", origin=f"/{traffic.TABLE}")
+    table = rrb.TextDocumentView(name="Closest approaches", origin=f"/{traffic.TABLE}")
     return rrb.Vertical(traffic_view(), table, name="Traffic", row_shares=[1.3, 1.0])
 
 
-def below(camera: Camera, shown: Contents) -> "rrb.Horizontal":
-    """Below the scene: the image and the leader close up, our rotors, and what is wrong now; of a fleet first the
-    table of all."""
+def bottom_row(camera: Camera, shown: Contents) -> "rrb.Horizontal":
+    """Return the row below the scene: image, leader close up, rotors, advice, and a fleet's table."""
     now = rrb.TextDocumentView(name="Now", origin="/status")
     fleet = [rrb.TextDocumentView(name="Fleet", origin="/fleet")] if shown.fleet else []
     rotors = [rotors_view()] if shown.own else []
@@ -252,7 +254,7 @@ def below(camera: Camera, shown: Contents) -> "rrb.Horizontal":
 
 
 def window(camera: Camera, shown: Contents, others: str, page: str = "") -> "rrb.Horizontal":
-    """The scene on the left, plots on the right; a headline for what flies."""
+    """Return the window: headlines and scene on the left, plots on the right."""
     has_leader = shown.leader or not (shown.own or shown.traffic)
     banners = [*([banner()] if has_leader else []), *([banner(scene.OWN_BANNER)] if shown.own else [])]
     above = traffic_view() if shown.traffic and not has_leader else chase_view(has_leader=has_leader)
@@ -263,11 +265,11 @@ def window(camera: Camera, shown: Contents, others: str, page: str = "") -> "rrb
         origin="/",
         contents=strips,
         time_view=time_axis(),
-        time_ranges=last(WINDOW_S),
+        time_ranges=last_seconds(WINDOW_S),
     )
     right: list[rrb.Container | rrb.View] = [plots(shown, others, page), *([timeline] if strips else [])]
     return rrb.Horizontal(
-        rrb.Vertical(*banners, above, below(camera, shown), row_shares=[*([0.13] * len(banners)), 1.6, 1.0]),
+        rrb.Vertical(*banners, above, bottom_row(camera, shown), row_shares=[*([0.13] * len(banners)), 1.6, 1.0]),
         rrb.Vertical(*right, row_shares=[5.2, 0.1 + 0.45 * len(strips)][: len(right)]),
         column_shares=[1.62, 1.0],
     )
@@ -276,8 +278,11 @@ def window(camera: Camera, shown: Contents, others: str, page: str = "") -> "rrb
 def blueprint(
     camera: Camera, shown: Contents = LEADER_ALONE, *, beside: Sequence[tuple[str, str]] = (), page: str = ""
 ) -> "rrb.Blueprint":
-    """The whole window for what a flight has had so far. `beside`: names of other estimators of the leader, and of
-    their colours; `page` is open among the plots, "": that of what flies."""
+    """Return the whole window for the contents of a flight so far.
+
+    `beside` lists the names of other estimators of the leader and of their colours. `page` is the open page of
+    plots; "" chooses it by the contents.
+    """
     others = "".join(f", {plain(name)} {colour}" for name, colour in beside)
     return rrb.Blueprint(
         window(camera, shown, others, page),

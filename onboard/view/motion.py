@@ -1,4 +1,4 @@
-"""From records to the quantities a view shows. Pure functions; NED, metres, seconds, radians."""
+"""Conversion of records to the quantities of the view, in NED, metres, seconds, radians."""
 
 from collections.abc import Sequence
 from typing import Final, NamedTuple
@@ -14,31 +14,30 @@ from onboard.units import S_PER_NS
 COMPONENTS = ("r_north", "r_east", "r_down", "v_north", "v_east", "v_down", "size", "a_lat", "a_long")
 
 
-OPEN_SHARE: Final = 0.1  # of the range: with a larger sigma the range is open
-OPEN_SIGMAS: Final = 2.0  # either side, where it is
+OPEN_RANGE_RATIO: Final = 0.1  # sigma over range, above which the range counts as open
+OPEN_RANGE_SIGMAS: Final = 2.0  # half width of its interval
 
 
 class LeaderArrays(NamedTuple):
-    """An estimate of the leader as arrays: mean (9,) in the order of COMPONENTS, covariance (9, 9); NaN where not
-    estimated."""
+    """An estimate of the leader as arrays, with NaN for components that are not estimated."""
 
     t_ns: int
-    mean: Array
-    covariance: Array
+    mean: Array  # (9,) in the order of COMPONENTS
+    covariance: Array  # (9, 9)
 
     @property
     def r(self) -> Array:
-        """Leader relative to follower, (3,) m."""
+        """The leader relative to the follower, (3,) m."""
         return self.mean[:3]
 
     @property
     def sigma(self) -> Array:
-        """Standard deviation of every component, (9,)."""
+        """The standard deviation of every component, (9,)."""
         return np.asarray(np.sqrt(np.clip(np.diag(self.covariance), 0.0, None)))
 
 
 def leader_state(estimate: Estimate) -> LeaderArrays | None:
-    """The state in an estimate; None if it has none, or if its relative position is not finite."""
+    """Return the state in an estimate, or None without a finite relative position."""
     if estimate.mean is None or estimate.covariance is None:
         return None
     order = {name: i for i, name in enumerate(estimate.components)}
@@ -55,17 +54,16 @@ def leader_state(estimate: Estimate) -> LeaderArrays | None:
 
 
 class RangeEstimate(NamedTuple):
-    """Range and its sigma, m; closing speed, m/s, positive when closing; the larger position sigma across the line
-    of sight, m."""
+    """The range and closing speed of the leader with their uncertainty."""
 
-    range: float
-    sigma: float
-    closing: float
-    sigma_across: float
+    range: float  # m
+    sigma: float  # m
+    closing: float  # m/s, positive when closing
+    sigma_across: float  # m, the larger position sigma across the line of sight
 
 
 def range_estimate(leader: LeaderArrays) -> RangeEstimate:
-    """The components of a state along and across the line of sight."""
+    """Return the components of a state along and across the line of sight."""
     distance = float(np.linalg.norm(leader.r))
     u = leader.r / max(distance, 1e-6)
     P = leader.covariance[:3, :3]
@@ -79,15 +77,15 @@ def range_estimate(leader: LeaderArrays) -> RangeEstimate:
 
 
 def open_interval(leader: LeaderArrays) -> tuple[float, float] | None:
-    """The nearest and the farthest range, m (95 %), where the estimate leaves the range open; else None."""
+    """Return the nearest and farthest range (m, 95 %) if the range is uncertain, else None."""
     r = range_estimate(leader)
-    if r.sigma <= OPEN_SHARE * r.range:
+    if r.sigma <= OPEN_RANGE_RATIO * r.range:
         return None
-    return max(r.range - OPEN_SIGMAS * r.sigma, 0.0), r.range + OPEN_SIGMAS * r.sigma
+    return max(r.range - OPEN_RANGE_SIGMAS * r.sigma, 0.0), r.range + OPEN_RANGE_SIGMAS * r.sigma
 
 
 def ellipsoid(P: Array, sigmas: float) -> tuple[Array, Array]:
-    """Half axes (3,), m, and rotation matrix (3, 3) of the `sigmas`-sigma ellipsoid of P (3, 3)."""
+    """Return half axes (3,), m, and rotation (3, 3) of the `sigmas`-sigma ellipsoid of P (3, 3)."""
     values, vectors = np.linalg.eigh(P)
     if np.linalg.det(vectors) < 0:  # eigenvectors have no sign; a rotation has
         vectors[:, 0] = -vectors[:, 0]
@@ -95,7 +93,7 @@ def ellipsoid(P: Array, sigmas: float) -> tuple[Array, Array]:
 
 
 def course_quaternion(v_n: ArrayLike) -> Array:
-    """Attitude (4,) of an aircraft flying straight along v_n (3,), wings level: a velocity shows no more."""
+    """Return the attitude (4,) of an aircraft in straight flight along v_n (3,), wings level."""
     north, east, down = np.asarray(v_n, dtype=float)
     return quaternion_from_euler(
         0.0, float(np.arctan2(-down, np.hypot(north, east))), float(np.arctan2(east, north))
@@ -103,24 +101,24 @@ def course_quaternion(v_n: ArrayLike) -> Array:
 
 
 def heading_quaternion(q_nb: ArrayLike) -> Array:
-    """The yaw of q_nb alone, (4,): level axes that turn with the nose."""
+    """Return the yaw of q_nb as a quaternion (4,): level axes that turn with the nose."""
     m = matrix_from_quaternion(q_nb)
     return quaternion_from_euler(0.0, 0.0, float(np.arctan2(m[1, 0], m[0, 0])))
 
 
 def own_position(pose: OwnPose, t_ns: int) -> Array:
-    """Our position r_OF_n (3,) at t_ns, extrapolated at constant velocity from the latest pose."""
+    """Extrapolate our position r_OF_n (3,) to t_ns at constant velocity from the latest pose."""
     dt = np.clip((t_ns - pose.t_ns) * S_PER_NS, -0.5, 0.5)
     return np.asarray(np.asarray(pose.r_OF_n, dtype=float) + dt * np.asarray(pose.v_F_n), dtype=float)
 
 
 def truth_vector(truth: Truth) -> Array:
-    """Truth (9,) in the order of COMPONENTS."""
+    """Return the truth (9,) in the order of COMPONENTS."""
     return np.array([*truth.r_FL_n, *truth.v_FL_n, truth.size, truth.a_lat, truth.a_long])
 
 
 def truth_at(history: Sequence[Truth], t_ns: int, longest_gap_ns: int = 200_000_000) -> Array | None:
-    """Truth (9,) at t_ns, linear between its neighbours in time-ordered `history`; None outside, or in a gap."""
+    """Interpolate the truth (9,) at t_ns in time-ordered `history`; None outside, or in a gap."""
     for before, after in zip(reversed(list(history)[:-1]), reversed(list(history)[1:]), strict=True):
         if before.t_ns <= t_ns <= after.t_ns:
             span = after.t_ns - before.t_ns

@@ -1,5 +1,7 @@
-"""Our own state: time series with the autopilot's estimate and, in a simulation, the truth; its headline, and our
-rotors with their faults."""
+"""Our own state: its time series and headline, and our rotors with their faults.
+
+The plots contain the autopilot's estimate and, in a simulation, the truth.
+"""
 
 import numpy as np
 
@@ -21,20 +23,18 @@ from onboard.view.columns import (
     tags,
     transforms,
 )
-from onboard.view.memory import Memory
+from onboard.view.memory import DRAW_RATE_HZ, STATUS_RATE_HZ, Memory
 from onboard.view.plots import GAP, banded
 from onboard.view.plots import plot_state as plot_strip
 
-PLOT_HZ = 25.0
-STATUS_HZ = 5.0
 ANGLE_NAMES = scene.OWN_NAMES[3:6]
 ERRORS = ("velocity_error", "attitude_error")
-WORDS_BELOW = 0.75  # of the rotors' panel, in spans
+LABEL_OFFSET = 0.75  # spans below the centre of the rotors' panel
 UNDISTURBED = Transform((0.0, 0.0, 0.0), UNROTATED_WXYZ, (1.0, 1.0, 1.0))
 
 
 def show_state(columns: Columns, memory: Memory, state: NavState, rotors: scene.Rotors) -> None:
-    """All changes of the view by one own state."""
+    """Apply all changes of the view for one own state."""
     plot_state(columns, memory, state)
     last_ns = memory.own_states[-1].t_ns if memory.own_states else state.t_ns
     memory.own_states.append(state)
@@ -45,19 +45,19 @@ def show_state(columns: Columns, memory: Memory, state: NavState, rotors: scene.
     named = [str(f.part or f.kind) for f in by_weight]
     plot_strip(columns, memory, "own_state", state.t_ns, state.state)
     plot_strip(columns, memory, "faults", state.t_ns, next(iter(named), palette.NO_FAULT))
-    if memory.due("own words", state.t_ns, STATUS_HZ):
+    if memory.is_due("own words", state.t_ns, STATUS_RATE_HZ):
         draw_words(columns, state)
         draw_rotors(columns, state, rotors)
 
 
 def draw_words(columns: Columns, state: NavState) -> None:
-    """The headline, red if we have a fault, and the same label at our vehicle."""
+    """Draw the headline, red if we have a fault, and the same label at our vehicle."""
     t_ns, wrong = state.t_ns, ", ".join(map(words.fault, state.faults))
     colour = palette.RED if wrong else palette.STATES[state.state]
     line = words.own_headline(state)
     columns.add(labels, f"{scene.OWN_BANNER}/words", t_ns, ImagePoints(np.zeros((1, 2)), colour, line))
     columns.add(colours_2d, f"{scene.OWN_BANNER}/bar", t_ns, palette.shade(colour, 0.35))
-    below = ImagePoints(np.array([[0.0, WORDS_BELOW]]), colour, words.plain(wrong or palette.NO_FAULT))
+    below = ImagePoints(np.array([[0.0, LABEL_OFFSET]]), colour, words.plain(wrong or palette.NO_FAULT))
     columns.add(labels, f"{scene.ROTORS_PATH}/words", t_ns, below)
     if wrong:
         columns.add(tags, scene.OWN_TAG, t_ns, (np.array([0.0, 0.0, 1.2]), colour, words.plain(wrong)))
@@ -66,7 +66,7 @@ def draw_words(columns: Columns, state: NavState) -> None:
 
 
 def draw_rotors(columns: Columns, state: NavState, rotors: scene.Rotors) -> None:
-    """Each rotor in the colour of its health, with its loss of thrust."""
+    """Draw each rotor in the colour of its health, with its loss of thrust."""
     if not rotors:
         return
     lost = {f.part: f.magnitude for f in state.faults if f.kind is FaultKind.MOTOR}
@@ -80,7 +80,7 @@ def draw_rotors(columns: Columns, state: NavState, rotors: scene.Rotors) -> None
 
 
 def plot_error(columns: Columns, memory: Memory, truth: Truth) -> None:
-    """Errors of velocity (m/s) and attitude (degrees, about b's axes) at the time of a truth."""
+    """Plot the errors of velocity (m/s) and attitude (degrees, about b's axes) at the time of a truth."""
     state = nav_state_at(list(memory.own_states), truth.t_ns)
     if state is None or state.mean is None or state.q_nb is None:
         return
@@ -90,9 +90,9 @@ def plot_error(columns: Columns, memory: Memory, truth: Truth) -> None:
 
 
 def plot_state(columns: Columns, memory: Memory, state: NavState) -> None:
-    """Velocity, attitude (degrees) and height with their bands; the share outside the boundary layer; quality."""
+    """Plot velocity, attitude (degrees), height, model error and quality, with their bands."""
     t_ns = state.t_ns
-    if not memory.due("own state", t_ns, PLOT_HZ):
+    if not memory.is_due("own state", t_ns, DRAW_RATE_HZ):
         return
     shares = [100 * (state.switch_fraction or 0.0), float(state.quality)]
     columns.add(scalars, "plots/own/trust", t_ns, np.array(shares))
@@ -114,13 +114,13 @@ def plot_state(columns: Columns, memory: Memory, state: NavState) -> None:
 
 
 def plot_autopilot(columns: Columns, memory: Memory, pose: OwnPose) -> None:
-    """The autopilot's estimate of the same quantities, once there is one of ours."""
-    if "own state" in memory.drawn_ns and memory.due("own autopilot", pose.t_ns, PLOT_HZ):
+    """Plot the autopilot's estimate of the same quantities, once there is one of ours."""
+    if "own state" in memory.drawn_ns and memory.is_due("own autopilot", pose.t_ns, DRAW_RATE_HZ):
         _add(columns, "autopilot", pose.t_ns, pose.v_F_n, pose.q_nb, pose.r_OF_n[2])
 
 
 def plot_truth(columns: Columns, memory: Memory, truth: Truth) -> None:
-    """The truth of the same quantities, and the errors of the state at that time."""
+    """Plot the truth of the same quantities, and the errors of the state at that time."""
     if "own state" in memory.drawn_ns:
         _add(columns, "truth", truth.t_ns, truth.v_F_n, truth.q_nF, truth.r_OF_n[2])
         if memory.own_states and truth.t_ns <= memory.own_states[-1].t_ns:

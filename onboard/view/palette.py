@@ -1,4 +1,4 @@
-"""Colours: one meaning each, the same in every panel. RGB, or RGBA where it is translucent."""
+"""Colours, each with one meaning in every panel, as RGB, or RGBA where translucent."""
 
 from onboard.messages import FaultKind, Lifecycle, Verdict
 
@@ -61,11 +61,11 @@ VERDICTS: dict[str, Colour] = {
 }
 
 NO_FAULT = "no fault"
-MOST_MOTORS = 12
+MAX_MOTOR_NUMBER = 12
 
 FAULTS: dict[str, Colour] = {  # by the part where there is one, else by the kind
     NO_FAULT: DARK,
-    **{f"motor {k}": RED for k in range(1, MOST_MOTORS + 1)},
+    **{f"motor {k}": RED for k in range(1, MAX_MOTOR_NUMBER + 1)},
     FaultKind.MASS: RED,
     FaultKind.GUST: VIOLET,
     FaultKind.OUTLIERS: AMBER,
@@ -73,6 +73,6 @@ FAULTS: dict[str, Colour] = {  # by the part where there is one, else by the kin
 
 
 def shade(colour: Colour, brightness: float) -> Colour:
-    """The same hue, darker."""
+    """Return the same hue, darker."""
     red, green, blue = (round(brightness * c) for c in colour[:3])
     return red, green, blue

@@ -1,4 +1,4 @@
-"""Records into time series."""
+"""Drawing of records as time series."""
 
 import numpy as np
 
@@ -27,12 +27,12 @@ OUR_ESTIMATOR = ""  # the view's own estimator, among those waiting for a truth
 
 
 def banded(value: float, sigma: float) -> Array:
-    """A value and its band's edges, (3,)."""
+    """Return a value and the edges of its band, (3,)."""
     return np.array([value, value + scene.SIGMAS * sigma, value - scene.SIGMAS * sigma])
 
 
 def plot_leader(columns: Columns, memory: Memory, t_ns: int, leader: LeaderArrays | None) -> None:
-    """Range and components with their bands; gaps without a state."""
+    """Plot range and components with their bands; gaps without a state."""
     if leader is None:
         for name in ("range", *QUANTITIES.values()):
             columns.add(scalars, f"plots/{name}/estimate", t_ns, GAP)
@@ -45,7 +45,7 @@ def plot_leader(columns: Columns, memory: Memory, t_ns: int, leader: LeaderArray
 
 
 def plot_truth(columns: Columns, truth: Truth) -> None:
-    """The true values of the same quantities."""
+    """Plot the true values of the same quantities."""
     values = truth_vector(truth)
     columns.add(scalars, "plots/range/truth", truth.t_ns, float(np.linalg.norm(values[:3])))
     for k, name in QUANTITIES.items():
@@ -53,7 +53,7 @@ def plot_truth(columns: Columns, truth: Truth) -> None:
 
 
 def plot_errors(columns: Columns, memory: Memory) -> None:
-    """Errors of waiting states of all estimators of the leader, once the truth has reached their time."""
+    """Plot the errors of waiting states once the truth has reached their time."""
     newest = memory.truths[-1].t_ns if memory.truths else None
     for name, waiting in memory.waiting.items():
         while waiting and newest is not None and waiting[0].t_ns <= newest:
@@ -67,7 +67,7 @@ def plot_errors(columns: Columns, memory: Memory) -> None:
 
 
 def _plot_error(columns: Columns, name: str, leader: LeaderArrays, r: Array) -> None:
-    """The error of a state where the leader truly is at `r` (3,) m: ours with its band, another's without."""
+    """Plot the error of a state with the true position `r` (3,) m; only ours has a band."""
     ours = range_estimate(leader)
     errors = [ours.range - float(np.linalg.norm(r)), *(leader.r - r)]
     for plot, error, sigma in zip(ERROR_PLOTS, errors, (ours.sigma, *leader.sigma[:3]), strict=True):
@@ -79,7 +79,7 @@ def _plot_error(columns: Columns, name: str, leader: LeaderArrays, r: Array) -> 
 
 
 def plot_report(columns: Columns, memory: Memory, report: MeasurementReport, stream: "rr.RecordingStream") -> None:
-    """Innovations in sigmas with gates at three, and the NIS as a share of its gate."""
+    """Plot innovations in sigmas with gates at three, and the NIS as a share of its gate."""
     t_ns = report.t_ns
     if report.innovation is not None and report.innovation_sigma is not None:
         sigma = np.asarray(report.innovation_sigma, dtype=float)
@@ -100,39 +100,39 @@ def plot_report(columns: Columns, memory: Memory, report: MeasurementReport, str
 
 
 def plot_health(columns: Columns, memory: Memory, health: Health, stream: "rr.RecordingStream") -> None:
-    """The rate of every stream, Hz."""
+    """Plot the rate of every stream, Hz."""
     for name, one in health.streams.items():
         columns.add(scalars, _line(memory, stream, "rate", name), health.t_ns, one.rate)
 
 
 def plot_consistency(columns: Columns, memory: Memory, health: Health, stream: "rr.RecordingStream") -> None:
-    """The mean NIS of each source over its expectation, and the bounds of the last."""
+    """Plot the mean NIS of each source over its expectation, and the bounds of the last."""
     for name, one in health.consistency.items():
         columns.add(scalars, _line(memory, stream, "consistency", name), health.t_ns, one.nis)
         columns.add(scalars, "plots/consistency/bounds", health.t_ns, np.array([one.low, one.high]))
 
 
 def plot_state(columns: Columns, memory: Memory, strip: str, t_ns: int, state: str) -> None:
-    """A strip's new state, if it is new."""
+    """Add a new state to a strip if it has changed."""
     if memory.shown.get(strip) != state:
         memory.shown[strip] = state
         columns.add(states, strip, t_ns, state)
 
 
 def plot_no_image(columns: Columns, memory: Memory, t_ns: int) -> None:
-    """A gap in the innovations while there are no images."""
-    if memory.innovations and memory.due("no innovation", t_ns, 2.0):
+    """Plot a gap in the innovations while there are no images."""
+    if memory.innovations and memory.is_due("no innovation", t_ns, 2.0):
         columns.add(scalars, "plots/innovation/value", t_ns, np.full(memory.innovations, np.nan))
 
 
 def plot_age(columns: Columns, estimate: Estimate) -> None:
-    """How long ago an image was fused, s."""
+    """Plot the age of the last fused image, s."""
     age = estimate.age
     columns.add(scalars, "plots/age", estimate.t_ns, np.nan if age is None else age)
 
 
 def _line(memory: Memory, stream: "rr.RecordingStream", plot: str, name: str) -> str:
-    """The entity of a line of a plot, which gets its look when it is first drawn."""
+    """Return the entity of a curve, and set its style when it is first drawn."""
     entity = f"plots/{plot}/{rr.escape_entity_path_part(name)}"
     if entity not in memory.rates:
         stream.log(entity, rr.SeriesLines(names=plain(name), widths=1.5), static=True)

@@ -1,4 +1,4 @@
-"""The parts that do not change during a flight: shapes, colours, names of curves. Logged once, without a time.
+"""The static parts of the view: shapes, colours, names of curves; logged once, without a time.
 
 The scene's origin is the follower F, its axes are NED, so that both aircraft stay in front of the eye while they
 cross the country. Below it, `scene/ground` is at the EKF origin O and carries the trails.
@@ -49,8 +49,8 @@ MOVING = (
 )
 
 SIGMAS = 3.0
-GRID_CELL = 10.0
-ENLARGEMENT = 2.0  # of the leader in the chase view, where it is far from the eye
+GRID_SPACING = 10.0  # m
+LEADER_SCALE = 2.0  # in the chase view, where the leader is far from the eye
 FOLLOWER_SPAN = 2.0  # m, of the glyph: the real one is unknown
 VELOCITY_SCALE = 0.3  # s: a velocity arrow is as long as the way flown in this time
 
@@ -62,7 +62,7 @@ BAND_CURVES: list[Curve] = [("+3σ", palette.BAND_COLOUR, 1.0), ("-3σ", palette
 
 
 def with_band(name: str = "estimate", colour: palette.Colour = palette.ESTIMATE) -> list[Curve]:
-    """Curves of a quantity and its band."""
+    """Return the curves of a quantity and its band."""
     return [(name, colour, 2.0), *BAND_CURVES]
 
 
@@ -97,7 +97,7 @@ PLOTS: dict[str, list[Curve]] = {
 
 
 def log_curves(stream: "rr.RecordingStream", entity: str, curves: list[Curve]) -> None:
-    """Names, colours and widths of the curves of one plot entity."""
+    """Log names, colours and widths of the curves of one plot entity."""
     style = rr.SeriesLines(
         names=[name for name, _, _ in curves],
         colors=[colour for _, colour, _ in curves],
@@ -107,7 +107,7 @@ def log_curves(stream: "rr.RecordingStream", entity: str, curves: list[Curve]) -
 
 
 def log_plots(stream: "rr.RecordingStream") -> None:
-    """The style of every plot and of the strips of states."""
+    """Log the style of every plot and of the strips of states."""
     for entity, curves in PLOTS.items():
         log_curves(stream, entity, curves)
     points = rr.SeriesPoints(names="NIS", colors=palette.ESTIMATE, marker_sizes=2.5)
@@ -126,7 +126,7 @@ def log_plots(stream: "rr.RecordingStream") -> None:
 
 
 def log_mesh(stream: "rr.RecordingStream", entity: str, mesh: shapes.Mesh, colour: palette.Colour) -> None:
-    """A shape in one colour."""
+    """Log a shape in one colour."""
     body = rr.Mesh3D(vertex_positions=mesh.vertices, vertex_normals=mesh.normals, albedo_factor=colour)
     stream.log(entity, body, static=True)
 
@@ -134,24 +134,24 @@ def log_mesh(stream: "rr.RecordingStream", entity: str, mesh: shapes.Mesh, colou
 def log_lines(
     stream: "rr.RecordingStream", entity: str, strips: list[np.ndarray], colour: palette.Colour, width: float
 ) -> None:
-    """Lines of a width in screen points, whatever the scale they are drawn at."""
+    """Log lines with a width in screen points, independent of their scale."""
     lines = rr.LineStrips3D(strips, colors=colour, radii=rr.Radius.ui_points(width))
     stream.log(entity, lines, static=True)
 
 
 def image_size(camera: Camera) -> tuple[float, float]:
-    """Width and height of the image, px."""
+    """Return width and height of the image, px."""
     return float(camera.width_px), float(camera.height_px)
 
 
 def magnifier(camera: Camera) -> tuple[float, float, float, float]:
-    """Left, top, width and height, px, of the magnifier: a strip below the image, half as high."""
+    """Return left, top, width and height, px, of the magnifier below the image."""
     w, h = image_size(camera)
     return 0.0, 1.04 * h, w, 0.5 * h
 
 
 def log_camera(stream: "rr.RecordingStream", camera: Camera) -> None:
-    """The camera's mount and field of view, and the frame of its image."""
+    """Log the camera's mount and field of view, and the frame of its image."""
     q = quaternion_from_matrix(camera.R_bc)
     mount = rr.Transform3D(translation=camera.r_FC_b, quaternion=rr.Quaternion(xyzw=q[[1, 2, 3, 0]]))
     lens = rr.Pinhole(
@@ -172,20 +172,20 @@ def log_camera(stream: "rr.RecordingStream", camera: Camera) -> None:
 
 
 def rectangle(x: float, y: float, w: float, h: float) -> list[tuple[float, float]]:
-    """The closed outline of a rectangle from its upper left corner."""
+    """Return the closed outline of a rectangle from its upper left corner."""
     return [(x, y), (x + w, y), (x + w, y + h), (x, y + h), (x, y)]
 
 
 def log_frame(
     stream: "rr.RecordingStream", entity: str, strips: list[list[tuple[float, float]]], width: float = 0.7
 ) -> None:
-    """Thin lines that frame an image."""
+    """Log thin lines that frame an image."""
     lines = rr.LineStrips2D(strips, colors=palette.FAINT, radii=rr.Radius.ui_points(width))
     stream.log(entity, lines, static=True)
 
 
 def log_image_styles(stream: "rr.RecordingStream") -> None:
-    """Sizes of marks in the image and its magnifier; positions and colours come with the records."""
+    """Log sizes of marks in image and magnifier; records bring positions and colours."""
     hair = rr.Radius.ui_points(0.8)
     for place, size in ((CAMERA, 2.2), (MAGNIFIER, 3.5)):
         dots = rr.Points2D.from_fields(radii=rr.Radius.ui_points(size), draw_order=30.0)
@@ -199,16 +199,16 @@ def log_image_styles(stream: "rr.RecordingStream") -> None:
 
 
 def log_aircraft(stream: "rr.RecordingStream", rotors: Rotors) -> None:
-    """The shapes of both aircraft, their arrows, the uncertainty, the grid and the style of the trails."""
+    """Log both aircraft, arrows, uncertainty, the grid and the style of the trails."""
     glass = (*palette.ESTIMATE[:3], 150)  # along the line of sight the ellipsoid lies inside the fuselage
     for entity in (TRUE_SIZE, ENLARGED):
         log_mesh(stream, f"{entity}/body", shapes.aeroplane(), glass)
         log_lines(stream, f"{entity}/outline", shapes.aeroplane_outline(), palette.ESTIMATE, 0.8)
-    stream.log(ENLARGED, rr.Transform3D(scale=ENLARGEMENT), static=True)
+    stream.log(ENLARGED, rr.Transform3D(scale=LEADER_SCALE), static=True)
     log_lines(stream, f"{LEADER_TRUTH}/shape", shapes.aeroplane_outline(), palette.TRUTH, 0.5)
     log_mesh(stream, f"{FOLLOWER}/shape/mesh", shapes.multirotor(rotors), palette.OWN_COLOUR)
     for k, hub in enumerate(shapes.hubs(rotors) if rotors else ()):
-        log_mesh(stream, f"{WEAK}/{k}/disc", shapes.disc(hub, 1.1 * shapes.DISC, 0.03), palette.RED)
+        log_mesh(stream, f"{WEAK}/{k}/disc", shapes.disc(hub, 1.1 * shapes.ROTOR_RADIUS, 0.03), palette.RED)
     stream.log(f"{FOLLOWER}/shape", rr.Transform3D(scale=FOLLOWER_SPAN), static=True)
     for entity in (FOLLOWER, f"{FOLLOWER}/shape", CAMERA, LEADER_PATH, ENLARGED):
         # the viewer draws axes for entities that are only a pose
@@ -222,7 +222,7 @@ def log_aircraft(stream: "rr.RecordingStream", rotors: Rotors) -> None:
         line_radii=rr.Radius.ui_points(0.6),
     )
     stream.log(f"{UNCERTAINTY}/ellipsoid", ball, static=True)
-    log_lines(stream, f"{GRID_PATH}/lines", shapes.grid(GRID_CELL, 8), palette.GRID_COLOUR, 0.5)
+    log_lines(stream, f"{GRID_PATH}/lines", shapes.grid(GRID_SPACING, 8), palette.GRID_COLOUR, 0.5)
     colours = {"own": palette.OWN_COLOUR, "estimate": palette.ESTIMATE, "truth": palette.TRUTH}
     for name, entity in TRAILS.items():
         width = rr.Radius.ui_points(0.6 if name == "truth" else 1.2)
@@ -239,18 +239,18 @@ def log_aircraft(stream: "rr.RecordingStream", rotors: Rotors) -> None:
 
 
 def log_rotors(stream: "rr.RecordingStream", rotors: Rotors) -> None:
-    """Our vehicle from above, the nose up: arms, a circle for each rotor, an arrow. Colours come with records."""
+    """Log our vehicle from above, nose up, with a circle for each rotor."""
     places = np.array([(y, -x) for x, y in shapes.hubs(rotors)]) if rotors else np.zeros((0, 2))
     log_frame(stream, f"{ROTORS_PATH}/arms", [[(0.0, 0.0), (x, y)] for x, y in places.tolist()], 2.0)
     log_frame(stream, f"{ROTORS_PATH}/nose", [[(-0.06, -0.14), (0.0, -0.24), (0.06, -0.14)]], 2.0)
-    discs = rr.Points2D.from_fields(positions=places, radii=shapes.DISC, show_labels=True, draw_order=30.0)
+    discs = rr.Points2D.from_fields(positions=places, radii=shapes.ROTOR_RADIUS, show_labels=True, draw_order=30.0)
     stream.log(f"{ROTORS_PATH}/discs", discs, static=True)
     words = rr.Points2D.from_fields(radii=0.0, show_labels=True, draw_order=50.0)
     stream.log(f"{ROTORS_PATH}/words", words, static=True)
 
 
 def log_banner(stream: "rr.RecordingStream") -> None:
-    """Bars across the top in the colours of the states, and the headlines on them."""
+    """Log bars across the top in the colours of the states, and the headlines on them."""
     for banner in (BANNER, OWN_BANNER):
         stream.log(f"{banner}/bar", rr.LineStrips2D([[(-4000, 0), (4000, 0)]], radii=40.0), static=True)
         words = rr.Points2D.from_fields(radii=0.0, show_labels=True, draw_order=50.0)
@@ -258,7 +258,7 @@ def log_banner(stream: "rr.RecordingStream") -> None:
 
 
 def log_static(stream: "rr.RecordingStream", camera: Camera, rotors: Rotors = ()) -> None:
-    """Everything that does not change. `rotors` are our vehicle's, none where they are unknown."""
+    """Log everything that does not change; `rotors` are our vehicle's, none if unknown."""
     for entity in (SCENE, HEADING, AROUND_LEADER):
         stream.log(entity, rr.ViewCoordinates.FRD, static=True)
     log_aircraft(stream, rotors)

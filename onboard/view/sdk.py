@@ -1,4 +1,7 @@
-"""Rerun, or an error that says how to install it. The package imports `rr` and `rrb` from here."""
+"""Import of Rerun, with an error that says how to install it.
+
+The package imports `rr` and `rrb` from here.
+"""
 
 from onboard import UserError
 

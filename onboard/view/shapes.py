@@ -1,4 +1,4 @@
-"""Shapes of the things drawn: triangles and lines in body axes (FRD), metres for a span of one metre."""
+"""Shapes as triangles and lines in body axes (FRD), in metres for a span of one metre."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -11,14 +11,14 @@ from onboard.arrays import Array
 
 
 class Mesh(NamedTuple):
-    """Triangles: vertices (3 n, 3), three to a triangle and none shared, and their normals (3 n, 3)."""
+    """Triangles with vertices (3 n, 3), none shared, and their normals (3 n, 3)."""
 
     vertices: Array
     normals: Array
 
 
 def flat_mesh(triangles: ArrayLike) -> Mesh:
-    """Mesh with one normal per triangle of triangles (n, 3, 3): edges look sharp and need no material."""
+    """Return the mesh of triangles (n, 3, 3) with one normal each, so that edges look sharp."""
     t = np.asarray(triangles, dtype=float)
     normals = np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
@@ -26,7 +26,7 @@ def flat_mesh(triangles: ArrayLike) -> Mesh:
 
 
 def merge(*meshes: Mesh) -> Mesh:
-    """One mesh of several."""
+    """Join several meshes."""
     return Mesh(
         vertices=np.concatenate([m.vertices for m in meshes]),
         normals=np.concatenate([m.normals for m in meshes]),
@@ -34,7 +34,7 @@ def merge(*meshes: Mesh) -> Mesh:
 
 
 def plate(outline: ArrayLike, thickness: ArrayLike) -> Mesh:
-    """Convex polygon outline (n, 3) thickened by the vector `thickness` (3,), half to either side."""
+    """Thicken a convex polygon (n, 3) by the vector `thickness` (3,), half to either side."""
     points, half = np.asarray(outline, dtype=float), np.asarray(thickness, dtype=float) / 2
     top, bottom = points + half, points - half
     n = len(points)
@@ -47,7 +47,7 @@ def plate(outline: ArrayLike, thickness: ArrayLike) -> Mesh:
 
 
 def spindle(x: ArrayLike, radius: ArrayLike, sides: int = 10) -> Mesh:
-    """Body of revolution about the forward axis: radii (n,) at stations x (n,)."""
+    """Return a body of revolution about the forward axis: radii (n,) at stations x (n,)."""
     angle = np.linspace(0, 2 * np.pi, sides + 1)
     ring = np.stack([np.zeros_like(angle), np.cos(angle), np.sin(angle)], axis=1)
     rings = [np.array([a, 0, 0]) + r * ring for a, r in zip(np.asarray(x), np.asarray(radius), strict=True)]
@@ -64,7 +64,7 @@ FIN = [(-0.38, 0, 0), (-0.5, 0, -0.18), (-0.56, 0, -0.18), (-0.54, 0, 0)]
 
 
 def aeroplane() -> Mesh:
-    """A fixed-wing aircraft of span 1, its origin at the middle of the wing."""
+    """Return a fixed-wing aircraft of span 1, its origin at the middle of the wing."""
     return merge(
         plate(WING, (0, 0, 0.025)),
         plate(TAILPLANE, (0, 0, 0.02)),
@@ -74,30 +74,30 @@ def aeroplane() -> Mesh:
 
 
 def aeroplane_outline() -> list[Array]:
-    """Line strips of the same aircraft, to lay over it."""
+    """Return line strips of the same aircraft, to lay over it."""
     closed = [np.array([*part, part[0]], dtype=float) for part in (WING, TAILPLANE, FIN)]
     return [*closed, np.array([(0.42, 0, 0), (-0.55, 0, 0)], dtype=float)]
 
 
 HUBS = ((0.31, 0.31), (0.31, -0.31), (-0.31, 0.31), (-0.31, -0.31))
-DISC = 0.19  # radius of a rotor
+ROTOR_RADIUS = 0.19  # for a span of 1
 
 
 def hubs(rotors: Sequence[Sequence[float]]) -> Array:
-    """Where the hubs of rotors at (forward, right, ...) are in a glyph of span 1, (n, 2); if unknown, as an X."""
+    """Return the positions (n, 2) of rotor hubs in a glyph of span 1; an X if unknown."""
     places = np.array([(x, y) for x, y, *_ in rotors] or HUBS, dtype=float)
     return np.asarray(places * (np.hypot(*HUBS[0]) / np.max(np.hypot(places[:, 0], places[:, 1]))))
 
 
-def disc(hub: ArrayLike, radius: float = DISC, thickness: float = 0.012) -> Mesh:
-    """A rotor over its hub (2,), as the disc that it sweeps."""
+def disc(hub: ArrayLike, radius: float = ROTOR_RADIUS, thickness: float = 0.012) -> Mesh:
+    """Return a rotor over its hub (2,), as the disc that it sweeps."""
     angle = np.linspace(0, 2 * np.pi, 17)[:-1]
     rim = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
     return plate(np.array([*np.asarray(hub), -0.05]) + rim, (0, 0, thickness))
 
 
 def multirotor(rotors: Sequence[Sequence[float]] = ()) -> Mesh:
-    """A multirotor of span 1, its nose forward, with its rotors where they are; a quadrotor's X if unknown."""
+    """Return a multirotor of span 1, nose forward, with its rotors; a quadrotor if unknown."""
     parts = [spindle([0.24, 0.18, 0.0, -0.2, -0.24], [0.0, 0.09, 0.11, 0.08, 0.0], sides=8)]
     for x, y in hubs(rotors):
         length = max(float(np.hypot(x, y)), 1e-9)
@@ -108,7 +108,7 @@ def multirotor(rotors: Sequence[Sequence[float]] = ()) -> Mesh:
 
 
 def grid(cell: float, cells: int) -> list[Array]:
-    """Lines of a square horizontal grid, `cells` to either side of the origin, `cell` metres apart."""
+    """Return the lines of a horizontal grid, `cells` to either side, `cell` metres apart."""
     lines = []
     steps = np.arange(-cells, cells + 1) * cell
     for k in steps:

@@ -1,4 +1,4 @@
-"""Records into the 3-D scene: positions, attitudes, trails. NED metres, the follower at the origin."""
+"""Drawing of records in the 3-D scene, in NED metres with the follower at the origin."""
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from onboard.view.columns import (
     tags,
     transforms,
 )
-from onboard.view.memory import Memory
+from onboard.view.memory import DRAW_RATE_HZ, Memory
 from onboard.view.motion import (
     LeaderArrays,
     course_quaternion,
@@ -27,12 +27,11 @@ from onboard.view.motion import (
     own_position,
 )
 
-SCENE_HZ = 25.0
-TRAIL_HZ = 5.0
-TAG_ABOVE = 3.0  # m, so as not to cover the leader
+TRAIL_RATE_HZ = 5.0
+TAG_OFFSET = 3.0  # m above the leader, so as not to cover it
 ORIGIN = (0.0, 0.0, 0.0)
-ONE = (1.0, 1.0, 1.0)
-FRESH_NS = 500_000_000  # an older attitude of the truth is not used
+UNIT_SCALE = (1.0, 1.0, 1.0)
+MAX_TRUTH_AGE_NS = 500_000_000  # for its attitude to be used
 NO_LINE = np.zeros((0, 3))
 
 
@@ -41,12 +40,12 @@ def hide_everything(columns: Columns, t_ns: int) -> None:
     for entity in scene.MOVING:
         columns.add(transforms, entity, t_ns, HIDDEN)
     for entity in (scene.HEADING, scene.AROUND_LEADER):  # a camera needs a frame of some size
-        columns.add(transforms, entity, t_ns, Transform(ORIGIN, UNROTATED_WXYZ, ONE))
+        columns.add(transforms, entity, t_ns, Transform(ORIGIN, UNROTATED_WXYZ, UNIT_SCALE))
 
 
 def extend_trail(columns: Columns, memory: Memory, name: str, t_ns: int, position: Array) -> None:
-    """One more piece of a trail, from where it ended to `position`, (3,) m from the EKF origin."""
-    if not memory.due(f"trail {name}", t_ns, TRAIL_HZ):
+    """Extend a trail from its end to `position`, (3,) m from the EKF origin."""
+    if not memory.is_due(f"trail {name}", t_ns, TRAIL_RATE_HZ):
         return
     end = memory.trail.get(name)
     memory.trail[name] = tuple(float(x) for x in position)
@@ -55,12 +54,12 @@ def extend_trail(columns: Columns, memory: Memory, name: str, t_ns: int, positio
 
 
 def arrow(origin: Array, v_n: Array) -> Transform:
-    """The pose of an arrow of unit length that shows the velocity v_n (3,)."""
+    """Return the pose of an arrow of unit length that shows the velocity v_n (3,)."""
     return Transform(origin, course_quaternion(v_n), np.full(3, scene.VELOCITY_SCALE * float(np.linalg.norm(v_n))))
 
 
 def draw_own(columns: Columns, memory: Memory, pose: OwnPose) -> None:
-    """Our attitude, our velocity, and the ground passing below."""
+    """Draw our attitude, our velocity, and the ground that passes below."""
     t_ns, position = pose.t_ns, np.asarray(pose.r_OF_n, dtype=float)
     if not (
         np.all(np.isfinite(position))
@@ -70,30 +69,32 @@ def draw_own(columns: Columns, memory: Memory, pose: OwnPose) -> None:
     ):
         return
     memory.own = pose
-    if not memory.due("own", t_ns, SCENE_HZ):
+    if not memory.is_due("own", t_ns, DRAW_RATE_HZ):
         return
-    columns.add(transforms, scene.FOLLOWER, t_ns, Transform(ORIGIN, pose.q_nb, ONE))
-    columns.add(transforms, scene.HEADING, t_ns, Transform(ORIGIN, heading_quaternion(pose.q_nb), ONE))
+    columns.add(transforms, scene.FOLLOWER, t_ns, Transform(ORIGIN, pose.q_nb, UNIT_SCALE))
+    columns.add(transforms, scene.HEADING, t_ns, Transform(ORIGIN, heading_quaternion(pose.q_nb), UNIT_SCALE))
     columns.add(transforms, scene.OWN_VELOCITY_PATH, t_ns, arrow(np.zeros(3), np.asarray(pose.v_F_n, dtype=float)))
-    columns.add(transforms, scene.GROUND, t_ns, Transform(-position, UNROTATED_WXYZ, ONE))
+    columns.add(transforms, scene.GROUND, t_ns, Transform(-position, UNROTATED_WXYZ, UNIT_SCALE))
     # the grid is endless, so a whole number of cells may be left out
-    shift = -np.mod(position, scene.GRID_CELL)
-    columns.add(transforms, scene.GRID_PATH, t_ns, Transform((shift[0], shift[1], 0.0), UNROTATED_WXYZ, ONE))
+    shift = -np.mod(position, scene.GRID_SPACING)
+    columns.add(
+        transforms, scene.GRID_PATH, t_ns, Transform((shift[0], shift[1], 0.0), UNROTATED_WXYZ, UNIT_SCALE)
+    )
     extend_trail(columns, memory, "own", t_ns, position)
 
 
 def draw_truth(columns: Columns, memory: Memory, truth: Truth) -> None:
-    """The true leader: an outline over the estimate."""
+    """Draw the true leader as an outline over the estimate."""
     r = np.asarray(truth.r_FL_n, dtype=float)
-    if not (np.all(np.isfinite(r)) and memory.due("truth", truth.t_ns, SCENE_HZ)):
+    if not (np.all(np.isfinite(r)) and memory.is_due("truth", truth.t_ns, DRAW_RATE_HZ)):
         return
     columns.add(transforms, scene.LEADER_TRUTH, truth.t_ns, Transform(r, truth.q_nL, np.full(3, truth.size)))
     extend_trail(columns, memory, "truth", truth.t_ns, np.asarray(truth.r_OL_n, dtype=float))
 
 
 def leader_attitude(memory: Memory, t_ns: int, v_L_n: Array) -> Array:
-    """Attitude (4,) of the true leader in a simulation; else wings level along its course: none is estimated."""
-    if memory.truths and abs(t_ns - memory.truths[-1].t_ns) < FRESH_NS:
+    """Return the attitude (4,) of the true leader, else wings level along its course."""
+    if memory.truths and abs(t_ns - memory.truths[-1].t_ns) < MAX_TRUTH_AGE_NS:
         return np.asarray(memory.truths[-1].q_nL, dtype=float)
     return course_quaternion(v_L_n if np.all(np.isfinite(v_L_n)) else np.array([1.0, 0.0, 0.0]))
 
@@ -108,9 +109,9 @@ def hide_leader(columns: Columns, t_ns: int) -> None:
 
 
 def draw_leader(columns: Columns, memory: Memory, estimate: Estimate, leader: LeaderArrays | None) -> None:
-    """The estimated leader, its uncertainty and velocity, and lines from it to us and to the grid."""
+    """Draw the estimated leader, its uncertainty and velocity, and lines to us and to the grid."""
     t_ns = estimate.t_ns
-    if not memory.due("leader", t_ns, SCENE_HZ):
+    if not memory.is_due("leader", t_ns, DRAW_RATE_HZ):
         return
     if leader is None:
         hide_leader(columns, t_ns)
@@ -128,10 +129,10 @@ def draw_leader(columns: Columns, memory: Memory, estimate: Estimate, leader: Le
     elif np.all(np.isfinite(v_L_n)):
         columns.add(transforms, scene.LEADER_VELOCITY, t_ns, arrow(r, v_L_n))
     half_axes, axes = ellipsoid(leader.covariance[:3, :3], scene.SIGMAS)
-    columns.add(transforms, scene.UNCERTAINTY, t_ns, Transform(r, quaternion_from_matrix(axes), ONE))
+    columns.add(transforms, scene.UNCERTAINTY, t_ns, Transform(r, quaternion_from_matrix(axes), UNIT_SCALE))
     columns.add(ellipsoids, f"{scene.UNCERTAINTY}/ellipsoid", t_ns, half_axes)
     q_heading = UNROTATED_WXYZ if memory.own is None else heading_quaternion(memory.own.q_nb)
-    columns.add(transforms, scene.AROUND_LEADER, t_ns, Transform(r, q_heading, ONE))
+    columns.add(transforms, scene.AROUND_LEADER, t_ns, Transform(r, q_heading, UNIT_SCALE))
     columns.add(lines_3d, scene.SIGHT_LINE, t_ns, np.array([np.zeros(3), r]))
     columns.add(lines_3d, scene.DROP_LINE, t_ns, np.array([r, [r[0], r[1], 0.0]]))
     if memory.own is not None and not ends:
@@ -139,7 +140,7 @@ def draw_leader(columns: Columns, memory: Memory, estimate: Estimate, leader: Le
 
 
 def draw_open_range(columns: Columns, t_ns: int, body: Transform, ends: tuple[float, float] | None) -> None:
-    """Where the range is open, from `ends[0]` to `ends[1]` m: a line between, and an outline at either end."""
+    """Draw an uncertain range as a line from `ends[0]` to `ends[1]` m with an outline at each end."""
     if ends is None:
         for entity in scene.OPEN_ENDS:
             columns.add(transforms, entity, t_ns, HIDDEN)
@@ -153,7 +154,7 @@ def draw_open_range(columns: Columns, t_ns: int, body: Transform, ends: tuple[fl
 
 
 def draw_tag(columns: Columns, t_ns: int, leader: LeaderArrays, colour: palette.Colour, text: str) -> None:
-    """A label above the leader, or above the nearest place where its range is open."""
+    """Draw a label above the leader, or above its nearest position if the range is uncertain."""
     ends = open_interval(leader)
     place = leader.r if ends is None else leader.r * ends[0] / max(float(np.linalg.norm(leader.r)), 1e-6)
-    columns.add(tags, scene.TAG, t_ns, (place - np.array([0.0, 0.0, TAG_ABOVE]), colour, text))
+    columns.add(tags, scene.TAG, t_ns, (place - np.array([0.0, 0.0, TAG_OFFSET]), colour, text))

@@ -1,4 +1,4 @@
-"""Other aircraft on a map about us, north up, and in a table, by the distance of the closest approach."""
+"""Other aircraft on a north-up map about us, and in a table by closest approach."""
 
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
@@ -14,11 +14,11 @@ from onboard.view.sdk import rr
 
 MAP: Final = "traffic/map"
 TABLE: Final = "traffic/table"
-RINGS: Final = (500.0, 1000.0, 2000.0, 4000.0)  # m
-SHOWN: Final = 6000.0  # m
-HZ: Final = 4.0
-AHEAD_S: Final = 20.0  # length of the line that shows the motion relative to us
-LONGEST_TABLE: Final = 20
+RING_RADII: Final = (500.0, 1000.0, 2000.0, 4000.0)  # m
+MAP_WIDTH: Final = 6000.0  # m
+MAP_RATE_HZ: Final = 4.0
+PREDICTION_TIME_S: Final = 20.0  # length of the lines of relative motion
+MAX_ROWS: Final = 20
 THREATS: Final = {ThreatLevel.HIGH: palette.RED, ThreatLevel.LOW: palette.AMBER}
 
 
@@ -52,31 +52,31 @@ def lines(values: Sequence[tuple[Sequence[Array], Sequence[palette.Colour]]]) ->
 
 
 def log_static(stream: "rr.RecordingStream") -> None:
-    """Range rings and ourselves."""
+    """Log range rings and our own position."""
     around = np.linspace(0.0, 2 * np.pi, 97)
     circle = np.column_stack([np.cos(around), np.sin(around)])
-    rings = [radius * circle for radius in RINGS]
+    rings = [radius * circle for radius in RING_RADII]
     stream.log(f"{MAP}/rings", rr.LineStrips2D(rings, colors=palette.GRID_COLOUR), static=True)
-    numbers = [f"{radius:.0f} m" for radius in RINGS]
-    places = [[0.0, -radius] for radius in RINGS]
+    numbers = [f"{radius:.0f} m" for radius in RING_RADII]
+    places = [[0.0, -radius] for radius in RING_RADII]
     stream.log(f"{MAP}/numbers", rr.Points2D(places, labels=numbers, colors=palette.FAINT), static=True)
     stream.log(f"{MAP}/us", rr.Points2D([[0.0, 0.0]], labels="us", colors=palette.OWN_COLOUR), static=True)
 
 
 def draw_traffic(columns: Columns, memory: Memory, estimate: Estimate) -> None:
-    """Keep one track; draw all of them when it is time."""
+    """Store one track, and draw all of them at the map's rate."""
     memory.traffic[estimate.target] = estimate
     if estimate.mean is None:
         del memory.traffic[estimate.target]
     t_ns = estimate.t_ns
-    if not memory.due("traffic", t_ns, HZ):
+    if not memory.is_due("traffic", t_ns, MAP_RATE_HZ):
         return
     tracks = list(memory.traffic.values())
     colours = [colour_of(e) for e in tracks]
     mean = np.array([e.mean for e in tracks], dtype=float).reshape(-1, 6)
     places, ways = on_map(mean[:, :3]), on_map(mean[:, 3:])
     columns.add(marks, f"{MAP}/aircraft", t_ns, Marks(places, colours, [label(e) for e in tracks]))
-    along = [np.stack([place, place + AHEAD_S * way]) for place, way in zip(places, ways, strict=True)]
+    along = [np.stack([place, place + PREDICTION_TIME_S * way]) for place, way in zip(places, ways, strict=True)]
     columns.add(lines, f"{MAP}/ways", t_ns, (along, [palette.shade(c, 0.7) for c in colours]))
     around = [place + ellipse(e) for place, e in zip(places, tracks, strict=True)]
     columns.add(lines, f"{MAP}/ellipses", t_ns, (around, [palette.UNCERTAIN] * len(around)))
@@ -84,12 +84,12 @@ def draw_traffic(columns: Columns, memory: Memory, estimate: Estimate) -> None:
 
 
 def on_map(vectors: Array) -> Array:
-    """NED (n, 3) as (n, 2) on the map: east to the right, north up, where the screen's y points down."""
+    """Convert NED (n, 3) to map coordinates (n, 2): east right, north up (negative y)."""
     return np.column_stack([vectors[:, 1], -vectors[:, 0]])
 
 
 def ellipse(estimate: Estimate) -> Array:
-    """The outline (33, 2) of three sigma of the horizontal position, about the map's origin."""
+    """Return the outline (33, 2) of three sigma of the horizontal position, about the map's origin."""
     around = np.linspace(0.0, 2 * np.pi, 33)
     circle = np.stack([np.cos(around), np.sin(around)])
     P = np.array(estimate.covariance)[:2, :2]
@@ -99,7 +99,7 @@ def ellipse(estimate: Estimate) -> Array:
 
 
 def colour_of(estimate: Estimate) -> palette.Colour:
-    """Red and amber for threats; grey for estimates that are not valid."""
+    """Return red and amber for threats, grey for estimates that are not valid, else green or violet."""
     if not estimate.valid:
         return palette.GREY
     threat = estimate.intruder.approach.threat if estimate.intruder else ThreatLevel.NONE
@@ -107,17 +107,17 @@ def colour_of(estimate: Estimate) -> palette.Colour:
 
 
 def label(estimate: Estimate) -> str:
-    """The aircraft's name and its height above us, m."""
+    """Return the aircraft's name and its height above us, m."""
     assert estimate.mean is not None  # noqa: S101 - estimates without one are not drawn
     callsign = estimate.intruder.callsign if estimate.intruder else ""
     return f"{callsign or estimate.target} {-estimate.mean[2]:+.0f} m"
 
 
 def table(tracks: Sequence[Estimate]) -> str:
-    """Markdown: the tracks with the nearest closest approach first."""
+    """Return the tracks as Markdown, with the nearest closest approach first."""
     rows = ["| aircraft | state | distance | closest | in | sources |", "|---|---|---|---|---|---|"]
     known = [(e, e.intruder) for e in tracks if e.intruder is not None]
-    for e, who in sorted(known, key=lambda pair: pair[1].approach.distance)[:LONGEST_TABLE]:
+    for e, who in sorted(known, key=lambda pair: pair[1].approach.distance)[:MAX_ROWS]:
         a = who.approach
         strong = "**" if a.threat is not ThreatLevel.NONE else ""
         distance = np.linalg.norm(np.array(e.mean)[:3])

@@ -1,4 +1,4 @@
-"""The live view: records in, a Rerun recording out, to a viewer, to a file, or to both."""
+"""The live view: a Rerun recording of the records, sent to a viewer, a file, or both."""
 
 import os
 import subprocess
@@ -17,35 +17,34 @@ from onboard.units import NS_PER_S
 from onboard.view import beside, image, own, palette, plots, scene, space, traffic, words
 from onboard.view.columns import HIDDEN, Columns, ImagePoints, colours_2d, labels, pictures, texts, transforms
 from onboard.view.layout import LEADER_ALONE, blueprint
-from onboard.view.memory import Memory
+from onboard.view.memory import STATUS_RATE_HZ, Memory
 from onboard.view.motion import LeaderArrays, leader_state
 from onboard.view.sdk import rr
 from onboard.view.viewer import free_port, start_viewer, start_web_viewer
 
-BATCH_NS = 200_000_000  # of flight, for a viewer
-PLOT_EVERY = 3  # batches
-BATCH_FILE_NS = 2 * NS_PER_S  # for a file alone: a tenth of the overhead
-STATUS_HZ = 5.0
-STATUS_AGAIN_NS = NS_PER_S
+BATCH_PERIOD_NS = 200_000_000  # of flight, for a viewer
+PLOT_PERIOD = 3  # batches
+FILE_BATCH_PERIOD_NS = 2 * NS_PER_S  # for a file without viewer: a tenth of the overhead
+
+STATUS_TIMEOUT_NS = NS_PER_S
 LEADER, TRAFFIC = "leader", "traffic"
 APPLICATION = "onboard"
-MEMORY_LIMIT = "256MiB"  # of what the server keeps for viewers that connect later
-LINGERS_NS = 10 * NS_PER_S  # the page of traffic after a threat has passed
-RESTART_NS = 5 * NS_PER_S  # a time that far back is another boot, not a late record
+MEMORY_LIMIT = "256MiB"  # of the server's buffer for viewers that connect later
+THREAT_HOLD_TIME_NS = 10 * NS_PER_S  # the page of traffic stays open after a threat
+MIN_REBOOT_STEP_NS = 5 * NS_PER_S  # a time that far back is another boot, not a late record
 
 
 class View:
-    """Draws records as they come. Not for the daemon's own process: Rerun may block its caller.
+    """Draws records as they arrive; not for the daemon's own process, since Rerun may block.
 
-    `rrd` names a recording to write; `grpc_port` a port on 127.0.0.1 to serve viewers from (0: any free one);
-    `spawn` opens the packaged viewer if there is a display, and the user closes it. `web` serves it to browsers of
-    this computer instead, at the address `page`. `server` is the `url` of
-    another view, which serves this one as well, as a recording with a `name` of its own. `url` is the server's
-    address.
-    `rotors` are those of our vehicle, where they are known. `open_page`: the page of plots that is open, "": that
-    of what flies.
-    Raises `ValueError` without any of `rrd`, `grpc_port`, `spawn` and `server`, `OSError` if the port is taken,
-    UserError where `rrd` cannot be written.
+    `rrd` names a recording to write. `grpc_port` is a port on 127.0.0.1 to serve viewers from (0: any free one).
+    `spawn` opens the packaged viewer if there is a display; `web` serves it to browsers of this computer instead,
+    at the address `page`. `server` is the `url` of another view, which serves this one as well, as a recording
+    with its own `name`. `rotors` are those of our vehicle, if known. `open_page` is the open page of plots; ""
+    chooses it by the contents.
+
+    Raises `ValueError` without any of `rrd`, `grpc_port`, `spawn`, `web` and `server`, `OSError` if the port is
+    taken, UserError if `rrd` cannot be written.
     """
 
     def __init__(
@@ -62,11 +61,11 @@ class View:
         open_page: str = "",
     ) -> None:
         if rrd is None and grpc_port is None and server is None and not (spawn or web):
-            raise ValueError("a view needs somewhere to draw to: rrd, grpc_port, spawn, web or server")
+            raise ValueError("a view needs an output: rrd, grpc_port, spawn, web or server")
         self._camera, self._rotors = camera, rotors
         self._open_page = open_page
         self._shown = LEADER_ALONE._replace(leader=False)
-        self._threat_ns = -LINGERS_NS
+        self._threat_ns = -THREAT_HOLD_TIME_NS
         self._beside: list[str] = []  # other estimators of the leader
         self._columns, self._memory = Columns(), Memory()
         self._t_first_ns: int | None = None
@@ -88,10 +87,10 @@ class View:
             ours = rr.GrpcServerSink("127.0.0.1", free_port(grpc_port or 0), server_memory_limit=MEMORY_LIMIT)
             self.url = str(ours.uri)
             sinks.append(ours)
-        self._batch_ns = BATCH_FILE_NS if self.url is None else BATCH_NS
+        self._batch_ns = FILE_BATCH_PERIOD_NS if self.url is None else BATCH_PERIOD_NS
         self._stream = rr.RecordingStream(APPLICATION)
         self._rrd = rrd
-        with self._written():
+        with self._file_errors():
             self._stream.set_sinks(*sinks, default_blueprint=blueprint(camera))
         if name is not None:
             self._stream.send_recording_name(name)
@@ -104,7 +103,7 @@ class View:
             self.viewer = start_viewer(self.url)
 
     def show(self, record: Estimate | OwnPose | Truth | Health | Picture) -> None:
-        """Draw one record; those of other kinds and estimators are ignored. Raises `ValueError` once closed."""
+        """Draw one record; other kinds and estimators are ignored. Raises `ValueError` once closed."""
         if self._closed:
             raise ValueError("this view is closed")
         if not isinstance(record, Estimate | OwnPose | Truth | Health | Picture):
@@ -112,7 +111,7 @@ class View:
         if record.t_ns <= 0:
             return  # no boot time is known yet, and the recording would begin at 0
         self._t_newest_ns = record.t_ns
-        self._keep_time(record.t_ns)
+        self._advance_time(record.t_ns)
         match record:
             case NavState():
                 self._show_own(record)
@@ -120,7 +119,7 @@ class View:
                 if record.name == LEADER and record.is_primary:
                     self._show_estimate(record)
                 elif record.name == TRAFFIC:
-                    self._note_traffic(record)
+                    self._show_traffic(record)
                     traffic.draw_traffic(self._columns, self._memory, record)
                 elif record.is_primary:
                     self._show_beside(record)
@@ -128,7 +127,7 @@ class View:
                 space.draw_own(self._columns, self._memory, record)
                 own.plot_autopilot(self._columns, self._memory, record)
             case Truth():
-                self._note(truth=True)
+                self._update_contents(truth=True)
                 self._memory.truths.append(record)
                 space.draw_truth(self._columns, self._memory, record)
                 plots.plot_truth(self._columns, record)
@@ -140,13 +139,13 @@ class View:
                 self._show_health(record)
 
     def close(self) -> None:
-        """Send the rest and finish the file, which has no index before that. May be called twice."""
+        """Send the remaining rows and finish the file, which has no index before. May be called twice."""
         if self._closed:
             return
         self._closed = True
         try:
             self._columns.flush(self._stream)
-            with self._written():
+            with self._file_errors():
                 self._stream.flush(timeout_sec=10.0)
         finally:
             self._stream.disconnect()
@@ -163,8 +162,8 @@ class View:
         self.close()
 
     @contextmanager
-    def _written(self) -> Iterator[None]:
-        """Raises UserError for what Rerun says of its file."""
+    def _file_errors(self) -> Iterator[None]:
+        """Raise UserError if Rerun reports a failure of its file."""
         try:
             yield
         except RuntimeError as error:
@@ -172,16 +171,16 @@ class View:
                 raise
             raise UserError(f"the view cannot be written to {self._rrd}: {error}") from error
 
-    def _keep_time(self, t_ns: int) -> None:
-        """Flush once a batch is complete; begin anew when the autopilot has rebooted."""
-        if self._t_first_ns is None or t_ns < self._t_flush_ns - RESTART_NS:
+    def _advance_time(self, t_ns: int) -> None:
+        """Flush once a batch is complete; start over after a reboot of the autopilot."""
+        if self._t_first_ns is None or t_ns < self._t_flush_ns - MIN_REBOOT_STEP_NS:
             self._memory = Memory()
             self._t_first_ns = self._t_flush_ns = t_ns
             space.hide_everything(self._columns, t_ns)
         if t_ns - self._t_flush_ns >= self._batch_ns:
             # half of all entities are curves; a delay of two thirds of a second in a curve is not noticed
             self._flushes += 1
-            plots_too = self._batch_ns > BATCH_NS or self._flushes % PLOT_EVERY == 0
+            plots_too = self._batch_ns > BATCH_PERIOD_NS or self._flushes % PLOT_PERIOD == 0
             self._columns.flush(self._stream, plots=plots_too)
             self._t_flush_ns = t_ns
 
@@ -195,29 +194,29 @@ class View:
         plots.plot_state(columns, memory, "track", t_ns, estimate.state)
         report = estimate.measurement
         if report is not None or estimate.state is not Lifecycle.SEARCHING:
-            self._note(leader=True)
+            self._update_contents(leader=True)
         if report is not None:
             memory.report, memory.t_image_ns = report, t_ns
             image.draw_image(columns, memory, self._camera, report, leader)
             plots.plot_report(columns, memory, report, self._stream)
             plots.plot_state(columns, memory, "images", t_ns, report.verdict)  # an image may be stamped ahead
-        elif t_ns - memory.t_image_ns > image.STALE_NS:
+        elif t_ns - memory.t_image_ns > image.IMAGE_TIMEOUT_NS:
             image.clear_image(columns, memory, self._camera, t_ns)
             plots.plot_no_image(columns, memory, t_ns)
             plots.plot_state(columns, memory, "images", t_ns, palette.NO_IMAGE)
         is_of_leader = self._shown.leader or not self._shown.own
-        if is_of_leader and memory.due("status", t_ns, STATUS_HZ):
+        if is_of_leader and memory.is_due("status", t_ns, STATUS_RATE_HZ):
             self._show_status(estimate, leader)
 
     def _show_own(self, state: NavState) -> None:
-        """Our own state; without a leader it has the panel of what is now."""
-        self._note(own=True)
+        """Show our own state; without a leader it has the status panel."""
+        self._update_contents(own=True)
         own.show_state(self._columns, self._memory, state, self._rotors)
-        if not self._shown.leader and self._memory.due("status", state.t_ns, STATUS_HZ):
+        if not self._shown.leader and self._memory.is_due("status", state.t_ns, STATUS_RATE_HZ):
             self._columns.add(texts, "status", state.t_ns, words.own_status(state, self._memory.advice))
 
     def _show_beside(self, estimate: Estimate) -> None:
-        """Another estimator of the leader; it appears in the window with its first state."""
+        """Show another estimator of the leader, from its first state on."""
         leader, name = leader_state(estimate), estimate.name
         if name not in self._beside:
             if leader is None:
@@ -228,23 +227,23 @@ class View:
             self._arrange()
         beside.draw(self._columns, self._memory, estimate, leader, beside.colour_of(self._beside.index(name))[1])
 
-    def _note(self, **seen: bool) -> None:
+    def _update_contents(self, **seen: bool) -> None:
         """Rearrange the window when the contents of the flight change."""
         shown = self._shown._replace(**seen)
         if shown != self._shown:
             self._shown = shown
             self._arrange()
 
-    def _note_traffic(self, estimate: Estimate) -> None:
-        """Traffic comes first while another aircraft will come too close."""
+    def _show_traffic(self, estimate: Estimate) -> None:
+        """Show traffic first while another aircraft will come too close."""
         approach = estimate.intruder.approach if estimate.intruder is not None else None
         if approach is not None and approach.threat is ThreatLevel.HIGH:
             self._threat_ns = estimate.t_ns
-        self._note(traffic=True, threat=estimate.t_ns - self._threat_ns < LINGERS_NS)
+        self._update_contents(traffic=True, threat=estimate.t_ns - self._threat_ns < THREAT_HOLD_TIME_NS)
 
     def show_fleet(self, text: str) -> None:
-        """A table of all vehicles, Markdown, at the time of the newest record."""
-        self._note(fleet=True)
+        """Show a table of all vehicles, as Markdown, at the time of the newest record."""
+        self._update_contents(fleet=True)
         self._columns.add(texts, "fleet", max(self._t_newest_ns, 1), text)
 
     def _arrange(self) -> None:
@@ -253,18 +252,18 @@ class View:
         self._stream.send_blueprint(blueprint(self._camera, self._shown, beside=others, page=self._open_page))
 
     def _show_health(self, health: Health) -> None:
-        """The health, and its advice where no estimate of a leader comes."""
+        """Show the health, and its advice if no estimate of a leader arrives."""
         plots.plot_health(self._columns, self._memory, health, self._stream)
         plots.plot_consistency(self._columns, self._memory, health, self._stream)
         self._columns.add(texts, "health", health.t_ns, words.health(health))
         self._memory.advice, self._memory.worst = words.advice(health), words.worst(health)
-        if health.t_ns - self._memory.drawn_ns.get("status", 0) > STATUS_AGAIN_NS:
-            self._columns.add(texts, "status", health.t_ns, self._memory.advice or words.WELL)
+        if health.t_ns - self._memory.drawn_ns.get("status", 0) > STATUS_TIMEOUT_NS:
+            self._columns.add(texts, "status", health.t_ns, self._memory.advice or words.NO_ADVICE)
 
     def _show_status(self, estimate: Estimate, leader: LeaderArrays | None) -> None:
-        """The texts: banner, panel, and the leader's tag."""
+        """Show the texts: banner, panel, and the leader's tag."""
         columns, t_ns = self._columns, estimate.t_ns
-        fresh = t_ns - self._memory.t_image_ns <= image.STALE_NS
+        fresh = t_ns - self._memory.t_image_ns <= image.IMAGE_TIMEOUT_NS
         report = self._memory.report if fresh else None
         columns.add(
             texts, "status", t_ns, words.status(estimate, leader, report, self._memory.error, self._memory.advice)

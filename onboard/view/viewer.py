@@ -1,4 +1,4 @@
-"""The packaged desktop viewer: opened on a display, or without one to take a picture."""
+"""The packaged desktop viewer: opened on a display, or headless to take a picture."""
 
 import contextlib
 import math
@@ -16,10 +16,10 @@ from onboard import UserError
 from onboard.units import S_PER_NS
 from onboard.view.columns import TIMELINE
 
-EQUAL_PICTURES: Final = 5  # in a row, RETRY_S apart: painting is complete
-VIEWER_RETRY_S: Final = 0.2
-SERVING_S: Final = 15.0  # until a page is served
-PAINTING_S: Final = 15.0  # at most: a live view never comes to rest
+STABLE_IMAGES: Final = 5  # equal ones in a row, after which painting is complete
+RETRY_PERIOD_S: Final = 0.2
+SERVING_TIMEOUT_S: Final = 15.0  # until a page is served
+PAINTING_TIMEOUT_S: Final = 15.0  # a live view never stops changing
 
 
 class ViewerError(UserError, RuntimeError):
@@ -27,8 +27,10 @@ class ViewerError(UserError, RuntimeError):
 
 
 def free_port(port: int = 0) -> int:
-    """A port of 127.0.0.1 that is free now: `port`, or any for 0. Raises `OSError` if it is taken: Rerun itself
-    would only log that, and then serve nobody."""
+    """Return a free port of 127.0.0.1: `port`, or any for 0.
+
+    Raises `OSError` if it is taken: Rerun itself would only log that and serve nobody.
+    """
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -39,7 +41,10 @@ def free_port(port: int = 0) -> int:
 
 
 def viewer_path() -> Path:
-    """The viewer in the wheel. The `rerun` command is a script: ending it would leave the viewer running."""
+    """Return the viewer in the wheel.
+
+    The `rerun` command is a script: ending it would leave the viewer running.
+    """
     spec = find_spec("rerun_cli")
     for folder in (spec.submodule_search_locations or []) if spec else []:
         for name in ("rerun", "rerun.exe"):
@@ -54,7 +59,7 @@ def has_display() -> bool:
 
 
 def start_viewer(url: str) -> "subprocess.Popen[bytes] | None":
-    """Open the viewer on a server; None if there is no display to open it on."""
+    """Open the viewer on a server; return None without a display."""
     if not has_display():
         return None
     # by itself the viewer would listen on every interface
@@ -65,8 +70,10 @@ def start_viewer(url: str) -> "subprocess.Popen[bytes] | None":
 
 
 def start_web_viewer(source: str) -> "tuple[subprocess.Popen[bytes], str]":
-    """Serve the viewer of a recording (a file, or the URL of a server) to browsers of this computer; its process,
-    and the address to open. Raises ViewerError."""
+    """Serve the viewer of a recording to browsers of this computer.
+
+    `source` is a file or the URL of a server. Returns the process and the address to open. Raises ViewerError.
+    """
     page, port = free_port(), free_port()
     command = [
         *(str(viewer_path()), "--serve-web", "--bind", "127.0.0.1", "--web-viewer-port", str(page)),
@@ -76,7 +83,7 @@ def start_web_viewer(source: str) -> "tuple[subprocess.Popen[bytes], str]":
         command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True, env=_environment()
     )
     url = source if "://" in source else f"rerun+http://127.0.0.1:{port}/proxy"
-    deadline = time.monotonic() + SERVING_S
+    deadline = time.monotonic() + SERVING_TIMEOUT_S
     with contextlib.ExitStack() as failing:
         failing.callback(process.kill)
         while process.poll() is None and time.monotonic() < deadline:
@@ -85,12 +92,12 @@ def start_web_viewer(source: str) -> "tuple[subprocess.Popen[bytes], str]":
                     failing.pop_all()
                     look = "theme=dark&persist=0&hide_welcome_screen"  # the colours are made for a dark page
                     return process, f"http://127.0.0.1:{page}/?url={quote(url, safe='')}&{look}"
-            time.sleep(VIEWER_RETRY_S)
-    raise ViewerError(f"the viewer does not serve its page on 127.0.0.1:{page}")
+            time.sleep(RETRY_PERIOD_S)
+    raise ViewerError(f"the viewer did not serve its page on 127.0.0.1:{page} within {SERVING_TIMEOUT_S:.0f} s")
 
 
 def _environment() -> dict[str, str]:
-    """Ours, with the setting that makes the viewer an app only: it then does not ask about analytics."""
+    """Return our environment with the setting that stops the viewer's question about analytics."""
     return {**os.environ, "RERUN_APP_ONLY": "true"}
 
 
@@ -102,11 +109,11 @@ def screenshot(
     size: tuple[int, int] = (1400, 900),
     timeout: float = 90.0,
 ) -> None:
-    """Picture of a recording (a file, or the URL of a server) as the viewer shows it, without a screen.
+    """Take a picture of a recording (a file, or the URL of a server) without a screen.
 
-    `at` is the time shown, s from the recording's start; None: the end. Needs Vulkan, which mesa's software driver
-    provides. Raises `FileNotFoundError` if the file is not there, `UserError` if `at` lies outside the recording,
-    `ViewerError` with the end of the viewer's log if it cannot draw.
+    `at` is the time shown, s from the recording's start; None is the end. It needs Vulkan, which mesa's software
+    driver provides. Raises `FileNotFoundError` if the file does not exist, `UserError` if `at` lies outside the
+    recording, `ViewerError` with the end of the viewer's log if it cannot draw.
     """
     is_url = "://" in str(source)
     if not is_url and not Path(source).is_file():
@@ -141,8 +148,10 @@ def screenshot(
 
 
 def time_shown(at: float, start_ns: int, end_ns: int) -> float:
-    """The time, s since boot, that is `at` seconds after the start of a recording from `start_ns` to `end_ns`.
-    Raises `UserError` if the recording does not hold it: a viewer would show an empty picture."""
+    """Return the time since boot, s, that is `at` seconds after the start of a recording.
+
+    Raises `UserError` if that is outside `start_ns` to `end_ns`: the viewer would show an empty picture.
+    """
     length = (end_ns - start_ns) * S_PER_NS
     if not 0.0 <= at <= length:
         # rounded down, so that the time named is one that the recording holds
@@ -151,7 +160,7 @@ def time_shown(at: float, start_ns: int, end_ns: int) -> float:
 
 
 def _end_of_log(log: str) -> str:
-    """A viewer's panic, without the trace of its stack; else its last lines."""
+    """Return a viewer's panic without its stack trace, else its last lines."""
     lines = [line for line in log.splitlines() if line.strip()]
     panics = [i for i, line in enumerate(lines) if "panicked at" in line]
     return "\n".join(lines[panics[0] : panics[0] + 2] if panics else lines[-5:])
@@ -160,13 +169,16 @@ def _end_of_log(log: str) -> str:
 def _take_screenshot(
     process: "subprocess.Popen[bytes]", port: int, png: Path, at: float | None, deadline: float
 ) -> None:
-    """Wait until the viewer listens and has loaded everything, go to the time, and let it paint until the
-    picture stays as it is: the first painting lays out, views appear in the second, plots come to rest."""
+    """Wait until the viewer has loaded and painted the recording, then write its picture.
+
+    It paints until the picture no longer changes: the first painting lays out, views appear in the second, plots
+    come to rest.
+    """
     from rerun.experimental import ViewerClient  # noqa: PLC0415  (drags in a query engine)
 
     def wait(what: str) -> None:
         try:
-            code = process.wait(VIEWER_RETRY_S)
+            code = process.wait(RETRY_PERIOD_S)
         except subprocess.TimeoutExpired:
             if time.monotonic() > deadline:
                 raise ViewerError(f"gave up while {what}") from None
@@ -194,7 +206,7 @@ def _take_screenshot(
         shown = time_shown(at, min(starts, default=0), max(ends, default=0))
         client.set_time(TIMELINE, duration=shown, play_state="paused")
     picture, equal, begun = b"", 0, time.monotonic()
-    while equal < EQUAL_PICTURES and time.monotonic() < begun + PAINTING_S:
+    while equal < STABLE_IMAGES and time.monotonic() < begun + PAINTING_TIMEOUT_S:
         newest = client.take_screenshot()  # once it is painted
         picture, equal = newest, equal + 1 if newest == picture else 1
         wait("painting")

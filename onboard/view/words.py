@@ -10,19 +10,19 @@ from onboard.messages import DOUBT_PREFIX, Estimate, Fault, FaultKind, Health, M
 from onboard.units import S_PER_NS
 from onboard.view.motion import LeaderArrays, RangeEstimate, leader_state, open_interval, range_estimate
 
-WELL: Final = "nothing is wrong"
-REFUSALS: Final = 5  # of the kinds of refused messages, the latest
+NO_ADVICE: Final = "nothing is wrong"
+MAX_REFUSAL_ROWS: Final = 5  # the latest
 
 
 class VehicleRecords(NamedTuple):
-    """The newest records of a vehicle of a fleet."""
+    """The newest records of one vehicle of a fleet."""
 
     leader: Estimate | None = None
     own: NavState | None = None
     health: Health | None = None
 
 
-KEY = """\
+LEGEND = """\
 ± is one standard deviation
 
 *Blue: the estimate. White: the truth. Amber: ourselves. Pink: 3σ ellipsoid (97 %); where the range is open, the
@@ -31,12 +31,12 @@ nearest and the farthest place (95 %) instead of an aircraft.*
 
 
 def plain(text: str) -> str:
-    """Text from outside with what the viewer's one font lacks replaced: a missing glyph can end the viewer."""
+    """Replace characters that the viewer's font lacks: a missing glyph can end the viewer."""
     return "".join(c if c == "\n" or " " <= c <= "~" or c in "·±²³σ–µ°×" else "?" for c in text)
 
 
 def nis_words(report: MeasurementReport | None) -> str:
-    """Whether the last image agreed with the track."""
+    """Return in words whether the last image agreed with the track."""
     if report is None:
         return "no image"
     if report.nis is None or report.gate is None:
@@ -47,8 +47,10 @@ def nis_words(report: MeasurementReport | None) -> str:
 def headline(
     estimate: Estimate, leader: LeaderArrays | None, report: MeasurementReport | None, wrong: str = ""
 ) -> str:
-    """One line: state, range, closing speed, size; without a track, what is `wrong`. The ± are one standard
-    deviation."""
+    """Return one line: state, range, closing speed, size; without a track, the fault `wrong`.
+
+    The ± are one standard deviation.
+    """
     state = f"LEADER {estimate.state.upper()}"
     if leader is None:
         return f"{state} · {wrong or 'no track'}"
@@ -61,7 +63,10 @@ def headline(
 
 
 def own_headline(state: NavState) -> str:
-    """One line on our own state: its certainty and our faults. The ± are one standard deviation per axis."""
+    """Return one line on our own state: its certainty and our faults.
+
+    The ± are one standard deviation per axis.
+    """
     words = f"OWN STATE {state.state.upper()}"
     if state.covariance is not None:
         variance = np.diag(np.array(state.covariance))
@@ -71,21 +76,21 @@ def own_headline(state: NavState) -> str:
 
 
 def fault(one: Fault) -> str:
-    """A fault and its magnitude."""
+    """Return a fault and its magnitude."""
     if one.kind is FaultKind.MOTOR:
         return f"{one.part.upper()} WEAK: {one.magnitude:.0%} of its thrust lost"
     return f"{one.kind.upper()} {one.part}".strip() + f": {one.magnitude:.2f} {one.unit}"
 
 
 def tag(estimate: Estimate, leader: LeaderArrays) -> str:
-    """The label of the leader in the 3-D view."""
+    """Return the label of the leader in the 3-D view."""
     words = f"{estimate.state.upper()}  {_range(leader, range_estimate(leader))}"
     why = plain(estimate.reason).split("; ")[-1]  # what is open comes last
     return f"{words} · {why}" if open_interval(leader) and why else words
 
 
 def verdict_label(report: MeasurementReport) -> str:
-    """The label of the image: its verdict, and its NIS beside the gate."""
+    """Return the label of the image: its verdict, and its NIS with the gate."""
     name = report.verdict.replace("_", " ").upper()
     if report.nis is None or report.gate is None:
         return name
@@ -99,8 +104,10 @@ def status(
     error: float | None,
     advice: str = "",
 ) -> str:
-    """The status panel, Markdown, `advice` first; `report` is the last image's, `error` the distance to the truth,
-    m, if known."""
+    """Return the status panel as Markdown, `advice` first.
+
+    `report` is the last image's, `error` the distance to the truth (m) if known.
+    """
     rows = [advice, ""] if advice else []
     rows += [f"| {estimate.state.upper()} | {'' if estimate.valid else 'not valid'} |", "|---|---|"]
     if leader is not None:
@@ -111,18 +118,18 @@ def status(
             f"| wingspan | **{leader.mean[6]:.2f} ± {leader.sigma[6]:.2f} m** |",
         ]
         if len(estimate.modes) > 1:
-            rows.append(f"| may be at | {' or '.join(map(_place, estimate.modes))} |")
+            rows.append(f"| possible ranges | {' or '.join(map(_place, estimate.modes))} |")
         if error is not None:
-            rows.append(f"| off the truth | {error:.2f} m |")
+            rows.append(f"| error | {error:.2f} m |")
     age = "–" if estimate.age is None else f"{estimate.age:.2f} s ago"
     rows += [f"| innovation | {nis_words(report)} |", f"| last fused | {age} |", ""]
     if estimate.reason:
         rows += [f"*{plain(estimate.reason)}*", ""]
-    return "\n".join([*rows, KEY])
+    return "\n".join([*rows, LEGEND])
 
 
 def health(record: Health) -> str:
-    """The health panel, Markdown."""
+    """Return the health panel as Markdown."""
     rows = [f"**{record.autopilot}**, up {record.uptime:.0f} s, clock from {record.clock_source or '–'}"]
     if record.round_trip is not None:
         rows[0] += f", round trip {record.round_trip * 1e3:.1f} ms"
@@ -135,7 +142,7 @@ def health(record: Health) -> str:
     for title, table in (("images", record.verdicts), ("rejected", record.rejected)):
         if table:
             rows += ["", f"{title}: " + " · ".join(f"{name} {n}" for name, n in sorted(table.items()))]
-    for r in record.refusals[-REFUSALS:]:
+    for r in record.refusals[-MAX_REFUSAL_ROWS:]:
         what = "" if r.reason.startswith(DOUBT_PREFIX) else "**refused** from "
         rows.append(f"{what}{r.source}: {r.reason} ({r.count} times)")
     rows += ["", "| sink | sent | dropped | restarts |", "|---|---:|---:|---:|"]
@@ -144,7 +151,7 @@ def health(record: Health) -> str:
 
 
 def advice(record: Health) -> str:
-    """What is wrong, and the remedy, Markdown; "" where nothing is."""
+    """Return the faults and their remedies as Markdown; "" if there are none."""
     rows = []
     for one in record.advice:
         rows += [f"**{one.severity.upper()}** {one.what}", "", f"> {one.remedy}" if one.remedy else "", ""]
@@ -152,7 +159,7 @@ def advice(record: Health) -> str:
 
 
 def own_status(state: NavState, advice: str = "") -> str:
-    """The status panel where there is no leader, Markdown: `advice`, our own state, and its faults."""
+    """Return the status panel without a leader as Markdown: `advice`, own state, and faults."""
     rows = [advice, "", f"| {state.state.upper()} | {'' if state.valid else 'not valid'} |", "|---|---|"]
     rows += [f"| quality | **{state.quality} %** |"] if state.quality >= 0 else []
     rows += [f"| {one.kind} | **{fault(one)}**, since {one.t_onset_ns * S_PER_NS:.1f} s |" for one in state.faults]
@@ -160,13 +167,13 @@ def own_status(state: NavState, advice: str = "") -> str:
 
 
 def worst(record: Health) -> str:
-    """The worst that is wrong, in a few words; "" where nothing is."""
+    """Return the most severe fault in a few words; "" if there is none."""
     return next((plain(one.text) for one in record.advice if one.severity is not Severity.NOTICE), "")
 
 
 def fleet(vehicles: Mapping[str, VehicleRecords]) -> str:
-    """A table of all vehicles, Markdown, narrow: where the leader is, what is wrong with us, and with the rest."""
-    rows = ["| vehicle | leader | fault | wrong |", "|---|---|---|---|"]
+    """Return a narrow Markdown table of all vehicles: leader, own faults, other faults."""
+    rows = ["| vehicle | leader | fault | advice |", "|---|---|---|---|"]
     for name, one in sorted(vehicles.items()):
         leader = "-"
         if one.leader is not None:
@@ -179,7 +186,7 @@ def fleet(vehicles: Mapping[str, VehicleRecords]) -> str:
 
 
 def _range(leader: LeaderArrays, r: RangeEstimate) -> str:
-    """Where the range is open, from where to where: a mean would look like a place."""
+    """Return the range and its sigma, or its interval if uncertain: a mean would look like a position."""
     ends = open_interval(leader)
     return f"{r.range:.1f} ± {r.sigma:.1f} m" if ends is None else f"OPEN: {ends[0]:.0f} to {ends[1]:.0f} m"
 

@@ -74,5 +74,5 @@ def test_pixels_are_those_of_the_image_and_finite() -> None:
 
 def test_drawing_is_no_faster_than_asked() -> None:
     memory = pytest.importorskip("onboard.view.memory").Memory()
-    drawn = sum(memory.due("leader", k * 10_000_000, 25.0) for k in range(1000))  # 100 Hz for 10 s
+    drawn = sum(memory.is_due("leader", k * 10_000_000, 25.0) for k in range(1000))  # 100 Hz for 10 s
     assert 250 <= drawn <= 280

@@ -67,7 +67,7 @@ def test_an_open_range_has_two_ends_and_no_aircraft_between() -> None:
     np.testing.assert_allclose(wide[scene.OPEN_RANGE], [near, far])
     assert wide[scene.LEADER_PATH] is HIDDEN
     assert 0.0 < max(np.asarray(HIDDEN.scale)) < 1e-5  # the viewer ignores a scale of zero
-    assert np.allclose(wide[scene.TAG][0], [12.0, 0.0, -space.TAG_ABOVE])
+    assert np.allclose(wide[scene.TAG][0], [12.0, 0.0, -space.TAG_OFFSET])
     assert scene.TRAILS["estimate"] not in wide
     assert scene.TRAILS["estimate"] in sharp
     assert wide[scene.LEADER_VELOCITY] is HIDDEN
@@ -81,6 +81,6 @@ def test_an_open_range_has_two_ends_and_no_aircraft_between() -> None:
 def test_words_say_where_it_may_be() -> None:
     one = Mode(weight=0.7, mean=(12.0, 0.0, 0.0, 0.0, 0.0, 0.0), covariance=((1.0,) * 6,) * 6)
     wide = replace(estimate_with(6.0), modes=(one, replace(one, weight=0.3, mean=(25.0, *one.mean[1:]))))
-    assert "| may be at | 12 m (70%) or 25 m (30%) |" in words.status(wide, state(wide), None, None)
+    assert "| possible ranges | 12 m (70%) or 25 m (30%) |" in words.status(wide, state(wide), None, None)
     single = replace(wide, modes=(one,))
-    assert "may be at" not in words.status(single, state(single), None, None)
+    assert "possible ranges" not in words.status(single, state(single), None, None)
