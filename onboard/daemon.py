@@ -1,8 +1,8 @@
-"""The composition root: configuration -> links, pipeline, sinks; the one TaskGroup of a flight.
+"""The composition root: builds links, pipeline and sinks, and runs them in one TaskGroup.
 
-Links are required: one that ends takes the daemon down with a clear error, for the service manager to start it
-again. Sinks are optional: each runs in its own thread behind a bounded queue and restarts by itself. A datagram
-is recorded before it is decoded, goes through the pipeline in one synchronous call, and the outputs are queued for
+Links are required: one that ends takes the daemon down with a clear error, for the service manager to restart it.
+Sinks are optional: each runs in its own thread behind a bounded queue and restarts by itself. A datagram is
+recorded before it is decoded, goes through the pipeline in one synchronous call, and the outputs are queued for
 the sinks before the next datagram is read.
 """
 
@@ -20,7 +20,7 @@ from onboard.autopilot.notices import WARNING
 from onboard.autopilot.output import AutopilotOutput, Outgoing
 from onboard.autopilot.parameters import stored_parameters
 from onboard.autopilot.stream import Stream
-from onboard.config import Config, WarmFile, of_flight, ros_encoder, signing_key, storing_of
+from onboard.config import Config, WarmFile, flight_metadata, make_storing, ros_encoder, signing_key
 from onboard.links import AbsentError, Link, LinkError, parse_link
 from onboard.links.host_clock import HostClock
 from onboard.links.host_computer import HostComputer, load_of
@@ -37,17 +37,19 @@ from onboard.sinks.zenoh_ros import RosRunner, RosSink
 from onboard.sinks.zenoh_session import RouterAbsentError, ZenohSession, open_session
 from onboard.units import NS_PER_S, S_PER_NS
 
-TICK_S: Final = 0.02
-ROUTER_RETRY_S: Final = 1.0
-LEADER_HZ: Final = 20.0
+TICK_PERIOD_S: Final = 0.02
+ROUTER_POLL_PERIOD_S: Final = 1.0
+LEADER_RATE_HZ: Final = 20.0
 HEALTH_PERIOD_NS: Final = NS_PER_S
-LONGEST_WAIT_US: Final = (1 << 32) - 1  # what a recording can hold: more than an hour
-SILENT_NS: Final = 3 * NS_PER_S  # without a message of the latched autopilot: no longer healthy
+MAX_WAIT_TIME_US: Final = (1 << 32) - 1  # the largest value of a recording: more than an hour
+SILENCE_TIMEOUT_NS: Final = 3 * NS_PER_S  # without a message of the latched autopilot we are not healthy
 
 
 class Daemon:
-    """Everything of one flight. `report` receives lines for a person, `on_health` each health. `session`: Zenoh's,
-    which is being opened."""
+    """Everything of one flight.
+
+    `report` receives lines for a person, `on_health` each health. `session` is Zenoh's, which is being opened.
+    """
 
     def __init__(
         self,
@@ -65,7 +67,7 @@ class Daemon:
         self._config = config
         keys = {link.name: key for link in config.link if (key := signing_key(link)) is not None}
         self._pipeline = Pipeline(config, keys)
-        self._storing = storing_of(config)
+        self._storing = make_storing(config)
         parameters = stored_parameters(config, self._storing)
         self._output = AutopilotOutput(config, parameters, keys, self._pipeline.refuse)
         self._warm = WarmFile(config, report, self._pipeline.refuse)
@@ -85,20 +87,20 @@ class Daemon:
         self._lag_ns = 0  # the longest time by which the timer was late since the last health
         self._max_age_ns = round(config.ownship.max_age_s * NS_PER_S)
         self._offset_ns: int | None = None  # of the clocks, as of the last tick: other threads read it
-        self._leader_stream = Stream(LEADER_HZ)
+        self._leader_stream = Stream(LEADER_RATE_HZ)
         self._service = ServiceManager()
         self._delivered = self._processed = 0  # datagrams since the watchdog was fed
 
     async def run(self, end_signals: Iterable[signal.Signals] = (signal.SIGINT, signal.SIGTERM)) -> None:
         """Fly until one of `end_signals`.
 
-        Raises LinkError or SinkError, in one line, for what cannot be opened or has ended for good.
+        Raises LinkError or SinkError, in one line, for a part that cannot be opened or has ended for good.
         """
         stop = asyncio.Event()
         for number in end_signals:
             asyncio.get_running_loop().add_signal_handler(number, stop.set)
         try:
-            if await self._opened(stop):
+            if await self._open_until(stop):
                 self._service.notify("READY=1")
                 await self._fly(stop)
         finally:
@@ -110,8 +112,11 @@ class Daemon:
                     await asyncio.to_thread(storing.close)
             self._report("stopped")
 
-    async def _opened(self, stop: asyncio.Event) -> bool:
-        """Open everything, until `stop`, which may come while a name server is silent; whether all is open."""
+    async def _open_until(self, stop: asyncio.Event) -> bool:
+        """Open everything, and return whether it is open before `stop` is set.
+
+        A signal may arrive while a name server is silent.
+        """
         opening, stopping = asyncio.ensure_future(self._open()), asyncio.ensure_future(stop.wait())
         await asyncio.wait({opening, stopping}, return_when=asyncio.FIRST_COMPLETED)
         for task in (opening, stopping):
@@ -121,16 +126,18 @@ class Daemon:
         return not stop.is_set()
 
     async def _open(self) -> None:
-        """Claim ports, devices and files, so that a mistake shows before the flight does."""
+        """Claim ports, devices and files, so that a mistake shows before the flight."""
         config = self._config
         if config.zenoh.enabled:
             try:
                 await self._open_zenoh()
             except RouterAbsentError as error:  # a client's; `_await_router` tries again
-                self._report(f"{error}; trying again")
+                self._report(f"{error}; retrying")
         if config.recorder.path is not None:
             path, rotation = Path(config.recorder.path), _rotation(config)
-            recorder = recording.Recorder(path, rotation=rotation, metadata=of_flight(config), report=self._report)
+            recorder = recording.Recorder(
+                path, rotation=rotation, metadata=flight_metadata(config), report=self._report
+            )
             recorder.check()
             self._sinks["recorder"] = recording.runner(recorder)
             self._report(f"recording to {config.recorder.path}")
@@ -140,7 +147,7 @@ class Daemon:
             try:
                 await link.open()
             except AbsentError as error:  # it may come later: `run` tries again
-                self._report(f"{error}; trying again")
+                self._report(f"{error}; retrying")
         for described in config.link:
             self._report(f"link {described.name}: {described.url}")
         if (left := self._warm.read(self._wall_ns())) is not None:
@@ -153,11 +160,13 @@ class Daemon:
         self._zenoh = await opened
         prefix = config.zenoh.prefix
         zenoh = publishing.ZenohSink(
-            self._zenoh, prefix, current=self._current, monotonic=lambda: self._now_ns() * S_PER_NS
+            self._zenoh, prefix, current=self._mark_outdated, monotonic=lambda: self._now_ns() * S_PER_NS
         )
         sinks: list[SinkRunner[Any]] = [publishing.runner(zenoh)]
         if (encoder := self._encoder) is not None:
-            sink = RosSink(self._zenoh, config.ros2, lambda record, t: encoder.encode(self._current(record), t))
+            sink = RosSink(
+                self._zenoh, config.ros2, lambda record, t: encoder.encode(self._mark_outdated(record), t)
+            )
             sinks.append(RosRunner(sink, self._wall_ns, lambda: self._pipeline.clocks.offset_ns, self._clock))
         self._sinks |= {sink.name: sink for sink in sinks}
         link = ZenohLink(
@@ -172,9 +181,9 @@ class Daemon:
         return sinks, link
 
     async def _await_router(self, group: asyncio.TaskGroup, tasks: list[asyncio.Task[None]]) -> None:
-        """Open Zenoh once a client's router answers that did not at the start; the flight goes on without it."""
+        """Open Zenoh once a client's router answers that was absent at the start."""
         while self._zenoh is None:
-            await asyncio.sleep(ROUTER_RETRY_S)
+            await asyncio.sleep(ROUTER_POLL_PERIOD_S)
             with suppress(RouterAbsentError):
                 sinks, link = await self._open_zenoh()
                 tasks += [group.create_task(sink.run()) for sink in sinks]
@@ -187,7 +196,7 @@ class Daemon:
                 tasks += [group.create_task(link.run(self._deliver, self._now_ns)) for link in self._links]
                 if self._config.zenoh.enabled and self._zenoh is None:
                     tasks.append(group.create_task(self._await_router(group, tasks)))
-                tasks.append(group.create_task(self._keep_time()))
+                tasks.append(group.create_task(self._run_timer()))
                 await stop.wait()
                 for task in reversed(tasks):  # sinks last: they still write what is queued
                     task.cancel()
@@ -197,10 +206,14 @@ class Daemon:
             raise _first(group) from _first(group).__cause__
 
     def _deliver(self, datagram: Datagram) -> bool:
-        """One datagram's way through the program; whether it gave a message. An exception costs this datagram,
-        never the link."""
+        """Pass one datagram through the program; return whether it held a message.
+
+        An exception costs this datagram, never the link.
+        """
         waited_us = max(self._now_ns() - datagram.t_recv_ns, 0) // 1_000
-        datagram = replace(datagram, wall_step_ns=self._clock.step_ns(), waited_us=min(waited_us, LONGEST_WAIT_US))
+        datagram = replace(
+            datagram, wall_step_ns=self._clock.step_ns(), waited_us=min(waited_us, MAX_WAIT_TIME_US)
+        )
         recorder = self._sinks.get("recorder")
         if recorder is not None:
             recorder.put(datagram)
@@ -221,7 +234,7 @@ class Daemon:
         pipeline = self._pipeline
         before, reboots = pipeline.autopilot, pipeline.clocks.reboots
         for output in pipeline.advance(messages):
-            self._take(output)
+            self._handle_output(output)
         if pipeline.autopilot is not None and pipeline.autopilot is not before:
             for line in self._output.connect(pipeline.autopilot):
                 self._report(line)
@@ -237,8 +250,8 @@ class Daemon:
         now_ns = self._now_ns()
         self._send([self._output.respond(datagram.channel, messages, now_ns)], now_ns)
 
-    async def _keep_time(self) -> None:
-        """Send and publish what is due by the clock: the session with the autopilot, and our health."""
+    async def _run_timer(self) -> None:
+        """Send and publish periodically: the session with the autopilot, and our health."""
         due_ns = self._now_ns()
         is_waiting = False
         while True:
@@ -253,14 +266,16 @@ class Daemon:
             except Exception as error:  # of any kind: the next tick may succeed
                 self._pipeline.count_error("timer", error)
             self._console.show_errors(self._pipeline.errors)
-            due_ns = now_ns + round(TICK_S * NS_PER_S)  # a tick in which this program stood still is late, too
-            await asyncio.sleep(TICK_S)
+            due_ns = now_ns + round(
+                TICK_PERIOD_S * NS_PER_S
+            )  # a tick in which this program stood still is late, too
+            await asyncio.sleep(TICK_PERIOD_S)
 
     def _tick(self, now_ns: int) -> None:
         heard_ns = self._pipeline.heard_ns
-        is_heard = heard_ns is not None and now_ns - heard_ns < SILENT_NS
+        is_heard = heard_ns is not None and now_ns - heard_ns < SILENCE_TIMEOUT_NS
         for output in self._pipeline.tick(now_ns):
-            self._take(output)
+            self._handle_output(output)
         offset_ns = self._offset_ns = self._pipeline.clocks.offset_ns
         boot_ns = None if offset_ns is None else now_ns - offset_ns
         host_ns = self._wall_ns()
@@ -290,26 +305,31 @@ class Daemon:
             self._feed_watchdog()
 
     def _feed_watchdog(self) -> None:
-        """Once a second, unless all that came has failed in the pipeline: then we are started anew."""
+        """Feed the watchdog once a second, unless everything received has failed in the pipeline.
+
+        The service manager then restarts the daemon.
+        """
         if self._processed or not self._delivered:
             self._service.notify("WATCHDOG=1")
             self._delivered = self._processed = 0
 
-    def _take(self, output: Output) -> None:
-        """Publish what the pipeline gives, and send the autopilot what it wants of it."""
+    def _handle_output(self, output: Output) -> None:
+        """Publish an output of the pipeline, and send the autopilot its part of it."""
         self._publish(output)
-        self._send(self._output.publish(self._current(output)), self._now_ns())
+        self._send(self._output.publish(self._mark_outdated(output)), self._now_ns())
         if isinstance(output, Estimate) and output.is_primary:
             self._console.show_state(output)
 
     def _warn(self, line: str) -> None:
-        """A line for a person here, and for the pilot."""
+        """Report a line here and to the pilot."""
         self._report(line)
         self._output.notices.add(WARNING, line)
 
-    def _current(self, record: Any) -> Any:
-        """A record as it may be published now: in a queue, or while this program stood still, it may have grown
-        too old. Any thread may call it."""
+    def _mark_outdated(self, record: Any) -> Any:
+        """Return a record as it may be published now; any thread may call it.
+
+        In a queue, or during a pause of this program, it may have become too old.
+        """
         offset_ns = self._offset_ns
         if not isinstance(record, Estimate | LeaderState) or not record.valid or offset_ns is None:
             return record
@@ -324,14 +344,14 @@ class Daemon:
         return self._now_ns() + self._clock.step_ns()
 
     def _measure_rates(self) -> None:
-        """Frames per second by MAVLink name, over the last health period."""
+        """Measure frames per second by MAVLink name, over the last health period."""
         frames = self._pipeline.frames
         period_s = HEALTH_PERIOD_NS * S_PER_NS
         self._rates = {name: (count - self._frames.get(name, 0)) / period_s for name, count in frames.items()}
         self._frames = frames
 
     def _send(self, outgoing: Iterable[Outgoing], made_ns: int) -> None:
-        """Send frames that were made at a time; none if this program has stood still since."""
+        """Send frames that were made at a time; none if this program has paused since."""
         for channel, frames in outgoing:
             if self._now_ns() - made_ns > self._max_age_ns:
                 return
@@ -342,18 +362,18 @@ class Daemon:
 
 
 def check_link(url: str) -> None:
-    """Raise LinkError for what is no link string; nothing is opened."""
+    """Raise LinkError for an invalid link string; nothing is opened."""
     parse_link(url, "autopilot")
 
 
 def _rotation(config: Config) -> recording.Rotation:
-    """Of recordings, as configured."""
+    """Return the configured rotation of recordings."""
     file_mb, keep_mb = config.recorder.file_mb, config.recorder.keep_mb
     file_bytes, keep_bytes = (None if limit is None else limit * 1e6 for limit in (file_mb, keep_mb))
     return recording.Rotation(file_bytes, keep_bytes, config.recorder.keep_days)
 
 
 def _first(group: BaseExceptionGroup[Any]) -> BaseException:
-    """The first exception of a group."""
+    """Return the first exception of a group."""
     error = group.exceptions[0]
     return _first(error) if isinstance(error, BaseExceptionGroup) else error

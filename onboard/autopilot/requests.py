@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard import __version__
 from onboard.autopilot.stream import Stream
-from onboard.config import FASTEST_OUT_HZ
+from onboard.config import MAX_OUT_RATE_HZ
 from onboard.messages import Clock, Command, Message, MessageInterval, Version
 from onboard.messages.causes import Cause, Reason
 from onboard.wire.datagrams import OnRefused, ignore
@@ -86,7 +86,7 @@ class Requests:
             self._refuse(sender_of(command), why, command.t_recv_ns)
             return Answer(DENIED)
         before = streams[0].stream.interval_us
-        done = [offered.stream.set_interval(command.params[1], FASTEST_OUT_HZ) for offered in streams]
+        done = [offered.stream.set_interval(command.params[1], MAX_OUT_RATE_HZ) for offered in streams]
         if name is not None and streams[0].stream.interval_us != before:
             self.lines.append(f"{name} {_words(streams[0].stream)} by {sender_of(command)}")
         return Answer(ACCEPTED if all(done) else DENIED)

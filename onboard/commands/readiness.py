@@ -32,7 +32,7 @@ from onboard.health.needs import RATE_SHARE
 from onboard.messages import Advice, Health, Severity
 from onboard.messages.causes import Cause, Reason
 from onboard.pipeline.needs import needs
-from onboard.sinks.recorder import SET_S
+from onboard.sinks.recorder import MIN_UNIX_TIME_S
 from onboard.sinks.sink import SinkError
 from onboard.units import S_PER_NS
 from onboard.view.client import Client
@@ -214,7 +214,7 @@ def _disk(config: Config) -> Finding:
 
 def _clock(config: Config, wall_s: float) -> Finding:
     """This computer's clock, which signatures and certificates need."""
-    if wall_s >= SET_S:
+    if wall_s >= MIN_UNIX_TIME_S:
         return Finding.fine(
             "clock", f"this computer's is {time.strftime('%Y-%m-%d %H:%M UTC', time.gmtime(wall_s))}"
         )

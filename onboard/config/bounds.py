@@ -25,10 +25,8 @@ DELAY: Final = Bounds(-10.0, 10.0, "it is a delay in seconds; older images are n
 RANGES: Final = {
     "estimator.leader.size_prior_m": Bounds(0.02, 200.0, "it is an aircraft's wingspan in metres"),
     "estimator.leader.size_prior_sigma_m": Bounds(1e-6, 100.0, "it is the error of a wingspan in metres"),
-    "estimator.leader.own_tilt_sigma_deg": Bounds(0.0, 45.0, "with a greater error nobody knows which way is up"),
-    "estimator.leader.own_yaw_sigma_deg": Bounds(
-        0.0, 90.0, "with a greater error nobody knows which way is north"
-    ),
+    "estimator.leader.own_tilt_sigma_deg": Bounds(0.0, 45.0, "a larger error leaves the vertical unknown"),
+    "estimator.leader.own_yaw_sigma_deg": Bounds(0.0, 90.0, "a larger error leaves north unknown"),
     "estimator.leader.own_velocity_sigma_m_s": Bounds(0.0, 100.0, "it is the error of a velocity in m/s"),
     "estimator.leader.delay_sigma_s": Bounds(0.0, 1.0, "it is the error of a delay in seconds"),
     "estimator.leader.coast_after_s": Bounds(0.02, 3600.0, "it is a time without images in seconds"),
@@ -36,37 +34,39 @@ RANGES: Final = {
     "estimator.leader.reset_timeout_s": Bounds(0.02, 3600.0, "it is a time without images in seconds"),
     "delay.camera_s": DELAY,
 }
-OF_A_CAMERA: Final = {
+CAMERA_RANGES: Final = {
     "mount_rpy_deg": ANGLE_DEG,
     "mount_offset_m": OFFSET_M,
     "delay_s": DELAY,
-    "mount_sigma_deg": Bounds(0.0, 45.0, "with a greater error nobody knows where the camera looks"),
-    "mount_yaw_sigma_deg": Bounds(0.0, 90.0, "with a greater error nobody knows where the camera looks"),
+    "mount_sigma_deg": Bounds(0.0, 45.0, "a larger error leaves the camera's direction unknown"),
+    "mount_yaw_sigma_deg": Bounds(0.0, 90.0, "a larger error leaves the camera's direction unknown"),
 }
 # Keys that the file of stored parameters may set: a parameter cannot open a link or name a file.
 TUNABLE: Final = frozenset(RANGES) | {
     f"camera.{key}" for key in ("f_px", "sigma_px", "mount_rpy_deg", "mount_offset_m")
 }
-FOCAL_WIDTHS: Final = Bounds(0.01, 100.0, "the field of view is then between 0.6 and 179 degrees")  # of the width
-SIGMA: Final = Bounds(1e-5, 0.02, "a larger error hides a wing, and no detector has a smaller one")  # of the width
+FOCAL_LENGTH_RANGE: Final = Bounds(
+    0.01, 100.0, "the field of view is then between 0.6 and 179 degrees"
+)  # image widths
+SIGMA_RANGE: Final = Bounds(1e-5, 0.02, "a larger error hides a wing, and no detector has a smaller one")  # widths
 
 
 def out_of_range(config: Config) -> Iterator[str]:
-    """A line for each value out of bounds: its key, its value, the bounds and their reason."""
+    """Yield a line for each value out of bounds: its key, its value, the bounds and their reason."""
     for key, bounds in RANGES.items():
-        yield from _checked(key, _find(config, key), bounds)
+        yield from _check(key, _find(config, key), bounds)
     cameras = {"camera": config.camera} | {f"cameras.{name}": c for name, c in config.cameras.items()}
     for name, camera in cameras.items():
-        for key, bounds in OF_A_CAMERA.items():
-            yield from _checked(f"{name}.{key}", getattr(camera, key), bounds)
+        for key, bounds in CAMERA_RANGES.items():
+            yield from _check(f"{name}.{key}", getattr(camera, key), bounds)
         width = lens_of(camera).width_px
-        yield from _checked(f"{name}.sigma_px", camera.sigma_px, _scaled(SIGMA, width))
+        yield from _check(f"{name}.sigma_px", camera.sigma_px, _scale(SIGMA_RANGE, width))
         for key in ("f_px", "fy_px"):
-            yield from _checked(f"{name}.{key}", getattr(camera, key), _scaled(FOCAL_WIDTHS, width))
+            yield from _check(f"{name}.{key}", getattr(camera, key), _scale(FOCAL_LENGTH_RANGE, width))
 
 
 def not_tunable(table: dict[str, Any], prefix: str = "") -> Iterator[str]:
-    """The keys of a table that no parameter may set."""
+    """Yield the keys of a table that no parameter may set."""
     for name, value in table.items():
         key = f"{prefix}{name}"
         if isinstance(value, dict) and key not in TUNABLE:
@@ -75,24 +75,24 @@ def not_tunable(table: dict[str, Any], prefix: str = "") -> Iterator[str]:
             yield key
 
 
-def _scaled(bounds: Bounds, by: float) -> Bounds:
+def _scale(bounds: Bounds, by: float) -> Bounds:
     return bounds._replace(low=bounds.low * by, high=bounds.high * by)
 
 
 def _find(config: Config, key: str) -> Any:
-    """The value of a key, None where there is none."""
+    """Return the value of a key, or None if it does not exist."""
     found: Any = config
     for part in key.split("."):
         found = found.get(part) if isinstance(found, dict) else getattr(found, part, None)
     return found
 
 
-def _checked(key: str, value: Any, bounds: Bounds) -> Iterator[str]:
+def _check(key: str, value: Any, bounds: Bounds) -> Iterator[str]:
     if value is None:
         return
     if isinstance(value, tuple):
         for i, item in enumerate(value):
-            yield from _checked(f"{key}[{i}]", item, bounds)
+            yield from _check(f"{key}[{i}]", item, bounds)
     elif not bounds.low <= value <= bounds.high:
         wanted = f"expected {bounds.low:.6g} to {bounds.high:.6g}"
-        yield f"{key}: {value:.6g} cannot fly; {wanted}, since {bounds.why}"
+        yield f"{key}: {value:.6g} is out of range; {wanted}, since {bounds.why}"

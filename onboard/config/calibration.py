@@ -1,5 +1,8 @@
-"""Camera calibration files: ROS camera_info (camera_calibration, `ros2 topic echo`, OpenCV's FileStorage with the
-same names), and Kalibr camchains."""
+"""Camera calibration files: ROS camera_info, and Kalibr camchains.
+
+camera_info is read from camera_calibration, from `ros2 topic echo`, and from OpenCV's FileStorage with the same
+names.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -9,8 +12,10 @@ from onboard.wire.ros.camera_info import EXPECTED, lens_of_info, make_lens, mode
 
 
 def read_calibration(path: Path) -> Lens:
-    """The lens in a file, for the raw image: rectification and projection matrices are ignored. Raises
-    ValueError, which names the file and the field."""
+    """Return the lens in a file, for the raw image.
+
+    Rectification and projection matrices are ignored. Raises ValueError, which names the file and the field.
+    """
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, ValueError) as error:
@@ -27,11 +32,11 @@ def read_calibration(path: Path) -> Lens:
 
 
 def _load(text: str) -> Any:
-    """The first document of a YAML file. Raises ValueError."""
+    """Return the first document of a YAML file. Raises ValueError."""
     import yaml  # noqa: PLC0415 - 30 ms that most starts do not need
 
     class Loader(yaml.SafeLoader):
-        """OpenCV's FileStorage writes a tag of its own."""
+        """A loader for the additional tag of OpenCV's FileStorage."""
 
     def matrix(loader: yaml.SafeLoader, node: yaml.MappingNode) -> Any:
         return loader.construct_mapping(node, deep=True)
@@ -46,10 +51,10 @@ def _load(text: str) -> Any:
 
 
 def _kalibr(table: dict[str, Any]) -> Lens:
-    """Raises ValueError."""
+    """Return the lens of a Kalibr camchain. Raises ValueError."""
     cameras = {name: value for name, value in table.items() if isinstance(value, dict) and "camera_model" in value}
     if len(cameras) > 1:
-        raise ValueError(f"it is of several cameras: {', '.join(cameras)}; expected a file of one")
+        raise ValueError(f"it holds several cameras ({', '.join(cameras)}); use a file with one")
     ((name, camera),) = cameras.items()
     if camera["camera_model"] != "pinhole":
         raise ValueError(f"{name}.camera_model is {shown(camera['camera_model'])}, known: pinhole")

@@ -75,11 +75,11 @@ class CameraConfig(Record, frozen=True, kw_only=True):
         lens_of(self)
         for key, topic in (("ros_topic", self.ros_topic), ("ros_camera_info", self.ros_camera_info)):
             if not TOPIC.fullmatch(topic):
-                raise ValueError(f"{key}: {topic!r} is no topic; use its name without the first slash")
+                raise ValueError(f"{key}: {topic!r} is not a topic; write its name without the leading slash")
 
 
 def lens_of(c: CameraConfig) -> Lens:
-    """The lens of a camera. Raises ValueError."""
+    """Return the lens of a camera. Raises ValueError."""
     if c.calibration is not None:
         lens = read_calibration(Path(c.calibration))
         _check_center(lens, f"calibration: {c.calibration}: the principal point")
@@ -88,7 +88,7 @@ def lens_of(c: CameraConfig) -> Lens:
         except LensError as error:
             raise ValueError(f"calibration: {c.calibration}: {error}") from error
     if c.crop_px is not None:
-        raise ValueError("crop_px: is of a `calibration`, which is missing")
+        raise ValueError("crop_px needs `calibration`, which is not set")
     width_px, height_px = c.width_px or WIDTH_PX, c.height_px or HEIGHT_PX
     try:
         lens = Lens(
@@ -111,18 +111,18 @@ def _check_center(lens: Lens, what: str) -> None:
     """Raise ValueError for a principal point outside its image."""
     if not (0.0 < lens.cx_px < lens.width_px and 0.0 < lens.cy_px < lens.height_px):
         raise ValueError(
-            f"{what}: ({lens.cx_px:g}, {lens.cy_px:g}) is not in the image of {lens.width_px:g} x "
-            f"{lens.height_px:g} pixels; of a part of an image, expected `calibration` and `crop_px`"
+            f"{what}: ({lens.cx_px:g}, {lens.cy_px:g}) is outside the image of {lens.width_px:g} x "
+            f"{lens.height_px:g} pixels; for a part of an image use `calibration` and `crop_px`"
         )
 
 
-def named(first: CameraConfig, others: Mapping[str, CameraConfig]) -> list[CameraConfig]:
-    """All cameras, the first one first; the others are named as their sections."""
+def name_cameras(first: CameraConfig, others: Mapping[str, CameraConfig]) -> list[CameraConfig]:
+    """Return all cameras, the first one first; the others are named as their sections."""
     return [first, *(replace(c, name=name) for name, c in others.items())]
 
 
 def camera_model(cameras: list[CameraConfig]) -> Camera:
-    """The first camera as a geometric model, which holds the others by name."""
+    """Return the first camera as a geometric model, which holds the others by name."""
     first, *others = map(_camera, cameras)
     return dataclasses.replace(first, others=tuple(others))
 
@@ -144,7 +144,7 @@ def _camera(c: CameraConfig) -> Camera:
 
 
 class MountErrors(NamedTuple):
-    """Systematic errors of a mount's attitude: standard deviations in degrees, and their correlation time in s."""
+    """Systematic errors of a mount's attitude: sigmas in degrees, correlation time in s."""
 
     tilt_sigma_deg: float
     yaw_sigma_deg: float
@@ -152,7 +152,7 @@ class MountErrors(NamedTuple):
 
 
 def mount_errors(cameras: list[CameraConfig]) -> MountErrors:
-    """The errors of the least certain mount: all cameras may see one track."""
+    """Return the errors of the least certain mount, since all cameras may see one track."""
     every = [_mount_errors(c) for c in cameras]
     worst = max(every, key=lambda e: e.yaw_sigma_deg)
     return worst._replace(tilt_sigma_deg=max(e.tilt_sigma_deg for e in every))
@@ -169,7 +169,10 @@ def _mount_errors(c: CameraConfig) -> MountErrors:
 
 
 def camera_inputs(cameras: list[CameraConfig], points: tuple[str, ...]) -> dict[str, CameraInput]:
-    """The decoder's settings for each camera, by name. `points`: names of points other than the wing's."""
+    """Return the decoder's settings for each camera, by name.
+
+    `points` are the names of points other than the wing's.
+    """
     return {
         c.name: CameraInput(
             name=c.name,

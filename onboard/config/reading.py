@@ -1,6 +1,7 @@
-"""TOML -> configuration. An unknown key is an error that names it and the known ones.
+"""Reading of the configuration from TOML.
 
-`--set KEY=VALUE` overrides one value of the file; VALUE is read as TOML.
+An unknown key is an error that names it and the known ones. `--set KEY=VALUE` overrides one value of the file;
+VALUE is read as TOML.
 """
 
 import difflib
@@ -26,68 +27,72 @@ from onboard.messages import Record, TargetClass
 from onboard.wire.documents.document import NAME
 from onboard.wire.mavlink.encode import message_number
 
-ROWS: Final[dict[Any, type[Record]]] = {  # arrays of tables
+ROW_TYPES: Final[dict[Any, type[Record]]] = {  # arrays of tables
     tuple[LinkConfig, ...]: LinkConfig,
     tuple[LeaderOutConfig, ...]: LeaderOutConfig,
 }
-NAMED: Final[dict[Any, type[Record]]] = {  # tables of tables, by name
+NAMED_TYPES: Final[dict[Any, type[Record]]] = {  # tables of tables, by name
     dict[str, CameraConfig]: CameraConfig,
     dict[str, TargetClass]: TargetClass,
 }
 
 
 PATH_KEYS: Final = ("path", "calibration")
-IN_CALIBRATION: Final = ("f_px", "fy_px", "cx_px", "cy_px", "distortion_model", "distortion")
+CALIBRATION_KEYS: Final = ("f_px", "fy_px", "cx_px", "cy_px", "distortion_model", "distortion")
 FILE_ADDRESS: Final = "file:///"
 BARE_NUMBER: Final = re.compile(r"[+-]?(\.\d+|\d+\.)")  # accepted from users, but not by TOML
-AUTOPILOT: Final = 1  # MAV_COMP_ID_AUTOPILOT1
+AUTOPILOT_COMPONENT_ID: Final = 1  # MAV_COMP_ID_AUTOPILOT1
 GIMBAL_MESSAGE: Final = "GIMBAL_DEVICE_ATTITUDE_STATUS"
-GIMBAL_HZ: Final = 25.0
-SEES: Final = "leader"  # the estimator that uses the cameras
+GIMBAL_RATE_HZ: Final = 25.0
+CAMERA_ESTIMATOR: Final = "leader"  # the estimator that uses the cameras
 
 
 class ConfigError(UserError, ValueError):
-    """The configuration cannot be used; the message is one line with place and reason."""
+    """An unusable configuration; the message is one line with place and reason."""
 
 
 def load_config(path: Path | None, overrides: tuple[str, ...] = ()) -> Config:
-    """The configuration of a TOML file, or of the flight of a recording (None: the defaults, with the leader
-    estimator), and `--set` overrides.
+    """Return the configuration of a TOML file or a recorded flight, with `--set` overrides.
 
-    Raises ConfigError.
+    Without a path it is the defaults with the leader estimator. Raises ConfigError.
     """
-    table = _with_paths(read_table(path, overrides))
+    table = _expand_paths(read_table(path, overrides))
     try:
         return parse_config(table)
     except ConfigError as error:
         if overrides:
             load_config(path)  # reports an error of the file itself
         elif path is not None and read_recorded(path):
-            raise ConfigError(f"{path} was flown with: {error}; name a configuration with --config") from error
+            raise ConfigError(
+                f"the configuration recorded in {path} is invalid: {error}; choose another with --config"
+            ) from error
         raise
 
 
 def read_table(path: Path | None, overrides: tuple[str, ...] = ()) -> dict[str, Any]:
-    """The unchecked table of a file and overrides. Raises ConfigError for a file that is not TOML."""
+    """Return the unchecked table of a file and overrides.
+
+    Raises ConfigError for a file that is not TOML.
+    """
     table: dict[str, Any] = {}
     if path is not None:
         table = read_recorded(path) or read_toml(path)
-    table = _with_paths(table)
+    table = _expand_paths(table)
     stored = table.get("parameters", {})
     stored_path = stored.get("path") if isinstance(stored, dict) else None
     if isinstance(stored_path, str) and Path(stored_path).exists():
         kept = read_toml(Path(stored_path))
         for key in not_tunable(kept):
-            raise ConfigError(f"{stored_path}: {key} is no parameter; write it into the configuration file itself")
-        table = _merged(table, kept)
+            raise ConfigError(f"{stored_path}: {key} is not a parameter; move it to the configuration file")
+        table = _merge(table, kept)
     for override in overrides:
-        _put(table, override)
+        _apply_override(table, override)
     table.setdefault("estimator", {"leader": {}})
     return table
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """The table of a TOML file. Raises ConfigError."""
+    """Return the table of a TOML file. Raises ConfigError."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))  # Windows editors write a byte order mark
     except OSError as error:
@@ -98,57 +103,66 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ConfigError(f"{path} is not TOML: {error}") from error
 
 
-def _with_paths(value: Any, key: str = "") -> Any:
-    """A table with `~`, `$HOME` and other variables in file names expanded, and ROS file addresses turned into
-    names."""
+def _expand_paths(value: Any, key: str = "") -> Any:
+    """Return a table with variables and ROS addresses in its file names resolved.
+
+    `~`, `$HOME` and other variables are expanded.
+    """
     if isinstance(value, dict):
-        return {name: _with_paths(inner, name) for name, inner in value.items()}
+        return {name: _expand_paths(inner, name) for name, inner in value.items()}
     if isinstance(value, list):
-        return [_with_paths(inner, key) for inner in value]
+        return [_expand_paths(inner, key) for inner in value]
     is_path = isinstance(value, str) and (key in PATH_KEYS or key.endswith("_file"))
     if is_path and value.startswith(FILE_ADDRESS):
         return unquote(value.removeprefix(FILE_ADDRESS[:-1]))
-    return _expanded(key, value) if is_path and value.startswith(("~", "$")) else value
+    return _expand_path(key, value) if is_path and value.startswith(("~", "$")) else value
 
 
-def _expanded(key: str, value: str) -> str:
-    """A file name with its home or variable expanded. Raises ConfigError if that is unknown: unexpanded, it would
-    create a folder named `~` in the working directory."""
+def _expand_path(key: str, value: str) -> str:
+    """Expand home or variable at the start of a file name.
+
+    Raises ConfigError if it is unknown: unexpanded, it would create a folder named `~` in the working directory.
+    """
     try:
         found = os.path.expandvars(Path(value).expanduser())
     except RuntimeError as error:
-        raise ConfigError(f"{key}: {value}: no home is known; write the whole name of the file") from error
+        raise ConfigError(f"{key}: {value}: the home folder is unknown; write the full path") from error
     if found.startswith("$"):
-        raise ConfigError(f"{key}: {value}: this variable is not set; write the whole name of the file")
+        raise ConfigError(f"{key}: {value}: this variable is not set; write the full path")
     return found
 
 
-def _merged(table: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
-    """A table overridden by another's values, table by table."""
+def _merge(table: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
+    """Return a table overridden by another's values, table by table."""
     inner = {k for k in over if isinstance(over[k], dict) and isinstance(table.get(k), dict)}
-    return {**table, **over, **{k: _merged(table[k], over[k]) for k in inner}}
+    return {**table, **over, **{k: _merge(table[k], over[k]) for k in inner}}
 
 
 def named_estimators(table: dict[str, Any]) -> dict[str, Any]:
-    """The sections of a table's estimators by their names, unchecked, without loading any. Raises ConfigError."""
+    """Return the unchecked sections of a table's estimators by name, without loading any.
+
+    Raises ConfigError.
+    """
     sections = table.get("estimator", {})
     if not isinstance(sections, dict):
         raise ConfigError("`estimator` must be a table of tables, such as [estimator.leader]")
     for name in sections:
         if name not in known():
-            raise ConfigError(f"unknown key estimator.{name}{_among(name, known())}")
+            raise ConfigError(f"unknown key estimator.{name}{_suggestion(name, known())}")
     return sections
 
 
 def estimator_modules(sections: Mapping[str, Record] | None = None) -> list[str]:
-    """The modules that estimators of these configurations load by name, without loading them. Default: all
-    estimators, as they ship."""
+    """Return the modules that estimators load by name, without loading them.
+
+    The default is all estimators with their default configurations.
+    """
     chosen = {name: config_type(name)() for name in known()} if sections is None else sections
     return [module for name, section in chosen.items() for module in flown_modules(name, section)]
 
 
 def parse_config(table: dict[str, Any]) -> Config:
-    """The configuration of a table as TOML gives it. Raises ConfigError."""
+    """Return the configuration of a table as TOML gives it. Raises ConfigError."""
     config: Config = _convert({k: v for k, v in table.items() if k != "estimator"}, Config, "")
     _check_cameras(config)
     _check_lenses(table)
@@ -159,22 +173,22 @@ def parse_config(table: dict[str, Any]) -> Config:
     wanted |= {f"leader_out[{i}].link": out.link for i, out in enumerate(config.leader_out)}
     for key, link in wanted.items():
         if link and link not in named:
-            raise ConfigError(f"{key}: no link is called {link!r}{_among('', named)}")
-    if config.autopilot.component == AUTOPILOT:
+            raise ConfigError(f"{key}: no link has the name {link!r}{_suggestion('', named)}")
+    if config.autopilot.component == AUTOPILOT_COMPONENT_ID:
         raise ConfigError(
-            f"autopilot.component: {AUTOPILOT} is the autopilot itself, which takes our messages for its own; "
-            "expected another number, such as 191 (an onboard computer)"
+            f"autopilot.component is {AUTOPILOT_COMPONENT_ID}, that of the autopilot itself; "
+            "use another, such as 191 (an onboard computer)"
         )
     for i, out in enumerate(config.leader_out):
         if config.autopilot.system == out.system:
-            raise ConfigError(f"leader_out[{i}].system: must differ from autopilot.system: it is another vehicle")
+            raise ConfigError(f"leader_out[{i}].system is {out.system}, that of our own autopilot; use another")
     sections = {}
     for name, section in named_estimators(table).items():
         kind = config_type(name)
-        errors = config.leader_errors() if name == SEES else config.ownship.errors
-        given = _shared(config, errors, kind) | section if isinstance(section, dict) else section
+        errors = config.leader_errors() if name == CAMERA_ESTIMATOR else config.ownship.errors
+        given = _shared_keys(config, errors, kind) | section if isinstance(section, dict) else section
         sections[name] = _convert(given, kind, f"estimator.{name}")
-    _check_broadcast(config, sections.get(SEES))
+    _check_broadcast(config, sections.get(CAMERA_ESTIMATOR))
     whole = msgspec.structs.replace(config, estimator=sections)
     for reason in out_of_range(whole):
         raise ConfigError(reason)
@@ -184,22 +198,22 @@ def parse_config(table: dict[str, Any]) -> Config:
 def _check_broadcast(config: Config, leader: Any) -> None:
     """Raise ConfigError for a leader's broadcast with our own id."""
     system = leader.broadcast.system if leader is not None else 0
-    key = f"estimator.{SEES}.broadcast.system"
+    key = f"estimator.{CAMERA_ESTIMATOR}.broadcast.system"
     if system and any(out.system == system for out in config.leader_out):
-        raise ConfigError(f"{key}: [[leader_out]] sends as system {system}")
+        raise ConfigError(f"{key} is {system}, as which [[leader_out]] sends; use the leader's own system")
     if system and config.autopilot.system == system:
-        raise ConfigError(f"{key}: our own vehicle is system {system}")
+        raise ConfigError(f"{key} is {system}, that of our own vehicle; use the leader's own system")
 
 
 def _check_cameras(config: Config) -> None:
     """Raise ConfigError for a camera name that is used twice or cannot be part of a key."""
     for name, camera in config.cameras.items():
         if name == config.camera.name:
-            raise ConfigError(f"cameras.{name}: [camera] has this name")
+            raise ConfigError(f"cameras.{name}: [camera] already has this name; choose another")
         if camera.name not in (CameraConfig().name, name):
-            raise ConfigError(f"cameras.{name}.name: the section is its name")
+            raise ConfigError(f"cameras.{name}.name: remove it, since the section gives the name")
         if not NAME.fullmatch(name):
-            raise ConfigError(f"cameras.{name}: a name is of letters, digits and -_., 64 at most")
+            raise ConfigError(f"cameras.{name}: use at most 64 letters, digits and -_. for a name")
 
 
 def _check_lenses(table: dict[str, Any]) -> None:
@@ -207,46 +221,54 @@ def _check_lenses(table: dict[str, Any]) -> None:
     sections = {"camera": table.get("camera", {})}
     sections |= {f"cameras.{name}": section for name, section in table.get("cameras", {}).items()}
     for at, section in sections.items():
-        without = [key for key in IN_CALIBRATION if key in section]
+        without = [key for key in CALIBRATION_KEYS if key in section]
         if section.get("calibration") is not None and without:
-            raise ConfigError(f"{at}.{without[0]}: it is in the file of {at}.calibration; remove one of them")
+            raise ConfigError(f"{at}.{without[0]}: the file of {at}.calibration also has it; remove one of them")
 
 
-def _shared(config: Config, errors: OwnErrors, kind: type[Record]) -> dict[str, Any]:
-    """The keys that an estimator takes from other sections: `[target]`, and the errors of our own state."""
+def _shared_keys(config: Config, errors: OwnErrors, kind: type[Record]) -> dict[str, Any]:
+    """Return the keys that an estimator takes from `[target]` and `[ownship.errors]`."""
     classes = {"target": msgspec.to_builtins(config.target)}
     takes_classes = any(field.name == "target" for field in _fields(kind))
     return _own_errors(errors, kind) | (classes if takes_classes else {})
 
 
 def _check_own_reports(config: Config) -> None:
-    """Raise ConfigError if the leader messages we send would return to us as images of it."""
+    """Raise ConfigError if the leader messages that we send would return to us as its images."""
     sent = {out.camera_component for out in config.leader_out if "CAMERA_TRACKING_IMAGE_STATUS" in out.rates_hz}
     for camera in (config.camera, *config.cameras.values()):
         if camera.tracker in sent:
-            raise ConfigError(f"camera {camera.name}: tracker: [[leader_out]] sends as component {camera.tracker}")
+            raise ConfigError(
+                f"camera {camera.name}: tracker is {camera.tracker}, as which [[leader_out]] sends; use another"
+            )
         if camera.landing_target == "aircraft" and any("LANDING_TARGET" in o.rates_hz for o in config.leader_out):
-            raise ConfigError(f"camera {camera.name}: landing_target: [[leader_out]] sends LANDING_TARGET itself")
+            raise ConfigError(
+                f"camera {camera.name}: landing_target: [[leader_out]] sends LANDING_TARGET too; remove one"
+            )
 
 
 def _with_rates(config: Config) -> Config:
-    """The configuration with default rates for unnamed messages, a request for the gimbal's attitude if a camera
-    is on one, and without rates of 0. Raises ConfigError."""
+    """Return the configuration with the default rates of requested messages.
+
+    It requests the gimbal's attitude if a camera is on one, and drops rates of 0. Raises ConfigError.
+    """
     for name, rate in config.autopilot.rates_hz.items():
         if not _is_message(name):
-            raise ConfigError(f"autopilot.rates_hz.{name}: there is no MAVLink message of this name")
+            raise ConfigError(f"autopilot.rates_hz.{name}: no MAVLink message has this name")
         if not rate >= 0:
-            raise ConfigError(f"autopilot.rates_hz.{name}: must be positive, or 0 to ask for none, not {rate}")
+            raise ConfigError(f"autopilot.rates_hz.{name} is {rate}; use a positive rate, or 0 for no request")
     cameras = (config.camera, *config.cameras.values())
-    gimbal = {} if all(camera.gimbal is None for camera in cameras) else {GIMBAL_MESSAGE: GIMBAL_HZ}
+    gimbal = {} if all(camera.gimbal is None for camera in cameras) else {GIMBAL_MESSAGE: GIMBAL_RATE_HZ}
     rates = {**AutopilotConfig().rates_hz, **gimbal, **config.autopilot.rates_hz}
     asked = {name: rate for name, rate in rates.items() if rate > 0.0}
     return msgspec.structs.replace(config, autopilot=msgspec.structs.replace(config.autopilot, rates_hz=asked))
 
 
 def _own_errors(errors: OwnErrors, kind: type[Record]) -> dict[str, float]:
-    """The keys of an estimator's section that `[ownship.errors]` sets: those with the same default. A different
-    default is the estimator's own."""
+    """Return the keys of an estimator's section that `[ownship.errors]` sets.
+
+    They are those with the same default; a different default is the estimator's own.
+    """
     shared = {f"own_{field.name}": field for field in _fields(OwnErrors)}
     return {
         field.name: getattr(errors, shared[field.name].name)
@@ -263,7 +285,7 @@ def _is_message(name: str) -> bool:
     return True
 
 
-def _put(table: dict[str, Any], override: str) -> None:
+def _apply_override(table: dict[str, Any], override: str) -> None:
     """Put KEY=VALUE into a nested table."""
     key, equals, text = override.partition("=")
     if not equals or not key.strip():
@@ -288,8 +310,8 @@ def _is_text(path: tuple[str, ...]) -> bool:
     if path[0] == "estimator" and len(path) > 1 and path[1] in known():
         kind, path = config_type(path[1]), path[2:]
     for key in path:
-        if kind in NAMED:
-            kind = NAMED[kind]
+        if kind in NAMED_TYPES:
+            kind = NAMED_TYPES[kind]
             continue
         fields = _fields(kind) if isinstance(kind, type) and issubclass(kind, Record) else ()
         kind = next((field.type for field in fields if field.name == key), None)
@@ -297,7 +319,7 @@ def _is_text(path: tuple[str, ...]) -> bool:
 
 
 def _convert(table: Any, kind: type[Any], at: str) -> Any:
-    """A table as a record, strictly; errors name the key by its full path."""
+    """Convert a table to a record, strictly; errors name the key by its full path."""
     if not isinstance(table, dict):
         raise ConfigError(f"`{at}` must be a table, not {table!r}")
     _check_keys(table, kind, at)
@@ -312,18 +334,18 @@ def _convert(table: Any, kind: type[Any], at: str) -> Any:
 
 
 def _check_keys(table: dict[str, Any], kind: Any, at: str) -> None:
-    """Raise for a key that `kind` does not have, here or in the tables below."""
+    """Raise ConfigError for a key that `kind` does not have, here or in nested tables."""
     fields = {field.name: field.type for field in _fields(kind)}
     for key, value in table.items():
         path = f"{at}.{key}".lstrip(".")
         if key not in fields:
-            raise ConfigError(f"unknown key {path}{_among(key, tuple(fields))}")
+            raise ConfigError(f"unknown key {path}{_suggestion(key, tuple(fields))}")
         if isinstance(value, dict) and isinstance(fields[key], type) and issubclass(fields[key], Record):
             _check_keys(value, fields[key], path)
-        if isinstance(value, dict) and fields[key] in NAMED:
+        if isinstance(value, dict) and fields[key] in NAMED_TYPES:
             for name, item in value.items():
-                _convert(item, NAMED[fields[key]], f"{path}.{name}")  # its errors name the whole path
-        rows = ROWS.get(fields[key])
+                _convert(item, NAMED_TYPES[fields[key]], f"{path}.{name}")  # its errors name the whole path
+        rows = ROW_TYPES.get(fields[key])
         if isinstance(value, list) and rows is not None:
             for i, item in enumerate(value):
                 if isinstance(item, dict):
@@ -336,7 +358,7 @@ def _fields(kind: type[Record]) -> tuple[Any, ...]:
 
 
 def _check_finite(value: Any, at: str) -> None:
-    """Raise for a number at any depth that is not finite: TOML allows nan and inf."""
+    """Raise ConfigError for a number at any depth that is not finite: TOML allows nan and inf."""
     if isinstance(value, float) and not math.isfinite(value):
         raise ConfigError(f"{at}: must be a finite number, not {value}")
     inside = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
@@ -344,7 +366,7 @@ def _check_finite(value: Any, at: str) -> None:
         _check_finite(item, f"{at}[{key}]" if isinstance(value, list) else f"{at}.{key}".lstrip("."))
 
 
-def _among(key: str, names: tuple[str, ...]) -> str:
+def _suggestion(key: str, names: tuple[str, ...]) -> str:
     near = difflib.get_close_matches(key, names, n=1)
     hint = f" (did you mean {near[0]}?)" if near else ""
     return f"{hint}; known: {', '.join(names)}"

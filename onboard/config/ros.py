@@ -7,13 +7,15 @@ from onboard.wire.ros.types import MISSING
 
 
 def ros_encoder(config: Config) -> RosEncoder | None:
-    """The encoder of `[ros2]`, None if nothing is published for ROS 2. Raises ConfigError if a package is missing,
-    also for what is received."""
+    """Return the encoder of `[ros2]`, or None if nothing is published for ROS 2.
+
+    Raises ConfigError if a package is missing, also for received topics.
+    """
     ros2 = config.ros2
     if not ros2.enabled and not config.ros_keys():
         return None
     if not config.zenoh.enabled and ros2.enabled:
-        raise ConfigError("ros2.enabled: it is published over Zenoh: set zenoh.enabled = true")
+        raise ConfigError("ros2.enabled needs zenoh.enabled = true, since it publishes over Zenoh")
     try:
         encoder = RosEncoder(ros2, ros2.rate_hz)
     except ImportError as error:

@@ -1,11 +1,11 @@
-"""Configuration as frozen records: one for each section of the TOML file. Keys carry their units."""
+"""Configuration as frozen records, one for each section of the TOML file; keys carry units."""
 
 import math
 from typing import Annotated, Any, Final, Literal
 
 import msgspec
 
-from onboard.config.cameras import CameraConfig, camera_inputs, camera_model, mount_errors, named
+from onboard.config.cameras import CameraConfig, camera_inputs, camera_model, mount_errors, name_cameras
 from onboard.geometry.camera import Camera
 from onboard.messages import (
     Attitude,
@@ -32,8 +32,10 @@ SystemId = Annotated[int, msgspec.Meta(ge=0, le=255)]
 
 
 class LinkConfig(Record, frozen=True, kw_only=True):
-    """`[[link]]`: a name, and udpin:HOST:PORT, udpout:, tcp:, tcpin:, serial:DEVICE:BAUD, or json:HOST:PORT for
-    detections."""
+    """`[[link]]`: a named link.
+
+    Its URL is udpin:HOST:PORT, udpout:, tcp:, tcpin:, serial:DEVICE:BAUD, or json:HOST:PORT for detections.
+    """
 
     name: str
     url: str
@@ -47,7 +49,10 @@ class LinkConfig(Record, frozen=True, kw_only=True):
 
     @property
     def speaks_first(self) -> bool:
-        """Whether the other end may wait for a heartbeat before it sends. Where we listen, nobody is there yet."""
+        """Whether the other end may wait for a heartbeat before it sends.
+
+        Where we listen, there is no peer yet.
+        """
         return self.is_autopilot and not self.url.startswith(("udpin:", "tcpin:"))
 
 
@@ -70,7 +75,7 @@ class AutopilotConfig(Record, frozen=True, kw_only=True):
 
 
 class DelayConfig(Record, frozen=True, kw_only=True):
-    """`[delay]`: age of each source beyond its stamp, s. None: the autopilot's known delay."""
+    """`[delay]`: age of each source beyond its stamp, s; None is the autopilot's known delay."""
 
     attitude_s: float | None = None
     imu_s: float | None = None
@@ -81,10 +86,10 @@ class DelayConfig(Record, frozen=True, kw_only=True):
 
 
 class OwnErrors(Record, frozen=True, kw_only=True):
-    """`[ownship.errors]`: the systematic errors of our autopilot's estimates, one standard deviation each.
+    """`[ownship.errors]`: systematic errors of our autopilot's estimates, one sigma each.
 
     Every estimator receives them as `own_` and the key, unless its own section has that key. Traffic's
-    `own_tilt_sigma_deg` (0.5) and `own_attitude_time_s` (10) have defaults of their own, which stay.
+    `own_tilt_sigma_deg` (0.5) and `own_attitude_time_s` (10) keep their own defaults.
     """
 
     tilt_sigma_deg: NotNegative = 0.3  # of roll and pitch
@@ -96,7 +101,7 @@ class OwnErrors(Record, frozen=True, kw_only=True):
 
 
 class OwnshipConfig(Record, frozen=True, kw_only=True):
-    """`[ownship]`"""
+    """`[ownship]`: source, age and errors of our own state."""
 
     errors: OwnErrors = OwnErrors()
     # source of attitude and velocity for leader, traffic and outputs; auto: own_state while it is more certain
@@ -107,8 +112,10 @@ class OwnshipConfig(Record, frozen=True, kw_only=True):
 
 
 class OdometryConfig(Record, frozen=True, kw_only=True):
-    """`[odometry]`: our own state as MAVLink's ODOMETRY, on one of our links. The autopilot whose attitude we use
-    must not fuse it: it would fuse its own estimate."""
+    """`[odometry]`: our own state as MAVLink's ODOMETRY, on one of our links.
+
+    The autopilot whose attitude we use must not fuse it: it would fuse its own estimate.
+    """
 
     link: str | None = None  # its name; None: not sent
     rate_hz: Positive = 30.0
@@ -157,14 +164,16 @@ LeaderMessage = Literal[
     "CAMERA_TRACKING_IMAGE_STATUS",
     "CAMERA_TRACKING_GEO_STATUS",
 ]
-FASTEST_OUT_HZ: Final = 50.0  # rate at which the daemon checks for due messages
-OutRate = Annotated[float, msgspec.Meta(gt=0, le=FASTEST_OUT_HZ)]
+MAX_OUT_RATE_HZ: Final = 50.0  # the daemon checks for due messages at this rate
+OutRate = Annotated[float, msgspec.Meta(gt=0, le=MAX_OUT_RATE_HZ)]
 
 
 class LeaderOutConfig(Record, frozen=True, kw_only=True):
-    """`[[leader_out]]`: the leader as MAVLink messages on one link. SET_POSITION_TARGET_LOCAL_NED leads the
-    autopilot on that link. FOLLOW_TARGET and GLOBAL_POSITION_INT have a system id of their own, since an
-    autopilot does not follow its own system."""
+    """`[[leader_out]]`: the leader as MAVLink messages on one link.
+
+    SET_POSITION_TARGET_LOCAL_NED leads the autopilot on that link. FOLLOW_TARGET and GLOBAL_POSITION_INT have a
+    system id of their own, since an autopilot does not follow its own system.
+    """
 
     link: str  # its name
     rates_hz: dict[LeaderMessage, OutRate] = msgspec.field(default_factory=lambda: {"FOLLOW_TARGET": 20.0})
@@ -187,7 +196,7 @@ class GuidanceConfig(Record, frozen=True, kw_only=True):
 
 
 class Config(Record, frozen=True, kw_only=True):
-    """The whole configuration of the daemon and the replay. `estimator` holds each estimator's own Config."""
+    """The whole configuration of daemon and replay; `estimator` holds each estimator's Config."""
 
     link: tuple[LinkConfig, ...] = (
         LinkConfig(name="autopilot", url="udpin:127.0.0.1:14540"),
@@ -212,22 +221,24 @@ class Config(Record, frozen=True, kw_only=True):
     ros2: Ros2Config = Ros2Config()
 
     def camera_model(self) -> Camera:
-        """The first camera as a geometric model, which holds the others by name."""
+        """Return the first camera as a geometric model, which holds the others by name."""
         return camera_model(self._cameras())
 
     def rotors(self) -> tuple[tuple[float, float, int], ...]:
-        """Forward, right and sense of each of our rotors; none where the airframe is unknown."""
+        """Return forward, right and sense of each of our rotors; none if the airframe is unknown."""
         own = self.estimator.get("own_state")
         airframe = None if own is None else own.known_airframe()
         return () if airframe is None else airframe.rotors
 
     def unnamed_faults(self) -> str:
-        """The faults of our own vehicle that this configuration cannot name, and the remedy, in one line; "" if
-        all can be named, or none is estimated."""
+        """Return the faults that this configuration cannot name, with a remedy, in one line.
+
+        It is "" if all can be named, or if none is estimated.
+        """
         if "own_state" not in self.estimator or self.rotors():
             return ""
         return (
-            "own_state: airframe unknown: no weak motor, change of mass or gust is named"
+            "own_state: airframe unknown, so weak motors, changes of mass and gusts have no name"
             " (`onboard calibrate --mass` finds its constants in a flight)"
         )
 
@@ -236,7 +247,7 @@ class Config(Record, frozen=True, kw_only=True):
         return any(section.range.detections for section in self.estimator.values() if hasattr(section, "range"))
 
     def camera_inputs(self) -> dict[str, CameraInput]:
-        """The decoder's settings for each camera, by name."""
+        """Return the decoder's settings for each camera, by name."""
         shapes = [self.estimator.get("leader"), *self.target.values()]
         points = (name for shape in shapes for name in getattr(shape, "points_m", ()))
         sizes = [size for shape in shapes for size in _wingspans(shape)]
@@ -246,12 +257,14 @@ class Config(Record, frozen=True, kw_only=True):
         return {name: c._replace(sizes=(min(sizes), max(sizes))) for name, c in inputs.items()}
 
     def camera_delays_ns(self) -> dict[str, int]:
-        """The delay of each camera that has one of its own, by name."""
+        """Return the delay of each camera that has one of its own, by name."""
         return {c.name: round(c.delay_s * 1e9) for c in self._cameras() if c.delay_s is not None}
 
     def leader_errors(self) -> OwnErrors:
-        """The systematic errors of the cameras' attitude: of our own attitude and of the mounts. The sum of two
-        such errors has the sum of their variances and of their rates of change."""
+        """Return the systematic errors of the cameras' attitude: own attitude and mounts.
+
+        The sum of two such errors has the sum of their variances and of their rates of change.
+        """
         own, mount = self.ownship.errors, mount_errors(self._cameras())
         tilt = math.hypot(own.tilt_sigma_deg, mount.tilt_sigma_deg)
         yaw = math.hypot(own.yaw_sigma_deg, mount.yaw_sigma_deg)
@@ -260,17 +273,20 @@ class Config(Record, frozen=True, kw_only=True):
         return msgspec.structs.replace(own, tilt_sigma_deg=tilt, yaw_sigma_deg=yaw, attitude_time_s=time)
 
     def ros_keys(self) -> list[str]:
-        """The keys of the cameras' topics in ROS: rmw_zenoh's in any domain, and zenoh-bridge-ros2dds's."""
+        """Return the keys of the cameras' topics in ROS, of rmw_zenoh and zenoh-bridge-ros2dds."""
         topics = [topic for c in self._cameras() for topic in (c.ros_topic, c.ros_camera_info) if topic]
         return [key for topic in dict.fromkeys(topics) for key in (f"*/{topic}/*/*", topic)]
 
     def _cameras(self) -> list[CameraConfig]:
-        return named(self.camera, self.cameras)
+        return name_cameras(self.camera, self.cameras)
 
 
 def source_delays_ns(delay: DelayConfig, autopilot: int) -> dict[type[Message], int]:
-    """Delay of each message type, ns. Defaults were measured on ArduPilot 4.7 (positions are 20 to 25 ms and GPS
-    is 95 ms older than the stamp); 0 for other autopilots."""
+    """Return the delay of each message type, ns.
+
+    Defaults were measured on ArduPilot 4.7: positions are 20 to 25 ms and GPS is 95 ms older than the stamp. Other
+    autopilots have 0.
+    """
     ardupilot = autopilot == ARDUPILOT
 
     def ns(configured: float | None, for_ardupilot: float) -> int:
@@ -289,7 +305,7 @@ def source_delays_ns(delay: DelayConfig, autopilot: int) -> dict[type[Message], 
 
 
 def _wingspans(shape: Any) -> tuple[float, ...]:
-    """The smallest and the largest wingspan of all classes, m; empty for a section without a size."""
+    """Return the smallest and largest wingspan of a section, m; empty without a size."""
     prior = getattr(shape, "size_prior_m", None)
     if prior is None:
         return ()

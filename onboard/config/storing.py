@@ -15,11 +15,11 @@ from onboard.sinks.secrets import is_private
 from onboard.wire.mavlink.signing import read_key
 
 HEAD: Final = "# Written by onboard: parameters that were set over MAVLink. They go over the configuration file.\n"
-GROUP_READABLE: Final = 0o640
+PERMISSIONS: Final = 0o640  # the group may read
 
 
 def read_stored(path: Path) -> dict[str, Any]:
-    """The stored values as a table, empty without a file. Raises ConfigError."""
+    """Return the stored values as a table, empty without a file. Raises ConfigError."""
     if not path.exists():
         return {}
     try:
@@ -32,18 +32,21 @@ def read_stored(path: Path) -> dict[str, Any]:
 def check_regular(path: Path) -> None:
     """Raise OSError unless this is a regular file: reading a pipe may block for ever."""
     if not stat.S_ISREG(path.stat().st_mode):
-        raise OSError(errno.EINVAL, "is no regular file")
+        raise OSError(errno.EINVAL, "is not a regular file")
 
 
 def check_storable(path: Path) -> None:
     """Raise ConfigError before the flight if the file cannot be written."""
     if not path.parent.is_dir() or not os.access(path.parent, os.W_OK | os.X_OK):
-        raise ConfigError(f"parameters.path: {path.parent} is not a folder that can be written")
+        raise ConfigError(f"parameters.path: the folder {path.parent} does not exist or is not writable")
 
 
 def signing_key(link: LinkConfig) -> bytes | None:
-    """The signing key of a link, None without one. Raises ConfigError if the file cannot be used or is not
-    private: anyone who reads the key can command the vehicle."""
+    """Return the signing key of a link, or None without one.
+
+    Raises ConfigError if the file cannot be used or is not private: anyone who reads the key can command the
+    vehicle.
+    """
     if link.key_file is None:
         return None
     where = f"link {link.name}: key_file {link.key_file}"
@@ -57,22 +60,26 @@ def signing_key(link: LinkConfig) -> bytes | None:
     except ValueError as error:
         raise ConfigError(f"{where}: {error}") from error
     if not is_ours:
-        raise ConfigError(f"{where}: others can read it; chmod 600 it, as its owner")
+        raise ConfigError(f"{where}: others can read it; run chmod 600 as its owner")
     if key is None:
         raise ConfigError(f"{where}: is empty; put 64 hexadecimal digits or a passphrase in it")
     return key
 
 
 def store(path: Path, table: dict[str, Any]) -> None:
-    """Write a table of numbers and arrays atomically: a power cut leaves the old file or the new one. Raises
-    OSError."""
+    """Write a table of numbers and arrays atomically: a power cut leaves the old or the new file.
+
+    Raises OSError.
+    """
     text = HEAD + "".join(f"{key} = {_toml(value)}\n" for key, value in _flat(table, ""))
-    replace_file(path, text.encode(), GROUP_READABLE, sync=True)
+    replace_file(path, text.encode(), PERMISSIONS, sync=True)
 
 
 def replace_file(path: Path, data: bytes, mode: int, *, sync: bool) -> None:
-    """Replace a file atomically; with `sync` it survives a power cut. A link or pipe of that name is not written
-    to. Raises OSError."""
+    """Replace a file atomically; with `sync` it survives a power cut.
+
+    A link or pipe of that name is not written to. Raises OSError.
+    """
     new = path.with_name(f"{path.name}.new")
     try:
         new.unlink(missing_ok=True)
@@ -89,8 +96,10 @@ def replace_file(path: Path, data: bytes, mode: int, *, sync: bool) -> None:
 
 
 class Storing:
-    """Stores tables in a thread, since an SD card takes tens of milliseconds, for which estimates must not wait.
-    Of the tables that arrive meanwhile, the newest is stored. `what`: their name in messages."""
+    """Stores tables in a thread, since an SD card takes tens of milliseconds.
+
+    Of the tables that arrive meanwhile, the newest is stored. `what` names them in messages.
+    """
 
     def __init__(
         self, path: Path, store_table: Callable[[Path, Any], None] = store, *, what: str = "parameters"
@@ -110,7 +119,7 @@ class Storing:
                 self._thread.start()
 
     def take_error(self) -> str:
-        """Why the newest table could not be stored, reported once; None otherwise."""
+        """Return once why the newest table could not be stored; "" otherwise."""
         with self._lock:
             error, self._error = self._error, ""
         return error
@@ -139,8 +148,8 @@ class Storing:
                 self._error = error
 
 
-def storing_of(config: Config) -> Storing | None:
-    """The storage of parameters. Raises ConfigError."""
+def make_storing(config: Config) -> Storing | None:
+    """Return the storage of parameters, or None without a path. Raises ConfigError."""
     if config.parameters.path is None:
         return None
     check_storable(Path(config.parameters.path))

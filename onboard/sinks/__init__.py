@@ -1,4 +1,7 @@
-"""Sinks: outputs of records, each with its own bounded queue and thread; and lines for a person (`console`)."""
+"""Sinks: outputs of records, each with its own bounded queue and thread.
+
+`console` prints lines for a person.
+"""
 
 from onboard.sinks.sink import BoundedQueue, Sink, SinkError, SinkRunner
 

@@ -1,13 +1,12 @@
 """The flight recorder: every datagram as received, and the estimates, in an MCAP file.
 
-Flushed records are synced to the disk and survive a killed process and a power cut. Such a recording has no
-index, but `onboard.wire.logs.recording` reads it. A recording is never overwritten: it gets the number after the
-highest of its name. Its first metadata, RECORDING, hold that name and number, and the run, which may have several
-files.
+Flushed records are synced to the disk and survive a killed process and a power cut. Such a recording has no index,
+but `onboard.wire.logs.recording` reads it. A recording is never overwritten: its number follows the highest of its
+name. Its first metadata, RECORDING, hold that name and number, and the run, which may have several files.
 
-**Age** follows these numbers, since a computer's clock may not be set: it then stamps 1970, or the time of the
-last shutdown. A stamp counts if it follows those of all earlier recordings. A recording whose stamp does not
-count is at least as old as the next one whose stamp does.
+The age of recordings follows these numbers, since a computer's clock may not be set: it then stamps 1970, or the
+time of the last shutdown. A stamp counts if it follows those of all earlier recordings. A recording whose stamp
+does not count is at least as old as the next one whose stamp does.
 """
 
 import math
@@ -34,34 +33,33 @@ from onboard.units import S_PER_NS
 
 Recorded = Datagram | Estimate | OwnPose | LeaderState | Health
 
-# of a channel of datagrams: the meaning of its message numbers
-WAITED: Final[Mapping[str, str]] = {"sequence": "microseconds waited"}
-# ... and whose log time is from a clock that is never set
-STEPPED: Final[Mapping[str, str]] = {**WAITED, "publish_time": "wall clock"}
-GATHERS_S: Final = 0.1  # shortest time between writes
-FLUSH_S: Final = 0.85  # a crash loses at most a second: this, the records being gathered, and the write
+# Metadata of a channel of datagrams: the meaning of its message numbers ...
+WAIT_METADATA: Final[Mapping[str, str]] = {"sequence": "microseconds waited"}
+# ... and, if its log time is from a clock that is never set, the clock of its publish time.
+STEP_METADATA: Final[Mapping[str, str]] = {**WAIT_METADATA, "publish_time": "wall clock"}
+MIN_WRITE_PERIOD_S: Final = 0.1
+FLUSH_PERIOD_S: Final = 0.85  # with the gathering and the write, a crash loses at most a second
 FILE_MODE: Final = 0o600  # positions are private
 FOLDER_MODE: Final = 0o700
-S_PER_DAY: Final = 86_400.0
-SET_S: Final = 1_735_689_600.0  # Unix time; a clock before 2025 is not set
-LONGEST_AGE_S: Final = 3e8  # nine years after the newest recording, the clock is more likely wrong
+DAY_LENGTH_S: Final = 86_400.0
+MIN_UNIX_TIME_S: Final = 1_735_689_600.0  # a clock before 2025 is not set
+MAX_AGE_S: Final = 3e8  # nine years after the newest recording, the clock is more likely wrong
 RECORDING: Final = "recording"  # of metadata
-LABEL_BYTES: Final = 1 << 20  # a longer first record is not our label
-MOST_UNLABELLED: Final = 1000  # versions without labels gave no higher number
+MAX_LABEL_BYTES: Final = 1 << 20  # a longer first record is not our label
+MAX_UNLABELLED_NUMBER: Final = 1000  # versions without labels gave no higher number
 CHUNK_BYTES: Final = 1 << 20
 RECORDER_CAPACITY: Final = 20_000  # queued datagrams: half a minute of a busy flight, if the card stalls
-OWN_TOPICS: Final = 10_000  # MCAP numbers channels with 16 bits; datagrams of further sources share OTHERS, ...
-OTHERS: Final = "others"
-TARGETS: Final = 10_000  # ... and estimates of further targets are not recorded: a replay makes them again
+MAX_CHANNEL_COUNT: Final = 10_000  # MCAP has 16 bits for channels; datagrams of further sources share OTHER_TOPIC
+OTHER_TOPIC: Final = "others"
+MAX_TARGETS: Final = 10_000  # estimates of further targets are not recorded: a replay computes them again
 
 
 class Rotation(NamedTuple):
-    """Limits at which a new file begins and older ones are removed: bytes per file, bytes in total, days of age.
-    None: no limit."""
+    """Limits at which a new file begins and older ones are removed; None is no limit."""
 
-    file_bytes: float | None = None
-    keep_bytes: float | None = None
-    keep_days: float | None = None
+    file_bytes: float | None = None  # size at which a new file begins
+    keep_bytes: float | None = None  # total size above which the oldest are removed
+    keep_days: float | None = None  # age above which they are removed
 
 
 NO_ROTATION: Final = Rotation()
@@ -69,19 +67,21 @@ NO_METADATA: Final[Mapping[str, Mapping[str, str]]] = {}
 
 
 class Kept(NamedTuple):
-    """A recording on the disk: its number, file, size and time stamp, Unix s; `is_labelled`: its metadata hold the
-    number."""
+    """A recording on the disk."""
 
-    is_labelled: bool
+    is_labelled: bool  # whether its metadata hold the number
     number: int
     path: Path
     size: int
-    stamp: float
+    stamp: float  # Unix time, s
 
 
 class Recorder:
-    """Sink that writes `path`, or `path` with a number before its suffix. Each file begins with `metadata`, by
-    name. `report`, called in the sink's thread, receives a line for a person about each removed recording."""
+    """A sink that writes `path`, or `path` with a number before its suffix.
+
+    Each file begins with `metadata`, by name. `report`, called in the sink's thread, receives a line about each
+    removed recording.
+    """
 
     def __init__(
         self,
@@ -113,7 +113,10 @@ class Recorder:
         self._step_ns = 0
 
     def check(self) -> None:
-        """Check before the flight that the folder is writable; create it if necessary. Raises SinkError."""
+        """Check before the flight that the folder is writable, and create it if necessary.
+
+        Raises SinkError.
+        """
         folder = self._wanted.parent
         if self._wanted.is_dir():
             hint = f"it is a folder; name a file in it, such as {self._wanted / 'flight.mcap'}"
@@ -151,12 +154,12 @@ class Recorder:
             self._remove_old()
 
     def _remove_old(self) -> None:
-        """Remove the oldest recordings of this name, but not the open one, as `Rotation` says."""
+        """Remove the oldest recordings of this name beyond the limits of `Rotation`, never the open one."""
         limits, now, together = self._rotation, self._now_ns() * S_PER_NS, 0
         others = [one for one in recordings(self._wanted) if one.path != self.path]
         for one, made in reversed([*zip(others, latest_times(others, now), strict=True)]):
             together += one.size
-            days = None if made is None else (now - made) / S_PER_DAY
+            days = None if made is None else (now - made) / DAY_LENGTH_S
             if days is not None and limits.keep_days is not None and days > limits.keep_days:
                 why = f"{days:.0f} days old; keep_days is {limits.keep_days:g}"
             elif limits.keep_bytes is not None and together > limits.keep_bytes:
@@ -167,7 +170,7 @@ class Recorder:
             self._report(f"recorder: removed {one.path}, {one.size * 1e-6:.1f} MB: {why}")
 
     def write(self, records: Sequence[Recorded]) -> None:
-        """Append records; flush and sync `FLUSH_S` after the last time."""
+        """Append records; flush and sync `FLUSH_PERIOD_S` after the last time."""
         for record in records:
             if isinstance(record, Datagram):
                 self._t_recv_ns = record.t_recv_ns
@@ -180,7 +183,7 @@ class Recorder:
                 computed = self._computed(record)
                 if computed is not None:
                     self._append(computed, self._encoder.encode(record))
-        if self._unflushed and self._monotonic() - self._t_flush >= FLUSH_S:
+        if self._unflushed and self._monotonic() - self._t_flush >= FLUSH_PERIOD_S:
             self._flush()
             limit = self._rotation.file_bytes
             if limit is not None and self._file is not None and self._file.tell() > limit:
@@ -188,8 +191,10 @@ class Recorder:
                 self.open()
 
     def close(self) -> None:
-        """Write the index and close the file. If the disk fails, as much as possible is saved, and a file without
-        a record is removed."""
+        """Write the index and close the file.
+
+        If the disk fails, as much as possible is saved, and a file without a record is removed.
+        """
         if self._file is None:
             return
         try:
@@ -201,7 +206,7 @@ class Recorder:
             self._abandon()
 
     def _abandon(self) -> None:
-        """Close the file as it is. If no record has reached the disk, remove it: each retry makes another."""
+        """Close the file without an index, and remove it if no record has reached the disk."""
         file = self._file
         self._file = self._writer = None
         with suppress(OSError):  # closing flushes again, which fails again
@@ -212,27 +217,33 @@ class Recorder:
                 self.path.unlink()
 
     def _append(self, channel: int, data: bytes, waited_us: int = 0) -> None:
-        """Append one message at the time of the latest datagram: a computed record gets the arrival time of the
-        datagram that caused it. The publish time is the wall clock's."""
+        """Append one message at the time of the latest datagram.
+
+        A computed record thus gets the arrival time of the datagram that caused it. The publish time is the wall
+        clock's.
+        """
         self._writer.add_message(channel, self._t_recv_ns, data, self._t_recv_ns + self._step_ns, waited_us)
         self._unflushed += 1
 
     def _channel(self, topic: str, encoding: str, is_stepped: bool) -> int:
-        """The channel of a source of datagrams; `is_stepped`: they carry the wall clock's steps."""
+        """Return the channel of a source of datagrams.
+
+        With `is_stepped` its datagrams carry the wall clock's steps.
+        """
         channel = self._channels.get((topic, encoding, is_stepped))
         if channel is None:
-            if len(self._channels) >= OWN_TOPICS and topic != OTHERS:
-                return self._channel(OTHERS, encoding, is_stepped)
-            metadata = dict(STEPPED if is_stepped else WAITED)
+            if len(self._channels) >= MAX_CHANNEL_COUNT and topic != OTHER_TOPIC:
+                return self._channel(OTHER_TOPIC, encoding, is_stepped)
+            metadata = dict(STEP_METADATA if is_stepped else WAIT_METADATA)
             channel = int(self._writer.register_channel(topic, encoding, 0, metadata))
             self._channels[topic, encoding, is_stepped] = channel
         return channel
 
     def _computed(self, record: Estimate | OwnPose | LeaderState | Health) -> int | None:
-        """The channel of a computed record by its key; None if there are too many keys."""
+        """Return the channel of a computed record by its key, or None if there are too many keys."""
         key = key_of(record)
         channel = self._keys.get(key)
-        if channel is None and len(self._keys) < TARGETS:
+        if channel is None and len(self._keys) < MAX_TARGETS:
             channel = int(self._writer.register_channel(key, "json", self._schema(type(record))))
             self._keys[key] = channel
         return channel
@@ -254,46 +265,52 @@ class Recorder:
 
 
 def runner(recorder: Recorder) -> SinkRunner[Recorded]:
-    """The recorder with its queue, in which computed records give way to datagrams."""
+    """Return the recorder with its queue, in which computed records give way to datagrams."""
 
     def gives_way(record: Recorded) -> bool:
         return not isinstance(record, Datagram)
 
-    return SinkRunner("recorder", recorder, RECORDER_CAPACITY, gives_way=gives_way, gathers_s=GATHERS_S)
+    return SinkRunner("recorder", recorder, RECORDER_CAPACITY, gives_way=gives_way, gathers_s=MIN_WRITE_PERIOD_S)
 
 
 def recordings(wanted: Path) -> list[Kept]:
-    """The recordings made for the path `wanted`, oldest first: unlabelled ones by stamp, since their numbers were
-    reused, the others by number. Raises OSError."""
+    """Return the recordings made for the path `wanted`, oldest first.
+
+    Unlabelled ones are ordered by stamp, since their numbers were reused, the others by number. Raises OSError.
+    """
     found = []
     for path in wanted.parent.glob(f"*{wanted.suffix}"):
         number = _number_of(wanted, path.name)
         if number is None or path.is_symlink() or not path.is_file():
             continue
         label = _label(path)
-        if label.get("name", path.name) == path.name and (label or number <= MOST_UNLABELLED):
+        if label.get("name", path.name) == path.name and (label or number <= MAX_UNLABELLED_NUMBER):
             stat = path.stat()
             found.append(Kept(bool(label), number, path, stat.st_size, stat.st_mtime))
     return sorted(found, key=_order)
 
 
 def _order(one: Kept) -> tuple[bool, float, int]:
-    """The order in which recordings were made. An unlabelled one stamped before the clock was set follows those
-    stamped after it."""
-    stamp = 0.0 if one.is_labelled else one.stamp if one.stamp > SET_S else math.inf
+    """Return the sort key for the order in which recordings were made.
+
+    An unlabelled one stamped before the clock was set follows those stamped after it.
+    """
+    stamp = 0.0 if one.is_labelled else one.stamp if one.stamp > MIN_UNIX_TIME_S else math.inf
     return one.is_labelled, stamp, one.number
 
 
 def latest_times(found: Sequence[Kept], now: float) -> list[float | None]:
-    """The latest time at which each recording can have been made, in their order, Unix s; None if unknown, or if
-    the present time is unset or years ahead."""
+    """Return the latest possible creation time of each recording, Unix s, in their order.
+
+    It is None if unknown, and for all if the present time is unset or years ahead.
+    """
     times: list[float | None] = []
-    newest = SET_S
+    newest = MIN_UNIX_TIME_S
     for one in found:
         is_believed = newest <= one.stamp <= now
         newest = one.stamp if is_believed else newest
         times.append(newest if is_believed else None)
-    if now - newest > LONGEST_AGE_S:
+    if now - newest > MAX_AGE_S:
         return [None] * len(found)
     for i in reversed(range(len(times) - 1)):
         # The order of two unlabelled recordings is unknown unless both are stamped.
@@ -303,7 +320,7 @@ def latest_times(found: Sequence[Kept], now: float) -> list[float | None]:
 
 
 def _number_of(wanted: Path, name: str) -> int | None:
-    """The number in a name made by this program for the path `wanted`; None for any other name."""
+    """Return the number in a name made by this program for the path `wanted`, else None."""
     found = re.fullmatch(rf"{re.escape(wanted.stem)}(?:-([1-9]\d*))?{re.escape(wanted.suffix)}", name)
     if found is None or found[1] == "1":
         return None
@@ -311,10 +328,10 @@ def _number_of(wanted: Path, name: str) -> int | None:
 
 
 def _label(path: Path) -> dict[str, str]:
-    """A recording's own metadata; empty if there are none, or they cannot be read."""
+    """Return a recording's own metadata, empty if there are none or they cannot be read."""
     try:
         with path.open("rb") as file:
-            for record in StreamReader(file, record_size_limit=LABEL_BYTES).records:
+            for record in StreamReader(file, record_size_limit=MAX_LABEL_BYTES).records:
                 if isinstance(record, Metadata) and record.name == RECORDING:
                     return dict(record.metadata)
                 if not isinstance(record, Header):
@@ -325,8 +342,10 @@ def _label(path: Path) -> dict[str, str]:
 
 
 def create(wanted: Path) -> tuple[Path, IO[bytes]]:
-    """A new private file: `flight.mcap`, otherwise `flight-2.mcap` and so on, after all existing ones. Raises
-    OSError."""
+    """Create a private file with the next number: `flight.mcap`, `flight-2.mcap` and so on.
+
+    Raises OSError.
+    """
     number = max((one.number for one in recordings(wanted)), default=0)
     while True:
         number += 1

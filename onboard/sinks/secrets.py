@@ -11,7 +11,7 @@ CREDENTIALS: Final = "CREDENTIALS_DIRECTORY"  # systemd's folder of credentials,
 
 
 def secret(path: str, key: str) -> str:
-    """The text of the private file named by the configuration's `key`, without surrounding white space.
+    """Return the stripped text of the private file named by the configuration's `key`.
 
     Raises SinkError if it cannot be read or is empty, or if others can read it.
     """
@@ -23,17 +23,17 @@ def secret(path: str, key: str) -> str:
         reason = error.strerror if isinstance(error, OSError) else "is not text"
         raise SinkError(f"{key} {path}: {reason}") from error
     if is_open:
-        raise SinkError(f"{key} {path}: others can read it; chmod 600 it")
+        raise SinkError(f"{key} {path}: others can read it; run chmod 600 on it")
     if not text:
         raise SinkError(f"{key} {path}: is empty")
     return text
 
 
 def is_private(file: Path) -> bool:
-    """Whether a file is regular and only its owner and root can read it. systemd's credentials may belong to
-    root, with an access list for the service's user that appears as a right of root's group.
+    """Whether a file is regular and only its owner and root can read it.
 
-    Raises OSError.
+    systemd's credentials may belong to root, with an access list for the service's user that appears as a right of
+    root's group. Raises OSError.
     """
     mode, credentials = file.stat().st_mode, os.environ.get(CREDENTIALS)
     if credentials and file.resolve().is_relative_to(Path(credentials).resolve()):

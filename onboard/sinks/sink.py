@@ -1,8 +1,8 @@
-"""The one way for records to leave: a bounded drop-oldest queue, a thread behind it, and restarts with back-off.
+"""The common path of records to an output: a bounded queue, a thread, and restarts with back-off.
 
-The event loop only appends to a queue. A sink is opened, written and closed in its own thread, so a full disk, a
-slow viewer or a stalled peer delays nothing else: `put` takes about a microsecond whatever the sink is doing. The
-thread is a daemon thread: the process can end while it is stuck in a write.
+The event loop only appends to a queue, which drops the oldest record when it is full. A sink is opened, written
+and closed in its own thread, so that a full disk, a slow viewer or a stalled peer delays nothing else. The thread
+is a daemon thread: the process can end while it is stuck in a write.
 """
 
 import asyncio
@@ -20,14 +20,14 @@ from onboard.messages.causes import Cause
 T = TypeVar("T")
 In_contra = TypeVar("In_contra", contravariant=True)
 
-IDLE_S: Final = 0.25  # without records, a sink is called with none this often, so that it can flush
-RECORD_BATCH: Final = 1024
-PIECE: Final = 64  # records of a sink that nobody waits for: a millisecond of the interpreter ...
-MORE: Final = 4  # times as many, before records are lost
-PAUSE_S: Final = 0.002  # ... and then the event loop has it, which gives it away with each datagram that it reads
-YIELDING_SHARE: Final = 4  # items that give way are accepted while a queue is filled to less than 1 in this many
-FIRST_REOPEN_S: Final = 0.5
-LONGEST_REOPEN_S: Final = 30.0
+IDLE_PERIOD_S: Final = 0.25  # a sink without records is called this often, so that it can flush
+MAX_RECORDS: Final = 1024
+PIECE_RECORDS: Final = 64  # of an optional sink: a millisecond of the interpreter ...
+QUEUE_OVERFLOW_FACTOR: Final = 4  # larger pieces before records are lost
+PAUSE_TIME_S: Final = 0.002  # ... after which the event loop has it, which releases it with each datagram
+YIELDING_FACTOR: Final = 4  # items that give way are accepted while a queue is filled to less than 1 in this many
+MIN_RETRY_DELAY_S: Final = 0.5
+MAX_RETRY_DELAY_S: Final = 30.0
 CLOSE_TIMEOUT_S: Final = 3.0
 
 
@@ -36,24 +36,24 @@ class SinkError(UserError):
 
 
 class Sink(Protocol[In_contra]):
-    """An output of records. Its methods are called in one thread, the sink's own, and may block or raise."""
+    """An output of records; its methods are called in one thread, its own, and may block or raise."""
 
     def open(self) -> None:
         """Prepare for writing. Called again after each failure."""
 
     def write(self, records: Sequence[In_contra]) -> None:
-        """Write records, oldest first. An empty sequence after a pause is an opportunity to flush."""
+        """Write records, oldest first; an empty sequence after a pause is an opportunity to flush."""
 
     def close(self) -> None:
         """Release all resources. Also called after an `open` that failed."""
 
 
 class BoundedQueue(Generic[T]):
-    """A queue from one producer thread to one consumer thread. When it is full, the oldest item is dropped.
+    """A queue from one producer thread to one consumer thread that drops the oldest item when full.
 
     Items that give way (`gives_way`) are accepted only while few wait, and have room of their own: they never cost
     another item its place. `put` neither waits nor fails. Each item is either taken or dropped; `dropped` counts
-    all of the latter, `dropped_important` those of them that do not give way.
+    all dropped items, `dropped_important` those that do not give way.
     """
 
     def __init__(self, capacity: int, gives_way: Callable[[T], bool] | None = None) -> None:
@@ -62,7 +62,7 @@ class BoundedQueue(Generic[T]):
         self.dropped = 0
         self.dropped_important = 0
         self._gives_way = gives_way or (lambda _: False)
-        self._yielding = capacity // YIELDING_SHARE if gives_way is not None else 0
+        self._yielding = capacity // YIELDING_FACTOR if gives_way is not None else 0
         self._capacity = capacity + self._yielding
         self._items: queue.SimpleQueue[T] = queue.SimpleQueue()
 
@@ -79,7 +79,7 @@ class BoundedQueue(Generic[T]):
         self._items.put(item)
 
     def important(self, items: Iterable[T]) -> int:
-        """How many items do not give way to others."""
+        """Count the items that do not give way to others."""
         return sum(not self._gives_way(item) for item in items)
 
     def _count(self, dropped: T) -> None:
@@ -87,12 +87,12 @@ class BoundedQueue(Generic[T]):
         self.dropped_important += not self._gives_way(dropped)
 
     @property
-    def is_at_ease(self) -> bool:
-        """Whether there is room for three times as many as wait."""
+    def has_room(self) -> bool:
+        """Whether three quarters of the queue are free."""
         return 4 * self._items.qsize() < self._capacity
 
     def take(self, limit: int, timeout: float) -> list[T]:
-        """Up to `limit` items; waits at most `timeout` seconds for the first, and returns none if none came."""
+        """Return up to `limit` items; wait at most `timeout` seconds for the first."""
         items: list[T] = []
         with suppress(queue.Empty):
             items.append(self._items.get(timeout=timeout))
@@ -102,10 +102,11 @@ class BoundedQueue(Generic[T]):
 
 
 class SinkRunner(Generic[T]):
-    """One sink with its queue. Call `put` from the event loop's thread; `run` is the sink's (optional) task.
+    """One sink with its queue; call `put` from the event loop's thread, `run` is the sink's task.
 
-    A sink that nobody waits for `gathers_s` seconds of records before it writes. Each time a thread wakes up, it
-    takes the interpreter from the event loop, which costs more than the writing. It writes in pieces."""
+    An optional sink gathers records for `gathers_s` seconds before it writes, since each wake-up of a thread takes
+    the interpreter from the event loop, which costs more than the writing. It writes in small pieces.
+    """
 
     def __init__(
         self,
@@ -114,7 +115,7 @@ class SinkRunner(Generic[T]):
         capacity: int,
         *,
         gives_way: Callable[[T], bool] | None = None,
-        first_retry_s: float = FIRST_REOPEN_S,
+        first_retry_s: float = MIN_RETRY_DELAY_S,
         close_timeout_s: float = CLOSE_TIMEOUT_S,
         gathers_s: float = 0.0,
     ) -> None:
@@ -131,12 +132,15 @@ class SinkRunner(Generic[T]):
         self._error, self._cause = "", Cause.NONE
 
     def put(self, record: T) -> None:
-        """Queue a record. Never blocks, never raises; records wait in the queue until `run` starts."""
+        """Queue a record without blocking; records wait in the queue until `run` starts."""
         self._queue.put(record)
 
     def health(self) -> SinkHealth:
-        """Counts so far. `error`: why the sink is not running now, "" if it is. A batch whose write failed counts
-        as dropped."""
+        """Return the counts so far.
+
+        `error` is the reason why the sink is not running now, "" if it is. A batch whose write failed counts as
+        dropped.
+        """
         return SinkHealth(
             sent=self._sent,
             dropped=self._queue.dropped + self._lost,
@@ -147,9 +151,11 @@ class SinkRunner(Generic[T]):
         )
 
     async def run(self) -> None:
-        """Run until cancelled; a sink that fails is restarted, and its exception is not raised. On cancellation
-        the queued records are still written and the sink is closed, unless that takes longer than
-        `close_timeout_s`."""
+        """Run until cancelled; a sink that fails is restarted, and its exception is not raised.
+
+        On cancellation the queued records are still written and the sink is closed, unless that takes longer than
+        `close_timeout_s`.
+        """
         self._stop.clear()
         thread = threading.Thread(target=self._work, name=f"sink-{self.name}", daemon=True)
         thread.start()
@@ -162,8 +168,7 @@ class SinkRunner(Generic[T]):
             await asyncio.to_thread(thread.join, self._close_timeout_s)
 
     def _work(self) -> None:
-        """The sink's thread: use the sink until `_stop` is set; after each failure try again with a growing
-        delay."""
+        """Use the sink until `_stop` is set; after each failure retry with a growing delay."""
         delay_s = self._first_retry_s
         while True:
             sent = self._sent
@@ -176,7 +181,7 @@ class SinkRunner(Generic[T]):
                 delay_s = self._first_retry_s
             if self._stop.wait(0 if not self._error else delay_s):
                 return
-            delay_s = min(2 * delay_s, LONGEST_REOPEN_S)
+            delay_s = min(2 * delay_s, MAX_RETRY_DELAY_S)
 
     def _use(self) -> None:
         """Open, write until `_stop` is set, close."""
@@ -185,14 +190,14 @@ class SinkRunner(Generic[T]):
             sink.open()
             self._error, self._cause = "", Cause.NONE
             records: list[T] = []
-            limit = RECORD_BATCH
+            limit = MAX_RECORDS
             while True:
                 if self._gathers_s:
                     is_more = len(records) == limit
-                    self._stop.wait(PAUSE_S if is_more else self._gathers_s)
-                    limit = PIECE if self._queue.is_at_ease else MORE * PIECE
+                    self._stop.wait(PAUSE_TIME_S if is_more else self._gathers_s)
+                    limit = PIECE_RECORDS if self._queue.has_room else QUEUE_OVERFLOW_FACTOR * PIECE_RECORDS
                 stopping = self._stop.is_set()  # read before `take`: records put before the stop are written
-                records = self._queue.take(limit, 0.0 if stopping else IDLE_S)
+                records = self._queue.take(limit, 0.0 if stopping else IDLE_PERIOD_S)
                 try:
                     sink.write(records)
                 except BaseException:  # a panic in a Rust library is no Exception
@@ -207,6 +212,6 @@ class SinkRunner(Generic[T]):
 
 
 def _cause(error: BaseException) -> Cause:
-    """Why a sink fails, by its error and what that came of."""
+    """Return the cause of a sink's failure from its error and the error behind it."""
     is_full = any(getattr(e, "errno", None) == errno.ENOSPC for e in (error, error.__cause__))
     return Cause.DISK_FULL if is_full else Cause.FAILED

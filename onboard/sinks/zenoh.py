@@ -1,11 +1,11 @@
 """The sink that publishes over Zenoh.
 
-Below `onboard/<vehicle>/`: `estimate/<name>`, `own_state`, `ownship` and `health` are published as JSON, and
-queries return the latest value. The attachment of a published record is the time of publication, in ns of this
+Below `onboard/<vehicle>/` it publishes `estimate/<name>`, `own_state`, `ownship` and `health` as JSON, and answers
+queries with the latest value. The attachment of a published record is the time of publication, in ns of this
 computer's clock, as decimal ASCII. The liveliness tokens `alive` and `alive/<session>` exist while the program
-runs; two of the latter are two vehicles of one name. A reply has the attachment `{"age_s": ..., "stale": ...}`; in
-it an estimate older than the validity timeout is lost and not valid, so that a late joiner cannot mistake an old
-value for a new one.
+runs; two of the latter are two vehicles of one name. A reply has the attachment `{"age_s": ..., "stale": ...}`; an
+estimate older than the validity timeout is reported as lost and not valid, so that a late joiner cannot mistake it
+for a new one.
 """
 
 import time
@@ -27,8 +27,11 @@ QUERYABLE: Final = ("estimate/**", "leader", "own_state", "ownship", "health")
 
 
 class ZenohSink:
-    """Sink that publishes on a session opened and closed elsewhere. `current` gives a record as it may be
-    published now, however long it has waited for its turn; the sink's and Zenoh's threads call it."""
+    """A sink that publishes on a session opened and closed elsewhere.
+
+    `current` returns a record as it may be published now, however long it has been queued; the sink's and Zenoh's
+    threads call it.
+    """
 
     def __init__(
         self,
@@ -49,7 +52,10 @@ class ZenohSink:
         self._declared: list[Any] = []
 
     def open(self) -> None:
-        """Declare the queryables and, last, the liveliness tokens. Raises SinkError if the session is closed."""
+        """Declare the queryables and, last, the liveliness tokens.
+
+        Raises SinkError if the session is closed.
+        """
         if self._session.is_closed():
             raise SinkError("zenoh: the session is closed")
         for pattern in QUERYABLE:
@@ -87,7 +93,7 @@ class ZenohSink:
         return publisher
 
     def _answer(self, query: Any) -> None:
-        """Reply with the latest values that match the query. Runs in one of Zenoh's threads."""
+        """Reply with the latest values that match the query; runs in one of Zenoh's threads."""
         import zenoh  # noqa: PLC0415 - loaded already: there is a session
 
         with query:
@@ -100,8 +106,10 @@ class ZenohSink:
 
 
 def runner(sink: ZenohSink) -> SinkRunner[Published]:
-    """The sink behind its queue, in which traffic and further targets give way to the leader, our own state and
-    the health. A target's last estimate does not: without it, its key would stay declared."""
+    """Return the sink with its queue, in which traffic and further targets give way.
+
+    A target's last estimate does not give way: without it, its key would stay declared.
+    """
 
     def gives_way(record: Published) -> bool:
         return isinstance(record, Estimate) and not record.is_primary and record.state is not Lifecycle.SEARCHING
@@ -110,7 +118,7 @@ def runner(sink: ZenohSink) -> SinkRunner[Published]:
 
 
 def aged(record: Published, age_s: float, validity_s: float) -> tuple[bytes, bytes]:
-    """(payload, attachment) of a reply with a record published `age_s` seconds ago."""
+    """Return (payload, attachment) of a reply with a record published `age_s` seconds ago."""
     stale = age_s > validity_s
     if stale and isinstance(record, Estimate | LeaderState):
         why = Reason(Cause.OUTDATED, f"stale: published {age_s:.1f} s ago")

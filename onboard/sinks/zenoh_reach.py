@@ -1,5 +1,8 @@
-"""Why a router cannot be reached. Zenoh retries silently for ever: an absent router, an expired certificate and a
-foreign router all look like a flight without a router."""
+"""Diagnosis of routers that cannot be reached.
+
+Zenoh retries silently for ever: an absent router, an expired certificate and a foreign router all look like a
+flight without a router.
+"""
 
 import socket
 import ssl
@@ -8,10 +11,10 @@ from typing import Any, Final, NamedTuple
 
 from onboard.messages.causes import NO_REASON, Cause, Reason
 
-TIMEOUT_S: Final = 1.0
-UNREACHED: Final = Reason(
+CONNECT_TIMEOUT_S: Final = 1.0
+NO_SESSION: Final = Reason(
     Cause.UNREACHABLE,
-    "it answers, but lets us open no session: is it a Zenoh router, are user and password right?",
+    "it answers but opens no session; check that it is a Zenoh router, and user and password",
 )
 
 
@@ -24,8 +27,8 @@ class Trust(NamedTuple):
     checks_name: bool = True
 
 
-def trouble(endpoints: Iterable[str], session: Any, trust: Trust) -> Reason:
-    """The endpoints that are not reached, and why; NO_REASON if there are none. Takes at most a second for each.
+def diagnose(endpoints: Iterable[str], session: Any, trust: Trust) -> Reason:
+    """Return the unreachable endpoints with reasons, or NO_REASON; at most a second for each.
 
     Two endpoints may lead to one router, with which Zenoh keeps one connection: an endpoint that answers is fine
     if another is connected.
@@ -33,28 +36,30 @@ def trouble(endpoints: Iterable[str], session: Any, trust: Trust) -> Reason:
     linked = {(protocol(str(link.dst)), port(str(link.dst))) for link in session.info.links()}
     missing = [e for e in endpoints if (protocol(e), port(e)) not in linked]
     is_alone = len(missing) == len(tuple(endpoints))
-    found = {e: why for e in missing if (why := probed(e, trust)) or is_alone}
+    found = {e: why for e in missing if (why := probe(e, trust)) or is_alone}
     if not found:
         return NO_REASON
-    words = "; ".join(f"cannot reach {e} ({(why or UNREACHED).words})" for e, why in found.items())
-    return Reason(worst((why or UNREACHED).cause for why in found.values()), words)
+    words = "; ".join(f"cannot reach {e} ({(why or NO_SESSION).words})" for e, why in found.items())
+    return Reason(worst((why or NO_SESSION).cause for why in found.values()), words)
 
 
 def worst(causes: Iterable[Cause]) -> Cause:
-    """The cause TLS if it applies to any of the endpoints, since only the user can fix it."""
+    """Return the cause TLS if it applies to any of the endpoints, since only the user can fix it."""
     return Cause.TLS if Cause.TLS in causes else Cause.UNREACHABLE
 
 
-def probed(endpoint: str, trust: Trust) -> Reason | None:
-    """Why an endpoint refuses a connection (TCP, and TLS if used); None if it accepts one, or has another
-    protocol."""
+def probe(endpoint: str, trust: Trust) -> Reason | None:
+    """Return the reason why an endpoint refuses a TCP or TLS connection, or None.
+
+    It is None if the endpoint accepts one, or has another protocol.
+    """
     name = protocol(endpoint)
     if name not in ("tcp", "tls"):
         return None
     try:
-        with socket.create_connection((host(endpoint), int(port(endpoint))), TIMEOUT_S) as plain:
+        with socket.create_connection((host(endpoint), int(port(endpoint))), CONNECT_TIMEOUT_S) as plain:
             if name == "tls":
-                _shake_hands(plain, host(endpoint), trust)
+                _handshake(plain, host(endpoint), trust)
     except ssl.SSLCertVerificationError as error:
         return Reason(Cause.TLS, f"its certificate is not accepted: {error.verify_message}")
     except ssl.SSLError as error:
@@ -64,9 +69,11 @@ def probed(endpoint: str, trust: Trust) -> Reason | None:
     return None
 
 
-def _shake_hands(plain: socket.socket, name: str, trust: Trust) -> None:
-    """Open TLS as Zenoh does, and wait briefly for the alert by which a router rejects our certificate. Raises
-    OSError (including ssl.SSLError)."""
+def _handshake(plain: socket.socket, name: str, trust: Trust) -> None:
+    """Open TLS as Zenoh does, and wait briefly for an alert that rejects our certificate.
+
+    Raises OSError (including ssl.SSLError).
+    """
     context = ssl.create_default_context(cafile=trust.ca_file)
     context.check_hostname = trust.checks_name
     if trust.certificate_file and trust.private_key_file:
@@ -80,20 +87,20 @@ def _shake_hands(plain: socket.socket, name: str, trust: Trust) -> None:
 
 
 def protocol(endpoint: str) -> str:
-    """`tls` of `tls/host:7447`."""
+    """Return the protocol of an endpoint, such as `tls` of `tls/host:7447`."""
     return endpoint.partition("/")[0].lower()
 
 
 def host(endpoint: str) -> str:
-    """The host of an endpoint, without the brackets of IPv6."""
+    """Return the host of an endpoint, without the brackets of IPv6."""
     return _address(endpoint).rpartition(":")[0].strip("[]")
 
 
 def port(endpoint: str) -> str:
-    """The port of an endpoint."""
+    """Return the port of an endpoint."""
     return _address(endpoint).rpartition(":")[2]
 
 
 def _address(endpoint: str) -> str:
-    """Without protocol, metadata and settings."""
+    """Return an endpoint without protocol, metadata and settings."""
     return endpoint.partition("/")[2].partition("?")[0].partition("#")[0]

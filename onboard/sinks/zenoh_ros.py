@@ -37,7 +37,10 @@ class _Publisher(NamedTuple):
 
 
 class RosSink:
-    """Sink that publishes on a session opened and closed elsewhere. `encode` makes messages of a record."""
+    """A sink that publishes on a session opened and closed elsewhere.
+
+    `encode` converts a record to messages.
+    """
 
     def __init__(
         self,
@@ -95,7 +98,10 @@ class RosSink:
 
 
 def dds_name(kind: str) -> str:
-    """`nav_msgs/msg/Odometry` as DDS and rmw_zenoh have it: `nav_msgs::msg::dds_::Odometry_`."""
+    """Return a type such as `nav_msgs/msg/Odometry` as rmw_zenoh names it.
+
+    That is `nav_msgs::msg::dds_::Odometry_`.
+    """
     package, middle, name = kind.split("/")
     return f"{package}::{middle}::dds_::{name}_"
 
@@ -108,8 +114,10 @@ class Steps(Protocol):
 
 
 class RosRunner(SinkRunner[Stamped]):
-    """The sink behind its queue. Records are stamped as they are put in: `wall_ns` is the wall clock, ns,
-    `offset_ns` is `clock` minus the boot clock, None while unknown."""
+    """The sink with its queue; records are stamped when they are queued.
+
+    `wall_ns` is the wall clock, ns; `offset_ns` is `clock` minus the boot clock, None while unknown.
+    """
 
     def __init__(
         self, sink: RosSink, wall_ns: Callable[[], int], offset_ns: Callable[[], int | None], clock: Steps
@@ -118,7 +126,7 @@ class RosRunner(SinkRunner[Stamped]):
         self._wall_ns, self._offset_ns, self._clock = wall_ns, offset_ns, clock
 
     def put(self, record: Any) -> None:
-        """Queue a record. Health is stamped now, so it is also published before an autopilot is heard."""
+        """Queue a record; health is stamped now, so that it is also published without an autopilot."""
         if isinstance(record, Health):
             super().put((record, self._wall_ns()))
         elif (offset_ns := self._offset_ns()) is not None and record.t_ns > 0:

@@ -1,4 +1,4 @@
-"""The router of a fleet: who may connect, and which keys each may use.
+"""The router of a fleet: its users, and the keys that each may use.
 
 Each client needs a certificate of the fleet's authority and a password; the certificate's common name is the
 user's name. A vehicle may use only the keys below `onboard/<its name>/`. A watcher, such as a ground station, may
@@ -17,11 +17,11 @@ from onboard.sinks.secrets import secret
 from onboard.sinks.sink import SinkError
 from onboard.sinks.zenoh_session import FORBIDDEN_IN_KEY, ZenohSession
 
-LARGEST_MESSAGE: Final = 262_144  # bytes
-SESSIONS: Final = 1000  # at once, at least; two per user if that is more
-READS: Final = ("declare_subscriber", "query", "liveliness_query", "declare_liveliness_subscriber")
+MAX_MESSAGE_BYTES: Final = 262_144
+MIN_SESSION_COUNT: Final = 1000  # allowed at once; two per user if that is more
+READER_MESSAGES: Final = ("declare_subscriber", "query", "liveliness_query", "declare_liveliness_subscriber")
 BACKWARD_MESSAGES: Final = ("put", "delete", "reply", "liveliness_token")  # messages that flow back to a reader
-OWNS: Final = (*READS, *BACKWARD_MESSAGES, "declare_queryable")
+OWNER_MESSAGES: Final = (*READER_MESSAGES, *BACKWARD_MESSAGES, "declare_queryable")
 # Log levels that `refusal` needs. Zenoh logs to standard output.
 LOG_FILTER: Final = (
     "off,zenoh_link_tls::unicast=warn,zenoh_transport::unicast::establishment::accept=debug,"
@@ -33,7 +33,10 @@ _TLS: Final = re.compile(r"WARN .*zenoh_link_tls::unicast: (.+?)\.?(?: Hint: .*)
 
 
 class RouterConfig(Record, frozen=True, kw_only=True):
-    """`[router]`: the router of a fleet. Files are PEM; `users_file` has a line NAME:PASSWORD for each user."""
+    """`[router]`: the router of a fleet.
+
+    Files are PEM; `users_file` has a line NAME:PASSWORD for each user.
+    """
 
     listen: tuple[str, ...] = ("tls/127.0.0.1:7447",)
     ca_file: str = "certs/ca.pem"  # the trusted authority
@@ -43,14 +46,14 @@ class RouterConfig(Record, frozen=True, kw_only=True):
     watchers: tuple[str, ...] = ("ground",)  # users who may read everything; all others are vehicles
 
     def __post_init__(self) -> None:
-        """Raises ValueError for an endpoint without TLS: a password would cross the network in the clear."""
+        """Raise ValueError for an endpoint without TLS, where a password would be sent in the clear."""
         for endpoint in self.listen:
             if not endpoint.startswith(("tls/", "quic/")):
-                raise ValueError(f"listen {endpoint!r}: must begin with tls/ or quic/")
+                raise ValueError(f"listen {endpoint!r} must begin with tls/ or quic/, since passwords are sent")
 
 
 def open_router(config: RouterConfig) -> ZenohSession:
-    """Start routing. Raises SinkError for a file that cannot be used, and a port in use."""
+    """Start routing. Raises SinkError for an unusable file, and for a port in use."""
     import zenoh  # noqa: PLC0415 - only the router loads it here
 
     settings = zenoh.Config()
@@ -66,7 +69,7 @@ def open_router(config: RouterConfig) -> ZenohSession:
 
 
 def users(path: str) -> tuple[str, ...]:
-    """The names in a file of users. Raises SinkError."""
+    """Return the names in a file of users. Raises SinkError."""
     names = []
     for number, line in enumerate(secret(path, "router.users_file").splitlines(), 1):
         name, colon, password = line.partition(":")
@@ -74,12 +77,15 @@ def users(path: str) -> tuple[str, ...]:
             raise SinkError(f"router.users_file {path}: line {number} is not NAME:PASSWORD")
         names.append(name)
     if len(set(names)) < len(names):
-        raise SinkError(f"router.users_file {path}: a name stands twice")
+        raise SinkError(f"router.users_file {path}: a name occurs twice; remove one of its lines")
     return tuple(names)
 
 
 def router_settings(config: RouterConfig, names: Iterable[str]) -> dict[str, Any]:
-    """Zenoh's settings for these users. Raises SinkError for a missing file, and for an unknown watcher."""
+    """Return Zenoh's settings for these users.
+
+    Raises SinkError for a missing file, and for an unknown watcher.
+    """
     names = tuple(names)
     for file in (config.ca_file, config.certificate_file):
         if not Path(file).is_file():
@@ -93,8 +99,8 @@ def router_settings(config: RouterConfig, names: Iterable[str]) -> dict[str, Any
         "listen/endpoints": config.listen,
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
-        "transport/unicast/max_sessions": max(SESSIONS, 2 * len(names)),
-        "transport/link/rx/max_message_size": LARGEST_MESSAGE,
+        "transport/unicast/max_sessions": max(MIN_SESSION_COUNT, 2 * len(names)),
+        "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES,
         "transport/link/tls": {
             "root_ca_certificate": config.ca_file,
             "listen_certificate": config.certificate_file,
@@ -109,15 +115,15 @@ def router_settings(config: RouterConfig, names: Iterable[str]) -> dict[str, Any
 
 
 def _access(names: Iterable[str], watchers: Iterable[str]) -> dict[str, Any]:
-    """Zenoh's access control, which denies by default."""
+    """Return Zenoh's access control, which denies by default."""
     vehicles = [name for name in names if name not in set(watchers)]
     watching = [
-        _rule("watch", READS, "onboard/**", ("ingress",)),
+        _rule("watch", READER_MESSAGES, "onboard/**", ("ingress",)),
         _rule("be-sent", BACKWARD_MESSAGES, "onboard/**", ("egress",)),
     ]
-    own = [_rule(f"own-{v}", OWNS, f"onboard/{v}/**", ("ingress", "egress")) for v in vehicles]
+    own = [_rule(f"own-{v}", OWNER_MESSAGES, f"onboard/{v}/**", ("ingress", "egress")) for v in vehicles]
     # A vehicle sends only subscribed keys, and a watcher's `onboard/*/health` is not a key of one vehicle.
-    asked = _rule("be-asked", READS, "onboard/**", ("egress",))
+    asked = _rule("be-asked", READER_MESSAGES, "onboard/**", ("egress",))
     policies = [{"rules": [f"own-{v}", "be-asked"], "subjects": [v]} for v in vehicles]
     if watchers := tuple(watchers):
         policies.append({"rules": ["watch", "be-sent"], "subjects": list(watchers)})
@@ -136,8 +142,11 @@ def _rule(name: str, messages: tuple[str, ...], keys: str, flows: tuple[str, ...
 
 
 def refusal(line: str, watchers: Iterable[str]) -> str | None:
-    """The refusal in a line of Zenoh's log, None for other lines. Zenoh checks watchers' rights in advance, so
-    its log does not distinguish their attempts from these checks: they are left out."""
+    """Return the refusal in a line of Zenoh's log, or None for other lines.
+
+    Zenoh checks watchers' rights in advance, and its log does not distinguish their attempts from these checks, so
+    they are left out.
+    """
     if found := _NOT_ALLOWED.search(line):
         name, key = found.groups()
         is_foreign = not f"{key}/".startswith(f"onboard/{name}/")

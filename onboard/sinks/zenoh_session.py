@@ -16,15 +16,15 @@ from onboard.messages import Record
 from onboard.messages.causes import NO_REASON, Cause, Reason
 from onboard.sinks.secrets import secret
 from onboard.sinks.sink import SinkError
-from onboard.sinks.zenoh_reach import UNREACHED, Trust, probed, trouble, worst
+from onboard.sinks.zenoh_reach import NO_SESSION, Trust, diagnose, probe, worst
 from onboard.sinks.zenoh_stated import is_stated, stated_in
 
 SECURE: Final = ("tls/", "quic/")
 FORBIDDEN_IN_KEY: Final = "*$?#/"
 DEFAULT_LISTEN: Final = ("tcp/127.0.0.1:7447",)
-SESSION_CLOSE_S: Final = 2.0
-MOST_OTHERS: Final = 16  # sessions of one name that are remembered
-ROUTER_RETRY_S: Final = 0.5  # until a router that does not answer is asked again
+SESSION_CLOSE_TIMEOUT_S: Final = 2.0
+MAX_SESSION_COUNT: Final = 16  # of one name that are remembered
+ROUTER_RETRY_PERIOD_S: Final = 0.5
 TLS_SETTINGS: Final = (
     "root_ca_certificate",
     "connect_certificate",
@@ -42,7 +42,7 @@ class RouterAbsentError(SinkError):
 
 
 class ZenohConfig(Record, frozen=True, kw_only=True):
-    """Configuration of Zenoh. By default the program is a router on this computer's loopback interface only.
+    """Configuration of Zenoh; by default the program is a router on the loopback interface only.
 
     Certificates, keys (PEM) and password are for the endpoints of `connect`. `config_file` is a Zenoh JSON5 file
     for further settings (TLS, passwords, access control). Its settings take precedence, even if equal to Zenoh's
@@ -63,14 +63,17 @@ class ZenohConfig(Record, frozen=True, kw_only=True):
     config_file: str | None = None
 
     def __post_init__(self) -> None:
-        """Raises ValueError for a vehicle that cannot be part of a key."""
+        """Raise ValueError for a vehicle that cannot be part of a key."""
         v = self.vehicle
         if not v or not v.isascii() or not v.isprintable() or any(c in FORBIDDEN_IN_KEY or c.isspace() for c in v):
-            raise ValueError(f"vehicle {v!r} cannot be part of a key: use letters, digits, - and _, such as uav-1")
+            raise ValueError(f"vehicle {v!r} cannot be part of a key; use letters, digits, - and _, such as uav-1")
 
     def listens(self, endpoints: Iterable[str] = ()) -> tuple[str, ...]:
-        """The endpoints to listen on. With TLS among `connect` or further `endpoints`, none by default: a plain
-        listener would be open to every program on this computer."""
+        """Return the endpoints to listen on.
+
+        With TLS among `connect` or further `endpoints` there are none by default: a plain listener would be open
+        to every program on this computer.
+        """
         if self.listen is not None:
             return self.listen
         secure = any(e.lower().startswith(SECURE) for e in (*self.connect, *endpoints))
@@ -83,12 +86,12 @@ class ZenohConfig(Record, frozen=True, kw_only=True):
 
 
 class ZenohSession:
-    """A `zenoh.Session` whose `close` waits until no thread of Zenoh runs Python code. Other attributes are the
-    session's.
+    """A `zenoh.Session` whose `close` waits until no thread of Zenoh runs Python code.
 
-    Zenoh calls each callback in its own Python thread, which ends some time after its subscriber or queryable. If
-    such a thread still runs when the interpreter ends, the interpreter unwinds it through Zenoh's code, and Rust
-    aborts the process ("FATAL: exception not rethrown") after a successful run.
+    All other attributes are the session's. Zenoh calls each callback in its own Python thread, which ends some
+    time after its subscriber or queryable. If such a thread still runs when the interpreter ends, the interpreter
+    unwinds it through Zenoh's code, and Rust aborts the process ("FATAL: exception not rethrown") after a
+    successful run.
     """
 
     def __init__(self, session: Any, settings: Any = None) -> None:
@@ -120,17 +123,22 @@ class ZenohSession:
             return self._session.declare_queryable(key, self._counted(callback))
 
     def watch_liveliness(self, key: str, callback: Callable[[Any], None]) -> Any:
-        """Subscribe to liveliness tokens, existing ones included. Raises SinkError if the session is closed."""
+        """Subscribe to liveliness tokens, existing ones included.
+
+        Raises SinkError if the session is closed.
+        """
         with self._lock:
             return self._session.liveliness().declare_subscriber(key, self._counted(callback), history=True)
 
     def own_id(self) -> str:
-        """The id of this session among all."""
+        """Return the id of this session."""
         return str(self._session.info.zid())
 
     def watch_name(self, prefix: str, others: set[str]) -> Any:
-        """Subscribe to other sessions that claim to be the vehicle of `prefix`; one of Zenoh's threads keeps
-        their ids in `others`. Raises SinkError if the session is closed."""
+        """Subscribe to other sessions that claim to be the vehicle of `prefix`.
+
+        One of Zenoh's threads keeps their ids in `others`. Raises SinkError if the session is closed.
+        """
         import zenoh  # noqa: PLC0415 - loaded already: there is a session
 
         own = self.own_id()
@@ -139,37 +147,36 @@ class ZenohSession:
             session = str(sample.key_expr).rpartition("/")[2]
             if sample.kind == zenoh.SampleKind.DELETE:
                 others.discard(session)
-            elif session != own and len(others) < MOST_OTHERS:
+            elif session != own and len(others) < MAX_SESSION_COUNT:
                 others.add(session)
 
         return self.watch_liveliness(f"{prefix}/alive/*", note)
 
     def trouble(self) -> Reason:
-        """The endpoints of `connect` that cannot be reached, and why; NO_REASON if there are none. May take
-        seconds."""
-        return NO_REASON if self._session.is_closed() else trouble(self._connecting, self._session, self._trust)
+        """Return the unreachable endpoints of `connect` with reasons, or NO_REASON. May take seconds."""
+        return NO_REASON if self._session.is_closed() else diagnose(self._connecting, self._session, self._trust)
 
     def words(self) -> str:
-        """The session in words: its mode, and where it listens and connects."""
+        """Describe the session: its mode, and the endpoints where it listens and connects."""
         where = ", ".join(self.listening) or "no plain listener"
         return f"{self.mode} at {where}" + (f", to {', '.join(self._connecting)}" if self._connecting else "")
 
     def close(self) -> None:
-        """Undeclare everything, and wait at most `CLOSE_TIMEOUT_S` for running callbacks."""
+        """Undeclare everything, and wait at most `SESSION_CLOSE_TIMEOUT_S` for running callbacks."""
         import zenoh  # noqa: PLC0415 - loaded already: there is a session
 
         with self._lock:
             with suppress(zenoh.ZError):  # what answers, but is no router, may hold it up; it is closed then, too
                 self._session.close()
             started, self._started = self._started, 0
-        deadline = time.monotonic() + SESSION_CLOSE_S
+        deadline = time.monotonic() + SESSION_CLOSE_TIMEOUT_S
         for _ in range(started):
             with suppress(queue.Empty):  # a callback is stuck
                 thread = self._ending.get(timeout=max(deadline - time.monotonic(), 0.0))
                 thread.join(max(deadline - time.monotonic(), 0.0))
 
     def _counted(self, callback: Callable[[Any], None]) -> Any:
-        """The callback; its thread is put into `_ending` when Zenoh drops it."""
+        """Wrap the callback, so that its thread is put into `_ending` when Zenoh drops it."""
         import zenoh  # noqa: PLC0415 - loaded already: there is a session
 
         if self._session.is_closed():  # a declaration would start a thread nevertheless
@@ -179,9 +186,10 @@ class ZenohSession:
 
 
 def open_session(config: ZenohConfig) -> ZenohSession:
-    """Open the session. Blocks for about ten milliseconds (with mode client or `connect`: until the peer answers).
+    """Open the session.
 
-    Raises SinkError: port in use, unreadable file; RouterAbsentError: a client's router does not answer.
+    It blocks for about ten milliseconds, or with mode client or `connect` until the peer answers. Raises SinkError
+    for a port in use or an unreadable file, and RouterAbsentError if a client's router does not answer.
     """
     import zenoh  # noqa: PLC0415 - replay never loads it
 
@@ -193,10 +201,10 @@ def open_session(config: ZenohConfig) -> ZenohSession:
 
 
 def wait_for_session(config: ZenohConfig, wait_s: float) -> ZenohSession:
-    """Open the session, waiting at most `wait_s` seconds for a client's router, with a line on standard error. A
-    rejected certificate is reported at once.
+    """Open the session, and wait at most `wait_s` seconds for a client's router.
 
-    Raises SinkError, as `open_session` does.
+    A line on standard error says so; a rejected certificate is reported at once. Raises SinkError as
+    `open_session` does.
     """
     begin, lines = time.monotonic(), iter(["waiting for it"])
     while True:
@@ -207,31 +215,33 @@ def wait_for_session(config: ZenohConfig, wait_s: float) -> ZenohSession:
                 raise
             for line in lines:  # once
                 print(f"{error}; {line}", file=sys.stderr, flush=True)
-            time.sleep(ROUTER_RETRY_S)
+            time.sleep(ROUTER_RETRY_PERIOD_S)
 
 
 def _explained(settings: Any, error: str) -> SinkError:
-    """Zenoh's error in one line."""
+    """Return Zenoh's error in one line."""
     mode = _mode(settings)
     if "Address already in use" in error:
         where = ", ".join(_endpoints(settings, "listen", mode))
-        return SinkError(f"zenoh: {where} is in use: is another router, or another onboard, running?")
+        return SinkError(f"zenoh: {where} is in use; stop the other router or onboard, or change zenoh.listen")
     if mode == "client":
         endpoints = _endpoints(settings, "connect", mode)
         if not endpoints:
-            return SinkError("zenoh: no router answers at any address: set connect")
+            return SinkError("zenoh: a client needs the address of a router; set zenoh.connect")
         trust = _trust(settings)
-        found = {e: probed(e, trust) for e in endpoints}
-        why = ", ".join(f"{e}: {(reason or UNREACHED).words}" for e, reason in found.items())
+        found = {e: probe(e, trust) for e in endpoints}
+        why = ", ".join(f"{e}: {(reason or NO_SESSION).words}" for e, reason in found.items())
         words = f"zenoh: no router answers at {', '.join(endpoints)} ({why})"
-        return RouterAbsentError(words, worst((reason or UNREACHED).cause for reason in found.values()))
+        return RouterAbsentError(words, worst((reason or NO_SESSION).cause for reason in found.values()))
     reason = error.splitlines()[0].split(" at /")[0]  # the rest are places in Zenoh's sources
     return SinkError(f"zenoh: cannot open a session ({reason})")
 
 
 def _zenoh_config(config: ZenohConfig) -> Any:
-    """The configuration in Zenoh's form: the file's settings over ours. Raises SinkError if the file cannot be
-    read, or Zenoh rejects an endpoint."""
+    """Return the configuration in Zenoh's form, with the file's settings over ours.
+
+    Raises SinkError if the file cannot be read, or if Zenoh rejects an endpoint.
+    """
     import zenoh  # noqa: PLC0415 - replay never loads it
 
     path, stated = config.config_file, frozenset[str]()
@@ -256,7 +266,7 @@ def _zenoh_config(config: ZenohConfig) -> Any:
 
 
 def _ours(config: ZenohConfig, theirs: Any, stated: frozenset[str]) -> dict[str, Any]:
-    """Our settings, for all that the file does not set."""
+    """Return our settings, for everything that the file does not set."""
     stated_of = {key: _endpoints(theirs, key) if is_stated(key, stated) else [] for key in ("listen", "connect")}
     listens, connects = stated_of.values()
     mode = msgspec.json.decode(theirs.get_json("mode")) if is_stated("mode", stated) else config.mode
@@ -292,12 +302,12 @@ def _is_here(endpoint: str) -> bool:
 
 
 def _mode(settings: Any) -> str:
-    """The mode of a Zenoh configuration."""
+    """Return the mode of a Zenoh configuration."""
     return str(msgspec.json.decode(settings.get_json("mode")))
 
 
 def _trust(settings: Any) -> Trust:
-    """The TLS settings of Zenoh's configuration."""
+    """Return the TLS settings of a Zenoh configuration."""
     key = "transport/link/tls"
     tls = {name: msgspec.json.decode(settings.get_json(f"{key}/{name}")) for name in TLS_SETTINGS}
     ca, certificate, private_key, checks_name = tls.values()
@@ -305,7 +315,10 @@ def _trust(settings: Any) -> Trust:
 
 
 def _credentials(config: ZenohConfig) -> dict[str, object]:
-    """The settings for mutual authentication with a router. Raises SinkError for an unusable file."""
+    """Return the settings for mutual authentication with a router.
+
+    Raises SinkError for an unusable file.
+    """
     settings: dict[str, object] = {}
     if config.private_key_file is not None:
         secret(config.private_key_file, "zenoh.private_key_file")
@@ -327,7 +340,7 @@ def _credentials(config: ZenohConfig) -> dict[str, object]:
 
 
 def _endpoints(config: Any, key: str, mode: str = "") -> list[str]:
-    """The endpoints of a Zenoh configuration, for this mode, or for any."""
+    """Return the endpoints of a Zenoh configuration, for this mode, or for any."""
     value = msgspec.json.decode(config.get_json(f"{key}/endpoints"))
     parts = (
         [part for name, part in value.items() if not mode or name == mode] if isinstance(value, dict) else [value]

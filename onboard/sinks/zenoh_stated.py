@@ -1,5 +1,8 @@
-"""The settings that a Zenoh file contains. Zenoh itself reports only differences from its defaults, but a setting
-in the file must apply even if it equals a default."""
+"""The settings that a Zenoh file contains.
+
+Zenoh itself reports only differences from its defaults, but a setting in the file must apply even if it equals a
+default.
+"""
 
 import re
 from collections.abc import Iterator
@@ -9,7 +12,7 @@ from typing import Any, Final
 
 import yaml
 
-MOST_SETTINGS: Final = 10_000  # settings; nested YAML aliases can create any number in a few lines
+MAX_SETTING_COUNT: Final = 10_000  # nested YAML aliases can create any number in a few lines
 TOKEN: Final = re.compile(
     r"""//[^\n\r\u2028\u2029]*|/\*.*?\*/"""  # comments
     r"""|"(?:\\.|[^"\\])*"|'(?:\\.|[^'\\])*'"""
@@ -19,13 +22,15 @@ TOKEN: Final = re.compile(
 
 
 def stated_in(path: str) -> frozenset[str]:
-    """The paths of all settings in a file, such as `connect/retry`: JSON5, or YAML by its name. Zenoh has read it
-    before. Raises OSError, ValueError."""
+    """Return the paths of all settings in a JSON5 or YAML file, such as `connect/retry`.
+
+    Zenoh has already read the file. Raises OSError, ValueError.
+    """
     text = Path(path).read_text(encoding="utf-8-sig")
     if path.lower().endswith((".yaml", ".yml")):
-        stated = frozenset(islice(_of_tree(yaml.safe_load(text), ""), MOST_SETTINGS + 1))
-        if len(stated) > MOST_SETTINGS:
-            raise ValueError(f"it states more than {MOST_SETTINGS} settings")
+        stated = frozenset(islice(_of_tree(yaml.safe_load(text), ""), MAX_SETTING_COUNT + 1))
+        if len(stated) > MAX_SETTING_COUNT:
+            raise ValueError(f"it states more than {MAX_SETTING_COUNT} settings")
         return stated
     return frozenset(_of_json5(text))
 

@@ -1,1 +1,1 @@
-"""What commands show and write: the console, progress, plain lines, and files."""
+"""Output of commands: the console, progress, plain lines, and files."""

@@ -9,10 +9,9 @@ from onboard.messages.text import MAX_LINE_LENGTH, plain
 
 
 class Console(rich.console.Console):
-    """Rich's, to which all text is text: square brackets in it are no styles, and what came from outside, such as
-    a file's name, controls no terminal."""
+    """Rich's console without markup: brackets are text, and file names cannot control the terminal."""
 
     def render_str(self, text: str, **options: Any) -> Text:
-        """A string, also of a table's cell, as it is drawn."""
+        """Render a string, also that of a table's cell."""
         lines = "\n".join(plain(line, MAX_LINE_LENGTH) for line in text.split("\n"))
         return super().render_str(lines, **{**options, "markup": False, "emoji": False})

@@ -1,4 +1,4 @@
-"""Files that commands write: checked before the work, not after a minute of it."""
+"""Files that commands write, checked before the work begins."""
 
 import os
 from pathlib import Path
@@ -10,25 +10,28 @@ from onboard import UserError
 
 
 def make_folder(folder: Path) -> None:
-    """Raises UserError where it cannot be made."""
+    """Create a folder. Raises UserError if that fails."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise UserError(f"cannot make the folder {folder}: {error.strerror}") from error
+        raise UserError(f"cannot create the folder {folder}: {error.strerror}") from error
 
 
 def check_targets(*targets: Path | None, inputs: tuple[Path | None, ...] = ()) -> None:
-    """Raise UserError now for files that could not be written after a minute's work, or that are being read."""
+    """Raise UserError for files that cannot be written, or that are inputs.
+
+    It is called before work that may take minutes.
+    """
     read = {path.resolve() for path in inputs if path is not None}
     for path in targets:
         if path is None:
             continue
         if path.resolve() in read:
-            raise UserError(f"cannot write {path}: it is what is read")
+            raise UserError(f"cannot write {path}: it is also an input; choose another name")
         if path.is_dir():
-            raise UserError(f"cannot write {path}: it is a folder")
+            raise UserError(f"cannot write {path}: it is a folder; name a file")
         if not path.parent.is_dir():
-            raise UserError(f"cannot write {path}: there is no folder {path.parent}")
+            raise UserError(f"cannot write {path}: the folder {path.parent} does not exist")
         if not os.access(path if path.exists() else path.parent, os.W_OK):
             raise UserError(f"cannot write {path}: permission denied")
 

@@ -1,4 +1,7 @@
-"""What a program that runs for hours tells a terminal, and what a terminal tells it. It may close at any time."""
+"""Lines from a long-running program to a terminal, and the signals that end it.
+
+The terminal may close at any time.
+"""
 
 import os
 import queue
@@ -9,25 +12,25 @@ from contextlib import suppress
 from types import FrameType
 from typing import Final, NoReturn
 
-MOST_WAITING_LINES: Final = 256  # that wait for a reader
-SHORT: Final = 200  # letters
-LAST_S: Final = 1.0  # for the last lines of a program whose lines nobody may read
+MAX_QUEUE_LENGTH: Final = 256  # lines
+MAX_PLAIN_LENGTH: Final = 200  # characters
+CLOSE_TIMEOUT_S: Final = 1.0  # for the last lines, whose reader may have stopped reading
 
 
 def report(line: str) -> None:
-    """A line for a person, on standard error. Nobody may read it any more: that ends no flight."""
+    """Print a line for a person on standard error; a closed terminal must not end the flight."""
     with suppress(OSError):
         print(one_line(line), file=sys.stderr, flush=True)
 
 
 def show(line: str) -> None:
-    """A line of a result, on standard output."""
+    """Print a line of a result on standard output."""
     print(one_line(line), flush=True)
 
 
 def one_line(text: str) -> str:
-    """Text, parts of which may come from outside, as a line that controls no terminal."""
-    if text.isprintable() and len(text) < SHORT:
+    """Return text, parts of which may come from outside, as one line without control characters."""
+    if text.isprintable() and len(text) < MAX_PLAIN_LENGTH:
         return text
     from onboard.messages.text import MAX_LINE_LENGTH, plain  # noqa: PLC0415 - this file is loaded before all others
 
@@ -35,12 +38,15 @@ def one_line(text: str) -> str:
 
 
 class Lines:
-    """Lines for a person, on standard error, whose reader may have stopped reading: a terminal after Ctrl-S, a
-    frozen remote session, a stuck log. A thread writes them; what it has no room for is dropped and counted."""
+    """Lines for a person on standard error, written by a thread.
+
+    Their reader may have stopped reading: a terminal after Ctrl-S, a frozen remote session, a stuck log. Lines
+    without room in the queue are dropped and counted.
+    """
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
-        self._waiting: queue.Queue[str | None] = queue.Queue(MOST_WAITING_LINES)
+        self._waiting: queue.Queue[str | None] = queue.Queue(MAX_QUEUE_LENGTH)
         self._dropped = 0
         self._thread = threading.Thread(target=self._write, daemon=True, name="lines")
         self._thread.start()
@@ -53,15 +59,15 @@ class Lines:
             self._dropped += 1
 
     def close(self) -> None:
-        """Wait for what is still queued, but not for a reader that does not read."""
+        """Wait for queued lines, but not for a reader that does not read."""
         with suppress(queue.Full):
             self._waiting.put_nowait(None)
-        self._thread.join(LAST_S)
+        self._thread.join(CLOSE_TIMEOUT_S)
 
     def _write(self) -> None:
         while (line := self._waiting.get()) is not None:
             dropped, self._dropped = self._dropped, 0
-            missing = f"({dropped} lines were dropped: nobody read them)\n" if dropped else ""
+            missing = f"({dropped} lines were dropped, since nobody read them)\n" if dropped else ""
             data = f"{missing}{one_line(line)}\n".encode(errors="backslashreplace")
             with suppress(OSError):  # nobody may read it any more: that ends no flight
                 while data:
@@ -69,14 +75,16 @@ class Lines:
 
 
 def end_signals() -> tuple[signal.Signals, ...]:
-    """The signals that end a program: Ctrl-C's, SIGTERM, and a closed terminal's unless `nohup` ignores it."""
+    """Return the signals that end a program: SIGINT, SIGTERM, and SIGHUP unless `nohup` ignores it."""
     ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
     return (signal.SIGINT, signal.SIGTERM, *(() if ignored else (signal.SIGHUP,)))
 
 
 def end_at_once() -> None:
-    """Let these signals end the program while it loads, with exit code 0: there is nothing to close yet. An
-    exception would not do: compilers and callbacks from C swallow it, or fail of it with another."""
+    """Let these signals end the program with exit code 0 while it loads: there is nothing to close.
+
+    An exception would not do: compilers and callbacks from C swallow it, or fail with another one.
+    """
     for number in end_signals():
         signal.signal(number, _stop)
 

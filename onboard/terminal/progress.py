@@ -1,4 +1,4 @@
-"""Progress on the terminal: a bar."""
+"""Progress on the terminal."""
 
 import os
 import sys
@@ -9,7 +9,7 @@ from onboard.terminal.console import Console
 
 
 def progress_bar(console: Console) -> Progress:
-    """A bar on a terminal, nothing elsewhere."""
+    """Return a bar that is shown on a terminal only."""
     return Progress(
         TextColumn("{task.description}", markup=False),
         BarColumn(),

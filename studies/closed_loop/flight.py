@@ -14,7 +14,7 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.autopilot.output import AutopilotOutput
-from onboard.config import Config, datagram_of, load_config
+from onboard.config import Config, load_config, warm_datagram
 from onboard.geometry.rotations import euler_from_quaternion
 from onboard.messages import Datagram, Severity, WarmState
 from onboard.pipeline import Pipeline
@@ -143,7 +143,7 @@ def fly(
         if t == killed[1] and epoch_ns is not None:
             left, advice, companion = companion.left, companion.advice, Companion(companion.config)
             if left is not None:
-                companion.receive(datagram_of(left, epoch_ns + tick.t_ns))
+                companion.receive(warm_datagram(left, epoch_ns + tick.t_ns))
         while on_way and on_way[0][0] <= step:
             datagrams += run.receive(on_way.popleft()[1], tick)
         for datagram in datagrams:

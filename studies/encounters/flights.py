@@ -16,7 +16,8 @@ from onboard.models.relative_motion import A_LAT, A_LONG
 from onboard.pipeline import Pipeline
 from simlink.encounters.conditions import NOMINAL_SIZE
 from simlink.encounters.departures import NO_DEPARTURE, Departure
-from simlink.encounters.encounter import BOOT_NS, DURATION_S, Encounter, Mount, make_encounter
+from simlink.encounters.encounter import BOOT_NS, Encounter, Mount, make_encounter
+from simlink.encounters.encounter import DURATION_S as ENCOUNTER_DURATION_S
 from simlink.encounters.families import FAMILIES
 from simlink.encounters.truth import EncounterTruth, at
 from simlink.scenarios.camera import Sees
@@ -24,6 +25,7 @@ from simlink.scenarios.formation import NAMED_POINTS
 from simlink.world.truth import path_accelerations
 from studies.encounters import recorded
 
+DURATION_S: Final = ENCOUNTER_DURATION_S
 SETTLE: Final = 5.0  # s before estimates count
 AFTER: Final = 8.0  # s from the beginning of a manoeuvre
 UNKNOWN: Final[Array] = np.empty(0)

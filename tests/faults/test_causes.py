@@ -74,7 +74,7 @@ def test_an_autopilot_of_another_system_than_the_wanted_one_is_named() -> None:
 
 
 def test_the_autopilots_own_component_is_refused() -> None:
-    with pytest.raises(ConfigError, match=r"autopilot.component: 1 is the autopilot itself.*such as 191"):
+    with pytest.raises(ConfigError, match=r"autopilot.component is 1, that of the autopilot itself.*such as 191"):
         make_config("autopilot.component=1")
 
 

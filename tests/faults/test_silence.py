@@ -185,9 +185,9 @@ def test_what_has_waited_for_a_sink_or_a_socket_is_judged_again() -> None:
     daemon, wire, _ = flying()
     tick(daemon, END)
     last = newest(wire)
-    assert daemon._current(last) is last
+    assert daemon._mark_outdated(last) is last
     daemon._clock.shown_ns = END + S  # type: ignore[attr-defined] # of a SetClock
-    assert (daemon._current(last).valid, daemon._current(last).cause) == (False, BEHIND.cause)
+    assert (daemon._mark_outdated(last).valid, daemon._mark_outdated(last).cause) == (False, BEHIND.cause)
     sent = len(wire.frames)
     daemon._send([Outgoing("udp", [b"frame"])], made_ns=END)
     assert len(wire.frames) == sent

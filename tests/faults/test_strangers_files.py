@@ -138,7 +138,7 @@ def test_a_state_that_no_run_of_ours_left_is_not_read(tmp_path: Path, kind: str)
     rows = {"warm_start": {"path": str(path)}, "estimator": {"leader": {}}}
     file = WarmFile(parse_config(rows), lambda _: None, lambda _, why, __: refused.append(why.words))
     assert file.read(1_800_000_000 * 10**9) is None
-    assert refused == ["is no file of ours: a link, a pipe, or another user's"]
+    assert refused == ["is not our file: it is a link, a pipe, or another user's"]
 
 
 @pytest.mark.parametrize("kind", ["pipe", "link"])
@@ -163,9 +163,9 @@ def test_what_lies_in_the_way_of_a_file_is_not_written_to(tmp_path: Path, kind: 
 def test_a_pipe_is_no_key_no_secret_and_no_parameters(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe", 0o600)
     pipe = str(tmp_path / "pipe")
-    with pytest.raises(ConfigError, match="is no regular file"):
+    with pytest.raises(ConfigError, match="is not a regular file"):
         signing_key(LinkConfig(name="fc", url="udpin:127.0.0.1:0", key_file=pipe))
-    with pytest.raises(ConfigError, match="is no regular file"):
+    with pytest.raises(ConfigError, match="is not a regular file"):
         read_stored(tmp_path / "pipe")
     with pytest.raises(SinkError, match="others can read it"):
         secret(pipe, "zenoh.password_file")

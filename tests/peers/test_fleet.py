@@ -146,7 +146,7 @@ def test_a_list_of_users_that_is_none_is_one_clear_line(tmp_path: Path, text: st
     path = tmp_path / "users.txt"
     path.write_text(text)
     path.chmod(0o600)
-    with pytest.raises(SinkError, match=r"is not NAME:PASSWORD|stands twice"):
+    with pytest.raises(SinkError, match=r"is not NAME:PASSWORD|occurs twice"):
         users(str(path))
     path.chmod(0o640)
     with pytest.raises(SinkError, match="others can read it"):

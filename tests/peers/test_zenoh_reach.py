@@ -8,7 +8,7 @@ import pytest
 
 from onboard.daemon import Daemon
 from onboard.messages import NO_REASON, Cause
-from onboard.sinks.zenoh_reach import Trust, probed
+from onboard.sinks.zenoh_reach import Trust, probe
 from onboard.sinks.zenoh_session import RouterAbsentError, ZenohConfig, open_session
 from tests.support.fleet import files, make_certificates, router
 from tests.support.programs import free_endpoint
@@ -37,7 +37,7 @@ def test_what_answers_but_is_no_router_is_named() -> None:
     endpoint = f"tcp/127.0.0.1:{server.getsockname()[1]}"
     ours = open_session(ZenohConfig(mode="peer", listen=(), connect=(endpoint,)))
     try:
-        assert "lets us open no session" in ours.trouble().words
+        assert "opens no session" in ours.trouble().words
     finally:
         server.close()  # first: Zenoh waits for what it has begun
         ours.close()
@@ -59,13 +59,13 @@ def test_a_foreign_router_and_a_certificate_that_it_does_not_know_are_named(tmp_
     ours = Trust(certs["ca_file"], certs["certificate_file"], certs["private_key_file"])
     theirs = ours._replace(ca_file=str(tmp_path / "theirs" / "certs" / "ca.pem"))
     with router(tmp_path / "ours", port):
-        assert probed(endpoint, ours) is None
-        foreign = probed(endpoint, theirs) or NO_REASON
+        assert probe(endpoint, ours) is None
+        foreign = probe(endpoint, theirs) or NO_REASON
         assert foreign.cause is Cause.TLS
         assert foreign.words.startswith("its certificate is not accepted: ")
         other = files(tmp_path / "theirs" / "certs", "uav-1")
         stranger = Trust(certs["ca_file"], other["certificate_file"], other["private_key_file"])
-        unknown = probed(endpoint, stranger) or NO_REASON
+        unknown = probe(endpoint, stranger) or NO_REASON
         assert unknown.cause is Cause.TLS
         assert "TLS: " in unknown.words
 
@@ -80,7 +80,7 @@ def test_the_daemon_names_its_router_that_is_away_and_the_one_that_comes(mode: s
     async def fly() -> None:
         task = asyncio.create_task(daemon.run())
         await until(lambda: any(endpoint in line and "Connection refused" in line for line in lines))
-        assert any("trying again" in line for line in lines)
+        assert any("retrying" in line for line in lines)
         theirs = await asyncio.to_thread(open_session, ZenohConfig(listen=(endpoint,)))
         seen = len(lines)
         word = "link zenoh: connected" if mode == "peer" else f"to {endpoint}, onboard/1"

@@ -38,7 +38,7 @@ def tries(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         return Session()
 
     monkeypatch.setattr(zenoh_session, "open_session", open_session)
-    monkeypatch.setattr(zenoh_session, "ROUTER_RETRY_S", 0.0)
+    monkeypatch.setattr(zenoh_session, "ROUTER_RETRY_PERIOD_S", 0.0)
     return tries
 
 

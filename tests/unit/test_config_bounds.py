@@ -1,4 +1,4 @@
-"""Numbers that cannot fly are refused, in the file and as parameters alike; those at the bounds do fly."""
+"""Numbers out of bounds are refused, in the file and as parameters alike; those at the bounds are not."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ import pytest
 
 from onboard.autopilot.parameters import KEYS, Parameters
 from onboard.config import ConfigError, load_config
-from onboard.config.bounds import OF_A_CAMERA, RANGES, TUNABLE, out_of_range
+from onboard.config.bounds import CAMERA_RANGES, RANGES, TUNABLE, out_of_range
 from onboard.messages import Estimate
 from onboard.sinks import SinkError
 from onboard.sinks.recorder import Recorder
@@ -49,7 +49,7 @@ def test_a_parameter_that_cannot_fly_is_refused_with_the_reason_and_not_stored(n
     assert not stored
     assert parameters.value(name) == before
     if not key[-1].isdecimal():
-        with pytest.raises(ConfigError, match=r"cannot fly; expected|must") as refused:
+        with pytest.raises(ConfigError, match=r"is out of range; expected|must") as refused:
             load_config(None, (LEADER, f"{key}={value!r}"))
         assert str(refused.value).split(";")[0].rpartition(": ")[2] in reason
 
@@ -57,12 +57,14 @@ def test_a_parameter_that_cannot_fly_is_refused_with_the_reason_and_not_stored(n
 def test_every_parameter_has_a_range() -> None:
     for key, _ in KEYS.values():
         section, _, rest = key.partition(".")
-        assert key in RANGES or (section == "camera" and rest.split(".")[0] in {*OF_A_CAMERA, "f_px", "sigma_px"})
+        assert key in RANGES or (
+            section == "camera" and rest.split(".")[0] in {*CAMERA_RANGES, "f_px", "sigma_px"}
+        )
 
 
 def test_further_cameras_and_arrays_are_named() -> None:
     with pytest.raises(
-        ConfigError, match=r"^cameras\.rear\.mount_offset_m\[1\]: 60 cannot fly; expected -50 to 50"
+        ConfigError, match=r"^cameras\.rear\.mount_offset_m\[1\]: 60 is out of range; expected -50 to 50"
     ):
         load_config(None, ("cameras.rear.mount_offset_m=[0, 60, 0]",))
     with pytest.raises(ConfigError, match=r"^cameras\.rear\.f_px: 1 "):
@@ -91,7 +93,7 @@ def test_the_file_of_stored_parameters_sets_nothing_else(tmp_path: Path, line: s
     stored, file = tmp_path / "set.toml", tmp_path / "onboard.toml"
     file.write_text(f'[parameters]\npath = "{stored}"\n', encoding="utf-8")
     stored.write_text(f"{line}\n", encoding="utf-8")
-    with pytest.raises(ConfigError, match="is no parameter; write it into the configuration file"):
+    with pytest.raises(ConfigError, match="is not a parameter; move it to the configuration file"):
         load_config(file)
     stored.write_text("camera.f_px = 610.0\n", encoding="utf-8")
     assert load_config(file).camera.f_px == 610.0

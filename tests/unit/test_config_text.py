@@ -41,7 +41,7 @@ def test_a_home_that_is_not_known_is_one_line(place: str, monkeypatch: pytest.Mo
 
     monkeypatch.delenv("HOME", raising=False)
     monkeypatch.setattr("pwd.getpwuid", no_entry)
-    with pytest.raises(ConfigError, match=r"^path: .*(no home is known|is not set); write the whole name"):
+    with pytest.raises(ConfigError, match=r"^path: .*(home folder is unknown|is not set); write the full path"):
         load_config(None, (f"recorder.path={place}",))
 
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from onboard.config import Config, ConfigError, WarmFile, datagram_of
-from onboard.config.warm_start import MOST_AGE_S, digest, folder_of, store_state
+from onboard.config import Config, ConfigError, WarmFile, warm_datagram
+from onboard.config.warm_start import MAX_AGE_S, digest, state_folder, store_state
 from onboard.messages import Datagram, WarmState
 from onboard.pipeline.warm_start import REBOOTED
 from onboard.wire.documents.document import BadDocumentError
@@ -51,7 +51,7 @@ def left() -> WarmState:
 def second_run(state: WarmState | None, seed: int = 2) -> list[Any]:
     """The pipeline and its valid estimates of a stream from AGAIN on, with or without what was left."""
     datagrams = Stream(t0=AGAIN + 0.02, t1=AGAIN + 1.2, seed=seed).datagrams()
-    known = [] if state is None else [datagram_of(state, EPOCH + round(AGAIN * S))]
+    known = [] if state is None else [warm_datagram(state, EPOCH + round(AGAIN * S))]
     run = feed([*known, *datagrams], config())
     return [run.pipeline, [e for e in run.estimates if e.valid]]
 
@@ -81,7 +81,7 @@ def speed_error(estimate: Any) -> Any:
 def test_the_guided_course_and_the_clocks_go_on() -> None:
     companion = Companion(config())
     state = replace(left(), course=1.5, round_trip_ns=4_000_000)
-    companion.receive(datagram_of(state, EPOCH + round(AGAIN * S)))
+    companion.receive(warm_datagram(state, EPOCH + round(AGAIN * S)))
     first, *_ = Stream(t0=AGAIN + 0.02, t1=AGAIN + 0.1).datagrams()
     companion.receive(first)
     companion.tick(first.t_recv_ns)
@@ -187,9 +187,9 @@ def test_a_file_is_read_back_and_is_private(path: Path) -> None:
 @pytest.mark.parametrize(
     ("later_s", "settings", "reason"),
     [
-        (MOST_AGE_S + 1.0, (), "11 s old; expected at most 10 s"),
-        (-1.0, (), "of the future, by 1.0 s"),
-        (1.0, ("camera.f_px=600",), "of another configuration"),
+        (MAX_AGE_S + 1.0, (), "11 s old; expected at most 10 s"),
+        (-1.0, (), "1.0 s in the future"),
+        (1.0, ("camera.f_px=600",), "belongs to another configuration"),
     ],
 )
 def test_a_file_that_is_no_use_is_ignored_with_a_reason(
@@ -230,16 +230,16 @@ def test_a_configured_folder_that_is_not_there_is_an_error_and_another_only_a_li
     (tmp_path / "file").write_text("")
     lines: list[str] = []
     WarmFile(config(), lines.append, lambda *_: None, {"STATE_DIRECTORY": str(tmp_path / "file")})
-    assert "no warm start" in lines[0]
-    assert "[warm_start] path" in lines[0]
+    assert "warm start is off" in lines[0]
+    assert "set warm_start.path" in lines[0]
 
 
 def test_states_are_where_systemd_or_xdg_has_them() -> None:
-    assert folder_of({"STATE_DIRECTORY": "/var/lib/a:/var/lib/b", "HOME": "/h"}) == Path("/var/lib/a")
-    assert folder_of({"XDG_STATE_HOME": "/x", "HOME": "/h"}) == Path("/x/onboard")
-    assert folder_of({"XDG_STATE_HOME": "relative", "HOME": "/h"}) == Path("/h/.local/state/onboard")
+    assert state_folder({"STATE_DIRECTORY": "/var/lib/a:/var/lib/b", "HOME": "/h"}) == Path("/var/lib/a")
+    assert state_folder({"XDG_STATE_HOME": "/x", "HOME": "/h"}) == Path("/x/onboard")
+    assert state_folder({"XDG_STATE_HOME": "relative", "HOME": "/h"}) == Path("/h/.local/state/onboard")
     for homeless in ({}, {"HOME": ""}, {"HOME": "~"}):
-        assert folder_of(homeless) == Path("/nonexistent/.local/state/onboard")
+        assert state_folder(homeless) == Path("/nonexistent/.local/state/onboard")
 
 
 def test_two_daemons_on_other_links_have_files_of_their_own() -> None:

@@ -191,14 +191,14 @@ def test_it_is_off_unless_configured_and_mistakes_are_named() -> None:
     (out,) = parse_config({"leader_out": [{"link": "camera"}]}).leader_out
     assert (out.system, out.component, out.rates_hz) == (200, 191, {"FOLLOW_TARGET": 20.0})
     for wrong, message in (
-        ({"link": "gcs"}, r"leader_out\[0\]\.link: no link is called 'gcs'"),
+        ({"link": "gcs"}, r"leader_out\[0\]\.link: no link has the name 'gcs'"),
         ({"link": "camera", "rates_hz": {"FOLLOW_ME": 1.0}}, "FOLLOW_ME"),
         ({"link": "camera", "rates_hz": {"FOLLOW_TARGET": 51.0}}, "<= 50"),
         ({"link": "camera", "rate": 1.0}, r"unknown key leader_out\[0\]\.rate"),
     ):
         with pytest.raises(ConfigError, match=message):
             parse_config({"leader_out": [wrong]})
-    with pytest.raises(ConfigError, match=r"leader_out\[0\]\.system: must differ"):
+    with pytest.raises(ConfigError, match=r"leader_out\[0\]\.system is 200, that of our own autopilot"):
         parse_config({"autopilot": {"system": 200}, "leader_out": [{"link": "camera"}]})
 
 

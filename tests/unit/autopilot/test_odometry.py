@@ -80,6 +80,6 @@ def test_no_more_are_sent_than_asked_and_a_reboot_does_not_end_them() -> None:
 
 
 def test_a_link_that_does_not_exist_is_a_mistake_of_the_configuration() -> None:
-    with pytest.raises(ConfigError, match=r"odometry\.link: no link is called 'gcs'"):
+    with pytest.raises(ConfigError, match=r"odometry\.link: no link has the name 'gcs'"):
         parse_config({"odometry": {"link": "gcs"}})
     assert parse_config({"odometry": {"link": "camera"}}).odometry.rate_hz == 30.0

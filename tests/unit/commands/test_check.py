@@ -13,7 +13,7 @@ from onboard.commands.readiness import judged
 from onboard.config import Config, load_config
 from onboard.messages import Advice, CameraHealth, Health, LinkHealth, Severity, StreamHealth
 from onboard.pipeline import Pipeline
-from onboard.sinks.recorder import SET_S
+from onboard.sinks.recorder import MIN_UNIX_TIME_S
 from tests.support.daemon import TCP, UDP, Setup
 from tests.support.programs import environment, free_ports
 from tests.unit.commands.test_status import publishing
@@ -117,7 +117,7 @@ def test_the_disk(path: str | None, mark: str, tmp_path: Path, monkeypatch: pyte
 
 
 def test_the_clock_matters_to_who_signs(config: Config) -> None:
-    assert str(readiness._clock(config, SET_S + 1.0)).startswith("ok")
+    assert str(readiness._clock(config, MIN_UNIX_TIME_S + 1.0)).startswith("ok")
     assert str(readiness._clock(config, 1e6)).startswith("note")
     link = replace(config.link[0], key_file="key")
     assert str(readiness._clock(replace(config, link=(link,)), 1e6)).startswith("FAIL")

@@ -7,7 +7,7 @@ import pytest
 
 from onboard.analysis.flights.replay import flight_of
 from onboard.commands.recover import recover
-from onboard.config import Config, ConfigError, load_config, of_flight, parse_config
+from onboard.config import Config, ConfigError, flight_metadata, load_config, parse_config
 from onboard.sinks.recorder import Recorder
 from onboard.wire.logs.recording import CONFIGURATION, JSON, read_configuration
 from tests.support.streams import Stream, encode
@@ -18,7 +18,7 @@ FILES = sorted(Path("configs").glob("*.toml"))
 
 
 def record(file: Path, config: Config, *, cut: bool = False) -> None:
-    recorder = Recorder(file, metadata=of_flight(config))
+    recorder = Recorder(file, metadata=flight_metadata(config))
     recorder.open()
     recorder.write(encode(Stream(t1=8.0, sparse=True).items()))
     recorder.close()
@@ -70,9 +70,9 @@ def test_one_of_another_version_is_named(tmp_path: Path) -> None:
     recorder = Recorder(log, metadata={CONFIGURATION: {JSON: '{"camera": {"zoom": 2}}'}})
     recorder.open()
     recorder.close()
-    with pytest.raises(ConfigError, match=r"flight\.mcap was flown with: .*zoom.*--config"):
+    with pytest.raises(ConfigError, match=r"recorded in .*flight\.mcap is invalid: .*zoom.*--config"):
         load_config(log)
-    with pytest.raises(ConfigError, match="was flown with"):
+    with pytest.raises(ConfigError, match="the configuration recorded in"):
         load_config(log, ("camera.f_px=500",))
 
 
@@ -81,4 +81,4 @@ def test_a_wrong_override_is_not_the_recording_s(tmp_path: Path) -> None:
     record(log, parse_config({}))
     with pytest.raises(ConfigError, match=r"^camera\.f_px") as caught:
         load_config(log, ("camera.f_px=wide",))
-    assert "was flown with" not in str(caught.value)
+    assert "the configuration recorded in" not in str(caught.value)

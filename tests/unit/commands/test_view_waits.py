@@ -46,6 +46,6 @@ def test_it_waits_as_long_as_asked_for_a_daemon_that_is_not_there(
 ) -> None:
     daemon = Daemon(*refusals)
     monkeypatch.setattr(zenoh_session, "open_session", daemon)
-    monkeypatch.setattr(zenoh_session, "ROUTER_RETRY_S", 0.0)
+    monkeypatch.setattr(zenoh_session, "ROUTER_RETRY_PERIOD_S", 0.0)
     assert cli.main(["view", "--rrd", str(tmp_path / "view.rrd"), *wait]) == code
     assert daemon.tries == tries

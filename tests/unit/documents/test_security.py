@@ -133,8 +133,9 @@ OF_LIMITS = {  # what lies beyond each limit
     "publication.MOST_PUBLISHED": "tests/unit/estimators/traffic/test_floods.py::"
     "test_publications_are_bounded_and_the_nearest_is_in_all_of_them",
     "recorder.RECORDER_CAPACITY": f"{RECORDER}datagrams_beyond_the_room_are_counted_apart",
-    "recorder.OWN_TOPICS": f"{RECORDER}more_names_than_a_file_has_channels_for_cost_estimates_but_no_datagram",
-    "recorder.TARGETS": f"{RECORDER}more_names_than_a_file_has_channels_for_cost_estimates_but_no_datagram",
+    "recorder.MAX_CHANNEL_COUNT": f"{RECORDER}"
+    "more_names_than_a_file_has_channels_for_cost_estimates_but_no_datagram",
+    "recorder.MAX_TARGETS": f"{RECORDER}more_names_than_a_file_has_channels_for_cost_estimates_but_no_datagram",
     "sinks.zenoh.PUBLISHER_CAPACITY": f"{BEYOND}"
     "records_beyond_the_room_before_zenoh_cost_the_oldest_and_are_counted",
 }

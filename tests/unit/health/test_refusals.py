@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from onboard.daemon import Daemon
 from onboard.health.refusals import ALIKE, LONGEST, MOST_REFUSALS, OTHERS, Refusals
 from onboard.messages import Cause, Clock, Datagram, Encoding, Health, LocalPosition, Reason, Verdict
-from onboard.sinks.console import MOST_LINES_AT_ONCE
+from onboard.sinks.console import MAX_LINE_COUNT
 from onboard.view import words
 from tests.support.streams import CIRCLE, EPOCH, MS, Item, S, Stream, encode, feed, heartbeat, make_config
 from tests.unit.wire.test_points import document
@@ -104,7 +104,7 @@ def test_a_detector_that_is_always_wrong_is_named_every_ten_seconds_with_a_count
 def test_a_flood_of_kinds_gets_few_lines_and_little_room() -> None:
     flight = Flight()
     flood = [points(**{f"x{i}" + "y" * 1000: 1}) for i in range(3 * MOST_REFUSALS)]
-    assert len(flight.second(*flood)) == MOST_LINES_AT_ONCE
+    assert len(flight.second(*flood)) == MAX_LINE_COUNT
     assert len(flight.second(*flood)) == 1
     refusals = flight.daemon._pipeline.health(flight.t_ns).refusals
     assert len(refusals) <= MOST_REFUSALS

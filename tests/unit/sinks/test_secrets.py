@@ -29,7 +29,7 @@ def test_a_secret_is_for_its_owner_alone(tmp_path: Path) -> None:
     file = tmp_path / "key"
     assert secret(str(put(file, 0o600)), "zenoh.password_file") == "a passphrase"
     for mode in (0o640, 0o604, 0o610, 0o660):
-        with pytest.raises(SinkError, match=r"zenoh.password_file .*key: others can read it; chmod 600 it"):
+        with pytest.raises(SinkError, match=r"zenoh.password_file .*key: others can read it; run chmod 600 on it"):
             secret(str(put(file, mode)), "zenoh.password_file")
     with pytest.raises(SinkError, match=r"zenoh.password_file .*: Is a directory"):
         secret(str(tmp_path), "zenoh.password_file")

@@ -113,7 +113,11 @@ class Sizes(Collector):
 
 @pytest.mark.parametrize(
     ("gathers_s", "capacity", "most"),
-    [(0.0, 3000, sinks.RECORD_BATCH), (0.01, 20_000, sinks.PIECE), (0.01, 3000, sinks.MORE * sinks.PIECE)],
+    [
+        (0.0, 3000, sinks.MAX_RECORDS),
+        (0.01, 20_000, sinks.PIECE_RECORDS),
+        (0.01, 3000, sinks.QUEUE_OVERFLOW_FACTOR * sinks.PIECE_RECORDS),
+    ],
 )
 def test_a_sink_that_nobody_waits_for_is_written_in_pieces(gathers_s: float, capacity: int, most: int) -> None:
     """Between them the event loop has the interpreter: it gives it away with each datagram that it reads, and got
@@ -134,7 +138,7 @@ def test_a_sink_that_nobody_waits_for_is_written_in_pieces(gathers_s: float, cap
     assert sink.written == list(range(3000))
     assert max(sink.sizes) == most
     if gathers_s:
-        assert sum(size == sinks.PIECE for size in sink.sizes) >= 8  # the last ones
+        assert sum(size == sinks.PIECE_RECORDS for size in sink.sizes) >= 8  # the last ones
 
 
 def test_what_is_put_is_written_in_order_and_counted() -> None:
