@@ -23,13 +23,13 @@ QUARTER_IMAGES: Final = 500  # in a row, of one camera
 SPAN_NS: Final = 20 * NS_PER_S  # that they last at least
 UNUSED: Final = Reason(
     Cause.RANGE_UNUSED,
-    f"{DOUBT_PREFIX}`range_m` of its detections is not used: set `detections = true` in [estimator.leader.range], or "
-    "leave it out",
+    f"{DOUBT_PREFIX}`range_m` of its detections is not used: set `detections = true` in [estimator.leader.range], "
+    "or leave it out",
 )
 QUARTER_REASON: Final = Reason(
     Cause.QUARTER,
-    f"{DOUBT_PREFIX}the points of all its images are in the upper left quarter of the configured image: are they pixels "
-    "of an image of half the size? Then set `width_px` and `height_px`, or send `intrinsics`",
+    f"{DOUBT_PREFIX}the points of all its images are in the upper left quarter of the configured image: are they "
+    "pixels of an image of half the size? Then set `width_px` and `height_px`, or send `intrinsics`",
 )
 
 

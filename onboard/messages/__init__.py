@@ -60,8 +60,8 @@ from onboard.messages.guidance import LeaderState as LeaderState
 from onboard.messages.guidance import MessageInterval as MessageInterval
 from onboard.messages.guidance import Setpoint as Setpoint
 from onboard.messages.guidance import TargetRelative as TargetRelative
-from onboard.messages.health import DOUBT_PREFIX as DOUBT_PREFIX
 from onboard.messages.health import DOUBT_CAUSES as DOUBT_CAUSES
+from onboard.messages.health import DOUBT_PREFIX as DOUBT_PREFIX
 from onboard.messages.health import Advice as Advice
 from onboard.messages.health import CameraHealth as CameraHealth
 from onboard.messages.health import ComputerLoad as ComputerLoad

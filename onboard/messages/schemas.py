@@ -67,7 +67,8 @@ def describe() -> str:
     for key, record in PUBLISHED.items():
         lines.append(f"| `{key}` | [`{record.__name__}`](#{record.__name__.lower()}) | {_summary(record)} |")
     for record in _all_records():
-        lines += ["", f"#### {record.__name__}", "", _text(record), "", "| field | type | meaning |", "|---|---|---|"]
+        head = "| field | type | meaning |", "|---|---|---|"
+        lines += ["", f"#### {record.__name__}", "", _text(record), "", *head]
         meanings = _meanings(record)
         for field in msgspec.structs.fields(record):
             optional = "" if field.required else ", optional"

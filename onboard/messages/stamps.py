@@ -15,10 +15,13 @@ UNITS: Final = {"nanoseconds": 1, "microseconds": 1_000, "milliseconds": 1_000_0
 CLOCK_NAMES: Final = {Clock.HOST: "Unix time", Clock.BOOT: "the autopilot's time since its boot"}
 # Usual errors of clocks (GPS week rollover, a wrong date, a time zone): name, seconds, maximum number of them.
 CLOCK_STEPS: Final = (("{} x 1,024 weeks", 619_315_200, 3), ("{} days", 86_400, 400), ("{} hours", 3_600, 48))
-SIM_TIME_REMEDY: Final = "set `use_sim_time` of camera and detector to false: a ROS stamp is of this computer's clock"
+SIM_TIME_REMEDY: Final = (
+    "set `use_sim_time` of camera and detector to false: a ROS stamp is of this computer's clock"
+)
 CLOCK_TOLERANCE_NS: Final = 2 * NS_PER_S  # Stamps may be this far outside the interval of their clock.
 MAX_STAMP_NS: Final = 2**63
-MAX_UNSET_CLOCK_TIME_NS: Final = 2 * 365 * 86_400 * NS_PER_S  # Unix time before 1972 is that of a clock that was never set.
+# Unix time before 1972 is that of a clock that was never set.
+MAX_UNSET_CLOCK_TIME_NS: Final = 2 * 365 * 86_400 * NS_PER_S
 
 
 class Span(NamedTuple):
@@ -51,8 +54,8 @@ def read_stamps(
 ) -> Reading | None:
     """Diagnose stamps of a clock by the interval of each clock.
 
-    `is_ros`: the stamps are from headers of ROS messages, which name no clock. Returns None if the stamps are right,
-    or if nothing explains them.
+    `is_ros`: the stamps are from headers of ROS messages, which name no clock. Returns None if the stamps are
+    right, or if nothing explains them.
     """
     if clock in spans and spans[clock].holds(stamps):
         return None

@@ -56,4 +56,6 @@ def check_points(points_m: dict[str, Vec3], size_m: float) -> None:
         if name in ("", "box"):
             raise ValueError(f"points_m.{name}: no point can be called so")
         if not math.hypot(*point) <= MAX_POINT_DISTANCE_RATIO * size_m:
-            raise ValueError(f"points_m.{name}: farther than {MAX_POINT_DISTANCE_RATIO:g} times the wingspan from the center")
+            raise ValueError(
+                f"points_m.{name}: farther than {MAX_POINT_DISTANCE_RATIO:g} times the wingspan from the center"
+            )

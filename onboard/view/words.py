@@ -6,7 +6,17 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from onboard.messages import DOUBT_PREFIX, Estimate, Fault, FaultKind, Health, MeasurementReport, Mode, NavState, Severity
+from onboard.messages import (
+    DOUBT_PREFIX,
+    Estimate,
+    Fault,
+    FaultKind,
+    Health,
+    MeasurementReport,
+    Mode,
+    NavState,
+    Severity,
+)
 from onboard.units import S_PER_NS
 from onboard.view.motion import LeaderArrays, RangeEstimate, leader_state, open_interval, range_estimate
 

@@ -95,7 +95,8 @@ def test_a_start_and_a_restart_are_said_within_two_seconds() -> None:
 def test_a_doubt_about_the_set_up_reaches_the_pilot() -> None:
     flight = Flight().fly(DATAGRAMS)
     words = (
-        f"{DOUBT_PREFIX}the leader moves as we lean, as if the camera looked 15 degrees lower than `mount_rpy_deg` says"
+        f"{DOUBT_PREFIX}the leader moves as we lean, as if the camera looked 15 degrees lower than "
+        "`mount_rpy_deg` says"
     )
     flight.daemon._pipeline.refuse("camera front", Reason(Cause.MOUNT, words), flight.daemon._now_ns())
     end_ns = DATAGRAMS[-1].t_recv_ns

@@ -28,7 +28,9 @@ def run(clocks: Clocks, start_s: float, seconds: float, host_ns: int = EPOCH + 2
     return accepted
 
 
-def reply(boot_ns: int, out_ns: int, back_ns: int, *, host_ns: int = EPOCH, tag: int = TIMESYNC_TAG_NS) -> TimeSync:
+def reply(
+    boot_ns: int, out_ns: int, back_ns: int, *, host_ns: int = EPOCH, tag: int = TIMESYNC_TAG_NS
+) -> TimeSync:
     """A reply made at boot time `boot_ns`, `out_ns` after its request was sent, received `back_ns` later."""
     ts1 = host_ns + boot_ns - out_ns
     ts1 += tag - ts1 % 1000

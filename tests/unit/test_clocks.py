@@ -87,7 +87,8 @@ def test_a_reply_with_our_tag_by_chance_does_not_exclude_the_others_in_a_log() -
     clocks = Clocks()
     for i in range(600):
         run(clocks, 5 + 0.2 * i, 0.2)
-        clocks.receive_reply(reply(round((5.2 + 0.2 * i) * S), MS, MS, tag=TIMESYNC_TAG_NS if i in (20, 300) else i % 100))
+        tag = TIMESYNC_TAG_NS if i in (20, 300) else i % 100
+        clocks.receive_reply(reply(round((5.2 + 0.2 * i) * S), MS, MS, tag=tag))
     assert clocks.source == "timesync"
     assert len(clocks._offset.replies) > 40
     assert not clocks.rejected

@@ -39,8 +39,8 @@ PROGRESS_EVERY: Final = 2000
 HEALTH_NS: Final = NS_PER_S  # between health records
 FLOWN: Final = "flown"
 UNVERIFIED: Final = (
-    f"{DOUBT_PREFIX}{{}} signed frames were used unverified: this replay has not the key of link `{{}}`; name it in "
-    "`key_file` of its [[link]]"
+    f"{DOUBT_PREFIX}{{}} signed frames were used unverified: this replay has not the key of link `{{}}`; name it "
+    "in `key_file` of its [[link]]"
 )
 FOREIGN_FORMATS: Final = {  # by how a file begins: what it is, and what to do
     b"\x1f\x8b": "compressed (gzip): `gunzip` it first",

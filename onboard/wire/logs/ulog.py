@@ -156,7 +156,8 @@ def _texts(log: Any, source: LogSource, start_ns: int) -> Iterator[Message]:
     """The texts of PX4; its levels are digits. No time base begins with a text."""
     for logged in sorted(log.logged_messages, key=lambda logged: int(logged.timestamp)):
         header = _header(max(int(logged.timestamp) * 1000, start_ns), source) | {"clock": Clock.NONE}
-        yield StatusText(**header, severity=int(logged.log_level) & 7, text=plain(str(logged.message), MAX_LINE_LENGTH))
+        text = plain(str(logged.message), MAX_LINE_LENGTH)
+        yield StatusText(**header, severity=int(logged.log_level) & 7, text=text)
 
 
 def _check_formats(file: BinaryIO) -> None:
