@@ -184,6 +184,20 @@ def no_wind(m: Moment) -> Iterator[Advice]:
     )
 
 
+def own_transponder(m: Moment) -> Iterator[Advice]:
+    """Our own transponder is heard, and its address not configured."""
+    if m.needs.transponder or not m.verdicts("traffic.ourselves"):
+        return
+    yield Advice(
+        kind="transponder",
+        severity=Severity.NOTICE,
+        about="own transponder",
+        what="reports of a transponder that flies where we are, as we do, are taken for our own, and not tracked",
+        remedy="set `own_icao` of [estimator.traffic] to the address of our own transponder",
+        text="own transponder heard: set own_icao",
+    )
+
+
 def own_misfit(m: Moment) -> Iterator[Advice]:
     """Measurements of our own motion that do not fit the others, with or without an airframe."""
     for key, found in m.now.consistency.items():

@@ -27,7 +27,7 @@ class Needs(NamedTuple):
     `asked`: Hz that are asked for, by MAVLink name. `images`: an estimator needs images. `classes`: of targets,
     that have a section. `undistorted`: names of cameras without distortion coefficients; `ros`: of those whose
     images come over ROS. `sends_places`: links on which the leader's place on Earth is sent. `wind`: a leader is a
-    fixed wing, whose nose it shows."""
+    fixed wing, whose nose it shows. `transponder`: the address of our own is known."""
 
     prefix: str = ""
     system: int = 0
@@ -41,6 +41,7 @@ class Needs(NamedTuple):
     ros: tuple[str, ...] = ()
     sends_places: tuple[str, ...] = ()
     wind: bool = False
+    transponder: bool = False
 
 
 class Moment(NamedTuple):

@@ -28,6 +28,7 @@ def needs(config: Config) -> Needs:
         undistorted=tuple(name for name, camera in cameras.items() if camera.lens.is_pinhole),
         ros=tuple(name for name, camera in cameras.items() if camera.ros.seen),
         wind=_has_fixed_wing(config),
+        transponder=any(getattr(each, "own_icao", "") for each in config.estimator.values()),
         sends_places=tuple(out.link for out in config.leader_out if any(n in PLACES for n in out.rates_hz)),
     )
 

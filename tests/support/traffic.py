@@ -107,7 +107,7 @@ class Sky:
             "lat_deg": lat,
             "lon_deg": lon,
             "altitude": height,
-            "altitude_type": AltitudeType.PRESSURE,
+            "altitude_type": AltitudeType.GEOMETRIC,
             "course": math.atan2(local[1], local[0]) % (2 * math.pi),
             "ground_speed": math.hypot(local[0], local[1]),
             "climb": -local[2],

@@ -6,15 +6,18 @@ far we fly from its anchor. Heights above mean sea level are treated as heights 
 aircraft alike: the geoid's slope over a few kilometres is centimetres.
 """
 
-from typing import NamedTuple
+import math
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from onboard.arrays import Array
 from onboard.geometry.geodesy import ecef_from_geodetic, geodetic_rows, rotation_ne
-from onboard.messages import GlobalPosition
+from onboard.messages import Barometer, GlobalPosition
 from onboard.ownship import Ownship
 from onboard.units import NS_PER_S, S_PER_NS
+
+SAME_VELOCITY_M_S: Final = 2.0  # several times what a transponder rounds
 
 
 class OwnMotion(NamedTuple):
@@ -28,13 +31,17 @@ class OwnMotion(NamedTuple):
 
 
 class Frame:
-    """The frame n and our newest position in it. Neither is known before our first position."""
+    """The frame n and our newest position and velocity in it. None is known before our first position.
+    `pressure_altitude_offset`: height above mean sea level less pressure altitude, m, by our own barometer; None
+    without one."""
 
     def __init__(self, timeout_s: float) -> None:
         self._timeout_ns = round(timeout_s * NS_PER_S)
         self._anchor_e = np.zeros(3)
         self._R_ne: Array | None = None
         self._newest: tuple[int, Array, Array] | None = None  # time, r, R_nl
+        self._velocity, self._height = np.zeros(3), math.nan
+        self.pressure_altitude_offset: float | None = None
 
     @property
     def known(self) -> bool:
@@ -51,6 +58,22 @@ class Frame:
         if self._newest is None or m.t_ns > self._newest[0]:
             r = self.position(m.lat_deg, m.lon_deg, m.alt_msl)
             self._newest = m.t_ns, r, self.rotation_nl(m.lat_deg, m.lon_deg)
+            self._velocity, self._height = self._newest[2] @ m.v_F_n, m.alt_msl
+
+    def receive_pressure(self, m: Barometer) -> None:
+        """Our own pressure altitude, beside our newest height."""
+        if self._newest is not None and abs(m.t_ns - self._newest[0]) <= self._timeout_ns:
+            self.pressure_altitude_offset = self._height - m.pressure_altitude
+
+    def is_here(self, t_ns: int, y: Array, sigma: float) -> bool:
+        """Whether somebody with this position and velocity (6,) at a time is where we are, and flies as we do:
+        within two standard deviations horizontally, m."""
+        if self._newest is None or abs(t_ns - self._newest[0]) > self._timeout_ns:
+            return False
+        t0_ns, r, R_nl = self._newest
+        off = (y[:3] - r - self._velocity * ((t_ns - t0_ns) * S_PER_NS)) @ R_nl
+        slower = np.linalg.norm((y[3:] - self._velocity) @ R_nl[:, :2])
+        return bool(np.linalg.norm(off[:2]) < 2.0 * sigma and slower < SAME_VELOCITY_M_S)
 
     def position(self, lat_deg: float, lon_deg: float, height: float) -> Array:
         """r_On (3,) of geodetic coordinates; the frame must be known."""

@@ -43,7 +43,7 @@ class Config(Record, frozen=True, kw_only=True):
     peer_bias_m: Positive = 3.0  # the same for other vehicles, on each axis
     report_bias_time_s: Positive = 60.0  # time constant of these errors
     geoid_undulation_m: float = 0.0  # of the ellipsoid here: mean sea level = GNSS height - this
-    pressure_altitude_offset_m: float = 0.0  # mean sea level = reported pressure altitude + this
+    pressure_altitude_offset_m: float = 0.0  # mean sea level = reported pressure altitude + this; 0: not known
 
     # radar on our vehicle; standard deviations where a detection brings none
     radar_mount_rpy_deg: Vec3 = (0.0, 0.0, 0.0)  # body to radar, ZYX, as a camera's

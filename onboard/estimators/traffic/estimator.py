@@ -15,6 +15,7 @@ from onboard.estimators.traffic.tracker import Tracker
 from onboard.geometry.camera import Camera
 from onboard.messages import (
     AdsbVehicle,
+    Barometer,
     Estimate,
     GlobalPosition,
     Message,
@@ -28,7 +29,7 @@ from onboard.units import NS_PER_S
 
 __all__ = ["LISTENS", "Config", "Estimator"]
 
-LISTENS: Final = (AdsbVehicle, PeerPosition, PeerRanges, RadarScan, GlobalPosition)
+LISTENS: Final = (AdsbVehicle, Barometer, PeerPosition, PeerRanges, RadarScan, GlobalPosition)
 OWN_POSITION_TIMEOUT_S: Final = 3.0
 
 
@@ -50,6 +51,8 @@ class Estimator:
         """Receive a report or a scan. Estimates are published by `tick` only."""
         if isinstance(message, GlobalPosition):
             self._frame.receive(message)
+        elif isinstance(message, Barometer):
+            self._frame.receive_pressure(message)
         elif isinstance(message, RadarScan):
             self._tracker.fuse_scan(message, self._frame.own_motion(message.t_ns, ownship))
         elif isinstance(message, AdsbVehicle | PeerPosition | PeerRanges):

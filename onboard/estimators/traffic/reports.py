@@ -11,12 +11,13 @@ from onboard.estimators.kit.frame import Frame
 from onboard.estimators.kit.peer_position import ReportedPosition, is_plausible, of_adsb, of_peer
 from onboard.estimators.traffic.config import Config
 from onboard.estimators.traffic.pseudoranges import solve
-from onboard.messages import AdsbVehicle, PeerPosition, PeerRanges, Verdict
+from onboard.messages import AdsbVehicle, AltitudeType, PeerPosition, PeerRanges, Verdict
 from onboard.units import NS_PER_S
 
 UNKNOWN_SPEED_SIGMA: Final = 300.0  # m/s: of a velocity that is not reported
 ROUNDED_AGE: Final = 0.5  # s: mean error of an age that is given in whole seconds,
 ROUNDED_AGE_SIGMA: Final = 1 / math.sqrt(12)  # and its sigma
+WEATHER_SIGMA_M: Final = 100.0  # of a pressure altitude, whose sea level is standard: about 12 hPa
 VAGUE: Final = 300.0  # m: a fix with a larger error begins no track
 
 Key = tuple[str, int]  # ("icao", address) or ("system", number)
@@ -61,10 +62,14 @@ def _from_adsb(m: AdsbVehicle, frame: Frame, config: Config) -> Report | Verdict
         return Verdict.OURSELVES
     if m.tslc > config.max_tslc_s:
         return Verdict.STALE
+    offset, bias_altitude = config.pressure_altitude_offset_m, config.report_bias_altitude_m
+    if m.altitude_type is AltitudeType.PRESSURE and not offset:
+        measured = frame.pressure_altitude_offset
+        offset, bias_altitude = (0.0, WEATHER_SIGMA_M) if measured is None else (measured, bias_altitude)
     reported = of_adsb(
         m,
         geoid_undulation=config.geoid_undulation_m,
-        pressure_altitude_offset=config.pressure_altitude_offset_m,
+        pressure_altitude_offset=offset,
         fastest=config.max_speed_m_s,
     )
     if isinstance(reported, Verdict):
@@ -79,7 +84,7 @@ def _from_adsb(m: AdsbVehicle, frame: Frame, config: Config) -> Report | Verdict
         config.adsb_velocity_sigma_m_s if reported.has_climb else UNKNOWN_SPEED_SIGMA,
     )
     t_ns = m.t_ns - round(age * NS_PER_S)
-    bias = (config.report_bias_m, config.report_bias_m, config.report_bias_altitude_m)
+    bias = (config.report_bias_m, config.report_bias_m, bias_altitude)
     return _report(("icao", m.icao), t_ns, reported, sigma, bias, age_sigma, m, frame)
 
 

@@ -1,5 +1,6 @@
 """Reports that wait for the next publication. Addresses are unlimited: new ones cost a known one no report."""
 
+import math
 from collections.abc import Collection, Iterator
 from typing import Final
 
@@ -39,6 +40,10 @@ class WaitingReports:
         report = make_report(message, frame, self._config, near)
         if isinstance(report, Verdict):
             return report
+        if is_new and report.adsb is not None and not self._config.own_icao:
+            sigma = math.hypot(self._config.adsb_position_sigma_m, self._config.report_bias_m)
+            if frame.is_here(report.t_ns, report.y, sigma):
+                return Verdict.OURSELVES  # our own transponder, heard by our own receiver
         self._new += is_new
         self._reports.append(report)
         return None

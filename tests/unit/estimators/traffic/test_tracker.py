@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from onboard.messages import AltitudeType, Lifecycle, PeerPosition, ThreatLevel
+from onboard.messages import AltitudeType, Barometer, Lifecycle, PeerPosition, ThreatLevel
 from onboard.units import NS_PER_S
 from tests.support.traffic import HOME, ICAO, NAME, R0, V0, Sky, fly_with_reports, fly_with_scans, mean
 
@@ -141,3 +141,38 @@ def test_both_kinds_of_altitude_end_above_mean_sea_level() -> None:
         )
         heights[kind] = -mean(sky.newest[NAME])[2]
     assert heights == {kind: pytest.approx(300.0, abs=1.0) for kind in AltitudeType}
+
+
+@pytest.mark.parametrize(("weather", "has_barometer", "sigma"), [(140.0, False, 100.0), (140.0, True, 10.0)])
+def test_a_pressure_altitude_is_as_far_off_as_the_weather_or_corrected_by_our_own(
+    weather: float, has_barometer: bool, sigma: float
+) -> None:
+    """At 200 m above us; low pressure makes both altimeters read too much."""
+    sky = Sky()
+    for _ in range(6):
+        if has_barometer:
+            t_ns = round(sky.t * NS_PER_S)
+            pressure = Barometer(t_ns=t_ns, t_recv_ns=t_ns, pressure_altitude=HOME[2] + weather)
+            sky.estimator.observe(pressure, sky.ownship)
+        height = HOME[2] + 200.0 + weather
+        r = np.array([1000.0 + 5.0 * sky.t, 0.0, 0.0])
+        sky.receive(sky.adsb(r, [5.0, 0.0, 0.0], altitude=height, altitude_type=AltitudeType.PRESSURE))
+        sky.fly(1.0)
+    e = sky.newest[NAME]
+    assert e.covariance is not None
+    assert e.covariance[2][2] ** 0.5 == pytest.approx(sigma, rel=0.15)
+    assert -mean(e)[2] == pytest.approx(200.0 if has_barometer else 340.0, abs=2.0)
+
+
+@pytest.mark.parametrize(
+    ("beside", "slower", "is_own"), [(0.0, 0.0, True), (3.0, 0.0, True), (15.0, 0.0, False), (3.0, 5.0, False)]
+)
+def test_a_transponder_that_flies_where_we_are_is_ours(beside: float, slower: float, is_own: bool) -> None:
+    """Whatever its altitude says; one that has been followed from afar remains another's."""
+    sky = Sky(speed=20.0, course_deg=30.0)
+    for _ in range(5):
+        v = (sky.own() / sky.t) * (1.0 - slower / 20.0)
+        sky.receive(sky.adsb(sky.own() + np.array([0.0, beside, 30.0]), v))
+        sky.fly(1.0)
+    assert (sky.newest == {}) == is_own
+    assert ("ourselves" in sky.verdicts) == is_own
