@@ -46,7 +46,7 @@ TOPICS: Final = {
     "rates": ("attitude", "stream", "position", "rates", "origin"),
     "camera": (
         *("camera-silent", "camera", "target", "class", "clock", "stamps", "pixels", "lens", "noise", "misfit"),
-        *("mount", "focal", "camera-setup"),
+        "mount",
     ),
     "clock": ("timesync",),
     "disk": ("disk",),

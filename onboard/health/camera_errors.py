@@ -21,7 +21,7 @@ from onboard.arrays import Array
 from onboard.geometry.camera import Camera
 from onboard.geometry.rotations import matrix_from_euler
 
-DELAY, FOCAL = 0, 4  # places in a vector of errors; 1 to 3 are the mount about the camera's axes
+DELAY, MOUNT, FOCAL = 0, slice(1, 4), 4  # places in a vector of errors; a mount's are about the camera's axes
 LEAST_LEAN: Final = 0.01  # rad, RMS: by our displacement alone, one error passes for another
 KINDS: Final = {"delay": (0,), "mount": (1, 2, 3), "focal": (4,)}
 ERRORS: Final = 5
@@ -40,8 +40,8 @@ SIGMAS: Final = 5.0
 # sound camera, a delay had up to 26 in 680 searches, and a focal length was off by 2.7 times its sigma (RMS)
 CERTAIN: Final = {"delay": 35.0, "mount": 25.0}
 FOCAL_SPREAD: Final = 2.7
-# A smaller error costs less than what else is uncertain: s, rad about each axis, logarithm of the focal length
-LEAST: Final = np.array([0.05, *np.radians([5.0, 5.0, 5.0]), math.log(1.25)])
+# A smaller error costs less than what else is uncertain: rad about each axis, logarithm of the focal length
+LEAST_MOUNT, LEAST_FOCAL = math.radians(5.0), math.log(1.25)
 CONFIGURED: Final = np.zeros(ERRORS)
 # Where a search for errors of one kind may begin: delays, mounts about one axis
 STARTS: Final = np.array(
@@ -54,8 +54,6 @@ STARTS: Final = np.array(
 
 T = TypeVar("T")
 Steps = Generator[None, None, T]  # of some milliseconds each, for who must not wait
-# Kinds of errors that suffice to explain what was seen, each with its errors (p,) and their sigmas (p,)
-Explanation = dict[str, tuple[Array, Array]]
 
 
 class Poses:
@@ -247,39 +245,32 @@ def finished(steps: Steps[T]) -> T:
             return found
 
 
-def explanations(windows: Sequence[Window]) -> Steps[list[Explanation]]:
-    """What is certainly wrong with a camera: none where nothing is certain, several where they cannot be told
-    apart. A kind of error suffices where, with it, no other is certain any more; if none does, all together do."""
+def wrong_mount(windows: Sequence[Window]) -> Steps[tuple[Array, Array] | None]:
+    """By how much a camera's mount is certainly off: angles (3,) about its axes, and their sigmas (3,). None where
+    nothing is certain, and where a delay or a focal length explains what was seen, alone or beside it. Neither is
+    ever claimed: a leader that we follow on its own way moves as if one of them were wrong."""
     if np.mean([w.lean for w in windows]) < LEAST_LEAN**2:
-        return []
+        return None
     likelihoods = np.sum([w.likelihoods for w in windows], axis=0)
-    starts = {}
+    fits = {}
     for kind, places in KINDS.items():
         others = np.any(np.delete(STARTS, places, axis=1) != 0.0, axis=1)
-        starts[kind] = STARTS[int(np.argmax(np.where(others, -math.inf, likelihoods)))]
-    starts["focal"] = CONFIGURED
+        start = STARTS[int(np.argmax(np.where(others, -math.inf, likelihoods)))]
+        fits[kind] = yield from fitting(windows, (kind,), CONFIGURED if kind == "focal" else start)
     configured = CameraFit(CONFIGURED, CONFIGURED, sum(w.likelihood(CONFIGURED) for w in windows))
-    fits = {}
-    for kind, start in starts.items():
-        fits[kind] = yield from fitting(windows, (kind,), start)
-    certain = {kind: one for kind, one in fits.items() if _adds(kind, one, configured)}
-    if not certain:
-        return []
-    enough = {}
-    for kind, one in certain.items():
-        for other in starts.keys() - {kind}:
-            both = yield from fitting(windows, (other,), one.errors)
-            if _adds(other, both, one):
-                break
-        else:
-            enough[kind] = one
-    if enough:
-        return [found for kind, one in enough.items() if (found := _found(one, (kind,)))]
-    best = max(certain.values(), key=lambda one: one.likelihood)
-    together = yield from fitting(windows, tuple(KINDS), best.errors)
-    if np.any(np.abs(together.errors) >= 0.99 * LARGEST):
-        return []
-    return [found] if (found := _found(together, tuple(KINDS))) else []
+    mount = fits.pop("mount")
+    if not _adds("mount", mount, configured):
+        return None
+    for other, alone in fits.items():
+        both = yield from fitting(windows, (other,), mount.errors)
+        if _adds(other, both, mount):
+            return None
+        if _adds(other, alone, configured):
+            both = yield from fitting(windows, ("mount",), alone.errors)
+            if not _adds("mount", both, alone):
+                return None
+    errors, sigma = mount.errors[MOUNT], mount.sigma[MOUNT]
+    return (errors, sigma) if np.any((np.abs(errors) > SIGMAS * sigma) & (np.abs(errors) > LEAST_MOUNT)) else None
 
 
 def _adds(kind: str, one: CameraFit, before: CameraFit) -> bool:
@@ -288,19 +279,8 @@ def _adds(kind: str, one: CameraFit, before: CameraFit) -> bool:
     if np.any(np.abs(one.errors) >= 0.99 * LARGEST):
         return False  # no small error of a camera
     if kind == "focal":
-        return bool(abs(one.errors[FOCAL] - before.errors[FOCAL]) > max(SIGMAS * one.sigma[FOCAL], LEAST[FOCAL]))
+        return bool(abs(one.errors[FOCAL] - before.errors[FOCAL]) > max(SIGMAS * one.sigma[FOCAL], LEAST_FOCAL))
     return one.likelihood > before.likelihood + CERTAIN[kind]
-
-
-def _found(one: CameraFit, kinds: tuple[str, ...]) -> Explanation:
-    """The kinds of errors of a fit that are certain, and large enough to matter."""
-    found = {}
-    for kind in kinds:
-        at = list(KINDS[kind])
-        errors, sigma = one.errors[at], one.sigma[at]
-        if np.any((np.abs(errors) > SIGMAS * sigma) & (np.abs(errors) > LEAST[at])):
-            found[kind] = errors, sigma
-    return found
 
 
 def fitting(

@@ -26,7 +26,6 @@ CONTRADICTED_BY_IMAGES: Final = frozenset(  # by images
     {Cause.NOISE, Cause.RANGE_CONTRADICTS, Cause.WING_TOO_LARGE, Cause.ASTRAY, Cause.LEAPT}
 )
 LEADERS: Final = ("leader", "oh_johnson")
-SETUP: Final = frozenset({Cause.MOUNT, Cause.FOCAL_LENGTH, Cause.DELAY, Cause.CAMERA_SETUP})
 DOUBTED_NS: Final = 10 * NS_PER_S
 WHICH: Final = "; which camera, is found once we have tilted and turned for half a minute"
 
@@ -225,7 +224,7 @@ def _worst(m: Moment) -> list[str]:
 def _is_in_doubt(m: Moment, name: str) -> bool:
     """Whether the images of a camera have shown lately that it is set up wrong."""
     return any(
-        r.source == f"camera {name}" and r.cause in SETUP and m.now.t_recv_ns - r.t_recv_ns < DOUBTED_NS
+        r.source == f"camera {name}" and r.cause is Cause.MOUNT and m.now.t_recv_ns - r.t_recv_ns < DOUBTED_NS
         for r in m.now.refusals
     )
 

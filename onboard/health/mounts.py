@@ -1,8 +1,8 @@
-"""Whether a camera is mounted as configured, has the configured focal length, and stamps its images with the time
-of exposure, by how the leader's direction moves when we lean (`camera_errors`). Nothing is corrected: the three
-would take the blame for every other error, and a leader that we follow on its own way accelerates as we lean some
-seconds later, and so moves as if one of them were wrong. So what is found is named, and estimates stay valid. An
-estimator may leave out images of a camera in doubt."""
+"""Whether a camera is mounted as configured, by how the leader's direction moves when we lean (`camera_errors`).
+Nothing is corrected: a mount would take the blame for every other error. So what is found is named, and estimates
+stay valid; an estimator may leave out images of a camera in doubt. A wrong focal length or delay is not claimed: a
+leader that we follow on its own way accelerates as we lean some seconds later, and moves as if one were wrong.
+"""
 
 import math
 from collections import deque
@@ -17,12 +17,11 @@ from onboard.geometry.rotations import euler_from_quaternion, matrix_from_euler,
 from onboard.health.camera_errors import (
     LONGEST_DELAY_S,
     SIGMAS,
-    Explanation,
     Poses,
     Sights,
     Steps,
     Window,
-    explanations,
+    wrong_mount,
 )
 from onboard.messages import DOUBT_PREFIX, Estimate, Verdict
 from onboard.messages.causes import Cause, Reason
@@ -47,8 +46,8 @@ SENSES: Final = (
     ("to the right", "to the left"),
 )  # by the sign
 SERVED_NS: Final = NS_PER_S  # after an image of the leader was fused, its camera shows no other target that counts
+Found = tuple[Array, Array] | None
 LEFT_OUT: Final = "its images are left out while another camera shows the leader"
-CAUSES: Final = {"delay": Cause.DELAY, "mount": Cause.MOUNT, "focal": Cause.FOCAL_LENGTH}
 
 
 class Sight(NamedTuple):
@@ -71,20 +70,18 @@ class Ended(NamedTuple):
 
 
 class Mounts:
-    """The cameras of a flight. `add(source, reason, t_recv_ns)` takes what is found; `delay_ns`: the configured
-    delay of each. `see` only collects, as an estimate waits behind it; `judge` computes, some milliseconds each
-    time. `doubts`: what is wrong with a camera, by its name."""
+    """The cameras of a flight. `add(source, reason, t_recv_ns)` takes what is found. `see` only collects, as an
+    estimate waits behind it; `judge` computes, some milliseconds each time. `doubts`: what is wrong with a camera,
+    by its name."""
 
-    def __init__(
-        self, camera: Camera, delay_ns: Callable[[str], int], add: Callable[[str, Reason, int], None]
-    ) -> None:
-        self._camera, self._delay_ns, self._add = camera, delay_ns, add
+    def __init__(self, camera: Camera, add: Callable[[str, Reason, int], None]) -> None:
+        self._camera, self._add = camera, add
         self.doubts: dict[str, Reason] = {}  # by camera
         self._fused_ns: dict[str, int] = {}  # the newest image of each camera that was fused
         self._windows: dict[str, deque[Window]] = {}
         self._sights: dict[str, tuple[str, list[Sight]]] = {}  # by camera, of one target
         self._ended: list[Ended] = []
-        self._searches: dict[str, tuple[int, Steps[list[Explanation]]]] = {}  # by camera, since when
+        self._searches: dict[str, tuple[int, Steps[Found]]] = {}  # by camera, since when
         self._judged_ns = 0
 
     def see(self, estimate: Estimate, ownship: Ownship) -> None:
@@ -151,49 +148,24 @@ class Mounts:
         windows = self._windows.setdefault(source, deque(maxlen=WINDOWS))
         windows.append(Window(Sights(rows[:, 0], rows[:, 1:3], rows[:, 3]), poses, camera))
         if len(windows) >= FEWEST_WINDOWS and source not in self._searches:
-            self._searches[source] = t_recv_ns, explaining(tuple(windows))
+            self._searches[source] = t_recv_ns, wrong_mount(tuple(windows))
 
-    def _decide(self, source: str, found: list[Explanation], t_recv_ns: int) -> None:
+    def _decide(self, source: str, found: Found, t_recv_ns: int) -> None:
         """What a search has found of a camera."""
         self.doubts.pop(source, None)
-        if found:
-            reason = why(self._camera.named(source), found, self._delay_ns(source))
+        if found is not None:
+            reason = why(self._camera.named(source), *found)
             self.doubts[source] = reason = reason.also(LEFT_OUT) if self._camera.others else reason
             self._add(f"camera {source}", reason, t_recv_ns)
 
 
-def explaining(windows: tuple[Window, ...]) -> Steps[list[Explanation]]:
-    """What is certainly wrong with a camera by all its windows, or by the newest: a lens may have zoomed."""
-    found = yield from explanations(windows)
-    if found or len(windows) == FEWEST_WINDOWS:
-        return found
-    return (yield from explanations(windows[-FEWEST_WINDOWS:]))
-
-
-def why(camera: Camera, found: list[Explanation], delay_ns: int = 0) -> Reason:
-    """What is wrong with a camera, by explanations of which each suffices; `delay_ns`: what is configured."""
-    kinds = [kind for one in found for kind in one]
-    words = [" and ".join(_words(camera, kind, *one[kind], delay_ns) for kind in one) for one in found]
-    apart = "" if len(found) == 1 else "; this flight does not tell them apart"
-    cause = CAUSES[kinds[0]] if len(kinds) == 1 else Cause.CAMERA_SETUP
-    seen = f"the leader moves in the image as we lean as if {', or '.join(words)}{apart}"
-    return Reason(cause, f"{DOUBT_PREFIX}{seen}; a leader that we follow on its own way may move so, too")
-
-
-def _words(camera: Camera, kind: str, errors: Array, sigmas: Array, delay_ns: int) -> str:
-    """One error of a camera."""
-    if kind == "delay":
-        delay, sigma = errors[0], max(sigmas[0], 0.01)
-        how = "older" if delay < 0.0 else "newer"
-        stated = f"its stamps were {abs(delay):.2f} s {how} than the exposure (sigma {sigma:.2f})"
-        return f"{stated}: `delay_s = {1e-9 * delay_ns + delay:.2f}` fits"
-    if kind == "focal":
-        longer = math.exp(errors[0])
-        return f"`f_px` were {longer:.2f} times as long (sigma {max(longer * sigmas[0], 0.01):.2f})"
+def why(camera: Camera, errors: Array, sigmas: Array) -> Reason:
+    """A wrong mount of a camera: by which angles (3,) rad about its axes, and their sigmas."""
     axis = int(np.argmax(np.abs(errors) - SIGMAS * sigmas))
     degrees, sigma = math.degrees(errors[axis]), math.degrees(sigmas[axis])
     small = np.where(np.abs(errors) > SIGMAS * sigmas, errors, 0.0)
     w, x, y, z = quaternion_from_matrix(camera.R_bc @ matrix_from_euler(*small)).tolist()
     fits = [round(math.degrees(angle)) for angle in euler_from_quaternion((w, x, y, z))]
     wrong = f"{abs(degrees):.0f} degrees {SENSES[axis][degrees < 0.0]} (sigma {max(sigma, 0.1):.1f})"
-    return f"the camera looked {wrong} than `mount_rpy_deg` says: {fits} fits"
+    words = f"the leader moves in the image as we lean as if the camera looked {wrong} than `mount_rpy_deg` says"
+    return Reason(Cause.MOUNT, f"{DOUBT_PREFIX}{words}: {fits} fits")

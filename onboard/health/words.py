@@ -235,23 +235,6 @@ WORDS: Final[Mapping[str, Words]] = {  # by cause, and by a verdict of the same 
         "camera mount is off",
         "turn the camera, or set `mount_rpy_deg` of [camera]; `onboard calibrate LOG` finds it",
     ),
-    Cause.FOCAL_LENGTH: of_refusal(
-        "focal",
-        "focal length is off",
-        "set `f_px` of [camera] for images of that size, or send `intrinsics`; `onboard calibrate LOG` finds it",
-    ),
-    Cause.DELAY: Words(
-        refusal=STAMPS._replace(
-            words="stamp the time of exposure, or set the `delay_s` of [camera] that fits "
-            "(`onboard calibrate LOG`)"
-        )
-    ),
-    Cause.CAMERA_SETUP: of_refusal(
-        "camera-setup",
-        "camera setup is off",
-        "`onboard calibrate LOG` of a flight that pitches, rolls and turns finds `delay_s`, `mount_rpy_deg` and "
-        "`f_px` of [camera]",
-    ),
     Cause.OFF_CENTER: of_refusal(
         "pixels",
         "principal point of another image",

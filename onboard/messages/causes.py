@@ -22,6 +22,11 @@ class Cause(StrEnum):
         made._value_, made.meaning = value, meaning
         return made
 
+    @classmethod
+    def _missing_(cls, value: object) -> "Cause":  # noqa: ARG003 - as EnumType calls it
+        """Of a record of another version, which has other causes."""
+        return cls.NONE
+
     NONE = "none", "nothing to explain, or a record from before there were causes"
     # The state of a track, by its measurements
     FUSED = "fused", "measurements are fused"
@@ -102,9 +107,6 @@ class Cause(StrEnum):
     # What is named of messages that are used
     IGNORED = "ignored", "a part of a message is not used"
     MOUNT = "mount", "as if the camera looked elsewhere than configured"
-    FOCAL_LENGTH = "focal_length", "as if the focal length were another"
-    DELAY = "delay", "as if stamps were not those of exposure"
-    CAMERA_SETUP = "camera_setup", "as if several of mount, focal length and stamps were off, or one of them"
     OFF_CENTER = "off_center", "the principal point is far from the image's middle"
     BINNED = "binned", "the focal length is of larger pixels than the image"
     QUARTER = "quarter", "all points are in a quarter of the image"

@@ -81,7 +81,7 @@ class LinkHealth(Record, frozen=True, kw_only=True):
 DOUBT_PREFIX: Final = "in doubt: "  # begins the reason of a `Refusal` whose messages were used
 DOUBT_CAUSES: Final = frozenset(  # causes of such refusals
     {
-        *(Cause.MOUNT, Cause.FOCAL_LENGTH, Cause.DELAY, Cause.CAMERA_SETUP, Cause.OFF_CENTER),
+        *(Cause.MOUNT, Cause.OFF_CENTER),
         *(Cause.OWN_MOTION_DOUBT, Cause.BINNED, Cause.QUARTER, Cause.RANGE_UNUSED, Cause.UNVERIFIED),
         Cause.KEY_UNREADABLE,
     }

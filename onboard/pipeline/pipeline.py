@@ -99,7 +99,7 @@ class Pipeline:
         self._monitor = Monitor(counts, takes_ranges=config.takes_ranges())
         self._advisor = Advisor(needs(config))
         self.refuse = self._monitor.refusals.add  # by source and reason, what nobody could use
-        self._mounts = Mounts(camera, self._image_delay_ns, self.refuse)
+        self._mounts = Mounts(camera, self.refuse)
         self._warm = WarmStart(self.refuse)
         is_own = self._admission.is_own
         self._decoder = DatagramDecoder(self.count_error, self.refuse, config.camera_inputs(), keys, is_own)

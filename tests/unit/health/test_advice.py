@@ -21,9 +21,10 @@ from onboard.commands import absent
 from onboard.commands.absent import why_absent
 from onboard.commands.status import describe, is_healthy
 from onboard.config import Config, parse_config
-from onboard.health import Advisor, Needs
+from onboard.health import Advisor, Needs, causes_own
 from onboard.health.causes_camera import WHICH
 from onboard.health.causes_state import VALID
+from onboard.health.needs import Moment
 from onboard.health.words import WORDS
 from onboard.messages import (
     DOUBT_PREFIX,
@@ -320,13 +321,13 @@ def test_of_two_cameras_the_one_that_fits_far_better_is_not_blamed(nis: tuple[fl
 def test_a_camera_is_not_blamed_beside_one_whose_set_up_is_certainly_wrong() -> None:
     """Its images do not fit, since those of the other do not."""
     health = two_cameras((1.25, 0.9), noise=3.0)
-    words = "in doubt: as if its stamps were 0.30 s older"
-    late = Refusal(source="camera late", cause=Cause.DELAY, reason=words, count=1, t_recv_ns=health.t_recv_ns)
+    words = "in doubt: as if the camera looked 15 degrees lower"
+    late = Refusal(source="camera late", cause=Cause.MOUNT, reason=words, count=1, t_recv_ns=health.t_recv_ns)
     needs = Needs(cameras=("sound", "late"))
     advice = Advisor(needs).advise(replace(health, refusals=(late,)))
-    assert {a.kind for a in advice} >= {"stamps", "misfit", "noise"}
+    assert {a.kind for a in advice} >= {"mount", "misfit", "noise"}
     assert not [a for a in advice if "sound" in a.about]
-    assert next(a for a in advice if a.kind == "stamps").remedy.count("[cameras.late]") == 1
+    assert next(a for a in advice if a.kind == "mount").remedy.count("[cameras.late]") == 1
 
 
 def two_cameras(nis: tuple[float, float], noise: float = 1.0) -> Health:
@@ -459,6 +460,14 @@ def test_a_wind_of_exactly_zero_is_no_estimate() -> None:
     advice = named(flown(config=configured(estimator=leader), extra=calm), "wind", "EK3_DRAG_BCOEF_X")
     assert "exactly 0" in advice.what
     assert "wind" not in flown(extra=calm).found
+
+
+@pytest.mark.parametrize(("known", "advised"), [(False, True), (True, False)])
+def test_our_own_transponder_is_named_unless_its_address_is_set(known: bool, advised: bool) -> None:
+    before = replace(flown().health, verdicts={"traffic.ourselves": 2})
+    moment = Moment(replace(before, verdicts={"traffic.ourselves": 3}), before, Needs(transponder=known), 10.0)
+    found = [a for a in causes_own.own_transponder(moment) if "`own_icao`" in a.remedy]
+    assert len(found) == advised
 
 
 @pytest.mark.parametrize(("lead_s", "wrong"), [(0.3, "later than the message arrived"), (-1.0, "too old")])
