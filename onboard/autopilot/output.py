@@ -15,7 +15,7 @@ from onboard.autopilot.odometry import OdometryStream
 from onboard.autopilot.parameters import Parameters
 from onboard.autopilot.rations import Rations
 from onboard.autopilot.reasons import Reasons
-from onboard.autopilot.requests import Requests, version
+from onboard.autopilot.requests import Requests, sender_of, version
 from onboard.autopilot.session import Session
 from onboard.autopilot.traffic import TrafficOutput
 from onboard.config import Config, source_delays_ns
@@ -24,6 +24,7 @@ from onboard.messages import (
     Command,
     ComputerStatus,
     Estimate,
+    FollowTarget,
     GlobalPosition,
     Heartbeat,
     LeaderState,
@@ -33,11 +34,15 @@ from onboard.messages import (
     Setpoint,
     WarmState,
 )
+from onboard.messages.causes import Cause, Reason
 from onboard.messages.mavlink_enums import PX4
 from onboard.units import NS_PER_S
 from onboard.wire.datagrams import OnRefused, ignore
 from onboard.wire.mavlink.signing import Signer
 
+OTHER_TARGET: Final = Reason(
+    Cause.OTHER_TARGET, "it sends FOLLOW_TARGET, too, and an autopilot follows whoever sent one last"
+)
 KEPT_RECENT_NS: Final = NS_PER_S  # of an estimate that is worth keeping
 
 
@@ -65,6 +70,8 @@ class AutopilotOutput:
         self._config, self._camera = config, config.camera_model()
         self._autopilot: Heartbeat | None = None
         self._leads = any(SETPOINT in out.rates_hz for out in config.leader_out)
+        self._sends_target = any("FOLLOW_TARGET" in out.rates_hz for out in config.leader_out)
+        self._refuse = refuse
         self.notices, self._reasons = Notices(), Reasons()
         self._said: list[str] = []  # what the notices have already
         self._requests = Requests(config.autopilot.trusted, refuse)
@@ -216,6 +223,9 @@ class AutopilotOutput:
                 if isinstance(m, Heartbeat):
                     self._autopilot, self._is_armed = m, m.armed  # the next run resumes in this mode
                 self._guidance.receive(m)
+        for m in messages:
+            if isinstance(m, FollowTarget) and self._sends_target:
+                self._refuse(sender_of(m), OTHER_TARGET, m.t_recv_ns)
         frames = self._sessions[channel].respond(messages, now_ns)
         for out in self._leader_outputs:
             if out.link == channel:

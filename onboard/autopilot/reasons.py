@@ -52,7 +52,7 @@ class Reasons:
         texts: list[Text] = []
         if self._start_ns is None:
             self._start_ns = now_ns
-            texts.append((INFO, "onboard has started: no leader yet"))
+            texts.append((INFO, "onboard has started"))
         if is_entered and not self._is_entered:
             self._warned = ""
         self._is_entered = is_entered

@@ -22,7 +22,7 @@ from onboard.terminal.console import Console
 from onboard.terminal.files import check_targets
 from onboard.terminal.output import one_line
 from onboard.terminal.progress import progress_bar
-from onboard.units import S_PER_NS
+from onboard.units import NS_PER_S, S_PER_NS
 from onboard.wire.logs.recording import parts_of
 
 OF_AUTOPILOT = {".bin", ".ulg"}
@@ -128,7 +128,7 @@ def _tables(series: FlightSeries, replayed: ReplayResult) -> dict[str, list[tupl
         "Faults of our own vehicle": [
             ("fault", "from, s", "size"),
             *(
-                (f"{f.kind} {f.part}".strip(), f"{f.t_onset_ns * S_PER_NS:.2f}", f"{f.magnitude:.2f} {f.unit}")
+                (f.name, f"{f.t_onset_ns * S_PER_NS:.2f}", f"{f.magnitude:.2f} {f.unit}")
                 for f in series.faults.values()
             ),
         ],
@@ -166,4 +166,7 @@ def _number(value: float | None) -> str:
 
 
 def _boot_s(t_recv_ns: int, replayed: ReplayResult) -> str:
+    """An arrival on the boot clock; "" before the first record, as of a row without a time."""
+    if t_recv_ns < replayed.health.t_recv_ns - replayed.duration * NS_PER_S:
+        return ""
     return f"{replayed.end + (t_recv_ns - replayed.health.t_recv_ns) * S_PER_NS:.2f}"

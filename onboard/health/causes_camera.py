@@ -160,7 +160,7 @@ def misfit(m: Moment) -> Iterator[Advice]:
                 worst,
                 _noise_words(worst, found[most]),
                 of_noise + _suspects(m, worst),
-                f"detector {scale} as noisy as set",
+                f"images scatter {scale} as much as set",
                 Severity.WARNING,
             )
         for name, one in found.items():
@@ -170,7 +170,7 @@ def misfit(m: Moment) -> Iterator[Advice]:
                     name,
                     _noise_words([name], one),
                     f"a smaller `sigma_px` of {section_of(m, name)} makes estimates surer",
-                    f"detector {one.noise:.1f} times as noisy as set",
+                    f"images scatter {one.noise:.1f} times as much as set",
                     Severity.NOTICE,
                 )
         used, gated = _judged(m, estimator)
@@ -188,7 +188,8 @@ def misfit(m: Moment) -> Iterator[Advice]:
 
 def _noise_words(names: Sequence[str], found: Consistency) -> str:
     ratio = f"NIS {found.nis:.1f} times the expected one (bounds {found.low:.2f} to {found.high:.2f})"
-    return f"{_cameras(names)}: the detector is {found.noise:.1f} times as noisy as configured, {ratio}"
+    words = f"the images scatter {found.noise:.1f} times as much as the configured noise explains"
+    return f"{_cameras(names)}: {words}, {ratio}"
 
 
 def contradicted(m: Moment) -> Iterator[Advice]:

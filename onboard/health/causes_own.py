@@ -209,9 +209,10 @@ def own_misfit(m: Moment) -> Iterator[Advice]:
                 about=f"own {sensor}",
                 what=f"our own {sensor} does not fit our other sensors: NIS {found.nis:.1f} times the expected "
                 f"one (bounds {found.low:.2f} to {found.high:.2f}); the vehicle or a sensor is at fault",
-                remedy="look for vibration, a loose or shaded antenna, a compass near currents; "
+                remedy="look for a second vehicle with this system id, vibration, a loose or shaded antenna, a "
+                "compass near currents; "
                 "`onboard report LOG` shows what contradicts what",
-                text=f"own {sensor} does not fit: vibration?",
+                text=f"own {sensor} does not fit the others",
                 over=f"own {sensor} fits again",
             )
 

@@ -66,10 +66,12 @@ PIXELS: Final = Remedy(
     "pixels of another image",
 )
 SENSORS: Final = Remedy(
-    "look at the autopilot's own filter: vibration, compass, GPS; land, and restart it. `onboard report LOG` "
-    "shows what contradicts what",
+    "does another vehicle on these links have the same MAVLink system id? Give each its own (ArduPilot MAV_SYSID "
+    "or SYSID_THISMAV, PX4 MAV_SYS_ID); else look at the autopilot's own filter: vibration, compass, GPS; land, "
+    "and restart it. `onboard report LOG` shows what contradicts what",
     severity=Severity.ERROR,
 )
+RESTARTED: Final = noticed("wait: it begins anew with the next images")
 
 WORDS: Final[Mapping[str, Words]] = {  # by cause, and by a verdict of the same name
     # The state of a track
@@ -124,10 +126,10 @@ WORDS: Final[Mapping[str, Words]] = {  # by cause, and by a verdict of the same 
             Cause.CLOCK_CORRECTED,
             Cause.OTHER_AUTOPILOT,
             Cause.ORIGIN_MOVED,
-            Cause.WARM_STATE,
         ),
-        noticed("wait: it begins anew with the next images"),
+        RESTARTED,
     ),
+    Cause.WARM_STATE: RESTARTED._replace(refusal=NOTHING.refusal.noticed),
     # Our own motion
     **dict.fromkeys((Cause.NO_POSITION, Cause.FIX_UNUSABLE), of_state("wait for its GPS; look at its antenna")),
     **dict.fromkeys(
@@ -220,6 +222,14 @@ WORDS: Final[Mapping[str, Words]] = {  # by cause, and by a verdict of the same 
     ),
     Cause.SIGNING: Words(refusal=SIGNING),
     Cause.UNVERIFIED: Words(refusal=SIGNING.noticed),
+    Cause.OTHER_TARGET: Words(
+        refusal=Remedy(
+            "end it there (QGroundControl: General, Stream GCS position: never)",
+            "follow-target",
+            "also sends FOLLOW_TARGET",
+            Severity.ERROR,
+        )
+    ),
     Cause.BAUD_RATE: of_refusal(
         "link", "no MAVLink in what comes", "set the baud rate, the last part of a serial `url` of the [[link]]"
     ),

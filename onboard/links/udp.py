@@ -4,7 +4,7 @@
 another port is followed at once. Whether it did, its receiver says: what is garbage, has a wrong checksum, or
 lacks the signature that the link wants diverts no reply. Two senders on one port would get the replies in turn:
 give each its own link. `udpout` sends first, and receives only from that
-address.
+address. It sends from one port, kept over restarts: PX4 sends for ever to the first port that it has heard.
 """
 
 import asyncio
@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
 from typing import Any, Final
+from zlib import crc32
 
 from onboard.links.link import (
     Backlog,
@@ -54,6 +55,7 @@ SO_RXQ_OVFL: Final = 40  # of Linux: with each datagram, how many were dropped b
 BUDGET: Final = 30_000  # datagrams of one sender in a second: more than any autopilot sends, and we can decode
 BUDGET_NS: Final = NS_PER_S
 SENDERS: Final = 64  # with a budget of their own; all others share one
+OUT_PORT, OUT_PORTS = 20_000, 10_000  # that `udpout` sends from: below those that a kernel gives out
 ANCILLARY: Final = 128  # bytes: a time and a count, each with its header
 
 
@@ -130,6 +132,8 @@ class UdpLink(Link):
         if self._listening:
             bind(self._spec, sock, address)
             return
+        with suppress(OSError):  # in use by another link to the same place: any port then
+            sock.bind(("", OUT_PORT + crc32(f"{self._host}:{self._port}".encode()) % OUT_PORTS))
         try:
             sock.connect(address)
         except OSError as error:

@@ -100,6 +100,7 @@ class Cause(StrEnum):
     NO_MAVLINK = "no_mavlink", "JSON comes, and no MAVLink frame"
     OURSELVES = "ourselves", "our own frames come back"
     RATE_REFUSED = "rate_refused", "the autopilot refuses a message rate"
+    OTHER_TARGET = "other_target", "another sender tells the autopilot whom to follow"
     RATIONED = "rationed", "a sender asks for too much"
     UNTRUSTED = "untrusted", "a sender may not change that"
     WARM_STATE = "warm_state", "the state of an earlier run cannot be used"

@@ -235,6 +235,11 @@ class Fault(Record, frozen=True, kw_only=True):
     magnitude: float
     unit: str
 
+    @property
+    def name(self) -> str:
+        """`motor 1`, `gust`, `outliers attitude.roll`."""
+        return self.part if self.part.startswith(self.kind) else f"{self.kind} {self.part}".strip()
+
 
 class NavState(Estimate, frozen=True, kw_only=True):
     """Our own vehicle by our own estimator: position from O, velocity, attitude (ZYX) and body rates.

@@ -54,7 +54,7 @@ def score_own_state(
     """The score of one flight's states; None without states."""
     if not states:
         return None
-    faults = {(f.t_onset_ns, f.kind, f.part) for s in states for f in s.faults}
+    faults = {(f.t_onset_ns, f.name) for s in states for f in s.faults}
     ratios = [s.nis_ratio for s in states if s.nis_ratio is not None]
     begin_ns = states[0].t_ns + round(settle * NS_PER_S)
     errors = list(_errors(states, truths, begin_ns))
@@ -73,7 +73,7 @@ def score_own_state(
         nees_bounds=single_bounds(DOF) if errors else None,
         nis_ratio=float(np.mean(ratios)) if ratios else None,
         resets=states[-1].reset_count,
-        faults=tuple(f"{f'{kind} {part}'.strip()} at {t * 1e-9:.2f} s" for t, kind, part in sorted(faults)),
+        faults=tuple(f"{name} at {t * 1e-9:.2f} s" for t, name in sorted(faults)),
     )
 
 

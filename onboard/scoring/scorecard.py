@@ -110,7 +110,7 @@ class OwnStateSummary:
         if not self._states:
             return {}
         ratio = f"{self._ratio / self._ratios:.2f}" if self._ratios else "none"
-        named = [f"{f.kind} {f.part}".strip() for f in self._faults.values()]
+        named = [f.name for f in self._faults.values()]
         return {
             "states": f"{self._states} ({self._valid} valid)",
             "NIS, of its expectation": ratio,
@@ -126,7 +126,7 @@ class OwnStateSummary:
         text = ", ".join(f"{name}: {value}" for name, value in figures.items() if name != "faults")
         console.print(f"own state: {text}", highlight=False)
         for f in sorted(self._faults.values(), key=lambda f: f.t_onset_ns):
-            name = f"{f.kind} {f.part}".strip()
+            name = f.name
             console.print(
                 f"  {f.t_onset_ns * S_PER_NS:.2f} s: {name}, {f.magnitude:.2f} {f.unit}", highlight=False
             )

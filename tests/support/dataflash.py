@@ -45,7 +45,7 @@ class DataFlash:
 
     def add_format(self, name: str, form: str, columns: str) -> None:
         """Let another kind of rows follow."""
-        fmt = DFFormat(10 + len(self._formats), name, 0, form, columns)
+        fmt = DFFormat(10 + len(self._writer.formats), name, 0, form, columns)
         self._formats[name] = self._writer.formats[fmt.type] = fmt
         self.data += self._writer.make_format_msgbuf(fmt)
 

@@ -48,7 +48,7 @@ def _own_values(state: Output) -> Values | None:
     if not isinstance(state, NavState) or state.name != OWN_STATE:
         return None
     q = state.q_nb if state.valid and state.q_nb else (None,) * 4
-    faults = "; ".join(f"{f.kind} {f.part}".strip() for f in state.faults)
+    faults = "; ".join(f.name for f in state.faults)
     return [*_values(state, len(OWN_COMPONENTS)), *q, state.switch_fraction, float(state.quality), faults]
 
 

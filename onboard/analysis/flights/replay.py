@@ -42,12 +42,14 @@ UNVERIFIED: Final = (
     f"{DOUBT_PREFIX}{{}} signed frames were used unverified: this replay has not the key of link `{{}}`; name it "
     "in `key_file` of its [[link]]"
 )
+RAW: Final = "MAVLink without times, as Mission Planner's .rlog: replay the .tlog that it wrote beside it"
 FOREIGN_FORMATS: Final = {  # by how a file begins: what it is, and what to do
     b"\x1f\x8b": "compressed (gzip): `gunzip` it first",
     b"PK\x03\x04": "a ZIP archive: unpack it, and replay the log in it",
     b"7z\xbc\xaf": "a 7-Zip archive: unpack it, and replay the log in it",
     b"SQLite format 3": "a database, as a bag of ROS 2 (.db3): replay the autopilot's own log; a bag is not read",
     b"#ROSBAG": "a bag of ROS 1: replay the autopilot's own log; a bag is not read",
+    **dict.fromkeys((b"\xfe", b"\xfd"), RAW),
     b"FMT, ": "a DataFlash log as text: replay the .bin that it was made of",
 }
 WORDS: Final = (Heartbeat, StatusText, ParamValue)
@@ -281,7 +283,8 @@ def read_log(
         raise ReplayError(f"cannot read {log}: {error.strerror or error}") from error
     if not head:
         raise ReplayError(f"{log} is empty")
-    if foreign := next((words for begin, words in FOREIGN_FORMATS.items() if head.startswith(begin)), None):
+    foreign = RAW if log.suffix.lower() == ".rlog" else None
+    if foreign := next((words for begin, words in FOREIGN_FORMATS.items() if head.startswith(begin)), foreign):
         raise ReplayError(f"{log} is no .tlog, .bin, .ulg or .mcap, but {foreign}")
     return _read_tlog(log)
 

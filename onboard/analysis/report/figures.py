@@ -147,7 +147,7 @@ def _own_state(series: FlightSeries) -> Figure:
     axis.axhline(1.0, color=GREY, linewidth=0.8)
     for fault in series.faults.values():
         axis.axvline(fault.t_onset_ns * S_PER_NS, color=BAD, linewidth=1.0)
-        name = f"{fault.kind} {fault.part}".strip()
+        name = fault.name
         at = fault.t_onset_ns * S_PER_NS, 1.0
         axis.annotate(name, at, xycoords=("data", "axes fraction"), color=BAD, rotation=90, va="top", ha="right")
     axis.set(yscale="log")

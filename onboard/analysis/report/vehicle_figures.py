@@ -53,7 +53,8 @@ def _motors(axis: Any, table: Array) -> None:
         if np.isfinite(table[:, 1 + k]).any():
             axis.plot(table[:, 0], table[:, 1 + k], linewidth=0.7, label=str(k + 1))
     axis.set(ylabel="outputs, µs")
-    axis.legend(loc="best", fontsize=7, ncols=MOTORS)
+    if axis.lines:
+        axis.legend(loc="best", fontsize=7, ncols=MOTORS)
 
 
 def _vibration(axis: Any, table: Array) -> None:

@@ -142,7 +142,7 @@ def _own_state(series: FlightSeries) -> Iterator[Check]:
         grade = Grade.PASS if 0.3 <= ratio <= 2.0 else Grade.AMBER  # of noisy sensors, not of how wrong we are
         advice = "noisier sensors, or another airframe, than configured" if ratio > 1 else "too cautious"
         yield Check("own state: NIS, of its expectation", f"{ratio:.2f}", "0.3 to 2", grade, advice)
-    names = dict.fromkeys(f"{kind} {part}".strip() for kind, part, _ in series.faults)
+    names = dict.fromkeys(fault.name for fault in series.faults.values())
     grade = Grade.AMBER if names else Grade.PASS
     yield Check("faults named", ", ".join(names) or "none", "none", grade, "look at the vehicle first")
 

@@ -36,7 +36,7 @@ from onboard.wire.documents import agreement, boxes
 from onboard.wire.documents.agreement import Places
 from onboard.wire.documents.cameras import CameraInput, Cameras, find
 from onboard.wire.documents.document import BadDocumentError, Refuse, parse_tree
-from onboard.wire.documents.points import check_target, doubt_of, lens_of
+from onboard.wire.documents.points import check_pixels, check_target, doubt_of, lens_of
 from onboard.wire.documents.poses import relative_pose
 
 LEAST_CONFIDENCE: Final = 0.05  # noise is that of a detection with this confidence at most
@@ -138,6 +138,7 @@ def _message(
     if detection.pose is not None or detection.range_m is not None:
         agreement.check(detection, places, lens, camera.sizes, sigma_px, at)
     points, box = detection.points, detection.box
+    check_pixels(_coordinates(detection), at)
     if detection.pose is not None:
         head["pose"] = relative_pose(detection.pose, sigma_px / lens.f_px, f"{at}.pose")
     features = tuple(
@@ -174,6 +175,14 @@ def _message(
         half_width=0.5 * place.scale * boxes.larger_px(box),
         sides=None if boxes.may_be_cut(box, lens, sigma_px) else boxes.sides(box, lens),
     )
+
+
+def _coordinates(detection: Detection) -> list[float]:
+    """All pixel coordinates of a detection that are seen, and the size of its box."""
+    seen = [(p.u_px, p.v_px) for p in detection.points.values() if (p.u_px, p.v_px) != UNSEEN]
+    box = detection.box
+    boxes = () if box is None else ((box.u_px, box.v_px), (box.width_px, box.height_px))
+    return [x for pair in (*seen, *boxes) for x in pair]
 
 
 def _located(place: Located | LensError, at: str) -> Located:

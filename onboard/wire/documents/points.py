@@ -1,6 +1,7 @@
 """Camera points as JSON -> an exposure of TargetPoints: pixels and intrinsics outside, image points inside."""
 
 import re
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Final
 
@@ -28,6 +29,8 @@ def decode_points(data: bytes, t_recv_ns: int) -> Exposure:
     lens = lens_of(m.intrinsics)
     check_target(m.target, "target")
     sigmas = (m.center.sigma_px, m.left.sigma_px, m.right.sigma_px)
+
+    check_pixels([x for p in (m.center, m.left, m.right) for x in (p.u_px, p.v_px)], "center")
 
     def point(p: Pixel) -> tuple[float, float]:
         return lens.image_point(p.u_px, p.v_px)
@@ -67,6 +70,12 @@ def lens_of(k: Intrinsics) -> Lens:
         raise BadDocumentError("width and height must be positive - at `$.intrinsics`")
     lens = Lens(fx_px=k.fx_px, fy_px=k.fy_px, cx_px=k.cx_px, cy_px=k.cy_px, width_px=width, height_px=height)
     return lens.of_whole_image()
+
+
+def check_pixels(coordinates: Sequence[float], at: str) -> None:
+    """Raise BadDocumentError for coordinates of an aircraft that is smaller than the first pixel of the image."""
+    if len(coordinates) > 2 and all(0.0 <= x <= 1.0 for x in coordinates):
+        raise BadDocumentError(f"coordinates look normalised, from 0 to 1: send pixels - at `$.{at}`")
 
 
 def check_target(target: str, field: str) -> None:

@@ -61,8 +61,12 @@ RENAMED_ROWS: Final = {  # of firmware that numbers rows in their names: the nam
     "XKF6": ("XKF1", 1),
     "XKF9": ("XKF4", 1),
 }
+TIMES: Final = frozenset({"TimeUS", "TimeMS", "T"})  # fields of which a row has one; texts of 2015 have none
 SILENT_US: Final = 2_000_000  # of a sensor, after which another one is read
-LOG_ROWS: Final = ("ATT", "IMU", "XKF1", "NKF1", "XKF4", "NKF4", "ORGN", "GPS", "GPA", "BARO", "RCOU", "BAT")
+LOG_ROWS: Final = (
+    *("ATT", "IMU", "XKF1", "NKF1", "EKF1", "XKF4", "NKF4", "EKF4", "ORGN", "GPS", "GPA", "BARO", "RCOU"),
+    *("BAT", "CURR"),
+)
 INFO: Final = 6  # MAV_SEVERITY: a row of MSG has none
 SAID: Final = ("MODE", "ARM", "MSG")  # for people: no time base begins with them
 Lose = Callable[[str], None]
@@ -113,9 +117,11 @@ def _messages(log: Any, offset_ns: int, lose: Lose) -> Iterator[tuple[Message, i
                 yield from _parameters(log, waiting, newest, lose)
         if kind not in LOG_ROWS and kind not in SAID:
             continue
+        words = kind in SAID
+        if not newest and not TIMES.intersection(row.fmt.columns):
+            continue  # texts before the first time
         try:
-            header = _header(row, system, offset_ns)
-            words = kind in SAID
+            header = _header(row, system, offset_ns) if TIMES.intersection(row.fmt.columns) else newest
             message = said.convert(kind, row, header) if words else converter.convert(kind, instance, row, header)
         except UNREADABLE as error:
             lose(f"{kind}: {error}")
@@ -251,8 +257,10 @@ def _origin(row: Any, header: Header) -> Message | None:
 
 
 def _outputs(row: Any, header: Header) -> Message:
+    """The fields were Ch1 and on before 2016."""
     values = row.to_dict()
-    return ActuatorOutputs(**header, pwm_us=tuple(int(values[f"C{i}"]) for i in range(1, 17) if f"C{i}" in values))
+    names = [name for i in range(1, 17) for name in (f"C{i}", f"Ch{i}") if name in values]
+    return ActuatorOutputs(**header, pwm_us=tuple(int(values[name]) for name in names))
 
 
 def _barometer(row: Any, header: Header) -> Message:
@@ -265,12 +273,14 @@ def _barometer(row: Any, header: Header) -> Message:
 CONVERT: Final[dict[str, Callable[[Any, Header], Message | None]]] = {
     "XKF1": _local_position,
     "NKF1": _local_position,
+    "EKF1": _local_position,
     "XKF4": _status,
     "NKF4": _status,
     "ORGN": _origin,
     "BARO": _barometer,
     "RCOU": _outputs,
     "BAT": lambda row, header: Battery(**header, voltage_v=row.Volt) if row.Volt > 0 else None,
+    "CURR": lambda row, header: Battery(**header, voltage_v=row.Volt * 0.01) if row.Volt > 0 else None,
 }
 
 

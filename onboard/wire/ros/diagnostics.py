@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
-from onboard.messages import Fault, Health, Lifecycle, Severity
+from onboard.messages import Health, Lifecycle, Severity
 from onboard.units import S_PER_NS
 
 OK, WARN, ERROR = 0, 1, 2  # diagnostic_msgs/DiagnosticStatus
@@ -33,16 +33,11 @@ def statuses(health: Health) -> Iterator[Status]:
         message = f"{state}: {reason}" if reason else str(state)
         yield Status(OF_STATE.get(state, WARN), f"onboard: {name}", message, values)
     if "own_state" in health.states:
-        faults = {_named(fault): f"{fault.magnitude:.2f} {fault.unit}" for fault in health.faults}
+        faults = {fault.name: f"{fault.magnitude:.2f} {fault.unit}" for fault in health.faults}
         yield Status(ERROR if faults else OK, "onboard: vehicle", ", ".join(faults) or "no fault", faults)
     for name, sink in health.sinks.items():
         counts = {"sent": str(sink.sent), "dropped": str(sink.dropped), "restarts": str(sink.restarts)}
         yield Status(ERROR if sink.error else OK, f"onboard: sink {name}", sink.error or "running", counts)
-
-
-def _named(fault: Fault) -> str:
-    """`motor 1`, `gust`, `outliers attitude.roll`."""
-    return fault.part if fault.part.startswith(fault.kind) else f"{fault.kind} {fault.part}".strip()
 
 
 def _program(health: Health) -> Status:

@@ -14,7 +14,7 @@ from onboard.messages import Cause, LeaderState
 from tests.support.leader import S, leader_state, lost_state
 
 CAMERA = make_camera(f_px=554.256, width_px=640, height_px=480)  # to 30 degrees aside, 23.4 up and down
-BEGIN = [(6, "onboard has started: no leader yet")]
+BEGIN = [(6, "onboard has started")]
 
 
 def view(pitch_deg: float = 0.0) -> CameraView:

@@ -12,7 +12,8 @@ from onboard.autopilot.output import AutopilotOutput
 from onboard.autopilot.requests import version
 from onboard.autopilot.session import Session
 from onboard.config import AutopilotConfig, Config, parse_config
-from onboard.messages import Clock, Command, CommandAck, Heartbeat, ParamValue, Ping, TimeSync
+from onboard.messages import Clock, Command, CommandAck, FollowTarget, Heartbeat, ParamValue, Ping, TimeSync
+from onboard.messages.causes import Cause
 from onboard.messages.vehicle import TIMESYNC_TAG_NS
 from onboard.wire.mavlink.encode import MavlinkEncoder
 from tests.support.emitted import command_long
@@ -261,6 +262,21 @@ def test_a_refused_message_rate_is_named_in_the_health() -> None:
         assert output.respond("autopilot", [answer], T0).frames == []
         assert len(refused) == count
     assert refused[0] == "the autopilot refuses a message rate (MAV_RESULT 3)"
+
+
+@pytest.mark.parametrize(("name", "named"), [("FOLLOW_TARGET", 1), ("ADSB_VEHICLE", 0)])
+def test_a_follow_target_of_another_beside_ours_is_named(name: str, named: int) -> None:
+    """PX4 obeys any sender: a ground station's of (0, 0) takes the vehicle away."""
+    refused: list[tuple[str, str]] = []
+    config = parse_config({"leader_out": [{"link": "autopilot", "system": 200, "rates_hz": {name: 10.0}}]})
+    output = AutopilotOutput(config, refuse=lambda source, why, _t_ns: refused.append((source, why.cause)))
+    output.connect(AUTOPILOT)
+    head = {"t_ns": T0, "t_recv_ns": T0, "clock": Clock.NONE, "system": 255, "component": 190}
+    target = FollowTarget(
+        **head, lat_deg=0.0, lon_deg=0.0, alt_msl=0.0, v_n=(0.0,) * 3, q_nL=None, position_sigma=(0.0,) * 3
+    )
+    output.respond("autopilot", [target], T0)
+    assert refused == [("system 255, component 190", Cause.OTHER_TARGET)] * named
 
 
 def test_command_to_us_is_refused_and_said_so() -> None:

@@ -154,6 +154,7 @@ def test_a_folder_is_calibrated_as_a_log_is(tmp_path: Path, log: Path) -> None:
     ("head", "words"),
     [
         (b"\x1f\x8b\x08", "`gunzip` it"),
+        (b"\xfe\x09\x00", "as Mission Planner's .rlog: replay the .tlog"),
         (b"PK\x03\x04", "ZIP archive: unpack"),
         (b"SQLite format 3\0", "bag of ROS 2"),
         (b"#ROSBAG V2.0", "bag of ROS 1"),

@@ -589,6 +589,15 @@ def test_16_a_router_that_is_off_is_no_matter_of_certificates(reason: str) -> No
     assert [advice.kind for advice in found] == ["daemon"]
 
 
+@pytest.mark.parametrize(
+    ("cause", "severity"), [(Cause.WARM_STATE, Severity.NOTICE), (Cause.OTHER_TARGET, Severity.ERROR)]
+)
+def test_a_state_that_is_too_old_costs_nothing_and_another_target_the_flight(
+    cause: Cause, severity: Severity
+) -> None:
+    assert WORDS[cause].refusal.severity is severity
+
+
 def test_16_two_vehicles_of_one_name() -> None:
     error = "vehicle `1` is the name of two: of this session, a1, and of b2; no sample is used"
     doctor = flown(rims=lambda _: Rim(links={"zenoh": LinkHealth(cause=Cause.NAME_SHARED, error=error)}))
@@ -741,7 +750,8 @@ def test_noise_is_shown_with_its_bounds() -> None:
     doctor = flown(moved(lambda p: p + noise * rng.normal(size=(3, 2))), seconds=14, sparse=False)
     found = doctor.health.consistency["leader.landing_target"]
     assert found.noise == pytest.approx(1.7, abs=0.25)
-    assert "times as noisy as configured" in named(doctor, "noise", "`sigma_px` of [camera]").what
+    advice = named(doctor, "noise", "`sigma_px` of [camera]")
+    assert "times as much as the configured noise explains" in advice.what
 
 
 def test_all_four_readers_show_the_same_advice() -> None:

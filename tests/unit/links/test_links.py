@@ -157,6 +157,18 @@ def test_udpout_sends_first_receives_only_from_its_peer_and_survives_its_absence
     with_link(f"udpout:127.0.0.1:{port}", check)
 
 
+def test_udpout_sends_from_the_same_port_after_a_restart() -> None:
+    """PX4 sends for ever to the first port that it has heard."""
+    port, ports = free_ports(socket.SOCK_DGRAM)[0], list[int]()
+
+    async def check(link: Any, _: list[Datagram]) -> None:
+        ports.append(link.address[1])
+
+    for _ in range(2):
+        with_link(f"udpout:127.0.0.1:{port}", check)
+    assert ports[0] == ports[1]
+
+
 def test_an_exception_of_deliver_ends_the_link_and_is_raised() -> None:
     async def main() -> None:
         link: Any = parse_link("udpin:127.0.0.1:0", "x")

@@ -35,7 +35,7 @@ def test_errors_are_those_put_in() -> None:
     assert score.nees_dof == 6
     assert score.nees_bounds == pytest.approx((1.237, 14.449), abs=0.001)
     assert (score.states, score.valid, score.resets) == (400, 400, 258)
-    assert score.faults == ("motor motor 2 at 30.25 s",)
+    assert score.faults == ("motor 2 at 30.25 s",)
 
 
 def test_three_sigmas_are_three_of_the_states_own() -> None:

@@ -122,6 +122,9 @@ OLDER = {  # as firmware had them that numbers rows in their names, and before 2
     **dict.fromkeys(("NKF1", "NKF6"), ("Qffffff", "TimeUS,VN,VE,VD,PN,PE,PD")),
     **dict.fromkeys(("NKF4", "NKF9"), ("QHb", "TimeUS,SS,PI")),
     "GPS": ("BIHBcLLeeEEfI", "Status,TimeMS,Week,NSats,HDop,Lat,Lng,RelAlt,Alt,Spd,GCrs,VZ,T"),
+    "EKF1": ("Iffffff", "TimeMS,VN,VE,VD,PN,PE,PD"),
+    "RCOU": ("Ihhhh", "TimeMS,Ch1,Ch2,Ch3,Ch4"),
+    "MSG": ("Z", "Message"),
 }
 SAID = {
     "MODE": ("QMBB", "TimeUS,Mode,ModeNum,Rsn"),
@@ -194,6 +197,20 @@ def test_rows_of_firmware_before_2015_have_milliseconds(tmp_path: Path) -> None:
         5 * 10**9,
         (GPS_EPOCH_S - 18 + WEEK * WEEK_S) * 10**9 + WEEK_MS * 10**6,
     )
+
+
+def test_rows_of_2015_are_read_and_texts_without_a_time_have_that_of_the_row_before(tmp_path: Path) -> None:
+    rows: list[tuple[str, float, dict[str, Any]]] = [
+        ("EKF1", 1, {"TimeMS": 1000, "VN": 2.0}),
+        ("RCOU", 2, {"TimeMS": 2000, "Ch1": 1500, "Ch4": 1505}),
+        ("MSG", 3, {"Message": b"Solo"}),
+    ]
+    log, lost = written(tmp_path / "log.bin", rows, ("EKF1", "RCOU", "MSG")), list[str]()
+    found: dict[type, Any] = {type(m): m for m, _ in read_dataflash(log, lost.append)}
+    assert lost == []
+    assert found[LocalPosition].v_F_n[0] == 2.0
+    assert found[ActuatorOutputs].pwm_us == (1500, 0, 0, 1505)
+    assert (found[StatusText].t_ns, found[StatusText].text) == (2 * 10**9, "Solo")
 
 
 def test_what_is_no_log_is_refused(log: Path, tmp_path: Path) -> None:

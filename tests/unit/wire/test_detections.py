@@ -150,6 +150,19 @@ def test_unknown_fields_and_points_are_ignored_and_named_once() -> None:
     assert decoded.rejected == {"ignored_fields": 5}
 
 
+@pytest.mark.parametrize(
+    "detection",
+    [
+        {"points": {"center": {"u_px": 0.5, "v_px": 0.4}, "left": {"u_px": 0.45, "v_px": 0.4}}},
+        {"box": {"u_px": 0.5, "v_px": 0.4, "width_px": 0.1, "height_px": 0.05}},
+    ],
+    ids=str,
+)
+def test_normalised_coordinates_are_named(detection: dict[str, Any]) -> None:
+    decoded = Decoded({**HEAD, "detections": [detection]})
+    assert decoded.reasons == ["coordinates look normalised, from 0 to 1: send pixels - at `$.detections[0]`"]
+
+
 def test_the_names_of_ignored_fields_are_bounded() -> None:
     documents = [{**HEAD, f"x{i}": 1} for i in range(200)]
     assert Decoded(*documents).rejected == {"ignored_fields": 64}

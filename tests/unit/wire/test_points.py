@@ -48,10 +48,10 @@ def test_pixels_become_image_points_right_and_down_positive() -> None:
 
 
 def test_sigmas_are_in_focal_lengths_and_count_only_if_all_are_given() -> None:
-    all_given = document(center=pixel(0, 0, 1.0), left=pixel(0, 0, 2.0), right=pixel(0, 0, 4.0))
+    all_given = document(center=pixel(2, 2, 1.0), left=pixel(2, 2, 2.0), right=pixel(2, 2, 4.0))
     f = (500 * 400) ** 0.5
     assert decode(all_given).sigma == pytest.approx((1 / f, 2 / f, 4 / f))
-    assert decode(document(center=pixel(0, 0, 1.0))).sigma is None
+    assert decode(document(center=pixel(2, 2, 1.0))).sigma is None
 
 
 @pytest.mark.parametrize(

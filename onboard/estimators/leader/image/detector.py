@@ -124,7 +124,7 @@ class NoiseScale(NamedTuple):
     @property
     def finding(self) -> str:
         """What there is to report of it, "" if nothing."""
-        return f"the detector is {self.scale:.1f} times as noisy as configured" if self.scale > WORTH else ""
+        return "the images scatter more than the configured noise explains" if self.scale > WORTH else ""
 
     @property
     def contradiction(self) -> Reason | None:
