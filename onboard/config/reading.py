@@ -338,6 +338,8 @@ def _check_keys(table: dict[str, Any], kind: Any, at: str) -> None:
     fields = {field.name: field.type for field in _fields(kind)}
     for key, value in table.items():
         path = f"{at}.{key}".lstrip(".")
+        if key not in fields and hasattr(kind, key):  # a constant beside the fields
+            raise ConfigError(f"unknown key {path}: it was withdrawn, and is always {getattr(kind, key)}")
         if key not in fields:
             raise ConfigError(f"unknown key {path}{_suggestion(key, tuple(fields))}")
         if isinstance(value, dict) and isinstance(fields[key], type) and issubclass(fields[key], Record):

@@ -23,7 +23,7 @@ FAR_BETTER: Final = 0.25  # times the NIS of another camera; what is fused follo
 GATED: Final = 0.3  # share of images
 FEWEST_JUDGED: Final = 10  # images by which a share is judged
 CONTRADICTED_BY_IMAGES: Final = frozenset(  # by images
-    {Cause.NOISE, Cause.RANGE_CONTRADICTS, Cause.WING_TOO_LARGE, Cause.ASTRAY, Cause.LEAPT}
+    {Cause.NOISE, Cause.ASTRAY, Cause.LEAPT}
 )
 LEADERS: Final = ("leader", "oh_johnson")
 DOUBTED_NS: Final = 10 * NS_PER_S

@@ -86,8 +86,6 @@ WORDS: Final[Mapping[str, Words]] = {  # by cause, and by a verdict of the same 
         (
             Cause.NOISE,
             Cause.ASTRAY,
-            Cause.RANGE_CONTRADICTS,
-            Cause.WING_TOO_LARGE,
             Cause.ALL_GATED,
             Cause.NO_RANGE,
             Cause.GIMBAL_FRAME,

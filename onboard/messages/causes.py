@@ -46,8 +46,6 @@ class Cause(StrEnum):
     LEAPT = "leapt", "another object may have taken the target's place in the images"
     ASTRAY = "astray", "it would be far from where it was last seen"
     UNEXPECTED = "unexpected", "images fit no hypothesis of how the leader flies"
-    RANGE_CONTRADICTS = "range_contradicts", "the range contradicts what was published before"
-    WING_TOO_LARGE = "wing_too_large", "the wing looks too large for its range"
     GIMBAL_FRAME = "gimbal_frame", "images contradict what a gimbal's angles are taken for"
     CLASS_OPEN = "class_open", "the detector takes it now for one class, now for another"
     EXTENT_OPEN = "extent_open", "the detector bounds now more of the target, now less"

@@ -40,12 +40,12 @@ def test_values_of_a_file_are_taken(tmp_path: Path) -> None:
         mount_rpy_deg = [0, 15, 0]
         [estimator.leader]
         size_prior_m = 2.67
-        process_noise = { velocity_random_walk = 0.5 }
+        particles = 400
         """,
     )
     assert config.link[0].name == "serial"
     assert config.camera.mount_rpy_deg == (0.0, 15.0, 0.0)
-    assert config.estimator["leader"].process_noise == {"velocity_random_walk": 0.5}
+    assert config.estimator["leader"].particles == 400
     assert config.camera_model().R_bc[2, 0] == pytest.approx(-0.2588, abs=1e-4), "15 degrees up"
 
 
@@ -56,8 +56,9 @@ def test_values_of_a_file_are_taken(tmp_path: Path) -> None:
         ("[camera]\nf_pix = 500", "camera.f_pix", ["f_px", "sigma_px"]),
         ("[zenoh]\nlistne = []", "zenoh.listne", ["listen", "connect"]),
         ('[[link]]\nname = "a"\nurl = "b"\nbaud = 5', "link[0].baud", ["name", "url"]),
-        ("[estimator.leader]\nsize = 2", "estimator.leader.size", ["size_prior_m", "noise"]),
-        ("[estimator.leader.process_noise]\nwalk = 2.0", "process_noise.walk", ["velocity_random_walk"]),
+        ("[estimator.leader]\nsize = 2", "estimator.leader.size", ["size_prior_m", "particles"]),
+        ("[estimator.leader]\nedge_px = 2.0", "estimator.leader.edge_px: it was withdrawn, and is always 1.0", []),
+        ("[estimator.traffic]\nquiet_time_s = 9.0", "it was withdrawn, and is always 170.0", []),
         ("[estimator.follower]\n", "estimator.follower", ["leader"]),
         ("[autopilot.rates_hz]\nATITUDE = 5.0", "autopilot.rates_hz.ATITUDE", []),
     ],
@@ -80,7 +81,6 @@ def test_an_unknown_key_is_named_with_those_known(tmp_path: Path, text: str, pat
         ("[estimator]\nleader = 5", "estimator.leader"),
         ("[estimator.leader]\nsize_prior_m = true", "estimator.leader.size_prior_m"),
         ('[estimator.leader]\nfilter = "loud"', "estimator.leader.filter"),
-        ("[estimator.leader]\nprocess_noise = 3", "estimator.leader.process_noise"),
         ("[estimator.leader]\ninitialise_images = 1.5", "estimator.leader.initialise_images"),
         ("[zenoh]\nvehicle = 7", "zenoh.vehicle"),
         ('[zenoh]\nmode = "broker"', "zenoh.mode"),
@@ -117,8 +117,6 @@ def test_a_value_of_the_wrong_type_is_named_by_its_path(tmp_path: Path, text: st
         ("estimator.leader.validity_timeout_s", ("-1", "0.1", "11.0", "nan")),
         ("estimator.leader.reset_timeout_s", ("1.0", "inf")),
         ("estimator.leader.relock_after_s", ("-1", "nan")),
-        ("estimator.leader.process_noise.velocity_random_walk", ("0", "-1", "nan", "inf")),
-        ("estimator.leader.process_noise.tied", ("1.0", "1.5", "0", "nan")),
     ],
 )
 def test_numbers_that_make_no_sense_are_refused(tmp_path: Path, key: str, values: tuple[str, ...]) -> None:
@@ -148,7 +146,8 @@ def test_set_reads_values_as_toml() -> None:
             "camera.name=nose",
             'zenoh.vehicle="7"',
             "zenoh.enabled=false",
-            "estimator.leader.process_noise.velocity_random_walk=.5",  # as people write it
+            "estimator.leader.range.sigma_m=.5",  # as people write it
+            "estimator.leader.range.sensor=1",
             "camera.sigma_px=2.",
             "recorder.path=flights/a=b.mcap",
             " autopilot.system = 3 ",
@@ -160,7 +159,7 @@ def test_set_reads_values_as_toml() -> None:
     assert config.camera.name == "nose"
     assert config.zenoh.vehicle == "7"
     assert config.zenoh.enabled is False
-    assert config.estimator["leader"].process_noise == {"velocity_random_walk": 0.5}
+    assert config.estimator["leader"].range.sigma_m == 0.5
     assert config.recorder.path == "flights/a=b.mcap"
     assert config.autopilot.system == 3
 

@@ -1,6 +1,5 @@
-"""The numbers that the leader's filter believes, and why: how a leader flies (`LeaderModel`, of which
-`process_noise` overrides single ones), and below that how aircraft look, how detectors and our own state err, and
-the wind.
+"""The numbers that the leader's filter believes, and why: how a leader flies (`LeaderModel`), and below that how
+aircraft look, how detectors and our own state err, and the wind.
 
 How a measurement is gated and weighed stands with the code that does it (`hypotheses.update`). So do the speeds at
 which compiled arithmetic changes from one case to another (`hypotheses.motion`, `hypotheses.prediction`): machine
@@ -10,11 +9,9 @@ Plain numbers: reading a configuration imports neither NumPy nor Numba.
 """
 
 import math
-from collections.abc import Mapping
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 PARTICLES: Final = 900  # hypotheses at most
-SECTION: Final = "estimator.leader.process_noise"
 
 
 class Size(NamedTuple):
@@ -105,30 +102,6 @@ class LeaderModel(NamedTuple):
     doubted_after: float = 8.0  # s, the mean time after which a particle takes another heading
     resample: float = 0.35  # of the particles: with fewer effective ones they are drawn anew
     gate: float = 25.0  # NIS above which no Gaussian expected an image
-
-
-OVERRIDABLE: Final = frozenset(LeaderModel._fields) - {
-    *("size", "size_sigma", "misalignment_time", "own_velocity", "air_sigma"),  # keys of their own
-}
-PROBABILITIES: Final = frozenset({"on_course", "accelerating", "hovering", "tied", "resample"})
-
-
-def overridden(model: LeaderModel, overrides: Mapping[str, float]) -> LeaderModel:
-    """The model with single numbers of it overridden.
-
-    Raises ValueError, which names the key: a name that is no number of the model, or a value out of range.
-    """
-    known = sorted(name for name in OVERRIDABLE if isinstance(getattr(model, name), float))
-    for name, value in overrides.items():
-        key = f"{SECTION}.{name}"
-        if name not in known:
-            raise ValueError(f"unknown key {key}; known: {', '.join(known)}")
-        if not 0 < value < math.inf:
-            raise ValueError(f"{key} must be positive and finite, not {value}")
-        if name in PROBABILITIES and not value < 1:
-            raise ValueError(f"{key} must be below 1, not {value}")
-    numbers: dict[str, Any] = {name: float(value) for name, value in overrides.items()}
-    return model._replace(**numbers)
 
 
 # Of aircraft, in b (FRD) for a wingspan of 1.

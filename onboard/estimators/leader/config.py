@@ -1,12 +1,12 @@
 """`[estimator.leader]`: the keys of its section, with their units."""
 
 import re
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import msgspec
 
 from onboard.estimators.kit.life_cycle import check_order
-from onboard.estimators.leader.assumptions import PARTICLES, LeaderModel, overridden
+from onboard.estimators.leader.assumptions import PARTICLES
 from onboard.messages import NotNegative, Positive, Record, TargetClass
 
 
@@ -20,17 +20,16 @@ class BroadcastConfig(Record, frozen=True, kw_only=True):
     system: Annotated[int, msgspec.Meta(ge=0, le=255)] = 0  # sends GLOBAL_POSITION_INT, FOLLOW_TARGET; 0: nobody
     icao: str = ""  # the leader's address in ADSB_VEHICLE, six hexadecimal digits
     position_sigma_m: Positive = 2.0  # error on each axis that is new in each report
-    altitude_sigma_m: Positive | None = None  # the same of the height; None: as position_sigma_m
     velocity_sigma_m_s: Positive = 0.3
-    bias_m: NotNegative = 2.0  # error of the position on each axis that lasts
-    altitude_bias_m: NotNegative | None = None  # the same of the height; None: as bias_m, of an `icao` 30 m
+    bias_m: NotNegative = 2.0  # error of the position on each axis that lasts; of an `icao`'s height 30 m
     bias_time_s: Positive = 60.0  # correlation time of these
     latency_s: Annotated[float, msgspec.Meta(ge=0, le=1)] = 0.2  # age of a report when it arrives
     latency_sigma_s: NotNegative = 0.1  # by which that is wrong, for long and anew in each report
     geoid_undulation_m: float = 0.0  # of an `icao`: mean sea level = GNSS height - this
     trusted: bool = False  # nobody else can send in its name (a signed link): it carries beyond validity_timeout_s
-    max_speed_m_s: Positive = 350.0  # faster reports are implausible
-    timeout_s: Annotated[float, msgspec.Meta(gt=0, le=30)] = 10.0  # without a report: it carries the track no more
+    # Withdrawn as keys: no aircraft of interest is faster; GNSS is good for ten seconds of a steady flight.
+    max_speed_m_s: ClassVar[float] = 350.0  # faster reports are implausible
+    timeout_s: ClassVar[float] = 10.0  # without a report: it carries the track no more
 
     @property
     def is_used(self) -> bool:
@@ -75,7 +74,7 @@ class Config(TargetClass, frozen=True, kw_only=True):
     """`[estimator.leader]`: the keys of a class, for a leader of no other class, and more. The keys carry their
     units; a `_sigma_` is one standard deviation.
 
-    Raises ValueError for timeouts out of order, and for an unknown `process_noise`.
+    Raises ValueError for timeouts out of order.
     """
 
     filter: Literal["belief"] = "belief"  # the one there is
@@ -84,14 +83,12 @@ class Config(TargetClass, frozen=True, kw_only=True):
     center_on_wing: bool = False  # the center is the wing's middle, to 1 % of the wing: measure the middle too
     pose_scale_sigma: NotNegative = 0.02  # of the range: bias of poses: a marker's size, the focal length
     particles: Annotated[int, msgspec.Meta(ge=100, le=100_000)] = PARTICLES  # hypotheses at most
-    process_noise: dict[str, float] = msgspec.field(default_factory=dict)  # overrides single numbers of `settings`
     initialise_images: Annotated[int, msgspec.Meta(ge=1, le=100)] = 3  # that must agree to start
     own_tilt_sigma_deg: NotNegative = 0.3  # steady error of our own roll and pitch, mount included
     own_yaw_sigma_deg: NotNegative = 1.0  # the same of our yaw; 0 for both: our attitude is exact
     own_attitude_time_s: Positive = 60.0  # correlation time of these errors
     own_velocity_sigma_m_s: NotNegative = 0.1  # error of our own velocity; a hovering leader seems to drift by it
     own_position_sigma_m: NotNegative = 1.0  # error of our own position: matters with a broadcast only
-    own_position_time_s: Positive = 60.0  # used by nothing: a broadcast's bias_time_s stands for it
     broadcast: BroadcastConfig = BroadcastConfig()
     range: RangeConfig = RangeConfig()
     delay_sigma_s: NotNegative = 0.0  # delay of the camera's stamps; 0: they are exact, the delay no state
@@ -99,16 +96,18 @@ class Config(TargetClass, frozen=True, kw_only=True):
     rewind_horizon_s: NotNegative = 0.5  # images older than this are rejected
     coast_after_s: NotNegative = 0.25  # without an image: coasting
     validity_timeout_s: NotNegative = 2.0  # without an image: lost, not valid
-    direction_timeout_s: NotNegative = 5.0  # with directions alone, without the wing: lost, not valid
     reset_timeout_s: NotNegative = 10.0  # without an image: forgotten
     relock_after_s: NotNegative = 1.0  # with only gated images: forgotten, and started again
-    stale_after_s: Positive = 0.5  # with points that stay although the camera turned: it hangs
-    edge_px: NotNegative = 1.0  # points this near to the image's edge are rejected
     max_targets: Annotated[int, msgspec.Meta(ge=1, le=1000)] = 100
+
+    # Withdrawn as keys. A range drifts by a leader's own speed within some seconds without the wing; a camera that
+    # hangs is one within a few images; a detector cuts off what is within a pixel of the edge.
+    direction_timeout_s: ClassVar[float] = 5.0  # with directions alone, without the wing: lost, not valid
+    stale_after_s: ClassVar[float] = 0.5  # with points that stay although the camera turned: it hangs
+    edge_px: ClassVar[float] = 1.0  # points this near to the image's edge are rejected
 
     def __post_init__(self) -> None:
         check_order(self, "reset_timeout_s")
-        overridden(LeaderModel(1.0, 1.0, (0.0, 0.0, 0.0), 1.0, 1.0), self.process_noise)
         super().__post_init__()
 
     def of_class(self, name: str) -> "Config":

@@ -3,7 +3,7 @@
 Imports no numerics, so that a configuration is read and checked before anything slow is loaded.
 """
 
-from typing import Annotated, Final, Literal
+from typing import Annotated, ClassVar, Final, Literal
 
 import msgspec
 
@@ -84,7 +84,7 @@ class Config(Record, frozen=True, kw_only=True):
     gps_position_sigma_m: Positive3 | None = None  # north, east, down; None: the receiver's
     gps_velocity_sigma_m_s: Positive3 = (0.15, 0.15, 0.3)
     pressure_rate_hz: NotNegative = 20.0  # rate at which a barometer's altitudes are fused; 0: never
-    pressure_sigma_m: Positive = 0.3  # of one such altitude
+    pressure_sigma_m: ClassVar[float] = 0.3  # of one such altitude
     pressure_drift: Positive = 0.07  # random walk of its offset, m per square root of a second
     force_noise: Positive = 0.005  # of the specific force, m/s^2 per square root of Hz, beside its scatter
     # of the angular acceleration, rad/s^2 per square root of Hz; None: 0.2 where motors' torques are known, else 2
@@ -93,14 +93,14 @@ class Config(Record, frozen=True, kw_only=True):
     bias_time_s: Positive = 50.0  # correlation time of the bias; of gusts 1 s
     own_tilt_sigma_deg: NotNegative = 0.3  # constant error of the reported roll and pitch
     own_yaw_sigma_deg: NotNegative = 1.0  # the same of the reported yaw
-    layer_sigmas: Positive = 5.0  # an innovation beyond this many deviations is a model error or an outlier
+    layer_sigmas: ClassVar[float] = 5.0  # an innovation beyond this many deviations is a model error or an outlier
     gate_probability: Annotated[float, msgspec.Meta(gt=0, lt=1)] = 0.99999  # of filters without a layer
     rewind_horizon_s: Positive = 0.5
     publish_rate_hz: Positive = 50.0
     coast_after_s: NotNegative = 0.5  # without a fix: coasting
     validity_timeout_s: NotNegative = 5.0  # without a fix: not valid
     reset_timeout_s: NotNegative = 30.0  # without a fix: forgotten
-    silence_s: Positive = 0.5  # without an attitude: not valid
+    silence_s: ClassVar[float] = 0.5  # without an attitude: not valid
 
     def __post_init__(self) -> None:
         """Raises ValueError for timeouts out of order, custom without its table or the reverse, or an unknown

@@ -1,6 +1,6 @@
 """`[estimator.traffic]`: the keys of its section, with their units."""
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import msgspec
 
@@ -31,13 +31,13 @@ class Config(Record, frozen=True, kw_only=True):
     adsb_altitude_sigma_m: Positive = 4.0
     adsb_velocity_sigma_m_s: Positive = 0.5
     max_tslc_s: NotNegative = 5.0  # a report whose last communication (`tslc`) is older is stale
-    peer_latency_s: NotNegative = 0.05
-    peer_latency_sigma_s: NotNegative = 0.03
-    peer_position_sigma_m: Positive = 2.0
-    peer_velocity_sigma_m_s: Positive = 0.3
-    gnss_range_sigma_m: Positive = 5.0  # pseudoranges that bring no standard deviation, and their rates
-    gnss_rate_sigma_m_s: Positive = 0.1
-    gnss_bias_m: Positive = 2.0  # steady error of fixes by pseudoranges, relative to our own position
+    peer_latency_s: ClassVar[float] = 0.05
+    peer_latency_sigma_s: ClassVar[float] = 0.03
+    peer_position_sigma_m: ClassVar[float] = 2.0
+    peer_velocity_sigma_m_s: ClassVar[float] = 0.3
+    gnss_range_sigma_m: ClassVar[float] = 5.0  # pseudoranges that bring no standard deviation, and their rates
+    gnss_rate_sigma_m_s: ClassVar[float] = 0.1
+    gnss_bias_m: ClassVar[float] = 2.0  # steady error of fixes by pseudoranges, relative to our own position
     report_bias_m: Positive = 4.0  # steady error of reported positions relative to ours, horizontal
     report_bias_altitude_m: Positive = 10.0
     peer_bias_m: Positive = 3.0  # the same for other vehicles, on each axis
@@ -67,18 +67,18 @@ class Config(Record, frozen=True, kw_only=True):
     gust_m_s: NotNegative = 0.5
     gust_vertical_m_s: NotNegative = 0.25
     gust_time_s: Positive = 5.0
-    quiet_acceleration_m_s2: Positive = 0.5
-    quiet_time_s: Positive = 170.0  # long: a turn that is kept does not decay
-    quiet_lasts_s: Positive = 50.0
-    changing_acceleration_m_s2: Positive = 1.5
-    changing_time_s: Positive = 20.0
-    changing_lasts_s: Positive = 15.0
+    quiet_acceleration_m_s2: ClassVar[float] = 0.5
+    quiet_time_s: ClassVar[float] = 170.0  # long: a turn that is kept does not decay
+    quiet_lasts_s: ClassVar[float] = 50.0
+    changing_acceleration_m_s2: ClassVar[float] = 1.5
+    changing_time_s: ClassVar[float] = 20.0
+    changing_lasts_s: ClassVar[float] = 15.0
     manoeuvre_acceleration_m_s2: Positive = 2.5
     manoeuvre_time_s: Positive = 8.0
-    manoeuvre_lasts_s: Positive = 5.0
+    manoeuvre_lasts_s: ClassVar[float] = 5.0
     vertical_share: Share = 0.5  # vertical accelerations as a share of these, which are horizontal
-    max_speed_m_s: Positive = 350.0  # reports and jumps that are faster are implausible
-    initial_speed_sigma_m_s: Positive = 40.0  # of a track that begins with an echo
+    max_speed_m_s: ClassVar[float] = 350.0  # reports and jumps that are faster are implausible
+    initial_speed_sigma_m_s: ClassVar[float] = 40.0  # of a track that begins with an echo
 
     # tracks
     gate_probability: Probability = 0.999  # that a track's own measurement passes the gate
@@ -88,7 +88,7 @@ class Config(Record, frozen=True, kw_only=True):
     coast_after_s: NotNegative = 3.0  # without a measurement: coasting
     validity_timeout_s: NotNegative = 10.0  # lost, not valid
     forget_after_s: NotNegative = 30.0  # removed
-    late_horizon_s: NotNegative = 8.0  # older measurements are rejected
+    late_horizon_s: ClassVar[float] = 8.0  # older measurements are rejected
 
     # threats
     threat_distance_m: Positive = 150.0

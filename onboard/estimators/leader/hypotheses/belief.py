@@ -11,7 +11,7 @@ import math
 from typing import Final, NamedTuple
 
 from onboard.arrays import Array
-from onboard.estimators.leader.assumptions import CRAB, SLIP, SMALLEST_SIGMA, UNSURE, LeaderModel, Size, overridden
+from onboard.estimators.leader.assumptions import CRAB, SLIP, SMALLEST_SIGMA, UNSURE, LeaderModel, Size
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses import prediction, update
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
@@ -217,13 +217,6 @@ def leader_model(config: Config) -> LeaderModel:
         particles=config.particles,
     )
     if config.leader_class == "fixed_wing":
-        model = model._replace(
-            drag=0.0,
-            drag_sigma=0.0,
-            wind=0.0,
-            lean_random_walk=0.0,
-            crab=CRAB,
-            tied=0.0,
-            nose_about_course=CRAB,
-        )
-    return overridden(model, config.process_noise)
+        model = model._replace(drag=0.0, drag_sigma=0.0, wind=0.0, lean_random_walk=0.0, tied=0.0)
+        model = model._replace(crab=CRAB, nose_about_course=CRAB)
+    return model

@@ -106,7 +106,7 @@ class Broadcast:
     ) -> Report:
         """The report with its noise: `turn` from NED there to NED here, `known` what it says of its own error."""
         c = self._config
-        white = np.array([c.position_sigma_m, c.position_sigma_m, c.altitude_sigma_m or c.position_sigma_m])
+        white = np.full(3, c.position_sigma_m)
         white = np.maximum(white, np.where(np.isfinite(known), known, 0.0))
         level = c.velocity_sigma_m_s if reported.has_level else WITHOUT_SPEED
         climb = c.velocity_sigma_m_s if reported.has_climb else WITHOUT_SPEED
@@ -120,7 +120,7 @@ class Broadcast:
 def biases_of(config: Config) -> tuple[Bias, ...]:
     """What lasts of a report's error: of its position and its delay, and of our own velocity and yaw."""
     b = config.broadcast
-    height = b.altitude_bias_m if b.altitude_bias_m is not None else (PRESSURE_BIAS if b.icao else b.bias_m)
+    height = PRESSURE_BIAS if b.icao else b.bias_m
     position = np.hypot([b.bias_m, b.bias_m, height], config.own_position_sigma_m).tolist()
     velocity, its_time = UNSURE * config.own_velocity_sigma_m_s, LeaderModel._field_defaults["own_velocity_time"]
     return (

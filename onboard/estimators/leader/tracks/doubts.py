@@ -14,14 +14,6 @@ is.
 disc or without. Images of one extent then fit the track and those of the other do not, in the same direction. No
 image shows which of the two the configured size is of, so while both come the range is not known.
 
-**Another range** (`Guard`). A filter that is sure of a wrong range does not notice it by its own innovations.
-Two things can still contradict it. A wing cannot look larger than it does broadside: whoever claims a range at
-which it would have to is wrong. And what was published some seconds ago, carried on by our known motion alone,
-must agree with what is published now: a range that moved farther than both covariances and a manoeuvre allow was
-wrong then, or is wrong now.
-
-It cannot see a range that is wrong and stays so. docs/measurements.md says how much it finds.
-
 **Another way to fly**. Where the images fit none of the hypotheses (`hypotheses.update`), what all of them have in
 common is wrong, and their weights say nothing: `hypotheses.belief.SURPRISED`.
 
@@ -30,7 +22,6 @@ is not far from there: a place mirrored through us has the right range, and no r
 """
 
 import math
-from collections import deque
 from typing import Final, Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -42,8 +33,7 @@ from onboard.estimators.leader.image.detector import NoiseScale
 from onboard.estimators.leader.image.prepare import AGREE_RATIO, Image
 from onboard.filters.belief import Belief
 from onboard.messages.causes import Cause, Reason
-from onboard.models.relative_motion import POSITION, SIZE, VELOCITY
-from onboard.ownship import Ownship
+from onboard.models.relative_motion import POSITION
 from onboard.units import NS_PER_S
 
 LONGEST_S: Final = 0.3  # between two images: over longer gaps an aircraft may have moved anywhere
@@ -60,17 +50,7 @@ EXTENT_OPEN: Final = Reason(
 )
 ELSEWHERE: Final = "the detector shows now this aircraft, now another: let it send all that are in an image"
 K = TypeVar("K")
-PERIOD_NS: Final = 100_000_000  # between checks
-LOOKS_BACK_S: Final = 3.0
-ACCELERATION: Final = 1.5  # m/s^2, one standard deviation, of a leader that is not known to accelerate
-SIGMAS: Final = 3.0
-SPANS: Final = 5  # images whose median apparent size counts
-TOO_LARGE: Final = 0.06  # of the apparent size: three standard deviations of the wing's size, as it is configured
 UNEXPECTED: Final = Reason(Cause.UNEXPECTED, "it moves as no hypothesis expects: the range is not known")
-CONTRADICTS: Final = Reason(
-    Cause.RANGE_CONTRADICTS, f"the range contradicts what was published {LOOKS_BACK_S:g} s ago"
-)
-WING_TOO_LARGE: Final = Reason(Cause.WING_TOO_LARGE, "the wing looks too large for its range")
 FARTHEST: Final = math.radians(30.0)  # from the last sight: no place farther off is believed
 ASTRAY: Final = Reason(
     Cause.ASTRAY, f"it would be more than {math.degrees(FARTHEST):.0f} degrees from where it was last seen"
@@ -158,82 +138,6 @@ def _is_as_big(a: Image, b: Image) -> bool:
     return abs(math.log(a_.span / b_.span)) < max(math.log(AGREE_RATIO), noise)
 
 
-class PastMotion(NamedTuple):
-    """What was published: r_FL_n and v_L_n (6,), their covariance (6, 6), and how far we had moved (3,) m."""
-
-    t_ns: int
-    motion: Array
-    covariance: Array
-    moved: Array
-
-
-class Guard:
-    """The check of one track."""
-
-    def __init__(self) -> None:
-        self.clear()
-
-    def clear(self) -> None:
-        """Forget all: another track begins."""
-        self._spans: deque[tuple[float, float]] = deque(maxlen=SPANS)
-        self._published: deque[PastMotion] = deque()
-        self._moved, self._until_ns = np.zeros(3), 0
-        self._found: Reason | None = None
-
-    def seen(self, span: float, sigma: float) -> None:
-        """An image was fused in which the wing appears this long, rad."""
-        self._spans.append((span, sigma))
-
-    def contradiction(self, t_ns: int, belief: Belief, ownship: Ownship) -> Reason | None:
-        """What contradicts a belief that is to be published, None if nothing does."""
-        if t_ns - self._until_ns < PERIOD_NS:
-            return self._found
-        if not 0 < t_ns - self._until_ns < NS_PER_S:  # the first of a track, or after a gap
-            self._published.clear()
-        v_F_n = self._go(t_ns, ownship)
-        if v_F_n is None:
-            return self._found
-        motion = np.concatenate([belief.mean[POSITION], belief.mean[VELOCITY] + v_F_n])
-        now = PastMotion(t_ns, motion, belief.covariance[:6, :6], self._moved)
-        while self._published and t_ns - self._published[0].t_ns > LOOKS_BACK_S * NS_PER_S:
-            before = self._published.popleft()
-            self._found = CONTRADICTS if disagree(before, now) else None
-        self._published.append(now)
-        if self._looks_too_large(belief):
-            return WING_TOO_LARGE
-        return self._found
-
-    def _go(self, t_ns: int, ownship: Ownship) -> Array | None:
-        """Our motion up to t_ns is added; our velocity then, None if it is not known."""
-        steps = ownship.steps(self._until_ns if self._published else t_ns - PERIOD_NS, t_ns)
-        self._until_ns = t_ns
-        if not steps:
-            return None
-        self._moved = self._moved + sum(step.dt * step.v0 + 0.5 * step.dt**2 * step.a for step in steps)
-        return steps[-1].v1
-
-    def _looks_too_large(self, belief: Belief) -> bool:
-        """Whether the wing, of the size that the belief has, looks longer than broadside at its range."""
-        if len(self._spans) < SPANS:
-            return False
-        span, sigma = sorted(self._spans)[SPANS // 2]
-        r = belief.mean[POSITION]
-        distance = math.sqrt(r @ r)
-        along = math.sqrt(max(float(r @ belief.covariance[POSITION, POSITION] @ r), 0.0)) / distance**2
-        allowed = TOO_LARGE + SIGMAS * (along + sigma / span)
-        return math.log(span * distance / belief.mean[SIZE]) > allowed
-
-
-def disagree(before: PastMotion, now: PastMotion) -> bool:
-    """Whether a range is not what an earlier one becomes, at constant velocity of the leader and by our motion."""
-    dt = (now.t_ns - before.t_ns) / NS_PER_S
-    predicted = before.motion[:3] + dt * before.motion[3:] - (now.moved - before.moved)
-    line = now.motion[:3] / np.linalg.norm(now.motion[:3])
-    F = np.concatenate([line, dt * line])
-    variance = F @ before.covariance @ F + line @ now.covariance[:3, :3] @ line + (0.5 * ACCELERATION * dt**2) ** 2
-    return bool(abs(line @ (now.motion[:3] - predicted)) > SIGMAS * math.sqrt(variance))
-
-
 class LineOfSight(NamedTuple):
     """A direction (3,), a unit vector in n, from a camera at r_FC_n (3,) m."""
 
@@ -279,7 +183,6 @@ class Checks:
         self._memory_s = 0.5 * config.reset_timeout_s
         self._forgotten_after_ns = round(config.reset_timeout_s * NS_PER_S)
         self.classes = Classes[BeliefFilter](self._memory_s)
-        self._guard = Guard()
         self._last: Image | None = None  # the newest that was fused
         self._gated: Image | None = None  # the first that was not
         self._before: Image | None = None  # the newest image of what was followed before
@@ -297,15 +200,13 @@ class Checks:
     def fused(self, image: Image) -> None:
         """A track took an image."""
         self._gated = None
-        t_ns, measurement = image.message.t_ns, image.measurement
+        t_ns = image.message.t_ns
         if image.has_extent:
             seen = self._seen_before(image)
             self.seen = seen._replace(expected=seen.expected + 1.0)
         if self._last is None or t_ns > self._last.message.t_ns:
             self._last = image
         self.begin(image)
-        if measurement.rows.is_wing:
-            self._guard.seen(measurement.span, measurement.span_sigma)
 
     def gated(self, image: Image) -> None:
         """A track did not take an image."""
@@ -339,13 +240,8 @@ class Checks:
         self.leapt_until_ns = last.message.t_ns + self._forgotten_after_ns
         return True
 
-    def replace(self) -> None:
-        """Another track begins, elsewhere: what was published of its range says nothing of it."""
-        self._guard.clear()
-
     def forget(self) -> None:
         """The track has ended, whatever comes next."""
-        self._guard.clear()
         self._sight_ns, self.sight = 0, None
 
     def clear(self) -> None:
@@ -358,7 +254,6 @@ class Checks:
         t_ns: int,
         belief: Belief,
         noise: NoiseScale,
-        ownship: Ownship,
         is_carried: bool,
         contradiction: Reason | None,
         is_misfit: bool,
@@ -373,7 +268,6 @@ class Checks:
             or (ASTRAY if is_astray else None)
             or contradiction
             or (noise.contradiction if noise.beyond else None)
-            or self._guard.contradiction(t_ns, belief, ownship)
             or (UNEXPECTED if is_misfit else None)
         )
         return doubt, "; ".join(filter(None, (noise.finding, self.seen.finding)))

@@ -299,7 +299,6 @@ class Track:
         elif verdict is Verdict.INITIALISING:
             if record.before is not None and not record.fits:
                 self.life.led_elsewhere(t_ns)
-                self._checks.replace()
             self._start(image, ownship, record.before)
         elif verdict is Verdict.GATED and why is not None:
             self.life.led_elsewhere(t_ns)
@@ -400,7 +399,7 @@ class Track:
             r_FL_n = belief.mean[POSITION]
             coasting, is_carried = life.standing(t_ns)
             known = is_carried, self._poses.contradiction, left.is_misfit
-            doubt, finding = self._checks.judge(t_ns, belief, noise, ownship, *known)
+            doubt, finding = self._checks.judge(t_ns, belief, noise, *known)
             in_view = not coasting or self._poses.see(r_FL_n, t_ns, ownship)
             facts = Facts(doubt, in_view, finding, left.reason)
         state, why, since_ns, age, is_valid = life.status(t_ns, facts, is_held=bool(self.held))

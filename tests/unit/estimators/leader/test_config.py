@@ -10,11 +10,9 @@ import numpy as np
 import pytest
 
 from onboard.config import ConfigError, load_config
-from onboard.estimators.leader.assumptions import PROBABILITIES, LeaderModel, overridden
 from onboard.estimators.leader.config import Config
 
 ROOT = Path(__file__).parents[4]
-KEY = "estimator.leader.process_noise"
 
 
 def test_the_configuration_is_read_without_numerics() -> None:
@@ -38,39 +36,10 @@ def test_timeouts_out_of_order_are_refused(timeouts: dict[str, float]) -> None:
     assert Config(coast_after_s=2.0, validity_timeout_s=2.0, reset_timeout_s=2.0)
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "reason"),
-    [
-        ("walk", 2.0, f"unknown key {KEY}.walk; known: accelerates_for, accelerating, "),
-        ("angles_deg", 2.0, f"unknown key {KEY}.angles_deg; known: "),
-        ("velocity_random_walk", 0.0, f"{KEY}.velocity_random_walk must be positive and finite, not 0.0"),
-        ("velocity_random_walk", -1.0, f"{KEY}.velocity_random_walk must be positive and finite, not -1.0"),
-        ("velocity_random_walk", math.nan, f"{KEY}.velocity_random_walk must be positive and finite, not nan"),
-        ("velocity_random_walk", math.inf, f"{KEY}.velocity_random_walk must be positive and finite, not inf"),
-        ("tied", 1.0, f"{KEY}.tied must be below 1, not 1.0"),
-        ("size", 1.0, f"unknown key {KEY}.size; known: "),
-        ("particles", 1.0, f"unknown key {KEY}.particles; known: "),
-    ],
-)
-def test_an_unusable_override_is_refused_by_its_key(name: str, value: float, reason: str) -> None:
-    with pytest.raises(ValueError, match=f"^{re.escape(reason)}"):
-        Config(process_noise={"hover_speed": 1.0, name: value})
-
-
 @pytest.mark.parametrize("name", ["any-side", "wing-line", "paper", "subtended"])
 def test_a_filter_that_is_gone_is_refused(name: str) -> None:
     with pytest.raises(ConfigError, match=rf"estimator\.leader\.filter: .*{name}"):
         load_config(None, (f"estimator.leader.filter={name}",))
-
-
-def test_overrides_replace_single_numbers() -> None:
-    model = LeaderModel(2.0, 0.04, (0.01, 0.01, 0.02), 60.0, 0.1)
-    assert overridden(model, {}) == model
-    assert overridden(model, {"velocity_random_walk": 0.5, "evidence_rate": 0.9}) == model._replace(
-        velocity_random_walk=0.5, evidence_rate=0.9
-    )
-    assert isinstance(overridden(model, {"wind": 2}).wind, float)  # compiled code takes no whole number for it
-    assert set(model._fields) >= PROBABILITIES
 
 
 @pytest.mark.parametrize("degrees", [1.0, 2.0, 5.0, 10.0, 20.0])

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from onboard.estimators.leader.tracks.doubts import Guard
+from onboard.estimators.leader.hypotheses import belief
+from onboard.estimators.leader.tracks.doubts import Checks
 from onboard.messages import Cause, Datagram, Lifecycle, Reason, TargetPoints, Verdict
 from tests.support.streams import (
     CIRCLE,
@@ -93,11 +94,12 @@ def test_never_valid_for_longer_than_the_timeout_after_the_last_image_while_tick
         assert e.valid == (e.state in (Lifecycle.TRACKING, Lifecycle.COASTING))
 
 
-def test_a_lost_track_is_valid_again_only_after_three_images() -> None:
+def test_a_lost_track_is_valid_again_only_after_three_images(monkeypatch: pytest.MonkeyPatch) -> None:
     """One image at 10.4 s, four seconds after the last, makes no track valid; three from 11 s on do. By then the
     leader could be so far away that the track starts anew, with what is known of its motion."""
-    agile = "estimator.leader.process_noise={velocity_random_walk=2.0}"
-    run = fly(lambda t: t <= 6.4 or 10.39 <= t <= 10.41 or t >= 11.0, 11.5, CIRCLE, agile)
+    known = belief.leader_model
+    monkeypatch.setattr(belief, "leader_model", lambda config: known(config)._replace(velocity_random_walk=2.0))
+    run = fly(lambda t: t <= 6.4 or 10.39 <= t <= 10.41 or t >= 11.0, 11.5, CIRCLE)
     late = [e for e in run.estimates if e.measurement and e.measurement.t_ns > 7 * S]
     held = [Verdict.INITIALISING] * 4
     assert [e.measurement.verdict for e in late if e.measurement][:5] == [*held, Verdict.FUSED]
@@ -217,8 +219,8 @@ def test_images_that_waited_when_the_autopilot_rebooted_are_forgotten() -> None:
     assert all(e.measurement is None for e in run.estimates[rebooted:])
 
 
-def test_what_the_last_check_contradicts_is_not_valid(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Guard, "contradiction", lambda *_: Reason(Cause.NOISE, "contradicted"))
+def test_what_a_check_contradicts_is_not_valid(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Checks, "judge", lambda *_: (Reason(Cause.NOISE, "contradicted"), ""))
     last = fly(lambda t: t >= 6.0, 6.6, CIRCLE).estimates[-1]
     assert last.mean is not None
     assert (last.valid, last.cause, last.reason) == (False, Cause.NOISE, "contradicted")
