@@ -29,7 +29,7 @@ from onboard.messages import (
     TargetImage,
     TargetPoints,
 )
-from onboard.messages.causes import Cause
+from onboard.messages.causes import Cause, Reason
 from onboard.messages.target import WING_POINTS
 from onboard.messages.text import plain
 from onboard.wire.documents import agreement, boxes
@@ -41,6 +41,8 @@ from onboard.wire.documents.poses import relative_pose
 
 LEAST_CONFIDENCE: Final = 0.05  # noise is that of a detection with this confidence at most
 LONGEST_RANGE: Final = 1e5  # m, of a range
+# Of one image: each without an id is compared with each track, and more cost more time than an image has.
+MAX_NAMED, MAX_UNNAMED = 100, 12
 UNSEEN: Final = (0.0, 0.0)  # pixels of a keypoint that Ultralytics and others do not see; no wingtip is just there
 BOX: Final = "box"  # the name of its middle
 Ignore = Callable[[str], None]
@@ -86,9 +88,11 @@ def exposure_of(
     """What a document shows whose pixels are those of `lens`, None if nothing; see `decode_detections`.
     `numbers`: which detection each one was in what was sent; None: all are there."""
     found: list[TargetImage] = []
-    shown = [_pixels(detection, camera) for detection in document.detections]
+    kept = _bounded(document.detections, refuse)
+    shown = [_pixels(detection, camera) for _, detection in kept]
     located = iter(lens.locate([(p.u_px, p.v_px) for pixels in shown for p in pixels.values()]))
-    for i, detection, pixels in zip(numbers or range(len(shown)), document.detections, shown, strict=True):
+    for (k, detection), pixels in zip(kept, shown, strict=True):
+        i = k if numbers is None else numbers[k]
         places = {name: next(located) for name in pixels}
         head = {
             "t_ns": document.t_ns,
@@ -114,6 +118,19 @@ def exposure_of(
         for name in detection.points.keys() - camera.points:
             ignore(f"the point `{name}`; the points that are used are {', '.join(camera.points)}")
     return Exposure.of(*found) if found else None
+
+
+def _bounded(detections: Sequence[Detection], refuse: Refuse) -> Sequence[tuple[int, Detection]]:
+    """The detections of an image that are looked at, with their numbers: of too many, the most confident ones."""
+    named, unnamed = (
+        [each for each in enumerate(detections) if bool(each[1].target) == has_name] for has_name in (True, False)
+    )
+    if len(named) <= MAX_NAMED and len(unnamed) <= MAX_UNNAMED:
+        return [*enumerate(detections)]
+    words = f"{len(detections)} detections in one image: the {MAX_UNNAMED} most confident ones are used"
+    refuse(Reason(Cause.RATIONED, f"{words}, and {MAX_NAMED} that have a `target`; send fewer"))
+    unnamed.sort(key=lambda each: -1.0 if each[1].confidence is None else -each[1].confidence)
+    return sorted([*named[:MAX_NAMED], *unnamed[:MAX_UNNAMED]], key=lambda each: each[0])
 
 
 def _pixels(detection: Detection, camera: CameraInput) -> dict[str, DetectedPoint | Box]:

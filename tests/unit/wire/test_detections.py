@@ -9,6 +9,7 @@ from onboard.geometry.lens import Lens
 from onboard.messages import Cause, Clock, Datagram, Encoding, TargetDetection, TargetPoints
 from onboard.wire.datagrams import DatagramDecoder
 from onboard.wire.documents.cameras import CameraInput
+from onboard.wire.documents.detections import MAX_NAMED, MAX_UNNAMED
 from tests.support.images import detections
 from tests.support.mavlink_frames import RECV
 
@@ -383,3 +384,18 @@ def test_a_whole_number_may_be_written_with_a_point() -> None:
     floats = Decoded({**HEAD, "t_ns": 5e9, "detections": [{"box": BOX, "id": 7.0}]})
     assert (floats.messages, floats.reasons) == (plain.messages, [])
     assert "Expected `int`, got `float` - at `$.t_ns`" in Decoded({**HEAD, "t_ns": 1.7e9 + 0.25}).reasons[0]
+
+
+def test_of_too_many_detections_the_most_confident_ones_are_used_and_the_rest_is_named() -> None:
+    """Each without an id is compared with each track: a hundred would cost more time than an image has."""
+    boxes = [{"box": BOX, "confidence": 0.4 + 0.005 * (7 * k % 100)} for k in range(100)]
+    decoded = Decoded({**HEAD, "detections": [*boxes, {"box": BOX, "target": "leader"}, {"box": BOX}]})
+    assert len(decoded.messages) == MAX_UNNAMED + 1
+    assert [m.target for m in decoded.messages[-2:]] == ["leader", ""]
+    surest = sorted(boxes, key=lambda box: -float(str(box["confidence"])))[: MAX_UNNAMED - 1]
+    alone = Decoded({**HEAD, "detections": [box for box in boxes if box in surest]})
+    assert decoded.messages[:-2] == alone.messages
+    (reason,) = decoded.reasons
+    assert reason.startswith("102 detections in one image: the 12 most confident ones are used")
+    named = [{"box": BOX, "target": f"target/{k}"} for k in range(MAX_NAMED + 1)]
+    assert len(Decoded({**HEAD, "detections": named}).messages) == MAX_NAMED
