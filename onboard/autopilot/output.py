@@ -100,12 +100,12 @@ class AutopilotOutput:
         return frame if signer is None else signer.sign(frame, wall_ns)
 
     def take_lines(self) -> list[str]:
-        """Lines for a person since the last call, which also go out as STATUSTEXT."""
+        """Lines for a person since the last call, which also go out as STATUSTEXT. Values that were refused go out
+        alone: the health names them, once for many."""
         taken: list[str] = []
         for session in self._sessions.values():
             for sender, line in session.refusals:
                 self.notices.add(WARNING, line, Rank.OTHERS, sender)
-                taken.append(line)
             session.refusals.clear()
         for line in self._requests.lines:
             self.notices.add(WARNING, line)

@@ -166,6 +166,7 @@ class Session:
             replies, refusal = self._parameters.answer(m, now_ns)
             if refusal:
                 self.refusals.append((sender_of(m), f"refused: {refusal}"))
+                self._refuse(sender_of(m), Reason(Cause.DOCUMENT, refusal), m.t_recv_ns)
             return list(map(self._pack, replies))
         if isinstance(m, Command) and us.is_target(m):
             return us.answer(m, now_ns)

@@ -30,7 +30,11 @@ ALLOWED: Final = ("ttyS", "ttyAMA", "ttyTHS", "ttyACM", "ttyUSB")  # serial devi
 CALIBRATION: Final = "camera.yaml"
 WIDEST_DEG: Final = 150.0
 LINK_WORDS: Final = "serial:DEVICE:BAUD, udpin:HOST:PORT, udpout:HOST:PORT or tcp:HOST:PORT"
-IMAGE: Final = re.compile(r"(\d+)x(\d+):(\d+(?:\.\d+)?)(deg)?")
+IMAGE: Final = re.compile(r"(\d{1,5})x(\d{1,5}):(\d{1,6}(?:\.\d{1,6})?)(deg)?")
+BAUDS: Final = (  # of both autopilots
+    *("9600", "19200", "38400", "57600", "115200", "230400", "460800", "500000", "921600", "1500000", "2000000"),
+)
+SHOWN: Final = 60  # letters of an answer that is refused
 BAUD: Final = "921600"  # of the parameter files that are shared
 CAMERA_WORDS: Final = "WIDTHxHEIGHT:FOCAL in pixels, WIDTHxHEIGHT:FOVdeg (horizontal), or a camera_info FILE.yaml"
 
@@ -117,12 +121,17 @@ def ask(question: Question, read: Callable[[str], str]) -> str:
 
 def setup_of(answers: Mapping[str, str]) -> Setup:
     """Answers as numbers. Raises UserError for what cannot be."""
+    for flag, text in answers.items():
+        if not text.isprintable() or (flag == "link" and " " in text):
+            raise UserError(f"init: --{flag} {text[:SHOWN]!r}: no line ends, control characters or spaces in it")
     try:
         check_link(answers["link"])
     except UserError as error:
         raise UserError(f"init: --link {answers['link']!r}: expected {LINK_WORDS}") from error
     if answers["link"].startswith("json:"):
         raise UserError(f"init: --link {answers['link']!r} is of a detector: expected {LINK_WORDS}")
+    if answers["link"].startswith("serial:") and (baud := answers["link"].rpartition(":")[2]) not in BAUDS:
+        raise UserError(f"init: --link: no autopilot has {baud[:SHOWN]} baud: expected one of {', '.join(BAUDS)}")
     return Setup(
         autopilot=answers["autopilot"],
         link=answers["link"],
@@ -141,7 +150,7 @@ def _camera(text: str) -> tuple[str, ...]:
     found = IMAGE.fullmatch(text)
     if found is None:
         if not text.endswith((".yaml", ".yml")):
-            raise UserError(f"init: --camera {text!r}: expected {CAMERA_WORDS}")
+            raise UserError(f"init: --camera {text[:SHOWN]!r}: expected {CAMERA_WORDS}")
         return (f"calibration = {json.dumps(str(Path(text).absolute()), ensure_ascii=False)}",)
     width, height, number = int(found[1]), int(found[2]), float(found[3])
     if found[4] and not 1.0 <= number <= 150.0:
@@ -268,8 +277,8 @@ def autopilot_parameters(setup: Setup) -> str:
 
 
 def _ardupilot_baud(baud: str) -> str:
-    """As ArduPilot has it: 57 is 57600, 1500 is 1500000; small ones as they are."""
-    return baud if int(baud) <= 2000 else str(int(baud) // 1000)
+    """As ArduPilot has it: 57 is 57600, 1500 is 1500000."""
+    return str(int(baud) // 1000)
 
 
 def _program() -> Path:

@@ -5,10 +5,12 @@ names.
 """
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from onboard.geometry.lens import Lens
 from onboard.wire.ros.camera_info import EXPECTED, lens_of_info, make_lens, model_of, numbers_of, shown
+
+MAX_BYTES: Final = 1 << 20
 
 
 def read_calibration(path: Path) -> Lens:
@@ -17,6 +19,8 @@ def read_calibration(path: Path) -> Lens:
     Rectification and projection matrices are ignored. Raises ValueError, which names the file and the field.
     """
     try:
+        if path.exists() and not (path.is_file() and path.stat().st_size <= MAX_BYTES):
+            raise ValueError(f"expected a file of at most {MAX_BYTES} bytes")  # noqa: TRY301 - as for what is no text
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, ValueError) as error:
         raise ValueError(f"calibration: cannot read {path}: {error}") from error

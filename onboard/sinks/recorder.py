@@ -43,7 +43,7 @@ FILE_MODE: Final = 0o600  # positions are private
 FOLDER_MODE: Final = 0o700
 DAY_LENGTH_S: Final = 86_400.0
 MIN_UNIX_TIME_S: Final = 1_735_689_600.0  # a clock before 2025 is not set
-MAX_AGE_S: Final = 3e8  # nine years after the newest recording, the clock is more likely wrong
+MAX_PAUSE_S: Final = 300 * DAY_LENGTH_S  # between two recordings: after more, the clock has more likely leapt
 RECORDING: Final = "recording"  # of metadata
 MAX_LABEL_BYTES: Final = 1 << 20  # a longer first record is not our label
 MAX_UNLABELLED_NUMBER: Final = 1000  # versions without labels gave no higher number
@@ -302,15 +302,18 @@ def _order(one: Kept) -> tuple[bool, float, int]:
 def latest_times(found: Sequence[Kept], now: float) -> list[float | None]:
     """Return the latest possible creation time of each recording, Unix s, in their order.
 
-    It is None if unknown, and for all if the present time is unset or years ahead.
+    It is None if unknown, and for all if the present time is unset. Before a leap of the clock none is known: by
+    it, all recordings would be old.
     """
     times: list[float | None] = []
     newest = MIN_UNIX_TIME_S
     for one in found:
         is_believed = newest <= one.stamp <= now
+        if is_believed and newest > MIN_UNIX_TIME_S and one.stamp - newest > MAX_PAUSE_S:
+            times = [None] * len(times)
         newest = one.stamp if is_believed else newest
         times.append(newest if is_believed else None)
-    if now - newest > MAX_AGE_S:
+    if now - newest > MAX_PAUSE_S:
         return [None] * len(found)
     for i in reversed(range(len(times) - 1)):
         # The order of two unlabelled recordings is unknown unless both are stamped.

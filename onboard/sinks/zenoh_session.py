@@ -14,6 +14,7 @@ from yaml import YAMLError
 
 from onboard.messages import Record
 from onboard.messages.causes import NO_REASON, Cause, Reason
+from onboard.messages.text import plain
 from onboard.sinks.secrets import secret
 from onboard.sinks.sink import SinkError
 from onboard.sinks.zenoh_reach import NO_SESSION, Trust, diagnose, probe, worst
@@ -144,7 +145,7 @@ class ZenohSession:
         own = self.own_id()
 
         def note(sample: Any) -> None:
-            session = str(sample.key_expr).rpartition("/")[2]
+            session = plain(str(sample.key_expr).rpartition("/")[2])
             if sample.kind == zenoh.SampleKind.DELETE:
                 others.discard(session)
             elif session != own and len(others) < MAX_SESSION_COUNT:

@@ -131,14 +131,23 @@ def answers(**changed: str) -> dict[str, str]:
         ("camera", "640x480:170deg", "1 to 150 degrees"),
         ("camera", "1280x720:62", "a field of view of 169 degrees; 62 degrees are 1280x720:62deg"),
         ("camera", "640x0:500", "above 0"),
+        ("camera", f"{'9' * 400}x480:500", "expected WIDTHxHEIGHT:FOCAL"),
+        ("camera", f"640x480:{'9' * 400}", "expected WIDTHxHEIGHT:FOCAL"),
+        ("camera", "zero.yaml", "expected a file of at most 1048576 bytes"),
+        ("link", "serial:/dev/ttyS0\nExecStartPre=/bin/sh -c x:921600", "no line ends, control characters"),
+        ("link", "serial:/dev/ttyS0 rwm:921600", "no line ends, control characters or spaces"),
+        ("link", "serial:/dev/ttyAMA0:5000", "no autopilot has 5000 baud: expected one of 9600, 19200"),
+        ("vehicle", "a\x1b[2J", "no line ends, control characters"),
         ("tilt", "up", "--tilt: must be a number from -90 to 90, not 'up'"),
         ("span", "-1", "--span: must be a number"),
         ("span", "nan", "--span: must be a number"),
     ],
 )
 def test_an_answer_that_cannot_be_is_one_line(flag: str, value: str, words: str) -> None:
+    Path("zero.yaml").symlink_to("/dev/zero")
     with pytest.raises(UserError, match=words) as error:
         init.files_of(init.setup_of(answers(**{flag: value})))
+    assert len(str(error.value)) < 400
     assert "\n" not in str(error.value)
 
 

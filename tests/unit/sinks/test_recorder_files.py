@@ -117,6 +117,9 @@ def test_the_oldest_recordings_of_a_name_are_removed(rotation: Rotation, left: l
         ((NOW, NOW + DAY), 1200.0, {1, 2, 3}),  # the field is without a clock
         ((NOW, NOW + DAY), NOW + 1024 * 7 * DAY, {1, 2, 3}),  # a GPS that is 1,024 weeks off
         ((LATER + DAY, NOW, LATER - DAY), LATER, {3, 4}),  # the first clock was ahead
+        ((NOW, NOW + DAY), NOW + 370 * DAY, {1, 2, 3}),  # a clock that has leapt by a year ...
+        ((NOW, NOW + DAY, NOW + 370 * DAY), NOW + 371 * DAY, {1, 2, 3, 4}),  # ... at the second start, too
+        ((NOW, NOW + 370 * DAY, NOW + 371 * DAY), NOW + 410 * DAY, {4}),  # what is old by either clock goes
     ],
 )
 def test_a_recording_is_not_old_because_its_clock_was_not_set(
