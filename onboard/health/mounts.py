@@ -15,6 +15,7 @@ from onboard.arrays import Array
 from onboard.geometry.camera import Camera
 from onboard.geometry.rotations import euler_from_quaternion, matrix_from_euler, quaternion_from_matrix
 from onboard.health.camera_errors import (
+    LEAST_LEAN,
     LONGEST_DELAY_S,
     SIGMAS,
     Poses,
@@ -77,12 +78,20 @@ class Mounts:
     def __init__(self, camera: Camera, add: Callable[[str, Reason, int], None]) -> None:
         self._camera, self._add = camera, add
         self.doubts: dict[str, Reason] = {}  # by camera
+        self._sound: set[str] = set()  # cameras that were judged while we leaned, of which nothing is wrong
         self._fused_ns: dict[str, int] = {}  # the newest image of each camera that was fused
         self._windows: dict[str, deque[Window]] = {}
         self._sights: dict[str, tuple[str, list[Sight]]] = {}  # by camera, of one target
         self._ended: list[Ended] = []
         self._searches: dict[str, tuple[int, Steps[Found]]] = {}  # by camera, since when
         self._judged_ns = 0
+
+    @property
+    def withheld(self) -> dict[str, Reason]:
+        """The doubts for which images may be left out: none, unless every other camera that shows the leader was
+        judged and is sound."""
+        others = self._fused_ns.keys() - self.doubts.keys()
+        return self.doubts if others and others <= self._sound else {}
 
     def see(self, estimate: Estimate, ownship: Ownship) -> None:
         """Take an estimate. It counts if it is of the leader, follows from an image that was fused, and is valid,
@@ -153,10 +162,13 @@ class Mounts:
     def _decide(self, source: str, found: Found, t_recv_ns: int) -> None:
         """What a search has found of a camera."""
         self.doubts.pop(source, None)
+        self._sound.discard(source)
         if found is not None:
             reason = why(self._camera.named(source), *found)
             self.doubts[source] = reason = reason.also(LEFT_OUT) if self._camera.others else reason
             self._add(f"camera {source}", reason, t_recv_ns)
+        elif np.mean([window.lean for window in self._windows[source]]) >= LEAST_LEAN**2:
+            self._sound.add(source)
 
 
 def why(camera: Camera, errors: Array, sigmas: Array) -> Reason:

@@ -11,7 +11,7 @@
 the decoded messages too; a replay calls `feed`. Both run the same code on the same bytes.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from typing import Final
 
@@ -264,17 +264,18 @@ class Pipeline:
             return []
         if not (names := self._listeners.get(type(message))):
             return []
-        if isinstance(message, Exposure) and self._mounts.doubts:
-            names = [name for name in names if not self._is_withheld(message, self.estimators[name])]
+        if isinstance(message, Exposure) and self._mounts.doubts and (doubts := self._mounts.withheld):
+            names = [name for name in names if not self._is_withheld(message, self.estimators[name], doubts)]
         estimates = [estimate for name in names for estimate in self._asked(name, message)]
         now_ns = max(message.t_recv_ns, self._attitude_recv_ns)  # an image may have waited
         is_silent = now_ns - self._own_recv_ns > TIMEOUT_NS
         unknown = UNKNOWN if self._own_recv_ns else NO_POSITION
         return self._noted(estimates, unknown if is_silent else None)
 
-    def _is_withheld(self, exposure: Exposure, estimator: EstimatorProtocol) -> bool:
+    def _is_withheld(
+        self, exposure: Exposure, estimator: EstimatorProtocol, doubts: Mapping[str, Reason]
+    ) -> bool:
         """Whether an estimator does not want an exposure of a camera in doubt, which is then counted."""
-        doubts = self._mounts.doubts
         why = estimator.withholds(exposure, doubts) if isinstance(estimator, Withholds) else None
         if why is not None:
             self._monitor.reject(exposure, why)

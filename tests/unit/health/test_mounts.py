@@ -14,7 +14,7 @@ from onboard.config import parse_config
 from onboard.estimators import Withholds
 from onboard.geometry.rotations import matrix_from_euler, quaternion_from_matrix
 from onboard.health.camera_errors import Poses, Sights, Window, finished, wrong_mount
-from onboard.health.mounts import Found, Mounts, why
+from onboard.health.mounts import FEWEST_WINDOWS, Found, Mounts, why
 from onboard.messages import (
     DOUBT_PREFIX,
     Advice,
@@ -129,6 +129,26 @@ class Nodding:
         return t, np.zeros((len(t), 3)), np.array([quaternion_from_matrix(self.attitude(x)) for x in t])
 
 
+def test_a_camera_is_left_out_only_for_one_that_is_judged_and_sound_seed_4() -> None:
+    """The first one looks 14 degrees lower than configured, and the second one comes later."""
+    rng, own, leader = np.random.default_rng(4), Nodding(), np.array([30.0, 2.0, -4.0])
+    config, withheld = parse_config({"cameras": {"low": {}}}), list[tuple[float, list[str]]]()
+    second = config.camera_model().name
+    mounts = Mounts(config.camera_model(), lambda *_: None)
+    for t in np.arange(10.0, 70.0, 0.14):
+        for name, turned in (("low", np.radians(-14.0)), *(((second, 0.0),) if t > 36.0 else ())):
+            u = matrix_from_euler(0.0, turned, 0.0).T @ own.attitude(t).T @ leader
+            point = (u[1:] / u[0] + 0.0015 * rng.normal(size=2)).tolist()
+            mounts.see(estimate_of(name, round(t * NS_PER_S), point, leader), cast(Ownship, own))
+        mounts.judge(round(t * NS_PER_S))
+        if not withheld or withheld[-1][1] != list(mounts.withheld):
+            withheld.append((float(t), list(mounts.withheld)))
+    assert [names for _, names in withheld] == [[], ["low"]]
+    assert withheld[1][0] > 36.0 + 4.0 * FEWEST_WINDOWS, "nobody has judged the second one before"
+    mounts.doubts[second] = Reason(Cause.MOUNT, "it looks lower")
+    assert mounts.withheld == {}
+
+
 def test_a_camera_that_shows_the_leader_elsewhere_is_named_by_that_track_seed_5() -> None:
     """One looks 14 degrees lower than configured, so its images make a target of their own. What a camera that
     shows the leader sees beside it, such as a part of our own that stays in the image, says nothing of it."""
@@ -170,6 +190,8 @@ def test_an_image_that_is_left_out_reaches_no_estimator_and_is_counted(monkeypat
     pipeline = Pipeline(parse_config({"estimator": {"leader": LEADER}}))
     why = Reason(Cause.MOUNT, f"{DOUBT_PREFIX}it looked 15 degrees lower")
     pipeline._mounts.doubts["landing_target"] = why
+    pipeline._mounts._sound.add("other")
+    pipeline._mounts._fused_ns["other"] = 0
     monkeypatch.setattr(pipeline.estimators["leader"], "withholds", lambda *_: why)
     for item in Stream(t1=7.0, sparse=True).items():
         pipeline.advance(exposed([replace(item.message, t_recv_ns=item.t_recv_ns)]))
