@@ -8,7 +8,7 @@ from onboard.health.needs import Moment
 from onboard.health.words import FIT
 from onboard.messages import Advice, CameraHealth, Clock, Consistency, Health, Severity
 from onboard.messages.causes import Cause
-from onboard.messages.stamps import Reading, Span, read_stamps
+from onboard.messages.stamps import UPTIME, Reading, Span, read_stamps
 from onboard.units import NS_PER_S
 
 PATIENCE_S: Final = 5.0  # after the start, before an image is missing
@@ -99,6 +99,9 @@ def stamp_reading(m: Moment, name: str, camera: CameraHealth) -> Reading | None:
     arrived_ns = m.now.t_recv_ns - round(camera.age * NS_PER_S)
     boot_ns = arrived_ns - offset_ns
     spans = {Clock.HOST: Span(arrived_ns, arrived_ns), Clock.BOOT: Span(boot_ns, boot_ns)}
+    up_ns = round(((m.now.computer.uptime or 0.0) - camera.age) * NS_PER_S)
+    if up_ns > 0 and Span(up_ns, up_ns).holds([stamp_ns]) and not spans[Clock.BOOT].holds([stamp_ns]):
+        return UPTIME
     return read_stamps([stamp_ns], Clock(camera.clock), spans, is_ros=name in m.needs.ros)
 
 

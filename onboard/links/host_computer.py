@@ -84,4 +84,5 @@ def load_of(status: ComputerStatus, lag: float) -> ComputerLoad:
         memory_free=memory,
         storage_free=storage,
         lag=lag,
+        uptime=status.uptime,
     )

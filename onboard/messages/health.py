@@ -177,6 +177,8 @@ class ComputerLoad(Record, frozen=True, kw_only=True):
         Free memory and storage, bytes; None: unknown.
     lag
         Longest time in the last second by which the daemon was late for its own timer, s.
+    uptime
+        Time since the computer's boot, s; None: unknown.
     """
 
     cpu_busiest: float | None = None
@@ -184,6 +186,7 @@ class ComputerLoad(Record, frozen=True, kw_only=True):
     memory_free: int | None = None
     storage_free: int | None = None
     lag: float = 0.0
+    uptime: float | None = None
 
 
 class Severity(StrEnum):

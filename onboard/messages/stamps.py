@@ -68,6 +68,12 @@ def read_stamps(
     return _off(stamps, spans[clock]) or _began(stamps, is_ros=is_ros)
 
 
+UPTIME: Final = Reading(
+    "of CLOCK_MONOTONIC, this computer's uptime, as libcamera and V4L2 stamp",
+    "let the detector add `time.time_ns() - time.monotonic_ns()` to each `t_ns`, with `clock: host`",
+)
+
+
 def _misread(clock: Clock, of: Clock, unit: str, ns: int, *, is_ros: bool) -> Reading:
     """Describe stamps of another clock, in another unit, or both."""
     words, remedies = [CLOCK_NAMES[of] + ("" if ns == 1 else f" in {unit}")], list[str]()

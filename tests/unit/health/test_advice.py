@@ -8,7 +8,8 @@ import socket
 from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from types import SimpleNamespace
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ from onboard.commands.absent import why_absent
 from onboard.commands.status import describe, is_healthy
 from onboard.config import Config, parse_config
 from onboard.health import Advisor, Needs, causes_own
-from onboard.health.causes_camera import WHICH
+from onboard.health.causes_camera import WHICH, stamp_reading
 from onboard.health.causes_state import VALID
 from onboard.health.needs import Moment
 from onboard.health.words import WORDS
@@ -30,6 +31,7 @@ from onboard.messages import (
     DOUBT_PREFIX,
     Advice,
     Attitude,
+    CameraHealth,
     Cause,
     Clock,
     ComputerLoad,
@@ -507,6 +509,21 @@ def test_11_another_unit_or_a_clock_that_is_off(change: Callable[[int], int], wo
     causes = [a for a in doctor.health.advice if a.severity is not Severity.NOTICE]
     assert [a.cause for a in causes] == ["clock"]
     assert words in causes[0].what
+
+
+def test_11_the_uptime_of_this_computer() -> None:
+    """As libcamera and V4L2 stamp. It was a simulator's clock; the autopilot's own time is still that."""
+    camera = CameraHealth(count=9, rate=9.0, age=0.5, latency=1e9, lead=None, clock="host", stamp_ns=17_999 * S)
+    for uptime, is_uptime in ((18_000.0, True), (18_010.0, False), (None, False)):
+        load = ComputerLoad(uptime=uptime)
+        now = SimpleNamespace(clock_offset_ns=EPOCH, t_recv_ns=EPOCH + 60 * S, computer=load)
+        moment = cast(Moment, SimpleNamespace(now=now, needs=SimpleNamespace(ros=())))
+        reading = stamp_reading(moment, "front", camera)
+        assert reading is not None
+        assert ("CLOCK_MONOTONIC" in reading.words, "monotonic_ns" in reading.remedy) == (is_uptime, is_uptime)
+    reading = stamp_reading(moment, "front", replace(camera, stamp_ns=59 * S))
+    assert reading is not None
+    assert "autopilot's time since its boot" in reading.words
 
 
 @pytest.mark.parametrize("began_s", [0, 1000])
