@@ -11,7 +11,7 @@ from onboard.filters import Belief, unscented
 from onboard.geometry.rotations import wrap_angle
 from onboard.models import camera_angles, relative_motion
 
-N: Final = relative_motion.N
+N: Final = relative_motion.STATE_SIZE
 SIZE, DT, EPS = 2.667, 0.02, HOVER_SPEED
 ANGLES = np.array([0.05, -0.03, 0.09])
 R = np.diag([0.0018, 0.0018, 0.0026]) ** 2
@@ -21,7 +21,7 @@ FOLLOWER = relative_motion.FollowerMotion(V, V + DT * A, A, A)
 START = first_belief(ANGLES, SIZE, 0.02 * SIZE, R_CN, R_FC_N)
 Q = process_noise(SIZE) * DT
 WEIGHTS: Final = unscented.julier_weights(N)
-RULE: Final = unscented.rule(WEIGHTS, N, camera_angles.M, camera_angles.ANGULAR)
+RULE: Final = unscented.rule(WEIGHTS, N, camera_angles.MEASUREMENT_SIZE, camera_angles.ANGULAR)
 
 
 def process(rows: Array) -> Array:

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from onboard.arrays import Array
 from onboard.config import OwnErrors
 from onboard.geometry.geodesy import geodetic_from_ned, ned_from_geodetic
-from onboard.geometry.path_axes import SLOW, acceleration_of
+from onboard.geometry.path_axes import MIN_COURSE_SPEED_M_S, acceleration_of
 from onboard.messages import (
     Estimate,
     GlobalOrigin,
@@ -186,7 +186,7 @@ def _carried(own: OwnPose | None, t_ns: int) -> tuple[Array, Array]:
 def acceleration(e: Estimate, v_L: Array) -> Array:
     """a_L_n (3,) of the components a_lat, a_long and a_along (`geometry.path_axes`), as far as the estimate has
     them. Zero for a leader that hovers: it has no course."""
-    if math.hypot(v_L[0], v_L[1]) <= SLOW or e.mean is None:
+    if math.hypot(v_L[0], v_L[1]) <= MIN_COURSE_SPEED_M_S or e.mean is None:
         return np.zeros(3)
     return acceleration_of(dict(zip(e.components, e.mean, strict=True)), v_L)
 

@@ -1,4 +1,4 @@
-"""Estimators: a model, a filter and a policy; one file or one folder each, found by name.
+"""Estimators: each is a model, a filter and a policy, in one file or one folder, found by name.
 
 `[estimator.NAME]` in the configuration runs `onboard/estimators/NAME.py`. To add one, write that file with
 
@@ -7,8 +7,8 @@
     class Estimator:
         def __init__(self, config: Config, camera: Camera) -> None: ...
 
-where Estimator follows the protocol below. Nothing else needs to know of it. One that outgrows a file is a folder:
-`Config` in `config.py`, which imports no numerics, the rest in `estimator.py`.
+where Estimator follows the protocol below. Nothing else refers to it. An estimator too large for a file is a
+folder: `Config` in `config.py`, which imports no numerics, the rest in `estimator.py`.
 """
 
 import pkgutil
@@ -30,13 +30,13 @@ KIT: Final = "kit"  # what estimators share
 
 
 class EstimatorProtocol(Protocol):
-    """What the pipeline asks of an estimator. Times are ns on the boot clock."""
+    """Interface between the pipeline and an estimator. Times are ns on the boot clock."""
 
     def observe(self, message: Message, ownship: "Ownship") -> list[Estimate]:
-        """Fuse a message of a kind it listens for; an estimate for each target that was measured."""
+        """Fuse a message of a listed kind. Returns an estimate of each target that was measured."""
 
     def tick(self, ownship: "Ownship") -> list[Estimate]:
-        """After a new navigation sample: the estimates that are due, predicted to `ownship.now_ns`."""
+        """Process a new navigation sample. Returns the due estimates, predicted to `ownship.now_ns`."""
 
     def reset(self, why: Reason) -> None:
         """Forget everything: the time base or the origin of our own motion has changed."""
@@ -44,19 +44,19 @@ class EstimatorProtocol(Protocol):
 
 @runtime_checkable
 class Listens(Protocol):
-    """An estimator whose configuration decides what it listens for."""
+    """An estimator whose configuration decides which messages it receives."""
 
     @property
     def listens(self) -> tuple[type[Message], ...]:
-        """In place of its module's LISTENS."""
+        """The messages it receives, instead of its module's LISTENS."""
 
 
 @runtime_checkable
 class Withholds(Protocol):
-    """An estimator that may leave out images of a camera that the health doubts."""
+    """An estimator that may refuse images of a camera whose health is in doubt."""
 
     def withholds(self, exposure: Exposure, doubts: Mapping[str, Reason]) -> Reason | None:
-        """Why an exposure is not to be used, None if it is; `doubts`: what is wrong with a camera, by its name."""
+        """Return why an exposure must not be used, or None. `doubts`: reasons to doubt a camera, by its name."""
 
 
 @runtime_checkable
@@ -64,7 +64,7 @@ class StatesOwnMotion(Protocol):
     """An estimator of our own motion that may replace the autopilot's (`[ownship] source`)."""
 
     def own_motion_at(self, t_ns: int) -> "StatedMotion | None":
-        """Our own motion at a time, by measurements until then; None where it is not valid."""
+        """Return our own motion at a time, from measurements until then; None if it is not valid."""
 
 
 @runtime_checkable
@@ -72,7 +72,7 @@ class NamesModules(Protocol):
     """A configuration of an estimator that decides which further modules are loaded."""
 
     def named_modules(self) -> tuple[str, ...]:
-        """The whole names of modules that no import of the estimator names, without loading any."""
+        """Return the full names of modules that are loaded by name, without loading any."""
 
 
 @runtime_checkable
@@ -81,11 +81,11 @@ class CountsVerdicts(Protocol):
 
     @property
     def verdicts(self) -> Counter[str]:
-        """Verdicts on all measurements so far."""
+        """Counts of the verdicts on all measurements."""
 
 
 def counted_verdicts(estimators: Mapping[str, EstimatorProtocol]) -> dict[str, int]:
-    """What those estimators have counted that count their verdicts themselves, by estimator and verdict."""
+    """Return the verdicts of estimators that count them themselves, by estimator and verdict."""
     return {
         f"{name}.{verdict}": count
         for name, estimator in estimators.items()
@@ -97,15 +97,15 @@ def counted_verdicts(estimators: Mapping[str, EstimatorProtocol]) -> dict[str, i
 
 @cache  # a folder is listed, and every parameter that is set asks
 def known() -> tuple[str, ...]:
-    """The names of all estimators."""
+    """Return the names of all estimators."""
     found = (m.name for m in pkgutil.iter_modules(__path__))
     return tuple(sorted(name for name in found if name != KIT))
 
 
 def config_type(name: str) -> type[Record]:
-    """The record of an estimator's section, without loading its numerics where `config.py` keeps it apart.
+    """Return the record of an estimator's section, without loading numerics if there is a `config.py`.
 
-    Raises KeyError, with the known names, for any other.
+    Raises KeyError, with the known names, for an unknown estimator.
     """
     module = _module(name, "config")
     config: type[Record] = module.Config
@@ -113,24 +113,23 @@ def config_type(name: str) -> type[Record]:
 
 
 def load(name: str) -> ModuleType:
-    """The module of one estimator, with its `LISTENS` and `Estimator`.
+    """Return the module of an estimator, with its `LISTENS` and `Estimator`.
 
-    Raises KeyError, with the known names, for any other.
+    Raises KeyError, with the known names, for an unknown estimator.
     """
     return _module(name, "estimator")
 
 
 @cache
 def module_name(name: str, part: str = "estimator") -> str:
-    """The module that holds a part ("config" or "estimator") of an estimator: a file in its folder, or itself."""
+    """Return the name of the module with a part ("config" or "estimator") of an estimator."""
     whole = f"{__name__}.{name}"
     found = find_spec(whole)
     return f"{whole}.{part}" if found is not None and found.submodule_search_locations is not None else whole
 
 
 def flown_modules(name: str, section: Record) -> tuple[str, ...]:
-    """The modules that an estimator with this configuration loads by their names: its own, and those that the
-    configuration names."""
+    """Return the modules that an estimator loads by name: its own, and those that its configuration names."""
     return (module_name(name), *(section.named_modules() if isinstance(section, NamesModules) else ()))
 
 

@@ -1,7 +1,7 @@
-"""The arctangent for compiled loops: without branches, so that one instruction does it for several rows.
+"""Branch-free arctangent for compiled loops, which lets one instruction process several rows.
 
-The C library's function takes as long as the rest of a model of angles. In a loop over rows that lie side by
-side in memory, this one takes a fifth of that time. Its error is below two and a half units in the last place
+The C library's function takes as long as the rest of a model of angles. In a loop over rows that are adjacent in
+memory, this one takes a fifth of that time. Its error is below two and a half units in the last place
 (tests/unit/geometry/test_arctangent.py).
 """
 
@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-QUARTER: Final = 0.25 * np.pi
-EIGHTH_TANGENT: Final = np.sqrt(2.0) - 1.0
+DIAGONAL_ANGLE: Final = 0.25 * np.pi  # of equal coordinates
+MAX_POLYNOMIAL_RATIO: Final = np.sqrt(2.0) - 1.0  # tan(pi / 8), the end of the polynomial below
 # (arctan(t) - t) / t^3 as a polynomial in t^2, by interpolation at Chebyshev nodes of 0 <= t <= tan(pi / 8), in
 # fifty digits; its relative error is 5e-18.
 C0, C1, C2, C3, C4, C5, C6, C7, C8, C9, C10 = (
@@ -36,7 +36,7 @@ def arctan2(y, x):
     across, along = abs(y), abs(x)
     steep = across > along
     long, short = (across, along) if steep else (along, across)
-    far = short > EIGHTH_TANGENT * long  # beyond pi/8: the angle is measured from the diagonal
+    far = short > MAX_POLYNOMIAL_RATIO * long  # beyond pi/8 the angle is measured from the diagonal
     t = (short - long if far else short) / ((short + long if far else long) + (1.0 if long == 0.0 else 0.0))
     z = t * t
     rest = C10
@@ -55,4 +55,4 @@ def arctan2(y, x):
     quarters, angle = (2.0 - quarters, -angle) if steep else (quarters, angle)
     backward = np.copysign(1.0, x) < 0.0
     quarters, angle = (4.0 - quarters, -angle) if backward else (quarters, angle)
-    return np.copysign(quarters * QUARTER + angle, y)
+    return np.copysign(quarters * DIAGONAL_ANGLE + angle, y)

@@ -1,4 +1,4 @@
-"""The pinhole camera: its pose on the vehicle, and its projection.
+"""Pinhole camera: its pose on the vehicle, and its projection.
 
 Camera frame as in Oh & Johnson: X forward along the optical axis, Y right, Z down. An image point is
 (Y_c/X_c, Z_c/X_c). Multiplied by the focal length and added to the principal point it is in pixels.
@@ -19,10 +19,23 @@ Axis = Literal["roll", "pitch", "yaw"]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Camera:
-    """A camera on a vehicle. `R_bc` (3, 3) camera to body; `r_FC_b` (3,) m; intrinsics in pixels; `sigma_px` the
-    standard deviation of one image coordinate. `gimbal`: the id of the moving mount that it is on; `R_bc` is then
-    camera to the mount's head, whose angles are against `gimbal_frame`, "" where the gimbal itself says so, and
-    have the other sign about the axes of `gimbal_reversed`."""
+    """A camera on a vehicle.
+
+    Attributes
+    ----------
+    R_bc
+        Rotation (3, 3), camera to body; on a moving mount, camera to the mount's head.
+    r_FC_b
+        Position (3,) on the vehicle, m.
+    sigma_px
+        Standard deviation of one image coordinate.
+    gimbal
+        Id of the moving mount that carries the camera.
+    gimbal_frame
+        Reference of the mount's angles; "" if the mount reports it.
+    gimbal_reversed
+        Axes about which the mount's angles have the opposite sign.
+    """
 
     name: str
     f_px: float
@@ -38,7 +51,7 @@ class Camera:
     view: Edges | None = None  # the edges of its image, if its lens is known
 
     def named(self, name: str) -> "Camera":
-        """The camera of that name; this one, if no other has it."""
+        """Return the camera of that name, or this one if no other has it."""
         return next((other for other in self.others if other.name == name), self)
 
     @property
@@ -64,8 +77,11 @@ def make_camera(
     sigma_px: float = 1.0,
     gimbal: int | None = None,
 ) -> Camera:
-    """Camera from its mount: ZYX angles body to camera in degrees ([0, 15, 0] looks 15 degrees UP), offset in
-    metres, body FRD."""
+    """Create a camera from its mount.
+
+    `mount_rpy_deg` are ZYX angles, body to camera, in degrees ([0, 15, 0] looks 15 degrees UP). `mount_offset` is
+    in metres, body FRD.
+    """
     roll, pitch, yaw = np.radians(np.asarray(mount_rpy_deg, dtype=float))
     return Camera(
         name=name,
@@ -80,19 +96,19 @@ def make_camera(
 
 
 def project(r_c: ArrayLike) -> Array:
-    """Image points (..., 2) of positions (..., 3) in the camera frame; NaN for positions behind the lens."""
+    """Return image points (..., 2) of positions (..., 3) in the camera frame; NaN behind the lens."""
     r = np.asarray(r_c, dtype=float)
     x = r[..., 0:1]
     return np.asarray(np.where(x > 1e-9, r[..., 1:3] / np.where(x > 1e-9, x, 1.0), np.nan))
 
 
 def pixels_from_points(points: ArrayLike, camera: Camera) -> Array:
-    """Pixel coordinates (u right, v down, from the image's upper left corner) of image points (..., 2)."""
+    """Return pixels (u right, v down, from the image's upper left corner) of image points (..., 2)."""
     centre = np.array([camera.width_px / 2, camera.height_px / 2])
     return np.asarray(np.asarray(points, dtype=float) * camera.f_px + centre)
 
 
 def in_view(points: ArrayLike, camera: Camera) -> bool:
-    """Whether all image points (..., 2) fall inside the image."""
+    """Return whether all image points (..., 2) are inside the image."""
     p, edges = np.asarray(points, dtype=float), np.array(camera.edges)
     return bool(np.all((edges[:2] <= p) & (p <= edges[2:])))

@@ -1,4 +1,4 @@
-"""A leader carried on beyond what was seen of it: it flies on at its speed and in its turn."""
+"""Prediction of a leader at constant speed and turn rate."""
 
 import math
 from typing import Final
@@ -6,27 +6,27 @@ from typing import Final
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.geometry.path_axes import MIN_COURSE_SPEED_M_S
 
-SLOW: Final = 1.0  # m/s: a slower leader has no course to turn from
-FASTEST_TURN: Final = 0.5  # rad/s: an acceleration beyond is no turn that lasts
+MAX_TURN_RATE_RAD_S: Final = 0.5  # No aircraft keeps a faster turn.
 
 
 def turn_rate(v: Array, a: Array) -> float:
-    """The rate at which a velocity turns, rad/s, positive to the right; v, a (3,) in n. 0 where it is slow."""
+    """Return the turn rate of a velocity, rad/s, positive right; 0 at low speed. v, a (3,) in n."""
     square = float(v[0] * v[0] + v[1] * v[1])
-    if square < SLOW * SLOW:
+    if square < MIN_COURSE_SPEED_M_S * MIN_COURSE_SPEED_M_S:
         return 0.0
-    return min(max(float(v[0] * a[1] - v[1] * a[0]) / square, -FASTEST_TURN), FASTEST_TURN)
+    return min(max(float(v[0] * a[1] - v[1] * a[0]) / square, -MAX_TURN_RATE_RAD_S), MAX_TURN_RATE_RAD_S)
 
 
 def carried(r: Array, v: Array, rate: float, dt: float) -> tuple[Array, Array]:
-    """Position and velocity (3,), n, `dt` s later: on a circle at `rate`, rad/s, and straight on in height."""
+    """Return position and velocity (3,) in n after `dt` s of a level circle at `rate`, rad/s."""
     moved, rotated = turning(rate, dt)
     return r + moved @ v, rotated @ v
 
 
 def turning(rate: float, dt: float) -> tuple[Array, Array]:
-    """What takes a velocity to the way flown and to the velocity after it, (3, 3) each."""
+    """Return the matrices (3, 3) from a velocity to the displacement and to the velocity after `dt` s."""
     half = 0.5 * rate * dt
     chord = dt * float(np.sinc(half / math.pi))
     along, across = chord * math.cos(half), chord * math.sin(half)

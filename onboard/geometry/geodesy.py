@@ -1,74 +1,81 @@
-"""WGS-84: latitude, longitude and height above the ellipsoid; ECEF; and a local NED frame at an origin."""
+"""WGS-84 coordinates, ECEF, and local NED frames."""
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from onboard.arrays import Array
 
-A = 6378137.0
-F = 1 / 298.257223563
-E2 = F * (2 - F)
+WGS84_A = 6378137.0  # m
+WGS84_F = 1 / 298.257223563
+WGS84_E2 = WGS84_F * (2 - WGS84_F)
 
 
 def ecef_from_geodetic(lat_deg: float, lon_deg: float, height: float) -> Array:
-    """Position (3,) in e, m, of WGS-84 degrees and metres above the ellipsoid."""
+    """Return the position (3,) in e, m, of WGS-84 degrees and metres above the ellipsoid."""
     lat, lon = np.radians([lat_deg, lon_deg])
-    n = A / np.sqrt(1 - E2 * np.sin(lat) ** 2)
+    n = WGS84_A / np.sqrt(1 - WGS84_E2 * np.sin(lat) ** 2)
     return np.array(
         [
             (n + height) * np.cos(lat) * np.cos(lon),
             (n + height) * np.cos(lat) * np.sin(lon),
-            (n * (1 - E2) + height) * np.sin(lat),
+            (n * (1 - WGS84_E2) + height) * np.sin(lat),
         ]
     )
 
 
 def geodetic_from_ecef(r_e: ArrayLike) -> tuple[float, float, float]:
-    """(lat_deg, lon_deg, height m) of r_e (3,): Bowring's start and three Newton-like sweeps, exact to
-    nanometres from the Earth's surface to orbit; at the poles the longitude is 0 by convention."""
+    """Return (lat_deg, lon_deg, height m) of r_e (3,).
+
+    Bowring's start and three Newton-like sweeps are exact to nanometres from the Earth's surface to orbit. At the
+    poles the longitude is 0 by convention.
+    """
     x, y, z = np.asarray(r_e, dtype=float)
     p = float(np.hypot(x, y))
-    b = A * (1 - F)
-    theta = np.arctan2(z * A, p * b)
+    b = WGS84_A * (1 - WGS84_F)
+    theta = np.arctan2(z * WGS84_A, p * b)
     for _ in range(3):
-        lat = np.arctan2(z + E2 / (1 - F) ** 2 * b * np.sin(theta) ** 3, p - E2 * A * np.cos(theta) ** 3)
-        theta = np.arctan2((1 - F) * np.sin(lat), np.cos(lat))
-    n = A / np.sqrt(1 - E2 * np.sin(lat) ** 2)
-    # of two formulas for the height, the one whose divisor does not vanish here
-    height = p / np.cos(lat) - n if abs(lat) < np.pi / 4 else z / np.sin(lat) - n * (1 - E2)
+        lat = np.arctan2(
+            z + WGS84_E2 / (1 - WGS84_F) ** 2 * b * np.sin(theta) ** 3, p - WGS84_E2 * WGS84_A * np.cos(theta) ** 3
+        )
+        theta = np.arctan2((1 - WGS84_F) * np.sin(lat), np.cos(lat))
+    n = WGS84_A / np.sqrt(1 - WGS84_E2 * np.sin(lat) ** 2)
+    # Of two formulas for the height, use the one whose divisor does not vanish here.
+    height = p / np.cos(lat) - n if abs(lat) < np.pi / 4 else z / np.sin(lat) - n * (1 - WGS84_E2)
     return float(np.degrees(lat)), float(np.degrees(np.arctan2(y, x))), float(height)
 
 
 def geodetic_rows(r_e: Array) -> Array:
-    """(lat_deg, lon_deg, height m), (k, 3), of r_e (k, 3): `geodetic_from_ecef` over rows."""
+    """Return (lat_deg, lon_deg, height m), (k, 3), of r_e (k, 3), as `geodetic_from_ecef`."""
     x, y, z = r_e.T
     p = np.hypot(x, y)
-    b = A * (1 - F)
-    theta = np.arctan2(z * A, p * b)
+    b = WGS84_A * (1 - WGS84_F)
+    theta = np.arctan2(z * WGS84_A, p * b)
     for _ in range(3):
-        lat = np.arctan2(z + E2 / (1 - F) ** 2 * b * np.sin(theta) ** 3, p - E2 * A * np.cos(theta) ** 3)
-        theta = np.arctan2((1 - F) * np.sin(lat), np.cos(lat))
+        lat = np.arctan2(
+            z + WGS84_E2 / (1 - WGS84_F) ** 2 * b * np.sin(theta) ** 3, p - WGS84_E2 * WGS84_A * np.cos(theta) ** 3
+        )
+        theta = np.arctan2((1 - WGS84_F) * np.sin(lat), np.cos(lat))
     sine, cosine = np.sin(lat), np.cos(lat)
-    n = A / np.sqrt(1 - E2 * sine**2)
+    n = WGS84_A / np.sqrt(1 - WGS84_E2 * sine**2)
     low = np.abs(lat) < np.pi / 4
-    height = np.where(low, p / np.where(low, cosine, 1) - n, z / np.where(low, 1, sine) - n * (1 - E2))
+    height = np.where(low, p / np.where(low, cosine, 1) - n, z / np.where(low, 1, sine) - n * (1 - WGS84_E2))
     return np.stack([np.degrees(lat), np.degrees(np.arctan2(y, x)), height], axis=1)
 
 
 def rotation_ne(lat_deg: float, lon_deg: float) -> Array:
-    """R_ne (3, 3): components in e into components in NED at that latitude and longitude."""
+    """Return R_ne (3, 3) from components in e to NED at that latitude and longitude."""
     lat, lon = np.radians([lat_deg, lon_deg])
     sl, cl, so, co = np.sin(lat), np.cos(lat), np.sin(lon), np.cos(lon)
     return np.array([[-sl * co, -sl * so, cl], [-so, co, 0.0], [-cl * co, -cl * so, -sl]])
 
 
 def ned_from_geodetic(geodetic: tuple[float, float, float], origin: tuple[float, float, float]) -> Array:
-    """r_OP_n (3,), m, of a point and an origin, both (lat_deg, lon_deg, height)."""
+    """Return r_OP_n (3,), m, of a point from an origin, both (lat_deg, lon_deg, height)."""
     difference = ecef_from_geodetic(*geodetic) - ecef_from_geodetic(*origin)
     return np.asarray(rotation_ne(origin[0], origin[1]) @ difference)
 
 
 def geodetic_from_ned(r_OP_n: ArrayLike, origin: tuple[float, float, float]) -> tuple[float, float, float]:
-    """(lat_deg, lon_deg, height) of a point at r_OP_n (3,), m, from an origin (lat_deg, lon_deg, height)."""
+    """Return (lat_deg, lon_deg, height) of a point at r_OP_n (3,), m, from an origin in the same form."""
     r_e = ecef_from_geodetic(*origin) + rotation_ne(origin[0], origin[1]).T @ np.asarray(r_OP_n, dtype=float)
     return geodetic_from_ecef(r_e)

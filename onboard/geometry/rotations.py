@@ -11,12 +11,12 @@ from onboard.arrays import Array
 
 
 def wrap_angle(angle: ArrayLike) -> Array:
-    """Angle(s) in [-pi, pi)."""
+    """Wrap angles to [-pi, pi)."""
     return (np.asarray(angle, dtype=float) + np.pi) % (2 * np.pi) - np.pi
 
 
 def matrix_from_quaternion(q_nb: ArrayLike) -> Array:
-    """R_nb (..., 3, 3) from q_nb (..., 4); q need not be exactly of unit length, only not zero."""
+    """Return R_nb (..., 3, 3) of q_nb (..., 4), which need not be of unit length, but not zero."""
     q = np.asarray(q_nb, dtype=float)
     if q.ndim == 1:
         return matrix_of(q.tolist())
@@ -24,7 +24,7 @@ def matrix_from_quaternion(q_nb: ArrayLike) -> Array:
 
 
 def matrix_of(q_nb: Sequence[float]) -> Array:
-    """The same of one quaternion in plain numbers, which are many times faster."""
+    """Return R_nb (3, 3) of one quaternion of plain numbers, which is many times faster."""
     return np.array(_rows(*q_nb))
 
 
@@ -38,7 +38,7 @@ def _rows(w: Any, x: Any, y: Any, z: Any) -> list[list[Any]]:
 
 
 def quaternion_from_matrix(R_nb: ArrayLike) -> Array:
-    """q_nb (4,) with non-negative scalar part from R_nb (3, 3), by Shepperd's method (largest pivot)."""
+    """Return q_nb (4,) with non-negative scalar part of R_nb (3, 3), by Shepperd's method (largest pivot)."""
     # in plain numbers, which are many times faster
     (a, b, c), (d, e, f), (g, h, i) = np.asarray(R_nb, dtype=float).tolist()
     diagonal = [a + e + i, a - e - i, e - a - i, i - a - e]
@@ -57,7 +57,7 @@ def quaternion_from_matrix(R_nb: ArrayLike) -> Array:
 
 
 def quaternion_from_euler(roll: float, pitch: float, yaw: float) -> Array:
-    """q_nb (4,) of the ZYX sequence: yaw about down, then pitch, then roll."""
+    """Return q_nb (4,) of the ZYX sequence: yaw about down, then pitch, then roll."""
     cr, sr = np.cos(roll / 2), np.sin(roll / 2)
     cp, sp = np.cos(pitch / 2), np.sin(pitch / 2)
     cy, sy = np.cos(yaw / 2), np.sin(yaw / 2)
@@ -72,7 +72,7 @@ def quaternion_from_euler(roll: float, pitch: float, yaw: float) -> Array:
 
 
 def euler_from_quaternion(q_nb: ArrayLike) -> tuple[float, float, float]:
-    """(roll, pitch, yaw) of q_nb; pitch in [-pi/2, pi/2]."""
+    """Return (roll, pitch, yaw) of q_nb; pitch in [-pi/2, pi/2]."""
     m = matrix_from_quaternion(q_nb)
     roll = float(np.arctan2(m[2, 1], m[2, 2]))
     pitch = float(np.arcsin(np.clip(-m[2, 0], -1.0, 1.0)))
@@ -81,12 +81,12 @@ def euler_from_quaternion(q_nb: ArrayLike) -> tuple[float, float, float]:
 
 
 def matrix_from_euler(roll: float, pitch: float, yaw: float) -> Array:
-    """R_nb (3, 3) of the ZYX sequence."""
+    """Return R_nb (3, 3) of the ZYX sequence."""
     return matrix_from_quaternion(quaternion_from_euler(roll, pitch, yaw))
 
 
 def quaternion_product(p: ArrayLike, q: ArrayLike) -> Array:
-    """Hamilton product: q_ac = quaternion_product(q_ab, q_bc). Shapes (4,)."""
+    """Return the Hamilton product (4,): q_ac = quaternion_product(q_ab, q_bc)."""
     pw, px, py, pz = np.asarray(p, dtype=float)
     qw, qx, qy, qz = np.asarray(q, dtype=float)
     return np.array(
@@ -100,7 +100,7 @@ def quaternion_product(p: ArrayLike, q: ArrayLike) -> Array:
 
 
 def quaternion_from_vector(phi: ArrayLike) -> Array:
-    """Rotation by |phi| radians about phi (3,)."""
+    """Return the quaternion (4,) of a rotation by |phi| radians about phi (3,)."""
     phi = np.asarray(phi, dtype=float)
     angle = float(np.linalg.norm(phi))
     # sin(x/2)/x tends to 1/2: exact to double precision below 1e-8
@@ -109,8 +109,7 @@ def quaternion_from_vector(phi: ArrayLike) -> Array:
 
 
 def vector_from_quaternion(q: ArrayLike) -> Array:
-    """The rotation vector (3,) rad of a unit quaternion (4,), of length at most pi: the inverse of
-    `quaternion_from_vector`."""
+    """Return the rotation vector (3,), rad, of a unit quaternion (4,); its length is at most pi."""
     w, *vector = np.asarray(q, dtype=float) * (-1.0 if np.asarray(q)[0] < 0 else 1.0)
     sine = float(np.linalg.norm(vector))
     # angle / sin(angle / 2) tends to 2: exact to double precision below 1e-8
@@ -119,7 +118,7 @@ def vector_from_quaternion(q: ArrayLike) -> Array:
 
 
 def slerp(q0: ArrayLike, q1: ArrayLike, fraction: float) -> Array:
-    """The quaternion at a `fraction` of the shorter great circle from q0 to q1; shapes (4,)."""
+    """Return the quaternion (4,) at a `fraction` of the shorter great circle from q0 to q1."""
     a, b = np.asarray(q0, dtype=float), np.asarray(q1, dtype=float)
     cosine = float(a @ b)
     if cosine < 0:

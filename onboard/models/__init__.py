@@ -1,1 +1,1 @@
-"""Models: what moves and what is seen, as functions over rows of states."""
+"""Models of motion and of measurements, as functions over rows of states."""

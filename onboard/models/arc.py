@@ -8,10 +8,11 @@ from onboard.filters.compiled import ROWS, VECTOR
 
 
 def first_approach(rows: Array, v_F: Array, horizon: float) -> Array:
-    """Time (s), distance (m) and vector (3) of the first closest approach, (k, 5), at most `horizon` s ahead.
+    """Return time (s), distance (m) and vector (3) of the first closest approach, (k, 5).
 
-    Rows (k, 7) are the other's position and velocity relative to us and its turn rate (rad/s, to the right); v_F
-    (3,) is our velocity, n. Searched: the first zero of the squared distance's slope, by steps, then by bisection.
+    `rows` (k, 7) are the other's position and velocity relative to us, and its turn rate (rad/s, positive right).
+    v_F (3,) is our velocity in n. The first zero of the squared distance's slope, at most `horizon` s ahead, is
+    searched in steps, and then by bisection.
     """
     found: Array = _first_approach(rows, v_F, horizon)
     return found

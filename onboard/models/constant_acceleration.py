@@ -1,11 +1,11 @@
-"""A target of constant acceleration, in any Cartesian frame: the continuous Wiener process acceleration model.
+"""Target with constant acceleration: the continuous Wiener process acceleration model.
 
-State rows by axis: [x, vx, ax, y, vy, ay, z, vz, az], SI; east, north, up at a radar, or ECEF. Its noise is
-`filters.discretisation.wiener_acceleration(dt, q, by_axis=True)`.
+State rows by axis: [x, vx, ax, y, vy, ay, z, vz, az], SI, in any Cartesian frame: east, north, up at a radar, or
+ECEF. The process noise is `filters.discretisation.wiener_acceleration(dt, q, by_axis=True)`.
 
 De Vivo et al. eqs 33-34, Varaprasad et al. eqs 19-20, Lazarov et al. eqs 8-14 (there ordered by derivative).
 Errata: eq 34 prints t^3/6 for entry (2, 2), and eq 14 t^5/20 for all variances of an axis; both are indefinite.
-It is t^3/3, and t^5/20, t^3/3, t.
+They are t^3/3, and t^5/20, t^3/3, t.
 """
 
 from typing import Final
@@ -16,7 +16,7 @@ from numba import njit, types
 from onboard.arrays import Array
 from onboard.filters.compiled import FILLING, signatures
 
-N: Final = 9
+STATE_SIZE: Final = 9
 POSITION: Final = (0, 3, 6)
 VELOCITY: Final = (1, 4, 7)
 ACCELERATION: Final = (2, 5, 8)
@@ -25,8 +25,8 @@ UNITS: Final = ("m", "m/s", "m/s^2") * 3
 
 
 def process(rows: Array, dt: float) -> Array:
-    """State rows (k, 9) after `dt` seconds, in the precision of the rows."""
-    after = np.empty(rows.shape, rows.dtype)  # made here: returning it from machine code takes longer
+    """Return state rows (k, 9) after `dt` seconds, in the precision of the rows."""
+    after = np.empty(rows.shape, rows.dtype)  # faster than an array from machine code
     _process(rows, dt, after)
     return after
 

@@ -1,8 +1,8 @@
-"""A target that turns at a constant rate and speed in a plane: the coordinated turn (Bar-Shalom, Li & Kirubarajan
-2001, section 11.7), with the rate among its states.
+"""Target that turns at a constant rate and speed in a plane: the coordinated turn.
 
 State rows [x, y, vx, vy, rate], m, m/s and rad/s, in any frame whose third axis is normal to the plane; the rate
-is positive from x to y. It is exact, and without a singularity where the rate is zero.
+is positive from x to y. The solution is exact, and has no singularity at a rate of zero. Bar-Shalom, Li &
+Kirubarajan 2001, section 11.7.
 """
 
 from typing import Any, Final
@@ -12,13 +12,16 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.filters.discretisation import white_acceleration
 
-N: Final = 5
+STATE_SIZE: Final = 5
 COMPONENTS: Final = ("x", "y", "vx", "vy", "rate")
 UNITS: Final = ("m", "m", "m/s", "m/s", "rad/s")
 
 
 def process(rows: Array, dt: float) -> Array:
-    """State rows (k, 5) after `dt` seconds, in the precision of the rows; they may be integers or complex."""
+    """Return state rows (k, 5) after `dt` seconds, in the precision of the rows.
+
+    The rows may be integers or complex.
+    """
     x, y, vx, vy, rate = rows.T
     half = (0.5 * dt) * rate
     chord = dt * np.sinc(half / np.pi)  # of the circle, over the speed
@@ -37,12 +40,21 @@ def process(rows: Array, dt: float) -> Array:
 
 
 def noise(dt: float, q_acceleration: float, q_rate: float) -> Array:
-    """Process noise (5, 5) of a step of `dt` seconds: white acceleration of density `q_acceleration`,
-    (m/s^2)^2/Hz, on each axis, and a random walk of the rate, (rad/s)^2/s.
+    """Return the process noise (5, 5) of a step of `dt` seconds.
 
-    Raises FilterError.
+    Parameters
+    ----------
+    q_acceleration
+        Density of the white acceleration on each axis, (m/s^2)^2/Hz.
+    q_rate
+        Density of the random walk of the rate, (rad/s)^2/s.
+
+    Raises
+    ------
+    FilterError
+        If an argument is not a finite number that is at least zero.
     """
-    Q: Any = np.zeros((N, N))
+    Q: Any = np.zeros((STATE_SIZE, STATE_SIZE))
     Q[:4, :4] = white_acceleration(dt, q_acceleration, axes=2).Q
     Q[4, 4] = q_rate * dt
     return np.asarray(Q)

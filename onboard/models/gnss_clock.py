@@ -1,6 +1,7 @@
-"""The variable-turn target in ECEF, with its receiver's clock: De Vivo et al. eqs 47-49.
+"""Variable-turn target in ECEF with the clock of its receiver: De Vivo et al. eqs 47-49.
 
 State rows (k, 11): those of `variable_turn` in e, then the clock's error and its drift, in m and m/s of range.
+
 Erratum: eq 49 lacks the blocks of the z axis and of the clock.
 """
 
@@ -12,7 +13,7 @@ from onboard.arrays import Array
 from onboard.filters.discretisation import white_acceleration
 from onboard.models import variable_turn
 
-N: Final = 11
+STATE_SIZE: Final = 11
 POSITION: Final = variable_turn.POSITION
 VELOCITY: Final = variable_turn.VELOCITY
 ACCELERATION: Final = variable_turn.ACCELERATION
@@ -21,19 +22,19 @@ UNITS: Final = (*variable_turn.UNITS, "m", "m/s")
 
 
 def process(rows: Array, dt: float) -> Array:
-    """State rows (k, 11) after `dt` seconds without noise: the clock's error grows by its drift."""
+    """Return state rows (k, 11) after `dt` seconds without noise; the clock's error grows by its drift."""
     after = variable_turn.process(rows, dt)
     after[:, 9] += dt * rows[:, 10]
     return after
 
 
 def noise(mean: Array, dt: float, q: Any = 1.0, clock: float = 0.0, drift: float = 0.0) -> Array:
-    """Process noise (..., 11, 11) of a step about states (..., 11). `q` as in `variable_turn.noise`; densities of
-    the random walks of the clock's error, m^2/s, and of its drift, (m/s)^2/s (the paper has the second only).
+    """Return the process noise (..., 11, 11) of a step about states (..., 11).
 
-    Raises FilterError.
+    `q` is as in `variable_turn.noise`. `clock` and `drift` are densities of random walks, of the clock's error,
+    m^2/s, and of its drift, (m/s)^2/s; the paper has only the second. Raises FilterError.
     """
-    Q = np.zeros((*mean.shape[:-1], N, N))
+    Q = np.zeros((*mean.shape[:-1], STATE_SIZE, STATE_SIZE))
     Q[..., :9, :9] = variable_turn.noise(mean, dt, q)
     Q[..., 9:, 9:] = white_acceleration(dt, drift, axes=1).Q
     Q[..., 9, 9] += clock * dt

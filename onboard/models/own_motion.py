@@ -1,16 +1,14 @@
-"""Our own vehicle's motion: the quadrotor of `models.quadrotor`, extended for flight. Sixteen states,
+"""Motion of our own vehicle: the quadrotor of `models.quadrotor`, extended for flight.
 
+The sixteen states are the twelve of Al-Shabi, Gadsden & Wilkerson, three of disturbance, and a barometer's offset:
     [x, xd, y, yd, z, zd, phi, p, theta, q, psi, r, dx, dy, dz, h]
+The disturbance is subtracted, in b, from the specific force that drives the model (the accelerometer's bias;
+without lateral accelerometers, gusts). The offset is the barometer's altitude minus -z, m.
 
-the twelve of Al-Shabi, Gadsden & Wilkerson; three of disturbance, to be subtracted, in b, from the specific force
-that drives the model (the accelerometer's bias; without lateral accelerometers, gusts); and a barometer's offset:
-how much higher than -z its altitude is, m.
-
-The paper's equations hold but for two things. The thrust is not computed from commands: the specific force is an
-input in all three axes, so that -m f_z is the thrust and m f_x, m f_y are all other forces. And the Euler angles
-(ZYX) are those of R_ab, not of R_nb. The reference frame a is fixed in n and moved to the vehicle's attitude
-whenever an angle exceeds `LARGEST`. With R_na R_ab in place of R_nb the same equations hold, theta never comes
-near 90 degrees, and yaw never near its wrap.
+Two things differ from the paper. The specific force is an input in all three axes, so that -m f_z is the thrust
+and m f_x, m f_y are all other forces; the thrust is not computed from commands. And the Euler angles (ZYX) are
+those of R_ab. The reference frame a is fixed in n and moved to the vehicle's attitude whenever an angle exceeds
+`MAX_REFERENCE_ANGLE`, so that theta stays away from 90 degrees, and yaw from its wrap.
 """
 
 from typing import Final
@@ -22,26 +20,27 @@ from onboard.arrays import Array
 from onboard.filters.compiled import CUBE, ROWS, VECTOR
 from onboard.models.quadrotor import ATTITUDE, POSITION, RATES, VELOCITY
 
-N: Final = 16
+STATE_SIZE: Final = 16
 DISTURBANCE: Final = (12, 13, 14)
 OFFSET: Final = 15
 GRAVITY: Final = 9.80665
-LARGEST: Final = 0.5  # rad
+MAX_REFERENCE_ANGLE: Final = 0.5  # rad; beyond it the reference frame a is moved
 COMPONENTS: Final[tuple[str, ...]] = (
     *("r_north", "r_east", "r_down", "v_north", "v_east", "v_down"),
     *("roll", "pitch", "yaw", "p", "q", "r"),
 )
 UNITS: Final[tuple[str, ...]] = (*("m",) * 3, *("m/s",) * 3, *("rad",) * 3, *("rad/s",) * 3)
-# The states that are published, in the order of COMPONENTS.
+# Indices of the published states, in the order of COMPONENTS.
 NAVIGATION: Final[tuple[int, ...]] = (*POSITION, *VELOCITY, *ATTITUDE, *RATES)
 
 
 @njit((ROWS, types.float64, VECTOR, VECTOR, ROWS, VECTOR, types.float64), cache=True, error_model="numpy")
 def process(rows, dt, f_b, omega_dot, R_na, inertia, fading):
-    """State rows (k, 16) after `dt` seconds of specific force f_b (3,) and angular acceleration by the motors
-    `omega_dot` (3,), with a's attitude R_na (3, 3) and the moments of inertia (3,). Disturbances fade at the rate
-    `fading` (1/s). Midpoint rule for attitude and velocity: a step's error is below 1e-4 rad at 3 rad/s and
-    100 Hz.
+    """Return state rows (k, 16) after `dt` seconds, by the midpoint rule for attitude and velocity.
+
+    The inputs are the specific force f_b (3,), the angular acceleration by the motors `omega_dot` (3,), the
+    reference frame R_na (3, 3) and the moments of inertia (3,). Disturbances decay at the rate `fading` (1/s). The
+    error of a step is below 1e-4 rad at 3 rad/s and 100 Hz.
     """
     after = np.empty(rows.shape)
     for s in range(rows.shape[0]):
@@ -81,7 +80,7 @@ def process(rows, dt, f_b, omega_dot, R_na, inertia, fading):
 
 @njit((ROWS,), cache=True, error_model="numpy")
 def rotations(rows):
-    """R_ab (k, 3, 3) of rows (k, 16)."""
+    """Return R_ab (k, 3, 3) of rows (k, 16)."""
     R = np.empty((rows.shape[0], 3, 3))
     for s in range(rows.shape[0]):
         c_phi, s_phi = np.cos(rows[s, 6]), np.sin(rows[s, 6])
@@ -101,7 +100,7 @@ def rotations(rows):
 
 @njit((CUBE,), cache=True, error_model="numpy")
 def angles(R):
-    """ZYX Euler angles (k, 3) of rotations (k, 3, 3)."""
+    """Return ZYX Euler angles (k, 3) of rotations (k, 3, 3)."""
     found = np.empty((R.shape[0], 3))
     for s in range(R.shape[0]):
         found[s, 0] = np.arctan2(R[s, 2, 1], R[s, 2, 2])
@@ -111,7 +110,7 @@ def angles(R):
 
 
 def change_reference(rows: Array, R_ca: Array) -> Array:
-    """The same states (k, 16) with the angles of R_cb, for another reference frame c, instead of R_ab."""
+    """Return the same states (k, 16) with the angles of R_cb, for another reference frame c."""
     after = rows.copy()
     after[:, list(ATTITUDE)] = angles(R_ca @ rotations(rows))
     return after
@@ -119,8 +118,10 @@ def change_reference(rows: Array, R_ca: Array) -> Array:
 
 @njit((ROWS, VECTOR), cache=True, error_model="numpy")
 def navigation_covariance(covariance, mean):
-    """Covariance (12, 12) of [r, v, attitude error (a rotation vector in b, rad), rates] from that of the states
-    (16, 16), whose mean is (16,)."""
+    """Return the covariance (12, 12) of [r, v, attitude error, rates] from that of the states (16, 16).
+
+    The attitude error is a rotation vector in b, rad. `mean` (16,) is the mean of the states.
+    """
     P = np.empty((12, 12))
     for i in range(12):
         for j in range(12):

@@ -1,7 +1,7 @@
-"""Measurements of a GNSS receiver: pseudoranges and pseudorange rates. De Vivo et al. eqs 50-51, appendix B.
+"""Pseudoranges and pseudorange rates of a GNSS receiver. De Vivo et al. eqs 50-51, appendix B.
 
 State rows as in `gnss_clock`, in e. Satellites are given as the receiver computes them from the broadcast orbits:
-their positions and velocities in e at the time of reception, Sagnac effect and satellite clocks removed.
+positions and velocities in e at the time of reception, Sagnac effect and satellite clocks removed.
 
 Errata: with d = xi_s - xi, appendix B's derivative of the rate by the position is -d_dot / R + R_dot d / R^2; it
 prints -d / R + R_dot d / R^2 (for R_dot as in eq 51). Its columns for velocities and accelerations are those of a
@@ -20,13 +20,13 @@ SIGNATURE: Final = (ROWS, ROWS, ROWS)
 
 
 def measure(rows: Array, position: Array, velocity: Array) -> Array:
-    """Pseudoranges, m, then rates, m/s: (k, 2 s) of state rows (k, 11), for satellites (s, 3) in e."""
+    """Return pseudoranges, m, then rates, m/s, (k, 2 s), of state rows (k, 11) and satellites (s, 3) in e."""
     ranges: Array = _measure(rows, position, velocity)
     return ranges
 
 
 def jacobian(rows: Array, position: Array, velocity: Array) -> Array:
-    """Derivatives (k, 2 s, 11) of `measure`."""
+    """Return the derivatives (k, 2 s, 11) of `measure`."""
     slope: Array = _jacobian(rows, position, velocity)
     return slope
 

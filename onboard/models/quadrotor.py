@@ -1,4 +1,4 @@
-"""A quadrotor with twelve states: Al-Shabi, Gadsden & Wilkerson, section 4.
+"""Quadrotor with twelve states: Al-Shabi, Gadsden & Wilkerson, section 4.
 
 State rows: [x, xd, y, yd, z, zd, phi, p, theta, q, psi, r], local NED, ZYX Euler angles, body rates, SI.
 Inputs: [u, d_roll, d_pitch, d_yaw]: thrust along -z of the body in N, two differential thrusts in N, a torque in
@@ -18,7 +18,7 @@ from onboard.arrays import Array
 from onboard.filters.belief import FilterError
 from onboard.filters.compiled import ROWS
 
-N: Final = 12
+STATE_SIZE: Final = 12
 POSITION: Final = (0, 2, 4)
 VELOCITY: Final = (1, 3, 5)
 ATTITUDE: Final = (6, 8, 10)
@@ -31,8 +31,21 @@ MEASUREMENT_NOISE.flags.writeable = False
 
 
 class Airframe(NamedTuple):
-    """Mass (kg), moments of inertia of the craft and of a rotor `Ir` (kg m^2), arm (m), gravity (m/s^2), and the
-    rotors' net speed (rad/s), whose gyroscopic torque is small and unknown."""
+    """Constants of a quadrotor.
+
+    Attributes
+    ----------
+    mass
+        kg.
+    Ixx, Iyy, Izz, Ir
+        Moments of inertia of the craft and of a rotor, kg m^2.
+    arm
+        Distance of a rotor from the center, m.
+    gravity
+        m/s^2.
+    rotor_speed
+        Net speed of the rotors, rad/s; their gyroscopic torque is small and unknown.
+    """
 
     mass: float = 0.468
     Ixx: float = 4.856e-3
@@ -48,13 +61,18 @@ PARAMETERS: Final = types.UniTuple(types.float64, len(Airframe._fields))  # type
 
 
 def process(rows: Array, inputs: Array, dt: float, airframe: Airframe = Airframe()) -> Array:  # noqa: B008 - immutable
-    """State rows (k, 12) after `dt` seconds of constant `inputs`: one explicit Euler step, as the paper's discrete
-    model. `inputs` are (4,), or (B, 4) for k a multiple of B: then rows come in B equal runs, as a batch's do.
+    """Return state rows (k, 12) after `dt` seconds of constant `inputs`.
 
-    Raises FilterError.
+    One explicit Euler step, as in the paper. `inputs` are (4,), or (B, 4) for k a multiple of B: rows then come in
+    B equal runs, one for each filter of a batch. Raises FilterError.
     """
     table = np.atleast_2d(inputs)
-    if rows.ndim != 2 or rows.shape[1] != N or table.shape[1] != len(INPUTS) or rows.shape[0] % len(table):
+    if (
+        rows.ndim != 2
+        or rows.shape[1] != STATE_SIZE
+        or table.shape[1] != len(INPUTS)
+        or rows.shape[0] % len(table)
+    ):
         raise FilterError(f"rows, inputs: must be (k, 12) and (4,) or (B, 4), not {rows.shape} and {inputs.shape}")
     if not (dt > 0 and np.isfinite(dt)):
         raise FilterError(f"dt: must be positive, not {dt}")

@@ -1,4 +1,4 @@
-"""Echoes at a radar at the origin of a local frame: range, azimuth and elevation. De Vivo et al. eqs 35-37.
+"""Echoes at a radar at the origin of a local frame: range, azimuth, elevation. De Vivo et al. eqs 35-37.
 
 The frame is east, north, up at the radar; rows begin like those of `constant_acceleration`. Azimuth is clockwise
 from north (y), elevation positive up. Erratum: eq 36 prints arctan(x / y), which folds; it is atan2(x, y).
@@ -13,27 +13,30 @@ from onboard.arrays import Array
 from onboard.filters.compiled import FILLING, signatures
 from onboard.geometry.arctangent import arctan2
 
-M: Final = 3
+MEASUREMENT_SIZE: Final = 3
 COMPONENTS: Final = ("range", "azimuth", "elevation")
 UNITS: Final = ("m", "rad", "rad")
 ANGULAR: Final = (1, 2)
 
 
 def measure(rows: Array) -> Array:
-    """Range (m), azimuth and elevation (rad), (k, 3), of state rows (k, 9 or more), in the rows' precision."""
-    polar = np.empty((M, len(rows)), rows.dtype)  # made here: returning it from machine code takes longer
+    """Return range (m), azimuth and elevation (rad), (k, 3), of state rows (k, 9 or more).
+
+    The result has the precision of the rows.
+    """
+    polar = np.empty((MEASUREMENT_SIZE, len(rows)), rows.dtype)  # faster than an array from machine code
     _measure(rows, polar)
     return polar.T
 
 
 def jacobian(rows: Array) -> Array:
-    """Derivatives (k, 3, n) of `measure`: eq 37. Infinite or NaN straight above the radar."""
+    """Return the derivatives (k, 3, n) of `measure`: eq 37. Infinite or NaN straight above the radar."""
     slope: Array = _jacobian(rows)
     return slope
 
 
 def cartesian(polar: Array) -> Array:
-    """Positions (..., 3), east, north, up, of measurements (..., 3)."""
+    """Return positions (..., 3), east, north, up, of measurements (..., 3)."""
     r, azimuth, elevation = polar[..., 0], polar[..., 1], polar[..., 2]
     level = r * np.cos(elevation)
     return np.stack([level * np.sin(azimuth), level * np.cos(azimuth), r * np.sin(elevation)], axis=-1)
@@ -41,7 +44,7 @@ def cartesian(polar: Array) -> Array:
 
 @njit(**FILLING)
 def _to_polar(first, second, third):
-    """Range, azimuth and elevation in place of x, y and z."""
+    """Replace x, y and z by range, azimuth and elevation."""
     for s in range(first.shape[0]):
         x, y, z = first[s], second[s], third[s]
         level2 = x * x + y * y
@@ -52,7 +55,7 @@ def _to_polar(first, second, third):
 
 @njit(signatures(2, "out"), **FILLING)
 def _measure(rows, polar):
-    """Each component by itself: the compiler makes one instruction of several rows' roots and arctangents."""
+    """Process one component at a time, so that roots and arctangents of several rows become one instruction."""
     for i in range(3):
         for s in range(rows.shape[0]):
             polar[i, s] = rows[s, 3 * i]

@@ -1,12 +1,9 @@
-"""A target that turns and changes speed: acceleration as a second-order Markov process whose coefficients depend
-on the state. De Vivo et al. eqs 38-44 (after Li & Jilkov 2003).
+"""Target that turns and changes speed: a second-order Markov acceleration with state-dependent coefficients.
 
 State rows by axis, as in `constant_acceleration`: [x, vx, ax, y, ...] in an inertial frame, or in one that turns
-slowly enough (ECEF over minutes). The equation is
-
+slowly enough (ECEF over minutes). De Vivo et al. eqs 38-44 (after Li & Jilkov 2003):
     a_dot = -2 alpha a - (2 alpha^2 + omega^2) v + noise,  omega = |v x a| / |v|^2,  alpha = -v.a / |v|^2
-
-It is exact for a steady turn (alpha = 0) and for a steady change of speed along a line (omega = 0).
+The model is exact for a steady turn (alpha = 0) and for a steady change of speed along a line (omega = 0).
 
 Errata: alpha is printed with the denominator |a|^2, which gives no rate (1/s) and grows without bound in straight
 flight. The matrix of eq 43 agrees with eq 42 only for omega_c^2 = alpha^2 + omega^2; printed is omega_c = alpha^2
@@ -23,45 +20,66 @@ from onboard.arrays import Array
 from onboard.filters.belief import FilterError
 from onboard.filters.compiled import ROWS, VECTOR
 from onboard.filters.discretisation import van_loan
-from onboard.models.constant_acceleration import ACCELERATION, COMPONENTS, POSITION, UNITS, VELOCITY, N
+from onboard.models.constant_acceleration import ACCELERATION, COMPONENTS, POSITION, STATE_SIZE, UNITS, VELOCITY
 
-__all__ = ["ACCELERATION", "COMPONENTS", "POSITION", "UNITS", "VELOCITY", "N", "coefficients", "noise", "process"]
+__all__ = [
+    "ACCELERATION",
+    "COMPONENTS",
+    "POSITION",
+    "STATE_SIZE",
+    "UNITS",
+    "VELOCITY",
+    "coefficients",
+    "noise",
+    "process",
+]
 
-SHORT: Final = 0.5  # rad: the series of `_noise` end where a step turns less than this, or decays less
-GAUSS: Final = np.polynomial.legendre.leggauss(8)
-NODES: Final = 0.5 * GAUSS[0]  # of the interval [-1/2, 1/2]
-WEIGHTS: Final = 0.5 * GAUSS[1]
-SLOW: Final = 1.0  # m/s, added in squares to the speed: a hovering target has no direction to turn from
+MAX_SERIES_ANGLE: Final = 0.5  # rad; the series of `_noise` are used for smaller turns and decays
+GAUSS_RULE: Final = np.polynomial.legendre.leggauss(8)
+GAUSS_NODES: Final = 0.5 * GAUSS_RULE[0]  # interval [-1/2, 1/2]
+GAUSS_WEIGHTS: Final = 0.5 * GAUSS_RULE[1]
+SPEED_REGULARISATION_M_S: Final = 1.0  # Its square is added to the squared speed: a hovering target has no course.
 
 
 def process(rows: Array, dt: float) -> Array:
-    """State rows (k, n) after `dt` seconds without noise, one step of RK4 of the first nine states; rows may hold
-    more, which stay as they are."""
+    """Return state rows (k, n) after `dt` seconds without noise, by one step of RK4 of the first nine states.
+
+    Further states do not change.
+    """
     after: Array = _process(rows, float(dt))
     return after
 
 
 def coefficients(mean: Array) -> tuple[Array, Array]:
-    """alpha (...,) and omega (...,), 1/s, of states (..., n >= 9)."""
+    """Return alpha (...,) and omega (...,), 1/s, of states (..., n >= 9)."""
     v, a = mean[..., VELOCITY], mean[..., ACCELERATION]
-    speed2 = np.sum(v * v, axis=-1) + SLOW * SLOW
+    speed2 = np.sum(v * v, axis=-1) + SPEED_REGULARISATION_M_S * SPEED_REGULARISATION_M_S
     return -np.sum(v * a, axis=-1) / speed2, np.linalg.norm(np.cross(v, a), axis=-1) / speed2
 
 
 def noise(mean: Array, dt: float, q: Any = 1.0) -> Array:
-    """Process noise (..., 9, 9) of a step about states (..., n >= 9), with the coefficients held over it (eq 44):
-    white noise of density `q`, (m/s^3)^2/Hz, one number or one for each axis, on the acceleration's derivative.
+    """Return the process noise (..., 9, 9) of a step about states (..., n >= 9): eq 44.
 
-    Raises FilterError.
+    The coefficients are constant over the step.
+
+    Parameters
+    ----------
+    q
+        Density of the white noise on the acceleration's derivative, (m/s^3)^2/Hz, one number or one for each axis.
+
+    Raises
+    ------
+    FilterError
+        If an argument is not finite, or a density is negative.
     """
     density = np.broadcast_to(np.asarray(q, float), 3)
     if not (np.isfinite(density) & (density >= 0)).all():
         raise FilterError(f"q: must be finite and not negative, not {q}")
     if dt > 0:
         rows = mean.reshape(-1, mean.shape[-1])
-        Q, reach = _noise(rows, float(dt), density, NODES, WEIGHTS)
-        if reach <= SHORT:
-            whole: Array = Q.reshape(*mean.shape[:-1], N, N)
+        Q, reach = _noise(rows, float(dt), density, GAUSS_NODES, GAUSS_WEIGHTS)
+        if reach <= MAX_SERIES_ANGLE:
+            whole: Array = Q.reshape(*mean.shape[:-1], STATE_SIZE, STATE_SIZE)
             return whole
     return _noise_of_any_step(mean, dt, density)
 
@@ -73,7 +91,7 @@ def _noise_of_any_step(mean: Array, dt: float, density: Array) -> Array:
     A[..., 2, 1] = -(2.0 * alpha**2 + omega**2)
     A[..., 2, 2] = -2.0 * alpha
     one = van_loan(A, np.diag([0.0, 0.0, 1.0]), dt).Q
-    Q = np.zeros((*alpha.shape, N, N))
+    Q = np.zeros((*alpha.shape, STATE_SIZE, STATE_SIZE))
     for axis in range(3):
         at = slice(3 * axis, 3 * axis + 3)
         Q[..., at, at] = density[axis] * one
@@ -82,24 +100,28 @@ def _noise_of_any_step(mean: Array, dt: float, density: Array) -> Array:
 
 @njit((ROWS, types.float64, VECTOR, VECTOR, VECTOR), cache=True, error_model="numpy")
 def _noise(rows, dt, density, nodes, weights):
-    """(Q (k, 9, 9), the largest turn or decay in a step). The response to a unit impulse is the series of
-    a_dot = -p v - r a from v = 0, a = 1; its products are integrated by Gauss' rule, all of whose terms are
-    positive, so Q is, too."""
+    """Return Q (k, 9, 9) and the largest turn or decay in a step, rad.
+
+    The response to a unit impulse is the series of a_dot = -p v - r a from v = 0, a = 1. Its products are
+    integrated by Gauss' rule, all of whose terms are positive, so Q is positive, too.
+    """
     Q = np.zeros((rows.shape[0], 9, 9))
     c, reach = np.empty(3), 0.0
     for s in range(rows.shape[0]):
-        vv, va, aa = SLOW * SLOW, 0.0, 0.0
+        vv, va, aa = SPEED_REGULARISATION_M_S * SPEED_REGULARISATION_M_S, 0.0, 0.0
         for i in range(0, 9, 3):
             vv += rows[s, i + 1] * rows[s, i + 1]
             va += rows[s, i + 1] * rows[s, i + 2]
             aa += rows[s, i + 2] * rows[s, i + 2]
         alpha = -va / vv
         r = 2.0 * alpha
-        p = 2.0 * alpha * alpha + max((vv - SLOW * SLOW) * aa - va * va, 0.0) / (vv * vv)
+        p = 2.0 * alpha * alpha + max(
+            (vv - SPEED_REGULARISATION_M_S * SPEED_REGULARISATION_M_S) * aa - va * va, 0.0
+        ) / (vv * vv)
         reach = max(reach, dt * max(abs(r), np.sqrt(p)))
         for g in range(nodes.shape[0]):
             t = dt * (0.5 + nodes[g])
-            term, before = 1.0, 0.0  # of the acceleration's series, and the one before
+            term, before = 1.0, 0.0  # of the acceleration's series: the present and the previous one
             c[0] = c[1] = c[2] = 0.0
             for k in range(15):
                 c[2] += term
@@ -110,7 +132,7 @@ def _noise(rows, dt, density, nodes, weights):
             for i in range(3):
                 for j in range(3):
                     Q[s, i, j] += dt * weights[g] * c[i] * c[j]
-        for axis in range(2, -1, -1):  # the first block last: the others are made from it
+        for axis in range(2, -1, -1):  # the first block last: the others need it
             for i in range(3):
                 for j in range(3):
                     Q[s, 3 * axis + i, 3 * axis + j] = density[axis] * Q[s, i, j]
@@ -119,14 +141,14 @@ def _noise(rows, dt, density, nodes, weights):
 
 @njit(cache=True, error_model="numpy")
 def _jerk(v, a, jerk):
-    """Eq 42 into `jerk` (3,), of a velocity and an acceleration (3,)."""
+    """Write the jerk of eq 42 into `jerk` (3,), for a velocity and an acceleration (3,)."""
     vv = va = aa = 0.0
     for i in range(3):
         vv += v[i] * v[i]
         va += v[i] * a[i]
         aa += a[i] * a[i]
     cross2 = max(vv * aa - va * va, 0.0)  # |v x a|^2
-    vv += SLOW * SLOW
+    vv += SPEED_REGULARISATION_M_S * SPEED_REGULARISATION_M_S
     alpha = -va / vv
     pull = 2.0 * alpha * alpha + cross2 / (vv * vv)
     for i in range(3):

@@ -1,4 +1,4 @@
-"""Several estimators of one leader in one flight: each is scored, and one is judged."""
+"""Scores of several estimators of one leader in one flight; one of them is the flight's."""
 
 from collections.abc import Iterable
 from typing import Final
@@ -7,29 +7,29 @@ from onboard.messages import Estimate
 from onboard.scoring.leader import LeaderScore, LeaderScorer
 from onboard.scoring.reference import Reference
 
-OF_FLIGHT: Final = "leader"  # the estimator whose score is the flight's
+OF_FLIGHT: Final = "leader"  # the estimator that gives the flight's score
 
 
 def judged(names: Iterable[str]) -> str:
-    """The judged estimator: `leader`, otherwise the first."""
+    """Return the name of the estimator whose score is the flight's: `leader`, otherwise the first."""
     flown = list(names)
     return OF_FLIGHT if OF_FLIGHT in flown or not flown else flown[0]
 
 
 class LeaderScorers:
-    """Scores of estimates from any estimators, taken one by one in order; see `LeaderScorer`."""
+    """Scores of estimates from any estimators, added one by one in order; see `LeaderScorer`."""
 
     def __init__(self, reference: Reference | None) -> None:
         self._reference = reference
         self._scorers: dict[str, LeaderScorer] = {}
 
     def add(self, estimate: Estimate) -> None:
-        """The next estimate. Estimators of many targets, such as traffic, are not scored."""
+        """Add the next estimate. Estimators of many targets, such as traffic, are not scored."""
         if estimate.is_primary:
             self._scorers.setdefault(estimate.name, LeaderScorer(self._reference)).add(estimate)
 
     def scores(self, end: float) -> tuple[LeaderScore, dict[str, LeaderScore]]:
-        """The judged estimator's score until the flight's `end`, s, and the others' scores by name."""
+        """Return the flight's score until its `end`, s, and the other estimators' scores by name."""
         scores = {name: scorer.score(end) for name, scorer in self._scorers.items()}
         score = scores.pop(judged(scores), None)
         return score or LeaderScorer(self._reference).score(end), scores

@@ -1,4 +1,4 @@
-"""Whether a fault of our own vehicle was named, and how soon, against a simulator's truth."""
+"""Detection of faults of our own vehicle, and its delay, against a simulator's truth."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -6,16 +6,26 @@ from typing import Final
 from onboard.messages import Fault, FaultKind, NavState, Record, Truth
 from onboard.units import NS_PER_S, S_PER_NS
 
-GUST: Final = "gust"  # not a fault of the vehicle: in a flight with both, the other one is the fault
+GUST: Final = "gust"  # Not a fault of the vehicle: in a flight with another fault, that one is scored.
 FAULT_KINDS: Final = {"inputs": FaultKind.MASS, "mass": FaultKind.MASS, GUST: FaultKind.GUST}
-JUDGED_FAULTS: Final = (FaultKind.MOTOR, FaultKind.MASS, FaultKind.GUST)  # that are in the truth
-AFTER_NS: Final = 3 * NS_PER_S  # a past fault may still be reported for this long
+JUDGED_FAULTS: Final = (FaultKind.MOTOR, FaultKind.MASS, FaultKind.GUST)  # kinds that occur in the truth
+MAX_REPORT_DELAY_NS: Final = 3 * NS_PER_S  # A past fault may still be reported for this long.
 
 
 class FaultScore(Record, frozen=True, kw_only=True):
-    """The fault of a flight. `happened`: its kind, from `at_s` on the boot clock (to the truth's 0.04 s), None
-    without one. `named`: its first name by the estimator, `after_s` later, with the last reported `magnitude` in
-    `unit`; None if it was not named. `wrong`: faults named that did not exist."""
+    """The score of a flight's fault.
+
+    Attributes
+    ----------
+    happened, at_s
+        Kind and onset of the true fault on the boot clock (to the truth's 0.04 s); None without one.
+    named, after_s
+        Name that the estimator first gave it, and the delay; None if it was not detected.
+    magnitude, unit
+        Last reported magnitude.
+    wrong
+        Reported faults that did not exist.
+    """
 
     happened: str | None
     at_s: float | None
@@ -27,7 +37,7 @@ class FaultScore(Record, frozen=True, kw_only=True):
 
 
 def score_fault(states: Sequence[NavState], truths: Sequence[Truth]) -> FaultScore | None:
-    """The score of one flight; None without states or truth."""
+    """Return the score of one flight; None without states or truth."""
     if not states or not truths:
         return None
     intervals = _intervals(truths)
@@ -62,7 +72,7 @@ def score_fault(states: Sequence[NavState], truths: Sequence[Truth]) -> FaultSco
 
 
 def _intervals(truths: Sequence[Truth]) -> dict[str, tuple[int, int]]:
-    """Start and end (ns) of each fault, by its name in the truth."""
+    """Return start and end (ns) of each fault, by its name in the truth."""
     found: dict[str, tuple[int, int]] = {}
     for truth in truths:
         for name in filter(None, truth.fault.split(", ")):
@@ -71,11 +81,11 @@ def _intervals(truths: Sequence[Truth]) -> dict[str, tuple[int, int]]:
 
 
 def _is(happened: str, fault: Fault, t_ns: int, span: tuple[int, int]) -> bool:
-    """Whether a fault first named at t_ns is the one that happened."""
+    """Return whether a fault first reported at t_ns is the true one."""
     same = fault.part == happened if fault.kind is FaultKind.MOTOR else FAULT_KINDS.get(happened) is fault.kind
-    return same and span[0] <= t_ns <= span[1] + AFTER_NS
+    return same and span[0] <= t_ns <= span[1] + MAX_REPORT_DELAY_NS
 
 
 def _name(fault: Fault) -> str:
-    """A motor with its number, any other fault by its kind."""
+    """Return a motor with its number, or the kind of any other fault."""
     return fault.part or str(fault.kind)

@@ -1,4 +1,4 @@
-"""Accuracy of the leader's estimate against a truth: errors, and whether the covariance fits them.
+"""Accuracy of the leader's estimate against a truth: errors, and consistency of the covariance.
 
 Valid estimates count from `settle` seconds after the start of the truth, together with the share of time that had
 one. The NIS is white, so its mean has chi-square bounds for the number of images; the NEES is correlated
@@ -20,18 +20,24 @@ from onboard.scoring.reference import Reference
 from onboard.scoring.statistics import availability, percent, rms, single_bounds
 from onboard.units import S_PER_NS
 
-SETTLE: Final = 15.0
-JUDGED_END_S: Final = 5.0  # "diverged" is judged over these last seconds
-WRONG_SIGMAS, WRONG_SHARE = 3.0, 0.05  # a range error beyond both is confidently wrong
-SAMPLE_S: Final = 0.1  # sampling of availability without a truth
-BACK_S: Final = 5.0  # an estimate earlier than its predecessor by more is of a rebooted clock
-LONGEST_TRUTH_GAP: Final = 0.5
+LEADER_SETTLING_TIME_S: Final = 15.0
+DIVERGENCE_WINDOW_S: Final = 5.0  # end of the flight over which divergence is decided
+MIN_WRONG_SIGMAS, MIN_WRONG_FRACTION = 3.0, 0.05  # A range error above both is confidently wrong.
+SAMPLE_INTERVAL_S: Final = 0.1  # of availability, without a truth
+MIN_REBOOT_STEP_S: Final = 5.0  # A larger step back in time means a rebooted clock.
+MAX_TRUTH_INTERVAL_S: Final = 0.5
 
 
 class LeaderScore(Record, frozen=True, kw_only=True):
-    """Errors are RMS over the `scored` estimates; None without a truth. `valid_percent`: share
-    of the time after `settle_s` in which there was a valid estimate. `confidently_wrong_percent`: share of the
-    scored estimates whose range is off by more than three of its sigmas and more than 5 %."""
+    """Score of the leader's estimates. Errors are RMS over the `scored` estimates; None without a truth.
+
+    Attributes
+    ----------
+    valid_percent
+        Share of the time after `settle_s` with a valid estimate.
+    confidently_wrong_percent
+        Share of scored estimates whose range is off by more than three of its sigmas and more than 5 %.
+    """
 
     estimates: int
     valid: int
@@ -57,9 +63,25 @@ class LeaderScore(Record, frozen=True, kw_only=True):
 
 
 class Errors(NamedTuple):
-    """Errors of estimates: times (n,), norms (n,) in SI, fractions of the true range and size, the range's error
-    in its sigmas, bearing errors in degrees, NEES of all components and of the position; degrees of freedom of the
-    former."""
+    """Errors of n estimates.
+
+    Attributes
+    ----------
+    time
+        s, (n,).
+    position, velocity
+        Norms (n,), m and m/s.
+    range_fraction, size_fraction
+        Errors as fractions of the true range and size.
+    range_sigmas
+        Errors of the range over their standard deviations.
+    bearing_deg
+        Errors of the bearing.
+    nees, position_nees
+        NEES of all components, and of the position.
+    dof
+        Degrees of freedom of `nees`.
+    """
 
     time: Array
     position: Array
@@ -74,9 +96,12 @@ class Errors(NamedTuple):
 
 
 def score_leader(
-    estimates: Iterable[Estimate], reference: Reference | None, settle: float = SETTLE
+    estimates: Iterable[Estimate], reference: Reference | None, settle: float = LEADER_SETTLING_TIME_S
 ) -> LeaderScore:
-    """The score of one flight's estimates of one target; without a reference, only figures that need none."""
+    """Return the score of one flight's estimates of one target.
+
+    Without a reference, it has only the figures that need none.
+    """
     scorer = LeaderScorer(reference, settle)
     for estimate in estimates:
         scorer.add(estimate)
@@ -84,10 +109,15 @@ def score_leader(
 
 
 class LeaderScorer:
-    """The score of estimates taken one by one, in order. Only errors are kept, since an hour of estimates would be
-    gigabytes. Errors are computed for `piece` estimates at a time."""
+    """Score of estimates that are added one by one, in order.
 
-    def __init__(self, reference: Reference | None, settle: float = SETTLE, piece: int = 4096) -> None:
+    It keeps errors only, since an hour of estimates would be gigabytes. Errors are computed for `piece` estimates
+    at a time.
+    """
+
+    def __init__(
+        self, reference: Reference | None, settle: float = LEADER_SETTLING_TIME_S, piece: int = 4096
+    ) -> None:
         self._reference, self._settle, self._piece = reference, settle, piece
         self._begin: float | None = None
         self._shift = 0.0  # s, the boot clock's step back at a reboot
@@ -101,14 +131,14 @@ class LeaderScorer:
         self._verdicts: Counter[str] = Counter()
 
     def add(self, estimate: Estimate) -> None:
-        """The next estimate."""
+        """Add the next estimate."""
         if self._begin is None:
             reference = self._reference
             known = reference is not None and len(reference.time)
             start = reference.time[0] if reference is not None and known else estimate.t_ns * S_PER_NS
             self._begin = float(start) + self._settle
         t = estimate.t_ns * S_PER_NS + self._shift
-        if self._reference is None and self._times and t < self._times[-1] - BACK_S:
+        if self._reference is None and self._times and t < self._times[-1] - MIN_REBOOT_STEP_S:
             self._shift += self._times[-1] - t
             t = self._times[-1]
         self._counts["estimates"] += 1
@@ -126,7 +156,7 @@ class LeaderScorer:
                 self._compute()
 
     def score(self, end: float = math.inf) -> LeaderScore:
-        """The score of all estimates so far. The truth counts until the flight's `end`, s."""
+        """Return the score of all estimates added. The truth counts until the flight's `end`, s."""
         self._compute()
         reference, dof, n = self._reference, self._dof, len(self._nis)
         all_errors = _joined(self._errors)
@@ -159,15 +189,18 @@ class LeaderScorer:
         )
 
     def errors(self) -> Errors | None:
-        """The errors of all valid estimates so far that have a truth; None without any."""
+        """Return the errors of all valid estimates that have a truth; None without any."""
         self._compute()
         return _joined(self._errors)
 
     def _samples(self) -> Array:
-        """Times (n,), s, at which an estimate is due: those of the truth, otherwise of the whole flight."""
+        """Return times (n,), s, at which an estimate is expected.
+
+        They are those of the truth, otherwise they cover the whole flight.
+        """
         if self._reference is not None:
             return self._reference.time
-        return np.arange(self._times[0], self._times[-1], SAMPLE_S) if self._times else np.empty(0)
+        return np.arange(self._times[0], self._times[-1], SAMPLE_INTERVAL_S) if self._times else np.empty(0)
 
     def _add_image(self, image: MeasurementReport | None, begin: float) -> None:
         if image is None:
@@ -186,7 +219,7 @@ class LeaderScorer:
 
 
 def _joined(pieces: list[Errors]) -> Errors | None:
-    """The errors of all pieces in one; None without any."""
+    """Concatenate errors; None without any."""
     if not pieces:
         return None
     arrays = [np.concatenate(parts) for parts in zip(*(piece[:-1] for piece in pieces), strict=True)]
@@ -194,7 +227,7 @@ def _joined(pieces: list[Errors]) -> Errors | None:
 
 
 def _since(errors: Errors | None, begin: float) -> Errors | None:
-    """The errors from a time on; None when there are none."""
+    """Return the errors from a time on; None if there are none."""
     if errors is None or not (errors.time >= begin).any():
         return None
     later = errors.time >= begin
@@ -203,13 +236,13 @@ def _since(errors: Errors | None, begin: float) -> Errors | None:
 
 
 def _errors(valid: Sequence[Estimate], reference: Reference) -> Errors | None:
-    """Errors against the truth interpolated at each estimate's time; None when no estimate can be judged."""
+    """Return errors against the truth, interpolated at each estimate's time; None if none can be compared."""
     times = np.array([e.t_ns * S_PER_NS for e in valid])
     if not len(times) or not len(reference.time):
         return None
     after = np.clip(np.searchsorted(reference.time, times), 1, max(len(reference.time) - 1, 1))
     gap = reference.time[after] - reference.time[after - 1]
-    inside = (times >= reference.time[0]) & (times <= reference.time[-1]) & (gap < LONGEST_TRUTH_GAP)
+    inside = (times >= reference.time[0]) & (times <= reference.time[-1]) & (gap < MAX_TRUTH_INTERVAL_S)
     if not inside.any():
         return None
     chosen = [e for e, use in zip(valid, inside, strict=True) if use]
@@ -239,17 +272,20 @@ def _errors(valid: Sequence[Estimate], reference: Reference) -> Errors | None:
 
 
 def _is_wrong(errors: Errors) -> Array:
-    """Whether each estimate is confidently wrong (n,)."""
-    wrong = (errors.range_sigmas > WRONG_SIGMAS) & (np.abs(errors.range_fraction) > WRONG_SHARE)
+    """Return whether each estimate is confidently wrong (n,)."""
+    wrong = (errors.range_sigmas > MIN_WRONG_SIGMAS) & (np.abs(errors.range_fraction) > MIN_WRONG_FRACTION)
     return np.asarray(wrong)
 
 
 def _diverged(errors: Errors | None, samples: Array, available: Array) -> bool:
-    """Whether, over the last seconds of the flight, valid estimates were missing for more than half of the time,
-    or their mean range error exceeded 50 %, or their mean bearing error 5 degrees."""
+    """Return whether the estimates had diverged by the end of the flight.
+
+    Over the last seconds, valid estimates were missing for more than half of the time, or their mean range error
+    exceeded 50 %, or their mean bearing error 5 degrees.
+    """
     if errors is None:
         return True
-    begin = samples[-1] - JUDGED_END_S
+    begin = samples[-1] - DIVERGENCE_WINDOW_S
     last = errors.time > begin
     if not last.any() or np.mean(available[samples > begin]) < 0.5:
         return True

@@ -1,4 +1,4 @@
-"""Accuracy of our own state against a simulator's truth: errors, and whether the covariance fits them."""
+"""Accuracy of our own state against a simulator's truth: errors, and consistency of the covariance."""
 
 from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
@@ -12,16 +12,26 @@ from onboard.messages.between import nav_state_at
 from onboard.scoring.statistics import availability, percent, rms, single_bounds
 from onboard.units import NS_PER_S, S_PER_NS
 
-SETTLE: Final = 10.0  # s after the first state
-DOF: Final = 6
-SCORED: Final = slice(3, 3 + DOF)  # velocity and attitude; the positions have different origins
+OWN_STATE_SETTLING_TIME_S: Final = 10.0  # after the first state
+SCORED_DOF: Final = 6
+SCORED_COMPONENTS: Final = slice(3, 3 + SCORED_DOF)  # velocity and attitude; the positions have different origins
 
 
 class OwnStateScore(Record, frozen=True, kw_only=True):
-    """RMS of the errors' norms over valid states from `settle_s` after the first; None without truth.
-    `valid_percent`: share of that time in which there was a valid state. `nees_mean`: of velocity and attitude
-    together; its bounds are those of a single draw, since the errors of one flight are one draw. `faults`: the
-    faults that the states reported, each "kind part at s" on the boot clock."""
+    """Score of our own state: RMS of the errors' norms over valid states; None without truth.
+
+    Attributes
+    ----------
+    settle_s
+        Time from the first state to the first scored one.
+    valid_percent
+        Share of the scored time with a valid state.
+    nees_mean
+        NEES of velocity and attitude together. Its bounds are those of a single draw, since the errors of one
+        flight are one draw.
+    faults
+        Reported faults, each "kind part at s" on the boot clock.
+    """
 
     states: int
     valid: int
@@ -39,8 +49,19 @@ class OwnStateScore(Record, frozen=True, kw_only=True):
 
 
 class _Error(NamedTuple):
-    """Errors of one state: velocity (3,) m/s, NED; norm of the attitude error, rad; whether each velocity axis is
-    within 3 sigmas; NEES of both together."""
+    """Errors of one state.
+
+    Attributes
+    ----------
+    velocity
+        Error (3,) in NED, m/s.
+    angle
+        Norm of the attitude error, rad.
+    inside
+        Whether each velocity axis is within 3 sigmas.
+    nees
+        NEES of velocity and attitude.
+    """
 
     velocity: Array
     angle: float
@@ -49,9 +70,9 @@ class _Error(NamedTuple):
 
 
 def score_own_state(
-    states: Sequence[NavState], truths: Sequence[Truth], settle: float = SETTLE
+    states: Sequence[NavState], truths: Sequence[Truth], settle: float = OWN_STATE_SETTLING_TIME_S
 ) -> OwnStateScore | None:
-    """The score of one flight's states; None without states."""
+    """Return the score of one flight's states; None without states."""
     if not states:
         return None
     faults = {(f.t_onset_ns, f.name) for s in states for f in s.faults}
@@ -69,8 +90,8 @@ def score_own_state(
         attitude_rmse_deg=rms(np.degrees([e.angle for e in errors])),
         inside_3_sigma_percent=percent([inside for e in errors for inside in e.inside]),
         nees_mean=float(np.mean([e.nees for e in errors])) if errors else None,
-        nees_dof=DOF if errors else 0,
-        nees_bounds=single_bounds(DOF) if errors else None,
+        nees_dof=SCORED_DOF if errors else 0,
+        nees_bounds=single_bounds(SCORED_DOF) if errors else None,
         nis_ratio=float(np.mean(ratios)) if ratios else None,
         resets=states[-1].reset_count,
         faults=tuple(f"{name} at {t * 1e-9:.2f} s" for t, name in sorted(faults)),
@@ -78,7 +99,7 @@ def score_own_state(
 
 
 def _errors(states: Sequence[NavState], truths: Sequence[Truth], begin_ns: int) -> Iterator[_Error]:
-    """The error at each truth with valid states around it, from begin_ns on."""
+    """Yield the error at each truth with valid states around it, from begin_ns on."""
     valid = [s for s in states if s.valid and s.t_ns >= begin_ns]
     for truth in truths:
         s = nav_state_at(valid, truth.t_ns)
@@ -90,14 +111,18 @@ def _errors(states: Sequence[NavState], truths: Sequence[Truth], begin_ns: int) 
             velocity,
             2 * float(np.arccos(min(abs(float(np.dot(truth.q_nF, s.q_nb))), 1.0))),
             (np.abs(velocity) < 3 * np.sqrt(np.diag(P)[3:6])).tolist(),
-            float(normalised_squared(np.concatenate([velocity, _turn(s.q_nb, truth.q_nF)]), P[SCORED, SCORED])),
+            float(
+                normalised_squared(
+                    np.concatenate([velocity, _turn(s.q_nb, truth.q_nF)]), P[SCORED_COMPONENTS, SCORED_COMPONENTS]
+                )
+            ),
         )
 
 
 def _turn(q_nb: Quaternion, q_true: Quaternion) -> Array:
-    """The rotation vector (3,) rad, about b's axes, from an attitude to the true one."""
+    """Return the rotation vector (3,), rad, about b's axes, from an attitude to the true one."""
     (w, *v), (w_true, *v_true) = q_nb, q_true
     axis = w * np.array(v_true) - w_true * np.array(v) - np.cross(v, v_true)
     sine, cosine = float(np.linalg.norm(axis)), float(np.dot(q_nb, q_true))
-    scale = 2.0 if sine < 1e-8 else 2.0 * np.arctan2(sine, abs(cosine)) / sine  # which tends to 2
+    scale = 2.0 if sine < 1e-8 else 2.0 * np.arctan2(sine, abs(cosine)) / sine  # The limit is 2.
     return np.asarray(np.copysign(scale, cosine) * axis)

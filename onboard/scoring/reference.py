@@ -1,4 +1,4 @@
-"""A truth of the leader to compare estimates with, from a table or from a simulator's records."""
+"""Truth of the leader to compare estimates with, from a table or from a simulator's records."""
 
 import csv
 import gzip
@@ -38,7 +38,7 @@ class Reference(NamedTuple):
 
 
 def reference_from_csv(path: Path) -> Reference:
-    """Truth from a CSV (or .csv.gz) with `time_boot_s` and the columns of a replay.
+    """Read a truth from a CSV (or .csv.gz) with `time_boot_s` and the columns of a replay.
 
     Raises TruthError.
     """
@@ -62,7 +62,7 @@ def reference_from_csv(path: Path) -> Reference:
 
 
 def reference_from_records(truths: Iterable[Truth]) -> Reference:
-    """Truth from a simulator's records, in order of time, duplicates dropped."""
+    """Convert a simulator's records to a truth, in order of time, without duplicates."""
     rows = {t.t_ns: (*t.r_FL_n, *t.v_FL_n, t.size, t.a_lat, t.a_long) for t in truths}
     times = sorted(rows)
     values = np.array([rows[t] for t in times]).reshape(len(times), len(TRUTH_COLUMNS))

@@ -44,7 +44,7 @@ def explain_bounds(console: Console) -> None:
 
 
 def score_rows(s: LeaderScore, latency: Latency | None) -> list[Row]:
-    """The lines of the leader's estimate."""
+    """Return the lines of the leader's estimate."""
     rows = [("estimates", f"{s.estimates} ({s.valid} valid, {s.scored} scored)", ""), *_valid_rows(s)]
     if s.range_error_rms_percent is not None:
         after = _scored(s)
@@ -95,7 +95,7 @@ class OwnStateSummary:
         self._faults: dict[tuple[str, str, int], Fault] = {}
 
     def add(self, state: NavState) -> None:
-        """The next state."""
+        """Add the next state."""
         self._states += 1
         self._valid += state.valid
         self._resets = state.reset_count
@@ -106,7 +106,7 @@ class OwnStateSummary:
             self._faults[fault.kind, fault.part, fault.t_onset_ns] = fault
 
     def figures(self) -> dict[str, str]:
-        """The figures by name; empty without a state."""
+        """Return the figures by name; empty without a state."""
         if not self._states:
             return {}
         ratio = f"{self._ratio / self._ratios:.2f}" if self._ratios else "none"
@@ -119,7 +119,7 @@ class OwnStateSummary:
         }
 
     def print(self, console: Console) -> None:
-        """Print it, if there was any state."""
+        """Print the figures if there was any state."""
         if not self._states:
             return
         figures = self.figures()
@@ -135,12 +135,12 @@ class OwnStateSummary:
 def print_own_state_score(
     console: Console, title: str, score: OwnStateScore, fault: FaultScore | None = None
 ) -> None:
-    """Print the accuracy of our own state, and how a fault was named, as a table."""
+    """Print the accuracy of our own state, and the detection of a fault, as a table."""
     print_rows(console, title, own_state_rows(score) + (fault_rows(fault) if fault is not None else []))
 
 
 def own_state_rows(s: OwnStateScore) -> list[Row]:
-    """The lines of our own state."""
+    """Return the lines of our own state."""
     rows = [("states", f"{s.states} ({s.valid} valid)", ""), *_valid_rows(s)]
     if s.velocity_rmse_m_s is not None:
         after = _scored(s)
@@ -157,7 +157,7 @@ def own_state_rows(s: OwnStateScore) -> list[Row]:
 
 
 def fault_rows(f: FaultScore) -> list[Row]:
-    """The lines of a fault: the real one and the named one."""
+    """Return the lines of a fault: the true one and the reported one."""
     rows = []
     if f.happened is not None:
         named = "NOT NAMED"
@@ -169,12 +169,12 @@ def fault_rows(f: FaultScore) -> list[Row]:
 
 
 def _scored(s: LeaderScore | OwnStateScore) -> str:
-    """The estimates that an error covers."""
+    """Return the number of estimates that an error covers, in words."""
     return f"RMS, valid, after {s.settle_s:g} s"
 
 
 def _valid_rows(s: LeaderScore | OwnStateScore) -> list[Row]:
-    """The share of time with a valid estimate; no line if unknown."""
+    """Return the share of time with a valid estimate; no line if unknown."""
     if s.valid_percent is None:
         return []
     return [("valid", f"{s.valid_percent:.1f} % of the time", f"after {s.settle_s:g} s")]
@@ -190,7 +190,7 @@ def _between(bounds: tuple[float, float] | None, what: str) -> str:
 
 
 def _judged(value: float, bounds: tuple[float, float] | None) -> str:
-    """A mean NIS or NEES, with its meaning if outside its bounds."""
+    """Return a mean NIS or NEES, with its meaning if outside its bounds."""
     words = ""
     if bounds is not None and not bounds[0] <= value <= bounds[1]:
         words = ", too cautious" if value < bounds[0] else ", too sure"

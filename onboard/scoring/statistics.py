@@ -9,11 +9,19 @@ from onboard.arrays import Array
 from onboard.filters.gating import chi_square_threshold
 from onboard.messages import Record
 
-COUNTS_FOR_S = 0.5  # s: an estimate counts for this long, unless another comes
+MAX_ESTIMATE_AGE_S = 0.5  # Older estimates do not count as available.
 
 
 class Latency(Record, frozen=True, kw_only=True):
-    """Milliseconds. `p50`, `p99`: from exposure to publication; `receive_to_publish_*`: our own share of it."""
+    """Latencies in milliseconds.
+
+    Attributes
+    ----------
+    p50, p99
+        Median and 99th percentile from exposure to publication.
+    receive_to_publish_p50, receive_to_publish_p99
+        The same from reception to publication, our own share of it.
+    """
 
     p50: float | None = None
     p99: float | None = None
@@ -22,34 +30,37 @@ class Latency(Record, frozen=True, kw_only=True):
 
 
 def rms(values: ArrayLike) -> float | None:
-    """Root mean square."""
+    """Return the root mean square."""
     squares = np.square(values)
     return float(np.sqrt(np.mean(squares))) if squares.size else None
 
 
 def percent(hits: ArrayLike) -> float | None:
-    """Share of true values, %."""
+    """Return the share of true values, %."""
     flags = np.asarray(hits)
     return float(np.mean(flags)) * 100 if flags.size else None
 
 
 def single_bounds(dof: int) -> tuple[float, float]:
-    """95 % bounds of a single chi-square draw with `dof` degrees of freedom."""
+    """Return 95 % bounds of a single chi-square draw with `dof` degrees of freedom."""
     return chi_square_threshold(0.025, dof), chi_square_threshold(0.975, dof)
 
 
 def availability(samples: Array, times: ArrayLike, valid: ArrayLike) -> Array:
-    """Whether there was a valid estimate at each of the times `samples` (n,): whether the newest of the estimates
-    at `times` (m,), in order, was `valid` (m,), and not older than FRESH_S. All times in s. (n,) of bool."""
+    """Return whether there was a valid estimate at each of the times `samples` (n,), as (n,) of bool.
+
+    The newest of the estimates at `times` (m,), in order, must be `valid` (m,), and at most `MAX_ESTIMATE_AGE_S`
+    old. All times in s.
+    """
     at, is_valid = np.asarray(times, dtype=float), np.asarray(valid, dtype=bool)
     if not at.size:
         return np.zeros(len(samples), dtype=bool)
     newest = np.searchsorted(at, samples, side="right") - 1
-    return np.asarray((newest >= 0) & is_valid[newest] & (samples - at[newest] <= COUNTS_FOR_S))
+    return np.asarray((newest >= 0) & is_valid[newest] & (samples - at[newest] <= MAX_ESTIMATE_AGE_S))
 
 
 def percentiles(milliseconds: Sequence[float]) -> tuple[float | None, float | None]:
-    """Median and 99th percentile."""
+    """Return the median and the 99th percentile."""
     if not milliseconds:
         return None, None
     p50, p99 = np.percentile(np.array(milliseconds), [50, 99])

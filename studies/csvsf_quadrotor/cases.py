@@ -24,7 +24,7 @@ NOMINAL: Final = Airframe()
 
 FAST: Final = tuple(sorted((*ATTITUDE, *RATES)))
 SLOW: Final = tuple(sorted((*POSITION, *VELOCITY)))
-ALL: Final = tuple(range(quadrotor.N))
+ALL: Final = tuple(range(quadrotor.STATE_SIZE))
 
 
 class Sensor(NamedTuple):
@@ -124,15 +124,17 @@ def simulate(variant: Variant, seeds: Sequence[int], steps: int = STEPS) -> Case
     R = multirate_noise() if variant.multirate else np.array(quadrotor.MEASUREMENT_NOISE)
     sigma, measurements = np.sqrt(np.diag(R)), flight.measurements
     if variant.multirate:
-        measurements = flight.states[1:] + sigma * _normal(others, (steps, quadrotor.N))
-    start = flight.states[0] + 2.0 * sigma * np.stack([g.standard_normal(quadrotor.N) for g in generators])
+        measurements = flight.states[1:] + sigma * _normal(others, (steps, quadrotor.STATE_SIZE))
+    start = flight.states[0] + 2.0 * sigma * np.stack(
+        [g.standard_normal(quadrotor.STATE_SIZE) for g in generators]
+    )
     force = specific_force(flight.states) + FORCE_SIGMA * _normal(others, (steps, 3))
     return Case(flight.states, flight.inputs, measurements, R, force, start)
 
 
 def multirate_noise() -> Array:
     """R (12, 12) of a GPS (.5, .5, 1 m; .15, .15, .3 m/s) and of an attitude (.01, .01, .03 rad; .01 rad/s)."""
-    sigma = np.empty(quadrotor.N)
+    sigma = np.empty(quadrotor.STATE_SIZE)
     sigma[list(POSITION)], sigma[list(VELOCITY)] = (0.5, 0.5, 1.0), (0.15, 0.15, 0.3)
     sigma[list(ATTITUDE)], sigma[list(RATES)] = (0.01, 0.01, 0.03), 0.01
     return np.diag(sigma**2)

@@ -67,7 +67,7 @@ def methods_on(variant: Variant) -> tuple[Method, ...]:
     """The methods that are flown on a variant."""
     if variant.multirate:
         return MULTIRATE_METHODS
-    if len(variant.sensors[0].states) < quadrotor.N:
+    if len(variant.sensors[0].states) < quadrotor.STATE_SIZE:
         return HIDDEN_METHODS
     return METHODS if variant.name in MAIN else OTHERS
 
@@ -105,7 +105,7 @@ def _track(case: Case, variant: Variant, method: Method, since: Track | None) ->
     flown, Q = methods()[method.filter], _process_noise(method.widened)
     state = flown.start(case.start, np.tile(4.0 * case.R, (B, 1, 1)))
     first, begin = variant.sensors[0], 0
-    mean = np.full((steps, B, quadrotor.N), np.nan)
+    mean = np.full((steps, B, quadrotor.STATE_SIZE), np.nan)
     switching = np.zeros((steps, B, len(first.states)))
     nees, nis = [], []
     memory: dict[Sensor, Any] = {}

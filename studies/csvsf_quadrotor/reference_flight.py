@@ -31,7 +31,7 @@ Actuation = Callable[[float, Array], Array]
 def process_noise() -> Array:
     """The truth's process noise of one step (12, 12): variances 1e-8 of position and attitude, 4e-6 of velocity,
     2.5e-5 of the rates."""
-    variance = np.full(quadrotor.N, 1e-8)
+    variance = np.full(quadrotor.STATE_SIZE, 1e-8)
     variance[list(VELOCITY)] = 4e-6
     variance[list(RATES)] = 2.5e-5
     return np.diag(variance)
@@ -62,7 +62,7 @@ def along(path: Path, t: float) -> tuple[Array, Array, Array]:
 
 def start(path: Path) -> Array:
     """States (B, 12) on the path, level, at time 0."""
-    state = np.zeros((len(path.rate), quadrotor.N))
+    state = np.zeros((len(path.rate), quadrotor.STATE_SIZE))
     state[:, POSITION], state[:, VELOCITY], _ = along(path, 0.0)
     return state
 
@@ -135,7 +135,7 @@ def fly(
     state = start(path)
     sigma_process = np.sqrt(np.diag(process_noise()))
     sigma = np.sqrt(np.diag(quadrotor.MEASUREMENT_NOISE))
-    noise = np.stack([g.standard_normal((steps, 2, quadrotor.N)) for g in generators], axis=2)
+    noise = np.stack([g.standard_normal((steps, 2, quadrotor.STATE_SIZE)) for g in generators], axis=2)
     sign = np.stack([outlier_signs(g, steps, outliers) for g in generators], axis=1)
     states, inputs = np.empty((steps + 1, *state.shape)), np.empty((steps, len(state), 4))
     states[0] = state
@@ -154,5 +154,5 @@ def fly(
 
 def outlier_signs(generator: np.random.Generator, steps: int, probability: float) -> Array:
     """-1, 0 or +1 for each measurement (steps, 12)."""
-    drawn = generator.random((steps, quadrotor.N))
+    drawn = generator.random((steps, quadrotor.STATE_SIZE))
     return np.asarray((drawn < probability / 2).astype(float) - (drawn > 1 - probability / 2).astype(float))

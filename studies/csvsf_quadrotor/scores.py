@@ -126,7 +126,7 @@ def make_row(variant: str, method: str, scores: Sequence[Score]) -> Row:
         diverged_percent=100.0 * len(gone) / len(scores),
         diverged_why=tuple(sorted(set(gone))),
         quantities=quantities,
-        nees_bounds=mean_bounds(quadrotor.N, len(scores)),
+        nees_bounds=mean_bounds(quadrotor.STATE_SIZE, len(scores)),
         scores=tuple(scores),
     )
 

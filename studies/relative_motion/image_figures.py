@@ -9,7 +9,7 @@ from onboard.analysis.report.style import TRUTH, panels
 from onboard.arrays import Array
 from onboard.geometry.rotations import matrix_from_euler, matrix_from_quaternion
 from onboard.models import camera_angles
-from onboard.models.relative_motion import POSITION, SIZE, N
+from onboard.models.relative_motion import POSITION, SIZE, STATE_SIZE
 from simlink.scenarios.camera import Camera
 from studies.relative_motion.flight import Flight
 from studies.report.drawing import legend
@@ -59,7 +59,7 @@ def measured_angles(flight: Flight, camera: Camera) -> Figure:
 def true_angles(flight: Flight, camera: Camera) -> Array:
     """Angles (M, 3), rad, of the true leader at the exposures, by eq 14, as if its wing stood across the sight."""
     truth = flight.image_truth
-    rows = np.zeros((len(flight.image_t), 1, N))
+    rows = np.zeros((len(flight.image_t), 1, STATE_SIZE))
     rows[:, 0, POSITION], rows[:, 0, SIZE] = truth.r_FL_n, flight.size
     R_nb = matrix_from_quaternion(truth.q_nF)
     R_cn = matrix_from_euler(*np.radians(camera.mount_rpy_deg)).T @ np.swapaxes(R_nb, 1, 2)

@@ -16,7 +16,7 @@ from onboard.models.relative_motion import POSITION, VELOCITY
 from studies.relative_motion.formation import Filter, Images, ImageUpdate, Method, Setting, Step
 from studies.relative_motion.noise import PAPER, Noise, honest_noise, initial_belief
 
-WEIGHTS: Final = unscented.julier_weights(relative_motion.N)
+WEIGHTS: Final = unscented.julier_weights(relative_motion.STATE_SIZE)
 # R from the settings' degrees; the same for all images, diag(1, 1, 2) (sigma_px / f)^2; from each image's points
 ImageNoise = Literal["degrees", "constant", "points"]
 
@@ -30,7 +30,9 @@ def unscented_filter(setting: Setting, noise: Noise, image_noise: ImageNoise, fo
     """The nine-state filter. `fold`: eq 14's arctangents as printed: a leader behind looks as if ahead."""
     Q = process_noise(setting.size, noise.walks)
     gate = (
-        np.inf if noise.gate_probability is None else chi_square_threshold(noise.gate_probability, camera_angles.M)
+        np.inf
+        if noise.gate_probability is None
+        else chi_square_threshold(noise.gate_probability, camera_angles.MEASUREMENT_SIZE)
     )
     measured = partial(_angles_and_noise, noise=noise, image_noise=image_noise)
     measure = _measure_folded if fold else camera_angles.measure_batch

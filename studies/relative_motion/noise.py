@@ -6,7 +6,7 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.oh_johnson import noise as printed
-from onboard.estimators.oh_johnson.noise import FT, RandomWalks, first_belief
+from onboard.estimators.oh_johnson.noise import FOOT_M, RandomWalks, first_belief
 from onboard.filters.belief import Belief
 from onboard.filters.unscented_transform import julier_weights, recombine, sigma_points
 from onboard.models import camera_angles, relative_motion
@@ -29,8 +29,8 @@ class Noise(NamedTuple):
 PAPER: Final = Noise(
     walks=printed.PRINTED,
     ties_size_to_range=False,
-    initial_velocity=printed.FIRST_VELOCITY,
-    initial_acceleration=printed.FIRST_ACCELERATION,
+    initial_velocity=printed.VELOCITY_SIGMA_M_S,
+    initial_acceleration=printed.ACCELERATION_SIGMA_M_S2,
     angles_deg=printed.ANGLES_DEG,
     gate_probability=None,
     hover_speed=0.0,
@@ -39,10 +39,12 @@ PAPER: Final = Noise(
 
 # A fixed-wing leader, as the paper's: only the model's two accelerations change its velocity much.
 HONEST: Final = Noise(
-    walks=RandomWalks(position=0.02 * FT, velocity=0.1 * FT, size=1e-5, a_lat=1 * FT, a_long=0.3 * FT),
+    walks=RandomWalks(
+        position=0.02 * FOOT_M, velocity=0.1 * FOOT_M, size=1e-5, a_lat=1 * FOOT_M, a_long=0.3 * FOOT_M
+    ),
     ties_size_to_range=True,
-    initial_velocity=12 * FT,
-    initial_acceleration=10 * FT,
+    initial_velocity=12 * FOOT_M,
+    initial_acceleration=10 * FOOT_M,
     angles_deg=None,
     gate_probability=0.999,
     hover_speed=1.0,
@@ -78,7 +80,7 @@ def initial_belief(
         return first_belief(angles, size, size_sigma, R_cn, r_FC_n)
     sigma = [noise.initial_velocity] * 3 + [size_sigma] + [noise.initial_acceleration] * 2
     P = np.diag(np.array([0.0, 0.0, 0.0, *sigma]) ** 2)
-    mean = np.zeros(relative_motion.N)
+    mean = np.zeros(relative_motion.STATE_SIZE)
     mean[SIZE] = size
     covariance = np.zeros((4, 4))
     covariance[:3, :3], covariance[3, 3] = angle_noise, size_sigma**2

@@ -20,7 +20,7 @@ from onboard.messages import (
     TargetPoints,
     Verdict,
 )
-from onboard.models.relative_motion import N
+from onboard.models.relative_motion import STATE_SIZE
 from onboard.pipeline import Pipeline
 from simlink.autopilot import ACTIVE, AUTOPILOT, VEHICLE_TYPE
 from simlink.encounters.encounter import BOOT_NS
@@ -71,7 +71,7 @@ def track(flight: Flight, setting: Setting, method: Shipped, late: Lateness = ON
     """Fly one flight. Estimates that are not valid are none: NaN."""
     pipeline = Pipeline(load_config(None, (*known(setting), *method.settings, EVERY_SAMPLE)))
     samples, images = len(flight.nav_t), len(flight.image_t)
-    mean, covariance = np.full((samples, N), np.nan), np.full((samples, N, N), np.nan)
+    mean, covariance = np.full((samples, STATE_SIZE), np.nan), np.full((samples, STATE_SIZE, STATE_SIZE), np.nan)
     nis, fused, degrees = np.full(images, np.nan), np.zeros(images, dtype=bool), 0
     stamps = {ns: i for i, ns in enumerate(_stamps(flight, late))}
     samples_at = {boot_ns(t): k for k, t in enumerate(flight.nav_t.tolist())}
@@ -97,8 +97,8 @@ def messages(flight: Flight, camera: str, late: Lateness = ON_TIME) -> list[Mess
 def _numbers(estimate: Estimate) -> tuple[Array, Array]:
     """Mean (9,) and covariance (9, 9); NaN if the estimate is not valid."""
     if not estimate.valid or estimate.mean is None or estimate.covariance is None:
-        return np.full(N, np.nan), np.full((N, N), np.nan)
-    return np.array(estimate.mean[:N]), np.array(estimate.covariance)[:N, :N]
+        return np.full(STATE_SIZE, np.nan), np.full((STATE_SIZE, STATE_SIZE), np.nan)
+    return np.array(estimate.mean[:STATE_SIZE]), np.array(estimate.covariance)[:STATE_SIZE, :STATE_SIZE]
 
 
 def _stamps(flight: Flight, late: Lateness) -> list[int]:

@@ -24,7 +24,7 @@ from studies.relative_motion.noise import PAPER, Noise, initial_belief
 from tests.conformance.problems import in_sigmas
 
 SCENARIO = load_scenario("formation")
-WEIGHTS = unscented.julier_weights(relative_motion.N)
+WEIGHTS = unscented.julier_weights(relative_motion.STATE_SIZE)
 STEPS = 600
 TOLERANCE = 1e-9
 
@@ -35,7 +35,7 @@ def flight() -> Flight:
 
 
 def theirs(belief: Belief, Q: Array) -> Any:
-    n = relative_motion.N
+    n = relative_motion.STATE_SIZE
     filter_ = UnscentedKalmanFilter(
         dim_x=n,
         dim_z=3,

@@ -1,1 +1,1 @@
-"""What estimators share."""
+"""Components that several estimators use."""

@@ -1,9 +1,8 @@
-"""A Cartesian frame n for reported positions: NED at an anchor, our first known position;
-and our own motion in it.
+"""Cartesian frame n for reported positions: NED at an anchor, our first known position.
 
-Everything goes through ECEF, so neither a pole nor the antimeridian is special, and the frame stays exact however
-far we fly from its anchor. Heights above mean sea level are treated as heights above the ellipsoid, for all
-aircraft alike: the geoid's slope over a few kilometres is centimetres.
+Everything goes through ECEF, so neither a pole nor the antimeridian is special, and the frame stays exact at any
+distance from its anchor. Heights above mean sea level are treated as heights above the ellipsoid, for all aircraft
+alike: the geoid's slope over a few kilometres is centimetres.
 """
 
 import math
@@ -21,8 +20,17 @@ SAME_VELOCITY_M_S: Final = 2.0  # several times what a transponder rounds
 
 
 class OwnMotion(NamedTuple):
-    """Our position and velocity (3,) in n, attitude R_nb (3, 3) from body, and R_nl (3, 3) from l, NED where we
-    are."""
+    """Our own motion in n.
+
+    Attributes
+    ----------
+    r, v
+        Position and velocity (3,).
+    R_nb
+        Attitude (3, 3), from body.
+    R_nl
+        Rotation (3, 3) from l, NED where we are.
+    """
 
     r: Array
     v: Array
@@ -49,7 +57,7 @@ class Frame:
         return self._R_ne is not None
 
     def receive(self, m: GlobalPosition) -> None:
-        """Our own position. An autopilot without a position reports (0, 0)."""
+        """Receive our own position. An autopilot without a position reports (0, 0), which is ignored."""
         if (m.lat_deg, m.lon_deg) == (0.0, 0.0) or not on_earth(m.lat_deg, m.lon_deg):
             return
         if self._R_ne is None:
@@ -76,31 +84,33 @@ class Frame:
         return bool(np.linalg.norm(off[:2]) < 2.0 * sigma and slower < SAME_VELOCITY_M_S)
 
     def position(self, lat_deg: float, lon_deg: float, height: float) -> Array:
-        """r_On (3,) of geodetic coordinates; the frame must be known."""
+        """Return r_On (3,) of geodetic coordinates. The frame must be known."""
         return np.asarray(self._known_R_ne() @ (ecef_from_geodetic(lat_deg, lon_deg, height) - self._anchor_e))
 
     def ecef(self, r: Array | None) -> Array | None:
-        """ECEF position of r (3,) in n; for None, of our newest position. None if we have none."""
+        """Return the ECEF position of r (3,) in n, or of our newest position for None. None if we have none."""
         if self._newest is None:
             return None
         return np.asarray(self._anchor_e + (self._newest[1] if r is None else r) @ self._known_R_ne())
 
     def from_ecef(self, y: Array, R: Array) -> tuple[Array, Array]:
-        """Position and velocity (6,) in n, and their covariance (6, 6), of those in e."""
+        """Return position and velocity (6,) in n, and their covariance (6, 6), of those in e."""
         both = np.kron(np.eye(2), self._known_R_ne())
         return both @ np.concatenate([y[:3] - self._anchor_e, y[3:]]), both @ R @ both.T
 
     def rotation_nl(self, lat_deg: float, lon_deg: float) -> Array:
-        """R_nl (3, 3): from NED at a place to n; the frame must be known."""
+        """Return R_nl (3, 3) from NED at a place to n. The frame must be known."""
         return np.asarray(self._known_R_ne() @ rotation_ne(lat_deg, lon_deg).T)
 
     def geodetic(self, r: Array) -> Array:
-        """(lat_deg, lon_deg, height), (k, 3), of positions r (k, 3); the frame must be known."""
+        """Return (lat_deg, lon_deg, height), (k, 3), of positions r (k, 3). The frame must be known."""
         return geodetic_rows(self._anchor_e + r @ self._known_R_ne())
 
     def own_motion(self, t_ns: int, ownship: Ownship) -> OwnMotion | None:
-        """Our motion at a time: the newest position, moved by our mean velocity since. None where the position is
-        unknown or too old, or the pose is unknown."""
+        """Return our motion at a time: the newest position, moved by our mean velocity since then.
+
+        None if the position is unknown or too old, or if the pose is unknown.
+        """
         if self._newest is None or abs(t_ns - self._newest[0]) > self._timeout_ns:
             return None
         t0_ns, r, R_nl = self._newest
@@ -117,5 +127,5 @@ class Frame:
 
 
 def on_earth(lat_deg: float, lon_deg: float) -> bool:
-    """Whether these are a latitude and a longitude; rounding of the last digit on the wire may go beyond."""
+    """Return whether these are a latitude and a longitude, with a tolerance for the last digit on the wire."""
     return abs(lat_deg) <= 90.0 + 1e-7 and abs(lon_deg) <= 180.0 + 1e-7

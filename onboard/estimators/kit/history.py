@@ -1,9 +1,9 @@
 """Late measurements: a short history of beliefs, rewound to a measurement's own time and replayed.
 
-Nodes stand at every navigation sample and every measurement of the last fraction of a second. A measurement
-is inserted where it belongs in time, whenever it arrives, and all later nodes are computed again, so that a late
-measurement gives the same belief as one in order. A node reached with extrapolated own motion is provisional:
-it is computed again once the motion is known. Gated measurements stay in, to be judged again.
+Nodes exist at every navigation sample and every measurement of the last fraction of a second. A measurement is
+inserted at its own time, whenever it arrives, and all later nodes are computed again, so a late measurement gives
+the same belief as one in order. A node reached with extrapolated own motion is provisional: it is computed again
+when the motion is known. Gated measurements stay in the history and are tested again.
 """
 
 from bisect import bisect_left, bisect_right
@@ -17,10 +17,10 @@ class Motion(Protocol):
 
     @property
     def nav_times(self) -> list[int]:
-        """Times of samples at which nodes are to stand."""
+        """Times of samples that get a node."""
 
     def knows(self, t_ns: int) -> bool:
-        """Whether no later message can change the motion until then."""
+        """Return whether no later message can change the motion until then."""
 
 
 B = TypeVar("B")  # a filter's belief
@@ -28,7 +28,7 @@ M = TypeVar("M", bound=Motion)
 
 
 class Node(NamedTuple):
-    """A belief at a time; after a measurement if there is one."""
+    """A belief at a time, after a measurement if there is one."""
 
     t_ns: int
     belief: Any
@@ -40,9 +40,11 @@ TIME: Final = attrgetter("t_ns")
 
 
 class History(Generic[B, M]):
-    """Beliefs of one track, and its `nodes`, the newest at the end. `advance(belief, t0_ns, t1_ns, ownship)`
-    predicts; `fuse(belief, measurement, ownship)` updates and returns (belief, outcome). Both must be pure; their
-    errors pass through."""
+    """Beliefs of one track at its `nodes`, the newest at the end.
+
+    `advance(belief, t0_ns, t1_ns, ownship)` predicts; `fuse(belief, measurement, ownship)` updates and returns
+    (belief, outcome). Both must be pure; their errors pass through.
+    """
 
     def __init__(
         self,
@@ -60,12 +62,15 @@ class History(Generic[B, M]):
         self._fuse = fuse
 
     def reaches(self, t_ns: int) -> bool:
-        """Whether a measurement of that time can still be inserted."""
+        """Return whether a measurement of that time can still be inserted."""
         return t_ns >= self.nodes[0].t_ns
 
     def insert(self, t_ns: int, measurement: Any, ownship: M, fused: tuple[B, Any] | None = None) -> Any:
-        """Insert a measurement at its time (which must reach) and redo all later nodes; its outcome. `fused`: the
-        belief after it and its outcome, where what `belief_before` gives has been fused with it already."""
+        """Insert a measurement at its time, which must be within reach, and recompute all later nodes.
+
+        `fused` is the belief after it and its outcome, if it has been fused with `belief_before` already. Returns
+        the outcome.
+        """
         index = bisect_right(self.nodes, t_ns, key=TIME)
         later = self._cut(index) if index < len(self.nodes) else []
         outcome = self._append(t_ns, measurement, ownship, fused)
@@ -74,8 +79,10 @@ class History(Generic[B, M]):
         return outcome
 
     def settle(self, ownship: M) -> bool:
-        """After new own motion: redo provisional nodes, advance to the newest sample, drop the oldest nodes.
-        Whether any measurement was judged again."""
+        """Recompute provisional nodes, advance to the newest sample, and drop the oldest nodes.
+
+        Called after new own motion. Returns whether any measurement was tested again.
+        """
         first, redone = self._provisional_ns, False
         if first is not None and ownship.knows(first):
             redone = True
@@ -90,21 +97,21 @@ class History(Generic[B, M]):
         return redone
 
     def belief_at(self, t_ns: int, ownship: M) -> tuple[int, B]:
-        """(time, belief): the newest belief, predicted to t_ns unless it is of a later time already."""
+        """Return (time, belief) of the newest belief, predicted to t_ns unless it is later already."""
         newest = self.nodes[-1]
         if t_ns <= newest.t_ns:
             return newest.t_ns, newest.belief
         return t_ns, self._advance(newest.belief, newest.t_ns, t_ns, ownship)
 
     def belief_before(self, t_ns: int, ownship: M) -> B | None:
-        """The belief at a time within the history, by measurements until then alone; None before the history."""
+        """Return the belief at a time, from measurements until then; None before the history."""
         if t_ns < self.nodes[0].t_ns:
             return None
         node = self.nodes[bisect_right(self.nodes, t_ns, key=TIME) - 1]
         return node.belief if node.t_ns == t_ns else self._advance(node.belief, node.t_ns, t_ns, ownship)
 
     def newest(self, holds: Callable[[Any], bool]) -> int | None:
-        """Time of the newest measurement whose last outcome fulfils `holds`."""
+        """Return the time of the newest measurement whose last outcome fulfils `holds`."""
         for node in reversed(self.nodes):
             if node.measurement is not None and holds(node.outcome):
                 t_ns: int = node.t_ns
@@ -112,11 +119,11 @@ class History(Generic[B, M]):
         return None
 
     def _before(self, t_ns: int) -> int:
-        """Index of the last node before a time, or of the first."""
+        """Return the index of the last node before a time, or of the first node."""
         return max(bisect_left(self.nodes, t_ns, key=TIME) - 1, 0)
 
     def _cut(self, index: int) -> list[Node]:
-        """Remove the nodes from an index on; the first node always stays."""
+        """Remove and return the nodes from an index on; the first node always stays."""
         later = self.nodes[index:]
         del self.nodes[index:]
         if self._provisional_ns is not None and self._provisional_ns > self.nodes[-1].t_ns:
@@ -141,7 +148,7 @@ class History(Generic[B, M]):
         return outcome
 
     def _pass_samples(self, until_ns: int, times: list[int], ownship: M) -> None:
-        """Nodes at the times of navigation samples after the newest node and before `until_ns`."""
+        """Append nodes at the navigation samples after the newest node and before `until_ns`."""
         newest = self.nodes[-1]
         for t_ns in times[bisect_right(times, newest.t_ns) :]:
             if t_ns >= until_ns:

@@ -1,4 +1,4 @@
-"""The life cycle that every track has, by the age of what was fused last.
+"""Life cycle of a track, by the age of its last fused measurement.
 
     tracking -> coasting -> lost -> tracking, or forgotten
 
@@ -12,26 +12,28 @@ from onboard.messages.causes import Cause, Reason
 
 
 class Ages(Protocol):
-    """A configuration of ages, s: beyond the first a track coasts, beyond the second it is lost."""
+    """A configuration of the ages, s, at which a track coasts and is lost."""
 
     @property
     def coast_after_s(self) -> float:
-        """Older, it is predicted."""
+        """Age from which the track is only predicted."""
 
     @property
     def validity_timeout_s(self) -> float:
-        """Older, it is not valid."""
+        """Age from which the track is not valid."""
 
 
 def check_order(ages: Ages, forgotten: str) -> None:
-    """Raises ValueError for ages out of order; `forgotten`: the key of that at which a track is forgotten."""
+    """Raise ValueError for ages out of order. `forgotten`: the key of the age at which a track is forgotten."""
     if not ages.coast_after_s <= ages.validity_timeout_s <= getattr(ages, forgotten):
         raise ValueError(f"coast_after_s <= validity_timeout_s <= {forgotten} must hold")
 
 
 def by_age(age_s: float, ages: Ages, *, one: str, many: str, where: str = "") -> tuple[Lifecycle, Reason]:
-    """State and reason when what was fused last is so old. `one`, `many`: what is fused, in words; `where`: added
-    to why none was."""
+    """Return state and reason for the age of the last fused measurement.
+
+    `one` and `many` name the measurements in words; `where` is added to the reason.
+    """
     if age_s <= ages.coast_after_s:
         return Lifecycle.TRACKING, Reason(Cause.FUSED, f"{many} fused")
     if age_s <= ages.validity_timeout_s:

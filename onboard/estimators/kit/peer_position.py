@@ -1,4 +1,4 @@
-"""Where another aircraft reports that it is: position and velocity of its messages, or why they cannot be used."""
+"""Positions and velocities reported by other aircraft, or the reasons why they cannot be used."""
 
 import math
 from typing import Final, NamedTuple
@@ -6,15 +6,24 @@ from typing import Final, NamedTuple
 from onboard.estimators.kit.frame import on_earth
 from onboard.messages import AdsbVehicle, AltitudeType, FollowTarget, PeerPosition, Vec3, Verdict
 
-LOWEST: Final = -1000.0  # m
-HIGHEST: Final = 30_000.0  # m; no aircraft that flies by lift is higher
-NOWHERE: Final = (0.0, 0.0)  # latitude and longitude that a sender without a position reports
-STANDSTILL: Final = 1.0  # m/s; below it an aircraft may report the same position twice
+MIN_HEIGHT_M: Final = -1000.0
+MAX_HEIGHT_M: Final = 30_000.0  # No aircraft flies by lift above it.
+NO_POSITION: Final = (0.0, 0.0)  # latitude and longitude from a sender without a position
+MIN_MOVING_SPEED_M_S: Final = 1.0  # A slower aircraft may report the same position twice.
 
 
 class ReportedPosition(NamedTuple):
-    """Latitude and longitude in degrees and the height in m above mean sea level; velocity in NED there, m/s; and
-    whether its horizontal and its vertical part were reported."""
+    """The position and velocity of an aircraft by its own message.
+
+    Attributes
+    ----------
+    place
+        Latitude and longitude, degrees, and height above mean sea level, m.
+    v
+        Velocity in NED there, m/s.
+    has_level, has_climb
+        Whether the horizontal and the vertical velocity were reported.
+    """
 
     place: tuple[float, float, float]
     v: Vec3
@@ -25,9 +34,12 @@ class ReportedPosition(NamedTuple):
 def of_adsb(
     m: AdsbVehicle, *, geoid_undulation: float, pressure_altitude_offset: float, fastest: float
 ) -> ReportedPosition | Verdict:
-    """What an ADSB_VEHICLE reports. Mean sea level is a GNSS height less the undulation, m, or a pressure altitude
-    with the offset, m; `fastest`: m/s."""
-    if m.lat_deg is None or m.lon_deg is None or m.altitude is None or (m.lat_deg, m.lon_deg) == NOWHERE:
+    """Return the position of an ADSB_VEHICLE, or the verdict on an unusable one.
+
+    Height above mean sea level is a GNSS height minus the undulation, m, or a pressure altitude plus the offset,
+    m. `fastest`: maximum plausible speed, m/s.
+    """
+    if m.lat_deg is None or m.lon_deg is None or m.altitude is None or (m.lat_deg, m.lon_deg) == NO_POSITION:
         return Verdict.NO_POSITION
     speed, course, climb = m.ground_speed, m.course, m.climb
     height = m.altitude
@@ -44,25 +56,27 @@ def of_adsb(
 
 
 def of_peer(m: PeerPosition | FollowTarget, *, fastest: float) -> ReportedPosition | Verdict:
-    """What another vehicle's own position message reports; `fastest`: m/s."""
-    if (m.lat_deg, m.lon_deg) == NOWHERE:
+    """Return the position of another vehicle's own message, or the verdict on an unusable one.
+
+    `fastest`: maximum plausible speed, m/s.
+    """
+    if (m.lat_deg, m.lon_deg) == NO_POSITION:
         return Verdict.NO_POSITION
     reported = ReportedPosition((m.lat_deg, m.lon_deg, m.alt_msl), m.v_n, has_level=True, has_climb=True)
     return reported if is_plausible(reported.place, m.v_n, fastest) else Verdict.IMPLAUSIBLE
 
 
 def is_plausible(place: tuple[float, float, float], v: Vec3, fastest: float) -> bool:
-    """Whether an aircraft can be there and fly so, at `fastest` m/s at most."""
+    """Return whether an aircraft can be at this place with this velocity, at a speed of at most `fastest`, m/s."""
     lat_deg, lon_deg, height = place
-    return on_earth(lat_deg, lon_deg) and LOWEST <= height <= HIGHEST and math.hypot(*v) <= fastest
+    return on_earth(lat_deg, lon_deg) and MIN_HEIGHT_M <= height <= MAX_HEIGHT_M and math.hypot(*v) <= fastest
 
 
 def is_repetition(a: object, b: object) -> bool:
-    """Whether a receiver repeats an older report: the same position to the last digit, of an aircraft that
-    moves."""
+    """Return whether a moving aircraft's position is the same to the last digit: an older report repeated."""
     return (
         isinstance(a, AdsbVehicle)
         and isinstance(b, AdsbVehicle)
         and (a.lat_deg, a.lon_deg, a.altitude) == (b.lat_deg, b.lon_deg, b.altitude)
-        and (a.ground_speed or 0.0) > STANDSTILL
+        and (a.ground_speed or 0.0) > MIN_MOVING_SPEED_M_S
     )

@@ -1,5 +1,4 @@
-"""What estimators publish alike: the report of an image, an update as fields of a report, a belief as fields of an
-estimate."""
+"""Construction of the published records that all estimators share."""
 
 import math
 from collections.abc import Sequence
@@ -21,8 +20,10 @@ def image_report(
     update: Update | None = None,
     **more: Any,
 ) -> MeasurementReport:
-    """The report of an image, with as much as was known when the verdict was reached: `measured` (m,), and the
-    filter's `update` by it; `more` are further fields of the report."""
+    """Return the report of an image, with everything known when the verdict was reached.
+
+    `measured` is (m,); `update` is the filter's update by the image; `more` are further fields of the report.
+    """
     return MeasurementReport(
         source=message.camera,
         t_ns=message.t_ns,
@@ -39,7 +40,7 @@ def image_report(
 
 
 def of_update(update: Update) -> dict[str, Any]:
-    """The fields of a report that an update gives: what was predicted, and by how much the measurement is off."""
+    """Return the fields of a report that an update determines: the prediction and the innovation."""
     variances = update.innovation_covariance.diagonal().tolist()
     return {
         "predicted": tuple(update.predicted.tolist()),
@@ -50,7 +51,7 @@ def of_update(update: Update) -> dict[str, Any]:
 
 
 def of_belief(belief: Belief | None) -> dict[str, Any]:
-    """The fields of an estimate that a belief gives; both None without one."""
+    """Return the fields of an estimate that a belief determines; both None without one."""
     if belief is None:
         return {"mean": None, "covariance": None}
     return {

@@ -1,4 +1,4 @@
-"""`[estimator.oh_johnson]`: the keys of its section, with their units."""
+"""Configuration `[estimator.oh_johnson]`: the keys of its section, with their units."""
 
 from typing import Annotated
 
@@ -9,9 +9,9 @@ from onboard.messages import NotNegative, Positive, Record
 
 
 class Config(Record, frozen=True, kw_only=True):
-    """`[estimator.oh_johnson]`. The paper's noise is no key: it is printed, and stands in `noise.py`.
+    """Configuration `[estimator.oh_johnson]`. Raises ValueError for timeouts out of order.
 
-    Raises ValueError for timeouts out of order.
+    The paper's noise is not configurable; it is in `noise.py`.
     """
 
     size_prior_m: Positive = 2.0  # the leader's wingspan, b

@@ -1,12 +1,12 @@
-"""Oh & Johnson's unscented filter of one leader: nine states, three angles. Read it with the paper in hand.
+"""Oh & Johnson's unscented filter of one leader: nine states, three angles. Read it with the paper.
 
     state         [r_FL_n (3), v_FL_n (3), b, a_lat, a_long]   eqs 1-10    onboard/models/relative_motion.py
     measurement   azimuth, elevation, subtended angle          eqs 11-18   onboard/models/camera_angles.py
     filter        sigma points, predict, update                eqs 19-42   onboard/filters/unscented.py
-    noise         first belief, Q and R as printed             eqs 43-54   noise.py, beside this file
+    noise         first belief, Q and R as printed             eqs 43-54   noise.py, next to this file
 
-Around them stands what every estimator needs: images are fused at their own time however late they come, a gate,
-a life cycle, and a report on each image. There is one target, the leader; images of others are not looked at.
+The rest is common to all estimators: images are fused at their own time however late they arrive, with a gate, a
+life cycle, and a report on each image. The only target is the leader; images of others are ignored.
 """
 
 from collections import deque
@@ -25,7 +25,7 @@ from onboard.filters import unscented
 from onboard.filters.belief import Belief, FilterError, Update
 from onboard.filters.gating import chi_square_threshold
 from onboard.geometry.camera import Camera
-from onboard.geometry.lens import WIDEST
+from onboard.geometry.lens import MAX_IMAGE_RADIUS
 from onboard.messages import Estimate, Exposure, Lifecycle, MeasurementReport, Message, TargetPoints, Verdict
 from onboard.messages.causes import Cause, Reason
 from onboard.models import camera_angles, relative_motion
@@ -36,19 +36,19 @@ from onboard.units import NS_PER_S
 NAME: Final = "oh_johnson"
 LISTENS: Final = (Exposure,)
 LEADER: Final = ("leader", "")  # ids of its images
-WEIGHTS: Final = unscented.julier_weights(relative_motion.N)  # eqs 23-25
-REMEMBERED: Final = 64  # images whose repetition is noticed
+WEIGHTS: Final = unscented.julier_weights(relative_motion.STATE_SIZE)  # eqs 23-25
+STAMP_HISTORY_LENGTH: Final = 64  # images whose repetition is noticed
 
 
 class CameraPlace(NamedTuple):
-    """The camera's attitude R_cn (3, 3), n to camera, and its place r_FC_n (3,) m."""
+    """The camera's attitude R_cn (3, 3), n to camera, and its place r_FC_n (3,), m."""
 
     R_cn: Array
     r_FC_n: Array
 
 
 class AngleImage(NamedTuple):
-    """A usable image: its three angles (3,) rad, and where the camera was as far as was known on its arrival."""
+    """A usable image: its three angles (3,), rad, and the camera's pose as known on arrival."""
 
     message: TargetPoints
     angles: Array
@@ -56,7 +56,7 @@ class AngleImage(NamedTuple):
 
 
 class GatedUpdate(NamedTuple):
-    """The update by an image, and whether the gate let it pass."""
+    """The update by an image, and whether it passed the gate."""
 
     fused: bool
     update: Update
@@ -70,10 +70,10 @@ class Estimator:
         self._size = config.size_prior_m
         self._size_sigma = config.size_prior_sigma_m or 0.02 * config.size_prior_m
         self._Q = process_noise(self._size)
-        self._gate = chi_square_threshold(config.gate_probability, camera_angles.M)
+        self._gate = chi_square_threshold(config.gate_probability, camera_angles.MEASUREMENT_SIZE)
         self._history: History[Belief, Ownship] | None = None
         self._fused_ns = 0  # time of the newest fused image; means nothing without a history
-        self._seen: deque[tuple[str, int]] = deque(maxlen=REMEMBERED)
+        self._seen: deque[tuple[str, int]] = deque(maxlen=STAMP_HISTORY_LENGTH)
         self._why = Reason(Cause.NO_MEASUREMENT, "no image yet")
         self._since = Lifecycle.SEARCHING, 0
         self._published_ns: int | None = None
@@ -82,7 +82,7 @@ class Estimator:
     # ------------------------------------------------------------------------ what the pipeline calls
 
     def observe(self, message: Message, ownship: Ownship) -> list[Estimate]:
-        """Fuse an image of the leader at the time it was taken."""
+        """Fuse an image of the leader at its own time."""
         seen = message.detections if isinstance(message, Exposure) else ()
         images = [m for m in seen if isinstance(m, TargetPoints) and m.target in LEADER]
         return [self._observe(image, ownship) for image in images]
@@ -97,7 +97,7 @@ class Estimator:
         return self._estimate(ownship, report)
 
     def tick(self, ownship: Ownship) -> list[Estimate]:
-        """After new own motion: compute again what it changes, and predict to now where an estimate is due."""
+        """Recompute provisional nodes after new own motion, and predict to now if an estimate is due."""
         now_ns, last_ns = ownship.now_ns, self._published_ns
         if last_ns is not None and 0 <= now_ns - last_ns < NS_PER_S / self._config.publish_rate_hz:
             return []
@@ -118,14 +118,14 @@ class Estimator:
     # ------------------------------------------------------------------------ one image
 
     def _prepare(self, message: TargetPoints, ownship: Ownship) -> AngleImage | Verdict:
-        """The image's angles and the camera's pose; or why it cannot be used."""
+        """Return the image's angles and the camera's pose, or the verdict on an unusable image."""
         key = message.camera, message.t_ns
         if key in self._seen:
             return Verdict.DUPLICATE
         points = np.array([message.center, message.left, message.right])
         if not np.isfinite(points).all():
             return Verdict.NOT_FINITE
-        if np.abs(points).max() > WIDEST or message.left == message.right:
+        if np.abs(points).max() > MAX_IMAGE_RADIUS or message.left == message.right:
             return Verdict.DEGENERATE
         pose = self._pose(message, ownship)
         if pose is None:
@@ -156,7 +156,7 @@ class Estimator:
         return self._report(message, Verdict.FUSED_LATE if late else Verdict.FUSED, image, outcome)
 
     def _settle(self, ownship: Ownship) -> None:
-        """Come up to the newest own motion; an image that the gate stopped at first may pass now."""
+        """Advance to the newest own motion; an image rejected by the gate may pass now."""
         if self._history is not None:
             self._history.settle(ownship)
             self._fused_ns = max(self._fused_ns, self._history.newest(lambda o: o.fused) or 0)
@@ -180,7 +180,7 @@ class Estimator:
         return (update.belief if fused else belief), GatedUpdate(fused, update)
 
     def _pose(self, message: TargetPoints, ownship: Ownship) -> CameraPlace | None:
-        """The camera's pose when an image was taken; None where ours, or its gimbal's, is not known."""
+        """Return the camera's pose at the time of an image; None if ours, or its gimbal's, is unknown."""
         camera, pose = self._camera.named(message.camera), ownship.pose_at(message.t_ns)
         if pose is None:
             return None
@@ -249,7 +249,7 @@ class Estimator:
         image: AngleImage | None = None,
         outcome: GatedUpdate | None = None,
     ) -> MeasurementReport:
-        """The record of one image, with as much as was known when the verdict was reached."""
+        """Return the record of one image, with everything known when the verdict was reached."""
         return image_report(
             message,
             verdict,

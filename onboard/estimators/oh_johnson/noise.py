@@ -13,10 +13,10 @@ from onboard.filters.belief import Belief
 from onboard.models import camera_angles, relative_motion
 from onboard.models.relative_motion import POSITION, SIZE
 
-FT: Final = 0.3048  # m
-FIRST_POSITION: Final = 1 * FT  # m; this and the next two: eq 51
-FIRST_VELOCITY: Final = 1 * FT  # m/s
-FIRST_ACCELERATION: Final = 10 * FT  # m/s^2
+FOOT_M: Final = 0.3048
+POSITION_SIGMA_M: Final = 1 * FOOT_M  # of the first belief, as the next two: eq 51
+VELOCITY_SIGMA_M_S: Final = 1 * FOOT_M
+ACCELERATION_SIGMA_M_S2: Final = 10 * FOOT_M
 ANGLES_DEG: Final = 5.0, 4.0, 3.0  # azimuth, elevation, subtended; eq 54
 ANGLES: Final = np.diag(np.radians(ANGLES_DEG) ** 2)  # rad^2
 HOVER_SPEED: Final = 1.0  # m/s, eps of eq 2: as printed, it is 0/0 when the leader hovers
@@ -33,21 +33,24 @@ class RandomWalks(NamedTuple):
 
 
 PRINTED: Final = RandomWalks(
-    position=5 * FT, velocity=10 * FT, size=0.01, a_lat=2 * FT, a_long=2 * FT
+    position=5 * FOOT_M, velocity=10 * FOOT_M, size=0.01, a_lat=2 * FOOT_M, a_long=2 * FOOT_M
 )  # eqs 52-53
 
 
 def process_noise(size: float, walks: RandomWalks = PRINTED) -> Array:
-    """Q (9, 9) per second of a leader of wingspan `size` in m: eqs 52-53."""
+    """Return Q (9, 9) per second for a leader of wingspan `size` in m: eqs 52-53."""
     densities = [walks.position] * 3 + [walks.velocity] * 3 + [walks.size * size, walks.a_lat, walks.a_long]
     return np.diag(np.square(densities))
 
 
 def first_belief(angles: Array, size: float, size_sigma: float, R_cn: Array, r_FC_n: Array) -> Belief:
-    """Mean (9,) and covariance (9, 9) after the first image, of angles (3,) rad: eqs 43-51. `size` and its sigma
-    in m; the camera's attitude R_cn (3, 3) and place r_FC_n (3,) m. The leader flies as we do."""
-    mean = np.zeros(relative_motion.N)
+    """Return mean (9,) and covariance (9, 9) after the first image, of angles (3,), rad: eqs 43-51.
+
+    `size` and its sigma are in m; R_cn (3, 3) and r_FC_n (3,), m, are the camera's attitude and place. The leader
+    is assumed to fly as we do.
+    """
+    mean = np.zeros(relative_motion.STATE_SIZE)
     mean[POSITION] = camera_angles.position_from_angles(angles[None], np.array([size]), R_cn, r_FC_n)[0]
     mean[SIZE] = size
-    sigma = [FIRST_POSITION] * 3 + [FIRST_VELOCITY] * 3 + [size_sigma] + [FIRST_ACCELERATION] * 2
+    sigma = [POSITION_SIGMA_M] * 3 + [VELOCITY_SIGMA_M_S] * 3 + [size_sigma] + [ACCELERATION_SIGMA_M_S2] * 2
     return Belief(mean, np.diag(np.square(sigma)))

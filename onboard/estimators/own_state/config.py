@@ -1,6 +1,6 @@
-"""`[estimator.own_state]`: its keys, the filters it may name, and the airframes whose constants are known.
+"""Configuration `[estimator.own_state]`: its keys, its filters, and the known airframes.
 
-Imports no numerics, so that a configuration is read and checked before anything slow is loaded.
+It imports no numerics, so that a configuration is read and checked before anything slow is loaded.
 """
 
 from typing import Annotated, ClassVar, Final, Literal
@@ -23,11 +23,14 @@ FILTERS: Final = (
 
 
 class AirframeConfig(Record, frozen=True, kw_only=True):
-    """Constants of a multirotor. Each of `rotors` has its place forward and right of the centre (m), and the sign
-    of the torque about b's z axis that its drag gives: +1 where it turns counter-clockwise seen from above.
-    A rotor gives no thrust at the first of `pwm_us` and `thrust_max_n` at the second; between them thrust grows
-    with the square of the command. With `full_voltage_v`, `thrust_max_n` is that at this voltage of the battery,
-    and grows with its square; without, the rotors' speed is governed, or nobody knows."""
+    """Constants of a multirotor.
+
+    Each of `rotors` has its place forward and right of the centre (m), and the sign of the torque about b's z axis
+    that its drag gives: +1 if it turns counter-clockwise seen from above. A rotor gives no thrust at the first of
+    `pwm_us` and `thrust_max_n` at the second; between them thrust grows with the square of the command. With
+    `full_voltage_v`, `thrust_max_n` is the thrust at this battery voltage, and grows with its square. Without it,
+    the rotors' speed is governed, or the dependence is unknown.
+    """
 
     mass_kg: Positive
     inertia_kg_m2: Positive3
@@ -40,7 +43,7 @@ class AirframeConfig(Record, frozen=True, kw_only=True):
     full_voltage_v: Positive | None = None
 
     def __post_init__(self) -> None:
-        """Raises ValueError for rotors that cannot hold a vehicle, or a PWM range without a width."""
+        """Raise ValueError for rotors that cannot hold a vehicle, or a PWM range without a width."""
         if len(self.rotors) < 4:
             raise ValueError("an airframe needs at least four rotors")
         if not self.pwm_us[0] < self.pwm_us[1]:
@@ -71,7 +74,7 @@ AIRFRAMES: Final = {
 
 
 class Config(Record, frozen=True, kw_only=True):
-    """`[estimator.own_state]`. The keys carry their units."""
+    """Configuration `[estimator.own_state]`. The keys carry their units."""
 
     filter: str = "csvsf-adaptive"  # one of FILTERS
     airframe: Literal["unknown", "csvsf", "x500", "custom"] = "unknown"
@@ -103,8 +106,7 @@ class Config(Record, frozen=True, kw_only=True):
     silence_s: ClassVar[float] = 0.5  # without an attitude: not valid
 
     def __post_init__(self) -> None:
-        """Raises ValueError for timeouts out of order, custom without its table or the reverse, or an unknown
-        filter."""
+        """Raise ValueError for timeouts out of order, a missing or surplus custom table, or an unknown filter."""
         check_order(self, "reset_timeout_s")
         if (self.airframe == "custom") != (self.custom is not None):
             raise ValueError('airframe = "custom" and a table estimator.own_state.custom go together')
@@ -118,5 +120,5 @@ class Config(Record, frozen=True, kw_only=True):
         return (module_name(self.filter),)
 
     def known_airframe(self) -> AirframeConfig | None:
-        """The airframe's constants, None where they are unknown."""
+        """Return the airframe's constants; None if they are unknown."""
         return self.custom if self.airframe == "custom" else AIRFRAMES.get(self.airframe)

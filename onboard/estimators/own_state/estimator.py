@@ -1,8 +1,8 @@
-"""Our own vehicle: position, velocity, attitude and rates from the autopilot's messages, by any of the filters.
+"""Our own position, velocity, attitude and rates from the autopilot's messages, by any of the filters.
 
-The specific force drives the model of `models.own_motion`; attitude with body rates, GPS fixes and a barometer
-correct it, each at its own rate and at its own time, however late it comes. Innovations that the filter cannot
-explain are counted, and their cause is named where it can be found (`faults`, `innovations`).
+The specific force drives the model of `models.own_motion`. Attitude with body rates, GPS fixes and a barometer
+correct it, each at its own rate and at its own time, however late it arrives. Unexplained innovations are counted,
+and their cause is identified if possible (`faults`, `innovations`).
 """
 
 from collections.abc import Sequence
@@ -75,22 +75,22 @@ class Estimator:
         self._filter = SensorFilter(config.filter)
         self._resets = self._sequence = 0
         self._track: Track | None = None
-        self._why = Reason(Cause.NO_MEASUREMENT, "no GPS fix yet")  # there is no track
-        self._unsuitable: Reason | None = None  # what flies is not what the model supposes
+        self._why = Reason(Cause.NO_MEASUREMENT, "no GPS fix yet")  # why there is no track
+        self._unsuitable: Reason | None = None  # why the model does not fit the vehicle
         self._begin()
 
     def _begin(self) -> None:
-        """Forget everything that the autopilot's time base and origin hold for."""
+        """Reset everything that depends on the autopilot's time base and origin."""
         noise = SensorNoise(self._config)
         self._sources, self._inputs = Sources(self._config, noise), Inputs(noise)
         self._vehicle = FaultMonitor(self._config.known_airframe())
         self._outliers, self._contradiction = OutlierMonitor(), Contradiction(self._config.layer_sigmas)
         self._velocity_b: Array | None = None  # as last published
-        self._next_due_ns = 0  # when an attitude is to be published again
+        self._next_due_ns = 0  # time of the next published attitude
         self._is_silent = self._is_armed = False
 
     def observe(self, message: Message, ownship: Ownship) -> list[Estimate]:
-        """Fuse one message; an estimate for each attitude that is due for publication, and for each fix."""
+        """Fuse one message. Returns an estimate for each attitude due for publication, and for each fix."""
         match message:
             case Heartbeat():
                 self._learn_kind(message.vehicle_type)
@@ -118,7 +118,9 @@ class Estimator:
         return []
 
     def tick(self, ownship: Ownship) -> list[Estimate]:
-        """One estimate when the attitude has fallen silent; otherwise our own messages drive this estimator."""
+        """Return one estimate when the attitude has stopped arriving; otherwise our own messages drive this
+        estimator.
+        """
         newest_ns = self._sources.newest_ns
         is_silent = newest_ns != 0 and ownship.now_ns - newest_ns > self._config.silence_s * NS_PER_S
         if is_silent and not self._is_silent:
@@ -203,7 +205,7 @@ class Estimator:
     # ------------------------------------------------------------------------------ life of the track
 
     def _start(self, fix: Measurement) -> None:
-        """Begin at a fix with the attitude nearest to it; fuse the attitudes that have come since."""
+        """Start a track at a fix with the nearest attitude, and fuse the attitudes since then."""
         if self._unsuitable is not None:
             self._why = self._unsuitable
             return
@@ -218,8 +220,10 @@ class Estimator:
                 self._fuse(attitude)
 
     def _fuse(self, measurement: Measurement) -> Outcome | None:
-        """Insert a measurement at its own time and judge its innovation; None without a track, or where the track
-        does not reach back so far."""
+        """Insert a measurement at its own time and evaluate its innovation.
+
+        Returns None without a track, or if the measurement is older than the track's history.
+        """
         self._drop_old_track(measurement.t_ns)
         if self._track is None or not self._track.reaches(measurement.t_ns):
             return None
@@ -241,7 +245,7 @@ class Estimator:
         self._why = why
 
     def _learn_kind(self, vehicle_type: int) -> None:
-        """What the autopilot drives, as a MAV_TYPE: the model is that of what flies on its lift."""
+        """Check the MAV_TYPE of the vehicle: the model is that of a vehicle that flies on its own lift."""
         kind, self._unsuitable = NOT_LIFTED.get(vehicle_type), None
         if kind is not None:
             self._unsuitable = Reason(
@@ -250,13 +254,15 @@ class Estimator:
             self._drop_track(self._unsuitable)
 
     def _drop_old_track(self, t_ns: int) -> None:
-        """End the track before it is predicted to a time too far from its last fix: the way there is cut into
-        short steps, and an hour has many."""
+        """End the track before it is predicted too far beyond its last fix.
+
+        The prediction is cut into short steps, and an hour has many.
+        """
         if self._track is not None and self._track.age(t_ns) > self._config.reset_timeout_s:
             self._drop_track(Reason(Cause.FORGOTTEN, "no fix for longer than the reset timeout"))
 
     def _life(self, t_ns: int) -> tuple[Lifecycle, Reason]:
-        """The state of the life cycle at a time, and its reason."""
+        """Return the state of the life cycle at a time, and its reason."""
         if self._track is None:
             has_fix = self._sources.first_fix_ns is not None
             return Lifecycle.INITIALISING if has_fix else Lifecycle.SEARCHING, self._why

@@ -1,8 +1,8 @@
-"""Any filter of `onboard.filters` under several sensors.
+"""Adapter of any filter of `onboard.filters` to several sensors.
 
-A smooth variable structure filter remembers, beside mean and covariance, the last residual of each measured
-quantity and how long it has been outside its layer. Each sensor needs a memory of its own: here it is taken out of
-the filter's state after an update and put back, by the sensor's name, before the next.
+A smooth variable structure filter keeps, besides mean and covariance, the last residual of each measured quantity
+and how long it has been outside its layer. Each sensor needs a memory of its own: it is taken out of the filter's
+state after an update, and put back, by the sensor's name, before the next.
 """
 
 from collections.abc import Mapping
@@ -16,8 +16,17 @@ BELIEF_FIELDS: Final = {"mean", "covariance", "factor", "model_error"}
 
 
 class FilterState(NamedTuple):
-    """A filter's state; and by sensor the filter's memory of it, and the covariance of the model's error that the
-    filter found by it but does not follow."""
+    """A filter's state and its memory of each sensor.
+
+    Attributes
+    ----------
+    state
+        The filter's own state.
+    memories
+        The filter's memory, by sensor.
+    model_errors
+        Covariance of the model error that the filter has detected but does not follow, by sensor.
+    """
 
     state: Any
     memories: Mapping[str, Any]
@@ -25,14 +34,16 @@ class FilterState(NamedTuple):
 
 
 class SensorFilter:
-    """A filter of `onboard.filters`, called with the sensor's name. Holds nothing that changes. No other filter is
-    loaded than the one named."""
+    """A stateless filter of `onboard.filters`, called with the sensor's name.
+
+    Only the named filter is loaded.
+    """
 
     def __init__(self, name: str) -> None:
         self._method: Method = method(name)
 
     def start(self, mean: Array, covariance: Array) -> FilterState:
-        """A state before any measurement."""
+        """Return a state before any measurement."""
         return FilterState(self._method.start(mean, covariance), {}, {})
 
     def predict(self, filtered: FilterState, process: Rows, Q: Array) -> FilterState:
@@ -57,12 +68,12 @@ class SensorFilter:
         return FilterState(after._replace(model_error=sum(errors.values())), memories, errors), update
 
     def belief(self, filtered: FilterState) -> Belief:
-        """The filter's mean and covariance."""
+        """Return the filter's mean and covariance."""
         return self._method.belief(filtered.state)
 
 
 def _memory(state: Any) -> Any:
-    """The fields of a state that are not part of its belief; also those of states within a state."""
+    """Return the fields of a state that are not part of its belief, also those of nested states."""
     fields = state._asdict()
     return {
         name: _memory(value) if hasattr(value, "_asdict") else value
@@ -72,7 +83,7 @@ def _memory(state: Any) -> Any:
 
 
 def _with_memory(state: Any, memory: Any) -> Any:
-    """The state with another memory."""
+    """Return the state with another memory."""
     return state._replace(
         **{
             name: _with_memory(getattr(state, name), value) if isinstance(value, dict) else value

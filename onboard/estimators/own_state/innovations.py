@@ -1,6 +1,6 @@
-"""Evaluation of innovations: how well the filter explains the last second's measurements, and wrong values.
+"""Evaluation of innovations: consistency over the last second, and wrong values.
 
-A wrong model's innovations keep their sign, a single wrong value's do not.
+Innovations of a wrong model keep their sign; a single wrong value's do not.
 """
 
 from collections import Counter, deque
@@ -11,27 +11,28 @@ import numpy as np
 import numpy.typing as npt
 
 from onboard.arrays import Array
-from onboard.estimators.own_state.inputs import FADING_S
+from onboard.estimators.own_state.inputs import MANOEUVRE_DECAY_TIME_S, MAX_FIX_INTERVAL_NS
 from onboard.estimators.own_state.measurements import GPS, Measurement
 from onboard.filters.belief import Update
 from onboard.messages import Fault, FaultKind
 from onboard.units import NS_PER_S
 
-WRONG_VALUES: Final = 3  # within a second make a fault
-NEAR: Final = 2.0  # deviations: before and after a wrong value, innovations are this small
-SHAKEN_NS: Final = 400_000_000  # about the onset of another fault, innovations say nothing about sensors
+MIN_WRONG_VALUE_COUNT: Final = 3  # per second, for a fault
+MAX_NORMAL_SIGMAS: Final = 2.0  # of the innovations before and after a wrong value
+ONSET_MARGIN_NS: Final = 400_000_000  # Near the onset of another fault, innovations do not show sensor faults.
 
-LASTING_S: Final = 2 * FADING_S  # over which fixes and model are compared
-LASTING: Final = 1.0  # of an innovation's variance; measured on flights that the model fits, up to 0.6
-LEAST: Final = 0.1  # m/s: a receiver's own error may last, too
-NEXT_NS: Final = 2 * NS_PER_S  # between two fixes that are compared
+COMPARISON_TIME_S: Final = 2 * MANOEUVRE_DECAY_TIME_S  # time constant of the comparison of fixes with the model
+MIN_LASTING_VARIANCE_RATIO: Final = 1.0  # Of an innovation's variance; flights that fit the model have up to 0.6.
+MIN_LASTING_VELOCITY_M_S: Final = 0.1  # A receiver's own error may last, too.
 
 Outside = npt.NDArray[np.bool_]
 
 
 class Counts:
-    """Of the last second's measurements: how many components were outside their layer of `sigmas` standard
-    deviations of the innovation, and the NIS."""
+    """Statistics of the last second's measurements: components outside their layer, and NIS.
+
+    The layer is `sigmas` standard deviations of the innovation wide.
+    """
 
     def __init__(self, sigmas: float) -> None:
         self._sigmas = sigmas
@@ -40,7 +41,7 @@ class Counts:
         self._outside = self._components = 0  # sums over those
 
     def add(self, t_ns: int, update: Update) -> Outside:
-        """Count a measurement; which of its components were outside (m,)."""
+        """Count a measurement. Returns which of its components were outside their layer (m,)."""
         layer = self._sigmas * np.sqrt(update.innovation_covariance.diagonal())
         outside: Outside = np.abs(update.innovation) > layer
         self._recent.append((t_ns, int(outside.sum()), len(outside)))
@@ -61,32 +62,35 @@ class Counts:
 
     @property
     def nis_ratio(self) -> float | None:
-        """NIS over the number of components: 1 where the covariance is right."""
+        """NIS over the number of components: 1 if the covariance is right."""
         return sum(self._nis) / self._components if self._components else None
 
 
 class Contradiction:
-    """Whether fixes and model say different velocities, for longer than noise does.
+    """Detector of a lasting difference between the velocities of fixes and of the model.
 
-    The innovations of a filter whose model holds are independent from fix to fix, so the mean of the product of
-    two successive ones is 0. It is positive where the vehicle moves as the model does not expect, and where fixes
-    are later than is supposed: the velocity is then wrong by many times the innovation, since the filter goes
-    after the fixes. NIS does not show it: most of it is the attitude's."""
+    The innovations of a filter with the right model are independent from fix to fix, so the mean product of two
+    successive ones is 0. It is positive if the vehicle moves as the model does not expect, and if fixes are later
+    than assumed: the velocity error is then many times the innovation, since the filter follows the fixes. NIS
+    does not show it: most of it is the attitude's.
+    """
 
     def __init__(self, most: float) -> None:
         self._most = most
-        self._last: tuple[int, Array, Array] | None = None  # time, innovation, and that over its deviation
-        self._means = np.zeros(2)  # of the products: of its variance, and m^2/s^2
+        self._last: tuple[int, Array, Array] | None = None  # time, innovation, and innovation over its sigma
+        self._means = np.zeros(2)  # of the products: relative to the variance, and in m^2/s^2
         self._is_present = False
 
     @property
     def size(self) -> float | None:
-        """How much of a fix's innovation of the velocity lasts, m/s; None while nothing contradicts."""
+        """Lasting part of a fix's velocity innovation, m/s; None while there is no contradiction."""
         return float(np.sqrt(max(self._means[1], 0.0))) if self._is_present else None
 
     def add(self, measurement: Measurement, update: Update) -> None:
-        """The innovation of a fix that was fused. Those without a velocity say nothing, nor does one that is late.
-        A product counts as no more than `most`: one wrong fix, or two, prove nothing."""
+        """Add the innovation of a fused fix. A fix without velocity, or a late one, is ignored.
+
+        A product is limited to `most`: one or two wrong fixes prove nothing.
+        """
         t_ns, last = measurement.t_ns, self._last
         if measurement.sensor != GPS or len(measurement.y) < 5 or (last is not None and t_ns <= last[0]):
             return
@@ -94,14 +98,14 @@ class Contradiction:
         sigmas = np.sqrt(update.innovation_covariance.diagonal()[3:5])
         ratio = innovation / sigmas
         self._last = t_ns, innovation, ratio
-        if last is None or t_ns - last[0] > NEXT_NS:
+        if last is None or t_ns - last[0] > MAX_FIX_INTERVAL_NS:
             return
-        share = min((t_ns - last[0]) / NS_PER_S / LASTING_S, 1.0)
+        share = min((t_ns - last[0]) / NS_PER_S / COMPARISON_TIME_S, 1.0)
         product = float(np.clip(np.mean(ratio * last[2]), -self._most, self._most))
         products = np.array([product, np.mean(innovation * last[1])])
         self._means += share * (products - self._means)
-        enough = 0.5 * LASTING if self._is_present else LASTING
-        self._is_present = bool(self._means[0] > enough and self._means[1] > LEAST**2)
+        enough = 0.5 * MIN_LASTING_VARIANCE_RATIO if self._is_present else MIN_LASTING_VARIANCE_RATIO
+        self._is_present = bool(self._means[0] > enough and self._means[1] > MIN_LASTING_VELOCITY_M_S**2)
 
 
 class OutlierMonitor:
@@ -113,15 +117,17 @@ class OutlierMonitor:
         self._wrong: deque[tuple[int, str]] = deque()
 
     def faults(self) -> tuple[Fault, ...]:
-        """The present fault, if there is one."""
+        """Return the present fault, if there is one."""
         return () if self._fault is None else (self._fault,)
 
     def add(self, measurement: Measurement, update: Update, outside: Outside, onsets_ns: Sequence[int]) -> None:
-        """A measurement's innovation, and which of its components were outside their layer. A component that is
-        outside, was small before, and is small after or as far to the other side, was a wrong value; otherwise the
-        model is wrong. `onsets_ns` are those of the vehicle's present faults."""
-        # 1 or -1 outside, 0 well inside, a half between
-        near = np.abs(update.innovation) < NEAR * np.sqrt(update.innovation_covariance.diagonal())
+        """Add a measurement's innovation, and which of its components were outside their layer.
+
+        A component was a wrong value if it is outside, was small before, and is small after or as large on the
+        other side. Otherwise the model is wrong. `onsets_ns` are those of the vehicle's present faults.
+        """
+        # 1 or -1 outside, 0 well inside, 0.5 between
+        near = np.abs(update.innovation) < MAX_NORMAL_SIGMAS * np.sqrt(update.innovation_covariance.diagonal())
         signs = np.where(outside, 1.0, 0.5) * np.sign(update.innovation) * ~near
         sensor, t_ns = measurement.sensor, measurement.t_ns
         last_ns, before, last = self._signs.get(sensor, (0, 0.0 * signs, 0.0 * signs))
@@ -135,11 +141,13 @@ class OutlierMonitor:
         self._judge(t_ns, onsets_ns)
 
     def _judge(self, t_ns: int, onsets_ns: Sequence[int]) -> None:
-        """Wrong values make a fault once they are many, and once a fault of the vehicle, whose onset shakes the
-        filter, has had the time to be named instead."""
+        """Raise a fault once there are many wrong values.
+
+        The onset of a vehicle fault disturbs the filter, so such a fault is given the time to be reported instead.
+        """
         shaken = [t for t in onsets_ns if t_ns - t < 2 * NS_PER_S]
         kept = [w for w in self._wrong if w[0] >= t_ns - 2 * NS_PER_S]
-        kept = [w for w in kept if not any(-SHAKEN_NS < w[0] - t < 2 * SHAKEN_NS for t in shaken)]
+        kept = [w for w in kept if not any(-ONSET_MARGIN_NS < w[0] - t < 2 * ONSET_MARGIN_NS for t in shaken)]
         self._wrong = deque(kept)
         recent = [w for w in kept if w[0] >= t_ns - NS_PER_S]
         if not recent:
@@ -147,7 +155,7 @@ class OutlierMonitor:
                 self._fault = None
             return
         onset_ns = min(t for t, _ in recent)
-        if len(recent) >= WRONG_VALUES and t_ns - onset_ns > SHAKEN_NS and self._fault is None:
+        if len(recent) >= MIN_WRONG_VALUE_COUNT and t_ns - onset_ns > ONSET_MARGIN_NS and self._fault is None:
             self._fault = Fault(
                 kind=FaultKind.OUTLIERS,
                 part=Counter(name for _, name in recent).most_common(1)[0][0],

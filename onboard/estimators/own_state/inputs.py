@@ -1,6 +1,7 @@
-"""Inputs of our own model over the last seconds: specific force, and angular acceleration by the motors. A step is
-driven by the mean of the samples over it, so that neither their rate nor their phase against the measurements
-matters.
+"""Inputs of our own model over the last seconds: specific force, and angular acceleration by the motors.
+
+A step is driven by the mean of the samples over it, so that neither their rate nor their phase against the
+measurements matters.
 """
 
 from bisect import bisect_left, bisect_right
@@ -13,54 +14,59 @@ from onboard.estimators.own_state.noise import SensorNoise
 from onboard.models.own_motion import GRAVITY
 from onboard.units import NS_PER_S, S_PER_NS
 
-KEPT_NS: Final = 3 * NS_PER_S
-HELD_NS: Final = 200_000_000  # a sample holds for so long after it; then the input is unknown
+HISTORY_LENGTH_NS: Final = 3 * NS_PER_S
+MAX_HOLD_TIME_NS: Final = 200_000_000  # of a sample; after that the input is unknown
 DOWN: Final = np.array([0.0, 0.0, 1.0])
-SHORTEST_NS: Final = 900_000_000  # between fixes that are compared
-LONGEST_NS: Final = 2 * NS_PER_S
-FADING_S: Final = 5.0
-UNKNOWN_DENSITY: Final = 4.0  # (m/s^2)^2/Hz, before fixes have shown it
-KEPT_DENSITIES: Final = 100
-SCATTER_S: Final = 1.0  # over which the scatter of samples is averaged
+MIN_FIX_INTERVAL_NS: Final = 900_000_000  # between compared fixes
+MAX_FIX_INTERVAL_NS: Final = 2 * NS_PER_S  # between compared fixes
+MANOEUVRE_DECAY_TIME_S: Final = 5.0
+UNKNOWN_DENSITY: Final = 4.0  # (m/s^2)^2/Hz, before fixes have been compared
+FORCE_DENSITY_HISTORY_LENGTH: Final = 100
+SCATTER_AVERAGING_TIME_S: Final = 1.0
 
 
 class Samples:
-    """Vectors (n,) at rising times: their mean over any span, and their scatter about a smooth course. On a
-    shaking vehicle an accelerometer that is sampled now and then scatters by many times its own noise. A gap is
-    what lies between two samples that are farther apart than a sample holds: nothing is known of it."""
+    """Vectors (n,) at increasing times, with their mean over any span and their scatter.
+
+    The scatter is taken about a smooth course: on a shaking vehicle, sparse samples of an accelerometer scatter by
+    many times its own noise. A gap is a longer time without samples than a sample is held; nothing is known within
+    it.
+    """
 
     def __init__(self, size: int) -> None:
         self.times: list[int] = []
         self._values: list[Array] = []
-        self._sums: list[Array] = []  # integral up to each sample
+        self._sums: list[Array] = []  # integrals up to each sample
         self._scatter: list[Array] = []  # variance of a sample times the time between samples
-        self._gaps: list[int] = []  # how many have been before each sample
+        self._gaps: list[int] = []  # number of gaps before each sample
         self._size = size
 
     def add(self, t_ns: int, value: Array) -> bool:
-        """Append; False for a sample that is not newer than the newest."""
+        """Append a sample. Returns False if it is not newer than the newest one."""
         if self.times and t_ns <= self.times[-1]:
             return False
         integral, gaps = np.zeros(self._size), 0
         if self.times:
             dt_ns = t_ns - self.times[-1]
-            gaps = self._gaps[-1] + (dt_ns > HELD_NS)
+            gaps = self._gaps[-1] + (dt_ns > MAX_HOLD_TIME_NS)
             integral = self._sums[-1] + 0.5 * dt_ns * S_PER_NS * (self._values[-1] + value)
         self._scatter.append(self._mean_scatter(t_ns, value))
         self._gaps.append(gaps)
         self.times.append(t_ns)
         self._values.append(value)
         self._sums.append(integral)
-        if self.times[-1] - self.times[0] > 2 * KEPT_NS:
-            keep = bisect_left(self.times, self.times[-1] - KEPT_NS)
+        if self.times[-1] - self.times[0] > 2 * HISTORY_LENGTH_NS:
+            keep = bisect_left(self.times, self.times[-1] - HISTORY_LENGTH_NS)
             for kept in (self.times, self._values, self._sums, self._scatter, self._gaps):
                 del kept[:keep]
         return True
 
     def mean(self, t0_ns: int, t1_ns: int) -> Array | None:
-        """Mean over [t0, t1], with the newest sample held beyond itself; None where no sample is near enough, or
-        where a part of that is in a gap."""
-        if not self.times or t0_ns < self.times[0] - HELD_NS or t1_ns > self.times[-1] + HELD_NS:
+        """Return the mean over [t0, t1], holding the newest sample beyond itself.
+
+        None if no sample is near enough, or if a part of the interval is in a gap.
+        """
+        if not self.times or t0_ns < self.times[0] - MAX_HOLD_TIME_NS or t1_ns > self.times[-1] + MAX_HOLD_TIME_NS:
             return None
         before = max(bisect_right(self.times, t0_ns) - 1, 0)  # the last sample until t0, and the first from t1 on
         after = min(bisect_left(self.times, t1_ns), len(self.times) - 1)
@@ -71,21 +77,23 @@ class Samples:
         return np.asarray((self._integral(t1_ns) - self._integral(t0_ns)) / ((t1_ns - t0_ns) * S_PER_NS))
 
     def density(self, t_ns: int) -> Array:
-        """Spectral density (n,) of the samples' scatter as white noise (unit^2/Hz), as known at a time."""
+        """Return the spectral density (n,) of the scatter as white noise (unit^2/Hz), as known at a time."""
         if not self._scatter:
             return np.zeros(self._size)
         return self._scatter[max(bisect_right(self.times, t_ns) - 1, 0)]
 
     def _mean_scatter(self, t_ns: int, value: Array) -> Array:
-        """Running mean of a sample's variance, times the interval. Its deviation from the line through its
-        neighbours has 3/2 of the variance of white noise."""
+        """Return the running mean of a sample's variance times the interval.
+
+        A sample's deviation from the line through its neighbours has 3/2 of the variance of white noise.
+        """
         if len(self.times) < 2:
             return np.zeros(self._size)
-        if max(t_ns - self.times[-1], self.times[-1] - self.times[-2]) > HELD_NS:
-            return self._scatter[-1]  # what changed in a gap is no scatter
+        if max(t_ns - self.times[-1], self.times[-1] - self.times[-2]) > MAX_HOLD_TIME_NS:
+            return self._scatter[-1]  # a change during a gap is not scatter
         dt = 0.5 * (t_ns - self.times[-2]) * S_PER_NS
         deviation = self._values[-1] - 0.5 * (self._values[-2] + value)
-        share = min(dt / SCATTER_S, 1.0)
+        share = min(dt / SCATTER_AVERAGING_TIME_S, 1.0)
         return self._scatter[-1] + share * (deviation**2 / 1.5 * dt - self._scatter[-1])
 
     def _at(self, t_ns: int) -> Array:
@@ -102,27 +110,29 @@ class Samples:
 
 
 class Manoeuvres:
-    """How much the specific force differs from that of hovering at our attitude, as a spectral density
-    ((m/s^2)^2/Hz) for the axes of b.
+    """Spectral density of the specific force's deviation from hovering at our attitude, (m/s^2)^2/Hz.
 
-    It is the change of velocity between fixes a second apart that the attitude does not explain, so it holds
-    whatever the accelerometer is worth. It is no less than the fixes' own noise allows to be seen. The largest
-    recent value counts, and fades with `FADING_S`."""
+    It is the change of velocity between fixes a second apart that the attitude does not explain, so it does not
+    depend on the accelerometer. Its minimum is set by the fixes' own noise. The largest recent value counts, and
+    decays with `MANOEUVRE_DECAY_TIME_S`. Axes of b.
+    """
 
     def __init__(self) -> None:
-        self._hovering = Samples(3)  # acceleration in n, were the force that of hovering
+        self._hovering = Samples(3)  # acceleration in n for the specific force of hovering
         self._fixes: list[tuple[int, Array]] = []
         self._times: list[int] = []
         self._densities: list[Array] = []
 
     def add_attitude(self, t_ns: int, R_nb: Array) -> None:
-        """The attitude at a time."""
+        """Add the attitude at a time."""
         self._hovering.add(t_ns, GRAVITY * (DOWN - R_nb[:, 2]))
 
     def add_fix(self, t_ns: int, velocity: Array, sigma: Array) -> None:
-        """A fix's velocity in n, (2,) or (3,), and its standard deviations."""
-        self._fixes = [(t, v) for t, v in self._fixes if t_ns - t <= LONGEST_NS and len(v) == len(velocity)]
-        earlier = [(t, v) for t, v in self._fixes if t_ns - t >= SHORTEST_NS]
+        """Add a fix's velocity in n, (2,) or (3,), and its standard deviations."""
+        self._fixes = [
+            (t, v) for t, v in self._fixes if t_ns - t <= MAX_FIX_INTERVAL_NS and len(v) == len(velocity)
+        ]
+        earlier = [(t, v) for t, v in self._fixes if t_ns - t >= MIN_FIX_INTERVAL_NS]
         if not self._fixes or t_ns > self._fixes[-1][0]:
             self._fixes.append((t_ns, velocity))
         if not earlier or len(velocity) < 2:
@@ -138,22 +148,36 @@ class Manoeuvres:
         along = float(excess[2]) if n == 3 else UNKNOWN_DENSITY
         density = np.array([across, across, along])
         if self._times:
-            fading = float(np.exp(-(t_ns - self._times[-1]) * S_PER_NS / FADING_S))
+            fading = float(np.exp(-(t_ns - self._times[-1]) * S_PER_NS / MANOEUVRE_DECAY_TIME_S))
             density = np.maximum(density, fading * self.at(t_ns))
         self._times.append(t_ns)
         self._densities.append(density)
-        if len(self._times) > KEPT_DENSITIES:
-            del self._times[: -KEPT_DENSITIES // 2], self._densities[: -KEPT_DENSITIES // 2]
+        if len(self._times) > FORCE_DENSITY_HISTORY_LENGTH:
+            del (
+                self._times[: -FORCE_DENSITY_HISTORY_LENGTH // 2],
+                self._densities[: -FORCE_DENSITY_HISTORY_LENGTH // 2],
+            )
 
     def at(self, t_ns: int) -> Array:
-        """The density (3,) as known at a time."""
+        """Return the density (3,) as known at a time."""
         i = bisect_right(self._times, t_ns) - 1
         return self._densities[i] if i >= 0 else np.full(3, UNKNOWN_DENSITY)
 
 
 class Inputs:
-    """The accelerometer's specific force (3,), the angular acceleration (3,) by the motors' commands, how much the
-    force may differ from hovering, and how noisy the sensors are. A `history.Motion`."""
+    """Inputs of the model, a `history.Motion`.
+
+    Attributes
+    ----------
+    noise
+        Noise of the sensors.
+    force
+        The accelerometer's specific force (3,).
+    angular_acceleration
+        Angular acceleration (3,) by the motors' commands.
+    manoeuvres
+        How much the force may differ from hovering.
+    """
 
     def __init__(self, noise: SensorNoise) -> None:
         self.noise = noise
@@ -163,9 +187,9 @@ class Inputs:
 
     @property
     def nav_times(self) -> list[int]:
-        """None: nodes stand at measurements only."""
+        """No times: nodes exist at measurements only."""
         return []
 
     def knows(self, t_ns: int) -> bool:
-        """Whether no later sample can change the inputs until then."""
+        """Return whether no later sample can change the inputs until then."""
         return bool(self.force.times) and t_ns <= self.force.times[-1]

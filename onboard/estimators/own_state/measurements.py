@@ -14,32 +14,42 @@ from onboard.messages import Attitude, Barometer, GpsFix, Imu, Vec3, Verdict
 from onboard.models import own_motion
 from onboard.models.quadrotor import POSITION
 
-FARTHEST: Final = 1e6  # m from the origin; a fix beyond is not of this flight
-FASTEST: Final = 300.0  # m/s
-QUICKEST: Final = 100.0  # rad/s
-HIGHEST: Final = 1e5  # m; no place is beyond, and a barometer's altitude is none
-UNKNOWN_ACCURACY: Final = (2.0, 3.0)  # m, horizontal and vertical, where the receiver states none
-LEAST_ACCURACY: Final = 0.05  # m
+MAX_DISTANCE_M: Final = 1e6  # From the origin; a more distant fix is not of this flight.
+MAX_SPEED_M_S: Final = 300.0
+MAX_RATE_RAD_S: Final = 100.0
+MAX_ALTITUDE_M: Final = 1e5  # of a fix, and of a barometer
+DEFAULT_POSITION_SIGMA_M: Final = (2.0, 3.0)  # horizontal and vertical, if the receiver reports none
+MIN_POSITION_SIGMA_M: Final = 0.05
 ATTITUDE_SENSOR: Final = "attitude"
 BAROMETER: Final = "barometer"
 GPS: Final = "gps"
-NO_ATTITUDE: Final = np.eye(3)
+UNUSED_ATTITUDE: Final = np.eye(3)
 
 
 class Measurement(NamedTuple):
-    """A measurement y (m,) at `t_ns` with noise covariance R (m, m). An attitude comes as `R_nb`: its three angles
-    in y are zero until the reference frame is known (see `relative_to`)."""
+    """A measurement of one sensor.
+
+    Attributes
+    ----------
+    y
+        Measured values (m,). The three angles of an attitude are zero until the reference frame is known (see
+        `relative_to`).
+    R
+        Noise covariance (m, m).
+    R_nb
+        Attitude, for an attitude measurement.
+    """
 
     sensor: str
     t_ns: int
     t_recv_ns: int
     y: Array
     R: Array
-    R_nb: Array = NO_ATTITUDE
+    R_nb: Array = UNUSED_ATTITUDE
 
     @property
     def part(self) -> slice:
-        """The measured part of `own_motion.NAVIGATION`; of a barometer, which measures none of them, empty."""
+        """The measured part of `own_motion.NAVIGATION`; empty for a barometer, which measures none of them."""
         if self.sensor == BAROMETER:
             return slice(0)
         return slice(6, 12) if self.sensor == ATTITUDE_SENSOR else slice(len(self.y))
@@ -51,23 +61,23 @@ class Measurement(NamedTuple):
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Their units."""
+        """Units of the components of y."""
         return own_motion.UNITS[self.part] or ("m",)
 
 
 def from_attitude(m: Attitude, sigmas: Array) -> Measurement | Verdict:
-    """Attitude and body rates, with standard deviations (6,)."""
+    """Return attitude and body rates with standard deviations (6,), or the verdict on unusable ones."""
     q, omega = np.array(m.q_nb), np.array(m.omega_b)
     if not (np.isfinite(q).all() and np.isfinite(omega).all()):
         return Verdict.NOT_FINITE
-    if not 0.5 < float(np.linalg.norm(q)) < 2.0 or np.abs(omega).max() > QUICKEST:
+    if not 0.5 < float(np.linalg.norm(q)) < 2.0 or np.abs(omega).max() > MAX_RATE_RAD_S:
         return Verdict.DEGENERATE
     y = np.concatenate([np.zeros(3), omega])
     return Measurement(ATTITUDE_SENSOR, m.t_ns, m.t_recv_ns, y, np.diag(sigmas**2), matrix_from_quaternion(q))
 
 
 def unusable(m: GpsFix) -> str:
-    """What is wrong with a fix that is none, by its field where one is no number."""
+    """Return why a fix cannot be used, with the name of a field that is not a finite number."""
     numbers = ("lat_deg", "lon_deg", "alt_msl", "ground_speed", "course_rad", "v_down")
     wrong = [n for n in numbers if not math.isfinite(getattr(m, n) or 0.0)]
     if wrong:
@@ -76,8 +86,11 @@ def unusable(m: GpsFix) -> str:
 
 
 def from_fix(m: GpsFix, origin: Vec3, config: Config, speed_sigmas: Array) -> Measurement | Verdict:
-    """Position from O (`origin`: latitude, longitude, altitude) and as much of the velocity as the fix has, whose
-    standard deviations are (3,)."""
+    """Return position and velocity of a fix, or the verdict on an unusable one.
+
+    The position is from O (`origin`: latitude, longitude, altitude). The velocity has as many components as the
+    fix; its standard deviations are (3,).
+    """
     optional = (m.ground_speed, m.course_rad, m.v_down)
     if not all(x is None or math.isfinite(x) for x in (m.lat_deg, m.lon_deg, m.alt_msl, *optional)):
         return Verdict.NOT_FINITE
@@ -89,24 +102,24 @@ def from_fix(m: GpsFix, origin: Vec3, config: Config, speed_sigmas: Array) -> Me
     y = np.array([*place, *velocity])
     if not np.isfinite(y).all():
         return Verdict.NOT_FINITE
-    if np.abs(place).max() > FARTHEST or np.abs(y[3:]).max(initial=0.0) > FASTEST:
+    if np.abs(place).max() > MAX_DISTANCE_M or np.abs(y[3:]).max(initial=0.0) > MAX_SPEED_M_S:
         return Verdict.DEGENERATE
     sigmas = np.array([*_accuracy(m, config), *speed_sigmas[: len(velocity)]])
     return Measurement(GPS, m.t_ns, m.t_recv_ns, y, np.diag(sigmas**2))
 
 
 def from_barometer(m: Barometer | Imu, altitude: float, datum: float, config: Config) -> Measurement | Verdict:
-    """A barometer's altitude above its `datum`, both m."""
+    """Return a barometer's altitude above its `datum`, both m, or the verdict on an unusable one."""
     if not math.isfinite(altitude):
         return Verdict.NOT_FINITE
-    if abs(altitude) > HIGHEST:
+    if abs(altitude) > MAX_ALTITUDE_M:
         return Verdict.DEGENERATE
     R = np.array([[config.pressure_sigma_m**2]])
     return Measurement(BAROMETER, m.t_ns, m.t_recv_ns, np.array([altitude - datum]), R)
 
 
 def relative_to(R_na: Array, measurement: Measurement) -> tuple[Array, tuple[int, ...]]:
-    """(y, its components that are angles): an attitude's are the ZYX angles of R_ab."""
+    """Return (y, indices of its angles); an attitude's are the ZYX angles of R_ab."""
     if measurement.sensor != ATTITUDE_SENSOR:
         return measurement.y, ()
     y = measurement.y.copy()
@@ -115,7 +128,7 @@ def relative_to(R_na: Array, measurement: Measurement) -> tuple[Array, tuple[int
 
 
 def measurement_model(measurement: Measurement) -> Rows:
-    """The measurement as a function of rows of states."""
+    """Return the measurement as a function of rows of states."""
     if measurement.sensor == BAROMETER:
         return lambda rows: rows[:, own_motion.OFFSET :] - rows[:, POSITION[2], None]
     columns = list(own_motion.NAVIGATION[measurement.part])
@@ -123,12 +136,12 @@ def measurement_model(measurement: Measurement) -> Rows:
 
 
 def _accuracy(m: GpsFix, config: Config) -> Vec3:
-    """Standard deviations of the position, m."""
+    """Return standard deviations of the position, m."""
     if config.gps_position_sigma_m is not None:
         return config.gps_position_sigma_m
     horizontal, vertical = (
         given if given is not None and math.isfinite(given) and given > 0 else otherwise
-        for given, otherwise in zip((m.h_acc, m.v_acc), UNKNOWN_ACCURACY, strict=True)
+        for given, otherwise in zip((m.h_acc, m.v_acc), DEFAULT_POSITION_SIGMA_M, strict=True)
     )
-    horizontal, vertical = max(horizontal, LEAST_ACCURACY), max(vertical, LEAST_ACCURACY)
+    horizontal, vertical = max(horizontal, MIN_POSITION_SIGMA_M), max(vertical, MIN_POSITION_SIGMA_M)
     return horizontal, horizontal, vertical

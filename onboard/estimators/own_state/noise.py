@@ -1,8 +1,8 @@
-"""How noisy our sensors are, learnt from their messages by the measure of `onboard.ownship.scatter`.
+"""Noise of our sensors, learnt from their messages by the measure of `onboard.ownship.scatter`.
 
-What is configured holds until enough messages have come, and for good where `learn_noise` is off. What no such
-sensor can have is not learnt: it is a mistake, as of units. Position keeps
-the accuracy that the receiver states: most of its error changes slowly, so its scatter does not show it.
+The configured noise holds until enough messages have arrived, and always if `learn_noise` is off. Implausibly low
+noise is not learnt: it is a mistake, as of units. Position keeps the accuracy that the receiver reports: most of
+its error changes slowly, so its scatter does not show it.
 """
 
 import math
@@ -18,19 +18,21 @@ from onboard.ownship.contradictions import RATE_NOISE, SPEED_NOISE
 from onboard.ownship.scatter import Scatter
 from onboard.units import S_PER_NS
 
-LEAST_ATTITUDE: Final = np.radians(0.02)  # rad: MAVLink's quaternions and the autopilot's own timing
-LEAST_RATE: Final = np.radians(0.2)  # rad/s
-LEAST_TURNING: Final = 0.05  # rad/s^2 per square root of Hz
+MIN_ATTITUDE_SIGMA: Final = np.radians(
+    0.02
+)  # rad; quantisation of MAVLink's quaternions and the autopilot's timing
+MIN_RATE_SIGMA: Final = np.radians(0.2)  # rad/s
+MIN_TURNING_NOISE: Final = 0.05  # rad/s^2 per square root of Hz
 # m/s: a course in centidegrees at 10 m/s moves velocity by 2 mm/s, the receiver's delay more
-LEAST_SPEED: Final = 0.03
-NOTHING: Final = (0.0, 0.0, 0.0)
-LONGEST_S: Final = 0.5  # between two samples that are compared
-KNOWN: Final = 50  # increments after which what is learnt replaces what is configured
-KEPT: Final = 600  # densities, for what comes late
+MIN_SPEED_SIGMA: Final = 0.03
+NO_NOISE: Final = (0.0, 0.0, 0.0)
+MAX_SAMPLE_INTERVAL_S: Final = 0.5  # between compared samples
+MIN_INCREMENT_COUNT: Final = 50  # Fewer increments leave the configured noise in use.
+TURNING_DENSITY_HISTORY_LENGTH: Final = 600  # for late measurements
 
 
 class SensorNoise:
-    """Standard deviations of attitude, body rates and a fix's velocity; noise of the angular acceleration."""
+    """Standard deviations of attitude, body rates and a fix's velocity, and noise of the angular acceleration."""
 
     def __init__(self, config: Config) -> None:
         self._learns = config.learn_noise
@@ -42,29 +44,35 @@ class SensorNoise:
         self._learns_turning = config.learn_noise and config.turning_noise is None
         self._scatter, self._speeds = Scatter(3), Scatter(2)
         self._last: tuple[int, Array] | None = None
-        self._fixes: list[tuple[int, Array]] = []  # the last two, with velocities
-        self._slope: Array | None = None  # between those
+        self._fixes: list[tuple[int, Array]] = []  # the last two with their velocities
+        self._slope: Array | None = None  # between these two
         self._times: list[int] = []
         self._densities: list[Array] = []
 
     def add_rates(self, t_ns: int, omega: Array, acceleration: Array | None) -> None:
-        """Body rates (3,) rad/s, and the mean angular acceleration (3,) rad/s^2 since the last, if it is known."""
+        """Add body rates (3,), rad/s, and the mean angular acceleration (3,) since the last, rad/s^2, if known."""
         last, self._last = self._last, (t_ns, omega)
         dt = (t_ns - last[0]) * S_PER_NS if last else 0.0
-        if last is None or not 0.0 < dt <= LONGEST_S:
+        if last is None or not 0.0 < dt <= MAX_SAMPLE_INTERVAL_S:
             self._scatter.skip()
             return
         change = omega - last[1] - (0.0 if acceleration is None else acceleration * dt)
         self._scatter.add(change.tolist(), dt)
-        if self._scatter.count >= KNOWN:
+        if self._scatter.count >= MIN_INCREMENT_COUNT:
             self._times.append(t_ns)
-            self._densities.append(np.maximum(np.array(self._scatter.walk or NOTHING), LEAST_TURNING**2))
-            if len(self._times) > 2 * KEPT:
-                del self._times[:-KEPT], self._densities[:-KEPT]
+            self._densities.append(np.maximum(np.array(self._scatter.walk or NO_NOISE), MIN_TURNING_NOISE**2))
+            if len(self._times) > 2 * TURNING_DENSITY_HISTORY_LENGTH:
+                del (
+                    self._times[:-TURNING_DENSITY_HISTORY_LENGTH],
+                    self._densities[:-TURNING_DENSITY_HISTORY_LENGTH],
+                )
 
     def add_fix(self, t_ns: int, velocity: Array) -> None:
-        """A fix's velocity in n, (2,) or (3,). The change of its change shows white noise of standard deviation r
-        as an autocovariance of -4 r^2; an acceleration that changes smoothly does not."""
+        """Add a fix's velocity in n, (2,) or (3,).
+
+        In the second difference, white noise of standard deviation r has an autocovariance of -4 r^2; a smoothly
+        changing acceleration has none.
+        """
         self._fixes = [*self._fixes[-1:], (t_ns, velocity[:2])] if len(velocity) > 1 else []
         if len(self._fixes) < 2:
             self._slope = None
@@ -72,7 +80,7 @@ class SensorNoise:
             return
         (t0_ns, v0), (t1_ns, v1) = self._fixes
         dt = (t1_ns - t0_ns) * S_PER_NS
-        if not 0.0 < dt <= LONGEST_S:
+        if not 0.0 < dt <= MAX_SAMPLE_INTERVAL_S:
             self._slope = None
             self._speeds.skip()
             return
@@ -82,23 +90,32 @@ class SensorNoise:
         self._slope = slope
 
     def attitude(self, white: Sequence[float] | None) -> Array:
-        """Of roll, pitch, yaw (rad) and the body rates (rad/s), (6,); `white`: of the attitudes, as measured."""
+        """Return standard deviations (6,) of roll, pitch, yaw (rad) and the body rates (rad/s).
+
+        `white`: those of the attitudes, as measured.
+        """
         attitude, rates = self._attitude, self._rates
-        if self._learns and white is not None and self._scatter.count >= KNOWN:
-            attitude = np.maximum(np.array(white), LEAST_ATTITUDE)
-            rates = np.clip(np.array(self._scatter.white or NOTHING), LEAST_RATE, RATE_NOISE)
+        if self._learns and white is not None and self._scatter.count >= MIN_INCREMENT_COUNT:
+            attitude = np.maximum(np.array(white), MIN_ATTITUDE_SIGMA)
+            rates = np.clip(np.array(self._scatter.white or NO_NOISE), MIN_RATE_SIGMA, RATE_NOISE)
         return np.concatenate([attitude, rates])
 
     @property
     def speed(self) -> Array:
-        """Of a fix's velocity (3,), m/s. The vertical one keeps its ratio to the horizontal ones."""
+        """Standard deviations (3,) of a fix's velocity, m/s.
+
+        The vertical one keeps its ratio to the horizontal ones.
+        """
         white = self._speeds.white
-        if not self._learns or white is None or self._speeds.count < KNOWN:
+        if not self._learns or white is None or self._speeds.count < MIN_INCREMENT_COUNT:
             return self._speed
-        level = min(max(0.5 * math.hypot(*white) / math.sqrt(2.0), LEAST_SPEED), SPEED_NOISE)
+        level = min(max(0.5 * math.hypot(*white) / math.sqrt(2.0), MIN_SPEED_SIGMA), SPEED_NOISE)
         return np.asarray(self._speed * level / self._speed[0])
 
     def turning(self, t_ns: int) -> Array:
-        """Spectral density (3,) of the angular acceleration's noise, (rad/s^2)^2/Hz, as known at a time."""
+        """Return the spectral density (3,) of the angular acceleration's noise, as known at a time.
+
+        In (rad/s^2)^2/Hz.
+        """
         i = bisect_right(self._times, t_ns) - 1
         return self._densities[i] if self._learns_turning and i >= 0 else self._turning

@@ -1,4 +1,4 @@
-"""Our own state as it is published: the record and its parts."""
+"""The published record of our own state, and its parts."""
 
 from typing import Any, Final
 
@@ -19,16 +19,16 @@ from onboard.ownship import StatedMotion
 NAME: Final = "own_state"
 FIELDS_OF_TRACK: Final = ("age", "switch_fraction", "nis_ratio", "mean", "covariance", "q_nb", "omega_b")
 
-Reported = tuple[MeasurementReport, tuple[float, ...] | None]  # with the innovation's standard deviations
+Reported = tuple[MeasurementReport, tuple[float, ...] | None]  # with the width of the layer
 
 
 def refused(message: Message, sensor: str, verdict: Verdict) -> Reported:
-    """The report of a message that did not reach the filter."""
+    """Return the report of a message that did not reach the filter."""
     return MeasurementReport(source=sensor, t_ns=message.t_ns, t_recv_ns=message.t_recv_ns, verdict=verdict), None
 
 
 def report(measurement: Measurement, outcome: Outcome | None) -> Reported:
-    """A measurement's report; `outcome` is None while there is no state."""
+    """Return a measurement's report; `outcome` is None while there is no state."""
     head: dict[str, Any] = {
         "source": measurement.sensor,
         "t_ns": measurement.t_ns,
@@ -61,7 +61,7 @@ def nav_state(
     origin: Vec3 | None,
     faults: tuple[Fault, ...],
 ) -> NavState:
-    """The record at a time. `reported` is the newest measurement."""
+    """Return the record at a time. `reported` is the newest measurement."""
     measurement, sigma = reported if reported is not None else (None, None)
     state, (cause, reason) = life
     valid = track is not None and state.is_valid
@@ -87,7 +87,7 @@ def nav_state(
 
 
 def own_motion(posterior: Posterior) -> StatedMotion:
-    """The belief at a time as our own motion."""
+    """Return the belief at a time as our own motion."""
     _, R_na, (x, P) = posterior
     w, a, b, c = quaternion_from_matrix(R_na @ model.rotations(x[None])[0]).tolist()
     sigma = np.sqrt(np.diag(model.navigation_covariance(P, x)))
@@ -108,7 +108,7 @@ def _vec3(v: Array) -> Vec3:
 
 
 def _of_track(track: Track | None, t_ns: int, config: Config) -> dict[str, Any]:
-    """The fields of the record that the track gives; all but the time are None without one."""
+    """Return the fields that the track determines; all but the time are None without one."""
     if track is None:
         return {"t_ns": t_ns, **dict.fromkeys(FIELDS_OF_TRACK)}
     at_ns, R_na, (x, P) = track.posterior_at(t_ns)
@@ -130,8 +130,10 @@ def _of_track(track: Track | None, t_ns: int, config: Config) -> dict[str, Any]:
 
 
 def _attitude_error(R_nb: Array, config: Config) -> Array:
-    """Covariance (12, 12) of a constant error of the autopilot's attitude, which no number of messages averages
-    out."""
+    """Return the covariance (12, 12) of a constant error of the autopilot's attitude.
+
+    No number of messages averages it out.
+    """
     tilt, yaw = np.radians([config.own_tilt_sigma_deg, config.own_yaw_sigma_deg]) ** 2
     covariance = np.zeros((12, 12))
     covariance[6:9, 6:9] = R_nb.T @ np.diag([tilt, tilt, yaw]) @ R_nb
@@ -139,7 +141,7 @@ def _attitude_error(R_nb: Array, config: Config) -> Array:
 
 
 def _quality(track: Track, t_ns: int, config: Config) -> int:
-    """Per cent: the share of measurements that the filter explains, reduced with the time since the last fix."""
+    """Return the share of explained measurements, per cent, reduced with the time since the last fix."""
     explained = 1.0 - (track.counts.switch_fraction or 0.0)
     fresh = 1.0 - max(track.age(t_ns) - config.coast_after_s, 0.0) / max(config.validity_timeout_s, 1e-9)
     return max(round(100 * explained * max(fresh, 0.0)), 1)

@@ -1,4 +1,4 @@
-"""Streams of messages as measurements, with the memory that each stream needs between its messages."""
+"""Conversion of message streams to measurements, with the memory that each stream needs."""
 
 import math
 from collections import deque
@@ -6,28 +6,36 @@ from collections.abc import Sequence
 from typing import Final
 
 from onboard.estimators.own_state.config import Config
-from onboard.estimators.own_state.measurements import HIGHEST, Measurement, from_attitude, from_barometer, from_fix
+from onboard.estimators.own_state.measurements import (
+    MAX_ALTITUDE_M,
+    Measurement,
+    from_attitude,
+    from_barometer,
+    from_fix,
+)
 from onboard.estimators.own_state.noise import SensorNoise
 from onboard.geometry.geodesy import geodetic_from_ned, ned_from_geodetic
 from onboard.messages import Attitude, Barometer, GlobalOrigin, GlobalPosition, GpsFix, Imu, Vec3, Verdict
 from onboard.ownship import Ownship
 from onboard.units import NS_PER_S
 
-ATTITUDES: Final = 200  # kept for the start of a track
-NEAREST_NS: Final = NS_PER_S // 2  # of an attitude to the fix at which a track starts
-ORIGIN_WAIT_NS: Final = 2 * NS_PER_S  # for a GLOBAL_POSITION_INT, which shows where the autopilot's origin is
-FIX_3D: Final = 3
-NO_ORIGIN: Final = (0.0, 0.0, 0.0)  # for a fix that is refused in any case
-NOWHERE: Final = (0.0, 0.0)
-ORIGIN_MOVED: Final = 1.0  # m; less is rounding
+ATTITUDE_HISTORY_LENGTH: Final = 200  # for the start of a track
+MAX_ATTITUDE_OFFSET_NS: Final = NS_PER_S // 2  # from the fix at which a track starts
+ORIGIN_TIMEOUT_NS: Final = 2 * NS_PER_S  # A GLOBAL_POSITION_INT shows the autopilot's origin.
+MIN_FIX_TYPE: Final = 3  # GPS_FIX_TYPE_3D_FIX
+NO_ORIGIN: Final = (0.0, 0.0, 0.0)  # for a fix that is refused anyway
+NO_POSITION: Final = (0.0, 0.0)  # latitude and longitude from a receiver without a position
+MIN_ORIGIN_STEP_M: Final = 1.0  # Less is rounding.
 
 
 class Sources:
-    """Measurements of attitude, GPS and barometer. A message gives a measurement, or the reason why it cannot be
-    used, or None where it is not needed."""
+    """Measurements of attitude, GPS and barometer.
+
+    A message gives a measurement, or the verdict on an unusable one, or None if it is not needed.
+    """
 
     def __init__(self, config: Config, noise: SensorNoise) -> None:
-        self.attitudes: deque[Measurement] = deque(maxlen=ATTITUDES)
+        self.attitudes: deque[Measurement] = deque(maxlen=ATTITUDE_HISTORY_LENGTH)
         self.origin: Vec3 | None = None  # of n: latitude and longitude (deg), altitude (m)
         self.first_fix_ns: int | None = None
         self._stated_origin: Vec3 | None = None
@@ -42,13 +50,15 @@ class Sources:
         return self.attitudes[-1].t_ns if self.attitudes else 0
 
     def attitude_near(self, t_ns: int) -> Measurement | None:
-        """The attitude nearest to a time, None where none is near enough."""
+        """Return the attitude nearest to a time; None if none is near enough."""
         near = min(self.attitudes, key=lambda a: abs(a.t_ns - t_ns), default=None)
-        return None if near is None or abs(near.t_ns - t_ns) > NEAREST_NS else near
+        return None if near is None or abs(near.t_ns - t_ns) > MAX_ATTITUDE_OFFSET_NS else near
 
     def attitude(self, message: Attitude, white: Sequence[float] | None) -> Measurement | Verdict | None:
-        """An attitude newer than the last: ATTITUDE and ATTITUDE_QUATERNION of one instant are the same. `white`:
-        their noise, rad, as measured."""
+        """Return an attitude newer than the last: ATTITUDE and ATTITUDE_QUATERNION of one instant are the same.
+
+        `white`: standard deviations of their noise, rad, as measured.
+        """
         measurement = from_attitude(message, self._noise.attitude(white))
         if isinstance(measurement, Verdict):
             return measurement
@@ -58,7 +68,7 @@ class Sources:
         return measurement
 
     def pressure(self, message: Imu | Barometer, altitude: float) -> Measurement | Verdict | None:
-        """A barometer's altitude (m), at the configured rate."""
+        """Return a barometer's altitude (m), at the configured rate."""
         rate = self._config.pressure_rate_hz
         if rate == 0.0 or message.t_ns < self._next_pressure_ns:
             return None
@@ -68,25 +78,27 @@ class Sources:
         return from_barometer(message, altitude, self._datum or 0.0, self._config)
 
     def fix(self, message: GpsFix, ownship: Ownship) -> Measurement | Verdict | None:
-        """A new 3D fix, once the origin is known."""
-        if message.fix_type < FIX_3D or message.t_ns == self._last_fix_ns:
+        """Return a new 3D fix, once the origin is known."""
+        if message.fix_type < MIN_FIX_TYPE or message.t_ns == self._last_fix_ns:
             return None
         self._last_fix_ns = message.t_ns
         if self.first_fix_ns is None:
             self.first_fix_ns = message.t_ns
         if self.origin is None and is_place(_place(message)):
-            if message.t_ns - self.first_fix_ns < ORIGIN_WAIT_NS:
+            if message.t_ns - self.first_fix_ns < ORIGIN_TIMEOUT_NS:
                 return None
             self.origin = _origin(message, ownship) or _place(message)
         return from_fix(message, self.origin or NO_ORIGIN, self._config, self._noise.speed)
 
     def move_origin(self, message: GlobalOrigin) -> bool:
-        """Take the autopilot's word on its origin. True if it has moved since the last word: positions from it
-        then mean something else."""
+        """Set the origin that the autopilot reports.
+
+        Returns True if it has moved since its last report: positions from it then have another meaning.
+        """
         before, now = self._stated_origin, _place(message)
         if not is_place(now):
             return False
-        if before is not None and distance(now, before) <= ORIGIN_MOVED:
+        if before is not None and distance(now, before) <= MIN_ORIGIN_STEP_M:
             return False
         self._stated_origin = now
         if before is None:
@@ -101,17 +113,17 @@ class Sources:
 
 
 def distance(a: Vec3, b: Vec3) -> float:
-    """Metres between two places (degrees, degrees, metres)."""
+    """Return the distance between two places (degrees, degrees, metres), m."""
     return math.hypot(*ned_from_geodetic(a, b).tolist())
 
 
 def next_due_ns(t_ns: int, rate_hz: float) -> int:
-    """The earliest time at which the next message after `t_ns` is due; a millisecond early for rounded stamps."""
+    """Return the earliest time of the next message to use, a millisecond early for rounded stamps."""
     return t_ns + round(NS_PER_S / rate_hz) - NS_PER_S // 1000
 
 
 def _origin(message: GlobalPosition | GpsFix, ownship: Ownship) -> Vec3 | None:
-    """The origin of the autopilot's positions; None where its position is unknown at the message's time."""
+    """Return the origin of the autopilot's positions; None if its position is unknown at the message's time."""
     pose = ownship.pose_at(message.t_ns)
     if pose is None or not math.isfinite(pose.r_OF_n.sum()):
         return None
@@ -123,9 +135,11 @@ def _place(message: GlobalOrigin | GlobalPosition | GpsFix) -> Vec3:
 
 
 def is_place(where: Vec3) -> bool:
-    """Whether there is such a place (degrees, degrees, metres) on or above the Earth: all later positions are
-    relative to the first. What has no position reports latitude and longitude 0."""
+    """Return whether a place (degrees, degrees, metres) is on or above the Earth.
+
+    All later positions are relative to the first. A sender without a position reports latitude and longitude 0.
+    """
     lat, lon, alt = where
-    if (lat, lon) == NOWHERE:
+    if (lat, lon) == NO_POSITION:
         return False
-    return abs(lat) <= 90.0 and abs(lon) <= 180.0 and abs(alt) < HIGHEST
+    return abs(lat) <= 90.0 and abs(lon) <= 180.0 and abs(alt) < MAX_ALTITUDE_M

@@ -1,4 +1,4 @@
-"""The filter of our own state over time: predictions driven by the inputs, updates at the measurements' own times.
+"""The filter of our own state over time: predictions by the inputs, updates at the measurements' own times.
 
 The model is `models.own_motion`. Its angles are relative to a reference frame a, which is moved to the vehicle's
 attitude whenever an angle has grown too large.
@@ -22,20 +22,29 @@ from onboard.models import own_motion
 from onboard.models.quadrotor import ATTITUDE, POSITION, RATES, VELOCITY
 from onboard.units import NS_PER_S, S_PER_NS
 
-DATUM_SIGMA: Final = 300.0  # m, of the barometer's datum over O
-PATIENCE: Final = 2  # measurements in a row that a gate may reject
-LONGEST_STEP_NS: Final = 20_000_000
-HOVERING: Final = np.array([0.0, 0.0, -own_motion.GRAVITY])  # the specific force without an accelerometer
-HOVERING_NOISE: Final = 3.0  # m/s^2 per square root of Hz, of that
+DATUM_SIGMA: Final = 300.0  # m, of the barometer's datum above O
+MAX_REJECTED_COUNT: Final = 2  # consecutive measurements that a gate may reject
+MAX_STEP_NS: Final = 20_000_000
+HOVERING: Final = np.array([0.0, 0.0, -own_motion.GRAVITY])  # specific force without an accelerometer
+HOVERING_NOISE: Final = 3.0  # m/s^2 per square root of Hz, of this specific force
 NO_ACCELERATION: Final = np.zeros(3)
-LEAST_VARIANCE: Final = 1e-18  # keeps a process noise positive definite
-# The same states as slices: a view takes a tenth of the time that indices take.
+MIN_VARIANCE: Final = 1e-18  # keeps the process noise positive definite
+# The same states as slices: a view takes a tenth of the time of an index array.
 MOVING, TURNED, TURNING = (slice(states[0], states[-1] + 1, 2) for states in (VELOCITY, ATTITUDE, RATES))
 
 
 class Cell(NamedTuple):
-    """The filter's state, the attitude R_na of the reference frame of its angles, and by sensor how many
-    measurements in a row the gate has rejected."""
+    """The content of a history node.
+
+    Attributes
+    ----------
+    R_na
+        Attitude of the reference frame of the angles.
+    filtered
+        The filter's state.
+    rejected
+        Number of consecutive measurements that the gate has rejected, by sensor.
+    """
 
     R_na: Array
     filtered: FilterState
@@ -58,7 +67,7 @@ class Posterior(NamedTuple):
 
 
 class Track:
-    """The filter from one fix on, begun with the attitude near it. `counts` is of its innovations."""
+    """The filter from one fix on, started with the attitude near it. `counts` evaluates its innovations."""
 
     def __init__(
         self, config: Config, sensor_filter: SensorFilter, inputs: Inputs, fix: Measurement, attitude: Measurement
@@ -82,14 +91,15 @@ class Track:
         )
 
     def reaches(self, t_ns: int) -> bool:
-        """Whether a measurement of that time can still be inserted."""
+        """Return whether a measurement of that time can still be inserted."""
         return self._history.reaches(t_ns)
 
     def insert(self, measurement: Measurement) -> tuple[Outcome, Outside]:
-        """Fuse a measurement at its own time, which it must reach; also which of its components were outside their
-        layer (m,).
+        """Fuse a measurement at its own time, which must be within reach.
 
-        Raises FilterError, NotPositiveDefiniteError; the track is then of no further use."""
+        Returns the outcome, and which of the components were outside their layer (m,). Raises FilterError,
+        NotPositiveDefiniteError; the track is then unusable.
+        """
         self._history.settle(self._inputs)
         outcome: Outcome = self._history.insert(measurement.t_ns, measurement, self._inputs)
         if outcome.fused and measurement.sensor == GPS:
@@ -97,22 +107,22 @@ class Track:
         return outcome, self.counts.add(measurement.t_ns, outcome.update)
 
     def age(self, t_ns: int) -> float:
-        """Seconds since the newest fix that was fused."""
+        """Return the seconds since the newest fused fix."""
         return max(t_ns - self._last_fix_ns, 0) / NS_PER_S
 
     def posterior_at(self, t_ns: int) -> Posterior:
-        """The newest belief, predicted to t_ns where that is later."""
+        """Return the newest belief, predicted to t_ns if that is later."""
         at_ns, cell = self._history.belief_at(t_ns, self._inputs)
         return Posterior(at_ns, cell.R_na, self._filter.belief(cell.filtered))
 
     def posterior_before(self, t_ns: int) -> Posterior | None:
-        """The belief at a time by measurements until then; None where the track does not reach back so far."""
+        """Return the belief at a time from measurements until then; None before the history."""
         cell = self._history.belief_before(t_ns, self._inputs)
         return None if cell is None else Posterior(t_ns, cell.R_na, self._filter.belief(cell.filtered))
 
     def _initial(self, fix: Measurement, attitude: Measurement) -> tuple[Array, Array]:
-        """Mean and variances (16,). Velocity components that the fix does not have are 0 +- 2 m/s."""
-        mean, variance = np.zeros(own_motion.N), np.zeros(own_motion.N)
+        """Return mean and variances (16,). Velocity components that the fix lacks are 0 +- 2 m/s."""
+        mean, variance = np.zeros(own_motion.STATE_SIZE), np.zeros(own_motion.STATE_SIZE)
         mean[list(POSITION)], variance[list(POSITION)] = fix.y[:3], np.diag(fix.R)[:3]
         missing = 6 - len(fix.y)
         mean[list(VELOCITY)] = np.append(fix.y[3:], np.zeros(missing))
@@ -124,7 +134,7 @@ class Track:
         return mean, variance
 
     def _advance(self, cell: Cell, t0_ns: int, t1_ns: int, inputs: Inputs) -> Cell:
-        steps = -(-(t1_ns - t0_ns) // LONGEST_STEP_NS)
+        steps = -(-(t1_ns - t0_ns) // MAX_STEP_NS)
         for k in range(steps):
             a_ns, b_ns = t0_ns + (t1_ns - t0_ns) * k // steps, t0_ns + (t1_ns - t0_ns) * (k + 1) // steps
             cell = self._recentred(self._step(cell, a_ns, b_ns, inputs))
@@ -155,12 +165,12 @@ class Track:
         return Cell(cell.R_na, filtered, cell.rejected)
 
     def _recentred(self, cell: Cell) -> Cell:
-        """The same state; where an angle has grown too large, relative to the present attitude."""
+        """Return the same state, relative to the present attitude if an angle has grown too large."""
         mean = self._filter.belief(cell.filtered).mean
-        if np.abs(mean[TURNED]).max() < own_motion.LARGEST:
+        if np.abs(mean[TURNED]).max() < own_motion.MAX_REFERENCE_ANGLE:
             return cell
         R_ac = own_motion.rotations(mean[None])[0]
-        no_noise = np.diag(np.full(own_motion.N, LEAST_VARIANCE))
+        no_noise = np.diag(np.full(own_motion.STATE_SIZE, MIN_VARIANCE))
         filtered = self._filter.predict(
             cell.filtered, lambda rows: own_motion.change_reference(rows, R_ac.T), no_noise
         )
@@ -176,28 +186,30 @@ class Track:
         # A filter without layers has a gate before it. A run of rejections means that the model is wrong.
         gated = update.nis > chi_square_threshold(self._gate_probability, len(y))
         run = cell.rejected.get(sensor, 0) + 1 if gated else 0
-        if sensor == BAROMETER and run > PATIENCE:
-            # For a barometer it means another datum and no motion of ours: a door, a gust, ground effect.
+        if sensor == BAROMETER and run > MAX_REJECTED_COUNT:
+            # For a barometer it means another datum, not a motion of ours: a door, a gust, ground effect.
             filtered, update = self._filter.update(self._without_datum(cell.filtered), *arguments)
             run, gated = 0, False
         rejected = {**cell.rejected, sensor: run}
-        if gated and run <= PATIENCE:
+        if gated and run <= MAX_REJECTED_COUNT:
             return cell._replace(rejected=rejected), Outcome(False, update)
         return Cell(cell.R_na, filtered, rejected), Outcome(True, update)
 
     def _without_datum(self, filtered: FilterState) -> FilterState:
-        variance = np.full(own_motion.N, LEAST_VARIANCE)
+        variance = np.full(own_motion.STATE_SIZE, MIN_VARIANCE)
         variance[own_motion.OFFSET] = DATUM_SIGMA**2
         return self._filter.predict(filtered, lambda rows: rows, np.diag(variance))
 
 
 def process_noise(c: Config) -> tuple[Array, float]:
-    """Process noise per second of each state (16,) but the rates (see `noise`), and the rate (1/s) at which
-    disturbances fade."""
+    """Return process noise per second of each state (16,) but the rates, and the decay rate of disturbances, 1/s.
+
+    For the rates, see `noise`.
+    """
     sigma, time = np.full(3, c.bias_sigma_m_s2), c.bias_time_s
     if c.force == "thrust":
         sigma, time = np.array([3.0, 3.0, c.bias_sigma_m_s2]), 1.0
-    variance = np.zeros(own_motion.N)
+    variance = np.zeros(own_motion.STATE_SIZE)
     variance[list(POSITION)] = 1e-8
     variance[list(VELOCITY)] = c.force_noise**2
     variance[list(ATTITUDE)] = 1e-6

@@ -1,1 +1,4 @@
-"""Other traffic, from radar, ADS-B, reported positions and GNSS. Start reading at `estimator`, then `tracker`."""
+"""Other traffic, from radar, ADS-B, reported positions and GNSS.
+
+Start reading at `estimator`, then `tracker`.
+"""

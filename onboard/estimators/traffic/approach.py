@@ -1,5 +1,7 @@
-"""Closest approach of another aircraft, its time and distance with their uncertainties: if neither aircraft
-changes its velocity, or if the other one keeps its turn and we fly straight on."""
+"""Closest approach of another aircraft: time and distance with their uncertainties.
+
+Neither aircraft changes its velocity, or the other one keeps its turn and we fly straight on.
+"""
 
 from typing import Final, NamedTuple
 
@@ -12,14 +14,25 @@ from onboard.filters.unscented import sigma_points
 from onboard.models import arc
 from onboard.models.intruder import motion
 
-SLOWEST: Final = 1e-3  # m/s; two aircraft that move together are as near as they will be
-CERTAIN_TURN: Final = 3.0  # sigmas of its turn rate; with less, the aircraft may fly straight
-HORIZON: Final = 60.0  # s; no turn is kept for longer
+MIN_CLOSING_SPEED_M_S: Final = 1e-3  # Slower relative motion brings the aircraft no closer.
+MIN_TURN_RATE_SIGMAS: Final = 3.0  # With fewer, the aircraft may fly straight.
+MAX_TURN_TIME_S: Final = 60.0  # No turn is kept for longer.
 
 
 class Approaches(NamedTuple):
-    """For each of k tracks: time (s) to the closest approach and its sigma, distance there (m) and its sigma, the
-    vector (k, 3) to the other aircraft there, and the turn rate (rad/s, to the right) of the prediction."""
+    """Closest approaches of k tracks.
+
+    Attributes
+    ----------
+    time, time_sigma
+        Time to the closest approach, s, and its sigma (k,).
+    distance, distance_sigma
+        Distance there, m, and its sigma (k,).
+    miss
+        Vector (k, 3) to the other aircraft there.
+    turn_rate
+        Turn rate of the prediction, rad/s, positive right (k,).
+    """
 
     time: Array
     time_sigma: Array
@@ -30,13 +43,14 @@ class Approaches(NamedTuple):
 
 
 def closest(r: Array, v: Array, covariance: Array) -> Approaches:
-    """Closest approach of relative positions and velocities (k, 3) with covariance (k, 6, 6), on straight lines.
+    """Return the closest approach on straight lines.
 
-    t = -r.v / v.v, at least 0, and the miss vector m = r + v t; their covariances to first order. The distance is
-    |m|; its sigma is that along m. Where m is shorter than its own uncertainty, its direction is not defined well,
-    and the sigma is that of the whole vector.
+    Positions and velocities are relative (k, 3), with covariance (k, 6, 6). t = -r.v / v.v, at least 0, and the
+    miss vector is m = r + v t; their covariances are to first order. The distance is |m|, and its sigma is that
+    along m. If m is shorter than its own uncertainty, its direction is ill-defined, and the sigma is that of the
+    whole vector.
     """
-    speed2 = np.maximum(np.einsum("ki,ki->k", v, v), SLOWEST**2)
+    speed2 = np.maximum(np.einsum("ki,ki->k", v, v), MIN_CLOSING_SPEED_M_S**2)
     closing = np.einsum("ki,ki->k", r, v)
     ahead = closing < 0
     time = np.where(ahead, -closing / speed2, 0.0)
@@ -60,18 +74,18 @@ def closest(r: Array, v: Array, covariance: Array) -> Approaches:
 
 
 def closest_in_turns(r: Array, v: Array, a: Array, covariance: Array, v_F: Array) -> Approaches:
-    """`closest`, of relative positions and velocities and of the others' accelerations (k, 3) with covariance
-    (k, 9, 9), but along the turns of those that certainly turn; v_F (3,) is our own velocity.
+    """Return the closest approach along the turns of those aircraft that certainly turn, else as `closest`.
 
-    The sigmas of those are of sigma points in position, velocity and turn rate: each point has a closest approach
-    of its own, the first within `HORIZON`.
+    Positions, velocities and the others' accelerations (k, 3) have covariance (k, 9, 9), and the first two are
+    relative; v_F (3,) is our own velocity. The sigmas in turns are of sigma points in position, velocity and turn
+    rate: each point has a closest approach of its own, the first within `MAX_TURN_TIME_S`.
     """
     straight = closest(r, v, covariance[:, :6, :6])
     rate = motion.turn_rate(v + v_F, a)
     slope = _turn_rate_gradient(v + v_F, a, rate)
     both = np.concatenate([np.broadcast_to(np.eye(6, 9), (len(r), 6, 9)), slope[:, None, :]], axis=1)
     spread = both @ covariance @ np.swapaxes(both, 1, 2)
-    turns = np.flatnonzero(np.abs(rate) > CERTAIN_TURN * np.sqrt(spread[:, 6, 6]))
+    turns = np.flatnonzero(np.abs(rate) > MIN_TURN_RATE_SIGMAS * np.sqrt(spread[:, 6, 6]))
     if not len(turns):
         return straight
     center = np.concatenate([r, v, rate[:, None]], axis=1)[turns]
@@ -79,7 +93,7 @@ def closest_in_turns(r: Array, v: Array, a: Array, covariance: Array, v_F: Array
         points = sigma_points(Belief(center, spread[turns]), weights(7))
     except FilterError:  # a covariance has been lost; the tracker will remove its track
         return straight
-    found = arc.first_approach(points.reshape(-1, 7), v_F, HORIZON).reshape(len(turns), -1, 5)
+    found = arc.first_approach(points.reshape(-1, 7), v_F, MAX_TURN_TIME_S).reshape(len(turns), -1, 5)
     off = found[:, 1:, :2] - found[:, :1, :2]
     sigma = np.sqrt(np.mean(off**2, axis=1))
     values = (found[:, 0, 0], sigma[:, 0], found[:, 0, 1], sigma[:, 1], found[:, 0, 2:], rate[turns])
@@ -89,8 +103,8 @@ def closest_in_turns(r: Array, v: Array, a: Array, covariance: Array, v_F: Array
 
 
 def _turn_rate_gradient(v: Array, a: Array, rate: Array) -> Array:
-    """Gradient (k, 9) of `motion.turn_rate` with respect to position, velocity and acceleration."""
-    speed2 = np.maximum(v[:, 0] ** 2 + v[:, 1] ** 2, motion.SLOWEST**2)
+    """Return the gradient (k, 9) of `motion.turn_rate` by position, velocity and acceleration."""
+    speed2 = np.maximum(v[:, 0] ** 2 + v[:, 1] ** 2, motion.MIN_TURN_SPEED_M_S**2)
     zero = np.zeros(len(v))
     by_v = (a[:, 1] - 2.0 * rate * v[:, 0], -a[:, 0] - 2.0 * rate * v[:, 1], zero)
     by_a = (-v[:, 1], v[:, 0], zero)

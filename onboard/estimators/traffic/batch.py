@@ -1,7 +1,7 @@
-"""The filters of all tracks in one batch, at one time: prediction, evaluation of measurements, correction.
+"""Filters of all tracks in one batch at one time: prediction, evaluation of measurements, correction.
 
-Should one covariance be lost, the batch is computed filter by filter: only the one that fails is reported, and the
-others go on.
+If one covariance is lost, the batch is computed filter by filter: only the failing one is reported, and the others
+continue.
 """
 
 from collections.abc import Callable
@@ -15,11 +15,11 @@ from onboard.filters.association import Places
 from onboard.filters.belief import Belief, FilterError
 from onboard.models.intruder import measurement
 from onboard.models.intruder.attitude_error import AttitudeErrorModel, ReportErrors, correct_attitude_error
-from onboard.models.intruder.motion import N, earlier_position
+from onboard.models.intruder.motion import STATE_SIZE, earlier_position
 from onboard.units import NS_PER_S, S_PER_NS
 
 NO_ROWS: Final = np.zeros(0, np.int64)
-Measure = Callable[[Array, Places], Array]  # of rows of states, and of each row's measurement, by its place
+Measure = Callable[[Array, Places], Array]  # arguments: rows of states, and the place of each row's measurement
 
 
 class Radar(NamedTuple):
@@ -30,9 +30,19 @@ class Radar(NamedTuple):
 
 
 class Updates(NamedTuple):
-    """The updates that k measurements would make, each of one track, before they are applied: posterior states,
-    innovations (k, m) with covariance (k, m, m), predicted measurements (k, m), and NIS (k,), which is NaN where a
-    filter failed."""
+    """Updates by k measurements, one for each of k tracks, before they are applied.
+
+    Attributes
+    ----------
+    state
+        Posterior states.
+    innovation, covariance
+        Innovations (k, m) and their covariance (k, m, m).
+    predicted
+        Predicted measurements (k, m).
+    nis
+        NIS (k,); NaN if a filter failed.
+    """
 
     state: Any
     innovation: Array
@@ -53,7 +63,7 @@ class Batch:
         self._belief: Belief | None = None
 
     def add(self, belief: Belief) -> None:
-        """One more track, with mean (15,) and covariance (15, 15). Raises FilterError."""
+        """Add a track with mean (15,) and covariance (15, 15). Raises FilterError."""
         state = self._filter.start(belief.mean[None], belief.covariance[None])
         self._set(state if self.size == 0 else join(self._state, state))
         self.size += 1
@@ -70,24 +80,26 @@ class Batch:
         self._set(None)
 
     def lag(self, t_ns: int) -> float:
-        """How much older than the filters a time is, s; negative if it is newer."""
+        """Return how much older than the filters a time is, s; negative if it is newer."""
         return (self.t_ns - t_ns) / NS_PER_S
 
     def belief(self) -> Belief:
-        """Mean (size, 15) and covariance (size, 15, 15)."""
+        """Return mean (size, 15) and covariance (size, 15, 15)."""
         if self.size == 0:
-            return Belief(np.zeros((0, N)), np.zeros((0, N, N)))
+            return Belief(np.zeros((0, STATE_SIZE)), np.zeros((0, STATE_SIZE, STATE_SIZE)))
         if self._belief is None:
             self._belief = self._filter.belief(self._state)
         return self._belief
 
     def position(self, row: int, t_ns: int) -> Array:
-        """Position (3,) of a track at a time that may be before the filters'."""
+        """Return the position (3,) of a track at a time that may be before the filters'."""
         return np.asarray(earlier_position(self.belief().mean[[row]], np.array([self.lag(t_ns)]))[0])
 
     def advance(self, t_ns: int, attitude_error: AttitudeErrorModel, report_errors: ReportErrors) -> Places:
-        """Predict all tracks to a time, never back, with the errors that they share. Rows of the tracks whose
-        filter failed; those stay as they were."""
+        """Predict all tracks to a time, never back, with their common errors.
+
+        Returns the rows of tracks whose filter failed; these do not change.
+        """
         dt = (t_ns - self.t_ns) * S_PER_NS
         if dt <= 0:
             return NO_ROWS
@@ -101,13 +113,18 @@ class Batch:
         return NO_ROWS
 
     def evaluate_reports(self, rows: Places, lag: Array, y: Array, R: Array, bias_sigma: Array) -> Updates:
-        """Reports y (k, 6) with noise R (k, 6, 6), `lag` (k,) seconds old, whose steady errors have standard
-        deviations `bias_sigma` (k, 3), of the tracks in these rows (k,)."""
+        """Evaluate reports y (k, 6) with noise R (k, 6, 6) for the tracks in these rows (k,).
+
+        They are `lag` (k,) seconds old, and their steady errors have standard deviations `bias_sigma` (k, 3).
+        """
         report = lambda points, at: measurement.report(points, lag[at], bias_sigma[at])  # noqa: E731 - a model
         return self._evaluate(rows, y, R, report, ())
 
     def evaluate_echoes(self, rows: Places, lag: float, y: Array, sigma: Array, radar: Radar) -> Updates:
-        """Echoes y (k, 3): range, azimuth, elevation, with standard deviations (k, 3), `lag` seconds old."""
+        """Evaluate echoes y (k, 3), range, azimuth, elevation, with standard deviations (k, 3).
+
+        They are `lag` seconds old.
+        """
         if self.polar:
             R = sigma[:, :, None] ** 2 * np.eye(3)
             echo = lambda points, at: measurement.echo(points, np.full(len(at), lag), *radar)  # noqa: E731 - a model
@@ -117,22 +134,24 @@ class Batch:
         return self._evaluate(rows, measurement.position(y, *radar), R, position, ())
 
     def apply(self, rows: Places, updates: Updates, chosen: Places) -> None:
-        """Make the updates `chosen`, which are of tracks `rows[chosen]`."""
+        """Apply the updates `chosen`, which are of tracks `rows[chosen]`."""
         if len(chosen):
             self._put(rows[chosen], take(updates.state, chosen))
 
     def restart(self, row: int, belief: Belief) -> None:
-        """Begin a track anew, with mean (15,) and covariance (15, 15)."""
+        """Restart a track with mean (15,) and covariance (15, 15)."""
         self._put(np.array([row]), self._filter.start(belief.mean[None], belief.covariance[None]))
 
     def correct_attitude_error(self, rotation: Belief) -> None:
-        """All tracks after registration has found the attitude error: mean (3,) and covariance (3, 3). Filters of
-        Cartesian positions do not estimate it."""
+        """Correct all tracks after registration has found the attitude error: mean (3,) and covariance (3, 3).
+
+        Filters of Cartesian positions do not estimate it.
+        """
         if self.size and self.polar:
             self._set(self._filter.change(self._state, lambda b: correct_attitude_error(b, rotation)))
 
     def _put(self, rows: Places, part: Any) -> None:
-        """Replace the state of some tracks, and in the belief, where it is known, only theirs."""
+        """Replace the state of some tracks, and only their part of a known belief."""
         known = self._belief
         self._set(put(self._state, rows, part))
         if known is not None:
@@ -143,7 +162,7 @@ class Batch:
         self._belief = None
 
     def _evaluate(self, rows: Places, y: Array, R: Array, measure: Measure, angular: tuple[int, ...]) -> Updates:
-        """All at once; should that fail, one by one."""
+        """Evaluate all measurements at once; if that fails, one by one."""
         state, every = take(self._state, rows), np.arange(len(y))
         try:
             return self._evaluate_at(state, every, y, R, measure, angular)
@@ -184,7 +203,7 @@ class Batch:
 
 
 def _singly(step: Callable[[Any, int], Any], state: Any, count: int) -> Any:
-    """What `step` returns for each track's state and number, joined."""
+    """Apply `step` to each track's state and number, and join the results."""
     whole = step(take(state, np.array([0])), 0)
     for i in range(1, count):
         whole = join(whole, step(take(state, np.array([i])), i))

@@ -1,4 +1,4 @@
-"""`[estimator.traffic]`: the keys of its section, with their units."""
+"""Configuration `[estimator.traffic]`: the keys of its section, with their units."""
 
 from typing import Annotated, ClassVar, Literal
 
@@ -16,12 +16,12 @@ IcaoAddress = Annotated[str, msgspec.Meta(pattern="^([0-9a-fA-F]{6})?$")]
 
 
 class Config(Record, frozen=True, kw_only=True):
-    """`[estimator.traffic]`. Raises ValueError for values that contradict each other."""
+    """Configuration `[estimator.traffic]`. Raises ValueError for contradictory values."""
 
     filter: FilterName = "imm"
     publish_hz: Rate = 10.0  # estimates of each track
     max_tracks: Annotated[int, msgspec.Meta(ge=1, le=10_000)] = 1000
-    max_reported: Count = 200  # of these, begun by reports; a nearer one takes the place of the farthest
+    max_reported: Count = 200  # of these, tracks started by reports; the most distant gives way to a nearer one
     own_icao: IcaoAddress = ""  # address of our own transponder, six hexadecimal digits: its reports are ignored
 
     # ADS-B and other vehicles' GLOBAL_POSITION_INT: age on reception, noise, and steady error
@@ -62,8 +62,8 @@ class Config(Record, frozen=True, kw_only=True):
     own_velocity_sigma_m_s: NotNegative = 0.1
 
     # how aircraft move: gusts; accelerations and their time constants. The mixture (imm) has three modes: a quiet
-    # one and one with a changing turn, both of which keep the current turn, and one that manoeuvres. The other
-    # filters have the last one only. `*_lasts_s`: mean time in a mode before it changes to one of the others
+    # one and one with a changing turn, which both keep the current turn, and one that manoeuvres. The other
+    # filters have only the last one. `*_lasts_s`: mean time in a mode before it changes to another
     gust_m_s: NotNegative = 0.5
     gust_vertical_m_s: NotNegative = 0.25
     gust_time_s: Positive = 5.0

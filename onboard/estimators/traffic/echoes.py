@@ -1,4 +1,4 @@
-"""A radar scan, ready to associate: its echoes with their noise, and the radar's position and attitude."""
+"""Radar scans prepared for association: echoes with their noise, and the radar's position and attitude."""
 
 from typing import NamedTuple
 
@@ -14,25 +14,28 @@ from onboard.messages import RadarScan
 
 
 class Echoes(NamedTuple):
-    """Echoes `polar` (k, 3): range (m), azimuth and elevation (rad), with standard deviations `sigma` (k, 3)."""
+    """Echoes `polar` (k, 3), range (m), azimuth and elevation (rad), with standard deviations `sigma` (k, 3)."""
 
     polar: Array
     sigma: Array
 
     def at(self, places: Places) -> "Echoes":
-        """Some of them."""
+        """Return some of the echoes."""
         return Echoes(self.polar[places], self.sigma[places])
 
 
 def radar_of(scan: RadarScan, own: OwnMotion, config: Config) -> Radar:
-    """Position and attitude of our radar, by our own navigation."""
+    """Return position and attitude of our radar, by our own navigation."""
     R_rb = matrix_from_euler(*np.radians(config.radar_mount_rpy_deg)).T
     R_rn = R_rb @ own.R_nb.T if scan.frame == "body" else own.R_nl.T
     return Radar(own.r + own.R_nb @ np.array(config.radar_offset_m), np.ascontiguousarray(R_rn))
 
 
 def echoes_of(scan: RadarScan, config: Config, angle_sigma: float | None = None) -> Echoes:
-    """The scan's echoes, with the radar's noise and glint; `angle_sigma`, rad, is added to both angles' noise."""
+    """Return the scan's echoes, with the radar's noise and glint.
+
+    `angle_sigma`, rad, is added to the noise of both angles.
+    """
     polar = np.array([(d.range, d.azimuth, d.elevation) for d in scan.detections]).reshape(-1, 3)
     azimuth, elevation = np.radians([config.radar_azimuth_sigma_deg, config.radar_elevation_sigma_deg]).tolist()
     usual = (config.radar_range_sigma_m, azimuth, elevation)

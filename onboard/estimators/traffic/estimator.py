@@ -1,8 +1,8 @@
-"""Traffic: every other aircraft around us, from ADS-B, other vehicles' positions or pseudoranges, and our radar.
+"""Traffic: all other aircraft, from ADS-B, other vehicles' positions or pseudoranges, and our radar.
 
 Tracks are kept in one Cartesian frame (`frame`). An address is an identity: its reports go to its own track and to
 no other (`report_association`). Echoes go to the tracks that they fit best (`radar_association`). Aircraft with
-both show the error of our own attitude (`registration`).
+both reveal the error of our own attitude (`registration`).
 """
 
 from collections import Counter
@@ -44,7 +44,7 @@ class Estimator:
 
     @property
     def verdicts(self) -> Counter[str]:
-        """What became of every report and every echo, counted."""
+        """Counts of the verdicts on all reports and echoes."""
         return self._tracker.verdicts
 
     def observe(self, message: Message, ownship: Ownship) -> list[Estimate]:
@@ -60,7 +60,7 @@ class Estimator:
         return []
 
     def tick(self, ownship: Ownship) -> list[Estimate]:
-        """Every track's estimate, `publish_hz` times a second."""
+        """Return every track's estimate, `publish_hz` times a second."""
         now_ns, tracker = ownship.now_ns, self._tracker
         if now_ns < self._next_ns:
             return []

@@ -1,5 +1,4 @@
-"""The filters that the tracker may use, for all tracks in one batch: those of `onboard.filters` with the model of
-an intruder, all called alike.
+"""Filters of the tracker: those of `onboard.filters` with the model of an intruder, under one interface.
 
     state = tracks.predict(state, dt, attitude_error, report_errors)
     part = take(state, rows)                        # of some tracks
@@ -32,10 +31,18 @@ SINGLE: Final[dict[str, Method]] = {
 
 
 class TrackFilter(NamedTuple):
-    """A filter over tracks: a `onboard.filters.belief.Method` whose `predict(state, dt, attitude_error,
-    report_errors)` knows the model. `change(state, f)` applies `f` to every belief in a state: one for each track,
-    or one for each mode of each track. `polar`: whether `update` accepts range and angles; if not, it needs
-    Cartesian positions."""
+    """A filter over tracks: a `onboard.filters.belief.Method` whose `predict` knows the model.
+
+    Attributes
+    ----------
+    predict
+        Called as `predict(state, dt, attitude_error, report_errors)`.
+    change
+        Called as `change(state, f)`; applies `f` to every belief in a state, one for each track, or one for each
+        mode of each track.
+    polar
+        Whether `update` accepts range and angles. Otherwise it needs Cartesian positions.
+    """
 
     start: Callable[[Array, Array], Any]
     predict: Callable[[Any, float, AttitudeErrorModel, ReportErrors], Any]
@@ -48,8 +55,11 @@ class TrackFilter(NamedTuple):
 def track_filter(
     name: FilterName, models: Sequence[motion.MotionModel], durations: Sequence[float]
 ) -> TrackFilter:
-    """The filter of that name. The mixture of extended filters has a mode for each of `models`, with its mean
-    duration in s; single filters have the last model."""
+    """Return the filter of that name.
+
+    The mixture of extended filters has a mode for each of `models`, with its mean duration in s; single filters
+    have the last model.
+    """
     if name == "imm":
         return _mixture((extended.METHODS[0],) * len(models), models, durations)
     method, step = SINGLE[name], _cached_step(models[-1])
@@ -67,8 +77,11 @@ def track_filter(
 def _mixture(
     modes: Sequence[Method], models: Sequence[motion.MotionModel], durations: Sequence[float]
 ) -> TrackFilter:
-    """Interacting filters, a mode each, with different motion models. A mode changes to any other with the same
-    rate, so that in the long run each mode's probability is proportional to its duration."""
+    """Return interacting filters, one for each mode, with different motion models.
+
+    A mode changes to any other at the same rate, so that in the long run each mode's probability is proportional
+    to its duration.
+    """
     count = len(modes)
     share = np.array(durations) / sum(durations)
     away = 1.0 / ((count - 1) * np.array(durations)[:, None])  # from each mode to each of the others, 1/s
@@ -102,17 +115,17 @@ def _process(step: motion.MotionStep) -> Rows:
 
 
 def _cached_step(model: motion.MotionModel) -> Callable[[float], motion.MotionStep]:
-    """The model's step: few different `dt` occur."""
+    """Return the model's step with a cache, since few different `dt` occur."""
     return lru_cache(maxsize=64)(lambda dt: motion.step(dt, model))
 
 
 def take(state: Any, rows: Places) -> Any:
-    """The state of some tracks."""
+    """Return the state of some tracks."""
     return _over(lambda a: np.ascontiguousarray(a[rows]), state)
 
 
 def put(state: Any, rows: Places, part: Any) -> Any:
-    """A copy of the state in which that of some tracks is replaced."""
+    """Return a copy of the state with the state of some tracks replaced."""
 
     def replaced(a: Array, b: Array) -> Array:
         c = a.copy()
@@ -123,12 +136,12 @@ def put(state: Any, rows: Places, part: Any) -> Any:
 
 
 def join(state: Any, more: Any) -> Any:
-    """One state of the tracks of two."""
+    """Return one state of the tracks of two."""
     return _over(lambda a, b: np.concatenate([a, b]), state, more)
 
 
 def _over(f: Callable[..., Any], *states: Any) -> Any:
-    """The state that `f` makes of each array of the states."""
+    """Return the state with `f` applied to each array of the states."""
     if isinstance(states[0], np.ndarray):
         return f(*states)
     parts = [_over(f, *same) for same in zip(*states, strict=True)]

@@ -1,4 +1,4 @@
-"""Tracks as estimates: relative to us, in NED where we are, with their identity and their closest approach."""
+"""Tracks as estimates: relative to us, in NED where we are, with their identity and closest approach."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -24,18 +24,18 @@ from onboard.messages import (
     Verdict,
 )
 from onboard.messages.causes import Reason
-from onboard.models.intruder.measurement import ECHO, POLAR, POLAR_UNITS
+from onboard.models.intruder.measurement import ECHO_SIZE, POLAR, POLAR_UNITS
 from onboard.models.intruder.motion import ACCELERATION, COMPONENTS, FRAME, POSITION, UNITS, VELOCITY
 
 NAME: Final = "traffic"
-MOST_PUBLISHED: Final = 100  # tracks at a time: a thousand estimates a second leave the leader's alone
-LOW_THREAT: Final = 2.0  # sigmas of the distance
+MAX_PUBLISHED_TRACKS: Final = 100  # At a time; a thousand estimates a second do not delay the leader's.
+LOW_THREAT_SIGMAS: Final = 2.0  # of the distance
 
 
 def estimates(
     tracks: Sequence[Track], belief: Belief, own: OwnMotion, frame: Frame, t_ns: int, config: Config
 ) -> list[Estimate]:
-    """An estimate of each track, from beliefs (k, 15) and (k, 15, 15) and our own motion at `t_ns`."""
+    """Return an estimate of each track, from beliefs (k, 15) and (k, 15, 15) and our own motion at `t_ns`."""
     if not tracks:
         return []
     R_ln = own.R_nl.T
@@ -71,12 +71,15 @@ def estimates(
 
 
 def in_turn(rows: list[int], r: Array, turn: int) -> list[int]:
-    """Which of the tracks in `rows`, at r (k, 3) from us, are published this time: all; or, of more than
-    `MOST_PUBLISHED`, the nearest half of that every time and the others in turns, which `turn` counts."""
-    if len(rows) <= MOST_PUBLISHED:
+    """Return which of the tracks in `rows`, at r (k, 3) from us, are published this time.
+
+    Up to `MAX_PUBLISHED_TRACKS`, all are. Otherwise the nearest fill half of the limit every time, and the others
+    take turns, which `turn` counts.
+    """
+    if len(rows) <= MAX_PUBLISHED_TRACKS:
         return rows
     nearest = np.argsort(np.linalg.norm(r, axis=1), kind="stable")
-    half = MOST_PUBLISHED // 2
+    half = MAX_PUBLISHED_TRACKS // 2
     always, others = nearest[:half], np.sort(nearest[half:])
     start = turn * half % len(others)
     turns = np.roll(others, -start)[:half]
@@ -84,22 +87,24 @@ def in_turn(rows: list[int], r: Array, turn: int) -> list[int]:
 
 
 def curvature(r: Array, P: Array) -> Array:
-    """What the covariances P (k, 3, 3) of positions r (k, 3) lack where a radar has measured the distance well and
-    the direction badly: the true positions are on a sphere, not on its tangent plane. E[(x^2 + y^2)^2] / 4 r^2,
-    along r."""
+    """Return the covariance that P (k, 3, 3) of positions r (k, 3) lacks because range is better known than
+    direction.
+
+    The true positions are on a sphere, not on its tangent plane: E[(x^2 + y^2)^2] / 4 r^2, along r.
+    """
     distance = np.maximum(np.linalg.norm(r, axis=1), 1.0)
     u = r / distance[:, None]
     Pu = np.einsum("kij,kj->ki", P, u)
     along = np.einsum("ki,ki->k", u, Pu)
     across = np.trace(P, axis1=1, axis2=2) - along
     squared = np.einsum("kij,kij->k", P, P) - 2.0 * np.einsum("ki,ki->k", Pu, Pu) + along**2
-    # where the distance is less than its uncertainty, no more than that
+    # The divisor is at least the uncertainty of the distance.
     sag2 = np.minimum((across**2 + 2.0 * squared) / (4.0 * distance**2), across)
     return np.asarray(sag2[:, None, None] * u[:, :, None] * u[:, None, :])
 
 
 def last_estimate(track: Track, t_ns: int, why: Reason) -> Estimate:
-    """The last estimate of a track that is removed, or renamed."""
+    """Return the last estimate of a track that is removed or renamed."""
     return Estimate(
         name=NAME,
         target=track.target,
@@ -130,10 +135,10 @@ def measurement_report(
     *,
     polar: bool,
 ) -> MeasurementReport:
-    """The measurement `place` of those evaluated, and what became of it; `polar`: as echoes are evaluated."""
+    """Return the report of measurement `place` of those evaluated; `polar`: echoes were evaluated as such."""
     predicted, innovation = updates.predicted[place], updates.innovation[place]
     count = len(predicted)
-    is_polar = polar and count == ECHO
+    is_polar = polar and count == ECHO_SIZE
     return MeasurementReport(
         source=source,
         t_ns=t_ns,
@@ -205,4 +210,4 @@ def _threat(time: float, distance: float, sigma: float, config: Config) -> Threa
         return ThreatLevel.NONE
     if distance < config.threat_distance_m:
         return ThreatLevel.HIGH
-    return ThreatLevel.LOW if distance - LOW_THREAT * sigma < config.threat_distance_m else ThreatLevel.NONE
+    return ThreatLevel.LOW if distance - LOW_THREAT_SIGMAS * sigma < config.threat_distance_m else ThreatLevel.NONE

@@ -1,5 +1,7 @@
-"""Echoes to tracks: which echo is of which track, which echoes register the radar, and which new tracks continue
-an older one. The tracker acts on it."""
+"""Association of echoes with tracks, for update, registration, and continuation of older tracks.
+
+It decides; the tracker executes.
+"""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -14,7 +16,7 @@ from onboard.estimators.traffic.track import Track
 from onboard.filters.association import Places, assign, candidates
 from onboard.filters.belief import Belief
 from onboard.filters.gating import chi_square_threshold, normalised_squared
-from onboard.models.intruder.measurement import ECHO, REPORT, expected_echo, position, position_noise
+from onboard.models.intruder.measurement import ECHO_SIZE, REPORT_SIZE, expected_echo, position, position_noise
 from onboard.models.intruder.motion import displacement
 from onboard.units import NS_PER_S
 
@@ -27,15 +29,18 @@ class RadarAssociation(NamedTuple):
 
 
 class Continuation(NamedTuple):
-    """The track in row `found` is the one in `row`, which has coasted."""
+    """The new track in row `found` continues the coasting track in row `row`."""
 
     found: int
     row: int
 
 
 def candidate_rows(tracks: Sequence[Track], t_ns: int, config: Config, *, established: bool) -> Places:
-    """Rows of tracks that echoes may be of. A track that has coasted for long is none: its gate is wide, and the
-    first false alarm in it would be fused."""
+    """Return the rows of tracks that echoes may belong to.
+
+    A track that has coasted for long is excluded: its gate is wide, and the first false alarm in it would be
+    fused.
+    """
     since_ns = t_ns - round(config.relock_after_s * NS_PER_S)
     rows = [i for i, t in enumerate(tracks) if t.established is established and t.fused_ns >= since_ns]
     return np.array(rows, np.int64)
@@ -44,11 +49,11 @@ def candidate_rows(tracks: Sequence[Track], t_ns: int, config: Config, *, establ
 def associate_echoes(
     rows: Places, echoes: Echoes, belief: Belief, lag: float, radar: Radar, config: Config
 ) -> RadarAssociation:
-    """Tracks in these rows of `belief` with the echoes that they fit best, which are `lag` seconds old."""
+    """Associate tracks in these rows of `belief` with their best echoes, which are `lag` seconds old."""
     if not len(rows) or not len(echoes.polar):
         return RadarAssociation(NO_ROWS, NO_ROWS)
     polar, spread = expected_echo(belief.mean[rows], belief.covariance[rows], lag, *radar)
-    gate = chi_square_threshold(config.gate_probability, ECHO)
+    gate = chi_square_threshold(config.gate_probability, ECHO_SIZE)
     which, places = assign(*candidates(polar, spread, echoes.polar, echoes.sigma**2, gate))
     return RadarAssociation(rows[which], places)
 
@@ -62,7 +67,10 @@ def anchor_echoes(
     radar: Radar,
     config: Config,
 ) -> list[AnchorEcho]:
-    """Those of a scan's echoes, one of the track in each row, whose aircraft also report their positions."""
+    """Return the echoes of aircraft that also report their positions.
+
+    The scan has one echo for the track in each row.
+    """
     fresh_ns = round(config.coast_after_s * NS_PER_S)
     positions = position(echoes.polar, *radar)
     noise = position_noise(echoes.polar, echoes.sigma, radar.R_rn)
@@ -80,10 +88,10 @@ def anchor_echoes(
 def continuations(
     found: Sequence[int], tracks: Sequence[Track], belief: Belief, t_ns: int, config: Config
 ) -> list[Continuation]:
-    """Tracks just confirmed, in rows `found`, that are where a track that coasts should be: the same aircraft."""
+    """Return which tracks just confirmed, in rows `found`, are at the predicted place of a coasting track."""
     relock_ns = config.relock_after_s * NS_PER_S
     coasting = [i for i, t in enumerate(tracks) if t.established and t_ns - t.fused_ns > relock_ns]
-    gate = chi_square_threshold(config.gate_probability, REPORT)
+    gate = chi_square_threshold(config.gate_probability, REPORT_SIZE)
     same: list[Continuation] = []
     for i in found:
         if not coasting:

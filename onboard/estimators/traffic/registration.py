@@ -1,14 +1,14 @@
-"""Registration: the error of our own attitude, which rotates all that our radar measures, from aircraft with both
-an echo and a report (anchors).
+"""Registration: the error of our own attitude, from aircraft with both an echo and a report (anchors).
 
-One Kalman filter estimates the rotation, the error of our own position, and for each anchor the steady error
-(bias) of its reports and the noise of its newest one: states [rotation (3), own (3), then bias (3) and noise (3)
-of each]. An anchor's position by radar minus its reported one = rotation x r_RT_n + own - bias - noise + the
-radar's noise.
+The attitude error rotates everything that our radar measures. One Kalman filter estimates the rotation, the error
+of our own position, and for each anchor the steady error (bias) of its reports and the noise of its newest one:
+states [rotation (3), own (3), then bias (3) and noise (3) of each]. An anchor's position by radar minus its
+reported one = rotation x r_RT_n + own - bias - noise + the radar's noise.
 
-It is separate from the tracks. The radar's attitude is corrected by the rotation, and each track's filter has only
-what remains (`residual`), as if that were its own error. If tracks shared one belief in the rotation, each would
-treat their common initial error as news from the others, and all would drift together, surer with every scan.
+The filter is separate from the tracks. The radar's attitude is corrected by the rotation, and each track's filter
+has only the remaining error (`residual`), as if that were its own. If tracks shared one belief in the rotation,
+each would treat their common initial error as news from the others, and all would drift together, more certain
+with every scan.
 """
 
 from collections.abc import Sequence
@@ -28,19 +28,30 @@ from onboard.models.intruder.attitude_error import AttitudeErrorModel
 from onboard.models.intruder.measurement import cross_matrix, position
 from onboard.units import NS_PER_S
 
-MAX_ANCHORS: Final = 12  # twice as many would improve it by a third, and take eight times as long
+MAX_ANCHORS: Final = 12  # Twice as many would improve the rotation by a third, and take eight times as long.
 ROTATION, OWN = slice(0, 3), slice(3, 6)
-COMMON: Final = 6  # states before the anchors' ...
-EACH: Final = 6  # ... and of each anchor
-IMPROVEMENT: Final = 2.0  # ratio of variances, in any direction, from which the tracks are corrected at once
-MIN_SIGMA: Final = 1e-8  # rad: a smaller one has no inverse
-AVERAGING_S: Final = 2.0  # about the time over which tracks average echoes
-MIN_COSINE: Final = 0.01  # of an elevation; nearer the vertical azimuth is not defined
+COMMON_STATES: Final = 6  # rotation and own position
+ANCHOR_STATES: Final = 6  # bias and noise of each anchor
+MIN_VARIANCE_IMPROVEMENT_RATIO: Final = 2.0  # In any direction; then the tracks are corrected.
+MIN_ATTITUDE_PRIOR_SIGMA: Final = 1e-8  # rad; keeps the covariance invertible
+AVERAGING_TIME_S: Final = 2.0  # over which tracks average echoes, approximately
+MIN_ELEVATION_COSINE: Final = 0.01  # Nearer the vertical, azimuth is undefined.
 
 
 class AnchorEcho(NamedTuple):
-    """An anchor in a scan: its track's `number`; r_OT_n (3,) by the radar and by its last `report`, moved on by
-    its track since; and the noise (3, 3) of their difference, without the report's."""
+    """An anchor in a scan.
+
+    Attributes
+    ----------
+    number
+        Number of its track.
+    by_radar
+        r_OT_n (3,) by the radar.
+    by_report
+        r_OT_n (3,) by its last `report`, predicted by its track since then.
+    noise
+        Noise (3, 3) of their difference, without the report's.
+    """
 
     number: int
     by_radar: Array
@@ -50,7 +61,7 @@ class AnchorEcho(NamedTuple):
 
 
 class Anchor(NamedTuple):
-    """Its newest report, the time of its newest echo, and that of the newest echo that was fused."""
+    """An anchor's newest report, and the times of its newest echo and of its newest fused echo."""
 
     report: Report
     echo_ns: int
@@ -58,19 +69,18 @@ class Anchor(NamedTuple):
 
 
 class Registration:
-    """The `rotation` and the model of its error: `residual`, the bias, and a jitter that is another in each
-    scan.
+    """The `rotation` and the model of its error: `residual`, the bias, and a jitter, independent in each scan.
 
     The noise of a report affects the rotation for a second or two: while the report is the newest, and after that
-    through the states corrected by it. Tracks average scans and do not model this, so it counts as jitter, as much
-    as remains of it on average. Its covariance is computed separately (`_noise`, a part of the belief's), and so
-    is its covariance with the sum of the rotation's errors in the last scans (`_past`).
+    through the states corrected by it. Tracks average scans and do not model this, so its mean remainder counts as
+    jitter. Its covariance is computed separately (`_noise`, a part of the belief's), and so is its covariance with
+    the sum of the rotation's errors in the last scans (`_past`).
     """
 
     def __init__(self, config: Config) -> None:
         c = config
         known = np.radians([c.own_tilt_sigma_deg, c.own_tilt_sigma_deg, c.own_yaw_sigma_deg])
-        attitude = np.maximum(known, MIN_SIGMA)
+        attitude = np.maximum(known, MIN_ATTITUDE_PRIOR_SIGMA)
         self._prior = AttitudeErrorModel(np.diag(attitude), np.ones(3), np.full(3, c.own_attitude_time_s))
         self._sigma = np.concatenate([attitude, np.full(3, c.own_position_sigma_m)])
         self._time = np.repeat([c.own_attitude_time_s, c.own_position_time_s], 3)
@@ -79,11 +89,11 @@ class Registration:
         self.clear()
 
     def clear(self) -> None:
-        """Back to the configured errors of our attitude and position, without anchors."""
+        """Return to the configured errors of our attitude and position, without anchors."""
         self._t_ns: int | None = None
         self._anchors: dict[int, Anchor] = {}  # by track numbers, in the order of their states
-        self._belief = Belief(np.zeros(COMMON), np.diag(self._sigma**2))
-        self._noise, self._past = np.zeros((COMMON, COMMON)), np.zeros((COMMON, 3))
+        self._belief = Belief(np.zeros(COMMON_STATES), np.diag(self._sigma**2))
+        self._noise, self._past = np.zeros((COMMON_STATES, COMMON_STATES)), np.zeros((COMMON_STATES, 3))
         self._anchor_sigma = np.zeros(0)  # of the anchors' states before any measurement
         self.residual = self._prior
         self._jitter = np.zeros((3, 3))
@@ -92,15 +102,18 @@ class Registration:
 
     @property
     def rotation(self) -> Array:
-        """The rotation (3,) of all that the radar measures, rad about n's axes."""
+        """The rotation (3,) of everything that the radar measures, rad about n's axes."""
         mean: Array = self._belief.mean
         return mean[ROTATION]
 
     def echo_jitter(self, polar: Array, R_rn: Array) -> Array:
-        """What the jitter adds to echoes (k, 3) of a radar with attitude R_rn (3, 3): standard deviations (k, 3)
-        of range (0), azimuth and elevation."""
+        """Return the standard deviations (k, 3) that the jitter adds to range (0), azimuth and elevation of echoes
+        (k, 3).
+
+        The radar has attitude R_rn (3, 3).
+        """
         toward = position(polar * [0.0, 1.0, 1.0] + [1.0, 0.0, 0.0], np.zeros(3), R_rn)
-        level = np.maximum(np.cos(polar[:, 2]), MIN_COSINE)[:, None]
+        level = np.maximum(np.cos(polar[:, 2]), MIN_ELEVATION_COSINE)[:, None]
         # a rotation w moves the direction by w x toward: along `aside` that is azimuth, across it elevation
         aside = np.cross(R_rn[2], toward) / level
         sigma = np.zeros_like(polar)
@@ -109,26 +122,30 @@ class Registration:
         return sigma
 
     def covariance_with_bias(self, numbers: Sequence[int], bias_sigma: Array) -> Array:
-        """`ReportErrors.attitude_covariance` (k, 3, 3) of tracks with these numbers and standard deviations (k, 3)
-        of their reports' steady errors."""
+        """Return `ReportErrors.attitude_covariance` (k, 3, 3) of tracks with these numbers.
+
+        `bias_sigma` (k, 3) are the standard deviations of their reports' steady errors.
+        """
         shared = np.zeros((len(numbers), 3, 3))
         if self.residual is not self._prior:
             P, rows = self._belief.covariance, {number: row for row, number in enumerate(numbers)}
             for at, number in enumerate(self._anchors):
                 if number in rows:
-                    first = COMMON + EACH * at
+                    first = COMMON_STATES + ANCHOR_STATES * at
                     off = P[ROTATION, first : first + 3] - P[ROTATION, OWN]  # relative to our own position
                     shared[rows[number]] = off / bias_sigma[rows[number]]
         return shared
 
     def corrected(self, R_rn: Array) -> Array:
-        """The attitude R_rn (3, 3) of a radar, corrected by the rotation."""
+        """Return the attitude R_rn (3, 3) of a radar, corrected by the rotation."""
         return np.ascontiguousarray(R_rn @ matrix_from_quaternion(quaternion_from_vector(self.rotation)))
 
     def update(self, t_ns: int, echoes: Sequence[AnchorEcho], r_OR_n: Array) -> Belief | None:
-        """Fuse the anchors of a scan, at the time of `advance`, with a radar at r_OR_n (3,). Where that has
-        improved the rotation so much that the tracks should be corrected: what their attitude error is, (3,) and
-        (3, 3)."""
+        """Fuse the anchors of a scan, at the time of `advance`, with a radar at r_OR_n (3,).
+
+        Returns the attitude error of the tracks, (3,) and (3, 3), if the rotation has improved enough to correct
+        them.
+        """
         before, predicted = self.rotation, self._belief.covariance[ROTATION, ROTATION]
         self._update_anchors(t_ns, echoes)
         self._fuse(t_ns, [e for e in echoes if e.number in self._anchors], r_OR_n)
@@ -140,10 +157,10 @@ class Registration:
             return None
         bias, self._jitter = self._bias_and_jitter()
         self.residual = self._residual_of(bias)
-        if np.linalg.eigvals(np.linalg.solve(bias, self._in_tracks)).real.max() < IMPROVEMENT:
+        if np.linalg.eigvals(np.linalg.solve(bias, self._in_tracks)).real.max() < MIN_VARIANCE_IMPROVEMENT_RATIO:
             return None
         self._in_tracks = bias
-        # only the share that was there before: the rest of the change is motion since the last scan
+        # Only the share that existed before: the rest of the change is motion since the last scan.
         share = self._before @ np.linalg.inv(predicted)
         return Belief(share @ (self.rotation - before), bias)
 
@@ -160,11 +177,13 @@ class Registration:
         self._moved = more[ROTATION, ROTATION]
         self._belief = Belief(decay * mean, P * np.outer(decay, decay) + more)
         self._noise = self._noise * np.outer(decay, decay)
-        self._past = np.exp(-dt / AVERAGING_S) * decay[:, None] * self._past
+        self._past = np.exp(-dt / AVERAGING_TIME_S) * decay[:, None] * self._past
 
     def _update_anchors(self, t_ns: int, echoes: Sequence[AnchorEcho]) -> None:
-        """Remove anchors without an echo for long, replace the noise states of those with a new report, and append
-        new anchors while there is room."""
+        """Remove anchors without a recent echo, replace the noise states of new reports, and append new anchors.
+
+        New anchors are appended while there is room.
+        """
         last = {e.number: e.report for e in echoes}
         since_ns = t_ns - self._forget_ns
         for number in [k for k, a in self._anchors.items() if a.echo_ns < since_ns and k not in last]:
@@ -176,7 +195,7 @@ class Registration:
             if report is None:
                 continue
             if report is not anchor.report:
-                noise = slice(COMMON + EACH * at + 3, COMMON + EACH * (at + 1))
+                noise = slice(COMMON_STATES + ANCHOR_STATES * at + 3, COMMON_STATES + ANCHOR_STATES * (at + 1))
                 mean[noise], P[noise, :], P[:, noise] = 0.0, 0.0, 0.0
                 P[noise, noise] = report.R[:3, :3]
                 self._noise[noise, :], self._noise[:, noise], self._past[noise] = 0.0, 0.0, 0.0
@@ -191,32 +210,32 @@ class Registration:
     def _append(self, report: Report) -> None:
         mean, P = self._belief
         n = len(mean)
-        wider, noise = np.pad(P, (0, EACH)), np.pad(self._noise, (0, EACH))
+        wider, noise = np.pad(P, (0, ANCHOR_STATES)), np.pad(self._noise, (0, ANCHOR_STATES))
         # steady errors are relative to our own position, whose error has a state already
         bias = np.sqrt(np.maximum(report.bias_sigma**2 - self._sigma[OWN] ** 2, (0.5 * report.bias_sigma) ** 2))
         wider[n : n + 3, n : n + 3] = np.diag(bias**2)
         wider[n + 3 :, n + 3 :] = noise[n + 3 :, n + 3 :] = report.R[:3, :3]
-        self._belief, self._noise = Belief(np.pad(mean, (0, EACH)), wider), noise
-        self._past = np.pad(self._past, ((0, EACH), (0, 0)))
+        self._belief, self._noise = Belief(np.pad(mean, (0, ANCHOR_STATES)), wider), noise
+        self._past = np.pad(self._past, ((0, ANCHOR_STATES), (0, 0)))
         self._anchor_sigma = np.concatenate([self._anchor_sigma, bias, np.zeros(3)])
 
     def _remove(self, at: int) -> None:
-        first = COMMON + EACH * at
-        kept = np.delete(np.arange(len(self._belief.mean)), np.arange(first, first + EACH))
+        first = COMMON_STATES + ANCHOR_STATES * at
+        kept = np.delete(np.arange(len(self._belief.mean)), np.arange(first, first + ANCHOR_STATES))
         square = np.ix_(kept, kept)
         self._belief = Belief(self._belief.mean[kept], self._belief.covariance[square])
         self._noise, self._past = self._noise[square], self._past[kept]
-        self._anchor_sigma = self._anchor_sigma[kept[COMMON:] - COMMON]
+        self._anchor_sigma = self._anchor_sigma[kept[COMMON_STATES:] - COMMON_STATES]
 
     def _fuse(self, t_ns: int, echoes: Sequence[AnchorEcho], r_OR_n: Array) -> None:
-        """Correct by the echoes of anchors, those that are consistent."""
+        """Correct by the echoes of consistent anchors."""
         if not echoes:
             return
         places = {number: at for at, number in enumerate(self._anchors)}
         size, count = len(self._belief.mean), len(echoes)
         H, y, R = np.zeros((count, 3, size)), np.zeros((count, 3)), np.zeros((count, 3, 3))
         for k, echo in enumerate(echoes):
-            at = COMMON + EACH * places[echo.number]
+            at = COMMON_STATES + ANCHOR_STATES * places[echo.number]
             y[k] = echo.by_radar - echo.by_report
             H[k, :, ROTATION] = -cross_matrix(echo.by_report - r_OR_n)
             H[k, :, OWN] = np.eye(3)
@@ -239,9 +258,11 @@ class Registration:
             self._anchors[number] = self._anchors[number]._replace(fused_ns=t_ns)
 
     def _consistent(self, y: Array, H: Array, R: Array) -> Places:
-        """Which of k anchors are consistent with the belief and with each other. While the rotation is unknown, an
-        anchor with a false position seems possible by itself; beside others it does not. The worst is left out
-        first."""
+        """Return which of k anchors are consistent with the belief and with each other.
+
+        While the rotation is unknown, an anchor with a false position seems possible by itself, but not with
+        others. The worst is left out first.
+        """
         fits = np.arange(len(y))
         while len(fits):
             wide = H[fits].reshape(-1, H.shape[2])
@@ -249,16 +270,18 @@ class Registration:
             inverse = np.linalg.inv(S)
             pulls = (inverse @ (y[fits].ravel() - wide @ self._belief.mean)).reshape(-1, 3)
             own = inverse.reshape(len(fits), 3, len(fits), 3)[range(len(fits)), :, range(len(fits))]
-            beside = normalised_squared(pulls, own)  # of each one's innovation, given the others'
+            beside = normalised_squared(pulls, own)  # of each innovation, given the others
             if beside.max() <= self._gate:
                 break
             fits = np.delete(fits, int(np.argmax(beside)))
         return fits
 
     def _residual_of(self, bias: Array) -> AttitudeErrorModel:
-        """The model of a residual with that covariance (3, 3): it changes as slowly as the anchors' steady errors,
-        but as fast as our own attitude's error in directions that the anchors do not determine; between them,
-        by the ratio of standard deviations."""
+        """Return the model of a residual with that covariance (3, 3).
+
+        It changes as slowly as the anchors' steady errors, but as fast as our own attitude's error in directions
+        that the anchors do not determine; between them, by the ratio of standard deviations.
+        """
         scale = np.diag(self._prior.axes)
         share, axes = np.linalg.eigh(bias / np.outer(scale, scale))
         share = np.clip(share, 0.0, 1.0)
@@ -267,24 +290,26 @@ class Registration:
         return AttitudeErrorModel(scale[:, None] * axes, share, 1.0 / rate)
 
     def _bias_and_jitter(self) -> tuple[Array, Array]:
-        """The covariances (3, 3) of the bias of the rotation, and of the rest, as if that were
-        independent in each scan."""
+        """Return the covariances (3, 3) of the rotation's bias, and of the rest.
+
+        The rest is treated as independent in each scan.
+        """
         P, noise = self._belief.covariance, self._noise[ROTATION, ROTATION]
         sizes = np.concatenate([self._sigma[OWN], self._anchor_sigma])
         slow = np.flatnonzero(sizes)  # our own position, and the reports' steady errors
         by_slow = P[ROTATION, 3 + slow] / sizes[slow]
         by_them = by_slow @ by_slow.T
-        # the rest is due to the radar's noise and to the rotation's motion. A scan that removes as much as has
-        # been added since the last one leaves little of it in directions that it determines, and all in others
+        # The rest is due to the radar's noise and to the rotation's motion. A scan that removes as much as has
+        # been added since the last one leaves little of it in directions that it determines, and all in others.
         other = P[ROTATION, ROTATION] - by_them - noise
         kept = P[ROTATION, ROTATION] @ np.linalg.inv(P[ROTATION, ROTATION] + self._moved)
         old = kept @ other @ kept.T
         jitter = other - old + self._past[ROTATION] + self._past[ROTATION].T - noise
-        return by_them + old + MIN_SIGMA**2 * np.eye(3), jitter
+        return by_them + old + MIN_ATTITUDE_PRIOR_SIGMA**2 * np.eye(3), jitter
 
 
 def _blocks(matrices: Array) -> Array:
-    """The matrix (3k, 3k) with these (k, 3, 3) on its diagonal."""
+    """Return the block diagonal matrix (3k, 3k) of (k, 3, 3)."""
     count = len(matrices)
     wide = np.zeros((count, 3, count, 3))
     wide[range(count), :, range(count)] = matrices

@@ -1,4 +1,4 @@
-"""Reports to tracks: what each report means for the tracks there are, as decisions that the tracker carries out.
+"""Association of reports with tracks, as decisions that the tracker executes.
 
 An address is an identity: its reports go to the track of that address, or to a second one of the same address, and
 to no other. Decisions for different addresses do not depend on each other.
@@ -18,15 +18,15 @@ from onboard.estimators.traffic.track import Track
 from onboard.filters.association import Places
 from onboard.filters.gating import chi_square_threshold
 from onboard.messages import MeasurementReport, Verdict
-from onboard.models.intruder.measurement import REPORT
+from onboard.models.intruder.measurement import REPORT_SIZE
 from onboard.units import NS_PER_S
 
-OUTLIERS: Final = 3  # reports that fit each other and not their track, before they are believed ...
-OUTLIERS_WITHIN_S: Final = 5.0  # ... if consecutive ones are no farther apart: one in a thousand is due to chance
-SAME_PLACE_M: Final = 100.0  # a report this near is of the same aircraft, and the filter has lagged
-COPIES: Final = 4  # tracks of one address
-ADOPTED_WITHIN_M: Final = 1000.0  # distance of a report from the radar's track to which it gives its name
-LOOK_BACK: Final = 0.02  # share of a manoeuvre's variance that comes and goes within a second
+MIN_OUTLIER_COUNT: Final = 3  # Reports that fit each other but not their track are then believed.
+MAX_OUTLIER_INTERVAL_S: Final = 5.0  # Between consecutive outliers; one report in a thousand is one by chance.
+MAX_LAG_DISTANCE_M: Final = 100.0  # A nearer report is of the same aircraft, and the filter has lagged.
+MAX_TRACKS_PER_ADDRESS: Final = 4
+MAX_ADOPTION_DISTANCE_M: Final = 1000.0  # from a report to the radar's track that it names
+LOOK_BACK_VARIANCE_FRACTION: Final = 0.02  # of a manoeuvre's variance, for changes within a second
 
 
 class Fuse(NamedTuple):
@@ -38,8 +38,13 @@ class Fuse(NamedTuple):
 
 
 class Reject(NamedTuple):
-    """A report does not fit the track of its address, or repeats an older one. `outliers`: the track's, from now
-    on."""
+    """Reject a report that does not fit the track of its address, or repeats an older one.
+
+    Attributes
+    ----------
+    outliers
+        The track's outliers from now on.
+    """
 
     row: int
     measurement: MeasurementReport
@@ -47,8 +52,13 @@ class Reject(NamedTuple):
 
 
 class Restart(NamedTuple):
-    """Begin the track anew where the report is. `split`: the echoes in its old place are of another aircraft,
-    whose track continues without the name."""
+    """Restart a track at the position of a report.
+
+    Attributes
+    ----------
+    split
+        Whether the echoes at its old place are of another aircraft, whose track continues without the name.
+    """
 
     report: Report
     row: int
@@ -56,7 +66,7 @@ class Restart(NamedTuple):
 
 
 class Adopt(NamedTuple):
-    """Give a radar's track the report's name, and fuse the report: the update `place` of those evaluated."""
+    """Give a radar's track the report's name, and apply the update `place` of those evaluated."""
 
     report: Report
     row: int
@@ -66,15 +76,14 @@ class Adopt(NamedTuple):
 
 
 class Begin(NamedTuple):
-    """Begin a track with the report; `copy`: its number among those of the same address."""
+    """Start a track with the report; `copy`: its number among those of the same address."""
 
     report: Report
     copy: int = 1
 
 
 class ReportAssociation(NamedTuple):
-    """Make the updates `chosen`, of the tracks in `rows[chosen]`, if there are any; then carry out the decisions
-    in order."""
+    """Apply the updates `chosen`, of the tracks in `rows[chosen]`, then execute the decisions in order."""
 
     rows: Places
     updates: Updates | None
@@ -85,7 +94,7 @@ class ReportAssociation(NamedTuple):
 def associate_reports(
     reports: Sequence[Report], tracks: Sequence[Track], batch: Batch, config: Config
 ) -> ReportAssociation:
-    """What to do with reports of different addresses, each by the track of its address that it fits best."""
+    """Decide about reports of different addresses, each by the track of its address that it fits best."""
     owners: dict[Key, list[int]] = {}
     for row, track in enumerate(tracks):
         if track.key is not None:
@@ -125,11 +134,11 @@ def _evaluate(
 ) -> tuple[Updates, Places]:
     lag = np.array([batch.lag(r.t_ns) for r in reports])
     R = np.stack([r.R for r in reports])
-    # manoeuvres since the report, which the model's look back neglects
+    # noise of manoeuvres since the report, which the model neglects when it looks back
     manoeuvre = config.manoeuvre_acceleration_m_s2**2
     for i in range(3):
-        R[:, i, i] += manoeuvre * LOOK_BACK * lag**4
-        R[:, 3 + i, 3 + i] += manoeuvre * LOOK_BACK * lag**2
+        R[:, i, i] += manoeuvre * LOOK_BACK_VARIANCE_FRACTION * lag**4
+        R[:, 3 + i, 3 + i] += manoeuvre * LOOK_BACK_VARIANCE_FRACTION * lag**2
     at = np.array(rows, np.int64)
     y, bias_sigma = np.stack([r.y for r in reports]), np.stack([r.bias_sigma for r in reports])
     return batch.evaluate_reports(at, lag, y, R, bias_sigma), at
@@ -140,46 +149,49 @@ def _verdict(
 ) -> Verdict:
     if is_repetition(report.message, tracks[row].adsb):
         return Verdict.DUPLICATE
-    if nis <= chi_square_threshold(config.gate_probability, REPORT):
+    if nis <= chi_square_threshold(config.gate_probability, REPORT_SIZE):
         return Verdict.FUSED
     return Verdict.IMPLAUSIBLE if _is_far(report, row, tracks, batch, config) else Verdict.GATED
 
 
 def _is_far(report: Report, row: int, tracks: Sequence[Track], batch: Batch, config: Config) -> bool:
-    """Whether no aircraft flies from the track to the reported position in the time between."""
+    """Return whether no aircraft can fly from the track to the reported position in the time between."""
     elapsed = max(abs(report.t_ns - tracks[row].fused_ns) / NS_PER_S, 1.0)
-    return _distance(report, row, batch) > config.max_speed_m_s * elapsed + SAME_PLACE_M
+    return _distance(report, row, batch) > config.max_speed_m_s * elapsed + MAX_LAG_DISTANCE_M
 
 
 def _distance(report: Report, row: int, batch: Batch) -> float:
-    """Distance of a report from its track's position at the time, m."""
+    """Return the distance of a report from its track's position at the time, m."""
     return float(np.linalg.norm(report.y[:3] - batch.position(row, report.t_ns)))
 
 
 def _after_outlier(
     report: Report, row: int, tracks: Sequence[Track], copies: int, batch: Batch, config: Config
 ) -> tuple[tuple[Report, ...], Restart | Begin | None]:
-    """The outliers of a track with one more, and what to do about them. A few that fit each other are believed. If
-    the track was fused with reports of the same source meanwhile, the outliers are of another aircraft with its
-    address. Else the track is at their position, and echoes in its old place are of another aircraft."""
+    """Return the outliers of a track with one more, and the decision about them.
+
+    A few that fit each other are believed. If the track was fused with reports of the same source meanwhile, the
+    outliers are of another aircraft with its address. Otherwise the track is at their position, and echoes at its
+    old place are of another aircraft.
+    """
     track = tracks[row]
     earlier = track.outliers if track.outliers and _fit_each_other(track.outliers[-1], report) else ()
     outliers = (*earlier, report)
-    if len(outliers) < OUTLIERS:
+    if len(outliers) < MIN_OUTLIER_COUNT:
         return outliers, None
     first_ns = outliers[0].t_ns
     reports_fused = track.sources.get(report.source, 0) >= first_ns
     any_fused = track.fused_ns >= first_ns
-    near = _distance(report, row, batch) < SAME_PLACE_M
+    near = _distance(report, row, batch) < MAX_LAG_DISTANCE_M
     if near or (not reports_fused and (any_fused or not _is_far(report, row, tracks, batch, config))):
         return (), Restart(report, row, split=any_fused and not near)
-    return (), Begin(report, copies + 1) if copies < COPIES else None
+    return (), Begin(report, copies + 1) if copies < MAX_TRACKS_PER_ADDRESS else None
 
 
 def _fit_each_other(earlier: Report, later: Report) -> bool:
-    """Whether two reports could be of one aircraft with the reported velocities."""
+    """Return whether two reports could be of one aircraft with the reported velocities."""
     dt = (later.t_ns - earlier.t_ns) / NS_PER_S
-    if abs(dt) > OUTLIERS_WITHIN_S:
+    if abs(dt) > MAX_OUTLIER_INTERVAL_S:
         return False
     off = later.y[:3] - earlier.y[:3] - dt * 0.5 * (earlier.y[3:] + later.y[3:])
     room = np.sqrt(np.trace(earlier.R[:3, :3] + later.R[:3, :3])) + 5.0 * abs(dt)
@@ -189,7 +201,7 @@ def _fit_each_other(earlier: Report, later: Report) -> bool:
 def _without_track(
     reports: Sequence[Report], tracks: Sequence[Track], batch: Batch, config: Config
 ) -> list[Adopt | Begin]:
-    """Reports of addresses without a track, each with the radar's track that it names, or with a new one."""
+    """Return the decisions about addresses without a track: name a radar's track, or start a new one."""
     decisions: list[Adopt | Begin] = []
     unnamed = {i for i, t in enumerate(tracks) if t.key is None and t.confirmed}
     for report in reports:
@@ -201,11 +213,11 @@ def _without_track(
 
 
 def _adoption(report: Report, unnamed: Sequence[int], batch: Batch, config: Config) -> Adopt | None:
-    """The one of the unnamed tracks that the report fits, if there is exactly one."""
+    """Return the adoption of the only unnamed track that the report fits; None if there is not exactly one."""
     mean = batch.belief().mean
-    rows = [i for i in unnamed if np.linalg.norm(mean[i, :3] - report.y[:3]) < ADOPTED_WITHIN_M]
+    rows = [i for i in unnamed if np.linalg.norm(mean[i, :3] - report.y[:3]) < MAX_ADOPTION_DISTANCE_M]
     if not rows:
         return None
     updates, at = _evaluate([report] * len(rows), rows, batch, config)
-    fits = np.flatnonzero(updates.nis <= chi_square_threshold(config.gate_probability, REPORT))
+    fits = np.flatnonzero(updates.nis <= chi_square_threshold(config.gate_probability, REPORT_SIZE))
     return Adopt(report, rows[fits[0]], at, updates, int(fits[0])) if len(fits) == 1 else None

@@ -1,5 +1,7 @@
-"""Other aircraft's reports, ready to fuse: position and velocity in the tracker's frame with their noise, at the
-time at which they were true; or the reason why a message cannot be used."""
+"""Reports of other aircraft, ready to fuse, or the reasons why a message cannot be used.
+
+They are position and velocity in the tracker's frame with their noise, at the time at which they were true.
+"""
 
 import math
 from typing import Final, NamedTuple
@@ -14,11 +16,11 @@ from onboard.estimators.traffic.pseudoranges import solve
 from onboard.messages import AdsbVehicle, AltitudeType, PeerPosition, PeerRanges, Verdict
 from onboard.units import NS_PER_S
 
-UNKNOWN_SPEED_SIGMA: Final = 300.0  # m/s: of a velocity that is not reported
-ROUNDED_AGE: Final = 0.5  # s: mean error of an age that is given in whole seconds,
-ROUNDED_AGE_SIGMA: Final = 1 / math.sqrt(12)  # and its sigma
+UNKNOWN_SPEED_SIGMA_M_S: Final = 300.0  # of an unreported velocity
+ROUNDING_BIAS_S: Final = 0.5  # mean error of an age in whole seconds
+ROUNDING_SIGMA_S: Final = 1 / math.sqrt(12)  # standard deviation of such an age
 WEATHER_SIGMA_M: Final = 100.0  # of a pressure altitude, whose sea level is standard: about 12 hPa
-VAGUE: Final = 300.0  # m: a fix with a larger error begins no track
+MAX_FIX_SIGMA_M: Final = 300.0  # A less certain fix starts no track.
 
 Key = tuple[str, int]  # ("icao", address) or ("system", number)
 ReportMessage = AdsbVehicle | PeerPosition | PeerRanges
@@ -26,8 +28,15 @@ SOURCES: Final[dict[type, str]] = {AdsbVehicle: "adsb", PeerPosition: "peer", Pe
 
 
 class Report(NamedTuple):
-    """`y` (6,): r_OT_n and v_T_n, with noise R (6, 6), true at `t_ns`; `bias_sigma` (3,), m: standard deviation of
-    the position's steady error."""
+    """A report of one aircraft, true at `t_ns`.
+
+    Attributes
+    ----------
+    y, R
+        r_OT_n and v_T_n, (6,), and their noise (6, 6).
+    bias_sigma
+        Standard deviation (3,) of the position's steady error, m.
+    """
 
     key: Key
     t_ns: int
@@ -48,8 +57,10 @@ class Report(NamedTuple):
 
 
 def make_report(m: ReportMessage, frame: Frame, config: Config, near: Array | None = None) -> Report | Verdict:
-    """The report in a message; else the reason why there is none. `near`: r_OT_n (3,) of its track at the time, if
-    there is one."""
+    """Return the report in a message, or the verdict on an unusable one.
+
+    `near`: r_OT_n (3,) of its track at the time, if there is one.
+    """
     if not frame.known:
         return Verdict.NO_POSE
     if isinstance(m, PeerRanges):
@@ -76,12 +87,12 @@ def _from_adsb(m: AdsbVehicle, frame: Frame, config: Config) -> Report | Verdict
         return reported
     age, age_sigma = config.adsb_latency_s + m.tslc, config.adsb_latency_sigma_s
     if m.tslc >= 1:
-        age, age_sigma = age + ROUNDED_AGE, math.hypot(age_sigma, ROUNDED_AGE_SIGMA)
+        age, age_sigma = age + ROUNDING_BIAS_S, math.hypot(age_sigma, ROUNDING_SIGMA_S)
     sigma = (
         config.adsb_position_sigma_m,
         config.adsb_altitude_sigma_m,
-        config.adsb_velocity_sigma_m_s if reported.has_level else UNKNOWN_SPEED_SIGMA,
-        config.adsb_velocity_sigma_m_s if reported.has_climb else UNKNOWN_SPEED_SIGMA,
+        config.adsb_velocity_sigma_m_s if reported.has_level else UNKNOWN_SPEED_SIGMA_M_S,
+        config.adsb_velocity_sigma_m_s if reported.has_climb else UNKNOWN_SPEED_SIGMA_M_S,
     )
     t_ns = m.t_ns - round(age * NS_PER_S)
     bias = (config.report_bias_m, config.report_bias_m, bias_altitude)
@@ -100,13 +111,16 @@ def _from_peer(m: PeerPosition, frame: Frame, config: Config) -> Report | Verdic
 
 
 def _from_ranges(m: PeerRanges, frame: Frame, config: Config, near: Array | None) -> Report | Verdict:
-    """The fix is above the ellipsoid, our own height above mean sea level: the geoid's height is subtracted."""
+    """Return the report of pseudoranges.
+
+    The fix is above the ellipsoid, our own height above mean sea level: the geoid's height is subtracted.
+    """
     place = frame.ecef(near)
     if place is None or not m.satellites:
         return Verdict.NO_POSITION
     fix = solve(m.satellites, place, config.gnss_range_sigma_m, config.gnss_rate_sigma_m_s)
     y, R = frame.from_ecef(fix.y, fix.R)
-    if near is None and np.trace(R[:3, :3]) > VAGUE**2:
+    if near is None and np.trace(R[:3, :3]) > MAX_FIX_SIGMA_M**2:
         return Verdict.NO_POSITION
     if not fix.agree:
         return Verdict.IMPLAUSIBLE
@@ -128,8 +142,11 @@ def _report(
     message: ReportMessage,
     frame: Frame,
 ) -> Report:
-    """`sigma`: of horizontal position and height, horizontal and vertical speed; `age_sigma`: of the age, s, which
-    blurs the position along the velocity."""
+    """Return the report of a position and velocity with their noise.
+
+    `sigma`: of horizontal position and height, horizontal and vertical speed; `age_sigma`: of the age, s, which
+    blurs the position along the velocity.
+    """
     place = reported.place
     R_nl = frame.rotation_nl(place[0], place[1])
     v = R_nl @ np.array(reported.v)

@@ -1,8 +1,8 @@
-"""The tracker: the one place where tracks change.
+"""The tracker, the only place where tracks change.
 
 All filters are in one batch at one time (`batch`). Reports wait for the next publication, when all that arrived
 are fused together; a radar scan is fused on arrival. Both may be older than the filters: the model looks back. The
-modules `report_association` and `radar_association` decide, and the tracker carries it out.
+modules `report_association` and `radar_association` decide, and the tracker executes.
 """
 
 from collections import Counter
@@ -43,12 +43,19 @@ from onboard.messages import Estimate, PeerRanges, RadarScan, Verdict
 from onboard.messages.causes import Cause, Reason
 from onboard.models.intruder.attitude_error import ReportErrors
 
-NO_REPORTS: Final = (np.inf,) * 3  # m: the standard deviation of a steady error without reports
+NO_REPORTS: Final = (np.inf,) * 3  # m, standard deviation of the steady error without reports
 
 
 class Tracker:
-    """`tracks[i]` has the filter in row i of `batch`. `verdicts` counts what became of every report and
-    echo."""
+    """All tracks and their filters.
+
+    Attributes
+    ----------
+    tracks
+        `tracks[i]` has the filter in row i of `batch`.
+    verdicts
+        Counts of the verdicts on all reports and echoes.
+    """
 
     def __init__(self, config: Config) -> None:
         self.verdicts: Counter[str] = Counter()
@@ -59,12 +66,12 @@ class Tracker:
         self._waiting = WaitingReports(config)
         self._keys: frozenset[Key | None] = frozenset()  # addresses with a track, as of the last publication
         self._turn = 0
-        self._own_r = np.zeros(3)  # where we were at the last publication
-        self._ended: list[Estimate] = []  # the last ones of removed tracks, until they are published
+        self._own_r = np.zeros(3)  # our position at the last publication
+        self._ended: list[Estimate] = []  # last estimates of removed tracks, until they are published
         self._last_number = 0
 
     def receive(self, message: ReportMessage, frame: Frame) -> None:
-        """A report: it waits for `fuse_reports`, or is counted with the reason why it cannot be used."""
+        """Queue a report for `fuse_reports`, or count why it cannot be used."""
         near = None
         if isinstance(message, PeerRanges):
             rows = (i for i, t in enumerate(self.tracks) if t.key == ("system", message.peer))
@@ -84,21 +91,24 @@ class Tracker:
             self._remove(failed.tolist(), Reason(Cause.FILTER_FAILED, "the covariance was lost"))
 
     def fuse_reports(self) -> None:
-        """Fuse all reports that wait."""
+        """Fuse all queued reports."""
         for reports in self._waiting.take():
             timely = [r for r in reports if self._is_timely(r)]
             self._carry_out(associate_reports(self._with_room(timely), self.tracks, self.batch, self._config))
 
     def fuse_scan(self, scan: RadarScan, own: OwnMotion | None) -> None:
-        """Fuse a radar scan: echoes go to established tracks first, which also register the radar, then to the
-        others; those left begin new tracks, most of which are never confirmed."""
+        """Fuse a radar scan.
+
+        Echoes go to established tracks first, which also register the radar, then to the others. Those left start
+        new tracks, most of which are never confirmed.
+        """
         if own is None or (self.tracks and self.batch.lag(scan.t_ns) > self._config.late_horizon_s):
             self.verdicts[Verdict.NO_POSE if own is None else Verdict.TOO_OLD] += len(scan.detections)
             return
         self.advance(scan.t_ns)
         self.registration.advance(scan.t_ns)
         nominal = radar_of(scan, own, self._config)
-        # a filter of Cartesian positions does not estimate the attitude error: to it, that is noise
+        # A filter of Cartesian positions does not estimate the attitude error, so it counts as noise.
         angle_sigma = None if self.batch.polar else np.sqrt(self.registration.residual.covariance.max())
         echoes = echoes_of(scan, self._config, angle_sigma)
         radar, noisy = self._registered(nominal, echoes)
@@ -116,14 +126,17 @@ class Tracker:
         self._continue(found, scan.t_ns)
 
     def remove_expired(self, now_ns: int) -> None:
-        """Remove tracks without a measurement for long, and those that were never confirmed."""
+        """Remove tracks without a recent measurement, and those that were never confirmed."""
         expired = [i for i, t in enumerate(self.tracks) if t.expired(now_ns, self._config)]
         self._remove(expired, Reason(Cause.FORGOTTEN, "no report or echo for a long time"))
         self._keys = frozenset(t.key for t in self.tracks)
 
     def publish(self, own: OwnMotion) -> tuple[list[Track], Belief]:
-        """The tracks to be published now, with their beliefs (k, 15) and (k, 15, 15): each has its next sequence
-        number, and its newest measurement if that was not published yet. Of many tracks, see `in_turn`."""
+        """Return the tracks to be published now, with their beliefs (k, 15) and (k, 15, 15).
+
+        Each has its next sequence number, and its newest measurement if that was not published yet. Of many
+        tracks, see `in_turn`.
+        """
         rows = [i for i, t in enumerate(self.tracks) if t.established]
         self._own_r = own.r
         rows = in_turn(rows, self.batch.belief().mean[rows, :3] - own.r, self._turn)
@@ -135,12 +148,12 @@ class Tracker:
         return published, Belief(mean[rows], covariance[rows])
 
     def publish_ended(self) -> list[Estimate]:
-        """The last estimates of tracks that were removed since the last call."""
+        """Return the last estimates of tracks that were removed since the last call."""
         ended, self._ended = self._ended, []
         return ended
 
     def clear(self, why: Reason) -> None:
-        """Remove all tracks, what waits, and the time."""
+        """Remove all tracks, queued reports, and the time."""
         self._remove(range(len(self.tracks)), why)
         self._waiting.clear()
         self.batch.clear()
@@ -156,7 +169,7 @@ class Tracker:
         return False
 
     def _with_room(self, reports: list[Report]) -> list[Report]:
-        """The reports that there is room for; far tracks give way to near aircraft."""
+        """Return the reports that there is room for; distant tracks give way to near aircraft."""
         r = self.batch.belief().mean[:, :3]
         gone, left = make_room(self.tracks, r, self._own_r, reports, self._config.max_reported)
         self._remove(gone, Reason(Cause.DISPLACED, "nearer aircraft have taken its place"))
@@ -217,7 +230,7 @@ class Tracker:
     # -------------------------------------------------------------------------------------------------- scans
 
     def _registered(self, radar: Radar, echoes: Echoes) -> tuple[Radar, Echoes]:
-        """The radar with its attitude corrected by registration, and the echoes with the noise that this adds."""
+        """Return the radar corrected by registration, and the echoes with the noise that this adds."""
         sigma = np.hypot(echoes.sigma, self.registration.echo_jitter(echoes.polar, radar.R_rn))
         return Radar(radar.r, self.registration.corrected(radar.R_rn)), Echoes(echoes.polar, sigma)
 
@@ -236,7 +249,7 @@ class Tracker:
             self.batch.correct_attitude_error(rotation)
 
     def _fuse_echoes(self, rows: Places, echoes: Echoes, scan: RadarScan, radar: Radar) -> set[int]:
-        """Correct the tracks in these rows by an echo each; the rows where that was possible."""
+        """Correct the tracks in these rows by an echo each. Returns the rows where that was possible."""
         if not len(rows):
             return set()
         updates = self.batch.evaluate_echoes(rows, self.batch.lag(scan.t_ns), *echoes, radar)
@@ -254,7 +267,7 @@ class Tracker:
         return set(rows[fine].tolist())
 
     def _count_scan(self, hits: set[int]) -> list[int]:
-        """Count a scan for every track; the rows of tracks that it has established."""
+        """Count a scan for every track. Returns the rows of tracks that it has established."""
         before = self.tracks
         self.tracks = [track.scanned(hit=i in hits, config=self._config) for i, track in enumerate(before)]
         return [i for i, t in enumerate(self.tracks) if t.established and not before[i].established]

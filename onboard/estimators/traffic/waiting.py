@@ -1,4 +1,7 @@
-"""Reports that wait for the next publication. Addresses are unlimited: new ones cost a known one no report."""
+"""Queue of reports until the next publication.
+
+Addresses are unlimited: new ones never displace a report of a known one.
+"""
 
 import math
 from collections.abc import Collection, Iterator
@@ -10,12 +13,12 @@ from onboard.estimators.traffic.config import Config
 from onboard.estimators.traffic.reports import Key, Report, ReportMessage, make_report
 from onboard.messages import AdsbVehicle, PeerRanges, Verdict
 
-MOST: Final = 5000  # reports; more in a tenth of a second is a flood
-MOST_NEW: Final = 40  # of addresses without a track: all of a busy sky in a second
+MAX_QUEUE_SIZE: Final = 5000  # More reports in a tenth of a second are a flood.
+MAX_NEW_REPORT_COUNT: Final = 40  # From addresses without a track: a busy sky in a second.
 
 
 def key_of(message: ReportMessage) -> Key:
-    """Whose report a message is."""
+    """Return the address of a report's sender."""
     if isinstance(message, AdsbVehicle):
         return "icao", message.icao
     return "system", message.peer if isinstance(message, PeerRanges) else message.system
@@ -32,10 +35,12 @@ class WaitingReports:
     def add(
         self, message: ReportMessage, frame: Frame, near: Array | None, known: Collection[Key | None]
     ) -> Verdict | None:
-        """A report, or why it cannot be used. `near`: r_OT_n (3,) of its track, if there is one; `known`:
-        addresses with a track."""
+        """Queue a report, or return the verdict on an unusable one.
+
+        `near`: r_OT_n (3,) of its track, if there is one; `known`: addresses with a track.
+        """
         is_new = key_of(message) not in known
-        if len(self._reports) >= MOST or (is_new and self._new >= MOST_NEW):
+        if len(self._reports) >= MAX_QUEUE_SIZE or (is_new and self._new >= MAX_NEW_REPORT_COUNT):
             return Verdict.FULL
         report = make_report(message, frame, self._config, near)
         if isinstance(report, Verdict):
@@ -49,8 +54,10 @@ class WaitingReports:
         return None
 
     def take(self) -> Iterator[list[Report]]:
-        """All reports, one of each address at a time, so that each is judged by a track that has been corrected by
-        those before it."""
+        """Yield all reports, one of each address at a time.
+
+        Each is then evaluated by a track that the earlier ones have corrected.
+        """
         waiting, self._reports, self._new = self._reports, [], 0
         while waiting:
             now: dict[Key, Report] = {}
@@ -64,5 +71,5 @@ class WaitingReports:
             waiting = later
 
     def clear(self) -> None:
-        """Forget them."""
+        """Discard all reports."""
         self._reports, self._new = [], 0

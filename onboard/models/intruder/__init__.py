@@ -1,2 +1,1 @@
-"""Another aircraft: its motion, what a radar and its own reports measure of it, and the errors all of these
-share."""
+"""Another aircraft: its motion, measurements of it, and the errors that these share."""

@@ -15,12 +15,12 @@ from onboard.filters.compiled import MAKING
 from onboard.geometry.arctangent import arctan2
 from onboard.models.intruder.motion import ACCELERATION, BIAS, POSITION, VELOCITY, earlier_position
 
-ECHO: Final = 3  # components of an echo ...
-REPORT: Final = 6  # ... and of a report
+ECHO_SIZE: Final = 3  # components
+REPORT_SIZE: Final = 6  # components
 POLAR: Final = ("range", "azimuth", "elevation")
 POLAR_UNITS: Final = ("m", "rad", "rad")
 POLAR_ANGULAR: Final = (1, 2)
-BLOCK: Final = 64  # rows computed at a time
+BLOCK_ROWS: Final = 64  # Rows per block of the compiled loops.
 
 VECTOR: Final = types.Array(types.float64, 1, "A", readonly=True)
 ROWS: Final = types.Array(types.float64, 2, "A", readonly=True)
@@ -29,30 +29,36 @@ WRITABLE: Final = types.Array(types.float64, 1, "A")
 
 
 def report(rows: Array, lag: Array, bias_sigma: Array) -> Array:
-    """The position and velocity (k, 6) that the aircraft reports for `lag` (k,) seconds before; `bias_sigma` (k,
-    3), m, is the unit of the state `bias`."""
-    reported = np.empty((len(rows), REPORT))
+    """Return the position and velocity (k, 6) that the aircraft reported `lag` (k,) seconds before.
+
+    `bias_sigma` (k, 3), m, is the unit of the state `bias`.
+    """
+    reported = np.empty((len(rows), REPORT_SIZE))
     reported[:, POSITION] = earlier_position(rows, lag) + bias_sigma * rows[:, BIAS]
     reported[:, VELOCITY] = rows[:, VELOCITY] - lag[:, None] * rows[:, ACCELERATION]
     return reported
 
 
 def echo(rows: Array, lag: Array, r_OR_n: Array, R_rn: Array) -> Array:
-    """Range (m), azimuth (positive right) and elevation (positive up, rad), (k, 3), `lag` (k,) seconds before, at
-    a radar at r_OR_n (3,) with attitude R_rn (3, 3)."""
+    """Return range (m), azimuth (positive right) and elevation (positive up, rad), (k, 3).
+
+    The echoes are `lag` (k,) seconds old. The radar is at r_OR_n (3,) with attitude R_rn (3, 3).
+    """
     polar: Array = _echo(rows, lag, r_OR_n, R_rn)
     return polar
 
 
 def expected_echo(means: Array, covariances: Array, lag: float, r_OR_n: Array, R_rn: Array) -> tuple[Array, Array]:
-    """`echo` (k, 3) of beliefs (k, 15) and (k, 15, 15), and its covariance (k, 3, 3) without the radar's own
-    noise, to first order."""
+    """Return `echo` (k, 3) of beliefs (k, 15) and (k, 15, 15), and its covariance (k, 3, 3), to first order.
+
+    The covariance does not contain the radar's own noise.
+    """
     outputs: tuple[Array, Array] = _expected_echo(means, covariances, lag, r_OR_n, R_rn)
     return outputs
 
 
 def position(polar: Array, r_OR_n: Array, R_rn: Array) -> Array:
-    """r_OT_n (k, 3) of echoes (k, 3)."""
+    """Return r_OT_n (k, 3) of echoes (k, 3)."""
     r, azimuth, elevation = polar[:, 0], polar[:, 1], polar[:, 2]
     level = r * np.cos(elevation)
     cartesian = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), -r * np.sin(elevation)], axis=-1)
@@ -60,7 +66,7 @@ def position(polar: Array, r_OR_n: Array, R_rn: Array) -> Array:
 
 
 def position_noise(polar: Array, sigma: Array, R_rn: Array) -> Array:
-    """Covariance (k, 3, 3) in n of `position`, of echoes (k, 3) with standard deviations (k, 3)."""
+    """Return the covariance (k, 3, 3) in n of `position`, of echoes (k, 3) with standard deviations (k, 3)."""
     r, azimuth, elevation = polar[:, 0], polar[:, 1], polar[:, 2]
     ca, sa, ce, se = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation)
     slope = np.stack(
@@ -76,28 +82,30 @@ def position_noise(polar: Array, sigma: Array, R_rn: Array) -> Array:
 
 
 def cross_matrix(d: Array) -> Array:
-    """[d x], (3, 3): cross_matrix(d) @ w is d x w."""
+    """Return [d x], (3, 3): cross_matrix(d) @ w is d x w."""
     return np.array([[0.0, -d[2], d[1]], [d[2], 0.0, -d[0]], [-d[1], d[0], 0.0]])
 
 
 @njit(**MAKING)
 def _angles(positions, angles, count):
-    """Azimuths, then elevations, (2 BLOCK,), of `count` positions in the radar's frame, all x, then all y, all
-    z."""
+    """Write azimuths, then elevations, into `angles` (2 BLOCK_ROWS,).
+
+    `positions` holds all x, then all y, then all z of `count` positions in the radar's frame.
+    """
     for s in range(count):
-        x, y, z = positions[s], positions[BLOCK + s], positions[2 * BLOCK + s]
+        x, y, z = positions[s], positions[BLOCK_ROWS + s], positions[2 * BLOCK_ROWS + s]
         angles[s] = arctan2(y, x)
-        angles[BLOCK + s] = arctan2(-z, np.sqrt(x * x + y * y))
+        angles[BLOCK_ROWS + s] = arctan2(-z, np.sqrt(x * x + y * y))
 
 
 @njit((ROWS, VECTOR, VECTOR, ROWS), **MAKING)
 def _echo(rows, lag, r_OR_n, R_rn):
-    """In blocks, so that the compiler makes one instruction of several rows' arctangents."""
+    """Process blocks of rows, so that arctangents of several rows become one instruction."""
     polar = np.empty((rows.shape[0], 3))
-    positions, angles = np.empty(3 * BLOCK), np.empty(2 * BLOCK)
+    positions, angles = np.empty(3 * BLOCK_ROWS), np.empty(2 * BLOCK_ROWS)
     d, rotated = np.empty(3), np.empty(3)
-    for first in range(0, rows.shape[0], BLOCK):
-        count = min(BLOCK, rows.shape[0] - first)
+    for first in range(0, rows.shape[0], BLOCK_ROWS):
+        count = min(BLOCK_ROWS, rows.shape[0] - first)
         for s in range(count):
             row, back = rows[first + s], lag[first + s]
             for i in range(3):
@@ -106,19 +114,19 @@ def _echo(rows, lag, r_OR_n, R_rn):
             rotated[1] = d[1] + row[14] * d[0] - row[12] * d[2]
             rotated[2] = d[2] + row[12] * d[1] - row[13] * d[0]
             for i in range(3):
-                positions[i * BLOCK + s] = (
+                positions[i * BLOCK_ROWS + s] = (
                     R_rn[i, 0] * rotated[0] + R_rn[i, 1] * rotated[1] + R_rn[i, 2] * rotated[2]
                 )
             polar[first + s, 0] = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
         _angles(positions, angles, count)
         for s in range(count):
-            polar[first + s, 1], polar[first + s, 2] = angles[s], angles[BLOCK + s]
+            polar[first + s, 1], polar[first + s, 2] = angles[s], angles[BLOCK_ROWS + s]
     return polar
 
 
 @njit((WRITABLE,) * 3, **MAKING)
 def _add_cross(a, b, out):
-    """out += a x b."""
+    """Add a x b to `out`."""
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         out[i] += a[j] * b[k] - a[k] * b[j]
@@ -128,7 +136,7 @@ def _add_cross(a, b, out):
 def _expected_echo(means, covariances, lag, r_OR_n, R_rn):
     count = means.shape[0]
     polar, spread = np.empty((count, 3)), np.empty((count, 3, 3))
-    J = np.zeros((6, 15))  # of the position `lag` before, and of the attitude error
+    J = np.zeros((6, 15))  # Jacobian of the position `lag` before, and of the attitude error
     for i in range(3):
         J[i, i], J[i, 3 + i], J[i, 6 + i], J[3 + i, 12 + i] = 1.0, -lag, 0.5 * lag * lag, 1.0
     back = J[:3].copy()
@@ -140,11 +148,11 @@ def _expected_echo(means, covariances, lag, r_OR_n, R_rn):
         rotated = d.copy()
         _add_cross(rotation, d, rotated)
         x, y, z = np.sum(R_rn[0] * rotated), np.sum(R_rn[1] * rotated), np.sum(R_rn[2] * rotated)
-        level2 = max(x * x + y * y, 1.0)  # straight above, where azimuth is not defined, nothing is infinite
+        level2 = max(x * x + y * y, 1.0)  # keeps the slopes finite straight above, where azimuth is undefined
         level, r2 = np.sqrt(level2), max(x * x + y * y + z * z, 1.0)
         polar[s, 0] = max(np.sqrt(np.sum(d * d)), 1.0)
         polar[s, 1], polar[s, 2] = np.arctan2(y, x), np.arctan2(-z, level)
-        # slopes by the rotated position; a rotation w moves that by w x d, and the range not at all
+        # Slopes by the rotated position. A rotation w moves it by w x d, and leaves the range.
         G[1] = (x * R_rn[1] - y * R_rn[0]) / level2
         G[2] = (z * (x * R_rn[0] + y * R_rn[1]) / level - level * R_rn[2]) / r2
         H[:, :3], H[:, 3:] = G, 0.0

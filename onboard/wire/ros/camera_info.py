@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
-from onboard.geometry.lens import COUNTS, Lens, LensError, Model
+from onboard.geometry.lens import COEFFICIENT_COUNTS, Lens, LensError, Model
 from onboard.messages.text import plain
 
 MODELS: Final[dict[str, Model]] = {
@@ -91,7 +91,7 @@ def make_lens(k: tuple[float, float, float, float], size: list[float], model: Mo
     """The lens of two focal lengths, a principal point, a size and OpenCV's coefficients. Raises ValueError for
     what no lens has."""
     fx, fy, cx, cy = k
-    most = max(COUNTS[model])
+    most = max(COEFFICIENT_COUNTS[model])
     if any(d[most:]):
         beyond = "thin prism and tilt coefficients" if model == "radial-tangential" else f"more than {most}"
         raise ValueError(f"distortion: {beyond} are not supported")

@@ -7,7 +7,7 @@ import pytest
 from numba import njit
 
 from onboard.arrays import Array
-from onboard.geometry.arctangent import EIGHTH_TANGENT, arctan2
+from onboard.geometry.arctangent import MAX_POLYNOMIAL_RATIO, arctan2
 
 
 @njit(cache=True, error_model="numpy")
@@ -34,7 +34,7 @@ def test_it_is_exact_to_the_last_digit_or_two_seed_41() -> None:
 
 
 def test_it_does_not_jump_where_one_formula_follows_another() -> None:
-    for tangent in (EIGHTH_TANGENT, 1.0, 1.0 / EIGHTH_TANGENT):
+    for tangent in (MAX_POLYNOMIAL_RATIO, 1.0, 1.0 / MAX_POLYNOMIAL_RATIO):
         beside = tangent * (1.0 + np.arange(-50, 51) * 2e-16)
         for sign in (1.0, -1.0):
             angles = over(beside, np.full_like(beside, sign))

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from onboard.autopilot.guidance.leader import LeaderTrack
 from onboard.estimators.leader.reports.prior import Prior, spread
-from onboard.geometry.carried import FASTEST_TURN, carried, turn_rate
+from onboard.geometry.carried import MAX_TURN_RATE_RAD_S, carried, turn_rate
 from tests.support.leader import leader_state
 from tests.support.streams import S
 
@@ -57,7 +57,7 @@ def test_the_guidance_and_a_warm_start_carry_it_to_one_place() -> None:
 def test_a_rate_is_that_of_a_flying_leader_and_of_a_turn_that_lasts() -> None:
     assert turn_rate(V, A) == pytest.approx(RATE)
     assert turn_rate(0.1 * V, A) == 0.0
-    assert turn_rate(np.array([1.5, 0.0, 0.0]), np.array([0.0, -4.0, 0.0])) == -FASTEST_TURN
+    assert turn_rate(np.array([1.5, 0.0, 0.0]), np.array([0.0, -4.0, 0.0])) == -MAX_TURN_RATE_RAD_S
 
 
 def test_what_it_may_have_begun_meanwhile_seed_1() -> None:

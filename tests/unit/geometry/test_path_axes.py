@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from onboard.geometry.path_axes import SLOW, path_axes
+from onboard.geometry.path_axes import MIN_COURSE_SPEED_M_S, path_axes
 from simlink.world.truth import path_accelerations
 
 
@@ -20,7 +20,7 @@ def test_they_are_simlinks_and_orthogonal_seed_1() -> None:
     rng = np.random.default_rng(1)
     for v, a in zip(rng.normal(0.0, 6.0, (50, 3)), rng.normal(0.0, 3.0, (50, 3)), strict=True):
         axes = path_axes(v, 0.0)
-        if np.hypot(v[0], v[1]) > SLOW:
+        if np.hypot(v[0], v[1]) > MIN_COURSE_SPEED_M_S:
             assert (axes @ a)[:2] == pytest.approx(path_accelerations(tuple(v.tolist()), tuple(a.tolist())))
         assert axes @ axes.T == pytest.approx(np.eye(3), abs=1e-12)
         assert axes.T @ (axes @ a) == pytest.approx(a)

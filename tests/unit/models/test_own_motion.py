@@ -14,7 +14,7 @@ INERTIA = np.array([4.856e-3, 4.856e-3, 8.801e-3])
 
 def drawn(seed: int, count: int, angle: float = 0.4) -> np.ndarray:
     rng = np.random.default_rng(seed)
-    rows = rng.normal(size=(count, own_motion.N))
+    rows = rng.normal(size=(count, own_motion.STATE_SIZE))
     rows[:, list(ATTITUDE)] = rng.uniform(-angle, angle, (count, 3))
     rows[:, 12:] *= 0.1
     return rows
@@ -45,14 +45,14 @@ def test_the_reference_frame_of_the_angles_does_not_matter_seed_2() -> None:
 
 
 def test_relative_to_the_present_attitude_the_angles_are_zero() -> None:
-    rows = np.zeros((1, own_motion.N))
+    rows = np.zeros((1, own_motion.STATE_SIZE))
     rows[0, 8] = 0.6
     R = own_motion.rotations(rows)[0]
     assert_allclose(own_motion.change_reference(rows, R.T)[0, [6, 8, 10]], 0.0, atol=1e-15)
 
 
 def test_disturbances_are_taken_from_the_force_and_fade() -> None:
-    rows = np.zeros((1, own_motion.N))
+    rows = np.zeros((1, own_motion.STATE_SIZE))
     rows[0, list(own_motion.DISTURBANCE)] = [0.1, -0.2, 0.3]
     after = own_motion.process(rows, 0.1, np.array([0.1, -0.2, 0.3 - 9.80665]), NONE, np.eye(3), INERTIA, 0.5)
     assert_allclose(after[0, list(VELOCITY)], 0.0, atol=1e-15)
@@ -72,8 +72,8 @@ def test_a_barometer_s_offset_stays_and_moves_nothing_seed_5() -> None:
 def test_the_attitude_covariance_is_of_a_rotation_vector_in_the_body_seed_3() -> None:
     rng = np.random.default_rng(3)
     mean = drawn(4, 1)[0]
-    root = 1e-4 * rng.normal(size=(own_motion.N, own_motion.N))
-    rows = mean + rng.normal(size=(20000, own_motion.N)) @ root.T
+    root = 1e-4 * rng.normal(size=(own_motion.STATE_SIZE, own_motion.STATE_SIZE))
+    rows = mean + rng.normal(size=(20000, own_motion.STATE_SIZE)) @ root.T
     R = own_motion.rotations(mean[None])[0]
     small = R.T @ own_motion.rotations(rows)
     vectors = np.stack([small[:, 2, 1], small[:, 0, 2], small[:, 1, 0]], axis=1)

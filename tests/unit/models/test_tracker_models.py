@@ -77,7 +77,7 @@ def test_a_steady_turn_goes_on_exactly() -> None:
         rows = variable_turn.process(rows, t / 20)
     angle = omega * t
     want = [speed / omega * np.sin(angle), speed * np.cos(angle), -speed * omega * np.sin(angle)]
-    # SLOW makes the turn a ten-thousandth slower
+    # SPEED_REGULARISATION_M_S makes the turn a ten-thousandth slower
     np.testing.assert_allclose(rows[0, :3], want, rtol=2e-3, atol=1e-4)
     assert np.hypot(rows[0, 1], rows[0, 4]) == pytest.approx(speed, rel=1e-5)
 

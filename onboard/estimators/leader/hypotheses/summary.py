@@ -35,7 +35,7 @@ from onboard.estimators.leader.hypotheses.motion import (
 from onboard.estimators.leader.hypotheses.particles import Particles
 from onboard.estimators.leader.hypotheses.places import Place, places
 from onboard.filters.compiled import FILLING, INDICES, MAKING, OUT, ROWS, VECTOR, packed, record
-from onboard.geometry.path_axes import SLOW, path_angles
+from onboard.geometry.path_axes import MIN_COURSE_SPEED_M_S, path_angles
 from onboard.models import relative_motion
 from onboard.models.relative_motion import A_LAT, A_LONG, SIZE
 
@@ -268,7 +268,7 @@ def _derivatives(known, dt, J):
     J[A_LONG, AX], J[A_LONG, AY], J[A_LONG, AZ] = -c * sine, -s * sine, -cosine
     J[A_ALONG, AX], J[A_ALONG, AY], J[A_ALONG, AZ] = c * cosine, s * cosine, -sine
     h = np.sqrt(u * u + v * v)
-    if h > SLOW:  # by course and climb, the axes turn with the velocity
+    if h > MIN_COURSE_SPEED_M_S:  # by course and climb, the axes turn with the velocity
         course, climb, rise = (-s / h, c / h, 0.0), (c * w, s * w, -h), h * h + w * w
         for i in range(3):
             J[A_LAT, VX + i] = -level * course[i]

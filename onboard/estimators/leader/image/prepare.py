@@ -37,7 +37,7 @@ from onboard.estimators.leader.image.measurement import (
 from onboard.estimators.leader.image.pose import measured_pose
 from onboard.estimators.leader.image.shape import Shape
 from onboard.geometry.camera import Camera
-from onboard.geometry.lens import WIDEST, Edges
+from onboard.geometry.lens import MAX_IMAGE_RADIUS, Edges
 from onboard.messages import (
     ImageFeature,
     ImagePoint,
@@ -244,7 +244,7 @@ def prepare(
     pose = view.pose
     if pose is None:
         return _why_no_pose(message.t_ns, ownship, config)
-    if max(map(abs, numbers)) > WIDEST or min(sigmas) < SIGMAS[0] or max(sigmas) > SIGMAS[1]:
+    if max(map(abs, numbers)) > MAX_IMAGE_RADIUS or min(sigmas) < SIGMAS[0] or max(sigmas) > SIGMAS[1]:
         return Verdict.DEGENERATE
     if not in_view(saw.points, view.camera, message.view, config.edge_px):
         return Verdict.OUT_OF_VIEW

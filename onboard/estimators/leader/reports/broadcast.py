@@ -11,7 +11,7 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.kit.frame import Frame
-from onboard.estimators.kit.peer_position import STANDSTILL, ReportedPosition, of_adsb, of_peer
+from onboard.estimators.kit.peer_position import MIN_MOVING_SPEED_M_S, ReportedPosition, of_adsb, of_peer
 from onboard.estimators.leader.assumptions import DELAY_TIME, PRESSURE_BIAS, UNSURE, LeaderModel
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses.auxiliary import (
@@ -89,7 +89,7 @@ class Broadcast:
         age = c.latency_s + (m.tslc if isinstance(m, AdsbVehicle) else 0.0)
         t_ns = m.t_ns - round(age * NS_PER_S)
         newest_ns, place = self._newest or (0, None)
-        is_repeated = place == reported.place and math.hypot(*reported.v) > STANDSTILL
+        is_repeated = place == reported.place and math.hypot(*reported.v) > MIN_MOVING_SPEED_M_S
         if t_ns <= newest_ns or is_repeated or ownship.now_ns - t_ns > OLDEST_NS:
             return Verdict.STALE
         own = self._frame.own_motion(t_ns, ownship) if self._frame.known else None

@@ -4,7 +4,7 @@ import numpy as np
 
 from onboard.estimators.oh_johnson.noise import ANGLES, first_belief, process_noise
 from onboard.models import camera_angles
-from onboard.models.relative_motion import POSITION, SIZE, N
+from onboard.models.relative_motion import POSITION, SIZE, STATE_SIZE
 
 FT = 0.3048  # m, exactly, by the agreement of 1959
 PRINTED_SIZE = 8.75  # ft
@@ -24,7 +24,7 @@ def test_the_first_belief_is_at_the_measured_angles_and_at_rest_eqs_43_to_51() -
     angles, size = np.array([0.1, -0.05, 0.09]), PRINTED_SIZE * FT
     mean, P = first_belief(angles, size, 0.02 * size, np.eye(3), ORIGIN)
     np.testing.assert_allclose(camera_angles.measure(mean[None], np.eye(3), ORIGIN)[0], angles, rtol=1e-12)
-    at_rest = np.ones(N, bool)
+    at_rest = np.ones(STATE_SIZE, bool)
     at_rest[[0, 1, 2, SIZE]] = False
     assert not mean[at_rest].any()
     assert mean[POSITION][0] > 0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from onboard.estimators.own_state.config import Config
-from onboard.estimators.own_state.noise import LEAST_RATE, LEAST_SPEED, SensorNoise
+from onboard.estimators.own_state.noise import MIN_RATE_SIGMA, MIN_SPEED_SIGMA, SensorNoise
 from onboard.ownship.contradictions import RATE_NOISE, SPEED_NOISE
 
 MS = 1_000_000
@@ -28,7 +28,7 @@ def test_rates_and_turns_seed_81(white: float, turning: float) -> None:
     noise = of_rates(white, turning)
     sigmas = noise.attitude((0.01, 0.02, 0.03))
     assert sigmas[:3] == pytest.approx([0.01, 0.02, 0.03])
-    assert sigmas[3:] == pytest.approx(max(white, LEAST_RATE), rel=0.25, abs=0.03 * turning)
+    assert sigmas[3:] == pytest.approx(max(white, MIN_RATE_SIGMA), rel=0.25, abs=0.03 * turning)
     assert np.sqrt(noise.turning(20_000 * MS)) == pytest.approx(turning, rel=0.35)
 
 
@@ -69,7 +69,7 @@ def test_a_fixs_velocity_while_we_turn_seed_82(rate: int, white: float) -> None:
         t = k / rate
         v = np.array([4 * np.sin(0.5 * t), 4 * np.cos(0.5 * t)]) + white * rng.normal(size=2)
         noise.add_fix(round(t * 1e9), v)
-    assert noise.speed == pytest.approx(np.array([1.0, 1.0, 2.0]) * max(white, LEAST_SPEED), rel=0.3)
+    assert noise.speed == pytest.approx(np.array([1.0, 1.0, 2.0]) * max(white, MIN_SPEED_SIGMA), rel=0.3)
 
 
 def test_single_fixes_show_no_noise() -> None:
