@@ -272,9 +272,7 @@ class Pipeline:
         unknown = UNKNOWN if self._own_recv_ns else NO_POSITION
         return self._noted(estimates, unknown if is_silent else None)
 
-    def _is_withheld(
-        self, exposure: Exposure, estimator: EstimatorProtocol, doubts: Mapping[str, Reason]
-    ) -> bool:
+    def _is_withheld(self, exposure: Exposure, estimator: EstimatorProtocol, doubts: Mapping[str, Reason]) -> bool:
         """Whether an estimator does not want an exposure of a camera in doubt, which is then counted."""
         why = estimator.withholds(exposure, doubts) if isinstance(estimator, Withholds) else None
         if why is not None:

@@ -1,5 +1,8 @@
-"""A quadrotor sees a leader: both estimators in one pipeline, with the noise of the quadrotor's own sensors, and a
-motor that weakens, at 18 s instead of the scenario's 30. Seeds stand in the names."""
+"""A quadrotor sees a leader: both estimators in one pipeline, and a motor that weakens.
+
+The noise is that of the quadrotor's own sensors; the fault comes at 18 s instead of the scenario's 30. Seeds stand
+in the names.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -12,8 +15,8 @@ from onboard.messages import FaultKind, NavState
 from tests.support.cases import slow_but
 from tests.support.scenarios import Flights, Replayed
 
-MOTOR_S = 18
-UNTIL_S = 21.0
+FAULT_TIME_S = 18
+DURATION_S = 21.0
 TO_OWN_STATE = "attitude_from_own_state.own_state_is_surer"
 
 
@@ -21,7 +24,7 @@ TO_OWN_STATE = "attitude_from_own_state.own_state_is_surer"
 def mission(tmp_path_factory: pytest.TempPathFactory) -> str:
     """The scenario, by its file."""
     path = tmp_path_factory.mktemp("mission") / "early.toml"
-    path.write_text(f'extends = "mission"\n[quadrotor.fault]\nat = {MOTOR_S}.0\n', encoding="utf-8")
+    path.write_text(f'extends = "mission"\n[quadrotor.fault]\nat = {FAULT_TIME_S}.0\n', encoding="utf-8")
     return str(path)
 
 
@@ -47,18 +50,18 @@ def assert_followed(run: Replayed) -> None:
 def test_the_leader_is_followed_by_a_quadrotor_with_its_own_noise_seed_1(
     flights: Flights, mission: str, source: str
 ) -> None:
-    run = flights(mission, f"ownship.source={source}", until=UNTIL_S)
+    run = flights(mission, f"ownship.source={source}", until=DURATION_S)
     assert_followed(run)
     assert run.health.own_motion_sources == ({TO_OWN_STATE: 1} if source == "auto" else {})
 
 
 def test_our_own_state_is_honest_and_names_the_motor_seed_1(flights: Flights, mission: str) -> None:
-    run = flights(mission, "ownship.source=auto", until=UNTIL_S)
+    run = flights(mission, "ownship.source=auto", until=DURATION_S)
     ratios = [o.nis_ratio for o in run.own if o.nis_ratio is not None and o.t_ns > run.boot_ns + 10 * 10**9]
     assert 0.5 < np.mean(ratios) < 1.5
     named = [f for f in run.own[-1].faults if f.kind is FaultKind.MOTOR]
     assert [f.part for f in named] == ["motor 1"]
-    before = {f.kind for o in run.own if o.t_ns < run.boot_ns + MOTOR_S * 10**9 for f in o.faults}
+    before = {f.kind for o in run.own if o.t_ns < run.boot_ns + FAULT_TIME_S * 10**9 for f in o.faults}
     assert before == set()
 
 

@@ -1,4 +1,4 @@
-"""`onboard run` and `simlink run` as processes over real links: messages in both directions, and the recording."""
+"""`onboard run` and `simlink run` as processes over real links: messages both ways, and recording."""
 
 import signal
 from collections import Counter
@@ -18,7 +18,7 @@ from onboard.messages import Cause, Estimate, TimeSync
 from onboard.wire.datagrams import DatagramDecoder
 from onboard.wire.logs.recording import read_recording
 from tests.support.daemon import Observer, Relay, Setup, queried
-from tests.support.programs import PATIENCE, until
+from tests.support.programs import TIMEOUT_S, until
 from tests.support.records import read_estimates
 
 
@@ -34,8 +34,11 @@ USED = "leader.warm_start_used"
 
 
 def assert_replays_bit_for_bit(setup: Setup, recording: Path, shed: int) -> None:
-    """Each live estimate equals the replayed one, number for number. A timer's withdrawals are not repeated.
-    `shed`: so many datagrams had waited too long on a busy computer and were left out."""
+    """Each live estimate equals the replayed one, number for number.
+
+    A timer's withdrawals are not repeated. `shed`: so many datagrams had waited too long on a busy computer and
+    were left out.
+    """
     live = [e for e in read_estimates(recording) if e.cause is not Cause.SILENT]
     assert len(live) + shed > 3 * 30  # of four seconds, 30 a second
     again = replay(recording, load_config(setup.config))
@@ -45,7 +48,7 @@ def assert_replays_bit_for_bit(setup: Setup, recording: Path, shed: int) -> None
 
 
 def late_replies(recording: Path) -> int:
-    """How many replies to TIMESYNC took longer than one is believed, as some do where this computer is busy."""
+    """Count the replies to TIMESYNC that took too long to be believed, as on a busy computer."""
     decoder = DatagramDecoder()
     datagrams = [datagram for datagram, _ in read_recording(recording) if datagram is not None]
     messages = [message for datagram in datagrams for message in decoder.decode(datagram)]
@@ -68,7 +71,7 @@ def test_recorded_flight_seed_1_replays_bit_for_bit(setup: Setup, kind: str) -> 
     with setup.daemon(url, f"recorder.path='{recording}'") as daemon:
         observer = setup.observer()
         with setup.simulator(*links, "--wait", "300", "--duration", "4") as simulator:
-            assert simulator.popen.wait(PATIENCE) == 0
+            assert simulator.popen.wait(TIMEOUT_S) == 0
         observer.receive()
         health = observer.newest()
         assert daemon.end(signal.SIGTERM) == 0
@@ -106,15 +109,17 @@ def has_requested_rates(observer: Observer) -> bool:
 
 
 def has_rejected(observer: Observer, relay: Relay, count: int) -> bool:
-    """On a busy computer the daemon leaves out what has waited too long, also of these: more are sent until so
-    many have been rejected."""
+    """Wait until so many messages have been rejected.
+
+    On a busy computer the daemon leaves out those that waited too long, so more are sent.
+    """
     send_from_another_autopilot(relay)
     observer.receive()
     return observer.newest().rejected.get("other_system", 0) >= count
 
 
 def test_daemon_is_a_good_citizen_of_the_link_seed_2(setup: Setup) -> None:
-    """It sends an onboard controller's heartbeats and TIMESYNC, requests rates, and ignores another autopilot."""
+    """It sends heartbeats and TIMESYNC, requests rates, and ignores another autopilot."""
     with (
         setup.daemon(
             f"udpin:127.0.0.1:{setup.autopilot}",
@@ -143,8 +148,11 @@ def test_daemon_is_a_good_citizen_of_the_link_seed_2(setup: Setup) -> None:
 
 
 def assert_good_citizen(frames: list[Any]) -> None:
-    """The daemon's messages. When it sends which, tests/unit/autopilot says on a clock of its own: here rates sag
-    when the machine is busy, and it requests them again."""
+    """The daemon's messages.
+
+    When it sends which, tests/unit/autopilot says on a clock of its own: here rates sag when the machine is busy,
+    and it requests them again.
+    """
     kinds = Counter(m.get_type() for m in frames)
     assert set(kinds) == {"HEARTBEAT", "TIMESYNC", "COMMAND_LONG", "STATUSTEXT", "ONBOARD_COMPUTER_STATUS"}
     assert "leader tracked" in {m.text for m in frames if m.get_type() == "STATUSTEXT"}
@@ -163,9 +171,11 @@ def assert_good_citizen(frames: list[Any]) -> None:
 
 
 def test_daemon_survives_a_reboot_of_the_autopilot_seeds_3_and_4(setup: Setup) -> None:
-    """The simulator is killed and restarted: no valid estimate meanwhile, then a new track. Its boot clock begins
-    where it began before, some seconds back, and not near zero: for us it has set its clock, or, where the restart
-    took long on a busy computer, it has rebooted."""
+    """The simulator is killed and restarted: no valid estimate meanwhile, then a new track.
+
+    Its boot clock begins where it began before, some seconds back, and not near zero: for us it has set its clock,
+    or, where the restart took long on a busy computer, it has rebooted.
+    """
     links = ("--mavlink", f"udpout:127.0.0.1:{setup.autopilot}", "--tcp", "none", "--zenoh", setup.endpoint)
     key = "onboard/1/estimate/leader"
     with setup.daemon(f"udpin:127.0.0.1:{setup.autopilot}") as daemon:
@@ -217,8 +227,10 @@ def is_valid(estimate: Estimate) -> bool:
 
 
 def test_a_killed_daemon_comes_back_with_what_it_knew_seed_5(setup: Setup) -> None:
-    """A state is used for 10 s, and while the clocks agree within half a second. Where so many programs run that a
-    start takes longer, or the first message waits as long, it is tried again."""
+    """A state is used for 10 s, and while the clocks agree within half a second.
+
+    Where so many programs run that a start takes longer, or the first message waits as long, it is tried again.
+    """
     url = f"udpin:127.0.0.1:{setup.autopilot}"
     links = ("--mavlink", f"udpout:127.0.0.1:{setup.autopilot}", "--tcp", "none", "--zenoh", "none")
     links += ("--camera", "mavlink", "--camera-mavlink", f"udpout:127.0.0.1:{setup.camera}")
@@ -232,7 +244,7 @@ def test_a_killed_daemon_comes_back_with_what_it_knew_seed_5(setup: Setup) -> No
 
 
 def outcomes_of_warm_start(observer: Observer) -> set[str]:
-    """What became of the state that was read: a verdict, or the source that its refusal names."""
+    """Return the outcomes of the state that was read: verdicts, or the sources of refusals."""
     observer.receive()
     health = observer.newest()
     verdicts = {name for name in health.verdicts if name.startswith("leader.warm_start_")}
@@ -240,7 +252,10 @@ def outcomes_of_warm_start(observer: Observer) -> set[str]:
 
 
 def killed_and_started(setup: Setup, url: str, state: Path, k: int) -> Path | None:
-    """The recording of a daemon that has begun with what a killed one left; None where that was too old."""
+    """Return the recording of a daemon that has started from a killed one's state.
+
+    It is None if that state was too old.
+    """
     recording, path = setup.folder / f"again-{k}.mcap", f"warm_start.path='{state}'"
     state.unlink(missing_ok=True)
     with setup.daemon(url, path) as daemon:

@@ -1,4 +1,4 @@
-"""`onboard demo` as a user runs it: it prints a scorecard, writes files, and leaves no process behind."""
+"""`onboard demo` as a user runs it: a scorecard, files, and no remaining process."""
 
 import json
 import re
@@ -15,7 +15,7 @@ from simlink.scenarios.scenario import load_scenario
 from simlink.world.drawn import draw_scenario
 from tests.support import documents
 from tests.support.honesty import assert_neither_too_sure_nor_too_unsure
-from tests.support.programs import PATIENCE, Program, all_gone, run, started, until
+from tests.support.programs import TIMEOUT_S, Program, all_gone, run, started, until
 
 SECONDS, SHORT = 21, 4  # with settled numbers, and without
 
@@ -77,7 +77,7 @@ def fly(folder: Path, seconds: int) -> Flown:
 
 
 def was_starved(numbers: dict[str, Any]) -> bool:
-    """Whether the daemon had to leave out what had waited too long, so that errors are this computer's."""
+    """Whether the daemon left out messages that waited too long, so that errors are this computer's."""
     return numbers["drops"]["skipped"] > 0
 
 
@@ -186,7 +186,7 @@ def test_demo_of_an_unknown_scenario_is_one_line(tmp_path: Path) -> None:
     with started(
         tmp_path / "demo.err", "onboard", "demo", "--headless", "--scenario", "no-such", cwd=tmp_path
     ) as demo:
-        assert demo.popen.wait(PATIENCE) == 2
+        assert demo.popen.wait(TIMEOUT_S) == 2
     (line,) = demo.output().splitlines()
     assert "'no-such'" in line
     assert "formation-s-turn" in line  # the known scenarios
@@ -203,7 +203,7 @@ def test_two_demos_at_once_of_seeds_3_and_4_in_one_folder(tmp_path: Path) -> Non
         return *command, "--out", str(tmp_path), "--json", str(json_file)
 
     with started(tmp_path / "3.err", *demo(3)) as third, started(tmp_path / "4.err", *demo(4)) as fourth:
-        codes = third.popen.wait(PATIENCE), fourth.popen.wait(PATIENCE)
+        codes = third.popen.wait(TIMEOUT_S), fourth.popen.wait(TIMEOUT_S)
         assert codes == (0, 0), third.output() + fourth.output()
     for seed in (3, 4):
         numbers = json.loads((tmp_path / f"{seed}.json").read_bytes())

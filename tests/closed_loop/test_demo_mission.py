@@ -1,5 +1,7 @@
-"""`onboard demo` as it flies by default, with the fault earlier: both estimators in real time, from bytes to the
-scorecard, its JSON and the recording of the view."""
+"""`onboard demo` with its default flight and an earlier fault, in real time.
+
+Both estimators run from bytes to the scorecard, its JSON and the recording of the view.
+"""
 
 import json
 from pathlib import Path
@@ -14,7 +16,7 @@ from tests.support.view_flight import rows_of
 # In real time, with two estimators: what it shows is asserted without a clock in test_both_estimators.
 pytestmark = pytest.mark.slow
 
-SECONDS = 21
+DURATION_S = 21
 EARLY = (
     "extends = 'mission'\n[quadrotor.fault]\nat = 16.0\n[quadrotor.gust]\nwhen = { start = 11.0, end = 13.0 }\n"
 )
@@ -32,7 +34,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Flown:
     scenario = folder / "early.toml"
     scenario.write_text(EARLY)
     done = run(
-        *("onboard", "demo", "--headless", "--scenario", scenario, "--duration", SECONDS, "--seed", 1),
+        *("onboard", "demo", "--headless", "--scenario", scenario, "--duration", DURATION_S, "--seed", 1),
         *("--json", folder / "score.json", "--out", folder / "out"),
     )
     assert done.returncode == 0, done.stderr

@@ -1,4 +1,4 @@
-"""A track that begins with the first messages of a flight, before anything is known of their noise."""
+"""A track that begins with the first messages of a flight, before their noise is known."""
 
 from pathlib import Path
 
@@ -15,8 +15,11 @@ from simlink.simulation import datagrams
 
 @pytest.mark.parametrize("seed", [1, 3])
 def test_noisy_first_attitudes_do_not_send_the_track_away(seed: int, tmp_path: Path) -> None:
-    """The quadrotor's yaw has 1.7 degrees of white noise. Taken for exact, three images made a velocity of 19 m/s:
-    the estimate left its line of sight by 41 degrees (seed 1), valid at first, and was lost."""
+    """The quadrotor's yaw has 1.7 degrees of white noise.
+
+    Taken for exact, three images made a velocity of 19 m/s: the estimate left its line of sight by 41 degrees
+    (seed 1), valid at first, and was lost.
+    """
     scenario = load_scenario("mission")
     path = tmp_path / "mission.toml"
     path.write_text(daemon_config(scenario), encoding="utf-8")

@@ -1,6 +1,8 @@
-"""Four kinds of flight that make a filter sure of a wrong range if it takes the nose to be on the course, through
-the pipeline with its defaults. Before the cloud of noses the default filter did, and was confidently wrong in
-19 to 77 % of the estimates of these flights."""
+"""Four kinds of flight with the leader's nose off its course, through the default pipeline.
+
+A filter that assumes the nose on the course becomes sure of a wrong range. Before the cloud of noses the default
+filter did so in 19 to 77 % of the estimates of these flights.
+"""
 
 from collections.abc import Callable
 from itertools import count
@@ -22,7 +24,7 @@ from studies.encounters.scores import Score, score
 from tests.support.cases import slow_but
 from tests.support.images import detections, exposed
 
-SECONDS: Final = 30.0
+DURATION_S: Final = 30.0
 Change = Callable[[list[Message]], list[Message]]
 
 
@@ -31,7 +33,7 @@ def as_it_is(messages: list[Message]) -> list[Message]:
 
 
 def out_of_view(messages: list[Message]) -> list[Message]:
-    """No image from 12 to 18 s: the track is lost, and begun again while the leader flies on with another nose."""
+    """No image arrives from 12 to 18 s: the track is lost, and restarted with another nose."""
     begins, ends = (BOOT_NS + round(s * 1e9) for s in (12.0, 18.0))
     return [m for m in messages if not (isinstance(m, TargetPoints) and begins <= m.t_ns < ends)]
 
@@ -51,7 +53,7 @@ def exchanged() -> Change:
     return change
 
 
-def flown(family: str, seed: int, change: Change, seconds: float = SECONDS) -> Score:
+def flown(family: str, seed: int, change: Change, seconds: float = DURATION_S) -> Score:
     encounter = make_encounter(family, seed, seconds)
     pipeline = Pipeline(load_config(None, known(encounter)))
     return score(
@@ -87,7 +89,7 @@ def test_the_estimate_is_never_sure_of_a_wrong_range_seeds_601_and_602(name: str
 
 
 def askew(rng: np.random.Generator, t: Array, vigour: float) -> Scene:
-    """We see the leader 45 to 65 degrees above or below us, its nose 5 degrees off its course for good."""
+    """We see the leader 45 to 65 degrees above or below us, with its nose always 5 degrees off its course."""
     scene = steep(rng, t, vigour)
     course = np.unwrap(np.arctan2(scene.leader.v[:, 1], scene.leader.v[:, 0]))
     return scene._replace(nose=course + np.radians(5.0))

@@ -11,7 +11,7 @@ from studies.closed_loop.flight import Flight, fly
 from studies.closed_loop.scores import broken_off, score
 
 SLOT = float(np.linalg.norm((-25.0, 0.0, 2.0)))
-LOST_AT = 28.0
+LOSS_TIME_S = 28.0
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +20,7 @@ def scenario() -> Scenario:
     whole = load_scenario("guided")
     assert whole.follow is not None
     turn = Pulse(start=14.0, end=25.0, change=1.0, hold=7.0)
-    outs = (Interval(start=9.0, end=12.0), Interval(start=LOST_AT, end=60.0))
+    outs = (Interval(start=9.0, end=12.0), Interval(start=LOSS_TIME_S, end=60.0))
     return replace(
         whole,
         leader=replace(whole.leader, a_lat_pulses=(turn,), speed_pulses=()),
@@ -35,7 +35,7 @@ def flight(scenario: Scenario) -> Flight:
 
 
 def test_it_keeps_formation_through_a_turn_and_a_short_drop_out_seed_1(flight: Flight) -> None:
-    k = (flight.t > 8) & (flight.t < LOST_AT)
+    k = (flight.t > 8) & (flight.t < LOSS_TIME_S)
     assert flight.following[k].all()
     assert 100 * flight.slot_error[k].max() / SLOT <= 30  # 26, in the drop-out, in which it brakes after 1 s
     assert 100 * flight.slot_error[k & (flight.t > 16)].max() / SLOT <= 15
@@ -72,11 +72,11 @@ def test_a_daemon_that_is_killed_soon_after_engaging_follows_on_seed_3() -> None
 def test_when_the_leader_is_lost_it_stops_closing_and_lets_it_go_seed_1(
     flight: Flight, scenario: Scenario
 ) -> None:
-    invalid = (flight.valid == 0) & (flight.t > LOST_AT)
+    invalid = (flight.valid == 0) & (flight.t > LOSS_TIME_S)
     ended = float(flight.t[invalid][0])
-    assert LOST_AT + 1.5 < ended < LOST_AT + 2.5
+    assert LOSS_TIME_S + 1.5 < ended < LOSS_TIME_S + 2.5
     assert flight.closing[flight.t > ended + 3.0].max() < 0.2
-    assert flight.following[flight.t > LOST_AT].all()  # the stream never ends
+    assert flight.following[flight.t > LOSS_TIME_S].all()  # the stream never ends
     assert flight.speed[-1] < 0.5
     assert flight.distance[-1] > 1.5 * SLOT
     assert score(flight, scenario).stop <= 3.0

@@ -1,4 +1,4 @@
-"""`onboard run` beside `simlink run quadrotor`: our own state over Zenoh and, as ODOMETRY, over MAVLink."""
+"""`onboard run` with `simlink run quadrotor`: our own state over Zenoh and as ODOMETRY."""
 
 import math
 import socket
@@ -13,7 +13,7 @@ from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario
 from tests.support.programs import free_ports, started, until
 
-NEAR_NS = 25_000_000
+TOLERANCE_NS = 25_000_000
 UDP, TCP = socket.SOCK_DGRAM, socket.SOCK_STREAM
 
 
@@ -57,7 +57,7 @@ def test_a_weak_motor_is_named_over_zenoh_and_mavlink_seed_2(tmp_path: Path) -> 
     assert len(states) > 30
     settled = states[0].t_ns + 4 * 10**9
     nearest = [(min(states, key=lambda s: abs(s.t_ns - t.t_ns)), t) for t in truths if t.t_ns > settled]
-    pairs = [(s, t) for s, t in nearest if abs(s.t_ns - t.t_ns) < NEAR_NS]
+    pairs = [(s, t) for s, t in nearest if abs(s.t_ns - t.t_ns) < TOLERANCE_NS]
     assert len(pairs) > 30
     # a computer that is short of time leaves out what has waited: the state is then as uncertain as it says
     carried = [link for r in records if isinstance(r, Health) for link in r.links.values()]

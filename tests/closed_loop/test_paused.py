@@ -1,5 +1,7 @@
-"""A process that is stopped and goes on, as by `docker pause`, a suspended computer or a storage that stalls: what
-it publishes is not of then, and it says whose fault that is."""
+"""A process that is paused and resumed, as by `docker pause`, a suspend or a stalled disk.
+
+It must not publish outdated data, and must name the cause.
+"""
 
 import os
 import re
@@ -17,10 +19,10 @@ from tests.support.daemon import Observer, Relay, Setup
 from tests.support.programs import until
 from tests.support.records import read_estimates
 
-PAUSE_S = 1.7
-OLDEST_NS = 500_000_000  # `max_age_s`
-FRESH_S = 0.1  # s, of an image: it comes 60 ms late, and by then our own motion is newer
-NO_IMAGE_S = 2.0  # `validity_timeout_s`
+PAUSE_TIME_S = 1.7
+MAX_AGE_NS = 500_000_000  # `max_age_s`
+IMAGE_AGE_S = 0.1  # an image arrives 60 ms late, after newer own motion
+IMAGE_TIMEOUT_S = 2.0  # `validity_timeout_s`
 SETTINGS = (
     "leader_out=[{link='autopilot', rates_hz={FOLLOW_TARGET=20.0}}]",
     "odometry.link='autopilot'",
@@ -33,20 +35,20 @@ def pause(process: int) -> tuple[int, int]:
     os.kill(process, signal.SIGSTOP)
     until(lambda: is_stopped(process), "a process that stands still")
     stopped_ns = time.time_ns()
-    time.sleep(PAUSE_S)
+    time.sleep(PAUSE_TIME_S)
     continued_ns = time.time_ns()
     os.kill(process, signal.SIGCONT)
     return stopped_ns, continued_ns
 
 
 def is_stopped(process: int) -> bool:
-    """Whether all threads of a process stand still: until then it may publish, after the signal."""
+    """Whether all threads of a process are stopped; until then it may publish after the signal."""
     stats = Path(f"/proc/{process}/task").glob("*/stat")
     return {stat.read_text().rpartition(")")[2].split()[0] for stat in stats} == {"T"}
 
 
 def published(observer: Observer, since_ns: int) -> list[Any]:
-    """What has been published after a time of the wall clock, ns, until the leader is tracked again."""
+    """Return the records published after a wall-clock time, ns, until the leader is tracked again."""
     found: list[Any] = []
 
     def is_back() -> bool:
@@ -54,7 +56,7 @@ def published(observer: Observer, since_ns: int) -> list[Any]:
             if received.t_publish_ns is not None and received.t_publish_ns > since_ns:
                 found.append(received.record)
         leader = [r for r in found if isinstance(r, Estimate) and r.name == "leader"]
-        fused = [r for r in leader if r.valid and r.age is not None and r.age < FRESH_S]
+        fused = [r for r in leader if r.valid and r.age is not None and r.age < IMAGE_AGE_S]
         healths = [r for r in found if isinstance(r, Health)]
         return len(fused) > 20 and len(healths) > 4
 
@@ -63,7 +65,7 @@ def published(observer: Observer, since_ns: int) -> list[Any]:
 
 
 def sent_as_valid(relay: Relay, begin: int) -> list[int]:
-    """The times, boot clock, ns, of our own state and of the leader as they went to the autopilot."""
+    """Return the boot times, ns, of our own state and of the leader as sent to the autopilot."""
     frames = relay.frames()[begin:]
     odometry = [m.time_usec * 1_000 for m in frames if m.get_type() == "ODOMETRY" and m.quality >= 0]
     follow = [m.timestamp * 1_000_000 for m in frames if m.get_type() == "FOLLOW_TARGET"]
@@ -92,13 +94,13 @@ def test_a_process_that_is_stopped_publishes_nothing_old_as_valid_seed_6(tmp_pat
     healths = [r for r in records if isinstance(r, Health)]
     offset_ns = healths[-1].clock_offset_ns
     assert offset_ns is not None
-    oldest_ns = continued_ns - offset_ns - OLDEST_NS
+    oldest_ns = continued_ns - offset_ns - MAX_AGE_NS
     assert len([t for t in times if t < oldest_ns]) <= 1  # one may have been judged, and not sent, as it stopped
     valid = [r for r in records if isinstance(r, Estimate) and r.valid]
     assert {e.name for e in valid} == {"leader", "own_state"}
     assert [e for e in valid if e.t_ns < oldest_ns] == []
     of_images = [e for e in valid if e.name == "leader" and e.age is not None]
-    assert [e for e in of_images if e.t_ns - e.age * 1e9 < oldest_ns - NO_IMAGE_S * 1e9] == []
+    assert [e for e in of_images if e.t_ns - e.age * 1e9 < oldest_ns - IMAGE_TIMEOUT_S * 1e9] == []
     assert_named_as_our_own(healths, daemon.output())
     assert_replays_with_its_waits(setup, recording)
 

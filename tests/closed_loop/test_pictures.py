@@ -1,4 +1,4 @@
-"""From pixels to estimates: the example detectors on drawn pictures, through the pipeline as it ships."""
+"""From pixels to estimates: the example detectors on drawn pictures, through the default pipeline."""
 
 import json
 import tomllib
@@ -20,11 +20,11 @@ from simlink.world.truth import true_size
 from studies.closed_loop.flight import fly
 from tests.unit.simlink.test_pictures import example
 
-DETECTION_NS = 60_000_000  # from exposure to arrival
+DETECTION_LATENCY_NS = 60_000_000  # from exposure to arrival
 
 
 def flown(name: str, detector: str, seed: int, seconds: float) -> LeaderScore:
-    """The score of a flight of scenario `name` on nothing but what a detector finds in its pictures."""
+    """Return the score of a flight of scenario `name` on a detector's output alone."""
     scenario, find = load_scenario(name), example(detector).find
     flight = draw_scenario(scenario, seed)
     painter = Painter(flight.camera, true_size(flight, seed), seed)
@@ -42,7 +42,7 @@ def flown(name: str, detector: str, seed: int, seconds: float) -> LeaderScore:
         if found is not None:
             points = {n: {"u_px": float(u), "v_px": float(v), "sigma_px": s} for n, (u, v, s) in found.items()}
             sent = {"t_ns": tick.t_ns, "clock": "boot", "detections": [{"points": points, "target": "leader"}]}
-            at, data = EPOCH_NS + tick.t_ns + DETECTION_NS, json.dumps(sent).encode()
+            at, data = EPOCH_NS + tick.t_ns + DETECTION_LATENCY_NS, json.dumps(sent).encode()
             timed.append((at, Datagram(channel="k", encoding=Encoding.DETECTIONS, t_recv_ns=at, data=data)))
     pipeline, estimates = Pipeline(parse_config(tomllib.loads(daemon_config(scenario)))), []
     for _, datagram in sorted(timed, key=lambda pair: pair[0]):

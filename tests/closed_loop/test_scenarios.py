@@ -1,5 +1,8 @@
-"""simlink's scenarios through the pipeline, bytes in, with the configuration of `simlink config`; one of them
-through the command line. Seed 1, unless a test says so; bounds of errors are a third above what was measured."""
+"""simlink's scenarios through the pipeline from bytes, configured by `simlink config`.
+
+One of them also passes the command line. The seed is 1 unless a test says otherwise; bounds of errors are a third
+above the measured ones.
+"""
 
 import io
 import json
@@ -19,7 +22,7 @@ from tests.support import documents
 from tests.support.cases import slow_but
 from tests.support.honesty import assert_neither_too_sure_nor_too_unsure
 from tests.support.programs import run
-from tests.support.scenarios import SHORT, Flights, seconds
+from tests.support.scenarios import SHORT_DURATION_S, Flights, seconds
 
 SEED = 1
 PAPER = "estimator.oh_johnson={size_prior_m=2.667}"
@@ -38,14 +41,14 @@ def states(estimates: Iterable[Estimate]) -> set[tuple[str, bool]]:
 
 
 # Of 1000 correct images the gate rejects one on average, and more than five in one run of two thousand.
-CHANCE = 5
+CHANCE_FACTOR = 5
 
 
 class Bounds(NamedTuple):
     """The most of the range error, in percent, and of gated images."""
 
     range_percent: float
-    gated: int = CHANCE
+    gated: int = CHANCE_FACTOR
 
 
 BOUNDS = {
@@ -83,9 +86,11 @@ def test_scenario_seed_1_keeps_its_bounds(replay: Flights, scenario: str) -> Non
 
 @pytest.mark.slow
 def test_a_leader_that_hovers_keeps_its_bounds_seeds_1_to_4(tmp_path: Path) -> None:
-    """While the leader hovers its range is open: one flight is one draw, off by 23 to 55 % and confidently wrong
-    for 0 to 15 % of its estimates. With the nose taken to be on the course it was 3 %, and confidently wrong of
-    leaders that turn it."""
+    """The range of a hovering leader is hardly observable, so that single flights vary widely.
+
+    Errors are 23 to 55 %, and 0 to 15 % of the estimates are confidently wrong. With the nose assumed on the
+    course the error was 3 %, but confidently wrong for leaders that turn their nose.
+    """
     scores = [Flights(tmp_path, seed)("formation-hover").score for seed in range(1, 5)]
     assert not any(score.diverged for score in scores)
     assert np.mean([score.range_error_rms_percent for score in scores]) <= 45.0
@@ -97,12 +102,14 @@ def test_a_leader_that_hovers_keeps_its_bounds_seeds_1_to_4(tmp_path: Path) -> N
 def test_the_command_line_seed_1_gives_the_same_rows_and_the_documented_keys(
     replay: Flights, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """`simlink log`, `simlink config` and `onboard replay --truth`: bit for bit what the pipeline gives in this
-    process, of a flight that was simulated a second time."""
+    """`simlink log`, `simlink config` and `onboard replay --truth` equal the pipeline bit for bit.
+
+    The flight is simulated a second time.
+    """
     log, truth, config, json_file, rows = (
         tmp_path / n for n in ("f.tlog", "f.csv.gz", "f.toml", "f.json", "f.csv")
     )
-    scenario = ("formation", "--seed", str(SEED), "--duration", str(SHORT))
+    scenario = ("formation", "--seed", str(SEED), "--duration", str(SHORT_DURATION_S))
     assert simlink(["log", *scenario, "--out", str(log), "--truth", str(truth)]) == 0
     capsys.readouterr()
     assert simlink(["config", scenario[0]]) == 0
@@ -120,7 +127,7 @@ def test_the_command_line_seed_1_gives_the_same_rows_and_the_documented_keys(
     for estimate in flight.estimates:
         writer.write(estimate)
     assert rows.read_text(encoding="utf-8") == text.getvalue()
-    assert len(flight.estimates) == pytest.approx(30 * SHORT, rel=0.02)
+    assert len(flight.estimates) == pytest.approx(30 * SHORT_DURATION_S, rel=0.02)
     for name in ("range_error_rms_percent", "position_rmse_m", "nees_mean", "inside_95_percent"):
         assert numbers[name] == pytest.approx(getattr(flight.score, name), rel=1e-3), name  # the file has 6 digits
     assert numbers["verdicts"] == flight.score.verdicts
@@ -140,8 +147,11 @@ def test_drop_out_seed_1_coasts_two_seconds_and_is_then_not_valid(replay: Flight
 
 @pytest.mark.slow
 def test_out_of_view_seed_1_drops_the_track_after_ten_seconds_and_starts_anew(replay: Flights) -> None:
-    """The leader leaves the view at 28.04 s, passes behind and is back at 41.80 s: coasting for two seconds after
-    the last image, then lost, then searching, then tracking again after three images."""
+    """The track coasts, is lost, searched, and restarted after three images.
+
+    The leader leaves the view at 28.04 s, passes behind and is back at 41.80 s. The track coasts for two seconds
+    after the last image.
+    """
     flight = replay("formation-out-of-view")
     assert {state for state, _ in states(flight.estimates)} == {
         *("searching", "initialising", "tracking", "coasting", "lost"),
@@ -203,7 +213,10 @@ def test_nav_error_seed_1_is_carried_in_the_covariance(replay: Flights) -> None:
 
 
 def test_the_papers_noise_seed_1_is_as_pessimistic_as_the_paper_shows(replay: Flights) -> None:
-    """Oh & Johnson's settings: NEES near 0.2 of 9 and NIS near 0.003 of 3: bounds far wider than the errors."""
+    """Oh & Johnson's settings give NEES near 0.2 of 9 and NIS near 0.003 of 3.
+
+    Their bounds are far wider than the errors.
+    """
     score = replay("formation", PAPER).beside["oh_johnson"]
     assert not score.diverged
     assert 0.16 < score.nees_mean < 0.3
@@ -214,8 +227,10 @@ def test_the_papers_noise_seed_1_is_as_pessimistic_as_the_paper_shows(replay: Fl
 
 @pytest.mark.slow
 def test_a_leader_viewed_from_the_side_seed_1_is_too_far_by_the_papers_angles(replay: Flights) -> None:
-    """Yawed by 40 degrees its image is 0.8 times as wide: a quarter farther, if the wing were in the image
-    plane."""
+    """A leader yawed by 40 degrees has a 0.8 times as wide image, which makes it a quarter too far.
+
+    That holds if the wing is assumed in the image plane.
+    """
     score = replay("formation-from-the-side", PAPER).beside["oh_johnson"]
     assert not score.diverged
     assert 15 < score.range_error_rms_percent < 35

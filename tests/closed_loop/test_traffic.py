@@ -1,5 +1,7 @@
-"""The traffic scenario through the whole program, bytes in: simlink's datagrams, the pipeline, the score. Settings
-were chosen on seeds 1 to 4; this is seed 21. `onboard study traffic` has more of them."""
+"""The traffic scenario through the whole program: datagrams, pipeline, score.
+
+Settings were chosen on seeds 1 to 4; this is seed 21. `onboard study traffic` has more of them.
+"""
 
 import pytest
 

@@ -1,5 +1,8 @@
-"""`onboard run` beside `simlink run traffic`, each a process: reports over UDP, echoes over Zenoh, tracks out over
-Zenoh, and as MAVLink to a ground station on a link of its own."""
+"""`onboard run` with `simlink run traffic`, each a process.
+
+Reports arrive over UDP and echoes over Zenoh; tracks leave over Zenoh, and as MAVLink to a ground station on its
+own link.
+"""
 
 import socket
 import time
@@ -14,7 +17,7 @@ from onboard.messages import Estimate, Health
 from onboard.view.client import Client
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario
-from tests.support.programs import PATIENCE, free_ports, started, until
+from tests.support.programs import TIMEOUT_S, free_ports, started, until
 
 UDP, TCP = socket.SOCK_DGRAM, socket.SOCK_STREAM
 
@@ -37,17 +40,17 @@ def frames(listener: socket.socket) -> list[Any]:
 
 
 class Listener:
-    """The newest estimate of each track, and all health records, as a client of the daemon receives them."""
+    """A client of the daemon that stores the newest estimate of each track, and all health records."""
 
     def __init__(self, client: Client) -> None:
         self._client = client
-        self._deadline = time.monotonic() + PATIENCE
+        self._deadline = time.monotonic() + TIMEOUT_S
         self.newest: dict[str, Estimate] = {}
         self.valid: set[str] = set()  # at any time: on a busy computer some have left before others are tracked
         self.health: list[Health] = []
 
     def all_tracked(self) -> bool:
-        """Whether twenty tracks have been valid, thirteen with an address, and a hundred reports were counted."""
+        """Whether twenty tracks have been valid, thirteen with an address, after a hundred reports."""
         while (received := self._client.take(0.02)) is not None and time.monotonic() < self._deadline:
             match received.record:
                 case Estimate() as e if e.name == "traffic":
@@ -63,7 +66,7 @@ class Listener:
 def late_joiner(endpoint: str) -> Estimate:
     """One track's estimate, queried by its name."""
     with zenoh.open(_client(endpoint)) as session:
-        (reply,) = session.get("onboard/1/estimate/traffic/icao/4b1a00", timeout=PATIENCE)
+        (reply,) = session.get("onboard/1/estimate/traffic/icao/4b1a00", timeout=TIMEOUT_S)
         return msgspec.json.decode(reply.ok.payload.to_bytes(), type=Estimate)
 
 

@@ -5,7 +5,17 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.messages import Datagram, Encoding, TargetPoints, Verdict
-from tests.support.faulty_flight import DATAGRAMS, IMAGES, ITEMS, OWN_HZ, T0, T1, assert_on_target, clean, flown
+from tests.support.faulty_flight import (
+    DATAGRAMS,
+    IMAGES,
+    ITEMS,
+    OWN_RATE_HZ,
+    T0,
+    T1,
+    assert_on_target,
+    clean,
+    flown,
+)
 from tests.support.streams import CIRCLE, EPOCH, MS, Item, S, Stream, encode
 
 
@@ -22,7 +32,7 @@ def test_drop_30_percent_with_seed(seed: int) -> None:
     run = flown(kept)
     assert_on_target(run)
     assert run.rejected == {}
-    assert run.pipeline.health(0).streams["Attitude"].count < 0.8 * (T1 - T0) * OWN_HZ
+    assert run.pipeline.health(0).streams["Attitude"].count < 0.8 * (T1 - T0) * OWN_RATE_HZ
 
 
 @pytest.mark.parametrize("seed", [33, 34])

@@ -8,7 +8,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from onboard.messages import Attitude, LocalPosition, Message, TargetPoints, TimeSync, Verdict
-from tests.support.faulty_flight import IMAGES, ITEMS, OWN_HZ, T0, T1, assert_on_target, clean, flown
+from tests.support.faulty_flight import IMAGES, ITEMS, OWN_RATE_HZ, T0, T1, assert_on_target, clean, flown
 from tests.support.streams import EPOCH, MS, Item, Run, S, encode, heartbeat
 
 
@@ -28,7 +28,7 @@ def test_nan_in_the_position_for_a_second() -> None:
     nan = (math.nan, 0.0, 0.0)
     run = flown_with(LocalPosition, lambda t: 45 * S <= t < 46 * S, lambda m: replace(m, v_F_n=nan))
     assert_on_target(run)
-    assert run.rejected == {"position_unusable": OWN_HZ}
+    assert run.rejected == {"position_unusable": OWN_RATE_HZ}
 
 
 def test_nan_in_all_images_for_five_seconds() -> None:

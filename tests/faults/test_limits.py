@@ -33,7 +33,7 @@ from onboard.wire.documents import pseudoranges, radar
 from onboard.wire.documents.document import BadDocumentError
 from onboard.wire.logs import recording
 from onboard.wire.mavlink.landing_target import PENDING_IMAGES, SENDERS, PointAssembler
-from tests.support.mavlink_frames import RECV
+from tests.support.mavlink_frames import RECEIVE_TIME_NS
 from tests.support.records import make_estimate
 from tests.unit.sinks.test_zenoh_queue import Nothing, waiting
 from tests.unit.wire.test_radar import ECHO, document
@@ -49,24 +49,25 @@ def epoch(satellites: int) -> bytes:
 
 
 def test_a_scan_or_an_epoch_with_more_than_any_sensor_has_is_refused() -> None:
-    assert len(radar.decode_radar(document(detections=[ECHO] * 1000), RECV).detections) == 1000
+    assert len(radar.decode_radar(document(detections=[ECHO] * 1000), RECEIVE_TIME_NS).detections) == 1000
     assert (
-        len(pseudoranges.decode_ranges(epoch(pseudoranges.MOST_SEEN), RECV).satellites) == pseudoranges.MOST_SEEN
+        len(pseudoranges.decode_ranges(epoch(pseudoranges.MOST_SEEN), RECEIVE_TIME_NS).satellites)
+        == pseudoranges.MOST_SEEN
     )
     with pytest.raises(BadDocumentError, match="at most 64 satellites"):
-        pseudoranges.decode_ranges(epoch(pseudoranges.MOST_SEEN + 1), RECV)
+        pseudoranges.decode_ranges(epoch(pseudoranges.MOST_SEEN + 1), RECEIVE_TIME_NS)
 
 
 def test_a_scan_that_a_document_could_hold_is_refused_beyond_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(radar, "MOST_ECHOES", 10)  # 4096 do not fit into the document that may arrive
-    assert len(radar.decode_radar(document(detections=[ECHO] * 10), RECV).detections) == 10
+    assert len(radar.decode_radar(document(detections=[ECHO] * 10), RECEIVE_TIME_NS).detections) == 10
     with pytest.raises(BadDocumentError, match="more than 10 detections"):
-        radar.decode_radar(document(detections=[ECHO] * 11), RECV)
+        radar.decode_radar(document(detections=[ECHO] * 11), RECEIVE_TIME_NS)
 
 
 def point(assembler: PointAssembler, system: int, t_us: int, label: int) -> Any:
     fields = (t_us, 0.01 * label, 0.0, 0.0, 0.0, 0.0, label, 0, 0)
-    head = {"t_ns": t_us * 1000, "t_recv_ns": RECV, "clock": Clock.BOOT}
+    head = {"t_ns": t_us * 1000, "t_recv_ns": RECEIVE_TIME_NS, "clock": Clock.BOOT}
     head |= {"system": system % 256, "component": system // 256}
     return assembler.add(fields, head)
 

@@ -26,7 +26,7 @@ from onboard.messages import (
     Imu,
     Message,
 )
-from tests.support.own_vehicle import ORIGIN, G, header, heartbeat, hovering, pipeline, states_of
+from tests.support.own_vehicle import GRAVITY, ORIGIN, header, heartbeat, hovering, pipeline, states_of
 
 BEGINS, LAST = 2500, 6000  # ms; the origin is chosen at 3 s
 ENDS = {GpsFix: 4500}  # which comes ten times a second; other kinds:
@@ -47,7 +47,7 @@ FIELDS = {
 
 def flight() -> Iterator[Message]:
     """Level and at rest, with all that an autopilot may send."""
-    hover = round(1000 + 1000 * math.sqrt(0.468 * G / 12.0))
+    hover = round(1000 + 1000 * math.sqrt(0.468 * GRAVITY / 12.0))
     for message in hovering(1000, LAST):
         yield message
         t = round(message.t_ns / 1e6)

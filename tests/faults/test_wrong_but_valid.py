@@ -16,7 +16,7 @@ from tests.support.faulty_flight import ITEMS, T0, T1, assert_on_target, clean, 
 from tests.support.streams import (
     CIRCLE,
     EPOCH,
-    F_PX,
+    FOCAL_LENGTH_PX,
     MS,
     Item,
     Run,
@@ -193,7 +193,7 @@ def shown(points: np.ndarray) -> dict[str, tuple[float, float]]:
 @pytest.mark.parametrize("noise_px", [0.0, 0.05])
 def test_a_camera_that_hangs_with_seed_43(noise_px: float) -> None:
     rng, hung = np.random.default_rng(43), CIRCLE.points(BEGINS / S)
-    noisy = lambda m: replace(m, **shown(hung + rng.normal(size=(3, 2)) * noise_px / F_PX))  # noqa: E731
+    noisy = lambda m: replace(m, **shown(hung + rng.normal(size=(3, 2)) * noise_px / FOCAL_LENGTH_PX))  # noqa: E731
     run = changed(ITEMS, TargetPoints, noisy)
     late = beginning(run)
     assert not any(e.valid for e in late)
@@ -231,7 +231,7 @@ def test_a_detector_that_is_4_times_as_noisy_is_taken_so_and_told_with_seed_44()
 
     def noisy(m: TargetPoints) -> TargetPoints:
         points = np.array([m.center, m.left, m.right])
-        return replace(m, **shown(points + 4.0 / F_PX * rng.normal(size=(3, 2))))
+        return replace(m, **shown(points + 4.0 / FOCAL_LENGTH_PX * rng.normal(size=(3, 2))))
 
     items = Stream(t0=T0, t1=T0 + 12.0, seed=None).items()
     run = flown(

@@ -22,7 +22,7 @@ from onboard.messages import Box, CameraDetections, Clock, Datagram, Detection, 
 from onboard.wire.datagrams import DatagramDecoder
 from tests.support import documents
 from tests.support.images import detections
-from tests.support.programs import PATIENCE, free_ports
+from tests.support.programs import TIMEOUT_S, free_ports
 from tests.unit.wire.test_ros import KEY as ROS_KEY
 from tests.unit.wire.test_ros import golden
 
@@ -39,7 +39,7 @@ def received(link: Link, send: Callable[[], None]) -> Datagram:
     async def main() -> None:
         await link.open()
         task = asyncio.create_task(link.run(found.append, time.time_ns))
-        async with asyncio.timeout(PATIENCE):
+        async with asyncio.timeout(TIMEOUT_S):
             while not found:
                 await asyncio.to_thread(send)
                 await asyncio.sleep(0.01)

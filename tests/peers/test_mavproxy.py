@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from onboard.autopilot.parameters import KEYS
-from tests.support.programs import PATIENCE, Program, free_ports, started, until
+from tests.support.programs import TIMEOUT_S, Program, free_ports, started, until
 
 pytestmark = [
     pytest.mark.slow,
@@ -56,8 +56,8 @@ class Station:
     def end(self) -> None:
         """End the process and its reader."""
         self.popen.kill()
-        self.popen.wait(PATIENCE)
-        self._reader.join(PATIENCE)
+        self.popen.wait(TIMEOUT_S)
+        self._reader.join(TIMEOUT_S)
         for pipe in (self.popen.stdin, self.popen.stdout):
             if pipe is not None:
                 pipe.close()

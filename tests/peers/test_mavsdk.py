@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.mavsdk_client import CONNECT, NEEDS_MAVSDK
-from tests.support.programs import PATIENCE, free_ports, started
+from tests.support.programs import TIMEOUT_S, free_ports, started
 
 pytestmark = NEEDS_MAVSDK
 
@@ -72,7 +72,7 @@ def test_mavsdk_sees_the_vehicle_of_formation_seed_1(tmp_path: Path) -> None:
             [sys.executable, "-c", CLIENT, f"udpin://127.0.0.1:{port}"],
             capture_output=True,
             text=True,
-            timeout=PATIENCE,
+            timeout=TIMEOUT_S,
             check=False,
         )
     assert done.returncode == 0, done.stdout + done.stderr

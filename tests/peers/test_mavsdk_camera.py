@@ -12,10 +12,10 @@ from typing import Any
 from onboard.messages import Datagram, Encoding
 from onboard.wire.datagrams import DatagramDecoder
 from onboard.wire.mavlink.encode import MavlinkEncoder
-from tests.support.emitted import LINK, NOW, everything, sent
+from tests.support.emitted import LINK, NOW_TIME_NS, everything, sent
 from tests.support.leader import AUTOPILOT, S
 from tests.support.mavsdk_client import CONNECT, NEEDS_MAVSDK
-from tests.support.programs import PATIENCE, free_ports
+from tests.support.programs import TIMEOUT_S, free_ports
 
 pytestmark = NEEDS_MAVSDK
 CLIENT = (
@@ -44,14 +44,14 @@ def test_mavsdk_finds_the_camera_in_which_we_track(tmp_path: Path) -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ours:
             ours.connect(("127.0.0.1", port))
             ours.settimeout(0.05)
-            for k in range(round(PATIENCE / 0.05)):
-                for frame in (autopilot.encode(AUTOPILOT), *sent(out, NOW + k * S // 20)):
+            for k in range(round(TIMEOUT_S / 0.05)):
+                for frame in (autopilot.encode(AUTOPILOT), *sent(out, NOW_TIME_NS + k * S // 20)):
                     exchange(ours, frame)
                 for frame in answers(ours, out, decoder):
                     exchange(ours, frame)
                 if client.poll() is not None:
                     break
-        text, _ = client.communicate(timeout=PATIENCE)
+        text, _ = client.communicate(timeout=TIMEOUT_S)
     finally:
         client.kill()
         client.wait()
@@ -72,6 +72,6 @@ def answers(ours: socket.socket, out: Any, decoder: DatagramDecoder) -> list[byt
         data = ours.recv(65_536)
     except (TimeoutError, ConnectionRefusedError):
         return []
-    received = Datagram(channel=LINK, encoding=Encoding.MAVLINK, t_recv_ns=NOW, data=data)
-    frames: list[bytes] = out.respond(LINK, decoder.decode(received), NOW).frames
+    received = Datagram(channel=LINK, encoding=Encoding.MAVLINK, t_recv_ns=NOW_TIME_NS, data=data)
+    frames: list[bytes] = out.respond(LINK, decoder.decode(received), NOW_TIME_NS).frames
     return frames

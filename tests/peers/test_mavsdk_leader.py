@@ -15,7 +15,7 @@ from onboard.geometry.camera import make_camera
 from onboard.wire.mavlink.encode import MavlinkEncoder
 from tests.support.leader import AUTOPILOT, S, leader_state
 from tests.support.mavsdk_client import LISTEN, NEEDS_MAVSDK
-from tests.support.programs import PATIENCE, free_ports
+from tests.support.programs import TIMEOUT_S, free_ports
 from tests.support.vehicle_records import EAST
 
 pytestmark = NEEDS_MAVSDK
@@ -78,7 +78,7 @@ def test_mavsdk_decodes_everything_that_we_send_of_the_leader() -> None:
     )
     try:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ours:
-            for k in range(round(PATIENCE / 0.05)):
+            for k in range(round(TIMEOUT_S / 0.05)):
                 now_ns = 1_800_000_000 * S + k * S // 20
                 for frame in (
                     autopilot.encode(AUTOPILOT),
@@ -90,7 +90,7 @@ def test_mavsdk_decodes_everything_that_we_send_of_the_leader() -> None:
                     break
                 except subprocess.TimeoutExpired:
                     continue
-        text, _ = client.communicate(timeout=PATIENCE)
+        text, _ = client.communicate(timeout=TIMEOUT_S)
     finally:
         client.kill()
         client.wait()

@@ -14,8 +14,8 @@ import pytest
 
 from onboard.messages import Datagram, Encoding, Ping
 from onboard.wire.datagrams import DatagramDecoder
-from tests.support.emitted import ANSWERS, LINK, NOW, ON_REQUEST, STREAMS, answered, everything, sent
-from tests.support.programs import PATIENCE
+from tests.support.emitted import ANSWERS, LINK, NOW_TIME_NS, ON_REQUEST, STREAMS, answered, everything, sent
+from tests.support.programs import TIMEOUT_S
 
 CLIENT = Path(__file__).with_name("node_mavlink.cjs")
 PACKAGE = "node-mavlink@2.3.0"
@@ -38,7 +38,7 @@ def modules() -> Path:
     folder.mkdir(exist_ok=True)
     (folder / "package.json").write_text("{}")
     command = ["npm", "install", "--no-audit", "--no-fund", "--ignore-scripts", "--prefix", str(folder), PACKAGE]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
     if done.returncode != 0:
         pytest.skip(f"npm cannot install {PACKAGE}: {done.stderr.strip().splitlines()[-1:]}")
     (folder / "installed").touch()
@@ -49,7 +49,7 @@ def decoded(modules: Path, frames: list[bytes]) -> dict[str, Any]:
     """What node-mavlink finds in the frames, and a signed frame of its own."""
     command = ["node", str(CLIENT), str(modules), KEY.hex()]
     data = b"".join(frames)
-    done = subprocess.run(command, input=data, capture_output=True, timeout=PATIENCE, check=True)
+    done = subprocess.run(command, input=data, capture_output=True, timeout=TIMEOUT_S, check=True)
     found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
     return found
 
@@ -58,7 +58,7 @@ def test_node_mavlink_decodes_all_that_we_send_and_each_end_trusts_the_others_si
     out = everything({LINK: KEY})
     out.notices.add(4, "text")
     frames = [*sent(out), *answered(out)]
-    result = decoded(modules, [*frames, *(out.signed(LINK, frame, NOW) for frame in frames)])
+    result = decoded(modules, [*frames, *(out.signed(LINK, frame, NOW_TIME_NS) for frame in frames)])
     found = result["found"]
     names = {f["name"] for f in found}
     assert names == STREAMS | ON_REQUEST | ANSWERS

@@ -17,7 +17,7 @@ from tests.support.cases import slow_but
 from tests.support.streams import (
     CIRCLE,
     EPOCH,
-    F_PX,
+    FOCAL_LENGTH_PX,
     MS,
     Item,
     Run,
@@ -107,7 +107,7 @@ def test_the_noise_of_a_detector_is_learnt_from_late_images_as_from_those_in_ord
         rng = np.random.default_rng(seed)
         noisy = []
         for m in IMAGES:
-            points = np.array([m.center, m.left, m.right]) + 2.5 * rng.normal(size=(3, 2)) / F_PX
+            points = np.array([m.center, m.left, m.right]) + 2.5 * rng.normal(size=(3, 2)) / FOCAL_LENGTH_PX
             center, left, right = (tuple(p) for p in points.tolist())
             noisy.append(replace(m, center=center, left=left, right=right))
         delays = [

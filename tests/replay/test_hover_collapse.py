@@ -23,7 +23,7 @@ from onboard.wire.logs.tlog import read_tlog
 from studies.encounters.flights import Flight
 from studies.encounters.scores import score
 from tests.support.images import detections, exposed
-from tests.support.streams import F_PX, S, make_config
+from tests.support.streams import FOCAL_LENGTH_PX, S, make_config
 
 DATA: Final = Path(__file__).parents[3] / "shared" / "data" / "hover-collapse"
 SETTLE: Final = 5.0  # s of boot time after the first estimate
@@ -58,7 +58,7 @@ def datagrams(log: str) -> Iterator[Datagram]:
 
 
 def noisy(points: TargetPoints, rng: np.random.Generator) -> TargetPoints:
-    moved = np.array([points.center, points.left, points.right]) + rng.normal(size=(3, 2)) / F_PX
+    moved = np.array([points.center, points.left, points.right]) + rng.normal(size=(3, 2)) / FOCAL_LENGTH_PX
     center, left, right = ((float(u), float(v)) for u, v in moved)
     return replace(points, center=center, left=left, right=right)
 

@@ -14,13 +14,21 @@ from pymavlink import mavutil
 from onboard.arrays import Array
 from onboard.geometry.geodesy import ned_from_geodetic
 from onboard.geometry.rotations import matrix_from_euler
-from tests.support.formation_flown import EARTH_RADIUS_M, FOLLOWER, HOME, MAX_SILENCE_S, Start, Velocity, add_text
+from tests.support.formation_flown import (
+    EARTH_RADIUS_M,
+    FOLLOWER,
+    HOME,
+    SILENCE_TIMEOUT_S,
+    Start,
+    Velocity,
+    add_text,
+)
 from tests.support.programs import CODE, free_ports
 
 BINARY: Final = os.environ.get("ARDUCOPTER", "")
 GUIDED, LOITER = 4, 5
-MAX_BOOT_S: Final = 60.0  # until it is heard
-BOOT_SPEEDUP: Final = 5  # of the simulation, until it has climbed
+BOOT_TIMEOUT_S: Final = 60.0
+BOOT_SPEEDUP_FACTOR: Final = 5  # of the simulation, until it has climbed
 CENTERED: Final = [1500] * 4 + [65_535] * 4  # sticks, us; unused channels
 VELOCITY_AND_YAW: Final = 0b0000_1001_1100_0111  # the fields of SET_POSITION_TARGET that are ignored
 M: Final = mavutil.mavlink
@@ -62,7 +70,7 @@ class Copter:
             raise
 
     def _connected(self, port: int) -> Any:
-        end = time.monotonic() + MAX_BOOT_S
+        end = time.monotonic() + BOOT_TIMEOUT_S
         while True:
             try:
                 return mavutil.mavlink_connection(f"tcp:127.0.0.1:{port}", source_system=255, retries=0)
@@ -72,7 +80,10 @@ class Copter:
                 time.sleep(0.2)
 
     def read(self) -> None:
-        """Take what has come, and ask for the truth again and again. Raises AssertionError if it falls silent."""
+        """Take what has come, and ask for the truth again and again.
+
+        Raises AssertionError if it falls silent.
+        """
         while (m := self._link.recv_match(blocking=False)) is not None:
             if m.get_type() == "SIM_STATE":
                 self.truth, self._heard = m.to_dict(), time.monotonic()
@@ -81,7 +92,7 @@ class Copter:
                 add_text(self.texts, m)
             elif m.get_type() == "HEARTBEAT" and m.get_srcComponent() == 1:
                 self.is_in_setpoint_mode = m.custom_mode == GUIDED
-        assert not self._heard or time.monotonic() - self._heard < MAX_SILENCE_S, "the autopilot fell silent"
+        assert not self._heard or time.monotonic() - self._heard < SILENCE_TIMEOUT_S, "the autopilot fell silent"
         if time.monotonic() - self._asked > 1.0:
             self._asked = time.monotonic()
             self._link.mav.heartbeat_send(M.MAV_TYPE_GCS, M.MAV_AUTOPILOT_INVALID, 0, 0, 0)
@@ -141,11 +152,11 @@ class Copter:
         """End the process."""
         self._link.close()
         self.popen.kill()
-        self.popen.wait(MAX_BOOT_S)
+        self.popen.wait(BOOT_TIMEOUT_S)
 
 
 def _command(folder: Path, system: int, start: Start, base: int) -> list[str]:
-    """The command line of one ArduCopter, with the parameters of the guide if it is the follower."""
+    """Return the command line of one ArduCopter, with the guide's parameters for the follower."""
     shipped = Path(BINARY).resolve().parents[3] / "Tools" / "autotest" / "default_params" / "copter.parm"
     parameters = (shipped.read_text() if shipped.exists() else "") + COPTER
     if system == FOLLOWER:
@@ -155,5 +166,5 @@ def _command(folder: Path, system: int, start: Start, base: int) -> list[str]:
     lon = HOME[1] + math.degrees(start.east_m / EARTH_RADIUS_M / math.cos(math.radians(HOME[0])))
     numbers = [f"--base-port={base}", f"-I{system}", f"--rc-in-port={base + 5}", f"--irlock-port={base + 6}"]
     where = [f"--home={lat},{lon},{HOME[2]},{math.degrees(start.yaw) % 360.0}", "--sysid", str(system)]
-    model = ["--model", "+", "--speedup", str(BOOT_SPEEDUP), "--wipe", "--defaults", "copter.parm"]
+    model = ["--model", "+", "--speedup", str(BOOT_SPEEDUP_FACTOR), "--wipe", "--defaults", "copter.parm"]
     return [BINARY, *model, *numbers, *where]

@@ -1,4 +1,7 @@
-"""Flights that begin alike: what they share is flown once, and each goes on with a copy of the pipeline."""
+"""Flights with a common beginning, which is flown once.
+
+Each flight continues with a copy of the pipeline.
+"""
 
 from collections.abc import Callable, Sequence
 from copy import deepcopy
@@ -8,7 +11,7 @@ from onboard.messages import Output
 from onboard.pipeline import Pipeline
 from tests.support.streams import Run, make_config
 
-EVERY: Final = 25  # so many messages lie between two copies of the shared flight
+COPY_PERIOD: Final = 25  # messages between two copies of the shared flight
 T = TypeVar("T")
 
 
@@ -21,7 +24,10 @@ class Copy(NamedTuple):
 
 
 class Beginning(Generic[T]):
-    """A flight from which others depart, with the defaults. `step`: what a pipeline makes of one message."""
+    """A flight from which others depart, with the defaults.
+
+    `step`: what a pipeline makes of one message.
+    """
 
     def __init__(self, sent: Sequence[T], step: Callable[[Pipeline, T], list[Output]]) -> None:
         self._sent, self._step = sent, step
@@ -29,7 +35,7 @@ class Beginning(Generic[T]):
         self._outputs: list[Output] = []
 
     def run(self, sent: Sequence[T]) -> Run:
-        """The run over these messages, from the last copy before they differ from the shared flight's."""
+        """Run these messages, from the last copy before they differ from the shared flight's."""
         if not self._copies:
             self._fly()
         pairs = enumerate(zip(sent, self._sent, strict=False))
@@ -43,7 +49,7 @@ class Beginning(Generic[T]):
     def _fly(self) -> None:
         pipeline = Pipeline(make_config())
         for k, one in enumerate(self._sent):
-            if k % EVERY == 0:
+            if k % COPY_PERIOD == 0:
                 self._copies.append(Copy(k, deepcopy(pipeline), len(self._outputs)))
             self._outputs.extend(self._step(pipeline, one))
         self._copies.append(Copy(len(self._sent), pipeline, len(self._outputs)))

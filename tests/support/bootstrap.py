@@ -1,8 +1,7 @@
-"""A bootstrap particle filter of a leader whose heading may point anywhere: every state is drawn, none is a
-Gaussian.
+"""A bootstrap particle filter of a leader whose heading may point anywhere.
 
-An independent and slow answer to what the particles answer: the same model of flight (`LeaderModel`), but its own
-code for the motion, the image and the weights.
+It is an independent and slow reference for the particles: every state is drawn, none is a Gaussian. It has the
+same model of flight (`LeaderModel`), but its own code for the motion, the image and the weights.
 """
 
 import math
@@ -13,7 +12,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import LeaderModel
 
-G: Final = 9.80665
+GRAVITY: Final = 9.80665
 HORIZONTAL: Final = np.array([1.0, 1.0, 0.8])
 # Slow and calm, nothing considered: what this filter can follow.
 CALM: Final = LeaderModel(
@@ -45,14 +44,14 @@ CALM: Final = LeaderModel(
 
 
 class Particles(NamedTuple):
-    """K draws: heading (K,) rad, r_FL_n, v_L, a_L (K, 3), bank's error (K,) rad, and wing scale error (K,)."""
+    """K draws of the leader's state."""
 
-    heading: Array
-    r: Array
-    v: Array
-    a: Array
-    bank: Array
-    stretch: Array
+    heading: Array  # (K,), rad
+    r: Array  # (K, 3), r_FL_n
+    v: Array  # (K, 3), v_L
+    a: Array  # (K, 3), a_L
+    bank: Array  # (K,), error, rad
+    stretch: Array  # (K,), relative error of the wing's size
 
 
 def broadness(p: Particles) -> Array:
@@ -62,9 +61,11 @@ def broadness(p: Particles) -> Array:
 
 
 def image_of(p: Particles, size: float) -> Array:
-    """Where the center is seen (K, 2), and the vector from the left to the right tip (K, 2), in focal lengths, by
-    a camera at F that looks north."""
-    bank = np.arctan2(p.a[:, 1] * np.cos(p.heading) - p.a[:, 0] * np.sin(p.heading), G - p.a[:, 2]) + p.bank
+    """Return the center (K, 2) and the vector from left to right tip (K, 2) in the image.
+
+    They are in focal lengths, for a camera at F that looks north.
+    """
+    bank = np.arctan2(p.a[:, 1] * np.cos(p.heading) - p.a[:, 0] * np.sin(p.heading), GRAVITY - p.a[:, 2]) + p.bank
     half = 0.5 * size * np.exp(p.stretch)
     wing = half[:, None] * np.stack(
         [-np.sin(p.heading) * np.cos(bank), np.cos(p.heading) * np.cos(bank), np.sin(bank)], axis=1
@@ -74,7 +75,7 @@ def image_of(p: Particles, size: float) -> Array:
 
 
 def start(s: LeaderModel, seen: Array, sigma: float, count: int, rng: np.random.Generator) -> Particles:
-    """What a first image `seen` (4,), as `image_of`, leaves possible; `sigma` is of a point."""
+    """Draw particles from a first image `seen` (4,) as in `image_of`; `sigma` is that of a point."""
     heading = math.pi * rng.uniform(size=count)
     center = seen[:2] + sigma * rng.normal(size=(count, 2))
     line = np.column_stack([np.ones(count), center])
@@ -110,7 +111,10 @@ def predict(s: LeaderModel, p: Particles, dt: float, moved: Array, rng: np.rando
 
 
 def _accelerations(s: LeaderModel, p: Particles, dt: float, speed2: Array, rate: Array) -> Array:
-    """What is along the track decays, and of a slow leader everything; what is across it turns with it."""
+    """Return the accelerations after a step.
+
+    The component along the track decays, for a slow leader all of it; the component across turns with the track.
+    """
     left = math.exp(-dt / s.acceleration_time)
     slow = 1.0 - (1.0 - left) * 4.0 / (speed2 + 4.0)
     along = np.sum(p.v[:, :2] * p.a[:, :2], axis=1) * (1.0 - left) / (speed2 + 1.0)

@@ -8,10 +8,10 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.geometry.geodesy import geodetic_from_ned
 from onboard.messages import FollowTarget, GlobalPosition
-from tests.support.streams import CIRCLE, EPOCH, FLIGHT_SYSTEM, MS, Flight, Item
+from tests.support.streams import CIRCLE, EPOCH, FLIGHT_SYSTEM_ID, MS, Flight, Item
 
 ORIGIN: Final = (47.4, 8.5, 500.0)
-LEADER: Final = 42  # its MAVLink system
+LEADER_SYSTEM_ID: Final = 42
 LATENCY: Final = 200 * MS
 OWN_PERIOD_MS: Final = 200
 
@@ -34,7 +34,7 @@ def own_positions(t0: float, t1: float, flight: Flight = CIRCLE) -> list[Item]:
     items = []
     for ms in range(round(t0 * 1000), round(t1 * 1000), OWN_PERIOD_MS):
         k = flight.at(ms / 1000)
-        items.append(_position(ms * MS, 2 * MS, k.r, k.v, FLIGHT_SYSTEM))
+        items.append(_position(ms * MS, 2 * MS, k.r, k.v, FLIGHT_SYSTEM_ID))
     return items
 
 
@@ -43,7 +43,7 @@ def leader_positions(
     t1: float,
     flight: Flight = CIRCLE,
     error: Error = no_error,
-    system: int = LEADER,
+    system: int = LEADER_SYSTEM_ID,
     period: float = 1.0,
 ) -> list[Item]:
     """The leader's GLOBAL_POSITION_INT, true `LATENCY` before it arrives."""
@@ -54,7 +54,7 @@ def leader_positions(
     return items
 
 
-def follow_target(t: float, flight: Flight = CIRCLE, system: int = LEADER) -> Item:
+def follow_target(t: float, flight: Flight = CIRCLE, system: int = LEADER_SYSTEM_ID) -> Item:
     """The leader's FOLLOW_TARGET."""
     k = flight.at(t, flight.gap)
     t_ns = round(t * 1000) * MS

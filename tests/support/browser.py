@@ -1,4 +1,7 @@
-"""A page as headless Chromium shows it, over the DevTools protocol on a pipe: no port, and no further package."""
+"""A page in headless Chromium, over the DevTools protocol on a pipe.
+
+It needs no port and no further package.
+"""
 
 import base64
 import json
@@ -62,7 +65,7 @@ class Page:
         return self.call("Runtime.evaluate", expression=script, returnByValue=True)["result"].get("value")
 
     def picture(self) -> bytes:
-        """What it shows, PNG."""
+        """Return a picture of the page as PNG."""
         return base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
 
     def wait(self, seconds: float) -> None:

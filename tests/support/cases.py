@@ -7,8 +7,10 @@ import pytest
 
 
 def slow_but(quick: Collection[Any], cases: Iterable[Any]) -> list[Any]:
-    """Cases for `parametrize`, of which all but the quick ones are marked slow. Raises ValueError if a quick one
-    is no case."""
+    """Cases for `parametrize`, of which all but the quick ones are marked slow.
+
+    Raises ValueError if a quick one is no case.
+    """
     every = list(cases)
     if not set(quick) <= set(every):
         raise ValueError(f"no cases: {set(quick) - set(every)}")

@@ -1,4 +1,4 @@
-"""Courses of a leader that are drawn at random, for flights of real autopilots: one seed is one plan."""
+"""Random courses of a leader for flights of real autopilots; one seed is one plan."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -33,7 +33,7 @@ class Kind(StrEnum):
 
 
 class Leg(NamedTuple):
-    """One leg of a course: speed (m/s), rate of turn (rad/s), climb (m/s), and a turn (rad) at its beginning."""
+    """One leg of a course: speed (m/s), turn rate (rad/s), climb (m/s), and an initial turn (rad)."""
 
     seconds: float
     speed: float
@@ -43,7 +43,7 @@ class Leg(NamedTuple):
 
 
 class Command(NamedTuple):
-    """What the leader is told to fly: velocity (m/s, NED) and heading (rad)."""
+    """The commanded velocity (m/s, NED) and heading (rad) of the leader."""
 
     v_n: tuple[float, float, float]
     heading: float
@@ -62,7 +62,7 @@ class Course(NamedTuple):
 
     @property
     def comes_at_follower(self) -> bool:
-        """Whether the leader turns back, or its first course passes so near to where the follower begins."""
+        """Whether the leader turns back, or passes close to the follower's start on its first course."""
         off = math.remainder(self.heading - SIDES[self.side], 2.0 * math.pi)
         is_near = math.cos(off) > 0.0 and self.distance_m * abs(math.sin(off)) < MEETING_WIDTH_M
         return self.kind is Kind.REVERSAL or is_near

@@ -1,4 +1,4 @@
-"""The daemon and the simulator as processes over real links, with a relay and a client to observe them."""
+"""Daemon and simulator as processes over real links, with a relay and a client to observe them."""
 
 import json
 import select
@@ -17,13 +17,16 @@ from onboard.messages import Estimate, Health
 from onboard.view.client import Client
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario
-from tests.support.programs import PATIENCE, Program, free_ports, started, until
+from tests.support.programs import TIMEOUT_S, Program, free_ports, started, until
 
 UDP, TCP = socket.SOCK_DGRAM, socket.SOCK_STREAM
 
 
 class Relay:
-    """A UDP relay between the simulator and the daemon's port. It keeps the datagrams that the daemon sends."""
+    """A UDP relay between the simulator and the daemon's port.
+
+    It keeps the datagrams that the daemon sends.
+    """
 
     def __init__(self, daemon_port: int) -> None:
         self.from_daemon: list[bytes] = []
@@ -164,6 +167,6 @@ def queried(endpoint: str, key: str) -> tuple[dict[str, Any], dict[str, Any]]:
     ):
         config.insert_json5(name, value)
     with zenoh.open(config) as session:
-        (reply,) = list(session.get(key, timeout=PATIENCE))
+        (reply,) = list(session.get(key, timeout=TIMEOUT_S))
         ok = reply.ok
         return json.loads(ok.payload.to_bytes()), json.loads(ok.attachment.to_bytes())

@@ -24,7 +24,7 @@ FORMATS: Final = {  # as ArduPilot 4.5 has them, with the columns that are read 
     "RCOU": ("QHHHH", "TimeUS,C1,C2,C3,C4"),
 }
 WEEK, WEEK_MS = 2347, 259_200_000  # 1 January 2025, 00:00 GPS time
-BOOT_UNIX_S: Final = 1_735_689_600 - 18  # the same as Unix time
+BOOT_TIME_S: Final = 1_735_689_600 - 18  # Unix time
 
 
 class DataFlash:
@@ -60,8 +60,11 @@ class DataFlash:
 
 
 def dataflash(flight: Flight, seconds: float, path: Path, *, begin: float = 5.0, second_imu: bool = True) -> None:
-    """Write a flight: IMU at 100 Hz of two sensors, attitude at 50 Hz, the EKF of two cores at 25 Hz, of which the
-    first is the primary one, GPS at 5 Hz, the rest at 10 Hz."""
+    """Write a flight as a DataFlash log.
+
+    It has the IMU of two sensors at 100 Hz, attitude at 50 Hz, the EKF of two cores (the first is primary) at 25
+    Hz, GPS at 5 Hz, and the rest at 10 Hz.
+    """
     log = DataFlash()
     start = round(begin * 1e6)
     log.row("PARM", start, Name=b"SYSID_THISMAV", Value=7.0)

@@ -1,4 +1,4 @@
-"""What README.md, CHANGELOG.md, CONTRIBUTING.md and docs/ promise, as data."""
+"""The claims of README.md, CHANGELOG.md, CONTRIBUTING.md and docs/, as data."""
 
 import re
 from pathlib import Path
@@ -16,12 +16,12 @@ def text(path: Path | str) -> str:
 
 
 def name(path: Path) -> str:
-    """How a test is labelled with a document."""
+    """Return the label of a test for a document."""
     return str(path.relative_to(ROOT))
 
 
 def section(page: str, heading: str) -> str:
-    """What stands below a heading, to the next one of its level or above."""
+    """Return the text below a heading, to the next one of its level or above."""
     level, _, below = text(page).partition(f"# {heading}\n")
     depth = len(level) - len(level.rstrip("#")) + 1
     return re.split(rf"^#{{1,{depth}}} ", below, maxsplit=1, flags=re.MULTILINE)[0]
@@ -39,7 +39,10 @@ def blocks(markdown: str, language: str) -> list[str]:
 
 
 def names(cell: str) -> list[str]:
-    """The names in backticks, those cut short spelled out: `a.b`, `.c` is a.b, a.c; `x_1`, `_2` is x_1, x_2."""
+    """Return the names in backticks with shortened ones completed.
+
+    `a.b`, `.c` is a.b, a.c; `x_1`, `_2` is x_1, x_2.
+    """
     found: list[str] = []
     for name in re.findall(r"`([^`]+)`", cell):
         separator = name[0]
@@ -58,7 +61,7 @@ def scorecard_keys(command: str) -> set[str]:
 
 
 def keys_of(numbers: dict[str, object]) -> set[str]:
-    """The keys of a scorecard; what has open keys of its own (verdicts, health, log) counts as one."""
+    """Return the keys of a scorecard; a table with open keys (verdicts, health, log) counts as one."""
     spread = ("latency_ms", "drops", "own_state", "fault")
     flat = {k for k in numbers if k not in spread}
     for part in spread:

@@ -24,11 +24,11 @@ from onboard.wire.mavlink.encode import message_number
 from tests.support.leader import AUTOPILOT, S, T, estimate, origin, own_pose
 from tests.support.vehicle_records import TRAFFIC, nav_state
 
-NOW: Final = 1_800_000_000 * S
+NOW_TIME_NS: Final = 1_800_000_000 * S
 LINK: Final = "gcs"
 LEADER: Final[tuple[str, ...]] = get_args(LeaderMessage)
 STREAMS: Final = frozenset({*LEADER, "ODOMETRY", "COLLISION", "HEARTBEAT", "TIMESYNC", "ONBOARD_COMPUTER_STATUS"})
-CAMERA: Final = 100  # the component that sends what a camera does
+CAMERA_COMPONENT_ID: Final = 100  # sends the messages of a camera
 OF_CAMERA: Final = frozenset({"CAMERA_TRACKING_IMAGE_STATUS", "CAMERA_TRACKING_GEO_STATUS", "CAMERA_INFORMATION"})
 FIXED: Final = frozenset({"HEARTBEAT", "TIMESYNC", "SET_POSITION_TARGET_LOCAL_NED"})  # whose rates others rely on
 ON_REQUEST: Final = frozenset({"AUTOPILOT_VERSION", "CAMERA_INFORMATION"})
@@ -57,10 +57,10 @@ def everything(keys: dict[str, bytes] | None = None, refuse: OnRefused = ignore)
     out.connect(AUTOPILOT)
     for record in (own_pose(), estimate()):
         list(out.publish(record))
-    out.respond(LINK, [origin()], NOW)
-    out._guide(T - S // 10, NOW - S)
+    out.respond(LINK, [origin()], NOW_TIME_NS)
+    out._guide(T - S // 10, NOW_TIME_NS - S)
     for custom_mode in (5, 4):  # LOITER, GUIDED: it is led
-        out.respond(LINK, [replace(AUTOPILOT, custom_mode=custom_mode)], NOW - S)
+        out.respond(LINK, [replace(AUTOPILOT, custom_mode=custom_mode)], NOW_TIME_NS - S)
     out.show_computer(computer())
     out.take_lines()
     return out
@@ -70,8 +70,8 @@ def computer() -> ComputerStatus:
     """Two cores, 1 of 4 GiB, 8 of 32 GiB, 61.4 deg C."""
     gib = 2**30
     return ComputerStatus(
-        t_ns=NOW,
-        t_recv_ns=NOW,
+        t_ns=NOW_TIME_NS,
+        t_recv_ns=NOW_TIME_NS,
         clock=Clock.HOST,
         uptime=100.5,
         cpu_percent=(12.4, 100.0),
@@ -83,7 +83,7 @@ def computer() -> ComputerStatus:
     )
 
 
-def sent(out: AutopilotOutput, now_ns: int = NOW) -> list[bytes]:
+def sent(out: AutopilotOutput, now_ns: int = NOW_TIME_NS) -> list[bytes]:
     """The frames of one tick and of one record of each kind."""
     ticked = list(out.tick(now_ns, healthy=True, rates={}, boot_ns=T))
     published = [o for record in (nav_state(T // 1_000_000), TRAFFIC) for o in out.publish(record)]
@@ -92,7 +92,13 @@ def sent(out: AutopilotOutput, now_ns: int = NOW) -> list[bytes]:
 
 def answered(out: AutopilotOutput) -> list[bytes]:
     """The frames that answer one request of each kind."""
-    sender: dict[str, Any] = {"t_ns": NOW, "t_recv_ns": NOW, "clock": Clock.NONE, "system": 255, "component": 190}
+    sender: dict[str, Any] = {
+        "t_ns": NOW_TIME_NS,
+        "t_recv_ns": NOW_TIME_NS,
+        "clock": Clock.NONE,
+        "system": 255,
+        "component": 190,
+    }
     to_us = {"target_system": 7, "target_component": 191}
     messages: list[Message] = [
         Ping(**sender, time_us=1, number=2, target_system=0, target_component=0),
@@ -103,17 +109,19 @@ def answered(out: AutopilotOutput) -> list[bytes]:
     ]
     asked = ((510, "FOLLOW_TARGET"), *((512, name) for name in sorted(ON_REQUEST)))
     commands: list[Message] = [command(name, number) for number, name in asked]
-    return out.respond(LINK, [*messages, *commands], NOW).frames
+    return out.respond(LINK, [*messages, *commands], NOW_TIME_NS).frames
 
 
 def command(name: str, number: int, *params: float, component: int | None = None) -> Command:
     """A command about a message, to the component that sends it."""
-    to = (CAMERA if name in OF_CAMERA else 191) if component is None else component
+    to = (CAMERA_COMPONENT_ID if name in OF_CAMERA else 191) if component is None else component
     return command_long(number, float(message_number(name)), *params, component=to)
 
 
-def command_long(number: int, *params: float, t_ns: int = NOW, system: int = 7, component: int = 191) -> Command:
-    """A ground station's command to a system and component; parameters that are not given are 0."""
+def command_long(
+    number: int, *params: float, t_ns: int = NOW_TIME_NS, system: int = 7, component: int = 191
+) -> Command:
+    """Return a ground station's command to a system and component; missing parameters are 0."""
     return Command(
         t_ns=t_ns,
         t_recv_ns=t_ns,

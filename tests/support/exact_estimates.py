@@ -1,7 +1,7 @@
-"""Every estimate of the leader in a replay, with all digits of all its numbers: those of `onboard replay --out`
-end after six decimals.
+"""Every estimate of the leader in a replay, with all digits of its numbers.
 
-`python -m tests.support.exact_estimates LOG OUT.csv SETTING...`
+`python -m tests.support.exact_estimates LOG OUT.csv SETTING...` complements `onboard replay --out`, whose numbers
+have six decimals.
 """
 
 import csv

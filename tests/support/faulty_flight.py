@@ -1,5 +1,7 @@
-"""A synthetic flight of 9 s as messages and bytes, to which faults are applied: own motion at 25 Hz, images at
-12.5 Hz. Half of what flies costs half, and a fault shows as well."""
+"""A synthetic flight of 9 s as messages and bytes, to which faults are applied.
+
+Own motion comes at 25 Hz and images at 12.5 Hz, half the usual rates, to halve the cost.
+"""
 
 from functools import cache
 
@@ -9,7 +11,7 @@ from tests.support.beginnings import Beginning
 from tests.support.streams import Run, Stream, assert_sane, encode, position_error
 
 T0, T1 = 43.0, 52.0
-OWN_HZ = 25
+OWN_RATE_HZ = 25
 
 
 ITEMS = Stream(t0=T0, t1=T1, seed=21, sparse=True).items()

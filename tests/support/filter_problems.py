@@ -1,4 +1,4 @@
-"""What filters are tried on: random linear systems, a bent process and a radar's view, with their slopes."""
+"""Problems for filters: random linear systems, a nonlinear process and a radar, with Jacobians."""
 
 from collections.abc import Callable
 from typing import Any

@@ -29,7 +29,10 @@ def files(certs: Path, name: str) -> dict[str, Any]:
 
 
 def member(port: int, certs: Path, name: str, **changes: Any) -> ZenohSession:
-    """A session of a member of the fleet, some of whose files may be changed. Raises SinkError if refused."""
+    """A session of a member of the fleet, some of whose files may be changed.
+
+    Raises SinkError if refused.
+    """
     settings = files(certs, name) | changes
     return open_session(ZenohConfig(mode="client", connect=(f"tls/127.0.0.1:{port}",), **settings))
 

@@ -1,4 +1,4 @@
-"""Two real autopilots, each in its own simulator, with the daemon and `simlink camera` on them.
+"""Two real autopilots, each in its own simulator, with the daemon and `simlink camera`.
 
 A pilot flies the leader along a course by velocities. The daemon leads the follower: the pilot only takes it off,
 and enters the mode in which its autopilot flies setpoints.
@@ -25,11 +25,11 @@ SLOT: Final = (-30.0, 0.0, 3.0)  # `slot_m` of [guidance]
 MOUNT_DEG, F_PX, HALF_PX = 15.0, 554.256, (320.0, 240.0)  # configs/sitl.toml
 FOLLOWER, LEADER = 1, 2  # MAVLink systems
 LEADER_HEIGHT_M: Final = 25.0
-MAX_TAKEOFF_S: Final = 150.0  # until the filters know where they are, and both have climbed
-SETTLE_S: Final = 14.0  # from the first image to the beginning of the course
-PREVIEW_S: Final = 6.0  # of which before the mode is entered
-MAX_ENTRY_S: Final = 8.0  # until the autopilot confirms the mode
-MAX_SILENCE_S: Final = 3.0  # of a simulator's truth
+TAKEOFF_TIMEOUT_S: Final = 150.0  # until the filters have a position, and both have climbed
+SETTLING_TIME_S: Final = 14.0  # from the first image to the beginning of the course
+PREVIEW_TIME_S: Final = 6.0  # the part of it before the mode is entered
+ENTRY_TIMEOUT_S: Final = 8.0  # until the autopilot confirms the mode
+SILENCE_TIMEOUT_S: Final = 3.0  # of a simulator's truth
 ASK_PERIOD_S: Final = 1.0
 HEIGHT_GAIN: Final = 0.5  # 1/s, of the leader's height
 MIN_COURSE_SPEED: Final = 2.0  # m/s; faster, the leader's velocity shows its course
@@ -37,15 +37,15 @@ MAX_ROW_INTERVAL_S: Final = 0.3  # of COMMAND_PERIOD_S; longer is late
 MAX_LATE_RATIO: Final = 0.02  # of the rows
 STOOD_STILL: Final = "stood still"  # a line of the daemon's, whose timers were late by a second
 FALSE_WORDS: Final = ("focal length", "mount", "is its detector running?")  # in STATUSTEXT: nothing is wrong
-FINAL_S: Final = 5.0  # at the end of a flight, in which the follower must be in its place
+FINAL_TIME_S: Final = 5.0  # at the end of a flight, in which the follower must be in its place
 MAX_ANGLE: Final = math.radians(60.0)  # of the follower from its side
-MIN_IN_VIEW: Final = 0.9
+MIN_VIEW_SHARE: Final = 0.9
 
 Velocity = tuple[float, float, float]
 
 
 class Start(NamedTuple):
-    """Where a vehicle boots: m from HOME, heading in rad; and to which height it climbs."""
+    """The position at boot (m from HOME), heading (rad), and the height to climb to."""
 
     north_m: float
     east_m: float
@@ -54,8 +54,11 @@ class Start(NamedTuple):
 
 
 class Vehicle(Protocol):
-    """One autopilot and its simulator. `for_daemon`, `for_camera`: addresses; `texts`: its STATUSTEXTs. Its true
-    position (m) and velocity (m/s) are in n of HOME."""
+    """One autopilot and its simulator.
+
+    `for_daemon`, `for_camera`: addresses; `texts`: its STATUSTEXTs. Its true position (m) and velocity (m/s) are
+    in n of HOME.
+    """
 
     for_daemon: str
     for_camera: str
@@ -94,24 +97,23 @@ class Vehicle(Protocol):
         """Ask for the mode that flies setpoints."""
 
     def go(self, v_n: Velocity, yaw: float) -> None:
-        """Fly with this velocity (m/s, NED) and heading (rad) from now on, in the mode that flies setpoints."""
+        """Fly with this velocity (m/s, NED) and heading (rad) from now on, in the mode for setpoints."""
 
     def end(self) -> None:
         """End the process."""
 
 
 class Row(NamedTuple):
-    """What is true at one time, s: both places (m) and velocities (m/s) in n, the follower's pitch (rad), the
-    leader's heading as it was flown (rad), and whether the leader was inside the image."""
+    """The true states at one time (s)."""
 
     t: float
-    r_F: Array
-    v_F: Array
+    r_F: Array  # m in n
+    v_F: Array  # m/s
     r_L: Array
     v_L: Array
-    pitch: float
-    heading: float
-    in_view: bool
+    pitch: float  # rad, of the follower
+    heading: float  # rad, as flown by the leader
+    in_view: bool  # whether the leader was inside the image
 
     @property
     def distance(self) -> float:
@@ -120,7 +122,7 @@ class Row(NamedTuple):
 
     @property
     def aside(self) -> float:
-        """How far the follower is from its side of the leader, about it, rad."""
+        """The angle between the follower and its side of the leader, rad."""
         north, east = (self.r_F - self.r_L)[:2].tolist()
         return abs(math.remainder(math.atan2(east, north) - self.heading - math.pi, 2.0 * math.pi))
 
@@ -131,7 +133,7 @@ class Row(NamedTuple):
 
     @property
     def slot_error(self) -> float:
-        """The follower's distance from its slot, m, behind the leader's course while it flies forward."""
+        """The follower's distance from its slot behind the leader's course, m, in forward flight."""
         course, (north, east) = self.heading, self.v_L[:2].tolist()
         if math.hypot(north, east) > MIN_COURSE_SPEED and north * math.cos(course) + east * math.sin(course) > 0.0:
             course = math.atan2(east, north)
@@ -159,7 +161,10 @@ class Verdict(NamedTuple):
 
 
 class Field:
-    """Both vehicles, and the camera and the daemon on them. `rows`: ten a second since the mode was entered."""
+    """Both vehicles, and the camera and the daemon on them.
+
+    `rows`: ten a second since the mode was entered.
+    """
 
     def __init__(self, folder: Path, follower: Vehicle, leader: Vehicle, stack: ExitStack) -> None:
         self.follower, self.leader, self.stack = follower, leader, stack
@@ -181,7 +186,10 @@ class Field:
         return self.daemons[-1]
 
     def camera(self, blackout: tuple[float, float] | None = None) -> Program:
-        """`simlink camera` between both; without images from one time to another, s since the first one."""
+        """Run `simlink camera` between both vehicles.
+
+        Images may be interrupted for an interval, s since the first one.
+        """
         scenario = (CODE / "simlink" / "scenarios" / "sitl.toml").read_text(encoding="utf-8")
         if blackout is not None:
             gap = f"[camera]\nblackouts = [{{ start = {blackout[0]}, end = {blackout[1]} }}]"
@@ -201,33 +209,37 @@ class Field:
         self._ask(
             lambda: all_climb(vehicles),
             lambda: all(v.is_up for v in vehicles),
-            MAX_TAKEOFF_S,
+            TAKEOFF_TIMEOUT_S,
             f"no take-off: {[v.texts[-5:] for v in vehicles]}",
         )
 
     def fly(self, course: Course) -> None:
-        """Let the daemon lead the follower behind a leader on a course. Raises AssertionError if that does not
-        begin."""
+        """Let the daemon lead the follower behind a leader on a course.
+
+        Raises AssertionError if that does not begin.
+        """
         hover = Command((0.0, 0.0, 0.0), course.heading)
         self.follower.hold()
         self.daemon().wait_for("link autopilot")
         outage = course.outage or (math.inf, math.inf)
-        blackout = (SETTLE_S + outage[0], SETTLE_S + outage[1])
+        blackout = (SETTLING_TIME_S + outage[0], SETTLING_TIME_S + outage[1])
         camera = self.camera(blackout if course.kind is Kind.BLIND else None)
-        self._ask(self.follower.hold, lambda: "first exposure" in camera.output(), MAX_ENTRY_S, "no image", hover)
+        self._ask(
+            self.follower.hold, lambda: "first exposure" in camera.output(), ENTRY_TIMEOUT_S, "no image", hover
+        )
         begin = time.monotonic()
-        while time.monotonic() - begin < PREVIEW_S:
+        while time.monotonic() - begin < PREVIEW_TIME_S:
             self._command(hover)
         self._ask(
             self.follower.follow,
             lambda: self.follower.is_in_setpoint_mode,
-            MAX_ENTRY_S,
+            ENTRY_TIMEOUT_S,
             f"the mode was not entered: {self.follower.texts[-5:]}",
             hover,
         )
         self.entered = len(self.daemons[0].output())
         self.rows.clear()
-        while time.monotonic() - begin < SETTLE_S:
+        while time.monotonic() - begin < SETTLING_TIME_S:
             self._command(hover)
         commands, changes = list(course.commands()), list(outage) if course.kind is Kind.KILLED else []
         begin = time.monotonic()
@@ -246,7 +258,7 @@ class Field:
         slot_m = math.dist(SLOT, (0.0, 0.0, 0.0))
         distances = [row.distance for row in rows]
         errors = np.array([row.slot_error for row in rows])
-        final = [row for row in rows if row.t > rows[-1].t - FINAL_S]
+        final = [row for row in rows if row.t > rows[-1].t - FINAL_TIME_S]
         late = float((np.diff([row.t for row in rows]) > MAX_ROW_INTERVAL_S).mean())
         stood = self.daemons[0].output()[self.entered :].count(STOOD_STILL)
         texts = " ".join(self.follower.texts)
@@ -257,7 +269,7 @@ class Field:
         misses = {
             "too near": min(distances) < min_allowed,
             "not in place at the end": not all(row.is_in_place for row in final),
-            "out of the image": in_view < MIN_IN_VIEW,
+            "out of the image": in_view < MIN_VIEW_SHARE,
             "false words": bool(false_words),
         }
         return Verdict(
@@ -285,7 +297,10 @@ class Field:
         what: str,
         hover: Command | None = None,
     ) -> None:
-        """Ask again and again until it is done, with the leader hovering. Raises AssertionError in the end."""
+        """Ask again and again until it is done, with the leader hovering.
+
+        Raises AssertionError in the end.
+        """
         begin, asked = time.monotonic(), -math.inf
         while not is_done():
             now = time.monotonic()

@@ -1,4 +1,4 @@
-"""What of the code grows unseen, counted off the sources."""
+"""Measures of the code's growth, counted in the sources."""
 
 import ast
 from collections import Counter, defaultdict
@@ -19,7 +19,7 @@ PLAIN = {0, 1, 2, 0.5}  # numbers that choose nothing
 
 
 class Function(NamedTuple):
-    """A function, how many arguments it takes, and whether each of them and its result have a type."""
+    """A function, the number of its arguments, and whether arguments and result have types."""
 
     name: str
     arguments: int
@@ -97,14 +97,14 @@ def names_of_two(package: Path) -> dict[str, list[str]]:
 
 
 def state_vectors(estimator: str) -> set[str]:
-    """The modules, of an estimator and of the models that it imports, that have a state vector."""
+    """Return the modules with a state vector, of an estimator and of the models that it imports."""
     modules = [_module(path) for path in _files(f"onboard/estimators/{estimator}")]
     near = {m for m in needed_by(modules) if m in modules or m.startswith("onboard.models.")}
     return {m for m in near if COUNT_OF_STATES & _assigned(ROOT / f"{m.replace('.', '/')}.py")}
 
 
 def numbers(estimator: str) -> int:
-    """How many numbers its modules choose: in constants, and as defaults of records."""
+    """Count the chosen numbers of its modules, in constants and as defaults of records."""
     found = 0
     for path in _files(f"onboard/estimators/{estimator}"):
         tree = _tree(path)

@@ -1,4 +1,4 @@
-"""Whether a covariance is as large as the errors: the NEES over many short flights, bounded from both sides."""
+"""Two-sided tests of covariances: the NEES over many short flights."""
 
 from collections.abc import Sequence
 
@@ -7,9 +7,9 @@ from scipy.stats import chi2
 
 from onboard.arrays import Array
 
-SURE = 0.99  # that an honest filter passes
-CALM = 3.5  # times as large as the errors a standard deviation may be, where the truth is calmer than expected
-CORRELATED = 1.5  # times as large as its expectation the mean NEES of one flight may be: its errors last
+PASS_PROBABILITY = 0.99  # of an honest filter
+MAX_CALM_RATIO = 3.5  # of standard deviation and error, if the truth is calmer than expected
+MAX_NEES_RATIO = 1.5  # of the mean NEES of one flight to its expectation, as its errors are correlated
 
 
 def nees(error: Array, P: Array) -> float:
@@ -18,8 +18,8 @@ def nees(error: Array, P: Array) -> float:
 
 
 def bounds(dof: int, flights: int) -> tuple[float, float]:
-    """What the mean NEES over independent flights keeps within, if the filter is honest."""
-    low, high = chi2.ppf([(1 - SURE) / 2, (1 + SURE) / 2], dof * flights) / flights
+    """Return the bounds of the mean NEES over independent flights of an honest filter."""
+    low, high = chi2.ppf([(1 - PASS_PROBABILITY) / 2, (1 + PASS_PROBABILITY) / 2], dof * flights) / flights
     return float(low), float(high)
 
 
@@ -31,7 +31,9 @@ def assert_honest(found: Sequence[float], dof: int) -> None:
 
 
 def assert_neither_too_sure_nor_too_unsure(mean_nees: float, dof: int) -> None:
-    """Assert of one flight, or of aircraft that fly more calmly than a filter expects, that errors are no larger
-    than the covariance says, and its standard deviations at most `CALM` times as large. Whoever makes a filter
-    sharper changes no number here."""
-    assert dof / CALM**2 < mean_nees < CORRELATED * dof
+    """Assert the consistency of one flight, or of aircraft that fly more calmly than expected.
+
+    Errors must be no larger than the covariance says, and its standard deviations at most `MAX_CALM_RATIO` times
+    as large as the errors. A sharper filter needs no change here.
+    """
+    assert dof / MAX_CALM_RATIO**2 < mean_nees < MAX_NEES_RATIO * dof

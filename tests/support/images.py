@@ -1,4 +1,4 @@
-"""Detections as messages of their own, for tests that change single ones, as exposures, and as updates."""
+"""Detections as separate messages, as exposures, and as updates, for tests that change them."""
 
 from collections.abc import Iterable
 from itertools import groupby

@@ -1,6 +1,8 @@
-"""What is computed once and kept on disk, under a digest of all sources that it depends on: flights of simlink,
-which depend on scenario and seed alone, and what a pipeline makes of a flight. It is in `.pytest_cache`, without
-what other sources made: a change of views, commands, links or documents flies nothing anew."""
+"""Results that are computed once and kept on disk, under a digest of the sources that they depend on.
+
+They are flights of simlink, which depend on scenario and seed alone, and a pipeline's outputs for a flight. They
+are in `.pytest_cache`; a change of views, commands, links or documents invalidates none of them.
+"""
 
 import hashlib
 import io
@@ -27,21 +29,24 @@ from tests.support.programs import ROOT
 FOLDER: Final = ROOT / ".pytest_cache" / "flights"
 SOURCES: Final = ("simlink", "onboard/messages", "onboard/wire", "onboard/geometry", "onboard/arrays.py")
 OUTPUTS: Final = ROOT / ".pytest_cache" / "outputs"
-WORTH_S: Final = 0.4  # of a core: what was computed sooner is computed anew
+MIN_COST_TIME_S: Final = 0.4  # of a core; cheaper results are computed again
 Arriving = Datagram | Truth | TrafficTruth
 T = TypeVar("T")
 
 
 def flight(scenario: Scenario, seed: int, seconds: float | None, camera: CameraLink = "zenoh") -> list[Arriving]:
-    """What `simlink.simulation.datagrams` gives."""
+    """Return the output of `simlink.simulation.datagrams`."""
     asked = hashlib.sha256(repr((scenario, seed, seconds, camera)).encode()).hexdigest()
     return _kept(_folder() / asked[:32], lambda: [*datagrams(scenario, seed, seconds, camera=camera)], 0.0)
 
 
 def flown(asked: object, fly: Callable[[], T]) -> T:
-    """What `fly` makes of a pipeline and of `asked`: all that it depends on but the sources of what flies, so that
-    nothing of these may be patched. It must be possible to pickle both."""
-    return _kept(_outputs() / hashlib.sha256(_bytes(asked)).hexdigest()[:32], fly, WORTH_S)
+    """Return the result of `fly` for a pipeline and `asked`.
+
+    These are all of its inputs apart from sources, so that nothing of these may be patched. Both must be
+    picklable.
+    """
+    return _kept(_outputs() / hashlib.sha256(_bytes(asked)).hexdigest()[:32], fly, MIN_COST_TIME_S)
 
 
 def _kept(path: Path, make: Callable[[], T], worth_s: float) -> T:
@@ -76,7 +81,7 @@ def digest(root: Path = ROOT) -> str:
 
 
 def digest_of_what_flies() -> str:
-    """SHA-256 of all modules that a pipeline may import, and of the libraries that it computes with."""
+    """Return the SHA-256 of all modules that a pipeline may import, and of its libraries."""
     libraries = (sys.version, np.__version__, numba.__version__, msgspec.__version__, pymavlink.__version__)
     how = tuple(os.environ.get(name) for name in ("NUMBA_DISABLE_JIT", "WINGLINE_PRECISION"))
     return _digest(ROOT, what_flies(), (libraries, how))

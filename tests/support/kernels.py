@@ -1,16 +1,16 @@
-"""Machine code for the tests: none is used that may have been made from other sources than those that stand here.
+"""Machine code for the tests that was made from the present sources only.
 
 Numba compiles a function again when its own file changes, but not when a function that it calls stands in another
-file and changes there. So a module's machine code is kept only if all of it was made, or used, by tests of these
-sources: of the module, and of all that it imports. A file in onboard/__pycache__ holds the digests of the sources,
-module by module, and is as new as the newest machine code that the tests made. Code that is newer was made by
-another program, perhaps while a source was another: if one has been written since, too.
+file and changes there. A module's machine code is therefore kept only if all of it was made, or used, by tests of
+the present sources of the module and its imports. A file in onboard/__pycache__ holds the digests of the sources,
+module by module, and has the time of the newest machine code of the tests. Newer code was made by another program,
+perhaps from other sources, if one of them has been written since.
 
-Single precision is compiled only with `WINGLINE_PRECISION=both`, as `make test-all` does: it is two fifths of all
-machine code. Otherwise tests of single precision (marked `single`) run without the compiler, in a process of their
-own (tests/unit/filters/test_single_precision.py).
+Single precision, two fifths of all machine code, is compiled only with `WINGLINE_PRECISION=both`, as in `make
+test-all`. Otherwise its tests (marked `single`) run without the compiler, in a separate process
+(tests/unit/filters/test_single_precision.py).
 
-`python -m tests.support.kernels` compiles all kernels so that the tests take them over; `make install` does it.
+`python -m tests.support.kernels` compiles all kernels for the tests, as `make install` does.
 """
 
 import hashlib
@@ -28,7 +28,7 @@ STAMP = ROOT / "onboard" / "__pycache__" / "kernels-tested.json"
 
 
 def choose_precision() -> None:
-    """What is compiled here and in every process that starts from here, whatever commands run in this one."""
+    """Choose the compiled precision for this process and all that start from it."""
     os.environ.setdefault("WINGLINE_PRECISION", "double")
 
 
@@ -53,7 +53,10 @@ def unknown(
     code: Mapping[str, Iterable[Path]],
     files: Mapping[str, Iterable[Path]],
 ) -> list[str]:
-    """The modules whose digest is not the stamp's, or of whose code and source `files` some are newer than it."""
+    """Return the modules with outdated machine code.
+
+    Their digest is not the stamp's, or some of their code and source `files` are newer than it.
+    """
     if not stamp.exists():
         return [*of_sources]
     known, time_ns = json.loads(stamp.read_text(encoding="utf-8")), stamp.stat().st_mtime_ns
@@ -69,16 +72,21 @@ def unknown(
 
 
 def older(files: Iterable[Path], code: Iterable[Path]) -> bool:
-    """Whether machine code is older than a source. Numba then compiles it again, also if the source is the same:
-    each process on its own."""
+    """Whether machine code is older than a source.
+
+    Numba then compiles it again, also if the source is the same: each process on its own.
+    """
     newest = max(path.stat().st_mtime_ns for path in files)
     return any(path.stat().st_mtime_ns < newest for path in code)
 
 
 def prepare(*, all_at_once: bool) -> None:
-    """Delete machine code unless it is known. Then compile all kernels if `all_at_once`: several processes are to
-    run tests, must not write the same index at the same time, and would each compile what is missing. A stamp says
-    nothing about precisions: where both are wanted, what is missing of the second is compiled each time."""
+    """Delete machine code unless it is known.
+
+    Then compile all kernels if `all_at_once`: several processes are to run tests, must not write the same index at
+    the same time, and would each compile what is missing. A stamp says nothing about precisions: where both are
+    wanted, what is missing of the second is compiled each time.
+    """
     before = digests()
     assert compiling.knows_folders(), "this Numba does not say where its machine code is"
     code = {name: compiling.machine_code(name) for name in before}
@@ -96,8 +104,10 @@ def prepare(*, all_at_once: bool) -> None:
 
 
 def keep(before: Mapping[str, str], made: Container[str]) -> None:
-    """Stamp the machine code of now: of modules that are stamped, and of those `made`. None if the sources are no
-    longer those whose digests are `before`."""
+    """Stamp the machine code of now: of modules that are stamped, and of those `made`.
+
+    None if the sources are no longer those whose digests are `before`.
+    """
     if digests() == before:
         stamped = json.loads(STAMP.read_text(encoding="utf-8")) if STAMP.exists() else {}
         _stamp({name: digest for name, digest in before.items() if name in made or name in stamped})

@@ -25,7 +25,10 @@ AUTOPILOT: Final = Heartbeat(
 
 
 def estimate(**changed: Any) -> Estimate:
-    """At T: 30 m to the north, 4 m to the east, 2 m below us, 1 m/s faster to the north; a right turn."""
+    """Return an estimate at T of a leader in a right turn.
+
+    It is 30 m north, 4 m east and 2 m below us, and 1 m/s faster to the north.
+    """
     fields: dict[str, Any] = {
         "name": "leader",
         "target": "leader",
@@ -46,7 +49,10 @@ def estimate(**changed: Any) -> Estimate:
 
 
 def own_pose(**changed: Any) -> OwnPose:
-    """At T: 100 m north, 50 m east and 40 m above O, 10 m/s to the north, level, nose to the north."""
+    """Return our pose at T: level, nose to the north, at 10 m/s to the north.
+
+    It is 100 m north, 50 m east and 40 m above O.
+    """
     fields: dict[str, Any] = {
         "t_ns": T,
         "r_OF_n": (100.0, 50.0, -40.0),

@@ -1,4 +1,4 @@
-"""MAVLink frames packed by hand, our decoder's reading of them, and pymavlink's parser to compare with."""
+"""MAVLink frames packed by hand, decoded by us and by pymavlink's parser."""
 
 import struct
 from typing import Any, Final
@@ -9,7 +9,7 @@ from onboard.messages import Message
 from onboard.wire.mavlink.decode import MavlinkDecoder
 from tests.support.images import detections
 
-RECV: Final = 1_735_689_605_000_000_000
+RECEIVE_TIME_NS: Final = 1_735_689_605_000_000_000
 # LOCAL_POSITION_NED of system 3, component 1.
 NED_V2: Final = "fd1c000007030120000040e201000000c03f000010c00000f4c10000003e000000bf000080401edb"
 NED_V1: Final = "fe1c0703012040e201000000c03f000010c00000f4c10000003e000000bf000080406547"
@@ -41,7 +41,7 @@ def frame(
 
 def decode(data: bytes, *, stream: bool = False) -> list[Message]:
     """The messages that a new decoder reads, received at RECV."""
-    return MavlinkDecoder(stream=stream).decode(data, RECV)
+    return MavlinkDecoder(stream=stream).decode(data, RECEIVE_TIME_NS)
 
 
 def one(data: bytes) -> Any:

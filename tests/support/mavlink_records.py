@@ -1,4 +1,4 @@
-"""A record of each kind that we encode, with the name and the fields that a MAVLink parser is to find."""
+"""A record of each encoded kind, with the MAVLink name and fields that a parser must find."""
 
 import math
 from typing import Any, Final
@@ -20,9 +20,9 @@ from onboard.messages import (
     SystemTime,
     TimeSync,
 )
-from tests.support.mavlink_frames import RECV
+from tests.support.mavlink_frames import RECEIVE_TIME_NS
 
-HEAD: Final = {"t_ns": 5_250_000_000, "t_recv_ns": RECV}
+HEAD: Final = {"t_ns": 5_250_000_000, "t_recv_ns": RECEIVE_TIME_NS}
 RECORDS: Final[tuple[tuple[Message, str, dict[str, Any]], ...]] = (
     (
         Heartbeat(**HEAD, vehicle_type=18, autopilot=8, armed=True, status=4),

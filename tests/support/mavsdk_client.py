@@ -1,4 +1,4 @@
-"""How a test starts MAVSDK, in a process of its own since its core is native code."""
+"""Start of MAVSDK in a separate process, since its core is native code."""
 
 import importlib.util
 

@@ -1,4 +1,4 @@
-"""A camera on a gimbal that sweeps, and a distorted lens: pixels of `streams.Flight`, drawn by OpenCV."""
+"""A camera on a sweeping gimbal with a distorted lens; OpenCV computes the pixels."""
 
 import json
 import math
@@ -23,15 +23,14 @@ LOOP: Final = Flight(radius=300.0)
 
 
 class Mount(NamedTuple):
-    """How the head moves: amplitudes in degrees of yaw and pitch against our heading and the horizon; and how the
-    gimbal reports it: in which frame, every so many ms, this late, with a clock that is this far behind ours."""
+    """The motion of the gimbal's head, and how it is reported."""
 
-    yaw: float = 15.0
-    pitch: float = 6.0
-    frame: MountFrame = "heading"
-    period_ms: int = 100
-    late_ms: int = 15
-    behind_ms: int = 0
+    yaw: float = 15.0  # degrees, amplitude against our heading
+    pitch: float = 6.0  # degrees, amplitude against the horizon
+    frame: MountFrame = "heading"  # of its report
+    period_ms: int = 100  # of its reports
+    late_ms: int = 15  # their latency
+    behind_ms: int = 0  # of its clock against ours
     error_deg: float = 0.0
 
     def against_horizon(self, t: float) -> Array:
@@ -40,7 +39,7 @@ class Mount(NamedTuple):
         return matrix_from_euler(0.0, math.radians(pitch), math.radians(yaw))
 
     def attitude(self, t: float, flight: Flight) -> MountAttitude:
-        """What the gimbal sends."""
+        """Return the gimbal's report."""
         rpy = flight.at(t).rpy
         tilted = self.against_horizon(t) @ matrix_from_euler(0.0, *np.radians([self.error_deg, self.error_deg]))
         R_nh = matrix_from_euler(0.0, 0.0, rpy[2])
@@ -53,7 +52,7 @@ class Mount(NamedTuple):
 
 
 def pixels(flight: Flight, t: float, R_nc: Array, distortion: tuple[float, ...]) -> Array:
-    """Center, left and right (3, 2) as OpenCV projects them, whose camera looks along its third axis."""
+    """Return center, left and right (3, 2) as projected by OpenCV, whose camera looks along z."""
     follower, leader = flight.at(t), flight.at(t, flight.gap)
     wing = matrix_from_euler(*leader.rpy)[:, 1] * flight.size / 2
     r_c = np.array([R_nc.T @ (leader.r + offset - follower.r) for offset in (0 * wing, -wing, wing)])
@@ -73,8 +72,11 @@ def flown(
     distortion: tuple[float, ...] = BARREL,
     sparse: bool = False,
 ) -> Run:
-    """A flight with a pixel of noise. Without a `mount` the camera is fixed to the body;
-    `in_image`: the attitude comes with each image, else from the gimbal; `sparse`: at half the rates."""
+    """A flight with a pixel of noise.
+
+    Without a `mount` the camera is fixed to the body; `in_image`: the attitude comes with each image, else from
+    the gimbal; `sparse`: at half the rates.
+    """
     rng = np.random.default_rng(seed)
     encoder = MavlinkEncoder(1, GIMBAL)
     timed: list[tuple[int, Datagram]] = []
@@ -114,7 +116,7 @@ def flown(
 
 
 def range_error(run: Run, after: float, flight: Flight = LOOP) -> float:
-    """Root mean square of the range's error, of valid estimates later than `after` s of boot time, m."""
+    """Return the RMS range error of valid estimates later than `after` s of boot time, m."""
     late = [e for e in run.estimates if e.valid and e.t_ns > after * S]
     found = [
         math.hypot(*e.mean[:3]) - float(np.linalg.norm(flight.relative(e.t_ns / S)[0]))

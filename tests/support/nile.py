@@ -1,4 +1,7 @@
-"""The yearly flow of the Nile at Aswan, 1871 to 1970, 10^8 m^3 (Cobb 1978): the series of Durbin & Koopman."""
+"""The annual flow of the Nile at Aswan, 1871 to 1970, 10^8 m^3 (Cobb 1978).
+
+It is the series of Durbin & Koopman.
+"""
 
 from typing import Final
 

@@ -1,4 +1,4 @@
-"""One image of the leader through the pipeline as it ships, and every call of ours on its way."""
+"""One image of the leader through the default pipeline, with all calls of our functions."""
 
 import sys
 from functools import cache
@@ -11,20 +11,18 @@ from onboard.pipeline import Pipeline
 from tests.support.programs import ROOT
 from tests.support.streams import Stream
 
-LONGEST_OTHER = 100  # bytes of a datagram that is no image, which is three LANDING_TARGETs
+MAX_OTHER_BYTES = 100  # of a datagram without an image, which has three LANDING_TARGETs
 INLINED = {"<listcomp>", "<setcomp>", "<dictcomp>", "<genexpr>", "<lambda>"}  # by later versions of Python
 PACKAGE = f"{ROOT / 'onboard'}/"
 
 
 class Way(NamedTuple):
-    """From `Pipeline.feed` with the image's bytes to its estimate: the calls upon each other at the deepest place
-    as (file, function), all files that have a part in it, how often it enters or re-enters one of them, and the
-    number of calls."""
+    """The calls from `Pipeline.feed` with the image's bytes to its estimate."""
 
     estimate: Estimate
-    deepest: tuple[tuple[str, str], ...]
-    files: frozenset[str]
-    stays: int
+    deepest: tuple[tuple[str, str], ...]  # (file, function) of the deepest call stack
+    files: frozenset[str]  # all that take part
+    stays: int  # how often it enters or re-enters a file
     calls: int
 
 
@@ -33,7 +31,7 @@ def way_of_one_image() -> Way:
     """With the default settings of `[estimator.leader]`, in the steady state."""
     pipeline = Pipeline(parse_config({"estimator": {"leader": {}}}))
     datagrams = Stream(t0=5.0, t1=9.0, seed=1).datagrams()
-    newest = max(k for k, d in enumerate(datagrams) if len(d.data) > LONGEST_OTHER)
+    newest = max(k for k, d in enumerate(datagrams) if len(d.data) > MAX_OTHER_BYTES)
     for datagram in datagrams[:newest]:
         pipeline.feed(datagram)
     stack: list[tuple[str, str]] = []

@@ -1,5 +1,7 @@
-"""The longest test files, as measured, the longest first. They begin first, so that the workers end together. The
-order changes nothing but the time it takes."""
+"""The longest test files, as measured, the longest first.
+
+They begin first, so that the workers end together. The order changes nothing but the time it takes.
+"""
 
 from typing import Final
 
@@ -49,5 +51,5 @@ LONGEST: Final = (
 
 
 def place(file: str) -> int:
-    """Where a file comes, by its path in the repository: all that are not listed come last."""
+    """Return the place of a file in the order, by its path; unlisted files come last."""
     return LONGEST.index(file) if file in LONGEST else len(LONGEST)

@@ -1,4 +1,4 @@
-"""Our own vehicle's messages made by hand, free of noise unless it is added, and the states they give."""
+"""Messages of our own vehicle, without noise by default, and the resulting states."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -13,11 +13,11 @@ from onboard.pipeline import Pipeline
 
 MS: Final = 1_000_000
 ORIGIN: Final = (47.4, 8.5, 500.0)
-G: Final = 9.80665
+GRAVITY: Final = 9.80665
 
 
 def pipeline(**section: Any) -> Pipeline:
-    """A pipeline with these settings of the own-state estimator, and the delay `gps_s` of fixes."""
+    """Return a pipeline with these settings of the own-state estimator, and the GPS delay `gps_s`."""
     delay = {"gps_s": section.pop("gps_s", 0.0)}
     return Pipeline(parse_config({"estimator": {"own_state": section}, "delay": delay}))
 
@@ -32,7 +32,7 @@ def attitude(t_ms: int, q: Sequence[float] = (1, 0, 0, 0), omega: Sequence[float
     return Attitude(**header(t_ms), q_nb=tuple(map(float, q)), omega_b=tuple(map(float, omega)))
 
 
-def imu(t_ms: int, f_b: Sequence[float] = (0, 0, -G), omega: Sequence[float] = (0, 0, 0)) -> Imu:
+def imu(t_ms: int, f_b: Sequence[float] = (0, 0, -GRAVITY), omega: Sequence[float] = (0, 0, 0)) -> Imu:
     """Specific force, m/s^2, and rates, rad/s, in body axes; by default at rest."""
     return Imu(**header(t_ms), f_b=tuple(map(float, f_b)), omega_b=tuple(map(float, omega)))
 

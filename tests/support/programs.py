@@ -19,13 +19,13 @@ CODE = Path(os.environ.get("ONBOARD_CODE", ROOT))  # the checkout whose programs
 DATA = ROOT.parent / "shared" / "data"
 STATES = Path(tempfile.gettempdir()) / f"onboard-tests-{os.getpid()}"  # of daemons that are started again
 NO_MORE: Mapping[str, str] = {}
-PATIENCE = 300.0  # s; what takes longer hangs: nothing here is about speed
+TIMEOUT_S = 300.0  # a slower program hangs: no test here is about speed
 
 
 def run(*command: str | Path, cwd: Path | None = None) -> "subprocess.CompletedProcess[str]":
     """Run `onboard ...` or `simlink ...` to its end."""
     return subprocess.run(
-        argv(*command), cwd=cwd, capture_output=True, text=True, timeout=PATIENCE, check=False, env=environment()
+        argv(*command), cwd=cwd, capture_output=True, text=True, timeout=TIMEOUT_S, check=False, env=environment()
     )
 
 
@@ -50,7 +50,7 @@ def environment() -> dict[str, str]:
 
 
 class Program:
-    """A running program of ours, by another Python if need be; its stderr goes to the file `log`."""
+    """A running program of ours, optionally of another Python; its stderr goes to the file `log`."""
 
     def __init__(
         self,
@@ -97,13 +97,13 @@ class Program:
         for process in (self.process, *self._family):
             with suppress(psutil.NoSuchProcess):
                 process.kill()
-        self.popen.wait(PATIENCE)
+        self.popen.wait(TIMEOUT_S)
 
     def end(self, number: int = signal.SIGTERM, *, group: bool = False) -> int:
         """Send a signal to it, or to its process group, and wait; its exit code."""
         if self.popen.poll() is None:
             (os.killpg if group else os.kill)(self.popen.pid, number)
-        code = self.popen.wait(PATIENCE)
+        code = self.popen.wait(TIMEOUT_S)
         if code < 0 and code != -number:
             print(f"died of {signal.Signals(-code).name}, with output:\n{self.output()}", file=sys.stderr)
         return code
@@ -119,7 +119,7 @@ def started(log: Path, *command: str | Path, cwd: Path | None = None) -> Iterato
         program.kill()
 
 
-def until(condition: Callable[[], Any], what: str, timeout: float = PATIENCE) -> Any:
+def until(condition: Callable[[], Any], what: str, timeout: float = TIMEOUT_S) -> Any:
     """Wait for `condition` to hold; its value."""
     deadline = time.monotonic() + timeout
     while not (value := condition()):

@@ -1,4 +1,4 @@
-"""A real PX4 that simulates its own vehicle (simulation in hardware), as a vehicle of `formation_flown`."""
+"""A real PX4 with simulation in hardware, as a vehicle of `formation_flown`."""
 
 import math
 import os
@@ -13,11 +13,19 @@ from pymavlink import mavutil
 from onboard.arrays import Array
 from onboard.geometry.geodesy import ned_from_geodetic
 from onboard.geometry.rotations import matrix_from_quaternion
-from tests.support.formation_flown import EARTH_RADIUS_M, FOLLOWER, HOME, MAX_SILENCE_S, Start, Velocity, add_text
+from tests.support.formation_flown import (
+    EARTH_RADIUS_M,
+    FOLLOWER,
+    HOME,
+    SILENCE_TIMEOUT_S,
+    Start,
+    Velocity,
+    add_text,
+)
 from tests.support.programs import CODE
 
 BINARY: Final = os.environ.get("PX4", "")
-OFFBOARD: Final = 6  # main mode
+OFFBOARD_MODE: Final = 6  # main mode
 VELOCITY_AND_YAW: Final = 0b0000_1001_1100_0111  # the fields of SET_POSITION_TARGET that are ignored
 M: Final = mavutil.mavlink
 # Without a remote control, a battery or a card; and with the drag of a real vehicle (docs/px4.md).
@@ -34,8 +42,10 @@ PARAMETERS: Final = {
 
 
 class Px4:
-    """One PX4, its process and a connection that flies it. Its ports follow from its number: so only one pair
-    flies on a computer."""
+    """One PX4, its process and a connection that flies it.
+
+    Its ports follow from its number: so only one pair flies on a computer.
+    """
 
     def __init__(self, folder: Path, system: int, start: Start) -> None:
         folder.mkdir()
@@ -63,7 +73,10 @@ class Px4:
         self._link = mavutil.mavlink_connection(f"udpout:127.0.0.1:{18570 + system}", source_system=255)
 
     def read(self) -> None:
-        """Take what has come, and ask for the truth again and again. Raises AssertionError if it falls silent."""
+        """Take what has come, and ask for the truth again and again.
+
+        Raises AssertionError if it falls silent.
+        """
         while (m := self._link.recv_match(blocking=False)) is not None:
             if m.get_type() == "HIL_STATE_QUATERNION":
                 self._truth, self._heard = m, time.monotonic()
@@ -71,8 +84,8 @@ class Px4:
                 add_text(self.texts, m)
             elif m.get_type() == "HEARTBEAT" and m.get_srcComponent() == 1:
                 self._is_armed = bool(m.base_mode & M.MAV_MODE_FLAG_SAFETY_ARMED)
-                self.is_in_setpoint_mode = m.custom_mode >> 16 & 0xFF == OFFBOARD
-        assert not self._heard or time.monotonic() - self._heard < MAX_SILENCE_S, "the autopilot fell silent"
+                self.is_in_setpoint_mode = m.custom_mode >> 16 & 0xFF == OFFBOARD_MODE
+        assert not self._heard or time.monotonic() - self._heard < SILENCE_TIMEOUT_S, "the autopilot fell silent"
         if time.monotonic() - self._asked > 1.0:
             self._asked = time.monotonic()
             self._link.mav.heartbeat_send(M.MAV_TYPE_GCS, M.MAV_AUTOPILOT_INVALID, 0, 0, 0)
@@ -106,10 +119,10 @@ class Px4:
 
     def follow(self) -> None:
         """Ask for OFFBOARD, which needs setpoints."""
-        self.command(M.MAV_CMD_DO_SET_MODE, 1, OFFBOARD)
+        self.command(M.MAV_CMD_DO_SET_MODE, 1, OFFBOARD_MODE)
 
     def go(self, v_n: Velocity, yaw: float) -> None:
-        """Fly with this velocity (m/s, NED) and heading (rad) from now on, in OFFBOARD, which it takes then."""
+        """Fly with this velocity (m/s, NED) and heading (rad) from now on, and enter OFFBOARD."""
         frame, zero = M.MAV_FRAME_LOCAL_NED, (0.0, 0.0, 0.0)
         fields = (frame, VELOCITY_AND_YAW, *zero, *v_n, *zero, yaw, 0.0)
         self._link.mav.set_position_target_local_ned_send(0, self.system, 1, *fields)
@@ -147,7 +160,7 @@ class Px4:
 
 
 def _environment(system: int, start: Start) -> dict[str, str]:
-    """The environment of one PX4: its vehicle, its place, its parameters; of the guide's if it is the follower."""
+    """Return the environment of one PX4: vehicle, position, and parameters, the guide's for a follower."""
     parameters: dict[str, Any] = PARAMETERS | {"MIS_TAKEOFF_ALT": start.height_m}
     if system == FOLLOWER:
         lines = (CODE / "configs" / "px4-follow.params").read_text(encoding="utf-8").splitlines()

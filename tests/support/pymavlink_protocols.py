@@ -1,4 +1,7 @@
-"""What others ask of us, from pymavlink's messages: commands, parameters, pings. As `pymavlink_records`."""
+"""Requests of others, from pymavlink's messages: commands, parameters, pings.
+
+See `pymavlink_records`.
+"""
 
 import struct
 from collections.abc import Callable

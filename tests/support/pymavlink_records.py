@@ -1,5 +1,8 @@
-"""Records of vehicles and traffic from pymavlink's messages, to hold our decoder to. One function a message, by
-its name in RECORDS; they read fields by pymavlink's names, where ours read them by their places on the wire."""
+"""Records of vehicles and traffic from pymavlink's messages, to hold our decoder to.
+
+One function a message, by its name in RECORDS; they read fields by pymavlink's names, where ours read them by
+their places on the wire.
+"""
 
 import math
 from collections.abc import Callable
@@ -39,13 +42,13 @@ from onboard.messages import (
 )
 from onboard.messages.base import Quaternion
 
-G: Final = 9.80665
+GRAVITY: Final = 9.80665
 # ISO 2533: pressure (Pa) and temperature (K) at sea level, K per m, and the gas constant of dry air, J / (kg K)
 P_0, T_0, BETA, GAS = 101_325.0, 288.15, -0.0065, 287.05287
 
 
 def _odometry(m: Any, h: dict[str, Any]) -> Message | None:
-    """The variances of the attitude: the last three of the diagonal of an upper triangle of six rows."""
+    """Return the attitude variances: the last three diagonal terms of a packed 6 x 6 upper triangle."""
     roll, pitch, yaw = (m.pose_covariance[i] for i in (15, 18, 20))
     unknown = dict.fromkeys(("horizontal_velocity", "horizontal_position"))
     if not all(v > 0.0 and math.isfinite(v) for v in (roll, pitch, yaw)):
@@ -162,15 +165,17 @@ def _highres_imu(m: Any, h: dict[str, Any]) -> Message:
 
 
 def _scaled_pressure(m: Any, h: dict[str, Any]) -> Message:
-    """The troposphere of ISO 2533, with the exponent by its constants, solved for the altitude;
-    NaN for a pressure that is not positive. test_mavlink_decode holds the decoder to the standard's table."""
+    """Return the altitude in the troposphere of ISO 2533, NaN for a pressure that is not positive.
+
+    The exponent follows from its constants. test_mavlink_decode compares the decoder with the standard's table.
+    """
     ratio = 100.0 * m.press_abs / P_0
-    altitude = T_0 / BETA * (ratio ** (-BETA * GAS / G) - 1.0) if ratio > 0.0 else math.nan
+    altitude = T_0 / BETA * (ratio ** (-BETA * GAS / GRAVITY) - 1.0) if ratio > 0.0 else math.nan
     return Barometer(**h, pressure_altitude=altitude)
 
 
 def _scaled_imu(m: Any, h: dict[str, Any]) -> Message:
-    milli_g, milli = G * 1e-3, 1e-3
+    milli_g, milli = GRAVITY * 1e-3, 1e-3
     f_b = (m.xacc * milli_g, m.yacc * milli_g, m.zacc * milli_g)
     return Imu(**h, f_b=f_b, omega_b=(m.xgyro * milli, m.ygyro * milli, m.zgyro * milli))
 

@@ -10,18 +10,21 @@ from tests.support.pymavlink_protocols import PROTOCOLS
 from tests.support.pymavlink_records import RECORDS
 
 CONVERT: Final = RECORDS | PROTOCOLS
-UNIX_ERA_NS: Final = 10**18  # a 64-bit stamp above this (2001) is Unix time, below it time since boot
+MIN_UNIX_TIME_NS: Final = 10**18  # a smaller 64-bit stamp is time since boot, not Unix time (2001)
 
 
 def read_header(frame: Any, t_recv_ns: int) -> dict[str, Any]:
-    """The fields that every record has. The stamp comes from whichever time field the message has; without one the
-    message is taken as true when it arrived."""
+    """The fields that every record has.
+
+    The stamp comes from whichever time field the message has; without one the message is taken as true when it
+    arrived.
+    """
     t_ns, clock = t_recv_ns, Clock.NONE
     if hasattr(frame, "time_boot_ms"):
         t_ns, clock = frame.time_boot_ms * 1_000_000, Clock.BOOT
     elif hasattr(frame, "time_usec") and frame.time_usec > 0:
         t_ns = frame.time_usec * 1000
-        clock = Clock.HOST if t_ns >= UNIX_ERA_NS else Clock.BOOT
+        clock = Clock.HOST if t_ns >= MIN_UNIX_TIME_NS else Clock.BOOT
     return {
         "t_ns": t_ns,
         "t_recv_ns": t_recv_ns,
@@ -32,7 +35,7 @@ def read_header(frame: Any, t_recv_ns: int) -> dict[str, Any]:
 
 
 class Reference:
-    """Decodes as `onboard.wire.mavlink.decode.MavlinkDecoder` should: messages, `names` and `rejected`."""
+    """A reference for `onboard.wire.mavlink.decode.MavlinkDecoder`: messages, `names`, `rejected`."""
 
     def __init__(self, *, stream: bool) -> None:
         self.rejected: Counter[str] = Counter()

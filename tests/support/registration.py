@@ -22,8 +22,11 @@ MESSAGE: Final = PeerPosition(
 
 
 class World:
-    """Aircraft at rest around us, with biases and our own errors drawn from the model; the radar scans ten times a
-    second, and each aircraft reports once. With `north`, m, all are on one side. `white`: sigma of a report."""
+    """Aircraft at rest around us, with biases and our own errors drawn from the model.
+
+    The radar scans ten times a second, and each aircraft reports once. With `north` (m) all are on one side.
+    `white` is the sigma of a report.
+    """
 
     def __init__(
         self,

@@ -1,4 +1,7 @@
-"""Real ROS 2 for tests: the wheels in `.venv-ros`, which `make test` installs; Fast DDS on loopback only."""
+"""Real ROS 2 for tests, from the wheels in `.venv-ros` that `make test` installs.
+
+Fast DDS uses the loopback interface only.
+"""
 
 import json
 import os
@@ -8,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
-from tests.support.programs import PATIENCE, ROOT, Program
+from tests.support.programs import ROOT, TIMEOUT_S, Program
 
 ROS: Final = ROOT / ".venv-ros"
 PYTHON: Final = ROS / "bin" / "python"
@@ -16,7 +19,7 @@ CLIENT: Final = "tests.support.ros_client"
 
 
 def environment(domain: int) -> dict[str, str]:
-    """Of a ROS program: nobody beyond this computer, and of this domain, hears it."""
+    """Return the environment of a ROS program that is heard only on this computer and in this domain."""
     return {
         "LD_LIBRARY_PATH": str(ROS / "lib"),
         "AMENT_PREFIX_PATH": str(ROS),
@@ -54,13 +57,13 @@ def ros_program(log: Path, *command: str | Path) -> Iterator[Program]:
 
 
 def ros_run(*command: str | Path) -> list[dict[str, Any]]:
-    """What the client of `tests.support.ros_client` prints, to its end."""
+    """Run the client of `tests.support.ros_client`, and return its output."""
     done = subprocess.run(
         [str(PYTHON), "-m", CLIENT, *map(str, command)],
         env={**os.environ, **environment(domain())},
         capture_output=True,
         text=True,
-        timeout=PATIENCE,
+        timeout=TIMEOUT_S,
         check=False,
         cwd=ROOT,
     )

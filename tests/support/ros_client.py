@@ -41,7 +41,7 @@ def tree(value: Any) -> Any:
 
 
 def filled(message: Any, fields: dict[str, Any]) -> Any:
-    """A message with these fields; lists of messages are of the type that the field's name says."""
+    """Return a message with these fields; the name of a field gives the type of a list's messages."""
     kinds = message.get_fields_and_field_types()
     for name, value in fields.items():
         if isinstance(value, dict):
@@ -84,7 +84,7 @@ def publish(node: Any, file: str) -> None:
 
 
 def play(node: Any, file: str) -> None:
-    """As `ros2 bag play --clock`: the bag's bytes on its topics, at its times, which are on /clock."""
+    """Play a bag like `ros2 bag play --clock`: its bytes on its topics at its times, with /clock."""
     clock_type = type_of("rosgraph_msgs/Clock")
     clock = node.create_publisher(clock_type, "/clock", 10)
     lines = [json.loads(line) for line in Path(file).read_text(encoding="utf-8").splitlines()]

@@ -1,7 +1,8 @@
-"""Builds the Python types of the ROS 2 packages that have no wheel: tf2_msgs, vision_msgs, apriltag_msgs.
+"""Builds the Python types of the ROS 2 packages without wheels.
 
-`make test` runs it with the Python of the ROS wheels. ROS's own generators write C from our definitions; gcc makes
-one extension module of each package. ROS computes the hashes of these types itself.
+They are tf2_msgs, vision_msgs and apriltag_msgs. `make test` runs it with the Python of the ROS wheels. ROS's own
+generators write C from our definitions; gcc makes one extension module of each package. ROS computes the hashes of
+these types itself.
 """
 
 import os

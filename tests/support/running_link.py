@@ -27,8 +27,10 @@ def with_link(
     passes: Callable[[Datagram], bool] | None = None,
     **options: Any,
 ) -> None:
-    """Open and run a link during `test(link, received)`, then cancel it. `passes`: whether a datagram's sender may
-    be answered; by default, if it gives a message."""
+    """Open and run a link during `test(link, received)`, then cancel it.
+
+    `passes`: whether a datagram's sender may be answered; by default, if it gives a message.
+    """
     decoder = DatagramDecoder()
     passes = passes or (lambda datagram: bool(decoder.decode(datagram)))
 

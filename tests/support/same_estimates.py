@@ -8,7 +8,7 @@ import csv
 import sys
 from pathlib import Path
 
-SAME = 1e-9  # relative, and in the units of each column
+TOLERANCE = 1e-9  # relative, and in the units of each column
 
 
 def rows(path: Path) -> list[dict[str, str]]:
@@ -17,7 +17,10 @@ def rows(path: Path) -> list[dict[str, str]]:
 
 
 def largest_difference(one: Path, other: Path) -> float:
-    """Of all numbers, relative to those above 1. Raises ValueError where the tables differ in anything else."""
+    """Return the largest difference of all numbers, relative for those above 1.
+
+    Raises ValueError if the tables differ in anything else.
+    """
     ones, others = rows(one), rows(other)
     if len(ones) != len(others) or not ones or ones[0].keys() != others[0].keys():
         raise ValueError(f"{len(ones)} rows and {len(others)}, or other columns")
@@ -39,8 +42,8 @@ def _difference(name: str, one: str, other: str) -> float:
 
 def main(arguments: list[str]) -> int:
     found = largest_difference(Path(arguments[0]), Path(arguments[1]))
-    print(f"{arguments[0]}, {arguments[1]}: the largest difference is {found:.1e} (at most {SAME:.0e})")
-    return int(found > SAME)
+    print(f"{arguments[0]}, {arguments[1]}: the largest difference is {found:.1e} (at most {TOLERANCE:.0e})")
+    return int(found > TOLERANCE)
 
 
 if __name__ == "__main__":

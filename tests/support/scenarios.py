@@ -1,4 +1,4 @@
-"""simlink's scenarios flown in this process: each is simulated once, however many settings it is replayed with."""
+"""simlink's scenarios flown in this process, each simulated once for all settings."""
 
 import math
 from pathlib import Path
@@ -22,27 +22,26 @@ SECONDS: Final = {  # of flight, where it matters
     "formation-speed-change": 60.0,
     "mission": 32.0,  # a motor weakens at 30 s
 }
-SHORT: Final = 25.0  # the others: from 15 s on it is scored
+SHORT_DURATION_S: Final = 25.0  # of the others; they are scored from 15 s on
 
 
 class Recorded(NamedTuple):
-    """A simulated flight: what arrives, but for a radar's scans, which no .tlog holds; and the leader's truth."""
+    """A simulated flight: its datagrams without radar scans, which no .tlog holds, and the truth."""
 
     datagrams: list[Datagram]
     truths: list[Truth]
 
 
 class Replayed(NamedTuple):
-    """The estimates of a flight's leader, their score, the boot time at which the flight begins, our own states,
-    and the health and the exceptions at the end; the scores of other estimators of the leader, by their names."""
+    """The outputs and scores of a replayed flight."""
 
-    estimates: list[Estimate]
+    estimates: list[Estimate]  # of the leader
     score: LeaderScore
-    boot_ns: int
+    boot_ns: int  # boot time at the beginning of the flight
     own: list[NavState]
-    health: Health
-    errors: list[str]
-    beside: dict[str, LeaderScore]
+    health: Health  # at the end
+    errors: list[str]  # exceptions until the end
+    beside: dict[str, LeaderScore]  # of other estimators of the leader, by name
 
     def at(self, begin: float, end: float) -> list[Estimate]:
         """Estimates between two times of flight, s."""
@@ -50,13 +49,15 @@ class Replayed(NamedTuple):
 
 
 def seconds(scenario: str) -> float:
-    """How long a scenario is flown here."""
-    return SECONDS.get(scenario, SHORT)
+    """Return the duration of a scenario in these tests."""
+    return SECONDS.get(scenario, SHORT_DURATION_S)
 
 
 class Flights:
-    """Replays of one seed. Each flight is simulated once, and each replay made once. `folder` is for their
-    configurations."""
+    """Replays of one seed.
+
+    Each flight is simulated once, and each replay made once. `folder` is for their configurations.
+    """
 
     def __init__(self, folder: Path, seed: int) -> None:
         self.seed = seed
@@ -65,8 +66,10 @@ class Flights:
         self._replayed: dict[tuple[float, tuple[str, ...]], Replayed] = {}
 
     def __call__(self, scenario: str, *settings: str, until: float | None = None, keep: bool = True) -> Replayed:
-        """The scenario with its own configuration, and with these settings, for `until` s if not for `seconds`.
-        `keep`: on disk, for flights of which nothing is patched."""
+        """Return the scenario with its own configuration and these settings.
+
+        It lasts `until` s, or `seconds`. `keep` stores it on disk, for flights of which nothing is patched.
+        """
         end = seconds(scenario) if until is None else until
         key = (end, (scenario, *settings))
         if key not in self._replayed:

@@ -8,7 +8,7 @@ from typing import Any
 from simlink.scenarios.scenario import load_scenario
 from simlink.server.server import Options, Server
 
-UNIX_NS = 1_700_000_000 * 10**9
+UNIX_TIME_NS = 1_700_000_000 * 10**9
 
 
 def options(**changed: Any) -> Options:
@@ -18,7 +18,7 @@ def options(**changed: Any) -> Options:
 
 def make(lines: list[str] | None = None, **changed: Any) -> Server:
     report = (lambda _: None) if lines is None else lines.append
-    return Server(options(**changed), time.monotonic, UNIX_NS, report)
+    return Server(options(**changed), time.monotonic, UNIX_TIME_NS, report)
 
 
 def run(main: Callable[[], Any]) -> Any:
@@ -26,7 +26,10 @@ def run(main: Callable[[], Any]) -> Any:
 
 
 async def until(condition: Callable[[], bool], turns: int = 1000) -> None:
-    """Let the event loop run until `condition` holds, at most `turns` times 10 ms; an assertion must follow."""
+    """Run the event loop until `condition` holds, for at most `turns` times 10 ms.
+
+    An assertion must follow.
+    """
     for _ in range(turns):
         if condition():
             return

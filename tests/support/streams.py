@@ -1,7 +1,7 @@
-"""Synthetic flights as bytes: two aircraft on analytic paths, and the follower's MAVLink and images.
+"""Synthetic flights as bytes: two aircraft on analytic paths, with MAVLink and images.
 
-Independent of `simlink` and of `onboard.models`: positions and velocities are closed formulas, image points are
-projected explicitly.
+They are independent of `simlink` and of `onboard.models`: positions and velocities are closed formulas, image
+points are projected explicitly.
 """
 
 import math
@@ -40,11 +40,11 @@ MS: Final = 1_000_000
 S: Final = 1_000_000_000
 EPOCH: Final = 1_735_689_600 * S  # host clock at boot: 2025-01-01
 SIZE: Final = 2.0
-F_PX: Final = 554.256
+FOCAL_LENGTH_PX: Final = 554.256
 PX4: Final = 12
 LATENCY: Final = 60 * MS
-FLIGHT_SYSTEM: Final = 1
-CAMERA_COMPONENT: Final = 191
+FLIGHT_SYSTEM_ID: Final = 1
+CAMERA_COMPONENT_ID: Final = 191
 
 
 class Kinematics(NamedTuple):
@@ -58,7 +58,7 @@ class Kinematics(NamedTuple):
 
 @dataclass(frozen=True)
 class Flight:
-    """Follower and leader in line, `gap` metres apart along the path; radius None: straight north."""
+    """Follower and leader in line, `gap` metres apart along the path; radius None is straight north."""
 
     radius: float | None = 100.0
     speed: float = 15.0
@@ -66,7 +66,7 @@ class Flight:
     size: float = SIZE
 
     def at(self, t: float, ahead: float = 0.0) -> Kinematics:
-        """The aircraft `ahead` metres along the path; a slow wave in height makes up and down distinct."""
+        """Return the aircraft `ahead` metres along the path; a slow wave in height distinguishes up and down."""
         along = self.speed * t + ahead
         w = 0.3
         down, climb, bend = -50 + 2 * math.sin(w * t), 2 * w * math.cos(w * t), -2 * w * w * math.sin(w * t)
@@ -124,12 +124,12 @@ class Flight:
         """One image, with 1 px of noise if `rng` is given."""
         points = self.points(t_ns / S)
         if rng is not None:
-            points = points + rng.normal(size=(3, 2)) / F_PX
+            points = points + rng.normal(size=(3, 2)) / FOCAL_LENGTH_PX
         center, left, right = (tuple(p) for p in points.tolist())
         return TargetPoints(
             t_ns=t_ns,
             t_recv_ns=EPOCH + t_ns + latency,
-            component=CAMERA_COMPONENT,
+            component=CAMERA_COMPONENT_ID,
             camera="landing_target",
             center=center,
             left=left,
@@ -148,7 +148,7 @@ class Item(NamedTuple):
     message: Message
 
 
-def heartbeat(t_ns: int, system: int = FLIGHT_SYSTEM, autopilot: int = PX4) -> Heartbeat:
+def heartbeat(t_ns: int, system: int = FLIGHT_SYSTEM_ID, autopilot: int = PX4) -> Heartbeat:
     """An armed multirotor's heartbeat."""
     return Heartbeat(
         t_ns=t_ns, t_recv_ns=EPOCH + t_ns, system=system, vehicle_type=2, autopilot=autopilot, armed=True, status=4
@@ -157,9 +157,11 @@ def heartbeat(t_ns: int, system: int = FLIGHT_SYSTEM, autopilot: int = PX4) -> H
 
 @dataclass
 class Stream:
-    """A flight as messages in order of arrival, from boot time `t0` to `t1` (s). `images(t)`: whether the image at
-    t (s) contains the leader; `lead_ns`: camera clock minus boot clock; `sparse`: every second message of each
-    kind only, which costs half and shows most faults as well."""
+    """A flight as messages in order of arrival, from boot time `t0` to `t1` (s).
+
+    `images(t)`: whether the image at t (s) contains the leader; `lead_ns`: camera clock minus boot clock;
+    `sparse`: every second message of each kind only, which costs half and shows most faults as well.
+    """
 
     flight: Flight = CIRCLE
     t0: float = 5.0
@@ -171,8 +173,10 @@ class Stream:
     sparse: bool = False
 
     def items(self) -> list[Item]:
-        """Messages and their arrivals: own motion at 50 Hz, 2 ms late; images at 25 Hz, `latency` late. Half of
-        that if `sparse`."""
+        """Yield messages with their arrivals: own motion at 50 Hz, 2 ms late; images at 25 Hz.
+
+        Images are `latency` late. `sparse` halves the rates.
+        """
         rng = None if self.seed is None else np.random.default_rng(self.seed)
         out = []
         for ms in range(round(self.t0 * 1000), round(self.t1 * 1000), 20):
@@ -213,7 +217,10 @@ def make_config(*overrides: str) -> Config:
 
 
 class Run:
-    """A pipeline and all its outputs. One whose outputs and health were kept is flown again if it is asked for."""
+    """A pipeline and all its outputs.
+
+    One whose outputs and health were kept is flown again if it is asked for.
+    """
 
     def __init__(
         self, pipeline: Pipeline | Callable[[], Pipeline], outputs: list[Output], kept: Health | None = None
@@ -266,13 +273,15 @@ def feed(datagrams: Iterable[Datagram], config: Config | None = None, *, errors:
 
 
 def feed_once(datagrams: Iterable[Datagram], config: Config | None = None) -> Run:
-    """As `feed`, but kept on disk: for flights of which nothing is patched, and of which outputs and health are
-    asked."""
+    """Run `feed` with the result kept on disk, for flights of which nothing is patched.
+
+    Only outputs and health are available.
+    """
     return _once(feed, [*datagrams], config or make_config())
 
 
 def advance_once(messages: Iterable[Message], config: Config | None = None) -> Run:
-    """As `advance`, but kept on disk, as by `feed_once`."""
+    """Run `advance` with the result kept on disk, as by `feed_once`."""
     return _once(advance, [*messages], config or make_config())
 
 

@@ -9,8 +9,10 @@ import pytest
 
 
 def each(name: str, rows: Mapping[str, Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """The test runs for every row, which it takes as its argument `name`; the rows that fail are named together,
-    above the first one's traceback. Fixtures are made once for all rows."""
+    """Run the test for every row, its argument `name`; failing rows are named together.
+
+    The first one's traceback follows. Fixtures are made once for all rows.
+    """
 
     def over_rows(test: Callable[..., None]) -> Callable[..., None]:
         @functools.wraps(test)

@@ -38,8 +38,11 @@ EAST: Final = np.eye(3)[1]
 
 
 class Sky:
-    """Us at `home` (flying `speed` m/s along `course_deg`), a tracker, and other aircraft by their offsets from
-    home in NED there, flat enough for metres. Times are seconds on the boot clock."""
+    """Our vehicle near `home`, a tracker, and other aircraft by their offsets from home.
+
+    We fly `speed` m/s along `course_deg`. Offsets are in NED at home, flat enough for metres. Times are seconds on
+    the boot clock.
+    """
 
     def __init__(
         self,
@@ -91,7 +94,7 @@ class Sky:
             self.published.append(e)
 
     def own(self) -> Array:
-        """Where we are from home, NED."""
+        """Return our position from home, NED."""
         return np.array([math.cos(self.course), math.sin(self.course), 0.0]) * self.speed * self.t
 
     def geodetic(self, r: Array) -> tuple[float, float, float]:

@@ -1,4 +1,4 @@
-"""Published records made by hand: our own state, the estimate of another aircraft, and a simulator's truth."""
+"""Published records made by hand: own state, the estimate of another aircraft, and the truth."""
 
 import math
 from typing import Any, Final

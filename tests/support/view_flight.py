@@ -1,4 +1,4 @@
-"""A synthetic flight as the records that the view is shown, and how to record them and read the recording."""
+"""A synthetic flight as records for the view, and functions to record and read it."""
 
 import math
 from collections.abc import Iterator
@@ -27,11 +27,14 @@ CAMERA = make_camera(f_px=620.0, width_px=640.0, height_px=480.0, mount_offset=(
 NAMES = ("r_north", "r_east", "r_down", "v_north", "v_east", "v_down", "size", "a_lat", "a_long")
 UNITS = ("m", "m", "m", "m/s", "m/s", "m/s", "m", "m/s^2", "m/s^2")
 SIZE, SPEED, RADIUS = 2.67, 18.0, 120.0
-START_S = 12.0
+START_TIME_S = 12.0
 
 
 def truth_of(t: float) -> Truth:
-    """Both on a circle; the leader ahead at a range that swings, a little above and to the side."""
+    """Return the truth of two aircraft on a circle.
+
+    The leader is ahead at a varying range, a little above and to the side.
+    """
     rate = SPEED / RADIUS
     bank = math.atan(SPEED * rate / 9.81)
 
@@ -46,7 +49,7 @@ def truth_of(t: float) -> Truth:
     v_L = v_L * (1 + 4 * 0.35 * math.cos(0.35 * t) / SPEED) - np.array([0, 0, 0.75 * math.cos(0.5 * t)])
     direction = math.atan2((r_L - r_F)[1], (r_L - r_F)[0]) - angle
     return Truth(
-        t_ns=round((START_S + t) * 1e9),
+        t_ns=round((START_TIME_S + t) * 1e9),
         r_FL_n=tuple(r_L - r_F),
         v_FL_n=tuple(v_L - v_F),
         size=SIZE,
@@ -69,7 +72,7 @@ def points_of(truth: Truth, size: float, r: np.ndarray) -> np.ndarray:
 
 
 def report_of(truth: Truth, verdict: Verdict, r: np.ndarray, rng: np.random.Generator) -> MeasurementReport:
-    """Of an image of the true leader, predicted at r (3,) NED; far off where it is gated."""
+    """Return the report of an image of the true leader, predicted at r (3,) NED; a gated one is far off."""
     measured = points_of(truth, SIZE, np.array(truth.r_FL_n)) + rng.normal(0, CAMERA.sigma, (3, 2))
     gated = verdict is Verdict.GATED
     if gated:
@@ -92,7 +95,10 @@ def report_of(truth: Truth, verdict: Verdict, r: np.ndarray, rng: np.random.Gene
 
 
 def estimate_of(k: int, truth: Truth, fade: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and covariance like the real filter's: far worse along the line of sight; `fade` in s without image."""
+    """Return mean and covariance like the real filter's, much worse along the line of sight.
+
+    `fade` is the time in s without an image.
+    """
     r = np.array(truth.r_FL_n)
     u = r / np.linalg.norm(r)
     settle = math.exp(-k / 150)
@@ -143,7 +149,7 @@ def health_of(t_ns: int) -> Health:
 
 
 def flight(seconds: float = 30.0) -> Iterator[Estimate | OwnPose | Truth | Health]:
-    """A synthetic flight: own pose at 50 Hz, truth, images and estimates at 25 Hz, health at 1 Hz."""
+    """Yield own pose at 50 Hz, truth, images and estimates at 25 Hz, health at 1 Hz."""
     rng = np.random.default_rng(7)
     last_image = -1.0
     for tick in range(round(seconds * 50)):
@@ -184,12 +190,12 @@ def flight(seconds: float = 30.0) -> Iterator[Estimate | OwnPose | Truth | Healt
 
 
 def late_estimate() -> Estimate:
-    """Of a track that has settled."""
+    """Return an estimate of a settled track."""
     return [r for r in flight(4.0) if isinstance(r, Estimate)][-1]
 
 
 class Kept:
-    """What was drawn: the newest value by entity."""
+    """The drawn data: the newest value of each entity."""
 
     def __init__(self) -> None:
         self.values: dict[str, Any] = {}

@@ -34,7 +34,7 @@ SPEED: dict[str, Any] = {"ground_speed": 1.0, "course_rad": 0.0, "h_acc": 1.0, "
 POINTS: dict[str, Any] = {"camera": "c", "center": (0.0, 0.0), "left": (-0.1, 0.0), "right": (0.1, 0.0)}
 SOURCES: dict[str, Message] = {
     "attitude_s": Attitude(**AT, q_nb=(1.0, 0.0, 0.0, 0.0), omega_b=ZERO),
-    "imu_s": Imu(**AT, f_b=(0.0, 0.0, -own.G), omega_b=ZERO),
+    "imu_s": Imu(**AT, f_b=(0.0, 0.0, -own.GRAVITY), omega_b=ZERO),
     "local_position_s": LocalPosition(**AT, r_OF_n=ZERO, v_F_n=ZERO),
     "global_position_s": GlobalPosition(**AT, **PLACE, v_F_n=ZERO),
     "gps_s": GpsFix(**AT, **FIX, **SPEED),

@@ -12,10 +12,10 @@ from onboard.messages import Attitude
 from onboard.wire.mavlink.encode import ENCODE, message_number
 from tests.support.emitted import (
     ANSWERS,
-    CAMERA,
+    CAMERA_COMPONENT_ID,
     FIXED,
     LINK,
-    NOW,
+    NOW_TIME_NS,
     OF_CAMERA,
     ON_REQUEST,
     STREAMS,
@@ -44,13 +44,13 @@ def kinds(frames: list[bytes]) -> Counter[tuple[int, int]]:
 
 def ask(out: AutopilotOutput, name: str, number: int, *params: float, component: int | None = None) -> list[int]:
     """Results of the COMMAND_ACKs."""
-    frames = out.respond(LINK, [command(name, number, *params, component=component)], NOW).frames
+    frames = out.respond(LINK, [command(name, number, *params, component=component)], NOW_TIME_NS).frames
     parsed = [m for frame in frames for m in dialect.MAVLink(None).parse_buffer(frame)]
     return [m.result for m in parsed if m.get_type() == "COMMAND_ACK"]
 
 
 def sender(name: str) -> int:
-    return CAMERA if name in OF_CAMERA else 191
+    return CAMERA_COMPONENT_ID if name in OF_CAMERA else 191
 
 
 def test_the_list_of_what_we_send_is_complete() -> None:
@@ -72,29 +72,29 @@ def test_each_stream_is_sent_on_request_and_its_interval_is_read_and_set(name: s
         assert ask(out, name, SET, -1.0, component=component) == [ACCEPTED]
     assert ask(out, name, REQUEST, component=component) == [ACCEPTED] * answers
     key = sender(name), message_number(name)
-    assert kinds(sent(out, NOW + 1))[key] == (2 if name == "ADSB_VEHICLE" else 1)  # the leader and a track
-    assert kinds(sent(out, NOW + 2))[key] == 0
+    assert kinds(sent(out, NOW_TIME_NS + 1))[key] == (2 if name == "ADSB_VEHICLE" else 1)  # the leader and a track
+    assert kinds(sent(out, NOW_TIME_NS + 2))[key] == 0
     assert ask(out, name, GET, component=component) == [ACCEPTED] * answers
     if name in FIXED:
         assert ask(out, name, SET, -1.0, component=component) == [DENIED] * answers
-        assert kinds(sent(out, NOW + 2 * S))[key] == 1
+        assert kinds(sent(out, NOW_TIME_NS + 2 * S))[key] == 1
     else:
         assert ask(out, name, SET, 100_000.0, component=component) == [ACCEPTED]
-        later = sum((kinds(sent(out, NOW + S + k * S // 10)) for k in range(1, 11)), Counter())
+        later = sum((kinds(sent(out, NOW_TIME_NS + S + k * S // 10)) for k in range(1, 11)), Counter())
         # 10 a second; of a track and our own state there is one record, of one time
         assert later[key] == {"ADSB_VEHICLE": 11, "COLLISION": 1, "ODOMETRY": 1}.get(name, 10)
 
 
 @pytest.mark.parametrize("name", sorted(ON_REQUEST))
 def test_what_is_sent_on_request_only_comes_at_once(name: str) -> None:
-    frames = everything().respond(LINK, [command(name, REQUEST)], NOW).frames
+    frames = everything().respond(LINK, [command(name, REQUEST)], NOW_TIME_NS).frames
     assert kinds(frames) == {(sender(name), 77): 1, (sender(name), message_number(name)): 1}
 
 
 def test_nobody_else_is_asked_for_the_cameras_messages() -> None:
     out = everything()
     assert ask(out, "CAMERA_INFORMATION", REQUEST, component=191) == [3]
-    assert ask(out, "FOLLOW_TARGET", REQUEST, component=CAMERA) == [3]
+    assert ask(out, "FOLLOW_TARGET", REQUEST, component=CAMERA_COMPONENT_ID) == [3]
 
 
 def test_all_that_is_sent_is_in_the_table_of_what_can_be() -> None:

@@ -42,7 +42,7 @@ def test_garbage_is_no_frame_and_strangers_points_are_documents() -> None:
         (message,) = decoder.decode(Datagram(channel=key, encoding=Encoding.POINTS, t_recv_ns=1, data=data))
         keys[message.camera] += 1  # type: ignore[attr-defined]
     assert keys["front"] == 100
-    assert len(keys) == 1 + floods.STRANGERS // 2
+    assert len(keys) == 1 + floods.STRANGER_COUNT // 2
     assert set(flooded.ALL) == set(floods.KINDS)
 
 
@@ -50,9 +50,9 @@ def test_garbage_is_no_frame_and_strangers_points_are_documents() -> None:
 def test_a_leader_in_all_floods_is_measured_and_what_is_left_out_is_counted(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(flooded, "SETTLE_S", 2)
-    monkeypatch.setattr(flooded, "TAIL_S", 1)
-    found = flooded.flooded("strangers", 3)
+    monkeypatch.setattr(flooded, "SETTLING_TIME_S", 2)
+    monkeypatch.setattr(flooded, "TAIL_TIME_S", 1)
+    found = flooded.measure_flood("strangers", 3)
     assert found["images"] == 60
     assert found["answered"] > 0
     assert all(found["sent"].values())

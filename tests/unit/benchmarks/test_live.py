@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from benchmarks import floor, live, soak
-from benchmarks.live_flight import BEGIN_MS, datagrams
+from benchmarks.live_flight import START_TIME_MS, datagrams
 from onboard.messages import CameraPoints, Encoding
 from tests.support import documents
 from tests.support.programs import ROOT
@@ -51,7 +51,7 @@ def render() -> ModuleType:
 
 def test_every_figure_of_the_page_comes_from_the_history() -> None:
     used = set(re.findall(r"<!--(live_\w+)-->", documents.text("measurements")))
-    found = render().of_live("{}\n" + json.dumps(RUN))
+    found = render().live_figures("{}\n" + json.dumps(RUN))
     assert used <= set(found)
     assert len(used) > 20
     assert found["live_alone_arrival_p50_ms"] == "0.6"
@@ -72,20 +72,20 @@ def test_ratios_are_of_the_floor_and_more_than_one_where_the_daemon_takes_more()
         "replay": 8.0,
         "start": 2.0,
     }
-    table = live.beside_floor(run | {"ratios": ratios})
+    table = live.floor_table(run | {"ratios": ratios})
     assert [*table.columns[3].cells] == ["2.0", "3.0", "2.0", "1.5", "8.0", "2.0"]
 
 
 def test_the_floor_reads_what_the_flight_sends_and_corrects_by_what_it_sees() -> None:
     """A leader where the hypotheses expect it is expected; one that looks twice as large is not."""
     sent = [d for d in datagrams(1) if d.encoding is Encoding.MAVLINK]
-    fields = [f for d in sent if (f := floor.unpacked(d.data)) is not None]
+    fields = [f for d in sent if (f := floor.unpack(d.data)) is not None]
     assert len(fields) == 300
     assert fields[-1][0] == 5_995_000  # the newest sample of the IMU, us
     image = msgspec.json.decode(
         next(d.data for d in datagrams(1) if d.encoding is Encoding.POINTS), type=CameraPoints
     )
-    u, v, half_u, half_v = floor.seen(image)
+    u, v, half_u, half_v = floor.measurement(image)
     assert 0.01 < half_u < 0.1
     assert abs(half_v) < 0.01
     assert max(abs(u), abs(v)) < 0.6
@@ -96,7 +96,7 @@ def test_the_floor_reads_what_the_flight_sends_and_corrects_by_what_it_sees() ->
 def test_the_page_shows_the_newest_line_of_the_history() -> None:
     history = (ROOT / "benchmarks" / "history.jsonl").read_text(encoding="utf-8")
     measured = json.loads((documents.DOCS / "figures.json").read_text(encoding="utf-8"))["measured"]
-    found = render().of_live(history)
+    found = render().live_figures(history)
     shown = {key: value for key, value in measured.items() if key.startswith("live_")}
     assert {key: found[key] for key in shown} == shown
 
@@ -108,7 +108,7 @@ def test_a_flight_has_the_rates_that_the_page_states_in_order_of_arrival() -> No
     assert len(images) == 60
     assert {image["target"] for image in images} == {"leader"}
     assert len(flown) - len(images) == 2 * (200 + 2 * 50 + 1)
-    assert images[0]["t_ns"] == BEGIN_MS * 1_000_000
+    assert images[0]["t_ns"] == START_TIME_MS * 1_000_000
 
 
 def test_percentiles_are_in_milliseconds() -> None:

@@ -133,12 +133,12 @@ MISTAKES: list[tuple[tuple[str, ...], tuple[str, ...]]] = [
         )
     ),
     # outputs
-    ((*REPLAY, "--out", "nowhere/rows.csv"), ("nowhere/rows.csv", "no folder")),
-    ((*REPLAY, "--json", "nowhere/score.json"), ("nowhere/score.json", "no folder")),
-    ((*REPLAY, "--rrd", "nowhere/view.rrd"), ("nowhere/view.rrd", "no folder")),
+    ((*REPLAY, "--out", "nowhere/rows.csv"), ("nowhere/rows.csv", "does not exist")),
+    ((*REPLAY, "--json", "nowhere/score.json"), ("nowhere/score.json", "does not exist")),
+    ((*REPLAY, "--rrd", "nowhere/view.rrd"), ("nowhere/view.rrd", "does not exist")),
     ((*REPLAY, "--out", "folder"), ("folder",)),
     ((*REPLAY, "--out", "flight.tlog"), ("flight.tlog", "the suffix")),
-    ((*REPLAY, "--truth", "good.csv", "--json", "folder/../good.csv"), ("good.csv", "what is read")),
+    ((*REPLAY, "--truth", "good.csv", "--json", "folder/../good.csv"), ("good.csv", "also an input")),
 ]
 
 

@@ -13,24 +13,24 @@ from onboard.analysis.flights.many import ScorableFlight, score_flight
 from onboard.analysis.flights.replay import ReplayResult, check_log, replay
 from onboard.commands.calibrate import collect
 from onboard.commands.cli import main
-from tests.support.dataflash import BOOT_UNIX_S, dataflash
-from tests.support.streams import F_PX, Flight, make_config
+from tests.support.dataflash import BOOT_TIME_S, dataflash
+from tests.support.streams import FOCAL_LENGTH_PX, Flight, make_config
 
 FLIGHT: Final = Flight(radius=None, gap=25.0)
 SECONDS: Final = 9.0
 BEGIN: Final = 5.0
 DAY_NS: Final = 86_400 * 10**9
 TRUE_FROM: Final = BEGIN - 11.0  # the first 15 s of the truth are not scored
-CAMERA: Final = ("camera.cx_px=320", "camera.cy_px=240", f"camera.f_px={F_PX}")
+CAMERA: Final = ("camera.cx_px=320", "camera.cy_px=240", f"camera.f_px={FOCAL_LENGTH_PX}")
 
 
 def document(t_ns: int, clock: str, rng: np.random.Generator) -> str:
-    pixels = FLIGHT.points(t_ns * 1e-9) * F_PX + (320, 240) + rng.normal(size=(3, 2))
+    pixels = FLIGHT.points(t_ns * 1e-9) * FOCAL_LENGTH_PX + (320, 240) + rng.normal(size=(3, 2))
     points = {
         name: {"u_px": u, "v_px": v}
         for name, (u, v) in zip(("center", "left", "right"), pixels.tolist(), strict=True)
     }
-    shift = BOOT_UNIX_S * 1_000_000_000 if clock == "host" else 0
+    shift = BOOT_TIME_S * 1_000_000_000 if clock == "host" else 0
     return json.dumps({"t_ns": t_ns + shift, "clock": clock, "detections": [{"points": points}]})
 
 
@@ -112,7 +112,8 @@ def test_a_folder_s_own_configuration_and_truth_are_used(
 ) -> None:
     flight = folder(tmp_path, log, lines("boot"))
     (flight / "config.toml").write_text(
-        f"[camera]\nf_px = {F_PX}\ncx_px = 320.0\ncy_px = 240.0\n[estimator.leader]\nsize_prior_m = 2.0\n",
+        f"[camera]\nf_px = {FOCAL_LENGTH_PX}\ncx_px = 320.0\ncy_px = 240.0\n"
+        "[estimator.leader]\nsize_prior_m = 2.0\n",
         encoding="utf-8",
     )
     rows = [f"{t:.2f},25,0,0,0,0,0,2.0" for t in np.arange(TRUE_FROM, BEGIN + SECONDS, 0.1)]

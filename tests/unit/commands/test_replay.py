@@ -24,20 +24,23 @@ from onboard.messages import (
 )
 from onboard.sinks.recorder import Recorder, Rotation
 from onboard.wire.logs.recording import parts_of
-from tests.support.streams import F_PX, Stream, encode, make_config
+from tests.support.streams import FOCAL_LENGTH_PX, Stream, encode, make_config
 
 SIDE = 0.25  # the second aircraft is so far to the right in the image
 
 
 def as_json(image: TargetPoints, target: str) -> bytes:
     """The image as a vision process publishes it, of another aircraft to the right."""
-    pixels = (Pixel(u_px=F_PX * (u + SIDE), v_px=F_PX * v) for u, v in (image.center, image.left, image.right))
+    pixels = (
+        Pixel(u_px=FOCAL_LENGTH_PX * (u + SIDE), v_px=FOCAL_LENGTH_PX * v)
+        for u, v in (image.center, image.left, image.right)
+    )
     center, left, right = pixels
     points = CameraPoints(
         t_ns=image.t_ns,
         clock=Clock.BOOT,
         camera="front",
-        intrinsics=Intrinsics(fx_px=F_PX, fy_px=F_PX, cx_px=0.0, cy_px=0.0),
+        intrinsics=Intrinsics(fx_px=FOCAL_LENGTH_PX, fy_px=FOCAL_LENGTH_PX, cx_px=0.0, cy_px=0.0),
         center=center,
         left=left,
         right=right,

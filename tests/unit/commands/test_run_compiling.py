@@ -20,7 +20,7 @@ from onboard.commands.compiling import CompileError
 from onboard.commands.run import PROGRESS_S, Compiling, compile_flight
 from onboard.config import parse_config
 from onboard.filters.numba_internals import on_compile
-from tests.support.programs import PATIENCE, environment
+from tests.support.programs import TIMEOUT_S, environment
 
 # all that the leader needs of the filters' kernels
 SMALL = {"onboard.filters.kernels.cholesky", "onboard.filters.kernels.definite"}
@@ -132,7 +132,7 @@ def test_the_zenoh_session_opens_while_the_filters_load(monkeypatch: pytest.Monk
     found: list[object] = []
 
     def daemon(*_: Any, session: Future[object], **__: Any) -> Any:
-        found.append(session.result(PATIENCE))
+        found.append(session.result(TIMEOUT_S))
         raise UserError("that was all")
 
     monkeypatch.setattr("onboard.config.load_config", lambda *_: parse_config({}))
@@ -203,7 +203,7 @@ def test_a_signal_while_it_loads_ends_it_well(number: str, module: str, patch: s
         capture_output=True,
         text=True,
         env=environment(),
-        timeout=PATIENCE,
+        timeout=TIMEOUT_S,
         check=False,
     )
     assert (done.returncode, done.stderr) == (0, "stopped\n")

@@ -58,7 +58,7 @@ def test_pages_carry_the_figures_as_committed() -> None:
     for path in documents.ALL:
         text = documents.text(path)
         assert "{{" not in text, path
-        assert text == load_render().with_figures(text, FIGURES), path
+        assert text == load_render().replace_figures(text, FIGURES), path
         assert not re.search(r"^\s*<!--\w+-->", text, re.MULTILINE), path  # Markdown would take the line as HTML
         assert text.count("<!--/-->") == len(load_render().FIGURE.findall(text)), path
 
@@ -123,7 +123,7 @@ def test_several_benchmarks_give_a_range() -> None:
         },
         "leader_targets": {"one_core": 0.9, "without_id": 1.04},
     }
-    found = render.of_bench([one, one | {"radar_ukf": {"us": 5.0} | radar}])
+    found = render.bench_figures([one, one | {"radar_ukf": {"us": 5.0} | radar}])
     assert found["bench_radar_us"] == "4.0 to 5.0"
     assert found["bench_radar_filterpy"] == "80"
     assert found["bench_two_calls_filterpy"] == "40 to 50"

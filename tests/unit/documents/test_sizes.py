@@ -23,7 +23,7 @@ def test_every_package_that_is_required_has_a_row_with_who_requires_it() -> None
 
 def test_the_page_says_what_a_flight_loads() -> None:
     shown = {name for name, _, _, flies, _ in ROWS if flies == "yes"}
-    assert shown == sizes.flown() & {*sizes.closure()}
+    assert shown == sizes.loaded_distributions() & {*sizes.closure()}
     assert {"eclipse-zenoh", "pyserial", "mcap"} <= shown
 
 

@@ -55,7 +55,7 @@ from onboard.pipeline import Pipeline, Rim
 from onboard.sinks.console import ConsoleLines
 from onboard.view import words
 from onboard.wire.mavlink.signing import read_key
-from tests.support.streams import CIRCLE, EPOCH, F_PX, MS, SIZE, Item, S, Stream, encode
+from tests.support.streams import CIRCLE, EPOCH, FOCAL_LENGTH_PX, MS, SIZE, Item, S, Stream, encode
 
 SECONDS = 8
 MOTION = (Attitude, LocalPosition)
@@ -136,7 +136,7 @@ def detections(change: Callable[[dict[str, Any], float], object], seconds: int) 
         if not isinstance(m, TargetPoints):
             continue
         points = {
-            name: {"u_px": 320 + F_PX * p[0], "v_px": 240 + F_PX * p[1]}
+            name: {"u_px": 320 + FOCAL_LENGTH_PX * p[0], "v_px": 240 + FOCAL_LENGTH_PX * p[1]}
             for name, p in (("center", m.center), ("left", m.left), ("right", m.right))
         }
         one = {"target": "leader", "points": points}
@@ -265,7 +265,7 @@ def test_08_a_mount_that_is_off() -> None:
 def test_08_images_that_contradict_the_estimate() -> None:
     """Another object than the leader, or another camera: beyond any noise."""
     rng = np.random.default_rng(5)
-    doctor = flown(moved(lambda p: p + 25.0 / F_PX * rng.normal(size=2)))
+    doctor = flown(moved(lambda p: p + 25.0 / FOCAL_LENGTH_PX * rng.normal(size=2)))
     assert "`mount_rpy_deg`" in named(doctor, "misfit", "`onboard calibrate LOG`").remedy
 
 
@@ -763,7 +763,7 @@ def test_a_program_that_stood_still_blames_nobody_else() -> None:
 
 def test_noise_is_shown_with_its_bounds() -> None:
     rng = np.random.default_rng(3)
-    noise = math.sqrt(1.7**2 - 1.0) / F_PX
+    noise = math.sqrt(1.7**2 - 1.0) / FOCAL_LENGTH_PX
     doctor = flown(moved(lambda p: p + noise * rng.normal(size=(3, 2))), seconds=14, sparse=False)
     found = doctor.health.consistency["leader.landing_target"]
     assert found.noise == pytest.approx(1.7, abs=0.25)

@@ -12,8 +12,8 @@ import pytest
 from onboard.commands.compiling import kernel_modules
 from onboard.filters import shipped
 from simlink import cli as simlink
-from tests.support.programs import PATIENCE, ROOT, environment
-from tests.support.same_estimates import SAME, largest_difference, rows
+from tests.support.programs import ROOT, TIMEOUT_S, environment
+from tests.support.same_estimates import TOLERANCE, largest_difference, rows
 
 pytestmark = [
     pytest.mark.slow,  # three minutes of a core
@@ -54,7 +54,7 @@ class Installed:
 
 def run(command: list[str], env: dict[str, str] | None = None, cwd: Path = ROOT) -> str:
     done = subprocess.run(
-        command, env=env, cwd=cwd, capture_output=True, text=True, check=False, timeout=4 * PATIENCE
+        command, env=env, cwd=cwd, capture_output=True, text=True, check=False, timeout=4 * TIMEOUT_S
     )
     assert done.returncode == 0, done.stderr[-2000:]
     return done.stdout
@@ -93,4 +93,4 @@ def test_a_flight_compiles_nothing_and_estimates_the_same(installed: Installed, 
     run([sys.executable, "-m", "onboard", *arguments(*tables[2:])], environment())
     for theirs, ours in ((tables[0], tables[2]), (tables[1], tables[3])):
         assert len(rows(theirs)) > 300
-        assert largest_difference(theirs, ours) <= SAME
+        assert largest_difference(theirs, ours) <= TOLERANCE

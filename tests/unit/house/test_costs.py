@@ -12,12 +12,12 @@ from tests.support import costs
 
 
 def test_what_computes_too_long_is_refused_and_a_slow_computer_is_no_reason() -> None:
-    usual, slow = (lambda: costs.YARDSTICK_S), (lambda: 3.0 * costs.YARDSTICK_S)
+    usual, slow = (lambda: costs.YARDSTICK_TIME_S), (lambda: 3.0 * costs.YARDSTICK_TIME_S)
     assert costs.too_much(costs.LIMIT_S, usual) is None
     assert "13.0 s of a core" in costs.too_much(13.0, usual)
     assert costs.too_much(13.0, slow) is None
     assert costs.too_much(13.0 * 3.0, slow) == costs.too_much(13.0, usual)
-    assert 0.0 < costs.yardstick() < 60.0 * costs.YARDSTICK_S
+    assert 0.0 < costs.yardstick() < 60.0 * costs.YARDSTICK_TIME_S
 
 
 def test_computing_is_measured_and_neither_waiting_nor_what_other_processes_compute() -> None:

@@ -97,7 +97,7 @@ def test_only_files_of_this_version_are_made_anew(tmp_path: Path) -> None:
     ]
     for name in (*mine, f"wingline-{__version__}0.tar.gz", "wingline-0.0.1.tar.gz", "other"):
         (tmp_path / name).touch()
-    assert {path.name for path in release.made_before(tmp_path)} == {*mine}
+    assert {path.name for path in release.earlier_files(tmp_path)} == {*mine}
 
 
 def test_a_wheel_with_machine_code_requires_the_numba_that_made_it(tmp_path: Path) -> None:
@@ -112,7 +112,7 @@ def test_a_wheel_with_machine_code_requires_the_numba_that_made_it(tmp_path: Pat
 
 
 def test_a_copy_for_a_wheel_has_what_is_installed(tmp_path: Path) -> None:
-    tree = wheel.copied(tmp_path / "tree")
+    tree = wheel.copy_tree(tmp_path / "tree")
     assert (tree / "onboard" / "share" / "configs" / "companion.toml").is_file()
     assert not (tree / "onboard" / "share" / "configs").is_symlink()
     assert {path.name for path in (tree / "man").iterdir()} == {"onboard.1", "simlink.1"}

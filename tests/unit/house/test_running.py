@@ -13,7 +13,7 @@ from onboard.pipeline import Pipeline
 from simlink.scenarios.scenario import load_scenario
 from simlink.simulation import datagrams
 from tests.support import kept, kernels, order
-from tests.support.programs import PATIENCE, ROOT
+from tests.support.programs import ROOT, TIMEOUT_S
 from tests.support.streams import Stream, feed, feed_once, make_config
 
 ANGLE = """
@@ -35,7 +35,7 @@ def azimuth_by_pytest(copy: Path) -> float:
         text=True,
         cwd=copy,
         env=environment | {"PYTHONPATH": str(copy)},
-        timeout=PATIENCE,
+        timeout=TIMEOUT_S,
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
@@ -153,7 +153,7 @@ def test_what_a_pipeline_makes_is_kept_until_what_flies_changes(
         plain = feed(sent, config)
         assert feed_once(sent, config).outputs == plain.outputs
         assert [*tmp_path.glob("*/*")] == []  # so short a flight is not worth it
-        monkeypatch.setattr(kept, "WORTH_S", 0.0)
+        monkeypatch.setattr(kept, "MIN_COST_TIME_S", 0.0)
         feed_once(sent, config)
         with monkeypatch.context() as patch:
             patch.setattr(Pipeline, "feed", lambda *_: pytest.fail("flown again"))

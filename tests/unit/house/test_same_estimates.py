@@ -7,7 +7,7 @@ import pytest
 
 from tests.support.exact_estimates import row_of, write_rows
 from tests.support.records import make_estimate
-from tests.support.same_estimates import SAME, largest_difference, main, rows
+from tests.support.same_estimates import TOLERANCE, largest_difference, main, rows
 
 HEAD = "t_ns,state,x\n"
 
@@ -29,7 +29,7 @@ def table(path: Path, *lines: str) -> Path:
 def test_a_difference_is_relative_above_1(one: str, other: str, expected: float, tmp_path: Path) -> None:
     paths = table(tmp_path / "one", "0,lost,", one), table(tmp_path / "other", "0,lost,", other)
     assert largest_difference(*paths) == pytest.approx(expected, rel=1e-5)
-    assert main([*map(str, paths)]) == (expected > SAME)
+    assert main([*map(str, paths)]) == (expected > TOLERANCE)
 
 
 @pytest.mark.parametrize("other", ["1,coasting,2.0", "1,tracking,nan", "1,tracking,", "1,tracking,inf"])
@@ -46,7 +46,7 @@ def test_an_estimate_is_written_with_all_its_digits(tmp_path: Path) -> None:
         write_rows([row_of(one), row_of(make_estimate(mean=None, covariance=None))], tmp_path / str(k))
     first, second, third = (tmp_path / str(k) for k in range(3))
     assert 0.0 < largest_difference(first, second) < 1e-15
-    assert largest_difference(first, third) > SAME
+    assert largest_difference(first, third) > TOLERANCE
     assert {"mean_1", "covariance_0_0", "covariance_1_0", "covariance_1_1"} <= rows(first)[0].keys()
 
 

@@ -9,7 +9,7 @@ import pytest
 from onboard.messages import EstimatorStatus
 from onboard.ownship.stated_attitude import AttitudeUncertainty
 from onboard.wire.mavlink.decode import MavlinkDecoder
-from tests.support.mavlink_frames import RECV, frame, one
+from tests.support.mavlink_frames import RECEIVE_TIME_NS, frame, one
 
 MS = 1_000_000
 
@@ -57,7 +57,7 @@ def test_the_covariance_of_odometry_is_read_and_zero_and_nan_are_unknown(
     values[28] = values[31] = 1e-4
     values[33] = variance
     payload = struct.pack("<Q55f4Bb", 5_000_000, *values, 1, 8, 7, 2, 100)
-    found = MavlinkDecoder(stream=False).decode(frame(331, 91, payload), RECV)
+    found = MavlinkDecoder(stream=False).decode(frame(331, 91, payload), RECEIVE_TIME_NS)
     assert [m.yaw_sigma for m in found if isinstance(m, EstimatorStatus)] == (
         [sigma if sigma is None else pytest.approx(sigma, rel=1e-5)]
     )

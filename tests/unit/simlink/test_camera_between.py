@@ -26,7 +26,7 @@ from simlink.server.server import Options, Server
 from simlink.world import attitude
 from simlink.world.constants import STEP_NS
 from simlink.world.truth import path_accelerations, states
-from tests.support.simlink_server import UNIX_NS, run, until
+from tests.support.simlink_server import UNIX_TIME_NS, run, until
 
 SITL = load_scenario("sitl")
 BOXES = msgspec.structs.replace(SITL, camera=msgspec.structs.replace(SITL.camera, sees="box"))
@@ -43,7 +43,7 @@ def observed(
     scenario: Scenario, seconds: float, seed: int = 1, speed: float = 1.0
 ) -> tuple[ObservedVehicle, list[Any]]:
     """A vehicle that simlink flies, observed over a link, and its true states. `speed`: of its clock in ours."""
-    link = AutopilotLink(scenario.vehicle, UNIX_NS, stream=False)
+    link = AutopilotLink(scenario.vehicle, UNIX_TIME_NS, stream=False)
     vehicle = ObservedVehicle(LocalFrame(), stream=False)
     flown = []
     for state, reading in islice(readings(scenario, seed, states(scenario, seed)), round(200 * seconds)):
@@ -104,7 +104,7 @@ def test_the_truth_is_requested_and_is_nobody_elses() -> None:
 
 def test_a_rebooted_vehicle_begins_anew_seed_1() -> None:
     vehicle, flown = observed(of("ardupilot"), 4.0)
-    link = AutopilotLink(SITL.vehicle, UNIX_NS, stream=False)
+    link = AutopilotLink(SITL.vehicle, UNIX_TIME_NS, stream=False)
     for state, reading in islice(readings(SITL, 1, states(SITL, 1)), 400):
         t_ns = state.step * STEP_NS
         now_ns = EPOCH_NS + 8 * 10**9 + t_ns
@@ -128,7 +128,7 @@ def test_a_clock_of_another_speed_is_said_seed_1(speed: float) -> None:
 
 def test_the_daemon_reads_no_truth() -> None:
     """A filter that could see SIM_STATE would be tested on nothing."""
-    link = AutopilotLink(SITL.vehicle, UNIX_NS, stream=False)
+    link = AutopilotLink(SITL.vehicle, UNIX_TIME_NS, stream=False)
     vehicle = ObservedVehicle(LocalFrame(), stream=False)
     daemon = MavlinkDecoder(stream=False)
     kinds = set()
@@ -164,7 +164,7 @@ async def fly(lines: list[str], truths: list[Truth], **changed: Any) -> list[Exp
     ahead = msgspec.structs.replace(SITL.follower, slot=(0.0, 0.0, 0.0))
     flown = [of("ardupilot"), of("px4", boot=70.0, follower=ahead)]
     quiet: dict[str, Any] = {"camera": "none", "zenoh": None, "mavlink": None, "tcp_port": 0}
-    servers = [Server(Options(scenario=s, **quiet), time.monotonic, UNIX_NS, lambda _: None) for s in flown]
+    servers = [Server(Options(scenario=s, **quiet), time.monotonic, UNIX_TIME_NS, lambda _: None) for s in flown]
     flights = [asyncio.create_task(server.run(stop)) for server in servers]
     await until(lambda: all(server.tcp is not None and server.tcp.is_open for server in servers))
     urls = [f"tcp:127.0.0.1:{server.tcp.port}" for server in servers if server.tcp is not None]

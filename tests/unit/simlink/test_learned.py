@@ -19,7 +19,7 @@ NOTHING = np.zeros((480, 640), dtype=np.uint8)
 
 
 def some(seed: int, count: int) -> list[Any]:
-    return list(learned_train.drawn(seed, count, learned_train.Scene(distances=(15.0, 30.0), empty=0.1)))
+    return list(learned_train.draw_pictures(seed, count, learned_train.Scene(distances=(15.0, 30.0), empty=0.1)))
 
 
 def off(network: Any, data: Any) -> float:
@@ -35,12 +35,12 @@ def test_derivatives_are_those_of_the_loss_seed_1(name: str, shape: tuple[int, i
     random = np.random.default_rng(1)
     network = [
         learned.Layer(layer.weights.astype(float), random.normal(0.0, 0.1, layer.biases.shape), layer.stride)
-        for layer in learned_train.untrained(name, random)
+        for layer in learned_train.make_network(name, random)
     ]
     x = 0.3 * random.normal(size=(3, *shape, 1))
     places = random.uniform(2.0, 14.0, (3, learned.CHANNELS[name][-1], 2))
     places[0] = np.nan
-    wrong = partial(learned_train.slope, places=places, cell=learned.CELL[name])
+    wrong = partial(learned_train.loss_and_gradient, places=places, cell=learned.CELL[name])
     _, found = learned_train.gradients(network, x, wrong)
     for array, by_array in zip(learned_train.parameters(network), found, strict=True):
         at = tuple(random.integers(n) for n in array.shape)
@@ -58,10 +58,10 @@ def test_derivatives_are_those_of_the_loss_seed_1(name: str, shape: tuple[int, i
 def test_seconds_of_training_bring_points_nearer_on_pictures_not_trained_on_seed_1(
     pictures: int, steps: int, share: float
 ) -> None:
-    _, taught = learned_train.taught(some(1, pictures), 1)
-    _, others = learned_train.taught(some(2, 20), 2)
-    before = off(learned_train.untrained("points", np.random.default_rng(1)), others)
-    after = off(learned_train.train("points", taught, steps, 1), others)
+    _, training_data = learned_train.training_data(some(1, pictures), 1)
+    _, others = learned_train.training_data(some(2, 20), 2)
+    before = off(learned_train.make_network("points", np.random.default_rng(1)), others)
+    after = off(learned_train.train("points", training_data, steps, 1), others)
     assert before > 10.0
     assert after < share * before
 
@@ -71,7 +71,7 @@ def test_weights_are_the_same_from_file_and_without_them_it_says_what_makes_them
 ) -> None:
     path = tmp_path / "new" / "weights.npz"
     random = np.random.default_rng(1)
-    made = learned.Learned(*(learned_train.untrained(name, random) for name in learned.STRIDES), 0.5)
+    made = learned.Learned(*(learned_train.make_network(name, random) for name in learned.STRIDES), 0.5)
     monkeypatch.setattr(learned, "WEIGHTS", path)
     learned._loaded.cache_clear()
     with pytest.raises(SystemExit, match=r"make them: python examples/learned_train\.py"):
@@ -93,7 +93,7 @@ HEAD = "file,center_u,center_v,left_u,left_v,right_u,right_v\n"
 def labels(folder: Path, *lines: str) -> Iterator[Any]:
     cv2.imwrite(str(folder / "a.png"), NOTHING)
     (folder / "labels.csv").write_text(HEAD + "".join(f"{line}\n" for line in lines), encoding="utf-8")
-    return iter(learned_train.own(folder))
+    return iter(learned_train.read_pictures(folder))
 
 
 def test_own_pictures_are_read_with_their_labels(tmp_path: Path) -> None:

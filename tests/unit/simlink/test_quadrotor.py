@@ -20,7 +20,7 @@ from simlink.sensors.navigation import readings
 from simlink.simulation import simulate
 from simlink.world.quadrotor import Forces, advance, derivative, forces_at
 from simlink.world.truth import State, states
-from tests.support.simlink_truth import HZ, G, flight
+from tests.support.simlink_truth import GRAVITY, HZ, flight
 
 SPINNING = (0.0, 0.0, 0.0, 1.0, -2.0, 0.5, 0.6, -0.4, 0.5, 0.48, 3.0, -2.0, 4.0, 0.0, 0.0, 0.0, 0.0)
 STILL = (0.0,) * 4
@@ -47,7 +47,7 @@ def test_a_free_body_keeps_its_angular_momentum_its_energy_and_falls() -> None:
         y = advance(BARE, forces, STILL, y, 1 / HZ)
     assert_allclose(momentum(y), before, rtol=1e-6, atol=1e-9)
     assert float(inertia @ np.square(y[10:13])) == pytest.approx(energy, rel=1e-6)
-    assert_allclose(y[:6], (2.0, -4.0, 1.0 + 0.5 * G * 4, 1.0, -2.0, 0.5 + 2 * G), rtol=1e-9)
+    assert_allclose(y[:6], (2.0, -4.0, 1.0 + 0.5 * GRAVITY * 4, 1.0, -2.0, 0.5 + 2 * GRAVITY), rtol=1e-9)
 
 
 def test_each_rotor_turns_the_body_according_to_its_place() -> None:

@@ -11,7 +11,7 @@ from simlink.scenarios.profiles import Wave
 from simlink.scenarios.scenario import Scenario, load_scenario
 from simlink.world import attitude
 from simlink.world.truth import State, coordinated_attitude, true_size
-from tests.support.simlink_truth import HZ, G, dead_reckoned, flight
+from tests.support.simlink_truth import GRAVITY, HZ, dead_reckoned, flight
 
 
 def column(rows: list[State], name: str) -> np.ndarray:
@@ -105,7 +105,7 @@ def test_the_leader_wobbles_about_coordinated_flight_seed_6() -> None:
     for row in rows:
         roll, pitch, yaw = rotations.euler_from_quaternion(row.q_nL)
         course = math.atan2(row.v_L_n[1], row.v_L_n[0])
-        errors.append((roll - math.atan(2.4384 / G), pitch, float(rotations.wrap_angle(yaw - course))))
+        errors.append((roll - math.atan(2.4384 / GRAVITY), pitch, float(rotations.wrap_angle(yaw - course))))
     mean, sigma = np.degrees(np.mean(errors, axis=0)), np.degrees(np.std(errors, axis=0))
     assert_allclose(mean, 0.0, atol=0.6)
     assert_allclose(sigma, [2.0, 0.0, 2.0], atol=0.3)
@@ -114,7 +114,7 @@ def test_the_leader_wobbles_about_coordinated_flight_seed_6() -> None:
 def test_a_coordinated_right_turn_has_the_right_wing_down() -> None:
     roll, pitch, yaw = rotations.euler_from_quaternion(coordinated_attitude((0.0, 20.0, -2.0), (-3.0, 0.0, 0.0)))
     # flying east, turning south: right; climbing 2 in 20
-    assert (roll, pitch, yaw) == pytest.approx((math.atan(3.0 / G), math.atan(0.1), math.pi / 2))
+    assert (roll, pitch, yaw) == pytest.approx((math.atan(3.0 / GRAVITY), math.atan(0.1), math.pi / 2))
 
 
 def test_the_size_is_the_nominal_with_two_percent_seeds_0_to_999() -> None:

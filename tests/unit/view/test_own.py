@@ -18,7 +18,16 @@ pytest.importorskip("rerun")
 from onboard.view import layout, own, palette, scene, words
 from onboard.view.columns import HIDDEN
 from onboard.view.memory import Memory
-from tests.support.view_flight import START_S, Drawn, Kept, flight, health_of, record_flight, rows_of, truth_of
+from tests.support.view_flight import (
+    START_TIME_S,
+    Drawn,
+    Kept,
+    flight,
+    health_of,
+    record_flight,
+    rows_of,
+    truth_of,
+)
 
 
 def test_estimate_autopilot_and_truth_share_their_plots() -> None:
@@ -118,7 +127,7 @@ def test_the_window_is_arranged_for_both_once_our_own_state_comes(
     records = list(flight(2.0))
     record_flight(tmp_path / "leader.rrd", records)
     assert made[-1] == (True, False)
-    states = [nav_state(round(START_S * 1000) + 20 * k) for k in range(100)]
+    states = [nav_state(round(START_TIME_S * 1000) + 20 * k) for k in range(100)]
     record_flight(tmp_path / "both.rrd", [*records, *states])
     assert made[-1] == (True, True)
     rows = rows_of(tmp_path / "both.rrd")

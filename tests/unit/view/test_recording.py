@@ -11,7 +11,15 @@ import pytest
 
 from onboard import UserError
 from onboard.messages import Estimate, Truth
-from tests.support.view_flight import NEEDS_RERUN, START_S, flight, health_of, record_flight, rows_of, truth_of
+from tests.support.view_flight import (
+    NEEDS_RERUN,
+    START_TIME_S,
+    flight,
+    health_of,
+    record_flight,
+    rows_of,
+    truth_of,
+)
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +77,7 @@ def test_errors_are_those_of_the_moment_of_the_estimate(recording: Path) -> None
     for estimate in estimates:
         assert estimate.mean is not None
         assert estimate.covariance is not None
-        truth = truth_of(estimate.t_ns * 1e-9 - START_S)
+        truth = truth_of(estimate.t_ns * 1e-9 - START_TIME_S)
         edge = 3 * math.sqrt(estimate.covariance[2][2])
         expected = [estimate.mean[2] - truth.r_FL_n[2], edge, -edge]
         np.testing.assert_allclose(drawn[estimate.t_ns], expected, atol=2e-5)
@@ -106,7 +114,7 @@ def test_a_time_in_the_recording_counts_from_its_start(at: float) -> None:
     assert viewer.time_shown(at, 12_000_000_000, 20_000_000_000) == 12.0 + at
 
 
-@pytest.mark.parametrize("at", [-0.1, 8.2, START_S + 6.0, math.nan])
+@pytest.mark.parametrize("at", [-0.1, 8.2, START_TIME_S + 6.0, math.nan])
 def test_no_picture_of_a_time_outside_the_recording(at: float) -> None:
     viewer = pytest.importorskip("onboard.view.viewer", reason=NEEDS_RERUN, exc_type=ImportError)
     with pytest.raises(UserError, match=r"no picture at .* s: the recording holds 0 to 8\.1 s"):
@@ -150,4 +158,4 @@ def test_a_recording_begins_with_the_first_boot_time(tmp_path: Path) -> None:
         if not one.is_static
         for t in one.to_record_batch().column("boot_time").to_numpy(zero_copy_only=False).astype("int64")
     ]
-    assert min(times) == round(START_S * 1e9)
+    assert min(times) == round(START_TIME_S * 1e9)

@@ -26,7 +26,7 @@ from onboard.messages import (
 )
 from onboard.wire.logs.dataflash import GPS_EPOCH_S, WEEK_S, read_dataflash
 from onboard.wire.logs.tlog import NotALogError
-from tests.support.dataflash import BOOT_UNIX_S, WEEK, WEEK_MS, DataFlash, dataflash
+from tests.support.dataflash import BOOT_TIME_S, WEEK, WEEK_MS, DataFlash, dataflash
 from tests.support.streams import CIRCLE
 
 
@@ -87,7 +87,7 @@ def test_the_vehicle_and_its_sensors_are_named(log: Path) -> None:
 
 def test_arrivals_are_unix_times_of_the_gps(log: Path) -> None:
     for message, _ in read_dataflash(log):
-        assert message.t_recv_ns == message.t_ns + BOOT_UNIX_S * 1_000_000_000
+        assert message.t_recv_ns == message.t_ns + BOOT_TIME_S * 1_000_000_000
 
 
 def test_bytes_read_rise_to_the_end(log: Path) -> None:
@@ -186,7 +186,7 @@ def test_one_fix_of_another_week_decides_nothing(tmp_path: Path) -> None:
     """A receiver's first fix had the week before; all images were then later than the log's end."""
     fixes = [("GPS", t, FIX | {"GWk": WEEK - (t == 1), "GMS": WEEK_MS + 1000 * t}) for t in range(1, 6)]
     found = of(written(tmp_path / "log.bin", fixes), GpsFix)
-    assert {m.t_recv_ns - m.t_ns for m in found} == {BOOT_UNIX_S * 10**9}
+    assert {m.t_recv_ns - m.t_ns for m in found} == {BOOT_TIME_S * 10**9}
 
 
 def test_rows_of_firmware_before_2015_have_milliseconds(tmp_path: Path) -> None:

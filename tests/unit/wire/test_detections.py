@@ -11,7 +11,7 @@ from onboard.wire.datagrams import DatagramDecoder
 from onboard.wire.documents.cameras import CameraInput
 from onboard.wire.documents.detections import MAX_NAMED, MAX_UNNAMED
 from tests.support.images import detections
-from tests.support.mavlink_frames import RECV
+from tests.support.mavlink_frames import RECEIVE_TIME_NS
 
 LENS = Lens(fx_px=500.0, fy_px=500.0, cx_px=320.0, cy_px=240.0, width_px=640.0, height_px=480.0)
 CAMERAS = {
@@ -35,7 +35,7 @@ class Decoded:
         self.messages = []
         for document in documents:
             data = json.dumps(document).encode()
-            datagram = Datagram(channel="c", encoding=Encoding.DETECTIONS, t_recv_ns=RECV, data=data)
+            datagram = Datagram(channel="c", encoding=Encoding.DETECTIONS, t_recv_ns=RECEIVE_TIME_NS, data=data)
             self.messages += detections(decoder.decode(datagram))
         self.rejected = dict(decoder.rejected)
 
@@ -53,7 +53,13 @@ def test_all_three_points_are_target_points() -> None:
     assert isinstance(m, TargetPoints)
     assert (m.center, m.left, m.right) == (pytest.approx((0.1, 0.0)), (0.0, 0.0), pytest.approx((0.2, 0.0)))
     assert m.sigma == pytest.approx((1 / 500, 2 / 500, 1 / 500))
-    assert (m.t_ns, m.t_recv_ns, m.clock, m.camera, m.target) == (5_000_000_000, RECV, Clock.BOOT, "front", "")
+    assert (m.t_ns, m.t_recv_ns, m.clock, m.camera, m.target) == (
+        5_000_000_000,
+        RECEIVE_TIME_NS,
+        Clock.BOOT,
+        "front",
+        "",
+    )
     assert m.view == pytest.approx((-0.64, -0.48, 0.64, 0.48))
 
 

@@ -10,7 +10,7 @@ from onboard.messages import Clock, TargetPoints
 from onboard.wire.mavlink.decode import MavlinkDecoder
 from onboard.wire.mavlink.encode import MavlinkEncoder
 from tests.support.images import detections
-from tests.support.mavlink_frames import RECV, decode, frame, independent, one
+from tests.support.mavlink_frames import RECEIVE_TIME_NS, decode, frame, independent, one
 
 
 def landing(number: int, x: float, y: float, t_us: int = 5_000_000, component: int = 191) -> bytes:
@@ -42,7 +42,9 @@ def test_three_targets_in_any_order_are_one_image(order: tuple[int, ...]) -> Non
 def test_two_images_interleaved_over_datagrams_are_two() -> None:
     decoder = MavlinkDecoder(stream=False)
     a, b = labelled(5_000_000), labelled(5_040_000)
-    found = [m for f in (a[0], b[0], b[1], a[1], a[2], b[2]) for m in detections(decoder.decode(f, RECV))]
+    found = [
+        m for f in (a[0], b[0], b[1], a[1], a[2], b[2]) for m in detections(decoder.decode(f, RECEIVE_TIME_NS))
+    ]
     assert [m.t_ns for m in found] == [5_000_000_000, 5_040_000_000]
     assert not decoder.rejected
 
@@ -50,7 +52,7 @@ def test_two_images_interleaved_over_datagrams_are_two() -> None:
 def test_images_of_two_cameras_at_one_time_are_not_mixed() -> None:
     decoder = MavlinkDecoder(stream=False)
     frames = [landing(k, 0.1 * c, 0.0, component=c) for k in range(3) for c in (100, 101)]
-    found = [m for f in frames for m in detections(decoder.decode(f, RECV))]
+    found = [m for f in frames for m in detections(decoder.decode(f, RECEIVE_TIME_NS))]
     assert [m.component for m in found] == [100, 101]
 
 
@@ -60,7 +62,7 @@ def test_a_missing_third_point_costs_that_image_only_and_is_counted() -> None:
     for i in range(100):
         frames = labelled(5_000_000 + 40_000 * i)
         for f in frames if i % 2 else frames[:2]:
-            found += len(decoder.decode(f, RECV))
+            found += len(decoder.decode(f, RECEIVE_TIME_NS))
     assert found == 50
     assert decoder.rejected["incomplete_points"] >= 50 - 8
     assert len(decoder._points) <= 8
@@ -105,7 +107,7 @@ def test_foreign_points_never_cost_a_pending_image() -> None:
                 landing(0, 0.1, 0.1, t_us=7_000_000 + 100 * i + 10 * k + n, component=99) for n in range(10)
             ]
             further = [landing(3 * n, 0.1, 0.1, t_us=5_000_000 + 40_000 * i + k) for n in range(1, 11)]
-            found += [m for g in (*foreign, *further, f) for m in detections(decoder.decode(g, RECV))]
+            found += [m for g in (*foreign, *further, f) for m in detections(decoder.decode(g, RECEIVE_TIME_NS))]
     assert [(m.target, m.component) for m in found] == [("leader", 191)] * 100
 
 
@@ -115,7 +117,7 @@ def test_any_number_of_senders_neither_costs_an_image_nor_grows_what_waits() -> 
     for i in range(30):
         for f in labelled(5_000_000 + 40_000 * i):
             strangers = [landing(0, 0.1, 0.1, t_us=6_000_000 + i, component=c) for c in range(1, 190)]
-            found += [m for g in (*strangers, f) for m in detections(decoder.decode(g, RECV))]
+            found += [m for g in (*strangers, f) for m in detections(decoder.decode(g, RECEIVE_TIME_NS))]
     assert [m.component for m in found] == [191] * 30
     assert len(decoder._points) <= 8 * 1024
 
@@ -124,9 +126,9 @@ def test_what_waits_is_bounded_whoever_sends_it() -> None:
     decoder = MavlinkDecoder(stream=False)
     for system in range(1, 250):
         for component in range(1, 20):
-            decoder.decode(frame_of(system, component), RECV)
+            decoder.decode(frame_of(system, component), RECEIVE_TIME_NS)
     assert len(decoder._points) <= 8 * 1024
-    (m,) = [m for f in labelled() for m in detections(decoder.decode(f, RECV))]
+    (m,) = [m for f in labelled() for m in detections(decoder.decode(f, RECEIVE_TIME_NS))]
     assert m.component == 191
 
 

@@ -24,14 +24,14 @@ from onboard.messages import (
     TimeSync,
 )
 from onboard.wire.mavlink.decode import MavlinkDecoder
-from tests.support.mavlink_frames import NED_V1, NED_V2, RECV, frame, one
+from tests.support.mavlink_frames import NED_V1, NED_V2, RECEIVE_TIME_NS, frame, one
 
 
 @pytest.mark.parametrize("literal", [NED_V2, NED_V1], ids=["v2", "v1"])
 def test_local_position_from_literal_bytes(literal: str) -> None:
     assert one(bytes.fromhex(literal)) == LocalPosition(
         t_ns=123_456_000_000,
-        t_recv_ns=RECV,
+        t_recv_ns=RECEIVE_TIME_NS,
         clock=Clock.BOOT,
         system=3,
         component=1,
@@ -105,8 +105,8 @@ def test_gps_stamped_with_unix_time_and_its_unknown_values() -> None:
 def test_messages_without_a_stamp_are_true_when_they_arrived() -> None:
     beat = one(frame(0, 50, struct.pack("<IBBBBB", 4, 2, 12, 0x80 | 0x01, 4, 3)))
     assert beat == Heartbeat(
-        t_ns=RECV,
-        t_recv_ns=RECV,
+        t_ns=RECEIVE_TIME_NS,
+        t_recv_ns=RECEIVE_TIME_NS,
         clock=Clock.NONE,
         vehicle_type=2,
         autopilot=12,

@@ -19,7 +19,7 @@ from onboard.messages import (
     TimeSync,
 )
 from onboard.wire.mavlink.encode import MavlinkEncoder
-from tests.support.mavlink_frames import RECV, independent, one
+from tests.support.mavlink_frames import RECEIVE_TIME_NS, independent, one
 from tests.support.mavlink_records import HEAD, RECORDS
 
 UNSTAMPED = (Heartbeat, TimeSync, Command, CommandAck, LandedState, StatusText)  # MAVLink has no time in these
@@ -39,7 +39,7 @@ def test_every_record_is_decoded_again(record: Message, name: str, fields: dict[
     assert type(back) is type(record)
     expected = {field: getattr(record, field) for field in record.__struct_fields__}
     if isinstance(record, UNSTAMPED):
-        expected |= {"t_ns": RECV, "clock": Clock.NONE}
+        expected |= {"t_ns": RECEIVE_TIME_NS, "clock": Clock.NONE}
     if isinstance(record, GlobalPosition) and record.heading_rad is not None:
         expected["heading_rad"] = pytest.approx(record.heading_rad % math.tau, abs=math.radians(0.005))
     if isinstance(record, ActuatorOutputs):

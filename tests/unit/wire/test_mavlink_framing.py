@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import common
 from onboard.messages import Message
 from onboard.wire.mavlink.decode import MavlinkDecoder
 from onboard.wire.mavlink.encode import MavlinkEncoder
-from tests.support.mavlink_frames import NED_V2, RECV, decode, frame
+from tests.support.mavlink_frames import NED_V2, RECEIVE_TIME_NS, decode, frame
 from tests.support.mavlink_records import RECORDS
 
 
@@ -24,9 +24,9 @@ def test_a_stream_cut_at_every_byte_gives_the_same_messages() -> None:
     assert len(whole) == 40
     for cut in range(len(data)):
         decoder = MavlinkDecoder(stream=True)
-        assert decoder.decode(data[:cut], RECV) + decoder.decode(data[cut:], RECV) == whole
+        assert decoder.decode(data[:cut], RECEIVE_TIME_NS) + decoder.decode(data[cut:], RECEIVE_TIME_NS) == whole
     decoder = MavlinkDecoder(stream=True)
-    assert [m for i in range(len(data)) for m in decoder.decode(data[i : i + 1], RECV)] == whole
+    assert [m for i in range(len(data)) for m in decoder.decode(data[i : i + 1], RECEIVE_TIME_NS)] == whole
     assert not decoder.rejected
 
 
@@ -36,7 +36,7 @@ def test_the_buffer_of_a_stream_whose_reads_end_mid_frame_stays_small() -> None:
     data = unit * 3
     largest = found = 0
     for _ in range(100_000):  # always the tail of one frame and the head of the next
-        found += len(decoder.decode(data[20 : 20 + len(unit)], RECV))
+        found += len(decoder.decode(data[20 : 20 + len(unit)], RECEIVE_TIME_NS))
         largest = max(largest, len(decoder._rest))
     assert found >= 99_999
     assert largest < 300
@@ -46,15 +46,15 @@ def test_a_truncated_datagram_does_not_eat_the_next() -> None:
     unit = bytes.fromhex(NED_V2)
     for length in range(1, len(unit)):
         decoder = MavlinkDecoder(stream=False)
-        assert decoder.decode(unit[:length], RECV) == []
-        assert len(decoder.decode(unit, RECV)) == 1, f"eaten after {length} bytes"
+        assert decoder.decode(unit[:length], RECEIVE_TIME_NS) == []
+        assert len(decoder.decode(unit, RECEIVE_TIME_NS)) == 1, f"eaten after {length} bytes"
         assert decoder.rejected["truncated"] == 1
 
 
 def test_a_false_start_in_a_stream_costs_little() -> None:
     data = bytes.fromhex(NED_V2)
     decoder = MavlinkDecoder(stream=True)
-    found = decoder.decode(b"\x00\x11\x22" + data[:9] + data * 20, RECV)
+    found = decoder.decode(b"\x00\x11\x22" + data[:9] + data * 20, RECEIVE_TIME_NS)
     assert len(found) == 20
     assert decoder.rejected["bad_frame"] >= 1
 
@@ -69,20 +69,20 @@ def test_one_wrong_bit_anywhere_rejects_the_frame_and_is_counted() -> None:
         wrong = bytearray(data)
         wrong[byte] ^= 1 << bit % 8
         decoder = MavlinkDecoder(stream=False)
-        assert decoder.decode(bytes(wrong), RECV) == []
+        assert decoder.decode(bytes(wrong), RECEIVE_TIME_NS) == []
         assert not decoder.names
         (reason, count), *others = decoder.rejected.items()
         assert others == []
         assert count == 1
         may_be = {1: {"truncated"}, 7: {"unknown_message"}, 8: {"unknown_message"}, 9: {"unknown_message"}}
         assert reason in {"bad_frame"} | may_be.get(byte, set())
-        assert decoder.decode(data, RECV) == decode(data)
+        assert decoder.decode(data, RECEIVE_TIME_NS) == decode(data)
 
 
 def test_a_bad_checksum_is_counted_and_the_next_frame_of_the_datagram_read() -> None:
     data = bytes.fromhex(NED_V2)
     decoder = MavlinkDecoder(stream=False)
-    assert len(decoder.decode(data[:-1] + b"\x00" + data, RECV)) == 1
+    assert len(decoder.decode(data[:-1] + b"\x00" + data, RECEIVE_TIME_NS)) == 1
     assert decoder.rejected == {"bad_frame": 1}
 
 
@@ -93,7 +93,7 @@ def test_a_bad_checksum_is_counted_and_the_next_frame_of_the_datagram_read() -> 
 def test_a_false_start_eats_none_of_the_frames_within_its_length(head: str, stream: bool) -> None:
     data = bytes.fromhex(NED_V2)
     decoder = MavlinkDecoder(stream=stream)
-    assert len(decoder.decode(data + bytes.fromhex(head) + data * 3, RECV)) == 4
+    assert len(decoder.decode(data + bytes.fromhex(head) + data * 3, RECEIVE_TIME_NS)) == 4
     assert sum(decoder.rejected.values()) == 1
 
 
@@ -109,7 +109,7 @@ def test_noise_costs_a_stream_no_whole_frame_with_seed_5() -> None:
         noise = rng.integers(0, 256, rng.integers(0, 40), dtype=np.uint8).tobytes()
         pieces.append(noise + good)
     decoder = MavlinkDecoder(stream=True)
-    found = sum(len(decoder.decode(piece, RECV)) for piece in [*pieces, bytes(300)])
+    found = sum(len(decoder.decode(piece, RECEIVE_TIME_NS)) for piece in [*pieces, bytes(300)])
     assert found == 3000
 
 
@@ -119,14 +119,14 @@ def test_the_number_of_a_message_has_three_bytes() -> None:
     assert data[7:10] == b"\x20\0\0"
     data[9] = 1
     decoder = MavlinkDecoder(stream=False)
-    assert decoder.decode(bytes(data), RECV) == []
+    assert decoder.decode(bytes(data), RECEIVE_TIME_NS) == []
     assert decoder.rejected == {"unknown_message": 1}
 
 
 def test_unknown_messages_are_counted_and_do_no_harm() -> None:
     decoder = MavlinkDecoder(stream=False)
     unknown = frame(60_001, 17, b"\x01\x02\x03")
-    assert len(decoder.decode(unknown + bytes.fromhex(NED_V2), RECV)) == 1
+    assert len(decoder.decode(unknown + bytes.fromhex(NED_V2), RECEIVE_TIME_NS)) == 1
     assert decoder.rejected == {"unknown_message": 1}
     assert decoder.names == {"LOCAL_POSITION_NED": 1}
 
@@ -134,7 +134,7 @@ def test_unknown_messages_are_counted_and_do_no_harm() -> None:
 def test_known_messages_we_do_not_use_are_counted_by_name() -> None:
     sender = common.MAVLink(None, srcSystem=1, srcComponent=1)
     decoder = MavlinkDecoder(stream=False)
-    assert decoder.decode(sender.vfr_hud_encode(9.0, 8.0, 90, 50, 100.0, 1.0).pack(sender), RECV) == []
+    assert decoder.decode(sender.vfr_hud_encode(9.0, 8.0, 90, 50, 100.0, 1.0).pack(sender), RECEIVE_TIME_NS) == []
     assert decoder.names == {"VFR_HUD": 1}
     assert not decoder.rejected
 
@@ -148,7 +148,7 @@ def test_signed_frames_are_read() -> None:
     data = sender.local_position_ned_encode(123456, 1.5, -2.25, -30.5, 0.125, -0.5, 4.0).pack(sender)
     assert data[2] == 1
     decoder = MavlinkDecoder(stream=False)
-    assert len(decoder.decode(data + data, RECV)) == 2
+    assert len(decoder.decode(data + data, RECEIVE_TIME_NS)) == 2
 
 
 @settings(max_examples=200, deadline=None, derandomize=True)
@@ -156,7 +156,7 @@ def test_signed_frames_are_read() -> None:
 def test_random_bytes_never_raise(chunks: list[bytes], stream: bool) -> None:
     decoder = MavlinkDecoder(stream=stream)
     for chunk in chunks:
-        decoder.decode(chunk, RECV)
+        decoder.decode(chunk, RECEIVE_TIME_NS)
 
 
 NUMBERS = sorted(common.mavlink_map)
@@ -172,7 +172,7 @@ def test_random_payloads_of_real_messages_with_good_checksums_eat_nothing(
     extra = common.mavlink_map[number].crc_extra
     decoder = MavlinkDecoder(stream=stream)
     good = bytes.fromhex(NED_V2)
-    found = decoder.decode(frame(number, extra, payload, version=version) + good, RECV)
+    found = decoder.decode(frame(number, extra, payload, version=version) + good, RECEIVE_TIME_NS)
     assert found[-1:] == decode(good)
 
 
@@ -183,5 +183,5 @@ def test_random_payloads_of_every_message_we_convert_with_seed_8() -> None:
             size = kind.unpacker.size
             payload = rng.integers(0, 256, size, dtype=np.uint8).tobytes()
             decoder = MavlinkDecoder(stream=False)
-            decoder.decode(frame(number, kind.crc_extra, payload), RECV)
+            decoder.decode(frame(number, kind.crc_extra, payload), RECEIVE_TIME_NS)
             assert sum(decoder.names.values()) + decoder.rejected["unknown_message"] == 1

@@ -16,7 +16,7 @@ from onboard.wire.mavlink.decode import MavlinkDecoder
 from onboard.wire.mavlink.landing_target import LANDING_TARGET
 from onboard.wire.mavlink.records import CONVERT
 from onboard.wire.mavlink.table import MESSAGES
-from tests.support.mavlink_frames import RECV, crc_x25, frame
+from tests.support.mavlink_frames import RECEIVE_TIME_NS, crc_x25, frame
 from tests.support.programs import ROOT
 from tests.support.pymavlink_reference import Reference
 
@@ -57,7 +57,7 @@ def assert_same(pieces: Iterable[bytes], *, stream: bool) -> MavlinkDecoder:
     all_found: list[Message] = []
     all_expected: list[Message] = []
     for piece in pieces:
-        found, expected = ours.decode(piece, RECV), reference.decode(piece, RECV)
+        found, expected = ours.decode(piece, RECEIVE_TIME_NS), reference.decode(piece, RECEIVE_TIME_NS)
         assert comparable(found) == comparable(expected)
         all_found += found
         all_expected += expected
@@ -75,8 +75,8 @@ def assert_no_less(pieces: Iterable[bytes], *, stream: bool) -> MavlinkDecoder:
     found: list[str] = []
     expected: list[str] = []
     for piece in pieces:
-        found += comparable(ours.decode(piece, RECV))
-        expected += comparable(reference.decode(piece, RECV))
+        found += comparable(ours.decode(piece, RECEIVE_TIME_NS))
+        expected += comparable(reference.decode(piece, RECEIVE_TIME_NS))
     rest = iter(found)
     assert all(message in rest for message in expected)
     assert ours.names >= reference.names

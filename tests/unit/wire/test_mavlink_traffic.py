@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import common
 from onboard.messages import AdsbVehicle, AltitudeType, Clock, Collision
 from onboard.wire.mavlink.decode import MavlinkDecoder
 from onboard.wire.mavlink.encode import MavlinkEncoder
-from tests.support.mavlink_frames import RECV, crc_x25
+from tests.support.mavlink_frames import RECEIVE_TIME_NS, crc_x25
 
 # Packed with struct from the field table of common.xml (size order), not with any encoder.
 ALL_VALID = 1 | 2 | 4 | 8 | 16 | 32 | 128
@@ -41,14 +41,20 @@ def adsb_frame(**changes: Any) -> bytes:
 
 
 def adsb(**changes: Any) -> AdsbVehicle:
-    (message,) = MavlinkDecoder(stream=False).decode(adsb_frame(**changes), RECV)
+    (message,) = MavlinkDecoder(stream=False).decode(adsb_frame(**changes), RECEIVE_TIME_NS)
     assert isinstance(message, AdsbVehicle)
     return message
 
 
 def test_adsb_vehicle_packed_by_hand() -> None:
     m = adsb()
-    assert (m.t_ns, m.t_recv_ns, m.clock, m.system, m.component) == (RECV, RECV, Clock.NONE, 1, 156)
+    assert (m.t_ns, m.t_recv_ns, m.clock, m.system, m.component) == (
+        RECEIVE_TIME_NS,
+        RECEIVE_TIME_NS,
+        Clock.NONE,
+        1,
+        156,
+    )
     assert m.icao == 0x4B1A2C
     assert m.lat_deg == pytest.approx(47.397742, abs=1e-12)
     assert m.lon_deg == pytest.approx(-8.545594, abs=1e-12)
@@ -119,5 +125,7 @@ def test_collision_as_pymavlink_reads_it() -> None:
     assert (theirs.src, theirs.id, theirs.action, theirs.threat_level) == (0, 0x4B1A2C, 0, 2)
     assert theirs.time_to_minimum_delta == 12.5
     assert (theirs.altitude_minimum_delta, theirs.horizontal_minimum_delta) == (-3.25, 40.5)
-    (back,) = MavlinkDecoder(stream=False).decode(frame, RECV)
-    assert back == replace(m, t_ns=RECV, t_recv_ns=RECV, clock=Clock.NONE, system=7, component=191)
+    (back,) = MavlinkDecoder(stream=False).decode(frame, RECEIVE_TIME_NS)
+    assert back == replace(
+        m, t_ns=RECEIVE_TIME_NS, t_recv_ns=RECEIVE_TIME_NS, clock=Clock.NONE, system=7, component=191
+    )

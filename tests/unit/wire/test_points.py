@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from onboard.messages import CameraPoints, Clock
 from onboard.wire.documents.document import BadDocumentError
 from onboard.wire.documents.points import decode_points
-from tests.support.mavlink_frames import RECV
+from tests.support.mavlink_frames import RECEIVE_TIME_NS
 
 
 def document(**changes: Any) -> dict[str, Any]:
@@ -33,7 +33,7 @@ def pixel(u: float, v: float, sigma: float | None = None) -> dict[str, Any]:
 
 
 def decode(value: Any) -> Any:
-    return decode_points(json.dumps(value).encode(), RECV).detections[0]
+    return decode_points(json.dumps(value).encode(), RECEIVE_TIME_NS).detections[0]
 
 
 def test_pixels_become_image_points_right_and_down_positive() -> None:
@@ -42,7 +42,7 @@ def test_pixels_become_image_points_right_and_down_positive() -> None:
     assert m.left == (0.0, 0.0)
     assert m.right == pytest.approx((0.2, 0.1))
     assert (m.t_ns, m.t_recv_ns, m.clock, m.camera, m.target, m.sigma) == (
-        5_000_000_000, RECV, Clock.BOOT, "front", "leader", None,
+        5_000_000_000, RECEIVE_TIME_NS, Clock.BOOT, "front", "leader", None,
     )  # fmt: skip
     assert (m.system, m.component) == (0, 0)
 
@@ -89,7 +89,7 @@ def test_a_missing_field_is_named(key: str) -> None:
 )
 def test_other_bytes_raise_our_own_error(data: bytes) -> None:
     with pytest.raises(BadDocumentError):
-        decode_points(data, RECV)
+        decode_points(data, RECEIVE_TIME_NS)
 
 
 @pytest.mark.parametrize("target", ["a*", "a b", "/a", "a//b", "a/", "$", "?x", "#", "x" * 65, "\u00e9", "a\n"])
@@ -122,7 +122,7 @@ def test_absurd_focal_lengths_never_raise_anything_else(f_px: float) -> None:
 @given(st.binary(max_size=300))
 def test_random_bytes_raise_our_own_error(data: bytes) -> None:
     with pytest.raises(BadDocumentError):
-        decode_points(data, RECV)
+        decode_points(data, RECEIVE_TIME_NS)
 
 
 def test_points_go_out_and_come_back() -> None:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from onboard.messages import Clock, RadarDetection, RadarDetections, Reason
 from onboard.wire.documents.document import BadDocumentError
 from onboard.wire.documents.radar import decode_radar
-from tests.support.mavlink_frames import RECV
+from tests.support.mavlink_frames import RECEIVE_TIME_NS
 
 ECHO = {"range": 1234.5, "azimuth": -0.25, "elevation": 0.125}
 
@@ -22,12 +22,12 @@ def document(**changes: Any) -> bytes:
 
 
 def test_a_radar_scan_from_json() -> None:
-    scan = decode_radar(document(), RECV)
-    assert (scan.t_ns, scan.t_recv_ns, scan.clock, scan.system) == (41_000_000_000, RECV, Clock.BOOT, 0)
+    scan = decode_radar(document(), RECEIVE_TIME_NS)
+    assert (scan.t_ns, scan.t_recv_ns, scan.clock, scan.system) == (41_000_000_000, RECEIVE_TIME_NS, Clock.BOOT, 0)
     assert (scan.radar, scan.frame) == ("nose", "body")
     assert scan.detections == (RadarDetection(range=1234.5, azimuth=-0.25, elevation=0.125),)
-    assert decode_radar(document(detections=[]), RECV).detections == ()
-    assert decode_radar(document(frame="ned"), RECV).frame == "ned"
+    assert decode_radar(document(detections=[]), RECEIVE_TIME_NS).detections == ()
+    assert decode_radar(document(frame="ned"), RECEIVE_TIME_NS).frame == "ned"
 
 
 @pytest.mark.parametrize(
@@ -50,20 +50,20 @@ def test_a_radar_scan_from_json() -> None:
 )
 def test_an_impossible_scan_is_refused(changes: dict[str, Any]) -> None:
     with pytest.raises(BadDocumentError):
-        decode_radar(document(**changes), RECV)
+        decode_radar(document(**changes), RECEIVE_TIME_NS)
 
 
 @settings(max_examples=100, deadline=None, derandomize=True)
 @given(st.binary(max_size=200))
 def test_random_bytes_raise_our_own_error(data: bytes) -> None:
     with pytest.raises(BadDocumentError):
-        decode_radar(data, RECV)
+        decode_radar(data, RECEIVE_TIME_NS)
 
 
 def test_a_scan_goes_out_and_comes_back() -> None:
     echo = RadarDetection(range=100.0, azimuth=0.1, elevation=-0.1, sigma=(5.0, 0.01, 0.02), snr_db=12.0)
     sent = RadarDetections(t_ns=5, clock=Clock.HOST, radar="nose", frame="ned", detections=(echo,))
-    scan = decode_radar(msgspec.json.encode(sent), RECV)
+    scan = decode_radar(msgspec.json.encode(sent), RECEIVE_TIME_NS)
     assert (scan.t_ns, scan.clock, scan.frame, scan.detections) == (5, Clock.HOST, "ned", (echo,))
 
 
@@ -80,12 +80,12 @@ def test_a_scan_goes_out_and_comes_back() -> None:
 )
 def test_an_echo_that_cannot_be_used_costs_the_others_nothing(odd: dict[str, Any], field: str) -> None:
     reasons: list[Reason] = []
-    scan = decode_radar(document(detections=[ECHO | odd, ECHO]), RECV, reasons.append)
-    assert scan == decode_radar(document(), RECV)
+    scan = decode_radar(document(detections=[ECHO | odd, ECHO]), RECEIVE_TIME_NS, reasons.append)
+    assert scan == decode_radar(document(), RECEIVE_TIME_NS)
     (reason,) = reasons
     assert reason.words.endswith(f"at `$.detections[0]{'.' if field else ''}{field}`")
 
 
 def test_a_scan_of_which_no_echo_can_be_used_is_not_an_empty_one() -> None:
     with pytest.raises(BadDocumentError, match=r"detections\[0\].range"):
-        decode_radar(document(detections=[ECHO | {"range": None}]), RECV, lambda _: None)
+        decode_radar(document(detections=[ECHO | {"range": None}]), RECEIVE_TIME_NS, lambda _: None)

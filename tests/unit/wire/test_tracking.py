@@ -13,7 +13,7 @@ from onboard.messages import Clock, FieldOfView, Message, TargetDetection
 from onboard.wire.mavlink.decode import MavlinkDecoder
 from onboard.wire.mavlink.tracking import TrackerDecoder
 from tests.support.images import detections
-from tests.support.mavlink_frames import RECV, frame
+from tests.support.mavlink_frames import RECEIVE_TIME_NS, frame
 from tests.support.streams import EPOCH, Item, encode, feed, heartbeat
 from tests.unit.wire.test_landing_target import labelled
 
@@ -27,7 +27,7 @@ def decoded(data: bytes, **camera: Any) -> tuple[list[Message], list[str]]:
     reasons: list[str] = []
     inputs = parse_config({"camera": camera}).camera_inputs()
     trackers = TrackerDecoder(inputs, lambda why, _: reasons.append(why.words))
-    messages = MavlinkDecoder(stream=False, trackers=trackers).decode(data, RECV)
+    messages = MavlinkDecoder(stream=False, trackers=trackers).decode(data, RECEIVE_TIME_NS)
     return detections(m for m in messages if not isinstance(m, FieldOfView)), reasons
 
 
@@ -111,7 +111,7 @@ def test_a_field_of_view_that_no_zoom_has_is_refused_and_named(hfov: float) -> N
 def test_a_tracked_rectangle_is_a_box_at_its_arrival() -> None:
     m = one(tracking(rect=(0.5, 0.25, 0.6, 0.35), mode=2), tracker=100)
     (box,) = m.features
-    assert (box.name, m.clock, m.t_ns, m.component, m.camera) == ("box", Clock.HOST, RECV, 100, "front")
+    assert (box.name, m.clock, m.t_ns, m.component, m.camera) == ("box", Clock.HOST, RECEIVE_TIME_NS, 100, "front")
     assert_allclose(box.point, (32 / F, -96 / F), rtol=1e-6)
     assert m.half_width == pytest.approx(32 / F)
 

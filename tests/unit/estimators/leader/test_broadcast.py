@@ -25,7 +25,7 @@ from onboard.messages import (
 )
 from onboard.models.relative_motion import POSITION, SIZE
 from onboard.pipeline import Pipeline
-from tests.support.broadcast import LEADER, follow_target, leader_positions, merged, own_positions, white
+from tests.support.broadcast import LEADER_SYSTEM_ID, follow_target, leader_positions, merged, own_positions, white
 from tests.support.cases import slow_but
 from tests.support.streams import (
     CIRCLE,
@@ -48,7 +48,7 @@ TIP_95 = 7.815  # chi-square with three degrees of freedom
 
 def configured(*overrides: str) -> Config:
     """With a size that is 25 % too large, at a standard deviation of 30 %."""
-    prior = ("size_prior_m=2.5", "size_prior_sigma_m=0.75", f"broadcast.system={LEADER}")
+    prior = ("size_prior_m=2.5", "size_prior_sigma_m=0.75", f"broadcast.system={LEADER_SYSTEM_ID}")
     prior = (*prior, "broadcast.trusted=true")
     return make_config(*(f"estimator.leader.{key}" for key in prior), *overrides)
 
@@ -120,7 +120,7 @@ def test_without_reports_the_same_flight_is_lost() -> None:
 
 
 def test_another_systems_broadcast_is_not_used() -> None:
-    run = fly(leader_positions(5.0, 9.0, system=LEADER + 1), 9.0)
+    run = fly(leader_positions(5.0, 9.0, system=LEADER_SYSTEM_ID + 1), 9.0)
     plain = fly([], 9.0)
     assert run.estimates == plain.estimates
     assert not counts(run)

@@ -19,9 +19,9 @@ from onboard.estimators.leader.image.shape import ROTORS, shape_of
 from onboard.messages import ImageFeature, TargetDetection, TargetPoints
 from onboard.models.relative_motion import POSITION
 from tests.support.images import fused
-from tests.support.streams import CIRCLE, F_PX, S, Stream, advance
+from tests.support.streams import CIRCLE, FOCAL_LENGTH_PX, S, Stream, advance
 
-SIGMA = 1 / F_PX
+SIGMA = 1 / FOCAL_LENGTH_PX
 WINGED = {"aircraft": "fixed-wing"}
 PLANE = {"size_prior_m": 2.0, "points_m": {"nose": [0.7, 0.0, 0.0], "tail": [-0.8, 0.0, -0.1]}}
 IMAGE = CIRCLE.image(6 * S)

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from onboard.estimators.leader.estimator import Estimator
 from onboard.messages import Cause, Exposure, MeasurementReport, Reason, TargetPoints, Verdict
 from onboard.ownship import Ownship
-from tests.support.streams import F_PX, MS, Flight, S, Stream, advance, feed, heartbeat, make_config
+from tests.support.streams import FOCAL_LENGTH_PX, MS, Flight, S, Stream, advance, feed, heartbeat, make_config
 
 
 def tracking() -> tuple[Estimator, Ownship, list[TargetPoints]]:
@@ -31,7 +31,7 @@ def judged(estimator: Estimator, ownship: Ownship, image: TargetPoints) -> Measu
 
 def moved(image: TargetPoints, px: float) -> TargetPoints:
     """All three points to the right."""
-    center, left, right = ((u + px / F_PX, v) for u, v in (image.center, image.left, image.right))
+    center, left, right = ((u + px / FOCAL_LENGTH_PX, v) for u, v in (image.center, image.left, image.right))
     return replace(image, center=center, left=left, right=right)
 
 

@@ -8,7 +8,18 @@ from numpy.testing import assert_allclose
 from onboard.geometry.rotations import quaternion_from_vector, quaternion_product
 from onboard.messages import Imu, Message
 from tests.support.cases import slow_but
-from tests.support.own_vehicle import MS, ORIGIN, G, attitude, fix, heartbeat, hovering, imu, pipeline, states_of
+from tests.support.own_vehicle import (
+    GRAVITY,
+    MS,
+    ORIGIN,
+    attitude,
+    fix,
+    heartbeat,
+    hovering,
+    imu,
+    pipeline,
+    states_of,
+)
 
 AXES = ((0, 1, 0), (1, 0, 0), (0, 0, 1), (0.6, 0.8, 0.0))
 
@@ -49,7 +60,7 @@ def test_through_pitch_90_degrees_and_the_wrap_of_yaw_there_is_no_jump(name: str
     for t in range(1000, 9500, 10):
         q = quaternion_from_vector(omega * (t - 1000) * 1e-3)
         truth[t] = q
-        down_b = quaternion_product(quaternion_product([q[0], *-q[1:]], [0, 0, 0, -G]), q)[1:]
+        down_b = quaternion_product(quaternion_product([q[0], *-q[1:]], [0, 0, 0, -GRAVITY]), q)[1:]
         messages += [imu(t, down_b, omega), attitude(t, q, omega)]
         messages += [fix(t)] if t % 100 == 0 else []
     states = [s for s in states_of(p, messages) if s.mean is not None]
@@ -69,7 +80,7 @@ def test_a_late_fix_gives_the_same_state_as_one_in_order_seed_1() -> None:
     late: list[tuple[int, Message]] = []
     for t in range(1000, 6000, 10):
         q = quaternion_from_vector(0.01 * rng.normal(size=3))
-        for m in (imu(t, [*0.3 * rng.normal(size=2), -G]), attitude(t, q, 0.01 * rng.normal(size=3))):
+        for m in (imu(t, [*0.3 * rng.normal(size=2), -GRAVITY]), attitude(t, q, 0.01 * rng.normal(size=3))):
             prompt.append(m)
             late.append((t, m))
         if t % 100 == 50 and t < 5800:
@@ -132,7 +143,7 @@ def test_with_the_thrust_only_a_sideways_push_is_estimated() -> None:
         p = pipeline(force=force)
         for t in range(1000, 9000, 10):
             a = 3.0 if 4000 <= t < 6000 else 0.0
-            messages = [imu(t, (0, a, -G)), attitude(t)]
+            messages = [imu(t, (0, a, -GRAVITY)), attitude(t)]
             r, v = r + 0.01 * v + 5e-5 * a, v + 0.01 * a
             messages += [fix(t, (0, r, 0), (0, v))] if t % 100 == 0 else []
             messages = [heartbeat(), *messages] if t == 1000 else messages

@@ -35,7 +35,7 @@ def hovering(seed: int) -> Iterator[Message]:
     bias = config.bias_sigma_m_s2 * rng.normal(size=3)
     speed = np.array(config.gps_velocity_sigma_m_s[:2])
     for t in range(1000, 6000, 20):
-        yield own.imu(t, np.array([0.0, 0.0, -own.G]) + bias + 0.02 * rng.normal(size=3))
+        yield own.imu(t, np.array([0.0, 0.0, -own.GRAVITY]) + bias + 0.02 * rng.normal(size=3))
         q = quaternion_from_vector(steady + white * rng.normal(size=3))
         yield own.attitude(t, q, np.radians(config.rates_sigma_deg_s) * rng.normal(size=3))
         if t % 100 == 0:

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from onboard.estimators.own_state.inputs import Manoeuvres, Samples
 from onboard.geometry.rotations import matrix_from_euler
-from tests.support.own_vehicle import MS, G
+from tests.support.own_vehicle import GRAVITY, MS
 
 
 def test_the_mean_of_samples_is_that_of_the_line_through_them() -> None:
@@ -75,7 +75,7 @@ def test_the_density_of_manoeuvres_follows_from_fixes() -> None:
     assert_allclose(steady.at(10**10), [0.045, 0.045, 4.0])  # what the fixes' noise hides: 2 x .15^2 over 1 s
     assert_allclose(gathering.at(10**10), [3.955, 3.955, 4.0])  # 2 m/s in a second, less that
     assert_allclose(gathering.at(500 * MS), 4.0)
-    banked = manoeuvres(G * math.tan(math.radians(5.0)), 10, math.radians(5.0))
+    banked = manoeuvres(GRAVITY * math.tan(math.radians(5.0)), 10, math.radians(5.0))
     assert banked.at(10**10)[0] == pytest.approx(0.045, abs=0.01)  # where attitude explains it
     late = gathering.at(10**10)[0]
     for k in range(51, 76):

@@ -47,8 +47,8 @@ FALSE: Final = {
 def motion(plane: Plane) -> tuple[Array, Array, Array]:
     """Acceleration to the right, course and velocity at ROWS."""
     rate = 2 * math.pi / PERIOD_S
-    right = plane.turn * own.G * np.sin(rate * ROWS)
-    course = plane.turn * own.G / (plane.speed * rate) * (1 - np.cos(rate * ROWS))
+    right = plane.turn * own.GRAVITY * np.sin(rate * ROWS)
+    course = plane.turn * own.GRAVITY / (plane.speed * rate) * (1 - np.cos(rate * ROWS))
     return right, course, plane.speed * np.stack([np.cos(course), np.sin(course)], axis=1)
 
 
@@ -57,12 +57,12 @@ def sent(plane: Plane, seed: int) -> Iterator[Message]:
     rng = np.random.default_rng(seed)
     right, course, velocity = motion(plane)
     place = np.cumsum(velocity, axis=0) * 0.02
-    bank = np.arctan2(right, own.G)
+    bank = np.arctan2(right, own.GRAVITY)
     roll_rate, turn_rate = np.gradient(bank, 0.02), right / plane.speed
     yield own.heartbeat()
     for k, t in enumerate((1000 + 1000 * ROWS).round().astype(int).tolist()):
         if plane.imu_ms and t % plane.imu_ms == 0:
-            force = -math.hypot(own.G, right[k])  # along -z alone: it flies coordinated
+            force = -math.hypot(own.GRAVITY, right[k])  # along -z alone: it flies coordinated
             yield own.imu(t, np.array([0.0, 0.0, force]) + 0.02 * rng.normal(size=3))
         q = quaternion_from_euler(bank[k], 0.0, course[k])
         turning = roll_rate[k], turn_rate[k] * math.sin(bank[k]), turn_rate[k] * math.cos(bank[k])

@@ -11,9 +11,9 @@ from onboard.estimators.leader.assumptions import BIAS_COUNTS, OFF_WING
 from onboard.estimators.leader.image.prepare import features_of, measure
 from onboard.estimators.leader.image.shape import shape_of
 from onboard.messages import ImageFeature, Lifecycle, Message, TargetDetection, TargetPoints, Verdict
-from tests.support.streams import CIRCLE, F_PX, Run, S, Stream, advance, make_config, position_error
+from tests.support.streams import CIRCLE, FOCAL_LENGTH_PX, Run, S, Stream, advance, make_config, position_error
 
-SIGMA = 1 / F_PX
+SIGMA = 1 / FOCAL_LENGTH_PX
 
 
 def less(image: TargetPoints, *names: str, box: float | None = None, target: str = "leader") -> TargetDetection:

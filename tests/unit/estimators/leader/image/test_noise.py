@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from onboard.estimators.leader.image.detector import LEAST, MOST, WINDOW, NoiseScale, Shown
 from onboard.messages import TargetPoints
-from tests.support.streams import F_PX, Item, S, Stream, advance, encode, feed, position_error
+from tests.support.streams import FOCAL_LENGTH_PX, Item, S, Stream, advance, encode, feed, position_error
 
 
 def learnt_from(noise: float, windows: int, seed: int = 1) -> NoiseScale:
@@ -150,7 +150,7 @@ def test_the_reported_noise_is_that_of_a_flight_with_seed(noise: float, seed: in
         m = item.message
         if not isinstance(m, TargetPoints):
             return item
-        points = np.array([m.center, m.left, m.right]) + noise * rng.normal(size=(3, 2)) / F_PX
+        points = np.array([m.center, m.left, m.right]) + noise * rng.normal(size=(3, 2)) / FOCAL_LENGTH_PX
         center, left, right = (tuple(p) for p in points.tolist())
         return Item(item.t_recv_ns, replace(m, center=center, left=left, right=right))
 
@@ -171,7 +171,7 @@ def test_images_of_short_tracks_count_together() -> None:
 
 def noisier(times: float, seed: int) -> list[Item]:
     """A flight whose images are so many times as noisy as configured."""
-    rng, extra = np.random.default_rng(seed), math.sqrt(times**2 - 1.0) / F_PX
+    rng, extra = np.random.default_rng(seed), math.sqrt(times**2 - 1.0) / FOCAL_LENGTH_PX
     items = []
     for item in Stream(t1=15.0).items():
         m = item.message
