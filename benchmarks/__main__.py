@@ -1,4 +1,4 @@
-"""`python -m benchmarks [--json [FILE]]`: one table, every figure measured in this run, on one thread."""
+"""`python -m benchmarks [--json [FILE]]`: one table of figures, measured on one thread."""
 
 import argparse
 import json
@@ -13,7 +13,7 @@ from benchmarks.traffic import COUNTS
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Measure, print a table, and write the figures if asked to."""
+    """Measure, print a table, and write the figures on request."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description="Ratios against peers, in one run.")
     parser.add_argument("--json", nargs="?", const="bench.json", metavar="FILE", help="also write the figures")
     parser.add_argument("--quick", action="store_true", help="a few steps only: rough figures in seconds")
@@ -30,7 +30,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def table(measured: Figures) -> Table:
-    """One row per problem: our time, and how many times as long the peers take."""
+    """Return one row for each problem: our time, and the peers' time as a multiple of it."""
     versions = measured["versions"]
     made = Table("predict + update, or start", "ours", "filterpy", "(our model)", "Stone Soup")
     made.title = (

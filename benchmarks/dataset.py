@@ -1,7 +1,8 @@
-"""Lay out a data set for `onboard evaluate`: simulated families, and where they are at hand the recorded
-flights of ../shared/data.
+"""Lay out a data set for `onboard evaluate` from simulated and recorded flights.
 
     python -m benchmarks.dataset out/flights --seeds 4
+
+Recorded flights are those of ../shared/data, if they are available.
 """
 
 import argparse
@@ -41,15 +42,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--seeds", type=int, default=2, help="of each simulated family (default: %(default)s)")
     arguments = parser.parse_args(argv)
     for scenario, seconds in SIMULATED.items():
-        simulated(arguments.out / scenario, scenario, seconds, range(FIRST_SEED, FIRST_SEED + arguments.seeds))
+        write_simulated(
+            arguments.out / scenario, scenario, seconds, range(FIRST_SEED, FIRST_SEED + arguments.seeds)
+        )
     for flight in RECORDED:
         if (SHARED / flight.log).exists():
-            recorded(arguments.out / flight.family / Path(flight.log).parent.name, flight)
+            write_recorded(arguments.out / flight.family / Path(flight.log).parent.name, flight)
     return 0
 
 
-def simulated(family: Path, scenario: str, seconds: float, seeds: range) -> None:
-    """Flights of simlink, with the configuration that it gives."""
+def write_simulated(family: Path, scenario: str, seconds: float, seeds: range) -> None:
+    """Write flights of simlink with its configuration."""
     family.mkdir(parents=True, exist_ok=True)
     (family / "config.toml").write_bytes(_simlink("config", scenario).stdout)
     for seed in seeds:
@@ -59,8 +62,8 @@ def simulated(family: Path, scenario: str, seconds: float, seeds: range) -> None
         _simlink("log", scenario, "--seed", str(seed), "--duration", str(seconds), *files)
 
 
-def recorded(folder: Path, flight: Recorded) -> None:
-    """A recorded flight, unpacked."""
+def write_recorded(folder: Path, flight: Recorded) -> None:
+    """Write a recorded flight, unpacked."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder.parent / "config.toml").write_text(CONFIG, encoding="utf-8")
     data = (SHARED / flight.log).read_bytes()

@@ -1,8 +1,9 @@
-"""The first start on a computer: `python -m benchmarks.first_start PYTHON` measures an installation's.
+"""The first start of an installation: `python -m benchmarks.first_start PYTHON`.
 
 PYTHON is the interpreter of an environment in which wingline is installed, as `make release` makes one. The daemon
-has a home of its own in which nothing is, and beside it a simulated flight sends from before its start. Time is
-from the start of the process to its first estimate of the leader."""
+has an empty home, and a simulated flight sends data from before its start. The time is from the start of the
+process to its first estimate of the leader.
+"""
 
 import json
 import os
@@ -38,7 +39,7 @@ class Installed(Daemon):
 
 
 def measure(python: Path) -> dict[str, Any]:
-    """Seconds to the first estimate at the first start and at the second, and the installation's sizes."""
+    """Measure the seconds to the first estimate at two starts, and the installation's sizes."""
     Installed.python = str(python.absolute())
     kept = {key: value for key, value in os.environ.items() if not key.startswith(("PYTHON", "NUMBA_", "XDG_"))}
     call = [Installed.python, "-P", "-c", SIZE]

@@ -32,15 +32,15 @@ PUBLISHED: Final = {  # Hz and bytes of a record
     "leader": (20, 1322),
     "health": (1, 1508),
 }
-PATIENCE_S: Final = 60.0
-MATCH_S: Final = 1.0  # for all to learn who subscribes to what: before, nothing is sent
-SETTLE_S: Final = 3.0  # at most, for what is still on its way
-CHUNK: Final = 65_536
+TIMEOUT_S: Final = 60.0
+MATCHING_TIME_S: Final = 1.0  # until all know the subscribers; before, nothing is sent
+DELIVERY_TIMEOUT_S: Final = 3.0  # for records in transit
+CHUNK_BYTES: Final = 65_536
 Figures = dict[str, Any]
 
 
 class Relay:
-    """Forwards connections to a port and counts the bytes of both ways together."""
+    """Forwards connections to a port and counts the bytes of both directions."""
 
     def __init__(self, to: int) -> None:
         self.bytes = 0
@@ -68,7 +68,7 @@ class Relay:
 
     def _forward(self, source: socket.socket, target: socket.socket) -> None:
         try:
-            while data := source.recv(CHUNK):
+            while data := source.recv(CHUNK_BYTES):
                 self.bytes += len(data)
                 target.sendall(data)
         except OSError:  # either end is closed
@@ -76,7 +76,7 @@ class Relay:
 
 
 class Watcher:
-    """A ground station: counts what comes of each vehicle, and what does not belong to its key."""
+    """A ground station that counts the records of each vehicle, and those under a wrong key."""
 
     def __init__(self, session: Any, keys: Sequence[str]) -> None:
         self.received: Counter[tuple[str, str]] = Counter()
@@ -91,7 +91,7 @@ class Watcher:
 
 
 def measure(vehicles: int, seconds: float, keys: Sequence[str] = tuple(PUBLISHED)) -> Figures:
-    """Fly so many vehicles for so long; the ground subscribes to `keys` of each."""
+    """Fly `vehicles` for `seconds`; the ground subscribes to `keys` of each."""
     names = [f"uav-{k}" for k in range(1, vehicles + 1)]
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
@@ -109,7 +109,7 @@ def measure(vehicles: int, seconds: float, keys: Sequence[str] = tuple(PUBLISHED
             name: stack.enter_context(closing(member(folder, relay.port, name))) for name, relay in relays.items()
         }
         streams = _streams(sessions)
-        time.sleep(MATCH_S)
+        time.sleep(MATCHING_TIME_S)
         before = {name: relay.bytes for name, relay in relays.items()}
         cpu = sum(process.cpu_times()[:2])
         sent = _publish(streams, seconds, keys)
@@ -154,7 +154,7 @@ def _streams(sessions: dict[str, Any]) -> list[Stream]:
 
 
 def _publish(streams: Sequence[Stream], seconds: float, keys: Sequence[str]) -> Counter[str]:
-    """Publish at the rates of `PUBLISHED`; the number of each vehicle's records with one of these keys."""
+    """Publish at the rates of `PUBLISHED`; count each vehicle's records with one of these keys."""
     sent: Counter[str] = Counter()
     counts = [0] * len(streams)
     begin = time.monotonic()
@@ -169,13 +169,13 @@ def _publish(streams: Sequence[Stream], seconds: float, keys: Sequence[str]) -> 
 
 
 def _settle(watcher: Watcher, sent: Counter[str]) -> None:
-    deadline = time.monotonic() + SETTLE_S
+    deadline = time.monotonic() + DELIVERY_TIMEOUT_S
     while watcher.received.total() < sent.total() and time.monotonic() < deadline:
         time.sleep(0.05)
 
 
 def member(folder: Path, port: int, name: str) -> Any:
-    """A session of a member of the fleet."""
+    """Open a session of a member of the fleet."""
     certs = folder / "certs"
     config = zenoh.Config()
     settings = {
@@ -202,7 +202,7 @@ def _listens(port: int) -> bool:
 
 @contextmanager
 def router(folder: Path) -> Iterator[tuple[int, psutil.Process]]:
-    """`onboard router` on a free port, once it listens."""
+    """Run `onboard router` on a free port, and continue once it listens."""
     with socket.create_server(("127.0.0.1", 0)) as probe:
         port = int(probe.getsockname()[1])
     listen = f"router.listen=['tls/127.0.0.1:{port}']"
@@ -217,7 +217,7 @@ def router(folder: Path) -> Iterator[tuple[int, psutil.Process]]:
     ]
     process = subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE)  # noqa: S603 - our own
     try:
-        deadline = time.monotonic() + PATIENCE_S
+        deadline = time.monotonic() + TIMEOUT_S
         while not _listens(port):
             if process.poll() is not None or time.monotonic() > deadline:
                 raise RuntimeError(f"no router: {process.stderr.read().decode() if process.stderr else ''}")
@@ -225,11 +225,11 @@ def router(folder: Path) -> Iterator[tuple[int, psutil.Process]]:
         yield port, psutil.Process(process.pid)
     finally:
         process.terminate()
-        process.communicate(timeout=PATIENCE_S)
+        process.communicate(timeout=TIMEOUT_S)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Print the figures, and write them where `--json` says."""
+    """Print the figures, and write them with `--json`."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--vehicles", type=int, default=10)
     parser.add_argument("--seconds", type=float, default=20.0)

@@ -1,9 +1,9 @@
-"""Daemons as they ship behind one router over TLS: each has a leader of its own, and the ground hears them all.
+"""Daemons behind one router over TLS, each with its own leader, and a ground that hears them all.
 
     python -m benchmarks.fleet_daemons --vehicles 10 --seconds 20 --images 10
 
 One process sends every daemon the bytes of its flight: navigation at 50 Hz, and images as LANDING_TARGETs. Each
-leader is somewhere else, so an estimate under another vehicle's key shows itself.
+leader has another range, so that an estimate under another vehicle's key is noticed.
 """
 
 import argparse
@@ -30,15 +30,15 @@ from benchmarks.targets import EPOCH, MS, flight
 from onboard.messages import Encoding, Estimate
 from onboard.wire.mavlink.encode import MavlinkEncoder
 
-IMAGES_HZ: Final = 30  # of the flight; some are left out
-SETTLE_S: Final = 5.0  # of the flight, before anything counts
-NEAR: Final = 0.3  # of the range: so near to its leader's is a vehicle's own estimate
-PATIENCE_S: Final = 120.0
+IMAGE_RATE_HZ: Final = 30  # of the flight; some are left out
+SETTLING_TIME_S: Final = 5.0  # of the flight, before measuring
+MAX_RANGE_ERROR: Final = 0.3  # relative, of a vehicle's own leader
+TIMEOUT_S: Final = 120.0
 Figures = dict[str, Any]
 
 
 class Ground:
-    """Hears the leader's estimates of all vehicles: their count once `counts`, and the mean range of each."""
+    """Receives the leader's estimates of all vehicles; with `counts` it stores their ranges."""
 
     def __init__(self, session: Any) -> None:
         self.counts = False
@@ -55,7 +55,7 @@ class Ground:
 
 
 def measure(vehicles: int, seconds: int, images: int) -> Figures:
-    """Fly so many daemons for so long, each with so many images a second."""
+    """Fly `vehicles` daemons for `seconds`, each with `images` a second."""
     names = [f"uav-{k}" for k in range(1, vehicles + 1)]
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
@@ -66,14 +66,14 @@ def measure(vehicles: int, seconds: int, images: int) -> Figures:
         ports = {name: _free_port() for name in names}
         daemons = [stack.enter_context(_daemon(folder, port, name, ports[name])) for name in names]
         programs = [router, *daemons]
-        flown = _flights(list(ports.values()), round(SETTLE_S) + seconds + 1, images)
+        flown = _flights(list(ports.values()), round(SETTLING_TIME_S) + seconds + 1, images)
         sender = stack.enter_context(closing(Sender(flown)))
-        sender.fly(until=SETTLE_S)
+        sender.fly(until=SETTLING_TIME_S)
         missing = set(names) - ground.heard
         if missing:
             raise RuntimeError(f"not heard on the ground: {', '.join(sorted(missing))}")
         ground.counts, before, since = True, [sum(p.cpu_times()[:2]) for p in programs], time.monotonic()
-        sender.fly(until=SETTLE_S + seconds)
+        sender.fly(until=SETTLING_TIME_S + seconds)
         ground.counts, took = False, time.monotonic() - since
         cores = [(sum(p.cpu_times()[:2]) - b) / took for p, b in zip(programs, before, strict=True)]
     due = _ranges(vehicles)
@@ -86,14 +86,14 @@ def measure(vehicles: int, seconds: int, images: int) -> Figures:
         "estimates_a_second_least": min(rates.values()),
         "estimates_a_second_most": max(rates.values()),
         "range_off_by_most": max(off.values()),
-        "vehicles_with_another_ones_leader": sum(x > NEAR for x in off.values()),
+        "vehicles_with_another_ones_leader": sum(x > MAX_RANGE_ERROR for x in off.values()),
         "cores_of_a_daemon": statistics.fmean(cores[1:]),
         "cores_of_the_router": cores[0],
     }
 
 
 def _ranges(vehicles: int) -> list[float]:
-    """How far each vehicle's leader is in `flight`, m, but for its height."""
+    """Return the range of each vehicle's leader in `flight`, m, without its height."""
     found = []
     for seed in range(1, vehicles + 1):
         rng = np.random.default_rng(seed)
@@ -103,8 +103,8 @@ def _ranges(vehicles: int) -> list[float]:
 
 
 def _flights(ports: Sequence[int], seconds: int, images: int) -> Iterator[tuple[float, int, bytes]]:
-    """Seconds since the start, port and bytes of every datagram, in order."""
-    every, due = max(1, IMAGES_HZ // images), []
+    """Return seconds since the start, port and bytes of every datagram, in order."""
+    every, due = max(1, IMAGE_RATE_HZ // images), []
     for k, port in enumerate(ports):
         encoder, count = MavlinkEncoder(1, 191), 0
         for datagram in flight(1, seconds, seed=k + 1):
@@ -120,7 +120,7 @@ def _flights(ports: Sequence[int], seconds: int, images: int) -> Iterator[tuple[
 
 
 class Sender:
-    """Sends datagrams when they are due, on the time of the flight."""
+    """Sends datagrams at their times in the flight."""
 
     def __init__(self, flown: Iterator[tuple[float, int, bytes]]) -> None:
         self._flown, self._socket = flown, socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -131,7 +131,7 @@ class Sender:
         self._socket.close()
 
     def fly(self, until: float) -> None:
-        """Until this time of the flight, s."""
+        """Send until this time of the flight, s."""
         for at, port, data in self._flown:
             time.sleep(max(0.0, self._begin + at - time.monotonic()))
             self._socket.sendto(data, ("127.0.0.1", port))
@@ -141,7 +141,7 @@ class Sender:
 
 @contextmanager
 def _daemon(folder: Path, router: int, name: str, port: int) -> Iterator[psutil.Process]:
-    """`onboard run` with the file for fleets that ships, once its link listens."""
+    """Run `onboard run` with the configuration for fleets, and continue once its link listens."""
     certs, log = folder / "certs", folder / f"{name}.log"
     files = {
         "certificate_file": f"{name}.pem",
@@ -159,7 +159,7 @@ def _daemon(folder: Path, router: int, name: str, port: int) -> Iterator[psutil.
     with log.open("wb") as file:
         process = subprocess.Popen(command, cwd=folder, stderr=file)  # noqa: S603 - our own
     try:
-        deadline = time.monotonic() + PATIENCE_S
+        deadline = time.monotonic() + TIMEOUT_S
         while "link autopilot" not in log.read_text(errors="replace"):
             if process.poll() is not None or time.monotonic() > deadline:
                 raise RuntimeError(f"{name}: {log.read_text(errors='replace')}")
@@ -167,7 +167,7 @@ def _daemon(folder: Path, router: int, name: str, port: int) -> Iterator[psutil.
         yield psutil.Process(process.pid)
     finally:
         process.terminate()
-        process.wait(PATIENCE_S)
+        process.wait(TIMEOUT_S)
 
 
 def _free_port() -> int:

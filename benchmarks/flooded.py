@@ -1,9 +1,9 @@
-"""`python -m benchmarks.flooded [CASE ...] [--json FILE]`: what a leader's estimates are worth in a flood.
+"""`python -m benchmarks.flooded [CASE ...] [--json FILE]`: a leader's estimates during a flood.
 
-The flight of `benchmarks.live` goes on while another process floods the same port and the same Zenoh listener. For
-each case: the images that had a valid estimate, a second; how long after its arrival at the subscriber (ms); what
-was sent of the flood; what was left out, by where it is counted; and each line that the daemon reported, with how
-often. The case `none` is the same without a flood: figures are to be read beside it.
+The flight of `benchmarks.live` continues while another process floods the same port and the same Zenoh listener.
+For each case it prints: the images with a valid estimate, a second; their latency at the subscriber (ms); the sent
+flood; the rejected data, by counter; and each line that the daemon reported, with its count. The case `none` is
+the same without a flood, for comparison.
 """
 
 import argparse
@@ -22,11 +22,11 @@ from typing import Final
 
 import psutil
 
-from benchmarks.live import FLIGHT, PATIENCE_S, Daemon, Figures, Subscriber, daemon, percentiles, program
+from benchmarks.live import FLIGHT, TIMEOUT_S, Daemon, Figures, Subscriber, daemon, percentiles, program
 from onboard.messages import Health
 
-SETTLE_S: Final = 5  # of the flight before the flood
-TAIL_S: Final = 2  # of it after the flood
+SETTLING_TIME_S: Final = 5  # of the flight before the flood
+TAIL_TIME_S: Final = 2  # of the flight after the flood
 ALL: Final = {
     "imu": 10_000,
     "adsb": 10_000,
@@ -48,8 +48,8 @@ CASES: Final[Mapping[str, Mapping[str, int]]] = {
 SIGNED: Final = ("all-signed", "strangers")
 
 
-def flooded(case: str, seconds: int) -> Figures:
-    """The figures of one case, with a flood of so many seconds."""
+def measure_flood(case: str, seconds: int) -> Figures:
+    """Return the figures of one case, with a flood of `seconds`."""
     key = secrets.token_hex(32) if case in SIGNED else ""
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
@@ -64,21 +64,21 @@ def flooded(case: str, seconds: int) -> Figures:
         subscriber = stack.enter_context(closing(Subscriber(one.endpoint)))
         begin_ns = time.monotonic_ns() + 3_000_000_000
         where = ("--udp", str(one.udp), "--zenoh", one.endpoint, "--begin-ns", str(begin_ns))
-        total = SETTLE_S + seconds + TAIL_S
+        total = SETTLING_TIME_S + seconds + TAIL_TIME_S
         flight = program(FLIGHT, *where, "--seconds", str(total), "--origin", "--key", key)
-        time.sleep((begin_ns - time.monotonic_ns()) * 1e-9 + SETTLE_S)
+        time.sleep((begin_ns - time.monotonic_ns()) * 1e-9 + SETTLING_TIME_S)
         cpu, since = one.cpu_s(), time.monotonic()
         sent = _flood(CASES[case], key if case != "strangers" else "", seconds, where)
         share = 100 * (one.cpu_s() - cpu) / (time.monotonic() - since)
-        out, _ = flight.communicate(timeout=PATIENCE_S + seconds)
+        out, _ = flight.communicate(timeout=TIMEOUT_S + seconds)
         health = subscriber.health()
         return {
             "case": case,
-            **_of_images(json.loads(out)["images"], subscriber, seconds),
+            **_image_figures(json.loads(out)["images"], subscriber, seconds),
             "cpu_percent": share,
             "memory_mb": one.process.memory_info().rss / 1e6,
             "sent": sent,
-            "left_out": _left_out(health),
+            "left_out": _rejected(health),
             "lines": _lines(one),
             "load_average": os.getloadavg()[0],
         }
@@ -92,14 +92,14 @@ def _flood(rates: Mapping[str, int], key: str, seconds: int, where: tuple[str, .
     flood = program("floods", *where, "--seconds", str(seconds), "--key", key, *kinds)
     with suppress(psutil.Error):
         psutil.Process(flood.pid).nice(0)
-    out, _ = flood.communicate(timeout=PATIENCE_S + seconds)
+    out, _ = flood.communicate(timeout=TIMEOUT_S + seconds)
     sent: dict[str, int] = json.loads(out)
     return sent
 
 
-def _of_images(images: list[tuple[int, int, int]], subscriber: Subscriber, seconds: int) -> Figures:
-    """Of those sent while the flood came: how many had an estimate, a valid one, and after how long."""
-    during = images[SETTLE_S * 30 + 30 : (SETTLE_S + seconds) * 30]
+def _image_figures(images: list[tuple[int, int, int]], subscriber: Subscriber, seconds: int) -> Figures:
+    """Return how many images during the flood had an estimate, a valid one, and its latency."""
+    during = images[SETTLING_TIME_S * 30 + 30 : (SETTLING_TIME_S + seconds) * 30]
     answered, valid = subscriber.arrivals(), subscriber.arrivals(valid=True)
     late = [valid[stamp] - sent for stamp, _, sent in during if stamp in valid]
     return {
@@ -110,8 +110,8 @@ def _of_images(images: list[tuple[int, int, int]], subscriber: Subscriber, secon
     }
 
 
-def _left_out(health: Health) -> Figures:
-    """What was not used, by where the health counts it."""
+def _rejected(health: Health) -> Figures:
+    """Return the data that were not used, by the counters of the health."""
     links = {
         f"{name}.{what}": count
         for name, link in health.links.items()
@@ -128,12 +128,12 @@ def _left_out(health: Health) -> Figures:
 
 
 def _lines(one: Daemon) -> dict[str, int]:
-    """Each line of the daemon's report with how often it came, whatever numbers are in it."""
+    """Count each line of the daemon's report, regardless of its numbers."""
     return dict(Counter(re.sub(r"\d+(\.\d+)?", "N", line.split("onboard: ")[-1]) for line in one.lines()))
 
 
-def _go_first() -> None:
-    """Before the flood, if this is allowed: the autopilot, the camera and the subscriber are other computers."""
+def _raise_priority() -> None:
+    """Take precedence over the flood, if allowed: autopilot, camera and subscriber are other computers."""
     with suppress(OSError):
         os.nice(-11)
 
@@ -147,10 +147,10 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if unknown := set(options.cases) - set(CASES):
         parser.error(f"no such case: {', '.join(sorted(unknown))}")
-    _go_first()
+    _raise_priority()
     found = []
     for case in options.cases or CASES:
-        found.append(flooded(case, options.seconds))
+        found.append(measure_flood(case, options.seconds))
         print(json.dumps(found[-1], indent=1), flush=True)
     if options.json is not None:
         options.json.write_text(json.dumps(found), encoding="utf-8")

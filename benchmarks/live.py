@@ -1,8 +1,8 @@
-"""`python -m benchmarks.live [--history FILE]`: the daemon as a process, its bytes through real sockets, its
-estimates at a real Zenoh subscriber. Each figure says what it was measured beside.
+"""`python -m benchmarks.live [--history FILE]`: the daemon as a process under load.
 
-The flight is `benchmarks.live_flight`'s, sent by another process. Latency ends in the subscriber's callback, in a
-third process. A record of a flight is kept, as on a vehicle.
+Its bytes pass real sockets, its estimates a real Zenoh subscriber. The flight is that of `benchmarks.live_flight`,
+sent by another process. Latency ends in the subscriber's callback, in a third process. The flight is recorded, as
+on a vehicle.
 """
 
 import argparse
@@ -34,17 +34,17 @@ from onboard.config import load_config
 from onboard.messages import Estimate, Health
 from onboard.pipeline import Pipeline
 
-SETTLE_S: Final = 3  # of a flight, before anything counts
-PATIENCE_S: Final = 120.0
-STARTS: Final = 3  # in turns, of which the shortest counts
+SETTLING_TIME_S: Final = 3  # of a flight, before measuring
+TIMEOUT_S: Final = 120.0
+START_COUNT: Final = 3  # alternately; the shortest is reported
 RATES: Final = (5_000, 10_000, 20_000, 30_000, 50_000)
 FLIGHT: Final = "live_flight"
-BUSY: Final = "while True: pass"
+BUSY_LOOP: Final = "while True: pass"
 Figures = dict[str, Any]
 
 
 class Subscriber:
-    """The leader's estimates and the health, with the time of their arrival."""
+    """Receives the leader's estimates and the health, with their arrival times."""
 
     def __init__(self, endpoint: str) -> None:
         self._estimates: list[tuple[int, bytes]] = []
@@ -62,7 +62,10 @@ class Subscriber:
         self._health = sample.payload.to_bytes()
 
     def arrivals(self, *, valid: bool = False) -> dict[int, int]:
-        """When the first estimate with each image came, by the image's stamp; only `valid` ones, if asked."""
+        """Return the arrival of the first estimate with each image, by the image's stamp.
+
+        With `valid` only valid estimates count.
+        """
         found: dict[int, int] = {}
         for at_ns, data in self._estimates:
             estimate = msgspec.json.decode(data, type=Estimate)
@@ -71,9 +74,9 @@ class Subscriber:
         return found
 
     def health(self) -> Health:
-        """The next health."""
+        """Return the next health."""
         self._health = None
-        until(lambda: self._health is not None, "a health")
+        wait_until(lambda: self._health is not None, "a health")
         assert self._health is not None  # noqa: S101 - waited for
         return msgspec.json.decode(self._health, type=Health)
 
@@ -83,7 +86,10 @@ class Subscriber:
 
 
 class Daemon:
-    """`onboard run` with a UDP link (at a free port by default), a Zenoh listener and a recorder, and its log."""
+    """`onboard run` with a UDP link, a Zenoh listener and a recorder, and its log.
+
+    The link is at a free port by default.
+    """
 
     def __init__(
         self, folder: Path, environment: dict[str, str] | None, udp: int | None, link: str, more: Sequence[str]
@@ -108,27 +114,27 @@ class Daemon:
         return [sys.executable, "-m", "onboard", "run", *(a for s in settings for a in ("--set", s))]
 
     def wait_for(self, text: str) -> float:
-        """Seconds from the process's start until `text` is in its log."""
-        until(lambda: text in self._log.read_text(errors="replace"), text, self.popen)
+        """Return the seconds from the process's start until `text` is in its log."""
+        wait_until(lambda: text in self._log.read_text(errors="replace"), text, self.popen)
         return time.monotonic() - self.began
 
     def lines(self) -> list[str]:
-        """What it has reported so far."""
+        """Return the lines reported so far."""
         return self._log.read_text(errors="replace").splitlines()
 
     def cpu_s(self) -> float:
-        """Seconds of computing so far."""
+        """Return the seconds of computing so far."""
         times = self.process.cpu_times()
         return float(times.user + times.system)
 
     def close(self) -> None:
         """End it."""
         self.popen.terminate()
-        self.popen.wait(PATIENCE_S)
+        self.popen.wait(TIMEOUT_S)
 
 
 class Floor(Daemon):
-    """`benchmarks.floor` in the daemon's place, which has no settings."""
+    """`benchmarks.floor` in place of the daemon; it has no settings."""
 
     def _command(self, folder: Path, *_settings: Any) -> list[str]:
         like = folder / "like.json"
@@ -139,7 +145,7 @@ class Floor(Daemon):
 
 @cache
 def an_estimate() -> Estimate:
-    """The leader's, after an image of the flight."""
+    """Return the leader's estimate after an image of the flight."""
     pipeline = Pipeline(load_config(None, ("estimator.leader.size_prior_m=2.0",)))
     outputs = [output for datagram in datagrams(2) for output in pipeline.feed(datagram)]
     return next(o for o in reversed(outputs) if isinstance(o, Estimate) and o.measurement is not None)
@@ -154,8 +160,10 @@ def daemon(
     more: Sequence[str] = (),
     kind: type[Daemon] = Daemon,
 ) -> Iterator[Daemon]:
-    """A daemon in a folder of its own, ended after the block; `link` and `more` are settings of its link, and
-    others."""
+    """Run a daemon in its own folder, ended after the block.
+
+    `link` and `more` are further settings of its link and its configuration.
+    """
     with tempfile.TemporaryDirectory() as folder:
         one = kind(Path(folder), environment, udp, link, more)
         try:
@@ -165,9 +173,11 @@ def daemon(
 
 
 def under_load(seconds: int, *, busy: int = 0, on_core: int | None = None, kind: type[Daemon] = Daemon) -> Figures:
-    """Latency (ms) from exposure and from arrival, the daemon's share of a core (percent) and its memory (MB),
-    beside `busy` busy loops. `on_core`: the daemon and the busy loops all share this core, at the same
-    priority."""
+    """Measure the daemon next to `busy` busy loops.
+
+    Returns the latency (ms) from exposure and from arrival, the daemon's share of a core (percent) and its memory
+    (MB). With `on_core` the daemon and the busy loops share this core, at the same priority.
+    """
     with ExitStack() as stack:
         one = stack.enter_context(daemon(kind=kind))
         loops = stack.enter_context(busy_loops(busy, on_core))
@@ -178,22 +188,22 @@ def under_load(seconds: int, *, busy: int = 0, on_core: int | None = None, kind:
                 psutil.Process(loop.pid).nice(one.process.nice())
         subscriber = stack.enter_context(closing(Subscriber(one.endpoint)))
         load = program(
-            FLIGHT, "--udp", str(one.udp), "--zenoh", one.endpoint, "--seconds", str(SETTLE_S + seconds)
+            FLIGHT, "--udp", str(one.udp), "--zenoh", one.endpoint, "--seconds", str(SETTLING_TIME_S + seconds)
         )
         one.wait_for("leader: ")
-        time.sleep(SETTLE_S)
+        time.sleep(SETTLING_TIME_S)
         before, since = one.cpu_s(), time.monotonic()
-        out, _ = load.communicate(timeout=PATIENCE_S + seconds)
+        out, _ = load.communicate(timeout=TIMEOUT_S + seconds)
         share = 100 * (one.cpu_s() - before) / (time.monotonic() - since)
         memory = one.process.memory_info().rss / 1e6
         dropped = 0 if kind is Floor else sum(link.dropped for link in subscriber.health().links.values())
     arrivals = subscriber.arrivals()
     images = json.loads(out)["images"]
-    counted = [image for image in images[SETTLE_S * 30 :] if image[0] in arrivals]
+    counted = [image for image in images[SETTLING_TIME_S * 30 :] if image[0] in arrivals]
     return {
         "arrival_ms": percentiles([arrivals[stamp] - sent for stamp, _, sent in counted]),
         "exposure_ms": percentiles([arrivals[stamp] - exposed for stamp, exposed, _ in counted]),
-        "images": len(images) - SETTLE_S * 30,
+        "images": len(images) - SETTLING_TIME_S * 30,
         "answered": len(counted),
         "cpu_percent": share,
         "memory_mb": memory,
@@ -202,13 +212,13 @@ def under_load(seconds: int, *, busy: int = 0, on_core: int | None = None, kind:
 
 
 def percentiles(delays_ns: Sequence[int]) -> Figures:
-    """Median, 99th percentile and maximum, ms."""
+    """Return median, 99th percentile and maximum, ms."""
     p50, p99 = np.percentile(delays_ns, [50, 99]) * 1e-6
     return {"p50": float(p50), "p99": float(p99), "max": max(delays_ns) * 1e-6}
 
 
 def input_rates(seconds: int, rates: Sequence[int] = RATES) -> list[Figures]:
-    """For each rate of messages that was asked for: what was sent, and what the kernel and the daemon dropped."""
+    """Measure for each rate the messages that were sent, and those dropped by kernel and daemon."""
     found = []
     for rate in rates:
         with ExitStack() as stack:
@@ -216,11 +226,11 @@ def input_rates(seconds: int, rates: Sequence[int] = RATES) -> list[Figures]:
             one.wait_for("link autopilot")
             subscriber = stack.enter_context(closing(Subscriber(one.endpoint)))
             warm = program(FLIGHT, "--udp", str(one.udp), "--seconds", "1")
-            warm.communicate(timeout=PATIENCE_S)
+            warm.communicate(timeout=TIMEOUT_S)
             before = subscriber.health().links["autopilot"]
             cpu, since = one.cpu_s(), time.monotonic()
             rated = ("--seconds", str(seconds), "--flood", str(rate))
-            out, _ = program(FLIGHT, "--udp", str(one.udp), *rated).communicate(timeout=PATIENCE_S)
+            out, _ = program(FLIGHT, "--udp", str(one.udp), *rated).communicate(timeout=TIMEOUT_S)
             share = (one.cpu_s() - cpu) / (time.monotonic() - since)
             subscriber.health()
             after = subscriber.health().links["autopilot"]
@@ -240,7 +250,7 @@ def input_rates(seconds: int, rates: Sequence[int] = RATES) -> list[Figures]:
 
 
 def start(*, cold: bool, kind: type[Daemon] = Daemon) -> float:
-    """As `start_in`; `cold`: with nothing compiled."""
+    """Call `start_in`; with `cold` nothing is compiled."""
     with ExitStack() as stack:
         environment = dict(os.environ)
         if cold:
@@ -249,8 +259,10 @@ def start(*, cold: bool, kind: type[Daemon] = Daemon) -> float:
 
 
 def start_in(environment: dict[str, str], kind: type[Daemon] = Daemon) -> float:
-    """Seconds from the process's start to its first estimate, where messages arrive all the time, heartbeats too.
-    The floor, to which images come over Zenoh alone, is ready when it listens."""
+    """Return the seconds from the process's start to its first estimate, with continuous input.
+
+    The floor, which gets images over Zenoh only, is ready when it listens.
+    """
     with ExitStack() as stack:
         udp = free_port(socket.SOCK_DGRAM)
         load = program(FLIGHT, "--udp", str(udp), "--seconds", "300", "--heartbeats")
@@ -263,9 +275,11 @@ def start_in(environment: dict[str, str], kind: type[Daemon] = Daemon) -> float:
         return one.wait_for("link autopilot" if kind is Floor else "leader: ")
 
 
-def restarted() -> Figures:
-    """Seconds from a daemon's SIGKILL, when another is started at once in its place: until that has opened its
-    links, and until the first image that it has taken, of a camera that sends over Zenoh all the time."""
+def measure_restart() -> Figures:
+    """Return the seconds from a daemon's SIGKILL until another one has opened its links and had an image.
+
+    The second one is started at once. The images come over Zenoh from a camera that sends all the time.
+    """
     with ExitStack() as stack:
         first = stack.enter_context(daemon())
         first.wait_for("link autopilot")
@@ -274,20 +288,20 @@ def restarted() -> Figures:
         load = program(FLIGHT, *where, "--seconds", "300", "--heartbeats")
         stack.callback(load.communicate)
         stack.callback(load.terminate)
-        until(subscriber.arrivals, "an image", first.popen)
+        wait_until(subscriber.arrivals, "an image", first.popen)
         killed_ns = time.monotonic_ns()
         in_flight_ns = killed_ns + 100_000_000  # what the first one has sent still
         first.popen.kill()
-        first.popen.wait(PATIENCE_S)
+        first.popen.wait(TIMEOUT_S)
         second = stack.enter_context(daemon(udp=first.udp, more=(f"zenoh.listen=['{first.endpoint}']",)))
         opened_s = second.wait_for("link autopilot") + second.began - killed_ns * 1e-9
-        until(lambda: max(subscriber.arrivals().values()) > in_flight_ns, "an image", second.popen)
+        wait_until(lambda: max(subscriber.arrivals().values()) > in_flight_ns, "an image", second.popen)
         first_ns = min(at for at in subscriber.arrivals().values() if at > in_flight_ns)
     return {"links_s": opened_s, "image_s": (first_ns - killed_ns) * 1e-9}
 
 
 def machine() -> Figures:
-    """What this was measured on."""
+    """Return a description of this computer."""
     cpu = [line.split(":")[1].strip() for line in _lines("/proc/cpuinfo") if line.startswith("model name")]
     return {
         "date": date.today().isoformat(),  # noqa: DTZ011 - a day is enough
@@ -300,13 +314,13 @@ def machine() -> Figures:
 
 
 def measure(seconds: int) -> Figures:
-    """Everything, under the keys of the history."""
+    """Measure everything, under the keys of the history."""
     found: Figures = {"machine": machine()}
     found["stages"] = stages.measure()
-    starts = [[start(cold=False, kind=kind) for kind in (Daemon, Floor)] for _ in range(STARTS)]
+    starts = [[start(cold=False, kind=kind) for kind in (Daemon, Floor)] for _ in range(START_COUNT)]
     ours, floor = np.min(starts, axis=0).tolist()
     found["start"] = {"warm_s": ours}
-    found["restarted"] = restarted()
+    found["restarted"] = measure_restart()
     found["alone"], found["floor"] = under_load(seconds), under_load(seconds, kind=Floor)
     found["floor"]["start_s"] = floor
     found["floor"]["replay_times"] = found["stages"].pop("floor_replay_times")
@@ -319,7 +333,7 @@ def measure(seconds: int) -> Figures:
 
 
 def ratios(found: Figures) -> dict[str, float]:
-    """How many times the floor's the daemon's figures are."""
+    """Return the daemon's figures over those of the floor."""
     ours, floor = found["alone"], found["floor"]
     return {
         "arrival_p50": ours["arrival_ms"]["p50"] / floor["arrival_ms"]["p50"],
@@ -331,8 +345,8 @@ def ratios(found: Figures) -> dict[str, float]:
     }
 
 
-def beside_floor(found: Figures) -> Table:
-    """The daemon beside its floor, for a person."""
+def floor_table(found: Figures) -> Table:
+    """Return a table of the daemon and its floor."""
     made = Table("the daemon beside its floor", "daemon", "floor", "ratio")
     ours, floor, times = found["alone"], found["floor"], found["ratios"]
     for words, shown, of_ours, of_floor, key in (
@@ -355,8 +369,8 @@ def beside_floor(found: Figures) -> Table:
 
 @contextmanager
 def busy_loops(count: int, on_core: int | None) -> "Iterator[list[subprocess.Popen[bytes]]]":
-    """So many processes that only compute."""
-    loops = [subprocess.Popen([sys.executable, "-c", BUSY]) for _ in range(count)]  # noqa: S603 - our own
+    """Run `count` processes that only compute."""
+    loops = [subprocess.Popen([sys.executable, "-c", BUSY_LOOP]) for _ in range(count)]  # noqa: S603 - our own
     try:
         for loop in loops:
             if on_core is not None:
@@ -368,9 +382,12 @@ def busy_loops(count: int, on_core: int | None) -> "Iterator[list[subprocess.Pop
             loop.wait()
 
 
-def until(condition: Any, what: str, popen: "subprocess.Popen[Any] | None" = None) -> None:
-    """Wait until a condition holds. Raises TimeoutError, also at once if the process has ended."""
-    deadline = time.monotonic() + PATIENCE_S
+def wait_until(condition: Any, what: str, popen: "subprocess.Popen[Any] | None" = None) -> None:
+    """Wait until a condition holds.
+
+    Raises TimeoutError, also at once if the process has ended.
+    """
+    deadline = time.monotonic() + TIMEOUT_S
     while not condition():
         if time.monotonic() > deadline or (popen is not None and popen.poll() is not None):
             raise TimeoutError(f"waited in vain for {what}")
@@ -378,14 +395,14 @@ def until(condition: Any, what: str, popen: "subprocess.Popen[Any] | None" = Non
 
 
 def free_port(kind: socket.SocketKind) -> int:
-    """A port on the loopback interface that is free now."""
+    """Return a free port on the loopback interface."""
     with socket.socket(socket.AF_INET, kind) as sock:
         sock.bind(("127.0.0.1", 0))
         return int(sock.getsockname()[1])
 
 
 def program(module: str, *arguments: str) -> "subprocess.Popen[str]":
-    """A module of the benchmarks as a process that prints what it did."""
+    """Start a module of the benchmarks as a process that prints its results."""
     command = [sys.executable, "-m", f"benchmarks.{module}", *arguments]
     return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)  # noqa: S603 - our own
 
@@ -405,7 +422,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     measured = measure(options.seconds)
     print(json.dumps(measured, indent=1))
-    Console().print(beside_floor(measured))
+    Console().print(floor_table(measured))
     if options.history is not None:
         with options.history.open("a", encoding="utf-8") as file:
             file.write(json.dumps(measured) + "\n")

@@ -1,11 +1,11 @@
-"""The bytes of a flight as a daemon gets them, sent in real time by a process of its own.
+"""The bytes of a flight as a daemon receives them, sent in real time by its own process.
 
     python -m benchmarks.live_flight --udp 14540 --zenoh tcp/127.0.0.1:7447 --seconds 30
 
-200 samples of the IMU a second, 50 of attitude and position, and 30 images that arrive 40 ms after their exposure.
-With --heartbeats, one every 20 ms, for a start that has not to wait for one. With --origin, where on the Earth it
-is, for other aircraft's reports. With --key, signed. With --flood, instead, as many samples of the IMU a second as
-it says. Prints, as JSON, when each image was sent, by its stamp, and how many datagrams were sent.
+It sends 200 samples of the IMU a second, 50 of attitude and position, and 30 images that arrive 40 ms after their
+exposure. --heartbeats sends one every 20 ms, for a start that need not wait for one. --origin sends the origin on
+the Earth, for reports of other aircraft. --key signs. --flood sends that many samples of the IMU a second instead.
+It prints, as JSON, when each image was sent, by its stamp, and how many datagrams were sent.
 """
 
 import argparse
@@ -24,22 +24,27 @@ from onboard.wire.documents.points import decode_points
 from onboard.wire.mavlink.encode import MavlinkEncoder
 from onboard.wire.mavlink.signing import Signer
 
-IMU_MS: Final = 5
-HEARTBEAT_MS: Final = 20
-BEGIN_MS: Final = 5_000  # of the boot clock
-BURST_S: Final = 0.001
+IMU_PERIOD_MS: Final = 5
+HEARTBEAT_PERIOD_MS: Final = 20
+START_TIME_MS: Final = 5_000  # of the boot clock
+BURST_PERIOD_S: Final = 0.001
 KEY: Final = "onboard/1/camera/front/points"
 
 
 def datagrams(seconds: int, *, heartbeats: bool = False, origin: bool = False) -> list[Datagram]:
-    """One leader's flight, in order of arrival; with `heartbeats`, one each 20 ms; with `origin`, one a second."""
-    encoder, end_ms = MavlinkEncoder(1, 1), BEGIN_MS + 1000 * seconds
+    """Return one leader's flight, in order of arrival.
+
+    `heartbeats` adds one every 20 ms, `origin` one a second.
+    """
+    encoder, end_ms = MavlinkEncoder(1, 1), START_TIME_MS + 1000 * seconds
     found = [_of_leader(datagram) for datagram in flight(1, seconds)]
-    found.extend(_mavlink(encoder, imu(t_ms * MS), t_ms) for t_ms in range(BEGIN_MS, end_ms, IMU_MS))
+    found.extend(_mavlink(encoder, imu(t_ms * MS), t_ms) for t_ms in range(START_TIME_MS, end_ms, IMU_PERIOD_MS))
     if heartbeats:
-        found.extend(_mavlink(encoder, _heartbeat(t_ms), t_ms) for t_ms in range(BEGIN_MS, end_ms, HEARTBEAT_MS))
+        found.extend(
+            _mavlink(encoder, _heartbeat(t_ms), t_ms) for t_ms in range(START_TIME_MS, end_ms, HEARTBEAT_PERIOD_MS)
+        )
     if origin:
-        found.extend(_mavlink(encoder, _origin(t_ms), t_ms) for t_ms in range(BEGIN_MS, end_ms, 1000))
+        found.extend(_mavlink(encoder, _origin(t_ms), t_ms) for t_ms in range(START_TIME_MS, end_ms, 1000))
     return sorted(found, key=lambda datagram: datagram.t_recv_ns)
 
 
@@ -49,7 +54,7 @@ def _of_leader(datagram: Datagram) -> Datagram:
 
 
 def imu(t_ns: int) -> Imu:
-    """A sample of the IMU at a boot time."""
+    """Return a sample of the IMU at a boot time."""
     return Imu(t_ns=t_ns, t_recv_ns=EPOCH + t_ns, f_b=(0.0, 0.0, -9.81), omega_b=(0.0, 0.0, 0.01))
 
 
@@ -69,7 +74,7 @@ def _mavlink(encoder: MavlinkEncoder, message: Any, t_ms: int) -> Datagram:
 
 
 def as_mavlink(datagram: Datagram, encoder: MavlinkEncoder) -> bytes:
-    """Camera points as LANDING_TARGETs, for a camera that needs no Zenoh."""
+    """Return camera points as LANDING_TARGETs, for a camera that needs no Zenoh."""
     (points,) = decode_points(datagram.data, datagram.t_recv_ns).detections
     return encoder.encode(points)
 
@@ -77,8 +82,10 @@ def as_mavlink(datagram: Datagram, encoder: MavlinkEncoder) -> bytes:
 def send(
     flown: list[Datagram], to: socket.socket, publisher: Any | None, *, begin_ns: int = 0, key: str = ""
 ) -> dict[str, Any]:
-    """Send each datagram when it is due, signed with a `key` of 64 hexadecimal digits, from `begin_ns` of the
-    monotonic clock on, or from now. Without a publisher, images go as MAVLink."""
+    """Send each datagram at its time, from `begin_ns` of the monotonic clock or now.
+
+    `key` (64 hexadecimal digits) signs. Without a publisher, images are sent as MAVLink.
+    """
     encoder, signer = MavlinkEncoder(1, 191), Signer(bytes.fromhex(key), 1) if key else None
     sent: list[tuple[int, int, int]] = []  # stamp, exposure and sending on the monotonic clock, ns
     begin_ns = (begin_ns or time.monotonic_ns() + 50 * MS) - flown[0].t_recv_ns
@@ -97,16 +104,16 @@ def send(
 
 
 def flood(rate: int, seconds: float, to: socket.socket) -> dict[str, Any]:
-    """Send samples of the IMU at a rate, in bursts each millisecond; a burst that is late is made up for."""
+    """Send samples of the IMU at a rate, in bursts each millisecond, and make up for late bursts."""
     encoder = MavlinkEncoder(1, 1)
-    frames = [encoder.encode(imu((BEGIN_MS + k) * MS)) for k in range(1000)]
+    frames = [encoder.encode(imu((START_TIME_MS + k) * MS)) for k in range(1000)]
     begin = time.monotonic()
     count = 0
     while (now := time.monotonic() - begin) < seconds:
         for _ in range(int(now * rate) - count):
             _put(to, frames[count % 1000])
             count += 1
-        time.sleep(BURST_S)
+        time.sleep(BURST_PERIOD_S)
     return {"datagrams": count, "rate": count / (time.monotonic() - begin)}
 
 
@@ -116,7 +123,7 @@ def _put(to: socket.socket, data: bytes) -> None:
 
 
 def main() -> int:
-    """Send, and print what was sent."""
+    """Send, and print the counts."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.live_flight")
     parser.add_argument("--udp", type=int, required=True, help="the port of `udpin` on the loopback interface")
     parser.add_argument("--zenoh", help="the daemon's endpoint; without it, images go as MAVLink")
@@ -143,7 +150,7 @@ def main() -> int:
 
 
 def client(endpoint: str) -> Any:
-    """A Zenoh session as a client of an endpoint."""
+    """Open a Zenoh session as a client of an endpoint."""
     import zenoh  # noqa: PLC0415 - not for floods
 
     config = zenoh.Config()

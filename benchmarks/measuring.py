@@ -1,4 +1,7 @@
-"""All figures, under the keys of bench.json. Every ratio is peer / ours, or as its key says; both in this run."""
+"""All figures, under the keys of bench.json.
+
+Every ratio is peer / ours, or as its key says; both are measured in this run.
+"""
 
 import platform
 from collections.abc import Callable
@@ -8,17 +11,17 @@ from typing import Any
 from benchmarks import radar, square_root, start_up, targets, traffic, vision
 from benchmarks.timing import Side, compare
 
-BATCH = 500
+BATCH_SIZE = 500
 Figures = dict[str, dict[str, Any]]
 Times = Callable[[Side, Side], tuple[float, float]]
 
 
 class DisagreementError(Exception):
-    """The peers' results differ from ours, so no ratio would mean anything."""
+    """The peers' results differ from ours, so that no ratio is meaningful."""
 
 
 def figures(pairs: int = 21, scale: float = 1.0, starts: int = 5) -> Figures:
-    """Measure everything: `pairs` pairs for each ratio, of `scale` times the usual number of steps.
+    """Measure everything with `pairs` pairs for each ratio, of `scale` times the usual steps.
 
     Raises DisagreementError.
     """
@@ -26,22 +29,22 @@ def figures(pairs: int = 21, scale: float = 1.0, starts: int = 5) -> Figures:
         raise DisagreementError("ours and the peers' results differ: no ratio would mean anything")
 
     def times(ours: Side, peer: Side) -> tuple[float, float]:
-        """Our microseconds, and how many times as long the peer takes."""
+        """Return our microseconds, and the ratio of the peer's time to ours."""
         made = compare(_scaled(ours, scale), _scaled(peer, scale), pairs)
         return made.ours_us, made.times
 
     return {
         **_radar(times),
         "vision_ukf": _vision(times),
-        "batch_ukf": _batch(times, Side(vision.batch(BATCH), 10, BATCH), Side(vision.filterpy, 20)),
-        "batch_radar": _batch(times, Side(radar.batch(BATCH), 10, BATCH), Side(radar.filterpy, 60)),
+        "batch_ukf": _batch(times, Side(vision.batch(BATCH_SIZE), 10, BATCH_SIZE), Side(vision.filterpy, 20)),
+        "batch_radar": _batch(times, Side(radar.batch(BATCH_SIZE), 10, BATCH_SIZE), Side(radar.filterpy, 60)),
         "square_root": _square_root(times),
         "leader_targets": targets.measure(scale),
         "traffic_tracks": traffic.measure(scale),
         "startup": start_up.measure(starts)._asdict(),
         "versions": {name: version(name) for name in ("filterpy", "stonesoup", "numpy", "numba")}
         | {"python": platform.python_version()},
-        "settings": {"pairs": pairs, "batch": BATCH, "threads": 1},
+        "settings": {"pairs": pairs, "batch": BATCH_SIZE, "threads": 1},
     }
 
 
@@ -79,11 +82,11 @@ def _vision(times: Times) -> dict[str, Any]:
 
 
 def _square_root(times: Times) -> dict[str, Any]:
-    """Microseconds of the square-root filter, and how many times as long it takes as the unscented filter."""
+    """Measure the square-root filter, in microseconds and relative to the unscented filter."""
     us, ratio = times(Side(square_root.ours, 1000), Side(square_root.unscented_ours, 1000))
     two_us, two_ratio = times(Side(square_root.run(), 1000), Side(square_root.unscented_run(), 1000))
-    many = square_root.run(BATCH), square_root.unscented_run(BATCH)
-    many_us, many_ratio = times(Side(many[0], 4, BATCH), Side(many[1], 4, BATCH))
+    many = square_root.run(BATCH_SIZE), square_root.unscented_run(BATCH_SIZE)
+    many_us, many_ratio = times(Side(many[0], 4, BATCH_SIZE), Side(many[1], 4, BATCH_SIZE))
     return {
         "us": us,
         "times_ukf": 1 / ratio,
@@ -95,6 +98,6 @@ def _square_root(times: Times) -> dict[str, Any]:
 
 
 def _batch(times: Times, ours: Side, peer: Side) -> dict[str, float]:
-    """Per filter and step, on one core."""
+    """Measure a batch, per filter and step, on one core."""
     us, ratio = times(ours, peer)
     return {"us_per_step": us, "steps_per_s": 1e6 / us, "times_faster_than_filterpy": ratio}

@@ -1,8 +1,9 @@
-"""What machine code for a family of processors costs beside this one's own.
+"""The cost of machine code for a family of processors over that for this processor.
 
-`python -m benchmarks.processors PYTHON`: the interpreter of an installation with machine code (`make wheel`). It
-replays simlink's mission with each estimator, in turns with the wheel's code and with code that Numba compiles for
-this very processor, and compares computing, and the bytes of the estimates. Prints a line of JSON for each."""
+`python -m benchmarks.processors PYTHON` takes the interpreter of an installation with machine code (`make wheel`).
+It replays simlink's mission with each estimator, alternately with the wheel's code and with code that Numba
+compiles for this processor, and compares computing time and output bytes. It prints a line of JSON for each.
+"""
 
 import hashlib
 import json
@@ -17,8 +18,8 @@ import numpy as np
 
 from benchmarks.both import RUNS
 
-PAIRS: Final = 5
-FLY: Final = """
+PAIR_COUNT: Final = 5
+REPLAY: Final = """
 import sys, time
 import msgspec
 from onboard.config import load_config
@@ -39,8 +40,11 @@ print(spent)
 
 
 def measure(name: str, python: Path, folder: Path) -> dict[str, Any]:
-    """Of one estimator: medians of seconds with the wheel's code and with this processor's own, the quartiles of
-    the ratio over the pairs, and whether the outputs are the same bytes."""
+    """Measure one estimator with the wheel's code and with this processor's own.
+
+    Returns the medians in seconds, the quartiles of the ratio over the pairs, and whether the outputs have the
+    same bytes.
+    """
     kept = {key: value for key, value in os.environ.items() if not key.startswith(("PYTHON", "NUMBA_"))}
     kept["WINGLINE_PRECISION"] = "double"  # as in flight
     call = [str(python.absolute()), "-c", "import llvmlite.binding as llvm; print(llvm.get_host_cpu_name())"]
@@ -49,11 +53,11 @@ def measure(name: str, python: Path, folder: Path) -> dict[str, Any]:
     sides = {"wheel": kept, "own": own}
     spent: dict[str, list[float]] = {side: [] for side in sides}
     digests: set[str] = set()
-    for _ in range(PAIRS + 1):
+    for _ in range(PAIR_COUNT + 1):
         for side, environment in sides.items():
             out = folder / "outputs"
             settings = (str(folder / "flight.tlog"), str(out), f"estimator={{{RUNS[name]}}}")
-            command = [str(python.absolute()), "-P", "-c", FLY, *settings]
+            command = [str(python.absolute()), "-P", "-c", REPLAY, *settings]
             done = subprocess.run(command, env=environment, check=True, text=True, stdout=subprocess.PIPE)  # noqa: S603
             spent[side].append(float(done.stdout))
             digests.add(hashlib.sha256(out.read_bytes()).hexdigest())

@@ -1,5 +1,7 @@
-"""The radar problem, as its user would write it for each library: nine states, constant acceleration per axis
-[x, v, a, y, v, a, z, v, a], and range, azimuth and elevation ten times a second. One step: predict and update.
+"""The radar problem, as its user would write it for each library.
+
+It has nine states, constant acceleration per axis [x, v, a, y, v, a, z, v, a], and range, azimuth and elevation
+ten times a second. One step is a prediction and an update.
 """
 
 from datetime import datetime, timedelta
@@ -18,7 +20,7 @@ from onboard.models.radar import ANGULAR, measure
 
 N, DT, STEPS = 9, 0.1, 200
 AXIS = np.array([[1.0, DT, 0.5 * DT**2], [0.0, 1.0, DT], [0.0, 0.0, 1.0]])
-F = np.kron(np.eye(3), AXIS)
+TRANSITION = np.kron(np.eye(3), AXIS)
 DENSITY = 1.0  # of the acceleration's random walk, (m/s^2)^2/s
 Q_AXIS = DENSITY * np.array(
     [[DT**5 / 20, DT**4 / 8, DT**3 / 6], [DT**4 / 8, DT**3 / 3, DT**2 / 2], [DT**3 / 6, DT**2 / 2, DT]]
@@ -34,11 +36,11 @@ RULE: Final = unscented.rule(WEIGHTS, N, 3, ANGULAR)
 
 
 def measurements(seed: int = 1, steps: int = STEPS) -> Array:
-    """Measurements (steps, 3) of a flight on the model."""
+    """Simulate measurements (steps, 3) of a flight on the model."""
     rng, x, rows = np.random.default_rng(seed), START.mean, []
     for _ in range(steps):
-        x = F @ x
-        rows.append(radar(x[None])[0] + rng.normal(0, np.sqrt(np.diag(R))))
+        x = TRANSITION @ x
+        rows.append(numpy_measure(x[None])[0] + rng.normal(0, np.sqrt(np.diag(R))))
     return np.array(rows)
 
 
@@ -46,13 +48,13 @@ def measurements(seed: int = 1, steps: int = STEPS) -> Array:
 
 
 def process(rows: Array) -> Array:
-    """Rows (k, 9) after DT."""
+    """Return rows (k, 9) after DT."""
     return constant_acceleration.process(rows, DT)
 
 
 @njit(cache=True, error_model="numpy")
 def own_process(rows):  # type: ignore[no-untyped-def]
-    """`process` as a user would write it."""
+    """Advance rows like `process`, as a user would write it."""
     after = np.empty_like(rows)
     for s in range(rows.shape[0]):
         for i in range(0, 9, 3):
@@ -65,7 +67,7 @@ def own_process(rows):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def own_measure(rows):  # type: ignore[no-untyped-def]
-    """Range, azimuth and elevation (k, 3) of rows (k, 9), as a user would write it."""
+    """Return range, azimuth and elevation (k, 3) of rows (k, 9), as a user would write it."""
     images = np.empty((rows.shape[0], 3))
     for s in range(rows.shape[0]):
         x, y, z = rows[s, 0], rows[s, 3], rows[s, 6]
@@ -76,13 +78,13 @@ def own_measure(rows):  # type: ignore[no-untyped-def]
     return images
 
 
-def moves(rows: Array) -> Array:
-    """`process` in NumPy."""
-    return np.asarray(rows @ F.T)
+def numpy_process(rows: Array) -> Array:
+    """Advance rows like `process`, in NumPy."""
+    return np.asarray(rows @ TRANSITION.T)
 
 
-def radar(rows: Array) -> Array:
-    """`measure` in NumPy."""
+def numpy_measure(rows: Array) -> Array:
+    """Measure rows like `measure`, in NumPy."""
     x, y, z = rows[:, 0], rows[:, 3], rows[:, 6]
     across = np.hypot(x, y)
     return np.column_stack([np.hypot(across, z), np.arctan2(x, y), np.arctan2(z, across)])
@@ -92,7 +94,7 @@ MEASURED: Final = measurements()
 
 
 def ours(steps: int, process: Any = process, measure: Any = measure) -> Belief:
-    """The unscented filter, a step at a time, with the library's models."""
+    """Run the unscented filter, a step at a time, with the library's models."""
     belief: Any = START
     for k in range(steps):
         belief = unscented.step(belief, process, Q, MEASURED[k % STEPS], measure, R, RULE)
@@ -100,13 +102,13 @@ def ours(steps: int, process: Any = process, measure: Any = measure) -> Belief:
 
 
 def ours_in_two_calls(steps: int) -> Belief:
-    """The same by a prediction and an update, which also returns the innovation and its covariance."""
+    """Run it by a prediction and an update, which also returns innovation and covariance."""
     belief: Belief = in_two_calls(unscented, START, MEASURED, WEIGHTS, steps)
     return belief
 
 
 def in_two_calls(family: Any, state: Any, measured: Array, weights: Weights, steps: int) -> Any:
-    """The state of a filter, by its module, or of a batch, after so many steps."""
+    """Return the state of a filter or a batch, by its module, after `steps` steps."""
     for k in range(steps):
         state = family.predict(state, process, Q, weights)
         state = family.update(state, measured[k % STEPS], measure, R, weights, ANGULAR).belief
@@ -114,22 +116,22 @@ def in_two_calls(family: Any, state: Any, measured: Array, weights: Weights, ste
 
 
 def ours_own_model(steps: int) -> Belief:
-    """The same with models of a user's own, compiled."""
+    """Run it with a user's own compiled models."""
     return ours(steps, own_process, own_measure)
 
 
 def ours_numpy(steps: int) -> Belief:
-    """The same with models in plain NumPy."""
-    return ours(steps, moves, radar)
+    """Run it with models in plain NumPy."""
+    return ours(steps, numpy_process, numpy_measure)
 
 
 def batch(count: int) -> Any:
-    """A run that advances `count` filters in one call."""
-    return partial(in_two_calls, unscented, *tiled(count), WEIGHTS)
+    """Return a run that advances `count` filters in one call."""
+    return partial(in_two_calls, unscented, *tile_start(count), WEIGHTS)
 
 
-def tiled(count: int) -> tuple[Belief, Array]:
-    """The start and the measurements of `count` equal filters."""
+def tile_start(count: int) -> tuple[Belief, Array]:
+    """Return the start and the measurements of `count` equal filters."""
     start = Belief(np.tile(START.mean, (count, 1)), np.tile(START.covariance, (count, 1, 1)))
     return start, np.ascontiguousarray(np.tile(MEASURED[:, None], (1, count, 1)))
 
@@ -138,17 +140,17 @@ def tiled(count: int) -> tuple[Belief, Array]:
 
 
 def difference(a: Array, b: Array) -> Array:
-    """Of measurements, as filterpy's documentation writes it."""
+    """Return the difference of measurements, as filterpy's documentation writes it."""
     y = a - b
     y[1:] = (y[1:] + np.pi) % (2 * np.pi) - np.pi
     return y
 
 
 def filterpy(steps: int) -> Belief:
-    """filterpy's, its models for one point at a time, in NumPy."""
+    """Run filterpy with models for one point at a time, in NumPy."""
 
     def fx(x: Array, _: float) -> Array:
-        return np.asarray(F @ x)
+        return np.asarray(TRANSITION @ x)
 
     def hx(x: Array) -> Array:
         across = np.hypot(x[0], x[3])
@@ -158,7 +160,7 @@ def filterpy(steps: int) -> Belief:
 
 
 def filterpy_compiled(steps: int) -> Belief:
-    """filterpy's, with our compiled models."""
+    """Run filterpy with our compiled models."""
     return _filterpy(steps, lambda x, _: process(x[None])[0], lambda x: measure(x[None])[0])
 
 
@@ -173,8 +175,10 @@ def _filterpy(steps: int, fx: Any, hx: Any) -> Belief:
 
 
 def stonesoup(steps: int) -> Belief:
-    """Stone Soup's, as in its tutorials: every step predicts from the last posterior, with a detection of its own,
-    so that nothing is answered from its caches."""
+    """Run Stone Soup as in its tutorials.
+
+    Every step predicts from the last posterior, with its own detection, so that its caches answer nothing.
+    """
     from stonesoup.models.measurement.nonlinear import CartesianToElevationBearingRange  # noqa: PLC0415 - seconds
     from stonesoup.models.transition.linear import (  # noqa: PLC0415
         CombinedLinearGaussianTransitionModel,
@@ -186,11 +190,11 @@ def stonesoup(steps: int) -> Belief:
     from stonesoup.types.state import GaussianState  # noqa: PLC0415
     from stonesoup.updater.kalman import UnscentedKalmanUpdater  # noqa: PLC0415
 
-    moves = CombinedLinearGaussianTransitionModel([ConstantAcceleration(DENSITY) for _ in range(3)])
+    numpy_process = CombinedLinearGaussianTransitionModel([ConstantAcceleration(DENSITY) for _ in range(3)])
     # elevation, bearing from its first axis, which is our north, and range
     sees = CartesianToElevationBearingRange(N, (3, 0, 6), R[::-1, ::-1])
     rule = {"alpha": 1.0, "beta": 0.0, "kappa": 3.0 - N}
-    predictor, updater = UnscentedKalmanPredictor(moves, **rule), UnscentedKalmanUpdater(sees, **rule)
+    predictor, updater = UnscentedKalmanPredictor(numpy_process, **rule), UnscentedKalmanUpdater(sees, **rule)
     time = datetime(2026, 1, 1)  # noqa: DTZ001 - simulated
     state = GaussianState(START.mean[:, None], START.covariance, timestamp=time)
     for k in range(steps):
@@ -202,7 +206,7 @@ def stonesoup(steps: int) -> Belief:
 
 
 def agree() -> bool:
-    """Whether all of them compute the same over a few seconds, to a millimetre."""
+    """Whether all of them agree to a millimetre over a few seconds."""
     expected = ours(50)
     others = (ours_in_two_calls, ours_own_model, ours_numpy, filterpy, filterpy_compiled, stonesoup)
     return all(np.allclose(run(50).mean[::3], expected.mean[::3], rtol=0, atol=1e-3) for run in others)

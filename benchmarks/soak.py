@@ -1,8 +1,8 @@
-"""`python -m benchmarks.soak --hours 24`: a long flight through the pipeline, as fast as it goes.
+"""`python -m benchmarks.soak --hours 24`: a long flight through the pipeline at full speed.
 
-A hundred samples of the IMU a second, 50 of own motion and 25 images. Boot time, arrivals and stamps go on. Every
-simulated hour prints, as JSON, the memory, threads and open files of this process, the error of the clock offset,
-and the estimates. What is flat must stay so: `grown_mb` is memory since the first figures.
+It has a hundred samples of the IMU a second, 50 of own motion and 25 images. Every simulated hour it prints, as
+JSON, the memory, threads and open files of this process, the error of the clock offset, and the estimates. These
+must stay constant: `grown_mb` is memory relative to the first figures.
 """
 
 import argparse
@@ -34,14 +34,14 @@ from onboard.wire.mavlink.encode import MavlinkEncoder
 MS: Final = 1_000_000
 EPOCH: Final = 1_735_689_600_000 * MS
 DRIFT: Final = 20e-6  # of the boot clock against ours
-LINK_MS: Final = 2
-SWAY: Final = 0.05
+LINK_LATENCY_MS: Final = 2
+SWAY_AMPLITUDE: Final = 0.05  # rad
 SPEED, GAP, SPAN = 12.0, 25.0, 2.0
 Numbers = dict[str, Any]
 
 
 def flight(hours: float, image_ms: int) -> Iterator[Datagram]:
-    """The datagrams of a straight flight behind a leader that keeps its distance."""
+    """Yield the datagrams of a straight flight behind a leader that keeps its distance."""
     encoder, camera = MavlinkEncoder(1, 1), MavlinkEncoder(1, 191)
     for k in range(round(hours * 3_600_000 / 10)):
         t_ms = 5_000 + 10 * k
@@ -56,14 +56,14 @@ def flight(hours: float, image_ms: int) -> Iterator[Datagram]:
 
 
 def arrival_ns(t_ms: int) -> int:
-    """When a message of a boot time arrives, on this computer's clock."""
-    return EPOCH + round(t_ms * MS * (1 + DRIFT)) + LINK_MS * MS
+    """Return when a message of a boot time arrives, on this computer's clock."""
+    return EPOCH + round(t_ms * MS * (1 + DRIFT)) + LINK_LATENCY_MS * MS
 
 
 def _due(t_ms: int, image_ms: int) -> Iterator[Message]:
     t = t_ms * 1e-3
     head: dict[str, Any] = {"t_ns": t_ms * MS, "t_recv_ns": arrival_ns(t_ms)}
-    yaw, rate = SWAY * math.sin(t), SWAY * math.cos(t)
+    yaw, rate = SWAY_AMPLITUDE * math.sin(t), SWAY_AMPLITUDE * math.cos(t)
     yield Imu(**head, f_b=(0.0, 0.0, -9.81), omega_b=(0.0, 0.0, rate))
     if t_ms % 1000 == 0:
         yield Heartbeat(**head, vehicle_type=2, autopilot=12, armed=True, status=4)
@@ -85,7 +85,7 @@ def _image(head: dict[str, Any], yaw: float) -> TargetPoints:
 
 
 class Watch:
-    """What is measured once an hour."""
+    """Counts estimates, and measures the process once an hour."""
 
     def __init__(self, pipeline: Pipeline) -> None:
         self._pipeline, self._process = pipeline, psutil.Process()
@@ -93,14 +93,14 @@ class Watch:
         self._first_mb: float | None = None
         self.estimates = self.valid = 0
 
-    def see(self, output: Any) -> None:
+    def count(self, output: Any) -> None:
         """Count an output."""
         if isinstance(output, Estimate):
             self.estimates += 1
             self.valid += output.valid
 
     def hour(self, hours: float, t_ms: int) -> Numbers:
-        """The figures as of now."""
+        """Return the present figures."""
         memory = self._process.memory_info().rss / 1e6
         self._first_mb = memory if self._first_mb is None else self._first_mb
         offset = self._pipeline.clocks.offset_ns
@@ -118,12 +118,12 @@ class Watch:
 
 
 def soak(hours: float, image_ms: int, every: float) -> Iterator[Numbers]:
-    """Fly, and give the figures every so many simulated hours."""
+    """Fly, and yield the figures every `every` simulated hours."""
     pipeline = Pipeline(load_config(None, (f"estimator.leader.size_prior_m={SPAN}",)))
     watch, due = Watch(pipeline), every
     for datagram in flight(hours, image_ms):
         for output in pipeline.feed(datagram):
-            watch.see(output)
+            watch.count(output)
         flown_ms = (datagram.t_recv_ns - EPOCH) // MS - 5_000
         if flown_ms >= due * 3_600_000:
             yield watch.hour(due, flown_ms + 5_000)

@@ -1,4 +1,4 @@
-"""The square-root filter that flies (by triangularisation) beside the unscented one, on the radar problem."""
+"""The square-root filter (by triangularisation) and the unscented one on the radar problem."""
 
 from collections.abc import Callable
 from functools import partial
@@ -14,14 +14,14 @@ UNSCENTED_RULE: Final = unscented.rule(WEIGHTS, radar.N, 3, ANGULAR)
 
 
 def run(count: int | None = None) -> Callable[[int], object]:
-    """A run of one square-root filter, or of a batch."""
-    belief, measured = (radar.START, radar.MEASURED) if count is None else radar.tiled(count)
+    """Return a run of one square-root filter, or of a batch."""
+    belief, measured = (radar.START, radar.MEASURED) if count is None else radar.tile_start(count)
     start = square_root.start(*belief)
     return lambda steps: square_root.belief(radar.in_two_calls(square_root, start, measured, WEIGHTS, steps))
 
 
 def ours(steps: int) -> Belief:
-    """The square-root filter, a step at a time."""
+    """Run the square-root filter, a step at a time."""
     belief: Any = square_root.start(*radar.START)
     for k in range(steps):
         y = radar.MEASURED[k % radar.STEPS]
@@ -30,7 +30,7 @@ def ours(steps: int) -> Belief:
 
 
 def unscented_ours(steps: int) -> Belief:
-    """The same of the unscented filter, with the same points."""
+    """Run the unscented filter with the same points, a step at a time."""
     belief: Any = radar.START
     for k in range(steps):
         y = radar.MEASURED[k % radar.STEPS]
@@ -39,6 +39,6 @@ def unscented_ours(steps: int) -> Belief:
 
 
 def unscented_run(count: int | None = None) -> Callable[[int], object]:
-    """The same of the unscented filter, with the same points."""
-    start, measured = (radar.START, radar.MEASURED) if count is None else radar.tiled(count)
+    """Return a run of one unscented filter with the same points, or of a batch."""
+    start, measured = (radar.START, radar.MEASURED) if count is None else radar.tile_start(count)
     return partial(radar.in_two_calls, unscented, start, measured, WEIGHTS)

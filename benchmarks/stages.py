@@ -1,5 +1,7 @@
-"""What a message costs at each stage, and how much faster than real time a flight is replayed: 35 s of a MAVLink
-stream of an ArduPilot, 500 messages a second, with 25 images among them."""
+"""The cost of a message at each stage, and the speed of a replay.
+
+The flight is 35 s of a MAVLink stream of an ArduPilot: 500 messages a second, with 25 images among them.
+"""
 
 import gzip
 import time
@@ -15,14 +17,16 @@ from onboard.pipeline import Pipeline
 from onboard.wire.logs.tlog import read_tlog
 
 LOG: Final = Path(__file__).parents[1] / "tests" / "replay" / "data" / "copter.tlog.gz"
-FLIES: Final = ("camera.mount_rpy_deg=[0,15,0]", "estimator.leader.size_prior_m=2.0")
+SETTINGS: Final = ("camera.mount_rpy_deg=[0,15,0]", "estimator.leader.size_prior_m=2.0")
 
 
 def measure() -> dict[str, float]:
-    """Microseconds of computing for each message, the flight's seconds over those of its replay, and of what
-    `floor` does instead, and their number a second."""
+    """Measure microseconds for each message at each stage, and the speed of replays.
+
+    The speed is the flight's seconds over those of its replay, also for `floor`.
+    """
     log = gzip.decompress(LOG.read_bytes())
-    config, bare = load_config(None, FLIES), load_config(None, ("estimator={}",))
+    config, bare = load_config(None, SETTINGS), load_config(None, ("estimator={}",))
     began = time.process_time()
     datagrams = [datagram for datagram, _ in read_tlog(log) if datagram is not None]
     reading = time.process_time() - began
@@ -44,7 +48,7 @@ def measure() -> dict[str, float]:
 
 
 def _feed(config: Config, datagrams: list[Datagram]) -> tuple[float, float, float]:
-    """Seconds of decoding, of all that follows, and of the encoding of what comes out."""
+    """Return the seconds of decoding, of everything after it, and of encoding the outputs."""
     pipeline, encoder = Pipeline(config), msgspec.json.Encoder()
     began = time.process_time()
     decoded = [pipeline.decode(datagram) for datagram in datagrams]

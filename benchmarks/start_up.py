@@ -1,4 +1,4 @@
-"""How long a fresh Python takes to its first estimate: with nothing compiled yet, and afterwards."""
+"""The time of a new Python process to its first estimate, with and without compiled code."""
 
 import os
 import statistics
@@ -33,16 +33,15 @@ print(perf_counter() - start)
 
 
 class StartUp(NamedTuple):
-    """Seconds: from the process's start to its end after one prediction and update, when the kernels are still to
-    be compiled and when they are on disk; and the import of the pipeline alone."""
+    """Times in seconds to the end of the process after one prediction and update."""
 
-    cold_s: float
-    warm_s: float
-    import_pipeline_s: float
+    cold_s: float  # with kernels still to be compiled
+    warm_s: float  # with compiled kernels on disk
+    import_pipeline_s: float  # the import of the pipeline alone
 
 
 def measure(runs: int = 5) -> StartUp:
-    """One cold run, then medians of `runs` processes one after the other."""
+    """Measure one cold run, then medians of `runs` processes, one after the other."""
     with tempfile.TemporaryDirectory() as folder:
         environment = {**os.environ, "NUMBA_CACHE_DIR": folder}
         cold = _seconds(FIRST_ESTIMATE, environment)

@@ -1,4 +1,7 @@
-"""Timing in turn: A B A B ..., so that a busy machine slows both alike, and the median of the pairs' ratios."""
+"""Alternate timing, A B A B ..., and the median of the pairs' ratios.
+
+A busy machine thus slows both alike.
+"""
 
 from collections.abc import Callable
 from time import perf_counter
@@ -10,15 +13,15 @@ Run = Callable[[int], object]  # makes so many steps, each a prediction and an u
 
 
 class Side(NamedTuple):
-    """What is timed: `run(steps)`, in how many steps at a time, each of which advances `filters` filters."""
+    """One side of a comparison: `run(steps)`, each step of which advances `filters` filters."""
 
     run: Run
-    steps: int
+    steps: int  # in one call
     filters: int = 1
 
 
 class Ratio(NamedTuple):
-    """Medians of microseconds per filter and step, and of peer / ours over the pairs, with its quartiles."""
+    """Medians of microseconds per filter and step, and of peer / ours with its quartiles."""
 
     ours_us: float
     peer_us: float

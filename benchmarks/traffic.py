@@ -1,5 +1,7 @@
-"""How many aircraft one core can track: ten radar scans and ten publications a second, an ADS-B report of each
-aircraft every second; in seconds of computing for a second of flight."""
+"""The number of aircraft that one core can track, in seconds of computing for a second of flight.
+
+There are ten radar scans and ten publications a second, and an ADS-B report of each aircraft every second.
+"""
 
 import math
 import time
@@ -29,12 +31,12 @@ COUNTS: Final = (125, 250, 500)
 HOME: Final = (47.4, 8.5, 500.0)
 OTHERS: Final[tuple[FilterName, ...]] = ("kf", "ekf", "ukf", "srukf")
 SPAN: Final = 10_000.0  # m: aircraft are spread over a square of twice this
-SETTLE_S: Final = 2
+SETTLING_TIME_S: Final = 2
 NAV_HZ, SCAN_HZ = 50, 10
 
 
 class Sky:
-    """`count` aircraft on straight lines, and ourselves, who hover; all messages made beforehand."""
+    """`count` aircraft on straight lines, and ourselves in hover; all messages are made beforehand."""
 
     def __init__(self, count: int, seconds: int, seed: int = 1) -> None:
         rng = np.random.default_rng(seed)
@@ -42,10 +44,10 @@ class Sky:
         course, speed = rng.uniform(0, 2 * math.pi, count), rng.uniform(20.0, 80.0, count)
         self._v = np.column_stack([speed * np.cos(course), speed * np.sin(course), np.zeros(count)])
         self._rng = rng
-        self.steps = [self._messages(k) for k in range((SETTLE_S + seconds) * NAV_HZ)]
+        self.steps = [self._messages(k) for k in range((SETTLING_TIME_S + seconds) * NAV_HZ)]
 
     def _messages(self, k: int) -> list[Message]:
-        """Messages of the k-th fiftieth of a second; our own position first."""
+        """Return the messages of the k-th fiftieth of a second, our own position first."""
         t = (k + 1) / NAV_HZ
         t_ns = round(t * NS_PER_S)
         stamp: dict[str, Any] = {"t_ns": t_ns, "t_recv_ns": t_ns}
@@ -94,14 +96,14 @@ def _geodetic(r: Array) -> tuple[float, float, float]:
 
 
 def load(count: int, seconds: int, name: FilterName) -> tuple[float, int]:
-    """Share of one core that `count` aircraft take with the filter of that name, and how many are tracked."""
+    """Return the share of one core that `count` aircraft need with this filter, and the tracked number."""
     config = Config(filter=name, max_reported=COUNTS[-1])
     estimator = Estimator(config, make_camera(f_px=1.0, width_px=1.0, height_px=1.0))
     ownship = Ownship(max_extrapolation=0.1)
     tracked: set[str] = set()
     start = 0.0
     for k, messages in enumerate(Sky(count, seconds).steps):
-        if k == SETTLE_S * NAV_HZ:
+        if k == SETTLING_TIME_S * NAV_HZ:
             start = time.process_time()
             tracked.clear()
         for message in messages:
@@ -112,8 +114,10 @@ def load(count: int, seconds: int, name: FilterName) -> tuple[float, int]:
 
 
 def measure(scale: float = 1.0) -> dict[str, float]:
-    """Shares of one core: of the mixture, the default, for each of COUNTS, of the other filters for the largest;
-    `per_track_ratio` is that of the largest count over that of the smallest, for each track: 1 is linear."""
+    """Measure the share of one core for each of COUNTS, and for all filters at the largest.
+
+    `per_track_ratio` is the cost per track at the largest count over that at the smallest: 1 is linear.
+    """
     seconds = max(1, round(6 * scale))
     load(5, 1, "imm")  # compiled, and warm
     found: dict[str, float] = {}

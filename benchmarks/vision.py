@@ -1,4 +1,4 @@
-"""The daemon's own problem: nine states of a leader seen by a camera (Oh & Johnson), predict and update."""
+"""The problem of Oh & Johnson: nine states of a leader seen by a camera, predict and update."""
 
 from typing import Any, Final
 
@@ -25,17 +25,17 @@ RULE: Final = unscented.rule(WEIGHTS, N, camera_angles.MEASUREMENT_SIZE, camera_
 
 
 def process(rows: Array) -> Array:
-    """The leader's motion over DT, compiled."""
+    """Advance the leader's motion by DT, compiled."""
     return relative_motion.process(rows, DT, FOLLOWER, EPS)
 
 
 def measure(rows: Array) -> Array:
-    """What the camera sees, compiled."""
+    """Return the camera's measurement, compiled."""
     return camera_angles.measure(rows, R_CN, R_FC_N)
 
 
 def ours(steps: int) -> Belief:
-    """The unscented filter, a step at a time."""
+    """Run the unscented filter, a step at a time."""
     belief: Any = START
     for _ in range(steps):
         belief = unscented.step(belief, process, Q, ANGLES, measure, R, RULE)
@@ -43,7 +43,7 @@ def ours(steps: int) -> Belief:
 
 
 def ours_in_two_calls(steps: int, start: Belief = START, angles: Array = ANGLES) -> Belief:
-    """The same by a prediction and an update, of one filter or of a batch, as the daemon runs it."""
+    """Run it by a prediction and an update, for one filter or a batch, as the daemon does."""
     belief = start
     for _ in range(steps):
         belief = unscented.predict(belief, process, Q, WEIGHTS)
@@ -52,24 +52,24 @@ def ours_in_two_calls(steps: int, start: Belief = START, angles: Array = ANGLES)
 
 
 def batch(count: int) -> Any:
-    """A run that advances `count` filters in one call."""
+    """Return a run that advances `count` filters in one call."""
     start = Belief(np.tile(START.mean, (count, 1)), np.tile(START.covariance, (count, 1, 1)))
     angles = np.tile(ANGLES, (count, 1))
     return lambda steps: ours_in_two_calls(steps, start, angles)
 
 
 def filterpy(steps: int) -> Belief:
-    """filterpy's, with the equations written for one point at a time in NumPy, as its documentation does."""
+    """Run filterpy with the equations for one point at a time in NumPy, as its documentation does."""
     return _filterpy(steps, fx, hx)
 
 
 def filterpy_compiled(steps: int) -> Belief:
-    """filterpy's, with our compiled models."""
+    """Run filterpy with our compiled models."""
     return _filterpy(steps, lambda x, _: process(x[None])[0], lambda x: measure(x[None])[0])
 
 
 def fx(x: Array, dt: float) -> Array:
-    """Eqs 2 and 5-10 by RK4."""
+    """Integrate eqs 2 and 5-10 by RK4."""
     half = 0.5 * (FOLLOWER.v0 + FOLLOWER.v1), 0.5 * (FOLLOWER.a0 + FOLLOWER.a1)
     k1 = derivative(x, FOLLOWER.v0, FOLLOWER.a0)
     k2 = derivative(x + 0.5 * dt * k1, *half)
@@ -79,7 +79,7 @@ def fx(x: Array, dt: float) -> Array:
 
 
 def derivative(x: Array, v_F: Array, a_F: Array) -> Array:
-    """Of one state."""
+    """Return the derivative of one state."""
     U, V_, W = x[3:6] + v_F
     lat, up = x[7], x[8]
     across = np.sqrt(U**2 + V_**2 + EPS**2)
@@ -89,7 +89,7 @@ def derivative(x: Array, v_F: Array, a_F: Array) -> Array:
 
 
 def hx(x: Array) -> Array:
-    """Eq 14 of one state."""
+    """Return eq 14 of one state."""
     r_c = R_CN @ (x[:3] - R_FC_N)
     alpha = 2 * np.arctan2(x[6], 2 * np.linalg.norm(r_c))
     return np.array([np.arctan2(r_c[1], r_c[0]), np.arctan2(r_c[2], r_c[0]), alpha])
@@ -106,7 +106,7 @@ def _filterpy(steps: int, fx: Any, hx: Any) -> Belief:
 
 
 def agree() -> bool:
-    """Whether all of them compute the same: if not, no ratio means anything."""
+    """Whether all of them compute the same; otherwise no ratio is meaningful."""
     expected = ours(5)
     others = [ours_in_two_calls(5), filterpy(5), filterpy_compiled(5)]
     return all(np.allclose(belief.mean, expected.mean, rtol=1e-9, atol=1e-12) for belief in others)

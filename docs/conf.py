@@ -1,4 +1,4 @@
-"""Sphinx: `make docs` builds these pages."""
+"""The configuration of Sphinx; `make docs` builds these pages."""
 
 import os
 import sys
@@ -30,7 +30,10 @@ default_role = "code"  # the docstrings have Markdown's single backticks
 
 
 def as_text(_app: object, _what: str, _name: str, _object: object, _options: object, lines: list[str]) -> None:
-    """Docstrings are plain text: a bar is an absolute value, not a substitution, a list needs no blank line."""
+    """Escape a docstring as plain text for reStructuredText.
+
+    A bar is an absolute value, not a substitution, and a list needs no blank line.
+    """
     found: list[str] = []
     for line in lines:
         if line.startswith("- ") and found and found[-1].strip() and not found[-1].startswith(("- ", "  ")):
@@ -40,5 +43,5 @@ def as_text(_app: object, _what: str, _name: str, _object: object, _options: obj
 
 
 def setup(app: Any) -> None:
-    """Connect the above."""
+    """Connect `as_text`."""
     app.connect("autodoc-process-docstring", as_text)

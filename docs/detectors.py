@@ -1,11 +1,11 @@
-"""Both example detectors of aircraft, measured: `python docs/detectors.py` prints the tables of docs/detectors.md.
+"""Measure both example detectors, and print the tables of docs/detectors.md.
 
     python examples/learned_train.py
     python docs/detectors.py --pictures 200 --seeds 5
 
 Pictures and flights are those of seeds that `learned_train.py` does not use. A wingtip is right within 3 px, or
-within a tenth of the wing as it is seen, where that is more; an aircraft is found where both are. The contour has
-no center of its own: the middle between its wingtips is taken.
+within a tenth of the visible wing if that is more; an aircraft is found if both are right. The contour has no
+center of its own, so the middle between its wingtips is used.
 """
 
 import argparse
@@ -22,7 +22,7 @@ import numpy.typing as npt
 from onboard.arrays import Array
 from simlink.scenarios.scenario import load_scenario
 from simlink.sensors.pictures import Find, Painter, picture_detector
-from simlink.world.drawn import draw_scenario as drawn_by_seed
+from simlink.world.drawn import draw_scenario
 from simlink.world.truth import true_size
 from studies.closed_loop.flight import Flight, fly
 from studies.closed_loop.scores import SETTLE
@@ -31,12 +31,12 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 
 import contour
 import learned
-from learned_train import Scene, drawn
+from learned_train import Scene, draw_pictures
 
 FIRST_SEED: Final = 901  # of what nothing was trained or chosen on
 DETECTORS: Final[dict[str, Find]] = {"contour": contour.find, "learned": learned.find}
-RIGHT_PX: Final = 3.0
-RIGHT: Final = 0.1  # of the wing
+MAX_ERROR_PX: Final = 3.0
+MAX_ERROR_RATIO: Final = 0.1  # of the wing
 SCENES: Final = {
     "7 to 15 m, from behind": Scene((7.0, 15.0), 0.0, 0.0, 1.0),
     "15 to 30 m, from behind": Scene((15.0, 30.0), 0.0, 0.0, 1.0),
@@ -50,22 +50,21 @@ SCENES: Final = {
 
 
 class Counted(NamedTuple):
-    """Of pictures: shares (%) in which an aircraft was found, found wrong and not found; errors (px, RMS of each
-    coordinate) of center and wingtips where it was found; and ms a picture of one core."""
+    """The results of a detector on pictures."""
 
-    found: float
-    wrong: float
-    missed: float
-    center: float
-    tips: float
-    ms: float
+    found: float  # %
+    wrong: float  # %
+    missed: float  # %
+    center: float  # px, RMS of each coordinate where it was found
+    tips: float  # px, the same
+    ms: float  # of one core for a picture
 
 
 def measured(find: Find, scene: Scene, seed: int, count: int) -> Counted:
-    """What a detector makes of drawn pictures."""
+    """Measure a detector on drawn pictures."""
     outcomes, errors = [], []
     took = 0.0
-    for picture, truth in drawn(seed, count, scene):
+    for picture, truth in draw_pictures(seed, count, scene):
         before = time.process_time()
         points = find(picture)
         took += time.process_time() - before
@@ -76,7 +75,7 @@ def measured(find: Find, scene: Scene, seed: int, count: int) -> Counted:
             outcomes.append("wrong")
             continue
         off = _off(points, truth)
-        within = max(RIGHT_PX, RIGHT * float(np.linalg.norm(truth[1] - truth[2])))
+        within = max(MAX_ERROR_PX, MAX_ERROR_RATIO * float(np.linalg.norm(truth[1] - truth[2])))
         is_right = bool((np.linalg.norm(off[1:], axis=1) <= within).all())
         outcomes.append("found" if is_right else "wrong")
         errors += [off] if is_right else []
@@ -87,7 +86,7 @@ def measured(find: Find, scene: Scene, seed: int, count: int) -> Counted:
 
 
 def _off(points: Mapping[str, tuple[float, float, float]], truth: npt.NDArray[np.float32]) -> Array:
-    """How far center, left and right are off (3, 2), px."""
+    """Return the errors of center, left and right (3, 2), px."""
     left, right = (np.array(points[name][:2]) for name in ("left", "right"))
     center = np.array(points["center"][:2]) if "center" in points else (left + right) / 2
     # of an upright wing it is open which tip is the left one
@@ -95,7 +94,7 @@ def _off(points: Mapping[str, tuple[float, float, float]], truth: npt.NDArray[np
 
 
 def pictures(count: int) -> Iterator[str]:
-    """The table of single pictures, line by line."""
+    """Yield the table of single pictures, line by line."""
     yield "| pictures | detector | found | wrong | missed | center | wingtips | a picture |"
     yield "|---|---|---|---|---|---|---|---|"
     for k, (name, scene) in enumerate(SCENES.items()):
@@ -109,14 +108,14 @@ def pictures(count: int) -> Iterator[str]:
 
 
 def flown(find: Find, seed: int, seconds: float) -> Flight:
-    """A flight of `pictures-follow` in simulated time on nothing but what a detector finds."""
+    """Fly `pictures-follow` in simulated time on the detections of a detector alone."""
     scenario = load_scenario("pictures-follow")
-    painter = Painter(drawn_by_seed(scenario, seed).camera, true_size(scenario, seed), seed)
+    painter = Painter(draw_scenario(scenario, seed).camera, true_size(scenario, seed), seed)
     return fly(scenario, seed, seconds, detect=picture_detector(find, painter))
 
 
 def flights(seeds: int, seconds: float) -> Iterator[str]:
-    """The table of flights, line by line."""
+    """Yield the table of flights, line by line."""
     yield "| seed | detector | valid | follows | slot error, RMS | at most | least distance |"
     yield "|---|---|---|---|---|---|---|"
     engage = load_scenario("pictures-follow").follow

@@ -1,10 +1,11 @@
-"""The drawings of the documents as SVG: the geometry, the flow, and the house of the code.
+"""The drawings of the documents as SVG: the geometry, the flow, and the parts of the code.
 
     python docs/drawings.py
 
-writes them into docs/pictures. The geometry is projected with the code's own camera and rotations, the house is
-read off the imports. Colours are of middle brightness on no background, so that they can be read in light and
-in dark."""
+writes them into docs/pictures. The geometry is projected with the code's own camera and rotations, the parts
+follow from the imports. Colours have medium brightness on no background, so that they are legible in light and
+dark.
+"""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -20,7 +21,7 @@ from onboard.geometry.rotations import matrix_from_euler
 PICTURES: Final = Path(__file__).parent / "pictures"
 INK, FAINT = "#73808d", "#9aa5b1"
 BLUE, ORANGE, PINK, GREEN = "#3a90d8", "#d07a1f", "#d0458c", "#2a9a5b"
-SIZE: Final = 17
+FONT_SIZE: Final = 17
 
 Point = Sequence[float]
 
@@ -35,7 +36,7 @@ class Drawing:
     def line(
         self, points: Iterable[Point], colour: str, width: float = 1.5, *, dash: str = "", arrow: bool = False
     ) -> None:
-        """A line through points (n, 2), with an arrow at its end."""
+        """Draw a line through points (n, 2), with an arrow at its end on request."""
         at = [(float(x), float(y)) for x, y in points]
         path = " ".join(f"{x:.1f},{y:.1f}" for x, y in at)
         dashed = f' stroke-dasharray="{dash}"' if dash else ""
@@ -46,13 +47,13 @@ class Drawing:
             self._head(at[-2], at[-1], colour)
 
     def shape(self, points: Iterable[Point], colour: str, opacity: float = 0.25) -> None:
-        """A filled polygon with its outline."""
+        """Draw a filled polygon with its outline."""
         path = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
         style = f'fill="{colour}" fill-opacity="{opacity}" stroke="{colour}"'
         self._parts.append(f'<polygon points="{path}" {style}/>')
 
     def dot(self, at: Point, colour: str, radius: float = 3.5) -> None:
-        """A point."""
+        """Draw a point."""
         self._parts.append(f'<circle cx="{at[0]:.1f}" cy="{at[1]:.1f}" r="{radius}" fill="{colour}"/>')
 
     def text(
@@ -62,16 +63,16 @@ class Drawing:
         colour: str = INK,
         *,
         anchor: str = "start",
-        size: int = SIZE,
+        size: int = FONT_SIZE,
         bold: bool = False,
     ) -> None:
-        """A line of words that begins (`start`), has its middle or ends at a point."""
+        """Draw a line of text that begins (`start`), is centred (`middle`) or ends (`end`) at a point."""
         weight = ' font-weight="600"' if bold else ""
         place = f'x="{at[0]:.1f}" y="{at[1]:.1f}" text-anchor="{anchor}"'
         self._parts.append(f'<text {place} font-size="{size}" fill="{colour}"{weight}>{escape(words)}</text>')
 
     def box(self, x: float, y: float, w: float, h: float, words: Sequence[str], colour: str) -> None:
-        """A box with lines of words, the first in bold."""
+        """Draw a box with lines of text, the first in bold."""
         style = f'fill="{colour}" fill-opacity="0.12" stroke="{colour}" stroke-width="1.3"'
         self._parts.append(f'<rect x="{x:.1f}" y="{y:.1f}" width="{w:.1f}" height="{h:.1f}" rx="6" {style}/>')
         top = y + h / 2 - (len(words) - 1) * 9 + 5
@@ -82,11 +83,11 @@ class Drawing:
                 colour if k == 0 else INK,
                 anchor="middle",
                 bold=k == 0,
-                size=SIZE - 3 * (k > 0),
+                size=FONT_SIZE - 3 * (k > 0),
             )
 
     def save(self, name: str) -> str:
-        """Write it into docs/pictures, and return its text."""
+        """Write the drawing into docs/pictures, and return its text."""
         w, h = self._size
         space = 'xmlns="http://www.w3.org/2000/svg" font-family="sans-serif" role="img"'
         head = f'<svg {space} viewBox="0 0 {w} {h}" width="{w}">'
@@ -113,13 +114,13 @@ class Eye:
         self._axes = np.array([right, np.cross(forward, right), forward])
 
     def see(self, points: Any) -> Any:
-        """Points (n, 3) in NED as pixels (n, 2)."""
+        """Project points (n, 3) in NED to pixels (n, 2)."""
         seen = (np.atleast_2d(points) - self._position) @ self._axes.T
         return self._middle + self._focal * seen[:, :2] / seen[:, 2:]
 
 
 def geometry() -> Drawing:
-    """Vehicle, camera, image, leader and the frames, from behind."""
+    """Draw vehicle, camera, image, leader and the frames, from behind."""
     drawing = Drawing(980, 560, "The frames: origin, vehicle, camera with its image, and the leader")
     eye = Eye((-21.0, 19.0, -24.0), (8.0, 0.5, -5.5), 860.0, (560.0, 270.0))
     origin, own, leader = np.array([-3.0, -8.0, 0.0]), np.array([0.0, 1.5, -6.5]), np.array([22.0, 4.0, -8.5])
@@ -151,7 +152,7 @@ def geometry() -> Drawing:
 
 
 def ground(drawing: Drawing, eye: Eye) -> None:
-    """A grid at the origin's height."""
+    """Draw a grid at the origin's height."""
     for k in range(-10, 26, 5):
         drawing.line(eye.see([[k, -12.0, 0.0], [k, 8.0, 0.0]]), FAINT, 0.6)
     for k in range(-12, 10, 4):
@@ -159,7 +160,7 @@ def ground(drawing: Drawing, eye: Eye) -> None:
 
 
 def axes(drawing: Drawing, eye: Eye, at: Any, columns: Any, names: Sequence[str], colour: str) -> None:
-    """Three axes (3, 3), in columns, from a point."""
+    """Draw three axes (3, 3), in columns, from a point."""
     for k, name in enumerate(names):
         start, end = eye.see([at, at + columns[:, k]])
         drawing.line([start, end], colour, 1.8, arrow=True)
@@ -167,14 +168,14 @@ def axes(drawing: Drawing, eye: Eye, at: Any, columns: Any, names: Sequence[str]
 
 
 def vector(drawing: Drawing, eye: Eye, start: Any, end: Any, name: str, colour: str, shift: Point) -> None:
-    """A vector with its name at its middle."""
+    """Draw a vector with its name at its middle."""
     a, b = eye.see([start, end])
     drawing.line([a, b], colour, 2.0, dash="7 4", arrow=True)
     drawing.text((a + b) / 2 + np.array(shift), name, colour, bold=True)
 
 
 def aircraft(drawing: Drawing, eye: Eye, at: Any, R: Any, span: float, colour: str) -> None:
-    """An aircraft of a wingspan (m): wing, body and tail."""
+    """Draw an aircraft of a wingspan (m): wing, body and tail."""
     half, chord = span / 2, 0.16 * span
     outlines = (
         [(chord, -half, 0), (chord, half, 0), (-chord, half, 0), (-chord, -half, 0)],
@@ -191,7 +192,7 @@ def aircraft(drawing: Drawing, eye: Eye, at: Any, R: Any, span: float, colour: s
 
 
 def image(drawing: Drawing, eye: Eye, lens: Any, R_nc: Any, camera: Any, seen: Any) -> None:
-    """The camera's image some metres before it, and the rays to the points that are seen."""
+    """Draw the camera's image some metres in front of it, and the rays to the points."""
     distance = 6.0
     half = np.array([camera.width_px, camera.height_px]) / (2 * camera.f_px)
     corners = np.array([(1, sx * half[0], sy * half[1]) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
@@ -225,7 +226,7 @@ ENDS: Final = (
 
 
 def flow() -> Drawing:
-    """From bytes to estimates: each arrow is one function call."""
+    """Draw the way from bytes to estimates; each arrow is one function call."""
     drawing = Drawing(980, 330, "The flow: from bytes on a link to what is published")
     w, h, gap = 156, 84, 40
     for k, (name, inside, outcome) in enumerate(FLOW):
@@ -258,7 +259,7 @@ def _wrapped(words: str, width: int) -> list[str]:
 
 
 def house(floors: Sequence[set[str]], arrows: Iterable[tuple[str, str]]) -> Drawing:
-    """The parts of `onboard` on their floors, and who imports whom, downwards."""
+    """Draw the parts of `onboard` on their floors, with the imports between them."""
     drawing = Drawing(980, 64 * len(floors) + 20, "The house: parts of the code on their floors, imports go down")
     at: dict[str, tuple[float, float]] = {}
     for k, floor in enumerate(reversed(floors)):
@@ -277,7 +278,7 @@ def house(floors: Sequence[set[str]], arrows: Iterable[tuple[str, str]]) -> Draw
 
 
 def essential(arrows: set[tuple[str, str]]) -> set[tuple[str, str]]:
-    """The arrows that no way over other parts replaces."""
+    """Return the arrows that no path over other parts replaces."""
     below: dict[str, set[str]] = {}
     for a, b in arrows:
         below.setdefault(a, set()).add(b)

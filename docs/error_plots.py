@@ -1,4 +1,4 @@
-"""One plot for each estimator: its errors in a simulated flight inside the bounds that it states."""
+"""One plot for each estimator: its errors in a simulated flight within its own bounds."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -13,8 +13,8 @@ from onboard.arrays import Array
 from onboard.messages import Estimate, NavState, TrafficTruth, Truth
 
 SIGMAS: Final = 3.0
-MOST_ROWS: Final = 500  # of a plot
-SETTLED_S: Final = 5.0
+MAX_ROWS: Final = 500  # of a plot
+SETTLING_TIME_S: Final = 5.0
 LOOK: Final = {
     **STYLE,
     "svg.hashsalt": "wingline",
@@ -37,7 +37,7 @@ def main(flown: Flown) -> None:
 
 
 def leader(records: tuple[Any, ...], name: str) -> tuple[Array, Array, Array, list[str]]:
-    """Times (n,) s, errors (n, 3) m of the leader's position, and three standard deviations of them."""
+    """Return times (n,) s, errors (n, 3) m of the leader's position, and their three-sigma bounds."""
     found = [r for r in records if isinstance(r, Estimate) and r.name == name and r.valid and r.mean is not None]
     truths = [r for r in records if isinstance(r, Truth)]
     times = np.array([t.t_ns for t in truths])
@@ -50,7 +50,7 @@ def leader(records: tuple[Any, ...], name: str) -> tuple[Array, Array, Array, li
 
 
 def own_state(records: tuple[Any, ...]) -> tuple[Array, Array, Array, list[str]]:
-    """The same of our own velocity, m/s."""
+    """Return the same for our own velocity, m/s."""
     truths = [r for r in records if isinstance(r, Truth)]
     times, true = np.array([t.t_ns for t in truths]), np.array([t.v_F_n for t in truths])
     found = [r for r in records if isinstance(r, NavState) and r.valid and r.mean is not None]
@@ -62,7 +62,7 @@ def own_state(records: tuple[Any, ...]) -> tuple[Array, Array, Array, list[str]]
 
 
 def traffic(records: tuple[Any, ...]) -> tuple[Array, Array, Array, list[str]]:
-    """The same of the position of that aircraft among the traffic which is estimated most often, m."""
+    """Return the same for the position of the most frequently estimated aircraft, m."""
     truths: dict[str, list[tuple[float, ...]]] = {}
     for r in records:
         for one in r.intruders if isinstance(r, TrafficTruth) else ():
@@ -90,14 +90,14 @@ def _at(times: Array, values: Array, t_ns: int) -> Array:
 
 
 def _parts(rows: list[Any], names: list[str]) -> tuple[Array, Array, Array, list[str]]:
-    table = np.array(rows[:: max(len(rows) // MOST_ROWS, 1)], dtype=float)
+    table = np.array(rows[:: max(len(rows) // MAX_ROWS, 1)], dtype=float)
     seconds = (table[:, 0] - table[0, 0]) * 1e-9
     keep = seconds >= 0.0
     return seconds[keep], table[keep, 1:4], table[keep, 4:7], names
 
 
 def _draw(file: str, t: Array, errors: Array, bounds: Array, names: list[str], colour: str) -> None:
-    """Three panels, one for each axis; the scale is that of the bounds once they have settled."""
+    """Draw three panels, one for each axis, with the scale of the settled bounds."""
     with mpl.rc_context(LOOK):
         from matplotlib.figure import Figure  # noqa: PLC0415
 
@@ -108,7 +108,7 @@ def _draw(file: str, t: Array, errors: Array, bounds: Array, names: list[str], c
             axis.patch.set_alpha(0.0)
             axis.fill_between(t, -bounds[:, k], bounds[:, k], color=colour, alpha=0.18, linewidth=0)
             axis.plot(t, errors[:, k], color=colour, linewidth=0.9)
-            high = 1.25 * float(np.percentile(bounds[t > SETTLED_S, k], 98))
+            high = 1.25 * float(np.percentile(bounds[t > SETTLING_TIME_S, k], 98))
             axis.set_ylim(-high, high)
             axis.set_ylabel(names[k])
             inside = 100.0 * float(np.mean(np.abs(errors[:, k]) <= bounds[:, k]))

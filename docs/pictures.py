@@ -1,11 +1,11 @@
-"""Draw every picture of the documents anew.
+"""Draw every picture of the documents again.
 
     python docs/pictures.py [NAME ...]
 
-The flights are simulated in this process, byte for byte the same every time; pictures of the view need Vulkan
-(`apt install mesa-vulkan-drivers`), the plots matplotlib. Without names all are drawn: the drawings, the plots
-of errors inside their bounds, the recorded flights, the view's first page for each kind of flight and each of its
-pages, and the report."""
+The flights are simulated in this process, with the same bytes every time. Pictures of the view need Vulkan (`apt
+install mesa-vulkan-drivers`), the plots matplotlib. Without names all are drawn: the drawings, the plots of
+errors, the recorded flights, the view's first page for each kind of flight and each of its pages, and the report.
+"""
 
 import sys
 import tempfile
@@ -35,18 +35,17 @@ from simlink.simulation import datagrams
 
 PICTURES: Final = drawings.PICTURES
 REPORT_PAGES, REPORT_SCALE, MARGIN = (0, 1, 3), 1.6, 20  # of the PDF: the verdict, the map, the range
-HEALTH_NS: Final = 1_000_000_000
+HEALTH_PERIOD_NS: Final = 1_000_000_000
 PAGES: Final = ("Overview", "Errors", "Motion", "Filter", "Own state", "Links")
 
 
 class Picture(NamedTuple):
-    """A picture of the view: the scenario, how long it flies and when it is shown (s), and the page that is
-    open."""
+    """A picture of the view: scenario, duration and time shown (s), and the open page."""
 
     scenario: str
     duration: float
     at: float
-    page: str = ""
+    page: str = ""  # "": the default page
 
 
 VIEWS: Final = {
@@ -61,7 +60,7 @@ VIEWS: Final = {
 
 @cache
 def configured(scenario: str) -> Config:
-    """What a daemon needs for a scenario, with the paper's filter beside the leader's in `formation`."""
+    """Return a daemon's configuration for a scenario; `formation` also has the paper's filter."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "scenario.toml"
         path.write_text(daemon_config(load_scenario(scenario)), encoding="utf-8")
@@ -73,7 +72,7 @@ def configured(scenario: str) -> Config:
 
 @cache
 def flown(scenario: str, duration: float, seed: int = 1) -> tuple[Any, ...]:
-    """All records of a flight: estimates, own poses and truths, and a health every second."""
+    """Return all records of a flight: estimates, own poses and truths, and a health every second."""
     return tuple(_records(scenario, duration, seed))
 
 
@@ -87,12 +86,12 @@ def _records(scenario: str, duration: float, seed: int) -> Iterator[Any]:
             continue
         yield from pipeline.feed(item)
         if item.t_recv_ns >= next_ns:
-            next_ns = item.t_recv_ns + HEALTH_NS
+            next_ns = item.t_recv_ns + HEALTH_PERIOD_NS
             yield pipeline.health(item.t_recv_ns)
 
 
 def draw_view(name: str, picture: Picture) -> None:
-    """The view of a flight at a time."""
+    """Draw the view of a flight at a time."""
     config = configured(picture.scenario)
     with tempfile.TemporaryDirectory() as folder:
         rrd = Path(folder) / "flight.rrd"
@@ -108,14 +107,14 @@ def draw_view(name: str, picture: Picture) -> None:
 
 
 def take(rrd: Path, name: str, at: float) -> None:
-    """The picture of a recording at a time (s), in 256 colours, which is a quarter of the bytes."""
+    """Take the picture of a recording at a time (s), in 256 colours, a quarter of the bytes."""
     path = PICTURES / f"{name}.png"
     screenshot(rrd, path, at=at)
     Image.open(path).convert("RGB").quantize(256).save(path, optimize=True)
 
 
 def draw_fleet() -> None:
-    """One vehicle of a fleet of two, with the table of both."""
+    """Draw one vehicle of a fleet of two, with the table of both."""
     flights = {"uav-1": flown("mission", 45.0), "uav-2": flown("formation-drop-out", 45.0)}
     config = configured("mission")
     with tempfile.TemporaryDirectory() as folder:
@@ -129,7 +128,10 @@ def draw_fleet() -> None:
 
 
 def draw_report() -> None:
-    """The first page of `onboard report` of a simulated flight, with its map and its range. It needs pypdfium2."""
+    """Draw the first page of `onboard report` of a simulated flight, with its map and its range.
+
+    It needs pypdfium2.
+    """
     from pypdfium2 import PdfDocument  # type: ignore[import-not-found, import-untyped, unused-ignore]  # noqa: PLC0415
 
     with tempfile.TemporaryDirectory() as folder, chdir(folder):
@@ -153,7 +155,7 @@ def draw_report() -> None:
 
 
 def by_time(flights: Mapping[str, Iterable[Any]]) -> list[tuple[str, Any]]:
-    """The records of all vehicles in the order of their flights' times."""
+    """Return the records of all vehicles in the order of their flights' times."""
     found = []
     for vehicle, records in flights.items():
         start = None
@@ -166,7 +168,7 @@ def by_time(flights: Mapping[str, Iterable[Any]]) -> list[tuple[str, Any]]:
 
 
 def main(names: list[str]) -> None:
-    """Draw those of these names, or all."""
+    """Draw the pictures of these names, or all."""
     PICTURES.mkdir(exist_ok=True)
     if not names or "drawings" in names:
         drawings.main()

@@ -1,4 +1,4 @@
-"""Real autopilots behind a leader: recorded MAVLink streams through the pipeline, drawn as a map and a range.
+"""Recorded streams of real autopilots behind a leader, drawn as a map and a range.
 
 The recordings are not part of the repository: without `../shared/data` nothing is drawn.
 """
@@ -20,14 +20,14 @@ from onboard.pipeline import Pipeline
 from onboard.wire.logs.tlog import read_tlog
 
 DATA: Final = Path(__file__).parents[2] / "shared" / "data"
-FILE: Final = "real-flights.png"
+FILE_NAME: Final = "real-flights.png"
 SETTINGS: Final = ("camera.mount_rpy_deg=[0,15,0]", "estimator.leader.size_prior_m=2.0")
 SIGMAS: Final = 2.0
 BLUE, AMBER, BLACK = "#2f6fd0", "#c77d0a", "#222222"
 
 
 class Recording(NamedTuple):
-    """A follower's stream below DATA, its truth, and the seconds of it that are drawn."""
+    """A follower's stream below DATA, its truth, and the interval that is drawn (s)."""
 
     title: str
     log: str
@@ -55,19 +55,18 @@ RECORDINGS: Final = (
 
 
 class Drawn(NamedTuple):
-    """Times (n,), s; places of the follower, the estimated and the true leader (n, 3), NED, m; the estimated range
-    and its standard deviation (n,), m."""
+    """The positions and ranges to draw."""
 
-    t: Array
-    follower: Array
-    estimate: Array
-    truth: Array
-    range_m: Array
-    sigma_m: Array
+    t: Array  # (n,), s
+    follower: Array  # (n, 3), NED, m
+    estimate: Array  # (n, 3), of the leader
+    truth: Array  # (n, 3), of the leader
+    range_m: Array  # (n,), estimated
+    sigma_m: Array  # (n,), of the range
 
 
 def main() -> bool:
-    """Draw all recordings into docs/pictures; False, if they are not at hand."""
+    """Draw all recordings into docs/pictures; return False if they are not available."""
     if not all((DATA / one.log).exists() for one in RECORDINGS):
         return False
     mpl.use("agg")
@@ -77,12 +76,12 @@ def main() -> bool:
     axes = figure.subplots(2, 2, width_ratios=(1, 1.5))
     for (top, side), recording in zip(axes, RECORDINGS, strict=True):
         _draw(top, side, recording, flown(recording))
-    figure.savefig(PICTURES / FILE)
+    figure.savefig(PICTURES / FILE_NAME)
     return True
 
 
 def flown(recording: Recording) -> Drawn:
-    """A recording through the pipeline as it ships, beside its truth."""
+    """Run a recording through the pipeline, and align it with its truth."""
     pipeline = Pipeline(load_config(None, SETTINGS))
     poses: list[tuple[float, ...]] = []
     rows: list[tuple[float, ...]] = []
@@ -111,7 +110,7 @@ def _read(path: Path) -> bytes:
 
 
 def _range_sigma(estimate: Any) -> float:
-    """One standard deviation of the range, m."""
+    """Return one standard deviation of the range, m."""
     r = np.array(estimate.mean[:3])
     u = r / np.linalg.norm(r)
     return float(np.sqrt(u @ np.array(estimate.covariance)[:3, :3] @ u))

@@ -1,13 +1,13 @@
-"""Bring measured figures and generated parts of the documents up to date.
+"""Update the measured figures and generated parts of the documents.
 
-    python docs/render.py                    README's table and docs/published.md, from what is known
+    python docs/render.py                    README's table and docs/published.md, from the known figures
     python docs/render.py --score demo.json --replay replay.json --studies study.json --bench bench.json
 
-docs/figures.json holds every measured figure by its key, as it is shown. "measured" is written here, from the
-JSON files of the commands in docs/measurements.md; "noted" is written by hand, for what no command writes to JSON.
-Only figures that a page or README's table shows are kept. A page has a figure as <!--key-->1.9<!--/-->: comments
-are not shown, and the text between is written here. No line may begin with one:
-Markdown takes such a line as HTML. Several files of `make bench` give a range.
+docs/figures.json holds every measured figure by its key, in the form shown. "measured" is written here, from the
+JSON files of the commands in docs/measurements.md; "noted" is written by hand, for figures that no command writes
+to JSON. Only figures that a page or README's table shows are kept. A page has a figure as <!--key-->1.9<!--/-->:
+comments are not shown, and the text between is written here. No line may begin with one: Markdown takes such a
+line as HTML. Several files of `make bench` give a range.
 """
 
 import argparse
@@ -96,26 +96,26 @@ BENCH: dict[str, tuple[Callable[[Json], float], str]] = {
 
 
 def two_calls_filterpy(radar: Json) -> float:
-    """How many times as long filterpy takes as our prediction and update in two calls."""
+    """Return the time of filterpy over that of our prediction and update in two calls."""
     return float(radar["times_faster_than_filterpy"] * radar["us"] / radar["us_in_two_calls"])
 
 
-def of_score(name: str, score: Json) -> Figures:
-    """Figures of a scorecard, under keys that begin with `name`."""
+def score_figures(name: str, score: Json) -> Figures:
+    """Return the figures of a scorecard, under keys that begin with `name`."""
     return {f"{name}_{key}": format(score[path], shown) for key, (path, shown) in SCORE.items()}
 
 
-def of_demo(score: Json) -> Figures:
-    """Figures of a demo of a scenario that the pages tell of; also of our own state, where it is estimated."""
+def demo_figures(score: Json) -> Figures:
+    """Return the figures of a demo of a scenario, also of our own state if it is estimated."""
     name = SCORED[score["scenario"]]
     own = OWN_SCORE if score["own_state"] else {}
-    return of_score(name, score) | {
+    return score_figures(name, score) | {
         f"{name}_{key}": format(value(score), shown) for key, (value, shown) in own.items()
     }
 
 
-def of_bench(runs: Sequence[Json]) -> Figures:
-    """Figures of one or several runs of `make bench`: a value, or the range of values."""
+def bench_figures(runs: Sequence[Json]) -> Figures:
+    """Return the figures of one or several runs of `make bench`: a value, or its range."""
     found = {}
     for key, (value, shown) in BENCH.items():
         low, high = format(min(map(value, runs)), shown), format(max(map(value, runs)), shown)
@@ -123,8 +123,8 @@ def of_bench(runs: Sequence[Json]) -> Figures:
     return found
 
 
-def of_live(history: str) -> Figures:
-    """Figures of the newest line of `benchmarks/history.jsonl`."""
+def live_figures(history: str) -> Figures:
+    """Return the figures of the newest line of `benchmarks/history.jsonl`."""
     live: Json = json.loads(history.splitlines()[-1])
     machine, stages, floor = live["machine"], live["stages"], live["floor"]
     found = {
@@ -157,35 +157,38 @@ def _shown(value: float | None, how: str) -> str:
 
 
 def readme_table(figures: Figures) -> str:
-    """The table of README.md."""
+    """Return the table of README.md."""
     return README_TABLE.format_map(figures)
 
 
-def with_figures(text: str, figures: Figures) -> str:
-    """`text` of a page with every figure between its comments as in `figures`. Raises KeyError."""
+def replace_figures(text: str, figures: Figures) -> str:
+    """Return the `text` of a page with every figure replaced by that of `figures`.
+
+    Raises KeyError.
+    """
     return FIGURE.sub(lambda m: f"<!--{m[1]}-->{figures[m[1]]}<!--/-->", text)
 
 
-def between(text: str, marker: str, inside: str) -> str:
-    """`text` with what stands between the comments `marker: begin` and `marker: end` replaced."""
+def replace_between(text: str, marker: str, inside: str) -> str:
+    """Replace the part of `text` between the comments `marker: begin` and `marker: end`."""
     pattern = rf"(<!-- {marker}: begin[^>]*-->\n).*?(<!-- {marker}: end -->)"
     return re.sub(pattern, lambda m: f"{m[1]}{inside}\n{m[2]}", text, count=1, flags=re.DOTALL)
 
 
-def named() -> set[str]:
-    """The figures that the pages and README's table show."""
+def shown_keys() -> set[str]:
+    """Return the keys of the figures that the pages and README's table show."""
     pages = (path.read_text(encoding="utf-8") for path in PAGES.rglob("*.md"))
     return {match[1] for page in pages for match in FIGURE.finditer(page)} | {*TABLE_KEY.findall(README_TABLE)}
 
 
 def read(path: Path) -> Json:
-    """A JSON file."""
+    """Read a JSON file."""
     found: Json = json.loads(path.read_text(encoding="utf-8"))
     return found
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Take figures from the files given, then write the generated parts."""
+    """Read figures from the given files, then write the generated parts."""
     parser = argparse.ArgumentParser(
         prog="python docs/render.py", description="Bring figures and tables up to date."
     )
@@ -198,22 +201,22 @@ def main(arguments: Sequence[str] | None = None) -> None:
     groups = read(FIGURES)
     measured = groups["measured"]
     for path in given.score:
-        measured |= of_demo(read(path))
-    measured |= of_score("copter", read(given.replay)) if given.replay else {}
-    measured |= of_bench([read(path) for path in given.bench]) if given.bench else {}
-    measured |= of_live(given.live.read_text(encoding="utf-8")) if given.live else {}
+        measured |= demo_figures(read(path))
+    measured |= score_figures("copter", read(given.replay)) if given.replay else {}
+    measured |= bench_figures([read(path) for path in given.bench]) if given.bench else {}
+    measured |= live_figures(given.live.read_text(encoding="utf-8")) if given.live else {}
     for path in given.studies:
         measured |= of_studies(read(path))
-    groups["measured"] = measured = {key: shown for key, shown in measured.items() if key in named()}
+    groups["measured"] = measured = {key: shown for key, shown in measured.items() if key in shown_keys()}
     FIGURES.write_text(json.dumps(groups, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
     for path, marker, inside in (
         (README, "figures", readme_table(groups["noted"] | measured)),
         (PUBLISHED, "schema", schemas.describe().strip()),
     ):
-        path.write_text(between(path.read_text(encoding="utf-8"), marker, inside), encoding="utf-8")
+        path.write_text(replace_between(path.read_text(encoding="utf-8"), marker, inside), encoding="utf-8")
     for path in sorted(PAGES.rglob("*.md")):
         text = path.read_text(encoding="utf-8")
-        path.write_text(with_figures(text, groups["noted"] | measured), encoding="utf-8")
+        path.write_text(replace_figures(text, groups["noted"] | measured), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
-"""What an installation holds, as a table: `python docs/sizes.py` writes it into docs/installed.md.
+"""The contents of an installation, written as a table into docs/installed.md.
 
-Sizes are those of this computer's installed files, without bytecode. "In flight" says whether a daemon of
-configs/companion.toml, on a serial port that is not there, has loaded a module of a distribution once it runs."""
+Sizes are those of this computer's installed files, without bytecode. "In flight" says whether a running daemon of
+configs/companion.toml, on an absent serial port, has loaded a module of a distribution.
+"""
 
 import json
 import platform
@@ -43,7 +44,7 @@ print(json.dumps(sorted({name.partition(".")[0] for name in sys.modules})))
 
 
 class Size(NamedTuple):
-    """A distribution, its version, its size in bytes, who requires it, and whether a flight loads it."""
+    """A distribution: version, size in bytes, the distributions that require it, and use in flight."""
 
     name: str
     version: str
@@ -52,20 +53,20 @@ class Size(NamedTuple):
     in_flight: bool
 
 
-def normal(name: str) -> str:
-    """A distribution's name as all write it."""
+def normalise(name: str) -> str:
+    """Return the normalised name of a distribution."""
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
 def requirements(name: str) -> list[str]:
-    """What a distribution requires without extras, on this computer as far as it is installed."""
+    """Return the installed requirements of a distribution, without extras."""
     lines = [line for line in metadata.requires(name) or () if "extra ==" not in line]
     found = (NAME.match(line) for line in lines)
-    return sorted({normal(match[0]) for match in found if match is not None and is_installed(match[0])})
+    return sorted({normalise(match[0]) for match in found if match is not None and is_installed(match[0])})
 
 
 def is_installed(name: str) -> bool:
-    """Whether a distribution is here: one for other systems or Pythons is not."""
+    """Whether a distribution is installed; one for other systems or Pythons is not."""
     try:
         metadata.distribution(name)
     except metadata.PackageNotFoundError:
@@ -74,7 +75,7 @@ def is_installed(name: str) -> bool:
 
 
 def closure() -> dict[str, tuple[str, ...]]:
-    """Every distribution that the project needs, with those that require it."""
+    """Return every distribution that the project needs, with those that require it."""
     found: dict[str, set[str]] = {}
     waiting = [PROJECT]
     while waiting:
@@ -86,18 +87,18 @@ def closure() -> dict[str, tuple[str, ...]]:
     return {name: tuple(sorted(by)) for name, by in found.items()}
 
 
-def flown() -> set[str]:
-    """The distributions of which a daemon has loaded a module."""
+def loaded_distributions() -> set[str]:
+    """Return the distributions of which a daemon has loaded a module."""
     call = [sys.executable, "-c", LOADED]
     done = subprocess.run(call, cwd=ROOT, capture_output=True, text=True, check=True)  # noqa: S603 - our own code
     owners = metadata.packages_distributions()
     tops: list[str] = json.loads(done.stdout.splitlines()[-1])
-    return {normal(owner) for top in tops for owner in owners.get(top, ())}
+    return {normalise(owner) for top in tops for owner in owners.get(top, ())}
 
 
 def sizes() -> list[Size]:
-    """All of them, the largest first."""
-    loaded = flown()
+    """Return all distributions, the largest first."""
+    loaded = loaded_distributions()
     found = []
     for name, by in closure().items():
         distribution = metadata.distribution(name)
@@ -108,7 +109,7 @@ def sizes() -> list[Size]:
 
 
 def table(found: Iterable[Size]) -> str:
-    """The table as Markdown, with a row of the sum."""
+    """Return the table as Markdown, with a row of the sum."""
     rows = list(found)
     where = f"{platform.machine()}, Python {platform.python_version()}"
     lines = [f"Measured on {where}; MB are 1,000,000 bytes.", ""]

@@ -1,4 +1,4 @@
-"""The figures that the documents show of each study, from the JSON of `onboard study`."""
+"""The figures of each study in the documents, from the JSON of `onboard study`."""
 
 import re
 from typing import Any
@@ -16,7 +16,7 @@ RELATIVE_MOTION = {
 
 
 def of_relative_motion(result: Json) -> Figures:
-    """Figures of the study of Oh & Johnson: a row of the page's table for each flight of the daemon."""
+    """Return the figures of the study of Oh & Johnson, a row for each flight of the daemon."""
     found = {}
     for row in result["rows"]:
         name = RELATIVE_MOTION.get((row["variant"], row["method"]))
@@ -35,7 +35,7 @@ def of_relative_motion(result: Json) -> Figures:
 
 
 def of_own_state(result: Json) -> Figures:
-    """Figures of the study of our own state, by scenario."""
+    """Return the figures of the study of our own state, by scenario."""
     accuracy, naming = (table["rows"] for table in result["tables"])
     found = {"own_seeds": str(result["seeds"])}
     for scenario, used, velocity, worst, *_ in accuracy:
@@ -51,12 +51,15 @@ def of_own_state(result: Json) -> Figures:
 
 
 def own_key(scenario: str) -> str:
-    """How the keys of a scenario begin: own_motor for quadrotor-motor, own_nothing for quadrotor."""
+    """Return the beginning of a scenario's keys: own_motor for quadrotor-motor.
+
+    That of quadrotor is own_nothing.
+    """
     return "own_" + (scenario.removeprefix("quadrotor").lstrip("-") or "nothing").replace("-", "_")
 
 
 def of_traffic(result: Json) -> Figures:
-    """Figures of the study of traffic."""
+    """Return the figures of the study of traffic."""
     checks = [check["ours"] for check in result["checks"]]
     aircraft = sorted(result["tables"][0]["rows"], key=lambda row: row[1])
     approaches, good = (sum(row[i] for row in aircraft) for i in (5, 6))
@@ -76,7 +79,7 @@ def of_traffic(result: Json) -> Figures:
 
 
 def of_closed_loop(result: Json) -> Figures:
-    """Figures of the study of the closed loop: the worst of all flights."""
+    """Return the figures of the study of the closed loop: the worst of all flights."""
     straight, worst, least, stop = (check["ours"] for check in result["checks"])
     rows = result["tables"][0]["rows"]
     return {
@@ -92,7 +95,7 @@ def of_closed_loop(result: Json) -> Figures:
 
 
 def of_manoeuvres(result: Json) -> Figures:
-    """Figures of the study of manoeuvres: a row of the page's table for each autopilot and manoeuvre."""
+    """Return the figures of the study of manoeuvres, a row for each autopilot and manoeuvre."""
     found = {"manoeuvre_flights": str(result["seeds"])}
     for autopilot, name, *numbers in result["tables"][0]["rows"]:
         flights, followed, least, median, greatest, usual, off, farthest, seen, valid, *_ = numbers
@@ -104,7 +107,7 @@ def of_manoeuvres(result: Json) -> Figures:
 
 
 def of_encounters(result: Json) -> Figures:
-    """Figures of the study of encounters: a row of the page's table for each encounter."""
+    """Return the figures of the study of encounters, a row for each encounter."""
     found = {"encounters_flights": f"{result['seeds']:.0f}"}
     for name, _, *numbers in result["tables"][0]["rows"]:
         # a family without a valid estimate has none of the others
@@ -132,7 +135,7 @@ STUDIES = {
 
 
 def of_studies(file: Json) -> Figures:
-    """Figures of `onboard study --json`: of one study, or of all by their names."""
+    """Return the figures of `onboard study --json`, of one study or of all by name."""
     if "study" in file:
         file = {file["study"]: file}
     elif "targets" in file:

@@ -2,8 +2,8 @@
 
     python examples/contour.py --connect tcp/127.0.0.1:7447
 
-The idea is that of Oh and Johnson, who find an aircraft by its contour: what is darker than all around it is the
-aircraft, and the ends of its longest axis are the wingtips.
+The idea is that of Oh and Johnson, who find an aircraft by its contour: the darkest blob relative to its
+surroundings is the aircraft, and the ends of its longest axis are the wingtips.
 """
 
 import sys
@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 from live import run_detector
 
-THINNEST = 31  # px: what is dark and thinner than this stands out
-DARKER = 25.0  # grey levels below what is around it
-FEWEST = 12  # px of a blob
+KERNEL_SIZE_PX = 31  # dark things thinner than this stand out
+DARKNESS_THRESHOLD = 25.0  # grey levels below the surroundings
+MIN_AREA_PX = 12  # of a blob
 SIGMA_PX = 0.7  # of a wingtip
 
 Point = tuple[float, float, float]
@@ -23,17 +23,20 @@ Picture = npt.NDArray[np.float32]
 
 
 def find(picture: npt.NDArray[np.uint8]) -> dict[str, Point] | None:
-    """The wingtips, each (u, v, sigma) in pixels, or None. The upper left corner of the picture is (0, 0)."""
-    kernel = cv2.getStructuringElement(cv2.MORPH_RECT, (THINNEST, THINNEST))
+    """Return the wingtips, each (u, v, sigma) in pixels, or None.
+
+    The upper left corner of the picture is (0, 0).
+    """
+    kernel = cv2.getStructuringElement(cv2.MORPH_RECT, (KERNEL_SIZE_PX, KERNEL_SIZE_PX))
     dark = cv2.morphologyEx(picture, cv2.MORPH_BLACKHAT, kernel).astype(np.float32)
     count, labels, statistics, _ = cv2.connectedComponentsWithStats(
-        (dark > DARKER).astype(np.uint8), connectivity=8
+        (dark > DARKNESS_THRESHOLD).astype(np.uint8), connectivity=8
     )
     left, top, width, height, area = statistics.T
     edge = (left < 2) | (top < 2) | (left + width > dark.shape[1] - 2) | (top + height > dark.shape[0] - 2)
     area = np.where(edge, 0, area)  # what the edge cuts off has no ends; the background touches all edges
     k = int(np.argmax(area))
-    if count < 2 or area[k] < FEWEST:
+    if count < 2 or area[k] < MIN_AREA_PX:
         return None
     x, y = max(int(left[k]) - 3, 0), max(int(top[k]) - 3, 0)
     around = np.s_[y : top[k] + height[k] + 3, x : left[k] + width[k] + 3]
@@ -41,7 +44,7 @@ def find(picture: npt.NDArray[np.uint8]) -> dict[str, Point] | None:
 
 
 def wingtips(dark: Picture, blob: npt.NDArray[np.bool_], left: int, top: int) -> dict[str, Point] | None:
-    """The ends of the blob's longest axis, where half of the wing's darkness is left."""
+    """Return the ends of the blob's longest axis, at half of the wing's darkness."""
     v, u = np.nonzero(blob)
     middle, (spread, axes) = np.array([u.mean(), v.mean()]), np.linalg.eigh(np.cov(u, v))
     axis = axes[:, 1] * (1.0 if axes[0, 1] > 0 else -1.0)  # to the right
@@ -57,7 +60,7 @@ def wingtips(dark: Picture, blob: npt.NDArray[np.bool_], left: int, top: int) ->
         across = cv2.remap(dark, u_map, v_map, cv2.INTER_LINEAR)
         profile = across.sum(axis=1)
         outer = (np.abs(places) > 0.4 * places[-1]) & (profile > 0.5 * np.median(profile))
-        if np.count_nonzero(outer) < FEWEST:
+        if np.count_nonzero(outer) < MIN_AREA_PX:
             return None
         slope, height = np.polyfit(places[outer], (across @ offsets)[outer] / profile[outer], 1)
         middle = middle + height * np.array([-axis[1], axis[0]])
@@ -71,7 +74,10 @@ def wingtips(dark: Picture, blob: npt.NDArray[np.bool_], left: int, top: int) ->
 
 
 def _end(along: npt.NDArray[np.float64], profile: npt.NDArray[np.float32]) -> float | None:
-    """Where the profile falls to half of what it is on the outer half of the wing, from the middle outwards."""
+    """Return where the profile falls to half of its value on the outer half of the wing.
+
+    It is searched from the middle outwards.
+    """
     half = float(along.max()) / 2
     outer = profile[along > half]
     if len(outer) < 4:

@@ -1,13 +1,14 @@
-"""A detector: a small neural network that has learned what an aircraft looks like. It needs NumPy, OpenCV and
-`onboard`, and weights that `examples/learned_train.py` makes:
+"""A detector: a small neural network that has learned to find an aircraft.
+
+It needs NumPy, OpenCV and `onboard`, and weights that `examples/learned_train.py` makes:
 
     python examples/learned_train.py
     python examples/learned.py --connect tcp/127.0.0.1:7447
 
-Two networks of convolutions. `where` looks at the whole picture, made small, and says in which cell an aircraft
-is. `points` looks at that place, as if the aircraft were of several sizes, and once more at the size that it has;
-it says where center and both wingtips are. Each says "nowhere" as well; where either does, nothing is sent.
-`left` and `right` are sides of the image, as the daemon expects them.
+It has two convolutional networks. `where` takes the whole picture at reduced size and finds the cell with an
+aircraft. `points` takes that part, at several assumed sizes and again at the best one, and locates the center and
+both wingtips. Each may also answer "nowhere"; if either does, nothing is sent. `left` and `right` are sides of the
+image, as the daemon expects them.
 """
 
 import sys
@@ -23,17 +24,17 @@ from live import run_detector
 
 WEIGHTS = Path("out/learned.npz")
 NAMES = ("center", "left", "right")
-WIDTH = 160  # px to which a whole picture is made small
-CROP = 64  # px to which a place is scaled, each way
-AROUND = 1.6  # side of that place, in spans
+WIDTH_PX = 160  # of a whole picture at reduced size
+CROP_SIZE_PX = 64
+CROP_RATIO = 1.6  # side of a part, in spans
 SPANS = (24.0, 48.0, 96.0, 192.0)  # px: the sizes that are tried
-SMALLEST = 20.0  # px: what is smaller is looked at as if it were so large
+MIN_SPAN_PX = 20.0  # smaller aircraft are treated as of this span
 STRIDES = {"where": (2, 2, 2, 1, 1, 1), "points": (2, 2, 1, 1, 1, 1, 1)}  # of the layers of each network
 KERNELS = {"where": (5, 3, 3, 3, 3, 1), "points": (5, 3, 3, 3, 3, 3, 1)}
 CHANNELS = {"where": (1, 8, 16, 24, 24, 24, 1), "points": (1, 12, 24, 24, 24, 24, 24, 3)}
 CELL = {"where": 8, "points": 4}  # px of a network's input for a cell of its output: the product of its strides
-SURE = 0.5  # how likely either network must find an aircraft
-GREY = 40.0  # levels that count as 1
+MIN_PROBABILITY = 0.5  # of an aircraft, for either network
+GREY_SCALE = 40.0  # levels that count as 1
 
 Point = tuple[float, float, float]
 Array = npt.NDArray[np.float32]
@@ -52,7 +53,7 @@ Network = Sequence[Layer]
 
 
 class Learned(NamedTuple):
-    """What training has made: both networks, and the standard deviation of a point, px of a crop."""
+    """The result of training: both networks, and the standard deviation of a point (px of a crop)."""
 
     where: Network
     points: Network
@@ -68,7 +69,7 @@ class Square(NamedTuple):
 
 
 def columns(x: Array, layer: Layer) -> Array:
-    """What each place of a convolution sees of x (n, rows, columns, channels), in one row."""
+    """Return the input of a convolution at each place of x (n, rows, columns, channels), in one row."""
     k, stride = layer.weights.shape[0], layer.stride
     rows, width = -(-x.shape[1] // stride), -(-x.shape[2] // stride)
     x = np.pad(x, ((0, 0), (k // 2, k // 2), (k // 2, k // 2), (0, 0)))
@@ -79,7 +80,7 @@ def columns(x: Array, layer: Layer) -> Array:
 
 
 def run(network: Network, x: Array) -> Array:
-    """What a network says of pictures (n, rows, columns, 1): maps (n, rows, columns, channels)."""
+    """Apply a network to pictures (n, rows, columns, 1); return maps (n, rows, columns, channels)."""
     for k, layer in enumerate(network):
         x = columns(x, layer) @ layer.weights.reshape(-1, layer.weights.shape[-1]) + layer.biases
         if k + 1 < len(network):
@@ -88,16 +89,20 @@ def run(network: Network, x: Array) -> Array:
 
 
 def shares(maps: Array) -> Array:
-    """Of maps (n, rows, columns, points): how likely each point is in each cell. What is missing to 1 is
-    nowhere, whose own logit is 0."""
+    """Return the probability of each point in each cell of maps (n, rows, columns, points).
+
+    The remainder to 1 is the probability of nowhere, whose own logit is 0.
+    """
     top = np.maximum(maps.max(axis=(1, 2), keepdims=True), 0.0)
     likely = np.exp(maps - top)
     return np.asarray(likely / (likely.sum(axis=(1, 2), keepdims=True) + np.exp(-top)))
 
 
 def place(share: Array) -> tuple[float, float, float]:
-    """Column and row of a point in cells, and how likely it is anywhere: the mean over the cells around the
-    likeliest. The upper left corner is (0, 0)."""
+    """Return column and row of a point in cells, and the probability that it is anywhere.
+
+    The position is the mean over the cells around the likeliest. The upper left corner is (0, 0).
+    """
     row, column = np.unravel_index(int(share.argmax()), share.shape)
     top, left = max(int(row) - 2, 0), max(int(column) - 2, 0)
     near = share[top : int(row) + 3, left : int(column) + 3]
@@ -107,67 +112,73 @@ def place(share: Array) -> tuple[float, float, float]:
 
 
 def small(picture: Picture) -> Picture:
-    """The whole picture for `where`."""
-    height = round(WIDTH * picture.shape[0] / picture.shape[1])
-    return np.asarray(cv2.resize(picture, (WIDTH, height), interpolation=cv2.INTER_AREA), np.uint8)
+    """Return the whole picture as the input of `where`."""
+    height = round(WIDTH_PX * picture.shape[0] / picture.shape[1])
+    return np.asarray(cv2.resize(picture, (WIDTH_PX, height), interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def square(u: float, v: float, span: float) -> Square:
-    """The place to look at around a point (px) of an aircraft of this span (px)."""
-    side = round(AROUND * max(span, SMALLEST))
+    """Return the part around a point (px) of an aircraft of this span (px)."""
+    side = round(CROP_RATIO * max(span, MIN_SPAN_PX))
     return Square(round(u - side / 2), round(v - side / 2), side)
 
 
 def cut(picture: Picture, part: Square) -> Picture:
-    """A part of a picture for `points`; beyond the picture's edge its last pixels go on."""
+    """Return a part of a picture as the input of `points`; the edge pixels are repeated outside."""
     rows = np.clip(np.arange(part.top, part.top + part.side), 0, picture.shape[0] - 1)
     cols = np.clip(np.arange(part.left, part.left + part.side), 0, picture.shape[1] - 1)
-    how = cv2.INTER_AREA if part.side > CROP else cv2.INTER_LINEAR
-    return np.asarray(cv2.resize(picture[np.ix_(rows, cols)], (CROP, CROP), interpolation=how), np.uint8)
+    how = cv2.INTER_AREA if part.side > CROP_SIZE_PX else cv2.INTER_LINEAR
+    return np.asarray(
+        cv2.resize(picture[np.ix_(rows, cols)], (CROP_SIZE_PX, CROP_SIZE_PX), interpolation=how), np.uint8
+    )
 
 
 def levels(pictures: Picture) -> Array:
-    """Pictures (n, rows, columns) as a network takes them: free of their own brightness."""
+    """Return pictures (n, rows, columns) as the input of a network, without their mean brightness."""
     x = pictures.astype(np.float32)
-    return np.asarray((x - np.median(x, axis=(1, 2), keepdims=True))[..., None] / GREY)
+    return np.asarray((x - np.median(x, axis=(1, 2), keepdims=True))[..., None] / GREY_SCALE)
 
 
 def look(learned: Learned, picture: Picture) -> tuple[Array, float, float] | None:
-    """Center and wingtips (3, 2) in px of a picture, their sigma (px), and how likely there is an aircraft; None
-    where there is none."""
+    """Find the aircraft in a picture; None without one.
+
+    Returns center and wingtips (3, 2) in px, their sigma (px), and the probability of an aircraft.
+    """
     share = shares(run(learned.where, levels(small(picture)[None])))
     column, row, likely = place(share[0, ..., 0])
-    if likely < SURE:
+    if likely < MIN_PROBABILITY:
         return None
-    scale = CELL["where"] * picture.shape[1] / WIDTH
+    scale = CELL["where"] * picture.shape[1] / WIDTH_PX
     pixels, found, _ = closest(learned.points, picture, [square(scale * column, scale * row, x) for x in SPANS])
-    if found < SURE:
+    if found < MIN_PROBABILITY:
         return None
     pixels, found, part = closest(learned.points, picture, [square(*middle_and_span(pixels))])
     likely = min(likely, found)
-    return (pixels, learned.sigma * part.side / CROP, likely) if likely >= SURE else None
+    return (pixels, learned.sigma * part.side / CROP_SIZE_PX, likely) if likely >= MIN_PROBABILITY else None
 
 
 def closest(points: Network, picture: Picture, parts: Sequence[Square]) -> tuple[Array, float, Square]:
-    """Center and wingtips (3, 2) in px of a picture, as the part shows them that shows them best; how likely the
-    least likely of them is there, and that part."""
+    """Locate center and wingtips (3, 2), px of the picture, in the part that shows them best.
+
+    Also returns the probability of the least likely point, and that part.
+    """
     maps = shares(run(points, levels(np.array([cut(picture, part) for part in parts]))))
     found = np.array([[place(share[..., k]) for k in range(3)] for share in maps], np.float32)
     best = int(found[..., 2].min(axis=1).argmax())
-    corner, scale = (parts[best].left, parts[best].top), CELL["points"] * parts[best].side / CROP
+    corner, scale = (parts[best].left, parts[best].top), CELL["points"] * parts[best].side / CROP_SIZE_PX
     pixels = np.array(corner, np.float32) + np.float32(scale) * found[best, :, :2]
     return pixels, float(found[best, :, 2].min()), parts[best]
 
 
 def middle_and_span(points: npt.ArrayLike) -> tuple[float, float, float]:
-    """Of points (3, 2): the middle of what they span, and its larger side, px."""
+    """Return the centre of the extent of points (3, 2), and its larger side, px."""
     low, high = np.min(points, axis=0), np.max(points, axis=0)
     u, v = (low + high) / 2
     return float(u), float(v), float((high - low).max())
 
 
 def load(path: Path) -> Learned:
-    """What `examples/learned_train.py` has written. Raises OSError."""
+    """Load the file that `examples/learned_train.py` has written. Raises OSError."""
     with np.load(path) as file:
         where, points = (
             [Layer(file[f"{name}_{k}_weights"], file[f"{name}_{k}_biases"], s) for k, s in enumerate(strides)]
@@ -185,8 +196,10 @@ def _loaded() -> Learned:
 
 
 def find(picture: Picture) -> dict[str, Point] | None:
-    """Center and wingtips, each (u, v, sigma) in pixels, or None. The upper left corner of the picture is
-    (0, 0)."""
+    """Return center and wingtips, each (u, v, sigma) in pixels, or None.
+
+    The upper left corner of the picture is (0, 0).
+    """
     found = look(_loaded(), picture)
     if found is None:
         return None

@@ -1,5 +1,6 @@
-"""Train the networks of `examples/learned.py`, by seed, on pictures that simlink draws or on your own. It needs
-NumPy, OpenCV and `onboard`, and takes minutes.
+"""Train the networks of `examples/learned.py` on pictures drawn by simlink or on your own.
+
+It needs NumPy, OpenCV and `onboard`, and takes minutes; the result depends on the seed.
 
     python examples/learned_train.py
     python examples/learned_train.py --pictures FOLDER
@@ -8,9 +9,9 @@ FOLDER has the pictures, as large as your camera's, and `labels.csv`, a line eac
 
     file,center_u,center_v,left_u,left_v,right_u,right_v
 
-in px from the upper left corner; `left` and `right` are sides of the image. Lines with nothing but the file are of
-pictures without an aircraft, of which a detector needs many. A tenth of all pictures is not trained on; the error
-on these is printed, and is the sigma with which points are sent.
+Coordinates are in px from the upper left corner; `left` and `right` are sides of the image. A line with only the
+file is a picture without an aircraft, of which a detector needs many. A tenth of all pictures is not trained on;
+the error on these is printed, and is the sigma with which points are sent.
 """
 
 import argparse
@@ -27,12 +28,12 @@ import numpy.typing as npt
 from learned import (
     CELL,
     CHANNELS,
-    CROP,
+    CROP_SIZE_PX,
     KERNELS,
-    SMALLEST,
+    MIN_SPAN_PX,
     STRIDES,
     WEIGHTS,
-    WIDTH,
+    WIDTH_PX,
     Array,
     Layer,
     Learned,
@@ -55,54 +56,55 @@ from simlink.sensors.camera import mount_quaternion, project
 from simlink.sensors.pictures import Painter
 from simlink.world.truth import State, states, true_size
 
-BATCH = 32
-RATE = 3e-3  # of learning, at the beginning; it falls to 0
-CROPS = 4  # of each aircraft
-FIRST = (0.2, 0.2, 0.7)  # how far a first look may be off: in spans, and in the logarithm of the span
-SECOND = 0.4  # of that a second look
+BATCH_SIZE = 32
+LEARNING_RATE = 3e-3  # at the beginning; it falls to 0
+CROP_COUNT = 4  # for each aircraft
+FIRST_ERROR = (0.2, 0.2, 0.7)  # of a first look: in spans, and in the logarithm of the span
+SECOND_ERROR_RATIO = 0.4  # error of a second look over that of a first one
 SPREAD = 0.7  # cells: standard deviation of a point's place as it is taught
-FEWEST = 20  # pictures of one's own
-WORST = 5.0  # px of a crop: the error where nothing was found
+MIN_IMAGES = 20  # of one's own
+DEFAULT_ERROR_PX = 5.0  # of a crop, if nothing was found
 NOWHERE = np.full((3, 2), np.nan, np.float32)
 
 Labelled = tuple[Picture, Array | None]  # a picture, and center, left and right (3, 2), px; None: no aircraft
 
 
 class Scene(NamedTuple):
-    """What is drawn: an aircraft of 2.7 m wingspan at such distances (m); the share of pictures without one, of
-    those with other things in them, and of aircraft seen from behind within 60 degrees, not from any side."""
+    """The contents of drawn pictures with an aircraft of 2.7 m wingspan."""
 
-    distances: tuple[float, float] = (7.0, 70.0)
-    empty: float = 0.25
-    cluttered: float = 0.5
-    behind: float = 0.7
+    distances: tuple[float, float] = (7.0, 70.0)  # m
+    empty: float = 0.25  # share of pictures without an aircraft
+    cluttered: float = 0.5  # share with other things
+    behind: float = 0.7  # share of aircraft seen from behind within 60 degrees, not from any side
 
 
 EVERYTHING = Scene()
 
 
 class Taught(NamedTuple):
-    """What a network learns from: pictures (n, rows, columns), and the places of points (n, points, 2) in them,
-    px; NaN is nowhere."""
+    """Training data: pictures (n, rows, columns), and positions of points (n, points, 2) in px.
+
+    NaN is nowhere.
+    """
 
     pictures: Picture
     places: Array
 
 
-def drawn(seed: int, count: int, scene: Scene = EVERYTHING) -> Iterator[Labelled]:
-    """Pictures by simlink: an aircraft anywhere in the image, before sky and ground."""
+def draw_pictures(seed: int, count: int, scene: Scene = EVERYTHING) -> Iterator[Labelled]:
+    """Yield pictures by simlink: an aircraft anywhere in the image, before sky and ground."""
     random = np.random.default_rng((seed, 0x1EA))
     scenario = load_scenario("pictures")
     camera, size = scenario.camera, true_size(scenario, seed)
     painter, base = Painter(camera, size, seed), next(states(scenario, seed))
     middle = np.array([camera.width_px / 2, camera.height_px / 2], np.float32)
     while count:
-        state = posed(base, scene, random)
+        state = random_pose(base, scene, random)
         angles = project(state, size, camera, mount_quaternion(camera))
         if angles is None:
             continue  # a wingtip is outside
         count -= 1
-        points: Array | None = named(camera.f_px * np.array(angles, np.float32) + middle)
+        points: Array | None = order_tips(camera.f_px * np.array(angles, np.float32) + middle)
         if random.random() < scene.empty:
             points = None
             state = state._replace(r_OL_n=(0.0, 0.0, 1e6))  # out of sight
@@ -112,8 +114,8 @@ def drawn(seed: int, count: int, scene: Scene = EVERYTHING) -> Iterator[Labelled
         yield picture, points
 
 
-def posed(base: State, scene: Scene, random: np.random.Generator) -> State:
-    """Both aircraft in any attitude that is flown, the other in front of the camera."""
+def random_pose(base: State, scene: Scene, random: np.random.Generator) -> State:
+    """Return both aircraft in random flight attitudes, the other in front of the camera."""
     q_nF = quaternion_from_euler(random.uniform(-0.5, 0.5), random.uniform(-0.35, 0.35), 0.0)
     distance = np.exp(random.uniform(*np.log(scene.distances)))
     r_b = distance * np.array([1.0, random.uniform(-0.55, 0.55), random.uniform(-0.4, 0.4)])
@@ -124,8 +126,10 @@ def posed(base: State, scene: Scene, random: np.random.Generator) -> State:
 
 
 def clutter(picture: Picture, random: np.random.Generator, points: Array | None) -> None:
-    """Draw up to six other things into a picture, not over the aircraft: bushes and birds, poles and edges,
-    clouds; dark or bright."""
+    """Draw up to six other things into a picture, but not over the aircraft.
+
+    They are bushes and birds, poles and edges, and clouds, dark or bright.
+    """
     things = picture.copy()
     for _ in range(random.integers(1, 7)):
         kept, grey = things.copy(), float(random.uniform(20.0, 240.0))
@@ -154,13 +158,16 @@ def clutter(picture: Picture, random: np.random.Generator, points: Array | None)
     picture[changed] = np.clip(soft + noise, 0, 255)[changed]
 
 
-def named(pixels: Array) -> Array:
-    """Center and wingtips with the tips as they lie in the image: left, then right."""
+def order_tips(pixels: Array) -> Array:
+    """Return center and wingtips in the order of the image: left, then right."""
     return pixels if pixels[1, 0] <= pixels[2, 0] else pixels[[0, 2, 1]]
 
 
-def own(folder: Path) -> Iterator[Labelled]:
-    """The pictures of a folder, as its `labels.csv` has them. Raises OSError, and ValueError with the line."""
+def read_pictures(folder: Path) -> Iterator[Labelled]:
+    """Yield the pictures of a folder with the labels of its `labels.csv`.
+
+    Raises OSError, and ValueError with the line.
+    """
     labels = folder / "labels.csv"
     with labels.open(encoding="utf-8", newline="") as file:
         reader = csv.reader(file)
@@ -173,22 +180,24 @@ def own(folder: Path) -> Iterator[Labelled]:
             points = None
             if any(texts):
                 try:
-                    points = named(np.array([float(text) for text in texts], np.float32).reshape(3, 2))
+                    points = order_tips(np.array([float(text) for text in texts], np.float32).reshape(3, 2))
                 except ValueError:
                     raise ValueError(f"{line}: not six numbers, nor none: {','.join(texts)}") from None
             yield np.asarray(picture, np.uint8), points
-    if reader.line_num < FEWEST:
-        raise ValueError(f"{labels}: {reader.line_num} lines; {FEWEST} are the least, and hundreds are better")
+    if reader.line_num < MIN_IMAGES:
+        raise ValueError(f"{labels}: {reader.line_num} lines; {MIN_IMAGES} are the least, and hundreds are better")
 
 
-def taught(labelled: Iterable[Labelled], seed: int) -> tuple[Taught, Taught]:
-    """What `where` and `points` learn from these pictures: each whole, and parts of it: around the aircraft, not
-    quite centered nor scaled, and elsewhere."""
+def training_data(labelled: Iterable[Labelled], seed: int) -> tuple[Taught, Taught]:
+    """Return the training data of `where` and `points`.
+
+    Each picture is used whole, and in parts: around the aircraft with random offset and scale, and elsewhere.
+    """
     random = np.random.default_rng((seed, 0xC07))
     whole: list[tuple[Picture, list[list[float]]]] = []
     parts: list[tuple[Picture, Array]] = []
     for picture, points in labelled:
-        scale = WIDTH / picture.shape[1]
+        scale = WIDTH_PX / picture.shape[1]
         u, v, span = (np.nan,) * 3 if points is None else middle_and_span(points)
         whole.append((small(picture), [[scale * u, scale * v]]))
         near = [] if points is None else around(u, v, span, random)
@@ -202,15 +211,15 @@ def _taught(pictures: Sequence[Picture], places: Sequence[npt.ArrayLike]) -> Tau
 
 
 def around(u: float, v: float, span: float, random: np.random.Generator) -> list[Square]:
-    """Places to look at for an aircraft there: one as a second look has it, the others as a first look."""
-    off = random.uniform(-1.0, 1.0, (CROPS, 3)) * FIRST
-    off[0] *= SECOND
+    """Return parts around an aircraft: one with the errors of a second look, others of a first look."""
+    off = random.uniform(-1.0, 1.0, (CROP_COUNT, 3)) * FIRST_ERROR
+    off[0] *= SECOND_ERROR_RATIO
     return [square(u + du * span, v + dv * span, span * float(np.exp(grows))) for du, dv, grows in off]
 
 
 def elsewhere(picture: Picture, random: np.random.Generator) -> Square:
-    """A place where no aircraft need be: anywhere, or where the picture stands out most."""
-    span = float(np.exp(random.uniform(np.log(SMALLEST), np.log(picture.shape[0] / 2))))
+    """Return a part without an aircraft: a random one, or that with the highest contrast."""
+    span = float(np.exp(random.uniform(np.log(MIN_SPAN_PX), np.log(picture.shape[0] / 2))))
     if random.random() < 0.2:
         v, u = random.random(2) * picture.shape
         return square(float(u), float(v), span)
@@ -220,14 +229,17 @@ def elsewhere(picture: Picture, random: np.random.Generator) -> Square:
 
 
 def in_crop(points: Array, part: Square) -> Array:
-    """Points of a picture as px of a crop; NaN for those outside."""
-    found = (points - np.array([part.left, part.top], np.float32)) * (CROP / part.side)
-    found[~((found >= 0.0) & (found < CROP)).all(axis=1)] = np.nan
+    """Convert points of a picture to px of a crop; NaN for those outside."""
+    found = (points - np.array([part.left, part.top], np.float32)) * (CROP_SIZE_PX / part.side)
+    found[~((found >= 0.0) & (found < CROP_SIZE_PX)).all(axis=1)] = np.nan
     return found
 
 
 def targets(places: Array, shape: tuple[int, int], cell: int) -> Array:
-    """How likely each point (n, points, 2; px) shall be in each cell (n, rows, columns, points)."""
+    """Return the target probability of each point (n, points, 2; px) in each cell.
+
+    The result is (n, rows, columns, points).
+    """
     at = places / cell
     rows, cols = np.arange(shape[0]) + 0.5, np.arange(shape[1]) + 0.5
     vertical = np.exp(-0.5 * ((rows[:, None] - at[:, None, :, 1]) / SPREAD) ** 2)  # (n, rows, points)
@@ -237,9 +249,8 @@ def targets(places: Array, shape: tuple[int, int], cell: int) -> Array:
     return share
 
 
-def slope(maps: Array, places: Array, cell: int) -> tuple[float, Array]:
-    """How wrong maps are, the cross-entropy of each point's place as a mean over pictures, and its derivatives by
-    them."""
+def loss_and_gradient(maps: Array, places: Array, cell: int) -> tuple[float, Array]:
+    """Return the mean cross-entropy of maps over the pictures, and its derivatives."""
     share, wanted = shares(maps), targets(places, maps.shape[1:3], cell)
     nowhere = np.maximum(1.0 - share.sum(axis=(1, 2)), 1e-9)
     loss = -(wanted * np.log(share + 1e-9)).sum() - np.log(nowhere)[np.isnan(places[..., 0])].sum()
@@ -249,7 +260,7 @@ def slope(maps: Array, places: Array, cell: int) -> tuple[float, Array]:
 def gradients(
     network: Network, x: Array, wrong: Callable[[Array], tuple[float, Array]]
 ) -> tuple[float, list[Array]]:
-    """How `wrong` the network's maps of x are, and the derivatives by its `parameters`."""
+    """Return the loss `wrong` of the network's maps of x, and its derivatives by `parameters`."""
     kept: list[tuple[tuple[int, ...], Array, Array]] = []
     for layer in network:
         seen = columns(x, layer)
@@ -266,12 +277,12 @@ def gradients(
         found += [flat.sum(axis=0), by_weights.reshape(layer.weights.shape)]
         if k:
             by_seen = flat @ layer.weights.reshape(-1, flat.shape[1]).T
-            by_y = scattered(by_seen.reshape(seen.shape), shape, layer)
+            by_y = scatter_columns(by_seen.reshape(seen.shape), shape, layer)
     return loss, found[::-1]
 
 
-def scattered(by_seen: Array, shape: tuple[int, ...], layer: Layer) -> Array:
-    """Derivatives by `columns` as derivatives by what these were taken from, which has that shape."""
+def scatter_columns(by_seen: Array, shape: tuple[int, ...], layer: Layer) -> Array:
+    """Return derivatives by `columns` as derivatives by their source, which has this shape."""
     k, stride, (n, rows, width, channels) = layer.weights.shape[0], layer.stride, shape
     out = np.zeros((n, rows + k - 1, width + k - 1, channels), np.float32)
     parts = np.split(by_seen, k * k, axis=-1)
@@ -281,8 +292,8 @@ def scattered(by_seen: Array, shape: tuple[int, ...], layer: Layer) -> Array:
     return out[:, k // 2 : k // 2 + rows, k // 2 : k // 2 + width]
 
 
-def untrained(name: str, random: np.random.Generator) -> list[Layer]:
-    """A network of that name with weights by chance (He et al. 2015)."""
+def make_network(name: str, random: np.random.Generator) -> list[Layer]:
+    """Return a network with random weights (He et al. 2015)."""
     layers = []
     for k, ins, outs, stride in zip(
         KERNELS[name], CHANNELS[name], CHANNELS[name][1:], STRIDES[name], strict=False
@@ -294,23 +305,25 @@ def untrained(name: str, random: np.random.Generator) -> list[Layer]:
 
 
 def parameters(network: Network) -> list[Array]:
-    """Weights and biases of each layer, themselves and not copies."""
+    """Return weights and biases of each layer, not copied."""
     return [array for layer in network for array in (layer.weights, layer.biases)]
 
 
 def train(name: str, data: Taught, steps: int, seed: int) -> list[Layer]:
-    """A network that has learned from `data` in so many steps, by Adam (Kingma and Ba 2015), with pictures
-    mirrored, brighter and darker."""
+    """Train a network on `data` for `steps` steps by Adam (Kingma and Ba 2015).
+
+    Pictures are mirrored and change in brightness.
+    """
     random = np.random.default_rng((seed, len(STRIDES[name])))
-    network = untrained(name, random)
+    network = make_network(name, random)
     means = [np.zeros_like(a) for a in parameters(network)]
     squares = [np.zeros_like(a) for a in means]
     smooth = 0.0
     for step in range(1, steps + 1):
         pictures, places = batch(data, random)
-        loss, found = gradients(network, pictures, partial(slope, places=places, cell=CELL[name]))
+        loss, found = gradients(network, pictures, partial(loss_and_gradient, places=places, cell=CELL[name]))
         smooth += (loss - smooth) / min(step, 100)
-        rate = RATE * min(1.0, step / 50) * 0.5 * (1.0 + np.cos(np.pi * step / steps))
+        rate = LEARNING_RATE * min(1.0, step / 50) * 0.5 * (1.0 + np.cos(np.pi * step / steps))
         for k, (array, by_array) in enumerate(zip(parameters(network), found, strict=True)):
             means[k] += 0.1 * (by_array - means[k])
             squares[k] += 0.001 * (by_array**2 - squares[k])
@@ -322,29 +335,31 @@ def train(name: str, data: Taught, steps: int, seed: int) -> list[Layer]:
 
 
 def batch(data: Taught, random: np.random.Generator) -> tuple[Array, Array]:
-    """Some pictures as a network takes them, with their places; half of them mirrored."""
-    k = random.integers(len(data.pictures), size=BATCH)
+    """Return some pictures as the input of a network, with their positions; half of them mirrored."""
+    k = random.integers(len(data.pictures), size=BATCH_SIZE)
     pictures, places = levels(data.pictures[k]), data.places[k].copy()
-    flip = random.random(BATCH) < 0.5
+    flip = random.random(BATCH_SIZE) < 0.5
     pictures[flip] = pictures[flip, :, ::-1]
     places[flip, :, 0] = pictures.shape[2] - places[flip, :, 0]
     if places.shape[1] == 3:
         places[flip] = places[flip][:, [0, 2, 1]]
-    pictures *= np.exp(random.uniform(-0.4, 0.3, (BATCH, 1, 1, 1))).astype(np.float32)
+    pictures *= np.exp(random.uniform(-0.4, 0.3, (BATCH_SIZE, 1, 1, 1))).astype(np.float32)
     return pictures, places
 
 
 def learn(pictures: Iterable[Labelled], steps: int, seed: int) -> Learned:
-    """Both networks, trained on nine of ten pictures, and how far points are off on the tenth."""
+    """Train both networks on nine of ten pictures, and measure the error on the tenth."""
     held: list[Labelled] = []
-    where, points = taught(_but_each_tenth(pictures, held), seed)
+    where, points = training_data(_but_each_tenth(pictures, held), seed)
     learned = Learned(train("where", where, steps // 3, seed), train("points", points, steps, seed), 1.0)
-    return learned._replace(sigma=judged(learned, held))
+    return learned._replace(sigma=validate(learned, held))
 
 
-def judged(learned: Learned, held: Iterable[Labelled]) -> float:
-    """How far a coordinate is off in 68 % of pictures not trained on, px of a crop: those that are wrong
-    altogether are for the daemon's gates. Prints what is found."""
+def validate(learned: Learned, held: Iterable[Labelled]) -> float:
+    """Return the error of a coordinate in 68 % of the pictures not trained on, px of a crop.
+
+    The daemon's gates reject grossly wrong points. The results are printed.
+    """
     errors, wrong, aircraft, empty = [], 0, 0, 0
     for picture, truth in held:
         seen = look(learned, picture)
@@ -353,10 +368,10 @@ def judged(learned: Learned, held: Iterable[Labelled]) -> float:
         if seen is not None and truth is not None:
             errors.append(np.abs(seen[0] - truth) * learned.sigma / seen[1])
         wrong += seen is not None and truth is None
-    sigma = float(np.quantile(errors, 0.68)) if errors else WORST
+    sigma = float(np.quantile(errors, 0.68)) if errors else DEFAULT_ERROR_PX
     print(
         f"not trained on: {len(errors)} of {aircraft} aircraft found, and {wrong} in {empty} pictures without; "
-        f"a coordinate is off by {sigma:.2f} px of a crop of {CROP} (68 %)"
+        f"a coordinate is off by {sigma:.2f} px of a crop of {CROP_SIZE_PX} (68 %)"
     )
     return sigma
 
@@ -370,7 +385,7 @@ def _but_each_tenth(pictures: Iterable[Labelled], held: list[Labelled]) -> Itera
 
 
 def save(learned: Learned, path: Path) -> None:
-    """Write what `learned.load` reads."""
+    """Write the file that `learned.load` reads."""
     arrays: dict[str, Array] = {"sigma": np.array(learned.sigma, np.float32)}
     for name, network in zip(STRIDES, (learned.where, learned.points), strict=True):
         for k, layer in enumerate(network):
@@ -388,7 +403,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="(default: %(default)s)")
     parser.add_argument("--out", type=Path, default=WEIGHTS, metavar="FILE", help="(default: %(default)s)")
     given = parser.parse_args()
-    pictures = drawn(given.seed, given.count) if given.pictures is None else own(given.pictures)
+    pictures = draw_pictures(given.seed, given.count) if given.pictures is None else read_pictures(given.pictures)
     try:
         save(learn(pictures, given.steps, given.seed), given.out)
     except (OSError, ValueError) as error:

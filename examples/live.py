@@ -1,4 +1,4 @@
-"""What the example detectors share: simulated pictures in, detections out, until interrupted."""
+"""The common part of the example detectors: simulated pictures in, detections out."""
 
 import argparse
 import queue
@@ -15,14 +15,17 @@ from onboard.client import Camera
 from onboard.messages import Clock, Picture
 from onboard.sinks.zenoh_session import ZenohConfig, open_session
 
-EVERY = 100  # pictures between two reports
+REPORT_IMAGES = 100  # between two reports
 
 Point = tuple[float, float, float]
 Find = Callable[[npt.NDArray[np.uint8]], dict[str, Point] | None]
 
 
 def run_detector(find: Find, description: str | None) -> int:
-    """Find an aircraft in each picture and send it. A newer picture takes the place of one that waits."""
+    """Find an aircraft in each picture and send it, until interrupted.
+
+    A newer picture replaces one that waits.
+    """
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
         "--connect", default="tcp/127.0.0.1:7447", metavar="ENDPOINT", help="(default: %(default)s)"
@@ -52,9 +55,9 @@ def run_detector(find: Find, description: str | None) -> int:
                 if found is not None:
                     camera.send(found, t_ns=picture.t_ns, target="leader")
                 took_ms.append(1e3 * (time.monotonic() - arrived))
-                if len(took_ms) == EVERY:
+                if len(took_ms) == REPORT_IMAGES:
                     print(
-                        f"{EVERY} pictures, from arrival to detection {statistics.median(took_ms):.1f} ms",
+                        f"{REPORT_IMAGES} pictures, from arrival to detection {statistics.median(took_ms):.1f} ms",
                         flush=True,
                     )
                     took_ms.clear()

@@ -1,4 +1,4 @@
-"""A detector: an AprilTag of the family 36h11 that the other aircraft carries. It needs OpenCV and `onboard`.
+"""A detector: an AprilTag of the family 36h11 on the other aircraft. It needs OpenCV and `onboard`.
 
     python examples/tag.py --connect tcp/127.0.0.1:7447
 
@@ -23,8 +23,10 @@ _detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.
 
 
 def find(picture: npt.NDArray[np.uint8]) -> dict[str, Point] | None:
-    """Center and both sides of the first tag, each (u, v, sigma) in pixels, or None. The upper left corner of the
-    picture is (0, 0)."""
+    """Return center and both sides of the first tag, each (u, v, sigma) in pixels, or None.
+
+    The upper left corner of the picture is (0, 0).
+    """
     corners, numbers, _ = _detector.detectMarkers(picture)
     if numbers is None or len(corners) == 0:
         return None

@@ -1,1 +1,1 @@
-"""What a release consists of: `make wheel` and `make release`. Nothing here is installed."""
+"""The files of a release, made by `make wheel` and `make release`; nothing here is installed."""

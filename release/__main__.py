@@ -31,20 +31,20 @@ OUT: Final = Path("dist")
 SUMS: Final = "SHA256SUMS"
 NAME: Final = f"wingline-{__version__}"
 UNKNOWN: Final = "not stated"
-LONG: Final = 100  # letters: some packages state the whole text of their licence
+MAX_LICENCE_LENGTH: Final = 100  # some packages state the whole text of their licence
 
 
 def main() -> int:
-    """Make them, anew. Raises CalledProcessError."""
+    """Make all files again. Raises CalledProcessError."""
     os.environ["COLUMNS"] = "100"  # of usages in the man pages
-    for path in made_before(OUT):
+    for path in earlier_files(OUT):
         path.unlink()
     made = wheel.build_all(OUT.resolve())
     made += man.write(OUT)
     with tempfile.TemporaryDirectory() as folder:
-        python = installed(made[0], Path(folder) / "venv")
+        python = install(made[0], Path(folder) / "venv")
         say(f"installed: {output(python.parent / 'onboard', '--version').strip()}")
-        bill = bill_of(python)
+        bill = bill_of_materials(python)
     where = f"{NAME}-{wheel.tag()}-{platform.machine()}"
     for name, text in ((f"{where}.cdx.json", bill), (f"{where}-licences.txt", licences(json.loads(bill)))):
         made.append(OUT / name)
@@ -55,15 +55,14 @@ def main() -> int:
     return 0
 
 
-def made_before(out: Path) -> list[Path]:
-    """What an earlier run has made of this version."""
+def earlier_files(out: Path) -> list[Path]:
+    """Return the files of this version that an earlier run has made."""
     others = (out / name for name in ("onboard.1", "simlink.1", SUMS))
     return [*out.glob(f"{NAME}[-.]*"), *(path for path in others if path.exists())]
 
 
-def installed(made: Path, folder: Path) -> Path:
-    """The interpreter of a new environment with a wheel and the pinned packages that it requires, and nothing
-    else."""
+def install(made: Path, folder: Path) -> Path:
+    """Return the interpreter of a new environment with a wheel and its pinned requirements only."""
     output(sys.executable, "-m", "venv", "--without-pip", str(folder))
     python = folder / "bin" / "python"
     pip = (sys.executable, "-m", "pip", "--python", str(python), "--disable-pip-version-check")
@@ -71,8 +70,8 @@ def installed(made: Path, folder: Path) -> Path:
     return python
 
 
-def bill_of(python: Path) -> str:
-    """The bill of materials of an environment, in CycloneDX' JSON, checked against its schema."""
+def bill_of_materials(python: Path) -> str:
+    """Return the bill of materials of an environment, in CycloneDX' JSON, checked against its schema."""
     tool = shutil.which("cyclonedx-py", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
     if tool is None:
         raise FileNotFoundError("cyclonedx-py is missing: pip install '.[release]'")
@@ -81,7 +80,7 @@ def bill_of(python: Path) -> str:
 
 
 def licences(bill: dict[str, Any]) -> str:
-    """A line for each component of a bill of materials: its name, version and licence."""
+    """Return a line for each component of a bill of materials: its name, version and licence."""
     rows = [(c["name"], c["version"], " and ".join(licences_of(c)) or UNKNOWN) for c in bill["components"]]
     widths = [max(len(row[k]) for row in rows) for k in (0, 1)]
     return "".join(
@@ -90,25 +89,25 @@ def licences(bill: dict[str, Any]) -> str:
 
 
 def licences_of(component: dict[str, Any]) -> Iterator[str]:
-    """The licences of a component: an expression, or identifiers, or else names."""
+    """Yield the licences of a component: an expression, or identifiers, or else names."""
     stated = component.get("licenses", [])
     found = [one.get("expression") or one["license"].get("id") or one["license"]["name"] for one in stated]
-    yield from sorted({name.rpartition(" :: ")[2] for name in found if len(name) < LONG})
+    yield from sorted({name.rpartition(" :: ")[2] for name in found if len(name) < MAX_LICENCE_LENGTH})
 
 
 def sums(paths: Iterable[Path]) -> Iterator[str]:
-    """SHA-256 of files, as sha256sum writes and checks them."""
+    """Yield the SHA-256 of files, in the format of sha256sum."""
     for path in sorted(paths):
         yield f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}\n"
 
 
 def output(*command: str | Path) -> str:
-    """What a program prints. Raises CalledProcessError."""
+    """Return the output of a program. Raises CalledProcessError."""
     return subprocess.run(command, check=True, text=True, stdout=subprocess.PIPE).stdout  # noqa: S603 - ours
 
 
 def say(line: str) -> None:
-    """A line of our own."""
+    """Print a line."""
     print(line, flush=True)
 
 

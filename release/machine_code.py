@@ -1,7 +1,8 @@
-"""Compile all kernels for one processor into the folder of a wheel: `python -m release.machine_code PROCESSOR`.
+"""Compile all kernels for one processor into the folder of a wheel.
 
-Started in the tree that becomes the wheel, so that the machine code names no other place, and with Numba set for
-which processor (`release.wheel`)."""
+`python -m release.machine_code PROCESSOR` is started in the tree that becomes the wheel, so that the machine code
+names no other place, with Numba set for this processor (`release.wheel`).
+"""
 
 import platform
 import sys
@@ -14,7 +15,7 @@ from onboard.filters.shipped import Code
 
 
 def main(name: str) -> int:
-    """Compile, and say how far it is."""
+    """Compile, and print the progress."""
     (processor,) = (one for one in shipped.PROCESSORS[platform.machine()] if one.name == name)
 
     def on_progress(done: int, total: int, _: Module | None) -> None:

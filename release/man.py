@@ -1,6 +1,6 @@
-"""The man pages of `onboard` and `simlink`, made of what they know of their own options.
+"""The man pages of `onboard` and `simlink`, made from their argparse parsers.
 
-argparse-manpage, the tool for this, leaves out examples, and lines that begin with a dot, as ".tlog, ArduPilot".
+argparse-manpage, the usual tool, leaves out examples, and lines that begin with a dot, as ".tlog, ArduPilot".
 """
 
 import argparse
@@ -31,7 +31,7 @@ def write(folder: Path) -> list[Path]:
 
 
 def page(name: str, parser: argparse.ArgumentParser) -> str:
-    """A program's page, in the language of man(7)."""
+    """Return a program's page, in the language of man(7)."""
     return "\n".join([*_head(name, parser), *_commands(parser), *_section("EXIT STATUS", STATUS[name])]) + "\n"
 
 
@@ -87,6 +87,6 @@ def _as_it_is(words: str) -> Iterator[str]:
 
 
 def text(words: str) -> str:
-    """Words that no line of which troff takes for a request."""
+    """Escape words, so that troff takes no line of them for a request."""
     escaped = words.replace("\\", r"\e").replace("-", r"\-")
     return "\n".join(rf"\&{line}" if line[:1] in {".", "'"} else line for line in escaped.splitlines())

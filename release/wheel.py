@@ -1,8 +1,8 @@
-"""`make wheel`: a wheel for this kind of computer and this Python, with the machine code of all kernels.
+"""`make wheel`: a wheel for this kind of computer and this Python, with compiled kernels.
 
-It is built of a copy of what is installed. Its tag says for which Python and which system it is, and it requires
-the very version of Numba that made the code. `pip install .` and the source distribution stay without machine
-code, for every computer.
+It is built from a copy of the installed files. Its tag names Python and system, and it requires the exact version
+of Numba that made the code. `pip install .` and the source distribution remain without machine code, for every
+computer.
 """
 
 import os
@@ -40,35 +40,41 @@ PAGES: Final = """
 
 
 def main(arguments: Sequence[str] = ()) -> int:
-    """Build the one with machine code into a folder, `dist` by default, and say how large it is."""
+    """Build the wheel with machine code into a folder, `dist` by default, and print its size."""
     out = Path(arguments[0] if arguments else "dist").resolve()
     if platform.system() != "Linux" or platform.machine() not in shipped.PROCESSORS:
         print(f"wheel: no processor of {platform.system()} on {platform.machine()} is known here", file=sys.stderr)
         return 1
     began = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="wingline-") as folder:
-        made = with_machine_code(copied(Path(folder) / "wingline"), out)
+        made = build_compiled(copy_tree(Path(folder) / "wingline"), out)
     print(f"{made}: {made.stat().st_size / 1e6:.1f} MB, in {time.monotonic() - began:.0f} s")
     return 0
 
 
 def build_all(out: Path) -> list[Path]:
-    """The wheel with machine code, the one without, and the source distribution. Raises CalledProcessError."""
+    """Build the wheel with machine code, the one without, and the source distribution.
+
+    Raises CalledProcessError.
+    """
     with tempfile.TemporaryDirectory(prefix="wingline-") as folder:
-        tree = copied(Path(folder) / "wingline")
+        tree = copy_tree(Path(folder) / "wingline")
         plain = [build("sdist", tree, out), build("wheel", tree, out)]
-        return [with_machine_code(tree, out), *plain]
+        return [build_compiled(tree, out), *plain]
 
 
-def with_machine_code(tree: Path, out: Path) -> Path:
-    """The wheel for this computer's kind; the tree is for this one afterwards. Raises CalledProcessError."""
+def build_compiled(tree: Path, out: Path) -> Path:
+    """Build the wheel for this kind of computer, to which the tree is adapted.
+
+    Raises CalledProcessError.
+    """
     compile_into(tree)
     require_numba(tree, shipped.made_with()["numba"])
     return build("wheel", tree, out, "--python-tag", tag(), "--plat-name", f"{SYSTEM}_{platform.machine()}")
 
 
-def copied(tree: Path) -> Path:
-    """A copy of what is installed, with the files of links, and man pages, in a new folder."""
+def copy_tree(tree: Path) -> Path:
+    """Copy the installed files, the files of links, and the man pages into a new folder."""
     for folder in INSTALLED:
         ignore = shutil.ignore_patterns("__pycache__", "*.egg-info", shipped.FOLDER.name)
         shutil.copytree(ROOT / folder, tree / folder, ignore=ignore)
@@ -81,7 +87,10 @@ def copied(tree: Path) -> Path:
 
 
 def compile_into(tree: Path) -> None:
-    """Lay machine code for each kind of processor of this computer's into a tree. Raises CalledProcessError."""
+    """Compile machine code for each kind of processor of this architecture into a tree.
+
+    Raises CalledProcessError.
+    """
     for one in shipped.PROCESSORS[platform.machine()]:
         options = {"NUMBA_CPU_NAME": one.made.name, "NUMBA_CPU_FEATURES": one.made.features}
         run([sys.executable, "-m", "release.machine_code", one.name], tree, options)
@@ -90,7 +99,7 @@ def compile_into(tree: Path) -> None:
 
 
 def require_numba(tree: Path, version: str) -> None:
-    """Let the tree's wheel require this version alone: with another one its machine code is of no use.
+    """Make the tree's wheel require this version only, as its machine code needs it.
 
     Raises ValueError.
     """
@@ -102,7 +111,10 @@ def require_numba(tree: Path, version: str) -> None:
 
 
 def build(kind: str, tree: Path, out: Path, *options: str) -> Path:
-    """The "wheel" or "sdist" of a tree, built with what is installed. Raises CalledProcessError."""
+    """Build the "wheel" or "sdist" of a tree with the installed tools.
+
+    Raises CalledProcessError.
+    """
     out.mkdir(parents=True, exist_ok=True)
     shutil.rmtree(tree / "build", ignore_errors=True)
     done = run([sys.executable, "-c", BUILD, kind, str(out), *options], tree, capture=True)
@@ -110,7 +122,7 @@ def build(kind: str, tree: Path, out: Path, *options: str) -> Path:
 
 
 def run(command: Sequence[str], tree: Path, more: dict[str, str] | None = None, *, capture: bool = False) -> str:
-    """A program of a tree, with what it prints if it is captured. Raises CalledProcessError."""
+    """Run a program of a tree; return its output if it is captured. Raises CalledProcessError."""
     environment = os.environ | {"PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1"} | (more or {})
     to = subprocess.PIPE if capture else None
     try:
@@ -122,7 +134,7 @@ def run(command: Sequence[str], tree: Path, more: dict[str, str] | None = None, 
 
 
 def tag() -> str:
-    """This Python's, as wheels have it."""
+    """Return the tag of this Python in the names of wheels."""
     return f"cp{sys.version_info.major}{sys.version_info.minor}"
 
 
