@@ -5,14 +5,12 @@ Where another assignment is about as likely, which gives a track another detecti
 gets any: for a moment they are predicted, instead of following each other's aircraft.
 """
 
-import math
 from collections.abc import Mapping
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-ABOUT: Final = 2.0 * math.log(10.0)  # of cost: an assignment that is ten times as likely is decided
-AN_ID: Final = 2.0 * math.log(100.0)  # of cost: so much likelier, without ids, than what an id says; of two 10^4
+from onboard.estimators.leader.assumptions import AMBIGUOUS_COST, ID_COST
 
 Costs = Mapping[tuple[int, int], float]  # of each pair of a track and a detection that may be of it
 
@@ -39,7 +37,7 @@ def associate(costs: Costs) -> Association:
         other = detection_of.get(track)
         now = costs[mine, detection] + (missed if other is None else costs[track, other])
         then = cost + (missed if other is None else min(costs.get((mine, other), missed), missed))
-        if then - now < ABOUT:
+        if then - now < AMBIGUOUS_COST:
             undecided |= {detection} if other is None else {detection, other}
     decided = {detection: track for detection, track in track_of.items() if detection not in undecided}
     return Association(decided, {detection: track_of[detection] for detection in undecided})
@@ -48,7 +46,7 @@ def associate(costs: Costs) -> Association:
 def exchanged(costs: Costs) -> dict[int, int]:
     """Detections whose ids name the tracks of the same numbers, and which are of another one: the track of each.
     `costs` has all pairs that the ids name, whatever these cost, and of the others those that fit."""
-    named = {(track, i): cost - AN_ID if track == i else cost for (track, i), cost in costs.items()}
+    named = {(track, i): cost - ID_COST if track == i else cost for (track, i), cost in costs.items()}
     found = _assigned(named, max(named.values()) + 1.0)
     return {i: track for i, track in found.items() if track != i}
 

@@ -1,15 +1,16 @@
 """The numbers that the leader's filter believes, and why: how a leader flies (`LeaderModel`), and below that how
 aircraft look, how detectors and our own state err, and the wind.
 
-How a measurement is gated and weighed stands with the code that does it (`hypotheses.update`). So do the speeds at
-which compiled arithmetic changes from one case to another (`hypotheses.motion`, `hypotheses.prediction`): machine
-code is made anew only when its own file changes.
+The numbers inside compiled arithmetic stand with it (in `hypotheses`: `motion`, `prediction`, `particles`, `tilt`,
+`view`, `places`, `summary`): machine code is made anew only when its own file changes.
 
 Plain numbers: reading a configuration imports neither NumPy nor Numba.
 """
 
 import math
 from typing import Final, NamedTuple
+
+from onboard.units import NS_PER_S
 
 PARTICLES: Final = 900  # hypotheses at most
 
@@ -144,3 +145,97 @@ SMALLEST_SIGMA: Final = 1e-4  # rad; an axis of our attitude that is known bette
 PRESSURE_BIAS: Final = 30.0  # m: of a height by a pressure whose reference at sea level is not known
 DELAY_TIME: Final = 600.0  # s: a link's delay lasts longer than an error of GNSS
 DRIFT: Final = 0.5  # m/s: of the autopilot's position, beside its velocity
+
+# Of images that leap, and of classes and extents that come by turns.
+MAX_IMAGE_GAP_S: Final = 0.3  # Over longer gaps an aircraft may have moved anywhere.
+MIN_BEARING_JUMP: Final = math.radians(2.0)  # A few pixels: less is noise.
+MAX_BEARING_RATE: Final = math.radians(60.0)  # 1/s; 10 m/s across the line of sight at 10 m.
+MAX_SUSTAINED_BEARING_RATE: Final = math.radians(10.0)  # 1/s, over seconds; 3.5 m/s across at 20 m.
+SIZE_JUMP_SIGMAS: Final = 4.0  # of both sizes' noise
+CLASS_AMBIGUITY_RATIO: Final = 0.75  # Another class as frequent as this leaves open which one is right.
+EXTENT_AMBIGUITY_RATIO: Final = 0.1  # Images of another size are outliers while they are fewer than this.
+MAX_SIGHT_ANGLE: Final = math.radians(30.0)  # from the last sight: a place farther off is mirrored through us.
+
+# Of what the angles of a gimbal mean.
+GIMBAL_INTERVAL_S: Final = 0.5  # between the images whose directions are compared
+STEADY_ACCELERATION: Final = 1.0  # m/s^2, one sigma, of a leader that is not known to accelerate
+GIMBAL_RATE_NOISE: Final = 0.005  # rad, of the change of a direction rate over the interval
+GIMBAL_MARGIN: Final = 0.5  # log-likelihood an image: meanings that fit about equally well decide nothing.
+MAX_GIMBAL_GAIN: Final = 4.0  # log-likelihood by one image
+GIMBAL_LOG_LIKELIHOOD: Final = 150.0  # two seconds of images at least
+
+# Of a track's life.
+REACQUISITION_GAP_NS: Final = NS_PER_S  # After so long without images: is the leader where it was believed?
+BROADCAST_DISTRUST_NS: Final = 10 * NS_PER_S  # after a broadcast that was wrong
+MAX_CONTRADICTING_REPORTS: Final = 4  # in a row: then what they have carried is not believed.
+REPORTED_TRACK_TIMEOUT_NS: Final = 30 * NS_PER_S  # Without a report, nothing that was known is of use then.
+MAX_RANGED_SIGMA: Final = 0.1  # rad, of a direction: known less well, a range says nothing of the leader.
+REPORT_DELAY_MARGIN_S: Final = 0.5  # beyond the configured latency
+SURPRISE_AFTER_LOSS: Final = 2.0  # of a track that begins after another one, which no image fitted
+MAX_CORRECTED_DIRECTION_SIGMA: Final = 0.2  # rad: beyond it no tangent holds, and the track starts anew.
+
+# Of reports.
+OWN_POSITION_TIMEOUT_S: Final = 3.0
+MAX_REPORT_AGE_NS: Final = 1_500_000_000  # What we and the camera did before is forgotten.
+UNKNOWN_VELOCITY_SIGMA: Final = 300.0  # m/s, of a velocity that is not reported
+
+# Of an earlier run.
+MAX_PRIOR_AGE_S: Final = 10.0  # Later, the leader may be anywhere.
+UNSEEN_ACCELERATION_TIME_S: Final = 3.0  # correlation time of the acceleration that nobody saw
+FLIGHT_SPEED_SIGMAS: Final = 2.0  # above 0: it did not hover.
+MAX_HOVER_SPEED: Final = 1.0  # m/s: a slower leader has no course to turn from.
+
+# Of a detector's noise, and of a camera that hangs.
+NOISE_WINDOW: Final = 60  # images, two seconds
+NOISE_RATIO_LIMIT: Final = 2.0  # of the median of chi-square: no chance with so many images
+OUTLIER_NIS: Final = 13.8  # Chi-square with two degrees of freedom exceeds it once in a thousand.
+MAX_NOISE_SCALE: Final = 6.0  # of the configured noise: images that fit worse come of something else.
+MIN_NOISE_SCALE: Final = 0.3  # Rounding to a pixel, where a pixel is configured; boxes are never so exact.
+QUIET_NOISE_RATIO: Final = 0.5  # of the median, by the images' own noise: no chance
+REPORTED_NOISE_SCALE: Final = 1.3
+MAX_SUCCESSIVE_GAP_NS: Final = NS_PER_S // 4  # to the next image of the same camera
+UNCHANGED_POINT_SIGMAS: Final = 0.35  # No detector is so quiet.
+ROTATION_SIGMAS: Final = 3.0  # A point that our rotation would have moved by more must have moved.
+MIN_UNCHANGED_IMAGES: Final = 3  # Two may be alike by chance.
+MIN_LEVEL_HEADING: Final = 0.2  # One that points up or down more steeply has no heading.
+
+# Of one image.
+WINGTIP_NAME_NOISE: Final = 0.3  # of the wing: tips that are to say only which one is left
+WINGTIP_NAME_SIGMAS: Final = 3.0  # of their own, at least
+MAX_SPAN_RATIO: Final = 1.3  # between images of one aircraft a moment apart
+MIN_SPAN_SIGMAS: Final = 2.0  # A smaller span says nothing of the range by itself.
+MIN_NOSE_LENGTH: Final = 0.1  # of the wingspan: closer points show no nose.
+POINT_SIGMA_LIMITS: Final = (1e-7, 10.0)  # focal lengths: no detector is more exact or less.
+
+# Of the gates, the evidence and the surprise.
+MAX_SIZE_SIGMAS: Final = 3.0  # of the configured size: what may be false leads it no farther.
+MAX_PREDICTION_S: Final = 0.25  # of the hypotheses, in one step
+SURPRISE_LIMIT: Final = 1.4  # Chosen on encounters, between availability and error.
+MIN_WEIGHT_IN_GATE: Final = 0.3  # Particles of so much weight must have expected an image.
+REPORT_GATE_PROBABILITY: Final = 0.9999  # that a report or a range passes that is true
+REPORT_EVIDENCE_S: Final = 0.2  # Each counts as if the next one came so soon.
+STARTUP_TIME_S: Final = 8.0  # over which the evidence of a new track is used
+MIN_EVIDENCE_INTERVAL_S: Final = 0.05  # What is measured at one time counts as if it came so soon after.
+SURPRISE_TIME_S: Final = 3.0  # over which the surprise is averaged
+MAX_SURPRISE: Final = 3.0  # of one image: a stray one is no surprise.
+MIN_SHAPE_WEIGHT: Final = 0.02  # Only the right headings expect a shape.
+SHAPE_GATE_PER_ROW: Final = 2.1  # more of the gate, for each row of a shape
+
+# Of a first image, and of the wind.
+MIN_FIRST_RANGE_RATIO: Final = 0.05  # of the largest possible range: points in a row may hide each other.
+MAX_GAUSSIAN_SIZE_SIGMA: Final = 0.05  # A size known less well is sampled: a Gaussian's curvature would mislead.
+RESTART_HEADING_INTERVAL: Final = 5  # One particle of so many has a new heading when a track starts again.
+MAX_FIRST_BANK: Final = math.radians(35.0)  # rad, of headings that are looked at closely
+MIN_FORMATION_SPEED: Final = 3.0  # m/s: if we fly faster, a leader that flies along with us is likely.
+WIND_TIMEOUT_NS: Final = 30 * NS_PER_S  # after the last report
+WIND_PERIOD_NS: Final = 900_000_000  # between reports that are used
+
+# Of targets and their ids.
+AMBIGUOUS_COST: Final = 2.0 * math.log(10.0)  # An assignment that is ten times as likely is decided.
+ID_COST: Final = 2.0 * math.log(100.0)  # Without ids, another assignment must be so much likelier; of two 10^4.
+MAX_OFFSET_RATIO: Final = 3.0  # An image is compared with tracks so many times as far from it as the nearest, ...
+OFFSET_MARGIN: Final = 0.04  # rad, ... plus this angle.
+MAX_TARGET_OFFSET: Final = 0.2  # rad: an image farther from every track is of another aircraft.
+TRACK_START_PERIOD_NS: Final = 50_000_000  # between tracks that begin beside a leader's: each takes 10 ms.
+REFUSAL_PERIOD_NS: Final = 100_000_000  # between reports of images that are one target too many
+SERVED_TIME_NS: Final = NS_PER_S  # A camera shows the leader for so long after an image of its was fused.

@@ -22,11 +22,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from onboard import messages
-from onboard.estimators.leader.association import AN_ID, associate, exchanged
+from onboard.estimators.leader import assumptions as given
+from onboard.estimators.leader.association import associate, exchanged
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter, make_filter
-from onboard.estimators.leader.hypotheses.wind import TIMEOUT_NS, UNKNOWN, Wind, wind_of
+from onboard.estimators.leader.hypotheses.wind import UNKNOWN, Wind, wind_of
 from onboard.estimators.leader.image.camera_pose import CameraPoses, PosedExposure
 from onboard.estimators.leader.image.prepare import Image, agree, prepare
 from onboard.estimators.leader.reports.broadcast import Broadcast
@@ -60,14 +61,6 @@ RENAMED: Final = "target_renamed"  # how often a track has gone on under another
 PASSED_ON: Final = "leader_passed_on"  # how often another target has become the leader
 EXCHANGED: Final = "ids_exchanged"  # how many detections have had another's id from some image on
 MISFIT: Final = "misfit_"  # before the names of points that fit no heading, in the health
-# An image is compared with the tracks at most this many times as far from it as the nearest one, plus this angle.
-FARTHER: Final = 3.0
-BESIDE: Final = 0.04  # rad
-APART: Final = 0.2  # rad; an image this far from every track is of another aircraft, whatever else is in view
-WIND_PERIOD_NS: Final = 900_000_000  # between reports of the wind that are used
-BEGIN_NS: Final = 50_000_000  # between tracks that begin beside a leader's: each takes 10 ms
-REFUSAL_PERIOD_NS: Final = 100_000_000  # between reports of images that are one target too many
-SERVED_NS: Final = NS_PER_S  # a camera shows the leader for so long after an image of its was fused
 UNNAMED: Final = "unnamed/"  # before the numbers of targets without an id
 
 
@@ -174,10 +167,12 @@ class Estimator:
         firsts = {found[i].target: i for i in reversed(claims)}.values()  # of two detections with one id
         known = {i: claims[i] for i in sorted(firsts) if claims[i].compared is not None}
         images = {i: claim.image for i, claim in known.items() if claim.image is not None}
-        doubtful = [i for i, claim in known.items() if claim.nis > AN_ID]
+        doubtful = [i for i, claim in known.items() if claim.nis > given.ID_COST]
         if not doubtful or len(known) < 2:
             return
-        near = {j for i in doubtful for j, image in images.items() if offset(found[i], image) < BESIDE}
+        near = {
+            j for i in doubtful for j, image in images.items() if offset(found[i], image) < given.OFFSET_MARGIN
+        }
         pairs = {(i, i): known[i] for i in near.union(doubtful)}
         for i, _ in list(pairs):
             predicted = found[i].predict(known[i].message.t_ns, ownship)
@@ -234,12 +229,12 @@ class Estimator:
         if (doubt := doubts.get(exposure.camera)) is None:
             return None
         sound = (t_ns for camera, t_ns in self._seen_ns.items() if camera not in doubts)
-        return doubt if any(abs(exposure.t_ns - t_ns) < SERVED_NS for t_ns in sound) else None
+        return doubt if any(abs(exposure.t_ns - t_ns) < given.SERVED_TIME_NS for t_ns in sound) else None
 
     def tick(self, ownship: Ownship) -> list[Estimate]:
         """Predict the tracks to the newest navigation sample whose next estimate is due. Drop idle targets, except
         the first."""
-        if self._wind.is_known and ownship.now_ns - self._wind_ns > TIMEOUT_NS:
+        if self._wind.is_known and ownship.now_ns - self._wind_ns > given.WIND_TIMEOUT_NS:
             self._set_wind(UNKNOWN, ownship)
         self._pass_name_on(ownship.now_ns)
         if not self._tracks[NAME].is_followed:
@@ -301,7 +296,7 @@ class Estimator:
         """The wind that our autopilot reports, not more often than it changes."""
         if wind is None:
             self._verdicts["wind_implausible"] += 1
-        elif not self._wind.is_known or ownship.now_ns - self._wind_ns > WIND_PERIOD_NS:
+        elif not self._wind.is_known or ownship.now_ns - self._wind_ns > given.WIND_PERIOD_NS:
             self._set_wind(wind, ownship)
 
     def _set_wind(self, wind: Wind, ownship: Ownship) -> None:
@@ -335,7 +330,7 @@ class Estimator:
             return True
         if now_ns < self._next_begin_ns:
             return False
-        self._next_begin_ns = now_ns + BEGIN_NS
+        self._next_begin_ns = now_ns + given.TRACK_START_PERIOD_NS
         return True
 
     def _class_of(self, message: TargetImage) -> tuple[BeliefFilter, Config]:
@@ -354,7 +349,7 @@ class Estimator:
         self._verdicts[Verdict.FULL] += 1
         if ownship.now_ns < self._next_refusal_ns:
             return []
-        self._next_refusal_ns = ownship.now_ns + REFUSAL_PERIOD_NS
+        self._next_refusal_ns = ownship.now_ns + given.REFUSAL_PERIOD_NS
         target = message.target or f"{UNNAMED}{self._numbered}"
         return [self._track(target, FULL).take(ImageRecord(message, Verdict.FULL), ownship)]
 
@@ -379,7 +374,7 @@ class Estimator:
         near = {
             offset: each
             for offset, each in self._offsets(image, self._tracks.values())
-            if each.target != NAME and not each.target.startswith(UNNAMED) and offset < BESIDE
+            if each.target != NAME and not each.target.startswith(UNNAMED) and offset < given.OFFSET_MARGIN
         }
         return continued(track, image, near, ownship)
 
@@ -403,7 +398,7 @@ class Estimator:
         found: dict[tuple[int, int], ImageRecord] = {}
         for i, image in images.items():
             offsets = {id(track): offset for offset, track in self._offsets(image, tracks)}
-            limit = FARTHER * min(offsets.values(), default=0.0) + BESIDE
+            limit = given.MAX_OFFSET_RATIO * min(offsets.values(), default=0.0) + given.OFFSET_MARGIN
             for k, track in enumerate(tracks):
                 if offsets.get(id(track), 0.0) > limit:
                     continue
@@ -423,7 +418,8 @@ class Estimator:
             return first
         if self._tracks[NAME].is_idle(ownship.now_ns):
             return self._tracks[NAME]
-        if near is not None and (near[0] < APART or (near[0] < math.inf and not image.has_extent)):
+        limit = given.MAX_TARGET_OFFSET if image.has_extent else math.inf
+        if near is not None and near[0] < limit:
             return near[1]
         if not image.has_extent:
             return self._tracks[NAME]

@@ -8,10 +8,11 @@ different headings and ranges in question.
 """
 
 import math
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from onboard.arrays import Array
-from onboard.estimators.leader.assumptions import CRAB, SLIP, SMALLEST_SIGMA, UNSURE, LeaderModel, Size
+from onboard.estimators.leader import assumptions as given
+from onboard.estimators.leader.assumptions import LeaderModel, Size
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses import prediction, update
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
@@ -35,10 +36,6 @@ from onboard.estimators.leader.image.shape import Shape, shape_of
 from onboard.filters.belief import Belief, Update
 from onboard.models.relative_motion import POSITION, VELOCITY
 from onboard.ownship import Step
-
-SIZES: Final = 3.0  # sigmas of the configured size
-LONGEST_S: Final = 0.25  # of a prediction of the hypotheses
-SURPRISED: Final = 1.4  # times what the hypotheses' own uncertainties say: none of them fits
 
 
 class Pending(NamedTuple):
@@ -120,7 +117,7 @@ class BeliefFilter:
         dt, moved, _ = state.since
         since = Pending(dt + step.dt, moved + step.dt * step.v0 + (0.5 * step.dt**2) * step.a, step.v1)
         advanced = State(state.particles, state.summary, since, state.settings)
-        if since.dt <= LONGEST_S:
+        if since.dt <= given.MAX_PREDICTION_S:
             return advanced
         return self._at(advanced, self.predict(advanced).particles)  # no image corrects it soon
 
@@ -153,14 +150,14 @@ class BeliefFilter:
 
     def assist(self, state: State, taken: Auxiliary) -> State | None:
         """The state after what is measured beside the images; None where that contradicts it, or where what may be
-        false would lead the size beyond SIZES sigmas of the configured one. Raises FilterError."""
+        false would lead the size beyond MAX_SIZE_SIGMAS sigmas of the configured one. Raises FilterError."""
         is_open = state.summary.after(state.since.dt, state.since.moved).range_sigma() > RESOLVED
         particles = update.assist(state.settings, self.predict(state).particles, taken, is_open=is_open)
         if particles is None:
             return None
         after, s = self._at(state, particles), self._settings
         apart = abs(float(after.summary.mean[LOG_SIZE]) - math.log(s.size)) * s.size
-        return after if taken.trusted or apart < SIZES * s.size_sigma else None
+        return after if taken.trusted or apart < given.MAX_SIZE_SIGMAS * s.size_sigma else None
 
     def in_wind(self, state: State, wind: Wind) -> State:
         """The state in another wind, which shows where the heading of a fixed wing points."""
@@ -169,7 +166,7 @@ class BeliefFilter:
         settings = self._settings
         if wind.is_known:
             (north, east, _), sigma = wind.velocity.tolist(), wind.sigma
-            settings = settings._replace(air=(north, east), air_sigma=sigma, nose_about_course=SLIP)
+            settings = settings._replace(air=(north, east), air_sigma=sigma, nose_about_course=given.SLIP)
         return self._at(state._replace(settings=settings), self.predict(state).particles)
 
     def belief(self, state: State) -> Belief:
@@ -181,7 +178,7 @@ class BeliefFilter:
 
     def open_question(self, state: State) -> OpenQuestion:
         """Whether the range is open, and then the places where the leader may be."""
-        known, is_misfit = state.summary, state.particles.surprise > SURPRISED
+        known, is_misfit = state.summary, state.particles.surprise > given.SURPRISE_LIMIT
         if not known.places:
             return OpenQuestion(is_misfit=is_misfit)
         dt, moved, v_F_n = state.since
@@ -207,16 +204,16 @@ def make_filter(config: Config) -> BeliefFilter:
 def leader_model(config: Config) -> LeaderModel:
     """What is assumed of a leader and of our own errors."""
     known = config.own_tilt_sigma_deg, config.own_yaw_sigma_deg
-    tilt, yaw = (max(UNSURE * math.radians(sigma), SMALLEST_SIGMA) for sigma in known)
+    tilt, yaw = (max(given.UNSURE * math.radians(sigma), given.SMALLEST_SIGMA) for sigma in known)
     model = LeaderModel(
         size=config.size_prior_m,
         size_sigma=config.size_prior_sigma_m or 0.02 * config.size_prior_m,
         misalignment=(tilt, tilt, yaw),
         misalignment_time=config.own_attitude_time_s,
-        own_velocity=max(config.own_velocity_sigma_m_s, SMALLEST_SIGMA),
+        own_velocity=max(config.own_velocity_sigma_m_s, given.SMALLEST_SIGMA),
         particles=config.particles,
     )
     if config.leader_class == "fixed_wing":
         model = model._replace(drag=0.0, drag_sigma=0.0, wind=0.0, lean_random_walk=0.0, tied=0.0)
-        model = model._replace(crab=CRAB, nose_about_course=CRAB)
+        model = model._replace(crab=given.CRAB, nose_about_course=given.CRAB)
     return model

@@ -7,6 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.estimators.leader import assumptions as given
 from onboard.estimators.leader.assumptions import LeaderModel
 from onboard.estimators.leader.hypotheses import motion as model
 from onboard.estimators.leader.hypotheses import tilt, view
@@ -39,24 +40,19 @@ from onboard.estimators.leader.hypotheses.update import ANY_HEADING, BOXES, of_r
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import Measurement
 
-LEAST_RANGE: Final = 0.05  # of the largest possible range of a first image: points in a row may hide each other
-SIZES_APART: Final = 0.05  # of the size: what is less certain is sampled, as a Gaussian's curvature would mislead
-FORGETS: Final = 5  # of so many particles one has a new heading when a track starts again
-MOST_BANK: Final = math.radians(35.0)  # rad, of headings that are looked at closely
 LEVEL: Final = slice(VX, VZ)
-MOVING: Final = 3.0  # m/s: if we fly faster, a leader that flies along with us is likely
 
 
 def start(
     settings: LeaderModel, seen: Measurement, pose: CameraPose, before: Particles | None = None
 ) -> Particles:
-    """The particles after one image. Of what was known `before` of the same leader only the headings are kept, of
-    all but each FORGETS-th particle; where it is and how it moves may have changed while it was not seen."""
+    """The particles after one image. Of what was known `before` of the same leader only the headings are kept, and
+    not all of them; where it is and how it moves may have changed while it was not seen."""
     direction = seen.axes[0] @ pose.R_cn
     slope = _slope(seen, pose) if seen.has_wing and settings.drag > 0.0 else None
     headings, prior = _first_headings(settings, direction, pose.v_F_n, slope)
     if before is not None:
-        kept = np.arange(len(headings)) % FORGETS > 0
+        kept = np.arange(len(headings)) % given.RESTART_HEADING_INTERVAL > 0
         known = resampled(before, settings.particles).headings
         headings, prior = np.where(kept, known, headings), np.full(len(headings), 1.0 / len(headings))
     k = len(headings)
@@ -64,7 +60,7 @@ def start(
     if seen.is_metric:
         edge_on_visibility = ANY_HEADING
     of_size = settings.size_sigma / settings.size
-    within = min(of_size, SIZES_APART)
+    within = min(of_size, given.MAX_GAUSSIAN_SIZE_SIGMA)
     sizes = settings.size * np.exp(math.sqrt(of_size**2 - within**2) * normal(OF_FIRST_SIZE, k))
     # about the range, as a share of the largest possible
     visible = model.visible(headings, np.tile(direction, (k, 1)), edge_on_visibility)
@@ -76,7 +72,7 @@ def start(
         range_ = np.full(k, settings.size / seen.span)
     elif seen.extent is not None:
         range_ = sizes * view.spread(seen.extent.rows, headings, seen.axes @ pose.R_cn) / seen.span
-        range_ = np.maximum(range_, LEAST_RANGE * range_.max())
+        range_ = np.maximum(range_, given.MIN_FIRST_RANGE_RATIO * range_.max())
     means, P = np.zeros((k, N)), np.zeros((k, N, N))
     means[:, POSITION], means[:, VELOCITY] = range_[:, None] * direction + pose.r_FC_n, pose.v_F_n
     line = np.outer(direction, direction)
@@ -192,7 +188,7 @@ def _first_headings(settings: LeaderModel, direction: Array, v_F_n: Array, slope
     bank which a multirotor may have: of a steep one few headings are left, and many drags and winds are possible
     with each."""
     k = settings.particles
-    moving = math.hypot(v_F_n[0], v_F_n[1]) > MOVING
+    moving = math.hypot(v_F_n[0], v_F_n[1]) > given.MIN_FORMATION_SPEED
     course = math.atan2(v_F_n[1], v_F_n[0])
     if moving and settings.crab > 0:
         apart = MOST_CRAB * (2.0 * (np.arange(k) + 0.5) / k - 1.0)
@@ -203,7 +199,7 @@ def _first_headings(settings: LeaderModel, direction: Array, v_F_n: Array, slope
     if slope:  # the tangent of the bank is steep * cos(around + turned): all is turned where we look up or down
         level = max(math.hypot(direction[0], direction[1]), 1e-9)
         steep, turned = math.hypot(slope, direction[2]) / level, math.atan2(direction[2], slope)
-        widest = min(MOST_BANK, math.atan(steep))
+        widest = min(given.MAX_FIRST_BANK, math.atan(steep))
         banks = widest * (2.0 * (np.arange(0, k - few, 2) + 0.5) / (k - few) - 1.0)
         around[::2] = (np.arccos(np.tan(banks) / steep) - turned) % math.pi
         across = steep * np.cos(around + turned)

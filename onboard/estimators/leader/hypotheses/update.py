@@ -16,7 +16,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.assumptions import FLIPPED, STRAY, TURN_BIAS, LeaderModel
+from onboard.estimators.leader import assumptions as given
+from onboard.estimators.leader.assumptions import LeaderModel
 from onboard.estimators.leader.hypotheses import motion as model
 from onboard.estimators.leader.hypotheses import view
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
@@ -43,15 +44,6 @@ from onboard.estimators.leader.image.pose import PoseFeatures
 from onboard.filters.belief import Belief, FilterError
 from onboard.filters.gating import chi_square_threshold
 
-EXPECTING: Final = 0.3  # of the weight: at least so many particles must have expected an image
-TRUE: Final = 0.9999  # the probability that a report or a range passes that is true
-APART_S: Final = 0.2  # of the evidence of one of these, in seconds
-STARTUP_S: Final = 8.0  # over which the evidence of a new track is used
-TOGETHER_S: Final = 0.05  # what is measured at one time, by different means, counts as if it came so soon after
-SURPRISE_S: Final = 3.0  # over which the surprise is averaged
-MOST_SURPRISE: Final = 3.0  # times the expected NIS, of an image: one stray image is no surprise
-OF_SHAPE: Final = 0.02  # of the weight: so much must have expected a shape; only the right headings do
-PER_ROW: Final = 2.1  # more of the gate for each row of what an image shows of a shape
 BOXES: Final = "boxes"  # the names of biases
 POSES: Final = "poses"
 # as `edge_on_visibility`: of a leader whose range is measured, noise depends little on its heading
@@ -111,11 +103,11 @@ def update(
     pose: CameraPose,
     expected: Expected | None = None,
 ) -> tuple[Particles, float]:
-    """The particles after an image, and the NIS that EXPECTING of their weight have at most; of a box OF_SHAPE, as
-    only the right headings expect one. If that exceeds the gate, too few expected the image, and the particles are
-    returned as they were. What an image shows beyond these rows has a gate of its own. `expected`: what they
-    expect of the image, where that is known. Raises FilterError."""
-    rows, given, is_box = seen.rows, particles, seen.rows.bias is not None
+    """Update all particles with one image: the posterior, and the NIS that MIN_WEIGHT_IN_GATE of their weight have
+    at most; of a box MIN_SHAPE_WEIGHT, as only the right headings expect one. If that exceeds the gate, the
+    particles are returned as they were. What an image shows beyond these rows has a gate of its own. `expected`:
+    what they expect of the image, where that is known. Raises FilterError."""
+    rows, before, is_box = seen.rows, particles, seen.rows.bias is not None
     expected = expected or expect(settings, particles, seen, pose)
     particles, shown, each = expected.particles, expected.view, expected.each
     if seen.is_metric and seen.pose is not None:
@@ -124,9 +116,9 @@ def update(
         particles = particles._replace(edge_on_visibility=LEAST_VISIBLE, metric=False)
     headings, means, P = particles.headings.copy(), particles.means.copy(), particles.covariances.copy()
     nis, log_l = view.update(means, P, headings, shown, each)
-    least = at_most(particles, nis, OF_SHAPE if is_box else EXPECTING)
-    if least > settings.gate + (PER_ROW * len(rows.y) if is_box else 0.0):
-        return given, least
+    least = at_most(particles, nis, given.MIN_SHAPE_WEIGHT if is_box else given.MIN_WEIGHT_IN_GATE)
+    if least > settings.gate + (given.SHAPE_GATE_PER_ROW * len(rows.y) if is_box else 0.0):
+        return before, least
     after = particles._replace(headings=headings, means=means, covariances=P, misfits=())
     w = np.exp(particles.log_weights)
     off, change = seen_together(w, nis, particles.means, pose.v_F_n, settings.gate)
@@ -142,19 +134,20 @@ def update(
         after = after._replace(misfits=fit.misfits)
     if seen.pose is not None:
         found, pose_nis, more = posed(after, seen.pose, pose, settings.air)
-        beyond = at_most(after, pose_nis, OF_SHAPE)
+        beyond = at_most(after, pose_nis, given.MIN_SHAPE_WEIGHT)
         if beyond <= settings.gate:
             after, log_l = found, log_l + more
         elif seen.is_metric:
-            return given, beyond
+            return before, beyond
     # The faster the view of the leader changes, the more does an image count; while the view stays the same, so do
     # the errors of what each particle supposes. Images that fit no particle count less for each of them.
-    seconds = max(particles.unseen, TOGETHER_S)
-    rate = settings.steady_evidence + change / settings.new_view + particles.startup_evidence / STARTUP_S
+    seconds = max(particles.unseen, given.MIN_EVIDENCE_INTERVAL_S)
+    rate = settings.steady_evidence + change / settings.new_view
+    rate += particles.startup_evidence / given.STARTUP_TIME_S
     believed = min(min(rate, settings.evidence_rate) * seconds, 1.0) * min(1.0, 1.0 / particles.surprise)
     new = -math.expm1(-particles.unseen / settings.rolled_time)
     mean_bank_error = after.mean_bank_error + new * (after.means[:, BANK_ERROR] - after.mean_bank_error)
-    startup_evidence = particles.startup_evidence * math.exp(-seconds / STARTUP_S)
+    startup_evidence = particles.startup_evidence * math.exp(-seconds / given.STARTUP_TIME_S)
     after = after._replace(mean_bank_error=mean_bank_error, unseen=0.0, startup_evidence=startup_evidence)
     both = particles_of(particles), particles_of(after)
     log_weights = weigh(*both, particles.log_weights, log_l, believed, passed(settings, particles))
@@ -167,27 +160,30 @@ def assist(settings: LeaderModel, particles: Particles, taken: Auxiliary, *, is_
     known = particles.with_biases(*taken.biases)
     rows = taken.rows(known)
     found, nis, log_l = corrected(known, *rows, settings.air)
-    limit = chi_square_threshold(TRUE, rows.innovations.shape[1])
-    least = at_most(known, nis, OF_SHAPE if is_open else EXPECTING)
+    limit = chi_square_threshold(given.REPORT_GATE_PROBABILITY, rows.innovations.shape[1])
+    least = at_most(known, nis, given.MIN_SHAPE_WEIGHT if is_open else given.MIN_WEIGHT_IN_GATE)
     if least > limit:
         return None
     # One that fits takes the surprise of images away, that would else last as long as none come; one that does not
     # has this gate, and its errors last longer than the surprise is averaged over.
     surprise = min(particles.surprise, _surprise(particles, least / rows.innovations.shape[1]))
     found = found._replace(surprise=surprise)
-    return fitting(settings, weighted(found, evidence(log_l, min(settings.evidence_rate * APART_S, 1.0))))
+    return fitting(
+        settings,
+        weighted(found, evidence(log_l, min(settings.evidence_rate * given.REPORT_EVIDENCE_S, 1.0))),
+    )
 
 
 def _surprise(particles: Particles, off: float) -> float:
     """The surprise after a measurement whose mean NIS per component is `off`."""
-    off = min(off, MOST_SURPRISE)
-    return off + math.exp(-particles.unseen / SURPRISE_S) * (particles.surprise - off)
+    off = min(off, given.MAX_SURPRISE)
+    return off + math.exp(-particles.unseen / given.SURPRISE_TIME_S) * (particles.surprise - off)
 
 
 class ShapeFit(NamedTuple):
     """The particles after what an image shows of a shape, None if that fits no heading, with the particles'
-    logarithms of likelihoods (K,), the NIS that OF_SHAPE of the weight have at most, and the named points that fit
-    none."""
+    logarithms of likelihoods (K,), the NIS that MIN_SHAPE_WEIGHT of the weight have at most, and the named points
+    that fit none."""
 
     particles: Particles | None
     log_l: Array
@@ -207,8 +203,8 @@ def fitted(settings: LeaderModel, particles: Particles, points: Rows, axes: Arra
         headings, means, P = particles.headings.copy(), particles.means.copy(), particles.covariances.copy()
         each = view.orient(means, P, headings, shown)
         nis, log_l = view.update(means, P, headings, shown, each)
-        beyond = at_most(particles, nis, OF_SHAPE)
-        if beyond > settings.gate + PER_ROW * len(rows.y):
+        beyond = at_most(particles, nis, given.MIN_SHAPE_WEIGHT)
+        if beyond > settings.gate + given.SHAPE_GATE_PER_ROW * len(rows.y):
             return ShapeFit(None, log_l, beyond)
         course_locked = _still(particles, headings)
         return ShapeFit(
@@ -238,13 +234,13 @@ def at_most(particles: Particles, nis: Array, share: float) -> float:
 
 def informed(settings: LeaderModel, particles: Particles, prior: Belief, *, flew: bool) -> Particles | None:
     """The particles with what was believed of position and velocity before, (6,) and (6, 6), in n; None where less
-    than OF_SHAPE of its weight agrees: only the right headings do. If it `flew`, few hypotheses say that it
-    hovers: a velocity that may have changed meanwhile does not contradict them enough. Raises FilterError."""
+    than MIN_SHAPE_WEIGHT of its weight agrees: only the right headings do. If it `flew`, few hypotheses say that
+    it hovers: a velocity that may have changed meanwhile does not contradict them enough. Raises FilterError."""
     H = np.eye(particles.means.shape[1])[MOTION]
     found, nis, log_l = corrected(
         particles, H, prior.mean - particles.means[:, MOTION], prior.covariance, (), settings.air
     )
-    if at_most(particles, nis, OF_SHAPE) > settings.gate:
+    if at_most(particles, nis, given.MIN_SHAPE_WEIGHT) > settings.gate:
         return None
     after = weighted(found, evidence(log_l, 1.0))
     hovers = after.regimes == model.HOVERING
@@ -316,7 +312,7 @@ def posed(
     if heading is not None:
         log_l = log_l + measure_heading(headings, means, P, *heading)
         particles = particles._replace(
-            heading_observed=True, keypoint_bias=max(particles.keypoint_bias, TURN_BIAS)
+            heading_observed=True, keypoint_bias=max(particles.keypoint_bias, given.TURN_BIAS)
         )
     return (
         particles._replace(
@@ -350,8 +346,8 @@ def measure_heading(
 
 
 def _likelihood(headings: Array, heading: float, mirrored: float, sigma: float) -> Array:
-    found = np.full(len(headings), STRAY / (2.0 * math.pi))
-    for share, at in ((1.0 - FLIPPED - STRAY, heading), (FLIPPED, mirrored)):
+    found = np.full(len(headings), given.STRAY / (2.0 * math.pi))
+    for share, at in ((1.0 - given.FLIPPED - given.STRAY, heading), (given.FLIPPED, mirrored)):
         off = (headings - at + math.pi) % (2.0 * math.pi) - math.pi
         found += share * np.exp(-0.5 * (off / sigma) ** 2) / (math.sqrt(2.0 * math.pi) * sigma)
     return found

@@ -11,9 +11,6 @@ import numpy as np
 from onboard import messages
 from onboard.arrays import Array
 from onboard.estimators.leader.assumptions import GUST, STRONGEST, USUAL_SIGMA
-from onboard.units import NS_PER_S
-
-TIMEOUT_NS: Final = 30 * NS_PER_S  # after the last report it is not known any more
 
 
 class Wind(NamedTuple):

@@ -2,17 +2,17 @@
 
 The innovations of the direction say how far images are from what was predicted. Where half of them are farther off
 for a whole window than the configured noise allows, the noise is larger than configured, and is taken for so much
-larger. Up to `MOST` times: images that fit worse come of something else, and nothing is valid with them. A median,
-so that neither outliers nor a short manoeuvre count; the direction alone, as the wing misleads where the heading
-is not on the course.
+larger. Up to `MAX_NOISE_SCALE` times: images that fit worse come of something else, and nothing is valid with
+them. A median, so that neither outliers nor a short manoeuvre count; the direction alone, as the wing misleads
+where the heading is not on the course.
 
 A noise that is a little larger is told from a leader that moves a little otherwise by the next image. What an
 image leaves, after the belief has followed it, and what the next one is off, are of one course of the leader: they
 differ by the noise of both, while a misfit is in both. So the scale follows their differences, half of the way.
 
-The noise is taken for smaller, too, down to `LEAST`, but with more care. What was predicted is not exact either,
-so the noise is no larger than all of an innovation. Only where what is assumed of the images alone exceeds even
-that, for a whole window, it falls, half of the way and slowly. One image or window that does not fit ends it.
+The noise is taken for smaller, too, down to `MIN_NOISE_SCALE`, but with more care. What was predicted is not exact
+either, so the noise is no larger than all of an innovation. Only where what is assumed of the images alone exceeds
+even that, for a whole window, it falls, half of the way and slowly. One image or window that does not fit ends it.
 
 What was learnt is part of a track's state, so it is rewound with it: an image counts by its exposure, with its
 final pose, however late it arrives.
@@ -29,24 +29,14 @@ from statistics import median
 from typing import Final, NamedTuple
 
 from onboard.arrays import Array
+from onboard.estimators.leader import assumptions as given
 from onboard.estimators.leader.image.prepare import Image
 from onboard.messages import ImagePoint, TargetDetection, TargetPoints, Verdict
 from onboard.messages.causes import Cause, Reason
 from onboard.units import NS_PER_S
 
-WINDOW: Final = 60  # images
 MEDIAN: Final = 2.0 * math.log(2.0)  # of chi-square with two degrees of freedom
-TOO_LARGE: Final = 2.0  # times that: no chance
-NOISE: Final = 13.8  # as chi-square is in all but one of a thousand
-MOST: Final = 6.0  # times the configured noise
-LEAST: Final = 0.3  # times: that of rounding to a pixel, where a pixel is configured; boxes are never so exact
-QUIETER: Final = 0.5  # times MEDIAN, by the images' own noise: no chance
-WORTH: Final = 1.3  # a larger scale is reported
-NEXT_NS: Final = NS_PER_S // 4  # an image of the same camera within so long is the next one
 STAMPS: Final = 64  # remembered
-QUIET: Final = 0.35  # of a point's standard deviation: points that change by less stay
-ROTATION_SIGMAS: Final = 3.0  # of a point: if our rotation would have moved it by more, it must have moved
-FEWEST_STAY: Final = 3  # images: two may be alike by chance
 
 
 class Shown(NamedTuple):
@@ -94,9 +84,9 @@ class NoiseScale(NamedTuple):
         (a, b), (_, d) = covariance[:2, :2].tolist()
         by_e, by_f = (d * e - b * f) / (a * d - b * b), (a * f - b * e) / (a * d - b * b)
         nis = e * by_e + f * by_f
-        if nis * self.scale**2 > NOISE * MOST**2:
+        if nis * self.scale**2 > given.OUTLIER_NIS * given.MAX_NOISE_SCALE**2:
             return self  # of something else: an outlier, which the gate stops
-        if nis > TOO_LARGE * NOISE and self.scale < 1.0:
+        if nis > given.NOISE_RATIO_LIMIT * given.OUTLIER_NIS and self.scale < 1.0:
             return NoiseScale()
         window = (*self.window, nis)
         alone = (*self.alone, (e * e + f * f) / noise) if noise > 0.0 else self.alone
@@ -104,41 +94,45 @@ class NoiseScale(NamedTuple):
         if shown is not None:
             t_ns, camera, variance = shown
             left = Left(t_ns, camera, variance * by_e, variance * by_f)
-            if before is not None and before.camera == camera and 0 < t_ns - before.t_ns < NEXT_NS:
+            is_next = before is not None and 0 < t_ns - before.t_ns < given.MAX_SUCCESSIVE_GAP_NS
+            if before is not None and is_next and before.camera == camera:
                 square = (e - before.right) ** 2 + (f - before.down) ** 2
                 differences = (*differences, square / (2.0 * variance))
-        if len(window) < WINDOW:
+        if len(window) < given.NOISE_WINDOW:
             return NoiseScale(self.scale, self.beyond, window, alone, differences, left)
         found, scale = median(window), self.scale
         ratio = found / MEDIAN
-        beyond = found if ratio > TOO_LARGE and scale >= MOST else 0.0
-        by_differences = median(differences) / MEDIAN if len(differences) > WINDOW // 2 else ratio
-        if ratio > TOO_LARGE:
-            scale = min(max(scale, 1.0) * math.sqrt(ratio), MOST)
-        elif scale > 1.0 or (scale == 1.0 and len(differences) > WINDOW // 2 and by_differences > 1.0):
-            scale = min(max(scale * by_differences**0.25, 1.0), MOST)  # half the way: one window's evidence
-        elif len(alone) == WINDOW:
+        beyond = found if ratio > given.NOISE_RATIO_LIMIT and scale >= given.MAX_NOISE_SCALE else 0.0
+        by_differences = median(differences) / MEDIAN if len(differences) > given.NOISE_WINDOW // 2 else ratio
+        if ratio > given.NOISE_RATIO_LIMIT:
+            scale = min(max(scale, 1.0) * math.sqrt(ratio), given.MAX_NOISE_SCALE)
+        elif scale > 1.0 or (scale == 1.0 and len(differences) > given.NOISE_WINDOW // 2 and by_differences > 1.0):
+            # Half the way: one window's evidence.
+            scale = min(max(scale * by_differences**0.25, 1.0), given.MAX_NOISE_SCALE)
+        elif len(alone) == given.NOISE_WINDOW:
             scale = _quieter(scale, median(alone) / MEDIAN)
         return NoiseScale(scale, beyond, left=left)
 
     @property
     def finding(self) -> str:
         """What there is to report of it, "" if nothing."""
-        return "the images scatter more than the configured noise explains" if self.scale > WORTH else ""
+        words = "the images scatter more than the configured noise explains"
+        return words if self.scale > given.REPORTED_NOISE_SCALE else ""
 
     @property
     def contradiction(self) -> Reason | None:
         """Why no estimate is valid, None if it may be."""
         if not self.beyond:
             return None
-        words = f"the images do not fit: NIS {self.beyond:.0f} of 1.4 at {MOST:g} times the configured noise"
-        return Reason(Cause.NOISE, words)
+        words = f"NIS {self.beyond:.0f} of 1.4 at {given.MAX_NOISE_SCALE:g} times the configured noise"
+        return Reason(Cause.NOISE, f"the images do not fit: {words}")
 
 
 def _quieter(scale: float, ratio: float) -> float:
     """The scale where innovations have this `ratio` to the images' own noise: half of the way, in variance."""
-    if ratio < QUIETER or (scale < 1.0 and ratio > 1.0):
-        return min(max(scale * math.sqrt(math.sqrt(max(ratio, QUIETER))), LEAST), 1.0)
+    if ratio < given.QUIET_NOISE_RATIO or (scale < 1.0 and ratio > 1.0):
+        less = scale * math.sqrt(math.sqrt(max(ratio, given.QUIET_NOISE_RATIO)))
+        return min(max(less, given.MIN_NOISE_SCALE), 1.0)
     return scale
 
 
@@ -174,13 +168,13 @@ class Repeats:
             stated = tuple(feature.sigma for feature in message.features)
         sigma = min(stated, default=self._point_sigma)
         shown, first, count = self._unchanged.get(message.camera, (points, image, 0))
-        if not _stay(shown, points, QUIET * sigma):
+        if not _stay(shown, points, given.UNCHANGED_POINT_SIGMAS * sigma):
             shown, first, count = points, image, 0
         self._unchanged[message.camera] = shown, first, count + 1
         age_ns = message.t_ns - first.message.t_ns
-        if count + 1 < FEWEST_STAY or age_ns <= self._stale_after_s * NS_PER_S:
+        if count + 1 < given.MIN_UNCHANGED_IMAGES or age_ns <= self._stale_after_s * NS_PER_S:
             return None
-        return Verdict.STALE if _moved(points[0], first, image) > ROTATION_SIGMAS * sigma else None
+        return Verdict.STALE if _moved(points[0], first, image) > given.ROTATION_SIGMAS * sigma else None
 
     def clear(self) -> None:
         """Forget all images."""

@@ -1,17 +1,15 @@
 """What a detector's pose shows beyond the direction of the center: rows of the update."""
 
 import math
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.assumptions import LEAST_RANGE_SIGMA, TURN_BIAS
+from onboard.estimators.leader.assumptions import LEAST_RANGE_SIGMA, MIN_LEVEL_HEADING, TURN_BIAS
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.messages import RelativePose
-
-LEAST_LEVEL: Final = 0.2  # of the heading: one that points up or down more steeply has no heading
 
 
 class MeasuredHeading(NamedTuple):
@@ -38,7 +36,7 @@ class PoseFeatures(NamedTuple):
             return None
         fx, fy, fz = (self.forward @ camera.R_cn).tolist()
         level2 = fx * fx + fy * fy
-        if level2 < LEAST_LEVEL**2:
+        if level2 < MIN_LEVEL_HEADING**2:
             return None
         # by how much a small rotation about n's axes turns the azimuth
         by = camera.R_cn @ np.array([-fz * fx / level2, -fz * fy / level2, 1.0])

@@ -22,7 +22,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from onboard.arrays import Array
-from onboard.estimators.leader.assumptions import BIAS_COUNTS, BOX_SHARE, MISPLACED, OFF_BOX, OFF_WING, ON_WING
+from onboard.estimators.leader import assumptions as given
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.image.camera_pose import CameraPose, CameraPoses, PosedExposure
 from onboard.estimators.leader.image.measurement import (
@@ -51,13 +51,7 @@ from onboard.messages import (
 from onboard.ownship import Ownship
 from onboard.units import NS_PER_S
 
-TIPS: Final = 0.3  # of the wing: noise of tips that are to say only which one is left ...
-SIDES: Final = 3.0  # ... and of their own at least
 AGREE_RAD: Final = np.radians(5.0)  # images of one aircraft point the same way this nearly ...
-AGREE_RATIO: Final = 1.3  # ... and show the same span within this factor
-SMALLEST_SPAN_SIGMA: Final = 2.0  # a span below this many of its sigmas says nothing of the range by itself
-SHORTEST: Final = 0.1  # of the wingspan, from nose to tail: closer points show no nose
-SIGMAS: Final = (1e-7, 10.0)  # focal lengths: no detector is more exact or less
 
 
 NamedPoint = tuple[str, Array, ImagePoint, float]  # its place (3,) in b, where it was seen, and its sigma
@@ -102,7 +96,7 @@ def features_of(message: TargetImage, camera_sigma: float, *, center_on_wing: bo
         left, right = features["left"], features["right"]
         (a, b), (c, d) = left.point, right.point
         sigma = 0.5 * math.hypot(left.sigma, right.sigma)
-        off = ON_WING if center_on_wing else OFF_WING
+        off = given.ON_WING if center_on_wing else given.OFF_WING
         points = ((a + c) / 2, (b + d) / 2), left.point, right.point
         offset = off * math.dist(*points[1:]) * _angle(points[0])
         sigmas = sigma, left.sigma, right.sigma
@@ -110,13 +104,13 @@ def features_of(message: TargetImage, camera_sigma: float, *, center_on_wing: bo
         tips = _tips(left.point, right.point, (left.sigma, right.sigma))
         return Features(points, sigmas, offset, has_center=False, named=(*others, *tips), pose=message.pose)
     one, half_width = features.get("center", message.features[0]), message.half_width or 0.0
-    of_whole_box = 2.0 * OFF_BOX * half_width * _angle(one.point)
+    of_whole_box = 2.0 * given.OFF_BOX * half_width * _angle(one.point)
     of_box = of_whole_box if message.sides else max(of_whole_box, half_wing)
     offset = {"center": 0.0, "box": of_box}.get(one.name, half_wing)
     has_center = one.name == "center"
     box = None
     if message.sides and half_width:
-        box = message.sides, max(features["box"].sigma / (2.0 * half_width), BOX_SHARE)
+        box = message.sides, max(features["box"].sigma / (2.0 * half_width), given.BOX_SHARE)
     return Features((one.point,), (one.sigma,), offset, has_center, message.features, box, message.pose)
 
 
@@ -127,8 +121,8 @@ def _angle(point: ImagePoint) -> float:
 
 def _tips(left: ImagePoint, right: ImagePoint, sigmas: tuple[float, ...]) -> tuple[ImageFeature, ImageFeature]:
     """Both wingtips as points that say no more than which one is which: the wing itself is measured apart."""
-    at_least = TIPS * math.dist(left, right)
-    a, b = (max(SIDES * sigma, at_least) for sigma in sigmas)
+    at_least = given.WINGTIP_NAME_NOISE * math.dist(left, right)
+    a, b = (max(given.WINGTIP_NAME_SIGMAS * sigma, at_least) for sigma in sigmas)
     return ImageFeature(name="left", point=left, sigma=a), ImageFeature(name="right", point=right, sigma=b)
 
 
@@ -141,7 +135,7 @@ def measure(shape: Shape, saw: Features) -> Measurement:
         measured = measure_direction(saw.points[0], saw.sigmas[0])
     axes = measured.axes
     if saw.offset:
-        measured.rows.R[[0, 1], [0, 1]] += (BIAS_COUNTS * saw.offset) ** 2
+        measured.rows.R[[0, 1], [0, 1]] += (given.BIAS_COUNTS * saw.offset) ** 2
     if saw.pose is not None:
         measured = measured._replace(pose=measured_pose(saw.pose, shape.pose_bias, axes[0]))
     if known := [
@@ -162,7 +156,7 @@ def measure(shape: Shape, saw: Features) -> Measurement:
     sides, share = saw.box
     rows = rows_of_box(axes, sides, share, shape)
     sigma = math.sqrt(0.5 * rows.R[2, 2])
-    measured = measured._replace(rows=rows, further=None, keypoint_bias=0.0, off=BIAS_COUNTS * saw.offset)
+    measured = measured._replace(rows=rows, further=None, keypoint_bias=0.0, off=given.BIAS_COUNTS * saw.offset)
     return _with_extent(measured, Extent(rows, 0.0, sigma), shape.edge_on_visibility)
 
 
@@ -176,7 +170,7 @@ def _with_points(
     seen. Without a wing, how far they and the center are apart may show the range."""
     further = rows_of_points(measured.axes, known, shape.posture)
     length = float(np.ptp(np.append(further.points[:, 0], 0.0)))
-    keypoint_bias = math.sqrt(2.0) * MISPLACED / length if length > SHORTEST else 0.0
+    keypoint_bias = math.sqrt(2.0) * given.MISPLACED / length if length > given.MIN_NOSE_LENGTH else 0.0
     measured = measured._replace(further=further, keypoint_bias=keypoint_bias)
     if measured.rows.is_wing:
         return measured
@@ -191,7 +185,7 @@ def _with_extent(measured: Measurement, extent: Extent, edge_on_visibility: floa
     """The measurement with an extent, whose spread says something of the range if it is more than noise."""
     extent = extent._replace(spread=float(measured_spread(extent.rows, extent.rows.y)))
     measured = measured._replace(extent=extent, edge_on_visibility=edge_on_visibility)
-    if extent.spread <= SMALLEST_SPAN_SIGMA * extent.sigma:
+    if extent.spread <= given.MIN_SPAN_SIGMAS * extent.sigma:
         return measured
     return measured._replace(span=extent.spread, span_sigma=extent.sigma)
 
@@ -244,7 +238,8 @@ def prepare(
     pose = view.pose
     if pose is None:
         return _why_no_pose(message.t_ns, ownship, config)
-    if max(map(abs, numbers)) > MAX_IMAGE_RADIUS or min(sigmas) < SIGMAS[0] or max(sigmas) > SIGMAS[1]:
+    least, most = given.POINT_SIGMA_LIMITS
+    if max(map(abs, numbers)) > MAX_IMAGE_RADIUS or min(sigmas) < least or max(sigmas) > most:
         return Verdict.DEGENERATE
     if not in_view(saw.points, view.camera, message.view, config.edge_px):
         return Verdict.OUT_OF_VIEW
@@ -253,7 +248,7 @@ def prepare(
     if has_wing and not measurement.span > 0.0:
         return Verdict.DEGENERATE
     # A track takes small spans, too: without them those would be left that noise has made larger.
-    is_small = has_wing and measurement.span < SMALLEST_SPAN_SIGMA * measurement.span_sigma
+    is_small = has_wing and measurement.span < given.MIN_SPAN_SIGMAS * measurement.span_sigma
     has_extent = measurement.span_sigma < math.inf and not is_small
     supposed = half_wing if saw.offset == half_wing else 0.0
     return Image(message, has_extent, measurement, pose, view, stated, noise_scale, supposed)
@@ -288,7 +283,7 @@ def agree(a: Image, b: Image) -> bool:
     a_, b_ = a.measurement, b.measurement
     ratio = a_.span / b_.span if a_.has_wing == b_.has_wing else 1.0
     near = float(a.direction_n @ b.direction_n) > np.cos(AGREE_RAD)
-    return bool(near and 1 / AGREE_RATIO < ratio < AGREE_RATIO)
+    return bool(near and 1 / given.MAX_SPAN_RATIO < ratio < given.MAX_SPAN_RATIO)
 
 
 def hold(held: deque[Image], image: Image) -> None:

@@ -7,18 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.assumptions import (
-    BOX_BIAS,
-    FUSELAGE,
-    GUESS_BIAS,
-    MISPLACED,
-    PITCH,
-    ROTOR,
-    ROTORS_AT,
-    ROTORS_HEIGHT,
-    ROTORS_HIGH,
-    THICKNESS,
-)
+from onboard.estimators.leader import assumptions as given
 from onboard.estimators.leader.config import Config
 
 WINGTIPS: Final = ((0.0, -0.5, 0.0), (0.0, 0.5, 0.0))  # in b, of a wingspan of 1
@@ -70,7 +59,7 @@ def shape_of(config: Config) -> Shape:
     outline = outline_of(config)
     edge_on_visibility = min(max(float(np.ptp(outline.bounds[:, 0])), 0.1), 1.0)
     tilts = 1.0 if config.leader_class == "multirotor" else 0.0
-    posture = Posture(tilts, PITCH, MISPLACED)
+    posture = Posture(tilts, given.PITCH, given.MISPLACED)
     size, pose = config.size_prior_m, config.pose_scale_sigma
     known = names, points, outline.bounds, outline.bias, edge_on_visibility, posture, size, pose, outline.height
     return Shape(*known, config.center_on_wing)
@@ -82,12 +71,12 @@ def outline_of(config: Config) -> Outline:
     aircraft = config.aircraft
     if aircraft is None and config.points_m:
         points = np.array([*config.points_m.values()]) / config.size_prior_m
-        return Outline(np.array([*(WINGTIPS if config.wings else ()), *points, *THICKNESS]), BOX_BIAS)
+        return Outline(np.array([*(WINGTIPS if config.wings else ()), *points, *given.THICKNESS]), given.BOX_BIAS)
     if aircraft is None:
         aircraft = "quadrotor" if config.leader_class == "multirotor" else "fixed-wing"
     if aircraft in ROTORS:
-        return Outline(_rotors(ROTORS[aircraft]), BOX_BIAS, ROTORS_HEIGHT)
-    return Outline(np.array([*WINGTIPS, *FUSELAGE, *THICKNESS]), GUESS_BIAS)
+        return Outline(_rotors(ROTORS[aircraft]), given.BOX_BIAS, given.ROTORS_HEIGHT)
+    return Outline(np.array([*WINGTIPS, *given.FUSELAGE, *given.THICKNESS]), given.GUESS_BIAS)
 
 
 def _rotors(count: int) -> Array:
@@ -95,7 +84,7 @@ def _rotors(count: int) -> Array:
     part of each rim, and canopy and feet."""
     rotors = math.tau * (np.arange(count) + 0.5)[:, None] / count
     rims = rotors + math.pi / count * np.linspace(-1.0, 1.0, 2 + RIM // count)
-    radius = ROTOR * math.sin(math.pi / count)  # of a rotor, on a circle of radius 1
+    radius = given.ROTOR * math.sin(math.pi / count)  # of a rotor, on a circle of radius 1
     x, y = (f(rotors) + radius * f(rims) for f in (np.cos, np.sin))
     ring = np.stack([x, y], axis=2).reshape(-1, 2) / np.ptp(y)
-    return np.vstack([np.column_stack([ring, np.full(len(ring), ROTORS_AT)]), ROTORS_HIGH])
+    return np.vstack([np.column_stack([ring, np.full(len(ring), given.ROTORS_AT)]), given.ROTORS_HIGH])

@@ -12,7 +12,8 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.kit.frame import Frame
 from onboard.estimators.kit.peer_position import MIN_MOVING_SPEED_M_S, ReportedPosition, of_adsb, of_peer
-from onboard.estimators.leader.assumptions import DELAY_TIME, PRESSURE_BIAS, UNSURE, LeaderModel
+from onboard.estimators.leader import assumptions as given
+from onboard.estimators.leader.assumptions import LeaderModel
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses.auxiliary import (
     DELAY,
@@ -28,9 +29,6 @@ from onboard.ownship import Ownship
 from onboard.units import NS_PER_S
 
 COUNTED: Final = "broadcast_"  # before the verdicts in the health
-OWN_POSITION_TIMEOUT_S: Final = 3.0
-OLDEST_NS: Final = 1_500_000_000  # an older report is stale: what we and the camera did then is forgotten soon
-WITHOUT_SPEED: Final = 300.0  # m/s: noise of a velocity that is not reported
 
 Broadcasts = AdsbVehicle | PeerPosition | FollowTarget
 
@@ -53,7 +51,7 @@ class Broadcast:
 
     def clear(self) -> None:
         """Forget all but the counts: the time base or our own motion is another."""
-        self._frame = Frame(OWN_POSITION_TIMEOUT_S)
+        self._frame = Frame(given.OWN_POSITION_TIMEOUT_S)
         self._newest: tuple[int, Any] | None = None  # time and place of the newest report
 
     def receive(self, message: Message, ownship: Ownship) -> None:
@@ -90,7 +88,7 @@ class Broadcast:
         t_ns = m.t_ns - round(age * NS_PER_S)
         newest_ns, place = self._newest or (0, None)
         is_repeated = place == reported.place and math.hypot(*reported.v) > MIN_MOVING_SPEED_M_S
-        if t_ns <= newest_ns or is_repeated or ownship.now_ns - t_ns > OLDEST_NS:
+        if t_ns <= newest_ns or is_repeated or ownship.now_ns - t_ns > given.MAX_REPORT_AGE_NS:
             return Verdict.STALE
         own = self._frame.own_motion(t_ns, ownship) if self._frame.known else None
         if own is None:
@@ -108,8 +106,8 @@ class Broadcast:
         c = self._config
         white = np.full(3, c.position_sigma_m)
         white = np.maximum(white, np.where(np.isfinite(known), known, 0.0))
-        level = c.velocity_sigma_m_s if reported.has_level else WITHOUT_SPEED
-        climb = c.velocity_sigma_m_s if reported.has_climb else WITHOUT_SPEED
+        level = c.velocity_sigma_m_s if reported.has_level else given.UNKNOWN_VELOCITY_SIGMA
+        climb = c.velocity_sigma_m_s if reported.has_climb else given.UNKNOWN_VELOCITY_SIGMA
         v = turn @ np.array(reported.v)
         R = np.zeros((6, 6))
         R[:3, :3] = (turn * white**2) @ turn.T + c.latency_sigma_s**2 * np.outer(v, v)
@@ -120,12 +118,15 @@ class Broadcast:
 def biases_of(config: Config) -> tuple[Bias, ...]:
     """What lasts of a report's error: of its position and its delay, and of our own velocity and yaw."""
     b = config.broadcast
-    height = PRESSURE_BIAS if b.icao else b.bias_m
+    height = given.PRESSURE_BIAS if b.icao else b.bias_m
     position = np.hypot([b.bias_m, b.bias_m, height], config.own_position_sigma_m).tolist()
-    velocity, its_time = UNSURE * config.own_velocity_sigma_m_s, LeaderModel._field_defaults["own_velocity_time"]
+    velocity, its_time = (
+        given.UNSURE * config.own_velocity_sigma_m_s,
+        LeaderModel._field_defaults["own_velocity_time"],
+    )
     return (
         *(Bias(name, sigma, b.bias_time_s) for name, sigma in zip(REPORT_POSITION, position, strict=True)),
         *(Bias(name, velocity, its_time) for name in OWN_VELOCITY),
-        Bias(TURN, UNSURE * math.radians(config.own_yaw_sigma_deg), config.own_attitude_time_s),
-        Bias(DELAY, b.latency_sigma_s, DELAY_TIME),
+        Bias(TURN, given.UNSURE * math.radians(config.own_yaw_sigma_deg), config.own_attitude_time_s),
+        Bias(DELAY, b.latency_sigma_s, given.DELAY_TIME),
     )

@@ -6,7 +6,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.assumptions import DRIFT, Size
+from onboard.estimators.leader import assumptions as given
+from onboard.estimators.leader.assumptions import Size
 from onboard.filters.belief import Belief
 from onboard.filters.discretisation import singer
 from onboard.geometry.carried import carried, turn_rate, turning
@@ -17,11 +18,7 @@ from onboard.ownship import Ownship
 from onboard.units import S_PER_NS
 
 MOTION: Final = slice(0, 6)
-LONGEST_S: Final = 10.0  # later, the leader may be anywhere
 ACCELERATION: Final = np.array([1.0, 1.0, 0.5])  # m/s^2, 1 sigma by axis, beyond that of the turn, unseen
-LASTS_S: Final = 3.0  # s, correlation time of that acceleration
-SURELY: Final = 2.0  # standard deviations
-HOVERS: Final = 1.0  # m/s: a slower leader has no course to turn from
 
 
 class Prior(NamedTuple):
@@ -38,18 +35,21 @@ class Prior(NamedTuple):
     def flew(self) -> bool:
         """Whether it surely did not hover."""
         v = self.v_L_n[:2]
-        return float(v @ np.linalg.solve(self.P[3:5, 3:5], v)) > SURELY**2 and math.hypot(*v) > HOVERS
+        return (
+            float(v @ np.linalg.solve(self.P[3:5, 3:5], v)) > given.FLIGHT_SPEED_SIGMAS**2
+            and math.hypot(*v) > given.MAX_HOVER_SPEED
+        )
 
     def relative(self, t_ns: int, ownship: Ownship) -> Belief | None:
         """The leader at a later time: position relative to us and velocity, (6,) and (6, 6), in n. None where our
         own position is not known, or too long after it."""
         pose, dt = ownship.pose_at(t_ns), (t_ns - self.t_ns) * S_PER_NS
-        if pose is None or not 0.0 <= dt <= LONGEST_S or not np.isfinite(pose.r_OF_n).all():
+        if pose is None or not 0.0 <= dt <= given.MAX_PRIOR_AGE_S or not np.isfinite(pose.r_OF_n).all():
             return None
         rate = turn_rate(self.v_L_n, self.a_L_n)
         r, v = carried(self.r_OL_n, self.v_L_n, rate, dt)
         P = spread(self.P, rate, dt)
-        P[POSITION, POSITION] += (DRIFT * dt) ** 2 * np.eye(3)
+        P[POSITION, POSITION] += (given.DRIFT * dt) ** 2 * np.eye(3)
         return Belief(np.concatenate([r - pose.r_OF_n, v]), P)
 
 
@@ -58,7 +58,7 @@ def spread(P: Array, rate: float, dt: float) -> Array:
     Singer (1970)."""
     F = np.eye(6)
     F[:3, 3:], F[3:, 3:] = turning(rate, dt)
-    unseen = singer(dt, LASTS_S, ACCELERATION**2)
+    unseen = singer(dt, given.UNSEEN_ACCELERATION_TIME_S, ACCELERATION**2)
     G = unseen.F[:6, 6:]
     spread_out: Array = F @ P @ F.T + (G * ACCELERATION**2) @ G.T + unseen.Q[:6, :6]
     return spread_out

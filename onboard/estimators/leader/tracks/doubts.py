@@ -15,7 +15,7 @@ disc or without. Images of one extent then fit the track and those of the other 
 image shows which of the two the configured size is of, so while both come the range is not known.
 
 **Another way to fly**. Where the images fit none of the hypotheses (`hypotheses.update`), what all of them have in
-common is wrong, and their weights say nothing: `hypotheses.belief.SURPRISED`.
+common is wrong, and their weights say nothing: `assumptions.SURPRISE_LIMIT`.
 
 **Another side**. A leader that was seen is in front of the camera that saw it, and soon after it
 is not far from there: a place mirrored through us has the right range, and no range shows the difference.
@@ -27,33 +27,27 @@ from typing import Final, Generic, NamedTuple, TypeVar
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.estimators.leader import assumptions as given
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter
 from onboard.estimators.leader.image.detector import NoiseScale
-from onboard.estimators.leader.image.prepare import AGREE_RATIO, Image
+from onboard.estimators.leader.image.prepare import Image
 from onboard.filters.belief import Belief
 from onboard.messages.causes import Cause, Reason
 from onboard.models.relative_motion import POSITION
 from onboard.units import NS_PER_S
 
-LONGEST_S: Final = 0.3  # between two images: over longer gaps an aircraft may have moved anywhere
-LEAP: Final = math.radians(2.0)  # a direction that changes by more ...
-SWIFTEST: Final = math.radians(60.0)  # ... and faster than this, 1/s, leaps; as 10 m/s across at 10 m
-SWIFTLY: Final = math.radians(10.0)  # 1/s, over seconds: as 3.5 m/s across at 20 m
-# an apparent size that changes by more than AGREE_RATIO leaps, too
-NOISE_SIGMAS: Final = 4.0  # of both sizes' noise, where that is larger
-OFTEN: Final = 0.75  # of the images of the believed class: another class that is as frequent leaves it open
+# an apparent size that changes by more than MAX_SPAN_RATIO leaps, too
 LEAPT: Final = Reason(Cause.LEAPT, "the images leapt: another object may have taken its place")
-SELDOM: Final = 0.1  # of the images of one extent: another that is as frequent leaves it open
 EXTENT_OPEN: Final = Reason(
     Cause.EXTENT_OPEN, "its size in the images leaps back and forth: the detector bounds now more, now less of it"
 )
 ELSEWHERE: Final = "the detector shows now this aircraft, now another: let it send all that are in an image"
 K = TypeVar("K")
 UNEXPECTED: Final = Reason(Cause.UNEXPECTED, "it moves as no hypothesis expects: the range is not known")
-FARTHEST: Final = math.radians(30.0)  # from the last sight: no place farther off is believed
 ASTRAY: Final = Reason(
-    Cause.ASTRAY, f"it would be more than {math.degrees(FARTHEST):.0f} degrees from where it was last seen"
+    Cause.ASTRAY,
+    f"it would be more than {math.degrees(given.MAX_SIGHT_ANGLE):.0f} degrees from where it was last seen",
 )
 
 
@@ -88,7 +82,7 @@ class Classes(Generic[K]):
             return None
         others = {k: w for k, w in self._weights.items() if k not in (None, self.kind)}
         most = max(others, key=others.__getitem__, default=None)
-        if most is None or others[most] < OFTEN * self._weights[self.kind]:
+        if most is None or others[most] < given.CLASS_AMBIGUITY_RATIO * self._weights[self.kind]:
             return None
         words = f"the detector takes it now for {self._names[self.kind]}, now for {self._names[most]}"
         return Reason(Cause.CLASS_OPEN, words)
@@ -97,15 +91,16 @@ class Classes(Generic[K]):
 def leaps(before: Image, after: Image) -> bool:
     """Whether no aircraft can look so shortly after it looked like that."""
     dt = _between(before, after)
-    if not 0.0 < dt < LONGEST_S:
+    if not 0.0 < dt < given.MAX_IMAGE_GAP_S:
         return False
-    return _angle(before, after) > LEAP + SWIFTEST * dt or leaps_in_size(before, after)
+    has_jumped = _angle(before, after) > given.MIN_BEARING_JUMP + given.MAX_BEARING_RATE * dt
+    return has_jumped or leaps_in_size(before, after)
 
 
 def cameras_apart(last: Image, image: Image) -> Reason | None:
     """Why images that do not agree start no track, where they are of two cameras; None where they are of one."""
     names = last.message.camera, image.message.camera
-    if names[0] == names[1] or abs(_between(last, image)) > LONGEST_S:
+    if names[0] == names[1] or abs(_between(last, image)) > given.MAX_IMAGE_GAP_S:
         return None
     degrees, ratio = math.degrees(_angle(last, image)), image.measurement.span / last.measurement.span
     words = f"cameras {' and '.join(sorted(names))} show it {degrees:.0f} degrees apart"
@@ -115,11 +110,12 @@ def cameras_apart(last: Image, image: Image) -> Reason | None:
 def leaps_in_size(before: Image, after: Image) -> bool:
     """Whether no aircraft changes its apparent size so much so shortly."""
     both = before.has_extent and after.has_extent
-    return both and 0.0 < _between(before, after) < LONGEST_S and not _is_as_big(before, after)
+    return both and 0.0 < _between(before, after) < given.MAX_IMAGE_GAP_S and not _is_as_big(before, after)
 
 
 def _is_there(before: Image, after: Image) -> bool:
-    return _angle(before, after) < LEAP + SWIFTLY * abs(_between(before, after))
+    moved = given.MAX_SUSTAINED_BEARING_RATE * abs(_between(before, after))
+    return _angle(before, after) < given.MIN_BEARING_JUMP + moved
 
 
 def _between(before: Image, after: Image) -> float:
@@ -134,8 +130,8 @@ def _is_as_big(a: Image, b: Image) -> bool:
     a_, b_ = a.measurement, b.measurement
     if a_.has_wing != b_.has_wing:  # a wing and a box cannot be compared
         return True
-    noise = NOISE_SIGMAS * math.hypot(a_.span_sigma / a_.span, b_.span_sigma / b_.span)
-    return abs(math.log(a_.span / b_.span)) < max(math.log(AGREE_RATIO), noise)
+    noise = given.SIZE_JUMP_SIGMAS * math.hypot(a_.span_sigma / a_.span, b_.span_sigma / b_.span)
+    return abs(math.log(a_.span / b_.span)) < max(math.log(given.MAX_SPAN_RATIO), noise)
 
 
 class LineOfSight(NamedTuple):
@@ -147,7 +143,7 @@ class LineOfSight(NamedTuple):
     def shows(self, r_FL_n: Array) -> bool:
         """Whether a place (3,) m is near this line of sight, and on the right side of us."""
         r = r_FL_n - self.r_FC_n
-        return bool(self.direction_n @ r > math.cos(FARTHEST) * math.sqrt(r @ r))
+        return bool(self.direction_n @ r > math.cos(given.MAX_SIGHT_ANGLE) * math.sqrt(r @ r))
 
 
 class Seen(NamedTuple):
@@ -162,12 +158,12 @@ class Seen(NamedTuple):
     @property
     def is_open(self) -> bool:
         """Whether the images of another size are too many for outliers."""
-        return self.resized > max(2.0, SELDOM * self.expected)
+        return self.resized > max(2.0, given.EXTENT_AMBIGUITY_RATIO * self.expected)
 
     @property
     def finding(self) -> str:
         """What there is to report of images elsewhere, "" if they are as few as outliers."""
-        return ELSEWHERE if self.elsewhere > max(2.0, 2.0 * SELDOM * self.expected) else ""
+        return ELSEWHERE if self.elsewhere > max(2.0, 2.0 * given.EXTENT_AMBIGUITY_RATIO * self.expected) else ""
 
     def after(self, t_ns: int, memory_s: float) -> "Seen":
         """At a later time, before its image counts."""
@@ -212,7 +208,7 @@ class Checks:
         """A track did not take an image."""
         self._gated = self._gated or image
         last = self._last
-        if last is None or not 0.0 < _between(last, image) < LONGEST_S:
+        if last is None or not 0.0 < _between(last, image) < given.MAX_IMAGE_GAP_S:
             return
         seen, is_there = self._seen_before(image), _is_there(last, image)
         resized = seen.resized + (is_there and leaps_in_size(last, image))

@@ -6,11 +6,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from onboard.estimators.kit.history import History
+from onboard.estimators.leader.assumptions import NOISE_RATIO_LIMIT
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter, ImageComparison, Prediction
 from onboard.estimators.leader.hypotheses.wind import Wind
 from onboard.estimators.leader.image.camera_pose import CameraPoses
-from onboard.estimators.leader.image.detector import TOO_LARGE, NoiseScale, Shown
+from onboard.estimators.leader.image.detector import NoiseScale, Shown
 from onboard.estimators.leader.image.prepare import Image, measure, newest_pose
 from onboard.estimators.leader.tracks.doubts import LineOfSight
 from onboard.filters.belief import FilterError, Update
@@ -125,7 +126,7 @@ def fuse(
     if not update.passes:
         return state._replace(noise=noise), update
     leader = update.belief
-    if taken.has_extent and noise.scale > math.sqrt(TOO_LARGE) * max(supposed, 1.0):
+    if taken.has_extent and noise.scale > math.sqrt(NOISE_RATIO_LIMIT) * max(supposed, 1.0):
         # Begun anew from this image, but for its headings: hypotheses that died of a noise that was supposed too
         # small do not come back by a larger one. By the larger one, the images before surprise the less.
         again = measure(filter_.shape, taken.points.noisier(noise.scale)).with_attitude_noise(pose.noise_c)

@@ -16,6 +16,7 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.estimators.leader import assumptions as given
 from onboard.estimators.leader.image.camera_pose import CameraPoses
 from onboard.estimators.leader.image.prepare import Image
 from onboard.geometry.camera import Axis, Camera
@@ -29,13 +30,6 @@ WORDS: Final[Mapping[MountFrame, str]] = {
     "earth": "north and the horizon",
     "heading": "our heading and the horizon",
 }
-APART_S: Final = 0.5  # between the images whose directions are compared
-LONGEST_S: Final = 0.3  # between two images in a row
-ACCELERATION: Final = 1.0  # m/s^2, one standard deviation, of a leader that is not known to accelerate
-NOISE: Final = 0.005  # rad, of the change of a direction rate over `APART_S`, by the images and the gimbal
-MARGIN: Final = 0.5  # of log-likelihood an image: meanings that fit about equally well decide nothing
-MOST: Final = 4.0  # of log-likelihood that one image may add
-ENOUGH: Final = 150.0  # of log-likelihood: two seconds of images at least
 
 
 class Meaning(NamedTuple):
@@ -85,17 +79,19 @@ class GimbalFrames:
         if mount is None or now is None:
             return
         self._used, self._signs = mount.frame, set[str](camera.gimbal_reversed)
-        before = [s for s in self._sights if now.t_ns - s.t_ns >= APART_S * NS_PER_S]
+        before = [s for s in self._sights if now.t_ns - s.t_ns >= given.GIMBAL_INTERVAL_S * NS_PER_S]
         self._sights.append(now)
-        if len(before) < 2 or now.t_ns - before[0].t_ns < 1.8 * APART_S * NS_PER_S:
+        if len(before) < 2 or now.t_ns - before[0].t_ns < 1.8 * given.GIMBAL_INTERVAL_S * NS_PER_S:
             return
-        while now.t_ns - self._sights[0].t_ns > 2.0 * APART_S * NS_PER_S:
+        while now.t_ns - self._sights[0].t_ns > 2.0 * given.GIMBAL_INTERVAL_S * NS_PER_S:
             self._sights.popleft()
         misfits = misfit(before[0], before[-1], now, range_)
-        gains = np.clip(misfits[MEANINGS.index(Meaning(self._used))] - misfits, -MOST, MOST) - MARGIN
-        self._gains = np.clip(self._gains + gains, 0.0, 2.0 * ENOUGH)
-        self._lately += MOST / ENOUGH * (np.minimum(misfits, ENOUGH) - self._lately)
-        enough = self._gains >= ENOUGH
+        better = misfits[MEANINGS.index(Meaning(self._used))] - misfits
+        gains = np.clip(better, -given.MAX_GIMBAL_GAIN, given.MAX_GIMBAL_GAIN) - given.GIMBAL_MARGIN
+        self._gains = np.clip(self._gains + gains, 0.0, 2.0 * given.GIMBAL_LOG_LIKELIHOOD)
+        limit = given.GIMBAL_LOG_LIKELIHOOD
+        self._lately += given.MAX_GIMBAL_GAIN / limit * (np.minimum(misfits, limit) - self._lately)
+        enough = self._gains >= limit
         if enough.any():
             self._found = MEANINGS[int(np.argmin(np.where(enough, self._lately, np.inf)))]
         elif not self._gains.any():
@@ -110,7 +106,7 @@ class GimbalFrames:
             if t_ns <= last.t_ns:
                 return None
             steps = ownship.steps(last.t_ns, t_ns)
-            if not steps or t_ns - last.t_ns > LONGEST_S * NS_PER_S:
+            if not steps or t_ns - last.t_ns > given.MAX_IMAGE_GAP_S * NS_PER_S:
                 self._sights.clear()
             else:
                 moved = last.moved + sum(s.dt * s.v0 + 0.5 * s.dt**2 * s.a for s in steps)
@@ -147,7 +143,7 @@ def misfit(first: Sighting, middle: Sighting, last: Sighting, range_: float) -> 
     places = [sight.moved + range_ * sight.directions for sight in (first, middle, last)]
     bend = 0.5 * (a + b) * ((places[2] - places[1]) / b - (places[1] - places[0]) / a)  # acceleration times dt^2
     across = bend - np.sum(bend * middle.directions, axis=1, keepdims=True) * middle.directions
-    variance = (0.25 * ACCELERATION * (a + b) ** 2) ** 2 + (NOISE * range_) ** 2
+    variance = (0.25 * given.STEADY_ACCELERATION * (a + b) ** 2) ** 2 + (given.GIMBAL_RATE_NOISE * range_) ** 2
     return np.asarray(0.5 * np.sum(across**2, axis=1) / variance)
 
 

@@ -13,6 +13,7 @@ from collections.abc import Iterable
 from typing import Final, NamedTuple
 
 from onboard.estimators.kit.life_cycle import by_age
+from onboard.estimators.leader import assumptions as given
 from onboard.estimators.leader.config import Config
 from onboard.messages import Lifecycle
 from onboard.messages.causes import Cause, Reason
@@ -23,10 +24,6 @@ ELSEWHERE: Final = "its broadcast had led elsewhere"
 OUTSIDE: Final = ", and it should be outside the view"
 AGAIN: Final = "seen again: {} more images must agree"
 UNSEEN: Final = "no image has shown the wing, and so the range, for too long"
-AGAIN_NS: Final = NS_PER_S  # after so long without images the leader is seen again: is it where it was believed?
-DISTRUSTED_NS: Final = 10 * NS_PER_S  # for so long a broadcast that was wrong is not used
-CONTRADICTED: Final = 4  # reports in a row that contradict what is carried: it is not believed
-KEPT_NS: Final = 30 * NS_PER_S  # without a report: nothing that was known of the place is of use
 
 
 class Facts(NamedTuple):
@@ -124,28 +121,29 @@ class LifeCycle:
             self._reported_ns, self._reports_gated = max(self._reported_ns or 0, t_ns), 0
             return
         self._reports_gated += 1
-        if self._reports_gated >= CONTRADICTED and self.is_coasting(t_ns):
-            self.contradictions += self._reports_gated == CONTRADICTED
+        if self._reports_gated >= given.MAX_CONTRADICTING_REPORTS and self.is_coasting(t_ns):
+            self.contradictions += self._reports_gated == given.MAX_CONTRADICTING_REPORTS
             self._elsewhere_ns = t_ns
 
     def led_elsewhere(self, t_ns: int) -> None:
         """Images contradict the track. If reports had carried it, these are not believed for a while."""
         if self._reported_ns is None or self.was_led_elsewhere(t_ns):
             return
-        if self._reported_ns > (self.last_fused_ns or 0) + AGAIN_NS:
+        if self._reported_ns > (self.last_fused_ns or 0) + given.REACQUISITION_GAP_NS:
             self.contradictions, self._elsewhere_ns = self.contradictions + 1, t_ns
 
     def was_led_elsewhere(self, t_ns: int) -> bool:
         """Whether, lately, the leader was not where its reports had led. A clock may have begun anew since."""
-        return self._elsewhere_ns is not None and abs(t_ns - self._elsewhere_ns) < DISTRUSTED_NS
+        return self._elsewhere_ns is not None and abs(t_ns - self._elsewhere_ns) < given.BROADCAST_DISTRUST_NS
 
     def is_carried(self, t_ns: int) -> bool:
         """Whether the leader's own reports say where it is, nobody else could have sent them, and no image
         contradicts them just now."""
-        is_contradicted = self._gated_since_ns is not None and t_ns - self._gated_ns < AGAIN_NS
+        is_contradicted = self._gated_since_ns is not None and t_ns - self._gated_ns < given.REACQUISITION_GAP_NS
         if self._reported_ns is None or not self._config.broadcast.trusted or is_contradicted:
             return False
-        return self._reports_gated < CONTRADICTED and t_ns - self._reported_ns <= self._carried_for_s * NS_PER_S
+        is_recent = t_ns - self._reported_ns <= self._carried_for_s * NS_PER_S
+        return is_recent and self._reports_gated < given.MAX_CONTRADICTING_REPORTS
 
     def forgotten(self, why: Reason, *, had_track: bool) -> None:
         """The track, if there was one, has ended."""
@@ -179,7 +177,7 @@ class LifeCycle:
 
     def is_over(self, t_ns: int) -> bool:
         """Whether the last fused image, and the last report, are so old that the track must be forgotten."""
-        is_reported = self._reported_ns is not None and t_ns - self._reported_ns < KEPT_NS
+        is_reported = self._reported_ns is not None and t_ns - self._reported_ns < given.REPORTED_TRACK_TIMEOUT_NS
         return self.age(t_ns) > self._config.reset_timeout_s and not is_reported
 
     def state(self, t_ns: int, facts: Facts) -> tuple[Lifecycle, Reason]:

@@ -13,6 +13,7 @@ from functools import partial
 from typing import Any, Final
 
 from onboard.estimators.kit.history import History
+from onboard.estimators.leader import assumptions as given
 from onboard.estimators.leader.assumptions import Size
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary, Report
@@ -45,16 +46,12 @@ from onboard.ownship import Ownship
 from onboard.units import NS_PER_S
 
 NOISE: Final = NoiseScale()  # before anything is learnt
-KNOWN: Final = 0.1  # rad, of the direction: a range says nothing of a leader whose direction is known less well
-REPORTS_LATE_S: Final = 0.5  # beyond their latency
 NO_IMAGE: Final = Reason(Cause.NO_MEASUREMENT, "no image yet")
 FULL: Final = Reason(Cause.FULL, "as many targets are followed as may be")
 FORGOTTEN: Final = Reason(Cause.FORGOTTEN, "no image for longer than the reset timeout")
 FUSED: Final = (Verdict.FUSED, Verdict.FUSED_LATE)
 ALL_GATED: Final = Reason(Cause.ALL_GATED, "every image was gated")
 HANGS: Final = Reason(Cause.STALE, "the camera hangs: its image stays although we turn")
-NO_IMAGE_FITS: Final = 2.0  # the surprise (`hypotheses.update`) when a track ends as all images are gated
-TOO_WIDE: Final = 0.2  # of the range: a position less certain is not corrected, the track starts anew
 
 
 class Track:
@@ -188,7 +185,7 @@ class Track:
                 return Verdict.GATED
             if not taken.trusted and self.life.is_coasting(taken.t_ns):
                 return Verdict.UNASSOCIATED
-        elif self._filter.is_too_wide(history.belief_at(taken.t_ns, ownship)[1].leader, KNOWN):
+        elif self._filter.is_too_wide(history.belief_at(taken.t_ns, ownship)[1].leader, given.MAX_RANGED_SIGMA):
             return Verdict.UNASSOCIATED  # a tangent of the sphere says nothing of a leader far from it
         used: bool = history.insert(taken.t_ns, taken, ownship)
         self._settle(history, ownship, inserted=True)
@@ -274,7 +271,7 @@ class Track:
             return record._replace(verdict=Verdict.TOO_OLD)
         if self.life.is_coasting(t_ns):  # until its position is too uncertain to be corrected?
             coasted = history.belief_at(t_ns, ownship)[1].leader
-            if self._filter.is_too_wide(coasted, TOO_WIDE):
+            if self._filter.is_too_wide(coasted, given.MAX_CORRECTED_DIRECTION_SIGMA):
                 return record._replace(before=history)
         known = None
         if record.state is not None:
@@ -304,7 +301,7 @@ class Track:
             self.life.led_elsewhere(t_ns)
             leapt = self._checks.ended(image)
             self._forget(why)
-            self._surprise = 1.0 if leapt else NO_IMAGE_FITS  # another object is no surprise
+            self._surprise = 1.0 if leapt else given.SURPRISE_AFTER_LOSS  # another object is no surprise
             self._start(image, ownship, None)
         elif verdict is Verdict.GATED:
             self._checks.gated(image)
@@ -344,7 +341,7 @@ class Track:
     def _horizon_ns(self) -> int:
         """How far back measurements are fused: reports arrive late."""
         b = self._config.broadcast
-        late = b.latency_s + REPORTS_LATE_S if b.is_used else 0.0
+        late = b.latency_s + given.REPORT_DELAY_MARGIN_S if b.is_used else 0.0
         return round(max(self._config.rewind_horizon_s, late) * NS_PER_S)
 
     def _informed(self, started: Any, known: Prior, prior: Belief | None) -> Any:

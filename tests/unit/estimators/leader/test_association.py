@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from onboard.estimators.leader.association import ABOUT, AN_ID, associate, exchanged
+from onboard.estimators.leader.association import associate, exchanged
+from onboard.estimators.leader.assumptions import AMBIGUOUS_COST, ID_COST
 from onboard.messages import Estimate, Message, TargetPoints, Verdict
 from tests.support.streams import Run, S, Stream, advance, position_error
 
@@ -25,14 +26,14 @@ def test_a_track_takes_no_detection_that_hardly_fits_to_leave_another_one_its_ow
     assert associate(costs).decided == {0: 0}
 
 
-@pytest.mark.parametrize(("more", "is_open"), [(0.5 * ABOUT, True), (1.5 * ABOUT, False)])
+@pytest.mark.parametrize(("more", "is_open"), [(0.5 * AMBIGUOUS_COST, True), (1.5 * AMBIGUOUS_COST, False)])
 def test_two_that_may_as_well_be_exchanged_are_open(more: float, is_open: bool) -> None:
     costs = {(0, 0): 1.0, (1, 1): 1.0, (0, 1): 1.0 + 0.5 * more, (1, 0): 1.0 + 0.5 * more}
     found = associate(costs)
     assert (sorted(found.open), sorted(found.decided)) == (([0, 1], []) if is_open else ([], [0, 1]))
 
 
-@pytest.mark.parametrize(("more", "is_open"), [(0.5 * ABOUT, True), (1.5 * ABOUT, False)])
+@pytest.mark.parametrize(("more", "is_open"), [(0.5 * AMBIGUOUS_COST, True), (1.5 * AMBIGUOUS_COST, False)])
 def test_one_that_may_be_of_either_of_two_is_open(more: float, is_open: bool) -> None:
     assert bool(associate({(0, 0): 1.0, (1, 0): 1.0 + more}).open) is is_open
 
@@ -45,7 +46,7 @@ def test_nothing_is_associated_with_nothing() -> None:
     assert associate({}) == ({}, {})
 
 
-@pytest.mark.parametrize(("misfit", "is_exchanged"), [(0.9 * AN_ID, False), (1.1 * AN_ID, True)])
+@pytest.mark.parametrize(("misfit", "is_exchanged"), [(0.9 * ID_COST, False), (1.1 * ID_COST, True)])
 def test_ids_are_believed_unless_the_others_are_far_likelier(misfit: float, is_exchanged: bool) -> None:
     costs = {(3, 3): misfit, (5, 5): misfit, (3, 5): 0.0, (5, 3): 0.0}
     assert exchanged(costs) == ({3: 5, 5: 3} if is_exchanged else {})

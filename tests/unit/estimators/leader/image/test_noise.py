@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from onboard.estimators.leader.image.detector import LEAST, MOST, WINDOW, NoiseScale, Shown
+from onboard.estimators.leader.assumptions import MAX_NOISE_SCALE, MIN_NOISE_SCALE, NOISE_WINDOW
+from onboard.estimators.leader.image.detector import NoiseScale, Shown
 from onboard.messages import TargetPoints
 from tests.support.streams import FOCAL_LENGTH_PX, Item, S, Stream, advance, encode, feed, position_error
 
@@ -15,7 +16,7 @@ from tests.support.streams import FOCAL_LENGTH_PX, Item, S, Stream, advance, enc
 def learnt_from(noise: float, windows: int, seed: int = 1) -> NoiseScale:
     """After images that are so many times as noisy as configured."""
     rng, learnt = np.random.default_rng(seed), NoiseScale()
-    for _ in range(windows * WINDOW):
+    for _ in range(windows * NOISE_WINDOW):
         learnt = learnt.after(noise * rng.normal(size=4), learnt.scale**2 * np.eye(4), learnt.scale**2)
     return learnt
 
@@ -36,7 +37,9 @@ def test_noise_as_configured_changes_nothing_with_seeds_1_to_8(seed: int) -> Non
 
 
 @pytest.mark.parametrize("seed", range(1, 5))
-@pytest.mark.parametrize(("noise", "least", "most"), [(0.1, LEAST, LEAST), (0.4, 0.38, 0.6), (0.6, 0.55, 0.9)])
+@pytest.mark.parametrize(
+    ("noise", "least", "most"), [(0.1, MIN_NOISE_SCALE, MIN_NOISE_SCALE), (0.4, 0.38, 0.6), (0.6, 0.55, 0.9)]
+)
 def test_less_noise_is_learnt_slowly_and_never_less_than_there_is_with_seeds_1_to_4(
     noise: float, least: float, most: float, seed: int
 ) -> None:
@@ -50,14 +53,14 @@ def follow(seed: int, noise: float, *, off: float = 0.0, cameras: tuple[str, ...
     """The mean scale by images at 10 Hz, of a belief that follows them. Each is off by `off` in turns, a second to
     one side and a second to the other, or as long as its camera is another one than the one before."""
     rng, learnt, x, P, scales = np.random.default_rng(seed), NoiseScale(), np.zeros(2), 1.0, []
-    for k in range(20 * WINDOW):
+    for k in range(20 * NOISE_WINDOW):
         camera, R, P = cameras[k % len(cameras)], learnt.scale**2, P + 0.02
         side = (-1.0) ** (k if len(cameras) > 1 else k // 10)
         e = noise * rng.normal(size=2) + side * off - x
         learnt = learnt.after(e, (P + R) * np.eye(2), shown=Shown(k * S // 10, camera, R))
         x, P = x + P / (P + R) * e, P * R / (P + R)
         scales.append(learnt.scale)
-    return float(np.mean(scales[5 * WINDOW :]))
+    return float(np.mean(scales[5 * NOISE_WINDOW :]))
 
 
 @pytest.mark.parametrize("noise", [0.7, 1.0, 1.2, 1.4, 1.8])
@@ -80,7 +83,7 @@ def test_cameras_that_see_the_leader_in_two_places_are_not_noisy_seeds_1_to_4() 
 def test_a_prediction_that_was_better_than_expected_is_no_exact_detector(spread: float, noise: float) -> None:
     """Innovations as small as the noise that is configured, or of a noise that is not known."""
     rng, learnt = np.random.default_rng(5), NoiseScale()
-    for _ in range(20 * WINDOW):
+    for _ in range(20 * NOISE_WINDOW):
         learnt = learnt.after(rng.normal(size=2), spread * np.eye(2), noise)
     assert learnt.scale == 1.0
 
@@ -101,7 +104,7 @@ def test_one_image_that_does_not_fit_ends_a_smaller_scale_and_so_does_a_new_trac
 def test_a_window_that_does_not_fit_ends_a_smaller_scale() -> None:
     learnt = learnt_from(0.4, 20)
     rng = np.random.default_rng(6)
-    for _ in range(WINDOW):
+    for _ in range(NOISE_WINDOW):
         e = 2.0 * learnt.scale * rng.uniform(0.5, 1.4, size=2)
         learnt = learnt.after(e, learnt.scale**2 * np.eye(2), learnt.scale**2)
     assert learnt.scale > 1.0
@@ -109,25 +112,25 @@ def test_a_window_that_does_not_fit_ends_a_smaller_scale() -> None:
 
 def test_outliers_and_a_short_manoeuvre_change_nothing() -> None:
     learnt = NoiseScale()
-    for k in range(20 * WINDOW):
+    for k in range(20 * NOISE_WINDOW):
         learnt = learnt.after(np.full(2, 30.0 if k % 4 == 0 or 300 < k < 310 else 0.8), np.eye(2))
     assert learnt.scale == 1.0
 
 
 def test_outliers_far_off_are_no_noise_however_many() -> None:
     learnt = NoiseScale()
-    for k in range(20 * WINDOW):
+    for k in range(20 * NOISE_WINDOW):
         learnt = learnt.after(np.full(2, 0.8 if k % 15 == 0 else 200.0), np.eye(2))
     assert learnt.scale == 1.0
 
 
 def test_what_no_noise_explains_ends_valid_until_it_fits_again() -> None:
     learnt = learnt_from(14.0, 5)
-    assert learnt.scale == MOST
+    assert learnt.scale == MAX_NOISE_SCALE
     assert learnt.contradiction is not None
     assert learnt.contradiction.words.startswith("the images do not fit: NIS ")
-    for _ in range(2 * WINDOW):
-        learnt = learnt.after(np.ones(2), MOST**2 * np.eye(2))
+    for _ in range(2 * NOISE_WINDOW):
+        learnt = learnt.after(np.ones(2), MAX_NOISE_SCALE**2 * np.eye(2))
     assert not learnt.contradiction
 
 
@@ -136,7 +139,7 @@ def test_the_scale_falls_again_and_a_new_track_keeps_it() -> None:
     learnt = learnt.restarted()
     assert learnt.scale > 3.0
     rng = np.random.default_rng(2)
-    for _ in range(20 * WINDOW):
+    for _ in range(20 * NOISE_WINDOW):
         learnt = learnt.after(rng.normal(size=2), learnt.scale**2 * np.eye(2))
     assert learnt.scale < 1.3
 
@@ -163,7 +166,7 @@ def test_the_reported_noise_is_that_of_a_flight_with_seed(noise: float, seed: in
 def test_images_of_short_tracks_count_together() -> None:
     rng, learnt = np.random.default_rng(8), NoiseScale()
     for _ in range(4):
-        for _ in range(WINDOW // 2):
+        for _ in range(NOISE_WINDOW // 2):
             learnt = learnt.after(3.0 * rng.normal(size=2), learnt.scale**2 * np.eye(2))
         learnt = learnt.restarted()
     assert learnt.scale > 2.0
