@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from onboard.messages import Datagram, Encoding, GimbalAttitude, MountAttitude, TargetPoints
 from onboard.wire.mavlink.records import CONVERT
 from tests.support.mavlink_frames import frame
-from tests.support.streams import CIRCLE, EPOCH, F_PX, MS, Item, S, Stream, encode, feed, make_config
+from tests.support.streams import CIRCLE, EPOCH, FOCAL_LENGTH_PX, MS, Item, S, Stream, encode, feed, make_config
 
 KINDS: Final = {kind.msgname: kind for kind in dialect.mavlink_map.values()}
 # Those that any component of our own vehicle may send
@@ -28,8 +28,8 @@ CONFIG: Final = make_config(
 def tracked(image: TargetPoints) -> bytes:
     """An image as CAMERA_TRACKING_IMAGE_STATUS of the camera on our own vehicle."""
     (u, v), half = image.center, 0.5 * math.dist(image.left, image.right)
-    sides = (320 + F_PX * (u - half)) / 640, (240 + F_PX * v - 4) / 480
-    sides += (320 + F_PX * (u + half)) / 640, (240 + F_PX * v + 4) / 480
+    sides = (320 + FOCAL_LENGTH_PX * (u - half)) / 640, (240 + FOCAL_LENGTH_PX * v - 4) / 480
+    sides += (320 + FOCAL_LENGTH_PX * (u + half)) / 640, (240 + FOCAL_LENGTH_PX * v + 4) / 480
     return frame(275, 126, struct.pack("<7f4B", *[math.nan] * 3, *sides, 1, 2, 4, 0), component=100)
 
 
