@@ -12,7 +12,7 @@ link may repeat messages late and in bulk: stamps of the recent past are a jump 
 them for a while. Only the autopilot's own stamps are judged: a camera's may lag.
 """
 
-from collections import Counter
+from collections import Counter, deque
 from enum import Enum
 from typing import Final, NamedTuple
 
@@ -31,6 +31,7 @@ from onboard.messages import (
     Message,
     PeerRanges,
     RadarScan,
+    SystemTime,
     TimeSync,
 )
 from onboard.messages.causes import Cause, Reason
@@ -54,6 +55,9 @@ RATE_REASON: Final = Reason(Cause.CLOCK_RATE, "the autopilot's clock runs at ano
 TIMESYNC_REASON: Final = Reason(
     Cause.DEGENERATE, "TIMESYNC: its clock is not that of the autopilot's stamps; the arrivals of these are used"
 )
+UNIX_SET_NS: Final = 1_420_070_400 * NS_PER_S  # 2015: before, the autopilot does not know the time
+PACE_NS: Final = 100 * NS_PER_S
+WANDER_NS: Final = 2 * NS_PER_S  # of a slow radio's lateness: 2 % of PACE_NS
 LATER_NS: Final = 5_000_000  # jitter by which a stamp may be later than its arrival
 
 
@@ -94,6 +98,7 @@ class Clocks:
         self._wall = WallClock()
         self._offset = Offset()
         self._followers = Followers()
+        self._unix: deque[tuple[int, int]] = deque()  # arrivals of SYSTEM_TIME, and its lateness by Unix time
         self.source = "none"
         self._newest_stamp: int | None = None
         self._last_arrival = 0
@@ -136,6 +141,8 @@ class Clocks:
         """The message on the boot clock, and all that follows from it. One whose time is not known is counted."""
         self._event, self._why = None, ""
         found = self._aligned(message, delay_ns)
+        if isinstance(found, SystemTime) and found.unix_ns > UNIX_SET_NS:
+            self._pace(found.t_recv_ns, found.t_recv_ns - found.unix_ns)
         return Aligned(found, self.offset_ns, None if found is None else self._event, self._why)
 
     def _aligned(self, message: Message, delay_ns: int) -> Message | None:
@@ -171,6 +178,14 @@ class Clocks:
         if t_ns == message.t_ns and message.clock is Clock.BOOT:
             return message
         return message.at(t_ns)
+
+    def _pace(self, t_recv_ns: int, late_ns: int) -> None:
+        """Notice whether Unix time passes for the autopilot as for this computer. Then so does its boot clock, and
+        arrivals that come ever later or earlier only show a slow link. In a simulator it does not."""
+        self._unix.append((t_recv_ns, late_ns))
+        while not 0 <= t_recv_ns - self._unix[0][0] <= PACE_NS:
+            self._unix.popleft()
+        self._offset.is_paced = abs(late_ns - self._unix[0][1]) < WANDER_NS
 
     def _offset_at(self, t_ns: int) -> int:
         return self._offset.at(t_ns) or 0

@@ -51,6 +51,7 @@ class Offset:
     def __init__(self) -> None:
         self.slope = 0.0
         self.doubt = False
+        self.is_paced = False  # by another clock it is known that both clocks run alike: arrivals only wander
         self.fastest: list[tuple[int, int]] = []  # (t_recv, host - boot), the lower envelope, the lowest first
         self.replies: list[Reply] = []
         self._best: Reply | None = None  # reply; None until needed
@@ -165,7 +166,9 @@ class Offset:
 
     def _fit(self, points: list[tuple[float, float]], source: str) -> None:
         """Fit a straight line to offsets, and follow its slope if it is certain."""
-        if len(points) < FEWEST_STAMPS:
+        if source == "arrival" and self.is_paced:
+            self._follow(0.0)
+        if len(points) < FEWEST_STAMPS or (source == "arrival" and self.is_paced):
             return
         n, (t0, o0) = len(points), points[0]
         x, y = [t - t0 for t, _ in points], [o - o0 for _, o in points]
