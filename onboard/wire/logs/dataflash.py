@@ -43,8 +43,10 @@ FIX_3D: Final = 3
 GPS_EPOCH_S: Final = 315_964_800  # 6 January 1980, Unix time
 STDERR: Final = 2
 S_PER_DAY: Final = 86_400
-# By how much GPS time is ahead of UTC, s, since a day of GPS time: 2017, 2015, 2012, 2009, and before.
-LEAP_S: Final = ((13510, 18), (12960, 17), (11865, 16), (10588, 15), (0, 14))
+# By how much GPS time is ahead of UTC, s, since a day of GPS time: 2017, 2015, and before.
+LEAP_S: Final = ((13510, 18), (12960, 17), (0, 16))
+FIRST_WEEK: Final = 1669  # of 2012, before any such log: receivers count on from 0 after 1,024 weeks
+ROLLOVER: Final = "GPS: its time is 1,024 weeks early, a rollover of the receiver's weeks; it is corrected"
 WEEK_S: Final = 604_800
 MOST_FIXES: Final = 1000  # by which the Unix time is judged
 LATEST_US: Final = 2**53  # 285 years after boot
@@ -92,7 +94,7 @@ def read_dataflash(path: Path, lose: Lose = lambda _: None) -> Iterator[tuple[Me
                 raise NotALogError("this DataFlash log holds no attitude (ATT)")
             for _ in _rows(log, ("PARM", "MSG"), lambda _: None):
                 pass  # which fills in the log's parameters and the vehicle's type
-            offset_ns = _unix_offset_ns(log)
+            offset_ns = _unix_offset_ns(log, lose)
         yield from _messages(log, offset_ns, lose)
     except UNREADABLE as error:
         if isinstance(error, NotALogError):
@@ -302,18 +304,22 @@ def _rows(log: Any, kinds: tuple[str, ...], lose: Lose) -> Iterator[Any]:
         yield row
 
 
-def _unix_offset_ns(log: Any) -> int:
+def _unix_offset_ns(log: Any, lose: Lose) -> int:
     """Unix time less boot time, the median over 3-D fixes, of which a receiver's first ones may have another week;
     0 without one. Only arrivals need it."""
-    offsets = list[int]()
+    offsets, early = list[int](), 0
     for row in _rows(log, ("GPS", "GPS2"), lambda _: None):
         week = _field(row, "GWk", "Week") if int(row.Status) >= FIX_3D else 0
         if week > 0:
+            is_early = week < FIRST_WEEK
+            week, early = week + 1024 * is_early, early + is_early
             gps_ms = week * WEEK_S * 1000 + _field(row, "GMS", "TimeMS")
             leap_s = next(seconds for since, seconds in LEAP_S if gps_ms >= since * S_PER_DAY * 1000)
             offsets.append((gps_ms + (GPS_EPOCH_S - leap_s) * 1000) * 1_000_000 - _time_us(row) * 1000)
             if len(offsets) >= MOST_FIXES:
                 break
+    if 2 * early > len(offsets):
+        lose(ROLLOVER)
     return median_low(offsets) if offsets else 0
 
 
