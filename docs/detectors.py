@@ -25,7 +25,7 @@ from simlink.sensors.pictures import Find, Painter, picture_detector
 from simlink.world.drawn import draw_scenario
 from simlink.world.truth import true_size
 from studies.closed_loop.flight import Flight, fly
-from studies.closed_loop.scores import SETTLE
+from studies.closed_loop.scores import SETTLING_TIME_S
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 
@@ -119,7 +119,7 @@ def flights(seeds: int, seconds: float) -> Iterator[str]:
     yield "| seed | detector | valid | follows | slot error, RMS | at most | least distance |"
     yield "|---|---|---|---|---|---|---|"
     engage = load_scenario("pictures-follow").follow
-    begin = (0.0 if engage is None else engage.engage) + SETTLE
+    begin = (0.0 if engage is None else engage.engage) + SETTLING_TIME_S
     for seed in range(FIRST_SEED, FIRST_SEED + seeds):
         for detector, find in DETECTORS.items():
             flight = flown(find, seed, seconds)

@@ -73,8 +73,10 @@ def _part(a: argparse.Namespace) -> dict[str, Any]:
 
 
 def one_study(name: str, given: Mapping[str, Any], *, out: Path, json_file: Path | None) -> int:
-    """`onboard study NAME`: measure a paper's claims; figures, report and numbers go to a folder of `out`.
-    `given`: seeds and first_seed, without which it takes what the study asks for, and jobs, where it computes."""
+    """Run `onboard study NAME`, and write figures, report and numbers into a folder of `out`.
+
+    `given` has seeds and first_seed, by default those of the study, and jobs, where it computes.
+    """
     _prepare(name, out)
     check_targets(json_file)
     _compile([name])
@@ -87,8 +89,10 @@ def one_study(name: str, given: Mapping[str, Any], *, out: Path, json_file: Path
 
 
 def one_figure(name: str, number: int, given: Mapping[str, Any], *, out: Path) -> int:
-    """`onboard study NAME --figure K`: the paper's figure K alone, of the first seed, or over `given` seeds where
-    it is one over runs."""
+    """Run `onboard study NAME --figure K`: draw the paper's figure K alone.
+
+    It shows the first seed, or `given` seeds if it is over several runs.
+    """
     _prepare(name, out)
     _compile([name])
     with TemporaryDirectory(dir=out) as folder:
@@ -104,8 +108,10 @@ def one_figure(name: str, number: int, given: Mapping[str, Any], *, out: Path) -
 
 
 def paper_figures(file_name: str) -> range | tuple[int, ...]:
-    """The numbers of the paper's figures that a file redraws: figure-02-05-NAME the second to the fifth,
-    figure-01-and-11-NAME these two."""
+    """Return the numbers of the paper's figures that a file redraws.
+
+    figure-02-05-NAME is the second to the fifth, figure-01-and-11-NAME these two.
+    """
     found = FIGURE_FILE.match(file_name)
     if found is None:
         return ()
@@ -153,7 +159,10 @@ def study_names() -> list[str]:
 
 
 def _prepare(name: str, out: Path) -> None:
-    """Before anything is compiled or flown. Raises UserError: no such study, nowhere to write, no matplotlib."""
+    """Before anything is compiled or flown.
+
+    Raises UserError: no such study, nowhere to write, no matplotlib.
+    """
     known = study_names()
     if name not in known:
         raise UserError(f"no study named {name!r}; there are: {', '.join(known)}")

@@ -1,4 +1,4 @@
-"""All studies, two at a time, each with half of the cores: while one draws its figures, the other computes."""
+"""All studies, two at a time, each with half of the cores: one draws while the other computes."""
 
 import os
 import signal
@@ -17,7 +17,7 @@ import studies
 from onboard.analysis.parallel.processes import CONTEXT, end_with_parent, processes
 from onboard.analysis.parallel.workers import Progress
 
-AT_ONCE: Final = 2
+PROCESS_COUNT: Final = 2
 # the slowest first (as measured), so that the last ones are short
 SLOWEST: Final = (
     *("relative-motion", "csvsf-quadrotor", "traffic", "encounters", "manoeuvres", "own-state"),
@@ -28,10 +28,10 @@ StudyProgress = Callable[[str, int, int], None]
 
 
 def run_study(name: str, given: Mapping[str, Any], out: Path, progress: Progress) -> dict[str, Any]:
-    """Run a study with what is `given` of seeds, first_seed and jobs (where it computes; by default one
-    process for each core), and give its result as plain values. Its files go to a folder of `out`.
+    """Run a study, and return its result as plain values; its files go to a folder of `out`.
 
-    Raises ImportError where figures cannot be drawn.
+    `given` has seeds, first_seed and jobs (by default one process for each core). Raises ImportError if figures
+    cannot be drawn.
     """
     module = import_module(f"{studies.__name__}.{name.replace('-', '_')}.study")
     result: dict[str, Any] = msgspec.to_builtins(module.run(**given, out=out / name, progress=progress))
@@ -41,13 +41,16 @@ def run_study(name: str, given: Mapping[str, Any], out: Path, progress: Progress
 def run_all(
     names: Sequence[str], seeds: int | None, out: Path, on_progress: StudyProgress
 ) -> dict[str, dict[str, Any]]:
-    """Run every study of these names; the results are in their order. `on_progress(name, done, total)` is called,
-    from a thread, as parts finish. If a study raises, this raises the same and begins no other."""
+    """Run every study of these names; the results are in their order.
+
+    `on_progress(name, done, total)` is called, from a thread, as parts finish. If a study raises, this raises the
+    same and begins no other.
+    """
     order = sorted(names, key=lambda name: SLOWEST.index(name) if name in SLOWEST else len(SLOWEST))
     results: dict[str, dict[str, Any]] = {}
     manager = SyncManager(ctx=CONTEXT)
     manager.start(_begin)
-    with manager, processes(AT_ONCE) as pool:
+    with manager, processes(PROCESS_COUNT) as pool:
         queue: Queue[tuple[str, int, int] | None] = manager.Queue()
         listener = Thread(target=_listen, args=(queue, on_progress), daemon=True)
         listener.start()
@@ -65,7 +68,7 @@ def run_all(
 def _run_in_child(
     queue: "Queue[tuple[str, int, int] | None]", name: str, seeds: int | None, out: Path
 ) -> dict[str, Any]:
-    jobs = max(1, (os.cpu_count() or 1) // AT_ONCE)  # with one, a study starts no process of its own
+    jobs = max(1, (os.cpu_count() or 1) // PROCESS_COUNT)  # with one, a study starts no process of its own
     given = {"jobs": jobs} if seeds is None else {"jobs": jobs, "seeds": seeds}
     return run_study(name, given, out, lambda done, total: queue.put((name, done, total)))
 

@@ -1,7 +1,7 @@
-"""One closed-loop flight: simlink's follower, the daemon's pipeline and everything it sends, byte by byte.
+"""One closed-loop flight: simlink's follower, the daemon's pipeline and all its outputs, in bytes.
 
-The follower's autopilot flies on setpoints as ArduCopter's GUIDED or PX4's OFFBOARD does (`simlink.world`). It
-learns of the leader by nothing else. Both computers run in one process on simulated time, so a flight is a
+The follower's autopilot flies on setpoints as ArduCopter's GUIDED or PX4's OFFBOARD does (`simlink.world`), and
+has no other information on the leader. Both computers run in one process on simulated time, so that a flight is a
 function of scenario and seed.
 """
 
@@ -29,8 +29,8 @@ TIMER_STEPS: Final = 4  # 20 ms, the daemon's timer
 DELAY_STEPS: Final = 2  # 10 ms, from the daemon to the autopilot
 ROWS_PER_S: Final = 10
 STEPS_PER_S: Final = 200
-HOVERS: Final = 0.5  # m/s; slower, the leader has no course
-TURNED_S: Final = 8.0  # s, of a leader that flies back: it has turned round, whatever its nose does
+MIN_COURSE_SPEED_M_S: Final = 0.5  # a slower leader has no course
+TURN_BACK_TIME_S: Final = 8.0  # after it, a leader that flies back has turned round, wherever its nose points
 NO_RATES: Final[dict[str, float]] = {}
 # The kinds of advice that name a part of the set-up, which is right in every flight here.
 SET_UP: Final = frozenset(
@@ -39,28 +39,23 @@ SET_UP: Final = frozenset(
 
 
 class Flight(NamedTuple):
-    """Ten rows a second (n,): time (s), the distance of both aircraft (m), the follower's distance from its slot
-    (m), its speed over ground and that at which the distance shrinks (m/s), the leader's turn rate (rad/s),
-    whether our estimate was valid and the autopilot followed, the follower's pitch and pitch rate (rad, rad/s),
-    its position north and east (m), whether the leader was inside the image, and how far the follower is from its
-    side of the leader (rad about it, in the plane). `advice`: kinds of advice about the set-up, worse than a
-    notice, that the daemon gave."""
+    """A flight in ten rows a second, each field (n,) if not stated otherwise."""
 
-    t: Array
-    distance: Array
-    slot_error: Array
-    speed: Array
-    closing: Array
-    turn_rate: Array
-    valid: Array
-    following: Array
-    pitch: Array
-    pitch_rate: Array
-    north: Array
-    east: Array
-    in_view: Array
-    aside: Array
-    advice: tuple[str, ...]
+    t: Array  # s
+    distance: Array  # m, between both aircraft
+    slot_error: Array  # m, the follower's distance from its slot
+    speed: Array  # m/s, the follower's over ground
+    closing: Array  # m/s, at which the distance shrinks
+    turn_rate: Array  # rad/s, the leader's
+    valid: Array  # whether the estimate was
+    following: Array  # whether the autopilot was
+    pitch: Array  # rad, the follower's
+    pitch_rate: Array  # rad/s
+    north: Array  # m, the follower's position
+    east: Array  # m
+    in_view: Array  # whether the leader was inside the image
+    aside: Array  # rad, about the leader, between the follower and its side of it
+    advice: tuple[str, ...]  # kinds of advice about the set-up, worse than a notice, that the daemon gave
 
 
 class Companion:
@@ -107,7 +102,7 @@ class Companion:
 
 
 def config_of(scenario: Scenario, settings: Sequence[str] = ()) -> Config:
-    """What is known of the leader, and where it is sent; otherwise the daemon as it ships."""
+    """Return the default configuration with the known data of the leader and the output links."""
     kind = "multirotor" if scenario.follower.attitude == "hover" else "fixed_wing"
     known = (
         f"camera.mount_rpy_deg={list(scenario.camera.mount_rpy_deg)}",
@@ -127,8 +122,11 @@ def fly(
     killed: tuple[float, float] = (math.inf, math.inf),
     detect: Detect | None = None,
 ) -> Flight:
-    """The flight over `duration` s. From the first to the second time of `killed` (s) there is no daemon; then it
-    has been started again, with what it has left. `detect`: what finds the leader in images, if not simlink."""
+    """The flight over `duration` s.
+
+    From the first to the second time of `killed` (s) there is no daemon; then it has been started again, with what
+    it has left. `detect`: what finds the leader in images, if not simlink.
+    """
     run, companion = GuidedRun(scenario, seed, detect), Companion(config_of(scenario, settings))
     row = Row(scenario, seed)
     epoch_ns: int | None = None
@@ -160,8 +158,11 @@ def fly(
 
 
 class Row:
-    """Rows of one flight, made one after the other. The slot turns with the leader's path: a leader that backs up
-    keeps its course for TURNED_S, and one that hovers its last one."""
+    """Rows of one flight, made one after the other.
+
+    The slot turns with the leader's path. A leader that backs up keeps its course for TURN_BACK_TIME_S, and a
+    hovering leader keeps its last course.
+    """
 
     def __init__(self, scenario: Scenario, seed: int) -> None:
         follow = scenario.follow
@@ -176,11 +177,11 @@ class Row:
         """The row of one step."""
         s = tick.state
         speed = math.hypot(s.v_L_n[0], s.v_L_n[1])
-        if speed > HOVERS:
+        if speed > MIN_COURSE_SPEED_M_S:
             course = math.atan2(s.v_L_n[1], s.v_L_n[0])
             backs = math.cos(course - self._course) < 0.0
             self._back_for = self._back_for + 1.0 / ROWS_PER_S if backs else 0.0
-            backs = backs and self._back_for < TURNED_S
+            backs = backs and self._back_for < TURN_BACK_TIME_S
             self._course = course + math.pi if backs else course
         c, n, (x, y, z) = math.cos(self._course), math.sin(self._course), self._offset
         slot = (s.r_OL_n[0] + c * x - n * y, s.r_OL_n[1] + n * x + c * y, s.r_OL_n[2] + z)
@@ -195,7 +196,7 @@ class Row:
             math.dist(slot, s.r_OF_n),
             math.hypot(s.v_F_n[0], s.v_F_n[1]),
             closing,
-            s.a_lat / max(speed, HOVERS),
+            s.a_lat / max(speed, MIN_COURSE_SPEED_M_S),
             float(is_valid),
             float(is_following),
             pitch,

@@ -11,29 +11,30 @@ from studies.closed_loop.flight import ROWS_PER_S, Flight
 
 Flags = NDArray[np.bool_]
 
-SETTLE: Final = 5.0  # s after the mode has been engaged
-MOST_STRAIGHT, MOST_TURNING = 10.0, 15.0  # percent of the slot's distance, at most
-NEAREST: Final = 50.0  # percent of the slot's distance, at least
-STOP_WITHIN: Final = 3.0  # s
-STRAIGHT_RATE: Final = 0.005  # rad/s
-STRAIGHT_FOR: Final = 5.0  # s without a turn
-CLOSES: Final = 0.2  # m/s; slower is noise
-STAYS: Final = 5.0  # s in its slot: back from a break-off, not only swinging through
-LONG: Final = 5.0  # s without a valid estimate: a break-off
+SETTLING_TIME_S: Final = 5.0  # after the mode has been engaged
+MAX_STRAIGHT_ERROR_PERCENT, MAX_TURNING_ERROR_PERCENT = 10.0, 15.0  # percent of the slot's distance, at most
+MIN_DISTANCE_PERCENT: Final = 50.0  # of the slot's distance
+MAX_STOP_TIME_S: Final = 3.0
+MAX_STRAIGHT_RATE_RAD_S: Final = 0.005
+MIN_STRAIGHT_TIME_S: Final = 5.0  # without a turn
+MIN_CLOSING_SPEED_M_S: Final = 0.2  # slower is noise
+RETURN_TIME_S: Final = 5.0  # in its slot: it is back from a break-off and does not only swing through
+BREAK_OFF_TIME_S: Final = 5.0  # without a valid estimate
 
 
 class Score(NamedTuple):
-    """Greatest slot errors on straight legs and in turns and their RMS, and the least distance, in percent of the
-    slot's distance; for how long after the end of `valid` the follower still closed (s), the greatest distance (m)
-    and after how many seconds it was back in its slot. The last three are NaN without a break-off."""
+    """Errors of the follower's slot and behaviour after a break-off.
 
-    straight: float
-    turning: float
-    rms: float
-    nearest: float
-    stop: float
-    greatest: float
-    back: float
+    Distances are in percent of the slot's. The last three fields are NaN without a break-off.
+    """
+
+    straight: float  # the greatest slot error on straight legs
+    turning: float  # the greatest slot error in turns
+    rms: float  # of the slot error
+    nearest: float  # the least distance
+    stop: float  # s, for which the follower still closed after the end of `valid`
+    greatest: float  # m, distance
+    back: float  # s, until the follower was back in its slot
 
 
 def score(flight: Flight, scenario: Scenario) -> Score:
@@ -41,7 +42,7 @@ def score(flight: Flight, scenario: Scenario) -> Score:
     follow = scenario.follow
     assert follow is not None  # noqa: S101 - it has flown
     distance = float(np.linalg.norm(follow.offset))
-    counts = flight.t >= follow.engage + SETTLE
+    counts = flight.t >= follow.engage + SETTLING_TIME_S
     error = 100.0 * flight.slot_error / distance
     away = broken_off(flight, error)
     straight = is_straight(flight.turn_rate) & counts & ~away
@@ -50,8 +51,8 @@ def score(flight: Flight, scenario: Scenario) -> Score:
     if away.any():
         first, last = np.flatnonzero(away)[[0, -1]]
         after = flight.closing[first:last]
-        invalidate = ~flight.valid[first:last].astype(bool)
-        still = np.flatnonzero((after > CLOSES) & invalidate)
+        not_valid = ~flight.valid[first:last].astype(bool)
+        still = np.flatnonzero((after > MIN_CLOSING_SPEED_M_S) & not_valid)
         stop = 0.0 if not still.size else (still[-1] + 1) / ROWS_PER_S
         greatest, back = float(flight.distance[first:last].max()), flight.t[last] - flight.t[first]
     return Score(
@@ -67,22 +68,26 @@ def score(flight: Flight, scenario: Scenario) -> Score:
 
 def is_straight(turn_rate: Array) -> Flags:
     """Whether the leader has not turned for a while (n,)."""
-    turns = np.abs(turn_rate) > STRAIGHT_RATE
-    window = round(STRAIGHT_FOR * ROWS_PER_S)
+    turns = np.abs(turn_rate) > MAX_STRAIGHT_RATE_RAD_S
+    window = round(MIN_STRAIGHT_TIME_S * ROWS_PER_S)
     lately = np.convolve(turns, np.ones(window), "full")[: len(turns)]
     return np.asarray(lately == 0)
 
 
 def broken_off(flight: Flight, error: Array) -> Flags:
-    """From the end of `valid`, where it ends for long, until the follower is back in its slot to stay (n,)."""
+    """Return (n,) from the end of a long validity until the follower is back in its slot to stay."""
     away = np.zeros(len(flight.t), dtype=bool)
     invalid = (flight.valid == 0) & (flight.t > 0)
     k = 0
     while k < len(away):
-        if not invalid[k : k + round(LONG * ROWS_PER_S)].all() or k + LONG * ROWS_PER_S > len(away):
+        if not invalid[
+            k : k + round(BREAK_OFF_TIME_S * ROWS_PER_S)
+        ].all() or k + BREAK_OFF_TIME_S * ROWS_PER_S > len(away):
             k += 1
             continue
-        later = np.flatnonzero(_for(STAYS, (flight.valid[k:] > 0) & (error[k:] <= MOST_STRAIGHT)))
+        later = np.flatnonzero(
+            _for(RETURN_TIME_S, (flight.valid[k:] > 0) & (error[k:] <= MAX_STRAIGHT_ERROR_PERCENT))
+        )
         end = k + int(later[0]) if later.size else len(away)
         away[k:end] = True
         k = end
@@ -94,7 +99,7 @@ def _most(values: Array) -> float:
 
 
 def _for(seconds: float, holds: Flags) -> Flags:
-    """Whether something holds now and for so long afterwards, as far as the flight lasts (n,)."""
+    """Return whether something holds now and for some seconds afterwards, as far as the flight lasts (n,)."""
     window = round(seconds * ROWS_PER_S)
     fails = np.concatenate((~holds, np.zeros(window, dtype=bool)))
     return np.array([not fails[i : i + window].any() for i in range(len(holds))])

@@ -1,1 +1,4 @@
-"""Al-Shabi, Gadsden and Wilkerson: smooth variable structure filters on a quadrotor. `study` runs it."""
+"""Al-Shabi, Gadsden and Wilkerson: smooth variable structure filters on a quadrotor.
+
+`study` runs it.
+"""

@@ -13,12 +13,12 @@ from studies.csvsf_quadrotor import reference_flight
 from studies.csvsf_quadrotor.reference_flight import DT, Actuation, as_commanded, weak_inputs, weak_motor
 
 STEPS: Final = 2000
-FAULT: Final = 10.0  # s: scores, faults of the actuation and gusts begin here
-GUST: Final = 3.0  # m/s^2, horizontal
+FAULT_TIME_S: Final = 10.0  # scores, faults of the actuation and gusts begin here
+GUST_ACCELERATION_M_S2: Final = 3.0  # horizontal
 GUST_SIGMA: Final = 1.0  # m/s^2 per horizontal axis, of the Gauss-Markov part ...
 GUST_TIME: Final = 1.0  # s, and its correlation time
 SHORT_GUST: Final = (12.0, 14.0)  # s
-GNSS_EVERY: Final = 10  # steps
+GNSS_PERIOD_STEPS: Final = 10
 FORCE_SIGMA: Final = 0.1  # m/s^2, white noise of the accelerometer, per axis and sample
 NOMINAL: Final = Airframe()
 
@@ -28,25 +28,24 @@ ALL: Final = tuple(range(quadrotor.STATE_SIZE))
 
 
 class Sensor(NamedTuple):
-    """The states that it measures, every so many steps."""
+    """The states that a sensor measures, and its period in steps."""
 
     states: tuple[int, ...]
     every: int
 
 
 class Variant(NamedTuple):
-    """An error of the model, and the sensors. `gust`: none (""), "long" from 10 s on with a Gauss-Markov part, or
-    "short" for two seconds. `late`: until 10 s the flight is the same as without error."""
+    """An error of the model, and the sensors."""
 
     name: str
     label: str
     actuation: Actuation = as_commanded
     outliers: float = 0.0
     truth: Airframe = NOMINAL
-    gust: str = ""
+    gust: str = ""  # "", "long" from 10 s on with a Gauss-Markov part, or "short" for two seconds
     sensors: tuple[Sensor, ...] = (Sensor(ALL, 1),)
     multirate: bool = False
-    late: bool = False
+    late: bool = False  # until 10 s the flight is the same as without error
 
 
 def _heavier(factor: float) -> Airframe:
@@ -58,7 +57,7 @@ def _turning_harder(factor: float) -> Airframe:
 
 
 NO_VELOCITY: Final = (Sensor(tuple(i for i in ALL if i not in VELOCITY), 1),)
-RATES_OF_TWO: Final = (Sensor(FAST, 1), Sensor(SLOW, GNSS_EVERY))
+RATES_OF_TWO: Final = (Sensor(FAST, 1), Sensor(SLOW, GNSS_PERIOD_STEPS))
 
 VARIANTS: Final = (
     Variant("none", "no error"),
@@ -85,19 +84,18 @@ NAMED: Final = {variant.name: variant for variant in VARIANTS}
 
 
 class Case(NamedTuple):
-    """B flights: states (N+1, B, 12), commanded inputs (N, B, 4), measurements of all states (N, B, 12) and their
-    noise (12, 12), specific force (N, B, 3) in the body frame by an accelerometer, and initial means (B, 12)."""
+    """B flights with their measurements, as arrays."""
 
-    states: Array
-    inputs: Array
-    measurements: Array
-    R: Array
-    force: Array
-    start: Array
+    states: Array  # (N+1, B, 12)
+    inputs: Array  # (N, B, 4), commanded
+    measurements: Array  # (N, B, 12), of all states
+    R: Array  # (12, 12)
+    force: Array  # (N, B, 3), specific, in the body frame, by an accelerometer
+    start: Array  # (B, 12), initial means
 
 
 def one(case: Case, b: int) -> Case:
-    """One of a case's flights, as a case; a copy, since a view would keep all the others in memory."""
+    """Return one of a case's flights as a case, copied to release the others' memory."""
     only = [b]
     return Case(
         case.states[:, only],
@@ -133,7 +131,10 @@ def simulate(variant: Variant, seeds: Sequence[int], steps: int = STEPS) -> Case
 
 
 def multirate_noise() -> Array:
-    """R (12, 12) of a GPS (.5, .5, 1 m; .15, .15, .3 m/s) and of an attitude (.01, .01, .03 rad; .01 rad/s)."""
+    """Return R (12, 12) of a GPS and of an attitude sensor.
+
+    The GPS has .5, .5, 1 m and .15, .15, .3 m/s, the attitude sensor .01, .01, .03 rad and .01 rad/s.
+    """
     sigma = np.empty(quadrotor.STATE_SIZE)
     sigma[list(POSITION)], sigma[list(VELOCITY)] = (0.5, 0.5, 1.0), (0.15, 0.15, 0.3)
     sigma[list(ATTITUDE)], sigma[list(RATES)] = (0.01, 0.01, 0.03), 0.01
@@ -141,8 +142,11 @@ def multirate_noise() -> Array:
 
 
 def specific_force(states: Array) -> Array:
-    """Measurement of an ideal accelerometer over each step (N, B, 3), m/s^2, from states (N+1, B, 12): the mean
-    acceleration without gravity, in the body axes at the beginning of the step."""
+    """Return the measurement of an ideal accelerometer over each step (N, B, 3), m/s^2.
+
+    It is the mean acceleration without gravity from states (N+1, B, 12), in the body axes at the beginning of the
+    step.
+    """
     acceleration = np.diff(states[..., list(VELOCITY)], axis=0) / DT - np.array([0.0, 0.0, NOMINAL.gravity])
     return np.asarray(np.einsum("...ij,...i->...j", matrices(states[:-1]), acceleration))
 
@@ -166,13 +170,13 @@ def _gust(kind: str, generators: Sequence[np.random.Generator], steps: int) -> A
     if not kind:
         return None
     t = np.arange(steps) * DT
-    begin, end = SHORT_GUST if kind == "short" else (FAULT, np.inf)
+    begin, end = SHORT_GUST if kind == "short" else (FAULT_TIME_S, np.inf)
     blows = (t >= begin) & (t < end)
     gust = np.zeros((steps, len(generators), 3))
     keep = np.exp(-DT / GUST_TIME)
     for b, generator in enumerate(generators):
         bearing = generator.uniform(0.0, 2.0 * np.pi)
-        gust[:, b, :2] = GUST * np.array([np.cos(bearing), np.sin(bearing)])
+        gust[:, b, :2] = GUST_ACCELERATION_M_S2 * np.array([np.cos(bearing), np.sin(bearing)])
         if kind == "long":
             drive = GUST_SIGMA * np.sqrt(1 - keep**2) * generator.standard_normal((steps, 2))
             wander = np.zeros(2)

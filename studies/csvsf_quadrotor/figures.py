@@ -1,5 +1,7 @@
-"""The quadrotor study's figures: the paper's 3-5, the same with modelling errors, and the differences between the
-filters. SI units, NED, body rates."""
+"""The quadrotor study's figures, in SI units, NED, body rates.
+
+They are the paper's 3-5, the same with modelling errors, and the differences between the filters.
+"""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,7 +16,7 @@ from onboard.analysis.report.style import STYLE, panels
 from onboard.arrays import Array
 from onboard.filters.cubature_smooth import FADING, PATIENCE
 from onboard.models.quadrotor import COMPONENTS, INPUTS
-from studies.csvsf_quadrotor.cases import FAULT, NAMED, Case
+from studies.csvsf_quadrotor.cases import FAULT_TIME_S, NAMED, Case
 from studies.csvsf_quadrotor.filters import ADAPTIVE, CKF, MAIN, METHODS, PRINTED, RECURSIVE, SVSF, Track
 from studies.csvsf_quadrotor.reference_flight import DT
 from studies.csvsf_quadrotor.report import Result, Setting
@@ -94,7 +96,7 @@ def _inputs(case: Case) -> Figure:
 
 
 def _estimates(flown: tuple[Case, Mapping[str, Track]], quantity: Any, name: str, variant: str) -> Figure:
-    """Truth and estimates about the time when faults begin, and the errors over the whole flight."""
+    """Draw truth and estimates about the beginning of faults, and the errors over the flight."""
     case, tracks = flown
     figure, ((above,), (below,)) = panels(f"{name} · {NAMED[variant].label} · black: truth", 2, size=(9.0, 6.0))
     truth = quantity(case.states[1:, 0])
@@ -103,7 +105,7 @@ def _estimates(flown: tuple[Case, Mapping[str, Track]], quantity: Any, name: str
     above.plot(t[near], truth[near], color="black", lw=1.6)
     for method in DRAWN:
         estimate = quantity(tracks[method.name].mean[:, 0])
-        rms = float(np.sqrt(np.mean((estimate - truth)[t > FAULT] ** 2)))
+        rms = float(np.sqrt(np.mean((estimate - truth)[t > FAULT_TIME_S] ** 2)))
         style = {"color": COLOURS[method.name], "lw": WIDTHS.get(method.name, 1.0)}
         above.plot(t[near], estimate[near], **style)
         below.plot(t, _moving_rms(estimate - truth), label=f"{method.label}: {rms:.3g} from 10 s", **style)
@@ -116,7 +118,7 @@ def _estimates(flown: tuple[Case, Mapping[str, Track]], quantity: Any, name: str
 
 
 def _moving_rms(error: Array) -> Array:
-    """Of an error (N,), over the half second before each sample; NaN in the first."""
+    """Return the RMS of an error (N,) over the half second before each sample, NaN at first."""
     width = round(0.5 / DT)
     found = np.full(len(error), np.nan)
     means = np.convolve(error**2, np.full(width, 1 / width), "valid")
@@ -175,4 +177,4 @@ def _chosen(sweep: Sequence[Setting]) -> Setting:
 
 def _fault(ax: Axes, variant: str) -> None:
     if variant in ("weak", "motor"):
-        ax.axvline(FAULT, color="black", lw=0.8, ls=":")
+        ax.axvline(FAULT_TIME_S, color="black", lw=0.8, ls=":")

@@ -1,4 +1,4 @@
-"""One filter over a batch of flights of the quadrotor: its estimates, and how consistent they are."""
+"""One filter over a batch of flights of the quadrotor: its estimates and their consistency."""
 
 from typing import Any, Final, Literal, NamedTuple
 
@@ -11,19 +11,21 @@ from onboard.filters.gating import normalised_squared
 from onboard.models import quadrotor
 from onboard.models.quadrotor import RATES, VELOCITY
 from studies.csvsf_quadrotor import reference_flight
-from studies.csvsf_quadrotor.cases import FAULT, NOMINAL, Case, Sensor, Variant, matrices, one
+from studies.csvsf_quadrotor.cases import FAULT_TIME_S, NOMINAL, Case, Sensor, Variant, matrices, one
 from studies.csvsf_quadrotor.reference_flight import DT
 
-CONSISTENCY_EVERY: Final = 10  # steps
-HALFWAY: Final = round(FAULT / DT)  # steps
+CONSISTENCY_PERIOD_STEPS: Final = 10
+FAULT_STEP: Final = round(FAULT_TIME_S / DT)
 # what a smooth filter keeps of each sensor
 MEMORY: Final = ("residual", "updates_outside", "switching", "slow_switching")
 
 
 class Method(NamedTuple):
-    """A filter of `onboard.filters`. `widened`: its process noise Q of velocity and rates over the truth's.
-    `inputs`, which drive its model: the commands; thrust by the accelerometer, u = -m f_z; or all of the specific
-    force."""
+    """A filter of `onboard.filters`.
+
+    `widened`: its process noise Q of velocity and rates over the truth's. `inputs`, which drive its model: the
+    commands; thrust by the accelerometer, u = -m f_z; or all of the specific force.
+    """
 
     name: str
     label: str
@@ -73,20 +75,21 @@ def methods_on(variant: Variant) -> tuple[Method, ...]:
 
 
 class Track(NamedTuple):
-    """Estimates (N, B, 12), NaN after a failure; NEES (B,), the mean from 10 s on; NIS (B,) of the first sensor,
-    likewise; the smooth filters' `switching` of that sensor (N, B, m), zero for other filters. `halfway`: the
-    filter's state and its memory of each sensor at 10 s, where the late variants continue."""
+    """The estimates of one filter over B flights, and their consistency from 10 s on."""
 
-    mean: Array
-    nees: Array
-    nis: Array
-    switching: Array
+    mean: Array  # (N, B, 12), NaN after a failure
+    nees: Array  # (B,), the mean from 10 s on
+    nis: Array  # (B,), of the first sensor, likewise
+    switching: Array  # (N, B, m), of that sensor; zero for other filters
+    # The filter's state and its memory of each sensor at 10 s, where the late variants continue.
     halfway: tuple[Any, dict[Sensor, Any]] | None = None
 
 
 def track(case: Case, variant: Variant, method: Method, since: Track | None = None) -> Track:
-    """Fly `method` over all flights of a case; if the batch fails numerically, over each flight by itself.
-    `since` is the track of the same flights without error: a late variant continues from its tenth second."""
+    """Run `method` over all flights of a case; if the batch fails numerically, over each by itself.
+
+    `since` is the track of the same flights without error: a late variant continues from its tenth second.
+    """
     B = case.start.shape[0]
     found = _track(case, variant, method, since)
     if B == 1 or np.isfinite(found.mean).all():
@@ -100,7 +103,7 @@ def track(case: Case, variant: Variant, method: Method, since: Track | None = No
 
 
 def _track(case: Case, variant: Variant, method: Method, since: Track | None) -> Track:
-    """As `track`, until the batch fails."""
+    """Run `track` until the batch fails."""
     steps, B = case.inputs.shape[:2]
     flown, Q = methods()[method.filter], _process_noise(method.widened)
     state = flown.start(case.start, np.tile(4.0 * case.R, (B, 1, 1)))
@@ -111,12 +114,12 @@ def _track(case: Case, variant: Variant, method: Method, since: Track | None) ->
     memory: dict[Sensor, Any] = {}
     halfway = None
     if since is not None and since.halfway is not None:
-        begin = HALFWAY
+        begin = FAULT_STEP
         mean[:begin], switching[:begin] = since.mean[:begin], since.switching[:begin]
         state, memory = since.halfway[0], dict(since.halfway[1])
     try:
         for k in range(begin, steps):
-            if k == HALFWAY:
+            if k == FAULT_STEP:
                 halfway = state, dict(memory)
             state = flown.predict(state, _process(case, k, method), Q)
             for sensor in variant.sensors:
@@ -126,13 +129,13 @@ def _track(case: Case, variant: Variant, method: Method, since: Track | None) ->
                 state = update.belief
                 if hasattr(state, "residual"):
                     memory[sensor] = state
-                if sensor is first and k * DT >= FAULT:
+                if sensor is first and k * DT >= FAULT_TIME_S:
                     nis.append(update.nis)
             belief = flown.belief(state)
             mean[k] = belief.mean
             if first in memory and memory[first].switching.shape[-1]:
                 switching[k] = memory[first].switching
-            if k * DT >= FAULT and k % CONSISTENCY_EVERY == 0:
+            if k * DT >= FAULT_TIME_S and k % CONSISTENCY_PERIOD_STEPS == 0:
                 nees.append(normalised_squared(belief.mean - case.states[k + 1], belief.covariance))
     except FilterError:  # numerical: the rest of `mean` stays NaN
         pass
@@ -140,7 +143,7 @@ def _track(case: Case, variant: Variant, method: Method, since: Track | None) ->
 
 
 def _process(case: Case, k: int, method: Method) -> Rows:
-    """The model of step `k` as the filter drives it: nominal parameters, whatever the truth."""
+    """Return the model of step `k` with the nominal parameters and the inputs that drive the filter."""
     inputs, force = case.inputs[k], case.force[k]
     if method.inputs != "commands":
         inputs = np.concatenate([-NOMINAL.mass * force[:, 2:], inputs[:, 1:]], axis=1)
@@ -169,7 +172,7 @@ def _update(flown: Any, method: Method, state: Any, case: Case, k: int, sensor: 
 
 
 def _recall(state: Any, last: Any, variant: Variant) -> Any:
-    """The state with the memory of this sensor: each of several sensors has residuals of its own."""
+    """Return the state with the memory of this sensor, as each sensor has its own residuals."""
     if len(variant.sensors) == 1 or not hasattr(state, "residual"):
         return state
     if last is None:

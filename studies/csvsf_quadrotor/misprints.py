@@ -1,4 +1,4 @@
-"""The formulas of Al-Shabi et al. that cannot be as printed: their figures, and those of the right formulas."""
+"""Misprinted formulas of Al-Shabi et al.: their results, and those of the right formulas."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from studies.report.findings import Misprint
 
 STEPS = 37
 OFFSET = 1e6  # m
-SMALL = 1e-3  # m^2
+START_VARIANCE_M2 = 1e-3
 
 
 def misprints() -> tuple[Misprint, ...]:
@@ -63,17 +63,17 @@ def _gain() -> Misprint:
 
 def _moments() -> Misprint:
     """Cubature points a thousand kilometres off."""
-    P = SMALL * np.eye(2)
+    P = START_VARIANCE_M2 * np.eye(2)
     points = OFFSET + np.sqrt(2) * np.concatenate([np.sqrt(P), -np.sqrt(P)])
     mean = points.mean(axis=0)
     printed = points.T @ points / len(points) - np.outer(mean, mean)
     right = cubature.predict(Belief(np.full(2, OFFSET), P), _same, np.zeros((2, 2))).covariance
-    a, b = float(printed[0, 0] / SMALL), float(right[0, 0] / SMALL)
+    a, b = float(printed[0, 0] / START_VARIANCE_M2), float(right[0, 0] / START_VARIANCE_M2)
     return Misprint(
         where="eqs 2.2.4, 2.2.8, 2.2.9",
         printed="E[X Xᵀ] − x xᵀ",
         right="E[(X − x)(X − x)ᵀ]",
-        proof=f"a variance of {SMALL:g} m² at {OFFSET:g} m, over itself",
+        proof=f"a variance of {START_VARIANCE_M2:g} m² at {OFFSET:g} m, over itself",
         printed_value=a,
         right_value=b,
         proven=abs(a - 1) > 0.02 and abs(b - 1) < 1e-6,

@@ -1,8 +1,8 @@
-"""The reference flight of the quadrotor: a figure eight under control, for the study and tests of the filters.
+"""The reference flight of the quadrotor, for the study and tests of the filters.
 
-Path (4 sin a, 2 sin 2a, -10 - sin .6t) m with a = w t + phase, w = .5 (.8 + .4 U), yaw .3 sin .4t. The
-controller is a cascade: position to acceleration, its norm to thrust, its direction to tilt, attitude to rate,
-rate to torque. It is fed the truth: the filter is studied, so the flight must not depend on it.
+It is a figure eight under control: (4 sin a, 2 sin 2a, -10 - sin .6t) m with a = w t + phase, w = .5 (.8 + .4 U),
+yaw .3 sin .4t. The controller is a cascade: position to acceleration, its norm to thrust, its direction to tilt,
+attitude to rate, rate to torque. It uses the truth, so that the flight does not depend on the filter.
 """
 
 from collections.abc import Callable, Sequence
@@ -29,8 +29,10 @@ Actuation = Callable[[float, Array], Array]
 
 
 def process_noise() -> Array:
-    """The truth's process noise of one step (12, 12): variances 1e-8 of position and attitude, 4e-6 of velocity,
-    2.5e-5 of the rates."""
+    """Return the truth's process noise of one step (12, 12).
+
+    The variances are 1e-8 of position and attitude, 4e-6 of velocity, 2.5e-5 of the rates.
+    """
     variance = np.full(quadrotor.STATE_SIZE, 1e-8)
     variance[list(VELOCITY)] = 4e-6
     variance[list(RATES)] = 2.5e-5
@@ -68,7 +70,10 @@ def start(path: Path) -> Array:
 
 
 def command(state: Array, path: Path, t: float, integral: Array, airframe: Airframe) -> Array:
-    """Inputs (B, 4) that follow the path from `state` (B, 12); `integral` (B, 3) is that of the position error."""
+    """Return the inputs (B, 4) that follow the path from `state` (B, 12).
+
+    `integral` (B, 3) is that of the position error.
+    """
     position, velocity, feed_forward = along(path, t)
     wanted = (
         feed_forward
@@ -101,7 +106,7 @@ def weak_inputs(t: float, inputs: Array) -> Array:
 
 
 def weak_motor(t: float, inputs: Array) -> Array:
-    """From 10 s, rotor 1 gives a quarter less than its commanded T1 = u/4 + d_pitch/2 + d_yaw/(4 c)."""
+    """Reduce rotor 1 by a quarter of its commanded T1 = u/4 + d_pitch/2 + d_yaw/(4 c) from 10 s on."""
     if t < 10.0:
         return inputs
     u, _, d_pitch, d_yaw = inputs.T
@@ -110,8 +115,7 @@ def weak_motor(t: float, inputs: Array) -> Array:
 
 
 class Flight(NamedTuple):
-    """B flights of N steps: states (N+1, B, 12), commanded inputs (N, B, 4), measurements (N, B, 12) of the state
-    after each step."""
+    """B flights of N steps."""
 
     states: Array
     inputs: Array
@@ -127,10 +131,12 @@ def fly(
     truth: Airframe | None = None,
     gust: Array | None = None,
 ) -> Flight:
-    """Fly one figure eight per generator. `actuation(t, inputs)` gives the inputs that act in place of those
-    commanded; `outliers` is each measurement's probability of an error of 20 standard deviations; `truth` is the
-    craft where it differs from the `airframe` that the controller assumes; `gust` (steps, B, 3) accelerates it,
-    NED, m/s^2."""
+    """Fly one figure eight per generator.
+
+    `actuation(t, inputs)` gives the inputs that act in place of those commanded; `outliers` is each measurement's
+    probability of an error of 20 standard deviations; `truth` is the craft where it differs from the `airframe`
+    that the controller assumes; `gust` (steps, B, 3) accelerates it, NED, m/s^2.
+    """
     path = draw_path(generators)
     state = start(path)
     sigma_process = np.sqrt(np.diag(process_noise()))

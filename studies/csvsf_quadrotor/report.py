@@ -46,8 +46,7 @@ factor of 220."""
 
 
 class Setting(Record, frozen=True, kw_only=True):
-    """The adaptive form with one setting changed, on the seeds for choosing: velocity (m/s) without error, with
-    inputs x .7 and with outliers, and rates (rad/s) with a weak motor."""
+    """Errors of the adaptive form with one setting changed, on the seeds for choosing."""
 
     fading: float
     patience: int
@@ -58,7 +57,7 @@ class Setting(Record, frozen=True, kw_only=True):
 
 
 class Result(Record, frozen=True, kw_only=True):
-    """What the study found over `seeds` flights of each variant."""
+    """The results of the study over `seeds` flights of each variant."""
 
     seeds: int
     first_seed: int
@@ -74,7 +73,7 @@ class Result(Record, frozen=True, kw_only=True):
 
 
 def findings(result: Result, study: str, title: str) -> Findings:
-    """What the report shows."""
+    """Return the findings for the report."""
     full = [v for v in NAMED.values() if not v.multirate]
     main = [NAMED[name] for name in MAIN]
     others = [v for v in full if v not in main]
@@ -152,7 +151,7 @@ def sweep_table(result: Result) -> Table:
 
 
 def comparisons_table(comparisons: Sequence[Comparison]) -> Table:
-    """Ours beside the reference."""
+    """Return the table of our figures and the reference's."""
     return Table(
         title="Beside an independent implementation",
         note=COMPARED,

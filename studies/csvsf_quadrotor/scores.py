@@ -1,4 +1,7 @@
-"""Errors of the quadrotor's tracks: scores of a run, the row of all runs, and another implementation's figures."""
+"""Errors of the quadrotor's tracks: scores of a run, and rows over all runs.
+
+They are compared with the figures of another implementation.
+"""
 
 from collections.abc import Sequence
 from typing import Final
@@ -10,15 +13,15 @@ from onboard.filters.gating import mean_bounds
 from onboard.messages import Record
 from onboard.models import quadrotor
 from onboard.models.quadrotor import ATTITUDE, POSITION, RATES, VELOCITY
-from studies.csvsf_quadrotor.cases import FAULT, Case
+from studies.csvsf_quadrotor.cases import FAULT_TIME_S, Case
 from studies.csvsf_quadrotor.filters import CKF, FORCE, THRUST, Track
 from studies.csvsf_quadrotor.reference_flight import DT
 from studies.report import runs
 from studies.report.findings import within
 from studies.report.runs import by_name, half_unit
 
-LAST: Final = 5.0  # s at the end that decide whether a run diverged
-FAR: Final = 5.0  # diverged: mean error of some state, in standard deviations of its raw measurement
+DIVERGENCE_WINDOW_S: Final = 5.0  # at the end: it decides whether a run diverged
+MIN_DIVERGED_SIGMAS: Final = 5.0  # mean error of some state, in standard deviations of its raw measurement
 
 GROUPS: Final = {"velocity_m_s": VELOCITY, "rates_rad_s": RATES, "position_m": POSITION, "attitude_rad": ATTITUDE}
 MEANS: Final = ("nees", "nis")
@@ -45,13 +48,15 @@ ASKED: Final = (
 )
 # And, with a GPS at 10 Hz, of filters that have an accelerometer.
 ASKED_SLOW: Final = (("multirate-weak", "velocity_m_s", 0.07), ("multirate-gust", "velocity_m_s", 0.3))
-NO_ERROR: Final = 0.05  # tolerance, as a fraction of the reference: without error ...
-FAULTY: Final = 0.10  # ... and with
+FAULTLESS_TOLERANCE: Final = 0.05  # as a fraction of the reference's figure, without a fault
+FAULTY_TOLERANCE: Final = 0.10  # the same with a fault
 
 
 class Score(Record, frozen=True, kw_only=True):
-    """One run, from 10 s on: root mean squares of the errors' lengths, and means of NEES (12 degrees of freedom)
-    and of NIS (as many as the first sensor measures)."""
+    """One run from 10 s on: RMS of the errors' lengths, mean NEES (12 degrees of freedom) and NIS.
+
+    The NIS has as many degrees of freedom as the first sensor has components.
+    """
 
     seed: int
     diverged: str | None  # why, or None
@@ -70,15 +75,17 @@ class Row(runs.Row, frozen=True, kw_only=True):
 
 
 class Comparison(runs.Comparison, frozen=True, kw_only=True):
-    """Ours beside the reference: `tolerance` is 5 % of it without error, 10 % with. `agrees_as_printed`: with some
-    number that is printed like the reference, which has two or three digits."""
+    """Our figure and the reference's; `tolerance` is 5 % of the latter without a fault, 10 % with one."""
 
     standard_error: float | None
-    agrees_as_printed: bool
+    agrees_as_printed: bool  # with some number that is printed like the reference, which has two or three digits
 
 
 class Limit(Record, frozen=True, kw_only=True):
-    """What is asked of a robust filter, and whether a method meets it. `value` None: it has no finite figure."""
+    """A requirement of a robust filter, and whether a method meets it.
+
+    `value` None is a figure that is not finite.
+    """
 
     variant: str
     method: str
@@ -90,7 +97,7 @@ class Limit(Record, frozen=True, kw_only=True):
 
 def score(seeds: Sequence[int], case: Case, track: Track) -> list[Score]:
     """Scores of each flight of a case."""
-    begin = round(FAULT / DT)
+    begin = round(FAULT_TIME_S / DT)
     error = track.mean[begin:] - case.states[begin + 1 :]
     figures = {name: np.sqrt(np.mean(np.sum(error[..., g] ** 2, axis=2), axis=0)) for name, g in GROUPS.items()}
     return [
@@ -106,12 +113,12 @@ def score(seeds: Sequence[int], case: Case, track: Track) -> list[Score]:
 
 
 def _diverged(error: Array, R: Array) -> str | None:
-    """Of the error (N, 12) of one run."""
+    """Return why one run diverged, by its error (N, 12), or None."""
     if not np.isfinite(error).all():
         return "numerical failure"
-    off = np.mean(np.abs(error[-round(LAST / DT) :]), axis=0) / np.sqrt(np.diag(R))
+    off = np.mean(np.abs(error[-round(DIVERGENCE_WINDOW_S / DT) :]), axis=0) / np.sqrt(np.diag(R))
     worst = int(np.argmax(off))
-    return quadrotor.COMPONENTS[worst] if off[worst] > FAR else None
+    return quadrotor.COMPONENTS[worst] if off[worst] > MIN_DIVERGED_SIGMAS else None
 
 
 def make_row(variant: str, method: str, scores: Sequence[Score]) -> Row:
@@ -137,7 +144,7 @@ def compare(row: Row) -> list[Comparison]:
     if printed is None:
         return []
     found = row.quantities["velocity_m_s"]
-    reference, allowed = float(printed), NO_ERROR if row.variant == "none" else FAULTY
+    reference, allowed = float(printed), FAULTLESS_TOLERANCE if row.variant == "none" else FAULTY_TOLERANCE
     off = float("inf") if found.value is None else abs(found.value - reference)
     return [
         Comparison(
@@ -155,7 +162,7 @@ def compare(row: Row) -> list[Comparison]:
 
 
 def limits_of(rows: Sequence[Row], methods: Sequence[str]) -> list[Limit]:
-    """Whether each of `methods` meets what is ASKED, and those with a GPS at 10 Hz what is ASKED_SLOW."""
+    """Return whether each of `methods` meets ASKED, and those with a GPS at 10 Hz ASKED_SLOW."""
     known = by_name(rows)
     like_ckf = 1.01 * known["none", "ckf"].value("velocity_m_s")
     slow = (CKF.name, *(m.name for m in (*THRUST, *FORCE)))

@@ -1,9 +1,9 @@
-"""Al-Shabi, Gadsden & Wilkerson, "The Cubature Smooth Variable Structure Filter Estimation Strategy Applied to a
-Quadrotor Controller".
+"""The study of the cubature SVSF on a quadrotor.
 
-The paper's filters over simulated flights of a quadrotor whose model is right, or wrong in a dozen ways. Its
-equation of motion (4.1) is lost: see `onboard.models.quadrotor`. The truth follows that model too, with other
-parameters and forces, as in the paper. simlink, not used here, has dynamics of its own.
+The paper is Al-Shabi, Gadsden & Wilkerson, "The Cubature Smooth Variable Structure Filter Estimation Strategy
+Applied to a Quadrotor Controller". Its filters run over simulated flights of a quadrotor whose model is right, or
+wrong in a dozen ways. Its equation of motion (4.1) is lost: see `onboard.models.quadrotor`. The truth follows that
+model too, with other parameters and forces, as in the paper. simlink, not used here, has dynamics of its own.
 """
 
 from collections.abc import Sequence
@@ -36,9 +36,9 @@ from studies.report.runs import by_name
 
 NAME: Final = "csvsf-quadrotor"
 TITLE: Final = "Al-Shabi et al.: a quadrotor's own state, smooth variable structure filters"
-AT_ONCE: Final = 60  # flights in a batch: fixed, so that results do not depend on the number of processes
-FEWER: Final = 4  # of the flights whose figures are compared with nothing, one in so many is flown
-CHOOSING: Final = range(1000, 1010)  # seeds that the settings were chosen on
+BATCH_SIZE: Final = 60  # flights: fixed, so that results do not depend on the number of processes
+UNCOMPARED_SEED_RATIO: Final = 4  # seeds to each one flown where figures are compared with nothing
+TUNING_SEEDS: Final = range(1000, 1010)  # the settings were chosen on them
 FADINGS: Final = (0.02, 0.05, FADING, 0.2, 0.4)
 PATIENCES: Final = (1, 2, PATIENCE, 5, 8)
 SWEPT: Final = tuple(
@@ -48,18 +48,21 @@ SWEPT: Final = tuple(
 
 
 class Task(NamedTuple):
-    """Flights of variants, and the methods to fly on them. Of several variants the first is without error, and the
-    others begin as it does (see `Variant.late`)."""
+    """Flights of variants, and the methods to fly on them.
 
-    variants: tuple[str, ...]
+    Of several variants the first is without error, and the others begin as it does (see `Variant.late`).
+    """
+
+    variants: tuple[
+        str, ...
+    ]  # of several, the first is without error and the others begin as it does (`Variant.late`)
     seeds: tuple[int, ...]
     methods: tuple[Method, ...]
     drawn: bool = False
 
 
 class FlightResult(NamedTuple):
-    """By variant, the scores of each method over a task's flights; of a drawn task also the first flight with its
-    tracks."""
+    """The scores of each method by variant over a task's flights."""
 
     scores: dict[str, list[list[Score]]]
     first: dict[str, tuple[Case, dict[str, Track]]]
@@ -73,18 +76,17 @@ def run(
     progress: Progress | None = None,
     settings: tuple[Method, ...] = SWEPT,
 ) -> Result:
-    """Fly every variant `seeds` times with each of its methods, in `jobs` processes (None: one per core); and, on
-    the seeds for choosing, the adaptive form with other `settings`.
+    """Fly every variant `seeds` times with each of its methods, in `jobs` processes.
 
-    `progress(done, total)` is called as batches of flights finish. With `out`, figures, report.md and result.json
-    are written there; figures need the extra `study` (else ImportError, before anything is flown).
-
+    The default is one process per core. On the seeds for choosing, the adaptive form also flies with other
+    `settings`. `progress(done, total)` is called as batches of flights finish. With `out`, figures, report.md and
+    result.json are written there; figures need the extra `study` (else ImportError, before anything is flown).
     Raises ValueError.
     """
     if out is not None:
         import_module("matplotlib")
     tasks = _tasks(require_seeds(seeds, first_seed))
-    choosing = CHOOSING[:seeds]
+    choosing = TUNING_SEEDS[:seeds]
     swept = [Task(names, tuple(choosing), settings) for names in _together(MAIN)]
     found = compute([Part(fly, (task,)) for task in (*tasks, *swept)], jobs, progress)
     rows = _rows(tasks, found[: len(tasks)])
@@ -129,16 +131,19 @@ def fly(task: Task) -> FlightResult:
 
 
 def _tasks(seeds: range) -> list[Task]:
-    """The largest first. Variants whose figures are compared with nothing are flown fewer times."""
+    """The largest first.
+
+    Variants whose figures are compared with nothing are flown fewer times.
+    """
     judged = {variant for variant, _ in REFERENCE} | {variant for variant, _, _ in (*ASKED, *ASKED_SLOW)}
     together = _together([v.name for v in VARIANTS])
     tasks = []
     for names in together:
-        flown = seeds if judged.intersection(names) else seeds[: -(-len(seeds) // FEWER)]
+        flown = seeds if judged.intersection(names) else seeds[: -(-len(seeds) // UNCOMPARED_SEED_RATIO)]
         methods = methods_on(NAMED[names[0]])
         tasks += [
-            Task(names, tuple(flown[k : k + AT_ONCE]), methods, k == 0 and names[0] in MAIN)
-            for k in range(0, len(flown), AT_ONCE)
+            Task(names, tuple(flown[k : k + BATCH_SIZE]), methods, k == 0 and names[0] in MAIN)
+            for k in range(0, len(flown), BATCH_SIZE)
         ]
     return tasks
 

@@ -10,8 +10,11 @@ from studies.report.findings import Claim, Misprint, verdict
 
 
 def claims_of(drawn: Scores, rest: Scores, printed: Scores) -> tuple[Claim, ...]:
-    """Judge each claim. `drawn` and `rest`: with the right Q, started at draws from P0 and at rest; `printed`:
-    with Q of eq 14, started at draws."""
+    """Judge each claim.
+
+    `drawn` and `rest`: with the right Q, started at draws from P0 and at rest; `printed`: with Q of eq 14, started
+    at draws.
+    """
     gain = 1 - rest.position / rest.raw
     converges = rest.position < rest.raw and rest.position < 1.1 * rest.bound
     third, taylor, pade = third_terms()
@@ -55,8 +58,11 @@ def claims_of(drawn: Scores, rest: Scores, printed: Scores) -> tuple[Claim, ...]
 
 
 def third_terms() -> tuple[float, float, float]:
-    """The factor of F^3 at a step of one second: in eq 6, in the Taylor series of the exponential, and in Padé's
-    approximation (1 - F/2)^-1 (1 + F/2); the last two from their values at a small F."""
+    """Return the factor of F^3 at a step of one second in three approximations.
+
+    They are eq 6, the Taylor series of the exponential, and Padé's (1 - F/2)^-1 (1 + F/2); the last two follow
+    from their values at a small F.
+    """
     x = 1e-2
     parabola = 1 + x + x * x / 2
     taylor, pade = ((f - parabola) / x**3 for f in (math.exp(x), (1 + x / 2) / (1 - x / 2)))

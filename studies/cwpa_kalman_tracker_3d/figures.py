@@ -45,7 +45,7 @@ def _trajectory(runs: Runs) -> Figure:
 
 
 def _steps(runs: Runs) -> Figure:
-    """Around the estimate of each step, its ellipse and that of the next step; in a corner, where that is."""
+    """Draw each estimate's ellipse and that of the next step, with an inset of their position."""
     title = "Figures 3-5: the filter at single steps, with the 68 % ellipses of the estimate and of the prediction"
     figure, axes = panels(title, 2, 3, (10.5, 7.4))
     F, Q = wiener_acceleration(DT, DENSITY)

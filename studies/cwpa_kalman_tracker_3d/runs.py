@@ -1,6 +1,6 @@
-"""Runs of the paper's tracker on its own model, with the process noise as printed and as it should be.
+"""Runs of the paper's tracker on its own model, with the printed and the right process noise.
 
-States in the paper's order: positions, velocities, accelerations; its "relative dimensions" are read as m.
+States have the paper's order: positions, velocities, accelerations; its "relative dimensions" are read as m.
 """
 
 from typing import Final, NamedTuple
@@ -32,10 +32,10 @@ class Runs(NamedTuple):
 
 
 class Scores(NamedTuple):
-    """Over all steps and runs: RMS of the lengths of the error vectors (m, m/s, m/s^2) and of the measurements'
-    errors (m), the Cramér-Rao bound of the position (m), mean NEES, and the share of NEES within its 95 %
-    bound; of the position and of NEES the standard error, by the scatter over runs. A negative NEES is that of a
-    covariance that is none: the filter has failed."""
+    """Errors and consistency over all steps and runs, with standard errors by the scatter over runs.
+
+    A negative NEES is that of an invalid covariance: the filter has failed.
+    """
 
     position: float
     velocity: float
@@ -49,7 +49,7 @@ class Scores(NamedTuple):
 
     @property
     def failed(self) -> bool:
-        """Whether the covariance is none."""
+        """Return whether the covariance is not positive definite."""
         return self.nees < 0
 
 
@@ -68,8 +68,11 @@ def fraction_noise(dt: float, q: float) -> Array:
 
 
 def fly(seed: int, runs: int, drawn: bool, noise: Array | None = None) -> Runs:
-    """`runs` runs on the paper's model. They start at a draw from P0 if `drawn`, else, as in the paper, at rest at
-    the origin. The filter is the paper's (eqs 16-19), with `noise` for its Q (None: the right one)."""
+    """`runs` runs on the paper's model.
+
+    They start at a draw from P0 if `drawn`, else, as in the paper, at rest at the origin. The filter is the
+    paper's (eqs 16-19), with `noise` for its Q (None: the right one).
+    """
     rng = np.random.default_rng([seed, 14])
     F, Q = wiener_acceleration(DT, DENSITY)
     x = rng.standard_normal((runs, 9)) * (np.sqrt(np.diag(P0)) if drawn else 0.0)
@@ -88,7 +91,7 @@ def fly(seed: int, runs: int, drawn: bool, noise: Array | None = None) -> Runs:
 
 
 def schedule(F: Array, Q: Array) -> tuple[Array, Array]:
-    """Covariances (T, 9, 9) and gains (T, 9, 3) by eqs 17-19: they do not depend on the measurements."""
+    """Return covariances (T, 9, 9) and gains (T, 9, 3) by eqs 17-19, independent of measurements."""
     P, covariances, gains = P0, [], []
     for _ in range(STEPS):
         P = F @ P @ F.T + Q
@@ -101,8 +104,10 @@ def schedule(F: Array, Q: Array) -> tuple[Array, Array]:
 
 
 def score(seeds: range, drawn: bool, noise: Array | None) -> Scores:
-    """The scores of all runs of these seeds; arguments as of `fly`. Of each run its means over the steps are kept,
-    not its steps: ten thousand seeds are 200,000 runs."""
+    """The scores of all runs of these seeds; arguments as of `fly`.
+
+    Of each run its means over the steps are kept, not its steps: ten thousand seeds are 200,000 runs.
+    """
     position, velocity, acceleration, raw, nees, inside = np.concatenate(
         [_means(fly(seed, RUNS_PER_SEED, drawn, noise)) for seed in seeds], axis=1
     )
@@ -123,8 +128,11 @@ def score(seeds: range, drawn: bool, noise: Array | None) -> Scores:
 
 
 def _means(runs: Runs) -> Array:
-    """Of each run (6, B), the means over its steps: squares of the errors of position, velocity and acceleration
-    and of the raw measurements, NEES, and whether the truth is inside the 95 % ellipsoid."""
+    """Return the means of each run (6, B) over its steps.
+
+    They are the squared errors of position, velocity and acceleration and of the raw measurements, NEES, and
+    whether the truth is inside the 95 % ellipsoid.
+    """
     error, raw = runs.mean - runs.truth, runs.measured - runs.truth[..., :3]
     nees = normalised_squared(error, runs.covariance[:, None])
     squares = [np.sum(part**2, axis=-1) for part in (error[..., :3], error[..., 3:6], error[..., 6:], raw)]

@@ -36,7 +36,7 @@ from studies.report.sampling import decided
 
 NAME: Final = "cwpa-kalman-tracker-3d"
 TITLE: Final = "Lazarov et al.: a linear Kalman tracker in three dimensions"
-LEAST: Final = 20  # seeds to decide the claims
+MIN_SEED_COUNT: Final = 20  # to decide the claims
 HEADER: Final = (
     *("filter", "position m", "±", "velocity m/s", "acceleration m/s²"),
     *("raw m", "bound m", "NEES", "±", "in 95 %"),
@@ -51,7 +51,10 @@ def run(
     out: Path | None = None,
     progress: Progress | None = None,
 ) -> Findings:
-    """The study over `seeds` times 20 runs; with `out`, figures and report are written (the extra `study`)."""
+    """Run the study over `seeds` times 20 runs.
+
+    With `out`, figures and report are written (the extra `study`).
+    """
     draw = drawing(__package__, out)
     every = require_seeds(seeds, first_seed)
     cases = ((True, None), (False, None), (True, printed_noise(DT, DENSITY)))
@@ -72,7 +75,7 @@ def run(
         claims=claims_of(drawn, rest, printed),
         misprints=misprints_of(drawn, printed),
     )
-    return publish(decided(found, LEAST), out, draw, fly(first_seed, 1, drawn=False))
+    return publish(decided(found, MIN_SEED_COUNT), out, draw, fly(first_seed, 1, drawn=False))
 
 
 def _table(*scores: Scores) -> Table:
@@ -100,7 +103,7 @@ def _cells(s: Scores) -> tuple[Cell, ...]:
 
 
 def final() -> tuple[Array, Array]:
-    """Covariance (9, 9) after the last step and the last gain (9, 3), by the package's own filter."""
+    """Return covariance (9, 9) and gain (9, 3) after the last step, by the package's own filter."""
     F, Q = wiener_acceleration(DT, DENSITY)
     belief, gain = Belief(np.zeros(9), P0), np.zeros((9, 3))
     for _ in range(STEPS):

@@ -1,1 +1,1 @@
-"""How honest the leader's estimate is from any side, as shipped. `study` runs it."""
+"""The study of the leader's estimate from any side, with default settings; `study` runs it."""

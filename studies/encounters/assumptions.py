@@ -1,5 +1,6 @@
-"""What the estimator assumes, one assumption false at a time: every family flown again, with nothing configured of
-it. The estimate may be vaguer then; it must not be confidently wrong.
+"""The estimator's assumptions, violated one at a time in every family.
+
+Nothing of a violation is configured. The estimate may be less certain then, but not confidently wrong.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,8 +14,8 @@ from studies.encounters.results import Requirement
 from studies.encounters.scores import Score, score
 from studies.report.findings import Table
 
-WRONG: Final = 5.0  # percent of valid estimates, at most
-INSIDE: Final = 88.0  # the same, at least
+MAX_WRONG_PERCENT: Final = 5.0  # of valid estimates
+MIN_INSIDE_PERCENT: Final = 88.0  # of valid estimates
 STEADY: Final = ("crossing", "head_on", "loiter")  # whose leaders do not manoeuvre
 # Neither leans against the air, nor points its nose anywhere; each has a wind of its own.
 HOVERING: Final = ("hover", "circling", "cut", "two_cross")
@@ -30,11 +31,10 @@ ANY_NOSE: Final = (
 
 
 class Assumption(NamedTuple):
-    """What is different, which `priors` this falsifies, by their names in
-    `onboard/estimators/leader/assumptions.py` or as keys of the configuration, and the families for which that is
-    nothing new, or impossible."""
+    """A departure, and the assumptions that it violates."""
 
     departure: Departure
+    # Falsified: names in `onboard/estimators/leader/assumptions.py` or keys of the configuration.
     priors: tuple[str, ...]
     without: tuple[str, ...] = ()
 
@@ -113,9 +113,10 @@ def table_of(scores: Mapping[Case, Score]) -> Table:
     """One row for each assumption and family."""
     return Table(
         title="One assumption false",
-        note=f"As above. Wanted: at most {WRONG:g} % confidently wrong and at least {INSIDE:g} % inside in each"
-        " row. What is missing is impossible, or nothing new: a fixed wing does not lean, a hovering leader's nose"
-        " points anywhere, and who flies straight or in a circle does not manoeuvre.",
+        note=f"As above. Wanted: at most {MAX_WRONG_PERCENT:g} % confidently wrong and at least "
+        f"{MIN_INSIDE_PERCENT:g} % inside in each row. What is missing is impossible, or nothing new: a fixed "
+        "wing does not lean, a hovering leader's nose points anywhere, and who flies straight or in a circle "
+        "does not manoeuvre.",
         header=(
             *("false", "encounter", "flights", "confidently wrong %", "± %", "inside %", "± %"),
             *("range error %", "± %", "sigma of range % (median)", "valid %"),
@@ -154,13 +155,14 @@ def summary_of(astray: Mapping[Case, Sequence[Flight]]) -> Table:
 
 
 def requirements(scores: Mapping[Case, Score]) -> dict[str, list[Requirement]]:
-    """What is required, by claim, as of `results.requirements`."""
+    """Return the requirements by claim, as in `results.requirements`."""
     wrong, inside = [], []
     for case, s in scores.items():
         which = f"{case.name}, {name_of(case)}"
-        wrong.append(Requirement(f"confidently wrong, {which}", s.wrong, high=WRONG))
-        inside.append(Requirement(f"inside, {which}", s.inside, low=INSIDE))
+        wrong.append(Requirement(f"confidently wrong, {which}", s.wrong, high=MAX_WRONG_PERCENT))
+        inside.append(Requirement(f"inside, {which}", s.inside, low=MIN_INSIDE_PERCENT))
     return {
-        f"With one assumption false, at most {WRONG:g} % of any family's are confidently wrong.": wrong,
-        f"With one assumption false, {INSIDE:g} % of any family's ellipsoids hold the truth.": inside,
+        f"With one assumption false, at most {MAX_WRONG_PERCENT:g} % of any family's are confidently "
+        "wrong.": wrong,
+        f"With one assumption false, {MIN_INSIDE_PERCENT:g} % of any family's ellipsoids hold the truth.": inside,
     }

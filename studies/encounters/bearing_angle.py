@@ -1,22 +1,20 @@
-"""The bearing-angle filter of Ning, Zhang, Li, Chen and Zhao (arXiv 2401.17117, 2024), flown on the same boxes.
+"""The bearing-angle filter of Ning, Zhang, Li, Chen and Zhao (arXiv 2401.17117, 2024).
 
 A box gives the bearing g of its middle, a unit vector, and the angle theta between its sides. A target of size l
-that looks as wide from every side has theta = l / r. With the target's place p and ours o in n, both are linear in
-the state (p, v, l) but for the noise (the paper's pseudo-linear form):
+that looks equally wide from every side has theta = l / r. With the target's position p and ours o in n, both are
+linear in the state (p, v, l) except for the noise (the paper's pseudo-linear form):
 
     (I - g g') o = (I - g g') p + r (I - g g') e        with e: noise of the bearing
     theta o      = theta p - l g + r (theta e + g w)    with w: noise of the angle
 
-Across g the second says what the first does: two rows of the first and one of the second remain. A Kalman filter
-with a target that keeps its velocity follows. Where we move across the line of sight, or its range changes, the
-size becomes known.
+Across g the second repeats the first, so two rows of the first and one of the second remain, for a Kalman filter
+with a target of constant velocity. The size becomes observable as we move across the line of sight or the range
+changes.
 
-With boxes whose sides are off by some percent, this form collapses: p = o and l = 0 fulfil both equations whatever
-is measured, and as theta is noisy, smaller ones fulfil them better. So by default the same state and the same
-measurement are linearised about the prediction (an extended Kalman filter), which does not.
-
-Ours, not the paper's: the target's acceleration is white, by `ACCELERATION`, chosen on seeds 1 to 12 for the least
-range error; and the first covariance has the range as uncertain as the size, and correlated with it.
+With box errors of some percent, this form collapses: p = o and l = 0 fulfil both equations for any measurement. By
+default the same measurement is therefore linearised about the prediction (an extended Kalman filter). Ours, not
+the paper's: white acceleration of the target by `ACCELERATION`, chosen on seeds 1 to 12 for the least range error,
+and an initial range as uncertain as the size, and correlated with it.
 """
 
 from collections.abc import Sequence
@@ -31,29 +29,28 @@ from simlink.encounters.encounter import BOOT_NS, Encounter
 from studies.encounters.flights import Flight, judged, received
 
 ACCELERATION: Final = 0.2  # m/s^2 / sqrt(Hz), white, of the target
-VELOCITY: Final = 5.0  # m/s, of the target at first, one standard deviation
+VELOCITY_SIGMA_M_S: Final = 5.0  # of the target at first
 POSITION_LAG: Final = (
     0.0225  # s: an ArduPilot's positions are older than their stamps, as the daemon supposes, too
 )
-CENTER: Final = 0.1  # of the size: the box's middle from the aircraft's center
+CENTER_SIGMA: Final = 0.1  # of the box's middle from the aircraft's center, as a fraction of the size
 YAW, TILT = np.radians([1.0, 0.3])  # of our attitude, as the daemon supposes, too
 
-P_: Final = slice(0, 3)
-V_: Final = slice(3, 6)
+POSITION: Final = slice(0, 3)
+VELOCITY: Final = slice(3, 6)
 SIZE: Final = 6
 
 
 class Box(NamedTuple):
-    """What one box shows: its time (s); the bearing (3,) in n; the angle, rad; the standard deviations of both,
-    rad; and the camera's place o and ours r_OF (3,) in n, m."""
+    """The measurement of one box, with the positions of camera and vehicle."""
 
-    t: float
-    g: Array
-    theta: float
-    g_sigma: float
-    theta_sigma: float
-    o: Array
-    r_OF: Array
+    t: float  # s
+    g: Array  # (3,) bearing in n
+    theta: float  # rad
+    g_sigma: float  # rad
+    theta_sigma: float  # rad
+    o: Array  # (3,) m, the camera's position in n
+    r_OF: Array  # (3,) m, ours
 
 
 def boxes(encounter: Encounter) -> list[Box]:
@@ -95,8 +92,11 @@ def flown(
     *,
     pseudo_linear: bool = False,
 ) -> Flight:
-    """The filter's estimates beside the truth. The target's apparent `size` is known to `size_sigma`, in m. The
-    covariance has the errors of our attitude and of the box's middle added, as ours has."""
+    """The filter's estimates, compared with the truth.
+
+    The target's apparent `size` is known to `size_sigma`, in m. The covariance has the errors of our attitude and
+    of the box's middle added, as ours has.
+    """
     seen = boxes(encounter)
     x, P = started(seen[0], size, size_sigma)
     rows, before = [], seen[0].t
@@ -104,46 +104,53 @@ def flown(
         x, P = predicted(x, P, box.t - before, acceleration)
         x, P = updated(x, P, box, pseudo_linear=pseudo_linear)
         before = box.t
-        position, P_6 = x[P_] - box.r_OF, np.full((6, 6), np.nan)  # the velocity is not compared
-        P_6[P_, P_] = P[P_, P_] + _aim(x, box)
+        position, P_6 = x[POSITION] - box.r_OF, np.full((6, 6), np.nan)  # the velocity is not compared
+        P_6[POSITION, POSITION] = P[POSITION, POSITION] + _aim(x, box)
         rows.append((box.t, *position, *[np.nan] * 3, *P_6.ravel()))
     return judged(np.array(rows), encounter.truth)
 
 
 def started(box: Box, size: float, size_sigma: float) -> tuple[Array, Array]:
-    """State (7,) and covariance (7, 7) of the first box: the range is as uncertain as the size."""
+    """Return state (7,) and covariance (7, 7) from the first box, with a range as uncertain as the size."""
     r = size / box.theta
     x = np.concatenate([box.o + r * box.g, np.zeros(3), [size]])
     along = np.append(box.g / box.theta, [0.0, 0.0, 0.0, 1.0])  # how the state moves with the size
     P = size_sigma**2 * np.outer(along, along)
-    across = box.g_sigma**2 + (CENTER * box.theta) ** 2
-    P[P_, P_] += r**2 * (across * np.eye(3) + (box.theta_sigma / box.theta) ** 2 * np.outer(box.g, box.g))
-    P[V_, V_] = VELOCITY**2 * np.eye(3)
+    across = box.g_sigma**2 + (CENTER_SIGMA * box.theta) ** 2
+    P[POSITION, POSITION] += r**2 * (
+        across * np.eye(3) + (box.theta_sigma / box.theta) ** 2 * np.outer(box.g, box.g)
+    )
+    P[VELOCITY, VELOCITY] = VELOCITY_SIGMA_M_S**2 * np.eye(3)
     return x, P
 
 
 def predicted(x: Array, P: Array, dt: float, acceleration: float) -> tuple[Array, Array]:
     """After `dt` seconds at constant velocity."""
     F, Q, one = np.eye(7), np.zeros((7, 7)), np.eye(3)
-    F[P_, V_] = dt * one
-    Q[P_, P_], Q[P_, V_], Q[V_, P_], Q[V_, V_] = dt**3 / 3 * one, dt**2 / 2 * one, dt**2 / 2 * one, dt * one
+    F[POSITION, VELOCITY] = dt * one
+    Q[POSITION, POSITION], Q[POSITION, VELOCITY], Q[VELOCITY, POSITION], Q[VELOCITY, VELOCITY] = (
+        dt**3 / 3 * one,
+        dt**2 / 2 * one,
+        dt**2 / 2 * one,
+        dt * one,
+    )
     return F @ x, F @ P @ F.T + acceleration**2 * Q
 
 
 def updated(x: Array, P: Array, box: Box, *, pseudo_linear: bool = False) -> tuple[Array, Array]:
-    """After one box, linearised about the prediction, or in the paper's form about what is measured."""
-    offset = x[P_] - box.o
+    """Return the state after one box, linearised about the prediction or in the paper's form."""
+    offset = x[POSITION] - box.o
     r, H, noise = (
         float(np.linalg.norm(offset)),
         np.zeros((3, 7)),
         np.diag(np.square([*[box.g_sigma] * 2, box.theta_sigma])),
     )
     if pseudo_linear:
-        H[:2, P_], H[2, P_], H[2, SIZE] = _across(box.g), box.theta * box.g, -1.0
-        innovation, noise = -H[:, P_] @ offset + [0.0, 0.0, x[SIZE]], r**2 * noise
+        H[:2, POSITION], H[2, POSITION], H[2, SIZE] = _across(box.g), box.theta * box.g, -1.0
+        innovation, noise = -H[:, POSITION] @ offset + [0.0, 0.0, x[SIZE]], r**2 * noise
     else:
         ahead = offset / r
-        H[:2, P_], H[2, P_], H[2, SIZE] = _across(ahead) / r, -x[SIZE] / r**2 * ahead, 1.0 / r
+        H[:2, POSITION], H[2, POSITION], H[2, SIZE] = _across(ahead) / r, -x[SIZE] / r**2 * ahead, 1.0 / r
         innovation = np.append(_across(ahead) @ box.g, box.theta - x[SIZE] / r)
     K = np.linalg.solve(H @ P @ H.T + noise, H @ P).T
     P = P - K @ H @ P
@@ -151,10 +158,12 @@ def updated(x: Array, P: Array, box: Box, *, pseudo_linear: bool = False) -> tup
 
 
 def _aim(x: Array, box: Box) -> Array:
-    """The covariance (3, 3) of the place by errors that last: of our attitude, and of the box's middle."""
-    offset = x[P_] - box.o
+    """Return the covariance (3, 3) of the position by lasting errors of attitude and box centre."""
+    offset = x[POSITION] - box.o
     right, down = _across(offset / np.linalg.norm(offset))
-    middle, yaw, tilt = np.square([CENTER * x[SIZE], YAW * np.linalg.norm(offset), TILT * np.linalg.norm(offset)])
+    middle, yaw, tilt = np.square(
+        [CENTER_SIGMA * x[SIZE], YAW * np.linalg.norm(offset), TILT * np.linalg.norm(offset)]
+    )
     aside: Array = (middle + yaw) * np.outer(right, right) + (middle + tilt) * np.outer(down, down)
     return aside
 

@@ -1,4 +1,4 @@
-"""The figure of the study of encounters: estimated range beside the truth, one flight of each family."""
+"""The figure of the study of encounters: estimated and true range of one flight of each family."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -45,7 +45,7 @@ def draw(flights: Mapping[Case, Flight], out: Path) -> tuple[str, ...]:
 
 
 def _limit(axis: Axes, flight: Flight) -> None:
-    """Scale by the truth, which an estimate that is far off must not flatten; what is off the scale as text."""
+    """Scale by the truth, so that a bad estimate does not flatten it; note what is off the scale."""
     top = 2.0 * float(np.max(flight.distance, initial=1.0))
     axis.set_ylim(0.0, top)
     highest = float(np.nanmax(flight.range_, initial=0.0))

@@ -1,5 +1,7 @@
-"""The flights of the study of encounters: simlink's random encounters through the daemon's pipeline as it ships,
-with nothing configured but the leader's size and class, and where the camera is mounted."""
+"""The flights of the study of encounters, through the daemon's default pipeline.
+
+Only the leader's size and class and the camera's mount are configured.
+"""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -26,11 +28,11 @@ from simlink.world.truth import path_accelerations
 from studies.encounters import recorded
 
 DURATION_S: Final = ENCOUNTER_DURATION_S
-SETTLE: Final = 5.0  # s before estimates count
-AFTER: Final = 8.0  # s from the beginning of a manoeuvre
-UNKNOWN: Final[Array] = np.empty(0)
-COURSE: Final = 2.0  # m/s over ground: of a slower leader a_lat and a_long have no direction
-STRAYS: Final = chi_square_threshold(0.9973, 3)  # NEES of the leader, where another aircraft has a smaller one
+SETTLING_TIME_S: Final = 5.0  # before estimates count
+MANOEUVRE_TIME_S: Final = 8.0  # from the beginning of a manoeuvre
+NO_VALUES: Final[Array] = np.empty(0)
+MIN_COURSE_SPEED_M_S: Final = 2.0  # over ground: a_lat and a_long of a slower leader have no direction
+MIN_STRAY_NEES: Final = chi_square_threshold(0.9973, 3)  # of the leader, where another aircraft has a smaller one
 FINDS: Final = {
     "points": ", five points",
     "box": ", box alone",
@@ -43,20 +45,19 @@ ON_WING: Final = ("estimator.leader.center_on_wing=true",)
 
 
 class Case(NamedTuple):
-    """A family, flown with settings beyond size and class, with a detector that `sees` more or less of it, with
-    the camera on a `mount`, and with a `departure` from what the estimator assumes."""
+    """A family flown with settings, a detector, a mount and a departure."""
 
     family: str
-    settings: tuple[str, ...] = ()
-    sees: Sees = "wing"
+    settings: tuple[str, ...] = ()  # beyond size and class
+    sees: Sees = "wing"  # how much of the leader the detector does
     feels_wind: bool = False  # our autopilot estimates it
-    mount: Mount = "fixed"
-    departure: Departure = NO_DEPARTURE
+    mount: Mount = "fixed"  # of the camera
+    departure: Departure = NO_DEPARTURE  # from what the estimator assumes
     log: str = ""  # a file with a recorded flight, which the leader flies; `family` is then a geometry
 
     @property
     def name(self) -> str:
-        """What the report calls it."""
+        """The name in the report."""
         if self.log:
             return f"{Path(self.log).name}, {self.family}"
         known = ", center on wing" if self.settings == ON_WING else ", wind estimated" if self.feels_wind else ""
@@ -97,39 +98,40 @@ CASES: Final = (*DEFAULTS, *WITH_CENTER, *IN_WIND, *POINTS, *BOXES, *ROTORS, *PO
 
 
 class Flight(NamedTuple):
-    """Every estimate of one flight from SETTLE s on (n,): its time (s), the true range, and what was estimated,
-    NaN where it was not valid: range and its standard deviation (m), and the NEES of position and of velocity.
-    `acceleration_nees`: of a_lat and a_long, NaN also where the leader is slower than COURSE.
-    `manoeuvre`: when the leader begins the one manoeuvre of its family (s); NaN: it has none. `strays` (n,): what
-    is published of the leader fits another aircraft better, and not the leader."""
+    """Every estimate of one flight from SETTLING_TIME_S on, each field (n,) if not stated otherwise.
 
-    t: Array
-    distance: Array
-    range_: Array
-    sigma: Array
-    nees: Array
-    velocity_nees: Array = UNKNOWN
-    manoeuvre: float = math.nan
-    strays: Array | bool = False
-    acceleration_nees: Array = UNKNOWN
+    Estimates are NaN when they are not valid.
+    """
+
+    t: Array  # s
+    distance: Array  # m, the true range
+    range_: Array  # m
+    sigma: Array  # m, of the range
+    nees: Array  # of the position
+    velocity_nees: Array = NO_VALUES
+    manoeuvre: float = math.nan  # s, when the leader begins the one manoeuvre of its family; NaN: it has none
+    strays: Array | bool = False  # (n,): the published leader fits another aircraft better, and not the leader
+    acceleration_nees: Array = NO_VALUES  # of a_lat and a_long; NaN also where the leader has no course
 
     @property
     def after(self) -> "Flight":
-        """The estimates of the AFTER seconds from its manoeuvre on."""
+        """The estimates of the MANOEUVRE_TIME_S from its manoeuvre on."""
         since = self.t - self.manoeuvre
-        during = (since >= 0.0) & (since <= AFTER)
+        during = (since >= 0.0) & (since <= MANOEUVRE_TIME_S)
         t, distance, range_, sigma, nees, velocity_nees = (x[during] for x in self[:6])
         strays = np.broadcast_to(self.strays, during.shape)[during]
-        across = self.acceleration_nees[during] if len(self.acceleration_nees) else UNKNOWN
+        across = self.acceleration_nees[during] if len(self.acceleration_nees) else NO_VALUES
         return Flight(t, distance, range_, sigma, nees, velocity_nees, self.manoeuvre, strays, across)
 
 
-NOT_FLOWN: Final = Flight(UNKNOWN, UNKNOWN, UNKNOWN, UNKNOWN, UNKNOWN)
+NOT_FLOWN: Final = Flight(NO_VALUES, NO_VALUES, NO_VALUES, NO_VALUES, NO_VALUES)
 
 
 def fly(case: Case, seed: int, settings: Sequence[str] = ()) -> Flight:
-    """One encounter through a pipeline of its own; `settings` are overrides on top of the case's. NOT_FLOWN, where
-    a recorded flight allows none."""
+    """Fly one encounter through its own pipeline; `settings` override the case's.
+
+    It is NOT_FLOWN if a recorded flight allows none.
+    """
     encounter = encounter_of(case, seed)
     if encounter is None:
         return NOT_FLOWN
@@ -154,15 +156,17 @@ def encounter_of(case: Case, seed: int) -> Encounter | None:
 
 
 def mount_off(degrees: float, seed: int) -> Vec3:
-    """By how much the camera is configured wrongly, in degrees: about one axis to one side, others by seed."""
+    """Return the error of the configured mount in degrees: about one axis, with the sign and axis by seed."""
     wrong = [0.0, 0.0, 0.0]
     wrong[seed % 3] = degrees if seed % 2 else -degrees
     return wrong[0], wrong[1], wrong[2]
 
 
 def known(encounter: Encounter, off: Vec3 = (0.0, 0.0, 0.0)) -> tuple[str, ...]:
-    """Settings: what is known of this encounter's leader, of the lens of its follower's camera, and of its mount,
-    whose angles are `off` by so much, degrees."""
+    """Return the known settings of an encounter: leader, lens, and mount.
+
+    `off` is the error of the mount's angles in degrees.
+    """
     camera = encounter.scenario.camera
     gimbal = () if camera.gimbal is None else (f"camera.gimbal={camera.gimbal.component}",)
     return (
@@ -178,7 +182,7 @@ def known(encounter: Encounter, off: Vec3 = (0.0, 0.0, 0.0)) -> tuple[str, ...]:
 
 
 def received(encounter: Encounter, settings: Sequence[str] = ()) -> list[Message]:
-    """What our vehicle's computer reads of an encounter, in order."""
+    """Return the messages that our computer receives, in order."""
     pipeline = Pipeline(load_config(None, (*known(encounter), *settings)))
     return [message for datagram in encounter.datagrams() for message in pipeline.decode(datagram)]
 
@@ -188,9 +192,11 @@ def estimated(
     datagrams: Iterable[Datagram],
     change: Callable[[list[Message]], list[Message]] = lambda messages: messages,
 ) -> Array:
-    """The leader's estimates (n, 49), in order: time of the encounter (s), r_FL_n and v_FL_n (6), their covariance
-    (36), a_lat and a_long (2), their covariance (4), NaN where not valid. `change`: what
-    becomes of the messages of one datagram."""
+    """Return the leader's estimates (n, 49), in order; NaN where not valid.
+
+    The columns are the time of the encounter (s), r_FL_n and v_FL_n (6), their covariance (36), a_lat and a_long
+    (2), and their covariance (4). `change` modifies the messages of one datagram.
+    """
     outputs = (output for datagram in datagrams for output in pipeline.advance(change(pipeline.decode(datagram))))
     rows = [
         ((output.t_ns - BOOT_NS) * 1e-9, *_motion(output))
@@ -201,9 +207,11 @@ def estimated(
 
 
 def judged(estimates: Array, truth: EncounterTruth, manoeuvre: float | None = None) -> Flight:
-    """Estimates (n, 49), as of `estimated`, beside the truth at their times; or their first 43 columns, of which
-    the accelerations are not judged."""
-    later = estimates[(estimates[:, 0] >= SETTLE) & (estimates[:, 0] <= truth.t[-1])]
+    """Compare estimates (n, 49), as in `estimated`, with the truth at their times.
+
+    With their first 43 columns the accelerations are not compared.
+    """
+    later = estimates[(estimates[:, 0] >= SETTLING_TIME_S) & (estimates[:, 0] <= truth.t[-1])]
     t, mean, P = later[:, 0], later[:, 1:7], later[:, 7:43].reshape(-1, 6, 6)
     r_FL_n, v_FL_n = (at(truth.t, values, t) for values in (truth.r_FL_n, truth.v_FL_n))
     range_ = np.linalg.norm(mean[:, :3], axis=1)
@@ -212,7 +220,7 @@ def judged(estimates: Array, truth: EncounterTruth, manoeuvre: float | None = No
     nees, strays = _nees(off[:, :3], P[:, :3, :3]), np.zeros(len(t), dtype=bool)
     if truth.other is not None:
         of_other = _nees(mean[:, :3] - at(truth.t, truth.other.r - truth.follower.r, t), P[:, :3, :3])
-        strays = (nees > STRAYS) & (of_other < nees)
+        strays = (nees > MIN_STRAY_NEES) & (of_other < nees)
     return Flight(
         t=t,
         distance=np.linalg.norm(r_FL_n, axis=1),
@@ -222,29 +230,28 @@ def judged(estimates: Array, truth: EncounterTruth, manoeuvre: float | None = No
         velocity_nees=_nees(off[:, 3:], P[:, 3:, 3:]),
         manoeuvre=math.nan if manoeuvre is None else manoeuvre,
         strays=strays,
-        acceleration_nees=_across(later, truth) if later.shape[1] > 43 else UNKNOWN,
+        acceleration_nees=_across(later, truth) if later.shape[1] > 43 else NO_VALUES,
     )
 
 
 def _across(estimates: Array, truth: EncounterTruth) -> Array:
-    """The NEES (n,) of a_lat and a_long; NaN where they are not valid, or the leader has no course."""
+    """Return the NEES (n,) of a_lat and a_long, NaN if invalid or if the leader has no course."""
     t, v, a = estimates[:, 0], truth.leader.v, truth.leader.a
     true = np.array([path_accelerations(*pair) for pair in zip(v.tolist(), a.tolist(), strict=True)])
     found = _nees(estimates[:, 43:45] - at(truth.t, true, t), estimates[:, 45:49].reshape(-1, 2, 2))
-    found[np.interp(t, truth.t, np.hypot(v[:, 0], v[:, 1])) < COURSE] = np.nan
+    found[np.interp(t, truth.t, np.hypot(v[:, 0], v[:, 1])) < MIN_COURSE_SPEED_M_S] = np.nan
     return found
 
 
 def _nees(off: Array, P: Array) -> Array:
-    """Of errors (n, k) with covariances (n, k, k); NaN where they are (n,)."""
+    """Return the NEES of errors (n, k) with covariances (n, k, k); NaN where they are (n,)."""
     found, valid = np.full(len(off), np.nan), np.isfinite(off).all(axis=1)
     found[valid] = normalised_squared(off[valid], P[valid])
     return found
 
 
 def _motion(estimate: Estimate) -> tuple[float, ...]:
-    """Mean (6) and covariance (36) of position and velocity, and (2) and (4) of a_lat and a_long; NaN if they are
-    not valid."""
+    """Return mean (6), covariance (36), and those (2), (4) of a_lat and a_long; NaN if invalid."""
     if not estimate.valid or estimate.mean is None or estimate.covariance is None:
         return (float("nan"),) * 48
     first, across = slice(0, 6), slice(A_LAT, A_LONG + 1)

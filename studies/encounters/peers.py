@@ -1,5 +1,6 @@
-"""The estimate beside the bearing-angle filter's, on the same boxes around a quadrotor: with a size that is known
-and with one that is unknown to half of it, while we sway, circle or fly behind.
+"""Our estimate and the bearing-angle filter's on the same boxes around a quadrotor.
+
+The size is known, or unknown to half of it, while we sway, circle or fly behind.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,15 +18,17 @@ from studies.encounters.results import Requirement
 from studies.encounters.scores import score
 from studies.report.findings import Table
 
-UNKNOWN: Final = 0.5  # of the size, one standard deviation of what is supposed ...
-OFF: Final = 0.4  # ... and how far it is off, to either side
-KNOWN: Final = 0.02  # the same of a size that is known
-LASTING: Final = 0.1  # of the size: boxes, and a square of rotors in place of a circle
-APPARENT: Final = 1.15  # of the width over the rotors: a quadrotor's mean width from all sides
-INSIDE: Final = 90.0  # percent of ours, at least
-WORSE: Final = 1.1  # times the other's range error, at most
+UNKNOWN_SIZE_SIGMA: Final = 0.5  # of the supposed size, as a fraction of it
+UNKNOWN_SIZE_ERROR: Final = 0.4  # of the supposed size to either side, as a fraction of it
+KNOWN_SIZE_SIGMA: Final = 0.02  # of a size that is known, as a fraction of it
+LASTING_SIZE_SIGMA: Final = (
+    0.1  # of boxes, and of a square of rotors in place of a circle, as a fraction of the size
+)
+APPARENT_WIDTH_RATIO: Final = 1.15  # a quadrotor's mean width from all sides to that over its rotors
+MIN_INSIDE_PERCENT: Final = 90.0  # of our valid estimates
+MAX_RANGE_ERROR_RATIO: Final = 1.1  # ours to the other's
 
-_SETTINGS: Final = (f"estimator.leader.size_prior_sigma_m={UNKNOWN * NOMINAL_SIZE}",)
+_SETTINGS: Final = (f"estimator.leader.size_prior_sigma_m={UNKNOWN_SIZE_SIGMA * NOMINAL_SIZE}",)
 WAYS: Final[Mapping[str, tuple[str, float]]] = {
     "we sway by 3 m": ("hover", 3.0),
     "we circle": ("circling", 0.0),
@@ -36,7 +39,7 @@ BESIDE: Final[Mapping[str, Case]] = {
         family, settings, "rotor_box", departure=Departure(size_off=off if off else None, sway=sway)
     )
     for way, (family, sway) in WAYS.items()
-    for size, settings, off in (("known", (), 0.0), ("unknown to 50 %", _SETTINGS, OFF))
+    for size, settings, off in (("known", (), 0.0), ("unknown to 50 %", _SETTINGS, UNKNOWN_SIZE_ERROR))
 }
 
 
@@ -50,8 +53,8 @@ class Pair(NamedTuple):
 def fly(case: Case, seed: int, settings: Sequence[str] = ()) -> Pair:
     """One encounter by both; `settings` are overrides of ours."""
     encounter = make_encounter(case.family, seed, flights.DURATION_S, case.sees, departure=case.departure)
-    share = float(np.hypot(UNKNOWN if case.settings else KNOWN, LASTING))
-    size = APPARENT * NOMINAL_SIZE
+    share = float(np.hypot(UNKNOWN_SIZE_SIGMA if case.settings else KNOWN_SIZE_SIGMA, LASTING_SIZE_SIGMA))
+    size = APPARENT_WIDTH_RATIO * NOMINAL_SIZE
     return Pair(flights.fly(case, seed, settings), flown(encounter, size, share * size))
 
 
@@ -59,8 +62,8 @@ def table_of(pairs: Mapping[str, Sequence[Pair]]) -> Table:
     """One row for each way and size."""
     return Table(
         title="Boxes around a quadrotor, beside the bearing-angle filter",
-        note=f"Ours, then the filter of `bearing_angle`. An unknown size is {100 * OFF:g} % off. NEES: of the"
-        " position, the mean over its freedom of 3.",
+        note=f"Ours, then the filter of `bearing_angle`. An unknown size is {100 * UNKNOWN_SIZE_ERROR:g} % off. "
+        "NEES: of the position, the mean over its freedom of 3.",
         header=(
             *("encounter", "flights", "range error %", "± %", "inside %", "± %", "NEES / 3"),
             *("theirs: range error %", "± %", "inside %", "± %", "NEES / 3"),
@@ -72,18 +75,23 @@ def table_of(pairs: Mapping[str, Sequence[Pair]]) -> Table:
 
 
 def requirements(pairs: Mapping[str, Sequence[Pair]]) -> dict[str, list[Requirement]]:
-    """What is required, by claim, as of `results.requirements`."""
+    """Return the requirements by claim, as in `results.requirements`."""
     scores = {
         name: (score([p.ours for p in each]), score([p.other for p in each])) for name, each in pairs.items()
     }
     errors = [
-        Requirement(f"range error, {name}", ours.range_error, high=WORSE * other.range_error.percent)
+        Requirement(
+            f"range error, {name}", ours.range_error, high=MAX_RANGE_ERROR_RATIO * other.range_error.percent
+        )
         for name, (ours, other) in scores.items()
     ]
-    inside = [Requirement(f"inside, {name}", ours.inside, low=INSIDE) for name, (ours, _) in scores.items()]
+    inside = [
+        Requirement(f"inside, {name}", ours.inside, low=MIN_INSIDE_PERCENT) for name, (ours, _) in scores.items()
+    ]
     return {
-        f"Around a quadrotor, the range error is at most {WORSE:g} times the bearing-angle filter's.": errors,
-        f"There, the 95 % ellipsoid holds the truth in {INSIDE:g} % of valid estimates.": inside,
+        f"Around a quadrotor, the range error is at most {MAX_RANGE_ERROR_RATIO:g} times the bearing-angle "
+        "filter's.": errors,
+        f"There, the 95 % ellipsoid holds the truth in {MIN_INSIDE_PERCENT:g} % of valid estimates.": inside,
     }
 
 

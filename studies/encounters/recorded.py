@@ -21,11 +21,11 @@ from simlink.world.drawn import Range
 from simlink.world.noise import stream
 
 SCENARIO: Final = "recorded"
-SHORTEST: Final = 20.0  # s
+MIN_DURATION_S: Final = 20.0
 WINGSPAN: Final[dict[LeaderClass, Range]] = {"multirotor": (0.35, 1.2), "fixed_wing": (1.0, 2.5)}  # m
-RECORDED: Final = 0.5  # of the followers; the others are drawn
-WRONG: Final = 3.0  # percent of valid estimates, at most
-INSIDE: Final = 90.0  # the same, at least
+RECORDED_FOLLOWER_SHARE: Final = 0.5  # the other followers are drawn
+MAX_WRONG_PERCENT: Final = 3.0  # of valid estimates
+MIN_INSIDE_PERCENT: Final = 90.0  # of valid estimates
 
 
 def logs_of(folder: Path) -> list[Path]:
@@ -34,8 +34,10 @@ def logs_of(folder: Path) -> list[Path]:
 
 
 def usable(folder: Path) -> tuple[list[Path], list[str]]:
-    """The logs of a folder from which a flight can be taken, and why not from others. Raises ValueError where
-    there is none."""
+    """The logs of a folder from which a flight can be taken, and why not from others.
+
+    Raises ValueError if no log has a flight.
+    """
     found, refused = [], []
     for path in logs_of(folder):
         try:
@@ -59,8 +61,10 @@ def flight_of(path: Path) -> Trajectory | None:
 
 
 def encounter(path: Path, geometry: str, seed: int) -> Encounter | None:
-    """The encounter `seed` with the leader of a log; None where its flight allows none. In half of them, another
-    multirotor of the same folder follows."""
+    """The encounter `seed` with the leader of a log; None where its flight allows none.
+
+    In half of them, another multirotor of the same folder follows.
+    """
     leader, rng = flight_of(path), stream(seed, f"encounters.others.{path.name}")
     if leader is None:
         return None
@@ -68,7 +72,7 @@ def encounter(path: Path, geometry: str, seed: int) -> Encounter | None:
     scenario = load_scenario(SCENARIO)
     scenario = replace(scenario, leader=replace(scenario.leader, size=round(wingspan, 3)))
     follower = None
-    if rng.uniform() < RECORDED:
+    if rng.uniform() < RECORDED_FOLLOWER_SHARE:
         there = logs_of(path.parent)
         other = flight_of(there[int(rng.integers(len(there)))])
         if other is not None and other.leader_class == "multirotor":
@@ -76,7 +80,9 @@ def encounter(path: Path, geometry: str, seed: int) -> Encounter | None:
     flights = [leader] if follower is None else [leader, follower]
     seconds = min(DURATION_S, max_duration(geometry, flights))
     try:
-        return recorded_encounter(scenario, seed, leader, geometry, max(seconds, SHORTEST), follower=follower)
+        return recorded_encounter(
+            scenario, seed, leader, geometry, max(seconds, MIN_DURATION_S), follower=follower
+        )
     except LogError:
         return None
 

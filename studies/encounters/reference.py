@@ -1,6 +1,7 @@
-"""Estimates beside a reference posterior: the same encounter, the same bytes and the same model, with 20,000
-particles for 900. Where the reference errs as much, the geometry or the model leaves the range open, not too few
-particles. A test holds the model to an independent particle filter.
+"""Estimates compared with a reference posterior of 20,000 particles instead of 900.
+
+Encounter, bytes and model are the same. Equal errors of the reference show that geometry or model leave the range
+uncertain, not too few particles. A test compares the model with an independent particle filter.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,7 +16,7 @@ from studies.report.findings import Check, Claim, Table, check, verdict
 PARTICLES: Final = 20_000
 SETTINGS: Final = (f"estimator.leader.particles={PARTICLES}",)
 COMPARED: Final = (*DEFAULTS, *WITH_CENTER, *IN_WIND)
-MOST: Final = 1.5  # times the reference's sigma, and as many times less
+MAX_SIGMA_RATIO: Final = 1.5  # to the reference's sigma, and its inverse is the smallest
 
 
 class Pair(NamedTuple):
@@ -26,8 +27,10 @@ class Pair(NamedTuple):
 
 
 def sigma_ratio(pair: Pair) -> float:
-    """The median, over the times at which both are valid, of our standard deviation of the range over the
-    reference's, each as a share of its own range; NaN without such a time."""
+    """Return the median ratio of our range sigma to the reference's, each relative to its own range.
+
+    It is over the times at which both are valid, NaN without any.
+    """
     ours, reference = pair
     _, a, b = np.intersect1d(ours.t, reference.t, return_indices=True)
     ratios = (ours.sigma[a] / ours.range_[a]) / (reference.sigma[b] / reference.range_[b])
@@ -38,16 +41,23 @@ def sigma_ratio(pair: Pair) -> float:
 def checks_of(pairs: Mapping[Case, Sequence[Pair]]) -> tuple[Check, ...]:
     """The ratio of each case, that of the median flight."""
     return tuple(
-        check(f"sigma beside the reference, {case.name}", "times", _median(each), 1.0 / MOST, MOST)
+        check(
+            f"sigma beside the reference, {case.name}",
+            "times",
+            _median(each),
+            1.0 / MAX_SIGMA_RATIO,
+            MAX_SIGMA_RATIO,
+        )
         for case, each in pairs.items()
     )
 
 
 def claims_of(checks: Sequence[Check]) -> tuple[Claim, ...]:
-    """That no case is much surer or less sure than the reference; nothing where none was flown."""
+    """Return the claim that no case is much more or less certain than the reference."""
     missed = [c.name for c in checks if not c.agrees]
     claim = Claim(
-        claim=f"Nowhere is the range {MOST:g} times surer than that of {PARTICLES:,} particles, or less sure.",
+        claim=f"Nowhere is the range {MAX_SIGMA_RATIO:g} times surer than that of {PARTICLES:,} particles, "
+        "or less sure.",
         where="required",
         verdict=verdict(not missed),
         evidence=f"{len(checks) - len(missed)} of {len(checks)} are met; not: {', '.join(missed) or 'none'}.",

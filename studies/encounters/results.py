@@ -1,4 +1,7 @@
-"""The table, checks and claims of the study of encounters. Every verdict follows from the numbers."""
+"""The table, checks and claims of the study of encounters.
+
+Every verdict follows from the numbers.
+"""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -6,15 +9,15 @@ from typing import Final, NamedTuple
 
 from studies.encounters import recorded
 from studies.encounters.flights import (
-    AFTER,
     BOXES,
-    COURSE,
     DEFAULTS,
     GIMBALS,
+    MANOEUVRE_TIME_S,
+    MIN_COURSE_SPEED_M_S,
     ON_WING,
     POINTS,
     POSES,
-    SETTLE,
+    SETTLING_TIME_S,
     Case,
     Flight,
 )
@@ -23,12 +26,12 @@ from studies.report.findings import Check, Claim, Table, check, verdict
 from studies.report.markdown import number
 
 INSIDE_ALL, INSIDE_FAMILY = 93.0, 88.0  # percent of valid estimates, at least
-WRONG_FAMILY: Final = 1.0  # percent of valid estimates, at most
-INSIDE_BOXES: Final = 92.0  # percent of valid estimates of the cases with boxes alone, at least
-ON_GIMBAL: Final = 1.2  # times the range error behind a fixed camera, at most
-INSIDE_POSES: Final = 92.0  # the same of those with poses alone, of which at most WRONG_FAMILY are wrong
+MAX_WRONG_PERCENT: Final = 1.0  # of valid estimates
+MIN_BOXES_INSIDE_PERCENT: Final = 92.0  # of valid estimates of the cases with boxes alone
+MAX_GIMBAL_ERROR_RATIO: Final = 1.2  # to the range error behind a fixed camera
+MIN_POSES_INSIDE_PERCENT: Final = 92.0  # of valid estimates of the cases with poses alone
 INSIDE_AFTER, BEYOND_AFTER = 93.0, 2.0  # percent of valid estimates after a manoeuvre, at least and at most
-VALID_WHERE_SHARP: Final = 90.0  # percent of estimates, at least
+MIN_SHARP_VALID_PERCENT: Final = 90.0  # of all estimates
 SHARP: Final = {  # range error (RMS, percent), at most, where the geometry allows it
     Case("behind"): 2.5,
     Case("crab"): 4.0,
@@ -48,7 +51,10 @@ class Requirement(NamedTuple):
 
     @property
     def missed_by(self) -> float:
-        """By how much the figure misses, percent; not positive if it does not. NaN if the figure is unknown."""
+        """Return by how much the figure misses, percent; not positive if it does not.
+
+        It is NaN if the figure is unknown.
+        """
         return self.ours.percent - self.high if self.high is not None else (self.low or 0.0) - self.ours.percent
 
     @property
@@ -69,10 +75,10 @@ def table_of(scores: Mapping[Case, Score], total: Score) -> Table:
     rows += [(case.name, score) for case, score in scores.items() if case not in DEFAULTS]
     return Table(
         title="Family by family",
-        note=f"Every estimate from {SETTLE:g} s on; ± is one standard error, by the scatter from flight to "
-        "flight. Range errors are RMS over valid estimates. Inside: the truth is in the 95 % ellipsoid of the "
-        "position. Wrong: the range is off by more than 3 sigma and more than 5 %, or another aircraft "
-        "is followed. The last rows fly other settings, and do not count in `all, defaults`.",
+        note=f"Every estimate from {SETTLING_TIME_S:g} s on; ± is one standard error, by the scatter from flight "
+        "to flight. Range errors are RMS over valid estimates. Inside: the truth is in the 95 % ellipsoid of the "
+        "position. Wrong: the range is off by more than 3 sigma and more than 5 %, or another aircraft is "
+        "followed. The last rows fly other settings, and do not count in `all, defaults`.",
         header=(
             *(
                 "encounter",
@@ -97,9 +103,9 @@ def table_of(scores: Mapping[Case, Score], total: Score) -> Table:
 
 
 def velocity_table(scores: Mapping[Case, Score], after: Mapping[Case, Score]) -> Table:
-    """One row for each case, and one for each whose leader has a manoeuvre: of the seconds after it begins."""
+    """Return one row for each case, and one for the seconds after a manoeuvre begins."""
     rows = [(case.name, s) for case, s in scores.items()]
-    rows += [(f"{case.name}, {AFTER:g} s from the manoeuvre on", s) for case, s in after.items()]
+    rows += [(f"{case.name}, {MANOEUVRE_TIME_S:g} s from the manoeuvre on", s) for case, s in after.items()]
     return Table(
         title="Velocity",
         note="Inside: the truth is in the 95 % ellipsoid. Beyond: the range is off by more than 3 sigma, the"
@@ -119,8 +125,8 @@ def acceleration_table(scores: Mapping[Case, Score]) -> Table:
     """One row for each case."""
     return Table(
         title="Acceleration",
-        note=f"a_lat and a_long together, while the leader flies faster than {COURSE:g} m/s. Inside: the truth is"
-        " in the 95 % ellipse. Beyond: out of that of 99.73 %.",
+        note=f"a_lat and a_long together, while the leader flies faster than {MIN_COURSE_SPEED_M_S:g} m/s. "
+        "Inside: the truth is in the 95 % ellipse. Beyond: out of that of 99.73 %.",
         header=("encounter", "flights", "inside %", "± %", "beyond %", "± %"),
         rows=tuple(
             (case.name, float(s.flights), *s.acceleration_inside, *s.acceleration_beyond)
@@ -143,8 +149,8 @@ def log_table(scores: Mapping[str, Score]) -> Table:
     return Table(
         title="Leaders that others flew",
         note="All geometries together. A flight is missing where a log allows none: it is too short, or nowhere in"
-        " view for long. Wanted: at most"
-        f" {recorded.WRONG:g} % confidently wrong and at least {recorded.INSIDE:g} % inside for each log.",
+        f" view for long. Wanted: at most {recorded.MAX_WRONG_PERCENT:g} % confidently wrong and at least "
+        f"{recorded.MIN_INSIDE_PERCENT:g} % inside for each log.",
         header=(
             *("log", "flights", "valid %", "± %", "range error %", "± %", "sigma of range % (median)"),
             *("inside %", "± %", "confidently wrong %", "± %", "velocity beyond %", "± %"),
@@ -160,17 +166,24 @@ def log_table(scores: Mapping[str, Score]) -> Table:
 
 
 def log_requirements(scores: Mapping[str, Score]) -> dict[str, list[Requirement]]:
-    """What is required of leaders that others flew, as of `requirements`."""
-    wrong = [Requirement(f"confidently wrong, {log}", s.wrong, high=recorded.WRONG) for log, s in scores.items()]
-    inside = [Requirement(f"inside, {log}", s.inside, low=recorded.INSIDE) for log, s in scores.items()]
+    """Return the requirements of recorded leaders, as in `requirements`."""
+    wrong = [
+        Requirement(f"confidently wrong, {log}", s.wrong, high=recorded.MAX_WRONG_PERCENT)
+        for log, s in scores.items()
+    ]
+    inside = [
+        Requirement(f"inside, {log}", s.inside, low=recorded.MIN_INSIDE_PERCENT) for log, s in scores.items()
+    ]
     return {
-        f"With leaders that others flew, at most {recorded.WRONG:g} % are confidently wrong in each log.": wrong,
-        f"With leaders that others flew, {recorded.INSIDE:g} % of each log's ellipsoids hold the truth.": inside,
+        f"With leaders that others flew, at most {recorded.MAX_WRONG_PERCENT:g} % are confidently wrong in "
+        "each log.": wrong,
+        f"With leaders that others flew, {recorded.MIN_INSIDE_PERCENT:g} % of each log's ellipsoids hold "
+        "the truth.": inside,
     }
 
 
 def after_requirements(after: Mapping[Case, Score]) -> dict[str, list[Requirement]]:
-    """What is required of the seconds after a manoeuvre begins, as of `requirements`."""
+    """Return the requirements of the seconds after a manoeuvre begins, as in `requirements`."""
     found = [
         requirement
         for case, s in after.items()
@@ -182,32 +195,40 @@ def after_requirements(after: Mapping[Case, Score]) -> dict[str, list[Requiremen
         )
     ]
     return {
-        f"In the {AFTER:g} s after a leader begins a manoeuvre, position and velocity are inside in "
+        f"In the {MANOEUVRE_TIME_S:g} s after a leader begins a manoeuvre, position and velocity are inside in "
         f"{INSIDE_AFTER:g} % of valid estimates, and at most {BEYOND_AFTER:g} % are beyond 3 sigma.": found
     }
 
 
 def requirements(scores: Mapping[Case, Score], total: Score) -> dict[str, list[Requirement]]:
-    """What is required, by claim; nothing of cases that were not flown."""
+    """Return the requirements by claim, none for cases that were not flown."""
     families = {case: scores[case] for case in DEFAULTS if case in scores}
     sharp = {case: scores[case] for case in SHARP if case in scores}
     inside = [Requirement("inside, all", total.inside, low=INSIDE_ALL)] if total.flights else []
     inside += [Requirement(f"inside, {c.name}", s.inside, low=INSIDE_FAMILY) for c, s in families.items()]
-    wrong = [Requirement(f"confidently wrong, {c.name}", s.wrong, high=WRONG_FAMILY) for c, s in families.items()]
+    wrong = [
+        Requirement(f"confidently wrong, {c.name}", s.wrong, high=MAX_WRONG_PERCENT) for c, s in families.items()
+    ]
     errors = [Requirement(f"range error, {c.name}", s.range_error, high=SHARP[c]) for c, s in sharp.items()]
-    valid = [Requirement(f"valid, {c.name}", s.valid, low=VALID_WHERE_SHARP) for c, s in sharp.items()]
-    boxes = [Requirement(f"inside, {c.name}", scores[c].inside, low=INSIDE_BOXES) for c in BOXES if c in scores]
+    valid = [Requirement(f"valid, {c.name}", s.valid, low=MIN_SHARP_VALID_PERCENT) for c, s in sharp.items()]
+    boxes = [
+        Requirement(f"inside, {c.name}", scores[c].inside, low=MIN_BOXES_INSIDE_PERCENT)
+        for c in BOXES
+        if c in scores
+    ]
     points = [
         Requirement(f"range error, {c.name}", scores[c].range_error, high=scores[wing].range_error.percent)
         for c in POINTS
         if c in scores and (wing := Case(c.family)) in scores
     ]
     posed = [c for c in POSES if c in scores]
-    poses = [Requirement(f"inside, {c.name}", scores[c].inside, low=INSIDE_POSES) for c in posed]
-    poses += [Requirement(f"confidently wrong, {c.name}", scores[c].wrong, high=WRONG_FAMILY) for c in posed]
+    poses = [Requirement(f"inside, {c.name}", scores[c].inside, low=MIN_POSES_INSIDE_PERCENT) for c in posed]
+    poses += [Requirement(f"confidently wrong, {c.name}", scores[c].wrong, high=MAX_WRONG_PERCENT) for c in posed]
     moved = [
         Requirement(
-            f"range error, {c.name}", scores[c].range_error, high=ON_GIMBAL * scores[fixed].range_error.percent
+            f"range error, {c.name}",
+            scores[c].range_error,
+            high=MAX_GIMBAL_ERROR_RATIO * scores[fixed].range_error.percent,
         )
         for c in GIMBALS
         if c in scores and (fixed := c._replace(mount="fixed")) in scores
@@ -215,17 +236,18 @@ def requirements(scores: Mapping[Case, Score], total: Score) -> dict[str, list[R
     return {
         f"The 95 % ellipsoid holds the truth in {INSIDE_ALL:g} % of all valid estimates, and in "
         f"{INSIDE_FAMILY:g} % of each family's.": inside,
-        f"At most {WRONG_FAMILY:g} % of the valid estimates of any family are confidently wrong.": wrong,
+        f"At most {MAX_WRONG_PERCENT:g} % of the valid estimates of any family are confidently wrong.": wrong,
         "The range is sharp where the geometry allows it: "
         + ", ".join(f"{limit:g} % ({case.name})" for case, limit in SHARP.items())
         + ".": errors,
-        f"There, at least {VALID_WHERE_SHARP:g} % of all estimates are valid.": valid,
-        f"With boxes alone, the 95 % ellipsoid holds the truth in {INSIDE_BOXES:g} % of valid estimates.": boxes,
+        f"There, at least {MIN_SHARP_VALID_PERCENT:g} % of all estimates are valid.": valid,
+        f"With boxes alone, the 95 % ellipsoid holds the truth in {MIN_BOXES_INSIDE_PERCENT:g} % of valid "
+        "estimates.": boxes,
         "Nose and tail, where a detector finds them, make the range better than the wing alone does.": points,
-        f"With poses alone, the 95 % ellipsoid holds the truth in {INSIDE_POSES:g} % of valid estimates, and at "
-        f"most {WRONG_FAMILY:g} % are confidently wrong.": poses,
-        f"With the camera on a gimbal that sweeps, the range error is at most {ON_GIMBAL:g} times that of a fixed "
-        "one.": moved,
+        f"With poses alone, the 95 % ellipsoid holds the truth in {MIN_POSES_INSIDE_PERCENT:g} % of valid "
+        f"estimates, and at most {MAX_WRONG_PERCENT:g} % are confidently wrong.": poses,
+        f"With the camera on a gimbal that sweeps, the range error is at most {MAX_GIMBAL_ERROR_RATIO:g} times "
+        "that of a fixed one.": moved,
     }
 
 
@@ -235,8 +257,10 @@ def checks_of(required: Mapping[str, Sequence[Requirement]]) -> tuple[Check, ...
 
 
 def claims_of(required: Mapping[str, Sequence[Requirement]]) -> tuple[Claim, ...]:
-    """A claim holds if each of its requirements is met. If each miss is less than twice its standard error, it
-    holds only if those misses are chance."""
+    """A claim holds if each of its requirements is met.
+
+    If each miss is less than twice its standard error, it holds only if those misses are chance.
+    """
     return tuple(
         Claim(
             claim=claim,

@@ -1,4 +1,4 @@
-"""Scores of flights: shares and errors over all valid estimates, with their scatter from flight to flight."""
+"""Scores of flights: shares and errors over all valid estimates, with their scatter over flights."""
 
 from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
@@ -10,25 +10,33 @@ from onboard.arrays import Array
 from onboard.filters.gating import chi_square_threshold
 from studies.encounters.flights import DEFAULTS, Case, Flight
 
-INSIDE: Final = chi_square_threshold(0.95, 3)
-BEYOND: Final = chi_square_threshold(0.9973, 3)  # an ellipsoid as probable as three sigma of one number
-INSIDE_2, BEYOND_2 = chi_square_threshold(0.95, 2), chi_square_threshold(0.9973, 2)  # the same of two numbers
+INSIDE_THRESHOLD: Final = chi_square_threshold(0.95, 3)
+BEYOND_THRESHOLD: Final = chi_square_threshold(0.9973, 3)  # an ellipsoid as probable as three sigma of one number
+PLANE_INSIDE_THRESHOLD, PLANE_BEYOND_THRESHOLD = (
+    chi_square_threshold(0.95, 2),
+    chi_square_threshold(0.9973, 2),
+)  # the same of two numbers
 WRONG_SIGMAS: Final = 3.0
 WRONG_SHARE: Final = 0.05  # of the range: an estimate is confidently wrong if it is off by more than both
 
 
 class Share(NamedTuple):
-    """A figure in percent, and its standard error by the scatter from flight to flight. NaN: unknown."""
+    """A figure in percent, and its standard error by the scatter from flight to flight.
+
+    NaN: unknown.
+    """
 
     percent: float
     error: float
 
 
 class Score(NamedTuple):
-    """All flights of a case. Of `valid`, the share is of all estimates, of the others of those that are valid.
-    Range errors are RMS, in percent of the true range: over all flights, of the median and the worst flight.
-    `beyond`: the range is off by more than three sigma, the velocity, or a_lat and a_long, out of the ellipsoid of
-    that probability."""
+    """All flights of a case.
+
+    Of `valid`, the share is of all estimates, of the others of those that are valid. Range errors are RMS, in
+    percent of the true range: over all flights, of the median and the worst flight. `beyond`: the range is off by
+    more than three sigma, the velocity, or a_lat and a_long, out of the ellipsoid of that probability.
+    """
 
     flights: int
     valid: Share
@@ -60,13 +68,17 @@ def score(flights: Sequence[Flight]) -> Score:
     return Score(
         flights=len(flights),
         valid=ratio(counts, [len(f.t) for f in flights]),
-        inside=ratio([np.count_nonzero(f.nees < INSIDE) for f in flights], counts),
+        inside=ratio([np.count_nonzero(f.nees < INSIDE_THRESHOLD) for f in flights], counts),
         wrong=ratio([np.count_nonzero(is_wrong(f)) for f in flights], counts),
         beyond=ratio([np.count_nonzero(_off(f) > WRONG_SIGMAS * f.sigma) for f in flights], counts),
-        velocity_inside=ratio([np.count_nonzero(f.velocity_nees < INSIDE) for f in flights], known),
-        velocity_beyond=ratio([np.count_nonzero(f.velocity_nees > BEYOND) for f in flights], known),
-        acceleration_inside=ratio([np.count_nonzero(f.acceleration_nees < INSIDE_2) for f in flights], curved),
-        acceleration_beyond=ratio([np.count_nonzero(f.acceleration_nees > BEYOND_2) for f in flights], curved),
+        velocity_inside=ratio([np.count_nonzero(f.velocity_nees < INSIDE_THRESHOLD) for f in flights], known),
+        velocity_beyond=ratio([np.count_nonzero(f.velocity_nees > BEYOND_THRESHOLD) for f in flights], known),
+        acceleration_inside=ratio(
+            [np.count_nonzero(f.acceleration_nees < PLANE_INSIDE_THRESHOLD) for f in flights], curved
+        ),
+        acceleration_beyond=ratio(
+            [np.count_nonzero(f.acceleration_nees > PLANE_BEYOND_THRESHOLD) for f in flights], curved
+        ),
         # d sqrt(s) = ds / (2 sqrt(s))
         range_error=Share(100.0 * rms, mean_square.error / (2.0 * rms) if rms else 0.0),
         median_flight=float(np.median(of_flights)) if len(of_flights) else float("nan"),
@@ -88,13 +100,16 @@ def is_wrong(flight: Flight) -> Array:
 
 
 def _off(flight: Flight) -> Array:
-    """By how much the range is off, m (n,)."""
+    """Return the error of the range, m (n,)."""
     return np.asarray(np.abs(flight.range_ - flight.distance))
 
 
 def ratio(hits: ArrayLike, counts: ArrayLike) -> Share:
-    """The sum of `hits` over that of `counts`, each (n,) by flight. What happens within a flight is correlated, so
-    each flight is one draw. The error of a single flight is unknown."""
+    """The sum of `hits` over that of `counts`, each (n,) by flight.
+
+    What happens within a flight is correlated, so each flight is one draw. The error of a single flight is
+    unknown.
+    """
     x, n = np.asarray(hits, dtype=float), np.asarray(counts, dtype=float)
     if not n.sum():
         return Share(float("nan"), float("nan"))

@@ -1,7 +1,8 @@
-"""Random encounters from any side: the leader's estimate as shipped, with nothing configured but the leader's size
-and class, and the camera's mount, which is drawn. The true size is within 2 % (one sigma). Noise, rates, delays,
-drop-outs and the errors of our own state are drawn around the defaults, never at them
-(`simlink/encounters/conditions.py`).
+"""Random encounters from any side, with the default estimator of the leader.
+
+Only the leader's size and class, and the camera's mount, which is drawn, are configured. The true size is within 2
+% (one sigma). Noise, rates, delays, drop-outs and the errors of our own state are drawn around the defaults, never
+at them (`simlink/encounters/conditions.py`).
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -35,15 +36,15 @@ from studies.report.sampling import decided
 
 NAME: Final = "encounters"
 TITLE: Final = "Encounters: the leader from any side"
-SEEDS: Final = 6  # by default
-LEAST: Final = 40  # seeds to decide the claims
+DEFAULT_SEED_COUNT: Final = 6
+MIN_SEED_COUNT: Final = 40  # to decide the claims
 FIRST_SEED: Final = 501  # settings are chosen on seeds 1 to 100
-FEWER: Final = 4  # of so many seeds one is flown with each assumption false, and beside another filter, too
-COMPARED: Final = 8  # of so many encounters one is flown by the reference, too: that takes ten times as long
+ASSUMPTION_SEED_RATIO: Final = 4  # seeds to each one flown with an assumption false and by another filter, too
+REFERENCE_SEED_RATIO: Final = 8  # seeds to each one flown by the reference, too, which takes ten times as long
 
 
 def run(
-    seeds: int = SEEDS,
+    seeds: int = DEFAULT_SEED_COUNT,
     first_seed: int = FIRST_SEED,
     jobs: Jobs = None,
     out: Path | None = None,
@@ -54,14 +55,17 @@ def run(
     broken: int | None = None,
     departures: Sequence[Case] = BROKEN,
 ) -> Findings:
-    """The study over `seeds` flights of each case; forty are needed to judge. `settings` are further overrides, as
-    of `--set`: to choose settings, on other seeds than those of the report. The first `compared` seeds (None: an
-    eighth of all) are flown by the reference, too, and the first `broken` (None: a quarter of all) with one
-    assumption false (`assumptions`: the `departures`), and beside another filter (`peers`)."""
+    """The study over `seeds` flights of each case; forty are needed to judge.
+
+    `settings` are further overrides, as of `--set`: to choose settings, on other seeds than those of the report.
+    The first `compared` seeds (None: an eighth of all) are flown by the reference, too, and the first `broken`
+    (None: a quarter of all) with one assumption false (`assumptions`: the `departures`), and beside another filter
+    (`peers`).
+    """
     every = require_seeds(seeds, first_seed)
     draw = drawing(__package__, out)
-    few = every[: seeds // COMPARED if compared is None else compared]
-    some = every[: seeds // FEWER if broken is None else broken]
+    few = every[: seeds // REFERENCE_SEED_RATIO if compared is None else compared]
+    some = every[: seeds // ASSUMPTION_SEED_RATIO if broken is None else broken]
     beside = [case for case in cases if case in reference.COMPARED and few]
     others = list(BESIDE) if some and cases else []
     parts = [Part(fly, (case, seed, (*settings, *reference.SETTINGS))) for case in beside for seed in few]
@@ -78,17 +82,19 @@ def run(
     flights = {case: each for case, all_ in flights.items() if (each := of_use(case, all_))}
     shown = {case: each[0] for case, each in flights.items() if case in DEFAULTS}
     found = findings(flights, first_seed, settings, references, astray, paired)
-    return publish(decided(found, LEAST), out, draw if shown else None, *([shown] if shown else []))
+    return publish(decided(found, MIN_SEED_COUNT), out, draw if shown else None, *([shown] if shown else []))
 
 
 def options(
     seeds: int | None, cases: str | None, *, departures: bool, leaders_from: Path | None = None
 ) -> dict[str, Any]:
-    """The arguments of `run` for a part of the study: the cases of these names, as in the keys of the page's
-    figures (`hover`, `hover_five_points`), or with `departures` their families with one assumption false each;
-    or the logs of the folder `leaders_from`, from all sides or from those that `cases` names. None is flown by
-    the reference or beside another filter. `refused` is no argument: why other logs are not flown. Raises
-    ValueError, which names what there is."""
+    """Return the arguments of `run` for a part of the study.
+
+    `cases` are names as in the keys of the page's figures (`hover`, `hover_five_points`); with `departures` their
+    families with one assumption false each; with a folder `leaders_from` its logs, from the named sides or all.
+    None is flown by the reference or another filter. `refused` is no argument: it tells why other logs are not
+    flown. Raises ValueError with the known names.
+    """
     if leaders_from is not None:
         if departures:
             raise ValueError("leaders that others flew depart from nothing")
@@ -107,7 +113,7 @@ def options(
         return {"cases": chosen, "compared": 0, "broken": 0}
     families = {case.family for case in chosen}
     astray = [case for case in BROKEN if case.family in families]
-    return {"cases": (), "compared": 0, "broken": seeds or SEEDS, "departures": astray}
+    return {"cases": (), "compared": 0, "broken": seeds or DEFAULT_SEED_COUNT, "departures": astray}
 
 
 def key_of(case: Case) -> str:
@@ -123,8 +129,11 @@ def findings(
     astray: Mapping[Case, Sequence[Flight]] | None = None,
     paired: Mapping[str, Sequence[peers.Pair]] | None = None,
 ) -> Findings:
-    """The results of flights with successive seeds, the first of which the `references` have flown, too; `astray`
-    are flights with one assumption false, and `paired` those beside the bearing-angle filter."""
+    """Return the results of flights with successive seeds.
+
+    The first of them were also flown by the `references`. `astray` are flights with one assumption false, `paired`
+    those with the bearing-angle filter.
+    """
     scores, total = {case: score(each) for case, each in flights.items()}, over_all(flights)
     departed = {case: score(each) for case, each in (astray or {}).items()}
     after = {c: score([f.after for f in each]) for c, each in flights.items() if has_manoeuvre(each)}
@@ -133,7 +142,7 @@ def findings(
     required |= log_requirements(by_log := of_logs(flights))
     pairs = {c: [*map(Pair, flights[c], each)] for c, each in (references or {}).items()}
     beside = reference.checks_of(pairs)
-    setting = (__doc__ or "").replace("\n", " ").strip()
+    setting = " ".join((__doc__ or "").split())
     return Findings(
         study=NAME,
         title=TITLE,
@@ -155,7 +164,7 @@ def findings(
 
 
 def of_use(case: Case, flights: Sequence[Flight]) -> Sequence[Flight]:
-    """The flights of a case that there were: not every recorded flight can be seen from everywhere."""
+    """Return the flights that exist: not every recorded flight can be seen from everywhere."""
     return [flight for flight in flights if len(flight.t)] if case.log else flights
 
 
@@ -165,7 +174,7 @@ def has_manoeuvre(flights: Sequence[Flight]) -> bool:
 
 
 def _split(flown: Sequence[Any], *groups: tuple[Iterable[Any], int]) -> list[dict[Any, Sequence[Any]]]:
-    """The flights of each group by its keys, each of which has so many; they are flown in this order."""
+    """Return the flights of each group by its keys, in the order in which they are flown."""
     found, at = [], 0
     for keys, each in groups:
         ordered = list(keys)

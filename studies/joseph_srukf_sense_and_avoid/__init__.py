@@ -1,1 +1,4 @@
-"""De Vivo, Brandl, Battipede and Gili: square-root filters for sense and avoid. `study` runs it."""
+"""De Vivo, Brandl, Battipede and Gili: square-root filters for sense and avoid.
+
+`study` runs it.
+"""

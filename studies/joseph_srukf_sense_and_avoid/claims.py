@@ -6,10 +6,10 @@ from studies.joseph_srukf_sense_and_avoid.runs import JOSEPH, SYMMETRIC, AllResu
 from studies.report.findings import Claim, verdict
 from studies.report.sampling import all_of, negated
 
-BETTER = 0.95  # "more accurate": by a twentieth at least
-TWO_ORDERS = 100.0
-SAME = 1e-3  # relative difference of numbers that are equal by definition
-EXACT = 0.1  # of the expected NEES
+BETTER_ERROR_RATIO = 0.95  # "more accurate": by a twentieth at least
+MIN_CONDITION_RATIO = 100.0  # two orders of magnitude
+ROUNDING_TOLERANCE = 1e-3  # relative, of numbers that are equal by definition
+NEES_TOLERANCE = 0.1  # as a fraction of the expected NEES
 
 
 def claims_of(m: AllResults) -> tuple[Claim, ...]:
@@ -43,7 +43,9 @@ def _accuracy(m: AllResults) -> Claim:
     return Claim(
         claim="The square-root filter in Joseph's form is much more accurate than the EKF and the UKF.",
         where="section 4.3, figures 2-5; section 6",
-        verdict=verdict(all_of(found[JOSEPH].better(found[name], "position", BETTER) for name in ("ekf", "ukf"))),
+        verdict=verdict(
+            all_of(found[JOSEPH].better(found[name], "position", BETTER_ERROR_RATIO) for name in ("ekf", "ukf"))
+        ),
         evidence="Validation: "
         + ", ".join(f"{name} {w.text('position')}" for name, w in found.items())
         + f" m: {100 * (1 - ratio):.1f} % better in the same runs. Radar and GNSS: "
@@ -86,7 +88,9 @@ def _condition_of_the_root(m: AllResults) -> Claim:
     return Claim(
         claim="With the square root the condition number is two orders lower.",
         where="section 4.3, figures 8, 9",
-        verdict=verdict(ratio >= TWO_ORDERS and square > SAME, ratio >= TWO_ORDERS),
+        verdict=verdict(
+            ratio >= MIN_CONDITION_RATIO and square > ROUNDING_TOLERANCE, ratio >= MIN_CONDITION_RATIO
+        ),
         evidence=f"κ(P) is {ratio:.0f} times κ(S) (median); κ(S)² = κ(P) by definition (to "
         f"{square:.0e}). It halves the digits lost, and changes no number in double precision: UKF and "
         f"square-root UKF are {m.validation.gap:.0e} m apart.",
@@ -171,7 +175,9 @@ def _acceleration(m: AllResults) -> Claim:
     return Claim(
         claim="The filtered acceleration is closer to the truth than that of EKF and UKF.",
         where="sections 5.1.3 and 5.2.3, figures 13, 16",
-        verdict=verdict(found[JOSEPH]["nominal"].better(found["ukf"]["nominal"], "acceleration", BETTER)),
+        verdict=verdict(
+            found[JOSEPH]["nominal"].better(found["ukf"]["nominal"], "acceleration", BETTER_ERROR_RATIO)
+        ),
         evidence=f"Radar, m/s², nominal, jammed and after the faults: {numbers}. UKF and Joseph's form agree; "
         "the EKF recovers from the loss of signal a little slower.",
     )
@@ -244,7 +250,7 @@ def _consistency(m: AllResults) -> Claim:
     )
     cautious = all_of(all_of((w.within("nees", n), w.inside > 0.9)) for w, n in found.values())
     exact = all_of(
-        all_of((w.within("nees", (1 + EXACT) * n), negated(w.within("nees", (1 - EXACT) * n))))
+        all_of((w.within("nees", (1 + NEES_TOLERANCE) * n), negated(w.within("nees", (1 - NEES_TOLERANCE) * n))))
         for w, n in found.values()
     )
     return Claim(

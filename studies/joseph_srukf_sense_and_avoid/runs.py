@@ -29,20 +29,18 @@ from studies.tracking.trackers import EKF, ITERATED, SRUKF, SRUKF_CLASSICAL, SRU
 
 JOSEPH: Final = SRUKF_JOSEPH.name
 SYMMETRIC: Final = ("ekf", "ukf", "srukf", JOSEPH)
-DIVERGED_M: Final = 500.0
+MIN_DIVERGED_ERROR_M: Final = 500.0
 SHARP_STEPS: Final = 60
-SETTLED: Final = 20.0  # s of the validation that do not count
+SETTLING_TIME_S: Final = 20.0  # of the validation: it does not count
 
 
 class Results(NamedTuple):
-    """Outcomes by tracker; `raw`, by window, the RMS position error of the measurements, m; `raw_axes` (T, 3), the
-    same over runs by axis, NaN without a measurement; `gap`, the largest difference, m, between positions of the
-    unscented filter and of its square-root form; `extra`, single numbers."""
+    """Outcomes by tracker, with the errors of the raw measurements."""
 
-    outcomes: dict[str, Outcome]
-    raw: dict[str, float]
-    raw_axes: Array
-    gap: float
+    outcomes: dict[str, Outcome]  # by tracker
+    raw: dict[str, float]  # m, RMS position error of the measurements, by window
+    raw_axes: Array  # (T, 3), the same over runs by axis; NaN without a measurement
+    gap: float  # m, the largest difference between positions of the unscented filter and of its square-root form
     extra: dict[str, float]
 
 
@@ -65,10 +63,10 @@ class AllResults(NamedTuple):
 def fly_validation(seeds: range) -> Results:
     """Section 4.3."""
     made, t = scenes.validation(seeds), scenes.validation_times()
-    windows = {"settled": t > SETTLED}
+    windows = {"settled": t > SETTLING_TIME_S}
     trackers = (EKF_PLAIN, EKF, UKF, SRUKF, SRUKF_JOSEPH, SRUKF_CLASSICAL)
     traces = {tracker.name: run_batch(made, tracker, condition=True) for tracker in trackers}
-    found = {x.name: judge(traces[x.name], made.truth, x, t, windows, DIVERGED_M) for x in trackers}
+    found = {x.name: judge(traces[x.name], made.truth, x, t, windows, MIN_DIVERGED_ERROR_M) for x in trackers}
     gap = np.abs(traces["ukf"].mean - traces["srukf"].mean)[..., POSITION]
     extra = {f"bound_{name}": bound(q, windows["settled"]) for name, q in (("model", None), ("still", 0.0))}
     return _results(found, measurement_errors(made), windows, float(np.nanmax(gap)), extra)
@@ -79,11 +77,14 @@ def fly_sharp(seeds: range, single: bool) -> Results:
     made = scenes.validation(seeds, scenes.SHARP_SIGMA, SHARP_STEPS, np.float32 if single else np.float64)
     t = scenes.validation_times(SHARP_STEPS)
     trackers = (EKF_PLAIN, EKF, UKF, SRUKF_TEXTBOOK, SRUKF_CLASSICAL, SRUKF, SRUKF_JOSEPH, *NEGATIVE)
-    return _results(outcomes_of(made, trackers, t, {"all": t > 0}, DIVERGED_M))
+    return _results(outcomes_of(made, trackers, t, {"all": t > 0}, MIN_DIVERGED_ERROR_M))
 
 
 def fly_radar(seeds: range, rain_mm_h: float = 0.0, only: str = "") -> Results:
-    """Section 5.1.3: jammed for 15 s, without signal for 10 s. `only`: one tracker instead of all."""
+    """Section 5.1.3: jammed for 15 s, without signal for 10 s.
+
+    `only`: one tracker instead of all.
+    """
     made, (t, _) = scenes.by_radar(seeds, rain_mm_h), scenes.intruder()
     looks, windows = scenes.looks(seeds[:1], rain_mm_h)[0], scenes.radar_windows(t)
     extra = {"snr_first_db": float(looks.snr_db[0]), "snr_jammed_db": float(np.min(looks.snr_db[looks.detected]))}
@@ -91,7 +92,10 @@ def fly_radar(seeds: range, rain_mm_h: float = 0.0, only: str = "") -> Results:
 
 
 def fly_gnss(seeds: range, corrected: bool, only: str = "") -> Results:
-    """Section 5.2.3: the clock degraded for 15 s, no satellites for 12 s. `only`: one tracker instead of all."""
+    """Section 5.2.3: the clock degraded for 15 s, no satellites for 12 s.
+
+    `only`: one tracker instead of all.
+    """
     made, (t, _) = scenes.by_gnss(seeds, corrected), scenes.intruder()
     windows = scenes.gnss_windows(t)
     raw = scenes.snapshots(seeds, corrected) - made.truth[..., POSITION]
@@ -105,13 +109,13 @@ def fly_acquisition(seeds: range) -> Results:
     made = scenes.acquisition(seeds)
     t: Array = np.asarray(scenes.DT * np.arange(1, len(made.truth) + 1), float)
     windows = {"first": t < 1.5 * scenes.DT, "all": t > 0}
-    return _results(outcomes_of(made, (EKF, UKF, SRUKF_JOSEPH, SRUKF, ITERATED), t, windows, DIVERGED_M))
+    return _results(outcomes_of(made, (EKF, UKF, SRUKF_JOSEPH, SRUKF, ITERATED), t, windows, MIN_DIVERGED_ERROR_M))
 
 
 def fly_literal(seeds: range) -> Outcome:
     """The validation with eqs 21 and 22 as printed."""
     made, t = scenes.validation(seeds), scenes.validation_times()
-    return outcomes_of(made, (LITERAL,), t, {"settled": t > SETTLED}, DIVERGED_M)[LITERAL.name]
+    return outcomes_of(made, (LITERAL,), t, {"settled": t > SETTLING_TIME_S}, MIN_DIVERGED_ERROR_M)[LITERAL.name]
 
 
 def fly_printed_alpha(seeds: range) -> Outcome:
@@ -119,12 +123,15 @@ def fly_printed_alpha(seeds: range) -> Outcome:
     made, (t, _) = scenes.by_radar(seeds), scenes.intruder()
     with np.errstate(all="ignore"):  # it overflows
         printed = made._replace(process=lambda rows: rk4(_printed_turn, rows, scenes.DT))
-        return outcomes_of(printed, (UKF,), t, scenes.radar_windows(t), DIVERGED_M)[UKF.name]
+        return outcomes_of(printed, (UKF,), t, scenes.radar_windows(t), MIN_DIVERGED_ERROR_M)[UKF.name]
 
 
 def durations(runs: int = 100, steps: int = 20, repeats: int = 12) -> dict[str, float]:
-    """Microseconds of a predict and update by tracker, many runs in one call. The trackers take turns, and the
-    least of some turns counts, in time of this process: another study may run beside this one."""
+    """Microseconds of a predict and update by tracker, many runs in one call.
+
+    The trackers take turns, and the least of some turns counts, in time of this process: another study may run
+    beside this one.
+    """
     made = scenes.validation(range(runs), steps=steps)
     trackers = (EKF, UKF, SRUKF_CLASSICAL, SRUKF, SRUKF_JOSEPH)
     found = {tracker.name: np.inf for tracker in trackers}
@@ -142,8 +149,10 @@ def durations(runs: int = 100, steps: int = 20, repeats: int = 12) -> dict[str, 
 
 
 def bound(q: float | None, settled: Mask) -> float:
-    """Posterior Cramér-Rao bound of the validation's position, m, RMS over settled steps. q None: of a target with
-    the filter's process noise; 0: of one without any, as the true one."""
+    """Return the posterior Cramér-Rao bound of the validation's position, m, RMS over settled steps.
+
+    q None is a target with the filter's process noise; 0 is one without, like the true one.
+    """
     made = scenes.validation(range(1))
     F, Q = wiener_acceleration(scenes.VALIDATION_DT, scenes.VALIDATION_DENSITY if q is None else q, by_axis=True)
     R = np.diag(scenes.VALIDATION_SIGMA**2)
@@ -165,7 +174,9 @@ def measurement_errors(made: Scene) -> Array:
 def _every(made: Scene, t: Array, windows: Mapping[str, Mask], only: str) -> dict[str, Outcome]:
     """All trackers that compete, or one of them."""
     trackers = (EKF_PLAIN_NONLINEAR, EKF, UKF, SRUKF, SRUKF_JOSEPH)
-    return outcomes_of(made, (x for x in trackers if only in x.name), t, windows, DIVERGED_M, condition=not only)
+    return outcomes_of(
+        made, (x for x in trackers if only in x.name), t, windows, MIN_DIVERGED_ERROR_M, condition=not only
+    )
 
 
 def _results(

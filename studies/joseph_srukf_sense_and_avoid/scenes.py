@@ -1,5 +1,7 @@
-"""The scenes of De Vivo et al.: validation (section 4), radar (5.1), GNSS (5.2), and two that are hard for the
-filters."""
+"""The scenes of De Vivo et al.: validation (section 4), radar (5.1), GNSS (5.2).
+
+Two more are difficult for the filters.
+"""
 
 from typing import Any, Final
 
@@ -21,7 +23,7 @@ NARROW: Final = np.tile([100.0, 20.0, 3.0], 3)  # and with radar and GNSS
 VALIDATION_SIGMA: Final = np.array([30.0, np.radians(1.45), np.radians(5.0)])
 SHARP_SIGMA: Final = np.array([0.01, 1e-5, 1e-5])
 FAR_SIGMA: Final = np.array([1.0, 2e-4, 2e-4])
-FAR: Final = 20e3  # m
+FAR_RANGE_M: Final = 20e3
 FAR_START: Final = np.tile([1000.0, 30.0, 3.0], 3)
 VALIDATION_DT: Final = 0.5
 VALIDATION_DENSITY: Final = 0.01
@@ -49,15 +51,17 @@ def validation_times(steps: int = 200) -> Array:
 
 
 def validation(seeds: range, sigma: Array = VALIDATION_SIGMA, steps: int = 200, dtype: Any = np.float64) -> Scene:
-    """A target of constant acceleration, as the filter assumes but for its process noise. `dtype`: of everything
-    the filter is given."""
+    """A target of constant acceleration, as the filter assumes but for its process noise.
+
+    `dtype`: of everything the filter is given.
+    """
     return _steady(seeds, TARGET, WIDE, sigma, steps, VALIDATION_DT, dtype)
 
 
 def acquisition(seeds: range, steps: int = 50) -> Scene:
     """The same target from 20 km, known to 1 km, measured to 1 m in range and 4 m across."""
     x = TARGET.copy()
-    x[list(POSITION)] *= FAR / np.linalg.norm(x[list(POSITION)])
+    x[list(POSITION)] *= FAR_RANGE_M / np.linalg.norm(x[list(POSITION)])
     return _steady(seeds, x, FAR_START, FAR_SIGMA, steps, DT, np.float64)
 
 
@@ -175,7 +179,7 @@ def snapshots(seeds: range, corrected: bool = True) -> Array:
 
 
 def _least_squares(fix: gnss.Fix) -> Array:
-    """The position (3,) that fits the pseudoranges best, iterated from the origin of the local frame."""
+    """Return the position (3,) of the best fit to the pseudoranges, iterated from the local origin."""
     x, count = np.zeros((1, 11)), len(fix.slots)
     x[0, POSITION] = ecef_from_geodetic(*ORIGIN)
     used = [*POSITION, 9]

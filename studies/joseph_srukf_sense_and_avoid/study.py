@@ -1,9 +1,9 @@
-"""De Vivo, Brandl, Battipede & Gili, "Joseph covariance formula adaptation to Square-Root Sigma-Point Kalman
-filters" (Nonlinear Dynamics, 2017).
+"""The study of the square-root UKF with Joseph's formula, for sense and avoid.
 
-A square-root unscented filter whose covariance is updated in Joseph's form with the Jacobian at the posterior
-mean, against its neighbours: on the paper's validation, on a phased-array radar that is jammed and loses the
-signal, and on GNSS with a degraded clock and without satellites.
+The paper is De Vivo, Brandl, Battipede & Gili, "Joseph covariance formula adaptation to Square-Root Sigma-Point
+Kalman filters" (Nonlinear Dynamics, 2017). A square-root unscented filter with a covariance update in Joseph's
+form, with the Jacobian at the posterior mean, is compared with related filters: on the paper's validation, on a
+phased-array radar that is jammed and loses the signal, and on GNSS with a degraded clock and without satellites.
 """
 
 from pathlib import Path
@@ -22,10 +22,10 @@ from studies.tracking.outcomes import Outcome
 
 NAME: Final = "joseph-srukf-sense-and-avoid"
 TITLE: Final = "De Vivo et al.: Joseph's form for square-root sigma-point filters"
-LEAST: Final = 30  # seeds to decide the claims
-VALIDATION_RUNS: Final = 10  # for each seed: the paper flies 500, and 10 of the others
-FAR_RUNS: Final = 4
-RAIN_MM_H: Final = 50.0
+MIN_SEED_COUNT: Final = 30  # to decide the claims
+VALIDATION_RUN_COUNT: Final = 10  # for each seed: the paper flies 500, and 10 of the others
+FAR_RUN_COUNT: Final = 4
+RAIN_RATE_MM_H: Final = 50.0
 FORMULAS: Final = (*filters.MISPRINTS, *models.MISPRINTS, *sensors.MISPRINTS)
 
 
@@ -36,18 +36,20 @@ def run(
     out: Path | None = None,
     progress: Progress | None = None,
 ) -> Findings:
-    """The study over `seeds` runs by radar and GNSS, ten times as many of the validation; with `out`, figures and
-    report are written (the extra `study`)."""
+    """Run the study over `seeds` runs by radar and GNSS, and ten times as many of the validation.
+
+    With `out`, figures and report are written (the extra `study`).
+    """
     draw = drawing(__package__, out)
     every = require_seeds(seeds, first_seed)
-    many = range(first_seed, first_seed + VALIDATION_RUNS * seeds)
-    some = range(first_seed, first_seed + FAR_RUNS * seeds)
+    many = range(first_seed, first_seed + VALIDATION_RUN_COUNT * seeds)
+    some = range(first_seed, first_seed + FAR_RUN_COUNT * seeds)
     parts = (
         Part(runs.fly_gnss, (every, True)),
         Part(runs.fly_validation, (many,)),
         Part(runs.fly_radar, (every,)),
         Part(runs.fly_gnss, (every, False, JOSEPH)),
-        Part(runs.fly_radar, (every, RAIN_MM_H, JOSEPH)),
+        Part(runs.fly_radar, (every, RAIN_RATE_MM_H, JOSEPH)),
         Part(runs.fly_sharp, (every, True)),
         Part(runs.fly_sharp, (every, False)),
         Part(runs.fly_acquisition, (some,)),
@@ -67,7 +69,7 @@ def run(
         claims=claims_of(results),
         misprints=_misprints(results),
     )
-    return publish(decided(found, LEAST), out, draw, results, every[:1])
+    return publish(decided(found, MIN_SEED_COUNT), out, draw, results, every[:1])
 
 
 def _setting(validations: int, seeds: int, m: AllResults) -> str:

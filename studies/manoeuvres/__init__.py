@@ -1,1 +1,1 @@
-"""Study: what a leader's manoeuvres, drop-outs and a daemon that is killed do to followers of both autopilots."""
+"""Study of a leader's manoeuvres, drop-outs and a killed daemon, for followers of both autopilots."""

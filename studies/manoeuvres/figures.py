@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from studies.manoeuvres.study import Row
 
 NAME: Final = "distances.png"
-MOST: Final = 400.0  # percent; the rest is cut off
+MAX_SHOWN_PERCENT: Final = 400.0  # the rest is cut off
 
 
 def draw(rows: Sequence["Row"], out: Path) -> tuple[str, ...]:
@@ -28,11 +28,16 @@ def draw(rows: Sequence["Row"], out: Path) -> tuple[str, ...]:
                 for k, result in enumerate(found if name == autopilot else ()):
                     y = place + 0.6 * ((k + 0.5) / len(found) - 0.5)
                     colour = COLOURS["ukf"] if result.followed else COLOURS["ekf"]
-                    axis.plot([result.least, min(result.greatest, MOST)], [y, y], color=colour, linewidth=1.5)
+                    axis.plot(
+                        [result.least, min(result.greatest, MAX_SHOWN_PERCENT)],
+                        [y, y],
+                        color=colour,
+                        linewidth=1.5,
+                    )
             axis.axvline(200.0 / 3.0, color="black", linewidth=0.8, linestyle="--")
             axis.set_title(f"{autopilot} (orange: not followed at the end)")
             axis.set_xlabel("distance, % of the slot's")
-            axis.set_xlim(0.0, MOST)
+            axis.set_xlim(0.0, MAX_SHOWN_PERCENT)
             axis.set_yticks(range(len(names)), names)
         axes.flat[0].invert_yaxis()
         return save({NAME: figure}, out)

@@ -1,7 +1,7 @@
-"""A leader that leaves a hover and then does one thing, and a follower that an autopilot's mode flies after it.
+"""A leader leaves a hover and does one manoeuvre; a follower flies behind it on setpoints.
 
-Each flight begins behind a leader at rest, engages after 10 s, and sees it leave after 25 s. Places, speeds and
-times are those of flights of real autopilots, made round: none was chosen by its result here.
+Each flight begins behind a leader at rest, engages after 10 s, and sees it leave after 25 s. Positions, speeds and
+times are rounded from flights of real autopilots; none was chosen by its result here.
 """
 
 import math
@@ -21,14 +21,14 @@ SLOT: Final = (-30.0, 0.0, 2.0)  # m: behind, at 30 m
 SPEEDS: Final[dict[Autopilot, float]] = {"ardupilot": 8.0, "px4": 5.0}  # m/s
 ACCELERATION: Final = 1.5  # m/s^2, mean of a raised cosine
 LEAVES, BEGINS = 25.0, 45.0  # s: the hover, and what it does
-TURNING_SINCE: Final = 40.0  # s, where it is blind or killed in a circle
-COUNTS: Final = 15.0  # s, 5 s after the mode is entered
-FOR_GOOD: Final = 1000.0  # s
-AT_THE_END: Final = 5.0  # s
-NEAR_ITS_SLOT: Final = (0.5, 1.5)  # of the slot's distance
-ITS_SIDE: Final = math.radians(60.0)  # of the leader
-NARROW: Final = 3.0  # m/s, at which it turns round: 12 m wide at 0.5 rad/s
-SOUTH: Final = 180.0  # degrees
+TURN_START_TIME_S: Final = 40.0  # of the circle in which it is blind or killed
+SCORE_START_TIME_S: Final = 15.0  # 5 s after the mode is entered
+ENDLESS_DURATION_S: Final = 1000.0
+END_WINDOW_S: Final = 5.0
+SLOT_DISTANCE_RATIOS: Final = (0.5, 1.5)  # of the slot's distance
+MAX_SIDE_ANGLE_RAD: Final = math.radians(60.0)  # from the leader's side
+NARROW_TURN_SPEED_M_S: Final = 3.0  # 12 m wide at 0.5 rad/s
+SOUTH_HEADING_DEG: Final = 180.0
 
 
 class Change(NamedTuple):
@@ -37,7 +37,7 @@ class Change(NamedTuple):
     start: float
     part: float
     hard: float = 1.0
-    hold: float = FOR_GOOD
+    hold: float = ENDLESS_DURATION_S
 
     def of(self, speed: float) -> Pulse:
         """The change of a leader of a speed, m/s."""
@@ -51,7 +51,7 @@ class Turn(NamedTuple):
 
     rate: float
     start: float = BEGINS
-    hold: float = FOR_GOOD
+    hold: float = ENDLESS_DURATION_S
     speed: float | None = None
 
     def of(self, speed: float) -> Pulse:
@@ -67,43 +67,39 @@ def turn_by(angle_deg: float, rate: float, start: float, speed: float | None = N
 
 
 class Manoeuvre(NamedTuple):
-    """What a leader does after it has left the hover, when the camera is blind and the daemon dead (s, from and
-    to), and how long the flight is, s. `slows`: to NARROW from BEGINS on; `flies_back`: with that from then on,
-    having turned its nose in a hover at that time (s). `course_deg`: on which it leaves; we begin behind it."""
+    """The manoeuvre of a leader after it has left the hover, and interruptions of camera and daemon."""
 
     name: str
-    duration: float
+    duration: float  # s, of the flight
     turns: tuple[Turn, ...] = ()
     changes: tuple[Change, ...] = ()
-    slows: bool = False
-    flies_back: float = math.inf
-    course_deg: float = SOUTH
+    slows: bool = False  # to NARROW_TURN_SPEED_M_S from BEGINS on
+    flies_back: float = math.inf  # s, when it turns its nose in a hover and flies at us at that speed
+    course_deg: float = SOUTH_HEADING_DEG  # on which it leaves; we begin behind it
     backs_up: bool = False
-    blind: tuple[Interval, ...] = ()
-    killed: tuple[float, float] = (math.inf, math.inf)
+    blind: tuple[Interval, ...] = ()  # s, of the camera
+    killed: tuple[float, float] = (math.inf, math.inf)  # s, from and to, of the daemon
 
 
 class Result(NamedTuple):
-    """Of one flight: least and greatest distance, and the median and greatest of that from the slot, percent of
-    the slot's; percent of images with the leader inside and of the time with a valid estimate; degrees between the
-    follower and its side of the leader, over the last seconds; whether it is followed, seen, near its slot and on
-    its side for these; and how many kinds of advice about the set-up, which is right, the daemon gave."""
+    """The results of one flight."""
 
-    least: float
-    greatest: float
-    off: float
-    farthest_off: float
-    seen: float
-    valid: float
-    aside: float
-    followed: bool
-    advised: int = 0
+    least: float  # percent of the slot's distance
+    greatest: float  # percent of the slot's distance
+    off: float  # percent of the slot's distance, the median from the slot
+    farthest_off: float  # percent of the slot's distance, the greatest from the slot
+    seen: float  # percent of images with the leader inside
+    valid: float  # percent of the time with a valid estimate
+    aside: float  # degrees between the follower and its side of the leader, over the last seconds
+    followed: bool  # whether it is followed, seen, near its slot and on its side over the last seconds
+    advised: int = 0  # kinds of advice about the set-up, which is right
 
 
-IN_A_CIRCLE: Final = (Turn(0.125, TURNING_SINCE),)
-CIRCLE_S: Final = 2.0 * math.pi / 0.22  # s
+IN_A_CIRCLE: Final = (Turn(0.125, TURN_START_TIME_S),)
+CIRCLE_DURATION_S: Final = 2.0 * math.pi / 0.22
 EIGHT: Final = tuple(
-    Turn(rate, BEGINS + k * CIRCLE_S, CIRCLE_S - 1.0) for k, rate in enumerate((0.22, -0.22, 0.22))
+    Turn(rate, BEGINS + k * CIRCLE_DURATION_S, CIRCLE_DURATION_S - 1.0)
+    for k, rate in enumerate((0.22, -0.22, 0.22))
 )
 ZIGZAG: Final = tuple(
     turn_by(angle, 0.35, BEGINS + 8.0 * k) for k, angle in enumerate((30.0, -60.0, 60.0, -60.0, 60.0))
@@ -114,11 +110,16 @@ MANOEUVRES: Final = (
     Manoeuvre("circle at 0.2 rad/s", 90.0, (Turn(0.2),)),
     Manoeuvre("stops", 75.0, changes=(Change(BEGINS, -1.0),)),
     Manoeuvre(
-        "stops out of a circle at 0.2 rad/s", 75.0, (Turn(0.2, TURNING_SINCE, 10.0),), (Change(51.0, -1.0, 2.0),)
+        "stops out of a circle at 0.2 rad/s",
+        75.0,
+        (Turn(0.2, TURN_START_TIME_S, 10.0),),
+        (Change(51.0, -1.0, 2.0),),
     ),
     Manoeuvre("zigzag by 60 degrees every 8 s, then stops", 115.0, ZIGZAG, (Change(BEGINS + 40.0, -1.0),)),
     Manoeuvre("eight at 0.22 rad/s, reversed twice", 135.0, EIGHT),
-    Manoeuvre("turns round 12 m wide, at 3 m/s", 110.0, (turn_by(180.0, 0.5, 55.0, NARROW),), slows=True),
+    Manoeuvre(
+        "turns round 12 m wide, at 3 m/s", 110.0, (turn_by(180.0, 0.5, 55.0, NARROW_TURN_SPEED_M_S),), slows=True
+    ),
     Manoeuvre("stops, turns its nose, flies at us", 110.0, changes=(Change(BEGINS, -1.0),), flies_back=60.0),
     Manoeuvre("turns back and flies past us", 110.0, changes=(Change(BEGINS, -2.0, hold=6.0),)),
     Manoeuvre("backs up at 4 m/s out of the hover", 60.0, backs_up=True),
@@ -127,7 +128,7 @@ MANOEUVRES: Final = (
     Manoeuvre("blind for 15 s, straight", 140.0, blind=(Interval(start=45.0, end=60.0),)),
     Manoeuvre("blind for 15 s, in a circle", 120.0, IN_A_CIRCLE, blind=(Interval(start=50.0, end=65.0),)),
     Manoeuvre("daemon killed for 2 s, in a circle", 90.0, IN_A_CIRCLE, killed=(50.0, 52.0)),
-    Manoeuvre("daemon killed for 7 s, in a circle", 100.0, (Turn(0.17, TURNING_SINCE),), killed=(50.0, 57.0)),
+    Manoeuvre("daemon killed for 7 s, in a circle", 100.0, (Turn(0.17, TURN_START_TIME_S),), killed=(50.0, 57.0)),
     *(
         Manoeuvre(f"begun {side} of a leader at rest", 70.0, course_deg=course)
         for side, course in (("east", 270.0), ("south", 0.0), ("west", 90.0))
@@ -142,10 +143,12 @@ def scenario_of(autopilot: Autopilot, manoeuvre: Manoeuvre) -> Scenario:
     changes: tuple[Change, ...] = (Change(LEAVES, 1.0), *manoeuvre.changes)
     nose: tuple[Pulse, ...] = ()
     if manoeuvre.slows:
-        changes = (*changes, Change(BEGINS, NARROW / v - 1.0))
+        changes = (*changes, Change(BEGINS, NARROW_TURN_SPEED_M_S / v - 1.0))
     if math.isfinite(back := manoeuvre.flies_back):
-        changes = (*changes, Change(back, -NARROW / v))
-        nose = (Pulse(start=back - 5.0, end=back + FOR_GOOD, change=180.0, hold=FOR_GOOD - 3.0),)
+        changes = (*changes, Change(back, -NARROW_TURN_SPEED_M_S / v))
+        nose = (
+            Pulse(start=back - 5.0, end=back + ENDLESS_DURATION_S, change=180.0, hold=ENDLESS_DURATION_S - 3.0),
+        )
     speeds = tuple(c.of(v) for c in changes)
     if manoeuvre.backs_up:
         speeds = (Pulse(start=LEAVES, end=LEAVES + 16.0, change=-4.0, hold=12.0),)
@@ -153,7 +156,7 @@ def scenario_of(autopilot: Autopilot, manoeuvre: Manoeuvre) -> Scenario:
     return replace(
         base,
         duration=manoeuvre.duration,
-        repeat=manoeuvre.duration + AT_THE_END,
+        repeat=manoeuvre.duration + END_WINDOW_S,
         vehicle=replace(base.vehicle, autopilot=autopilot),
         leader=replace(
             base.leader,
@@ -177,15 +180,15 @@ def flown(autopilot: Autopilot, manoeuvre: Manoeuvre, seed: int, settings: Seque
 def judged(flight: Flight) -> Result:
     """The result of a flight."""
     of_slot, off = (a / float(np.linalg.norm(SLOT)) for a in (flight.distance, flight.slot_error))
-    counts, last = flight.t >= COUNTS, flight.t > flight.t[-1] - AT_THE_END
-    low, high = NEAR_ITS_SLOT
+    counts, last = flight.t >= SCORE_START_TIME_S, flight.t > flight.t[-1] - END_WINDOW_S
+    low, high = SLOT_DISTANCE_RATIOS
     followed = (
         (flight.following > 0)
         & (flight.valid > 0)
         & (flight.in_view > 0)
         & (of_slot > low)
         & (of_slot < high)
-        & (flight.aside < ITS_SIDE)
+        & (flight.aside < MAX_SIDE_ANGLE_RAD)
     )
     return Result(
         least=100.0 * float(of_slot[counts].min()),

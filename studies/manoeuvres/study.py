@@ -1,7 +1,9 @@
-"""Followers of both autopilots behind a leader that leaves a hover and then manoeuvres, is not seen for a
-while, or whose daemon is killed. The daemon's pipeline flies as it ships, with nothing configured but the leader's
-size and class and the slot, 30 m behind. simlink's followers fly its setpoints as ArduCopter's GUIDED and PX4's
-OFFBOARD do. ArduPilot's leader flies 8 m/s, PX4's 5 m/s. Distances are percent of the slot's.
+"""Followers of both autopilots behind a leader that leaves a hover and then manoeuvres.
+
+In some flights the leader is not seen for a while, or the daemon is killed. The daemon's pipeline has its
+defaults, with only the leader's size and class and the slot, 30 m behind, configured. simlink's followers fly its
+setpoints as ArduCopter's GUIDED and PX4's OFFBOARD do. ArduPilot's leader flies 8 m/s, PX4's 5 m/s. Distances are
+percent of the slot's.
 """
 
 from collections.abc import Sequence
@@ -15,13 +17,13 @@ from onboard.analysis.parallel.workers import Jobs, Part, Progress, compute
 from studies.manoeuvres.flights import MANOEUVRES, SPEEDS, Autopilot, Manoeuvre, Result, flown
 from studies.report.files import drawing, publish, require_seeds
 from studies.report.findings import Claim, Findings, Table, verdict
-from studies.report.sampling import ENOUGH, decided
+from studies.report.sampling import DECISIVE_RUN_COUNT, decided
 
 NAME: Final = "manoeuvres"
 TITLE: Final = "Manoeuvres: followers of both autopilots"
 FIRST_SEED: Final = 501
-LEAST: Final = 200.0 / 3.0  # percent of the slot's distance
-GREATEST: Final = 200.0  # percent, in circles
+MIN_DISTANCE_PERCENT: Final = 200.0 / 3.0  # of the slot's distance
+MAX_DISTANCE_PERCENT: Final = 200.0  # of the slot's distance, in circles
 HEADER: Final = (
     *("autopilot", "leader", "flights", "followed at the end"),
     *("least distance %", "median %", "greatest distance %", "median %"),
@@ -33,7 +35,7 @@ Row = tuple[Autopilot, Manoeuvre, Sequence[Result]]
 
 
 def run(
-    seeds: int = ENOUGH,
+    seeds: int = DECISIVE_RUN_COUNT,
     first_seed: int = FIRST_SEED,
     jobs: Jobs = None,
     out: Path | None = None,
@@ -46,7 +48,7 @@ def run(
     cases = list(product(SPEEDS, manoeuvres))
     results: list[Result] = compute([Part(flown, (*case, n)) for case in cases for n in numbers], jobs, progress)
     rows = [(*case, results[k * seeds : (k + 1) * seeds]) for k, case in enumerate(cases)]
-    return publish(decided(findings(rows, first_seed), ENOUGH), out, draw, rows)
+    return publish(decided(findings(rows, first_seed), DECISIVE_RUN_COUNT), out, draw, rows)
 
 
 def findings(rows: Sequence[Row], first_seed: int) -> Findings:
@@ -54,7 +56,7 @@ def findings(rows: Sequence[Row], first_seed: int) -> Findings:
     return Findings(
         study=NAME,
         title=TITLE,
-        setting=(__doc__ or "").replace("\n", " ").strip(),
+        setting=" ".join((__doc__ or "").split()),
         seeds=len(rows[0][2]),
         first_seed=first_seed,
         tables=(
@@ -85,9 +87,11 @@ def _row(found: Sequence[Result]) -> tuple[float, ...]:
 
 def _claims(autopilot: Autopilot, rows: Sequence[Row]) -> tuple[Claim, ...]:
     mine = [(m, found) for name, m, found in rows if name == autopilot]
-    near = [m.name for m, found in mine if min(r.least for r in found) < LEAST]
+    near = [m.name for m, found in mine if min(r.least for r in found) < MIN_DISTANCE_PERCENT]
     far = [
-        m.name for m, found in mine if m.name.startswith("circle") and max(r.greatest for r in found) > GREATEST
+        m.name
+        for m, found in mine
+        if m.name.startswith("circle") and max(r.greatest for r in found) > MAX_DISTANCE_PERCENT
     ]
     lost = [m.name for m, found in mine if not all(r.followed for r in found)]
     advised = [m.name for m, found in mine if any(r.advised for r in found)]

@@ -1,1 +1,4 @@
-"""How accurate our own state is under faults, and how soon they are named. `study` runs it."""
+"""The study of our own state under faults: its accuracy, and the delay of their detection.
+
+`study` runs it.
+"""

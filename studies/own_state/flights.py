@@ -1,5 +1,7 @@
-"""The flights of the study of our own state, and their scores: simlink's quadrotor through the daemon's
-pipeline."""
+"""The flights of the study of our own state, and their scores.
+
+simlink's quadrotor flies through the daemon's pipeline.
+"""
 
 from collections.abc import Iterable, Sequence
 from typing import Any, Final, NamedTuple
@@ -13,11 +15,11 @@ from onboard.scoring.statistics import availability
 from simlink.scenarios.scenario import Scenario, load_scenario
 from simlink.simulation import datagrams, simulate
 
-FAULT_AT: Final = 10.0  # s, in the scenarios
-SECONDS: Final = 12.5  # of flights for the naming of faults
-LONG_SECONDS: Final = {"quadrotor": 20.0, "quadrotor-weak-inputs": 18.0, "quadrotor-gust": 18.0}
-PUBLISHED_HZ: Final = 25.0  # as often as there is truth
-NAMED_WITHIN: Final = 1.0  # s
+FAULT_TIME_S: Final = 10.0  # in the scenarios
+DURATION_S: Final = 12.5  # of flights for the naming of faults
+LONG_DURATIONS_S: Final = {"quadrotor": 20.0, "quadrotor-weak-inputs": 18.0, "quadrotor-gust": 18.0}
+PUBLISH_RATE_HZ: Final = 25.0  # as often as there is truth
+MAX_NAMING_DELAY_S: Final = 1.0
 FILTERS: Final = ("cubature", "csvsf", "csvsf-robust", "csvsf-adaptive")
 DEFAULT: Final = FILTERS[-1]
 WITH_VERTICAL: Final = ", fixes with vertical velocity"
@@ -36,40 +38,41 @@ EXPECTED: Final[dict[str, tuple[FaultKind, str | None] | None]] = {
 
 
 class FlightScore(NamedTuple):
-    """One flight: RMS velocity and attitude errors of the valid states after the fault's time (m/s, rad), the
-    largest velocity error (m/s), the share of that time in which there was a valid state (%), whether the fault
-    was named rightly in time, the delay and the onset error of that (s, NaN without), wrong names, the seconds
-    watched for them, and resets."""
+    """The score of one flight after the fault's time."""
 
-    velocity: float
-    attitude: float
-    worst: float
-    valid_percent: float
-    named: bool
-    delay: float
-    onset: float
-    wrong: tuple[str, ...]
-    watched: float
+    velocity: float  # m/s, RMS error of the valid states
+    attitude: float  # rad, RMS error of the valid states
+    worst: float  # m/s, the largest velocity error
+    valid_percent: float  # of the time
+    named: bool  # whether the fault was named rightly in time
+    delay: float  # s, of the naming, NaN without
+    onset: float  # s, error of the named onset, NaN without
+    wrong: tuple[str, ...]  # names
+    watched: float  # s, for wrong names
     resets: int
 
 
 def section(method: str) -> dict[str, Any]:
-    """The estimator's section: the nominal craft, and nothing of the noise of its messages. `method` is a filter's
-    name, with NO_BAROMETER appended or not."""
+    """The estimator's section: the nominal craft, and nothing of the noise of its messages.
+
+    `method` is a filter's name, with NO_BAROMETER appended or not.
+    """
     without = {"pressure_rate_hz": 0.0} if method.endswith(NO_BAROMETER) else {}
     return {
         **without,
         "filter": method.removesuffix(NO_BAROMETER),
         "airframe": "csvsf",
-        "publish_rate_hz": PUBLISHED_HZ,
+        "publish_rate_hz": PUBLISH_RATE_HZ,
     }
 
 
 def fly(
     scenario: Scenario, seed: int, seconds: float, methods: Sequence[str], vertical: bool = False
 ) -> tuple[list[list[NavState]], list[Truth]]:
-    """One flight's states by each of the methods, and its truth, as bytes through the pipelines; with `vertical`
-    as records, which hold the fixes' vertical velocity."""
+    """Return the states of one flight by each of the methods, and its truth.
+
+    Bytes go through the pipelines; with `vertical` records, which hold the fixes' vertical velocity.
+    """
     delay = {"gps_s": scenario.gps.delay}
     configs = [{"estimator": {"own_state": section(method)}, "delay": delay} for method in methods]
     pipelines = [Pipeline(parse_config(config)) for config in configs]
@@ -92,9 +95,12 @@ def fly(
 def judge(
     states: Sequence[NavState], truths: Sequence[Truth], expected: tuple[FaultKind, str | None] | None
 ) -> FlightScore:
-    """Compare a flight with its truth. A fault that is not the expected one, or named before it came, is wrong."""
+    """Compare a flight with its truth.
+
+    A fault that is not the expected one, or named before it came, is wrong.
+    """
     start = truths[0].t_ns
-    begin = start + round(FAULT_AT * 1e9)
+    begin = start + round(FAULT_TIME_S * 1e9)
     at = {s.t_ns: s for s in states if s.valid and s.mean is not None}
     pairs = [(t, at[t.t_ns]) for t in truths if t.t_ns in at and t.t_ns > begin]
     samples = np.array([t.t_ns * 1e-9 for t in truths if t.t_ns > begin])
@@ -117,7 +123,7 @@ def judge(
         attitude=float(np.sqrt(np.mean((2 * np.arccos(np.clip(cosine, -1.0, 1.0))) ** 2))),
         worst=float(np.sqrt((velocity**2).sum(axis=1).max())),
         valid_percent=100.0 * float(np.mean(available)),
-        named=delay <= NAMED_WITHIN,
+        named=delay <= MAX_NAMING_DELAY_S,
         delay=delay,
         onset=onset,
         wrong=tuple(f"{kind} {part}".strip() for (kind, part, _) in first.keys() - right.keys()),
@@ -127,9 +133,11 @@ def judge(
 
 
 def fly_and_judge(name: str, seeds: Sequence[int], methods: Sequence[str]) -> list[list[FlightScore]]:
-    """All seeds of a scenario by each of the methods: filters' names, with NO_BAROMETER appended or not, or all
-    with WITH_VERTICAL."""
-    scenario, seconds = load_scenario(name), LONG_SECONDS.get(name, SECONDS)
+    """Score all seeds of a scenario by each of the methods.
+
+    They are filters' names, optionally with NO_BAROMETER appended, or all with WITH_VERTICAL.
+    """
+    scenario, seconds = load_scenario(name), LONG_DURATIONS_S.get(name, DURATION_S)
     vertical = all(method.endswith(WITH_VERTICAL) for method in methods)
     filters = [method.removesuffix(WITH_VERTICAL) for method in methods]
     flights = [fly(scenario, seed, seconds, filters, vertical) for seed in seeds]

@@ -6,7 +6,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from studies.own_state.flights import DEFAULT, EXPECTED, FAULT_AT, SECONDS, FlightScore
+from studies.own_state.flights import DEFAULT, DURATION_S, EXPECTED, FAULT_TIME_S, FlightScore
 from studies.report.findings import Check, Claim, Table, check, verdict
 from studies.report.sampling import all_of, at_least, at_most, rarer
 
@@ -19,9 +19,9 @@ def accuracy_table(flights: Flights) -> Table:
     """Errors of each method in each scenario."""
     return Table(
         title="Accuracy after the fault",
-        note=f"From {FAULT_AT:g} s to the flight's end at {SECONDS:g} s (all inputs x .7 and gust 18 s, nothing "
-        "wrong 20 s), norms of vectors; the raw fixes' velocity noise is 0.15 m/s per axis. "
-        "Methods other than the default: a quarter of the seeds.",
+        note=f"From {FAULT_TIME_S:g} s to the flight's end at {DURATION_S:g} s (all inputs x .7 and gust 18 s, "
+        "nothing wrong 20 s), norms of vectors; the raw fixes' velocity noise is 0.15 m/s per axis. Methods "
+        "other than the default: a quarter of the seeds.",
         header=("scenario", "filter", "velocity m/s", "worst m/s", "attitude rad", "resets", "valid %"),
         rows=tuple(
             (
@@ -116,7 +116,7 @@ def claims_of(flights: Flights) -> tuple[Claim, ...]:
 
 
 def _named(flights: Flights, names: Sequence[str]) -> list[bool]:
-    """Of each flight of these scenarios, whether its fault was named mass in time by the default method."""
+    """Return whether the default method named the fault of each flight as mass in time."""
     return [f.named for name in names for f in flights[name, DEFAULT]]
 
 

@@ -1,7 +1,8 @@
-"""The estimator of our own state, as flown: simlink's quadrotor over MAVLink, with faults, through the daemon's
-own pipeline. There is no paper: our own product is judged. GPS at 10 Hz and 0.1 s late, heights without vertical
-velocity (as in MAVLink), attitude and rates at 100 Hz, accelerometer at 100 Hz, barometer and motor outputs at
-50 Hz.
+"""The estimator of our own state in the daemon's own pipeline, with faults.
+
+simlink's quadrotor sends MAVLink. There is no paper: our own product is judged. GPS has 10 Hz and is 0.1 s late,
+with heights but no vertical velocity (as in MAVLink); attitude, rates and accelerometer have 100 Hz, barometer and
+motor outputs 50 Hz.
 """
 
 from collections.abc import Iterator, Sequence
@@ -39,7 +40,10 @@ def run(
     out: Path | None = None,
     progress: Progress | None = None,
 ) -> Findings:
-    """The study. Thresholds were chosen on seeds 1 to 20. Sixty seeds take a quarter of an hour on two cores."""
+    """The study.
+
+    Thresholds were chosen on seeds 1 to 20. Sixty seeds take a quarter of an hour on two cores.
+    """
     work = list(_work(require_seeds(seeds, first_seed)))
     flights: dict[tuple[str, str], list[FlightScore]] = {key: [] for key in KEYS}
     found_of_parts = compute([Part(fly_and_judge, arguments) for arguments in work], jobs, progress)
@@ -49,7 +53,7 @@ def run(
     found = Findings(
         study=NAME,
         title=TITLE,
-        setting=__doc__.split("\n\n")[0].replace("\n", " ") if __doc__ else "",
+        setting=" ".join((__doc__ or "").split()),
         seeds=seeds,
         first_seed=first_seed,
         tables=(accuracy_table(flights), naming_table(flights)),
@@ -60,8 +64,11 @@ def run(
 
 
 def _work(seeds: range) -> Iterator[tuple[str, Sequence[int], tuple[str, ...]]]:
-    """Scenario, seeds and methods of each part. Methods with the same input fly together; those other than the
-    default fly a quarter of the seeds. Parts have ten seeds at most, so that the progress moves."""
+    """Scenario, seeds and methods of each part.
+
+    Methods with the same input fly together; those other than the default fly a quarter of the seeds. Parts have
+    ten seeds at most, so that the progress moves.
+    """
     few = -(-len(seeds) // 4)
     for name in EXPECTED:
         methods = [method for scenario, method in KEYS if scenario == name]

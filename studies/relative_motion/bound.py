@@ -1,13 +1,13 @@
-"""The posterior Cramer-Rao bound of relative motion by vision: no estimator can be better under its assumptions.
+"""The posterior Cramer-Rao bound of relative motion by vision, which no estimator can beat.
 
-Recursion of Tichavsky, Muravchik and Nehorai (1998), J' = (Q + F J^-1 F^T)^-1 + H^T R^-1 H with Jacobians along
-the true trajectories, in its covariance form; each flight's own, instead of expectations over flights.
+The recursion of Tichavsky, Muravchik and Nehorai (1998), J' = (Q + F J^-1 F^T)^-1 + H^T R^-1 H with Jacobians
+along the true trajectories, is used in its covariance form, for each flight instead of expectations over flights.
 
-It assumes: our own motion is known exactly; the leader moves by Oh & Johnson's model, with the process noise
-given; each coordinate of the three points has the camera's noise; the leader's attitude is known, so that the
+Its assumptions: our own motion is known exactly; the leader moves by Oh & Johnson's model with the given process
+noise; each coordinate of the three points has the camera's noise; the leader's attitude is known, so that the
 points depend on its position and size only; the size prior, and the given initial sigmas of velocity and
-accelerations. The true leader of the reference flight has no process noise at all: a filter with less of it could
-be below the bound.
+accelerations. The true leader of the reference flight has no process noise: a filter with less of it could be
+below the bound.
 """
 
 from collections.abc import Sequence
@@ -23,12 +23,12 @@ from onboard.models import relative_motion
 from onboard.models.relative_motion import A_LAT, POSITION, SIZE, VELOCITY, FollowerMotion
 from simlink.scenarios.camera import Camera
 from studies.relative_motion.flights import Flights
-from studies.relative_motion.formation import B0, FT, SIZE_SIGMA
+from studies.relative_motion.formation import ASSUMED_SIZE_M, M_PER_FT, SIZE_SIGMA
 from studies.relative_motion.noise import Noise
 from studies.report.runs import rms
 
-UNKNOWN: Final = 1e3  # m, sigma of the position before the first image
-SMALL: Final = 1e-4  # m, m/s, m/s^2: steps of finite differences
+START_POSITION_SIGMA_M: Final = 1e3  # before the first image
+DIFFERENCE_STEP: Final = 1e-4  # m, m/s, m/s^2: of finite differences
 ASSUMES: Final = (
     "own motion exact; process noise as the shipped filter assumes; 1 px on each coordinate of three points, "
     "the leader's attitude known; size prior 2 %"
@@ -57,7 +57,7 @@ class VariantBound(Bound, frozen=True, kw_only=True):
 
 
 def bounds(flights: Flights, camera: Camera, noise: Noise, settled: float) -> list[FlightBound]:
-    """The bound of each flight, seen by a camera in the follower's centre, over t >= `settled` s."""
+    """Return the bound of each flight for a camera in the follower's centre, over t >= `settled` s."""
     truth, t = flights.nav_truth, flights.nav_t
     count, samples = truth.a_lat.shape
     size = np.broadcast_to(flights.size[:, None], (count, samples))
@@ -71,7 +71,12 @@ def bounds(flights: Flights, camera: Camera, noise: Noise, settled: float) -> li
     variance = (camera.sigma_px / camera.f_px) ** 2
     image_at = {int(k): image for image, k in enumerate(flights.image_at)}
     registered = np.asarray(np.isfinite(flights.image_points).all(axis=(2, 3)))
-    sigma = [UNKNOWN] * 3 + [noise.initial_velocity] * 3 + [SIZE_SIGMA] + [noise.initial_acceleration] * 2
+    sigma = (
+        [START_POSITION_SIGMA_M] * 3
+        + [noise.initial_velocity] * 3
+        + [SIZE_SIGMA]
+        + [noise.initial_acceleration] * 2
+    )
     P = np.tile(np.diag(np.square(sigma)), (count, 1, 1))
     squares = np.zeros((count, 4))
     settled_samples = 0
@@ -79,7 +84,7 @@ def bounds(flights: Flights, camera: Camera, noise: Noise, settled: float) -> li
         if k:
             dt = float(t[k] - t[k - 1])
             F = _transition(flights, states[:, k - 1], k, dt, noise)
-            P = F @ P @ np.swapaxes(F, 1, 2) + process_noise(B0, noise.walks) * dt
+            P = F @ P @ np.swapaxes(F, 1, 2) + process_noise(ASSUMED_SIZE_M, noise.walks) * dt
         image = image_at.get(k)
         if image is not None:
             at = registered[:, image]
@@ -91,10 +96,10 @@ def bounds(flights: Flights, camera: Camera, noise: Noise, settled: float) -> li
     return [
         FlightBound(
             seed=seed,
-            position_ft=float(row[0] / FT),
-            velocity_ft_s=float(row[1] / FT),
+            position_ft=float(row[0] / M_PER_FT),
+            velocity_ft_s=float(row[1] / M_PER_FT),
             range_percent=float(100 * row[2]),
-            a_lat_ft_s2=float(row[3] / FT),
+            a_lat_ft_s2=float(row[3] / M_PER_FT),
         )
         for seed, row in zip(flights.seeds, errors, strict=True)
     ]
@@ -107,7 +112,7 @@ def over_flights(variant: str, bounds: Sequence[FlightBound]) -> VariantBound:
 
 
 def _squares(P: Array, x: Array) -> Array:
-    """Variances (B, 4): of position and velocity (summed), of the range over the range, of a_lat."""
+    """Return variances (B, 4): position and velocity (summed), relative range, a_lat."""
     distance = np.linalg.norm(x[:, POSITION], axis=1)
     ahead = x[:, POSITION] / distance[:, None]
     along = np.einsum("bi,bij,bj->b", ahead, P[:, POSITION, POSITION], ahead)
@@ -136,14 +141,14 @@ def _sensitivity(x: Array, R_cn: Array, wing: Array) -> Array:
 
 def _around(x: Array) -> Array:
     """Rows (B, 18, 9) a little above and below x (B, 9) in each component."""
-    steps = SMALL * np.eye(x.shape[1])
+    steps = DIFFERENCE_STEP * np.eye(x.shape[1])
     return np.asarray(x[:, None] + np.concatenate([steps, -steps]))
 
 
 def _slopes(images: Array) -> Array:
     """Derivatives (B, m, n) from the images (B, 2n, m) of `_around`."""
     n = images.shape[1] // 2
-    return np.swapaxes(images[:, :n] - images[:, n:], 1, 2) / (2 * SMALL)
+    return np.swapaxes(images[:, :n] - images[:, n:], 1, 2) / (2 * DIFFERENCE_STEP)
 
 
 def _informed(P: Array, H: Array, variance: float) -> Array:

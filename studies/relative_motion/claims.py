@@ -21,10 +21,10 @@ from studies.report.sampling import (
 
 Rows = Mapping[tuple[str, str], Row]
 
-SMALL_RANGE_PERCENT = 10.0  # "satisfactory": a tenth of the range ...
-SMALL_DIVERGENCE = 0.02  # ... in all runs but one of fifty
-LEARNT = 0.7  # a size is learnt when its error falls below this fraction of the prior's
-HONEST_FACTOR = 2.0  # noise settings describe the sensor when within this factor
+MAX_RANGE_ERROR_PERCENT = 10.0  # "satisfactory": a tenth of the range ...
+MAX_DIVERGED_SHARE = 0.02  # ... in all runs but one of fifty
+LEARNT_ERROR_RATIO = 0.7  # of a size's error to its prior's: the size is learnt
+MAX_NOISE_RATIO = 2.0  # noise settings describe the sensor when within this factor
 
 
 def claims_of(rows: Rows) -> tuple[Claim, ...]:
@@ -42,7 +42,7 @@ def claims_of(rows: Rows) -> tuple[Claim, ...]:
 
 def _satisfactory(rows: Rows) -> Claim:
     paper, tuned, honest = (rows["a", name] for name in ("paper", "tuned", "honest"))
-    good = rms_below([s.range_percent for s in _kept(paper)], SMALL_RANGE_PERCENT)
+    good = rms_below([s.range_percent for s in _kept(paper)], MAX_RANGE_ERROR_PERCENT)
     return Claim(
         claim="The vision-based filter estimates relative position and velocity satisfactorily.",
         where="section IV.B, figures 8, 9, 11, 12",
@@ -111,7 +111,7 @@ def _size(rows: Rows) -> Claim:
             rms_less(
                 {s.seed: s.size_error_last_percent for s in kept},
                 {s.seed: s.size_error_first_percent for s in kept},
-                LEARNT,
+                LEARNT_ERROR_RATIO,
             )
         )
         evidence.append(f"from {first:.1f} % to {last:.1f} % ({name})")
@@ -131,7 +131,7 @@ def _noise(rows: Rows) -> Claim:
     measured = np.sqrt(np.mean(errors**2, axis=0))
     settings = np.array([5.0, 4.0, 3.0])
     ratio = settings / measured
-    too_large = [rms_below(e, s) for e, s in zip(errors.T, settings / HONEST_FACTOR, strict=True)]
+    too_large = [rms_below(e, s) for e, s in zip(errors.T, settings / MAX_NOISE_RATIO, strict=True)]
     names = ", ".join(f"{m:.2f}" for m in measured)
     return Claim(
         claim="R = (5, 4, 3 deg)^2 is the measurement noise.",
@@ -164,12 +164,12 @@ def _consistency(rows: Rows) -> Claim:
 
 
 def _kept(row: Row) -> list[Score]:
-    """Of the runs that did not diverge."""
+    """Return the runs that did not diverge."""
     return [s for s in row.scores if s.diverged is None]
 
 
 def _hardly_diverges(row: Row) -> Outcome:
-    return at_most(len(row.scores) - len(_kept(row)), len(row.scores), SMALL_DIVERGENCE)
+    return at_most(len(row.scores) - len(_kept(row)), len(row.scores), MAX_DIVERGED_SHARE)
 
 
 def _seconds(row: Row) -> str:

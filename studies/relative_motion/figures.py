@@ -1,4 +1,7 @@
-"""The paper's figures 6-14, redrawn: measurements, estimates against the truth, errors. Feet left, SI right."""
+"""The paper's figures 6-14, redrawn: measurements, estimates against the truth, errors.
+
+Feet left, SI right.
+"""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,7 +18,7 @@ from onboard.filters.gating import normalised_squared
 from onboard.models.relative_motion import A_LAT, A_LONG, POSITION, SIZE, VELOCITY
 from simlink.scenarios.camera import Camera
 from studies.relative_motion.flight import Flight
-from studies.relative_motion.formation import FT, Track
+from studies.relative_motion.formation import M_PER_FT, Track
 from studies.relative_motion.image_figures import image_points, measured_angles
 from studies.relative_motion.report import Result
 from studies.relative_motion.scores import relative_acceleration, truth_of
@@ -32,8 +35,7 @@ AXES: Final = ("north", "east", "down")
 
 
 class Components(NamedTuple):
-    """Three components of a quantity, each drawn in a panel: truth (N, 3), and by method estimates (N, 3) and
-    their standard deviations (N, 3; None: not drawn)."""
+    """Three components of a quantity, each drawn in a panel."""
 
     title: str
     names: Sequence[str]
@@ -46,15 +48,17 @@ class Components(NamedTuple):
 def draw(
     flight: Flight, camera: Camera, tracks: Mapping[str, Track], result: Result, examples: Examples, out: Path
 ) -> tuple[str, ...]:
-    """Write the figures into the folder `out`: methods compared over all variants, the rest of one flight with its
-    camera. Returns the file names, the comparison first."""
+    """Write the figures into the folder `out`, and return the file names, the comparison first.
+
+    The comparison shows methods over all variants, the others one flight with its camera.
+    """
     with mpl.rc_context(STYLE):
         over_all = {"comparison.png": compared(result.rows, result.bounds), "over-time.png": over_time(examples)}
         return save(over_all, out) + draw_flight(flight, camera, tracks, out)
 
 
 def draw_flight(flight: Flight, camera: Camera, tracks: Mapping[str, Track], out: Path) -> tuple[str, ...]:
-    """Write the figures of one flight with its camera, among them the paper's; returns the file names."""
+    """Write the figures of one flight with its camera, with the paper's; return the file names."""
     position, velocity, acceleration, target = _quantities(flight, tracks)
     t = flight.nav_t
     with mpl.rc_context(STYLE):
@@ -79,19 +83,19 @@ def _quantities(flight: Flight, tracks: Mapping[str, Track]) -> tuple[Components
     """Position, velocity, acceleration, and the target's size and accelerations."""
     truth = truth_of(flight)
     shown = {name: tracks[name] for name in DRAWN}
-    sigma = {name: np.sqrt(np.einsum("nii->ni", track.covariance)) / FT for name, track in shown.items()}
+    sigma = {name: np.sqrt(np.einsum("nii->ni", track.covariance)) / M_PER_FT for name, track in shown.items()}
 
     def states(title: str, names: Sequence[str], units: Sequence[str], columns: Any) -> Components:
-        means = {name: track.mean[:, columns] / FT for name, track in shown.items()}
+        means = {name: track.mean[:, columns] / M_PER_FT for name, track in shown.items()}
         sigmas = {name: rows[:, columns] for name, rows in sigma.items()}
-        return Components(title, names, units, truth[:, columns] / FT, means, sigmas)
+        return Components(title, names, units, truth[:, columns] / M_PER_FT, means, sigmas)
 
     acceleration = Components(
         "Relative acceleration",
         AXES,
         ["ft/s²"] * 3,
-        relative_acceleration(truth, flight) / FT,
-        {name: relative_acceleration(track.mean, flight) / FT for name, track in shown.items()},
+        relative_acceleration(truth, flight) / M_PER_FT,
+        {name: relative_acceleration(track.mean, flight) / M_PER_FT for name, track in shown.items()},
         None,
     )
     return (
@@ -116,11 +120,11 @@ def _label(axis: Axes, q: Components, i: int) -> None:
 
 
 def _to_si(y: Any) -> Any:
-    return y * FT
+    return y * M_PER_FT
 
 
 def _from_si(y: Any) -> Any:
-    return y / FT
+    return y / M_PER_FT
 
 
 def _against_truth(t: Array, q: Components) -> Figure:
@@ -151,7 +155,7 @@ def _errors(t: Array, q: Components) -> Figure:
 
 
 def _bands(axis: Axes, t: Array, q: Components, i: int, centres: Mapping[str, Array]) -> None:
-    """One sigma either side, of the filters whose band leaves room for the curves; the medians of all as text."""
+    """Draw one sigma either side for filters with a narrow band; print the medians of all."""
     if q.sigmas is None:
         return
     low, high = axis.get_ylim()
@@ -178,7 +182,7 @@ def _bands(axis: Axes, t: Array, q: Components, i: int, centres: Mapping[str, Ar
 
 
 def _set_limits(axis: Axes, curves: Sequence[Array], margin: float) -> None:
-    """By the curves after their start: sigma bands may run out of the figure."""
+    """Set the limits by the curves after their start: sigma bands may leave the figure."""
     low = min(float(np.nanmin(c)) for c in curves)
     high = max(float(np.nanmax(c)) for c in curves)
     axis.set_ylim(low - margin * (high - low), high + margin * (high - low))
@@ -196,10 +200,10 @@ def _overview(flight: Flight, tracks: Mapping[str, Track]) -> Figure:
         size.plot(t, 100 * error[:, SIZE] / flight.size, color=colour)
         known = np.isfinite(track.mean).all(axis=1)
         nees.semilogy(t[known], normalised_squared(error[known], track.covariance[known]), color=colour)
-        speed.plot(t, np.linalg.norm(error[:, VELOCITY], axis=1) / FT, color=colour)
-        lateral.plot(t, track.mean[:, A_LAT] / FT, color=colour)
+        speed.plot(t, np.linalg.norm(error[:, VELOCITY], axis=1) / M_PER_FT, color=colour)
+        lateral.plot(t, track.mean[:, A_LAT] / M_PER_FT, color=colour)
     nees.axhline(9, color="black", linewidth=0.7)
-    lateral.plot(t, truth[:, A_LAT] / FT, **TRUTH)
+    lateral.plot(t, truth[:, A_LAT] / M_PER_FT, **TRUTH)
     speed.set_ylim(0, 4)
     ranges.set_ylim(-12, 12)
     lateral.set_ylim(5, 11)
@@ -219,7 +223,7 @@ def _overview(flight: Flight, tracks: Mapping[str, Track]) -> Figure:
 
 
 def _formation(axis: Axes, flight: Flight, tracks: Mapping[str, Track]) -> None:
-    """The leader's position from the follower, along and across the follower's heading, true and estimated."""
+    """Draw the leader's true and estimated position along and across the follower's heading."""
     v = flight.nav_truth.v_F_n
     heading = np.arctan2(v[:, 1], v[:, 0])
     ahead, right = np.array([np.cos(heading), np.sin(heading)]), np.array([-np.sin(heading), np.cos(heading)])
@@ -227,7 +231,7 @@ def _formation(axis: Axes, flight: Flight, tracks: Mapping[str, Track]) -> None:
     shown = (flight.nav_t >= FORMATION[0]) & (flight.nav_t <= FORMATION[1])
 
     def plot(r: Array, colour: str, style: str) -> None:
-        north_east = r[shown, :2].T / FT
+        north_east = r[shown, :2].T / M_PER_FT
         along, across = np.sum(ahead[:, shown] * north_east, axis=0), np.sum(right[:, shown] * north_east, axis=0)
         axis.plot(across, along, style, color=colour, linewidth=0.9)
 

@@ -18,7 +18,7 @@ NAV_RATE: Final = 50  # Hz
 
 
 class TruthArrays(NamedTuple):
-    """The truth at N times; n is NED, relative vectors are leader minus follower. m, m/s, m/s^2."""
+    """The truth at N times in n (NED), in SI units; relative vectors are leader minus follower."""
 
     r_FL_n: Array  # (N, 3)
     v_FL_n: Array  # (N, 3)
@@ -32,10 +32,12 @@ class TruthArrays(NamedTuple):
 
 
 class Flight(NamedTuple):
-    """One run. Times are seconds of flight; N nav samples at 50 Hz, M images at the camera's rate.
+    """One run.
 
-    `nav_*` are the outputs of the follower's navigation system (errors as in the scenario), `image_points`
-    holds (Y_c/X_c, Z_c/X_c) of center, left and right point, NaN where no image was registered.
+    Times are seconds of flight; N nav samples at 50 Hz, M images at the camera's rate.
+
+    `nav_*` are the outputs of the follower's navigation system (errors as in the scenario), `image_points` holds
+    (Y_c/X_c, Z_c/X_c) of center, left and right point, NaN where no image was registered.
     """
 
     size: float  # true size of this run, m

@@ -1,4 +1,4 @@
-"""Many flights of one scenario as arrays: the results of `flight.fly` for many seeds, much faster.
+"""Many flights of one scenario as arrays: the results of `flight.fly` for many seeds, but faster.
 
 Profiles, slot, attitudes, camera and random streams are the same. Two things differ, and a test compares both with
 `fly`: the leader's path is integrated once and rotated for each initial course; and the follower is exactly on its
@@ -35,13 +35,15 @@ from simlink.world.truth import coordinated_angles, hovering_angles, true_size
 from studies.relative_motion.flight import NAV_RATE, Flight, TruthArrays
 
 Components = tuple[Array, ...]  # a vector or quaternion as arrays of its components, each (B, N)
-STRIDE = STEPS_PER_SECOND // NAV_RATE  # world steps from one navigation sample to the next
+NAV_STEPS = STEPS_PER_SECOND // NAV_RATE  # world steps from one navigation sample to the next
 
 
 class Flights(NamedTuple):
-    """As `flight.Flight`, with a leading axis B of seeds (in `nav_truth` too). `image_at` (M,): index of
-    the navigation sample at which each image was exposed. `in_view` (B, M): whether all three points were in the
-    image, registered or not."""
+    """The same as `flight.Flight`, with a leading axis B of seeds (in `nav_truth` too).
+
+    `image_at` (M,) is the index of the navigation sample at which each image was exposed. `in_view` (B, M) tells
+    whether all three points were in the image, registered or not.
+    """
 
     seeds: tuple[int, ...]
     size: Array  # (B,)
@@ -79,21 +81,21 @@ def fly_many(
     courses_deg: Sequence[float] | None = None,
     duration: float | None = None,
 ) -> Flights:
-    """The flights of `seeds` over `duration` s, each with its own initial course (None: the scenario's).
+    """Return the flights of `seeds` over `duration` s, each with its own initial course.
 
-    Raises ValueError for features that only `fly` has: quadrotors, white attitude noise, outliers, a camera whose
-    images are exposed between navigation samples.
+    A `duration` of None is the scenario's. Raises ValueError for features that only `fly` has: quadrotors, white
+    attitude noise, outliers, and images that are exposed between navigation samples.
     """
     _check(scenario)
     steps = step_count(scenario.duration if duration is None else duration)
-    nav = np.arange(0, steps + 1, STRIDE)
+    nav = np.arange(0, steps + 1, NAV_STEPS)
     exposed = np.array([k for k in range(steps + 1) if is_exposure(k, scenario.camera.rate)])
-    if np.any(exposed % STRIDE):
+    if np.any(exposed % NAV_STEPS):
         raise ValueError(f"images at {scenario.camera.rate:g} Hz are exposed between navigation samples")
     courses = np.full(len(seeds), scenario.leader.course_deg) if courses_deg is None else np.array(courses_deg)
     truth = _truth(scenario, seeds, np.radians(courses), nav / STEPS_PER_SECOND)
     size = np.array([true_size(scenario, seed) for seed in seeds])
-    image_at = exposed // STRIDE
+    image_at = exposed // NAV_STEPS
     points, in_view = _images(scenario, seeds, size, TruthArrays(*(rows[:, image_at] for rows in truth)), exposed)
     image_t = exposed / STEPS_PER_SECOND
     return Flights(
@@ -156,8 +158,7 @@ def _truth(scenario: Scenario, seeds: Sequence[int], courses: Array, t: Array) -
 
 
 def _leader_path(scenario: Scenario, samples: int) -> Array:
-    """Course, climb angle and position of the leader (N, 5) at the navigation samples, integrated as in
-    `truth`."""
+    """Return course, climb angle and position of the leader (N, 5), integrated as in `truth`."""
     motion = leader_motion(scenario)
 
     def derivative(t: float, y: Kinematics) -> Derivative:
@@ -172,10 +173,10 @@ def _leader_path(scenario: Scenario, samples: int) -> Array:
         0.0,
     )
     rows = [y]
-    for step in range(STRIDE * (samples - 1)):
+    for step in range(NAV_STEPS * (samples - 1)):
         t = step / STEPS_PER_SECOND
         y = advance(derivative, t, y, derivative(t, y), DT)
-        if (step + 1) % STRIDE == 0:
+        if (step + 1) % NAV_STEPS == 0:
             rows.append(y)
     return np.array(rows)
 
@@ -192,7 +193,7 @@ def _stack(components: Components, shape: tuple[int, ...]) -> Array:
 
 def _wobble(seeds: Sequence[int], name: str, process: GaussMarkov, samples: int) -> Array:
     """The process (B, N), rad."""
-    return np.radians(_gauss_markov(seeds, name, process, STRIDE * np.arange(samples)))
+    return np.radians(_gauss_markov(seeds, name, process, NAV_STEPS * np.arange(samples)))
 
 
 # --------------------------------------------------------------------------------------------- sensors
@@ -224,7 +225,7 @@ def _acceleration_errors(seeds: Sequence[int], nav: Nav, samples: int) -> Array:
 
 
 def _tilted(q: Array, error_deg: Array) -> Array:
-    """Attitudes (B, N, 4), each with an error, a rotation vector (B, N, 3) in its own body axes, deg."""
+    """Return attitudes (B, N, 4) with errors, rotation vectors (B, N, 3) in their body axes, deg."""
     vector = np.radians(error_deg)
     angle = np.linalg.norm(vector, axis=-1)
     scale = 0.5 * np.sinc(angle / (2 * np.pi))
@@ -235,7 +236,7 @@ def _tilted(q: Array, error_deg: Array) -> Array:
 def _images(
     scenario: Scenario, seeds: Sequence[int], size: Array, truth: TruthArrays, steps: npt.NDArray[np.intp]
 ) -> tuple[Array, Flags]:
-    """Image points (B, M, 3, 2), NaN where not registered, and whether they were in view (B, M)."""
+    """Return image points (B, M, 3, 2), NaN if not registered, and whether they were in view (B, M)."""
     camera, count = scenario.camera, len(steps)
     q_bc, q_nF, q_nL = mount_quaternion(camera), _components(truth.q_nF), _components(truth.q_nL)
     r_FL_n = _components(truth.r_FL_n)

@@ -1,9 +1,8 @@
-"""Filters over simulated formation flights, many flights at once: on the arrays of `flights`, without the
-pipeline.
+"""Filters over many simulated formation flights at once, on arrays without the pipeline.
 
-Filters predict to each sample of the navigation system, with the follower's velocity and acceleration taken as
-known (eq 8 ff. of Oh & Johnson). Flights for which an image is registered then are updated. A flight whose filter
-fails is taken out; the others go on.
+Filters predict to each navigation sample, with the follower's velocity and acceleration assumed known (eq 8 ff. of
+Oh & Johnson). Then the flights with a registered image are updated. A flight whose filter fails is removed; the
+others continue.
 """
 
 from collections.abc import Callable
@@ -21,18 +20,18 @@ from simlink.scenarios.vehicle import Nav
 from studies.relative_motion.flights import Flights
 from studies.relative_motion.stacked_states import Indices, concatenated, put, taken
 
-FT: Final = 0.3048  # m
-B0: Final = 8.75 * FT  # m, the size that the filter assumes; each run's true size differs by 2 % (1 sigma)
-SIZE_SIGMA: Final = 0.02 * B0
+M_PER_FT: Final = 0.3048
+ASSUMED_SIZE_M: Final = 8.75 * M_PER_FT  # by the filter; each run's true size differs by 2 % (1 sigma)
+SIZE_SIGMA: Final = 0.02 * ASSUMED_SIZE_M
 
 Mask = NDArray[np.bool_]
 
 
 class Setting(NamedTuple):
-    """What a filter knows before the flight. `nav`: the sizes of the errors of our own state."""
+    """The prior knowledge of a filter; `nav` holds the sizes of the errors of our own state."""
 
     camera: Camera
-    size: float = B0
+    size: float = ASSUMED_SIZE_M
     size_sigma: float = SIZE_SIGMA
     leader_class: Literal["fixed_wing", "multirotor"] = "fixed_wing"
     nav: Nav = Nav()
@@ -59,7 +58,7 @@ class Images(NamedTuple):
 
 
 class ImageUpdate(NamedTuple):
-    """B filters after their images: their states, the NIS (B,), and whether each image was fused (B,)."""
+    """B filters after their images: states, NIS (B,), and whether each image was fused (B,)."""
 
     state: Any
     nis: Array
@@ -67,11 +66,11 @@ class ImageUpdate(NamedTuple):
 
 
 class Filter(NamedTuple):
-    """Functions over the states of B filters: a NamedTuple of arrays with a leading axis B, or several nested.
+    """Functions over the states of B filters: a NamedTuple of arrays with a leading axis B, or nested.
 
     `nine_states` gives the belief over [r, v, b, a_lat, a_long] of `onboard.models.relative_motion`, which is
-    scored; NaN where there is no estimate. `degrees`: degrees of freedom of the NIS. Each function may raise
-    FilterError; a flight for which it does so alone is taken out.
+    scored; NaN without an estimate. `degrees` are the degrees of freedom of the NIS. Each function may raise
+    FilterError; a flight that alone makes it do so is removed.
     """
 
     start: Callable[[Images], Any]
@@ -90,11 +89,11 @@ class Method(NamedTuple):
 
 
 class Track(NamedTuple):
-    """A filter's estimates over B flights (the axis B is absent for `one`), at N navigation samples and M images;
-    NaN where there are none.
+    """A filter's estimates over B flights at N navigation samples and M images, NaN without any.
 
-    `mean` and `covariance` are posterior at times with an image. `failed_at`: the time, s, at which the covariance
-    lost its Cholesky factor or a number overflowed; the filter stops there. NaN: no failure.
+    The axis B is absent for `one`. `mean` and `covariance` are posterior at times with an image. `failed_at` is
+    the time, s, at which the covariance lost its Cholesky factor or a number overflowed, where the filter stops;
+    NaN if never.
     """
 
     t: Array  # (N,)
@@ -112,10 +111,10 @@ class Track(NamedTuple):
 
 
 class Lateness(NamedTuple):
-    """In navigation samples. `stamp`: from exposure to stamp, unknown to the filters. `delivery`: from a (right)
-    stamp to the image's arrival; the estimate at arrival is a prediction from the stamp."""
+    """The delays of images, in navigation samples."""
 
-    stamp: int = 0
+    stamp: int = 0  # from exposure to stamp, unknown to the filters
+    # From a right stamp to the image's arrival; the estimate at arrival is a prediction from the stamp.
     delivery: int = 0
 
 
@@ -248,8 +247,10 @@ class _Pool:
 
 
 def _where_it_works(call: Callable[[Any, Indices], Any], state: Any, rows: Indices) -> tuple[Any, Mask]:
-    """`call(state, rows)` over the flights for which it raises no FilterError (None without any), and a mask of
-    these flights."""
+    """Return `call(state, rows)` for the flights without a FilterError, and a mask of them.
+
+    The result is None without any such flight.
+    """
     try:
         return call(state, rows), np.ones(rows.size, dtype=bool)
     except FilterError:

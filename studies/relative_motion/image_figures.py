@@ -1,4 +1,4 @@
-"""The paper's figures 6 and 7, redrawn: the image processor's points, and the filter's measurements."""
+"""The paper's figures 6 and 7, redrawn: image points, and the filter's measurements."""
 
 from typing import Final
 
@@ -41,7 +41,7 @@ def image_points(flight: Flight, camera: Camera) -> Figure:
 
 
 def measured_angles(flight: Flight, camera: Camera) -> Figure:
-    """Figure 7: the angles by eq 18 from the image points, and those of the true leader by eq 14."""
+    """Draw figure 7: the angles by eq 18 from image points, and those of the true leader by eq 14."""
     figure, axes = panels("Figure 7: the measurements of the filter", 3, sharex=True)
     measured, true = (
         np.degrees(x) for x in (camera_angles.angles_from_points(flight.image_points), true_angles(flight, camera))
@@ -57,7 +57,7 @@ def measured_angles(flight: Flight, camera: Camera) -> Figure:
 
 
 def true_angles(flight: Flight, camera: Camera) -> Array:
-    """Angles (M, 3), rad, of the true leader at the exposures, by eq 14, as if its wing stood across the sight."""
+    """Return the angles (M, 3), rad, of the true leader by eq 14, with its wing across the sight."""
     truth = flight.image_truth
     rows = np.zeros((len(flight.image_t), 1, STATE_SIZE))
     rows[:, 0, POSITION], rows[:, 0, SIZE] = truth.r_FL_n, flight.size

@@ -27,7 +27,10 @@ TUNED_NOISE: Final = honest_noise("fixed_wing")._replace(
 
 
 def unscented_filter(setting: Setting, noise: Noise, image_noise: ImageNoise, fold: bool = False) -> Filter:
-    """The nine-state filter. `fold`: eq 14's arctangents as printed: a leader behind looks as if ahead."""
+    """The nine-state filter.
+
+    `fold`: eq 14's arctangents as printed: a leader behind looks as if ahead.
+    """
     Q = process_noise(setting.size, noise.walks)
     gate = (
         np.inf
@@ -83,8 +86,10 @@ def _angles_and_noise(images: Images, noise: Noise, image_noise: ImageNoise) -> 
 
 
 def with_attitude_error(belief: Belief, sigma: float) -> Belief:
-    """Beliefs (B, 9) widened by a constant small error of our own attitude (rad, 1 sigma about each axis), which
-    rotates both vectors."""
+    """Widen beliefs (B, 9) by a constant small error of our own attitude, which rotates both vectors.
+
+    The error is in rad, 1 sigma about each axis.
+    """
     slopes = np.zeros((*belief.mean.shape, 3))
     for at in (POSITION, VELOCITY):
         x, y, z = np.moveaxis(belief.mean[:, at], -1, 0) * sigma
@@ -94,7 +99,7 @@ def with_attitude_error(belief: Belief, sigma: float) -> Belief:
 
 
 def _by_filter(belief: Belief, model: Callable[[Array], Array]) -> Callable[[Array], Array]:
-    """A model over points (B, k, 9) as the filters call it: over the rows of all, one filter after another."""
+    """Return a model over points (B, k, 9) as filters call it, over the rows of all filters."""
     count, n = belief.mean.shape
 
     def over_rows(rows: Array) -> Array:

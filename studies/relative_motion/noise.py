@@ -1,4 +1,4 @@
-"""What the nine-state filters of the study assume of noise: the paper's settings as printed, and honest ones."""
+"""Noise settings of the study's nine-state filters: the paper's as printed, and honest ones."""
 
 from typing import Final, NamedTuple
 
@@ -14,7 +14,7 @@ from onboard.models.relative_motion import POSITION, SIZE
 
 
 class Noise(NamedTuple):
-    """What Oh & Johnson's filter assumes of noise: process noise, and standard deviations."""
+    """The noise settings of Oh & Johnson's filter: process noise, and standard deviations."""
 
     walks: RandomWalks  # eqs 52-53
     ties_size_to_range: bool  # in the first belief, which follows from the first image's noise; else the paper's
@@ -70,8 +70,10 @@ def initial_belief(
     R_cn: Array,
     r_FC_n: Array,
 ) -> Belief:
-    """The belief (9,), (9, 9) after one image: eqs 43-51. Angles (3,) rad with noise (3, 3), the prior size and
-    its sigma in m, the camera's attitude R_cn (3, 3) and place r_FC_n (3,).
+    """The belief (9,), (9, 9) after one image: eqs 43-51.
+
+    Angles (3,) rad with noise (3, 3), the prior size and its sigma in m, the camera's attitude R_cn (3, 3) and
+    place r_FC_n (3,).
 
     The paper's, or, with `ties_size_to_range`, one whose position's covariance follows from the angles and the
     size by an unscented transform, which keeps the correlation of range and size.

@@ -1,4 +1,4 @@
-"""What an independent implementation of the same scenario measured, and our figures beside it."""
+"""Figures of an independent implementation of the same scenario, compared with ours."""
 
 from typing import Final
 
@@ -18,14 +18,17 @@ REFERENCE: Final[dict[tuple[str, str], dict[str, str]]] = {
     ("d", "printed"): dict(zip(QUANTITIES, ("6.31", "3.22", "5.8", "0.20", "0.33", "0.01", "24"), strict=True)),
     ("e", "tuned"): {"diverged_percent": "99"},
 }
-REFERENCE_RUNS: Final = 50
-DIVERGED_ROUNDING: Final = 1.0  # %, half of one of its runs
-SIGMAS: Final = 2.0
+REFERENCE_RUN_COUNT: Final = 50
+DIVERGED_ROUNDING_PERCENT: Final = 1.0  # half of one of its runs
+TOLERANCE_SIGMAS: Final = 2.0
 
 
 def compare(row: Row) -> list[Comparison]:
-    """Each figure that the reference has for this row. Tolerance: two standard errors of the difference of two
-    independent sets of runs, by the scatter of ours, and half a unit of the reference's last digit."""
+    """Each figure that the reference has for this row.
+
+    Tolerance: two standard errors of the difference of two independent sets of runs, by the scatter of ours, and
+    half a unit of the reference's last digit.
+    """
     reference = REFERENCE.get((row.variant, row.method), {})
     return [_compare(row, quantity, printed) for quantity, printed in reference.items()]
 
@@ -36,12 +39,12 @@ def _compare(row: Row, quantity: str, printed: str) -> Comparison:
         both = (row.diverged_percent + reference) / 200.0
         ours: float | None = row.diverged_percent
         error: float | None = 100.0 * float(np.sqrt(both * (1 - both) / row.runs))
-        rounding = DIVERGED_ROUNDING
+        rounding = DIVERGED_ROUNDING_PERCENT
     else:
         ours, error = row.quantities[quantity].value, row.quantities[quantity].standard_error
     tolerance = None
     if error is not None:
-        tolerance = SIGMAS * error * float(np.sqrt(1.0 + row.runs / REFERENCE_RUNS)) + rounding
+        tolerance = TOLERANCE_SIGMAS * error * float(np.sqrt(1.0 + row.runs / REFERENCE_RUN_COUNT)) + rounding
     return Comparison(
         variant=row.variant,
         method=row.method,

@@ -6,8 +6,8 @@ from typing import Final
 from onboard.filters.gating import mean_bounds
 from onboard.messages import Record
 from studies.relative_motion.bound import ASSUMES, Bound, VariantBound
-from studies.relative_motion.formation import FT
-from studies.relative_motion.reference import SIGMAS
+from studies.relative_motion.formation import M_PER_FT
+from studies.relative_motion.reference import TOLERANCE_SIGMAS
 from studies.relative_motion.scores import Row
 from studies.relative_motion.shipped import DEFAULT
 from studies.relative_motion.targets import Target
@@ -57,7 +57,7 @@ arctangent it used; the printed one gives its numbers, atan2 does not."""
 
 
 class Result(Record, frozen=True, kw_only=True):
-    """What the study found over `seeds` flights of each variant."""
+    """The results of the study over `seeds` flights of each variant."""
 
     seeds: int
     first_seed: int
@@ -70,7 +70,7 @@ class Result(Record, frozen=True, kw_only=True):
 
 
 def findings(result: Result, study: str, title: str) -> Findings:
-    """What the report shows."""
+    """Return the findings for the report."""
     variants = "; ".join(f"{v.name}, {v.label}" for v in VARIANTS)
     return Findings(
         study=study,
@@ -131,7 +131,7 @@ def bounds_table(result: Result) -> Table:
 
 
 def targets_table(targets: Sequence[Target]) -> Table:
-    """What is asked for: variant, figure, measured, bounds, whether it is met."""
+    """Return the targets: variant, figure, measured, bounds, whether it is met."""
     return Table(
         title=f"What is asked of ours ({DEFAULT.label})",
         note="",
@@ -150,10 +150,10 @@ def targets_table(targets: Sequence[Target]) -> Table:
 
 
 def comparisons_table(comparisons: Sequence[Comparison], seeds: int) -> Table:
-    """Ours beside the reference."""
+    """Return the table of our figures and the reference's."""
     return Table(
         title="Beside an independent implementation",
-        note=COMPARED.format(seeds=seeds, sigmas=SIGMAS, count=len(comparisons)),
+        note=COMPARED.format(seeds=seeds, sigmas=TOLERANCE_SIGMAS, count=len(comparisons)),
         header=("variant", "method", "quantity", "ours", "reference", "tolerance", ""),
         rows=tuple(
             (
@@ -182,4 +182,4 @@ def _over_bound(row: Row, name: str, bound: float) -> str:
 
 def _cell(name: str, quantity: Quantity) -> str:
     text = number(quantity.value)
-    return text if quantity.value is None or name not in IN_SI else f"{text} ({quantity.value * FT:.2g})"
+    return text if quantity.value is None or name not in IN_SI else f"{text} ({quantity.value * M_PER_FT:.2g})"

@@ -1,4 +1,7 @@
-"""Errors of tracks against the truth: the scores of a run, and the row of all runs. In the paper's feet."""
+"""Errors of tracks against the truth: the scores of a run, and the row of all runs.
+
+In the paper's feet.
+"""
 
 from collections.abc import Sequence
 from typing import Final
@@ -13,19 +16,23 @@ from onboard.models import camera_angles, relative_motion
 from onboard.models.relative_motion import A_LAT, A_LONG, POSITION, SIZE, VELOCITY
 from studies.relative_motion.flight import Flight
 from studies.relative_motion.flights import Flights
-from studies.relative_motion.formation import FT, Mask, Track
+from studies.relative_motion.formation import M_PER_FT, Mask, Track
 from studies.relative_motion.stacked_states import Indices
 from studies.report import runs
 from studies.report.runs import Quantity
 
-SETTLED: Final = 15.0  # s: scores are taken from here on
-LAST: Final = 5.0  # s at the end that decide whether a run diverged
-RANGE_LIMIT: Final = 0.5  # diverged: mean range error over the last 5 s, as a fraction
-BEARING_LIMIT: Final = np.radians(5.0)  # or mean angle between true and estimated direction
-CONVERGED: Final = 0.2  # a_lat has converged when first within this fraction of the truth
-COVERAGE: Final = 0.95  # of the position ellipsoids: their share that should hold the true position
-DROP_OUT: Final = (29.9, 34.9, 44.9)  # s: before, at the end of and well after the five seconds without images
-SLOWEST: Final = 0.95  # of runs have converged by the time that is judged
+SETTLING_TIME_S: Final = 15.0  # before a run is scored
+DIVERGENCE_WINDOW_S: Final = 5.0  # at the end: it decides whether a run diverged
+MIN_DIVERGED_RANGE_ERROR: Final = 0.5  # mean over the last 5 s, as a fraction
+MIN_DIVERGED_BEARING_ERROR_RAD: Final = np.radians(5.0)  # mean between true and estimated direction
+CONVERGED_ERROR_RATIO: Final = 0.2  # a_lat has converged when first within this fraction of the truth
+ELLIPSOID_PROBABILITY: Final = 0.95  # that the position ellipsoid holds the true position
+DROP_OUT_TIMES_S: Final = (
+    29.9,
+    34.9,
+    44.9,
+)  # before, at the end of and well after the five seconds without images
+CONVERGED_SHARE: Final = 0.95  # of runs have converged by the time that is judged
 
 RMS: Final = ("position_ft", "velocity_ft_s", "range_percent", "size_percent", "a_lat_ft_s2", "a_long_ft_s2")
 MEANS: Final = ("nees", "nis")
@@ -33,8 +40,10 @@ OF_ALL: Final = ("inside_percent", "inside_unseen_percent", "valid_percent")  # 
 
 
 class Score(Record, frozen=True, kw_only=True):
-    """One run, over t >= 15 s: root mean squares of errors (of the vector's norm for position and velocity),
-    means of NEES (9 degrees of freedom) and NIS (of the images fused), and shares of samples."""
+    """One run over t >= 15 s: RMS errors, mean NEES (9 degrees of freedom) and NIS, and shares.
+
+    Errors of position and velocity are those of the vector's norm; the NIS is that of fused images.
+    """
 
     seed: int
     diverged: str | None  # why, or None
@@ -80,31 +89,34 @@ def truth_of(flight: Flight) -> Array:
 
 
 def score(seed: int, flight: Flight, track: Track, unseen: Mask | None = None) -> Score:
-    """Score of one run; of one that failed, until then. `unseen` (N,): whether the leader is out of view."""
+    """Return the score of one run, until it failed if it did.
+
+    `unseen` (N,): whether the leader is out of view.
+    """
     truth = truth_of(flight)
     error = track.mean - truth
     known = np.asarray(np.isfinite(error).all(axis=1))
-    late = track.t >= SETTLED
+    late = track.t >= SETTLING_TIME_S
     settled = known & late
     distance = np.linalg.norm(truth[:, POSITION], axis=1)
     range_error = np.linalg.norm(track.mean[:, POSITION], axis=1) / distance - 1.0
     size_error = 100 * error[known, SIZE] / flight.size
     inside = np.zeros(len(track.t))
     nearness = normalised_squared(error[settled][:, POSITION], track.covariance[settled][:, POSITION, POSITION])
-    inside[settled] = nearness <= chi_square_threshold(COVERAGE, 3)
+    inside[settled] = nearness <= chi_square_threshold(ELLIPSOID_PROBABILITY, 3)
     hidden: Mask | None = None if unseen is None or not unseen.any() else settled & unseen
     first = track.t[0] if not np.isfinite(flight.image_points).any() else _first_image(flight)
     return Score(
         seed=seed,
         diverged=_diverged(track, truth, range_error),
-        position_ft=_rms(error[settled][:, POSITION]) / FT,
-        velocity_ft_s=_rms(error[settled][:, VELOCITY]) / FT,
+        position_ft=_rms(error[settled][:, POSITION]) / M_PER_FT,
+        velocity_ft_s=_rms(error[settled][:, VELOCITY]) / M_PER_FT,
         range_percent=100 * _rms(range_error[settled, None]),
         size_percent=100 * _rms(error[settled, SIZE, None]) / flight.size,
-        a_lat_ft_s2=_rms(error[settled, A_LAT, None]) / FT,
-        a_long_ft_s2=_rms(error[settled, A_LONG, None]) / FT,
+        a_lat_ft_s2=_rms(error[settled, A_LAT, None]) / M_PER_FT,
+        a_long_ft_s2=_rms(error[settled, A_LONG, None]) / M_PER_FT,
         nees=_mean(normalised_squared(error[settled], track.covariance[settled])),
-        nis=_mean(track.nis[(flight.image_t >= SETTLED) & track.fused]),
+        nis=_mean(track.nis[(flight.image_t >= SETTLING_TIME_S) & track.fused]),
         nis_degrees=track.degrees,
         inside_percent=100 * _mean(inside[settled]),
         inside_unseen_percent=None if hidden is None else 100 * _mean(inside[hidden]),
@@ -131,7 +143,7 @@ def make_row(variant: str, method: str, scores: Sequence[Score]) -> Row:
     quantities |= {name: runs.mean([getattr(s, name) for s in kept]) for name in MEANS}
     quantities |= {name: runs.mean(_known([getattr(s, name) for s in scores])) for name in OF_ALL}
     times = _known([s.a_lat_converged_s for s in kept])
-    sigmas = [runs.rms([s.position_sigma_ft[i] for s in kept]).value for i in range(len(DROP_OUT))]
+    sigmas = [runs.rms([s.position_sigma_ft[i] for s in kept]).value for i in range(len(DROP_OUT_TIMES_S))]
     nis_degrees = scores[0].nis_degrees
     return Row(
         variant=variant,
@@ -154,17 +166,20 @@ def make_row(variant: str, method: str, scores: Sequence[Score]) -> Row:
 
 
 def unseen_samples(image_at: Indices, in_view: Mask, samples: int) -> Mask:
-    """Whether the leader is out of view at each of the navigation samples: as in the image before it."""
+    """Return whether the leader is out of view at each navigation sample, as in the image before it."""
     image = np.searchsorted(image_at, np.arange(samples), side="right") - 1
     unseen: Mask = ~in_view[np.maximum(image, 0)]
     return unseen
 
 
 def error_over_time(flight: Flight, track: Track) -> Array:
-    """(N, 3): time, position error and reported sigma of the position (root of the summed variances), in feet."""
+    """Return (N, 3): time, position error and reported sigma of the position, in feet.
+
+    The sigma is the root of the summed variances.
+    """
     error = np.linalg.norm((track.mean - truth_of(flight))[:, POSITION], axis=1)
     sigma = np.sqrt(np.einsum("nii->n", track.covariance[:, POSITION, POSITION]))
-    return np.column_stack([track.t, error / FT, sigma / FT])
+    return np.column_stack([track.t, error / M_PER_FT, sigma / M_PER_FT])
 
 
 def relative_acceleration(mean: Array, flight: Flight) -> Array:
@@ -179,8 +194,8 @@ def _first_image(flight: Flight) -> float:
 
 
 def _position_sigma(track: Track) -> tuple[float, float, float]:
-    at = np.minimum(np.searchsorted(track.t, np.array(DROP_OUT) - 1e-9), len(track.t) - 1)
-    before, during, after = np.sqrt(np.einsum("nii->n", track.covariance[at][:, POSITION, POSITION])) / FT
+    at = np.minimum(np.searchsorted(track.t, np.array(DROP_OUT_TIMES_S) - 1e-9), len(track.t) - 1)
+    before, during, after = np.sqrt(np.einsum("nii->n", track.covariance[at][:, POSITION, POSITION])) / M_PER_FT
     return float(before), float(during), float(after)
 
 
@@ -197,19 +212,19 @@ def _angle_error_deg(flight: Flight) -> tuple[float, float, float]:
 def _diverged(track: Track, truth: Array, range_error: Array) -> str | None:
     if np.isfinite(track.failed_at):
         return f"numerical failure at {track.failed_at:.2f} s"
-    last = track.t > track.t[-1] - LAST
+    last = track.t > track.t[-1] - DIVERGENCE_WINDOW_S
     last &= np.isfinite(range_error)
     if not last.any():
         return "no estimate"
-    if float(np.mean(np.abs(range_error[last]))) > RANGE_LIMIT:
+    if float(np.mean(np.abs(range_error[last]))) > MIN_DIVERGED_RANGE_ERROR:
         return "range"
     cosine = _unit(track.mean[last][:, POSITION]) * _unit(truth[last][:, POSITION])
     bearing = np.arccos(np.clip(cosine.sum(axis=1), -1.0, 1.0))
-    return "bearing" if float(np.mean(bearing)) > BEARING_LIMIT else None
+    return "bearing" if float(np.mean(bearing)) > MIN_DIVERGED_BEARING_ERROR_RAD else None
 
 
 def _converged(t: Array, error: Array, truth: Array) -> float | None:
-    inside = np.flatnonzero(np.abs(error) <= CONVERGED * np.abs(truth))
+    inside = np.flatnonzero(np.abs(error) <= CONVERGED_ERROR_RATIO * np.abs(truth))
     return float(t[inside[0]]) if inside.size else None
 
 
@@ -231,10 +246,10 @@ def _known(values: Sequence[float | None]) -> list[float]:
 
 
 def _time_of_most(times: Sequence[float | None]) -> float | None:
-    """The time by which 95 % of the runs had converged; None if fewer ever did."""
-    when = float(np.quantile([np.inf if t is None else t for t in times], SLOWEST, method="higher"))
+    """Return the time by which 95 % of the runs had converged, None if fewer ever did."""
+    when = float(np.quantile([np.inf if t is None else t for t in times], CONVERGED_SHARE, method="higher"))
     return when if np.isfinite(when) else None
 
 
 def _si(quantity: Quantity) -> float | None:
-    return None if quantity.value is None else quantity.value * FT
+    return None if quantity.value is None else quantity.value * M_PER_FT

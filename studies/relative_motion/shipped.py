@@ -1,5 +1,7 @@
-"""Our own estimator in the study, as shipped: simlink's flights as messages through the daemon's pipeline. Nothing
-is configured but the camera, and the leader's size and class."""
+"""Our own estimator in the study: simlink's flights as messages through the default pipeline.
+
+Only the camera and the leader's size and class are configured.
+"""
 
 from collections.abc import Iterator
 from typing import Final, NamedTuple
@@ -33,7 +35,7 @@ FUSED: Final = (Verdict.FUSED, Verdict.FUSED_LATE)
 
 
 class Shipped(NamedTuple):
-    """The daemon's estimator with `settings`, overrides of its defaults as of `--set`, on top of what is known."""
+    """The daemon's estimator with `settings`, overrides in the form of `--set`."""
 
     name: str
     label: str
@@ -68,7 +70,7 @@ def known(setting: Setting) -> tuple[str, ...]:
 
 
 def track(flight: Flight, setting: Setting, method: Shipped, late: Lateness = ON_TIME) -> Track:
-    """Fly one flight. Estimates that are not valid are none: NaN."""
+    """Fly one flight; estimates that are not valid are NaN."""
     pipeline = Pipeline(load_config(None, (*known(setting), *method.settings, EVERY_SAMPLE)))
     samples, images = len(flight.nav_t), len(flight.image_t)
     mean, covariance = np.full((samples, STATE_SIZE), np.nan), np.full((samples, STATE_SIZE, STATE_SIZE), np.nan)
@@ -89,7 +91,7 @@ def track(flight: Flight, setting: Setting, method: Shipped, late: Lateness = ON
 
 
 def messages(flight: Flight, camera: str, late: Lateness = ON_TIME) -> list[Message]:
-    """What the follower's computer receives, in the order of arrival."""
+    """Return the messages that the follower's computer receives, in the order of arrival."""
     every = [*_navigation(flight), *_images(flight, camera, late)]
     return sorted(every, key=lambda m: m.t_recv_ns)
 

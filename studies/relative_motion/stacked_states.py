@@ -1,4 +1,4 @@
-"""States of many filters, stacked: tuples of arrays with a leading axis, perhaps nested, one filter a row."""
+"""States of many filters as tuples of arrays, perhaps nested, with one filter a row."""
 
 from collections.abc import Callable, Sequence
 from typing import Any

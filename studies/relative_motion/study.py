@@ -1,9 +1,10 @@
-"""Oh & Johnson, "Relative Motion Estimation for Vision-based Formation Flight using Unscented Kalman Filter".
+"""The study of relative motion by vision.
 
-The paper's estimator on simulated formation flights: as printed, with noise settings that follow from the camera,
-and as this package ships it; on the reference flight and on difficult ones. Each run's initial course is drawn at
-random: sigma points from a Cholesky factor are another set in a turned frame, so whether one of them falls behind
-the camera depends on the direction of north.
+The paper is Oh & Johnson, "Relative Motion Estimation for Vision-based Formation Flight using Unscented Kalman
+Filter". Its estimator runs on simulated formation flights: as printed, with noise settings that follow from the
+camera, and as this package ships it; on the reference flight and on difficult ones. Each run's initial course is
+random: sigma points from a Cholesky factor differ in a rotated frame, so that the direction of north decides
+whether one of them falls behind the camera.
 """
 
 from importlib import import_module
@@ -24,7 +25,7 @@ from studies.relative_motion.formation import Setting, Track, track
 from studies.relative_motion.noise import honest_noise
 from studies.relative_motion.reference import compare
 from studies.relative_motion.report import Result, findings
-from studies.relative_motion.scores import SETTLED, Score, error_over_time, make_row, score_flight
+from studies.relative_motion.scores import SETTLING_TIME_S, Score, error_over_time, make_row, score_flight
 from studies.relative_motion.shipped import DEFAULT, Shipped
 from studies.relative_motion.targets import judge
 from studies.relative_motion.variants import (
@@ -42,9 +43,9 @@ from studies.report.runs import by_name
 
 NAME: Final = "relative-motion"
 TITLE: Final = "Oh & Johnson: relative motion by vision, an unscented Kalman filter"
-AT_ONCE: Final = 100  # flights advanced at once: their tracks take 200 MB
-SHIPPED_EVERY: Final = 5  # every fifth of them also goes through the pipeline, which takes seconds for each
-EXAMPLE: Final = 10  # navigation samples from one point of a figure to the next
+BATCH_SIZE: Final = 100  # flights: their tracks take 200 MB
+SHIPPED_FLIGHT_RATIO: Final = 5  # flights to each one that goes through the pipeline, too, which takes seconds
+EXAMPLE_STEP: Final = 10  # navigation samples from one point of a figure to the next
 # Variants whose filters know the truth about their setting, and our own motion exactly.
 BOUNDED: Final = ("a", "b", "c", "d", "i", "k30", "k45", "k60", "hover")
 
@@ -65,15 +66,16 @@ def run(
     progress: Progress | None = None,
     variants: tuple[Variant, ...] = VARIANTS,
 ) -> Result:
-    """Fly every variant `seeds` times with each of its methods, in `jobs` processes (None: one per core).
+    """Fly every variant `seeds` times with each of its methods, in `jobs` processes.
 
-    `progress(done, total)` is called as groups of flights finish. With `out`, figures, report.md and result.json
-    are written there; figures need the extra `study` (else ImportError, before anything is flown).
+    The default is one process per core. `progress(done, total)` is called as groups of flights finish. With `out`,
+    figures, report.md and result.json are written there; figures need the extra `study` (else ImportError, before
+    anything is flown).
     """
     if out is not None:
         import_module("matplotlib")
     every = require_seeds(seeds, first_seed)
-    groups = [(v, every[i : i + AT_ONCE]) for i in range(0, seeds, AT_ONCE) for v in variants]
+    groups = [(v, every[i : i + BATCH_SIZE]) for i in range(0, seeds, BATCH_SIZE) for v in variants]
     found = compute([Part(fly_some, (v.name, tuple(group))) for v, group in groups], jobs, progress)
     scores: dict[tuple[str, str], list[Score]] = {}
     limits: dict[str, list[FlightBound]] = {}
@@ -101,25 +103,25 @@ def run(
 
 
 def fly_some(name: str, seeds: tuple[int, ...], duration: float | None = None) -> FlightResult:
-    """Flights of a variant over `duration` s (None: the scenario's), scored with each of its methods."""
+    """Fly a variant over `duration` s, by default the scenario's, and score each of its methods."""
     variant = BY_NAME[name]
     flights, setting = flown(variant, seeds, duration)
     scores, examples = {}, {}
     for method in variant.methods:
         tracks = _tracks(variant, flights, setting, method)
-        examples[method.name] = error_over_time(flights.one(0), tracks[0])[::EXAMPLE]
+        examples[method.name] = error_over_time(flights.one(0), tracks[0])[::EXAMPLE_STEP]
         scores[method.name] = [score_flight(flights, b, one) for b, one in tracks.items()]
     limits = []
     if name in BOUNDED:
-        limits = bounds(flights, setting.camera, honest_noise(setting.leader_class), SETTLED)
+        limits = bounds(flights, setting.camera, honest_noise(setting.leader_class), SETTLING_TIME_S)
     return FlightResult(scores, limits, examples)
 
 
 def _tracks(variant: Variant, flights: Flights, setting: Setting, method: AnyMethod) -> dict[int, Track]:
-    """A method's tracks, by the flight's place among `flights`; the first is always among them."""
+    """Return a method's tracks by the flight's index among `flights`, always with the first."""
     count = len(flights.seeds)
     if isinstance(method, Shipped):
-        every = range(0, count, SHIPPED_EVERY)
+        every = range(0, count, SHIPPED_FLIGHT_RATIO)
         return {b: shipped.track(flights.one(b), setting, method, variant.late) for b in every}
     tracks = track(flights, setting, method, variant.late)
     return {b: tracks.one(b) for b in range(count)}
@@ -133,7 +135,7 @@ def flown(variant: Variant, seeds: tuple[int, ...], duration: float | None = Non
 
 
 def draw_paper(first_seed: int, out: Path) -> tuple[str, ...]:
-    """The paper's figures alone, of the flight of this seed, into the folder `out`: their file names."""
+    """Draw the paper's figures of the flight of this seed into `out`, and return the file names."""
     from studies.relative_motion import figures  # noqa: PLC0415 - matplotlib is an extra
 
     return figures.draw_flight(*_example(first_seed), out)

@@ -1,4 +1,4 @@
-"""What an estimator must reach that one would fly behind, and whether ours does."""
+"""Requirements for an estimator that one would fly behind, and whether ours meets them."""
 
 from collections.abc import Mapping, Sequence
 from typing import Final
@@ -7,7 +7,7 @@ import msgspec
 
 from onboard.messages import Record
 from studies.relative_motion.bound import Bound, VariantBound
-from studies.relative_motion.formation import FT
+from studies.relative_motion.formation import M_PER_FT
 from studies.relative_motion.scores import Row
 from studies.relative_motion.shipped import DELAY, ON_WING
 from studies.report.findings import within
@@ -30,7 +30,7 @@ AT_MOST: Final = {
 
 
 class Target(Record, frozen=True, kw_only=True):
-    """A figure that is asked for: the measured `value`, and the bounds that it must keep (None: open)."""
+    """A required figure: the measured `value` and its bounds (None: open)."""
 
     variant: str
     what: str
@@ -42,8 +42,10 @@ class Target(Record, frozen=True, kw_only=True):
 
 
 def judge(rows: Sequence[Row], method: str, bounds: Sequence[VariantBound]) -> tuple[Target, ...]:
-    """The targets of the variants, judged by this method's rows, and those that need a setting beyond the defaults
-    also with it."""
+    """Return the targets of the variants, judged by this method's rows.
+
+    Those that need a setting beyond the defaults are also judged with it.
+    """
     ours = {row.variant: row for row in rows if row.method == method}
     targets: list[Target] = []
     for variant, row in ours.items():
@@ -87,14 +89,17 @@ def _special(variant: str, row: Row, ours: Rows) -> list[Target]:
     if variant == "hover":
         position = _value(row, "position_ft")
         return [
-            _target("hover", "position", "m", None if position is None else position * FT, at_most=1.0),
+            _target("hover", "position", "m", None if position is None else position * M_PER_FT, at_most=1.0),
             _target("hover", "samples with a valid estimate", "%", _value(row, "valid_percent"), at_least=100.0),
         ]
     return []
 
 
 def _ratios(row: Row, other: Row | Bound | None, what: str, at_most: float) -> list[Target]:
-    """Position and velocity errors over those of another row (none if it was not flown) or of a bound."""
+    """Return position and velocity errors over those of another row or of a bound.
+
+    They are empty if the other row was not flown.
+    """
     if other is None:
         return []
     targets = []

@@ -29,8 +29,10 @@ RIGHT: Final = {"nees": 9.0, "inside_percent": 95.0}
 
 
 def compared(rows: Sequence[Row], bounds: Sequence[VariantBound]) -> Figure:
-    """Dots by variant, a panel for each figure of merit; hollow where more than half of the runs diverged. Bars
-    are Cramer-Rao bounds."""
+    """Draw dots by variant, a panel for each figure of merit, with bars of the Cramer-Rao bounds.
+
+    Dots are hollow if more than half of the runs diverged.
+    """
     known = by_name(rows)
     names = [v.name for v in VARIANTS if any((v.name, m.name) in known for m in COMPARED)]
     title = "over t ≥ 15 s · hollow: most runs diverged, figure of the others · bars: Cramer-Rao bound"
@@ -54,8 +56,10 @@ def compared(rows: Sequence[Row], bounds: Sequence[VariantBound]) -> Figure:
 
 
 def over_time(examples: Mapping[str, Mapping[str, Array]]) -> Figure:
-    """A panel for each variant: by method of COMPARED, rows (T, 3) of one flight's time, position error and
-    reported sigma of the position (root of the summed variances), ft."""
+    """Draw a panel for each variant with rows (T, 3) of one flight, by method of COMPARED.
+
+    A row has time, position error and reported sigma of the position (root of the summed variances), ft.
+    """
     shown = [variant for variant in VARIANTS if variant.name in examples]
     columns = min(5, len(shown))
     lines = -(-len(shown) // columns)

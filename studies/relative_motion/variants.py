@@ -1,11 +1,11 @@
-"""The flights of the study: a scenario of simlink each, what the filters know before it, and the methods flown."""
+"""The flights of the study: scenarios of simlink, the filters' prior knowledge, and the methods."""
 
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from simlink.scenarios.scenario import Scenario, load_scenario, rotate_slot
-from studies.relative_motion.formation import B0, Lateness, Method, Setting
+from studies.relative_motion.formation import ASSUMED_SIZE_M, Lateness, Method, Setting
 from studies.relative_motion.methods import AS_PRINTED, HONEST, PAPER_MENDED, R_ALONE, TUNED
 from studies.relative_motion.shipped import DEFAULT, DELAY, ON_WING, Shipped
 
@@ -15,8 +15,10 @@ SHOWN: Final[tuple[AnyMethod, ...]] = (PAPER_MENDED, TUNED, HONEST, DEFAULT)  # 
 
 
 class Variant(NamedTuple):
-    """`angle_deg`: the slot turned about the leader, the camera turned back. `size_factor`: of the assumed size.
-    `multirotor`: the filter knows that the leader is one."""
+    """`angle_deg`: the slot turned about the leader, the camera turned back.
+
+    `size_factor`: of the assumed size. `multirotor`: the filter knows that the leader is one.
+    """
 
     name: str
     scenario: str
@@ -61,9 +63,8 @@ def course_deg(seed: int) -> float:
 
 
 def setting_of(variant: Variant, scenario: Scenario) -> Setting:
-    """What the filters know: the camera, the assumed size with 2 %, the errors of our own state, and the leader's
-    class."""
-    size = B0 * variant.size_factor
+    """Return the filters' prior knowledge: camera, size with 2 %, own errors, and leader class."""
+    size = ASSUMED_SIZE_M * variant.size_factor
     return Setting(
         scenario.camera, size, 0.02 * size, "multirotor" if variant.multirotor else "fixed_wing", scenario.nav
     )

@@ -1,1 +1,1 @@
-"""The kit that every study reports with: findings, figures over runs, markdown, drawings and worker processes."""
+"""The common reporting of studies: findings, figures over runs, markdown, drawings, workers."""

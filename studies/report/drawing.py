@@ -1,4 +1,4 @@
-"""What the figures of several studies draw alike. Needs the extra `study`."""
+"""The common parts of several studies' figures; they need the extra `study`."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

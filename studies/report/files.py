@@ -22,8 +22,11 @@ def require_seeds(seeds: int, first_seed: int) -> range:
 
 
 def drawing(package: str, out: Path | None) -> Draw | None:
-    """The function `draw` of a study's module `figures`, None without a folder to draw into. Call it first: it
-    raises ImportError, before anything is computed, where matplotlib, of the extra `study`, is missing."""
+    """The function `draw` of a study's module `figures`, None without a folder to draw into.
+
+    Call it first: it raises ImportError, before anything is computed, where matplotlib, of the extra `study`, is
+    missing.
+    """
     if out is None:
         return None
     draw: Draw = import_module(f"{package}.figures").draw
@@ -31,8 +34,10 @@ def drawing(package: str, out: Path | None) -> Draw | None:
 
 
 def publish(found: Findings, out: Path | None, draw: Draw | None = None, *drawn: Any) -> Findings:
-    """The findings with the names of their figures, which `draw(*drawn, out)` draws; all is written into `out`.
-    Without `out` the findings alone."""
+    """Return the findings with the names of their figures, and write all into `out`.
+
+    `draw(*drawn, out)` draws the figures. Without `out` only the findings are returned.
+    """
     if out is None:
         return found
     if draw is not None:
@@ -42,7 +47,10 @@ def publish(found: Findings, out: Path | None, draw: Draw | None = None, *drawn:
 
 
 def write(found: Findings, out: Path, result: Record | None = None) -> None:
-    """report.md and result.json into the folder `out`. The JSON holds `result` (None: `found`), NaN as null."""
+    """report.md and result.json into the folder `out`.
+
+    The JSON holds `result` (None: `found`), NaN as null.
+    """
     out.mkdir(parents=True, exist_ok=True)
     (out / "report.md").write_text(markdown(found), encoding="utf-8")
     (out / "result.json").write_bytes(

@@ -1,4 +1,4 @@
-"""What a study finds, as records: claims and their verdicts, misprints, checks, tables."""
+"""The findings of a study as records: claims and their verdicts, misprints, checks, tables."""
 
 import math
 from typing import Literal
@@ -21,8 +21,10 @@ class Claim(Record, frozen=True, kw_only=True):
 
 
 class Misprint(Record, frozen=True, kw_only=True):
-    """A formula that cannot be as printed: a figure that it gives, and the same figure by the right formula.
-    `proven`: when this was computed, the printed form failed and the right one held."""
+    """A misprinted formula: one of its results, and that of the right formula.
+
+    `proven` tells whether the printed form failed and the right one held when this was computed.
+    """
 
     where: str
     printed: str
@@ -34,7 +36,7 @@ class Misprint(Record, frozen=True, kw_only=True):
 
 
 class Check(Record, frozen=True, kw_only=True):
-    """A number of ours that must lie in [low, high]: what an independent implementation found, with tolerance."""
+    """A number of ours that must lie in [low, high], around that of an independent implementation."""
 
     name: str
     unit: str
@@ -54,7 +56,7 @@ class Table(Record, frozen=True, kw_only=True):
 
 
 class Findings(Record, frozen=True, kw_only=True):
-    """All that a report shows. Figures are file names beside the report."""
+    """The contents of a report. Figures are names of files in its folder."""
 
     study: str
     title: str
@@ -69,8 +71,10 @@ class Findings(Record, frozen=True, kw_only=True):
 
 
 def verdict(holds: Outcome, only_if: Outcome = False) -> Verdict:
-    """The verdict on a claim that holds, or else holds under the condition that its evidence states. It is not
-    decided where the runs leave open which of these it is."""
+    """Return the verdict on a claim that holds, perhaps under the condition of its evidence.
+
+    It is not decided if the runs leave open which of these it is.
+    """
     if holds:
         return "holds"
     if holds is None or only_if is None:
@@ -79,7 +83,10 @@ def verdict(holds: Outcome, only_if: Outcome = False) -> Verdict:
 
 
 def within(value: float | None, low: float | None = None, high: float | None = None) -> bool:
-    """Whether a value lies in [low, high]; None is an open side. A value that is None or not finite does not."""
+    """Whether a value lies in [low, high]; None is an open side.
+
+    A value that is None or not finite does not.
+    """
     if value is None or not math.isfinite(value):
         return False
     return bool((low is None or value >= low) and (high is None or value <= high))

@@ -40,12 +40,12 @@ def table_lines(header: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """A number with so many significant digits, or a dash where it is unknown."""
+    """Return a number with some significant digits, or a dash if it is unknown."""
     return UNKNOWN if value is None or math.isnan(value) else f"{value:.{digits}g}"
 
 
 def interval(low: float | None, high: float | None) -> str:
-    """[low, high] in words; None is an open side, of which there is at most one."""
+    """Return the interval [low, high] in words; at most one side is open (None)."""
     if low is None:
         return f"≤ {high:g}"
     return f"≥ {low:g}" if high is None else f"{low:.7g} to {high:.7g}"

@@ -1,4 +1,4 @@
-"""Figures of merit over many runs of a method in a variant, and beside them those of another implementation."""
+"""Figures of merit over many runs of a method in a variant, with those of another implementation."""
 
 from collections.abc import Iterable, Sequence
 from typing import TypeVar
@@ -54,8 +54,10 @@ def by_name(rows: Iterable[R]) -> dict[tuple[str, str], R]:
 
 
 def rms(values: Sequence[float]) -> Quantity:
-    """Root of the mean square over runs; every run has as many samples, so this is that over all samples.
-    Unknown without runs, and where a run has no finite figure."""
+    """Return the root of the mean square over runs, all with the same number of samples.
+
+    It is None without runs, and if a run has no finite figure.
+    """
     x = np.array(values)
     if not x.size or not np.isfinite(x).all():
         return Quantity(value=None, standard_error=None)
@@ -73,7 +75,7 @@ def mean(values: Sequence[float]) -> Quantity:
 
 
 def half_unit(printed: str) -> float:
-    """Half a unit of the last digit of a printed number: as much as rounding may have changed it."""
+    """Return half a unit of the last digit of a printed number, its possible rounding error."""
     return float(0.5 * 10.0 ** -len(printed.partition(".")[2]))
 
 

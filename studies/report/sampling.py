@@ -1,6 +1,7 @@
-"""What runs can decide: a statistic beside a bound, with its error of sampling. Three outcomes: True, False, and
-None where the runs are too few or their scatter too large. Studies combine them with `all_of` and `any_of`, and
-`findings.verdict` puts them into words.
+"""Decisions from a finite number of runs: a statistic, a bound, and the sampling error.
+
+There are three outcomes: True, False, and None if the runs are too few or their scatter too large. Studies combine
+them with `all_of` and `any_of`, and `findings.verdict` puts them into words.
 """
 
 import math
@@ -14,13 +15,13 @@ from scipy.special import stdtrit
 from onboard.arrays import Array
 from studies.report.findings import Claim, Findings, Outcome
 
-WRONG: Final = 0.005  # chance of each wrong decision, where errors are normal
-FEWEST: Final = 5  # runs whose scatter says how far off their mean may be
-ENOUGH: Final = 10  # runs that show what happens in a quarter of all, but for one time in twenty
+ERROR_PROBABILITY: Final = 0.005  # of each wrong decision, where errors are normal
+MIN_RUN_COUNT: Final = 5  # their scatter says how far off their mean may be
+DECISIVE_RUN_COUNT: Final = 10  # they show what happens in a quarter of all runs, but for one time in twenty
 
 
 def all_of(outcomes: Iterable[Outcome]) -> Outcome:
-    """Whether all are true: one that is false decides, one that is not decided leaves it open."""
+    """Return False if any is false, otherwise None if any is undecided, otherwise True."""
     every = list(outcomes)
     if False in every:
         return False
@@ -38,14 +39,16 @@ def negated(outcome: Outcome) -> Outcome:
 
 
 def below(values: Sequence[float] | Array, limit: float = 0.0) -> Outcome:
-    """Whether the mean is below a limit, from one value of each run: by Student's t. A value that is not finite,
-    as of a run that failed, is below nothing."""
+    """Whether the mean is below a limit, from one value of each run: by Student's t.
+
+    A value that is not finite, as of a run that failed, is below nothing.
+    """
     x = np.asarray(values, float)
-    if x.size < FEWEST:
+    if x.size < MIN_RUN_COUNT:
         return None
     if not np.isfinite(x).all():
         return False
-    error = float(stdtrit(x.size - 1, 1.0 - WRONG)) * float(np.std(x, ddof=1)) / math.sqrt(x.size)
+    error = float(stdtrit(x.size - 1, 1.0 - ERROR_PROBABILITY)) * float(np.std(x, ddof=1)) / math.sqrt(x.size)
     off = float(np.mean(x)) - limit
     if off == 0.0:
         return False
@@ -58,22 +61,27 @@ def rms_below(values: Sequence[float] | Array, limit: float) -> Outcome:
 
 
 def rms_less(ours: Mapping[int, float], others: Mapping[int, float], factor: float = 1.0) -> Outcome:
-    """Whether ours, by seed, has a root mean square below `factor` times that of others: by the differences of
-    squares of the seeds that both have flown."""
+    """Whether ours, by seed, has an RMS below `factor` times that of others.
+
+    The decision uses the differences of squares of the seeds that both have flown.
+    """
     both = [seed for seed in ours if seed in others]
     a, b = (np.array([values[seed] for seed in both]) for values in (ours, others))
     return below(a * a - factor * factor * b * b)
 
 
 def at_most(count: int, runs: int, share: float) -> Outcome:
-    """Whether something happens in at most this share of runs, after `count` of `runs`. More is refuted only if so
-    many would be improbable (binomial); for no more, there must be runs enough for one to be expected."""
+    """Return whether something happens in at most this share of runs, after `count` of `runs`.
+
+    It is False only if `count` would be improbable at this share (binomial), and True only if enough runs were
+    flown to expect one case.
+    """
     if count > share * runs:
-        return False if _tail(count, runs, share) < WRONG else None
-    return True if runs >= ENOUGH and runs * share > 1.0 - 1e-9 else None
+        return False if _tail(count, runs, share) < ERROR_PROBABILITY else None
+    return True if runs >= DECISIVE_RUN_COUNT and runs * share > 1.0 - 1e-9 else None
 
 
-def none(count: int, runs: int, enough: int = ENOUGH) -> Outcome:
+def none(count: int, runs: int, enough: int = DECISIVE_RUN_COUNT) -> Outcome:
     """Whether something happens never: once refutes it, and `enough` runs without it must do."""
     return False if count else True if runs >= enough else None
 
@@ -84,26 +92,30 @@ def at_least(count: int, runs: int, share: float) -> Outcome:
 
 
 def rarer(count: int, time: float, rate: float) -> Outcome:
-    """Whether something happens less often than `rate`, after `count` times in a `time` (Poisson)."""
+    """Whether an event is rarer than `rate`, after `count` times in a `time` (Poisson)."""
     expected = rate * time
     fewer = sum(math.exp(-expected) * expected**k / math.factorial(k) for k in range(count))
     exactly = math.exp(-expected) * expected**count / math.factorial(count)
-    if 1.0 - fewer < WRONG:
+    if 1.0 - fewer < ERROR_PROBABILITY:
         return False
     return True if fewer + exactly < 0.05 else None
 
 
 def inside(value: float, low: float, high: float, runs: int) -> Outcome:
-    """Whether a statistic is inside the bounds of a right one's, which are wider the fewer the runs: few show only
-    that it is not."""
+    """Whether a statistic is inside the bounds of a correct one, which are wider with fewer runs.
+
+    Few runs can show only that it is not.
+    """
     if not low <= value <= high:
-        return False if runs >= FEWEST else None
-    return True if runs >= ENOUGH else None
+        return False if runs >= MIN_RUN_COUNT else None
+    return True if runs >= DECISIVE_RUN_COUNT else None
 
 
 def decided(found: Findings, least: int) -> Findings:
-    """Findings whose figures are not known run by run: with fewer seeds than `least` the claims are not decided,
-    but for those that no run enters."""
+    """Return the findings with claims undecided if fewer than `least` seeds were flown.
+
+    Claims without runs are excepted, and findings with figures by run.
+    """
     if found.seeds >= least:
         return found
     return replace(found, claims=tuple([_open(c, found.seeds, least) if c.sampled else c for c in found.claims]))

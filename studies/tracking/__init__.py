@@ -1,1 +1,1 @@
-"""What the studies of tracker papers share: scenes, trackers, outcomes, reference trajectories."""
+"""The common parts of the tracker studies: scenes, trackers, outcomes, reference trajectories."""

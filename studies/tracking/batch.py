@@ -1,4 +1,4 @@
-"""A batch of runs of one tracker: many filters in step over the same scene, each with its own noise."""
+"""A batch of runs of one tracker: many filters over the same scene, each with its own noise."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -15,19 +15,20 @@ Indices = npt.NDArray[np.intp]
 
 
 class Measurement(NamedTuple):
-    """Of one step, in all runs: y (B, m), R (m, m) or (B, m, m), the measurement function and its Jacobian over
-    rows of states, and the indices of components that are angles."""
+    """The measurements of one step in all runs."""
 
-    y: Array
-    R: Array
-    measure: Rows
-    jacobian: Rows | None = None
-    angular: tuple[int, ...] = ()
+    y: Array  # (B, m)
+    R: Array  # (m, m) or (B, m, m)
+    measure: Rows  # over rows of states
+    jacobian: Rows | None = None  # over rows of states
+    angular: tuple[int, ...] = ()  # indices of components that are angles
 
 
 class Tracker(NamedTuple):
-    """A filter with all its settings, over batches: `belief` gives mean and covariance, for scoring; `root` the
-    factor of a square-root filter."""
+    """A filter with all its settings, over batches.
+
+    `belief` gives mean and covariance, for scoring; `root` the factor of a square-root filter.
+    """
 
     name: str
     label: str
@@ -65,9 +66,11 @@ class Trace(NamedTuple):
 
 
 def run_batch(scene: Scene, tracker: Tracker, condition: bool = False) -> Trace:
-    """Run the tracker over a scene; with `condition`, record condition numbers. A run whose filter fails
-    numerically is removed from the batch, the others go on. Raises FilterError for an error that no run has
-    alone."""
+    """Run the tracker over a scene; with `condition`, record condition numbers.
+
+    A run whose filter fails numerically is removed from the batch, the others go on. Raises FilterError for an
+    error that no run has alone.
+    """
     steps, (runs, n) = len(scene.truth), scene.start.shape
     dtype = scene.start.dtype
     trace = Trace(

@@ -1,5 +1,7 @@
-"""Results of many runs of a tracker: errors in windows of time, consistency, failures; small enough to be sent
-between processes."""
+"""Results of many runs of a tracker: errors in windows of time, consistency, failures.
+
+They are small enough to be sent between processes.
+"""
 
 from collections.abc import Iterable, Mapping
 from typing import Any, Final, NamedTuple
@@ -19,25 +21,22 @@ VELOCITY: Final = (1, 4, 7)
 ACCELERATION: Final = (2, 5, 8)
 QUANTITIES: Final = ("position", "velocity", "acceleration", "nees")
 NO_RUNS: Final = np.empty((len(QUANTITIES), 0))
-LAST: Final = 50  # steps over which divergence is judged
+DIVERGENCE_WINDOW_STEPS: Final = 50
 
 
 class WindowErrors(NamedTuple):
-    """Over the steps of a window and the runs that did not fail, before or after: root mean squares of the lengths
-    of error vectors (m, m/s, m/s^2), means of NEES and NIS, and the share of NEES within its 95 % bound. NaN if
-    all failed. `by_run` (4, runs): of QUANTITIES the mean squares, of NEES the mean, of each run; NaN of one that
-    failed."""
+    """Errors and consistency over a window's steps and the runs that never fail; NaN if all do."""
 
-    position: float
-    velocity: float
-    acceleration: float
-    nees: float
-    nis: float
-    inside: float
-    by_run: Array = NO_RUNS
+    position: float  # m, RMS of the error vectors' lengths
+    velocity: float  # m/s, the same
+    acceleration: float  # m/s^2, the same
+    nees: float  # mean
+    nis: float  # mean
+    inside: float  # share of NEES within its 95 % bound
+    by_run: Array = NO_RUNS  # (4, runs): mean squares of QUANTITIES, the mean of NEES; NaN if the run failed
 
     def standard_error(self, quantity: str) -> float:
-        """Of a quantity of QUANTITIES, by the scatter over the runs that did not fail; NaN with fewer than two."""
+        """Return the standard error of a quantity by the scatter over runs; NaN with fewer than two."""
         runs = self.runs_of(quantity)
         runs = runs[np.isfinite(runs)]
         if runs.size < 2:
@@ -52,12 +51,14 @@ class WindowErrors(NamedTuple):
         return f"{getattr(self, quantity):.{digits}f}" + (f" ± {error:.{digits}f}" if np.isfinite(error) else "")
 
     def within(self, quantity: str, limit: float) -> Decision:
-        """Whether a quantity is below a limit, as far as the runs decide; one that failed is below nothing."""
+        """Whether a quantity is below a limit, if the runs decide; a failed run is below nothing."""
         return below(self.runs_of(quantity), limit if quantity == "nees" else limit**2)
 
     def better(self, other: "WindowErrors", quantity: str, factor: float = 1.0) -> Decision:
-        """Whether a quantity is below `factor` times the other's, by the differences in the runs that the other
-        does not fail. A filter that fails in one of them is not better."""
+        """Whether a quantity is below `factor` times the other's.
+
+        It compares the runs in which the other does not fail; a filter that fails in one of them is not better.
+        """
         ours, others = self.runs_of(quantity), other.runs_of(quantity)
         known = np.isfinite(others)
         return below((ours - (factor if quantity == "nees" else factor**2) * others)[known])
@@ -92,14 +93,14 @@ class Outcome(NamedTuple):
         return self.diverged / self.runs
 
     def shown(self, value: float) -> float | str:
-        """A cell of a table: a number only where no run failed, since the runs that remain are the easier ones."""
+        """Return a cell of a table: a number only if no run failed, as the others are easier."""
         if not self.failed:
             return value
         return "failed" if self.failed == self.runs else f"{value:.4g} of {self.runs - self.failed} runs"
 
     @property
     def failures(self) -> str:
-        """How many runs failed, and when."""
+        """Describe how many runs failed, and when."""
         return f"{self.failed} of {self.runs}" + (f", median {self.failed_at:.0f} s" if self.failed else "")
 
 
@@ -118,9 +119,11 @@ def outcomes_of(
 def judge(
     trace: Trace, truth: Array, tracker: Tracker, t: Array, windows: Mapping[str, Mask], limit: float
 ) -> Outcome:
-    """Compare a trace with the truth (T, n) or (T, B, n). `t` (T,) in s; `windows` are masks (T,). A run has
-    diverged if its mean position error over the last steps is above `limit`, m; one whose NEES becomes negative,
-    so that its covariance is none, has failed."""
+    """Compare a trace with the truth (T, n) or (T, B, n).
+
+    `t` (T,) in s; `windows` are masks (T,). A run has diverged if its mean position error over the last steps is
+    above `limit`, m; one whose NEES becomes negative, so that its covariance is not positive definite, has failed.
+    """
     steps, runs, n = trace.mean.shape
     error = trace.mean - (truth if truth.ndim == 3 else truth[:, None])
     indefinite = trace.nees < 0
@@ -129,7 +132,7 @@ def judge(
     failed = failed_at < steps
     kept = error[:, ~failed]  # a run is easy as long as it does not fail: to count it up to there would flatter
     distance = _length(error, POSITION)
-    far = distance[-LAST:].mean(axis=0) > limit  # false of NaN, a run that failed
+    far = distance[-DIVERGENCE_WINDOW_STEPS:].mean(axis=0) > limit  # false of NaN, a run that failed
     bound = chi_square_threshold(0.95, n)
     return Outcome(
         label=tracker.label,

@@ -1,5 +1,8 @@
-"""Two filters as textbooks print them, to show where they fail: the extended filter whose covariance is never made
-symmetric, and the square-root filter with rank-one downdates (van der Merwe & Wan 2001)."""
+"""Two filters as printed in textbooks, to show their failures.
+
+They are the extended filter whose covariance is never symmetrised, and the square-root filter with rank-one
+downdates (van der Merwe & Wan 2001).
+"""
 
 from typing import Final
 
@@ -52,8 +55,10 @@ EKF_PLAIN_NONLINEAR: Final = EKF_PLAIN._replace(predict=_plain_predict)  # for p
 
 
 def _downdated(lower: Array, x: Array) -> Array:
-    """The factors (B, n, n) of L L^T - x x^T, for x (B, n), with d^2 - x^2 under the root, as mostly written.
-    Raises NotPositiveDefiniteError."""
+    """Return the factors (B, n, n) of L L^T - x x^T, for x (B, n), as mostly written.
+
+    d^2 - x^2 is under the root. Raises NotPositiveDefiniteError.
+    """
     L, x = lower.copy(), x.copy()
     for j in range(L.shape[-1]):
         square = L[:, j, j] * L[:, j, j] - x[:, j] * x[:, j]

@@ -1,5 +1,7 @@
-"""The reference trajectories of the tracker papers: data/*.csv.gz of this package, 10 Hz, east, north, up at the
-radar."""
+"""The reference trajectories of the tracker papers: data/*.csv.gz of this package.
+
+They have 10 Hz, east, north, up at the radar.
+"""
 
 import csv
 import gzip
@@ -24,8 +26,11 @@ class Trajectory(NamedTuple):
 
 
 def load(name: str) -> Trajectory:
-    """`intruder-manoeuvring` (120 s) or `launch-vehicle` (500 s: a PSLV-like ascent from public stage data, a
-    point mass over the turning Earth). Raises ValueError if its columns are not COLUMNS."""
+    """Load `intruder-manoeuvring` (120 s) or `launch-vehicle` (500 s).
+
+    The latter is a PSLV-like ascent from public stage data, a point mass over the rotating Earth. Raises
+    ValueError if its columns are not COLUMNS.
+    """
     packed = files("studies.tracking").joinpath(f"data/{name}.csv.gz").read_bytes()
     header, *rows = csv.reader(gzip.decompress(packed).decode("ascii").splitlines())
     if tuple(header) != COLUMNS:

@@ -1,1 +1,1 @@
-"""How good the tracks of traffic are. `study` runs it."""
+"""The study of the quality of traffic tracks; `study` runs it."""

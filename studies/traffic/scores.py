@@ -1,5 +1,7 @@
-"""Accuracy of traffic tracks against a simulator's truth: which track follows which aircraft, times without a
-track, tracks that change aircraft, predictions of the closest approach, and coverage of the 95 % ellipsoid.
+"""Accuracy of traffic tracks compared with a simulator's truth.
+
+It covers the association of tracks with aircraft, times without a track, tracks that change aircraft, predictions
+of the closest approach, and coverage of the 95 % ellipsoid.
 """
 
 from collections import defaultdict
@@ -13,70 +15,66 @@ from onboard.filters.gating import chi_square_threshold
 from onboard.messages import Estimate, TrafficTruth
 from onboard.units import NS_PER_S
 
-LEAD_S: Final = 10.0  # the prediction this long before the closest approach is compared with it
-NEAR_M: Final = 1000.0  # closest approaches beyond are no encounters
-CLOSE_M: Final = 15.0  # an error up to this is small ...
-CLOSE_SHARE: Final = 0.1  # ... or up to this share of the distance
-SETTLE_S: Final = 5.0  # of a track, before its ellipsoid is judged
-TRACKABLE_S: Final = 3.0  # an aircraft with a detection or message this recent can be tracked
-KNOWN_S: Final = 10.0  # detections or messages must have come all this time for a prediction to count
-BEGIN_S: Final = 4.0  # allowed for a new aircraft without a track
-SWAPPED_S: Final = 1.0  # a track on another aircraft for this long is swapped
-APART: Final = chi_square_threshold(0.9999, 3)
+PREDICTION_HORIZON_S: Final = 10.0  # the closest approach is compared with what was predicted this long before
+MAX_ENCOUNTER_DISTANCE_M: Final = 1000.0
+MAX_ERROR_M: Final = 15.0  # of a good prediction ...
+MAX_ERROR_RATIO: Final = 0.1  # ... or this share of the distance
+SETTLING_TIME_S: Final = 5.0  # of a track, before its ellipsoid is judged
+MAX_TRACKABLE_AGE_S: Final = 3.0  # of the last detection or message of an aircraft that can be tracked
+MIN_KNOWN_TIME_S: Final = 10.0  # detections or messages must have come all this time for a prediction to count
+TRACK_START_TIMEOUT_S: Final = 4.0  # allowed for a new aircraft without a track
+MIN_SWAP_TIME_S: Final = 1.0  # of a track on another aircraft
+MATCH_THRESHOLD: Final = chi_square_threshold(0.9999, 3)
 
 
 class Encounter(NamedTuple):
-    """A closest approach: its time (s on the boot clock), its distance (m), and the distance predicted `LEAD_S`
-    before (NaN without a valid track then). `known`: detections or messages had come all the time before that."""
+    """A closest approach and its prediction."""
 
-    t: float
-    distance: float
-    predicted: float
-    known: bool = True
+    t: float  # s on the boot clock
+    distance: float  # m
+    predicted: float  # m, PREDICTION_HORIZON_S before; NaN without a valid track then
+    known: bool = True  # detections or messages had come all the time before that
 
     @property
     def predicted_well(self) -> bool:
         """Whether the prediction is within 15 m or 10 %."""
-        return abs(self.predicted - self.distance) <= max(CLOSE_M, CLOSE_SHARE * self.distance)
+        return abs(self.predicted - self.distance) <= max(MAX_ERROR_M, MAX_ERROR_RATIO * self.distance)
 
 
 class AircraftScore(NamedTuple):
-    """One aircraft: the `tracks` that followed it, in order; samples judged, and how many of them were inside the
-    95 % ellipsoid; seconds in which it could be tracked and no valid track followed it; RMS position error, m; and
-    all seconds in which it could be tracked."""
+    """The score of one aircraft."""
 
     name: str
-    tracks: tuple[str, ...]
-    samples: int
-    inside: int
-    missing_s: float
-    rmse: float
+    tracks: tuple[str, ...]  # that followed it, in order
+    samples: int  # judged
+    inside: int  # of the samples, in the 95 % ellipsoid
+    missing_s: float  # in which it could be tracked and no valid track followed it
+    rmse: float  # m, of the position
     encounters: tuple[Encounter, ...]
-    trackable_s: float
+    trackable_s: float  # in which it could be tracked
 
 
 class TrafficScore(NamedTuple):
     """All aircraft; tracks that changed aircraft; tracks of nothing, with their samples."""
 
     aircraft: tuple[AircraftScore, ...]
-    swaps: tuple[str, ...]
-    false_tracks: dict[str, int]
+    swaps: tuple[str, ...]  # tracks that changed aircraft
+    false_tracks: dict[str, int]  # of nothing, with their samples
 
 
 class _Sample(NamedTuple):
-    """One estimate of a track: time (s), and squared Mahalanobis distance to each aircraft (aircraft,)."""
+    """One estimate of a track: time (s), and squared Mahalanobis distance to each aircraft."""
 
-    t: float
+    t: float  # s
     estimate: Estimate
-    d2: Array
+    d2: Array  # squared Mahalanobis distance to each aircraft
 
 
 _Tracks = dict[str, list[_Sample]]  # by name
 
 
 class _Truth:
-    """The truth as arrays: relative positions and velocities (times, aircraft, 3), and how many messages and
-    detections of each aircraft there have been (times, aircraft)."""
+    """The truth as arrays."""
 
     def __init__(self, truth: Sequence[TrafficTruth]) -> None:
         self.t = np.array([x.t_ns for x in truth]) / NS_PER_S
@@ -87,7 +85,7 @@ class _Truth:
         self.received = np.array([[a.messages + a.detections for a in x.intruders] for x in truth])
 
     def at(self, t: float) -> Array:
-        """Relative positions (aircraft, 3), interpolated by cubics through positions and velocities."""
+        """Interpolate relative positions (aircraft, 3) by cubics through positions and velocities."""
         i = int(np.clip(np.searchsorted(self.t, t) - 1, 0, len(self.t) - 2))
         h = self.t[i + 1] - self.t[i]
         u = (t - self.t[i]) / h
@@ -98,7 +96,7 @@ class _Truth:
 
 
 def score_traffic(estimates: Iterable[Estimate], truths: Sequence[TrafficTruth]) -> TrafficScore:
-    """The score of a flight: estimates of traffic in order of time, and the truth at some 10 Hz."""
+    """Score a flight: estimates of traffic in order of time, and the truth at about 10 Hz."""
     truth = _Truth(truths)
     tracks: _Tracks = defaultdict(list)
     for e in estimates:
@@ -127,14 +125,16 @@ def score_traffic(estimates: Iterable[Estimate], truths: Sequence[TrafficTruth])
 
 
 def _owner(name: str, samples: list[_Sample], truth: _Truth) -> int | None:
-    """Index of the aircraft that a track follows: the one with the address in its name, otherwise the nearest at
-    its start; None if that is too far."""
+    """Return the index of the aircraft that a track follows, or None if it is too far.
+
+    It is the one with the address in its name, otherwise the nearest at its start.
+    """
     for k, target in enumerate(truth.targets):
         if target and name.split("-", maxsplit=1)[0] == target:
             return k
     first = np.mean([sample.d2 for sample in samples[:10]], axis=0)
     nearest = int(np.argmin(first))
-    return nearest if first[nearest] < APART else None
+    return nearest if first[nearest] < MATCH_THRESHOLD else None
 
 
 def _swapped(samples: list[_Sample], owner: int) -> bool:
@@ -142,9 +142,9 @@ def _swapped(samples: list[_Sample], owner: int) -> bool:
     since = None
     for t, _, d2 in samples:
         other = np.delete(d2, owner).min()
-        if d2[owner] > APART and other < APART:
+        if d2[owner] > MATCH_THRESHOLD and other < MATCH_THRESHOLD:
             since = t if since is None else since
-            if t - since >= SWAPPED_S:
+            if t - since >= MIN_SWAP_TIME_S:
                 return True
         else:
             since = None
@@ -159,7 +159,7 @@ def _score_aircraft(k: int, truth: _Truth, tracks: _Tracks) -> AircraftScore:
     for track in tracks.values():
         for t, e, d2 in track:
             times.append(t)
-            if t - track[0].t < SETTLE_S:
+            if t - track[0].t < SETTLING_TIME_S:
                 continue
             samples += 1
             inside += bool(d2[k] <= gate)
@@ -179,43 +179,45 @@ def _score_aircraft(k: int, truth: _Truth, tracks: _Tracks) -> AircraftScore:
 
 
 def _missing(truth: _Truth, k: int, times: Array) -> tuple[float, float]:
-    """Seconds without a valid track of an aircraft that had had detections or messages for a while, and all
-    seconds in which it had."""
+    """Return the seconds without a valid track of a detectable aircraft, and all its detectable seconds.
+
+    It must have had detections or messages for a while.
+    """
     missing, total, since = 0.0, 0.0, None
     for i in range(1, len(truth.t)):
         t = truth.t[i]
-        past = int(np.searchsorted(truth.t, t - TRACKABLE_S))
+        past = int(np.searchsorted(truth.t, t - MAX_TRACKABLE_AGE_S))
         if truth.received[i, k] <= truth.received[past, k]:
             since = None
             continue
         since = t if since is None else since
         j = int(np.searchsorted(times, t + 0.05))
         tracked = j > 0 and t - times[j - 1] < 0.5
-        if t - since > BEGIN_S:
+        if t - since > TRACK_START_TIMEOUT_S:
             total += t - truth.t[i - 1]
             missing += 0.0 if tracked else t - truth.t[i - 1]
     return float(missing), float(total)  # a report must be written
 
 
 def _encounters(truth: _Truth, k: int, tracks: _Tracks) -> Iterator[Encounter]:
-    """The closest approaches of an aircraft, at most `NEAR_M` away."""
+    """The closest approaches of an aircraft, at most `MAX_ENCOUNTER_DISTANCE_M` away."""
     distance = np.linalg.norm(truth.r[:, k], axis=1)
     for i in range(1, len(distance) - 1):
-        if not (distance[i - 1] > distance[i] <= distance[i + 1] and distance[i] < NEAR_M):
+        if not (distance[i - 1] > distance[i] <= distance[i + 1] and distance[i] < MAX_ENCOUNTER_DISTANCE_M):
             continue
         t = float(truth.t[i])
-        if t - truth.t[0] < LEAD_S + SETTLE_S:
+        if t - truth.t[0] < PREDICTION_HORIZON_S + SETTLING_TIME_S:
             continue
         predicted = float("nan")
         for track in tracks.values():
-            near = [sample.estimate for sample in track if abs(sample.t - (t - LEAD_S)) <= 0.06]
+            near = [sample.estimate for sample in track if abs(sample.t - (t - PREDICTION_HORIZON_S)) <= 0.06]
             if near and near[0].intruder is not None:
                 predicted = near[0].intruder.approach.distance
-        yield Encounter(t, float(distance[i]), predicted, _known(truth, k, t - LEAD_S))
+        yield Encounter(t, float(distance[i]), predicted, _known(truth, k, t - PREDICTION_HORIZON_S))
 
 
 def _known(truth: _Truth, k: int, t: float) -> bool:
-    """Whether detections or messages of an aircraft came in every few of the last seconds before t."""
-    ends = np.arange(t, max(t - KNOWN_S, truth.t[0] + TRACKABLE_S), -0.5)
-    now, before = np.searchsorted(truth.t, ends), np.searchsorted(truth.t, ends - TRACKABLE_S)
+    """Whether detections or messages of an aircraft came regularly in the last seconds before t."""
+    ends = np.arange(t, max(t - MIN_KNOWN_TIME_S, truth.t[0] + MAX_TRACKABLE_AGE_S), -0.5)
+    now, before = np.searchsorted(truth.t, ends), np.searchsorted(truth.t, ends - MAX_TRACKABLE_AGE_S)
     return bool((truth.received[now, k] > truth.received[before, k]).all())

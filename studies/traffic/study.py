@@ -1,13 +1,13 @@
-"""Traffic, live: simlink's scenario `traffic` through the daemon's pipeline, bytes in, for several seeds, against
-our own requirements. There is no paper.
+"""Live traffic through the daemon's pipeline, judged by our own requirements.
 
-Closest approaches are predicted along straight lines or steady turns. Those of aircraft that turn are counted
-apart; those of aircraft without detections or messages for a while before are not counted: nobody could know.
+simlink's scenario `traffic` is flown from bytes for several seeds. There is no paper. Closest approaches are
+predicted along straight lines or steady turns. Those of turning aircraft are counted separately; those of aircraft
+without detections or messages for a while before are not counted, as they are unpredictable.
 
-Coverage is that of the position's 95 % ellipsoid. The errors in it are correlated in time: those of our own
-attitude, which every aircraft's position has in common, over ten seconds, those of GNSS over a minute. Three
-minutes are a handful of independent draws, and one aircraft's coverage in one flight scatters by several percent.
-So it is judged over all flights, with the standard error of sampling from the flights' scatter.
+Coverage is that of the position's 95 % ellipsoid. Its errors are correlated in time: those of our own attitude,
+common to all aircraft, over ten seconds, those of GNSS over a minute. Three minutes are a few independent draws,
+so that one aircraft's coverage in one flight scatters by several percent. It is therefore judged over all flights,
+with a standard error from their scatter.
 """
 
 import tomllib
@@ -28,11 +28,11 @@ from simlink.simulation import datagrams
 from studies.report.files import publish, require_seeds
 from studies.report.findings import Cell, Check, Claim, Findings, Table, check, verdict
 from studies.report.sampling import decided
-from studies.traffic.scores import LEAD_S, AircraftScore, Encounter, TrafficScore, score_traffic
+from studies.traffic.scores import PREDICTION_HORIZON_S, AircraftScore, Encounter, TrafficScore, score_traffic
 
 NAME: Final = "traffic"
 TITLE: Final = "Traffic: twenty aircraft by ADS-B, MAVLink and radar"
-LEAST: Final = 20  # seeds to decide the claims
+MIN_SEED_COUNT: Final = 20  # to decide the claims
 SCENARIO: Final = "traffic"
 STRAIGHT, STEADY, CHANGING = "straight", "steady", "changing"
 LOW, HIGH = 93.0, 97.0  # percent: what a 95 % ellipsoid is to hold
@@ -40,8 +40,7 @@ FIRST_SEED: Final = 501  # settings were chosen on seeds 1 to 4 and 1001 to 1016
 
 
 class Totals(NamedTuple):
-    """Over all flights and aircraft: track swaps, tracks of nothing, seconds untracked, coverage (%), and
-    encounters by how the aircraft flies."""
+    """Totals over all flights and aircraft."""
 
     swaps: int
     false_tracks: int
@@ -83,7 +82,7 @@ def run(
     """The study over `seeds` flights of three minutes; with `out`, the report is written."""
     every = require_seeds(seeds, first_seed)
     scores = compute([Part(fly, (seed,)) for seed in every], jobs, progress)
-    return publish(decided(findings(scores, first_seed), LEAST), out)
+    return publish(decided(findings(scores, first_seed), MIN_SEED_COUNT), out)
 
 
 def findings(scores: Sequence[TrafficScore], first_seed: int) -> Findings:
@@ -123,8 +122,9 @@ def _totals(scores: Sequence[TrafficScore]) -> Totals:
 def _table(rows: tuple[tuple[Cell, ...], ...]) -> Table:
     return Table(
         title="Aircraft by aircraft",
-        note=f"All flights together. Closest approach: as predicted {LEAD_S:g} s before, good within 15 m or "
-        "10 %. Untracked: seconds in which detections or messages came and no valid track followed the aircraft.",
+        note=f"All flights together. Closest approach: as predicted {PREDICTION_HORIZON_S:g} s before, good "
+        "within 15 m or 10 %. Untracked: seconds in which detections or messages came and no valid track "
+        "followed the aircraft.",
         header=(
             "aircraft",
             "in 95 % ellipsoid, %",
@@ -140,7 +140,7 @@ def _table(rows: tuple[tuple[Cell, ...], ...]) -> Table:
 
 
 def _row(each: Sequence[AircraftScore]) -> tuple[Cell, ...]:
-    """Of one aircraft, over all flights."""
+    """Return the row of one aircraft, over all flights."""
     encounters = [e for a in each for e in a.encounters if e.known]
     samples = sum(a.samples for a in each)
     return (
@@ -191,7 +191,7 @@ def _claims(totals: Totals) -> tuple[Claim, ...]:
         ),
         _claim("no lost track that has detections", totals.missing_s < 0.5, f"{totals.missing_s:.1f} s untracked"),
         Claim(
-            claim=f"closest approach, {LEAD_S:g} s before, within 10 % or 15 m (95 % of all)",
+            claim=f"closest approach, {PREDICTION_HORIZON_S:g} s before, within 10 % or 15 m (95 % of all)",
             where="required",
             verdict=verdict(good >= 95.0, _good_percent(known) >= 95.0),
             evidence=f"{good:.1f} % of all {len(every)}. Only of aircraft that keep their course or their turn, "
@@ -203,8 +203,10 @@ def _claims(totals: Totals) -> tuple[Claim, ...]:
 
 
 def _coverage_claim(coverage: float, rows: Sequence[tuple[Cell, ...]]) -> Claim:
-    """Holds if every aircraft's coverage is inside the bounds; does not hold if one is outside by more than twice
-    its standard error."""
+    """Return the claim that every aircraft's coverage is inside the bounds.
+
+    It does not hold if one is outside by more than twice its standard error.
+    """
     little: list[str] = []
     surely: list[str] = []
     for name, share, error, *_ in rows:

@@ -9,14 +9,16 @@ from studies.tracking.outcomes import Outcome
 from studies.ukf_radar_launch_vehicle.runs import NAMES, Results
 
 LAST = NAMES[-1]
-BETTER = 0.95  # "more accurate": at least a twentieth
+BETTER_ERROR_RATIO = 0.95  # "more accurate": by a twentieth at least
 
 
 def claims_of(
     single: Results, triple: Results, flights: Sequence[Results], bound: dict[str, float]
 ) -> tuple[Claim, ...]:
-    """Judge each claim by thresholds fixed in this file. `flights`: with any process noise; `bound`: the least
-    errors for nearly steady acceleration."""
+    """Judge each claim by thresholds fixed in this file.
+
+    `flights`: with any process noise; `bound`: the least errors for nearly steady acceleration.
+    """
     return (
         _accuracy("unscented", 5.0, 5.0, [f.outcomes["ukf"] for f in flights], bound, "section 5, figure 11"),
         _accuracy("extended", 10.0, 10.0, [f.outcomes["ekf"] for f in flights], bound, "section 5, figure 12"),
@@ -28,7 +30,7 @@ def claims_of(
 
 
 def _inside(o: Outcome, position: float, velocity: float) -> dict[str, Decision]:
-    """By window, whether both errors are within the claimed size."""
+    """Return by window whether both errors are within the claimed size."""
     return {
         name: all_of((w.within("position", position), w.within("velocity", velocity)))
         for name, w in o.windows.items()
@@ -79,7 +81,7 @@ def _triple(triple: Results) -> Claim:
 def _better(single: Results, triple: Results) -> Claim:
     plain = single.outcomes["ekf-plain"]
     holds = all_of(
-        f.outcomes["ukf"].windows[n].better(f.outcomes["ekf"].windows[n], "position", BETTER)
+        f.outcomes["ukf"].windows[n].better(f.outcomes["ekf"].windows[n], "position", BETTER_ERROR_RATIO)
         for f in (single, triple)
         for n in NAMES
     )
@@ -112,7 +114,7 @@ def _close_points(single: Results) -> Claim:
     return Claim(
         claim="The sigma points should be close together (a small α) to avoid non-local effects.",
         where="section 3.1",
-        verdict=verdict(close.better(wide, "position", BETTER)),
+        verdict=verdict(close.better(wide, "position", BETTER_ERROR_RATIO)),
         evidence=f"With α = 10⁻³ the position after 262 s is {close.text('position')} m off, with the points √9 σ "
         f"apart {wide.text('position')} m. Where both are the same, the measurement is straight over the prior, "
         "and α only spends digits, with weights of a million.",

@@ -18,16 +18,16 @@ from studies.tracking.trajectories import load
 
 DT: Final = 0.1
 DENSITY: Final = 1.0  # q, (m/s^3)^2/Hz, the reference's
-DIVERGED_M: Final = 2000.0  # ten times the error with three times the noise
+MIN_DIVERGED_ERROR_M: Final = 2000.0  # ten times the error with three times the noise
 START: Final = np.tile([100.0, 20.0, 3.0], 3)  # sigmas of P0, per axis
 EVENTS: Final = (0, 0.5, 25, 49.5, 70, 74, 92, 102, 112, 112.5, 155, 260.5, 262, 263, 333)  # s, of the thrust
 AROUND: Final = (0.5, 5.0)  # s before and after an event, left out as in the paper
 WINDOWS: Final = ((10, 112), (112, 262), (262, 500))  # s
 NAMES: Final = tuple(f"{begin}-{end} s" for begin, end in WINDOWS)
 # the paper scales its process noise around stage separations, and does not say by how much
-STAGED: Final = 0.1  # q between events ...
+STAGED_DENSITY: Final = 0.1  # q between events ...
 STAGED_FACTOR: Final = 300.0  # ... and how much more it is until STAGED_FOR s after one
-STAGED_FOR: Final = 2.0
+STAGED_TIME_S: Final = 2.0
 
 ALPHA: Final = sigma_point_tracker(
     "ukf-scaled", "UKF, α = 10⁻³, β = 2", lambda n: unscented.scaled_weights(n, 1e-3, 2.0)
@@ -67,8 +67,10 @@ def windows(t: Array) -> dict[str, Mask]:
 
 
 def scene(seeds: range, factor: float, q: float, staged: bool = False) -> Scene:
-    """The ascent measured by a radar with `factor` times the paper's noise, a run for each seed. Process noise q,
-    (m/s^3)^2/Hz; `staged`: more after events."""
+    """Return the ascent measured by a radar with `factor` times the paper's noise, a run a seed.
+
+    The process noise is q, (m/s^3)^2/Hz; `staged` adds more after events.
+    """
     trajectory = load("launch-vehicle")
     truth, sensor = trajectory.states[1:], TrackingRadar().times(factor)
     measured, start = np.empty((len(truth), len(seeds), 3)), np.empty((len(seeds), 9))
@@ -77,7 +79,7 @@ def scene(seeds: range, factor: float, q: float, staged: bool = False) -> Scene:
         start[run] = trajectory.states[0] + START * rng.standard_normal(9)
         measured[:, run] = track(sensor, truth[:, POSITION], rng)
     R, Q = np.diag(np.square(sensor)), wiener_acceleration(DT, q, by_axis=True).Q
-    disturbed = _after_events(trajectory.t[1:], STAGED_FOR)
+    disturbed = _after_events(trajectory.t[1:], STAGED_TIME_S)
 
     def noise(k: int, _: Array) -> Array:
         return Q * STAGED_FACTOR if staged and disturbed[k] else Q
@@ -99,7 +101,7 @@ def fly(seeds: range, factor: float, q: float, names: tuple[str, ...], staged: b
     outcomes, within, sigma, positions = {}, {}, {}, []
     for name in names:
         trace = run_batch(made, TRACKERS[name])
-        outcomes[name] = judge(trace, made.truth, TRACKERS[name], t, parts, DIVERGED_M)
+        outcomes[name] = judge(trace, made.truth, TRACKERS[name], t, parts, MIN_DIVERGED_ERROR_M)
         columns = [*POSITION, *VELOCITY]
         error = (trace.mean - made.truth[:, None])[quiet][..., columns]
         known = np.isfinite(error)
@@ -112,8 +114,10 @@ def fly(seeds: range, factor: float, q: float, names: tuple[str, ...], staged: b
 
 
 def bound(factor: float, q: float) -> dict[str, float]:
-    """Posterior Cramér-Rao bound of the position, m, RMS over each window: the least error of any filter that
-    knows the motion but for process noise q."""
+    """Return the posterior Cramér-Rao bound of the position, m, RMS over each window.
+
+    It is the least error of any filter that knows the motion except for process noise q.
+    """
     trajectory, t = load("launch-vehicle"), times()
     F, Q = wiener_acceleration(DT, q, by_axis=True)
     R = np.diag(np.square(TrackingRadar().times(factor)))
@@ -122,5 +126,5 @@ def bound(factor: float, q: float) -> dict[str, float]:
 
 
 def _after_events(t: Array, seconds: float) -> Mask:
-    """The mask (T,) of times from just before an event to so long after it."""
+    """Return the mask (T,) of times from just before an event to some seconds after it."""
     return np.asarray(np.any([(t >= e - AROUND[0]) & (t <= e + seconds) for e in EVENTS], axis=0))

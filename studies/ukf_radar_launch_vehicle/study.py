@@ -1,8 +1,9 @@
-"""Varaprasad, Bhaskara Rao, Narayana Rao & Seshagiri Rao, "Trajectory Estimation of a Satellite Launch Vehicle
-Using Unscented Kalman Filter from Noisy Radar Measurements".
+"""The study of a UKF that tracks a launch vehicle by radar.
 
-A constant-acceleration filter on range, azimuth and elevation of an ascent out to 1919 km. The paper's
-trajectory and process noise are not public; ours is a PSLV-like ascent, and process noise is swept.
+The paper is Varaprasad, Bhaskara Rao, Narayana Rao & Seshagiri Rao, "Trajectory Estimation of a Satellite Launch
+Vehicle Using Unscented Kalman Filter from Noisy Radar Measurements". A constant-acceleration filter uses range,
+azimuth and elevation of an ascent out to 1919 km. The paper's trajectory and process noise are not public; ours is
+a PSLV-like ascent with several process noises.
 """
 
 from pathlib import Path
@@ -13,14 +14,14 @@ from studies.report.files import drawing, publish, require_seeds
 from studies.report.findings import Check, Findings, check, near
 from studies.report.sampling import decided
 from studies.ukf_radar_launch_vehicle.claims import claims_of
-from studies.ukf_radar_launch_vehicle.runs import DENSITY, NAMES, STAGED, Results, bound, fly
+from studies.ukf_radar_launch_vehicle.runs import DENSITY, NAMES, STAGED_DENSITY, Results, bound, fly
 from studies.ukf_radar_launch_vehicle.tables import main_table, sweep_table
 
 NAME: Final = "ukf-radar-launch-vehicle"
 TITLE: Final = "Varaprasad et al.: a launch vehicle by radar, unscented and extended"
-LEAST: Final = 30  # seeds to decide the claims: the sweep flies a fifth of them
+MIN_SEED_COUNT: Final = 30  # to decide the claims: the sweep flies a fifth of them
 SWEPT: Final = (0.01, 0.1, 10.0, 100.0, 1000.0)  # q beside 1
-SWEEP_SHARE: Final = 5  # one seed in so many for the sweep: its answers differ by factors
+SWEEP_SHARE: Final = 5  # seeds to each one of the sweep, whose answers differ by factors
 MAIN: Final = ("ekf", "ukf", "ukf-scaled", "ekf-plain")
 PAIR: Final = MAIN[:2]
 
@@ -32,15 +33,17 @@ def run(
     out: Path | None = None,
     progress: Progress | None = None,
 ) -> Findings:
-    """The study over `seeds` ascents with each noise; with `out`, figures and report are written there (the extra
-    `study`)."""
+    """Run the study over `seeds` ascents with each noise.
+
+    With `out`, figures and report are written there (the extra `study`).
+    """
     draw = drawing(__package__, out)
     every = require_seeds(seeds, first_seed)
     few = every[: max(1, seeds // SWEEP_SHARE)]
     parts = [
         Part(fly, (every, 1.0, DENSITY, MAIN)),
         Part(fly, (every, 3.0, DENSITY, PAIR)),
-        Part(fly, (every, 1.0, STAGED, PAIR, True)),
+        Part(fly, (every, 1.0, STAGED_DENSITY, PAIR, True)),
         *(Part(fly, (few, 1.0, q, PAIR)) for q in SWEPT),
         *(Part(bound, (1.0, q)) for q in (min(SWEPT), DENSITY)),
     ]
@@ -62,7 +65,7 @@ def run(
         checks=_checks(single),
         claims=claims_of(single, triple, [single, staged, *sweep.values()], bounds[min(SWEPT)]),
     )
-    return publish(decided(found, LEAST), out, draw, single, triple)
+    return publish(decided(found, MIN_SEED_COUNT), out, draw, single, triple)
 
 
 def _checks(single: Results) -> tuple[Check, ...]:

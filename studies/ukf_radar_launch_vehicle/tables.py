@@ -5,14 +5,14 @@ from collections.abc import Mapping
 from onboard.filters.gating import mean_bounds
 from studies.report.findings import Cell, Table
 from studies.tracking.outcomes import Outcome, WindowErrors
-from studies.ukf_radar_launch_vehicle.runs import NAMES, STAGED, Results
+from studies.ukf_radar_launch_vehicle.runs import NAMES, STAGED_DENSITY, Results
 
 ERRORS = (*(x for n in NAMES for x in (f"position m, {n}", "±")), *(f"velocity m/s, {n}" for n in NAMES))
 
 
 def main_table(single: Results, triple: Results, staged: Results) -> Table:
     """Every filter with each noise."""
-    groups = (("1σ, q 1", single), ("3σ, q 1", triple), (f"1σ, q {STAGED:g}, raised at events", staged))
+    groups = (("1σ, q 1", single), ("3σ, q 1", triple), (f"1σ, q {STAGED_DENSITY:g}, raised at events", staged))
     low, high = mean_bounds(9, single.outcomes["ukf"].runs)
     return Table(
         title="Results",
@@ -31,7 +31,10 @@ def main_table(single: Results, triple: Results, staged: Results) -> Table:
 
 
 def sweep_table(sweep: Mapping[float, Results], bounds: Mapping[float, Mapping[str, float]]) -> Table:
-    """The unscented filter with every process noise q, (m/s^3)^2/Hz; `bounds` by q and window, m."""
+    """Return the table of the unscented filter with every process noise q, (m/s^3)^2/Hz.
+
+    `bounds` are by q and window, m.
+    """
     return Table(
         title="Every process noise",
         note="The unscented filter. The last columns: how far the extended filter's position is from it after "

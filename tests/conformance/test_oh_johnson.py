@@ -10,7 +10,7 @@ from onboard.models import camera_angles, relative_motion
 from onboard.models.relative_motion import SIZE
 from simlink.scenarios.scenario import load_scenario
 from studies.relative_motion.flights import fly_many
-from studies.relative_motion.formation import FT, Method, Setting, track
+from studies.relative_motion.formation import M_PER_FT, Method, Setting, track
 from studies.relative_motion.methods import PAPER_MENDED, TUNED
 from studies.relative_motion.noise import PAPER
 from studies.relative_motion.scores import truth_of
@@ -80,5 +80,5 @@ def test_eq_14_as_printed_loses_the_leader_seed_5(monkeypatch: pytest.MonkeyPatc
         ),
     )
     lost = error()
-    assert mended < 8 * FT
-    assert not lost < 30 * FT, (mended, lost)  # NaN counts as lost
+    assert mended < 8 * M_PER_FT
+    assert not lost < 30 * M_PER_FT, (mended, lost)  # NaN counts as lost

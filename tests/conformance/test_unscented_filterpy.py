@@ -18,7 +18,7 @@ from onboard.geometry.rotations import matrix_from_quaternion, wrap_angle
 from onboard.models import camera_angles, relative_motion
 from simlink.scenarios.scenario import load_scenario
 from studies.relative_motion.flight import Flight, fly
-from studies.relative_motion.formation import B0, SIZE_SIGMA
+from studies.relative_motion.formation import ASSUMED_SIZE_M, SIZE_SIGMA
 from studies.relative_motion.methods import TUNED_NOISE
 from studies.relative_motion.noise import PAPER, Noise, initial_belief
 from tests.conformance.problems import in_sigmas
@@ -56,8 +56,8 @@ def test_predict_and_update_equal_filterpy_over_600_steps_seed_4(flight: Flight,
     R = constant if noise.angles_deg is None else np.diag(np.radians(noise.angles_deg) ** 2)
     angles = camera_angles.angles_from_points(flight.image_points[0])
     R_cn = matrix_from_quaternion(flight.nav_q_nb[0]).T
-    belief = initial_belief(noise, angles, R, B0, SIZE_SIGMA, R_cn, np.zeros(3))
-    Q = process_noise(B0, noise.walks) * 0.02
+    belief = initial_belief(noise, angles, R, ASSUMED_SIZE_M, SIZE_SIGMA, R_cn, np.zeros(3))
+    Q = process_noise(ASSUMED_SIZE_M, noise.walks) * 0.02
     other = theirs(belief, Q)
     worst, updates = np.zeros(2), 0
     for k in range(1, STEPS + 1):

@@ -15,7 +15,7 @@ from studies.report.findings import Misprint
 DT: Final = 0.5
 P0: Final = np.diag(np.tile([300.0, 30.0, 3.0], 3) ** 2)
 MEAN: Final = np.array([-6000.0, 110, -0.2, 4500, -60, 0.3, 1000, 8, -0.05])
-ROUNDING: Final = 1e-9  # relative
+ROUNDING_TOLERANCE: Final = 1e-9  # relative
 
 
 def process_noise() -> Misprint:
@@ -54,7 +54,7 @@ def predicted_covariance() -> Misprint:
         proof="relative error against F P Fᵀ + Q on the linear model of section 4",
         printed_value=printed,
         right_value=right,
-        proven=bool(printed > 1e-2 and right < ROUNDING),
+        proven=bool(printed > 1e-2 and right < ROUNDING_TOLERANCE),
     )
 
 
@@ -78,7 +78,7 @@ def cross_covariance() -> Misprint:
         proof=f"cross-covariance of an acceleration and its own measurement, (m/s²)²; P Hᵀ is {expected:.4g}",
         printed_value=printed,
         right_value=right,
-        proven=bool(abs(printed / expected - 1) > 0.1 and abs(right / expected - 1) < ROUNDING),
+        proven=bool(abs(printed / expected - 1) > 0.1 and abs(right / expected - 1) < ROUNDING_TOLERANCE),
     )
 
 
@@ -123,7 +123,7 @@ def transposed() -> Misprint:
         proof="relative error of S Sᵀ",
         printed_value=printed,
         right_value=right,
-        proven=bool(printed > 1e-3 and right < ROUNDING),
+        proven=bool(printed > 1e-3 and right < ROUNDING_TOLERANCE),
     )
 
 

@@ -1,5 +1,4 @@
-"""Misprints of De Vivo et al. in the models of the target and of its measurement: the printed and the right form
-of each."""
+"""Misprints of De Vivo et al. in the models of target and measurement, printed and right."""
 
 from collections.abc import Callable
 from typing import Final
@@ -11,7 +10,7 @@ from onboard.filters.discretisation import van_loan
 from onboard.models import gnss_clock, pseudorange
 from studies.report.findings import Misprint
 
-ROUNDING: Final = 1e-6
+ROUNDING_TOLERANCE: Final = 1e-6
 
 
 def printed_q1(omega_c: float, alpha: float, dt: float) -> Array:
@@ -83,7 +82,7 @@ def damping() -> Misprint:
         proof="jerk, m/s³, of steady acceleration along a line (true: 0) by eq 42",
         printed_value=printed,
         right_value=right,
-        proven=bool(printed > 1e3 and right < ROUNDING),
+        proven=bool(printed > 1e3 and right < ROUNDING_TOLERANCE),
     )
 
 
@@ -133,7 +132,10 @@ def _rate_after(state: Array, dt: float, r: Array, v: Array) -> float:
 
 
 def _geometry() -> tuple[Array, Array, Array, Array, Array, float, float]:
-    """A state (9,), a satellite's r and v (1, 3), their differences d and d_dot (3,), range R and its rate."""
+    """Return a state (9,), a satellite's r and v (1, 3), their differences, range and range rate.
+
+    The differences d and d_dot are (3,).
+    """
     state = np.array([4.4e6, 90.0, 1.0, 6e5, -60.0, 2.0, 4.5e6, 5.0, 0.5])
     r, v = np.array([[1.5e7, 1e7, 1.9e7]]), np.array([[-1500.0, 2000.0, 1200.0]])
     d, d_dot = r[0] - state[0::3], v[0] - state[1::3]

@@ -1,4 +1,4 @@
-"""Misprints of De Vivo et al. in the models of radar and GNSS errors: the printed and the right form of each."""
+"""Misprints of De Vivo et al. in the models of radar and GNSS errors, printed and right."""
 
 from collections.abc import Callable
 from typing import Final

@@ -43,7 +43,7 @@ def test_corrected_closed_forms_cancel_where_van_loan_does_not() -> None:
 def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Findings, Path]:
     out = tmp_path_factory.mktemp("avoid")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(study, "LEAST", 1)
+        patch.setattr(study, "MIN_SEED_COUNT", 1)
         return study.run(seeds=8, first_seed=200, jobs=1, out=out), out
 
 

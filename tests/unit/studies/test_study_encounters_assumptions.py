@@ -11,7 +11,7 @@ from simlink.encounters.encounter import make_encounter
 from simlink.encounters.families import FAMILIES
 from studies.encounters import flights as flown
 from studies.encounters import peers, study
-from studies.encounters.assumptions import ASSUMPTIONS, BROKEN, WRONG, name_of
+from studies.encounters.assumptions import ASSUMPTIONS, BROKEN, MAX_WRONG_PERCENT, name_of
 from studies.encounters.flights import Case, Flight, fly, known, mount_off
 
 STEPS = 200
@@ -54,7 +54,7 @@ def test_five_percent_of_one_case_may_be_confidently_wrong(wrong: int, expected:
     astray = {case: [made(0)] * 2 for case in BROKEN} | {BROKEN[-1]: [made(wrong)] * 2}
     found = study.findings({Case("hover"): [made(0)] * 2}, 1, astray=astray)
     claim = next(claim for claim in found.claims if "assumption" in claim.claim)
-    assert (str(claim.verdict), f"{WRONG:g} %" in claim.claim) == (expected, True)
+    assert (str(claim.verdict), f"{MAX_WRONG_PERCENT:g} %" in claim.claim) == (expected, True)
     table, together = found.tables[-2:]
     assert sum(float(row[2] or 0.0) for row in together.rows) == 2.0 * len(BROKEN)
     assert [row[0] for row in together.rows] == list(ASSUMPTIONS)

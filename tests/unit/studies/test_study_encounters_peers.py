@@ -12,7 +12,7 @@ from studies.encounters import flights as flights_module
 from studies.encounters import study
 from studies.encounters.bearing_angle import Box, boxes, predicted, started, updated
 from studies.encounters.flights import Case, Flight
-from studies.encounters.peers import APPARENT, BESIDE, Pair, fly
+from studies.encounters.peers import APPARENT_WIDTH_RATIO, BESIDE, Pair, fly
 
 STEPS = 200
 SIGMA = 1e-3  # rad
@@ -56,7 +56,7 @@ def test_boxes_have_bearing_and_angle_by_our_own_pose_seed_3() -> None:
         direction = r - (b.o - b.r_OF)
         assert b.g @ direction / np.linalg.norm(direction) > np.cos(np.radians(4.0))
     angles = np.array([b.theta for b in found]) * np.linalg.norm(r_FL, axis=1)
-    assert 0.75 < np.mean(angles) / (APPARENT * NOMINAL_SIZE) < 1.3
+    assert 0.75 < np.mean(angles) / (APPARENT_WIDTH_RATIO * NOMINAL_SIZE) < 1.3
 
 
 def test_both_fly_and_an_unknown_size_is_off_seed_5(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ from simlink.scenarios.scenario import load_scenario
 from studies.relative_motion.bound import bounds
 from studies.relative_motion.flight import Flight
 from studies.relative_motion.flights import Flights, fly_many
-from studies.relative_motion.formation import FT, Track
+from studies.relative_motion.formation import M_PER_FT, Track
 from studies.relative_motion.noise import honest_noise
 from studies.relative_motion.reference import compare
 from studies.relative_motion.scores import Score, make_row, score, truth_of, unseen_samples
@@ -50,16 +50,16 @@ def test_the_truth_scores_nothing(flight: Flight) -> None:
 
 def test_errors_are_lengths_of_vectors_in_feet(flight: Flight) -> None:
     mean = truth_of(flight)
-    mean[:, :3] += np.array([3.0, 4.0, 0.0]) * FT
-    mean[:, 3:6] += np.array([0.0, 0.6, 0.8]) * FT
+    mean[:, :3] += np.array([3.0, 4.0, 0.0]) * M_PER_FT
+    mean[:, 3:6] += np.array([0.0, 0.6, 0.8]) * M_PER_FT
     mean[:, 6] *= 1.02
-    mean[:, 7] -= 2.0 * FT
+    mean[:, 7] -= 2.0 * M_PER_FT
     s = score(1, flight, a_track(flight, mean))
     assert s.position_ft == pytest.approx(5.0)
     assert s.velocity_ft_s == pytest.approx(1.0)
     assert s.size_percent == pytest.approx(2.0)
     assert s.a_lat_ft_s2 == pytest.approx(2.0)
-    squares = np.array([5.0, 1.0, 0.02 * flight.size / FT, 2.0]) * FT
+    squares = np.array([5.0, 1.0, 0.02 * flight.size / M_PER_FT, 2.0]) * M_PER_FT
     assert s.nees == pytest.approx(float(squares @ squares))
     assert s.a_lat_converged_s is None  # 2 of 8 ft/s^2 is a quarter
 
@@ -130,7 +130,7 @@ def scores(flight: Flight) -> list[Score]:
     rows = []
     for k, feet in enumerate((3.0, 4.0, 900.0)):
         mean = truth_of(flight)
-        mean[:, 0] += feet * FT
+        mean[:, 0] += feet * M_PER_FT
         rows.append(score(k, flight, a_track(flight, mean)))
     return rows
 
@@ -141,7 +141,7 @@ def test_rows_pool_squares_over_the_runs_that_did_not_diverge(flight: Flight) ->
     assert row.diverged_percent == pytest.approx(100 / 3)
     assert row.diverged_why == ("range",)
     assert row.quantities["position_ft"].value == pytest.approx(12.5**0.5)
-    assert row.position_m == pytest.approx(12.5**0.5 * FT)
+    assert row.position_m == pytest.approx(12.5**0.5 * M_PER_FT)
     # squares 9 and 16: their mean is off by 3.5; that of a root is 1 / (2 root) of it
     assert row.quantities["position_ft"].standard_error == pytest.approx(3.5 / (2 * 12.5**0.5))
 

@@ -6,7 +6,7 @@ import pytest
 from studies.cwpa_kalman_tracker_3d import study as cwpa
 from studies.report.findings import Outcome, verdict
 from studies.report.sampling import (
-    FEWEST,
+    MIN_RUN_COUNT,
     all_of,
     any_of,
     at_least,
@@ -45,16 +45,16 @@ def test_outcomes_are_combined_without_losing_what_is_open() -> None:
 @pytest.mark.parametrize("off", [-1.0, -0.1, 0.1, 1.0])
 def test_a_mean_is_hardly_ever_decided_wrongly_and_many_runs_decide_it_seed_51(off: float) -> None:
     rng = np.random.default_rng(51)
-    few, many = ([below(rng.normal(off, 1.0, n)) for _ in range(500)] for n in (FEWEST, 2000))
+    few, many = ([below(rng.normal(off, 1.0, n)) for _ in range(500)] for n in (MIN_RUN_COUNT, 2000))
     assert few.count(off > 0.0) <= 10  # 0.5 % of them are expected
     assert many.count(off < 0.0) >= 450
     assert (off > 0.0) not in many
 
 
 def test_below_five_runs_nothing_is_decided_and_a_failed_run_is_below_nothing() -> None:
-    assert below([0.0] * (FEWEST - 1), 1.0) is None
-    assert below([0.0] * FEWEST, 1.0) is True
-    assert below([0.0] * FEWEST + [np.nan], 1.0) is False
+    assert below([0.0] * (MIN_RUN_COUNT - 1), 1.0) is None
+    assert below([0.0] * MIN_RUN_COUNT, 1.0) is True
+    assert below([0.0] * MIN_RUN_COUNT + [np.nan], 1.0) is False
 
 
 def test_errors_of_the_same_flights_are_compared_by_their_differences_seed_52() -> None:
@@ -89,4 +89,6 @@ def test_a_study_of_few_seeds_never_says_the_opposite(seeds: int) -> None:
     """The fourth claim is about two series, which no run enters."""
     found = cwpa.run(seeds=seeds, jobs=1)
     assert [c.verdict for c in found.claims] == [*["not decided"] * 3, "does not hold"]
-    assert all(f"Not decided: {seeds} of at least {cwpa.LEAST} seeds." in c.evidence for c in found.claims[:3])
+    assert all(
+        f"Not decided: {seeds} of at least {cwpa.MIN_SEED_COUNT} seeds." in c.evidence for c in found.claims[:3]
+    )
