@@ -88,7 +88,7 @@ def lens_of(c: CameraConfig) -> Lens:
         except LensError as error:
             raise ValueError(f"calibration: {c.calibration}: {error}") from error
     if c.crop_px is not None:
-        raise ValueError("crop_px needs `calibration`, which is not set")
+        raise ValueError("crop_px needs `calibration`; set it or remove crop_px")
     width_px, height_px = c.width_px or WIDTH_PX, c.height_px or HEIGHT_PX
     try:
         lens = Lens(

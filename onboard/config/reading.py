@@ -12,7 +12,7 @@ import tomllib
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal, get_args, get_origin
 from urllib.parse import unquote
 
 import msgspec
@@ -44,6 +44,9 @@ BARE_NUMBER: Final = re.compile(r"[+-]?(\.\d+|\d+\.)")  # accepted from users, b
 AUTOPILOT_COMPONENT_ID: Final = 1  # MAV_COMP_ID_AUTOPILOT1
 GIMBAL_MESSAGE: Final = "GIMBAL_DEVICE_ATTITUDE_STATUS"
 GIMBAL_RATE_HZ: Final = 25.0
+OUT_OF_RANGE: Final = re.compile(r"expected `\w+` [<>]")  # of msgspec
+INVALID_CHOICE: Final = re.compile("invalid enum value ")  # of msgspec
+STEP_OF_PATH: Final = re.compile(r"\.(\w+)|\[(\d+)\]")
 CAMERA_ESTIMATOR: Final = "leader"  # the estimator that uses the cameras
 
 
@@ -98,7 +101,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise ConfigError(f"cannot read {path}: {error.strerror}") from error
     except RecursionError as error:
-        raise ConfigError(f"{path} is nested too deeply") from error
+        raise ConfigError(f"{path} is nested too deeply; use fewer levels of tables and arrays") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path} is not TOML: {error}") from error
 
@@ -330,7 +333,38 @@ def _convert(table: Any, kind: type[Any], at: str) -> Any:
         text, _, path = str(error).partition(" - at `$")
         where = f"{at}{path.rstrip('`')}".lstrip(".") or at
         reason = f"{text[0].lower()}{text[1:]}"
+        if (OUT_OF_RANGE.match(reason) or INVALID_CHOICE.match(reason)) and "[...]" not in path:  # a dict's value
+            keys = [key or int(index) for key, index in STEP_OF_PATH.findall(path)]
+            raise ConfigError(
+                f"{where} is {_value_at(table, keys)!r}: {_expectation(reason, kind, keys)}"
+            ) from error
         raise ConfigError(reason if reason.startswith(where) else f"{where}: {reason}") from error
+
+
+def _value_at(value: Any, keys: list[str | int]) -> Any:
+    """Return the value of a table at a path."""
+    for key in keys:
+        value = value[key]
+    return value
+
+
+def _expectation(reason: str, kind: Any, keys: list[str | int]) -> str:
+    """Return msgspec's reason; for an invalid choice, return the valid ones."""
+    if OUT_OF_RANGE.match(reason):
+        return reason
+    for key in keys:
+        if isinstance(key, str):
+            kind = next(field.type for field in _fields(ROW_TYPES.get(kind, kind)) if field.name == key)
+    choices = [repr(choice) for choice in _choices(kind)]
+    return f"expected one of {', '.join(choices)}" if len(choices) > 1 else f"expected {choices[0]}"
+
+
+def _choices(kind: Any) -> list[Any]:
+    """Return the values of the literals in a type."""
+    inside = get_args(kind)
+    return (
+        list(inside) if get_origin(kind) is Literal else [choice for part in inside for choice in _choices(part)]
+    )
 
 
 def _check_keys(table: dict[str, Any], kind: Any, at: str) -> None:

@@ -117,7 +117,7 @@ def test_a_region_of_interest_and_binning_of_a_message_are_heard(tmp_path: Path)
         ("- 1\n", "expected a camera_info file of ROS or a camchain"),
         ("", "expected a camera_info file of ROS or a camchain"),
         (KALIBR.replace("pinhole", "omni"), "cam0.camera_model is omni, known: pinhole"),
-        (KALIBR + KALIBR.replace("cam0", "cam1"), "several cameras: cam0, cam1"),
+        (KALIBR + KALIBR.replace("cam0", "cam1"), r"several cameras \(cam0, cam1\)"),
     ],
 )
 def test_what_no_lens_has_is_refused_in_one_line(tmp_path: Path, text: str, reason: str) -> None:
@@ -155,7 +155,7 @@ def test_another_shape_is_refused_unless_the_crop_is_known(tmp_path: Path) -> No
     "key", ["f_px=450", "fy_px=450", "cx_px=1", "cy_px=1", "distortion=[0, 0, 0, 0]", "distortion_model='fisheye'"]
 )
 def test_a_key_that_has_no_effect_beside_a_calibration_is_refused(tmp_path: Path, key: str) -> None:
-    with pytest.raises(ConfigError, match=f"^camera.{key.partition('=')[0]}: it is in the file of camera.calib"):
+    with pytest.raises(ConfigError, match=f"^camera.{key.partition('=')[0]}: the file of camera.calibration also"):
         configured(tmp_path, f"camera.{key}")
 
 

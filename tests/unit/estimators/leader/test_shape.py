@@ -168,7 +168,7 @@ def test_further_points_are_misplaced_as_a_share_of_the_length_that_shows_the_no
     [
         ({"target": {"plane": {}}}, "target.plane: object missing required field `size_prior_m`"),
         ({"target": {"plane": {"size": 1}}}, "unknown key target.plane.size"),
-        ({"target": {"plane": {"size_prior_m": 0.0}}}, "target.plane.size_prior_m: expected `float` > 0.0"),
+        ({"target": {"plane": {"size_prior_m": 0.0}}}, "target.plane.size_prior_m is 0.0: expected `float` > 0.0"),
         (
             {"target": {"plane": {"size_prior_m": 2.0, "points_m": {"left": [0, -1, 0]}}}},
             "points_m.left: every class",
@@ -196,7 +196,7 @@ def test_further_points_are_misplaced_as_a_share_of_the_length_that_shows_the_no
         ),
         (
             {"estimator": {"leader": {"aircraft": "tricopter"}}},
-            "estimator.leader.aircraft: invalid enum value 'tricopter'",
+            "estimator.leader.aircraft is 'tricopter': expected one of 'fixed-wing', ",
         ),
         (
             {"estimator": {"leader": {"points_m": {"center": [0, 0, 0]}}}},
