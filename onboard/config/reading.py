@@ -203,7 +203,7 @@ def _check_broadcast(config: Config, leader: Any) -> None:
     system = leader.broadcast.system if leader is not None else 0
     key = f"estimator.{CAMERA_ESTIMATOR}.broadcast.system"
     if system and any(out.system == system for out in config.leader_out):
-        raise ConfigError(f"{key} is {system}, as which [[leader_out]] sends; use the leader's own system")
+        raise ConfigError(f"{key} is {system}, but [[leader_out]] sends as this system; use the leader's own")
     if system and config.autopilot.system == system:
         raise ConfigError(f"{key} is {system}, that of our own vehicle; use the leader's own system")
 
@@ -242,7 +242,8 @@ def _check_own_reports(config: Config) -> None:
     for camera in (config.camera, *config.cameras.values()):
         if camera.tracker in sent:
             raise ConfigError(
-                f"camera {camera.name}: tracker is {camera.tracker}, as which [[leader_out]] sends; use another"
+                f"camera {camera.name}: tracker is {camera.tracker}, but [[leader_out]] sends as this component; "
+                "use another"
             )
         if camera.landing_target == "aircraft" and any("LANDING_TARGET" in o.rates_hz for o in config.leader_out):
             raise ConfigError(

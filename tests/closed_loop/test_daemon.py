@@ -109,7 +109,7 @@ def has_requested_rates(observer: Observer) -> bool:
 
 
 def has_rejected(observer: Observer, relay: Relay, count: int) -> bool:
-    """Wait until so many messages have been rejected.
+    """Wait until a number of messages have been rejected.
 
     On a busy computer the daemon leaves out those that waited too long, so more are sent.
     """
@@ -229,7 +229,7 @@ def is_valid(estimate: Estimate) -> bool:
 def test_a_killed_daemon_comes_back_with_what_it_knew_seed_5(setup: Setup) -> None:
     """A state is used for 10 s, and while the clocks agree within half a second.
 
-    Where so many programs run that a start takes longer, or the first message waits as long, it is tried again.
+    It is tried again if a start or the first message takes longer because many programs run.
     """
     url = f"udpin:127.0.0.1:{setup.autopilot}"
     links = ("--mavlink", f"udpout:127.0.0.1:{setup.autopilot}", "--tcp", "none", "--zenoh", "none")
@@ -291,7 +291,7 @@ def refused(capsys: pytest.CaptureFixture[str], *settings: str) -> str:
 def test_what_is_taken_is_named_and_no_recording_is_overwritten(
     setup: Setup, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Beside a daemon, one on its ports; and one whose folder for recordings is none."""
+    """A second daemon on the ports of the first, and one without a folder for its recordings, fail."""
     recording = setup.folder / "flight.mcap"
     recording.write_bytes(b"precious")
     url = f"udpin:127.0.0.1:{setup.autopilot}"

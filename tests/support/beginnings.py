@@ -16,7 +16,7 @@ T = TypeVar("T")
 
 
 class Copy(NamedTuple):
-    """A pipeline after so many messages, and how many outputs it has made by then."""
+    """A pipeline after a number of messages, with its count of outputs."""
 
     taken: int
     pipeline: Pipeline

@@ -125,7 +125,7 @@ def _accelerations(s: LeaderModel, p: Particles, dt: float, speed2: Array, rate:
 
 
 def update(s: LeaderModel, p: Particles, seen: Array, sigma: float, rng: np.random.Generator) -> Particles:
-    """Drawn anew by the likelihood of an image."""
+    """Resample the particles by the likelihood of an image."""
     h = image_of(p, s.size)
     sign = np.where(np.sum(h[:, 2:] * seen[2:], axis=1) < 0.0, -1.0, 1.0)
     off = np.concatenate([seen[:2] - h[:, :2], (sign[:, None] * seen[2:] - h[:, 2:]) / math.sqrt(2.0)], axis=1)

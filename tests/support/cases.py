@@ -1,4 +1,4 @@
-"""Tables of cases of which few are quick."""
+"""Tables of cases, most of them slow."""
 
 from collections.abc import Collection, Iterable
 from typing import Any
@@ -7,7 +7,7 @@ import pytest
 
 
 def slow_but(quick: Collection[Any], cases: Iterable[Any]) -> list[Any]:
-    """Cases for `parametrize`, of which all but the quick ones are marked slow.
+    """Return cases for `parametrize`, with all but the quick ones marked slow.
 
     Raises ValueError if a quick one is no case.
     """

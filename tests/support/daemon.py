@@ -93,7 +93,7 @@ class Observer:
             return None
 
     def receive(self) -> None:
-        """Take the records received so far, for at most 0.2 s."""
+        """Take the records that were received, for at most 0.2 s."""
         end = time.monotonic() + 0.2
         while time.monotonic() < end and (received := self.client.take(0.02)) is not None:
             match received.record:

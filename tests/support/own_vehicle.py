@@ -60,7 +60,7 @@ def heartbeat() -> Heartbeat:
 
 
 def states_of(p: Pipeline, messages: Sequence[Message]) -> list[NavState]:
-    """The own states that the pipeline makes of these messages."""
+    """Return the own states that the pipeline estimates from these messages."""
     return [o for o in p.advance(messages) if isinstance(o, NavState)]
 
 

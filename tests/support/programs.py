@@ -76,7 +76,7 @@ class Program:
         self._family: set[psutil.Process] = set()
 
     def output(self) -> str:
-        """Its stderr so far."""
+        """Its stderr until now."""
         return self.log.read_text(errors="replace")
 
     def wait_for(self, text: str, count: int = 1) -> None:

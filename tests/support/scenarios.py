@@ -68,7 +68,7 @@ class Flights:
     def __call__(self, scenario: str, *settings: str, until: float | None = None, keep: bool = True) -> Replayed:
         """Return the scenario with its own configuration and these settings.
 
-        It lasts `until` s, or `seconds`. `keep` stores it on disk, for flights of which nothing is patched.
+        It lasts `until` s, or `seconds`. `keep` stores it on disk, for flights without patches.
         """
         end = seconds(scenario) if until is None else until
         key = (end, (scenario, *settings))

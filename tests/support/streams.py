@@ -273,7 +273,7 @@ def feed(datagrams: Iterable[Datagram], config: Config | None = None, *, errors:
 
 
 def feed_once(datagrams: Iterable[Datagram], config: Config | None = None) -> Run:
-    """Run `feed` with the result kept on disk, for flights of which nothing is patched.
+    """Run `feed` with the result kept on disk, for flights without patches.
 
     Only outputs and health are available.
     """

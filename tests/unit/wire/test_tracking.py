@@ -243,7 +243,11 @@ def test_a_refusal_is_named_with_its_link() -> None:
 @pytest.mark.parametrize(
     ("camera", "message", "expected"),
     [
-        ({"tracker": 100}, "CAMERA_TRACKING_IMAGE_STATUS", r"tracker is 100, as which \[\[leader_out\]\] sends"),
+        (
+            {"tracker": 100},
+            "CAMERA_TRACKING_IMAGE_STATUS",
+            r"tracker is 100, but \[\[leader_out\]\] sends as this",
+        ),
         (
             {"landing_target": "aircraft"},
             "LANDING_TARGET",

@@ -73,7 +73,7 @@ def test_ranges_from_nowhere_are_refused() -> None:
 
 def test_a_broadcast_of_what_we_send_or_are_is_refused() -> None:
     ours = ('leader_out=[{link = "autopilot", system = 3}]', "estimator.leader.broadcast.system=3")
-    with pytest.raises(ConfigError, match=r"broadcast.system is 3, as which \[\[leader_out\]\] sends"):
+    with pytest.raises(ConfigError, match=r"broadcast.system is 3, but \[\[leader_out\]\] sends as this"):
         load_config(None, ours)
     with pytest.raises(ConfigError, match=r"broadcast.system is 3, that of our own vehicle"):
         load_config(None, ("autopilot.system=3", "estimator.leader.broadcast.system=3"))
