@@ -1,10 +1,12 @@
-"""Filters: arithmetic on arrays, generic over models. No time, no input or output, no configuration.
+"""Filters as arithmetic on arrays, generic over models.
+
+They have no time, no input or output, and no configuration.
 
     from onboard.filters import Belief, unscented      # a module holds one family: start, predict, update
-    from onboard.filters import methods                # every filter by name; they are found in this folder
+    from onboard.filters import methods                # every filter by name, from the modules of this folder
     from onboard.filters import Model, run, smooth     # a whole record at once
 
-To import this package compiles and loads nothing. A module loads at its first use (0.1 s, once compiled).
+Importing this package compiles and loads nothing. A module loads at its first use (0.1 s, once compiled).
 `kernels` holds the compiled loops and is private to this package; `inline` exports those that other kernels may
 call.
 """
@@ -41,8 +43,8 @@ __all__ = [
     "smooth_particles",
 ]
 
-# The module in which each name is that loads when it is first asked for. Their types are in __init__.pyi: every
-# kernel imports this package, and would be compiled anew with each module that is named in an import here.
+# Module of each name that loads at its first use. Their types are in __init__.pyi: every kernel imports this
+# package, and would be compiled again after a change of any module that is imported here.
 LAZY: Final = {
     "LinearModel": "state_space",
     "Model": "state_space",
@@ -61,16 +63,19 @@ LAZY: Final = {
 
 
 def modules() -> Iterator[ModuleType]:
-    """Every public module of this folder, imported, in alphabetical order."""
+    """Yield every public module of this folder, imported, in alphabetical order."""
     for found in iter_modules(__path__):
         if not found.name.startswith("_"):
             yield import_module(f"{__name__}.{found.name}")
 
 
 def methods() -> dict[str, Method]:
-    """Every filter by its name: what the modules of this folder export as METHODS.
+    """Return every filter by its name, from METHODS of the modules of this folder.
 
-    Raises ValueError when two have one name.
+    Raises
+    ------
+    ValueError
+        If two filters have one name.
     """
     found: dict[str, Method] = {}
     for module in modules():
@@ -82,12 +87,12 @@ def methods() -> dict[str, Method]:
 
 
 def __dir__() -> list[str]:
-    """The names above, and the modules of this folder, loaded or not."""
+    """Return the names above, and the modules of this folder, loaded or not."""
     return sorted({*__all__, *(found.name for found in iter_modules(__path__) if not found.name.startswith("_"))})
 
 
 def __getattr__(name: str) -> Any:
-    """Load a name, or a module of this folder, when it is first asked for."""
+    """Load a name, or a module of this folder, at its first use."""
     if name in LAZY:
         return getattr(import_module(f"{__name__}.{LAZY[name]}"), name)
     if not name.startswith("_") and any(found.name == name for found in iter_modules(__path__)):

@@ -1,9 +1,8 @@
 """Data association by global nearest neighbour: gates, and the best assignment where gates overlap.
-Measurements are range, azimuth and elevation.
 
-Echoes are sorted by range, so that a track is compared with the echoes near its range only. The assignment is
-solved for each cluster of tracks and echoes that compete. So the work grows with the number of tracks, not with
-its square.
+Measurements are range, azimuth and elevation. Echoes are sorted by range, so that a track is compared only with
+the echoes near its range. The assignment is solved for each cluster of tracks and echoes that compete. The work
+grows with the number of tracks, not with its square.
 """
 
 from typing import Final
@@ -18,25 +17,58 @@ from onboard.filters.errors import FilterError
 
 Places = NDArray[np.int64]
 
-FORBIDDEN: Final = 1e9  # at least, the cost of a pair outside the gate
+FORBIDDEN_PAIR_COST: Final = 1e9  # minimum cost of a pair outside the gate
 
 
 def candidates(
     polar: Array, spread: Array, measured: Array, variance: Array, gate: float
 ) -> tuple[Places, Places, Array]:
-    """(track, echo, cost) of every pair within the gate, from predicted measurements `polar` (k, 3) of the
-    tracks with covariances `spread` (k, 3, 3), and echoes `measured` (m, 3) with variances (m, 3) of range (m),
-    azimuth and elevation (rad). The cost is minus twice the log-likelihood, but for a constant."""
+    """Return all pairs of a track and an echo within the gate, with their costs.
+
+    The cost is minus twice the log-likelihood, up to a constant.
+
+    Parameters
+    ----------
+    polar : (k, 3)
+        Predicted measurements of the tracks: range (m), azimuth and elevation (rad).
+    spread : (k, 3, 3)
+        Their covariances.
+    measured : (m, 3)
+        Echoes.
+    variance : (m, 3)
+        Variances of the echoes.
+    gate
+        Maximum squared distance, in units of the covariance.
+
+    Returns
+    -------
+    tuple
+        Tracks, echoes and costs, each (pairs,).
+    """
     order = np.argsort(measured[:, 0], kind="stable")
     tracks, echoes, costs = _candidates(polar, spread, measured[order], variance[order], gate)
     return tracks, order[echoes], costs
 
 
 def assign(tracks: Places, echoes: Places, costs: Array) -> tuple[Places, Places]:
-    """The assignment with the most pairs and, among those, the least cost. Each track and each echo is in one
-    pair at most. Costs may be of any size, but must be finite.
+    """Return the assignment with the most pairs and, among those, the least cost.
 
-    Raises FilterError.
+    Each track and each echo is in at most one pair. Costs may have any size, but must be finite.
+
+    Parameters
+    ----------
+    tracks, echoes, costs : (pairs,)
+        Possible pairs, as from `candidates`.
+
+    Returns
+    -------
+    tuple
+        Assigned tracks and echoes.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
     """
     if not len(tracks):
         return tracks, echoes
@@ -56,10 +88,10 @@ def assign(tracks: Places, echoes: Places, costs: Array) -> tuple[Places, Places
 def _solve(tracks: Places, echoes: Places, costs: Array) -> tuple[Places, Places]:
     t, rows = np.unique(tracks, return_inverse=True)
     e, columns = np.unique(echoes, return_inverse=True)
-    # above what a pair more can cost, so that none is saved
+    # More than a further pair can cost, so that no pair is omitted to save cost.
     least, most = float(costs.min()), float(costs.max())
     enough = most + min(len(t), len(e)) * (most - least) + abs(most)
-    matrix = np.full((len(t), len(e)), max(FORBIDDEN, enough))
+    matrix = np.full((len(t), len(e)), max(FORBIDDEN_PAIR_COST, enough))
     allowed = np.zeros(matrix.shape, bool)
     matrix[rows, columns], allowed[rows, columns] = costs, True
     if matrix.shape[0] <= matrix.shape[1]:
@@ -127,8 +159,10 @@ def _candidates(polar, spread, measured, variance, gate):
 
 @njit((INDICES, INDICES), **MAKING)
 def _clusters(tracks, echoes):
-    """A label for each pair, the same for pairs that compete directly or indirectly: union-find over tracks and
-    echoes."""
+    """Label each pair, with the same label for pairs that compete directly or indirectly.
+
+    By union-find over tracks and echoes.
+    """
     tops = tracks.max() + 1
     parent = np.arange(tops + echoes.max() + 1)
     for k in range(tracks.shape[0]):
@@ -151,9 +185,12 @@ def _clusters(tracks, echoes):
 
 @njit((ROWS,), **MAKING)
 def _columns(cost):
-    """The column of each row of a matrix (n, m), n <= m, at the least cost: shortest augmenting paths (D. F.
-    Crouse, On implementing 2D rectangular assignment algorithms, IEEE Transactions on Aerospace and Electronic
-    Systems 52, 2016). SciPy's takes half a second to load, at each start or in flight, and twice as long."""
+    """Return the column of each row of a matrix (n, m), n <= m, at the least cost: shortest augmenting paths.
+
+    D. F. Crouse, On implementing 2D rectangular assignment algorithms, IEEE Transactions on Aerospace and
+    Electronic Systems 52, 2016. SciPy's takes half a second to load, at each start or in flight, and twice as
+    long.
+    """
     n, m = cost.shape
     of_rows, of_columns = np.zeros(n), np.zeros(m)  # the dual variables
     row_of, column_of = np.full(m, -1), np.full(n, -1)

@@ -1,13 +1,13 @@
-"""The unscented filter with the noises in the state (Varaprasad et al., section 3.1, after Julier): for noise that
-enters the model anywhere, not only as a sum.
+"""Unscented filter with the noises in the state, for noise that is not simply added.
 
     belief = predict_augmented(belief, process, Q)             # process(points (k, n), noises (k, n_w)) -> (k, n)
     belief = update_augmented(belief, y, measure, R).belief    # measure(points (k, n), noises (k, n_v)) -> (k, m)
 
-`weights` is a rule for any number of states, such as `unscented.julier_weights`: the augmented state has
-L = n + n_w (+ n_v). `step_augmented` makes both halves from one set of points (eqs 8-12), so that the measurement
-sees the process noise's own points; the two calls draw points anew in between, as eq 16 does. Noise covariances
-may be singular. Arrays are all float64 or all float32, with or without leading batch axes.
+Varaprasad et al., section 3.1, after Julier. `weights` is a rule for any number of states, such as
+`unscented.julier_weights`: the augmented state has L = n + n_w (+ n_v). `step_augmented` makes both halves from
+one set of points (eqs 8-12), so that the measurement sees the process noise's own points; the two calls draw new
+points in between, as eq 16 does. Noise covariances may be singular. Arrays are all float64 or all float32, with or
+without leading batch axes.
 
 With n + lambda = 3 the centre weighs 1 - L/3, and a strongly nonlinear model may leave no covariance; the rule
 `lambda L: julier_weights(L, L)` has no negative weight.
@@ -34,10 +34,32 @@ Rule = Callable[[int], Weights]
 def predict_augmented(
     belief: Belief, process: NoisyRows, Q: Array, weights: Rule = julier_weights, angular_states: Indices = ()
 ) -> Belief:
-    """Time update; Q (..., n_w, n_w) is the covariance of what `process` gets as noises; `angular_states` as in
-    `angles`.
+    """Time update with noise as an argument of the process.
 
-    Raises FilterError, NotPositiveDefiniteError.
+    Parameters
+    ----------
+    belief
+        Belief of n states.
+    process
+        Function of rows (k, n) and noises (k, n_w); returns rows (k, n).
+    Q : (..., n_w, n_w)
+        Covariance of the noises.
+    weights
+        Weights for a number of states.
+    angular_states
+        Indices of states that are angles, see `angles`.
+
+    Returns
+    -------
+    Belief
+        The predicted belief.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     n = belief.mean.shape[-1]
     points, rule = _spread(belief, Q, _no_noise(belief), weights, angular_states)
@@ -54,10 +76,32 @@ def update_augmented(
     angular: Indices = (),
     angular_states: Indices = (),
 ) -> Update:
-    """Measurement update; R (..., n_v, n_v) is the covariance of what `measure` gets as noises. `angular` are the
-    components of y that are angles, whose differences wrap.
+    """Measurement update with noise as an argument of the measurement.
 
-    Raises FilterError, NotPositiveDefiniteError.
+    Parameters
+    ----------
+    belief, weights, angular_states
+        As in `predict_augmented`.
+    y : (..., m)
+        Measured values.
+    measure
+        Function of rows (k, n) and noises (k, n_v); returns rows (k, m).
+    R : (..., n_v, n_v)
+        Covariance of the noises.
+    angular
+        Components of y that are angles, whose differences wrap.
+
+    Returns
+    -------
+    Update
+        The posterior and the innovation.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     n = belief.mean.shape[-1]
     points, rule = _spread(belief, _no_noise(belief), R, weights, angular_states)
@@ -76,9 +120,16 @@ def step_augmented(
     angular: Indices = (),
     angular_states: Indices = (),
 ) -> Update:
-    """A prediction and an update from one set of 2L + 1 points, L = n + n_w + n_v (eqs 8-12).
+    """Prediction and update from one set of 2L + 1 points, L = n + n_w + n_v (eqs 8-12).
 
-    Raises FilterError, NotPositiveDefiniteError.
+    Parameters are those of `predict_augmented` and `update_augmented`.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     n = belief.mean.shape[-1]
     points, rule = _spread(belief, Q, R, weights, angular_states)
@@ -93,7 +144,10 @@ def _no_noise(belief: Belief) -> Array:
 
 
 def _spread(belief: Belief, Q: Array, R: Array, weights: Rule, angular_states: Indices) -> tuple[Array, Weights]:
-    """Points (..., 2L+1, L) of state and noises (eq 9), the mean first, and their weights."""
+    """Return points (..., 2L+1, L) of state and noises (eq 9), and their weights.
+
+    The first point is the mean.
+    """
     try:
         L = belief.mean.shape[-1] + Q.shape[-1] + R.shape[-1]
         rule = weights(L)
@@ -107,7 +161,7 @@ def _spread(belief: Belief, Q: Array, R: Array, weights: Rule, angular_states: I
 
 
 def _apply(model: NoisyRows, points: Array, noises: Array, name: str) -> Array:
-    """Images (..., 2L+1, m) of points with their noises. Raises FilterError."""
+    """Return images (..., 2L+1, m) of points with their noises. Raises FilterError."""
     n = points.shape[-1]
     rows, noise_rows = points.reshape(-1, n), noises.reshape(points[..., 0].size, noises.shape[-1])
     rows.setflags(False)  # type: ignore[call-arg]  # NumPy takes it
@@ -152,7 +206,10 @@ def _correct(
 
 
 def additive(model: Rows, names: str = "model, noise") -> NoisyRows:
-    """A model with additive noise, as one that takes its noise. The result raises FilterError, with `names`."""
+    """Return a model with additive noise as one that takes its noise as an argument.
+
+    The result raises FilterError, with `names`.
+    """
 
     def noisy(points: Array, noises: Array) -> Array:
         images = model(points)

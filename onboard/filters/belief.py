@@ -1,8 +1,8 @@
-"""What all filters share: beliefs, updates, models over rows, errors, and how a method is described.
+"""Types that all filters share: beliefs, updates, models over rows, methods.
 
-A model is a function over rows of states, (k, n) -> (k, n) or (k, m), and a filter never sees a loop over them.
-A leading batch axis on a belief's arrays advances many filters in one call; the model still gets plain rows,
-those of each filter together.
+A model is a function over rows of states, (k, n) -> (k, n) or (k, m), and a filter has no loop over them. A
+leading batch axis on a belief's arrays advances many filters in one call; the model still gets plain rows, those
+of each filter together.
 """
 
 from collections.abc import Callable, Mapping
@@ -15,9 +15,9 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.filters.errors import (
     AXES,
-    NEAR,
     OK,
-    SHAPE,
+    SHAPE_ERROR,
+    WEIGHT_SUM_TOLERANCE,
     FilterError,
     NotPositiveDefiniteError,
     array_error,
@@ -29,7 +29,7 @@ __all__ = [
     "OK",
     "PROPERTIES",
     "ROWS",
-    "SHAPE",
+    "SHAPE_ERROR",
     "Belief",
     "FilterError",
     "Indices",
@@ -52,18 +52,42 @@ Indices = tuple[int, ...]
 
 
 class Belief(NamedTuple):
-    """A filter's estimate: mean (..., n) and covariance (..., n, n)."""
+    """A Gaussian estimate of a state.
+
+    Attributes
+    ----------
+    mean : (..., n)
+        Mean.
+    covariance : (..., n, n)
+        Covariance.
+    """
 
     mean: Array
     covariance: Array
 
 
 class Update(NamedTuple):
-    """A measurement update: the posterior, the innovation (..., m) (before the update), its covariance (..., m,
-    m), the predicted measurement (..., m), and the normalised innovation squared (a float, or (...,)).
-    `misfits`: the names of parts of the measurement that were left out, since they do not fit. `passes`: whether
-    the filter's own gates, if it has any, let the measurement pass. `log_evidence` (...,): the log-density of the
-    measurement, where it is not that of a Gaussian innovation."""
+    """The result of a measurement update.
+
+    Attributes
+    ----------
+    belief
+        The posterior, of the filter's own type.
+    innovation : (..., m)
+        Measured minus predicted values, before the update.
+    innovation_covariance : (..., m, m)
+        Covariance of the innovation.
+    predicted : (..., m)
+        Predicted measurement.
+    nis : float or (...,)
+        Normalised innovation squared.
+    misfits
+        Names of parts of the measurement that were left out because they do not fit.
+    passes
+        Whether the measurement passed the filter's own gates, if it has any.
+    log_evidence : (...,)
+        Log-density of the measurement, if it is not that of a Gaussian innovation.
+    """
 
     belief: Any
     innovation: Array
@@ -76,8 +100,17 @@ class Update(NamedTuple):
 
 
 class Weights(NamedTuple):
-    """A symmetric sigma-point set: `spread` is gamma, the distance in standard deviations; the centre's weight in
-    the mean and in the covariance; and the weight of each of the 2n others."""
+    """A symmetric sigma-point set.
+
+    Attributes
+    ----------
+    spread
+        gamma, the distance of the outer points in standard deviations.
+    mean, covariance
+        Weights of the centre in the mean and in the covariance.
+    other
+        Weight of each of the 2n outer points.
+    """
 
     spread: float
     mean: float
@@ -86,17 +119,28 @@ class Weights(NamedTuple):
 
 
 class Method(NamedTuple):
-    """A filter as four pure functions, so that all can be held to the same tests.
+    """A filter as four pure functions, so that all filters can be tested alike.
 
-    `start(mean, covariance) -> state`; `predict(state, process, Q, angular_states=()) -> state`; `update(state, y,
-    measure, R, angular=(), angular_states=()) -> Update` whose `belief` is a state; `belief(state) -> Belief`.
-    `process` and `measure` are functions over rows; `angular` are the components of y that are angles and wrap,
-    `angular_states` those of the state (`angles`).
-
-    `exempt` names those of PROPERTIES that the method does not have by its nature, each with its reason in a
-    sentence. The conformance suite (tests/conformance/test_methods.py) then demands that the property does
-    fail, so that no exemption outlives its reason. `factor(state) -> S` (..., n, n), S S^T the covariance, of
-    methods that carry a factor.
+    Attributes
+    ----------
+    name
+        Its name in `methods`.
+    start
+        `start(mean, covariance) -> state`.
+    predict
+        `predict(state, process, Q, angular_states=()) -> state`.
+    update
+        `update(state, y, measure, R, angular=(), angular_states=()) -> Update`, whose `belief` is a state.
+        `process` and `measure` are functions over rows; `angular` are the components of y that are angles and
+        wrap, `angular_states` those of the state (`angles`).
+    belief
+        `belief(state) -> Belief`.
+    factor
+        `factor(state) -> S` (..., n, n) with S S^T the covariance, of methods that carry a factor.
+    exempt
+        Names of PROPERTIES that the method lacks by its nature, each with its reason in a sentence. The
+        conformance suite (tests/conformance/test_methods.py) then requires that the property fails, so that no
+        exemption outlives its reason.
     """
 
     name: str
@@ -108,12 +152,12 @@ class Method(NamedTuple):
     exempt: Mapping[str, str] = MappingProxyType({})
 
 
-# What every method does, unless it is exempt.
+# Properties of every method, unless it is exempt.
 PROPERTIES: Final = (
-    "kalman",  # on a linear problem it is the Kalman filter
+    "kalman",  # equals the Kalman filter on a linear problem
     "consistent",  # NEES and NIS keep their bounds on the model it assumes
-    "partial",  # it takes measurements of fewer components than states
-    "batch",  # one call with a batch axis does what a loop would
+    "partial",  # accepts measurements of fewer components than states
+    "batch",  # one call with a batch axis equals a loop
     "float32",  # float32 in gives float32 out
     "long_run",  # positive definite over 1e5 ill-conditioned steps
     "long_run_float32",  # the same in single precision
@@ -122,13 +166,10 @@ PROPERTIES: Final = (
 
 
 def check_weights(weights: Weights, n: int) -> None:
-    """Check that weights are those of n states.
-
-    Raises FilterError.
-    """
+    """Check that weights are those of n states. Raises FilterError."""
     _, centre, _, other = weights
     others = 2 * n * other
-    if abs(centre + others - 1.0) > NEAR * others:
+    if abs(centre + others - 1.0) > WEIGHT_SUM_TOLERANCE * others:
         made_for = (1.0 - centre) / (2 * other)
         raise FilterError(
             f"weights: are for {made_for:.4g} states, not {n}: the centre's and those of 2 n others must sum to 1"
@@ -137,7 +178,10 @@ def check_weights(weights: Weights, n: int) -> None:
 
 @lru_cache(maxsize=256)
 def mask(chosen: tuple[int, ...], size: int) -> Any:
-    """A mask (size,) with the chosen components set. Raises FilterError for one that there is not."""
+    """Return a mask (size,) with the chosen components set.
+
+    Raises FilterError for an index out of range.
+    """
     made = np.zeros(size, bool)
     try:
         made[list(chosen)] = True
@@ -154,10 +198,10 @@ ROWS: Final = (
 
 
 def over_rows(model: Rows, points: Array, y: Array | None = None) -> Array:
-    """A model over points (k, n), or over the rows of a batch (B, k, n); without y it is a process. It sees the
-    points read-only, because the filter needs them again.
+    """Evaluate a model over points (k, n), or over the rows of a batch (B, k, n).
 
-    Raises FilterError.
+    Without y the model is a process. It sees the points read-only, because the filter needs them again. Raises
+    FilterError.
     """
     points.setflags(False)  # type: ignore[call-arg]  # NumPy takes it; by keyword it takes twice as long
     try:
@@ -181,10 +225,10 @@ def over_rows(model: Rows, points: Array, y: Array | None = None) -> Array:
 
 
 def images_of(model: Rows, points: Array, y: Array | None) -> Array:
-    """A model over points (..., k, n): without y it is a process and gives states (..., k, n); with y (..., m)
-    it is a measurement and gives (..., k, m).
+    """Evaluate a model over points (..., k, n).
 
-    Raises FilterError.
+    Without y it is a process and gives states (..., k, n); with y (..., m) it is a measurement and gives (..., k,
+    m). Raises FilterError.
     """
     if y is not None and ((y.__class__ is not np.ndarray and not is_plain(y)) or y.ndim != points.ndim - 1):
         raise array_error(y=y, points=points)
@@ -197,9 +241,21 @@ def images_of(model: Rows, points: Array, y: Array | None) -> Array:
 
 
 def start(mean: Array, covariance: Array) -> Belief:
-    """The belief that a filter starts from. Type, shape and finiteness of the arrays are checked here, and once.
+    """Return the belief that a filter starts from.
 
-    Raises FilterError.
+    Type, shape and finiteness of the arrays are checked here, and only here.
+
+    Parameters
+    ----------
+    mean : (..., n)
+        Mean.
+    covariance : (..., n, n)
+        Covariance.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
     """
     for name, array in (("mean", mean), ("covariance", covariance)):
         if not is_plain(array) or array.dtype not in (np.float64, np.float32):

@@ -1,14 +1,14 @@
-"""How good a filter was: errors against a truth, and whether its covariances say how large they are.
+"""Quality of a filter: errors against a truth, and consistency of its covariances.
 
     nis(found).inside, nees(found.beliefs, truth), rms(found.beliefs, truth, states=(0, 1))    # of a run, or a
     batch
 
-NEES is the squared error in units of the covariance, and NIS the same of the innovation: on average the number of
-states, and of measured components. Below the bounds a filter is too pessimistic, above them too sure. Runs are
-independent, so a batch has narrow bounds at each time; the innovations of one run are, too, its errors are not.
+NEES is the squared error in units of the covariance, and NIS the same for the innovation: on average the number of
+states, and of measured components. Below the bounds a filter is too pessimistic, above them overconfident. Runs
+are independent, so a batch has narrow bounds at each time; so are the innovations of one run, but not its errors.
 
-Errors of angles wrap. A `Run` in place of its beliefs says which states are angles; for beliefs alone they are
-named, `angular_states=(2,)`. A filter of a batch that was lost does not count.
+Errors of angles wrap. A `Run` in place of its beliefs determines which states are angles; for beliefs alone they
+are given, `angular_states=(2,)`. A filter of a batch that was lost does not count.
 """
 
 from typing import Any, NamedTuple
@@ -25,9 +25,19 @@ from onboard.filters.state_space import AnyModel, model_at
 
 
 class ConsistencyBounds(NamedTuple):
-    """At each time the mean (T,) over the runs that measured and are not lost, what is expected (T,), and the
-    bounds (T,) that hold it with the probability that was asked for; NaN where nothing was measured. `inside`: the
-    share of times within the bounds."""
+    """A consistency statistic over time; NaN where nothing was measured.
+
+    Attributes
+    ----------
+    mean : (T,)
+        Mean over the runs that measured and are not lost.
+    expected : (T,)
+        Its expectation.
+    low, high : (T,)
+        Bounds that contain it with the requested probability.
+    inside
+        Share of times within the bounds.
+    """
 
     mean: Array
     expected: Array
@@ -39,21 +49,34 @@ class ConsistencyBounds(NamedTuple):
 def nees(
     beliefs: Belief | Run, truth: Array, probability: float = 0.95, angular_states: Indices | None = None
 ) -> ConsistencyBounds:
-    """Normalised estimation error squared of beliefs, mean (T, n) or (T, B, n), against a truth of the same
-    shape. `angular_states` are the states that are angles, by default those of the run.
+    """Return the normalised estimation error squared of beliefs.
 
-    Raises FilterError.
+    Parameters
+    ----------
+    beliefs
+        A run, or beliefs with mean (T, n) or (T, B, n).
+    truth : (T, n) or (T, B, n)
+        True states.
+    probability
+        Probability of the bounds.
+    angular_states
+        Indices of states that are angles; by default those of the run.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
     """
     error, n = errors(beliefs, truth, angular_states), np.shape(truth)[-1]
     known: Any = np.isfinite(error).all(axis=-1)
     P = np.where(known[..., None, None], of_run(beliefs).covariance, np.eye(n))
     each = normalised_squared(np.where(known[..., None], error, 0).reshape(-1, n), P.reshape(-1, n, n))
-    return _judged(each.reshape(len(error), -1), n * known, probability)
+    return _bounds(each.reshape(len(error), -1), n * known, probability)
 
 
 def nis(found: Run, probability: float = 0.95) -> ConsistencyBounds:
-    """Normalised innovation squared of a run, or of a batch."""
-    return _judged(found.nis.reshape(len(found.ts), -1), found.degrees, probability)
+    """Return the normalised innovation squared of a run or of a batch."""
+    return _bounds(found.nis.reshape(len(found.ts), -1), found.degrees, probability)
 
 
 def rms(
@@ -62,10 +85,19 @@ def rms(
     states: tuple[int, ...] | None = None,
     angular_states: Indices | None = None,
 ) -> Array:
-    """Root mean square (T,) over the runs of the length of the error in these states, by default in all;
-    `angular_states` as in `nees`. NaN where no run is left.
+    """Return the root mean square error (T,) over the runs; NaN where no run is left.
 
-    Raises FilterError.
+    Parameters
+    ----------
+    beliefs, truth, angular_states
+        As in `nees`.
+    states
+        Indices of the states whose error is measured, as the length of a vector; by default all.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
     """
     error = errors(beliefs, truth, angular_states)
     chosen = error if states is None else error[..., list(states)]
@@ -77,12 +109,38 @@ def rms(
 
 
 def cramer_rao(model: AnyModel, start: Belief, truth: Array, ts: Array | None = None) -> Array:
-    """The least covariance (T, ..., n, n) that an unbiased estimate of this path can have, truth (T, ..., n), from
-    a first belief of covariance (n, n) or (..., n, n): Q, R and the prior counted, and models linearised at the
-    truth (Taylor 1979, "The Cramer-Rao estimation error lower bound computation for deterministic nonlinear
-    systems"). Of a random path it is the mean over many truths. No mode of an `imm`, and no angle, may be open.
+    """Return the Cramer-Rao bound of a path, the least covariance of an unbiased estimate.
 
-    Raises FilterError, NotPositiveDefiniteError.
+    Q, R and the prior are counted, and models are linearised at the truth. For a random path, average over many
+    truths. No mode of an `imm`, and no angle, may be uncertain.
+
+    Parameters
+    ----------
+    model
+        The model, see `runs`.
+    start
+        First belief, of covariance (n, n) or (..., n, n).
+    truth : (T, ..., n)
+        The path.
+    ts : (T,)
+        Times; by default 0, 1, ...
+
+    Returns
+    -------
+    Array
+        Covariances (T, ..., n, n).
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
+
+    References
+    ----------
+    J. H. Taylor, The Cramer-Rao estimation error lower bound computation for deterministic nonlinear systems,
+    1979.
     """
     truth = np.asarray(truth)
     times = np.arange(float(len(truth))) if ts is None else np.asarray(ts, float)
@@ -105,9 +163,9 @@ def cramer_rao(model: AnyModel, start: Belief, truth: Array, ts: Array | None = 
 
 
 def errors(beliefs: Belief | Run, truth: Array, angular_states: Indices | None = None) -> Array:
-    """What beliefs, mean (T, n) or (T, B, n), are off a truth of the same shape; `angular_states` as in `nees`.
+    """Return the errors of beliefs, mean (T, n) or (T, B, n), against a truth.
 
-    Raises FilterError.
+    `angular_states` is as in `nees`. Raises FilterError.
     """
     mean, angles = of_run(beliefs).mean, angular_states
     if angles is None:
@@ -119,11 +177,11 @@ def errors(beliefs: Belief | Run, truth: Array, angular_states: Indices | None =
 
 
 def of_run(beliefs: Belief | Run) -> Belief:
-    """Beliefs, or those of a run."""
+    """Return the beliefs of a run, or the beliefs themselves."""
     return beliefs.beliefs if isinstance(beliefs, Run) else beliefs
 
 
-def _judged(values: Array, degrees: Array, probability: float) -> ConsistencyBounds:
+def _bounds(values: Array, degrees: Array, probability: float) -> ConsistencyBounds:
     each = degrees.reshape(len(values), -1)
     total, runs = each.sum(axis=1), np.maximum((each > 0).sum(axis=1), 1)
     tail, bounds = 0.5 * (1 - probability), np.full((2, len(values)), np.nan)

@@ -1,9 +1,9 @@
-"""The cubature Kalman filter (Arasaratnam & Haykin 2009): 2n points at sqrt(n) deviations, of weight 1/(2n) each.
+"""Cubature Kalman filter (Arasaratnam & Haykin 2009).
 
-That is exactly the unscented filter with kappa = 0, `julier_weights(n, n)`, whose centre has weight zero. Here the
-model is called for 2n rows a filter, and not for the centre: a value that is not finite there has no effect. Where
-some of the model's values are angles it is called for the centre, too, because without one the mean of two angles
-a radian and more to each side is ambiguous.
+It has 2n points at sqrt(n) deviations, of weight 1/(2n) each, and equals the unscented filter with kappa = 0,
+`julier_weights(n, n)`, whose centre has weight zero. Here the model is called for 2n rows a filter, and not for
+the centre: a value that is not finite there has no effect. If some of the model's values are angles it is called
+for the centre, too, because without one the mean of two angles a radian and more to each side is ambiguous.
 """
 
 from functools import lru_cache
@@ -21,14 +21,30 @@ from onboard.filters.kernels.calls import call
 
 @lru_cache(maxsize=64)
 def weights(n: int) -> Weights:
-    """The third-degree spherical-radial rule for n states."""
+    """Return the third-degree spherical-radial rule for n states."""
     return Weights(float(n) ** 0.5, 0.0, 0.0, 0.5 / n)
 
 
 def predict(belief: Belief, process: Rows, Q: Array, angular_states: Indices = ()) -> Belief:
-    """Time update; `process` maps rows (k, n) -> (k, n), Q (..., n, n), `angular_states` as in `angles`.
+    """Time update.
 
-    Raises FilterError, NotPositiveDefiniteError.
+    Parameters
+    ----------
+    belief
+        Belief of n states.
+    process
+        Function of rows (k, n); returns rows (k, n).
+    Q : (..., n, n)
+        Covariance of the process noise.
+    angular_states
+        Indices of states that are angles, see `angles`.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     rule = weights(belief.mean.shape[-1])
     points = unscented.sigma_points(belief, rule, angular_states)
@@ -45,10 +61,16 @@ def update(
     considered: Indices = (),
     angular_states: Indices = (),
 ) -> Update:
-    """Measurement update; `measure` maps rows (k, n) -> (k, m), the last arguments are those of
-    `unscented.update`.
+    """Measurement update.
 
-    Raises FilterError, NotPositiveDefiniteError.
+    Parameters are those of `unscented.update`, without the weights.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     rule = weights(belief.mean.shape[-1])
     points = unscented.sigma_points(belief, rule, angular_states)
@@ -57,7 +79,10 @@ def update(
 
 
 def _images(model: Rows, points: Array, angular: Indices, y: Array | None) -> Array:
-    """Images (..., 2n+1, m) of points. The centre's is the mean of the others', unless there are angles."""
+    """Return images (..., 2n+1, m) of points.
+
+    The centre's is the mean of the others, unless there are angles.
+    """
     if angular:
         images = images_of(model, points, y)
         if np.isfinite(images[..., 0, :]).all():

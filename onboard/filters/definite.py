@@ -1,5 +1,8 @@
-"""Whether a matrix is a covariance: its Cholesky factor. A module by itself, so that who needs nothing else of the
-filters loads nothing else: with the other kernels, a flight took 36 MB more."""
+"""Cholesky factor of a covariance, in a module of its own.
+
+A program that needs nothing else of the filters loads nothing else: with the other kernels, a flight took 36 MB
+more.
+"""
 
 from onboard.arrays import Array
 from onboard.filters.errors import NotPositiveDefiniteError, array_error
@@ -7,9 +10,12 @@ from onboard.filters.kernels import definite as kernels
 
 
 def factor(covariance: Array) -> Array:
-    """Lower Cholesky factor (n, n) of a covariance.
+    """Return the lower Cholesky factor (n, n) of a covariance.
 
-    Raises NotPositiveDefiniteError, also for NaN and infinity, which LAPACK accepts.
+    Raises
+    ------
+    NotPositiveDefiniteError
+        If there is none, also for NaN and infinity, which LAPACK accepts.
     """
     try:
         upper, exists = kernels.factor(covariance)

@@ -1,4 +1,4 @@
-"""From continuous to discrete time: transition and process noise of a linear model over a step, and RK4.
+"""Discretisation: transition and process noise of a linear model over a step, and RK4.
 
     F, Q = van_loan(A, W, dt)                     # any linear model
     F, Q = wiener_acceleration(dt, q)             # the closed forms of kinematic ones
@@ -15,26 +15,38 @@ from onboard.arrays import Array
 from onboard.filters.belief import Rows
 from onboard.filters.errors import FilterError
 
-TERMS: Final = 14  # of the series at a norm of 1/4: the first left out is below 1e-19
+SERIES_TERM_COUNT: Final = 14  # The first omitted term is below 1e-19 at a norm of 1/4.
 
 
 class Discrete(NamedTuple):
-    """x' = F x + noise of covariance Q, both (..., n, n)."""
+    """A discrete model x' = F x + noise of covariance Q, both (..., n, n)."""
 
     F: Array
     Q: Array
 
 
 def van_loan(A: Array, W: Array, dt: Any) -> Discrete:
-    """The discrete model of x_dot = A x + white noise of spectral density W over `dt` seconds: F = exp(A dt),
-    and Q, the integral of exp(A s) W exp(A s)^T over the step, for A and W (..., n, n). For noise through L, W
-    = L Qc L^T.
+    """Return the discrete model of x_dot = A x + white noise of density W.
 
-    Van Loan (1978) and the matrix fraction of Lazarov et al. (eqs 4-7) take both from one exponential of
-    [[-A, W], [0, A^T]]. That needs exp(-A dt), which overflows or cancels where A decays fast. Here Q is a sum of
-    terms that do not cancel: a series for a short step, doubled by Q(2h) = Q(h) + F(h) Q(h) F(h)^T.
+    F = exp(A dt), and Q is the integral of exp(A s) W exp(A s)^T over the step.
 
-    Raises FilterError.
+    Parameters
+    ----------
+    A, W : (..., n, n)
+        Dynamics and spectral density; for noise through L, W = L Qc L^T.
+    dt : float or (...,)
+        Length of the step, s.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+
+    Notes
+    -----
+    Van Loan (1978) and the matrix fraction of Lazarov et al. (eqs 4-7) take both from one exponential of [[-A, W],
+    [0, A^T]]. That needs exp(-A dt), which overflows or cancels where A decays fast. Here Q is a sum of terms that
+    do not cancel: a series for a short step, doubled by Q(2h) = Q(h) + F(h) Q(h) F(h)^T.
     """
     step = _positive(dt)
     A, W = np.asarray(A, float), np.asarray(W, float)
@@ -53,12 +65,14 @@ def van_loan(A: Array, W: Array, dt: Any) -> Discrete:
 
 
 def _series(Ah: Array, Wh: Array) -> tuple[Array, Array]:
-    """exp(Ah), and the sum of T_k / k with T_1 = Wh and T_k+1 = (Ah T_k + T_k Ah^T) / k: the integral of their
-    derivative Q' = A Q + Q A^T + W."""
+    """Return exp(Ah), and the sum of T_k / k.
+
+    T_1 = Wh and T_k+1 = (Ah T_k + T_k Ah^T) / k. The sum is the integral of their derivative Q' = A Q + Q A^T + W.
+    """
     F = np.eye(Ah.shape[-1]) + Ah
     Q = term = np.broadcast_to(Wh, np.broadcast_shapes(Ah.shape, Wh.shape))
     power = Ah
-    for k in range(2, TERMS + 1):
+    for k in range(2, SERIES_TERM_COUNT + 1):
         power = Ah @ power / k
         half = Ah @ term / k
         term = half + np.swapaxes(half, -1, -2)
@@ -67,29 +81,49 @@ def _series(Ah: Array, Wh: Array) -> tuple[Array, Array]:
 
 
 def wiener_acceleration(dt: Any, q: Any = 1.0, axes: int = 3, by_axis: bool = False) -> Discrete:
-    """The continuous Wiener process acceleration model: white jerk of density `q`, one number or one for each
-    axis. States are ordered [positions, velocities, accelerations], or `by_axis` [x, vx, ax, y, ...].
+    """Return the continuous Wiener process acceleration model, driven by white jerk.
 
-    Erratum: eq 14 of Lazarov et al. is indefinite. An axis has q [[t^5/20, t^4/8, t^3/6], [., t^3/3, t^2/2],
-    [., ., t]].
+    An axis has q [[t^5/20, t^4/8, t^3/6], [., t^3/3, t^2/2], [., ., t]]. Erratum: eq 14 of Lazarov et al. is
+    indefinite.
 
-    Raises FilterError.
+    Parameters
+    ----------
+    dt : float or (...,)
+        Length of the step, s.
+    q
+        Density of the jerk, one number or one for each axis.
+    axes
+        Number of axes.
+    by_axis
+        Order of the states: [x, vx, ax, y, ...] instead of [positions, velocities, accelerations].
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
     """
     return _kinematic(3, dt, q, axes, by_axis)
 
 
 def white_acceleration(dt: Any, q: Any = 1.0, axes: int = 3, by_axis: bool = False) -> Discrete:
-    """The continuous white noise acceleration model: constant velocity but for white acceleration of density
-    `q`. An axis has q [[t^3/3, t^2/2], [., t]]. Otherwise as `wiener_acceleration`.
+    """Return the continuous white noise acceleration model, of nearly constant velocity.
 
-    Raises FilterError.
+    An axis has q [[t^3/3, t^2/2], [., t]]. Parameters are those of `wiener_acceleration`.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
     """
     return _kinematic(2, dt, q, axes, by_axis)
 
 
 def _kinematic(order: int, dt: Any, q: Any, axes: int, by_axis: bool) -> Discrete:
-    """`order` integrations of white noise on each axis: F_ij = t^(j-i) / (j-i)!, and Q = q t^(a+b+1) / (a! b!
-    (a+b+1)) where a and b integrations lie between the two states and the noise."""
+    """Return the model of `order` integrations of white noise on each axis.
+
+    F_ij = t^(j-i) / (j-i)!, and Q = q t^(a+b+1) / (a! b! (a+b+1)) for a and b integrations between the two states
+    and the noise.
+    """
     t = _positive(dt)[..., None, None]
     density = np.asarray(q, float)
     if density.shape not in {(), (axes,)} or not (np.isfinite(density) & (density >= 0)).all():
@@ -105,16 +139,27 @@ def _kinematic(order: int, dt: Any, q: Any, axes: int, by_axis: bool) -> Discret
 
 
 def _kron(a: Array, b: Array) -> Array:
-    """The Kronecker product of matrices, either of which may be a batch."""
+    """Return the Kronecker product of matrices, either of which may be a batch."""
     product = np.einsum("...ij,...kl->...ikjl", a, b)
     return np.asarray(product).reshape(*product.shape[:-4], a.shape[-2] * b.shape[-2], a.shape[-1] * b.shape[-1])
 
 
 def rk4(derivative: Rows, rows: Array, dt: float) -> Array:
-    """Rows (k, n) after `dt` seconds of x_dot = derivative(x), a function over rows: one step of classical
-    Runge-Kutta. Its precision is the rows'.
+    """Return rows after a step of x_dot = derivative(x), by classical Runge-Kutta.
 
-    Raises FilterError.
+    Parameters
+    ----------
+    derivative
+        Function of rows (k, n); returns rows (k, n).
+    rows : (k, n)
+        States, whose precision is that of the result.
+    dt
+        Length of the step, s.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
     """
     h = float(_positive(dt))
     k1 = derivative(rows)
@@ -127,7 +172,7 @@ def rk4(derivative: Rows, rows: Array, dt: float) -> Array:
 
 
 def _positive(dt: Any) -> Array:
-    """`dt` as an array. Raises FilterError."""
+    """Return `dt` as an array. Raises FilterError."""
     step = np.asarray(dt, float)
     if not (np.isfinite(step) & (step > 0)).all():
         raise FilterError(f"dt: must be positive and finite, not {dt}")
@@ -135,11 +180,22 @@ def _positive(dt: Any) -> Array:
 
 
 def discrete_white_acceleration(dt: Any, variance: Any = 1.0, axes: int = 3, by_axis: bool = False) -> Discrete:
-    """The discrete white noise acceleration model: an acceleration of `variance`, (m/s^2)^2, one number or one
-    for each axis, that is constant over a step and independent of all others. An axis has variance times
-    [[t^4/4, t^3/2], [., t^2]], of rank one. Otherwise as `white_acceleration`.
+    """Return the discrete white noise acceleration model.
 
-    Raises FilterError.
+    The acceleration is constant over each step, and independent of all others. An axis has variance times
+    [[t^4/4, t^3/2], [., t^2]], of rank one.
+
+    Parameters
+    ----------
+    variance
+        Variance of the acceleration, (m/s^2)^2, one number or one for each axis.
+    dt, axes, by_axis
+        As in `white_acceleration`.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
     """
     F = white_acceleration(dt, 1.0, axes, by_axis).F
     t = _positive(dt)
@@ -148,12 +204,24 @@ def discrete_white_acceleration(dt: Any, variance: Any = 1.0, axes: int = 3, by_
 
 
 def singer(dt: Any, tau: float, variance: Any = 1.0, axes: int = 3, by_axis: bool = False) -> Discrete:
-    """The model of a manoeuvring target by Singer (1970): an acceleration of `variance`, (m/s^2)^2, one number
-    or one for each axis, whose correlation fades as exp(-t / tau), tau in seconds. States as of
-    `wiener_acceleration`, which it is for tau much longer than the step; much shorter, it is
-    `white_acceleration` of density 2 variance tau.
+    """Return the model of a manoeuvring target by Singer (1970).
 
-    Raises FilterError.
+    It is `wiener_acceleration` for tau much longer than the step, and `white_acceleration` of density 2 variance
+    tau for tau much shorter.
+
+    Parameters
+    ----------
+    tau
+        Time constant of the acceleration's correlation exp(-t / tau), s.
+    variance
+        Variance of the acceleration, (m/s^2)^2, one number or one for each axis.
+    dt, axes, by_axis
+        As in `wiener_acceleration`.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
     """
     if not (np.isfinite(tau) and tau > 0):
         raise FilterError(f"tau: must be positive and finite, not {tau}")
@@ -164,7 +232,7 @@ def singer(dt: Any, tau: float, variance: Any = 1.0, axes: int = 3, by_axis: boo
 
 
 def _of_axes(Q: Array, scale: Any, axes: int, by_axis: bool) -> Array:
-    """One axis' noise (..., k, k) for all, scaled. Raises FilterError."""
+    """Return one axis' noise (..., k, k) for all axes, scaled. Raises FilterError."""
     factor = np.asarray(scale, float)
     if factor.shape not in {(), (axes,)} or not (np.isfinite(factor) & (factor >= 0)).all():
         raise FilterError(f"variance: must be one number, or one for each of {axes} axes, finite and not negative")

@@ -1,15 +1,15 @@
-"""The ensemble Kalman filter (Evensen 1994): a sample of states stands for mean and covariance.
+"""Ensemble Kalman filter (Evensen 1994): a sample of states represents mean and covariance.
 
     state = start(mean, covariance, members=40, seed=1)
     state = predict(state, process, Q, inflation=1.02)
     found = update(state, y, measure, R, angular)     # found.belief: an Ensemble again
 
-It is for many states: where a covariance (n, n) cannot be had, some forty members often do. Its update is the
-square root form of Whitaker & Hamill (2002), which adds no noise to the measurements. Of more than 2 n members
-the noise of the process is drawn with exactly the covariance Q and apart from what is there already
+It is for many states: where a covariance (n, n) is too large, some forty members are often enough. Its update is
+the square root form of Whitaker & Hamill (2002), which adds no noise to the measurements. With more than 2 n
+members the process noise is drawn with exactly the covariance Q and uncorrelated with the existing deviations
 (second-order exact sampling, Pham 2001): on a linear model it is then the Kalman filter, to rounding. Fewer
-members have too small a variance, and correlations by chance: `inflation` enlarges their deviations in each
-prediction, and `taper` in each update leaves out what is far away (Houtekamer & Mitchell 2001).
+members have too small a variance, and spurious correlations: `inflation` enlarges their deviations in each
+prediction, and `taper` suppresses distant correlations in each update (Houtekamer & Mitchell 2001).
 
 Random numbers are a function of the seed and of how often they were drawn: the same run gives the same bits.
 """
@@ -23,8 +23,8 @@ from onboard.filters.angles import beside, check_spread
 from onboard.filters.belief import Belief, Indices, Method, Rows, Update, images_of, mask
 from onboard.filters.belief import start as checked
 from onboard.filters.errors import (
-    INNOVATION,
-    MEASUREMENT,
+    INNOVATION_ERROR,
+    MEASUREMENT_ERROR,
     FilterError,
     array_error,
     check_members,
@@ -36,12 +36,23 @@ from onboard.filters.kernels import factors
 from onboard.filters.kernels.calls import call, check_like
 from onboard.filters.kernels.noise import noise_factor
 
-MEMBERS: Final = 50
+DEFAULT_MEMBER_COUNT: Final = 50
 
 
 class Ensemble(NamedTuple):
-    """The members' mean (..., n) and each one's deviation from it (..., N, n); the seed, and how often random
-    numbers were drawn."""
+    """The state of an ensemble filter.
+
+    Attributes
+    ----------
+    mean : (..., n)
+        Mean of the members.
+    deviations : (..., N, n)
+        Each member's deviation from the mean.
+    seed
+        Seed of the random numbers.
+    draws
+        Number of earlier draws.
+    """
 
     mean: Array
     deviations: Array
@@ -49,10 +60,28 @@ class Ensemble(NamedTuple):
     draws: int
 
 
-def start(mean: Array, covariance: Array, members: int = MEMBERS, seed: int = 0) -> Ensemble:
-    """An ensemble around mean (..., n), of covariance (..., n, n): exactly so of more than n members.
+def start(mean: Array, covariance: Array, members: int = DEFAULT_MEMBER_COUNT, seed: int = 0) -> Ensemble:
+    """Return an ensemble with this mean and covariance.
 
-    Raises FilterError, NotPositiveDefiniteError.
+    The covariance is exact if the ensemble has more than n members.
+
+    Parameters
+    ----------
+    mean : (..., n)
+        Mean.
+    covariance : (..., n, n)
+        Covariance.
+    members
+        Number of members N.
+    seed
+        Seed of the random numbers.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     checked(mean, covariance)
     if members < 2:
@@ -65,10 +94,21 @@ def start(mean: Array, covariance: Array, members: int = MEMBERS, seed: int = 0)
 def predict(
     state: Ensemble, process: Rows, Q: Array, angular_states: Indices = (), inflation: float = 1.0
 ) -> Ensemble:
-    """Time update; `process` maps rows (k, n) -> (k, n), Q (..., n, n), `angular_states` as in `angles`.
-    Deviations are multiplied by `inflation` before the noise of Q is added.
+    """Time update.
 
-    Raises FilterError, NotPositiveDefiniteError.
+    Parameters
+    ----------
+    process, Q, angular_states
+        As in `unscented.predict`.
+    inflation
+        Factor on the deviations before the noise of Q is added.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     mean, X = state.mean, state.deviations
     _check_spread(X, angular_states)
@@ -89,10 +129,22 @@ def update(
     angular_states: Indices = (),
     taper: tuple[Array, Array] | None = None,
 ) -> Update:
-    """Measurement update; arguments as in `unscented.update`. `taper` are factors from 0 to 1 of the covariances
-    of states with measured components (n, m), and of these with each other (m, m).
+    """Measurement update.
 
-    Raises FilterError, NotPositiveDefiniteError.
+    Parameters
+    ----------
+    y, measure, R, angular, angular_states
+        As in `unscented.update`.
+    taper
+        Factors from 0 to 1 of the covariances of states with measured components (n, m), and of these with each
+        other (m, m).
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     mean, X = state.mean, state.deviations
     if not is_plain(y) or y.dtype != mean.dtype or y.shape[:-1] != mean.shape[:-1]:
@@ -100,7 +152,7 @@ def update(
     _check_spread(X, angular_states)
     images = images_of(measure, mean[..., None, :] + X, y)
     check_images("measure", images)
-    check_members(~np.isfinite(y).all(axis=-1), MEASUREMENT)
+    check_members(~np.isfinite(y).all(axis=-1), MEASUREMENT_ERROR)
     mask(angular, y.shape[-1])
     predicted, Y = centred(images, _weights(X), angular)
     across, spread = (_t(A) @ Y / X.dtype.type(X.shape[-2] - 1) for A in (X, Y))
@@ -112,7 +164,7 @@ def update(
         across, spread = (A * np.asarray(t, A.dtype) for A, t in zip((across, spread), taper, strict=True))
     S = 0.5 * (spread + _t(spread)) + R
     (L,) = call(factors.factor, covariance=S)
-    check_members((np.diagonal(L, axis1=-2, axis2=-1) <= 0).any(axis=-1), INNOVATION)
+    check_members((np.diagonal(L, axis1=-2, axis2=-1) <= 0).any(axis=-1), INNOVATION_ERROR)
     innovation = beside(y - predicted, np.zeros_like(y), angular)
     white, scaled = np.linalg.solve(L, innovation[..., None]), np.linalg.solve(L, _t(across))
     mean = mean + (_t(scaled) @ white)[..., 0]
@@ -123,15 +175,18 @@ def update(
 
 
 def belief(state: Ensemble) -> Belief:
-    """Mean (..., n) and covariance (..., n, n) of an ensemble."""
+    """Return mean (..., n) and covariance (..., n, n) of an ensemble."""
     X = state.deviations
     P = _t(X) @ X / X.dtype.type(X.shape[-2] - 1)
     return Belief(state.mean, 0.5 * (P + _t(P)))
 
 
 def _drawn(X: Array, n: int, seed: int, draws: int) -> Array:
-    """Standard normal numbers (..., N, n) of mean zero. If N allows it, their sample covariance is the identity,
-    and none of them is correlated with the columns of X (..., N, k)."""
+    """Return standard normal numbers (..., N, n) of mean zero.
+
+    If N allows it, their sample covariance is the identity, and none of them is correlated with the columns of X
+    (..., N, k).
+    """
     count = X.shape[-2]
     rng = np.random.Generator(np.random.Philox(key=[seed, draws]))
     z = rng.standard_normal((*X.shape[:-1], n))

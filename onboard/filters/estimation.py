@@ -1,4 +1,4 @@
-"""Parameters of a model from a record: maximum likelihood of any filter, expectation-maximisation of a linear one.
+"""Estimation of a model's parameters from a record.
 
     def likelihood(theta):  # of the logarithms, so that variances stay positive
         Q, R = np.exp(theta)
@@ -8,8 +8,9 @@
     found = maximum_likelihood(likelihood, guess)               # found.theta, its covariance, the likelihood
     fit = expectation_maximisation(model, start, ys)            # fit.model.Q, fit.model.R
 
-If nothing is known of the state at first, start with a variance far above that of the record, and leave the first
-measurements, which the start explains, out of the sum: `log_likelihood[1:]`.
+Maximum likelihood works for any filter, expectation-maximisation for a linear model. If nothing is known of the
+first state, start with a variance far above that of the record, and leave the first measurements, which the start
+explains, out of the sum: `log_likelihood[1:]`.
 """
 
 from collections.abc import Callable, Collection
@@ -25,14 +26,24 @@ from onboard.filters.smoothers import smooth
 from onboard.filters.state_space import LinearModel
 
 PARTS: Final = ("F", "Q", "R", "start")
-ROUNDING: Final = 1e-9  # relative, of a sum of log-likelihoods
-STEP: Final = 1e-3  # of the second differences, in units of theta
+LIKELIHOOD_TOLERANCE: Final = 1e-9  # relative rounding of a sum of log-likelihoods
+DIFFERENCE_STEP: Final = 1e-3  # of second differences, in units of theta
 
 
 class Maximum(NamedTuple):
-    """The parameters (p,) of the greatest likelihood, their covariance (p, p) by its curvature (NaN where the
-    likelihood has no maximum in some direction), the log-likelihood there, and whether the search converged, to a
-    maximum in each direction."""
+    """The maximum of a likelihood.
+
+    Attributes
+    ----------
+    theta : (p,)
+        Parameters.
+    covariance : (p, p)
+        Their covariance by the curvature; NaN where the likelihood has no maximum in some direction.
+    log_likelihood
+        Log-likelihood at the maximum.
+    converged
+        Whether the search converged, to a maximum in each direction.
+    """
 
     theta: Array
     covariance: Array
@@ -41,10 +52,17 @@ class Maximum(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """A model and a first belief, and the log-likelihood before each iteration, which never decreases.
-    `converged`: the last iteration gained less than the tolerance. It is False after the last iteration, and where
-    the model fits the record exactly: variances then fall towards zero, and the likelihood has no bound. The model
-    is then the last that a filter takes."""
+    """A fitted model and first belief.
+
+    Attributes
+    ----------
+    log_likelihood
+        Log-likelihood before each iteration, which never decreases.
+    converged
+        Whether the last iteration gained less than the tolerance. It is False if the iterations ran out, and if
+        the model fits the record exactly: variances then fall towards zero, and the likelihood has no bound. The
+        model is then the last one that a filter accepts.
+    """
 
     model: LinearModel
     start: Belief
@@ -53,11 +71,22 @@ class Fit(NamedTuple):
 
 
 def maximum_likelihood(log_likelihood: Callable[[Array], float], guess: ArrayLike) -> Maximum:
-    """The maximum of a function of parameters (p,), from a guess, by SciPy's BFGS. Parameters should be of about
-    the size of one: take logarithms of variances. Where a filter refuses its parameters the likelihood counts as
-    zero.
+    """Maximise a function of parameters (p,) from a guess, by SciPy's BFGS.
 
-    Raises FilterError where it finds no maximum.
+    Parameters should be of order one: take logarithms of variances. If a filter refuses its parameters, the
+    likelihood counts as zero.
+
+    Parameters
+    ----------
+    log_likelihood
+        Function of the parameters (p,).
+    guess : (p,)
+        First parameters.
+
+    Raises
+    ------
+    FilterError
+        If it finds no maximum.
     """
     from scipy.optimize import minimize as search  # noqa: PLC0415 - half a second, for what is rarely called
 
@@ -86,14 +115,19 @@ def maximum_likelihood(log_likelihood: Callable[[Array], float], guess: ArrayLik
 
 
 def _curvature(cost: Callable[[Array], float], theta: Array) -> Array:
-    """The inverse of the matrix of second derivatives, NaN if it is not positive definite."""
+    """Return the inverse of the matrix of second derivatives.
+
+    NaN if it is not positive definite.
+    """
     p = len(theta)
-    offsets = STEP * np.eye(p)
+    offsets = DIFFERENCE_STEP * np.eye(p)
     hessian = np.empty((p, p))
     for i in range(p):
         for j in range(i + 1):
             corners = [cost(theta + a * offsets[i] + b * offsets[j]) for a in (1, -1) for b in (1, -1)]
-            hessian[i, j] = hessian[j, i] = (corners[0] - corners[1] - corners[2] + corners[3]) / (4 * STEP**2)
+            hessian[i, j] = hessian[j, i] = (corners[0] - corners[1] - corners[2] + corners[3]) / (
+                4 * DIFFERENCE_STEP**2
+            )
     if not np.isfinite(hessian).all() or np.linalg.eigvalsh(hessian)[0] <= 0:
         return np.full((p, p), np.nan)
     return np.asarray(np.linalg.inv(hessian))
@@ -107,12 +141,27 @@ def expectation_maximisation(
     iterations: int = 100,
     tolerance: float = 1e-6,
 ) -> Fit:
-    """Improve the parts of a linear model named in `estimate` ("F", "Q", "R", "start": the first belief) until
-    the log-likelihood gains less than `tolerance` of itself in an iteration, at most `iterations` times (Shumway
-    & Stoffer 1982). Matrices are estimated in full, H is kept. ys as in `run`, also with missing values, and a
-    batch is so many records of one model.
+    """Improve parts of a linear model by expectation-maximisation (Shumway & Stoffer 1982).
 
-    Raises FilterError, NotPositiveDefiniteError.
+    Matrices are estimated in full, H is kept.
+
+    Parameters
+    ----------
+    model, start, ys
+        As in `run`, also with missing values; a batch is as many records of one model.
+    estimate
+        Parts to improve: "F", "Q", "R", "start" (the first belief).
+    iterations
+        Maximum number of iterations.
+    tolerance
+        Relative gain of the log-likelihood at which to stop.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     unknown = set(estimate) - set(PARTS)
     if unknown or any(np.ndim(a) != 2 for a in (model.F, model.Q, model.H, model.R)):
@@ -131,7 +180,9 @@ def expectation_maximisation(
             return Fit(*before, np.array(history), converged=False)
         value = float(found.log_likelihood.sum())
         if history and value < history[-1]:  # by rounding
-            return Fit(*before, np.array(history), history[-1] - value < max(tolerance, ROUNDING) * abs(value))
+            return Fit(
+                *before, np.array(history), history[-1] - value < max(tolerance, LIKELIHOOD_TOLERANCE) * abs(value)
+            )
         history.append(value)
         if len(history) > 1 and history[-1] - history[-2] < tolerance * abs(history[-1]):
             return Fit(model, start, np.array(history), converged=True)
@@ -142,7 +193,7 @@ def expectation_maximisation(
 def _maximised(
     found: Run, model: LinearModel, start: Belief, estimate: Collection[str]
 ) -> tuple[LinearModel, Belief]:
-    """The model that maximises the expected likelihood of states and measurements, by the smoothed record."""
+    """Return the model that maximises the expected likelihood, by the smoothed record."""
     mean, P = smooth(found)
     u = 0 if model.inputs is None else model.inputs.reshape(len(mean) - 1, *(1,) * (mean.ndim - 2), -1)
     if len(mean) < 2 and {"F", "Q"} & set(estimate):
@@ -162,7 +213,7 @@ def _maximised(
     if "F" in estimate:
         changes["F"] = F
     if "Q" in estimate:
-        # as a sum of squares, which rounding leaves positive: of what the means moved, and of the smoother's error
+        # A sum of squares, which stays positive in rounding: of the motion of the means, and the smoother's error.
         gain, n = _t(gain_t), mean.shape[-1]
         off = moved - mean[:-1] @ F.T
         left, right = np.eye(n) - F @ gain, F @ (np.eye(n) - gain @ model.F)
@@ -176,8 +227,11 @@ def _maximised(
 
 
 def _noise(found: Run, model: LinearModel, smoothed: Belief) -> Array:
-    """The expected mean square of the measurements' errors. What is missing of a measurement is expected as R
-    has it, by the components that are there; a time without any does not count."""
+    """Return the expected mean square of the measurements' errors.
+
+    Missing components are expected as R has them, by the components that are there; a time without any does not
+    count.
+    """
     y = (found.innovation + found.predicted).reshape(-1, len(model.H))
     mean, P = (a.reshape(len(y), *a.shape[-k:]) for a, k in zip(smoothed, (1, 2), strict=True))
     error, spread = y - mean @ model.H.T, model.H @ P @ model.H.T

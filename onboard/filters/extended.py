@@ -1,8 +1,8 @@
-"""The extended Kalman filter: the Kalman filter on the tangent at the mean; covariances are symmetric to the
-last bit.
+"""Extended Kalman filter: the Kalman filter on the tangent at the mean.
 
 Jacobians are functions over rows, (k, n) -> (k, n or m, n), or come from central differences: one call of the
-model with the mean and 2n points about it. Batches and precisions as in `kalman`.
+model with the mean and 2n points about it. Covariances are symmetric to the last bit. Batches and precisions as in
+`kalman`.
 """
 
 from collections.abc import Callable
@@ -13,7 +13,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.filters import kalman
 from onboard.filters.belief import Belief, Indices, Method, Rows, Update, images_of, mask, over_rows, start
-from onboard.filters.errors import IMAGES, POINTS, FilterError
+from onboard.filters.errors import IMAGES_ERROR, POINTS_ERROR, FilterError
 from onboard.filters.kernels import linear, linearisation
 from onboard.filters.kernels.calls import call
 
@@ -23,9 +23,21 @@ Jacobian = Callable[[Array], Array]
 def predict(
     belief: Belief, process: Rows, Q: Array, jacobian: Jacobian | None = None, angular_states: Indices = ()
 ) -> Belief:
-    """Time update: f(m) and F P F^T + Q, F the Jacobian of `process` at the mean; `angular_states` as in `angles`.
+    """Time update: f(m) and F P F^T + Q, with the Jacobian F of `process` at the mean.
 
-    Raises FilterError, NotPositiveDefiniteError.
+    Parameters
+    ----------
+    belief, process, Q, angular_states
+        As in `unscented.predict`.
+    jacobian
+        Jacobian of `process` over rows, (k, n) -> (k, n, n); None: central differences.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     mean, F = tangent(belief, process, jacobian, None, angular_states)
     if not np.isfinite(mean).all():
@@ -43,10 +55,21 @@ def update(
     considered: tuple[int, ...] = (),
     jacobian: Jacobian | None = None,
 ) -> Update:
-    """Measurement update by the Jacobian of `measure` at the mean, in Joseph's form; `angular` and `considered`
-    as in `unscented.update`.
+    """Measurement update by the Jacobian of `measure` at the mean, in Joseph's form.
 
-    Raises FilterError, NotPositiveDefiniteError.
+    Parameters
+    ----------
+    belief, y, measure, R, angular, considered
+        As in `unscented.update`.
+    jacobian
+        Jacobian of `measure` over rows, (k, n) -> (k, m, n); None: central differences.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     predicted, H = tangent(belief, measure, jacobian, y, angular)
     return kalman.correct(belief, y, predicted, H, R, considered, angular)
@@ -59,11 +82,17 @@ def tangent(
     y: Array | None = None,
     angular: tuple[int, ...] = (),
 ) -> tuple[Array, Array]:
-    """A model's value (..., m) and Jacobian (..., m, n) at the mean. Without a function for it the Jacobian is by
-    central differences, with steps of eps^(1/4) of the belief's standard deviations. With y the model is a
-    measurement, without y a process: errors name it so.
+    """Return a model's value (..., m) and Jacobian (..., m, n) at the mean.
 
-    Raises FilterError, NotPositiveDefiniteError for a covariance with a negative diagonal.
+    Without `jacobian`, it is by central differences, with steps of eps^(1/4) of the belief's standard deviations.
+    With y the model is a measurement, without y a process, which errors name.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used.
+    NotPositiveDefiniteError
+        For a covariance with a negative diagonal.
     """
     if jacobian is not None:
         *lead, n = belief.mean.shape
@@ -74,19 +103,23 @@ def tangent(
             raise FilterError(f"jacobian: gave {slopes.shape}, must be {wanted}: for each row a matrix (m, n)")
         return value, slopes.reshape(*lead, *wanted[1:])
     (points,) = call(linearisation.stencil, mean=belief.mean, covariance=belief.covariance)
-    fault = POINTS if y is None else IMAGES
+    fault = POINTS_ERROR if y is None else IMAGES_ERROR
     images = images_of(model, points, y)
     (slope,) = call(linearisation.slopes, mask(angular, images.shape[-1]), fault, points=points, model=images)
     return images[..., 0, :], slope
 
 
 def complex_step(model: Rows, step: float = 1e-20) -> Jacobian:
-    """The Jacobian of a model that takes complex rows, to the last digits: the imaginary part of its values at
-    `step` times i beside each state, over the step (Squire & Trapp 1998). No difference cancels.
+    """Return the Jacobian of a model that accepts complex rows, to the last digits.
 
-    It is right where the model is made of sums, products, powers and functions such as np.sin and np.exp; not of
-    np.abs, np.hypot, np.arctan2 or comparisons, which refuse complex numbers or drop their imaginary part. What it
-    returns raises FilterError where the model gives real numbers.
+    It is the imaginary part of the model's values at `step` times i beside each state, over the step. No
+    difference cancels. It is right for a model of sums, products, powers and functions such as np.sin and np.exp;
+    not of np.abs, np.hypot, np.arctan2 or comparisons, which refuse complex numbers or drop their imaginary part.
+    The returned function raises FilterError if the model gives real numbers.
+
+    References
+    ----------
+    W. Squire and G. Trapp, Using complex variables to estimate derivatives of real functions, 1998.
     """
 
     def jacobian(rows: Array) -> Array:
@@ -102,7 +135,7 @@ def complex_step(model: Rows, step: float = 1e-20) -> Jacobian:
 
 
 def method(process_jacobian: Jacobian | None = None, measure_jacobian: Jacobian | None = None) -> Method:
-    """This filter with Jacobians of one's own, or without, as every method is called."""
+    """Return this filter as a `Method`, with given Jacobians or without."""
     return Method(
         "extended",
         start,

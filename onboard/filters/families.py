@@ -1,9 +1,9 @@
-"""One filter by its name, without the others.
+"""One filter by its name, without loading the others.
 
-    method("csvsf-adaptive")    # loads `cubature_smooth`, and what that imports
+    method("csvsf-adaptive")    # loads `cubature_smooth`, and its imports
 
-The table stands apart from the package because every kernel imports the package: machine code is made anew when
-anything that it imports changes.
+The table is apart from the package because every kernel imports the package: a change of anything that it imports
+makes all machine code again.
 """
 
 from importlib import import_module
@@ -41,9 +41,12 @@ MODULES: Final = {  # the module of this folder in which each filter is
 
 
 def module_name(name: str) -> str:
-    """The whole name of the module in which a filter is, without loading it.
+    """Return the full name of a filter's module, without loading it.
 
-    Raises KeyError, with the known names, for any other.
+    Raises
+    ------
+    KeyError
+        For an unknown filter, with the known names.
     """
     if name not in MODULES:
         raise KeyError(f"no filter named {name!r}; there are: {', '.join(MODULES)}")
@@ -51,9 +54,12 @@ def module_name(name: str) -> str:
 
 
 def method(name: str) -> Method:
-    """A filter by its name. Loads its module, and what that imports.
+    """Return a filter by its name. Loads its module and its imports.
 
-    Raises KeyError, with the known names, for any other.
+    Raises
+    ------
+    KeyError
+        For an unknown filter, with the known names.
     """
     family = import_module(module_name(name))
     own = (family.METHOD,) if hasattr(family, "METHOD") else ()  # the particle filter, apart from `methods()`

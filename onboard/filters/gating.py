@@ -10,18 +10,29 @@ from numpy.typing import ArrayLike
 from onboard.arrays import Array
 from onboard.filters.errors import FilterError
 
-STEPS: Final = 100
-NEAR: Final = 1e-14  # relative
-SMALLEST: Final = 1e-15  # relative, of what a series' last term changes
+MAX_ITERATIONS: Final = 100
+QUANTILE_TOLERANCE: Final = 1e-14  # relative
+SERIES_TOLERANCE: Final = 1e-15  # relative change by a series' last term
 
 
 @lru_cache(maxsize=64)
 def chi_square_threshold(probability: float, degrees: int) -> float:
-    """The quantile of the chi-square distribution with `degrees` of freedom at `probability`, within 0 and 1: by
-    Newton's method from the approximation of Wilson and Hilferty. SciPy's takes longer to load than a flight may
-    take to start.
+    """Return a quantile of the chi-square distribution.
 
-    Raises FilterError.
+    By Newton's method from the approximation of Wilson and Hilferty. SciPy's takes longer to load than a flight
+    may take to start.
+
+    Parameters
+    ----------
+    probability
+        Between 0 and 1, exclusive.
+    degrees
+        Degrees of freedom.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
     """
     if not (degrees > 0 and 0.0 < probability < 1.0):
         raise FilterError(f"no quantile at {probability} with {degrees} degrees of freedom")
@@ -29,33 +40,39 @@ def chi_square_threshold(probability: float, degrees: int) -> float:
     z = _normal_quantile(tail) if tail < probability else -_normal_quantile(probability)
     x = a * max(1.0 - few + z * math.sqrt(few), 0.05) ** 3
     low, high = 0.0, math.inf
-    for _ in range(STEPS):
+    for _ in range(MAX_ITERATIONS):
         lower, upper = _gamma_probabilities(a, x)
         off = lower - probability if probability < tail else tail - upper
         low, high = (low, min(high, x)) if off > 0.0 else (max(low, x), high)
         after = x - off / math.exp((a - 1.0) * math.log(x) - x - math.lgamma(a))
         if not low < after < high:
             after = 0.5 * (low + high) if math.isfinite(high) else 2.0 * x
-        if abs(after - x) <= NEAR * x:
+        if abs(after - x) <= QUANTILE_TOLERANCE * x:
             return 2.0 * after
         x = after
     return 2.0 * x
 
 
 def _normal_quantile(tail: float) -> float:
-    """Beyond it lies `tail` < 0.5 of a normal distribution; within 5e-4 (Abramowitz & Stegun, 26.2.23)."""
+    """Return the point beyond which lies `tail` < 0.5 of a normal distribution; within 5e-4.
+
+    Abramowitz & Stegun, 26.2.23.
+    """
     t = math.sqrt(-2.0 * math.log(tail))
     above, below = (0.010328, 0.802853, 2.515517), (0.001308, 0.189269, 1.432788, 1.0)
     return t - float(np.polyval(above, t) / np.polyval(below, t))
 
 
 def _gamma_probabilities(a: float, x: float) -> tuple[float, float]:
-    """The regularised incomplete gamma functions P(a, x) and Q(a, x) = 1 - P: the smaller by its series or its
-    continued fraction (Abramowitz & Stegun, 6.5.29 and 6.5.31), so that neither loses digits."""
+    """Return the regularised incomplete gamma functions P(a, x) and Q(a, x) = 1 - P.
+
+    The smaller one is by its series or its continued fraction, so that neither loses digits (Abramowitz & Stegun,
+    6.5.29 and 6.5.31).
+    """
     density = math.exp(a * math.log(x) - x - math.lgamma(a))
     if x < a + 1.0:
         n, term, total = a, 1.0 / a, 1.0 / a
-        while term > SMALLEST * total:
+        while term > SERIES_TOLERANCE * total:
             n += 1.0
             term *= x / n
             total += term
@@ -63,7 +80,7 @@ def _gamma_probabilities(a: float, x: float) -> tuple[float, float]:
     b = x + 1.0 - a  # Lentz's method
     c, d = math.inf, 1.0 / b
     fraction, k, change = d, 0, 0.0
-    while abs(change - 1.0) > SMALLEST:
+    while abs(change - 1.0) > SERIES_TOLERANCE:
         k += 1
         step = k * (a - k)
         b += 2.0
@@ -75,8 +92,19 @@ def _gamma_probabilities(a: float, x: float) -> tuple[float, float]:
 
 
 def mean_bounds(degrees: int, samples: int, probability: float = 0.95) -> tuple[float, float]:
-    """The interval that holds the mean of `samples` independent chi-square variables of `degrees` with
-    `probability`. Correlated samples (NEES of one run) scatter more: use the number of runs."""
+    """Return the interval that contains a mean of chi-square variables with a probability.
+
+    The variables are independent. Correlated samples (NEES of one run) scatter more: use the number of runs.
+
+    Parameters
+    ----------
+    degrees
+        Degrees of freedom of each variable.
+    samples
+        Number of variables.
+    probability
+        Probability of the interval.
+    """
     if samples < 1:
         return (float("nan"), float("nan"))
     tail = (1 - probability) / 2
@@ -85,8 +113,17 @@ def mean_bounds(degrees: int, samples: int, probability: float = 0.95) -> tuple[
 
 
 def normalised_squared(error: ArrayLike, covariance: ArrayLike) -> Array:
-    """NEES (or NIS): error^T covariance^-1 error, for error (..., n) and covariance (..., n, n). Infinite where a
-    covariance is singular, which claims to know something exactly."""
+    """Return NEES (or NIS), error^T covariance^-1 error, (...,).
+
+    It is infinite for a singular covariance, which claims to know something exactly.
+
+    Parameters
+    ----------
+    error : (..., n)
+        Errors.
+    covariance : (..., n, n)
+        Their covariances.
+    """
     e, P = np.asarray(error, dtype=float), np.asarray(covariance, dtype=float)
     try:
         solved = np.linalg.solve(P, e) if e.ndim == 1 else np.linalg.solve(P, e[..., None])[..., 0]

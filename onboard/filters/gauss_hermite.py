@@ -1,7 +1,8 @@
-"""The Gauss-Hermite Kalman filter (Ito & Xiong 2000): the moments by a product rule of `order` points an axis.
+"""Gauss-Hermite Kalman filter (Ito & Xiong 2000).
 
-With order p a polynomial of degree 2p - 1 in each state is averaged exactly; that takes p^n points, 81 for four
-states and 19,683 for nine with order 3. All weights are positive. Batches and precisions as in `unscented`.
+The moments are by a product rule of `order` points an axis. With order p a polynomial of degree 2p - 1 in each
+state is averaged exactly. It takes p^n points: with order 3, 81 for four states and 19,683 for nine. All weights
+are positive. Batches and precisions as in `unscented`.
 """
 
 from functools import lru_cache
@@ -14,23 +15,35 @@ from onboard.arrays import Array
 from onboard.filters import kalman
 from onboard.filters.angles import beside, check_spread
 from onboard.filters.belief import Belief, Method, Rows, Update, images_of, mask, start
-from onboard.filters.errors import ANGLE, FARTHEST, IMAGES, POINTS, FilterError, check_members
+from onboard.filters.errors import (
+    ANGLE_ERROR,
+    IMAGES_ERROR,
+    MAX_ANGLE_SPREAD,
+    POINTS_ERROR,
+    FilterError,
+    check_members,
+)
 from onboard.filters.kernels import factors
 from onboard.filters.kernels.calls import call, check_like
 from onboard.filters.kernels.noise import noise_factor
 
-MOST: Final = 1_000_000  # points
-ORDER: Final = 3
+MAX_POINT_COUNT: Final = 1_000_000
+DEFAULT_ORDER: Final = 3
 
 
 @lru_cache(maxsize=32)
-def rule(n: int, order: int = ORDER) -> tuple[Array, Array]:
-    """Points (order^n, n) of a standard Gaussian, and their weights (order^n,). Read-only.
+def rule(n: int, order: int = DEFAULT_ORDER) -> tuple[Array, Array]:
+    """Return points (order^n, n) of a standard Gaussian, and their weights (order^n,).
 
-    Raises FilterError.
+    They are read-only.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
     """
-    if order < 2 or order**n > MOST:
-        raise FilterError(f"order: must be at least 2, with order^n at most {MOST:,}, not {order}^{n}")
+    if order < 2 or order**n > MAX_POINT_COUNT:
+        raise FilterError(f"order: must be at least 2, with order^n at most {MAX_POINT_COUNT:,}, not {order}^{n}")
     nodes, weights = np.polynomial.hermite_e.hermegauss(order)
     points = np.array(list(product(nodes, repeat=n)))
     each = np.prod(np.array(list(product(weights / weights.sum(), repeat=n))), axis=1)
@@ -40,11 +53,23 @@ def rule(n: int, order: int = ORDER) -> tuple[Array, Array]:
 
 
 def predict(
-    belief: Belief, process: Rows, Q: Array, order: int = ORDER, angular_states: tuple[int, ...] = ()
+    belief: Belief, process: Rows, Q: Array, order: int = DEFAULT_ORDER, angular_states: tuple[int, ...] = ()
 ) -> Belief:
-    """Time update; `process` maps rows (k, n) -> (k, n), Q (..., n, n), `angular_states` as in `angles`.
+    """Time update.
 
-    Raises FilterError, NotPositiveDefiniteError.
+    Parameters
+    ----------
+    belief, process, Q, angular_states
+        As in `unscented.predict`.
+    order
+        Number of points on each axis.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     points, weights, _, _ = _drawn(belief, order, angular_states)
     images = images_of(process, points, None)
@@ -63,20 +88,31 @@ def update(
     R: Array,
     angular: tuple[int, ...] = (),
     considered: tuple[int, ...] = (),
-    order: int = ORDER,
+    order: int = DEFAULT_ORDER,
     angular_states: tuple[int, ...] = (),
 ) -> Update:
-    """Measurement update in Joseph's form, with the best line through the points' images; arguments as in
-    `unscented.update`.
+    """Measurement update in Joseph's form, with the best line through the points' images.
 
-    Raises FilterError, NotPositiveDefiniteError.
+    Parameters
+    ----------
+    belief, y, measure, R, angular, considered, angular_states
+        As in `unscented.update`.
+    order
+        Number of points on each axis.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     points, weights, L, z = _drawn(belief, order, angular_states)
     images = images_of(measure, points, y)
     check_images("measure", images)
     predicted, off = centred(images, weights, angular)
     scaled = np.swapaxes(off, -1, -2) @ (weights[:, None] * z)  # the line, over the factor
-    known = np.diagonal(L, axis1=-2, axis2=-1) == 0  # of which the images do not depend on z
+    known = np.diagonal(L, axis1=-2, axis2=-1) == 0  # the images do not depend on this z
     L = L + known[..., None] * np.eye(L.shape[-1], dtype=L.dtype)
     slope = np.swapaxes(np.linalg.solve(np.swapaxes(L, -1, -2), np.swapaxes(scaled, -1, -2)), -1, -2)
     rest = off - z @ np.swapaxes(scaled, -1, -2)
@@ -87,7 +123,10 @@ def update(
 
 
 def _drawn(belief: Belief, order: int, angular_states: tuple[int, ...]) -> tuple[Array, Array, Any, Array]:
-    """Points (..., k, n), their weights (k,), the factor (..., n, n), and the standard points (k, n)."""
+    """Return points (..., k, n), their weights (k,), the factor, and the standard points.
+
+    The factor is (..., n, n), the standard points are (k, n).
+    """
     mean, covariance = start(*belief)
     z, weights = (array.astype(mean.dtype) for array in rule(mean.shape[-1], order))
     (L,) = call(factors.factor, covariance=covariance)
@@ -98,30 +137,34 @@ def _drawn(belief: Belief, order: int, angular_states: tuple[int, ...]) -> tuple
 
 
 def centred(images: Array, weights: Array, angular: tuple[int, ...]) -> tuple[Array, Array]:
-    """The mean (..., m) of images (..., k, m), and their deviations. Angles are averaged about the middle image,
-    which is the mean's or beside it.
+    """Return the mean (..., m) of images (..., k, m), and their deviations.
 
-    Raises FilterError for an angle that is more than 2 rad from it."""
+    Angles are averaged about the middle image, which is the mean's or near it. Raises FilterError for an angle
+    that is more than 2 rad from it.
+    """
     middle = images[..., images.shape[-2] // 2, :]
     off = images - middle[..., None, :]
     if angular:
         angles = mask(angular, off.shape[-1])
         off = beside(off, np.zeros_like(off), angular)
-        check_members((np.abs(off) > FARTHEST)[..., angles].any(axis=(-2, -1)), ANGLE)
+        check_members((np.abs(off) > MAX_ANGLE_SPREAD)[..., angles].any(axis=(-2, -1)), ANGLE_ERROR)
     shift = weights @ off
     return middle + shift, off - shift[..., None, :]
 
 
 def check_images(name: str, images: Array) -> None:
-    """Check that all images (..., k, m) of "process" or "measure" are finite. Raises FilterError."""
-    check_members(~np.isfinite(images).all(axis=(-1, -2)), POINTS if name == "process" else IMAGES)
+    """Check that all images (..., k, m) of "process" or "measure" are finite.
+
+    Raises FilterError.
+    """
+    check_members(~np.isfinite(images).all(axis=(-1, -2)), POINTS_ERROR if name == "process" else IMAGES_ERROR)
 
 
 METHODS: Final = (
     Method(
         "gauss-hermite",
         start,
-        lambda state, process, Q, angular_states=(): predict(state, process, Q, ORDER, angular_states),
+        lambda state, process, Q, angular_states=(): predict(state, process, Q, DEFAULT_ORDER, angular_states),
         lambda state, y, measure, R, angular=(), angular_states=(): update(
             state, y, measure, R, angular, angular_states=angular_states
         ),

@@ -1,14 +1,13 @@
-"""The information form of a Gaussian belief (Bar-Shalom, Li & Kirubarajan 2001, section 7.2): many sensors are
-fused by adding what each contributes.
+"""Information form of a Gaussian belief, in which sensors are fused by addition.
 
     prior = from_belief(belief)             # or nothing(n): nothing is known yet
     after = fuse(prior, first, second)      # each of them contribution(y, H, R), in any order, from anywhere
     belief = to_belief(after)
 
-It is the Kalman filter's update, and costs one inverse of (n, n) however much is measured. What it brings beside
-is a start without a prior, and nodes that exchange contributions. A prediction is that of the belief. A
-nonlinear measurement contributes by its line: with `H, value, rest = posterior_linearisation.regression(belief,
-measure, weights, y)` that of y - value + H mean, with noise R + rest.
+It is the Kalman filter's update, and costs one inverse of (n, n) for any number of measurements. It also allows a
+start without a prior, and nodes that exchange contributions. A prediction is that of the belief. A nonlinear
+measurement contributes by its line: with `H, value, rest = posterior_linearisation.regression(belief, measure,
+weights, y)` that of y - value + H mean, with noise R + rest. Bar-Shalom, Li & Kirubarajan 2001, section 7.2.
 """
 
 from typing import NamedTuple
@@ -20,26 +19,47 @@ from onboard.filters.belief import Belief
 from onboard.filters.belief import start as checked
 from onboard.filters.errors import FilterError, NotPositiveDefiniteError, require_plain
 
-DIGITS = 1e-12  # relative: below it an eigenvalue is rounding
+ROUNDING_TOLERANCE = 1e-12  # A smaller eigenvalue, relative to the largest, is rounding.
 
 
 class Information(NamedTuple):
-    """`matrix` (..., n, n), the inverse of a covariance, and `vector` (..., n), that matrix times the mean."""
+    """A belief in information form.
+
+    Attributes
+    ----------
+    matrix : (..., n, n)
+        Inverse of the covariance.
+    vector : (..., n)
+        `matrix` times the mean.
+    """
 
     matrix: Array
     vector: Array
 
 
 def nothing(n: int) -> Information:
-    """What is known before the first measurement."""
+    """Return the information before the first measurement: zero."""
     return Information(np.zeros((n, n)), np.zeros(n))
 
 
 def contribution(y: Array, H: Array, R: Array) -> Information:
-    """What a measurement y (..., m) of H x (..., m, n), with noise R (..., m, m), tells of x: H^T R^-1 H and
-    H^T R^-1 y. Angles of y must be beside those of H x.
+    """Return the information of a measurement: H^T R^-1 H and H^T R^-1 y.
 
-    Raises FilterError, NotPositiveDefiniteError: R must be positive definite.
+    Parameters
+    ----------
+    y : (..., m)
+        Measured values. Angles must be within pi of those of H x.
+    H : (..., m, n)
+        Measurement matrix.
+    R : (..., m, m)
+        Covariance of the noise, positive definite.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     require_plain(y=y, H=H, R=R)
     m = H.shape[-2] if H.ndim > 1 else 0
@@ -53,16 +73,24 @@ def contribution(y: Array, H: Array, R: Array) -> Information:
 
 
 def fuse(*parts: Information) -> Information:
-    """The sum of what is known, of parts whose errors are independent. A leading axis of a part is kept: sum a
-    batch of sensors with `Information(batch.matrix.sum(0), batch.vector.sum(0))`."""
+    """Return the sum of information from parts with independent errors.
+
+    A leading axis of a part is kept: sum a batch of sensors with
+    `Information(batch.matrix.sum(0), batch.vector.sum(0))`.
+    """
     matrices, vectors = zip(*parts, strict=True)
     return Information(sum(matrices[1:], matrices[0]), sum(vectors[1:], vectors[0]))
 
 
 def from_belief(belief: Belief) -> Information:
-    """What a belief, mean (..., n) and covariance (..., n, n), knows.
+    """Return the information of a belief, mean (..., n) and covariance (..., n, n).
 
-    Raises FilterError, NotPositiveDefiniteError: what is known exactly has no information form.
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used.
+    NotPositiveDefiniteError
+        If a state is known exactly, which has no information form.
     """
     mean, covariance = checked(*belief)
     matrix = _inverse(
@@ -72,9 +100,12 @@ def from_belief(belief: Belief) -> Information:
 
 
 def to_belief(information: Information) -> Belief:
-    """The mean and covariance of what is known.
+    """Return the mean and covariance of an information.
 
-    Raises NotPositiveDefiniteError where a state, or a combination of states, has not been measured yet.
+    Raises
+    ------
+    NotPositiveDefiniteError
+        If a state, or a combination of states, has not been measured yet.
     """
     matrix, vector = information
     covariance = _inverse("information: leaves a state, or a combination of states, open", matrix)
@@ -82,14 +113,17 @@ def to_belief(information: Information) -> Belief:
 
 
 def _inverse(refusal: str, A: Array) -> Array:
-    """Of a positive definite matrix, scaled to a diagonal of ones; symmetric to the last bit."""
+    """Return the inverse of a positive definite matrix, symmetric to the last bit.
+
+    The matrix is first scaled to a diagonal of ones.
+    """
     diagonal = np.diagonal(A, axis1=-2, axis2=-1)
     if not np.all(diagonal > 0):
         raise NotPositiveDefiniteError(refusal)
     scale = 1 / np.sqrt(diagonal)
     each = scale[..., :, None] * scale[..., None, :]
     values, vectors = np.linalg.eigh(A * each)
-    if np.any(values[..., 0] <= DIGITS * values[..., -1]):
+    if np.any(values[..., 0] <= ROUNDING_TOLERANCE * values[..., -1]):
         raise NotPositiveDefiniteError(refusal)
     inverse = each * (vectors / values[..., None, :] @ np.swapaxes(vectors, -1, -2))
     return np.asarray(0.5 * (inverse + np.swapaxes(inverse, -1, -2)), A.dtype)

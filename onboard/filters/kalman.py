@@ -1,10 +1,10 @@
-"""The linear Kalman filter (Kalman 1960; De Vivo et al. table 1), with the covariance in Joseph's form (eq 15).
+"""Linear Kalman filter, with the covariance in Joseph's form.
 
     belief = predict(belief, F, Q)                # an outage is this alone, as often as it lasts
     belief = update(belief, y, H, R).belief
 
-Arrays are all float64 or all float32; leading axes broadcast, so one call advances a batch of filters. A
-covariance may be singular (a state known exactly), not indefinite.
+Kalman 1960; De Vivo et al. table 1 and eq 15. Arrays are all float64 or all float32; leading axes broadcast, so
+one call advances a batch of filters. A covariance may be singular (a state known exactly), not indefinite.
 """
 
 from typing import Final
@@ -19,9 +19,21 @@ from onboard.filters.kernels.calls import call, masks
 
 
 def predict(belief: Belief, F: Array, Q: Array) -> Belief:
-    """Time update: F m and F P F^T + Q, with F and Q (..., n, n).
+    """Time update: F m and F P F^T + Q.
 
-    Raises FilterError, NotPositiveDefiniteError.
+    Parameters
+    ----------
+    belief
+        Belief of n states.
+    F, Q : (..., n, n)
+        Transition, and covariance of the process noise.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     (covariance,) = call(kernels.propagate, covariance=belief.covariance, F=F, Q=Q)
     return Belief(_image(F, belief.mean, "F"), covariance)
@@ -35,10 +47,30 @@ def update(
     considered: tuple[int, ...] = (),
     angular: tuple[int, ...] = (),
 ) -> Update:
-    """Measurement update with H (..., m, n) and R (..., m, m). States in `considered` keep their mean and
-    variance, carried in the others' covariance (Schmidt 1966); components `angular` of y are angles and wrap.
+    """Measurement update.
 
-    Raises FilterError, NotPositiveDefiniteError.
+    Parameters
+    ----------
+    belief
+        Belief of n states.
+    y : (..., m)
+        Measured values.
+    H : (..., m, n)
+        Measurement matrix.
+    R : (..., m, m)
+        Covariance of the measurement noise.
+    considered
+        Indices of states that keep their mean and variance; their uncertainty is carried in the others' covariance
+        (Schmidt 1966).
+    angular
+        Components of y that are angles and wrap.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     return correct(belief, y, _image(H, belief.mean, "H"), H, R, considered, angular)
 
@@ -52,9 +84,16 @@ def correct(
     considered: tuple[int, ...] = (),
     angular: tuple[int, ...] = (),
 ) -> Update:
-    """`update` with the predicted measurement (..., m) given: it need not be H times the mean.
+    """Measurement update with the predicted measurement (..., m) given.
 
-    Raises FilterError, NotPositiveDefiniteError.
+    It need not be H times the mean. Other parameters are those of `update`.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     mean, covariance, innovation, S, nis = call(
         kernels.correct,
@@ -70,10 +109,15 @@ def correct(
 
 
 def affine(model: Rows, mean: Array, y: Array | None = None, angular: Indices = ()) -> tuple[Array, Array]:
-    """The matrix (..., m, n) of an affine function over rows, and its value at the mean (..., m): exact but for
-    rounding, from its values at the origin, on the axes and at the mean; `angular` are the values that wrap.
+    """Return the matrix (..., m, n) of an affine function, and its value at the mean (..., m).
 
-    Raises FilterError, also for a function that is not affine: its value at the mean, or far from it, is another.
+    They are exact except for rounding, from the function's values at the origin, on the axes and at the mean;
+    `angular` are the values that wrap.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used, or if the function is not affine.
     """
     (corners,) = call(kernels.corners, mean=mean)
     images = images_of(model, corners, y)

@@ -1,11 +1,11 @@
 """Smoothing of a run of several modes: `multiple_model.interacting` over a whole record.
 
-Going back, mode i of a time and mode j of the next have a belief of the next state together: the prediction of i
-by the model of j, updated by what the later record says under j. That is the quotient of the smoothed belief of
-mode j and its prediction, a Gaussian likelihood; it also weighs i against the other modes. Rauch, Tung and
-Striebel lead each pair back, and the pairs of one mode i are merged. So what is approximate is only that each
-mode has one Gaussian, as in the filter. (Kim 1994 takes the smoothed belief of j for every i: where a mode
-hardly moves, its errors grow as it goes back.)
+Going back, mode i of a time and mode j of the next share a belief of the next state: the prediction of i by the
+model of j, updated by the later record under j. That update is the quotient of the smoothed belief of mode j and
+its prediction, a Gaussian likelihood; it also weighs i against the other modes. Rauch, Tung and Striebel's step
+leads each pair back, and the pairs of one mode i are merged. The only approximation is that each mode has one
+Gaussian, as in the filter. (Kim 1994 takes the smoothed belief of j for every i: where a mode hardly moves, its
+errors grow going back.)
 """
 
 from collections.abc import Sequence
@@ -22,8 +22,17 @@ from onboard.filters.smoothers import transition_of
 
 
 class SmoothedModes(NamedTuple):
-    """The smoothed mixture, mean (T, ..., n) and covariance (T, ..., n, n), and the smoothed probabilities of
-    the modes (T, ..., r)."""
+    """A smoothed mixture.
+
+    Attributes
+    ----------
+    mean : (T, ..., n)
+        Mean.
+    covariance : (T, ..., n, n)
+        Covariance.
+    probabilities : (T, ..., r)
+        Smoothed probabilities of the modes.
+    """
 
     mean: Array
     covariance: Array
@@ -31,9 +40,19 @@ class SmoothedModes(NamedTuple):
 
 
 def smooth_modes(found: Run, modes: Sequence[Method], transition: Array) -> SmoothedModes:
-    """Smoothed mixture and mode probabilities of a run of `multiple_model.interacting(_, modes, transition)`.
+    """Return the smoothed mixture and mode probabilities of a run.
 
-    Raises FilterError.
+    Parameters
+    ----------
+    found
+        A run of `multiple_model.interacting(_, modes, transition)`.
+    modes, transition
+        The same as in the run.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
     """
     if not isinstance(found.states[0], ModesState):
         raise FilterError(f"smooth_modes: {found.method.name} has no modes; `smooth` smooths it")
@@ -57,7 +76,10 @@ def _back(
     modes: Sequence[Method],
     transition: Array,
 ) -> tuple[Belief, Array]:
-    """The modes' smoothed beliefs and probabilities (..., r) of time k, from those of the next."""
+    """Return the modes' smoothed beliefs and probabilities (..., r) of time k.
+
+    They follow from those of the next time.
+    """
     r, n = now.mean.shape[-2:]
     model, before, angles = found.at(k + 1), found.states[k].probabilities, found.angular_states
     flat = Belief(now.mean.reshape(-1, n), now.covariance.reshape(-1, n, n))
@@ -84,11 +106,12 @@ def _back(
 
 
 def _updated(predicted: Belief, mixture: Belief, smoothed: Belief) -> tuple[Belief, Array]:
-    """Predictions (..., r, n) of one mode from each, updated by the quotient of its smoothed belief (..., n) and
-    its prediction, the mixture of them (..., n); and the log of its integral over each.
+    """Return predictions (..., r, n) of one mode from each, updated by the later record.
 
-    In coordinates z in which the mixture has mean zero and covariance one, and the quotient is exp(h z - z w z /
-    2) with w diagonal. In a direction in which the later record says nothing w is zero, or below by rounding.
+    The update is the quotient of the mode's smoothed belief (..., n) and its prediction, the mixture (..., n).
+    Also returns the log of its integral over each. It is computed in coordinates z in which the mixture has mean
+    zero and covariance one, and the quotient is exp(h z - z w z / 2) with w diagonal. In a direction without later
+    information w is zero, or below by rounding.
     """
     L = np.linalg.cholesky(mixture.covariance)
     info = _t(L) @ np.linalg.solve(smoothed.covariance, L)
@@ -116,8 +139,10 @@ def _of_modes(modes: Sequence[Method], state: ModesState) -> Belief:
 
 
 def _merged(means: Array, covariances: Array, weights: Array, angles: Indices = ()) -> Belief:
-    """The mixture of means (..., r, n) and covariances (..., r, n, n), with weights (..., r). Angles are beside
-    those of the first mean."""
+    """Return the mixture of means (..., r, n) and covariances, with weights (..., r).
+
+    Angles are within pi of those of the first mean.
+    """
     means = beside(means, means[..., :1, :], angles)
     mean = np.sum(weights[..., None] * means, axis=-2)
     off = means - mean[..., None, :]
@@ -127,7 +152,10 @@ def _merged(means: Array, covariances: Array, weights: Array, angles: Indices = 
 
 
 def _normalised(weights: Array) -> Array:
-    """With sum one over the last axis; equal where all are zero, of a mode that cannot be."""
+    """Scale weights to sum one over the last axis.
+
+    They become equal if all are zero, of an impossible mode.
+    """
     total = weights.sum(axis=-1, keepdims=True)
     return np.where(total > 0, weights / np.where(total > 0, total, 1), 1 / weights.shape[-1])
 

@@ -1,14 +1,14 @@
-"""The interacting multiple model estimator (Blom & Bar-Shalom 1988): several filters, each with a model of its
-own, whose beliefs are mixed before every prediction, by the probabilities of a transition from one to another.
+"""Interacting multiple model estimator (Blom & Bar-Shalom 1988).
 
     imm = (method, method, method)                                   # any of `filters.methods()`, a mode each
     state = start(imm, mean, covariance, probabilities)
     state = predict(imm, state, processes, noises, transition)       # one process and one Q for each mode
     state = update(imm, state, y, measures, R).belief
 
-All modes have the same states. A filter that carries more than a belief keeps it through the mixing if its state
-has fields `mean` and `covariance`; any other is started anew from the mixed belief. With a leading batch axis each
-filter of the batch has its own probabilities.
+Several filters, each with its own model, are mixed before every prediction, by the probabilities of a transition
+from one mode to another. All modes have the same states. A filter that carries more than a belief keeps it through
+the mixing if its state has fields `mean` and `covariance`; any other is restarted from the mixed belief. With a
+leading batch axis each filter of the batch has its own probabilities.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,7 +25,17 @@ from onboard.filters.kernels import multiple_model as kernels
 
 
 class ModesState(NamedTuple):
-    """Each mode's filter state, the modes' probabilities (..., r), and which states are angles."""
+    """The state of an interacting multiple model.
+
+    Attributes
+    ----------
+    states
+        Filter state of each mode.
+    probabilities : (..., r)
+        Probabilities of the modes.
+    angular_states
+        Indices of states that are angles.
+    """
 
     states: tuple[Any, ...]
     probabilities: Array
@@ -33,7 +43,10 @@ class ModesState(NamedTuple):
 
 
 class ModesUpdate(NamedTuple):
-    """`belief.Update`'s five fields, of the mixture of the modes, and each mode's log-likelihood (..., r)."""
+    """The five fields of `belief.Update` for the mixture, and each mode's log-likelihood.
+
+    The log-likelihood is (..., r).
+    """
 
     belief: ModesState
     innovation: Array
@@ -50,10 +63,25 @@ def start(
     probabilities: Array,
     angular_states: Indices = (),
 ) -> ModesState:
-    """All modes with one belief, mean (..., n) and covariance (..., n, n), and `probabilities` (r,) or (..., r).
-    `angular_states` are the states that are angles (`angles`): modes are mixed by differences that wrap.
+    """Return the state of all modes with one belief.
 
-    Raises FilterError.
+    Parameters
+    ----------
+    methods
+        One filter for each of r modes.
+    mean : (..., n)
+        Mean.
+    covariance : (..., n, n)
+        Covariance.
+    probabilities : (r,) or (..., r)
+        Probabilities of the modes.
+    angular_states
+        Indices of states that are angles (`angles`): modes are mixed by differences that wrap.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
     """
     states = tuple(method.start(mean, covariance) for method in methods)
     mask(angular_states, mean.shape[-1])
@@ -70,12 +98,25 @@ def predict(
     noises: Sequence[Array],
     transition: Array,
 ) -> ModesState:
-    """Mix, then predict each mode with its process and Q. Row i of `transition` (r, r) has the probabilities of
-    the transitions from mode i to each mode.
+    """Mix the modes, then predict each with its process and Q.
 
-    A mode to which no transition leads has probability zero and nothing to mix; it keeps its own belief.
+    A mode that no transition leads to has probability zero and nothing to mix; it keeps its own belief.
 
-    Raises FilterError, NotPositiveDefiniteError.
+    Parameters
+    ----------
+    methods
+        The filters, as in `start`.
+    processes, noises
+        A process and its Q for each mode.
+    transition : (r, r)
+        Row i has the probabilities of the transitions from mode i to each mode.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     r = len(methods)
     if np.shape(transition) != (r, r) or not _sum_to_one(np.asarray(transition)):
@@ -102,11 +143,30 @@ def update(
     R: Array,
     angular: tuple[int, ...] = (),
 ) -> ModesUpdate:
-    """Update each mode with its measurement function, and its probability with the likelihood of y (..., m).
+    """Update each mode with its measurement function, and its probability.
 
-    Probabilities are weighed in logarithms: they remain a distribution however unlikely y is under all modes.
+    Probabilities are weighed by the likelihood of y, in logarithms: they remain a distribution however unlikely y
+    is under all modes.
 
-    Raises FilterError, NotPositiveDefiniteError.
+    Parameters
+    ----------
+    methods
+        The filters, as in `start`.
+    y : (..., m)
+        Measured values.
+    measures
+        A measurement function for each mode.
+    R : (..., m, m)
+        Covariance of the measurement noise.
+    angular
+        Components of y that are angles and wrap.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     if len(measures) != len(methods):
         raise FilterError(f"measures: must be {len(methods)}, not {len(measures)}")
@@ -130,7 +190,7 @@ def update(
 
 
 def belief(methods: Sequence[Method], state: ModesState) -> Belief:
-    """Mean and covariance of the mixture of all modes."""
+    """Return mean and covariance of the mixture of all modes."""
     return mixture(_beliefs(methods, state, _published), state.probabilities[..., None])[0]
 
 
@@ -139,8 +199,10 @@ def _sum_to_one(weights: Array) -> bool:
 
 
 def _beliefs(methods: Sequence[Method], state: ModesState, of: Callable[[Method, Any], Belief]) -> Belief:
-    """The modes' beliefs, mean (..., r, n) and covariance (..., r, n, n). Angles are beside those of the most
-    probable mode."""
+    """Return the modes' beliefs, mean (..., r, n) and covariance (..., r, n, n).
+
+    Angles are within pi of those of the most probable mode.
+    """
     each = [of(method, mode) for method, mode in zip(methods, state.states, strict=True)]
     means = np.stack([b.mean for b in each], axis=-2)
     if state.angular_states:
@@ -150,17 +212,20 @@ def _beliefs(methods: Sequence[Method], state: ModesState, of: Callable[[Method,
 
 
 def _published(method: Method, mode: Any) -> Belief:
-    """What a mode says of itself."""
+    """Return a mode's belief."""
     return method.belief(mode)
 
 
 def _carried(method: Method, mode: Any) -> Belief:
-    """What a mode predicts from: without what its filter adds to a belief when it is asked, and keeps apart."""
+    """Return the belief that a mode predicts from.
+
+    It lacks additions that the mode's filter keeps apart.
+    """
     return Belief(mode.mean, mode.covariance) if _carries_belief(mode) else method.belief(mode)
 
 
 def mixture(beliefs: Belief, weights: Array) -> list[Belief]:
-    """For each column j of weights (..., r, j) the mean and covariance of the mixture."""
+    """Return mean and covariance of a mixture for each column j of weights (..., r, j)."""
     arrays: list[Array] = [*beliefs, weights]
     if weights.ndim == 2:
         arrays = [array[None] for array in arrays]
@@ -175,7 +240,10 @@ def mixture(beliefs: Belief, weights: Array) -> list[Belief]:
 
 
 def with_belief(method: Method, state: Any, belief: Belief) -> Any:
-    """The state with another belief: its other fields are kept if the state has fields for mean and covariance."""
+    """Return the state with another belief.
+
+    Its other fields are kept if it has fields for mean and covariance.
+    """
     if _carries_belief(state):
         return state._replace(mean=belief.mean, covariance=belief.covariance)
     return method.start(*belief)
@@ -200,11 +268,27 @@ def interacting(
     factors: Sequence[float] | None = None,
     **more: Any,
 ) -> Method:
-    """Modes as one method, such as `runs.run` takes. Process, Q and measure are then tuples with one for each
-    mode, or one for all; Q is multiplied by each mode's factor, if there are any. Row i of `transition` (r, r)
-    has the probabilities of the transitions from mode i; `probabilities` (r,) are the first, by default equal.
+    """Return modes as one method, for `runs.run`.
 
-    Raises FilterError.
+    Process, Q and measure are then tuples with one for each mode, or one for all.
+
+    Parameters
+    ----------
+    name
+        Name of the method.
+    modes
+        One filter for each of r modes.
+    transition : (r, r)
+        Row i has the probabilities of the transitions from mode i.
+    probabilities : (r,)
+        First probabilities; by default equal.
+    factors
+        Factor on Q for each mode.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
     """
     r = len(modes)
 
@@ -234,10 +318,14 @@ def interacting(
 def as_method(
     name: str, modes: Sequence[Method], factors: Sequence[float], stay: float = 0.95, **more: Any
 ) -> Method:
-    """Modes that differ in their method and by a factor on Q, equally likely at first. A mode stays with
-    probability `stay`, or else passes to any other with equal probability.
+    """Return modes that differ in their method and by a factor on Q, equally likely at first.
 
-    Raises FilterError.
+    A mode stays with probability `stay`, or else changes to any other with equal probability.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
     """
     r = len(modes)
     if len(factors) != r or r < 2 or not 0 <= stay <= 1:

@@ -1,27 +1,27 @@
-"""The particle filter (Gordon, Salmond & Smith 1993): a cloud of states, weighed by what is measured.
+"""Particle filter (Gordon, Salmond & Smith 1993): weighted samples of the state.
 
     state = start(mean, covariance, particles=2000, seed=1)
     state = predict(state, process, Q)
     found = update(state, y, measure, R, angular)     # found.belief: a Cloud again; found.log_evidence
     found = run("particle", model, Belief(mean, covariance), ys)   # smooth_particles(found)
 
-It has no line and no Gaussian, so it follows several hypotheses at once. Where a measurement is much sharper than
-the prediction only a few particles would count, and the next cloud would be copies of them. So a measurement is
-taken in parts, each of which leaves half of the particles counting (progressive correction: Oudjane & Musso 2000),
-and each resampling (systematic: Kitagawa 1996) spreads the copies by a kernel that keeps the cloud's mean and
-covariance (Musso, Oudjane & Le Gland 2001; shrunk as by Liu & West 2001).
+It neither linearises nor assumes a Gaussian, so it follows several hypotheses at once. If a measurement is much
+sharper than the prediction, only a few particles would count, and the next cloud would be copies of them. So a
+measurement is applied in parts, each of which leaves half of the particles counting (progressive correction:
+Oudjane & Musso 2000), and each resampling (systematic: Kitagawa 1996) spreads the copies by a kernel that keeps
+the cloud's mean and covariance (Musso, Oudjane & Le Gland 2001; shrunk as by Liu & West 2001).
 
-Of a measurement beyond the cloud, as an outlier is, no particle says anything: the nearest only seem to. Where
-its regression explains it, as of a line, the cloud is moved and shrunk as a whole, as the members of an ensemble
-Kalman filter are (`ensemble`), and has the mean and covariance of a Kalman filter. Where it does not, as a range
-from the cloud's middle, the particles walk towards it, part by part (Del Moral, Doucet & Jasra 2006), as if the
-cloud had been a Gaussian: beyond it nothing else is known. A measurement is beyond where its NIS is above what one
-of N particles would have by chance, and for a line its squared distance from the nearest one in units of R, too.
+No particle is near a measurement beyond the cloud, such as an outlier. If a regression explains the measurement,
+as of a line, the cloud is moved and shrunk as a whole, as the members of an ensemble Kalman filter are
+(`ensemble`), and gets the mean and covariance of a Kalman filter. Otherwise, as for a range from the cloud's
+middle, the particles walk towards it, part by part (Del Moral, Doucet & Jasra 2006), as if the cloud had been a
+Gaussian: beyond it nothing else is known. A measurement is beyond the cloud if its NIS is above what one of N
+particles would have by chance, and for a line also its squared distance from the nearest particle in units of R.
 
-Where it is wrong: the kernel is as wide as a third of the whole cloud. Modes that are sharp and far apart are
-smeared; take `bandwidth` 0.1, or 0 for the plain bootstrap filter, which needs noise in every state. Beyond some
-six states it needs more particles than there is time for. 500 of them follow a measurement that is 1000 times as
-sharp as the cloud, if it is within two deviations of the mean. R must be positive definite.
+Limits: the kernel is as wide as a third of the whole cloud, so modes that are sharp and far apart are smeared; use
+`bandwidth` 0.1, or 0 for the plain bootstrap filter, which needs noise in every state. More than some six states
+need too many particles. 500 of them follow a measurement that is 1000 times as sharp as the cloud, if it is within
+two deviations of the mean. R must be positive definite.
 
 Random numbers are a function of the seed and of how often they were drawn: the same run gives the same bits.
 """
@@ -37,20 +37,33 @@ from onboard.filters.belief import start as checked
 from onboard.filters.errors import FilterError, NotPositiveDefiniteError, require_plain
 from onboard.filters.gating import chi_square_threshold
 
-PARTICLES: Final = 1000
-COUNTING: Final = 0.5  # of the particles, after a part of a measurement
-MOST_PARTS: Final = 100  # of a measurement; the last one is all that is left
-HALVINGS: Final = 60  # of what is left of a measurement, in search of a part's share
-RESAMPLED: Final = 0.7  # below this share of counting particles
-EXPLAINED: Final = 0.1  # squared, in units of R: by so much a measurement may be off its regression
-CURVED: Final = 0.01  # of what particles measure differently: so much of it may be no line
-STEPS: Final = (2.0, 0.6, 0.2)  # of a walk, over the root of n, in deviations of the cloud
-TOLERANCE: Final = 1e-9  # of a negative eigenvalue, relative to the largest
+DEFAULT_PARTICLES: Final = 1000
+MIN_EFFECTIVE_FRACTION: Final = 0.5  # of the particles, after a part of a measurement
+MAX_PART_COUNT: Final = 100  # The last part of a measurement is the whole rest.
+BISECTION_STEPS: Final = 60  # in the search of a part's share
+RESAMPLING_FRACTION: Final = 0.7  # Fewer effective particles are resampled.
+MAX_REGRESSION_ERROR: Final = 0.1  # of a linear measurement, squared, in units of R
+MAX_NONLINEAR_FRACTION: Final = 0.01  # of the variance of the particles' measurements, of a linear one
+WALK_STEPS: Final = (2.0, 0.6, 0.2)  # in standard deviations of the cloud, over the root of n
+NEGATIVE_EIGENVALUE_TOLERANCE: Final = 1e-9  # relative to the largest
 
 
 class Cloud(NamedTuple):
-    """Particles (..., N, n), the logarithms of their weights (..., N), which sum to one; the seed, how often
-    random numbers were drawn, and the kernel's width in units of the best one for a Gaussian."""
+    """The state of a particle filter.
+
+    Attributes
+    ----------
+    particles : (..., N, n)
+        Sampled states.
+    log_weights : (..., N)
+        Logarithms of their weights, which sum to one.
+    seed
+        Seed of the random numbers.
+    draws
+        Number of earlier draws.
+    bandwidth
+        Width of the resampling kernel, in units of the best one for a Gaussian.
+    """
 
     particles: Array
     log_weights: Array
@@ -60,11 +73,29 @@ class Cloud(NamedTuple):
 
 
 def start(
-    mean: Array, covariance: Array, particles: int = PARTICLES, seed: int = 0, bandwidth: float = 1.0
+    mean: Array, covariance: Array, particles: int = DEFAULT_PARTICLES, seed: int = 0, bandwidth: float = 1.0
 ) -> Cloud:
-    """A cloud of mean (..., n) and covariance (..., n, n), exactly.
+    """Return a cloud with exactly this mean and covariance.
 
-    Raises FilterError, NotPositiveDefiniteError.
+    Parameters
+    ----------
+    mean : (..., n)
+        Mean.
+    covariance : (..., n, n)
+        Covariance.
+    particles
+        Number of particles N.
+    seed
+        Seed of the random numbers.
+    bandwidth
+        Width of the resampling kernel, in units of the best one for a Gaussian.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     checked(mean, covariance)
     n = mean.shape[-1]
@@ -78,9 +109,19 @@ def start(
 
 
 def predict(state: Cloud, process: Rows, Q: Array, angular_states: Indices = ()) -> Cloud:
-    """Time update; `process` maps rows (k, n) -> (k, n), Q (..., n, n); `angular_states` as in `angles`.
+    """Time update.
 
-    Raises FilterError, NotPositiveDefiniteError.
+    Parameters
+    ----------
+    process, Q, angular_states
+        As in `unscented.predict`.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     n = state.particles.shape[-1]
     _require("Q", Q, (n, n), state.particles.dtype)
@@ -97,10 +138,21 @@ def predict(state: Cloud, process: Rows, Q: Array, angular_states: Indices = ())
 def update(
     state: Cloud, y: Array, measure: Rows, R: Array, angular: Indices = (), angular_states: Indices = ()
 ) -> Update:
-    """Measurement update; arguments as in `unscented.update`, R (m, m) positive definite. Innovation, its
-    covariance and NIS are of the cloud's mean and covariance; `log_evidence` is the cloud's own.
+    """Measurement update.
 
-    Raises FilterError, NotPositiveDefiniteError.
+    Innovation, its covariance and NIS are of the cloud's mean and covariance; `log_evidence` is the cloud's own.
+
+    Parameters
+    ----------
+    y, measure, R, angular, angular_states
+        As in `unscented.update`; R must be positive definite.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     lead, (count, n), dtype = state.particles.shape[:-2], state.particles.shape[-2:], state.particles.dtype
     _require("y", y, (), dtype)
@@ -129,16 +181,16 @@ def update(
     evidence = np.where(left == 0.0, -0.5 * (nis + np.linalg.slogdet(2 * np.pi * S)[1]), 0.0)
     prior, walks = _moments(x, log_w), is_outlier & ~is_line
     while (open_ := np.flatnonzero(left > 0)).size:
-        # of all members: a function may know which rows are whose
+        # Of all members: the function may depend on the order of the rows.
         off = off if parts == 0 else seen.off(x)
         fit, parts = _log_density(off[open_], root[open_]), parts + 1
-        share = _share(log_w[open_], fit, left[open_]) if parts < MOST_PARTS else left[open_]
+        share = _share(log_w[open_], fit, left[open_]) if parts < MAX_PART_COUNT else left[open_]
         joint = log_w[open_] + share[:, None] * fit
         gained = np.logaddexp.reduce(joint, axis=-1)
         log_w[open_], evidence[open_] = joint - gained[:, None], evidence[open_] + gained
         left[open_] = np.where(share < left[open_], left[open_] - share, 0.0)
         for b in open_:
-            if left[b] > 0 or walks[b] or effective(log_w[b]) < RESAMPLED * count:
+            if left[b] > 0 or walks[b] or effective(log_w[b]) < RESAMPLING_FRACTION * count:
                 x[b], log_w[b] = _resampled(x[b], log_w[b], rng, 0.0 if walks[b] else bandwidth), -np.log(count)
         _walk(x, open_[walks[open_]], prior, 1.0 - left, seen, rng)
     after = Cloud(x.reshape(*lead, count, n).astype(dtype), log_w.reshape(*lead, count).astype(dtype), *state[2:])
@@ -150,19 +202,34 @@ def update(
 
 
 def belief(state: Cloud) -> Belief:
-    """Mean (..., n) and covariance (..., n, n) of a cloud."""
+    """Return mean (..., n) and covariance (..., n, n) of a cloud."""
     mean, covariance = _moments(state.particles.astype(float), state.log_weights.astype(float))
     return Belief(mean.astype(state.particles.dtype), covariance.astype(state.particles.dtype))
 
 
 def effective(log_weights: Array) -> Array:
-    """How many particles count (...,), by weights (..., N) of any sum: its square over the sum of squares."""
+    """Return the effective number of particles (...,), from logarithms of weights (..., N).
+
+    The weights may have any sum. It is their squared sum over the sum of their squares.
+    """
     weights = np.exp(log_weights - log_weights.max(axis=-1, keepdims=True))
     return np.asarray(np.sum(weights, axis=-1) ** 2 / np.sum(weights * weights, axis=-1))
 
 
 class Measured(NamedTuple):
-    """y (B, m), what it measures, which components are angles, and the factor (B, m, m) of its noise."""
+    """A measurement of a batch of clouds.
+
+    Attributes
+    ----------
+    measure
+        Measurement function.
+    y : (B, m)
+        Measured values.
+    angular
+        Components of y that are angles.
+    root : (B, m, m)
+        Factor of the noise covariance.
+    """
 
     measure: Rows
     y: Array
@@ -170,7 +237,7 @@ class Measured(NamedTuple):
     root: Array
 
     def off(self, x: Array) -> Array:
-        """What y is off the measurements of particles (B, N, n): (B, N, m)."""
+        """Return y minus the measurements of particles (B, N, n), (B, N, m)."""
         images = images_of(self.measure, x[:], self.y)  # a view: what the function sees is read-only
         if not np.isfinite(images).all() or not np.isfinite(self.y).all():
             raise FilterError("measure or y: not finite")
@@ -179,7 +246,10 @@ class Measured(NamedTuple):
 
 
 def _log_density(off: Array, root: Array) -> Array:
-    """Of differences (B, N, m), by the factor (B, m, m) of their covariance."""
+    """Return the log-density of differences (B, N, m).
+
+    The factor (B, m, m) is that of their covariance.
+    """
     white = np.linalg.solve(root, _t(off))
     constant = np.sum(np.log(np.diagonal(root, axis1=-2, axis2=-1)), axis=-1) + 0.5 * np.log(2 * np.pi) * len(
         root[0]
@@ -188,20 +258,23 @@ def _log_density(off: Array, root: Array) -> Array:
 
 
 def _share(log_w: Array, fit: Array, left: Array) -> Array:
-    """How much (B,) of what is left of a measurement leaves enough particles counting."""
+    """Return the share (B,) of a measurement's rest that leaves enough particles counting."""
     low, high = np.zeros_like(left), left.copy()
-    for k in range(HALVINGS):
+    for k in range(BISECTION_STEPS):
         at = high if k == 0 else 0.5 * (low + high)
-        enough = effective(log_w + at[:, None] * fit) >= COUNTING * log_w.shape[-1]
+        enough = effective(log_w + at[:, None] * fit) >= MIN_EFFECTIVE_FRACTION * log_w.shape[-1]
         low, high = np.where(enough, at, low), np.where(enough, high, at)
         if (high - low <= 0.01 * low).all():
             break
-    return np.where(low > 0.99 * left, left, np.maximum(low, left * 0.5**HALVINGS))
+    return np.where(low > 0.99 * left, left, np.maximum(low, left * 0.5**BISECTION_STEPS))
 
 
 def _beyond(off: Array, root: Array, nis: Array) -> tuple[Any, Any]:
-    """Which of a batch (B,) is measured where the cloud as a whole is not, by its NIS (B,); and which of these
-    where no particle is, by what the particles are off (B, N, m) and the factor of R."""
+    """Return which of a batch is measured beyond the cloud, and which beyond all particles.
+
+    Both are (B,). The first is by its NIS (B,), the second by the particles' differences `off` (B, N, m) and the
+    factor of R.
+    """
     count, m = off.shape[-2:]
     if not m:
         return np.zeros(len(off), bool), np.zeros(len(off), bool)
@@ -211,13 +284,16 @@ def _beyond(off: Array, root: Array, nis: Array) -> tuple[Any, Any]:
 
 
 def _squares(off: Array, root: Array) -> Array:
-    """Squared differences (B, N) of (B, N, m), by the factor of their covariance."""
+    """Return squared differences (B, N) of (B, N, m), by the factor of their covariance."""
     return np.asarray(np.sum(np.linalg.solve(root, _t(off)) ** 2, axis=-2))
 
 
 def _is_explained(x: tuple[Array, Array], log_w: Array, off: tuple[Array, Array], root: Array) -> Any:
-    """Which of a batch (B,) measures a line, for all that matters: over particles `x[0]` of these weights it is
-    nearly its regression, and where they were moved to, `x[1]`, too, but for a part of R. off: of y from both."""
+    """Return which of a batch (B,) has a measurement that is practically linear.
+
+    Over particles `x[0]` with these weights the measurement is nearly its regression, and also where they were
+    moved to, `x[1]`, within a fraction of R. `off`: differences of y from both.
+    """
     mean, middle = (_mean(rows, log_w)[..., None, :] for rows in (x[0], off[0]))
     weighted = np.exp(log_w)[..., None] * (x[0] - mean)
     slope = np.linalg.pinv(_t(weighted) @ (x[0] - mean), hermitian=True) @ (_t(weighted) @ (off[0] - middle))
@@ -225,15 +301,17 @@ def _is_explained(x: tuple[Array, Array], log_w: Array, off: tuple[Array, Array]
     def squares(off: Array, x: Array) -> Array:
         return np.asarray(np.sum(np.exp(log_w) * _squares(off - middle - (x - mean) @ slope, root), axis=-1))
 
-    is_line = squares(off[0], x[0]) <= CURVED * squares(off[0], np.zeros_like(x[0]) + mean)
-    return is_line & (squares(off[1], x[1]) < EXPLAINED * root.shape[-1])
+    is_line = squares(off[0], x[0]) <= MAX_NONLINEAR_FRACTION * squares(off[0], np.zeros_like(x[0]) + mean)
+    return is_line & (squares(off[1], x[1]) < MAX_REGRESSION_ERROR * root.shape[-1])
 
 
 def _walk(
     x: Array, walking: Any, prior: tuple[Array, Array], shares: Array, seen: Measured, rng: np.random.Generator
 ) -> None:
-    """Move the particles of `walking` members in place by steps of Metropolis & al. (1953), which keep the
-    distribution of a Gaussian `prior`, its mean and covariance, after this share of the measurement."""
+    """Move the particles of `walking` members in place by Metropolis steps (1953).
+
+    They keep the distribution of a Gaussian `prior`, its mean and covariance, after this share of the measurement.
+    """
     if not len(walking):
         return
     count, n = x.shape[1:]
@@ -246,7 +324,7 @@ def _walk(
         )
 
     now = log_density(x, seen.off(x))
-    for length in STEPS:
+    for length in WALK_STEPS:
         tried = x.copy()
         for b in walking:
             spread = _moments(x[b], np.full(count, -np.log(count)))[1]
@@ -258,8 +336,11 @@ def _walk(
 
 
 def _moved(x: Array, log_w: Array, off: Array, S: Array, root: Array) -> Array:
-    """Particles (B, N, n) of these weights with the mean and covariance of a Kalman filter, by the regression of
-    the measurement over them: the gain of Andrews (1968) for the deviations, as in `ensemble.update`."""
+    """Return particles (B, N, n) moved to the mean and covariance of a Kalman filter.
+
+    By the regression of the measurement over them: the gain of Andrews (1968) for the deviations, as in
+    `ensemble.update`.
+    """
     w, mean, error = np.exp(log_w)[..., None], _mean(x, log_w)[..., None, :], _mean(off, log_w)[..., None, :]
     X, Y = x - mean, error - off
     L = np.linalg.cholesky(S)
@@ -269,7 +350,7 @@ def _moved(x: Array, log_w: Array, off: Array, S: Array, root: Array) -> Array:
 
 
 def _resampled(x: Array, log_w: Array, rng: np.random.Generator, bandwidth: float) -> Array:
-    """Particles (N, n) of equal weight, with the mean and covariance of those of these weights."""
+    """Return particles (N, n) of equal weight, with mean and covariance of the weighted ones."""
     count, n = x.shape
     upto = np.cumsum(np.exp(log_w))
     copies: Array = x[np.searchsorted(upto / upto[-1], (rng.random() + np.arange(count)) / count)]
@@ -290,7 +371,7 @@ def _mean(rows: Array, log_w: Array) -> Array:
 
 
 def _moments(rows: Array, log_w: Array) -> tuple[Array, Array]:
-    """Mean (..., m) and covariance (..., m, m) of weighted rows (..., N, m)."""
+    """Return mean (..., m) and covariance (..., m, m) of weighted rows (..., N, m)."""
     mean = _mean(rows, log_w)
     off = rows - mean[..., None, :]
     covariance = _t(off) @ (np.exp(log_w)[..., None] * off)
@@ -304,14 +385,14 @@ def _require(name: str, array: Array, shape: tuple[int, ...], dtype: Any) -> Non
 
 
 def _root(name: str, covariance: Array) -> Array:
-    """A root A (..., n, n) of a covariance that may be singular, A A^T."""
+    """Return a root A (..., n, n) of a covariance A A^T, which may be singular."""
     P = covariance.astype(float)
     variances = np.diagonal(P, axis1=-2, axis2=-1)
     if not np.isfinite(P).all() or np.any(variances < 0):
         raise NotPositiveDefiniteError(f"{name}: not finite, or not positive semi-definite")
     scale = np.sqrt(np.where(variances > 0, variances, 1.0))
     values, vectors = np.linalg.eigh(P / (scale[..., :, None] * scale[..., None, :]))
-    if np.any(values[..., 0] < -TOLERANCE * np.abs(values).max(axis=-1)):
+    if np.any(values[..., 0] < -NEGATIVE_EIGENVALUE_TOLERANCE * np.abs(values).max(axis=-1)):
         raise NotPositiveDefiniteError(f"{name}: not positive semi-definite")
     return np.asarray(scale[..., :, None] * vectors * np.sqrt(np.maximum(values, 0))[..., None, :])
 
@@ -327,8 +408,8 @@ def _t(A: Array) -> Array:
     return np.swapaxes(A, -1, -2)
 
 
-# `run` has it by its name. It is not among METHODS: what it estimates is right on average over its particles, and
-# not to the last digit.
+# `run` finds it by its name. It is not in METHODS, because its estimates are right on average over the particles,
+# and not to the last digit.
 METHOD: Final = Method(
     "particle",
     start,

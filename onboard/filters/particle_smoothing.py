@@ -1,12 +1,13 @@
-"""Smoothing of a particle filter's run: whole paths, drawn backwards (Godsill, Doucet & West 2004).
+"""Smoothing of a particle filter's run by whole paths, drawn backwards.
 
     found = run("particle", model, start, ys)
     paths = smooth_particles(found, 500, seed=1)     # (T, ..., 500, n), all of equal weight
     paths.mean(axis=-2)                              # the smoothed mean (T, ..., n)
 
-A path ends at a particle of the last cloud. Going back, it takes of each cloud a particle by its weight times the
-density with which the process leads from it to the path's next state. That density needs noise in every state: Q
-must be positive definite. The work is that of particles times paths.
+A path ends at a particle of the last cloud. Going back, it takes a particle of each cloud with a probability
+proportional to its weight times the density of the process's transition to the path's next state (Godsill, Doucet
+& West 2004). That density needs noise in every state: Q must be positive definite. The work is proportional to
+particles times paths.
 """
 
 from typing import Any
@@ -19,13 +20,32 @@ from onboard.filters.belief import FilterError, NotPositiveDefiniteError, images
 from onboard.filters.particle import Cloud
 from onboard.filters.runs import Run
 
-PATHS = 500
+DEFAULT_PATH_COUNT = 500
 
 
-def smooth_particles(found: Run, paths: int = PATHS, seed: int = 0) -> Array:
-    """Paths (T, ..., paths, n) through the whole record, of a run of the particle filter, drawn by `seed`.
+def smooth_particles(found: Run, paths: int = DEFAULT_PATH_COUNT, seed: int = 0) -> Array:
+    """Return paths through the whole record of a particle filter's run.
 
-    Raises FilterError for a run of another filter, NotPositiveDefiniteError for a Q that is not positive definite.
+    Parameters
+    ----------
+    found
+        A run of the filter "particle".
+    paths
+        Number of paths.
+    seed
+        Seed of the random numbers.
+
+    Returns
+    -------
+    Array
+        Paths (T, ..., paths, n), all of equal weight.
+
+    Raises
+    ------
+    FilterError
+        For a run of another filter.
+    NotPositiveDefiniteError
+        If Q is not positive definite.
     """
     if not isinstance(found.states[0], Cloud):
         raise FilterError(f"smooth_particles: {found.method.name} has no particles; `smooth` smooths it")
@@ -55,7 +75,7 @@ def _repeated(log_weights: Array, paths: int) -> Array:
 
 
 def _chosen(particles: Array, log_weights: Array, rng: np.random.Generator) -> Array:
-    """For each row of weights (..., paths, N) one of the particles (..., N, n)."""
+    """Return one of the particles (..., N, n) for each row of weights (..., paths, N)."""
     weights = np.exp(log_weights - log_weights.max(axis=-1, keepdims=True)).cumsum(axis=-1)
     at = rng.random(weights.shape[:-1])[..., None] * weights[..., -1:]
     index: Any = np.sum(weights < at, axis=-1)

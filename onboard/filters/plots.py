@@ -1,4 +1,4 @@
-"""Figures of a run in a line each, with matplotlib (`pip install matplotlib`).
+"""Figures of a run with matplotlib (`pip install matplotlib`).
 
     plots.track(found.beliefs, truth)      # a path with its ellipses
     plots.nis(found)                       # with bounds
@@ -20,14 +20,14 @@ from onboard.filters.runs import Run
 
 
 def ellipse(belief: Belief, states: tuple[int, int] = (0, 1), probability: float = 0.95, axes: Any = None) -> Any:
-    """The ellipse that holds two states of a belief (n,) with a probability."""
+    """Draw the ellipse that contains two states of a belief (n,) with a probability."""
     made = _axes(axes)
     made.plot(*outline(belief, states, probability), color="tab:blue", linewidth=0.8)
     return made
 
 
 def outline(belief: Belief, states: tuple[int, int] = (0, 1), probability: float = 0.95) -> Array:
-    """Points (2, 73) of that ellipse."""
+    """Return points (2, 73) of the ellipse that `ellipse` draws."""
     mean, P = belief.mean[list(states)], belief.covariance[np.ix_(states, states)]
     values, vectors = np.linalg.eigh(P)
     angle = np.linspace(0, 2 * np.pi, 73)
@@ -38,7 +38,10 @@ def outline(belief: Belief, states: tuple[int, int] = (0, 1), probability: float
 def track(
     beliefs: Belief, truth: Array | None = None, states: tuple[int, int] = (0, 1), every: int = 5, axes: Any = None
 ) -> Any:
-    """The path of two states of one run, mean (T, n), with the 95 % ellipse of every `every`-th time."""
+    """Draw the path of two states of one run, mean (T, n).
+
+    Every `every`-th time has its 95 % ellipse.
+    """
     _one_run(beliefs)
     made, (a, b) = _axes(axes), states
     made.plot(beliefs.mean[:, a], beliefs.mean[:, b], ".-", color="tab:blue", markersize=3, label="estimate")
@@ -52,8 +55,8 @@ def track(
 
 
 def nis(found: Run, probability: float = 0.95, axes: Any = None) -> Any:
-    """NIS over time, the mean of a batch, with its bounds."""
-    return _judged(consistency.nis(found, probability), found.ts, "NIS", axes)
+    """Draw NIS over time, the mean of a batch, with its bounds."""
+    return _bounds(consistency.nis(found, probability), found.ts, "NIS", axes)
 
 
 def nees(
@@ -63,9 +66,12 @@ def nees(
     axes: Any = None,
     angular_states: Indices | None = None,
 ) -> Any:
-    """NEES over time, the mean of a batch, with its 95 % bounds; `angular_states` as in `consistency.nees`."""
+    """Draw NEES over time, the mean of a batch, with its 95 % bounds.
+
+    `angular_states` is as in `consistency.nees`.
+    """
     found = consistency.nees(beliefs, truth, angular_states=angular_states)
-    return _judged(found, _of_run(ts, beliefs), "NEES", axes)
+    return _bounds(found, _of_run(ts, beliefs), "NEES", axes)
 
 
 def errors(
@@ -75,8 +81,10 @@ def errors(
     sigmas: float = 2.0,
     angular_states: Indices | None = None,
 ) -> Any:
-    """Each state's error in one run, mean (T, n), within its band of `sigmas`; an array of axes (n,).
-    `angular_states` as in `consistency.nees`."""
+    """Draw each state's error in one run, mean (T, n), within its band of `sigmas`.
+
+    Returns an array of axes (n,). `angular_states` is as in `consistency.nees`.
+    """
     from matplotlib import pyplot  # noqa: PLC0415 - an extra
 
     error, ts = consistency.errors(beliefs, truth, angular_states), _of_run(ts, beliefs)
@@ -93,7 +101,7 @@ def errors(
     return made[:, 0]
 
 
-def _judged(found: consistency.ConsistencyBounds, ts: Array | None, name: str, axes: Any) -> Any:
+def _bounds(found: consistency.ConsistencyBounds, ts: Array | None, name: str, axes: Any) -> Any:
     made, time = _axes(axes), _times(ts, len(found.mean))
     made.fill_between(time, found.low, found.high, color="tab:green", alpha=0.2, label="bounds")
     made.plot(time, found.mean, color="tab:blue", label=f"{name}, {100 * found.inside:.0f} % inside")

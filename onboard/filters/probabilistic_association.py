@@ -1,13 +1,13 @@
-"""Targets among false measurements, without a decision which is which: probabilistic data association of one
-target (Bar-Shalom & Tse 1975) and joint of several (Fortmann, Bar-Shalom & Scheffe 1983).
+"""Probabilistic data association of targets among false measurements.
 
     states = [method.predict(state, process, Q) for state in states]
     found = update(method, states, ys, measure, R, detection=0.9, clutter=1e-4)    # ys (k, m), all of this time
     states = found.states                                    # found.probabilities (targets, k + 1), the last: none
 
-Each target is updated by each measurement within its gate, and becomes the mixture of these and of its
-prediction. With a linear model and one target these are the formulas of Bar-Shalom, Daum & Huang (2009). A
-target has one measurement at most, and a measurement one source; all joint events are counted.
+For one target (PDA, Bar-Shalom & Tse 1975), and jointly for several (JPDA, Fortmann, Bar-Shalom & Scheffe 1983).
+Each target is updated by each measurement within its gate, and becomes the mixture of these and of its prediction.
+With a linear model and one target these are the formulas of Bar-Shalom, Daum & Huang (2009). A target has at most
+one measurement, and a measurement one source; all joint events are counted.
 
 It is wrong for targets that stay close: their means drift together (coalescence). The best assignment alone is
 `association.assign`.
@@ -26,12 +26,19 @@ from onboard.filters.gating import chi_square_threshold
 from onboard.filters.multiple_model import ModesState, mixture, with_belief
 from onboard.filters.runs import log_likelihood
 
-MOST: Final = 100_000  # sets of measurements that are taken, after any target
+MAX_SET_COUNT: Final = 100_000  # of sets of used measurements, after any target
 
 
 class Associated(NamedTuple):
-    """Each target's state, and the probabilities (targets, k + 1) that a measurement is its own: by measurement,
-    and last that none is."""
+    """Targets after association.
+
+    Attributes
+    ----------
+    states
+        State of each target.
+    probabilities : (targets, k + 1)
+        Probability that each measurement is the target's own, and last that none is.
+    """
 
     states: tuple[Any, ...]
     probabilities: Array
@@ -49,11 +56,31 @@ def update(
     angular: Indices = (),
     angular_states: Indices = (),
 ) -> Associated:
-    """Update targets, each a state of a Gaussian `method` and predicted to the time of the measurements ys (k,
-    m). `detection` is the probability that a target is measured, `clutter` the density of false measurements in
-    a unit of the space of y, `gate` the probability that a target's own measurement is inside its gate.
+    """Update targets that are predicted to the time of the measurements.
 
-    Raises FilterError, NotPositiveDefiniteError.
+    Parameters
+    ----------
+    method
+        A Gaussian filter.
+    states
+        Its state for each target.
+    ys : (k, m)
+        Measurements.
+    measure, R, angular, angular_states
+        As in `unscented.update`.
+    detection
+        Probability that a target is measured.
+    clutter
+        Density of false measurements, per unit of the space of y.
+    gate
+        Probability that a target's own measurement is inside its gate.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     if not (0 < detection <= 1 and clutter > 0 and 0 < gate < 1):
         wanted = "in (0, 1], positive, and between 0 and 1"
@@ -81,23 +108,29 @@ def update(
 
 
 def marginals(weights: Array) -> Array:
-    """The probabilities (targets, k + 1) of each target's measurements, by weights of the same shape: the
-    likelihood ratio of each, and last the weight of none, which must be positive. A measurement is of one target
-    at most.
+    """Return the probabilities (targets, k + 1) of each target's measurements.
 
-    The sum over joint events goes from target to target. What it must know of those before is only which of the
-    measurements that others may still take are taken (Maskell, Briers & Wright 2004), so targets that are apart
-    cost no more together than each alone.
+    A measurement is of one target at most. The sum over joint events goes from target to target. It needs to know
+    only which of the measurements that later targets may use have been used (Maskell, Briers & Wright 2004), so
+    targets that are apart cost no more together than each alone.
 
-    Raises FilterError for targets that compete for so many measurements that the sum is too long.
+    Parameters
+    ----------
+    weights : (targets, k + 1)
+        Likelihood ratio of each measurement, and last the weight of none, which must be positive.
+
+    Raises
+    ------
+    FilterError
+        If targets compete for so many measurements that the sum is too long.
     """
     targets, count = weights.shape[0], weights.shape[1] - 1
     scaled = weights / weights.max(axis=1, keepdims=True)
     options = [[(int(j), 1 << int(j) if j < count else 0) for j in np.flatnonzero(row)] for row in scaled]
-    later = [0] * (targets + 1)  # measurements that this target or one after it may take
+    later = [0] * (targets + 1)  # measurements that this target or a later one may use
     for t in reversed(range(targets)):
         later[t] = later[t + 1] | sum(bit for _, bit in options[t])
-    ways = [{0: 1.0}]  # before each target: the weight of each set of measurements that are taken
+    ways = [{0: 1.0}]  # before each target: the weight of each set of used measurements
     for t in range(targets):
         after: dict[int, float] = {}
         for taken, weight in ways[t].items():
@@ -105,11 +138,13 @@ def marginals(weights: Array) -> Array:
                 if not taken & bit:
                     left = (taken | bit) & later[t + 1]
                     after[left] = after.get(left, 0.0) + weight * scaled[t, j]
-        if len(after) > MOST:
-            raise FilterError(f"ys: targets compete for them in more than {MOST:,} ways; make the gate narrower")
+        if len(after) > MAX_SET_COUNT:
+            raise FilterError(
+                f"ys: targets compete for them in more than {MAX_SET_COUNT:,} ways; make the gate narrower"
+            )
         total = sum(after.values())
         ways.append({left: weight / total for left, weight in after.items()})
-    found, rest = np.zeros(weights.shape), {0: 1.0}  # the weight of all that may follow a set
+    found, rest = np.zeros(weights.shape), {0: 1.0}  # the weight of everything that may follow a set
     for t in reversed(range(targets)):
         before = dict.fromkeys(ways[t], 0.0)
         for taken, weight in ways[t].items():
@@ -124,7 +159,7 @@ def marginals(weights: Array) -> Array:
 
 
 def _repeated(state: Any, count: int) -> Any:
-    """A state of a batch of `count` that are alike."""
+    """Return the state of a batch of `count` equal members."""
     if isinstance(state, tuple):
         each = [_repeated(part, count) for part in state]
         return type(state)(*each) if hasattr(state, "_fields") else tuple(each)
@@ -132,7 +167,7 @@ def _repeated(state: Any, count: int) -> Any:
 
 
 def _mixed(method: Method, state: Any, updated: Any, weights: Array, angular_states: Indices) -> Any:
-    """The mixture of the states by each measurement, and of the prediction."""
+    """Return the mixture of the states by each measurement, and of the prediction."""
     prior, after = method.belief(state), method.belief(updated)
     means = beside(np.concatenate([after.mean, prior.mean[None]]), prior.mean, angular_states)
     all_ = Belief(means, np.concatenate([after.covariance, prior.covariance[None]]))

@@ -1,4 +1,4 @@
-"""A filter over a whole record: what a loop of `predict` and `update` gives, with measurements that are missing.
+"""A filter over a whole record: a loop of `predict` and `update`, with missing measurements.
 
     model = Model(lambda rows: rows @ F.T, Q, lambda rows: np.arctan2(rows[:, 1:2], rows[:, :1]), R, angular=(0,))
     found = run("unscented", model, Belief(mean, covariance), ys)        # mean (n,), ys (T, m)
@@ -7,13 +7,14 @@
 
 - The first belief is that of the first measurement's time, before that measurement (as in pykalman, statsmodels,
   and Durbin & Koopman): y[0] updates it, and a prediction leads from each measurement to the next.
-- What is missing is NaN, or masked in a masked array: a component, or all of a measurement. In a batch (mean (B,
+- Missing values are NaN, or masked in a masked array: a component, or a whole measurement. In a batch (mean (B,
   n), ys (T, B, m)) each member has its own. `None` in a list is a time without measurement, too.
-- Where a state's angle becomes too wide for a filter's points, after long without measurements, `turns` makes the
-  steps until it is narrow again, and `wide` marks these. The filter then goes on from that belief, as at a start.
-- A filter of a batch that fails after the first measurement, by a belief too wide for a measured angle or without
-  a factor, is left out: its beliefs are NaN from there on, `lost` says why, and the others go on. Where none is
-  left an error is raised, whose `found` is the run up to there.
+- If a state's angle becomes too wide for a filter's points, after long without measurements, `turns` makes the
+  steps until it is narrow again, and `wide` marks these. The filter then continues from that belief, as at a
+  start.
+- A filter of a batch that fails after the first measurement, by a belief too wide for a measured angle or
+  without a factor, is left out: its beliefs are NaN from there on, `lost` says why, and the others continue. If
+  none is left an error is raised, whose `found` is the run up to there.
 - A model that changes is a function of the `Step`, which returns that step's Model: inputs, times between
   measurements, changing sensors, and so measurements of varying size, in a list. Late measurements are put in
   the order of `ts` first: `order = np.argsort(ts, kind="stable")`.
@@ -37,7 +38,7 @@ LOG_TWO_PI: Final = float(np.log(2 * np.pi))
 
 
 class Lost(NamedTuple):
-    """Which filter of a batch failed, at which measurement, and what it said."""
+    """A filter of a batch that failed: its index, the measurement, and the error."""
 
     member: int
     k: int
@@ -45,17 +46,34 @@ class Lost(NamedTuple):
 
 
 class Run(NamedTuple):
-    """A filter over T measurements, of one filter or of a batch (..., of B). What belongs to a missing
-    measurement is NaN, its NIS and log-likelihood are zero; measurements of varying size are filled with NaN up
-    to the largest.
+    """A filter over T measurements, of one filter or of a batch (..., of B).
 
-    What belongs to a filter of a batch that is `lost` is NaN, from the measurement where it failed; its NIS is
-    zero, of no degrees of freedom, and its state is another's.
+    Values of a missing measurement are NaN, its NIS and log-likelihood are zero; measurements of varying size are
+    filled with NaN up to the largest. Values of a `lost` filter of a batch are NaN, from the measurement where it
+    failed; its NIS is zero, of no degrees of freedom, and its state is another's.
 
-    `predictions` and `beliefs`, before and after each update: mean (T, ..., n) and covariance (T, ..., n, n);
-    `innovation` (T, ..., m), its covariance (T, ..., m, m), and the predicted measurement; `nis` (T, ...), of so
-    many `degrees` of freedom (T, ...); `log_likelihood` (T, ...) of each measurement, given all before it; the
-    filter's own `states` after each update; what was run; and `wide` (T, ...), the steps that `turns` made.
+    Attributes
+    ----------
+    predictions, beliefs
+        Before and after each update: mean (T, ..., n) and covariance (T, ..., n, n).
+    innovation : (T, ..., m)
+        Innovations.
+    innovation_covariance : (T, ..., m, m)
+        Their covariances.
+    predicted : (T, ..., m)
+        Predicted measurements.
+    nis, degrees : (T, ...)
+        NIS and its degrees of freedom.
+    log_likelihood : (T, ...)
+        Log-likelihood of each measurement, given all before it.
+    states
+        The filter's own states after each update.
+    method, model, ts
+        The arguments of the run.
+    wide : (T, ...)
+        Steps that `turns` made.
+    lost
+        Filters that failed.
     """
 
     predictions: Belief
@@ -74,21 +92,35 @@ class Run(NamedTuple):
     lost: tuple[Lost, ...] = ()
 
     def at(self, k: int) -> Model:
-        """The model of step k."""
+        """Return the model of step k."""
         return model_at(self.model, self.ts, k)
 
     @property
     def angular_states(self) -> tuple[int, ...]:
-        """The states that are angles."""
+        """Indices of the states that are angles."""
         return self.at(len(self.ts) - 1).angular_states
 
 
 def run(method: str | Method, model: AnyModel, start: Belief, ys: Any, ts: Any = None) -> Run:
-    """Run a filter, by itself or by its name, over measurements ys (T, m), or (T, B, m) with a batch of beliefs,
-    at times ts (T,) that do not decrease (default 0, 1, ...). Where a time repeats, nothing is predicted.
+    """Run a filter over the measurements of a record.
 
-    Raises FilterError, NotPositiveDefiniteError: the message begins with the measurement that failed, and `found`
-    is the run up to there.
+    Parameters
+    ----------
+    method
+        A filter, or its name.
+    model
+        A `Model`, a `LinearModel`, or a function of the `Step` that returns a `Model`.
+    start
+        Belief at the time of the first measurement, before that measurement; one or a batch.
+    ys : (T, m) or (T, B, m)
+        Measurements.
+    ts : (T,)
+        Times that do not decrease; by default 0, 1, ... If a time repeats, nothing is predicted.
+
+    Raises
+    ------
+    FilterError, NotPositiveDefiniteError
+        The message begins with the measurement that failed, and `found` is the run up to there.
     """
     chosen = method_of(method) if isinstance(method, str) else method
     checked(*start)
@@ -102,8 +134,9 @@ def run(method: str | Method, model: AnyModel, start: Belief, ys: Any, ts: Any =
 
 
 def log_likelihood(update: Any) -> Any:
-    """Of the measurement that an `Update` was made with, a number or (...,): the density of its innovation; of a
-    mixture or a cloud of particles their own.
+    """Return the log-likelihood of an update's measurement, a number or (...,).
+
+    It is the density of the innovation; a mixture or a cloud of particles has its own.
     """
     own = getattr(update, "log_evidence", None)
     value = _gaussian(update.nis, update.innovation_covariance) if own is None else own
@@ -111,17 +144,20 @@ def log_likelihood(update: Any) -> Any:
 
 
 def _gaussian(nis: Any, S: Array) -> Array:
-    """The log-density of innovations by their NIS (...,) and covariance S (..., m, m); NaN in S: not measured."""
+    """Return the log-density of innovations by their NIS (...,) and covariance S (..., m, m).
+
+    NaN in S means not measured.
+    """
     known = ~np.isnan(np.diagonal(S, axis1=-2, axis2=-1))
     filled = np.where(np.isnan(S), np.eye(S.shape[-1]), S)
     return np.asarray(-0.5 * (nis + np.linalg.slogdet(filled)[1] + known.sum(axis=-1) * LOG_TWO_PI))
 
 
 def _updated(method: Method, state: Any, y: Array, model: Model) -> Any:
-    """The update by the components of y (..., m) that are not missing.
+    """Update by the components of y (..., m) that are not missing.
 
-    A missing component is replaced by one that says nothing: a measurement of zero, with noise of one, that is
-    zero for every state. That is exact for every filter, in a batch whose members miss others, and in a cloud.
+    A missing component is replaced by one without information: a measurement of zero, with noise of one, that is
+    zero for every state. That is exact for every filter, in a batch whose members lack others, and in a cloud.
     """
     missing = np.isnan(y)
     if not missing.any():
@@ -150,7 +186,10 @@ def _updated(method: Method, state: Any, y: Array, model: Model) -> Any:
 
 
 def _with_jacobians(method: Method, model: Model, missing: Array) -> Method:
-    """The extended filter with the model's Jacobians, if it has any: zero where y (..., m) is missing."""
+    """Return the extended filter with the model's Jacobians, if any.
+
+    They are zero where y (..., m) is missing.
+    """
     if method.name != "extended" or (model.process_jacobian is None and model.measure_jacobian is None):
         return method
     of_y = model.measure_jacobian
@@ -160,8 +199,10 @@ def _with_jacobians(method: Method, model: Model, missing: Array) -> Method:
 
 
 def _kept(before: Any, after: Any, gone: Any) -> Any:
-    """A state of a batch, with that before where nothing was measured (B,): a filter that counts its updates
-    does not count those."""
+    """Return a state of a batch, unchanged where nothing was measured (B,).
+
+    A filter that counts its updates does not count those.
+    """
 
     def kept(a: Any, b: Array) -> Array:
         return np.where(gone.reshape(-1, *(1,) * (b.ndim - 1)), a, b) if np.shape(a) == b.shape else b
@@ -170,7 +211,10 @@ def _kept(before: Any, after: Any, gone: Any) -> Any:
 
 
 def _each_array(change: Callable[..., Array], *states: Any) -> Any:
-    """A state with `change` made of each of its arrays, and of those that stand there in the states before it."""
+    """Return a state with `change` applied to each of its arrays.
+
+    `change` also gets the arrays at the same place in the earlier states.
+    """
     last = states[-1]
     if isinstance(last, tuple) and all(len(state) == len(last) for state in states):
         each = [_each_array(change, *parts) for parts in zip(*states, strict=True)]
@@ -179,8 +223,10 @@ def _each_array(change: Callable[..., Array], *states: Any) -> Any:
 
 
 def _blank(measure: Rows, missing: Array) -> Rows:
-    """A measurement function with zero in place of the missing components (m,), or (B, m) of each filter; of its
-    Jacobian (m, 1) or (B, m, 1)."""
+    """Return a measurement function with zero in place of the missing components.
+
+    They are (m,), or (B, m) of each filter; of its Jacobian, (m, 1) or (B, m, 1).
+    """
 
     def blank(rows: Array) -> Array:
         images = measure(rows)
@@ -193,8 +239,8 @@ def _blank(measure: Rows, missing: Array) -> Rows:
 
 
 def _stepped(method: Method, model: AnyModel, start: Belief, ys: list[Array], ts: Array) -> Run:
-    """Any filter, step by step."""
-    state, made, losses = method.start(*start), [], _Losses(start)
+    """Run any filter, step by step."""
+    state, made, losses = method.start(*start), [], _LostFilters(start)
     for k, y in enumerate(ys):
         losses.aside = []
         while True:
@@ -203,7 +249,7 @@ def _stepped(method: Method, model: AnyModel, start: Belief, ys: list[Array], ts
                 made.append(_advanced(method, state, y, step, moves, losses))
                 break
             except FilterError as error:
-                if k and losses.put_aside(error, method.belief(state), step):
+                if k and losses.can_put_aside(error, method.belief(state), step):
                     continue
                 if not losses.take(error, k):
                     before = losses.blanked(_collected(made, method, model, ts[:k])) if k else None
@@ -212,8 +258,11 @@ def _stepped(method: Method, model: AnyModel, start: Belief, ys: list[Array], ts
     return losses.blanked(_collected(made, method, model, ts))
 
 
-class _Made(NamedTuple):
-    """A step: the beliefs before and after the update, the update, and of which filters `turns` made it (...,)."""
+class _Outcome(NamedTuple):
+    """One step: beliefs before and after the update, and the update.
+
+    `wide` (...,) tells which filters `turns` advanced.
+    """
 
     prediction: Belief
     belief: Belief
@@ -221,20 +270,20 @@ class _Made(NamedTuple):
     wide: Any
 
 
-def _step(method: Method, state: Any, y: Array, step: Model, moves: bool) -> _Made:
+def _step(method: Method, state: Any, y: Array, step: Model, moves: bool) -> _Outcome:
     own, ahead = _with_jacobians(method, step, np.isnan(y)), state
     if moves:
         ahead = own.predict(state, step.process, step.Q, step.angular_states)
     found = _updated(own, ahead, y, step)
-    return _Made(method.belief(ahead), method.belief(found.belief), found, np.zeros(y.shape[:-1], bool))
+    return _Outcome(method.belief(ahead), method.belief(found.belief), found, np.zeros(y.shape[:-1], bool))
 
 
-def _advanced(method: Method, state: Any, y: Array, step: Model, moves: bool, losses: "_Losses") -> _Made:
-    """One step of a filter, or of a batch; of those that are put aside by `turns`, one by one."""
+def _advanced(method: Method, state: Any, y: Array, step: Model, moves: bool, losses: "_LostFilters") -> _Outcome:
+    """Advance a filter, or a batch, by one step; those put aside by `turns` one by one."""
     found, parts, before = None, {}, method.belief(state)
     at: Any = None
     try:
-        if losses.goes_on:
+        if losses.has_active:
             found = _step(method, losses.replaced(state), losses.replaced(y), step, moves)
         for at in losses.aside:
             parts[at] = _step(turns.METHOD, Belief(before.mean[at], before.covariance[at]), y[at], step, moves)
@@ -246,17 +295,20 @@ def _advanced(method: Method, state: Any, y: Array, step: Model, moves: bool, lo
         raise
     if found is not None and not parts:
         return found
-    whole = parts[...]._replace(wide=np.True_) if ... in parts else _whole(found, parts, losses.rows)
+    whole = parts[...]._replace(wide=np.True_) if ... in parts else _merged(found, parts, losses.rows)
     restarted = method.start(*whole.belief)
     if found is not None:
         restarted = _kept(restarted, found.update.belief, whole.wide)
     return whole._replace(update=whole.update._replace(belief=restarted))
 
 
-def _whole(found: _Made | None, parts: dict[Any, _Made], rows: Array) -> _Made:
-    """A batch's step from that of the others, if there are any, and of each that was put aside."""
+def _merged(found: _Outcome | None, parts: dict[Any, _Outcome], rows: Array) -> _Outcome:
+    """Merge a batch's step from that of the others and of each that was put aside.
 
-    def arrays(made: _Made) -> tuple[Any, ...]:
+    `found` is None if there are no others.
+    """
+
+    def arrays(made: _Outcome) -> tuple[Any, ...]:
         return (*made.prediction, *made.belief, *made.update[1:4], made.update.nis)
 
     wide, log_evidence = np.isin(rows, list(parts)), None
@@ -273,13 +325,15 @@ def _whole(found: _Made | None, parts: dict[Any, _Made], rows: Array) -> _Made:
             log_evidence[list(parts)] = [log_likelihood(part.update) for part in parts.values()]
     innovation, S, predicted, nis = each[4:]
     update = Update(None, innovation, S, predicted, nis, log_evidence=log_evidence)
-    return _Made(Belief(*each[:2]), Belief(*each[2:4]), update, wide)
+    return _Outcome(Belief(*each[:2]), Belief(*each[2:4]), update, wide)
 
 
-class _Losses:
-    """The filters of a batch that failed, and those put `aside` for a step. The first of the others stands in for
-    them, so that the batch keeps its size; what it gives for them is blanked in the end, or replaced. Where a
-    stand-in fails, it has failed itself."""
+class _LostFilters:
+    """The filters of a batch that failed, and those put `aside` for a step.
+
+    The first of the others stands in for them, so that the batch keeps its size; its values for them are blanked
+    at the end, or replaced. If a stand-in fails, it has failed itself.
+    """
 
     def __init__(self, start: Belief) -> None:
         self._members = len(start.mean) if start.mean.ndim == 2 else 0
@@ -287,9 +341,11 @@ class _Losses:
         self._lost: list[Lost] = []
         self.aside: list[Any] = []
 
-    def put_aside(self, error: FilterError, before: Belief, step: Model) -> bool:
-        """Whether this step of the filter that failed is one for `turns`: an angle of its state is too wide for
-        its points, of one model."""
+    def can_put_aside(self, error: FilterError, before: Belief, step: Model) -> bool:
+        """Return whether `turns` must make this step of the filter that failed.
+
+        That is if an angle of its state is too wide for its points, of one model.
+        """
         at = error.member[0] if error.member else ...
         if not isinstance(error, SpreadError) or at in self.aside or isinstance(step.process, tuple):
             return False
@@ -300,8 +356,10 @@ class _Losses:
         return True
 
     def take(self, error: FilterError, k: int) -> bool:
-        """Whether the batch can go on without the filter that failed at measurement k. What fails at the first one
-        is not a filter's but an argument's."""
+        """Return whether the batch can continue without the filter that failed at measurement k.
+
+        A failure at the first measurement is that of an argument, not of a filter.
+        """
         if not k or not error.member or not isinstance(error, SpreadError | NotPositiveDefiniteError):
             return False
         if len(self._left) < 2:
@@ -313,27 +371,30 @@ class _Losses:
         return True
 
     @property
-    def goes_on(self) -> bool:
+    def has_active(self) -> bool:
         """Whether any filter is neither lost nor aside."""
         return len(self.aside) < max(len(self._left), 1)
 
     @property
     def rows(self) -> Array:
-        """For each of a batch itself, or the one that stands in for it."""
+        """Row of each filter of a batch, or of the one that stands in for it."""
         own = [at for at in self._left if at not in self.aside] or self._left
         rows = np.full(self._members, own[0])
         rows[own] = own
         return rows
 
     def replaced(self, state: Any) -> Any:
-        """A state, or an array (B, ...), of a batch, with the rows of those that failed or are aside replaced."""
+        """Return a state, or an array (B, ...), of a batch with the rows of stand-ins.
+
+        They are those of the lost and of the put aside.
+        """
         if not self._lost and not self.aside:
             return state
         rows = self.rows
         return _each_array(lambda array: array[rows] if array.shape[:1] == rows.shape else array, state)
 
     def blanked(self, found: Run) -> Run:
-        """The run, without what stood in for those that failed."""
+        """Return the run, without the stand-ins of failed filters."""
         if not self._lost:
             return found
         for b, k, _ in self._lost:
@@ -344,14 +405,14 @@ class _Losses:
 
 
 def _placed(error: FilterError, k: int, ts: Array, found: Run | None) -> FilterError:
-    """The error with the measurement that failed, and what was found before it."""
+    """Return the error with the measurement that failed, and the run before it."""
     placed = type(error)(f"ys[{k}], t = {ts[k]:g}: {error}")
     placed.member, placed.found = error.member, found
     return placed
 
 
-def _collected(made: list[_Made], method: Method, model: AnyModel, ts: Array) -> Run:
-    """The steps' predictions, beliefs and updates, stacked."""
+def _collected(made: list[_Outcome], method: Method, model: AnyModel, ts: Array) -> Run:
+    """Stack the steps' predictions, beliefs and updates."""
     predictions, beliefs, updates, wide = zip(*made, strict=True)
     size = max(u.innovation.shape[-1] for u in updates)
     innovation = np.stack([_padded(u.innovation, size, 1) for u in updates])
@@ -379,14 +440,14 @@ def _collected(made: list[_Made], method: Method, model: AnyModel, ts: Array) ->
 
 
 def _padded(array: Array, size: int, axes: int) -> Array:
-    """With NaN up to `size` in its last axes."""
+    """Fill an array with NaN up to `size` in its last axes."""
     more = size - array.shape[-1]
     fill = [(0, 0)] * (array.ndim - axes) + [(0, more)] * axes
     return np.pad(array, fill, constant_values=np.nan) if more else array
 
 
 def _compiled(method: Method, model: LinearModel, start: Belief, ys: list[Array], ts: Array) -> Run:
-    """The linear Kalman filter in one loop."""
+    """Run the linear Kalman filter in one compiled loop."""
     from onboard.filters.kernels import records  # noqa: PLC0415 - the compiler loads when it is needed
 
     lead, dtype = start.mean.shape[:-1], start.mean.dtype
@@ -410,7 +471,10 @@ def _compiled(method: Method, model: LinearModel, start: Belief, ys: list[Array]
 
 
 def _fitted(model: LinearModel, start: Belief, ys: list[Array], ts: Array) -> LinearModel:
-    """The model in the belief's precision, and of the record's shapes. Raises FilterError."""
+    """Return the model in the belief's precision, and of the record's shapes.
+
+    Raises FilterError.
+    """
     n, m = start.mean.shape[-1], ys[0].shape[-1]
     made = model.fitted(n, m, len(ys), start.mean.dtype)
     if m == 0 or any(one.shape != ys[0].shape for one in ys):
@@ -421,7 +485,7 @@ def _fitted(model: LinearModel, start: Belief, ys: list[Array], ts: Array) -> Li
 
 
 def _measurements(ys: Any, start: Belief) -> list[Array]:
-    """Each measurement in the belief's precision, with NaN where it is missing."""
+    """Return each measurement in the belief's precision, with NaN where it is missing."""
     lead, dtype = start.mean.shape[:-1], start.mean.dtype
     if isinstance(ys, np.ndarray) and ys.ndim == 1 and not lead:
         ys = ys[:, None]

@@ -1,4 +1,4 @@
-"""Records drawn from a model: what `run` is tried on.
+"""Records drawn from a model, to test a filter.
 
     truth, ys = simulate(model, start, 100, np.random.default_rng(1))          # (T, n), (T, m)
     found = run("unscented", model, start, ys)
@@ -21,7 +21,15 @@ from onboard.filters.state_space import AnyModel, LinearModel, model_at
 
 
 class Simulated(NamedTuple):
-    """States (T, ..., n), and measurements of them (T, ..., m): a list of (..., m) where their size changes."""
+    """A simulated record.
+
+    Attributes
+    ----------
+    truth : (T, ..., n)
+        States.
+    ys : (T, ..., m)
+        Measurements; a list of (..., m) if their size changes.
+    """
 
     truth: Array
     ys: Any
@@ -30,10 +38,25 @@ class Simulated(NamedTuple):
 def simulate(
     model: AnyModel, start: Belief, ts: int | Sequence[float] | Array, rng: np.random.Generator
 ) -> Simulated:
-    """States and measurements of a model at times ts (T,), or of so many at 0, 1, ...: one record, or as many as
-    the belief `start` has filters, mean (B, n). Measured angles are in [-pi, pi].
+    """Draw states and measurements from a model. Measured angles are in [-pi, pi].
 
-    Raises FilterError, NotPositiveDefiniteError.
+    Parameters
+    ----------
+    model
+        The model, as in `run`.
+    start
+        Belief of the first state. A batch, mean (B, n), gives B records.
+    ts : int or (T,)
+        Times, or their number at 0, 1, ...
+    rng
+        Source of random numbers.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     mean, covariance = checked(*start)
     times = np.arange(float(ts)) if isinstance(ts, int) else np.asarray(ts, float)
@@ -59,6 +82,6 @@ def simulate(
 
 
 def _drawn(name: str, covariance: Array, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
-    """Noise (..., m) of a covariance (..., m, m), which may be singular."""
+    """Return noise (..., m) of a covariance (..., m, m), which may be singular."""
     z = rng.standard_normal(shape).astype(covariance.dtype)
     return np.asarray((noise_factor(name, covariance) @ z[..., None])[..., 0])

@@ -1,22 +1,23 @@
-"""The smooth variable structure filter (Habibi 2007), and with a variable boundary layer (Gadsden & Habibi 2010).
+"""Smooth variable structure filter, with a fixed or a variable boundary layer.
 
     state = start(mean, covariance)
     state = predict(state, process, Q)
     state = update(state, y, measure, R).belief
 
-Each measured quantity is moved by s = (|e| + gamma |e_last|) sat(e / layer), with e the innovation and e_last
-the residual of the update before. Outside the layer the step is all of e and more, whatever the model
-predicted; inside it is less. If all states are measured, a layer of zero gives the measurement back.
+Habibi 2007; Gadsden & Habibi 2010. Each measured quantity is moved by s = (|e| + gamma |e_last|) sat(e / layer),
+with e the innovation and e_last the residual of the update before. Outside the layer the step is at least the
+whole of e, for any prediction of the model; inside it is less. If all states are measured, a layer of zero gives
+the measurement back.
 
-States that are not measured follow by a right inverse of H; there are many where m < n. The default is
-P H^T (H P H^T)^-1, which moves them by their correlation with the measured quantities. `weighted=False` is the
-paper's C^+, which ignores the covariance: a velocity that is not measured is then not estimated at all.
+Unmeasured states follow by a right inverse of H; there are many for m < n. The default is P H^T (H P H^T)^-1,
+which moves them by their correlation with the measured quantities. `weighted=False` is the paper's C^+, which
+ignores the covariance: an unmeasured velocity is then not estimated at all.
 
 Arrays are all float64 or all float32, with or without a leading batch axis.
 
-Errata of Al-Shabi, Gadsden & Wilkerson, whose equation numbers stand here: (2.3.3) divides by e, see
-`kernels.variable_structure.decide_into`; (2.2.4) and (2.2.8) cancel, deviations are taken from the mean;
-(2.2.12) adds what must be subtracted, here it is Joseph's form.
+Errata of Al-Shabi, Gadsden & Wilkerson, with their equation numbers: (2.3.3) divides by e, see
+`kernels.variable_structure.decide_into`; (2.2.4) and (2.2.8) cancel, deviations are taken from the mean; (2.2.12)
+adds what must be subtracted, here it is Joseph's form.
 """
 
 from functools import partial
@@ -24,9 +25,9 @@ from typing import Final
 
 from onboard.arrays import Array
 from onboard.filters.belief import Method, Rows
-from onboard.filters.kernels.variable_structure import FIXED, VARIABLE
+from onboard.filters.kernels.variable_structure import FIXED_LAYER_TYPE, VARIABLE_LAYER_TYPE
 from onboard.filters.variable_structure import (
-    GAMMA,
+    CONVERGENCE_RATE,
     LayerUpdate,
     Settings,
     State,
@@ -39,7 +40,7 @@ from onboard.filters.variable_structure import (
 
 __all__ = ["METHODS", "LayerUpdate", "State", "belief", "predict", "start", "update", "update_variable"]
 
-SIGMAS: Final = 5.0  # a layer's width in standard deviations of the measurement
+LAYER_SIGMAS: Final = 5.0  # a layer's width in standard deviations of the measurement
 
 
 def update(
@@ -50,16 +51,41 @@ def update(
     angular: tuple[int, ...] = (),
     *,
     layer: Array | None = None,
-    sigmas: float = SIGMAS,
-    gamma: float = GAMMA,
+    sigmas: float = LAYER_SIGMAS,
+    gamma: float = CONVERGENCE_RATE,
     weighted: bool = True,
 ) -> LayerUpdate:
-    """SVSF with a fixed boundary layer (eqs 2.3.1-2.3.6): `layer` (m,) in the measurement's units, or `sigmas`
-    standard deviations of R. `measure` maps rows (k, n) -> (k, m); `angular` are the components of y that wrap.
+    """SVSF with a fixed boundary layer (eqs 2.3.1-2.3.6).
 
-    Raises FilterError, NotPositiveDefiniteError.
+    Parameters
+    ----------
+    state
+        State of n states, from `start` or `predict`.
+    y : (..., m)
+        Measured values.
+    measure
+        Function of rows (k, n); returns rows (k, m).
+    R : (..., m, m)
+        Covariance of the measurement noise.
+    angular
+        Components of y that are angles and wrap.
+    layer : (m,)
+        Width of the layer in the measurement's units; None: `sigmas` standard deviations of R.
+    sigmas
+        Width of the layer in standard deviations of R.
+    gamma
+        Convergence rate.
+    weighted
+        Whether unmeasured states follow by their correlation.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
-    settings = Settings(FIXED, sigmas, gamma=gamma, weighted=weighted)
+    settings = Settings(FIXED_LAYER_TYPE, sigmas, gamma=gamma, weighted=weighted)
     return correct(state, y, measure, R, angular, settings, layer)[0]
 
 
@@ -71,17 +97,30 @@ def update_variable(
     angular: tuple[int, ...] = (),
     *,
     limit: Array | None = None,
-    sigmas: float = SIGMAS,
-    gamma: float = GAMMA,
+    sigmas: float = LAYER_SIGMAS,
+    gamma: float = CONVERGENCE_RATE,
     weighted: bool = True,
 ) -> LayerUpdate:
-    """VBL-SVSF: Kalman's gain where the optimal layer S_ii / (H P H^T)_ii (|e| + gamma |e_last|) is within `limit`
-    (m,), or `sigmas` standard deviations of R; elsewhere the SVSF's gain with the limit as its layer. The optimal
-    layer is wide where the prior is good, so a narrow limit throws information of the model away.
+    """VBL-SVSF: Kalman's gain if the optimal layer is within a limit.
 
-    Raises FilterError, NotPositiveDefiniteError.
+    Otherwise the gain is the SVSF's with that limit. The optimal layer is S_ii / (H P H^T)_ii (|e| + gamma
+    |e_last|). It is wide where the prior is good, so a narrow limit discards information of the model.
+
+    Parameters
+    ----------
+    limit : (m,)
+        Limit of the layer in the measurement's units; None: `sigmas` standard deviations of R.
+    state, y, measure, R, angular, sigmas, gamma, weighted
+        As in `update`.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
-    settings = Settings(VARIABLE, sigmas, gamma=gamma, weighted=weighted)
+    settings = Settings(VARIABLE_LAYER_TYPE, sigmas, gamma=gamma, weighted=weighted)
     return correct(state, y, measure, R, angular, settings, limit)[0]
 
 

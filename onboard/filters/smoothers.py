@@ -1,11 +1,11 @@
-"""Smoothing of a run: each time's estimate from the whole record, or from `lag` measurements beyond it.
+"""Smoothing of a run, by the whole record or with a fixed lag.
 
     found = run("unscented", model, start, ys, ts)
     smoothed = smooth(found)                  # Rauch, Tung & Striebel, by the family's own linearisation
-    delayed = smooth(found, lag=5)            # what a filter knows five measurements later
+    delayed = smooth(found, lag=5)            # a filter's knowledge five measurements later
 
-Gaussian families: "kalman" by its matrices, "extended" by Jacobians, and all that draw points by the regression
-of the process over them. Several modes: `mode_smoothing`; particles: `particle_smoothing`.
+Gaussian families: "kalman" by its matrices, "extended" by Jacobians, and all that draw points by the regression of
+the process over them. Several modes: `mode_smoothing`; particles: `particle_smoothing`.
 """
 
 from typing import Any, NamedTuple
@@ -24,7 +24,7 @@ from onboard.filters.state_space import AnyModel, LinearModel, Model
 
 
 class Transitions(NamedTuple):
-    """How each time leads to the next: x' = F x + inputs + noise Q, for (T-1, ...) steps."""
+    """Transitions x' = F x + inputs + noise Q of (T-1, ...) steps."""
 
     F: Array
     Q: Array
@@ -32,11 +32,23 @@ class Transitions(NamedTuple):
 
 
 def smooth(found: Run, lag: int | None = None, weights: Weights | None = None) -> Belief:
-    """Smoothed beliefs of all times, mean (T, ..., n) and covariance (T, ..., n, n). With `lag`, each from `lag`
-    measurements beyond it at most. `weights` of the points that are drawn, by default those of the cubature
-    filter.
+    """Return smoothed beliefs of all times, mean (T, ..., n) and covariance (T, ..., n, n).
 
-    Raises FilterError for a filter that is not Gaussian, or of modes (`smooth_modes`); NotPositiveDefiniteError.
+    Parameters
+    ----------
+    found
+        A run.
+    lag
+        Maximum number of later measurements that each belief uses; None: the whole record.
+    weights
+        Sigma-point weights of filters that draw points; None: those of the cubature filter.
+
+    Raises
+    ------
+    FilterError
+        For a filter that is not Gaussian, or of modes (`smooth_modes`).
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     if found.states and isinstance(found.states[0], ModesState):
         raise FilterError("smooth: takes one filter; that of several modes has `smooth_modes`")
@@ -59,13 +71,13 @@ def smooth(found: Run, lag: int | None = None, weights: Weights | None = None) -
 
 
 def _of_those_left(found: Run, lag: int | None, weights: Weights | None) -> Belief:
-    """A batch of which filters were lost: each of these is smoothed up to its last measurement."""
+    """Smooth a batch in which filters were lost, each of these up to its last measurement."""
     made = Belief(*(np.full_like(part, np.nan) for part in found.beliefs))
     gone = [one.member for one in found.lost]
     parts: list[tuple[Any, int]] = [(np.setdiff1d(np.arange(made.mean.shape[1]), gone), len(found.ts))]
     for at, upto in parts + [(np.array([one.member]), one.k) for one in found.lost]:
         beliefs = Belief(*(part[:upto, at] for part in found.beliefs))
-        # the ends of the record are what decides which step has which model
+        # The model of a step depends on the ends of the record.
         alone = found._replace(beliefs=beliefs, ts=found.ts[:upto], model=_upto(found.model, upto), lost=())
         for array, part in zip(made, smooth(alone, lag, weights), strict=True):
             array[:upto, at] = part
@@ -73,7 +85,7 @@ def _of_those_left(found: Run, lag: int | None, weights: Weights | None) -> Beli
 
 
 def _upto(model: AnyModel, steps: int) -> AnyModel:
-    """The model of the first steps of a record."""
+    """Return the model of the first steps of a record."""
     if not isinstance(model, LinearModel):
         return model
     F, Q = (a[: steps - 1] if a.ndim == 3 else a for a in (model.F, model.Q))
@@ -82,7 +94,10 @@ def _upto(model: AnyModel, steps: int) -> AnyModel:
 
 
 def transitions_of(found: Run, weights: Weights | None = None) -> Transitions:
-    """The process over each step as a linear transition, linearised where the filter was."""
+    """Return the process over each step as a linear transition.
+
+    It is linearised where the filter was.
+    """
     mean, P = found.beliefs.mean[:-1], found.beliefs.covariance[:-1]
     if callable(found.model):
         each = [_transition(found, Belief(mean[k], P[k]), k + 1, weights) for k in range(len(mean))]
@@ -114,7 +129,10 @@ def _transition(found: Run, belief: Belief, k: int, weights: Weights | None = No
 
 
 def transition_of(name: str, belief: Belief, model: Model, weights: Weights | None = None) -> Transitions:
-    """The linear transition of a model's process about beliefs (..., n), as the filter `name` has it."""
+    """Return the linear transition of a model's process about beliefs (..., n).
+
+    The linearisation is that of the filter `name`.
+    """
     process, angles = model.process, model.angular_states
     if name == "kalman":
         (F, value), rest = kalman.affine(process, belief.mean, None, angles), 0 * belief.covariance
@@ -128,7 +146,10 @@ def transition_of(name: str, belief: Belief, model: Model, weights: Weights | No
 
 
 def _regression(belief: Belief, process: Any, rule: Weights, angles: Indices) -> tuple[Array, Array, Array]:
-    """The process's regression over beliefs (..., n); by `turns` where an angle is too wide for points."""
+    """Return the process's regression over beliefs (..., n).
+
+    It is by `turns` if an angle is too wide for points.
+    """
     try:
         return regression(belief, process, rule, None, angles, angles)
     except SpreadError:
@@ -142,7 +163,10 @@ def _regression(belief: Belief, process: Any, rule: Weights, angles: Indices) ->
 
 
 def _fixed_lag(found: Run, transitions: Transitions, lag: int) -> Belief:
-    """Each window of lag + 1 times smoothed from its end, all at once as one batch; the last one gives the end."""
+    """Smooth each window of lag + 1 times from its end, all at once as one batch.
+
+    The last one gives the end.
+    """
     filtered = found.beliefs
     shape, n = filtered.mean.shape, filtered.mean.shape[-1]
     windows = shape[0] - lag

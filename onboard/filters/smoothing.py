@@ -1,8 +1,8 @@
-"""Fixed-interval smoothing (Rauch, Tung & Striebel 1965): estimates of each time from the whole record.
+"""Fixed-interval smoothing of a linear filter (Rauch, Tung & Striebel 1965).
 
-The filter's beliefs come stacked over time, mean (T, n) and covariance (T, n, n), or (T, B, n) and (T, B, n, n)
-for a batch; so does the answer. A measurement update, if there was one, is in the belief of its time. Covariances
-are smoothed in Joseph's form, so none is a difference.
+The filter's beliefs and the result are stacked over time, mean (T, n) and covariance (T, n, n), or (T, B, n) and
+(T, B, n, n) for a batch. A measurement update, if there was one, is in the belief of its time. Covariances are
+smoothed in Joseph's form, so none is a difference.
 """
 
 from typing import Final
@@ -20,11 +20,25 @@ from onboard.filters.kernels.calls import call_as_is
 def rauch_tung_striebel(
     filtered: Belief, F: Array, Q: Array, inputs: Array | None = None, angular_states: Indices = ()
 ) -> Belief:
-    """Smooth the beliefs of a linear Kalman filter. F and Q (n, n), or (T-1, n, n) with those of each step from
-    t to t + 1 (a batch: (T-1, B or 1, n, n)); `inputs` (T-1, n) is what else each step added to the mean;
-    `angular_states` are the states that are angles, whose differences wrap.
+    """Smooth the beliefs of a linear Kalman filter.
 
-    Raises FilterError, NotPositiveDefiniteError.
+    Parameters
+    ----------
+    filtered
+        Beliefs, stacked over time.
+    F, Q : (n, n) or (T-1, n, n)
+        Transition and noise of all steps, or of each step from t to t + 1; of a batch (T-1, B or 1, n, n).
+    inputs : (T-1, n)
+        Anything else that each step added to the mean.
+    angular_states
+        Indices of states that are angles, whose differences wrap.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     _check(filtered)
     mean = filtered.mean[:-1]
@@ -51,7 +65,7 @@ def _check(filtered: Belief) -> None:
 
 
 def _each_step(matrix: Array, filtered: Belief, name: str) -> Array:
-    """A matrix of all steps, or one for each, as one for each: (T-1, ..., n, n)."""
+    """Return a matrix of all steps, or one for each, as one for each: (T-1, ..., n, n)."""
     shape = filtered.covariance[:-1].shape
     require_plain(**{name: matrix})
     if matrix.shape[-2:] != shape[-2:]:

@@ -1,17 +1,17 @@
-"""Sigma-point filters that carry the covariance's lower factor S, P = S S^T: De Vivo et al., eqs 19-32, and
-others.
+"""Sigma-point filters that carry the covariance's lower factor S, P = S S^T.
 
-Three updates share one prediction:
+De Vivo et al., eqs 19-32, and others. Three updates share one prediction:
+
 - `update`: S+ = tria[sqrt(w) (dX - K dZ), K S_R]. No Jacobian, no inverse, no downdate; the unscented filter's
   numbers with the same weights, as long as the centre's weight is not negative. Use this one.
 - `update_joseph`: the paper's, with the Jacobian at the posterior mean (eqs 17, 32).
-- `update_classical`: van der Merwe & Wan (2001), S+ by rank-one downdates, which fail when rounding beats them.
+- `update_classical`: van der Merwe & Wan (2001), S+ by rank-one downdates, which fail when rounding exceeds them.
 
 With a negative centre weight `update_classical` fails, as the unscented filter does and in double precision too,
-when the prior is wide and the measurement sharp: the centre subtracts more than the other points add up to.
+when the prior is wide and the measurement sharp: the centre subtracts more than the sum of the other points.
 
-kappa(S) = sqrt(kappa(P)): this buys half the digits lost in an ill-conditioned covariance, and no other accuracy.
-Q and R may be singular. Precisions and batches as in `unscented`; a batched Q or R is allowed.
+kappa(S) = sqrt(kappa(P)): this saves half the digits lost in an ill-conditioned covariance, and gives no other
+accuracy. Q and R may be singular. Precisions and batches as in `unscented`; a batched Q or R is allowed.
 """
 
 from collections.abc import Callable
@@ -34,16 +34,29 @@ from onboard.filters.unscented_transform import julier_weights
 
 
 class SquareRoot(NamedTuple):
-    """A belief by its mean (..., n) and the lower triangular factor (..., n, n) of its covariance."""
+    """A belief by its mean and the factor of its covariance.
+
+    Attributes
+    ----------
+    mean : (..., n)
+        Mean.
+    factor : (..., n, n)
+        Lower triangular factor.
+    """
 
     mean: Array
     factor: Array
 
 
 def start(mean: Array, covariance: Array) -> SquareRoot:
-    """From a covariance (..., n, n), by Cholesky.
+    """Return a belief with the Cholesky factor of its covariance (..., n, n).
 
-    Raises FilterError, NotPositiveDefiniteError.
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     beliefs.start(mean, covariance)
     (lower,) = call(factors.factor, covariance=covariance)
@@ -51,7 +64,7 @@ def start(mean: Array, covariance: Array) -> SquareRoot:
 
 
 def belief(state: SquareRoot) -> Belief:
-    """Mean and covariance S S^T."""
+    """Return mean and covariance S S^T."""
     (covariance,) = call(factors.square, factor=state.factor)
     return Belief(state.mean, covariance)
 
@@ -59,10 +72,16 @@ def belief(state: SquareRoot) -> Belief:
 def predict(
     state: SquareRoot, process: Rows, Q: Array, weights: Weights, angular_states: Indices = ()
 ) -> SquareRoot:
-    """Time update (eqs 19-22, with f(X) in 21 and 22, where X is printed). A negative centre weight makes eq 22 a
-    downdate, which can fail. `angular_states` as in `angles`.
+    """Time update (eqs 19-22, with f(X) in 21 and 22, where X is printed).
 
-    Raises FilterError, NotPositiveDefiniteError.
+    A negative centre weight makes eq 22 a downdate, which can fail. Parameters are those of `unscented.predict`.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     _, images = _images(state, process, weights, None, angular_states)
     moved = beside_first(images, angular_states)
@@ -80,13 +99,22 @@ def update(
     considered: Indices = (),
     angular_states: Indices = (),
 ) -> Update:
-    """Measurement update by triangularisation; arguments as in `unscented.update`.
+    """Measurement update by triangularisation.
 
+    Parameters are those of `unscented.update`.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used, or for a negative centre weight.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
+
+    Notes
+    -----
     Opposite points are rotated pairwise, which leaves the product S S^T and halves the columns: their differences
     give S - K H S, with H S the slope of the measurement over the points, their sums and R the factor of the
     noise.
-
-    Raises FilterError, also for a negative centre weight; NotPositiveDefiniteError.
     """
     _require_centre(weights)
     mean, factor, _, _, *rest = _correct(state, y, measure, R, weights, angular, considered, angular_states)
@@ -102,10 +130,21 @@ def rule(
     dtype: Any = np.float64,
     angular_states: Indices = (),
 ) -> Rule:
-    """`predict` and `update` for `step`, of n states and m measured components; the other arguments are those of
-    `update`.
+    """Return the rule of `predict` and `update` for `step`.
 
-    Raises FilterError.
+    Parameters
+    ----------
+    n, m
+        Numbers of states and of measured components.
+    dtype
+        Precision.
+    weights, angular, considered, angular_states
+        As in `update`.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
     """
     _require_centre(weights)
     _require_scale(weights)
@@ -113,9 +152,12 @@ def rule(
 
 
 def sigma_points(state: SquareRoot | StepResult, weights: Weights, angular_states: Indices = ()) -> Array:
-    """Sigma points (..., 2n+1, n), the mean first (eqs 19, 23).
+    """Return sigma points (..., 2n+1, n), the mean first (eqs 19, 23).
 
-    Raises FilterError.
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
     """
     if isinstance(state, StepResult):
         state = start(state.mean, state.covariance)
@@ -140,16 +182,30 @@ def update_joseph(
     jacobian: extended.Jacobian | None = None,
     angular_states: Indices = (),
 ) -> Update:
-    """Measurement update of De Vivo et al. (eqs 23-32): the unscented gain, then S+ = tria[(I - K H_J) S, K S_R]
-    with the Jacobian H_J at the posterior mean, given over rows, (k, n) -> (k, m, n), or by central differences.
+    """Measurement update of De Vivo et al. (eqs 23-32).
 
+    The gain is the unscented one, and S+ = tria[(I - K H_J) S, K S_R]. It is overconfident where the measurement
+    is strongly curved over the prior: the gain takes account of how far h deviates from H_J, S+ does not.
+    (Acquisition at 20 km, 1 m and .2 mrad: NEES 44 for 9 states.)
+
+    Parameters
+    ----------
+    jacobian
+        Jacobian at the posterior mean over rows, (k, n) -> (k, m, n); None: central differences.
+    state, y, measure, R, weights, angular, angular_states
+        As in `update`.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
+
+    Notes
+    -----
     Errata: eq 27 (and table 2) takes the deviations of the redrawn X_n|n-1, not f(X_n-1|n-1); eq 32's left side is
     transposed. For a negative centre weight eq 26 is a downdate.
-
-    Overconfident where the measurement is strongly curved over the prior: the gain takes account of how far h
-    bends away from H_J, S+ does not. (Acquisition at 20 km, 1 m and .2 mrad: NEES 44 for 9 states.)
-
-    Raises FilterError, NotPositiveDefiniteError.
     """
     mean, _, gain, _, *rest = _correct(state, y, measure, R, weights, angular, (), angular_states)
     # the step of the differences is scaled by the prior's deviations
@@ -167,9 +223,16 @@ def update_classical(
     angular: Indices = (),
     angular_states: Indices = (),
 ) -> Update:
-    """Measurement update of van der Merwe & Wan: S+ by a downdate of S with each column of K chol(P_zz).
+    """Measurement update of van der Merwe & Wan.
 
-    Raises FilterError; NotPositiveDefiniteError, also when a downdate fails.
+    S+ is a downdate of S with each column of K chol(P_zz).
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or if a downdate fails.
     """
     mean, _, _, U, *rest = _correct(state, y, measure, R, weights, angular, (), angular_states)
     (factor,) = call(factors.downdate, factor=state.factor, U=U)
@@ -216,7 +279,10 @@ def _update(state: SquareRoot, innovation: Array, S: Array, predicted: Array, ni
 
 
 def _unscented(n: int) -> Weights:
-    """Julier's weights, with n + lambda = n beyond three states, where the centre's would be negative."""
+    """Return Julier's weights, with n + lambda = n beyond three states.
+
+    The centre's weight would be negative there.
+    """
     return julier_weights(n, max(float(n), 3.0))
 
 

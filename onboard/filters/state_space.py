@@ -1,4 +1,4 @@
-"""State-space models for whole records: what moves the state, what is measured of it, and how both change."""
+"""State-space models for whole records: process, measurement, and their changes over time."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -11,11 +11,26 @@ from onboard.filters.errors import FilterError, is_plain
 
 
 class Model(NamedTuple):
-    """x' = process(x) + noise of covariance Q (n, n); y = measure(x) + noise of covariance R (m, m). `process`
-    maps rows (k, n) -> (k, n), `measure` rows (k, n) -> (k, m); `angular` are the components of y, and
-    `angular_states` those of the state, that are angles and wrap. For an `imm` with a model for each mode, process
-    and Q, and measure if it differs, are tuples. `process_jacobian` (k, n) -> (k, n, n) and `measure_jacobian`
-    (k, n) -> (k, m, n) are for the filter "extended", which takes differences without them."""
+    """A model x' = process(x) + noise Q, y = measure(x) + noise R.
+
+    For an `imm` with a model for each mode, `process` and `Q`, and `measure` if it differs, are tuples.
+
+    Attributes
+    ----------
+    process
+        Function of rows (k, n); returns rows (k, n).
+    Q : (n, n)
+        Covariance of the process noise.
+    measure
+        Function of rows (k, n); returns rows (k, m).
+    R : (m, m)
+        Covariance of the measurement noise.
+    angular, angular_states
+        Components of y, and of the state, that are angles and wrap.
+    process_jacobian, measure_jacobian
+        Jacobians over rows, (k, n) -> (k, n, n) and (k, n) -> (k, m, n), for the filter "extended", which uses
+        differences without them.
+    """
 
     process: Any
     Q: Any
@@ -28,9 +43,21 @@ class Model(NamedTuple):
 
 
 class LinearModel(NamedTuple):
-    """x' = F x + input + noise Q; y = H x + noise R. F, Q (n, n), or (T-1, n, n) with those from each
-    measurement to the next; H (m, n) and R (m, m), or (T, m, n) and (T, m, m); inputs (T-1, n), or (n,) where all
-    are alike. Its states never wrap: an angle among them counts turns."""
+    """A linear model x' = F x + input + noise Q, y = H x + noise R.
+
+    Its states never wrap: an angle among them counts turns.
+
+    Attributes
+    ----------
+    F, Q : (n, n) or (T-1, n, n)
+        Transition and noise, constant, or from each measurement to the next.
+    H, R
+        Measurement matrix (m, n) and noise (m, m), constant, or (T, m, n) and (T, m, m).
+    inputs : (n,) or (T-1, n)
+        Added to each prediction.
+    angular
+        Components of y that are angles and wrap.
+    """
 
     F: Array
     Q: Array
@@ -40,16 +67,21 @@ class LinearModel(NamedTuple):
     angular: tuple[int, ...] = ()
 
     def at(self, k: int) -> Model:
-        """The model of step k: what leads to measurement k, and what it measures."""
+        """Return the model of step k: the transition to measurement k, and its measurement."""
         F, Q = (_of_step(a, k - 1, 2) for a in (self.F, self.Q))
         H, R = (_of_step(a, k, 2) for a in (self.H, self.R))
         u = 0 if self.inputs is None else _of_step(self.inputs, k - 1, 1)
         return Model(lambda rows: rows @ F.T + u, Q, lambda rows: rows @ H.T, R, self.angular)
 
     def fitted(self, n: int, m: int, steps: int, dtype: Any) -> "LinearModel":
-        """The same of `dtype`, with inputs (T-1, n), for a record of T = `steps` measurements (m,) of n states.
+        """Return the same model of `dtype`, with inputs (T-1, n), for a record.
 
-        Raises FilterError where a shape does not fit the record, or a number is not finite.
+        The record has T = `steps` measurements (m,) of n states.
+
+        Raises
+        ------
+        FilterError
+            If a shape does not fit the record, or a number is not finite.
         """
         made: dict[str, Any] = {
             "F": _checked("F", self.F, (n, n), steps - 1, dtype),
@@ -75,7 +107,7 @@ AnyModel = Model | LinearModel | Callable[[Step], Model]
 
 
 def model_at(model: AnyModel, ts: Array, k: int) -> Model:
-    """The model that leads to measurement k, and measures it."""
+    """Return the model that leads to measurement k, and measures it."""
     if isinstance(model, Model):
         return model
     if isinstance(model, LinearModel):
@@ -89,7 +121,7 @@ def _of_step(array: Array, k: int, axes: int) -> Array:
 
 
 def _checked(name: str, given: Any, shape: tuple[int, ...], count: int, dtype: Any) -> Array:
-    """An array of this shape, or of `count` such, in a precision."""
+    """Return an array of this shape, or of `count` such, in a precision."""
     array = np.asarray(given)
     if (isinstance(given, np.ndarray) and not is_plain(given)) or array.dtype.kind not in "fiub":
         raise FilterError(f"{name}: must be an array of numbers, not {type(given).__name__} of {array.dtype}")

@@ -1,10 +1,11 @@
-"""A prediction and an update in one call, where microseconds count, by a sigma-point filter's `rule`.
+"""A prediction and an update in one call, by a sigma-point filter's `rule`.
 
     rule = unscented.rule(weights, n, m)               # or square_root.rule
     state = step(belief, process, Q, y, measure, R, rule)
     state = step(state, process, Q, y, measure, R, rule)
 
-Each step also draws the sigma points of the next one. It returns the belief and the NIS, and no innovation.
+It is for where microseconds count. Each step also draws the sigma points of the next one. It returns the belief
+and the NIS, and no innovation.
 """
 
 from collections.abc import Callable
@@ -19,9 +20,17 @@ from onboard.filters.errors import FilterError, array_error, raise_status, requi
 
 
 class Kernels(NamedTuple):
-    """A filter's arithmetic. `draw(belief, weights)` gives the points (2n+1, n) of a belief; the two compiled
-    functions fill a step's `StepResult.storage`, in which they need `scratch_size(n, m)` numbers more. `factored`:
-    the filter carries the covariance's lower factor in place of the covariance."""
+    """The compiled functions of a filter.
+
+    Attributes
+    ----------
+    draw
+        `draw(belief, weights)` returns the points (2n+1, n) of a belief.
+    redraw, correct_and_redraw
+        Fill a step's `StepResult.storage`, with `scratch_size(n, m)` numbers of scratch.
+    factored
+        Whether the filter carries the covariance's lower factor instead of the covariance.
+    """
 
     draw: Callable[[Any, Weights], Array]
     redraw: Callable[..., int]
@@ -31,9 +40,21 @@ class Kernels(NamedTuple):
 
 
 class Rule(NamedTuple):
-    """What stays the same from step to step: weights, and the same as an array (4,); the masks (m + n,) of angular
-    components and of considered states; shape and precision of a step's storage; the filter's kernels; and the
-    states that are angles."""
+    """Everything that stays the same from step to step.
+
+    Attributes
+    ----------
+    weights, numbers
+        Weights, and the same as an array (4,).
+    masks : (m + n,)
+        Masks of angular components and of considered states.
+    shape, dtype
+        Shape and precision of a step's storage.
+    kernels
+        The filter's kernels.
+    angular_states
+        Indices of states that are angles.
+    """
 
     weights: Weights
     numbers: Array
@@ -45,10 +66,18 @@ class Rule(NamedTuple):
 
 
 class StepResult(NamedTuple):
-    """The result of `step`: a belief, and the sigma points (2n+1, n) of the next step by `rule`. Read-only.
+    """The result of `step`: a belief, and the sigma points of the next step. Read-only.
 
-    The rows of `storage` (3n+1 or more, n) hold the points, the first of which is the mean, then the covariance or
-    its factor, then scratch.
+    Attributes
+    ----------
+    points : (2n+1, n)
+        Sigma points of the next step by `rule`; the first is the mean.
+    storage : (3n+1 or more, n)
+        Points, then the covariance or its factor, then scratch.
+    nis
+        Normalised innovation squared of the update.
+    rule
+        The rule of the step.
     """
 
     points: Array
@@ -82,9 +111,14 @@ def rule(
     kernels: Kernels,
     angular_states: tuple[int, ...],
 ) -> Rule:
-    """The rule of a filter with n states and m measured components; the filters' own `rule` calls it.
+    """Return the rule of a filter with n states and m measured components.
 
-    Raises FilterError.
+    The filters' own `rule` calls it.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
     """
     check_weights(weights, n)
     try:
@@ -97,12 +131,24 @@ def rule(
 
 
 def step(belief: Any, process: Rows, Q: Array, y: Array, measure: Rows, R: Array, rule: Rule) -> StepResult:
-    """The filter's `predict`, then its `update`, in one call: the same belief and NIS in half the time.
+    """Predict and update in one call: the same belief and NIS as two calls, in half the time.
 
-    `belief` is the belief to start from, or the last step's result; other arguments are those of the two calls,
-    for one filter. The rows passed to `measure` are overwritten after it returns.
+    Parameters
+    ----------
+    belief
+        The belief to start from, or the last step's result.
+    process, Q, y, measure, R
+        As in the filter's `predict` and `update`, for one filter. The rows passed to `measure` are overwritten
+        after it returns.
+    rule
+        The filter's rule.
 
-    Raises FilterError, NotPositiveDefiniteError (for the posterior, too).
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used.
+    NotPositiveDefiniteError
+        If the prior, the innovation or the posterior has a covariance that is not positive definite.
     """
     _, redraw, correct_and_redraw, _, _ = rule.kernels
     if type(belief) is StepResult and belief.rule is rule:

@@ -1,8 +1,8 @@
-"""A Gaussian filter's step with an angle so wide that sigma points no longer show it: `runs.run` takes it there.
+"""Steps of a Gaussian filter with an angle too wide for sigma points, for `runs.run`.
 
-The angle is uniform, of the belief's variance, over one turn at most; the other states move with it as they
-correlate. The model becomes its mean tangent over the angle. What it deviates from that is noise. A process's adds
-to what the state was already off by, since the next step has the same unknown angle.
+The angle is uniform, with the belief's variance, over at most one turn; the other states move with it by their
+correlation. The model becomes its mean tangent over the angle, and the deviation from it is noise. The deviation
+of a process adds to the state's earlier one, since the next step has the same unknown angle.
 """
 
 from itertools import product
@@ -14,22 +14,25 @@ from onboard.arrays import Array
 from onboard.filters import extended, kalman
 from onboard.filters.angles import beside
 from onboard.filters.belief import Belief, Indices, Method, Rows, Update, start
-from onboard.filters.errors import FARTHEST
+from onboard.filters.errors import MAX_ANGLE_SPREAD
 
-WIDE: Final = FARTHEST / 8  # rad, one sigma: a point that is farther out than this is rare, even of an ensemble
-UNKNOWN: Final = np.pi / np.sqrt(3)  # rad, one sigma of an angle of which nothing is known
-COUNT: Final = 16  # values of an angle over its width
+MAX_NARROW_SIGMA: Final = MAX_ANGLE_SPREAD / 8  # rad; points beyond MAX_ANGLE_SPREAD are rare, even in an ensemble
+UNIFORM_ANGLE_SIGMA: Final = np.pi / np.sqrt(3)  # rad; standard deviation of a completely unknown angle
+ANGLE_COUNT: Final = 16  # number of values over the width of an angle
 
 
 def is_wide(belief: Belief, angular_states: Indices) -> bool:
-    """Whether a belief (n,) has an angle that is wide."""
+    """Return whether a belief (n,) has a wide angle."""
     return bool(_wide(belief, angular_states))
 
 
 def predict(belief: Belief, process: Rows, Q: Array, angular_states: Indices = ()) -> Belief:
     """Time update; `angular_states` as in `angles`.
 
-    Raises FilterError.
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
     """
     F, mean, rest = transition(belief, process, angular_states)
     P = F @ belief.covariance @ F.T + Q + rest
@@ -37,44 +40,56 @@ def predict(belief: Belief, process: Rows, Q: Array, angular_states: Indices = (
 
 
 def transition(belief: Belief, process: Rows, angular_states: Indices) -> tuple[Array, Array, Array]:
-    """The process as a line: its slope (n, n), its value at the mean (n,), and the noise (n, n) that it adds. An
-    angle that would be wider than a turn is drawn anew, from a turn, and does not depend on the one before.
+    """Return the process as a line: its slope, its value at the mean, and the added noise.
 
-    Raises FilterError.
+    They are (n, n), (n,) and (n, n). An angle that would be wider than a turn is drawn from a whole turn, and does
+    not depend on the one before.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
     """
     F, mean, rest = _line(belief, process, angular_states, None, angular_states)
     variance, off = np.diagonal(F @ belief.covariance @ F.T).copy(), np.diagonal(rest)
     noise = off + 2 * np.sqrt(variance * off)
     for i in angular_states:
-        if variance[i] + noise[i] > UNKNOWN**2:
-            F[i], noise[i] = 0, UNKNOWN**2
+        if variance[i] + noise[i] > UNIFORM_ANGLE_SIGMA**2:
+            F[i], noise[i] = 0, UNIFORM_ANGLE_SIGMA**2
     return F, mean, np.diag(noise)
 
 
 def update(
     belief: Belief, y: Array, measure: Rows, R: Array, angular: Indices = (), angular_states: Indices = ()
 ) -> Update:
-    """Measurement update; arguments as in `unscented.update`.
+    """Measurement update; parameters as in `unscented.update`.
 
-    Raises FilterError, NotPositiveDefiniteError.
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     H, predicted, rest = _line(belief, measure, angular_states, y, angular)
     return kalman.correct(belief, y, predicted, H, R + rest, (), angular)
 
 
 def _wide(belief: Belief, angular_states: Indices) -> list[int]:
-    return [i for i in angular_states if belief.covariance[i, i] > WIDE**2]
+    return [i for i in angular_states if belief.covariance[i, i] > MAX_NARROW_SIGMA**2]
 
 
 def _line(
     belief: Belief, model: Rows, angular_states: Indices, y: Array | None, angular: Indices
 ) -> tuple[Array, Array, Array]:
-    """The model's mean tangent over the wide angles: its slope, its value at the mean, and the covariance of what
-    it deviates by."""
+    """Return the model's mean tangent over the wide angles.
+
+    That is its slope, its value at the mean, and the covariance of the deviation from it.
+    """
     mean, P = belief
     angles = _wide(belief, angular_states)
-    widths = np.minimum(np.sqrt(P[angles, angles]), UNKNOWN) * np.sqrt(3)
-    evenly = (2 * np.arange(COUNT) + 1) / COUNT - 1
+    widths = np.minimum(np.sqrt(P[angles, angles]), UNIFORM_ANGLE_SIGMA) * np.sqrt(3)
+    evenly = (2 * np.arange(ANGLE_COUNT) + 1) / ANGLE_COUNT - 1
     off = np.array([*product(evenly, repeat=len(angles))], P.dtype) * widths.astype(P.dtype)
     moved = off @ np.linalg.solve(P[np.ix_(angles, angles)], P[angles])
     points = np.concatenate([mean[None], mean + moved])

@@ -1,11 +1,12 @@
-"""The unscented Kalman filter, generic over models: Oh & Johnson eqs 19-42 (after Julier, and van der Merwe).
+"""Unscented Kalman filter, generic over models: Oh & Johnson eqs 19-42.
 
     points = spread(belief)            # (2n+1, n)
     points = process(points)           # (2n+1, n) -> (2n+1, n): the model, any function over rows
     belief = gather(points) + Q
 
-Arrays are all float64 or all float32. With a leading batch axis B on mean and covariance (and on y), B filters
-advance in one call; the model then gets the rows of all of them, (B (2n+1), n), each filter's together.
+After Julier, and van der Merwe. Arrays are all float64 or all float32. With a leading batch axis B on mean and
+covariance (and on y), B filters advance in one call; the model then gets the rows of all of them, (B (2n+1), n),
+each filter's together.
 """
 
 from collections.abc import Callable
@@ -47,10 +48,12 @@ __all__ = [
 
 
 def _keep_pages() -> None:
-    """Let a large batch keep its memory from step to step. The C library (glibc) returns free memory at the top
-    of the heap when it is more than twice the largest block ever freed. A batch of 500 would take it again in
-    each step, page by page, for a tenth of its time. Freeing one block of 8 MB, never touched, prevents
-    that."""
+    """Let a large batch keep its memory from step to step.
+
+    The C library (glibc) returns free memory at the top of the heap when it is more than twice the largest block
+    ever freed. A batch of 500 would take it again in each step, page by page, for a tenth of its time. Freeing one
+    block of 8 MB, never touched, prevents that.
+    """
     np.empty(8 << 20, np.uint8)
 
 
@@ -66,9 +69,21 @@ def rule(
     dtype: Any = np.float64,
     angular_states: tuple[int, ...] = (),
 ) -> Rule:
-    """This filter for `step`, of n states and m measured components; the other arguments are those of `update`.
+    """Return the rule of this filter for `step`.
 
-    Raises FilterError.
+    Parameters
+    ----------
+    n, m
+        Numbers of states and of measured components.
+    dtype
+        Precision.
+    weights, angular, considered, angular_states
+        As in `update`.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
     """
     return stepping.rule(weights, n, m, angular, considered, dtype, KERNELS, angular_states)
 
@@ -82,10 +97,32 @@ step: Final = stepping.step  # of this filter, by its `rule`
 def predict(
     belief: Belief, process: Rows, Q: Array, weights: Weights, angular_states: tuple[int, ...] = ()
 ) -> Belief:
-    """Time update (eqs 29-33). `process` maps rows (k, n) -> (k, n); `Q` (n, n) is that of the whole step;
-    `angular_states` are the states that are angles, whose differences wrap (`angles`).
+    """Time update (eqs 29-33).
 
-    Raises FilterError, NotPositiveDefiniteError.
+    Parameters
+    ----------
+    belief
+        Belief of n states.
+    process
+        Function of rows (k, n); returns rows (k, n).
+    Q : (n, n)
+        Covariance of the process noise of the whole step.
+    weights
+        Sigma-point weights, such as `julier_weights(n)`.
+    angular_states
+        Indices of states that are angles, whose differences wrap (`angles`).
+
+    Returns
+    -------
+    Belief
+        The predicted belief.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     moved = over_rows(process, sigma_points(belief, weights, angular_states))
     return recombine(beside_first(moved, angular_states) if angular_states else moved, weights, Q)
@@ -101,11 +138,39 @@ def update(
     considered: tuple[int, ...] = (),
     angular_states: tuple[int, ...] = (),
 ) -> Update:
-    """Measurement update (eqs 34-42). `measure` maps rows (k, n) -> (k, m); `angular` are the components of y that
-    are angles, whose differences wrap. States in `considered` keep their mean and variance: no measurement moves
-    them, but their uncertainty is carried in the others' covariance (Schmidt 1966).
+    """Measurement update (eqs 34-42).
 
-    Raises FilterError, NotPositiveDefiniteError for the prior and for an innovation covariance without factor.
+    Parameters
+    ----------
+    belief
+        Belief of n states.
+    y : (..., m)
+        Measured values.
+    measure
+        Function of rows (k, n); returns rows (k, m).
+    R : (m, m)
+        Covariance of the measurement noise.
+    weights
+        Sigma-point weights, such as `julier_weights(n)`.
+    angular
+        Components of y that are angles, whose differences wrap.
+    considered
+        Indices of states that keep their mean and variance: no measurement moves them, but their uncertainty is
+        carried in the others' covariance (Schmidt 1966).
+    angular_states
+        Indices of states that are angles, whose differences wrap (`angles`).
+
+    Returns
+    -------
+    Update
+        The posterior, the innovation and its NIS.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If the prior or the innovation has a covariance that is not positive definite.
     """
     points = sigma_points(belief, weights, angular_states)
     images = over_rows(measure, points, y)
@@ -122,7 +187,10 @@ def correct(
     angular: tuple[int, ...],
     considered: tuple[int, ...],
 ) -> Update:
-    """The second half of `update`: from sigma points (..., 2n+1, n) and their images (..., 2n+1, m)."""
+    """Return the second half of `update`.
+
+    It starts from sigma points (..., 2n+1, n) and their images (..., 2n+1, m).
+    """
     if not (y.__class__ is R.__class__ is np.ndarray):
         require_plain(y=y, R=R)
     try:
@@ -149,7 +217,7 @@ def correct(
 
 
 def method(name: str, weights: Callable[[int], Weights], considered: tuple[int, ...] = (), **more: Any) -> Method:
-    """The filter with given weights, as every method is called."""
+    """Return the filter with given weights as a `Method`."""
 
     def predict_(state: Belief, process: Rows, Q: Array, angular_states: Indices = ()) -> Belief:
         return predict(state, process, Q, weights(state.mean.shape[-1]), angular_states)

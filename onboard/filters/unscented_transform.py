@@ -1,10 +1,10 @@
-"""The unscented transform: from a belief to points, which any model moves, and back (Julier; Oh & Johnson eqs
-23-33).
+"""Unscented transform: from a belief to points, which any model moves, and back.
 
     points = sigma_points(belief, weights)       # (2n+1, n)
     belief = recombine(model(points), weights, noise)
 
-Arrays are all float64 or all float32. With a leading batch axis on mean and covariance, all in one call.
+Julier; Oh & Johnson eqs 23-33. Arrays are all float64 or all float32. With a leading batch axis on mean and
+covariance, all in one call.
 """
 
 import numpy as np
@@ -18,11 +18,12 @@ from onboard.filters.stepping import StepResult
 
 
 def julier_weights(n: int, n_plus_lambda: float = 3.0) -> Weights:
-    """Weights with n + lambda given (eqs 23-25): 3 matches the fourth moment of a Gaussian.
+    """Return weights with n + lambda given (eqs 23-25).
 
-    For n > 3 the centre's weight is then negative: where a model is strongly curved over the belief, the centre
-    subtracts more than the other points add, and the filter is far too sure (or finds no covariance). With
-    `n_plus_lambda` of n or more no weight is negative."""
+    3 matches the fourth moment of a Gaussian. For n > 3 the centre's weight is then negative: if a model is
+    strongly curved over the belief, the centre subtracts more than the other points add, and the filter is
+    overconfident (or finds no covariance). With `n_plus_lambda` of at least n no weight is negative.
+    """
     if not n_plus_lambda > 0:
         raise FilterError("n_plus_lambda: must be positive")
     centre = 1.0 - n / n_plus_lambda
@@ -30,7 +31,10 @@ def julier_weights(n: int, n_plus_lambda: float = 3.0) -> Weights:
 
 
 def scaled_weights(n: int, alpha: float = 1e-3, beta: float = 2.0, kappa: float = 0.0) -> Weights:
-    """Van der Merwe's scaled weights: lambda = alpha^2 (n + kappa) - n; beta = 2 suits a Gaussian."""
+    """Return van der Merwe's scaled weights, with lambda = alpha^2 (n + kappa) - n.
+
+    beta = 2 suits a Gaussian.
+    """
     if not (alpha > 0 and n + kappa > 0):
         raise FilterError("alpha and n + kappa: must be positive")
     total = alpha * alpha * (n + kappa)
@@ -39,9 +43,16 @@ def scaled_weights(n: int, alpha: float = 1e-3, beta: float = 2.0, kappa: float 
 
 
 def sigma_points(belief: Belief | StepResult, weights: Weights, angular_states: tuple[int, ...] = ()) -> Array:
-    """Sigma points (..., 2n+1, n), the mean first (eqs 29-30); `angular_states` as in `angles`.
+    """Return sigma points (..., 2n+1, n), the mean first (eqs 29-30).
 
-    Raises FilterError, NotPositiveDefiniteError.
+    `angular_states` is as in `angles`.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     mean, covariance = belief.mean, belief.covariance
     spread, w_mean, _, w = weights
@@ -64,9 +75,14 @@ def sigma_points(belief: Belief | StepResult, weights: Weights, angular_states: 
 
 
 def recombine(points: Array, weights: Weights, noise: Array) -> Belief:
-    """Weighted mean and covariance of points (..., 2n+1, n), plus noise (n, n) (eqs 32-33).
+    """Return the weighted mean and covariance of points, plus noise (eqs 32-33).
 
-    Raises FilterError.
+    Points are (..., 2n+1, n), the noise is (n, n).
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
     """
     _, w_mean, w_cov, w = weights
     try:
@@ -87,10 +103,10 @@ def recombine(points: Array, weights: Weights, noise: Array) -> Belief:
 
 
 def batched(noise: Array) -> Array:
-    """Noise (n, n) or (B, n, n) as kernels of batches take it: (1 or B, n, n)."""
+    """Return noise (n, n) or (B, n, n) in the form for kernels of batches: (1 or B, n, n)."""
     return packed(noise if noise.ndim == 3 else noise[None])
 
 
 def packed(array: Array) -> Array:
-    """The array without gaps in memory, as kernels of batches take it."""
+    """Return the array contiguous in memory, for kernels of batches."""
     return array if array.flags.c_contiguous else array.copy()

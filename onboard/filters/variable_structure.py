@@ -1,5 +1,4 @@
-"""What the smooth variable structure filters share: their state, their update's record, and the call of their
-kernel.
+"""State, update record and kernel call that the smooth variable structure filters share.
 
 `smooth_variable_structure` and `cubature_smooth` are the filters.
 """
@@ -18,15 +17,26 @@ from onboard.filters.kernels import variable_structure as kernels
 from onboard.filters.kernels.calls import call_as_is
 from onboard.filters.unscented_transform import sigma_points
 
-GAMMA: Final = 0.1  # the convergence rate
+CONVERGENCE_RATE: Final = 0.1  # gamma
 
 
 class State(NamedTuple):
-    """A belief, mean (..., n) and covariance (..., n, n); the residual (..., m) after the last update; and for how
-    many updates each component has been outside of its layer (..., m). Before the first update m is 0.
+    """The state of a smooth variable structure filter. Before the first update m is 0.
 
-    The adaptive form has more: the fading mean of sat(e/layer) (..., m); one that fades more slowly; and the
-    covariance (..., n, n) of the model's error that the slow mean finds, which widens the belief but not the gain.
+    Attributes
+    ----------
+    mean : (..., n)
+        Mean.
+    covariance : (..., n, n)
+        Covariance.
+    residual : (..., m)
+        Residual after the last update.
+    updates_outside : (..., m)
+        Number of updates for which each component has been outside its layer.
+    switching, slow_switching : (..., m)
+        Fading means of sat(e/layer), for the adaptive form.
+    model_error : (..., n, n)
+        Covariance of the model's error by the slow mean, which widens the belief but not the gain.
     """
 
     mean: Array
@@ -39,8 +49,15 @@ class State(NamedTuple):
 
 
 class LayerUpdate(NamedTuple):
-    """`belief.Update`'s five fields, the boundary layer (..., m) in units of the measurement, and masks (...,
-    m) of the components that were outside of it and of those that were rejected."""
+    """The five fields of `belief.Update`, and the boundary layer.
+
+    Attributes
+    ----------
+    layer : (..., m)
+        Boundary layer in units of the measurement.
+    outside, rejected : (..., m)
+        Masks of the components outside the layer, and of those rejected.
+    """
 
     belief: Any
     innovation: Array
@@ -53,38 +70,63 @@ class LayerUpdate(NamedTuple):
 
 
 class Settings(NamedTuple):
-    """What makes the filters differ: the kind of layer (FIXED to ADAPTIVE of the kernels); its width, `scale`
-    standard deviations of R, or for SWITCHED and ADAPTIVE of the innovation; for how many updates an exceedance
-    must last (`patience`); the convergence rate gamma; whether the right inverse is weighted by the covariance;
-    and the newest update's share in the mean of sat(e/layer) (`fading`)."""
+    """Settings that distinguish the filters.
+
+    Attributes
+    ----------
+    kind
+        Kind of layer (FIXED_LAYER_TYPE to ADAPTIVE_LAYER_TYPE of the kernels).
+    scale
+        Width of the layer in standard deviations of R; of a switched or adaptive layer, of the innovation.
+    patience
+        Number of updates that an exceedance must last.
+    gamma
+        Convergence rate.
+    weighted
+        Whether the right inverse is weighted by the covariance.
+    fading
+        Share of the newest update in the mean of sat(e/layer).
+    """
 
     kind: int
     scale: float
     patience: int = 1
-    gamma: float = GAMMA
+    gamma: float = CONVERGENCE_RATE
     weighted: bool = True
     fading: float = 0.0
 
 
 def start(mean: Array, covariance: Array) -> State:
-    """The state before any measurement: mean (..., n), covariance (..., n, n).
+    """Return the state before any measurement: mean (..., n), covariance (..., n, n).
 
-    Raises FilterError.
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
     """
     empty = np.zeros((*beliefs.start(mean, covariance).mean.shape[:-1], 0), mean.dtype)
     return State(mean, covariance, empty, empty, empty, empty, np.zeros_like(covariance))
 
 
 def belief(state: State) -> Belief:
-    """Mean, and covariance with that of the model's error in it."""
+    """Return the mean, and the covariance with that of the model's error."""
     return Belief(state.mean, state.covariance + state.model_error)
 
 
 def predict(state: State, process: Rows, Q: Array, angular_states: Indices = ()) -> State:
-    """Time update over cubature points (eqs 2.2.1-2.2.4). `process` maps rows (k, n) -> (k, n), Q is (..., n, n),
-    `angular_states` as in `angles`.
+    """Time update over cubature points (eqs 2.2.1-2.2.4).
 
-    Raises FilterError, NotPositiveDefiniteError.
+    Parameters
+    ----------
+    process, Q, angular_states
+        As in `cubature.predict`.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     mean, covariance = cubature.predict(Belief(state.mean, state.covariance), process, Q, angular_states)
     return State(mean, covariance, *state[2:])
@@ -99,10 +141,16 @@ def correct(
     settings: Settings,
     layer: Array | None = None,
 ) -> tuple[LayerUpdate, Array]:
-    """Measurement update, and the ratio S_ii / (H P H^T)_ii (..., m) of eq 3.1. `layer` (..., m) is in place of
-    `scale` standard deviations.
+    """Return the measurement update, and the ratio S_ii / (H P H^T)_ii (..., m) of eq 3.1.
 
-    Raises FilterError, NotPositiveDefiniteError.
+    `layer` (..., m) replaces `scale` standard deviations.
+
+    Raises
+    ------
+    FilterError
+        If an argument cannot be used; the message says which one and why.
+    NotPositiveDefiniteError
+        If a covariance is not positive definite, or not finite.
     """
     _check(settings, layer)
     mean, P, residual, updates_outside, switching, slow_switching, _ = state
@@ -110,7 +158,7 @@ def correct(
     if y.__class__ is not np.ndarray:
         require_plain(y=y)
     images = images_of(measure, points, y)
-    # of the first measurement, or of one of another sensor, nothing is known yet
+    # The first measurement, or one of another sensor, has no memory yet.
     if residual.shape != y.shape or updates_outside.shape != y.shape:
         residual = updates_outside = switching = slow_switching = np.zeros_like(y, mean.dtype)
     angles = mask(angular, y.shape[-1])
@@ -155,8 +203,10 @@ def method(
     functions: tuple[Any, Any, Any] = (start, predict, belief),
     exempt: dict[str, str] | None = None,
 ) -> Method:
-    """A filter as every method is called, with the five fields of `Update` alone. `functions` are start,
-    predict and belief."""
+    """Return a filter as a `Method`, with the five fields of `Update` alone.
+
+    `functions` are start, predict and belief.
+    """
 
     def update_(
         state: Any, y: Array, measure: Rows, R: Array, angular: Indices = (), angular_states: Indices = ()
@@ -170,7 +220,7 @@ def method(
 
 
 def wrapped(difference: Array, angular: Any) -> Array:
-    """Differences (..., m) with those of angles (a mask (m,)) in [-pi, pi]."""
+    """Return differences (..., m) with those of angles (a mask (m,)) in [-pi, pi]."""
     if not angular.any() or np.abs(difference).max(initial=0.0) <= np.pi:
         return difference
     turns = np.where(angular, np.rint(difference / (2 * np.pi)), 0).astype(difference.dtype)
@@ -178,5 +228,8 @@ def wrapped(difference: Array, angular: Any) -> Array:
 
 
 def _batch(array: Any, axes: int) -> Any:
-    """An array of one filter as a batch of one. What is no array stays as it is: the kernel's caller names it."""
+    """Return an array of one filter as a batch of one.
+
+    Anything else stays as it is: the kernel's caller names it in the error.
+    """
     return array[None] if isinstance(array, np.ndarray) and array.ndim == axes else array

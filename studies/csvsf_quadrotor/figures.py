@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from onboard.analysis.report.style import STYLE, panels
 from onboard.arrays import Array
-from onboard.filters.cubature_smooth import FADING, PATIENCE
+from onboard.filters.cubature_smooth import FADING_FRACTION, MIN_EXCEEDANCE_STEPS
 from onboard.models.quadrotor import COMPONENTS, INPUTS
 from studies.csvsf_quadrotor.cases import FAULT_TIME_S, NAMED, Case
 from studies.csvsf_quadrotor.filters import ADAPTIVE, CKF, MAIN, METHODS, PRINTED, RECURSIVE, SVSF, Track
@@ -130,7 +130,7 @@ def _meter(flights: Flights) -> Figure:
     """The adaptive form's fading mean of sat(e/layer), of two quantities in four flights."""
     title = "A measure of the model's error: the mean of sat(e / layer); green: the range of white noise"
     figure, grid = panels(title, len(MAIN), 2, (9.0, 6.0), sharex=True, sharey=True)
-    limit = float(np.sqrt(FADING / (2 - FADING)))
+    limit = float(np.sqrt(FADING_FRACTION / (2 - FADING_FRACTION)))
     for row, variant in zip(grid, MAIN, strict=True):
         switching = flights[variant][1][ADAPTIVE.name].switching[:, 0]
         t = (1 + np.arange(len(switching))) * DT
@@ -155,13 +155,17 @@ def _settings(sweep: Sequence[Setting]) -> Figure:
         "weak motor (.06 rad/s)": ("motor_rad_s", 0.06, "#009e73"),
     }
     for ax, by, fixed in ((left, "fading", "patience"), (right, "patience", "fading")):
-        some = [s for s in sweep if getattr(s, fixed) == (PATIENCE if fixed == "patience" else FADING)]
+        some = [
+            s
+            for s in sweep
+            if getattr(s, fixed) == (MIN_EXCEEDANCE_STEPS if fixed == "patience" else FADING_FRACTION)
+        ]
         some.sort(key=lambda s: float(getattr(s, by)))
         x = [getattr(s, by) for s in some]
         for label, (name, limit, colour) in wanted.items():
             ax.plot(x, [getattr(s, name) / limit for s in some], "o-", color=colour, label=label)
         ax.axhline(1.0, color="black", lw=0.8, ls="--")
-        ax.axvline(FADING if by == "fading" else PATIENCE, color="#999999", lw=0.8)
+        ax.axvline(FADING_FRACTION if by == "fading" else MIN_EXCEEDANCE_STEPS, color="#999999", lw=0.8)
         ax.set(xlabel=by, xscale="log", yscale="log")
         ax.set_xticks(x, [f"{v:g}" for v in x])
         ax.set_yticks([0.3, 0.5, 1, 2, 5, 10], ["0.3", "0.5", "1", "2", "5", "10"])
@@ -172,7 +176,7 @@ def _settings(sweep: Sequence[Setting]) -> Figure:
 
 
 def _chosen(sweep: Sequence[Setting]) -> Setting:
-    return next(s for s in sweep if (s.fading, s.patience) == (FADING, PATIENCE))
+    return next(s for s in sweep if (s.fading, s.patience) == (FADING_FRACTION, MIN_EXCEEDANCE_STEPS))
 
 
 def _fault(ax: Axes, variant: str) -> None:

@@ -32,8 +32,8 @@ class Method(NamedTuple):
     filter: str
     widened: float = 1.0
     inputs: Literal["commands", "thrust", "force"] = "commands"
-    fading: float = cubature_smooth.FADING  # settings of the adaptive form
-    patience: int = cubature_smooth.PATIENCE
+    fading: float = cubature_smooth.FADING_FRACTION  # settings of the adaptive form
+    patience: int = cubature_smooth.MIN_EXCEEDANCE_STEPS
 
 
 CKF: Final = Method("ckf", "CKF", "cubature")

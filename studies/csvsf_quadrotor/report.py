@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Final
 
-from onboard.filters.cubature_smooth import FADING, PATIENCE
+from onboard.filters.cubature_smooth import FADING_FRACTION, MIN_EXCEEDANCE_STEPS
 from onboard.messages import Record
 from studies.csvsf_quadrotor.cases import FORCE_SIGMA, NAMED, Variant
 from studies.csvsf_quadrotor.filters import EVERY, MAIN, METHODS
@@ -137,7 +137,10 @@ def sweep_table(result: Result) -> Table:
     return Table(
         title="Settings of the adaptive form",
         note=SWEEP.format(
-            seeds=result.sweep_seeds, first=result.sweep_first_seed, fading=FADING, patience=PATIENCE
+            seeds=result.sweep_seeds,
+            first=result.sweep_first_seed,
+            fading=FADING_FRACTION,
+            patience=MIN_EXCEEDANCE_STEPS,
         ),
         header=("fading", "patience", "no error, m/s", "inputs x .7, m/s", "weak motor, rad/s", "outliers, m/s"),
         rows=tuple(

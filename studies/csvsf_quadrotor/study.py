@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 import msgspec
 
 from onboard.analysis.parallel.workers import Jobs, Part, Progress, compute
-from onboard.filters.cubature_smooth import FADING, PATIENCE
+from onboard.filters.cubature_smooth import FADING_FRACTION, MIN_EXCEEDANCE_STEPS
 from studies.csvsf_quadrotor.cases import NAMED, VARIANTS, Case, one, simulate
 from studies.csvsf_quadrotor.claims import claims_of
 from studies.csvsf_quadrotor.filters import ADAPTIVE, MAIN, METHODS, Method, Track, methods_on, track
@@ -39,11 +39,14 @@ TITLE: Final = "Al-Shabi et al.: a quadrotor's own state, smooth variable struct
 BATCH_SIZE: Final = 60  # flights: fixed, so that results do not depend on the number of processes
 UNCOMPARED_SEED_RATIO: Final = 4  # seeds to each one flown where figures are compared with nothing
 TUNING_SEEDS: Final = range(1000, 1010)  # the settings were chosen on them
-FADINGS: Final = (0.02, 0.05, FADING, 0.2, 0.4)
-PATIENCES: Final = (1, 2, PATIENCE, 5, 8)
+FADINGS: Final = (0.02, 0.05, FADING_FRACTION, 0.2, 0.4)
+PATIENCES: Final = (1, 2, MIN_EXCEEDANCE_STEPS, 5, 8)
 SWEPT: Final = tuple(
     ADAPTIVE._replace(fading=fading, patience=patience)
-    for fading, patience in [*((f, PATIENCE) for f in FADINGS), *((FADING, p) for p in PATIENCES if p != PATIENCE)]
+    for fading, patience in [
+        *((f, MIN_EXCEEDANCE_STEPS) for f in FADINGS),
+        *((FADING_FRACTION, p) for p in PATIENCES if p != MIN_EXCEEDANCE_STEPS),
+    ]
 )
 
 

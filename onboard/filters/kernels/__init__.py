@@ -1,1 +1,4 @@
-"""Compiled loops over arrays, private to `onboard.filters`: others call the public families."""
+"""Compiled loops over arrays, private to `onboard.filters`.
+
+Use the public families instead.
+"""

@@ -5,46 +5,48 @@ from numba import njit
 
 from onboard.filters.compiled import FLAGS, MAKING, signatures
 from onboard.filters.errors import (
-    ANGLE,
-    COVARIANCE,
-    FARTHEST,
-    IMAGES,
-    INNOVATION,
-    MEMBER,
+    ANGLE_ERROR,
+    COVARIANCE_ERROR,
+    IMAGES_ERROR,
+    INNOVATION_ERROR,
+    MAX_ANGLE_SPREAD,
+    MEMBER_FACTOR,
     OK,
-    POINTS,
-    POSTERIOR,
-    Q_INDEFINITE,
-    R_INDEFINITE,
-    SHAPE,
+    POINTS_ERROR,
+    POSTERIOR_ERROR,
+    Q_INDEFINITE_ERROR,
+    R_INDEFINITE_ERROR,
+    SHAPE_ERROR,
 )
 from onboard.filters.kernels.cholesky import clear_known, factor_into, root_into, semifactor_into
 from onboard.filters.kernels.linear import innovate_into
-from onboard.filters.kernels.sigma_points import LITTLE, wrapped
+from onboard.filters.kernels.sigma_points import MIN_VARIANCE_FACTOR, wrapped
 
 
 @njit(signatures(2, 3, 3, 3, "f"), **MAKING)
 def spread(mean, P, first, second, gamma):  # noqa: PLR0912 - loops
-    """(points (B, 2L+1, L), status) of means (B, n), covariances (B, n, n) and those of two noises, each (B or 1,
-    k, k) and perhaps singular or empty: the mean first, and opposite points L apart (eqs 8, 9)."""
+    """Return (points (B, 2L+1, L), status): the mean first, and opposite points L apart (eqs 8, 9).
+
+    Means are (B, n), covariances (B, n, n) and those of two noises each (B or 1, k, k), perhaps singular or empty.
+    """
     count, n = mean.shape
     k1, k2 = first.shape[1], second.shape[1]
     L = n + k1 + k2
     points = np.zeros((count, 2 * L + 1, L), mean.dtype)
     if P.shape[0] != count or P.shape[1] != n or P.shape[2] != n:
-        return points, SHAPE
+        return points, SHAPE_ERROR
     if first.shape[2] != k1 or second.shape[2] != k2:
-        return points, SHAPE
+        return points, SHAPE_ERROR
     if first.shape[0] not in (1, count) or second.shape[0] not in (1, count):
-        return points, SHAPE
+        return points, SHAPE_ERROR
     own, one, two = np.empty((n, n), mean.dtype), np.empty((k1, k1), mean.dtype), np.empty((k2, k2), mean.dtype)
     for b in range(count):
         if not root_into(P[b], own):
-            return points, COVARIANCE + MEMBER * b
+            return points, COVARIANCE_ERROR + MEMBER_FACTOR * b
         if not semifactor_into(first[b % first.shape[0]], one):
-            return points, Q_INDEFINITE + MEMBER * b
+            return points, Q_INDEFINITE_ERROR + MEMBER_FACTOR * b
         if not semifactor_into(second[b % second.shape[0]], two):
-            return points, R_INDEFINITE + MEMBER * b
+            return points, R_INDEFINITE_ERROR + MEMBER_FACTOR * b
         for s in range(2 * L + 1):
             for i in range(n):
                 points[b, s, i] = mean[b, i]
@@ -64,8 +66,10 @@ def spread(mean, P, first, second, gamma):  # noqa: PLR0912 - loops
 
 @njit(**MAKING)
 def centred_into(points, w, angular, mean, d):
-    """Mean (m,) of points (k, m) and deviations from it (k, m); a
-    status, IMAGES if they are not finite. Sums are relative to the first point."""
+    """Fill the mean (m,) of points (k, m) and the deviations from it (k, m); return a status.
+
+    It is IMAGES_ERROR if they are not finite. Sums are relative to the first point.
+    """
     k, m = points.shape
     is_finite, farthest = True, points.dtype.type(0)
     for a in range(m):
@@ -81,13 +85,13 @@ def centred_into(points, w, angular, mean, d):
             d[s, a] -= w * total
         is_finite = is_finite and np.isfinite(mean[a])
     if not is_finite:
-        return IMAGES
-    return OK if farthest <= FARTHEST else ANGLE
+        return IMAGES_ERROR
+    return OK if farthest <= MAX_ANGLE_SPREAD else ANGLE_ERROR
 
 
 @njit(**MAKING)
 def covariance_into(d, w_cov, w, P):
-    """Weighted covariance of deviations (k, m)."""
+    """Fill the weighted covariance of deviations (k, m)."""
     k, m = d.shape
     for a in range(m):
         for b in range(a, m):
@@ -99,20 +103,23 @@ def covariance_into(d, w_cov, w, P):
 
 @njit(signatures(3, "f", "f"), **MAKING)
 def gather(points, w_cov, w):
-    """(mean (B, n), covariance (B, n, n), status) of points (B, k, n)."""
+    """Return (mean (B, n), covariance (B, n, n), status) of points (B, k, n)."""
     count, k, n = points.shape
     mean, P = np.empty((count, n), points.dtype), np.empty((count, n, n), points.dtype)
     d, no_angles = np.empty((k, n), points.dtype), np.zeros(n, np.bool_)
     for b in range(count):
         if centred_into(points[b], w, no_angles, mean[b], d) != OK:
-            return mean, P, POINTS + MEMBER * b
+            return mean, P, POINTS_ERROR + MEMBER_FACTOR * b
         covariance_into(d, w_cov, w, P[b])
     return mean, P, OK
 
 
 @njit(**MAKING)
 def whiten_into(points, mean, d, e, lower_t, w_cov, w, white):
-    """chol(S)^-1 [cross-covariance^T, e] (m, n+1), from points (k, n) and their images' deviations d (k, m)."""
+    """Fill chol(S)^-1 [cross-covariance^T, e] (m, n+1).
+
+    Inputs are points (k, n) and their images' deviations d (k, m).
+    """
     (k, n), m = points.shape, e.shape[0]
     for a in range(m):
         for i in range(n):
@@ -130,8 +137,11 @@ def whiten_into(points, mean, d, e, lower_t, w_cov, w, white):
 
 @njit(**MAKING)
 def rebuild_into(points, mean, d, lower_t, half, w_cov, w, P_out):
-    """The covariance as a sum of squares, in which no digits cancel: of deviations of points (k, n) less the gain
-    times those of their images (k, m), which include the noise. half: chol(S)^-1 times the cross-covariance."""
+    """Fill the covariance as a sum of squares, in which no digits cancel.
+
+    They are of deviations of points (k, n) minus the gain times those of their images (k, m), which include the
+    noise. half: chol(S)^-1 times the cross-covariance.
+    """
     k, m, n = points.shape[0], d.shape[1], mean.shape[0]
     gain, off = np.empty((n, m), half.dtype), np.empty((k, n), half.dtype)
     for i in range(n):
@@ -144,25 +154,27 @@ def rebuild_into(points, mean, d, lower_t, half, w_cov, w, P_out):
 
 @njit(signatures(2, 3, 3, 3, 2, 3, "f", "f", FLAGS), **MAKING)
 def correct(mean, P, points, images, y, R, w_cov, w, angular):
-    """(mean (B, n), covariance, innovation (B, m), S, predicted, NIS, status) after y (B, m), from points
-    (B, k, n), which need not be symmetric, and their images (B, k, m), which include the noise (eq 12), of
-    covariance R (B or 1, n_v, n_v)."""
+    """Update from points (B, k, n), which need not be symmetric, and their images (B, k, m).
+
+    The images contain the noise of covariance R (B or 1, n_v, n_v) (eq 12); y is (B, m). Returns (mean (B, n),
+    covariance, innovation (B, m), S, predicted, NIS, status).
+    """
     (count, n), (k, m), dtype = mean.shape, (points.shape[1], y.shape[1]), mean.dtype
     mean_out, P_out, nis = mean.copy(), np.empty((count, n, n), dtype), np.zeros(count, dtype)
     e, S, predicted = np.empty((count, m), dtype), np.empty((count, m, m), dtype), np.empty((count, m), dtype)
     d, lower_t, white = np.empty((k, m), dtype), np.empty((m, m), dtype), np.empty((m, n + 1), dtype)
     rounding = (P.dtype.type(4) * n) * np.finfo(dtype).eps
-    little = P.dtype.type(LITTLE) * np.sqrt(P.dtype.type(np.finfo(dtype).eps))
-    status = OK if y.shape[0] == count and images.shape[1] == k and images.shape[2] == m else SHAPE
+    little = P.dtype.type(MIN_VARIANCE_FACTOR) * np.sqrt(P.dtype.type(np.finfo(dtype).eps))
+    status = OK if y.shape[0] == count and images.shape[1] == k and images.shape[2] == m else SHAPE_ERROR
     for b in range(count):
         if status == OK:
             status = centred_into(images[b], w, angular, predicted[b], d)
         if status == OK:
             covariance_into(d, w_cov, w, S[b])
             status = innovate_into(y[b], predicted[b], angular, e[b])
-            status = INNOVATION if status == OK and not factor_into(S[b], lower_t) else status
+            status = INNOVATION_ERROR if status == OK and not factor_into(S[b], lower_t) else status
         if status != OK:
-            status += MEMBER * b
+            status += MEMBER_FACTOR * b
             break
         whiten_into(points[b], mean[b], d, e[b], lower_t, w_cov, w, white)
         half, last, exact = white[:, :n], white[:, n], False
@@ -182,6 +194,6 @@ def correct(mean, P, points, images, y, R, w_cov, w, angular):
         if cancelled:
             rebuild_into(points[b], mean[b], d, lower_t, half, w_cov, w, P_out[b])
         if np.min(np.diag(P_out[b])) < 0:
-            status = POSTERIOR + MEMBER * b
+            status = POSTERIOR_ERROR + MEMBER_FACTOR * b
             break
     return mean_out, P_out, e, S, predicted, nis, status

@@ -1,4 +1,4 @@
-"""How the filters call their compiled kernels: one filter is a batch of one, and a status becomes an exception."""
+"""Calls of compiled kernels: one filter is a batch of one, and a status becomes an exception."""
 
 from typing import Any
 
@@ -17,9 +17,10 @@ from onboard.filters.errors import (
 
 
 def call(kernel: Any, *options: Any, **arrays: Array) -> list[Any]:
-    """The outputs of a kernel without its status; leading axes of the arrays are broadcast together.
+    """Return the outputs of a kernel without its status.
 
-    Raises FilterError, NotPositiveDefiniteError: by the status, or for arrays that no kernel takes.
+    Leading axes of the arrays are broadcast together. Raises FilterError, NotPositiveDefiniteError by the status,
+    or for arrays that no kernel accepts.
     """
     depths = [
         array.ndim - AXES[name] if array.__class__ is np.ndarray or is_plain(array) else -1
@@ -38,7 +39,7 @@ def call(kernel: Any, *options: Any, **arrays: Array) -> list[Any]:
 
 
 def masks(y: Array, angular: tuple[int, ...], mean: Array, considered: tuple[int, ...]) -> tuple[Any, Any]:
-    """The masks of angular components of y (..., m) and of considered states of mean (..., n).
+    """Return the masks of angular components of y (..., m) and of considered states of mean (..., n).
 
     Raises FilterError.
     """
@@ -63,9 +64,10 @@ def check_like(reference: Array, **arrays: Array) -> None:
 
 
 def call_as_is(kernel: Any, lead: tuple[int, ...], *options: Any, **arrays: Array) -> list[Any]:
-    """The outputs of a kernel without its status; the arrays are passed as they are, of a batch of shape `lead`.
+    """Return the outputs of a kernel without its status, for arrays of a batch of shape `lead`.
 
-    Raises FilterError, NotPositiveDefiniteError: by the status, or for arrays that no kernel takes.
+    The arrays are passed unchanged. Raises FilterError, NotPositiveDefiniteError by the status, or for arrays that
+    no kernel accepts.
     """
     if not all(array.__class__ is np.ndarray or is_plain(array) for array in arrays.values()):
         raise array_error(**arrays)

@@ -8,8 +8,11 @@ from onboard.filters.compiled import CONTRACTED, FILLING
 
 @njit(**FILLING, **CONTRACTED)
 def factor_into(A, lower_t):
-    """Cholesky factor of A (n, n), transposed, into `lower_t` (n, n): row j is column j of the lower factor.
-    False if A is not positive definite or not finite. Only A's upper triangle is read."""
+    """Fill `lower_t` (n, n) with the transposed Cholesky factor of A (n, n).
+
+    Row j is column j of the lower factor. Returns False if A is not positive definite or not finite. Only A's
+    upper triangle is read.
+    """
     n = A.shape[0]
     for j in range(n):
         pivot = A[j, j]
@@ -18,7 +21,7 @@ def factor_into(A, lower_t):
         if not (pivot > 0.0 and pivot < np.inf):
             return False
         root = np.sqrt(pivot)
-        inverse = root * (1.0 / pivot)  # a division that need not wait for the root
+        inverse = root * (1.0 / pivot)  # this division does not wait for the root
         lower_t[j, j] = root
         for i in range(j + 1, n):  # sums in registers: half the time of subtracting row from row
             value = A[j, i]
@@ -31,8 +34,11 @@ def factor_into(A, lower_t):
 
 @njit(**FILLING)
 def transposed_semifactor_into(A, upper):
-    """As `factor_into`, of the symmetric part of A, which may be singular; False if it is indefinite or not
-    finite. A pivot lost in rounding gives a row of zeros: process noise often has rank one."""
+    """Like `factor_into`, for the symmetric part of an A that may be singular.
+
+    Returns False if it is indefinite or not finite. A pivot lost in rounding gives a row of zeros: process noise
+    often has rank one.
+    """
     n = A.shape[0]
     tolerance = A.dtype.type(4 * n) * np.finfo(A.dtype).eps
     half = A.dtype.type(0.5)
@@ -47,7 +53,7 @@ def transposed_semifactor_into(A, upper):
         if not (pivot >= -allowed and pivot < np.inf):
             return False
         if pivot <= allowed:
-            # what is left of a semi-definite matrix beside a zero pivot is zero; more than rounding is indefinite
+            # Next to a zero pivot, a semi-definite matrix is zero; more than rounding is indefinite.
             for i in range(j + 1, n):
                 if not upper[j, i] * upper[j, i] <= (allowed + tolerance * A[j, j]) * abs(A[i, i]):
                     return False
@@ -64,8 +70,10 @@ def transposed_semifactor_into(A, upper):
 
 @njit(**FILLING)
 def semifactor_into(A, lower):
-    """The lower factor (n, n), as it is usually written, of a covariance that may be singular; False if it is
-    indefinite or not finite."""
+    """Fill the lower factor (n, n) of a covariance that may be singular.
+
+    Returns False if it is indefinite or not finite.
+    """
     if not transposed_semifactor_into(A, lower):
         return False
     for i in range(A.shape[0]):
@@ -77,15 +85,19 @@ def semifactor_into(A, lower):
 
 @njit(**FILLING)
 def root_into(A, lower_t):
-    """As `factor_into`, but A may be singular: what is known exactly has a row of zeros. Most are positive
-    definite, which costs no more than `factor_into` does."""
+    """Like `factor_into`, but A may be singular: a state known exactly has a row of zeros.
+
+    Most are positive definite, which costs no more than `factor_into`.
+    """
     return factor_into(A, lower_t) or transposed_semifactor_into(A, lower_t)
 
 
 @njit(**FILLING)
 def skip_known(lower_t):
-    """Replace the zero pivots of `root_into` by infinity: to divide by it gives what is known exactly no share,
-    and so solves a singular system that is consistent."""
+    """Replace the zero pivots of `root_into` by infinity.
+
+    Division by it gives an exactly known state no share, and so solves a consistent singular system.
+    """
     for i in range(lower_t.shape[0]):
         if lower_t[i, i] == 0:
             lower_t[i, i] = np.inf
@@ -93,7 +105,7 @@ def skip_known(lower_t):
 
 @njit(**FILLING)
 def clear_known(P):
-    """Zero the covariances of what is known exactly: of the states whose variance is zero."""
+    """Zero the covariances of exactly known states, whose variance is zero."""
     for i in range(P.shape[0]):
         if P[i, i] == 0:
             for j in range(P.shape[0]):
@@ -102,8 +114,10 @@ def clear_known(P):
 
 @njit(**FILLING)
 def is_noise(A, scratch):
-    """Whether a finite A (n, n) is the covariance of a noise, not indefinite; `scratch` is (n, n). A diagonal one
-    costs next to nothing."""
+    """Return whether a finite A (n, n) is the covariance of a noise, not indefinite; `scratch` is (n, n).
+
+    A diagonal one costs almost nothing.
+    """
     n, off = A.shape[0], False
     for i in range(n):
         if A[i, i] < 0:

@@ -1,4 +1,4 @@
-"""What `filters.definite` calls."""
+"""Kernel of `filters.definite`."""
 
 import numpy as np
 from numba import njit
@@ -9,6 +9,6 @@ from onboard.filters.kernels.cholesky import factor_into
 
 @njit(signatures(2), **MAKING, **CONTRACTED)
 def factor(A):
-    """(transposed Cholesky factor (n, n), whether there is one)."""
+    """Return (transposed Cholesky factor (n, n), whether there is one)."""
     lower_t = np.empty(A.shape, A.dtype)
     return lower_t, factor_into(A, lower_t)

@@ -7,17 +7,17 @@ import numpy as np
 from numba import njit
 
 from onboard.filters.compiled import FILLING, MAKING, signatures
-from onboard.filters.errors import COVARIANCE, DOWNDATE, MEMBER, OK, SHAPE
+from onboard.filters.errors import COVARIANCE_ERROR, DOWNDATE_ERROR, MEMBER_FACTOR, OK, SHAPE_ERROR
 from onboard.filters.kernels.cholesky import root_into
 
 
 @njit(**FILLING)
 def tria_into(lower, extra):
-    """lower := the lower-triangular S with S S^T = lower lower^T + extra extra^T and no negative diagonal, by
-    Householder reflections from the right. lower (n, n) must be so already; extra (n, k) is used up.
+    """Fill `lower` with the lower-triangular S for which S S^T = lower lower^T + extra extra^T.
 
-    With p the pivot, e its row of `extra` and a = |(p, e)|, the reflection sends (p, e) to (a, 0); written out, no
-    step subtracts nearly equal numbers.
+    S has no negative diagonal; Householder reflections from the right. lower (n, n) must be so already; extra (n,
+    k) is overwritten. With p the pivot, e its row of `extra` and a = |(p, e)|, the reflection sends (p, e) to (a,
+    0); written out, no step subtracts nearly equal numbers.
     """
     n, k = extra.shape
     one = lower.dtype.type(1)
@@ -44,8 +44,10 @@ def tria_into(lower, extra):
 
 @njit(**FILLING)
 def downdate_into(lower, x):
-    """lower := the factor of lower lower^T - x x^T (rank one; x (n,) is used up); False if that is not positive
-    definite, but for what is known exactly and remains so."""
+    """Fill `lower` with the factor of lower lower^T - x x^T (rank one; x (n,) is overwritten).
+
+    Returns False if that is not positive definite, except for states that are and remain known exactly.
+    """
     n = lower.shape[0]
     for j in range(n):
         if lower[j, j] == 0 and x[j] == 0:
@@ -64,7 +66,10 @@ def downdate_into(lower, x):
 
 @njit(**FILLING)
 def is_factor(lower, least):
-    """Whether a factor is finite, with a diagonal of at least `least`, zero or the smallest positive number."""
+    """Return whether a factor is finite, with a diagonal of at least `least`.
+
+    `least` is zero or the smallest positive number.
+    """
     good = True
     for i in range(lower.shape[0]):
         good &= lower[i, i] >= least
@@ -75,7 +80,7 @@ def is_factor(lower, least):
 
 @njit(signatures(3), **MAKING)
 def square(L):
-    """(L L^T (B, n, n), symmetric to the last bit, OK)."""
+    """Return (L L^T (B, n, n), symmetric to the last bit, OK)."""
     count, n = L.shape[0], L.shape[1]
     out = np.zeros((count, n, n), L.dtype)
     for b in range(count):
@@ -89,25 +94,28 @@ def square(L):
 
 @njit(signatures(3), **MAKING)
 def factor(P):
-    """(lower Cholesky factors (B, n, n), status)."""
+    """Return (lower Cholesky factors (B, n, n), status)."""
     count, n = P.shape[0], P.shape[1]
     out, lower_t = np.empty((count, n, n), P.dtype), np.empty((n, n), P.dtype)
     if P.shape[2] != n:
-        return out, SHAPE
+        return out, SHAPE_ERROR
     for b in range(count):
         if not root_into(P[b], lower_t):
-            return out, COVARIANCE + MEMBER * b
+            return out, COVARIANCE_ERROR + MEMBER_FACTOR * b
         out[b] = lower_t.T
     return out, OK
 
 
 @njit(signatures(3, 3), **MAKING)
 def downdate(L, U):
-    """(the factor of L L^T - U U^T (B, n, n), status): one rank-one downdate for each column of U (B, n, m)."""
+    """Return (the factor of L L^T - U U^T (B, n, n), status).
+
+    There is a rank-one downdate for each column of U (B, n, m).
+    """
     count, n, m = U.shape
     out, x = np.empty((count, n, n), L.dtype), np.empty(n, L.dtype)
     if L.shape[0] not in (1, count):
-        return out, SHAPE
+        return out, SHAPE_ERROR
     for b in range(count):
         for i in range(n):
             for j in range(n):
@@ -116,5 +124,5 @@ def downdate(L, U):
             for i in range(n):
                 x[i] = U[b, i, a]
             if not downdate_into(out[b], x):
-                return out, DOWNDATE + MEMBER * b
+                return out, DOWNDATE_ERROR + MEMBER_FACTOR * b
     return out, OK

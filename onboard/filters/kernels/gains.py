@@ -1,8 +1,8 @@
 """Compiled arithmetic of the smooth variable structure filters: gains, and covariances after them.
 
 L_t (n, n) is the prior's factor, transposed, and B (n, m) the whitened cross-covariance, as in
-`variable_structure`: H = B^T L^-1. Gains and inverses are kept transposed too, one row for each measured
-quantity. Every product here is then a sum of rows, which lie along memory.
+`variable_structure`: H = B^T L^-1. Gains and inverses are kept transposed too, one row for each measured quantity.
+Every product here is then a sum of rows, which are contiguous in memory.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from onboard.filters.kernels.cholesky import factor_into
 
 @njit(**FILLING, **CONTRACTED)
 def add_transposed_product_into(A, C, out):
-    """out (n, m) += A^T C, of A (k, n) and C (k, m)."""
+    """Add A^T C to out (n, m), of A (k, n) and C (k, m)."""
     for i in range(out.shape[0]):
         for c in range(A.shape[0]):
             entry = A[c, i]
@@ -24,7 +24,7 @@ def add_transposed_product_into(A, C, out):
 
 @njit(**MAKING)
 def solve_into(lower_t, x):
-    """A^-1 x in place, for A's factor (m, m) from `factor_into` and columns x (m, k)."""
+    """Replace columns x (m, k) by A^-1 x, for A's factor (m, m) from `factor_into`."""
     m, k = x.shape
     for a in range(m):
         for b in range(a):
@@ -42,7 +42,10 @@ def solve_into(lower_t, x):
 
 @njit(**MAKING)
 def whitened_inverse(B):
-    """B^+ (m, n), with columns of length one in between, so that units do not decide what counts as zero."""
+    """Return B^+ (m, n).
+
+    Columns have length one in between, so that units do not decide which singular values count as zero.
+    """
     n, m = B.shape
     scaled, size = np.empty((m, n), B.dtype), np.empty(m, B.dtype)
     for a in range(m):
@@ -63,8 +66,10 @@ def whitened_inverse(B):
 
 @njit(**MAKING)
 def independent_inverse(A):
-    """(A A^T)^-1 A (m, n) of rows A (m, n) of length one, in a tenth of the pseudo-inverse's time; (0, 0) if
-    some row comes near a combination of the others, where the product would lose digits."""
+    """Return (A A^T)^-1 A (m, n) of rows A (m, n) of length one, in a tenth of the pseudo-inverse's time.
+
+    Returns (0, 0) if some row is nearly a combination of the others, where the product would lose digits.
+    """
     m = A.shape[0]
     product, lower_t = np.dot(A, A.T), np.empty((m, m), A.dtype)
     if not factor_into(product, lower_t):
@@ -79,17 +84,17 @@ def independent_inverse(A):
 
 @njit(**MAKING)
 def tolerance(B):
-    """Relative to the largest, the singular value that counts as zero."""
+    """Return the singular value that counts as zero, relative to the largest."""
     return 10 * max(B.shape) * np.finfo(B.dtype).eps
 
 
 @njit(**MAKING)
 def widen_into(L_t, B, N, extra, wider):
-    """Make the prior wider in measured quantities, by variances `extra` (m,): L_t and B in place, S into `wider`;
-    False without a factor.
+    """Widen the prior in measured quantities by variances `extra` (m,): L_t and B in place, S into `wider`.
 
-    P + G D G^T with G the weighted right inverse L U, U = (B^T)^+, adds D to H P H^T and correlates what is not
-    measured as it was. With M M^T = I + U D U^T that is the factor L M, and B becomes M^T B.
+    Returns False without a factor. P + G D G^T with G the weighted right inverse L U, U = (B^T)^+, adds D to H P
+    H^T and keeps the correlations of unmeasured states. With M M^T = I + U D U^T that is the factor L M, and B
+    becomes M^T B.
     """
     n, m = B.shape
     U_t = whitened_inverse(B)
@@ -109,8 +114,11 @@ def widen_into(L_t, B, N, extra, wider):
 
 @njit(**MAKING)
 def right_inverse(L_t, B, weighted):
-    """G^T (m, n) with H G = I (for m > n a left inverse). `weighted`: P H^T (H P H^T)^-1, which moves states that
-    are not measured by their correlation; else the paper's H^+, which leaves what is orthogonal to H's rows."""
+    """Return G^T (m, n) with H G = I (for m > n a left inverse).
+
+    `weighted`: P H^T (H P H^T)^-1, which moves unmeasured states by their correlation; else the paper's H^+, which
+    leaves everything orthogonal to H's rows.
+    """
     n, m = B.shape
     if weighted:
         G_t = np.zeros((m, n), B.dtype)
@@ -128,7 +136,7 @@ def right_inverse(L_t, B, weighted):
 
 @njit(**MAKING)
 def kalman_gain(L_t, B, S, ignored):
-    """K^T (m, n) and (H K)^T (m, m) as if the `ignored` components were not measured; False without S's factor."""
+    """Return K^T (m, n) and (H K)^T (m, m) without the `ignored` components; False without S's factor."""
     n, m = B.shape
     kept, X = S.copy(), B.T.copy()
     for a in range(m):
@@ -149,11 +157,10 @@ def kalman_gain(L_t, B, S, ignored):
 
 @njit(**MAKING)
 def mixed_gain(L_t, B, S, e, s, ratio, switched, ignored, weighted):
-    """The gain, transposed (m, n), and the mean's step (n,): Kalman's, but with steps s of those quantities that
-    are `switched`; False if S has no factor.
+    """Return the gain, transposed (m, n), and the mean's step (n,); False if S has no factor.
 
-    A measured quantity's own step is a row of H K e, or of s: x + K e + G (s - H K e) on the switched rows, and
-    the same with gains for the covariance.
+    It is Kalman's, but with steps s of the quantities that are `switched`. A measured quantity's own step is a row
+    of H K e, or of s: x + K e + G (s - H K e) on the switched rows, and the same with gains for the covariance.
     """
     n, m = B.shape
     step = np.zeros(n, B.dtype)
@@ -181,7 +188,10 @@ def mixed_gain(L_t, B, S, e, s, ratio, switched, ignored, weighted):
 
 @njit(**MAKING)
 def joseph_into(L_t, B, N, K_t, P):
-    """Covariance after an update with any gain: (L - K B^T)(L - K B^T)^T + K N K^T, symmetric and positive."""
+    """Fill the covariance after an update with any gain, (L - K B^T)(L - K B^T)^T + K N K^T.
+
+    It is symmetric and positive.
+    """
     n, m = B.shape
     left_t, NK_t = L_t.copy(), np.zeros((m, n), B.dtype)
     add_transposed_product_into(-B.T.copy(), K_t, left_t)

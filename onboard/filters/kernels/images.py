@@ -7,16 +7,18 @@ import numpy as np
 from numba import njit
 
 from onboard.filters.compiled import FILLING, FLAGS, MAKING, signatures
-from onboard.filters.errors import ANGLE, FARTHEST, IMAGES, MEMBER, OK, SHAPE
+from onboard.filters.errors import ANGLE_ERROR, IMAGES_ERROR, MAX_ANGLE_SPREAD, MEMBER_FACTOR, OK, SHAPE_ERROR
 from onboard.filters.kernels.sigma_points import wrapped
 
 
 @njit(**FILLING)
 def centred_into(images, w, first, angular, mean, deviations):
-    """Mean (m,) of images (2n+1, m), the 2n outer ones of weight w, and the deviations (m, 2n+1) from it; a
-    status, IMAGES if it is not finite. Weights sum to one, so a mean relative to the centre's image needs no other
-    weight, and a mean of angles does not break at +-pi. With `first` 1 there is no centre: the mean is relative to
-    the first image, and then to that mean."""
+    """Fill the mean (m,) of images (2n+1, m) and the deviations (m, 2n+1) from it; return a status.
+
+    The 2n outer points have weight w; the status is IMAGES_ERROR if an image is not finite. Weights sum to one, so
+    a mean relative to the centre's image needs no other weight, and a mean of angles does not break at +-pi. With
+    `first` 1 there is no centre: the mean is relative to the first image, and then to that mean.
+    """
     k, m = images.shape
     good, farthest = True, images.dtype.type(0)
     for a in range(m):
@@ -39,13 +41,13 @@ def centred_into(images, w, first, angular, mean, deviations):
         mean[a] = origin + shift
         good &= np.isfinite(mean[a])
     if not good:
-        return IMAGES
-    return OK if farthest <= FARTHEST else ANGLE
+        return IMAGES_ERROR
+    return OK if farthest <= MAX_ANGLE_SPREAD else ANGLE_ERROR
 
 
 @njit(**FILLING)
 def skips_centre(images, w_cov):
-    """1 if the centre's image has no weight and is not finite, so that it must be left out; else 0."""
+    """Return 1 if the centre's image has no weight and is not finite, so that it must be left out; else 0."""
     off = images.dtype.type(0)  # stays zero as long as all is finite
     for a in range(images.shape[1]):
         off += images[0, a] - images[0, a]
@@ -54,35 +56,35 @@ def skips_centre(images, w_cov):
 
 @njit(signatures(3, FLAGS), **MAKING)
 def with_centre(images, angular):
-    """(images (B, k+1, m), status): the mean of the images (B, k, m), and after it the images."""
+    """Return (images (B, k+1, m), status): the mean of the images (B, k, m), and after it the images."""
     count, k, m = images.shape
     out = np.empty((count, k + 1, m), images.dtype)
     if angular.shape[0] != m:
-        return out, SHAPE
+        return out, SHAPE_ERROR
     mean, deviations = np.empty(m, images.dtype), np.empty((m, k + 1), images.dtype)
     for b in range(count):
         out[b, 1:] = images[b]
         status = centred_into(out[b], images.dtype.type(1) / k, 1, angular, mean, deviations)
-        if status == ANGLE:  # callers find NaN
-            return out, ANGLE + MEMBER * b
+        if status == ANGLE_ERROR:  # callers find NaN
+            return out, ANGLE_ERROR + MEMBER_FACTOR * b
         out[b, 0] = mean
     return out, OK
 
 
 @njit(signatures(3, FLAGS), **MAKING)
 def beside_first(images, angular):
-    """(images (B, k, m), status): angles moved by whole turns to be within pi of the first image's."""
+    """Return (images (B, k, m), status): angles moved by whole turns to within pi of the first image's."""
     count, k, m = images.shape
     out = np.empty((count, k, m), images.dtype)
     if angular.shape[0] != m:
-        return out, SHAPE
+        return out, SHAPE_ERROR
     for b in range(count):
         for s in range(k):
             for a in range(m):
                 out[b, s, a] = images[b, s, a]
                 if angular[a]:
                     d = wrapped(images[b, s, a] - images[b, 0, a])
-                    if abs(d) > FARTHEST:
-                        return out, ANGLE + MEMBER * b
+                    if abs(d) > MAX_ANGLE_SPREAD:
+                        return out, ANGLE_ERROR + MEMBER_FACTOR * b
                     out[b, s, a] = images[b, 0, a] + d
     return out, OK

@@ -1,4 +1,4 @@
-"""Compiled arithmetic of the filters that work with matrices F and H: Kalman, extended, and statistically linear.
+"""Compiled arithmetic of the filters with matrices F and H: Kalman, extended, and statistically linear.
 
 Every kernel is over a batch: its arguments have a leading axis of B, or of 1 (used for all of them), and one
 filter is a batch of one.
@@ -12,22 +12,22 @@ from numba import njit, types
 from onboard.arrays import Array
 from onboard.filters.compiled import FILLING, FLAGS, MAKING, signatures
 from onboard.filters.errors import (
-    BENT_MEASURE,
-    BENT_PROCESS,
-    COVARIANCE,
-    IMAGES,
-    INNOVATION,
-    MATRIX,
-    MEAN,
-    MEASUREMENT,
-    MEMBER,
+    COVARIANCE_ERROR,
+    IMAGES_ERROR,
+    INNOVATION_ERROR,
+    MATRIX_ERROR,
+    MEAN_ERROR,
+    MEASUREMENT_ERROR,
+    MEMBER_FACTOR,
+    NONLINEAR_MEASURE_ERROR,
+    NONLINEAR_PROCESS_ERROR,
     OK,
-    POINTS,
-    Q_INDEFINITE,
-    Q_NOT_FINITE,
-    R_INDEFINITE,
-    R_NOT_FINITE,
-    SHAPE,
+    POINTS_ERROR,
+    Q_INDEFINITE_ERROR,
+    Q_NOT_FINITE_ERROR,
+    R_INDEFINITE_ERROR,
+    R_NOT_FINITE_ERROR,
+    SHAPE_ERROR,
 )
 from onboard.filters.kernels.cholesky import factor_into, is_noise, root_into
 from onboard.filters.kernels.sigma_points import wrapped
@@ -35,7 +35,7 @@ from onboard.filters.kernels.sigma_points import wrapped
 
 @njit(**FILLING)
 def is_finite(A):
-    """Whether a matrix is finite."""
+    """Return whether a matrix is finite."""
     good = True
     for i in range(A.shape[0]):
         for j in range(A.shape[1]):
@@ -45,7 +45,7 @@ def is_finite(A):
 
 @njit(**MAKING)
 def common_batch(sizes):
-    """The batch size that a tuple of leading axes agrees on, or -1."""
+    """Return the batch size that a tuple of leading axes agrees on, or -1."""
     count = 1
     for size in sizes:
         if size != 1:
@@ -57,7 +57,7 @@ def common_batch(sizes):
 
 @njit(**FILLING)
 def symmetric_into(A, out):
-    """The symmetric part of A (n, n), without gaps in memory."""
+    """Fill the symmetric part of A (n, n), contiguous in memory."""
     half = A.dtype.type(0.5)
     for i in range(A.shape[0]):
         for j in range(A.shape[0]):
@@ -66,7 +66,7 @@ def symmetric_into(A, out):
 
 @njit(**FILLING)
 def add_product_into(A, C, out):
-    """out (m, k) += A C, of A (m, n) and C (n, k), as a sum of rows of C; what is zero in A costs nothing."""
+    """Add A C to out (m, k), of A (m, n) and C (n, k), as a sum of rows of C; zeros in A cost nothing."""
     for i in range(A.shape[0]):
         for j in range(A.shape[1]):
             entry = A[i, j]
@@ -77,7 +77,7 @@ def add_product_into(A, C, out):
 
 @njit(**MAKING)
 def sandwich_into(F, P, Q, out):
-    """F P F^T + Q (m, m), symmetric to the last bit; F P (m, n) is returned. F (m, n), P (n, n)."""
+    """Fill F P F^T + Q (m, m), symmetric to the last bit; return F P (m, n). F (m, n), P (n, n)."""
     half = P.dtype.type(0.5)
     FP = np.zeros(F.shape, P.dtype)
     add_product_into(F, P, FP)
@@ -92,32 +92,35 @@ def sandwich_into(F, P, Q, out):
 
 @njit(signatures(3, 3, 3), **MAKING)
 def propagate(P, F, Q):
-    """(F P F^T + Q (B, n, n), status)."""
+    """Return (F P F^T + Q (B, n, n), status)."""
     count, n = common_batch((P.shape[0], F.shape[0], Q.shape[0])), P.shape[1]
     out = np.empty((max(count, 0), n, n), P.dtype)
     if count < 0 or P.shape[1:] != (n, n) or F.shape[1:] != (n, n) or Q.shape[1:] != (n, n):
-        return out, SHAPE
+        return out, SHAPE_ERROR
     prior = np.empty((n, n), P.dtype)
     for b in range(count):
         matrix, noise = F[b % F.shape[0]], Q[b % Q.shape[0]]
         symmetric_into(P[b % P.shape[0]], prior)
         if not root_into(prior, out[b]):
-            return out, COVARIANCE + MEMBER * b
+            return out, COVARIANCE_ERROR + MEMBER_FACTOR * b
         if not is_finite(matrix):
-            return out, MATRIX + MEMBER * b
+            return out, MATRIX_ERROR + MEMBER_FACTOR * b
         if b < Q.shape[0]:  # one for a whole batch is looked at once
             if not is_finite(noise):
-                return out, Q_NOT_FINITE + MEMBER * b
+                return out, Q_NOT_FINITE_ERROR + MEMBER_FACTOR * b
             if not is_noise(noise, out[b]):
-                return out, Q_INDEFINITE + MEMBER * b
+                return out, Q_INDEFINITE_ERROR + MEMBER_FACTOR * b
         sandwich_into(matrix, prior, noise, out[b])
     return out, OK
 
 
 @njit(signatures(2), **MAKING)
 def corners(mean):
-    """(points (B, n+3, n), OK) where an affine function is found out: the origin, one on each axis, the mean, and
-    one more where no curved function is likely to have what the others foretell."""
+    """Return (points (B, n+3, n), OK) that determine an affine function and test for another one.
+
+    They are the origin, one on each axis, the mean, and one more where no curved function is likely to have the
+    value that the others predict.
+    """
     count, n = mean.shape
     points = np.zeros((count, n + 3, n), mean.dtype)
     for b in range(count):
@@ -130,12 +133,12 @@ def corners(mean):
 
 @njit(signatures(3, 3, FLAGS, types.boolean), **MAKING)
 def affine(points, images, angular, is_measure):
-    """(matrix (B, m, n), value at the mean (B, m), status) from the images (B, n+3, m) of `corners`."""
+    """Return (matrix (B, m, n), value at the mean (B, m), status) from the images (B, n+3, m) of `corners`."""
     count, size, n = points.shape
     m = images.shape[2]
     matrix, value = np.empty((count, m, n), points.dtype), np.empty((count, m), points.dtype)
     if images.shape[0] != count or images.shape[1] != size:
-        return matrix, value, SHAPE
+        return matrix, value, SHAPE_ERROR
     allowed = np.sqrt(np.finfo(points.dtype).eps)
     for b in range(count):
         for a in range(m):
@@ -150,15 +153,19 @@ def affine(points, images, angular, is_measure):
                 if angular[a]:
                     off = wrapped(off)
                 if not np.isfinite(off):
-                    return matrix, value, (IMAGES if is_measure else POINTS) + MEMBER * b
+                    return matrix, value, (IMAGES_ERROR if is_measure else POINTS_ERROR) + MEMBER_FACTOR * b
                 if abs(off) > allowed * size_of:
-                    return matrix, value, (BENT_MEASURE if is_measure else BENT_PROCESS) + MEMBER * b
+                    return (
+                        matrix,
+                        value,
+                        (NONLINEAR_MEASURE_ERROR if is_measure else NONLINEAR_PROCESS_ERROR) + MEMBER_FACTOR * b,
+                    )
     return matrix, value, OK
 
 
 @njit(**MAKING)
 def joseph_into(P, H, K, R, out):
-    """(I - K H) P (I - K H)^T + K R K^T (n, n), right for every gain K (n, m)."""
+    """Fill (I - K H) P (I - K H)^T + K R K^T (n, n), right for every gain K (n, m)."""
     n = K.shape[0]
     KH, G, KRK = np.zeros((n, n), P.dtype), np.empty((n, n), P.dtype), np.empty((n, n), P.dtype)
     add_product_into(K, H, KH)
@@ -171,7 +178,7 @@ def joseph_into(P, H, K, R, out):
 
 @njit(**FILLING)
 def solve_into(lower_t, rows):
-    """rows (k, m) := rows (L L^T)^-1 in place, with L's transpose (m, m)."""
+    """Replace rows (k, m) by rows (L L^T)^-1, with L's transpose (m, m)."""
     m = lower_t.shape[0]
     for i in range(rows.shape[0]):
         for a in range(m):
@@ -186,19 +193,19 @@ def solve_into(lower_t, rows):
 
 @njit(**FILLING)
 def innovate_into(y, predicted, angular, innovation):
-    """y - predicted, wrapped where it is an angle; a status."""
+    """Fill y - predicted, with angles wrapped; return a status."""
     for a in range(y.shape[0]):
         z = y[a] - predicted[a]
         innovation[a] = wrapped(z) if angular[a] else z
         if not np.isfinite(predicted[a]):
-            return IMAGES
+            return IMAGES_ERROR
         if not np.isfinite(z):
-            return MEASUREMENT
+            return MEASUREMENT_ERROR
     return OK
 
 
 class Corrected(NamedTuple):
-    """What `correct_into` fills: mean (n,), covariance (n, n), innovation (m,) and its covariance (m, m)."""
+    """Outputs of `correct_into`: mean (n,), covariance (n, n), innovation (m,) and its covariance (m, m)."""
 
     mean: Array
     covariance: Array
@@ -208,27 +215,27 @@ class Corrected(NamedTuple):
 
 @njit(**MAKING)
 def correct_into(mean, P, H, predicted, y, R, angular, considered, out):
-    """Measurement update of one filter by matrices into `out`; (status, NIS)."""
+    """Update one filter by matrices into `out`; return (status, NIS)."""
     n, m = mean.shape[0], y.shape[0]
     mean_out, P_out, innovation, S = out
     for i in range(n):
         if not np.isfinite(mean[i]):
-            return MEAN, P.dtype.type(0)
+            return MEAN_ERROR, P.dtype.type(0)
     status = innovate_into(y, predicted, angular, innovation)
     if status != OK:
         return status, P.dtype.type(0)
     prior = np.empty((n, n), P.dtype)
     symmetric_into(P, prior)
     if not root_into(prior, P_out):
-        return COVARIANCE, P.dtype.type(0)
+        return COVARIANCE_ERROR, P.dtype.type(0)
     if not is_finite(H) or not is_finite(R):
-        return R_NOT_FINITE if is_finite(H) else MATRIX, P.dtype.type(0)
+        return R_NOT_FINITE_ERROR if is_finite(H) else MATRIX_ERROR, P.dtype.type(0)
     HP = sandwich_into(H, prior, R, S)
     lower_t = np.empty((m, m), P.dtype)
     if not is_noise(R, lower_t):
-        return R_INDEFINITE, P.dtype.type(0)
+        return R_INDEFINITE_ERROR, P.dtype.type(0)
     if not factor_into(S, lower_t):
-        return INNOVATION, P.dtype.type(0)
+        return INNOVATION_ERROR, P.dtype.type(0)
     K = HP.T.copy()
     for i in range(n):
         if considered[i]:
@@ -250,7 +257,7 @@ def correct_into(mean, P, H, predicted, y, R, angular, considered, out):
 
 @njit(signatures(2, 3, 3, 2, 2, 3, FLAGS, FLAGS), **MAKING)
 def correct(mean, P, H, predicted, y, R, angular, considered):
-    """(mean, covariance, innovation, its covariance, NIS, status), each over the batch."""
+    """Return (mean, covariance, innovation, its covariance, NIS, status), each over the batch."""
     n, m = mean.shape[1], y.shape[1]
     count = common_batch((mean.shape[0], P.shape[0], H.shape[0], predicted.shape[0], y.shape[0], R.shape[0]))
     size = max(count, 0)
@@ -259,7 +266,7 @@ def correct(mean, P, H, predicted, y, R, angular, considered):
     nis = np.empty(size, P.dtype)
     fits = P.shape[1:] == (n, n) and H.shape[1:] == (m, n) and R.shape[1:] == (m, m)
     if count < 0 or not fits or predicted.shape[1] != m:
-        return mean_out, P_out, innovation, S, nis, SHAPE
+        return mean_out, P_out, innovation, S, nis, SHAPE_ERROR
     for b in range(count):
         status, nis[b] = correct_into(
             mean[b % mean.shape[0]],
@@ -273,5 +280,5 @@ def correct(mean, P, H, predicted, y, R, angular, considered):
             Corrected(mean_out[b], P_out[b], innovation[b], S[b]),
         )
         if status != OK:
-            return mean_out, P_out, innovation, S, nis, status + MEMBER * b
+            return mean_out, P_out, innovation, S, nis, status + MEMBER_FACTOR * b
     return mean_out, P_out, innovation, S, nis, OK

@@ -8,16 +8,16 @@ from numba import njit, types
 
 from onboard.filters.compiled import FLAGS, MAKING, signatures
 from onboard.filters.errors import (
-    COVARIANCE,
-    IMAGES,
-    MATRIX,
-    MEAN,
-    MEMBER,
+    COVARIANCE_ERROR,
+    IMAGES_ERROR,
+    MATRIX_ERROR,
+    MEAN_ERROR,
+    MEMBER_FACTOR,
     OK,
-    PREDICTED,
-    Q_INDEFINITE,
-    Q_NOT_FINITE,
-    SHAPE,
+    PREDICTED_ERROR,
+    Q_INDEFINITE_ERROR,
+    Q_NOT_FINITE_ERROR,
+    SHAPE_ERROR,
 )
 from onboard.filters.kernels.cholesky import is_noise, root_into, skip_known
 from onboard.filters.kernels.images import centred_into, skips_centre
@@ -27,16 +27,16 @@ from onboard.filters.kernels.sigma_points import wrapped
 
 @njit(signatures(2, 3), **MAKING)
 def stencil(mean, P):
-    """(points (B, 2n+1, n), status): the mean, then a step forth and a step back along each axis.
+    """Return (points (B, 2n+1, n), status): the mean, then a step forth and a step back along each axis.
 
-    A step is eps^(1/4) of a standard deviation. What the difference then misses is sqrt(eps)/6 of the cubic
-    term over that deviation, far less than the tangent itself misses, and rounding adds eps^(3/4) of the value.
-    A step is at least sqrt(eps) of the state, which large coordinates need.
+    A step is eps^(1/4) of a standard deviation. The difference then misses sqrt(eps)/6 of the cubic term over that
+    deviation, far less than the tangent itself misses, and rounding adds eps^(3/4) of the value. A step is at
+    least sqrt(eps) of the state, which large coordinates need.
     """
     count, n = common_batch((mean.shape[0], P.shape[0])), mean.shape[1]
     points = np.empty((max(count, 0), 2 * n + 1, n), mean.dtype)
     if count < 0 or P.shape[1:] != (n, n):
-        return points, SHAPE
+        return points, SHAPE_ERROR
     eps = np.finfo(mean.dtype).eps
     for b in range(count):
         centre, covariance = mean[b % mean.shape[0]], P[b % P.shape[0]]
@@ -45,9 +45,9 @@ def stencil(mean, P):
                 points[b, s, i] = centre[i]
         for i in range(n):
             if not np.isfinite(centre[i]):
-                return points, MEAN + MEMBER * b
+                return points, MEAN_ERROR + MEMBER_FACTOR * b
             if not (covariance[i, i] >= 0 and covariance[i, i] < np.inf):
-                return points, COVARIANCE + MEMBER * b
+                return points, COVARIANCE_ERROR + MEMBER_FACTOR * b
             step = max(eps**0.25 * np.sqrt(covariance[i, i]), np.sqrt(eps) * abs(centre[i]))
             if not step > 0:
                 step = eps**0.25
@@ -58,44 +58,48 @@ def stencil(mean, P):
 
 @njit(signatures(3, 3, FLAGS, types.int64), **MAKING)
 def slopes(points, images, angular, fault):
-    """(Jacobian (B, m, n), status) from a stencil and its images (B, 2n+1, m); status `fault` if the images are
-    not finite."""
+    """Return (Jacobian (B, m, n), status) from a stencil and its images (B, 2n+1, m).
+
+    The status is `fault` if the images are not finite.
+    """
     count, size, n = points.shape
     m = images.shape[2]
     jacobian = np.empty((count, m, n), points.dtype)
     if images.shape[0] != count or images.shape[1] != size or angular.shape[0] != m:
-        return jacobian, SHAPE
+        return jacobian, SHAPE_ERROR
     for b in range(count):
         for i in range(n):
-            width = points[b, 1 + i, i] - points[b, 1 + n + i, i]  # as represented, not as asked for
+            width = points[b, 1 + i, i] - points[b, 1 + n + i, i]  # the represented step, not the requested one
             for a in range(m):
                 rise = images[b, 1 + i, a] - images[b, 1 + n + i, a]
                 jacobian[b, a, i] = (wrapped(rise) if angular[a] else rise) / width
         if not is_finite(jacobian[b]):
-            return jacobian, fault + MEMBER * b
+            return jacobian, fault + MEMBER_FACTOR * b
     return jacobian, OK
 
 
 @njit(signatures(3, 3, "f", "f", FLAGS, types.int64), **MAKING)
 def regress(P, images, w_cov, w, angular, fault):
-    """Statistical linear regression of images (B, 2n+1, m) of sigma points of covariance P (B, n, n): (slope A
-    (B, m, n), value at the mean (B, m), covariance of the residual (B, m, m), status); status `fault` if the
-    images are not finite."""
+    """Return the statistical linear regression of images (B, 2n+1, m) of sigma points of covariance P (B, n, n).
+
+    (slope A (B, m, n), value at the mean (B, m), covariance of the residual (B, m, m), status); the status is
+    `fault` if the images are not finite.
+    """
     count, size, m = images.shape
     n = P.shape[1]
     A, value = np.empty((count, m, n), P.dtype), np.empty((count, m), P.dtype)
     rest = np.empty((count, m, m), P.dtype)
     if P.shape[0] != count or P.shape[2] != n or size != 2 * n + 1 or angular.shape[0] != m:
-        return A, value, rest, SHAPE
+        return A, value, rest, SHAPE_ERROR
     d, lower_t = np.empty((m, size), P.dtype), np.empty((n, n), P.dtype)
     root = np.sqrt(P.dtype.type(0.5) * w)
     for b in range(count):
         if not root_into(P[b], lower_t):
-            return A, value, rest, COVARIANCE + MEMBER * b
+            return A, value, rest, COVARIANCE_ERROR + MEMBER_FACTOR * b
         skip_known(lower_t)
         status = centred_into(images[b], w, skips_centre(images[b], w_cov), angular, value[b], d)
         if status != OK:
-            return A, value, rest, (fault if status == IMAGES else status) + MEMBER * b
+            return A, value, rest, (fault if status == IMAGES_ERROR else status) + MEMBER_FACTOR * b
         for a in range(m):
             for i in range(n - 1, -1, -1):  # A L = the odd part of the deviations; L lower, so from the right
                 odd = root * (d[a, 1 + i] - d[a, 1 + n + i])
@@ -114,19 +118,21 @@ def regress(P, images, w_cov, w, angular, fault):
 
 @njit(**MAKING)
 def smooth_into(mean, P, F, Q, predicted, mean_next, P_next, mean_out, P_out):
-    """One step back of Rauch, Tung and Striebel, the covariance in Joseph's form (no difference of covariances):
-    (I - G F) P (I - G F)^T + G (P_next + Q) G^T; a status."""
+    """Fill one step back of Rauch, Tung and Striebel; return a status.
+
+    The covariance is in Joseph's form, (I - G F) P (I - G F)^T + G (P_next + Q) G^T: no difference of covariances.
+    """
     n = mean.shape[0]
     forecast, lower_t = np.empty((n, n), P.dtype), np.empty((n, n), P.dtype)
     if not is_finite(F):
-        return MATRIX
+        return MATRIX_ERROR
     if not is_finite(Q):
-        return Q_NOT_FINITE
+        return Q_NOT_FINITE_ERROR
     if not is_noise(Q, lower_t):
-        return Q_INDEFINITE
+        return Q_INDEFINITE_ERROR
     sandwich_into(F, P, Q, forecast)
     if not root_into(forecast, lower_t):
-        return PREDICTED
+        return PREDICTED_ERROR
     skip_known(lower_t)
     G, noise = np.zeros((n, n), P.dtype), np.empty((n, n), P.dtype)
     for i in range(n):
@@ -140,26 +146,28 @@ def smooth_into(mean, P, F, Q, predicted, mean_next, P_next, mean_out, P_out):
             mean_out[i] += G[i, k] * (mean_next[k] - predicted[k])
             noise[i, k] = P_next[i, k] + Q[i, k]
         if not np.isfinite(mean_out[i]):
-            return MEAN
+            return MEAN_ERROR
     joseph_into(P, F, G, noise, P_out)
     return OK
 
 
 @njit(signatures(3, 4, 4, 4, 3), **MAKING)
 def smooth_back(mean, P, F, Q, predicted):
-    """Smooth filtered means (T, B, n) and covariances (T, B, n, n) from the end; F, Q (T-1, B, n, n), and
-    predicted (T-1, B, n), belong to the steps; (mean, covariance, status)."""
+    """Smooth filtered means (T, B, n) and covariances (T, B, n, n) from the end.
+
+    F, Q (T-1, B, n, n), and predicted (T-1, B, n), belong to the steps. Returns (mean, covariance, status).
+    """
     steps, count, n = mean.shape
     mean_out, P_out = np.empty((steps, count, n), P.dtype), np.empty((steps, count, n, n), P.dtype)
     if P.shape != (steps, count, n, n) or predicted.shape != (steps - 1, count, n):
-        return mean_out, P_out, SHAPE
+        return mean_out, P_out, SHAPE_ERROR
     if F.shape != (steps - 1, count, n, n) or Q.shape != F.shape:
-        return mean_out, P_out, SHAPE
+        return mean_out, P_out, SHAPE_ERROR
     lower_t = np.empty((n, n), P.dtype)
     for b in range(count):
         for t in range(steps - 1, -1, -1):
             if not root_into(P[t, b], lower_t):
-                return mean_out, P_out, COVARIANCE + MEMBER * b
+                return mean_out, P_out, COVARIANCE_ERROR + MEMBER_FACTOR * b
             if t == steps - 1:
                 mean_out[t, b] = mean[t, b]
                 P_out[t, b] = P[t, b]
@@ -169,5 +177,5 @@ def smooth_back(mean, P, F, Q, predicted):
                 mean_out[t + 1, b], P_out[t + 1, b], mean_out[t, b], P_out[t, b],
             )  # fmt: skip
             if status != OK:
-                return mean_out, P_out, status + MEMBER * b
+                return mean_out, P_out, status + MEMBER_FACTOR * b
     return mean_out, P_out, OK

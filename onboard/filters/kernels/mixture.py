@@ -1,19 +1,21 @@
-"""Compiled arithmetic of mixtures of beliefs, of r modes of one filter; `multiple_model` calls it."""
+"""Compiled arithmetic of mixtures of beliefs, of r modes of one filter, for `multiple_model`."""
 
 import numpy as np
 from numba import njit
 
 from onboard.filters.compiled import FILLING, MAKING
-from onboard.filters.errors import INNOVATION, OK
+from onboard.filters.errors import INNOVATION_ERROR, OK
 from onboard.filters.kernels.cholesky import factor_into
 from onboard.filters.kernels.sigma_points import TWO_PI
 
 
 @njit(**FILLING)
 def mix_into(means, P, weights, mean_out, P_out):
-    """Mean and covariance of the mixture of means (r, n) and covariances (r, n, n) with weights (r,). Sums are
-    relative to the first mode: a mixture of equal modes is then that mode to the last digit, however far from
-    zero."""
+    """Fill mean and covariance of the mixture of means (r, n) and covariances (r, n, n) with weights (r,).
+
+    Sums are relative to the first mode: a mixture of equal modes is then that mode to the last digit, at any
+    distance from zero.
+    """
     r, n = means.shape
     for a in range(n):
         total = 0.0
@@ -32,13 +34,13 @@ def mix_into(means, P, weights, mean_out, P_out):
 
 @njit(**MAKING)
 def weigh_into(innovations, S, nis, prior, angular, log_l, posterior, mean, P):
-    """As `weigh`, of one filter; (status, NIS)."""
+    """Like `weigh`, for one filter; return (status, NIS)."""
     r, m = innovations.shape
     lower_t, e, status = np.empty((m, m), S.dtype), np.empty((r, m), S.dtype), OK
     best = -np.inf
     for k in range(r):
         if not factor_into(S[k], lower_t):
-            status = INNOVATION
+            status = INNOVATION_ERROR
         log_det = m * np.log(TWO_PI)
         for a in range(m):
             log_det += 2.0 * np.log(lower_t[a, a])
@@ -51,7 +53,7 @@ def weigh_into(innovations, S, nis, prior, angular, log_l, posterior, mean, P):
     total = 0.0
     for k in range(r):
         score = np.exp(np.log(prior[k]) + log_l[k] - best) if prior[k] > 0 and log_l[k] > -np.inf else 0.0
-        if best == -np.inf:  # beyond what numbers hold under all modes alike: nothing is learned of them
+        if best == -np.inf:  # underflow in all modes: their probabilities stay
             score = prior[k]
         posterior[k] = score
         total += score
@@ -59,7 +61,7 @@ def weigh_into(innovations, S, nis, prior, angular, log_l, posterior, mean, P):
         posterior[k] /= total
     mix_into(e, S, prior, mean, P)
     if not factor_into(P, lower_t):
-        status = INNOVATION
+        status = INNOVATION_ERROR
     value = 0.0
     for a in range(m):  # e[0] becomes the whitened innovation
         white = mean[a]

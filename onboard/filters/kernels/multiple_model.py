@@ -1,16 +1,16 @@
-"""What `filters.multiple_model` calls: the arithmetic of `mixture` for a batch of filters."""
+"""Kernels of `filters.multiple_model`: the arithmetic of `mixture` for a batch of filters."""
 
 import numpy as np
 from numba import njit
 
 from onboard.filters.compiled import FLAGS, MAKING, signatures
-from onboard.filters.errors import MEMBER, OK
+from onboard.filters.errors import MEMBER_FACTOR, OK
 from onboard.filters.kernels.mixture import mix_into, weigh_into
 
 
 @njit(signatures(3, 4, 3), **MAKING)
 def mix(means, P, weights):
-    """(means (B, j, n), covariances (B, j, n, n)): a mixture for each column of weights (B, r, j)."""
+    """Return (means (B, j, n), covariances (B, j, n, n)): a mixture for each column of weights (B, r, j)."""
     count, _, n = means.shape
     j = weights.shape[2]
     mean_out, P_out = np.empty((count, j, n), means.dtype), np.empty((count, j, n, n), means.dtype)
@@ -22,9 +22,11 @@ def mix(means, P, weights):
 
 @njit(signatures(3, 4, 2, 2, FLAGS), **MAKING)
 def weigh(innovations, S, nis, prior, angular):
-    """(log-likelihoods (B, r), posterior (B, r), innovation (B, m), covariance (B, m, m), NIS (B,), status) of
-    modes with innovations (B, r, m), S (B, r, m, m), nis and prior probabilities (B, r). Angles are averaged as
-    innovations, which are small: a mean of the angles themselves would break at +-pi."""
+    """Weigh modes by their innovations (B, r, m), S (B, r, m, m), nis and prior probabilities (B, r).
+
+    Returns (log-likelihoods (B, r), posterior (B, r), innovation (B, m), covariance (B, m, m), NIS (B,), status).
+    Angles are averaged as innovations, which are small: a mean of the angles themselves would break at +-pi.
+    """
     count, r, m = innovations.shape
     dtype = innovations.dtype
     log_l, posterior = np.empty((count, r), dtype), np.empty((count, r), dtype)
@@ -35,5 +37,5 @@ def weigh(innovations, S, nis, prior, angular):
             innovations[b], S[b], nis[b], prior[b], angular, log_l[b], posterior[b], mean[b], P[b]
         )
         if found != OK and status == OK:
-            status = found + MEMBER * b
+            status = found + MEMBER_FACTOR * b
     return log_l, posterior, mean, P, mixed_nis, status

@@ -1,11 +1,11 @@
-"""The factor of a noise. Apart from `calls`, because few filters need these kernels."""
+"""The factor of a noise, apart from `calls`, because few filters need these kernels."""
 
 import numpy as np
 
 from onboard.arrays import Array
 from onboard.filters.errors import (
-    Q_INDEFINITE,
-    R_INDEFINITE,
+    Q_INDEFINITE_ERROR,
+    R_INDEFINITE_ERROR,
     FilterError,
     NotPositiveDefiniteError,
     status_error,
@@ -15,7 +15,7 @@ from onboard.filters.kernels.calls import call
 
 
 def noise_factor(name: str, noise: Array) -> Array:
-    """The lower factor (..., m, m) of a noise, "Q" or "R", which may be singular.
+    """Return the lower factor (..., m, m) of a noise, "Q" or "R", which may be singular.
 
     Raises FilterError, NotPositiveDefiniteError, with the name.
     """
@@ -24,5 +24,5 @@ def noise_factor(name: str, noise: Array) -> Array:
     try:
         (lower,) = call(factors.factor, covariance=noise)
     except NotPositiveDefiniteError as error:
-        raise status_error(Q_INDEFINITE if name == "Q" else R_INDEFINITE) from error
+        raise status_error(Q_INDEFINITE_ERROR if name == "Q" else R_INDEFINITE_ERROR) from error
     return np.asarray(lower)

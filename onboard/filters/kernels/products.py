@@ -1,4 +1,4 @@
-"""Compiled sums of products. They are made nine at a time: nine sums need six loads, one sum needs two."""
+"""Compiled sums of products, nine at a time: nine sums need six loads, one sum needs two."""
 
 from numba import njit
 
@@ -7,13 +7,16 @@ from onboard.filters.compiled import CONTRACTED, FILLING
 
 @njit(**FILLING)
 def padded(rows):
-    """The number of rows, rounded up to a multiple of three."""
+    """Return the number of rows, rounded up to a multiple of three."""
     return (rows + 2) // 3 * 3
 
 
 @njit(**FILLING, **CONTRACTED)
 def squares_into(a, count, out):
-    """The lower triangle of out = a[:, :count] a[:, :count]^T; the number of rows must be a multiple of three."""
+    """Fill the lower triangle of out = a[:, :count] a[:, :count]^T.
+
+    The number of rows must be a multiple of three.
+    """
     for i in range(0, a.shape[0], 3):
         u, v, w = a[i, 0], a[i + 1, 0], a[i + 2, 0]
         uu, vu, vv, wu, wv, ww = u * u, v * u, v * v, w * u, w * v, w * w
@@ -50,8 +53,10 @@ def squares_into(a, count, out):
 
 @njit(**FILLING, **CONTRACTED)
 def offsets_by_into(points, d, m, out):
-    """out (n, m) = the sum over points 1 to n of their offsets from the centre, times those of d
-    (padded(m), n)."""
+    """Fill out (n, m) with the sum over points 1 to n of their offsets from the centre, times those of d.
+
+    d is (padded(m), n).
+    """
     n = points.shape[1]
     plus, whole, zero = points[1 : n + 1], n // 3 * 3, points.dtype.type(0)
     for i in range(0, whole, 3):

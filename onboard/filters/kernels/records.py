@@ -1,10 +1,10 @@
-"""The Kalman filter over a whole record in one compiled loop; `runs.run` calls it."""
+"""The Kalman filter over a whole record in one compiled loop, for `runs.run`."""
 
 import numpy as np
 from numba import njit
 
 from onboard.filters.compiled import FLAGS, MAKING, signatures
-from onboard.filters.errors import OK, Q_INDEFINITE
+from onboard.filters.errors import OK, Q_INDEFINITE_ERROR
 from onboard.filters.kernels.cholesky import factor_into, is_noise
 from onboard.filters.kernels.linear import Corrected, correct_into, sandwich_into
 from onboard.filters.kernels.sigma_points import TWO_PI
@@ -12,8 +12,10 @@ from onboard.filters.kernels.sigma_points import TWO_PI
 
 @njit(**MAKING)
 def correct_present_into(mean, P, y, H, R, angular, mean_out, P_out, innovation, S, predicted):
-    """Measurement update by the components of y (m,) that are not NaN; (status, NIS, log-likelihood). What belongs
-    to a missing component is left NaN. Without any, mean and covariance stay."""
+    """Update by the components of y (m,) that are not NaN; return (status, NIS, log-likelihood).
+
+    Outputs of a missing component stay NaN. Without any component, mean and covariance stay.
+    """
     n, m = mean.shape[0], y.shape[0]
     present = np.empty(m, np.int64)
     count = 0
@@ -58,12 +60,12 @@ def correct_present_into(mean, P, y, H, R, angular, mean_out, P_out, innovation,
 
 @njit(signatures(2, 3, 3, 3, 2, 3, 3, 3, FLAGS), nogil=True, **MAKING)  # records in threads, side by side
 def filter_record(mean, P, F, Q, inputs, H, R, y, angular):
-    """Filter the measurements y (T, B, m), NaN where missing, from mean (B, n) and covariance (B, n, n) at the
-    time of the first. F, Q (T-1 or 1, n, n) and inputs (T-1 or 1, n) lead from each time to the next; H (T or 1,
-    m, n), R (T or 1, m, m).
+    """Filter the measurements y (T, B, m), NaN where missing, from mean (B, n) and covariance (B, n, n).
 
-    (predicted mean (T, B, n) and covariance, mean and covariance after the update, innovation (T, B, m), its
-    covariance, the predicted measurement, NIS (T, B), log-likelihood, status). It ends where a filter fails.
+    The first belief is at the time of the first measurement. F, Q (T-1 or 1, n, n) and inputs (T-1 or 1, n) lead
+    from each time to the next; H (T or 1, m, n), R (T or 1, m, m). Returns (predicted mean (T, B, n) and
+    covariance, mean and covariance after the update, innovation (T, B, m), its covariance, the predicted
+    measurement, NIS (T, B), log-likelihood, status). It ends where a filter fails.
     """
     steps, count, m = y.shape
     n, dtype = mean.shape[1], P.dtype
@@ -75,7 +77,7 @@ def filter_record(mean, P, F, Q, inputs, H, R, y, angular):
     scratch = np.empty((n, n), dtype)
     for q in range(len(Q)):
         if steps > 1 and not is_noise(Q[q], scratch):
-            return prior, prior_P, after, after_P, innovation, S, predicted, nis, log_l, Q_INDEFINITE
+            return prior, prior_P, after, after_P, innovation, S, predicted, nis, log_l, Q_INDEFINITE_ERROR
     for k in range(steps):
         f, q, u, h, r = (k - 1) % len(F), (k - 1) % len(Q), (k - 1) % len(inputs), k % len(H), k % len(R)
         for b in range(count):

@@ -1,4 +1,4 @@
-"""Compiled arithmetic of the sigma-point filters over one filter; `unscented` and `unscented_transform` call it.
+"""Compiled arithmetic of the sigma-point filters over one filter, for `unscented` and `unscented_transform`.
 
 Sigma-point sets are symmetric, and all weights but the centre's are equal, so three numbers describe the weights.
 """
@@ -11,40 +11,40 @@ from numba import njit, types
 from onboard.arrays import Array
 from onboard.filters.compiled import CONTRACTED, FILLING
 from onboard.filters.errors import (
-    ANGLE,
-    COVARIANCE,
-    FARTHEST,
-    IMAGES,
-    INNOVATION,
-    MEAN,
-    MEASUREMENT,
+    ANGLE_ERROR,
+    COVARIANCE_ERROR,
+    IMAGES_ERROR,
+    INNOVATION_ERROR,
+    MAX_ANGLE_SPREAD,
+    MEAN_ERROR,
+    MEASUREMENT_ERROR,
     OK,
-    POINTS,
-    POSTERIOR,
-    Q_NOT_FINITE,
-    SHAPE,
+    POINTS_ERROR,
+    POSTERIOR_ERROR,
+    Q_NOT_FINITE_ERROR,
+    SHAPE_ERROR,
 )
 from onboard.filters.kernels.cholesky import clear_known, factor_into, transposed_semifactor_into
 from onboard.filters.kernels.products import offsets_by_into, padded, squares_into
 
 TWO_PI: Final = 2.0 * np.pi
-LITTLE: Final = (
-    8.0  # times the root of the type's epsilon: with less left of a variance, a difference has few digits
+MIN_VARIANCE_FACTOR: Final = (
+    8.0  # times the root of the type's epsilon; a smaller remaining variance has few digits
 )
 
 
 @njit(**FILLING, **CONTRACTED)
 def spread_into(mean, P, gamma, points):
-    """Sigma points of one filter into `points` (2n+1, n); a status."""
+    """Fill the sigma points of one filter into `points` (2n+1, n); return a status."""
     n = mean.shape[0]
     if P.shape[0] != n or P.shape[1] != n or points.shape[0] != 2 * n + 1 or points.shape[1] != n:
-        return SHAPE
+        return SHAPE_ERROR
     for i in range(n):
         if not np.isfinite(mean[i]):
-            return MEAN
+            return MEAN_ERROR
         points[0, i] = mean[i]
     if not factor_into(P, points[1 : n + 1]) and not transposed_semifactor_into(P, points[1 : n + 1]):
-        return COVARIANCE
+        return COVARIANCE_ERROR
     for j in range(1, n + 1):
         for i in range(n):
             offset = gamma * points[j, i]
@@ -55,18 +55,18 @@ def spread_into(mean, P, gamma, points):
 
 @njit((types.int64,), **FILLING)
 def gather_scratch_shape(n):
-    """Shape of the scratch of `gather_into`."""
+    """Return the shape of the scratch of `gather_into`."""
     return 2 * padded(n), 2 * n + 3
 
 
 @njit(**FILLING, **CONTRACTED)
 def gather_into(points, w_mean, w_cov, w, Q, scratch, mean, P):
-    """Weighted mean and covariance, plus Q, of one filter's points (2n+1, n); a status."""
+    """Fill weighted mean and covariance, plus Q, of one filter's points (2n+1, n); return a status."""
     k, n = points.shape
     if k != 2 * n + 1 or Q.shape[0] != n or Q.shape[1] != n:
-        return SHAPE
+        return SHAPE_ERROR
     rows = padded(n)
-    d, sums = scratch[:rows], scratch[rows:]  # d: one row per component, so that sums run along memory
+    d, sums = scratch[:rows], scratch[rows:]  # d: one row per component, so that sums are contiguous
     others = points[1:]
     minus = others[n:]
     for i in range(n, rows):
@@ -82,7 +82,7 @@ def gather_into(points, w_mean, w_cov, w, Q, scratch, mean, P):
         d[i, k - 1] = points[0, i] - centre
         mean[i] = centre
         if not np.isfinite(centre):
-            return POINTS
+            return POINTS_ERROR
     squares_into(d, k - 1, sums)
     off = w - w  # stays zero as long as all is finite
     half = mean.dtype.type(0.5)
@@ -94,19 +94,22 @@ def gather_into(points, w_mean, w_cov, w, Q, scratch, mean, P):
             P[i, j] = value
             P[j, i] = value
         off += here
-    return OK if off == 0 else Q_NOT_FINITE
+    return OK if off == 0 else Q_NOT_FINITE_ERROR
 
 
 @njit(**FILLING, **CONTRACTED)
 def wrapped(x):
-    """An angle in [-pi, pi]."""
+    """Return an angle in [-pi, pi]."""
     return x - TWO_PI * np.rint(x * (1.0 / TWO_PI))
 
 
 @njit(**FILLING, **CONTRACTED)
 def deviations_into(images, y, w, angular, d, innovation, predicted):
-    """Deviations of one filter's images (2n+1, m) from their mean `predicted`, and the innovation; a status. In
-    d (m, 2n+1): n differences of opposite images, n sums of their deviations, and the centre's deviation."""
+    """Fill deviations of one filter's images (2n+1, m) from their mean `predicted`, and the innovation; return a
+    status.
+
+    In d (m, 2n+1): n differences of opposite images, n sums of their deviations, and the centre's deviation.
+    """
     k, m = images.shape
     n = k // 2
     plus, minus, farthest = images[1:], images[n + 1 :], w - w
@@ -133,16 +136,18 @@ def deviations_into(images, y, w, angular, d, innovation, predicted):
             z = wrapped(z)
         innovation[a] = z
         if not np.isfinite(predicted[a]):
-            return IMAGES
+            return IMAGES_ERROR
         if not np.isfinite(z):
-            return MEASUREMENT
-    return OK if farthest <= 2 * FARTHEST else ANGLE
+            return MEASUREMENT_ERROR
+    return OK if farthest <= 2 * MAX_ANGLE_SPREAD else ANGLE_ERROR
 
 
 @njit(**FILLING, **CONTRACTED)
 def whiten_into(S, innovation, lower, inverse, white):
-    """white (m,) = L^-1 innovation, with L L^T = S (m, m); (whether L exists, NIS). L is left in `lower` (m, m),
-    the inverse of its diagonal in `inverse` (m,)."""
+    """Fill white (m,) = L^-1 innovation, with L L^T = S (m, m); return (whether L exists, NIS).
+
+    L is left in `lower` (m, m), the inverse of its diagonal in `inverse` (m,).
+    """
     m = S.shape[0]
     nis = S.dtype.type(0)
     for a in range(m):
@@ -167,25 +172,28 @@ def whiten_into(S, innovation, lower, inverse, white):
 
 @njit((types.int64, types.int64), **FILLING)
 def correct_scratch_shape(n, m):
-    """Shape of the scratch of `correct_into`."""
+    """Return the shape of the scratch of `correct_into`."""
     return 2 * padded(m) + padded(n) + max(padded(n), m + 2), max(2 * n + 1, padded(m))
 
 
 @njit(**FILLING, **CONTRACTED)
 def innovation_covariance_into(sums, centre, R, w_cov, w, S):
-    """S (m, m) from the sums of squares of the deviations of `deviations_into`, the centre's deviation, and R."""
+    """Fill S (m, m) from the sums of squares of `deviations_into`, the centre's deviation, and R."""
     m = R.shape[0]
     half = R.dtype.type(0.5)
     for a in range(m):
         for b in range(a + 1):
-            noise = half * (w * sums[a, b] + R[a, b] + R[b, a])  # two squares make one of a sum and a difference
+            noise = half * (w * sums[a, b] + R[a, b] + R[b, a])  # half the squares of sum and difference
             S[a, b] = noise + w_cov * centre[a] * centre[b]
             S[b, a] = S[a, b]
 
 
 @njit(**FILLING, **CONTRACTED)
 def move_into(centre, cross, w, lower, inverse, white, considered, mean_out):
-    """The mean after the update. cross (n, m) := cross w L^-T; its product with its transpose is K S K^T."""
+    """Fill the mean after the update.
+
+    cross (n, m) becomes cross w L^-T; its product with its transpose is K S K^T.
+    """
     n, m = centre.shape[0], lower.shape[0]
     for i in range(n):
         step = w - w
@@ -201,11 +209,14 @@ def move_into(centre, cross, w, lower, inverse, white, considered, mean_out):
 
 @njit(**FILLING, **CONTRACTED)
 def reduce_into(P, reductions, considered, exact, P_out):
-    """P less the `reductions` (n, n), but for pairs of considered states. After an `exact` measurement a variance
-    of which only rounding is left is zero. Whether of another one so little is left that it has few digits."""
+    """Fill P minus the `reductions` (n, n), except for pairs of considered states.
+
+    After an `exact` measurement a variance with only rounding left is zero. Returns whether so little is left of
+    another one that it has few digits.
+    """
     n, zero = P.shape[0], P.dtype.type(0)
     rounding = (zero + 4 * n) * np.finfo(P.dtype).eps
-    little = (zero + LITTLE) * np.sqrt(zero + np.finfo(P.dtype).eps)
+    little = (zero + MIN_VARIANCE_FACTOR) * np.sqrt(zero + np.finfo(P.dtype).eps)
     any_considered = cancelled = False
     for i in range(n):
         any_considered |= considered[i]
@@ -230,7 +241,7 @@ def reduce_into(P, reductions, considered, exact, P_out):
 
 @njit(**FILLING, **CONTRACTED)
 def gain_into(cross, lower, inverse, considered):
-    """cross (n, m) = C L^-T := the gain K = C S^-1, zero for considered states."""
+    """Replace cross (n, m) = C L^-T by the gain K = C S^-1, zero for considered states."""
     n, m = considered.shape[0], lower.shape[0]
     for i in range(n):
         for a in range(m - 1, -1, -1):
@@ -242,7 +253,7 @@ def gain_into(cross, lower, inverse, considered):
 
 @njit(**FILLING, **CONTRACTED)
 def dot(a, b):
-    """The sum of products of two vectors."""
+    """Return the sum of products of two vectors."""
     total = a[0] * b[0]
     for i in range(1, a.shape[0]):
         total += a[i] * b[i]
@@ -251,9 +262,11 @@ def dot(a, b):
 
 @njit(**FILLING, **CONTRACTED)
 def rebuild_into(points, d, R, w_cov, w, K, even, row, P_out):
-    """The covariance as a sum of squares, in which no digits cancel: of deviations of points less K (n, m) times
-    those of their images, and K R K^T, as Joseph's form of the regression. d: of `deviations_into`; `even` (m, m)
-    and `row` (max(n, m),) are overwritten."""
+    """Fill the covariance as a sum of squares, in which no digits cancel.
+
+    They are of deviations of points minus K (n, m) times those of their images, and K R K^T, as Joseph's form of
+    the regression. d: of `deviations_into`; `even` (m, m) and `row` (max(n, m),) are overwritten.
+    """
     n, m = P_out.shape[0], R.shape[0]
     half = P_out.dtype.type(0.5)
     for a in range(m):  # R, and what images deviate by that is even about the centre's
@@ -276,7 +289,7 @@ def rebuild_into(points, d, R, w_cov, w, K, even, row, P_out):
 
 @njit(**FILLING)
 def smallest_variance(P):
-    """The smallest number on the diagonal of P (n, n)."""
+    """Return the smallest number on the diagonal of P (n, n)."""
     smallest = P[0, 0]
     for i in range(1, P.shape[0]):
         smallest = min(smallest, P[i, i])
@@ -284,8 +297,11 @@ def smallest_variance(P):
 
 
 class CorrectedPoints(NamedTuple):
-    """What `correct_into` fills: mean (n,), covariance (n, n), innovation (m,) and its covariance (m, m), and the
-    predicted measurement (m,)."""
+    """Outputs of `correct_into`.
+
+    They are mean (n,), covariance (n, n), innovation (m,), its covariance (m, m), and the predicted measurement
+    (m,).
+    """
 
     mean: Array
     covariance: Array
@@ -296,14 +312,13 @@ class CorrectedPoints(NamedTuple):
 
 @njit(**FILLING, **CONTRACTED)
 def correct_into(points, images, P, y, R, w_cov, w, angular, considered, scratch, out):
-    """Measurement update of one filter from its points (2n+1, n) and their images (2n+1, m) into `out`; (status,
-    NIS)."""
+    """Update one filter from its points (2n+1, n) and their images (2n+1, m) into `out`; return (status, NIS)."""
     mean_out, P_out, innovation, S, predicted = out
     k, n = points.shape
     m = y.shape[0]
     zero = points.dtype.type(0)
     if images.shape[0] != k or images.shape[1] != m or R.shape[0] != m or R.shape[1] != m:
-        return SHAPE, zero
+        return SHAPE_ERROR, zero
     few, many = padded(m), padded(n)
     d, sums, rest = scratch[:few], scratch[few : 2 * few], scratch[2 * few :]
     cross, reductions = rest[:many], rest[many:]
@@ -321,7 +336,7 @@ def correct_into(points, images, P, y, R, w_cov, w, angular, considered, scratch
     lower, inverse, white = reductions[:m], reductions[m], reductions[m + 1]  # overwritten by the reductions below
     exists, nis = whiten_into(S, innovation, lower, inverse, white)
     if not exists:
-        return INNOVATION, zero
+        return INNOVATION_ERROR, zero
     offsets_by_into(points, d, m, cross)  # the set is symmetric: differences of opposite images are enough
     move_into(points[0], cross, w, lower, inverse, white, considered, mean_out)
     if m > 0:
@@ -335,4 +350,4 @@ def correct_into(points, images, P, y, R, w_cov, w, angular, considered, scratch
         whiten_into(S, innovation, lower, inverse, white)
         gain_into(cross, lower, inverse, considered)
         rebuild_into(points, d, R, w_cov, w, cross, sums, white, P_out)
-    return OK if smallest_variance(P_out) >= 0 else POSTERIOR, nis
+    return OK if smallest_variance(P_out) >= 0 else POSTERIOR_ERROR, nis

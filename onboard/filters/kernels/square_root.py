@@ -1,11 +1,19 @@
-"""What `filters.square_root` calls: the arithmetic of `triangularisation` for a batch of filters, and for one
-filter a step at a time (`stepping`)."""
+"""Kernels of `filters.square_root`: the arithmetic of `triangularisation` for a batch and for single steps."""
 
 import numpy as np
 from numba import njit
 
 from onboard.filters.compiled import FLAGS, MAKING, signatures
-from onboard.filters.errors import FACTOR, MATRIX, MEMBER, OK, POSTERIOR, PREDICTED, R_INDEFINITE, SHAPE
+from onboard.filters.errors import (
+    FACTOR_ERROR,
+    MATRIX_ERROR,
+    MEMBER_FACTOR,
+    OK,
+    POSTERIOR_ERROR,
+    PREDICTED_ERROR,
+    R_INDEFINITE_ERROR,
+    SHAPE_ERROR,
+)
 from onboard.filters.kernels.cholesky import semifactor_into
 from onboard.filters.kernels.factors import is_factor
 from onboard.filters.kernels.linear import common_batch
@@ -21,38 +29,41 @@ from onboard.filters.kernels.triangularisation import (
 
 @njit(signatures(2, 3, "f"), **MAKING)
 def spread(mean, L, gamma):
-    """(points (B, 2n+1, n), status) from a mean and the factor of its covariance (only the lower triangle)."""
+    """Return (points (B, 2n+1, n), status) from a mean and the lower triangle of the factor of its covariance."""
     count, n = common_batch((mean.shape[0], L.shape[0])), mean.shape[1]
     points = np.empty((max(count, 0), 2 * n + 1, n), mean.dtype)
     if count < 0 or L.shape[1:] != (n, n):
-        return points, SHAPE
+        return points, SHAPE_ERROR
     for b in range(count):
         status = spread_into(mean[b % mean.shape[0]], L[b % L.shape[0]], gamma, points[b])
         if status != OK:
-            return points, status + MEMBER * b
+            return points, status + MEMBER_FACTOR * b
     return points, OK
 
 
 @njit(signatures(3, 3, "f", "f"), **MAKING)
 def gather(points, Q, w_cov, w):
-    """(mean (B, n), factor (B, n, n), status) of points (B, 2n+1, n) plus noise Q."""
+    """Return (mean (B, n), factor (B, n, n), status) of points (B, 2n+1, n) plus noise Q."""
     count, _, n = points.shape
     mean, L = np.empty((count, n), points.dtype), np.empty((count, n, n), points.dtype)
     if Q.shape[0] not in (1, count):
-        return mean, L, SHAPE
+        return mean, L, SHAPE_ERROR
     extra, centre = np.empty((n, 2 * n + 1), points.dtype), np.empty(n, points.dtype)
     no_angles = np.zeros(n, np.bool_)
     for b in range(count):
         status = gather_into(points[b], Q[b % Q.shape[0]], w_cov, w, no_angles, extra, centre, mean[b], L[b])
         if status != OK:
-            return mean, L, status + MEMBER * b
+            return mean, L, status + MEMBER_FACTOR * b
     return mean, L, OK
 
 
 @njit(signatures(3, 3, 3, 2, 3, "f", "f", FLAGS, FLAGS), **MAKING)
 def correct(points, L, images, y, R, w_cov, w, angular, considered):
-    """Update by triangularisation. (mean, factor, gain K, U = K chol(S), innovation, its covariance, predicted,
-    NIS, status), each over the batch; U is what the classical form subtracts from the prior's factor."""
+    """Update by triangularisation.
+
+    Returns (mean, factor, gain K, U = K chol(S), innovation, its covariance, predicted, NIS, status), each over
+    the batch; the classical form subtracts U from the prior's factor.
+    """
     count, size, n = points.shape
     m = y.shape[1]
     dtype = points.dtype
@@ -62,7 +73,7 @@ def correct(points, L, images, y, R, w_cov, w, angular, considered):
     S, nis = np.empty((count, m, m), dtype), np.empty(count, dtype)
     fits = images.shape == (count, size, m) and y.shape[0] in (1, count) and L.shape[0] in (1, count)
     fits = fits and R.shape[0] in (1, count) and R.shape[1:] == (m, m)
-    status = OK if fits else SHAPE
+    status = OK if fits else SHAPE_ERROR
     scratch = Linearised(np.empty((m, n), dtype), np.empty((m, m), dtype), np.empty((m, m), dtype))
     for b in range(count):
         if status == OK:
@@ -80,22 +91,22 @@ def correct(points, L, images, y, R, w_cov, w, angular, considered):
                 CorrectedFactor(mean_out[b], L_out[b], K[b], U[b], innovation[b], S[b], predicted[b]),
             )
             if status != OK:
-                status += MEMBER * b
+                status += MEMBER_FACTOR * b
     return mean_out, L_out, K, U, innovation, S, predicted, nis, status
 
 
 @njit(signatures(3, 3, 3, 3), **MAKING)
 def joseph(L, H, K, R):
-    """(tria[(I - K H) L, K S_R] (B, n, n), status): eqs 30-32 with a Jacobian H (B, m, n)."""
+    """Return (tria[(I - K H) L, K S_R] (B, n, n), status): eqs 30-32 with a Jacobian H (B, m, n)."""
     count, n, m = K.shape
     out = np.empty((count, n, n), L.dtype)
     if H.shape != (count, m, n) or L.shape[0] not in (1, count):
-        return out, SHAPE
+        return out, SHAPE_ERROR
     HL, V = np.empty((m, n), L.dtype), np.empty((m, m), L.dtype)
     for b in range(count):
         prior = L[b % L.shape[0]]
         if not semifactor_into(R[b % R.shape[0]], V):
-            return out, R_INDEFINITE + MEMBER * b
+            return out, R_INDEFINITE_ERROR + MEMBER_FACTOR * b
         for a in range(m):
             for j in range(n):
                 HL[a, j] = 0.0
@@ -103,7 +114,7 @@ def joseph(L, H, K, R):
                     HL[a, j] += H[b, a, i] * prior[i, j]
         joseph_into(prior, HL, K[b], V, out[b])
         if not is_factor(out[b], 0.0):
-            return out, MATRIX + MEMBER * b
+            return out, MATRIX_ERROR + MEMBER_FACTOR * b
     return out, OK
 
 
@@ -112,25 +123,30 @@ def joseph(L, H, K, R):
 
 @njit(signatures(2, 1, 2, "out"), **MAKING)
 def redraw(moved, weights, Q, state):
-    """Mean and factor of the moved points, and new points of them; a status. The rows of `state` (2n+1 + n, n) are
-    filled with the points, of which the first is the mean, and the factor. `weights` (4,) as in `Weights`."""
+    """Fill mean and factor of the moved points, and new points of them, into `state`; return a status.
+
+    The rows of `state` (2n+1 + n, n) are the points, the first of them the mean, and the factor. `weights` (4,) as
+    in `Weights`.
+    """
     n = state.shape[1]
     points, L = state[: 2 * n + 1], state[2 * n + 1 :]
     extra, centre = np.empty((n, 2 * n + 1), state.dtype), np.empty(n, state.dtype)
     status = gather_into(moved, Q, weights[2], weights[3], np.zeros(n, np.bool_), extra, centre, points[0], L)
     if status == OK:
         status = spread_into(points[0], L, weights[0], points)
-    return PREDICTED if status == FACTOR else status
+    return PREDICTED_ERROR if status == FACTOR_ERROR else status
 
 
 @njit(signatures("out", 2, 1, 2, 1, FLAGS), **MAKING)
 def correct_and_redraw(state, images, y, R, weights, masks):
-    """Update in place of a `state` that `redraw` has filled; `masks` (m + n,) are those of angular components
-    and of considered states. (status, NIS)."""
+    """Update a `state` of `redraw` in place; return (status, NIS).
+
+    `masks` (m + n,) are those of angular components and of considered states.
+    """
     n, m = state.shape[1], y.shape[0]
     points, L = state[: 2 * n + 1], state[2 * n + 1 :]
     if masks.shape[0] != m + n or images.shape != (2 * n + 1, m) or R.shape != (m, m):
-        return SHAPE, state.dtype.type(0)
+        return SHAPE_ERROR, state.dtype.type(0)
     scratch = np.empty((4 * m + 2 * n + 2, max(m, n)), state.dtype)
     linearised = Linearised(scratch[:m, :n], scratch[m : 2 * m, :m], scratch[2 * m : 3 * m, :m])
     S = scratch[3 * m : 4 * m, :m]
@@ -151,4 +167,4 @@ def correct_and_redraw(state, images, y, R, weights, masks):
     )
     if status == OK:
         status = spread_into(points[0], L, weights[0], points)
-    return POSTERIOR if status == FACTOR else status, nis
+    return POSTERIOR_ERROR if status == FACTOR_ERROR else status, nis

@@ -1,4 +1,4 @@
-"""Compiled arithmetic of the square-root filters, over one filter; `square_root` calls it.
+"""Compiled arithmetic of the square-root filters, over one filter, for `square_root`.
 
 Everything is in the precision of the arguments, single included: no accumulator is wider.
 """
@@ -11,15 +11,15 @@ from numba import njit
 from onboard.arrays import Array
 from onboard.filters.compiled import FILLING, MAKING
 from onboard.filters.errors import (
-    DOWNDATE,
-    FACTOR,
-    INNOVATION,
-    MEAN,
+    DOWNDATE_ERROR,
+    FACTOR_ERROR,
+    INNOVATION_ERROR,
+    MEAN_ERROR,
     OK,
-    POINTS,
-    Q_INDEFINITE,
-    R_INDEFINITE,
-    SHAPE,
+    POINTS_ERROR,
+    Q_INDEFINITE_ERROR,
+    R_INDEFINITE_ERROR,
+    SHAPE_ERROR,
 )
 from onboard.filters.kernels.cholesky import semifactor_into
 from onboard.filters.kernels.factors import downdate_into, is_factor, tria_into
@@ -29,13 +29,13 @@ from onboard.filters.kernels.linear import innovate_into
 
 @njit(**FILLING)
 def spread_into(mean, lower, gamma, points):
-    """Sigma points of one filter into `points` (2n+1, n); a status."""
+    """Fill the sigma points of one filter into `points` (2n+1, n); return a status."""
     n = mean.shape[0]
     if not is_factor(lower, 0.0):
-        return FACTOR
+        return FACTOR_ERROR
     for i in range(n):
         if not np.isfinite(mean[i]):
-            return MEAN
+            return MEAN_ERROR
         points[0, i] = mean[i]
         for j in range(n):
             offset = gamma * lower[i, j] if j <= i else mean.dtype.type(0)
@@ -46,38 +46,43 @@ def spread_into(mean, lower, gamma, points):
 
 @njit(**FILLING)
 def gather_into(points, Q, w_cov, w, no_angles, extra, centre, mean, L):
-    """Mean (n,) and factor (n, n) of one filter's points (2n+1, n) plus noise (eqs 20-22), with scratch `extra`
-    (n, 2n+1) and `centre` (n,), and the mask `no_angles` (n,), all False; a status."""
+    """Fill mean (n,) and factor (n, n) of one filter's points (2n+1, n) plus noise (eqs 20-22); return a status.
+
+    The scratch is `extra` (n, 2n+1) and `centre` (n,); the mask `no_angles` (n,) is all False.
+    """
     size, n = points.shape
     if Q.shape != (n, n) or size != 2 * n + 1:
-        return SHAPE
+        return SHAPE_ERROR
     root, root_centre = np.sqrt(w), np.sqrt(abs(w_cov))
     if centred_into(points, w, skips_centre(points, w_cov), no_angles, mean, extra) != OK:
-        return POINTS
+        return POINTS_ERROR
     if not semifactor_into(Q, L):
-        return Q_INDEFINITE
+        return Q_INDEFINITE_ERROR
     for i in range(n):
         centre[i] = root_centre * extra[i, 0]
         extra[i, 0] = centre[i] if w_cov > 0 else points.dtype.type(0)
         for s in range(1, size):
             extra[i, s] *= root
     tria_into(L, extra)
-    return OK if w_cov >= 0 or downdate_into(L, centre) else DOWNDATE
+    return OK if w_cov >= 0 or downdate_into(L, centre) else DOWNDATE_ERROR
 
 
 @njit(**MAKING)
 def linearise_into(images, R, w_cov, w, angular, predicted, odd, V, root):
-    """Deviations of the images in two parts, each pair of opposite points rotated by 45 degrees: the odd part
-    (m, n), which is the slope times the prior's factor, and the factor V (m, m) of R plus the even part, which
-    no straight line explains. Their sum odd odd^T + V V^T is the innovation's covariance, and `root` its factor
-    (eqs 25, 26). A negative centre weight is in `root`, by a downdate, but not in V; a status."""
+    """Fill the deviations of the images in two parts, with pairs of opposite points rotated by 45 degrees.
+
+    They are the odd part (m, n), which is the slope times the prior's factor, and the factor V (m, m) of R plus
+    the even part, which no straight line explains. Their sum odd odd^T + V V^T is the innovation's covariance, and
+    `root` its factor (eqs 25, 26). A negative centre weight is in `root`, by a downdate, but not in V. Returns a
+    status.
+    """
     m, n = odd.shape
     d, even = np.empty((m, 2 * n + 1), odd.dtype), np.empty((m, n + 1), odd.dtype)
     status = centred_into(images, w, skips_centre(images, w_cov), angular, predicted, d)
     if status != OK:
         return status
     if not semifactor_into(R, V):
-        return R_INDEFINITE
+        return R_INDEFINITE_ERROR
     share, centre = np.sqrt(odd.dtype.type(0.5) * w), np.sqrt(abs(w_cov))
     column = np.empty(m, odd.dtype)
     for a in range(m):
@@ -90,14 +95,16 @@ def linearise_into(images, R, w_cov, w, angular, predicted, odd, V, root):
     root[:] = V
     tria_into(root, odd.copy())
     if w_cov < 0 and not downdate_into(root, column):
-        return DOWNDATE
-    return OK if is_factor(root, np.finfo(root.dtype).tiny) else INNOVATION
+        return DOWNDATE_ERROR
+    return OK if is_factor(root, np.finfo(root.dtype).tiny) else INNOVATION_ERROR
 
 
 @njit(**MAKING)
 def gain_into(L, odd, root, innovation, considered, K, U, S):
-    """Gain K (n, m), U = K root (n, m) and S = root root^T (m, m), with the factor L of the prior (eqs 27, 28);
-    the NIS."""
+    """Fill gain K (n, m), U = K root (n, m) and S = root root^T (m, m), with the prior's factor L; return the NIS.
+
+    Eqs 27, 28.
+    """
     n, m = K.shape
     nis = L.dtype.type(0)
     for a in range(m):
@@ -132,8 +139,10 @@ def gain_into(L, odd, root, innovation, considered, K, U, S):
 
 @njit(**MAKING)
 def joseph_into(L, slope, K, V, out):
-    """out := tria[L - K slope, K V]: eq 32, transposed as it must be. The slope (m, n) is H L; K V V^T K^T is
-    the noise that the gain admits. `out` may be L."""
+    """Fill out with tria[L - K slope, K V]: eq 32, transposed as it must be.
+
+    The slope (m, n) is H L; K V V^T K^T is the noise that the gain admits. `out` may be L.
+    """
     n, m = K.shape
     extra = np.empty((n, n + m), L.dtype)
     for i in range(n):
@@ -150,7 +159,7 @@ def joseph_into(L, slope, K, V, out):
 
 
 class Linearised(NamedTuple):
-    """Room for what `linearise_into` finds: `odd` (m, n), and the factors `V` and `root` (m, m)."""
+    """Outputs of `linearise_into`: `odd` (m, n), and the factors `V` and `root` (m, m)."""
 
     odd: Array
     V: Array
@@ -158,8 +167,11 @@ class Linearised(NamedTuple):
 
 
 class CorrectedFactor(NamedTuple):
-    """What `correct_into` fills: mean (n,) and factor (n, n), gain K (n, m) and U = K chol(S) (n, m), innovation
-    (m,) and its covariance (m, m), and the predicted measurement (m,)."""
+    """Outputs of `correct_into`.
+
+    They are mean (n,) and factor (n, n), gain K (n, m) and U = K chol(S) (n, m), innovation (m,) and its
+    covariance (m, m), and the predicted measurement (m,).
+    """
 
     mean: Array
     factor: Array
@@ -172,7 +184,7 @@ class CorrectedFactor(NamedTuple):
 
 @njit(**MAKING)
 def correct_into(points, L, images, y, R, w_cov, w, angular, considered, scratch, out):
-    """Update of one filter by triangularisation into `out`, with this `scratch` (`Linearised`); (status, NIS)."""
+    """Update one filter by triangularisation into `out`, with scratch `Linearised`; return (status, NIS)."""
     odd, V, root = scratch
     mean_out, L_out, K, U, innovation, S, predicted = out
     status = linearise_into(images, R, w_cov, w, angular, predicted, odd, V, root)

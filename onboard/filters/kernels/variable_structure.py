@@ -1,10 +1,10 @@
-"""Compiled arithmetic of the smooth variable structure filters: a measurement linearised over cubature points, and
-an update that moves measured quantities by given steps. A batch of filters a call.
+"""Compiled arithmetic of the smooth variable structure filters, over a batch.
 
-With prior covariance P = L L^T, the images' odd parts, B = [h(x + sqrt(n) L_j) - h(x - sqrt(n) L_j)] / 2 sqrt(n)
-in (n, m), give the cross-covariance L B, H = B^T L^-1 (exact for a linear measurement) and H P H^T = B^T B. Their
-even parts are added to R: what is left of h over its linear part counts as noise, and no large numbers are
-subtracted. Whatever the steps s (m,), x + G s with a right inverse G of H moves the predicted measurement by s.
+A measurement is linearised over cubature points, and an update moves measured quantities by given steps. With
+prior covariance P = L L^T, the images' odd parts, B = [h(x + sqrt(n) L_j) - h(x - sqrt(n) L_j)] / 2 sqrt(n) in (n,
+m), give the cross-covariance L B, H = B^T L^-1 (exact for a linear measurement) and H P H^T = B^T B. Their even
+parts are added to R: the nonlinear part of h counts as noise, and no large numbers are subtracted. For any steps s
+(m,), x + G s with a right inverse G of H moves the predicted measurement by s.
 """
 
 from typing import Final, NamedTuple
@@ -15,17 +15,17 @@ from numba import njit, types
 from onboard.arrays import Array
 from onboard.filters.compiled import FLAGS, MAKING, signatures
 from onboard.filters.errors import (
-    ANGLE,
-    COVARIANCE,
-    FARTHEST,
-    IMAGES,
-    INNOVATION,
-    MEASUREMENT,
-    MEMBER,
+    ANGLE_ERROR,
+    COVARIANCE_ERROR,
+    IMAGES_ERROR,
+    INNOVATION_ERROR,
+    MAX_ANGLE_SPREAD,
+    MEASUREMENT_ERROR,
+    MEMBER_FACTOR,
     OK,
-    R_INDEFINITE,
-    R_NOT_FINITE,
-    SHAPE,
+    R_INDEFINITE_ERROR,
+    R_NOT_FINITE_ERROR,
+    SHAPE_ERROR,
 )
 from onboard.filters.kernels.cholesky import factor_into, is_noise, root_into
 from onboard.filters.kernels.gains import (
@@ -38,22 +38,25 @@ from onboard.filters.kernels.gains import (
 )
 from onboard.filters.kernels.sigma_points import wrapped
 
-LARGE: Final = 1e30  # for an infinite ratio, whose product with zero is still zero
+INFINITE_RATIO: Final = 1e30  # finite, so that its product with zero is zero
 
-FIXED: Final = 0  # every component by the switching gain
-VARIABLE: Final = 1  # by the Kalman gain where the optimal layer is within the limit
-SWITCHED: Final = 2  # by the Kalman gain where |e| + gamma |residual| is within scale deviations of the innovation
-ADAPTIVE: Final = 3  # as SWITCHED, with a prior that is first widened where the innovation keeps to one side
+FIXED_LAYER_TYPE: Final = 0  # switching gain for every component
+VARIABLE_LAYER_TYPE: Final = 1  # Kalman gain where the optimal layer is within the limit
+SWITCHED_LAYER_TYPE: Final = 2  # Kalman gain where |e| + gamma |residual| is within scale deviations of e
+ADAPTIVE_LAYER_TYPE: Final = 3  # switched, after widening the prior where e keeps to one side
 
-# A mean that remembers SLOWER times longer finds smaller errors, too late to follow them. Errors beyond
-# SLOW_DEVIATIONS of that mean's standard deviations are added to the covariance.
-SLOWER: Final = 5
-SLOW_DEVIATIONS: Final = 2.0
+# A mean with a memory longer by SLOW_MEAN_FACTOR finds smaller errors, too late to follow them. Errors beyond
+# SLOW_MEAN_SIGMAS of its standard deviations are added to the covariance.
+SLOW_MEAN_FACTOR: Final = 5
+SLOW_MEAN_SIGMAS: Final = 2.0
 
 
 @njit(**MAKING)
 def linearise_into(images, y, R, angular, predicted, e, B, N, S):
-    """Predicted measurement, innovation e, B (n, m), N and S = B^T B + N, of images (2n+1, m); a status."""
+    """Fill the predicted measurement, innovation e, B (n, m), N and S = B^T B + N, of images (2n+1, m).
+
+    Returns a status.
+    """
     k, m = images.shape
     n = k // 2
     even, farthest = np.empty((n, m), images.dtype), images.dtype.type(0)
@@ -75,9 +78,9 @@ def linearise_into(images, y, R, angular, predicted, e, B, N, S):
         if angular[a]:
             e[a] = wrapped(e[a])
         if not np.isfinite(predicted[a]):
-            return IMAGES
+            return IMAGES_ERROR
         if not np.isfinite(e[a]):
-            return MEASUREMENT
+            return MEASUREMENT_ERROR
     for a in range(m):
         for b in range(a, m):
             odd, rest = 0.0, 0.0
@@ -88,12 +91,12 @@ def linearise_into(images, y, R, angular, predicted, e, B, N, S):
             S[a, b] = odd + N[a, b]
             N[b, a], S[b, a] = N[a, b], S[a, b]
             if not np.isfinite(N[a, b]):
-                return R_NOT_FINITE
-    return OK if farthest <= FARTHEST else ANGLE
+                return R_NOT_FINITE_ERROR
+    return OK if farthest <= MAX_ANGLE_SPREAD else ANGLE_ERROR
 
 
 class Tuning(NamedTuple):
-    """As in `variable_structure.Settings`."""
+    """The settings, as in `variable_structure.Settings`."""
 
     kind: int
     gamma: float
@@ -104,7 +107,7 @@ class Tuning(NamedTuple):
 
 
 class LayerMemory(NamedTuple):
-    """Of the updates before, (m,) each and as in `variable_structure.State`; but for the residual it is filled."""
+    """Memory of earlier updates, (m,) each, as in `variable_structure.State`; all but the residual is updated."""
 
     residual: Array
     updates_outside: Array
@@ -113,7 +116,7 @@ class LayerMemory(NamedTuple):
 
 
 class SwitchingSteps(NamedTuple):
-    """What `decide_into` fills, (m,) each: the layer, whether it is left, the switching step, and its gain."""
+    """Outputs of `decide_into`, (m,) each: the layer, whether it is left, the switching step, and its gain."""
 
     layer: Array
     outside: Array
@@ -123,12 +126,12 @@ class SwitchingSteps(NamedTuple):
 
 @njit(**MAKING)
 def decide_into(tuning, memory, e, B, S, R, limit, steps):
-    """For each component its layer, whether it is outside of it and for how many updates, and the switching
-    step s. `limit` (m,) is the layer's width, or (0,) for `scale` standard deviations of R.
+    """Decide for each component its layer, whether and for how long it is outside, and its switching step s.
 
-    Eq 2.3.3 multiplies by e what it has divided by e, 0/0 where e = 0: here s = (|e| + gamma |residual|)
-    sat(e/psi) directly. The covariance takes it for a gain, A / max(|e|, psi), held below 1 + gamma: where e is
-    far smaller than the last residual, the step is a push of bounded size, not a large gain.
+    `limit` (m,) is the layer's width, or (0,) for `scale` standard deviations of R. Eq 2.3.3 multiplies by e after
+    dividing by e, 0/0 where e = 0: here s = (|e| + gamma |residual|) sat(e/psi) directly. The covariance treats it
+    as a gain, A / max(|e|, psi), kept below 1 + gamma: if e is far smaller than the last residual, the step is a
+    push of bounded size, not a large gain.
     """
     kind, gamma, scale, _, _, _ = tuning
     residual, updates_outside, _, _ = memory
@@ -137,14 +140,14 @@ def decide_into(tuning, memory, e, B, S, R, limit, steps):
         size = np.abs(e[a])
         A = size + gamma * np.abs(residual[a])
         psi = 0.0
-        if kind >= SWITCHED:
+        if kind >= SWITCHED_LAYER_TYPE:
             layer[a] = scale * np.sqrt(S[a, a])
             outside[a] = layer[a] < A
         else:
             psi = limit[a] if limit.shape[0] > 0 else scale * np.sqrt(R[a, a])
             layer[a] = psi
             outside[a] = size > psi
-        if kind == VARIABLE:
+        if kind == VARIABLE_LAYER_TYPE:
             known = 0.0
             for j in range(B.shape[0]):
                 known += B[j, a] * B[j, a]
@@ -159,12 +162,13 @@ def decide_into(tuning, memory, e, B, S, R, limit, steps):
 
 @njit(**MAKING)
 def find_bias_into(e, S, scale, fading, deviations, switching, extra):
-    """The fading mean of sat(e/psi), psi = scale sqrt(S_aa), into `switching`; into `extra` the variance that
-    explains it, zero where white innovations would explain it. True if any variance is not zero.
+    """Update the fading mean of sat(e/psi), psi = scale sqrt(S_aa), in `switching`, and fill its variance into
+    `extra`.
 
-    In sliding mode the mean of the switching term is the model's error (Utkin's equivalent control). For white
-    e the mean of sat(e/psi) has the variance fading / (2 - fading) / scale^2; `deviations` of its square root
-    are allowed.
+    The variance explains the mean; it is zero where white innovations would explain it. Returns True if any
+    variance is not zero. In sliding mode the mean of the switching term is the model's error (Utkin's equivalent
+    control). For white e the mean of sat(e/psi) has the variance fading / (2 - fading) / scale^2; `deviations` of
+    its square root are allowed.
     """
     limit = deviations / scale * np.sqrt(fading / (2 - fading))
     found = False
@@ -179,8 +183,10 @@ def find_bias_into(e, S, scale, fading, deviations, switching, extra):
 
 @njit(**MAKING)
 def model_error_into(L_t, B, extra, extra_slow, model_error):
-    """G D G^T (n, n) with G the weighted right inverse and D the variances `extra_slow` (m,) of those
-    quantities whose variance in `extra` is zero."""
+    """Fill G D G^T (n, n) with G the weighted right inverse and D some of the variances `extra_slow` (m,).
+
+    They are those of quantities whose variance in `extra` is zero.
+    """
     G_t = right_inverse(L_t, B, True)
     DG_t = np.zeros_like(G_t)
     for a in range(G_t.shape[0]):
@@ -192,7 +198,7 @@ def model_error_into(L_t, B, extra, extra_slow, model_error):
 
 @njit(**MAKING)
 def fits(n, images, y, R, memory, limit):
-    """Whether the arrays of one filter's update fit each other."""
+    """Return whether the arrays of one filter's update fit each other."""
     m = y.shape[0]
     for size in memory:
         if size != m:
@@ -207,49 +213,49 @@ def fits(n, images, y, R, memory, limit):
 
 @njit(**MAKING)
 def update_into(mean, P, images, y, R, limit, angular, tuning, memory, out):
-    """One filter's update into `out`; (status, NIS)."""
+    """Update one filter into `out`; return (status, NIS)."""
     mean_out, P_out, e, S, predicted, layer, smoothing, outside, rejected, model_error = out
     kind, _, scale, patience, weighted, fading = tuning
     residual, updates_outside, switching, slow_switching = memory
     n, m = mean.shape[0], y.shape[0]
     sizes = (residual.shape[0], updates_outside.shape[0], switching.shape[0], slow_switching.shape[0])
     if not fits(n, images, y, R, sizes, limit):
-        return SHAPE, 0.0
+        return SHAPE_ERROR, 0.0
     dtype = mean.dtype
     L_t, B, N = np.empty((n, n), dtype), np.empty((n, m), dtype), np.empty((m, m), dtype)
     if not root_into(P, L_t):
-        return COVARIANCE, 0.0
+        return COVARIANCE_ERROR, 0.0
     status = linearise_into(images, y, R, angular, predicted, e, B, N, S)
     if status != OK:
         return status, 0.0
     white, lower_t = np.empty((m, 1), dtype), np.empty((m, m), dtype)
     if not is_noise(R, lower_t):
-        return R_INDEFINITE, 0.0
+        return R_INDEFINITE_ERROR, 0.0
     if not factor_into(S, lower_t):
-        return INNOVATION, 0.0
+        return INNOVATION_ERROR, 0.0
     white[:, 0] = e
     solve_into(lower_t, white)
     s, ratio, switched = np.empty(m, dtype), np.empty(m, dtype), np.empty(m, np.bool_)
     wider = S
-    if kind == ADAPTIVE:
+    if kind == ADAPTIVE_LAYER_TYPE:
         extra, extra_slow = np.empty(m, dtype), np.empty(m, dtype)
         found = find_bias_into(e, S, scale, fading, scale, switching, extra)
-        if find_bias_into(e, S, scale, fading / SLOWER, SLOW_DEVIATIONS, slow_switching, extra_slow):
+        if find_bias_into(e, S, scale, fading / SLOW_MEAN_FACTOR, SLOW_MEAN_SIGMAS, slow_switching, extra_slow):
             model_error_into(L_t, B, extra, extra_slow, model_error)
         if found:
-            wider = np.empty((m, m), dtype)  # S and NIS stay the prior's: e must not widen its own yardstick
+            wider = np.empty((m, m), dtype)  # S and NIS stay the prior's: e must not widen its own reference
             if not widen_into(L_t, B, N, extra, wider):
-                return COVARIANCE, 0.0
+                return COVARIANCE_ERROR, 0.0
     decide_into(tuning, memory, e, B, wider, R, limit, SwitchingSteps(layer, outside, s, ratio))
     nis = 0.0
     for a in range(m):
         nis += e[a] * white[a, 0]
-        rejected[a] = kind >= SWITCHED and outside[a] and updates_outside[a] < patience
-        switched[a] = kind == FIXED or (outside[a] and not rejected[a])
-        smoothing[a] = min(LARGE, S[a, a] / (S[a, a] - N[a, a])) if S[a, a] > N[a, a] else LARGE
+        rejected[a] = kind >= SWITCHED_LAYER_TYPE and outside[a] and updates_outside[a] < patience
+        switched[a] = kind == FIXED_LAYER_TYPE or (outside[a] and not rejected[a])
+        smoothing[a] = min(INFINITE_RATIO, S[a, a] / (S[a, a] - N[a, a])) if S[a, a] > N[a, a] else INFINITE_RATIO
     K_t, step, exists = mixed_gain(L_t, B, wider, e, s, ratio, switched, outside, weighted)
     if not exists:
-        return INNOVATION, 0.0
+        return INNOVATION_ERROR, 0.0
     for i in range(n):
         mean_out[i] = mean[i] + step[i]
     joseph_into(L_t, B, N, K_t, P_out)
@@ -264,12 +270,11 @@ def update_batch(
     mean, P, images, y, R, residual, updates_outside, switching, slow_switching, limit, angular, kind, gamma,
     scale, patience, weighted, fading,
 ):  # fmt: skip
-    """Updates of a batch: mean (B, n), P (B, n, n), images (B, 2n+1, m), y (B, m), R (B or 1, m, m), residual,
-    updates_outside, switching and slow_switching (B, m), limits (B or 1, m), or (1, 0) for `scale` standard
-    deviations of R.
+    """Update a batch: mean (B, n), P (B, n, n), images (B, 2n+1, m), y (B, m), R (B or 1, m, m).
 
-    (mean, covariance, innovation, S, predicted, layer, S_ii / (H P H^T)_ii, outside, rejected, model_error,
-    updates_outside, switching, slow_switching, NIS, status).
+    residual, updates_outside, switching and slow_switching are (B, m); limits (B or 1, m), or (1, 0) for `scale`
+    standard deviations of R. Returns (mean, covariance, innovation, S, predicted, layer, S_ii / (H P H^T)_ii,
+    outside, rejected, model_error, updates_outside, switching, slow_switching, NIS, status).
     """
     count, n = mean.shape
     m = y.shape[1]
@@ -292,10 +297,10 @@ def update_batch(
     sizes = (residual.shape[0], updates_outside.shape[0], switching.shape[0], slow_switching.shape[0])
     for size in (P.shape[0], images.shape[0], y.shape[0], *sizes):
         if size != count:
-            status = SHAPE
+            status = SHAPE_ERROR
     for size in (R.shape[0], limit.shape[0]):
         if size not in (1, count):
-            status = SHAPE
+            status = SHAPE_ERROR
     for b in range(count):
         if status == OK:
             rows = (
@@ -308,5 +313,5 @@ def update_batch(
                 mean[b], P[b], images[b], y[b], noise, width, angular, tuning, memory, rows
             )
             if status != OK:
-                status += MEMBER * b
+                status += MEMBER_FACTOR * b
     return (*out, updates_outside, switching, slow_switching, nis, status)

@@ -107,7 +107,7 @@ def test_a_switched_step_is_whole_however_small_the_innovation(e: float) -> None
     gamma, residual = 0.5, 0.01
     made = np.zeros((3, 1))
     outside = np.zeros(1, bool)
-    tuning = kernel.Tuning(kernel.SWITCHED, gamma, 3.0, patience=1, weighted=True, fading=0.0)
+    tuning = kernel.Tuning(kernel.SWITCHED_LAYER_TYPE, gamma, 3.0, patience=1, weighted=True, fading=0.0)
     memory = kernel.LayerMemory(np.array([residual]), *np.zeros((3, 1)))
     steps = kernel.SwitchingSteps(made[0], outside, made[1], made[2])
     S = R = np.array([[1e-6]])
