@@ -17,7 +17,7 @@ import msgspec
 from onboard.commands.processes import DemoError, Process, connect, free_ports, interruptions, process
 from onboard.config import Config, load_config
 from onboard.messages import Estimate, Health, NavState, Record, SimStatus, Truth
-from onboard.scoring.beside import OF_FLIGHT
+from onboard.scoring.beside import PRIMARY_ESTIMATOR
 from onboard.scoring.fault import FaultScore, score_fault
 from onboard.scoring.leader import LeaderScore, score_leader
 from onboard.scoring.own_state import OwnStateScore, score_own_state
@@ -144,7 +144,7 @@ def run_demo(
 
 def flown_beside(beside: str, config: Config) -> str:
     """The setting that flies another filter of the leader, which knows the same wingspan."""
-    leader = config.estimator.get(OF_FLIGHT)
+    leader = config.estimator.get(PRIMARY_ESTIMATOR)
     known = "{}" if leader is None else f"{{size_prior_m={leader.size_prior_m}}}"
     return f"estimator.{BESIDE_SECTIONS[beside]}={known}"
 
@@ -207,7 +207,7 @@ def _watch(
         match record:
             case NavState():
                 flight.own_states.append(record)
-            case Estimate() if record.is_primary and record.name != OF_FLIGHT:
+            case Estimate() if record.is_primary and record.name != PRIMARY_ESTIMATOR:
                 flight.beside.setdefault(record.name, []).append(record)
             case Estimate() if record.is_primary:
                 flight.estimates.append(record)

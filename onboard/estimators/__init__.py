@@ -36,7 +36,10 @@ class EstimatorProtocol(Protocol):
         """Fuse a message of a listed kind. Returns an estimate of each target that was measured."""
 
     def tick(self, ownship: "Ownship") -> list[Estimate]:
-        """Process a new navigation sample. Returns the due estimates, predicted to `ownship.now_ns`."""
+        """Process a new navigation sample.
+
+        Returns the due estimates, predicted to `ownship.now_ns`.
+        """
 
     def reset(self, why: Reason) -> None:
         """Forget everything: the time base or the origin of our own motion has changed."""
@@ -56,7 +59,10 @@ class Withholds(Protocol):
     """An estimator that may refuse images of a camera whose health is in doubt."""
 
     def withholds(self, exposure: Exposure, doubts: Mapping[str, Reason]) -> Reason | None:
-        """Return why an exposure must not be used, or None. `doubts`: reasons to doubt a camera, by its name."""
+        """Return why an exposure must not be used, or None.
+
+        `doubts`: reasons to doubt a camera, by its name.
+        """
 
 
 @runtime_checkable
@@ -103,9 +109,10 @@ def known() -> tuple[str, ...]:
 
 
 def config_type(name: str) -> type[Record]:
-    """Return the record of an estimator's section, without loading numerics if there is a `config.py`.
+    """Return the record of an estimator's section.
 
-    Raises KeyError, with the known names, for an unknown estimator.
+    It loads no numerics if there is a `config.py`. Raises KeyError, with the known names, for an unknown
+    estimator.
     """
     module = _module(name, "config")
     config: type[Record] = module.Config
@@ -129,7 +136,10 @@ def module_name(name: str, part: str = "estimator") -> str:
 
 
 def flown_modules(name: str, section: Record) -> tuple[str, ...]:
-    """Return the modules that an estimator loads by name: its own, and those that its configuration names."""
+    """Return the modules that an estimator loads by name.
+
+    They are its own, and those that its configuration names.
+    """
     return (module_name(name), *(section.named_modules() if isinstance(section, NamesModules) else ()))
 
 

@@ -96,7 +96,10 @@ def make_camera(
 
 
 def project(r_c: ArrayLike) -> Array:
-    """Return image points (..., 2) of positions (..., 3) in the camera frame; NaN behind the lens."""
+    """Return image points (..., 2) of positions (..., 3) in the camera frame.
+
+    NaN behind the lens.
+    """
     r = np.asarray(r_c, dtype=float)
     x = r[..., 0:1]
     return np.asarray(np.where(x > 1e-9, r[..., 1:3] / np.where(x > 1e-9, x, 1.0), np.nan))

@@ -12,7 +12,10 @@ MAX_TURN_RATE_RAD_S: Final = 0.5  # No aircraft keeps a faster turn.
 
 
 def turn_rate(v: Array, a: Array) -> float:
-    """Return the turn rate of a velocity, rad/s, positive right; 0 at low speed. v, a (3,) in n."""
+    """Return the turn rate of a velocity, rad/s, positive right; 0 at low speed.
+
+    Velocity v and acceleration a are (3,) in n.
+    """
     square = float(v[0] * v[0] + v[1] * v[1])
     if square < MIN_COURSE_SPEED_M_S * MIN_COURSE_SPEED_M_S:
         return 0.0
@@ -26,7 +29,7 @@ def carried(r: Array, v: Array, rate: float, dt: float) -> tuple[Array, Array]:
 
 
 def turning(rate: float, dt: float) -> tuple[Array, Array]:
-    """Return the matrices (3, 3) from a velocity to the displacement and to the velocity after `dt` s."""
+    """Return matrices (3, 3) from a velocity to displacement and velocity after `dt` s."""
     half = 0.5 * rate * dt
     chord = dt * float(np.sinc(half / math.pi))
     along, across = chord * math.cos(half), chord * math.sin(half)

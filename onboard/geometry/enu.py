@@ -1,4 +1,7 @@
-"""Axes of ROS (REP 103) and Foxglove: east, north, up for the world; forward, left, up for a body."""
+"""Axes of ROS (REP 103) and Foxglove.
+
+The world's are east, north, up; a body's are forward, left, up.
+"""
 
 from typing import Final
 
@@ -15,7 +18,7 @@ MIN_DRAWN_VARIANCE: Final = 1e-6  # m^2; viewers cannot draw a flat ellipsoid
 
 
 def flu_to_enu(q_nb: ArrayLike) -> Array:
-    """Return the rotation (3, 3) from forward, left, up to east, north, up, for an attitude q_nb."""
+    """Return the rotation (3, 3) from forward, left, up to east, north, up, of q_nb."""
     return np.asarray(ENU_NED @ matrix_from_quaternion(q_nb) @ FLU_FRD)
 
 

@@ -76,6 +76,9 @@ def ned_from_geodetic(geodetic: tuple[float, float, float], origin: tuple[float,
 
 
 def geodetic_from_ned(r_OP_n: ArrayLike, origin: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Return (lat_deg, lon_deg, height) of a point at r_OP_n (3,), m, from an origin in the same form."""
+    """Return (lat_deg, lon_deg, height) of a point at r_OP_n (3,), m, from an origin.
+
+    The origin has the same form.
+    """
     r_e = ecef_from_geodetic(*origin) + rotation_ne(origin[0], origin[1]).T @ np.asarray(r_OP_n, dtype=float)
     return geodetic_from_ecef(r_e)

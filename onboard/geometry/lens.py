@@ -28,7 +28,10 @@ class LensError(ValueError):
 
 
 class Located(NamedTuple):
-    """The image point of a pixel, and the scale there, in focal lengths per pixel, which scales its noise."""
+    """The image point of a pixel, and the scale there, in focal lengths per pixel.
+
+    The scale multiplies the pixel's noise.
+    """
 
     point: tuple[float, float]
     scale: float
@@ -155,9 +158,9 @@ class Lens:
         return self.fx_px * x + self.cx_px, self.fy_px * y + self.cy_px
 
     def locate(self, pixels: Iterable[tuple[float, float]]) -> "list[Located | LensError]":
-        """Return the image point of each pixel and the scale there, or the error where there is none.
+        """Return the image point of each pixel and the scale there, or an error.
 
-        The scale varies over a distorted image.
+        The scale varies over a distorted image. The error is of a pixel whose distortion cannot be inverted.
         """
         if self.is_pinhole:
             scale = 1.0 / self.f_px

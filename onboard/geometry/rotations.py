@@ -1,4 +1,7 @@
-"""Rotations: unit quaternions (Hamilton, scalar first), matrices, and ZYX Euler angles, in radians."""
+"""Rotations: unit quaternions (Hamilton, scalar first), matrices, ZYX Euler angles.
+
+All angles are in radians.
+"""
 
 import math
 from collections.abc import Sequence
@@ -16,7 +19,7 @@ def wrap_angle(angle: ArrayLike) -> Array:
 
 
 def matrix_from_quaternion(q_nb: ArrayLike) -> Array:
-    """Return R_nb (..., 3, 3) of q_nb (..., 4), which need not be of unit length, but not zero."""
+    """Return R_nb (..., 3, 3) of q_nb (..., 4), which need not be of unit length."""
     q = np.asarray(q_nb, dtype=float)
     if q.ndim == 1:
         return matrix_of(q.tolist())
@@ -38,7 +41,10 @@ def _rows(w: Any, x: Any, y: Any, z: Any) -> list[list[Any]]:
 
 
 def quaternion_from_matrix(R_nb: ArrayLike) -> Array:
-    """Return q_nb (4,) with non-negative scalar part of R_nb (3, 3), by Shepperd's method (largest pivot)."""
+    """Return q_nb (4,) with non-negative scalar part of R_nb (3, 3).
+
+    By Shepperd's method (largest pivot).
+    """
     # in plain numbers, which are many times faster
     (a, b, c), (d, e, f), (g, h, i) = np.asarray(R_nb, dtype=float).tolist()
     diagonal = [a + e + i, a - e - i, e - a - i, i - a - e]
@@ -109,7 +115,10 @@ def quaternion_from_vector(phi: ArrayLike) -> Array:
 
 
 def vector_from_quaternion(q: ArrayLike) -> Array:
-    """Return the rotation vector (3,), rad, of a unit quaternion (4,); its length is at most pi."""
+    """Return the rotation vector (3,), rad, of a unit quaternion (4,).
+
+    Its length is at most pi.
+    """
     w, *vector = np.asarray(q, dtype=float) * (-1.0 if np.asarray(q)[0] < 0 else 1.0)
     sine = float(np.linalg.norm(vector))
     # angle / sin(angle / 2) tends to 2: exact to double precision below 1e-8

@@ -1,4 +1,7 @@
-"""Detections of a target in an image, in pixels and as image points, and the attitude of a moving mount."""
+"""Detections of a target in an image, and the attitude of a moving mount.
+
+Detections are in pixels, as detectors send them, and as image points.
+"""
 
 from typing import Literal, Self
 
@@ -183,7 +186,10 @@ class Exposure(Message, frozen=True, kw_only=True):
 
     @classmethod
     def of(cls, first: TargetImage, *others: TargetImage) -> "Exposure":
-        """Return the exposure with these detections. Raises ValueError if they are of several images."""
+        """Return the exposure with these detections.
+
+        Raises ValueError if they are of several images.
+        """
         if any((other.camera, other.t_ns) != (first.camera, first.t_ns) for other in others):
             raise ValueError("detections of one exposure have one camera and one time")
         return cls(

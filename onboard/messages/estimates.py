@@ -84,7 +84,7 @@ class MeasurementReport(Record, frozen=True, kw_only=True):
 
 
 class ThreatLevel(StrEnum):
-    """How dangerous the closest approach of another aircraft is."""
+    """The danger of another aircraft's closest approach."""
 
     NONE = "none"
     LOW = "low"  # it may come too close, within the uncertainty

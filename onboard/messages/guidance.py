@@ -1,4 +1,7 @@
-"""The leader's absolute state, and the messages that report it to autopilots and ground stations."""
+"""The leader's absolute state, and the messages that report it.
+
+Receivers are autopilots and ground stations.
+"""
 
 from onboard.messages.base import Message, Quaternion, Record, Vec3
 from onboard.messages.causes import Cause
@@ -155,7 +158,9 @@ class CameraTracking(Message, frozen=True, kw_only=True):
 
 
 class CameraTrackingGeo(Message, frozen=True, kw_only=True):
-    """CAMERA_TRACKING_GEO_STATUS: the position of the camera's target. None where it is unknown.
+    """CAMERA_TRACKING_GEO_STATUS: the position of the camera's target.
+
+    None where it is unknown.
 
     Attributes
     ----------

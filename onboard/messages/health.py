@@ -12,7 +12,17 @@ from onboard.messages.estimates import Fault, Lifecycle
 
 
 class StreamHealth(Record, frozen=True, kw_only=True):
-    """One message stream: number of messages, rate over the last seconds (Hz), age of the last message (s)."""
+    """One message stream.
+
+    Attributes
+    ----------
+    count
+        Number of messages.
+    rate
+        Rate over the last seconds, Hz.
+    age
+        Age of the last message, s.
+    """
 
     count: int
     rate: float

@@ -1,4 +1,4 @@
-"""Messages of the parameter protocols, ordinary and extended, and of a MAVLink component's identity."""
+"""Messages of the parameter protocols, and of a MAVLink component's identity."""
 
 from enum import StrEnum
 

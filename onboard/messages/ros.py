@@ -40,7 +40,10 @@ class Ros2Config(Record, frozen=True, kw_only=True):
 
 
 class RosTopic(NamedTuple):
-    """A topic with its first slash, its type as `package/msg/Name`, and the type's hash (`RIHS01_...`)."""
+    """A topic with its first slash, its type as `package/msg/Name`, and the type's hash.
+
+    The hash is `RIHS01_...`.
+    """
 
     name: str
     kind: str

@@ -41,7 +41,10 @@ PUBLISHED: Final[dict[str, type[Record]]] = {
 
 
 def key_of(record: Record) -> str:
-    """Return the key of a record below the vehicle's prefix. Raises KeyError for an unpublished record."""
+    """Return the key of a record below the vehicle's prefix.
+
+    Raises KeyError for an unpublished record.
+    """
     if isinstance(record, NavState):
         return "own_state"
     if isinstance(record, Estimate):
@@ -62,7 +65,10 @@ def schemas() -> dict[str, dict[str, Any]]:
 
 
 def describe() -> str:
-    """Return Markdown tables of keys, of the fields of each record and each record inside it, and of causes."""
+    """Return Markdown tables of keys, of the fields of each record, and of causes.
+
+    Records inside a record have a table of their own.
+    """
     lines = ["| key | record | content |", "|---|---|---|"]
     for key, record in PUBLISHED.items():
         lines.append(f"| `{key}` | [`{record.__name__}`](#{record.__name__.lower()}) | {_summary(record)} |")
@@ -114,7 +120,10 @@ def _line(text: str) -> str:
 
 
 def _meanings(record: type) -> dict[str, str]:
-    """Return the descriptions of fields in the sections of attributes, by name, with those of the bases."""
+    """Return the descriptions of fields in the sections of attributes, by name.
+
+    Those of the bases are included.
+    """
     meanings: dict[str, str] = {}
     for base in reversed(record.__mro__):
         section = cleandoc(base.__doc__ or "").partition(ATTRIBUTES)[2]

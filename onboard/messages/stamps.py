@@ -30,7 +30,7 @@ class Span(NamedTuple):
     begin: int
     end: int
 
-    def holds(self, times: Sequence[int]) -> bool:
+    def contains(self, times: Sequence[int]) -> bool:
         """Return whether all times are within the interval."""
         return self.begin - CLOCK_TOLERANCE_NS <= min(times) and max(times) <= self.end + CLOCK_TOLERANCE_NS
 
@@ -57,15 +57,15 @@ def read_stamps(
     `is_ros`: the stamps are from headers of ROS messages, which name no clock. Returns None if the stamps are
     right, or if nothing explains them.
     """
-    if clock in spans and spans[clock].holds(stamps):
+    if clock in spans and spans[clock].contains(stamps):
         return None
     for unit, ns in UNITS.items():
         for of, span in spans.items():
-            if span.holds([stamp * ns for stamp in stamps]):
-                return _misread(clock, of, unit, ns, is_ros=is_ros)
+            if span.contains([stamp * ns for stamp in stamps]):
+                return _diagnose_clock_and_unit(clock, of, unit, ns, is_ros=is_ros)
     if clock is not Clock.HOST or clock not in spans:
         return None
-    return _off(stamps, spans[clock]) or _began(stamps, is_ros=is_ros)
+    return _diagnose_clock_step(stamps, spans[clock]) or _diagnose_unset_clock(stamps, is_ros=is_ros)
 
 
 UPTIME: Final = Reading(
@@ -74,7 +74,7 @@ UPTIME: Final = Reading(
 )
 
 
-def _misread(clock: Clock, of: Clock, unit: str, ns: int, *, is_ros: bool) -> Reading:
+def _diagnose_clock_and_unit(clock: Clock, of: Clock, unit: str, ns: int, *, is_ros: bool) -> Reading:
     """Describe stamps of another clock, in another unit, or both."""
     words, remedies = [CLOCK_NAMES[of] + ("" if ns == 1 else f" in {unit}")], list[str]()
     if ns != 1:
@@ -86,7 +86,7 @@ def _misread(clock: Clock, of: Clock, unit: str, ns: int, *, is_ros: bool) -> Re
     return Reading(", ".join(words), "; ".join(remedies))
 
 
-def _off(stamps: Sequence[int], span: Span) -> Reading | None:
+def _diagnose_clock_step(stamps: Sequence[int], span: Span) -> Reading | None:
     """Diagnose a clock that is off by a whole number of one of `CLOCK_STEPS`."""
     by = min(stamps) - span.begin
     for name, seconds, most in CLOCK_STEPS:
@@ -94,14 +94,14 @@ def _off(stamps: Sequence[int], span: Span) -> Reading | None:
         count = round(by / whole)
         if not 0 < abs(count) <= most or 2 * (span.end - span.begin) > whole:
             continue
-        if span.holds([stamp - count * whole for stamp in stamps]):
+        if span.contains([stamp - count * whole for stamp in stamps]):
             way = "ahead" if count > 0 else "behind"
             words = f"Unix time of a clock that is {name.format(abs(count))} {way}"
             return Reading(words, "set the clock of the computer that stamps, or the one that it is compared with")
     return None
 
 
-def _began(stamps: Sequence[int], *, is_ros: bool) -> Reading | None:
+def _diagnose_unset_clock(stamps: Sequence[int], *, is_ros: bool) -> Reading | None:
     """Diagnose a clock that started at 0 and was never set."""
     if not 0 <= min(stamps) < MAX_UNSET_CLOCK_TIME_NS:
         return None

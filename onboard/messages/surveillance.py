@@ -14,7 +14,9 @@ class AltitudeType(StrEnum):
 
 
 class AdsbVehicle(Message, frozen=True, kw_only=True):
-    """ADSB_VEHICLE: the last report of one aircraft at an ADS-B receiver. Fields not marked as valid are None.
+    """ADSB_VEHICLE: the last report of one aircraft at an ADS-B receiver.
+
+    Fields not marked as valid are None.
 
     Attributes
     ----------
@@ -103,7 +105,10 @@ class SatelliteRange(Record, frozen=True, kw_only=True):
 
 
 class PeerRanges(Message, frozen=True, kw_only=True):
-    """One epoch of another vehicle's GNSS receiver. All its pseudoranges contain the receiver's clock error."""
+    """One epoch of another vehicle's GNSS receiver.
+
+    All its pseudoranges contain the receiver's clock error.
+    """
 
     peer: int
     satellites: tuple[SatelliteRange, ...]

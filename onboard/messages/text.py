@@ -31,12 +31,18 @@ def plain(text: str, most: int = MAX_NAME_LENGTH) -> str:
 
 
 def without_numbers(text: str) -> str:
-    """Return a text with each number masked, so that texts that differ only in numbers are equal."""
+    """Return a text with each number masked.
+
+    Texts that differ only in numbers then are equal.
+    """
     return NUMBER_PATTERN.sub("#", text)
 
 
 def without_names(text: str) -> str:
-    """Return a text with each quotation masked, so that texts that differ only in quoted names are equal."""
+    """Return a text with each quotation masked.
+
+    Texts that differ only in quoted names then are equal.
+    """
     return QUOTED_PATTERN.sub("`*`", text)
 
 

@@ -4,7 +4,9 @@ from onboard.messages.base import Clock, Quaternion, Record, Vec3
 
 
 class Truth(Record, frozen=True, kw_only=True):
-    """The true state of a simulated formation, on the boot clock, in NED and SI. No estimator may use it.
+    """The true state of a simulated formation, on the boot clock, in NED and SI.
+
+    No estimator may use it.
 
     Attributes
     ----------

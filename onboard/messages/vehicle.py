@@ -44,7 +44,10 @@ class CurrentMode(Message, frozen=True, kw_only=True):
 
 
 class LandedState(Message, frozen=True, kw_only=True):
-    """EXTENDED_SYS_STATE: whether the vehicle is on the ground; None if the autopilot does not know."""
+    """EXTENDED_SYS_STATE: whether the vehicle is on the ground.
+
+    None if the autopilot does not know.
+    """
 
     on_ground: bool | None
 
@@ -68,7 +71,10 @@ class TimeSync(Message, frozen=True, kw_only=True):
 
 
 def tagged(now_ns: int) -> int:
-    """Return the `ts1_ns` of our own request: the time to the microsecond, with our tag for nanoseconds."""
+    """Return the `ts1_ns` of our own request.
+
+    It is the time to the microsecond, with our tag for nanoseconds.
+    """
     return now_ns - now_ns % 1000 + TIMESYNC_TAG_NS
 
 

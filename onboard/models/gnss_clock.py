@@ -22,7 +22,10 @@ UNITS: Final = (*variable_turn.UNITS, "m", "m/s")
 
 
 def process(rows: Array, dt: float) -> Array:
-    """Return state rows (k, 11) after `dt` seconds without noise; the clock's error grows by its drift."""
+    """Return state rows (k, 11) after `dt` seconds without noise.
+
+    The clock's error grows by its drift.
+    """
     after = variable_turn.process(rows, dt)
     after[:, 9] += dt * rows[:, 10]
     return after

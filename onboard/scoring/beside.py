@@ -7,13 +7,13 @@ from onboard.messages import Estimate
 from onboard.scoring.leader import LeaderScore, LeaderScorer
 from onboard.scoring.reference import Reference
 
-OF_FLIGHT: Final = "leader"  # the estimator that gives the flight's score
+PRIMARY_ESTIMATOR: Final = "leader"  # the estimator that gives the flight's score
 
 
 def judged(names: Iterable[str]) -> str:
     """Return the name of the estimator whose score is the flight's: `leader`, otherwise the first."""
     flown = list(names)
-    return OF_FLIGHT if OF_FLIGHT in flown or not flown else flown[0]
+    return PRIMARY_ESTIMATOR if PRIMARY_ESTIMATOR in flown or not flown else flown[0]
 
 
 class LeaderScorers:

@@ -52,13 +52,14 @@ def score_fault(states: Sequence[NavState], truths: Sequence[Truth]) -> FaultSco
     right = [
         key
         for key, t in first.items()
-        if happened is not None and _is(happened, last[key], t, intervals[happened])
+        if happened is not None and _is_true(happened, last[key], t, intervals[happened])
     ]
     named = min(right, key=lambda key: first[key], default=None)
     wrong = {
         _name(f)
         for key, f in last.items()
-        if f.kind in JUDGED_FAULTS and not any(_is(name, f, first[key], span) for name, span in intervals.items())
+        if f.kind in JUDGED_FAULTS
+        and not any(_is_true(name, f, first[key], span) for name, span in intervals.items())
     }
     return FaultScore(
         happened=happened,
@@ -80,7 +81,7 @@ def _intervals(truths: Sequence[Truth]) -> dict[str, tuple[int, int]]:
     return found
 
 
-def _is(happened: str, fault: Fault, t_ns: int, span: tuple[int, int]) -> bool:
+def _is_true(happened: str, fault: Fault, t_ns: int, span: tuple[int, int]) -> bool:
     """Return whether a fault first reported at t_ns is the true one."""
     same = fault.part == happened if fault.kind is FaultKind.MOTOR else FAULT_KINDS.get(happened) is fault.kind
     return same and span[0] <= t_ns <= span[1] + MAX_REPORT_DELAY_NS

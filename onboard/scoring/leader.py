@@ -1,4 +1,4 @@
-"""Accuracy of the leader's estimate against a truth: errors, and consistency of the covariance.
+"""Accuracy of the leader's estimate against a truth: errors and consistency.
 
 Valid estimates count from `settle` seconds after the start of the truth, together with the share of time that had
 one. The NIS is white, so its mean has chi-square bounds for the number of images; the NEES is correlated
@@ -29,7 +29,9 @@ MAX_TRUTH_INTERVAL_S: Final = 0.5
 
 
 class LeaderScore(Record, frozen=True, kw_only=True):
-    """Score of the leader's estimates. Errors are RMS over the `scored` estimates; None without a truth.
+    """Score of the leader's estimates.
+
+    Errors are RMS over the `scored` estimates; None without a truth.
 
     Attributes
     ----------
@@ -236,7 +238,10 @@ def _since(errors: Errors | None, begin: float) -> Errors | None:
 
 
 def _errors(valid: Sequence[Estimate], reference: Reference) -> Errors | None:
-    """Return errors against the truth, interpolated at each estimate's time; None if none can be compared."""
+    """Return errors against the truth, interpolated at each estimate's time.
+
+    None if none can be compared.
+    """
     times = np.array([e.t_ns * S_PER_NS for e in valid])
     if not len(times) or not len(reference.time):
         return None

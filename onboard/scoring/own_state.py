@@ -1,4 +1,4 @@
-"""Accuracy of our own state against a simulator's truth: errors, and consistency of the covariance."""
+"""Accuracy of our own state against a simulator's truth: errors and consistency."""
 
 from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple

@@ -62,8 +62,8 @@ def score_rows(s: LeaderScore, latency: Latency | None) -> list[Row]:
             ("truth inside the 95 % ellipsoid", f"{s.inside_95_percent or 0:.1f} %", "95 % over many flights"),
         ]
     if s.nis_mean is not None:
-        nis = _judged(s.nis_mean, s.nis_bounds)
-        rows.append((f"NIS ({s.nis_dof})", nis, _between(s.nis_bounds, "95 % of means")))
+        nis = _assessment(s.nis_mean, s.nis_bounds)
+        rows.append((f"NIS ({s.nis_dof})", nis, _bounds_text(s.nis_bounds, "95 % of means")))
     count = sum(s.verdicts.values())
     verdicts = ", ".join(f"{n} {v}" for v, n in sorted(s.verdicts.items()))
     rows.append(("images", f"{count}" + (f" ({verdicts})" if count else ""), ""))
@@ -181,15 +181,15 @@ def _valid_rows(s: LeaderScore | OwnStateScore) -> list[Row]:
 
 
 def _nees_row(s: LeaderScore | OwnStateScore) -> Row:
-    judged = _judged(s.nees_mean or 0.0, s.nees_bounds)
-    return f"NEES ({s.nees_dof})", judged, _between(s.nees_bounds, "95 % of flights")
+    judged = _assessment(s.nees_mean or 0.0, s.nees_bounds)
+    return f"NEES ({s.nees_dof})", judged, _bounds_text(s.nees_bounds, "95 % of flights")
 
 
-def _between(bounds: tuple[float, float] | None, what: str) -> str:
+def _bounds_text(bounds: tuple[float, float] | None, what: str) -> str:
     return f"{bounds[0]:.2f} to {bounds[1]:.2f} ({what})" if bounds else ""
 
 
-def _judged(value: float, bounds: tuple[float, float] | None) -> str:
+def _assessment(value: float, bounds: tuple[float, float] | None) -> str:
     """Return a mean NIS or NEES, with its meaning if outside its bounds."""
     words = ""
     if bounds is not None and not bounds[0] <= value <= bounds[1]:

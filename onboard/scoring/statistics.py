@@ -47,10 +47,10 @@ def single_bounds(dof: int) -> tuple[float, float]:
 
 
 def availability(samples: Array, times: ArrayLike, valid: ArrayLike) -> Array:
-    """Return whether there was a valid estimate at each of the times `samples` (n,), as (n,) of bool.
+    """Return whether there was a valid estimate at each of the times `samples` (n,).
 
     The newest of the estimates at `times` (m,), in order, must be `valid` (m,), and at most `MAX_ESTIMATE_AGE_S`
-    old. All times in s.
+    old. All times in s. Returns (n,) of bool.
     """
     at, is_valid = np.asarray(times, dtype=float), np.asarray(valid, dtype=bool)
     if not at.size:

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 from onboard.config import load_config
 from onboard.messages import Datagram, Encoding, Estimate, Health, NavState, Truth
 from onboard.pipeline import Pipeline
-from onboard.scoring.beside import OF_FLIGHT, LeaderScorers
+from onboard.scoring.beside import PRIMARY_ESTIMATOR, LeaderScorers
 from onboard.scoring.leader import LeaderScore
 from onboard.scoring.reference import reference_from_records
 from simlink.scenarios.describe import daemon_config
@@ -95,7 +95,7 @@ class Flights:
         for estimate in estimates:
             scorers.add(estimate)
         score, beside = scorers.scores(math.inf)
-        of_leader = [e for e in estimates if e.name == OF_FLIGHT]
+        of_leader = [e for e in estimates if e.name == PRIMARY_ESTIMATOR]
         return Replayed(of_leader, score, boot_time_ns(loaded), own, health, errors, beside)
 
     def _flight(self, scenario: str, end: float) -> Recorded:

@@ -14,7 +14,7 @@ from onboard.config import Config
 from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.messages import Cause, Estimate, Lifecycle, Output, OwnPose
 from onboard.models import relative_motion
-from onboard.scoring.beside import OF_FLIGHT
+from onboard.scoring.beside import PRIMARY_ESTIMATOR
 from onboard.units import S_PER_NS
 
 NAME: Final = "filterpy"
@@ -31,7 +31,7 @@ class Baseline:
     points and our own attitude."""
 
     def __init__(self, config: Config) -> None:
-        leader = config.estimator.get(OF_FLIGHT) or next(iter(config.estimator.values()))
+        leader = config.estimator.get(PRIMARY_ESTIMATOR) or next(iter(config.estimator.values()))
         self._size = float(getattr(leader, "size_prior_m", 2.0))
         camera = config.camera_model()
         self._R_cb, self._sigma = np.asarray(camera.R_bc).T, camera.sigma
@@ -44,7 +44,7 @@ class Baseline:
         if isinstance(output, OwnPose):
             self._poses.append(output)
             return None
-        report = output.measurement if output.name == OF_FLIGHT and output.is_primary else None
+        report = output.measurement if output.name == PRIMARY_ESTIMATOR and output.is_primary else None
         if report is None or report.points is None or len(report.points) < POINT_COUNT or not self._poses:
             return None
         own = min(self._poses, key=lambda pose: abs(pose.t_ns - report.t_ns))

@@ -13,7 +13,7 @@ from onboard import UserError
 from onboard.analysis.flights.replay import FLOWN
 from onboard.config import Config, load_config
 from onboard.messages import Record
-from onboard.scoring.beside import OF_FLIGHT
+from onboard.scoring.beside import PRIMARY_ESTIMATOR
 from onboard.scoring.leader import LeaderScore
 from onboard.scoring.scorecard import OwnStateSummary, score_rows
 from onboard.terminal.console import Console
@@ -36,7 +36,9 @@ def variants(words: Sequence[str], path: Path | None, sets: tuple[str, ...]) -> 
         if name in found or name in base.estimator:
             raise UserError(f"--compare {word}: {name} is there already; name it as in OTHER:{word}")
         config = base if name == FLOWN else load_config(path, (*sets, *keys))
-        left_out = OF_FLIGHT if name == PAPER else OH_JOHNSON if OF_FLIGHT in config.estimator else ""
+        left_out = (
+            PRIMARY_ESTIMATOR if name == PAPER else OH_JOHNSON if PRIMARY_ESTIMATOR in config.estimator else ""
+        )
         sections = {other: section for other, section in config.estimator.items() if other != left_out}
         found[name] = replace(config, estimator=sections)  # one estimator of the leader in each
     return found

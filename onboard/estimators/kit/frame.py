@@ -88,7 +88,10 @@ class Frame:
         return np.asarray(self._known_R_ne() @ (ecef_from_geodetic(lat_deg, lon_deg, height) - self._anchor_e))
 
     def ecef(self, r: Array | None) -> Array | None:
-        """Return the ECEF position of r (3,) in n, or of our newest position for None. None if we have none."""
+        """Return the ECEF position of r (3,) in n, or of our newest position for None.
+
+        None if we have none.
+        """
         if self._newest is None:
             return None
         return np.asarray(self._anchor_e + (self._newest[1] if r is None else r) @ self._known_R_ne())
@@ -103,7 +106,10 @@ class Frame:
         return np.asarray(self._known_R_ne() @ rotation_ne(lat_deg, lon_deg).T)
 
     def geodetic(self, r: Array) -> Array:
-        """Return (lat_deg, lon_deg, height), (k, 3), of positions r (k, 3). The frame must be known."""
+        """Return (lat_deg, lon_deg, height), (k, 3), of positions r (k, 3).
+
+        The frame must be known.
+        """
         return geodetic_rows(self._anchor_e + r @ self._known_R_ne())
 
     def own_motion(self, t_ns: int, ownship: Ownship) -> OwnMotion | None:
@@ -127,5 +133,8 @@ class Frame:
 
 
 def on_earth(lat_deg: float, lon_deg: float) -> bool:
-    """Return whether these are a latitude and a longitude, with a tolerance for the last digit on the wire."""
+    """Return whether these are a latitude and a longitude.
+
+    The last digit on the wire is tolerated.
+    """
     return abs(lat_deg) <= 90.0 + 1e-7 and abs(lon_deg) <= 180.0 + 1e-7

@@ -1,4 +1,4 @@
-"""Late measurements: a short history of beliefs, rewound to a measurement's own time and replayed.
+"""Late measurements: a short history of beliefs that is rewound and replayed.
 
 Nodes exist at every navigation sample and every measurement of the last fraction of a second. A measurement is
 inserted at its own time, whenever it arrives, and all later nodes are computed again, so a late measurement gives
@@ -66,10 +66,10 @@ class History(Generic[B, M]):
         return t_ns >= self.nodes[0].t_ns
 
     def insert(self, t_ns: int, measurement: Any, ownship: M, fused: tuple[B, Any] | None = None) -> Any:
-        """Insert a measurement at its time, which must be within reach, and recompute all later nodes.
+        """Insert a measurement at its time, and recompute all later nodes.
 
-        `fused` is the belief after it and its outcome, if it has been fused with `belief_before` already. Returns
-        the outcome.
+        The time must be within reach. `fused` is the belief after it and its outcome, if it has been fused with
+        `belief_before` already. Returns the outcome.
         """
         index = bisect_right(self.nodes, t_ns, key=TIME)
         later = self._cut(index) if index < len(self.nodes) else []
@@ -88,7 +88,7 @@ class History(Generic[B, M]):
             redone = True
             self._redo(self._cut(self._before(first) + 1), ownship)
         if times := ownship.nav_times:
-            self._pass_samples(times[-1] + 1, times, ownship)
+            self._append_samples(times[-1] + 1, times, ownship)
         oldest = self.nodes[-1].t_ns - self._horizon_ns
         keep = max(bisect_right(self.nodes, oldest, key=TIME) - 1, 0)
         if self._provisional_ns is not None:  # it will be computed again, from the node before it
@@ -97,7 +97,7 @@ class History(Generic[B, M]):
         return redone
 
     def belief_at(self, t_ns: int, ownship: M) -> tuple[int, B]:
-        """Return (time, belief) of the newest belief, predicted to t_ns unless it is later already."""
+        """Return (time, belief) of the newest belief, predicted to t_ns unless it is later."""
         newest = self.nodes[-1]
         if t_ns <= newest.t_ns:
             return newest.t_ns, newest.belief
@@ -136,7 +136,7 @@ class History(Generic[B, M]):
                 self._append(node.t_ns, node.measurement, ownship)
 
     def _append(self, t_ns: int, measurement: Any, ownship: M, fused: tuple[B, Any] | None = None) -> Any:
-        self._pass_samples(t_ns, ownship.nav_times, ownship)
+        self._append_samples(t_ns, ownship.nav_times, ownship)
         if fused is None:
             newest = self.nodes[-1]
             prior = self._advance(newest.belief, newest.t_ns, t_ns, ownship)
@@ -147,7 +147,7 @@ class History(Generic[B, M]):
             self._provisional_ns = t_ns
         return outcome
 
-    def _pass_samples(self, until_ns: int, times: list[int], ownship: M) -> None:
+    def _append_samples(self, until_ns: int, times: list[int], ownship: M) -> None:
         """Append nodes at the navigation samples after the newest node and before `until_ns`."""
         newest = self.nodes[-1]
         for t_ns in times[bisect_right(times, newest.t_ns) :]:

@@ -24,12 +24,15 @@ class Ages(Protocol):
 
 
 def check_order(ages: Ages, forgotten: str) -> None:
-    """Raise ValueError for ages out of order. `forgotten`: the key of the age at which a track is forgotten."""
+    """Raise ValueError for ages out of order.
+
+    `forgotten`: the key of the age at which a track is forgotten.
+    """
     if not ages.coast_after_s <= ages.validity_timeout_s <= getattr(ages, forgotten):
         raise ValueError(f"coast_after_s <= validity_timeout_s <= {forgotten} must hold")
 
 
-def by_age(age_s: float, ages: Ages, *, one: str, many: str, where: str = "") -> tuple[Lifecycle, Reason]:
+def life_by_age(age_s: float, ages: Ages, *, one: str, many: str, where: str = "") -> tuple[Lifecycle, Reason]:
     """Return state and reason for the age of the last fused measurement.
 
     `one` and `many` name the measurements in words; `where` is added to the reason.

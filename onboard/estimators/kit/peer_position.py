@@ -1,4 +1,4 @@
-"""Positions and velocities reported by other aircraft, or the reasons why they cannot be used."""
+"""Positions and velocities reported by other aircraft, or why they cannot be used."""
 
 import math
 from typing import Final, NamedTuple
@@ -67,13 +67,19 @@ def of_peer(m: PeerPosition | FollowTarget, *, fastest: float) -> ReportedPositi
 
 
 def is_plausible(place: tuple[float, float, float], v: Vec3, fastest: float) -> bool:
-    """Return whether an aircraft can be at this place with this velocity, at a speed of at most `fastest`, m/s."""
+    """Return whether an aircraft can be at this place with this velocity.
+
+    `fastest`: maximum plausible speed, m/s.
+    """
     lat_deg, lon_deg, height = place
     return on_earth(lat_deg, lon_deg) and MIN_HEIGHT_M <= height <= MAX_HEIGHT_M and math.hypot(*v) <= fastest
 
 
 def is_repetition(a: object, b: object) -> bool:
-    """Return whether a moving aircraft's position is the same to the last digit: an older report repeated."""
+    """Return whether a moving aircraft's position is the same to the last digit.
+
+    Then a receiver repeats an older report.
+    """
     return (
         isinstance(a, AdsbVehicle)
         and isinstance(b, AdsbVehicle)

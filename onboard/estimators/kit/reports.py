@@ -34,12 +34,12 @@ def image_report(
         gate=gate,
         points=message.image_points,
         measured=None if measured is None else tuple(measured.tolist()),
-        **({} if update is None else of_update(update)),
+        **({} if update is None else update_fields(update)),
         **more,
     )
 
 
-def of_update(update: Update) -> dict[str, Any]:
+def update_fields(update: Update) -> dict[str, Any]:
     """Return the fields of a report that an update determines: the prediction and the innovation."""
     variances = update.innovation_covariance.diagonal().tolist()
     return {
@@ -50,7 +50,7 @@ def of_update(update: Update) -> dict[str, Any]:
     }
 
 
-def of_belief(belief: Belief | None) -> dict[str, Any]:
+def belief_fields(belief: Belief | None) -> dict[str, Any]:
     """Return the fields of an estimate that a belief determines; both None without one."""
     if belief is None:
         return {"mean": None, "covariance": None}

@@ -1,4 +1,6 @@
-"""Oh & Johnson's unscented filter of one leader: nine states, three angles. Read it with the paper.
+"""Oh & Johnson's unscented filter of one leader: nine states, three angles.
+
+Read it with the paper.
 
     state         [r_FL_n (3), v_FL_n (3), b, a_lat, a_long]   eqs 1-10    onboard/models/relative_motion.py
     measurement   azimuth, elevation, subtended angle          eqs 11-18   onboard/models/camera_angles.py
@@ -17,8 +19,8 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.kit.history import History
-from onboard.estimators.kit.life_cycle import by_age
-from onboard.estimators.kit.reports import image_report, of_belief
+from onboard.estimators.kit.life_cycle import life_by_age
+from onboard.estimators.kit.reports import belief_fields, image_report
 from onboard.estimators.oh_johnson.config import Config
 from onboard.estimators.oh_johnson.noise import ANGLES, HOVER_SPEED, first_belief, process_noise
 from onboard.filters import unscented
@@ -90,7 +92,7 @@ class Estimator:
     def _observe(self, message: TargetPoints, ownship: Ownship) -> Estimate:
         image = self._prepare(message, ownship)
         try:
-            report = self._report(message, image) if isinstance(image, Verdict) else self._take(image, ownship)
+            report = self._report(message, image) if isinstance(image, Verdict) else self._insert(image, ownship)
         except FilterError as error:
             self._fail(error)
             report = self._report(message, Verdict.NUMERICAL)
@@ -133,7 +135,7 @@ class Estimator:
         self._seen.append(key)
         return AngleImage(message, camera_angles.angles_from_points(points), pose)  # eq 18
 
-    def _take(self, image: AngleImage, ownship: Ownship) -> MeasurementReport:
+    def _insert(self, image: AngleImage, ownship: Ownship) -> MeasurementReport:
         """Start with an image, or insert it into the history at its own time."""
         message, history = image.message, self._history
         if history is None:
@@ -180,7 +182,10 @@ class Estimator:
         return (update.belief if fused else belief), GatedUpdate(fused, update)
 
     def _pose(self, message: TargetPoints, ownship: Ownship) -> CameraPlace | None:
-        """Return the camera's pose at the time of an image; None if ours, or its gimbal's, is unknown."""
+        """Return the camera's pose at the time of an image.
+
+        None if ours, or its gimbal's, is unknown.
+        """
         camera, pose = self._camera.named(message.camera), ownship.pose_at(message.t_ns)
         if pose is None:
             return None
@@ -207,7 +212,7 @@ class Estimator:
     def _state(self, t_ns: int) -> tuple[Lifecycle, Reason]:
         if self._history is None:
             return Lifecycle.SEARCHING, self._why
-        return by_age(self._age(t_ns), self._config, one="image", many="images")
+        return life_by_age(self._age(t_ns), self._config, one="image", many="images")
 
     def _estimate(self, ownship: Ownship, report: MeasurementReport | None) -> Estimate:
         t_ns, belief = ownship.now_ns, None
@@ -239,7 +244,7 @@ class Estimator:
             reset_count=self._resets,
             state_since_ns=self._since[1],
             measurement=report,
-            **of_belief(belief),
+            **belief_fields(belief),
         )
 
     def _report(

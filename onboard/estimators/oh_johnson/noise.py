@@ -44,10 +44,10 @@ def process_noise(size: float, walks: RandomWalks = PRINTED) -> Array:
 
 
 def first_belief(angles: Array, size: float, size_sigma: float, R_cn: Array, r_FC_n: Array) -> Belief:
-    """Return mean (9,) and covariance (9, 9) after the first image, of angles (3,), rad: eqs 43-51.
+    """Return mean (9,) and covariance (9, 9) after the first image: eqs 43-51.
 
-    `size` and its sigma are in m; R_cn (3, 3) and r_FC_n (3,), m, are the camera's attitude and place. The leader
-    is assumed to fly as we do.
+    `angles` (3,) are in rad, `size` and its sigma in m; R_cn (3, 3) and r_FC_n (3,), m, are the camera's attitude
+    and place. The leader is assumed to fly as we do.
     """
     mean = np.zeros(relative_motion.STATE_SIZE)
     mean[POSITION] = camera_angles.position_from_angles(angles[None], np.array([size]), R_cn, r_FC_n)[0]

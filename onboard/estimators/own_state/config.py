@@ -106,7 +106,10 @@ class Config(Record, frozen=True, kw_only=True):
     silence_s: ClassVar[float] = 0.5  # without an attitude: not valid
 
     def __post_init__(self) -> None:
-        """Raise ValueError for timeouts out of order, a missing or surplus custom table, or an unknown filter."""
+        """Raise ValueError for contradictory values.
+
+        They are timeouts out of order, a missing or surplus custom table, or an unknown filter.
+        """
         check_order(self, "reset_timeout_s")
         if (self.airframe == "custom") != (self.custom is not None):
             raise ValueError('airframe = "custom" and a table estimator.own_state.custom go together')

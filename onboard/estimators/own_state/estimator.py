@@ -1,8 +1,8 @@
-"""Our own position, velocity, attitude and rates from the autopilot's messages, by any of the filters.
+"""Our own state from the autopilot's messages, by any of the filters.
 
-The specific force drives the model of `models.own_motion`. Attitude with body rates, GPS fixes and a barometer
-correct it, each at its own rate and at its own time, however late it arrives. Unexplained innovations are counted,
-and their cause is identified if possible (`faults`, `innovations`).
+It has position, velocity, attitude and rates. The specific force drives the model of `models.own_motion`. Attitude
+with body rates, GPS fixes and a barometer correct it, each at its own rate and at its own time, however late it
+arrives. Unexplained innovations are counted, and their cause is identified if possible (`faults`, `innovations`).
 """
 
 from collections.abc import Sequence
@@ -11,13 +11,13 @@ from typing import Final
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.kit.life_cycle import by_age
+from onboard.estimators.kit.life_cycle import life_by_age
 from onboard.estimators.own_state.config import Config
 from onboard.estimators.own_state.faults import FaultMonitor
 from onboard.estimators.own_state.filters import SensorFilter
 from onboard.estimators.own_state.innovations import Contradiction, OutlierMonitor
 from onboard.estimators.own_state.inputs import Inputs
-from onboard.estimators.own_state.measurements import ATTITUDE_SENSOR, BAROMETER, GPS, Measurement, unusable
+from onboard.estimators.own_state.measurements import ATTITUDE_SENSOR, BAROMETER, GPS, Measurement, reason_unusable
 from onboard.estimators.own_state.noise import SensorNoise
 from onboard.estimators.own_state.report import Reported, nav_state, own_motion, refused, report
 from onboard.estimators.own_state.sources import Sources, next_due_ns
@@ -77,9 +77,9 @@ class Estimator:
         self._track: Track | None = None
         self._why = Reason(Cause.NO_MEASUREMENT, "no GPS fix yet")  # why there is no track
         self._unsuitable: Reason | None = None  # why the model does not fit the vehicle
-        self._begin()
+        self._reset_inputs()
 
-    def _begin(self) -> None:
+    def _reset_inputs(self) -> None:
         """Reset everything that depends on the autopilot's time base and origin."""
         noise = SensorNoise(self._config)
         self._sources, self._inputs = Sources(self._config, noise), Inputs(noise)
@@ -90,10 +90,13 @@ class Estimator:
         self._is_silent = self._is_armed = False
 
     def observe(self, message: Message, ownship: Ownship) -> list[Estimate]:
-        """Fuse one message. Returns an estimate for each attitude due for publication, and for each fix."""
+        """Fuse one message.
+
+        Returns an estimate for each attitude due for publication, and for each fix.
+        """
         match message:
             case Heartbeat():
-                self._learn_kind(message.vehicle_type)
+                self._check_vehicle_type(message.vehicle_type)
                 self._is_armed = message.armed
             case Imu():
                 self._receive_imu(message)
@@ -118,8 +121,9 @@ class Estimator:
         return []
 
     def tick(self, ownship: Ownship) -> list[Estimate]:
-        """Return one estimate when the attitude has stopped arriving; otherwise our own messages drive this
-        estimator.
+        """Return one estimate when the attitude has stopped arriving.
+
+        Otherwise our own messages drive this estimator.
         """
         newest_ns = self._sources.newest_ns
         is_silent = newest_ns != 0 and ownship.now_ns - newest_ns > self._config.silence_s * NS_PER_S
@@ -142,7 +146,7 @@ class Estimator:
     def reset(self, why: Reason) -> None:
         """Forget everything: the time base or the origin has changed."""
         self._drop_track(why)
-        self._begin()
+        self._reset_inputs()
 
     # ---------------------------------------------------------------------------------------- messages
 
@@ -186,7 +190,7 @@ class Estimator:
         measurement = self._sources.fix(message, ownship)
         if isinstance(measurement, Verdict):
             if self._track is None:
-                self._why = Reason(Cause.FIX_UNUSABLE, f"GPS fixes cannot be used: {unusable(message)}")
+                self._why = Reason(Cause.FIX_UNUSABLE, f"GPS fixes cannot be used: {reason_unusable(message)}")
             return [self._publish(refused(message, GPS, measurement))]
         if measurement is None:
             return []
@@ -244,8 +248,11 @@ class Estimator:
         self._track = None
         self._why = why
 
-    def _learn_kind(self, vehicle_type: int) -> None:
-        """Check the MAV_TYPE of the vehicle: the model is that of a vehicle that flies on its own lift."""
+    def _check_vehicle_type(self, vehicle_type: int) -> None:
+        """Check the MAV_TYPE of the vehicle, whose model must fit.
+
+        The model is that of a vehicle that flies on its own lift.
+        """
         kind, self._unsuitable = NOT_LIFTED.get(vehicle_type), None
         if kind is not None:
             self._unsuitable = Reason(
@@ -270,7 +277,7 @@ class Estimator:
             return Lifecycle.LOST, Reason(Cause.NO_ATTITUDE, "no attitude from the autopilot")
         if (size := self._contradiction.size) is not None:
             return Lifecycle.LOST, Reason(Cause.FIXES_CONTRADICT, CONTRADICTS.format(size))
-        return by_age(self._track.age(t_ns), self._config, one="fix", many="fixes")
+        return life_by_age(self._track.age(t_ns), self._config, one="fix", many="fixes")
 
     def _publish(self, reported: Reported | None) -> Estimate:
         newest_ns = self._sources.newest_ns

@@ -188,10 +188,10 @@ class FaultMonitor:
         step = dt * np.concatenate(([force], torque, lateral, thrusts))
         now = Balance(t_ns, step if last is None else last.integrals + step, momentum)
         self._balances.append(now)
-        self._judge(a, now)
+        self._compare(a, now)
         return np.asarray((torque + self._missing_torque) / self._inertia)
 
-    def _judge(self, a: AirframeConfig, now: Balance) -> None:
+    def _compare(self, a: AirframeConfig, now: Balance) -> None:
         """Compare the means over the window with the signature of each fault."""
         while len(self._balances) > 1 and self._balances[1].t_ns <= now.t_ns - AVERAGING_WINDOW_NS:
             self._balances.popleft()
@@ -209,10 +209,10 @@ class FaultMonitor:
         missing[1:] = (now.momentum - then.momentum - change[TORQUE]) / span
         self._missing_torque = missing[1:]
         push = math.hypot(*(change[LATERAL] / span).tolist())
-        if self._scale.settles(now.t_ns):
+        if self._scale.is_settling(now.t_ns):
             self._absent(now.t_ns)
         else:
-            self._judge_motors(missing, thrusts, push, now.t_ns)
+            self._compare_motors(missing, thrusts, push, now.t_ns)
             self._gust.judge(now.t_ns, push > MIN_GUST_ACCELERATION, push, MIN_GUST_ACCELERATION)
         alarms = (self._motor, self._mass, self._gust)
         if push < MIN_GUST_ACCELERATION and not any(alarm.is_suspected for alarm in alarms):
@@ -230,7 +230,7 @@ class FaultMonitor:
             self._flying_since_ns = t_ns
         return self._flying_since_ns is not None and t_ns - self._flying_since_ns >= NS_PER_S
 
-    def _judge_motors(self, missing: Array, thrusts: Array, push: float, t_ns: int) -> None:
+    def _compare_motors(self, missing: Array, thrusts: Array, push: float, t_ns: int) -> None:
         """Test for one weak motor, or another mass.
 
         `missing` (4,) is the thrust (N) and torque (N m) that the commands do not explain. The mass is not tested

@@ -138,9 +138,9 @@ class OutlierMonitor:
             self._signs[sensor] = (t_ns, last, signs)
         else:
             self._signs[sensor] = (t_ns, 0.0 * signs, signs)
-        self._judge(t_ns, onsets_ns)
+        self._update_fault(t_ns, onsets_ns)
 
-    def _judge(self, t_ns: int, onsets_ns: Sequence[int]) -> None:
+    def _update_fault(self, t_ns: int, onsets_ns: Sequence[int]) -> None:
         """Raise a fault once there are many wrong values.
 
         The onset of a vehicle fault disturbs the filter, so such a fault is given the time to be reported instead.

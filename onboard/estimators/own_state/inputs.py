@@ -1,7 +1,7 @@
-"""Inputs of our own model over the last seconds: specific force, and angular acceleration by the motors.
+"""Inputs of our own model over the last seconds.
 
-A step is driven by the mean of the samples over it, so that neither their rate nor their phase against the
-measurements matters.
+They are the specific force, and the angular acceleration by the motors. A step is driven by the mean of the
+samples over it, so that neither their rate nor their phase against the measurements matters.
 """
 
 from bisect import bisect_left, bisect_right
@@ -77,7 +77,10 @@ class Samples:
         return np.asarray((self._integral(t1_ns) - self._integral(t0_ns)) / ((t1_ns - t0_ns) * S_PER_NS))
 
     def density(self, t_ns: int) -> Array:
-        """Return the spectral density (n,) of the scatter as white noise (unit^2/Hz), as known at a time."""
+        """Return the spectral density (n,) of the scatter as white noise, as known at a time.
+
+        In unit^2/Hz.
+        """
         if not self._scatter:
             return np.zeros(self._size)
         return self._scatter[max(bisect_right(self.times, t_ns) - 1, 0)]
@@ -110,11 +113,11 @@ class Samples:
 
 
 class Manoeuvres:
-    """Spectral density of the specific force's deviation from hovering at our attitude, (m/s^2)^2/Hz.
+    """Spectral density of the specific force's deviation from hovering at our attitude.
 
-    It is the change of velocity between fixes a second apart that the attitude does not explain, so it does not
-    depend on the accelerometer. Its minimum is set by the fixes' own noise. The largest recent value counts, and
-    decays with `MANOEUVRE_DECAY_TIME_S`. Axes of b.
+    In (m/s^2)^2/Hz, for the axes of b. It is the change of velocity between fixes a second apart that the attitude
+    does not explain, so it does not depend on the accelerometer. Its minimum is set by the fixes' own noise. The
+    largest recent value counts, and decays with `MANOEUVRE_DECAY_TIME_S`.
     """
 
     def __init__(self) -> None:

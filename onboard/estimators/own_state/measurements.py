@@ -49,7 +49,10 @@ class Measurement(NamedTuple):
 
     @property
     def part(self) -> slice:
-        """The measured part of `own_motion.NAVIGATION`; empty for a barometer, which measures none of them."""
+        """The measured part of `own_motion.NAVIGATION`.
+
+        Empty for a barometer, which measures none of them.
+        """
         if self.sensor == BAROMETER:
             return slice(0)
         return slice(6, 12) if self.sensor == ATTITUDE_SENSOR else slice(len(self.y))
@@ -66,7 +69,10 @@ class Measurement(NamedTuple):
 
 
 def from_attitude(m: Attitude, sigmas: Array) -> Measurement | Verdict:
-    """Return attitude and body rates with standard deviations (6,), or the verdict on unusable ones."""
+    """Return attitude and body rates, or the verdict on unusable ones.
+
+    `sigmas` (6,) are the standard deviations.
+    """
     q, omega = np.array(m.q_nb), np.array(m.omega_b)
     if not (np.isfinite(q).all() and np.isfinite(omega).all()):
         return Verdict.NOT_FINITE
@@ -76,7 +82,7 @@ def from_attitude(m: Attitude, sigmas: Array) -> Measurement | Verdict:
     return Measurement(ATTITUDE_SENSOR, m.t_ns, m.t_recv_ns, y, np.diag(sigmas**2), matrix_from_quaternion(q))
 
 
-def unusable(m: GpsFix) -> str:
+def reason_unusable(m: GpsFix) -> str:
     """Return why a fix cannot be used, with the name of a field that is not a finite number."""
     numbers = ("lat_deg", "lon_deg", "alt_msl", "ground_speed", "course_rad", "v_down")
     wrong = [n for n in numbers if not math.isfinite(getattr(m, n) or 0.0)]
@@ -109,7 +115,7 @@ def from_fix(m: GpsFix, origin: Vec3, config: Config, speed_sigmas: Array) -> Me
 
 
 def from_barometer(m: Barometer | Imu, altitude: float, datum: float, config: Config) -> Measurement | Verdict:
-    """Return a barometer's altitude above its `datum`, both m, or the verdict on an unusable one."""
+    """Return a barometer's altitude above its `datum`, m, or a verdict on an unusable one."""
     if not math.isfinite(altitude):
         return Verdict.NOT_FINITE
     if abs(altitude) > MAX_ALTITUDE_M:

@@ -32,7 +32,10 @@ TURNING_DENSITY_HISTORY_LENGTH: Final = 600  # for late measurements
 
 
 class SensorNoise:
-    """Standard deviations of attitude, body rates and a fix's velocity, and noise of the angular acceleration."""
+    """Standard deviations of attitude, rates and a fix's velocity, and angular noise.
+
+    The angular noise is that of the angular acceleration.
+    """
 
     def __init__(self, config: Config) -> None:
         self._learns = config.learn_noise
@@ -50,7 +53,10 @@ class SensorNoise:
         self._densities: list[Array] = []
 
     def add_rates(self, t_ns: int, omega: Array, acceleration: Array | None) -> None:
-        """Add body rates (3,), rad/s, and the mean angular acceleration (3,) since the last, rad/s^2, if known."""
+        """Add body rates (3,), rad/s, and the mean angular acceleration (3,) since the last.
+
+        The acceleration, rad/s^2, is None if it is unknown.
+        """
         last, self._last = self._last, (t_ns, omega)
         dt = (t_ns - last[0]) * S_PER_NS if last else 0.0
         if last is None or not 0.0 < dt <= MAX_SAMPLE_INTERVAL_S:
@@ -113,9 +119,9 @@ class SensorNoise:
         return np.asarray(self._speed * level / self._speed[0])
 
     def turning(self, t_ns: int) -> Array:
-        """Return the spectral density (3,) of the angular acceleration's noise, as known at a time.
+        """Return the spectral density (3,) of the angular acceleration's noise at a time.
 
-        In (rad/s^2)^2/Hz.
+        In (rad/s^2)^2/Hz, as known at that time.
         """
         i = bisect_right(self._times, t_ns) - 1
         return self._densities[i] if self._learns_turning and i >= 0 else self._turning

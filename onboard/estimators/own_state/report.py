@@ -5,7 +5,7 @@ from typing import Any, Final
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.kit.reports import of_update
+from onboard.estimators.kit.reports import update_fields
 from onboard.estimators.own_state.config import Config
 from onboard.estimators.own_state.measurements import Measurement
 from onboard.estimators.own_state.track import Outcome, Posterior, Track
@@ -37,7 +37,7 @@ def report(measurement: Measurement, outcome: Outcome | None) -> Reported:
     if outcome is None:
         return MeasurementReport(**head, verdict=Verdict.INITIALISING), None
     update = outcome.update
-    fields = of_update(update)
+    fields = update_fields(update)
     reported = MeasurementReport(
         **head,
         **fields,
@@ -141,7 +141,10 @@ def _attitude_error(R_nb: Array, config: Config) -> Array:
 
 
 def _quality(track: Track, t_ns: int, config: Config) -> int:
-    """Return the share of explained measurements, per cent, reduced with the time since the last fix."""
+    """Return the share of explained measurements, per cent.
+
+    It is reduced with the time since the last fix.
+    """
     explained = 1.0 - (track.counts.switch_fraction or 0.0)
     fresh = 1.0 - max(track.age(t_ns) - config.coast_after_s, 0.0) / max(config.validity_timeout_s, 1e-9)
     return max(round(100 * explained * max(fresh, 0.0)), 1)

@@ -55,9 +55,10 @@ class Sources:
         return None if near is None or abs(near.t_ns - t_ns) > MAX_ATTITUDE_OFFSET_NS else near
 
     def attitude(self, message: Attitude, white: Sequence[float] | None) -> Measurement | Verdict | None:
-        """Return an attitude newer than the last: ATTITUDE and ATTITUDE_QUATERNION of one instant are the same.
+        """Return an attitude newer than the last.
 
-        `white`: standard deviations of their noise, rad, as measured.
+        ATTITUDE and ATTITUDE_QUATERNION of one instant are the same. `white`: standard deviations of their noise,
+        rad, as measured.
         """
         measurement = from_attitude(message, self._noise.attitude(white))
         if isinstance(measurement, Verdict):
@@ -118,12 +119,18 @@ def distance(a: Vec3, b: Vec3) -> float:
 
 
 def next_due_ns(t_ns: int, rate_hz: float) -> int:
-    """Return the earliest time of the next message to use, a millisecond early for rounded stamps."""
+    """Return the earliest time of the next message to use.
+
+    It is a millisecond early for rounded stamps.
+    """
     return t_ns + round(NS_PER_S / rate_hz) - NS_PER_S // 1000
 
 
 def _origin(message: GlobalPosition | GpsFix, ownship: Ownship) -> Vec3 | None:
-    """Return the origin of the autopilot's positions; None if its position is unknown at the message's time."""
+    """Return the origin of the autopilot's positions.
+
+    None if its position is unknown at the message's time.
+    """
     pose = ownship.pose_at(message.t_ns)
     if pose is None or not math.isfinite(pose.r_OF_n.sum()):
         return None

@@ -54,7 +54,7 @@ class ThrustScale:
             self._rests_since_ns = t_ns
         self._is_new = self._is_new or (self._has_flown and t_ns - self._rests_since_ns > MIN_REST_DURATION_NS)
 
-    def settles(self, t_ns: int) -> bool:
+    def is_settling(self, t_ns: int) -> bool:
         """Return whether a later flight has just begun at `t_ns`, so that nothing is a fault yet."""
         self._rests_since_ns, self._has_flown = None, True
         if self._is_new:
@@ -62,7 +62,10 @@ class ThrustScale:
         return t_ns < self._settles_until_ns
 
     def learn(self, t_ns: int, ratio: float) -> None:
-        """Learn at `t_ns`, in a flight without a fault, that the lift is `ratio` times the expected one."""
+        """Learn at `t_ns` that the lift is `ratio` times the expected one.
+
+        The flight must be without a fault.
+        """
         dt = 0.0 if self._last_ns is None else (t_ns - self._last_ns) / NS_PER_S
         self._last_ns = t_ns
         if 0.0 < dt <= MAX_LEARNING_INTERVAL_S:

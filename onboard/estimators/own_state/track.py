@@ -1,7 +1,8 @@
-"""The filter of our own state over time: predictions by the inputs, updates at the measurements' own times.
+"""The filter of our own state over time, from fix to fix.
 
-The model is `models.own_motion`. Its angles are relative to a reference frame a, which is moved to the vehicle's
-attitude whenever an angle has grown too large.
+Predictions are driven by the inputs, and updates are at the measurements' own times. The model is
+`models.own_motion`. Its angles are relative to a reference frame a, which is moved to the vehicle's attitude
+whenever an angle has grown too large.
 """
 
 from collections.abc import Mapping
@@ -67,7 +68,10 @@ class Posterior(NamedTuple):
 
 
 class Track:
-    """The filter from one fix on, started with the attitude near it. `counts` evaluates its innovations."""
+    """The filter from one fix on, started with the attitude near it.
+
+    `counts` evaluates its innovations.
+    """
 
     def __init__(
         self, config: Config, sensor_filter: SensorFilter, inputs: Inputs, fix: Measurement, attitude: Measurement
@@ -137,7 +141,7 @@ class Track:
         steps = -(-(t1_ns - t0_ns) // MAX_STEP_NS)
         for k in range(steps):
             a_ns, b_ns = t0_ns + (t1_ns - t0_ns) * k // steps, t0_ns + (t1_ns - t0_ns) * (k + 1) // steps
-            cell = self._recentred(self._step(cell, a_ns, b_ns, inputs))
+            cell = self._recentre(self._step(cell, a_ns, b_ns, inputs))
         return cell
 
     def _step(self, cell: Cell, t0_ns: int, t1_ns: int, inputs: Inputs) -> Cell:
@@ -164,7 +168,7 @@ class Track:
         )
         return Cell(cell.R_na, filtered, cell.rejected)
 
-    def _recentred(self, cell: Cell) -> Cell:
+    def _recentre(self, cell: Cell) -> Cell:
         """Return the same state, relative to the present attitude if an angle has grown too large."""
         mean = self._filter.belief(cell.filtered).mean
         if np.abs(mean[TURNED]).max() < own_motion.MAX_REFERENCE_ANGLE:
@@ -202,9 +206,9 @@ class Track:
 
 
 def process_noise(c: Config) -> tuple[Array, float]:
-    """Return process noise per second of each state (16,) but the rates, and the decay rate of disturbances, 1/s.
+    """Return the process noise per second, and the decay rate of disturbances, 1/s.
 
-    For the rates, see `noise`.
+    The noise (16,) is that of all states but the rates, for which see `noise`.
     """
     sigma, time = np.full(3, c.bias_sigma_m_s2), c.bias_time_s
     if c.force == "thrust":

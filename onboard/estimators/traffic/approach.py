@@ -74,11 +74,12 @@ def closest(r: Array, v: Array, covariance: Array) -> Approaches:
 
 
 def closest_in_turns(r: Array, v: Array, a: Array, covariance: Array, v_F: Array) -> Approaches:
-    """Return the closest approach along the turns of those aircraft that certainly turn, else as `closest`.
+    """Return the closest approach along the turns of certainly turning aircraft.
 
-    Positions, velocities and the others' accelerations (k, 3) have covariance (k, 9, 9), and the first two are
-    relative; v_F (3,) is our own velocity. The sigmas in turns are of sigma points in position, velocity and turn
-    rate: each point has a closest approach of its own, the first within `MAX_TURN_TIME_S`.
+    For others it is that of `closest`. Positions, velocities and the others' accelerations (k, 3) have covariance
+    (k, 9, 9), and the first two are relative; v_F (3,) is our own velocity. The sigmas in turns are of sigma
+    points in position, velocity and turn rate: each point has a closest approach of its own, the first within
+    `MAX_TURN_TIME_S`.
     """
     straight = closest(r, v, covariance[:, :6, :6])
     rate = motion.turn_rate(v + v_F, a)

@@ -1,4 +1,4 @@
-"""Filters of all tracks in one batch at one time: prediction, evaluation of measurements, correction.
+"""Filters of all tracks in one batch at one time.
 
 If one covariance is lost, the batch is computed filter by filter: only the failing one is reported, and the others
 continue.
@@ -143,9 +143,9 @@ class Batch:
         self._put(np.array([row]), self._filter.start(belief.mean[None], belief.covariance[None]))
 
     def correct_attitude_error(self, rotation: Belief) -> None:
-        """Correct all tracks after registration has found the attitude error: mean (3,) and covariance (3, 3).
+        """Correct all tracks after registration has found the attitude error.
 
-        Filters of Cartesian positions do not estimate it.
+        The rotation has mean (3,) and covariance (3, 3). Filters of Cartesian positions do not estimate it.
         """
         if self.size and self.polar:
             self._set(self._filter.change(self._state, lambda b: correct_attitude_error(b, rotation)))

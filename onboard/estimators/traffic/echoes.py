@@ -1,4 +1,7 @@
-"""Radar scans prepared for association: echoes with their noise, and the radar's position and attitude."""
+"""Radar scans prepared for association.
+
+They are echoes with their noise, and the radar's position and attitude.
+"""
 
 from typing import NamedTuple
 
@@ -14,7 +17,15 @@ from onboard.messages import RadarScan
 
 
 class Echoes(NamedTuple):
-    """Echoes `polar` (k, 3), range (m), azimuth and elevation (rad), with standard deviations `sigma` (k, 3)."""
+    """Echoes of a scan with their noise.
+
+    Attributes
+    ----------
+    polar : (k, 3)
+        Range (m), azimuth and elevation (rad).
+    sigma : (k, 3)
+        Standard deviations.
+    """
 
     polar: Array
     sigma: Array

@@ -1,8 +1,9 @@
-"""Traffic: all other aircraft, from ADS-B, other vehicles' positions or pseudoranges, and our radar.
+"""Traffic: all other aircraft, from their own reports and from our radar.
 
-Tracks are kept in one Cartesian frame (`frame`). An address is an identity: its reports go to its own track and to
-no other (`report_association`). Echoes go to the tracks that they fit best (`radar_association`). Aircraft with
-both reveal the error of our own attitude (`registration`).
+Reports are ADS-B, other vehicles' positions and pseudoranges. Tracks are kept in one Cartesian frame (`frame`). An
+address is an identity: its reports go to its own track and to no other (`report_association`). Echoes go to the
+tracks that they fit best (`radar_association`). Aircraft with both reveal the error of our own attitude
+(`registration`).
 """
 
 from collections import Counter

@@ -1,10 +1,11 @@
-"""Filters of the tracker: those of `onboard.filters` with the model of an intruder, under one interface.
+"""Filters of the tracker, under one interface.
 
     state = tracks.predict(state, dt, attitude_error, report_errors)
     part = take(state, rows)                        # of some tracks
     state = put(state, rows, update.belief)
 
-A state is a tree of arrays whose first axis counts tracks.
+They are those of `onboard.filters` with the model of an intruder. A state is a tree of arrays whose first axis
+counts tracks.
 """
 
 from collections.abc import Callable, Sequence

@@ -58,16 +58,16 @@ def belief_from_report(report: Report, lag: float, attitude_error: Array, config
     covariance[:6, :6] = report.R
     covariance[POSITION, POSITION] += np.diag(report.bias_sigma**2)
     covariance[POSITION, BIAS] = covariance[BIAS, POSITION] = -np.diag(report.bias_sigma)
-    return _moved_on(Belief(np.concatenate([report.y, np.zeros(STATE_SIZE - 6)]), covariance), lag)
+    return _predicted(Belief(np.concatenate([report.y, np.zeros(STATE_SIZE - 6)]), covariance), lag)
 
 
 def belief_from_echo(
     polar: Array, sigma: Array, radar: Radar, lag: float, attitude_error: Array, config: Config
 ) -> Belief:
-    """Return the belief after one echo (1, 3) with standard deviations (1, 3) that is `lag` seconds old.
+    """Return the belief after one echo that is `lag` seconds old.
 
-    The attitude error's covariance is (3, 3). The echo is measured at r + w x d + noise, which correlates position
-    and attitude error w.
+    The echo is (1, 3) with standard deviations (1, 3), and the attitude error's covariance is (3, 3). The echo is
+    measured at r + w x d + noise, which correlates position and attitude error w.
     """
     covariance = first_covariance(attitude_error, config)
     r = position(polar, *radar)[0]
@@ -76,7 +76,7 @@ def belief_from_echo(
     covariance[POSITION, POSITION] += across @ attitude_error @ across.T
     covariance[POSITION, ATTITUDE_ERROR] = across @ attitude_error
     covariance[ATTITUDE_ERROR, POSITION] = covariance[POSITION, ATTITUDE_ERROR].T
-    return _moved_on(Belief(np.concatenate([r, np.zeros(STATE_SIZE - 3)]), covariance), lag)
+    return _predicted(Belief(np.concatenate([r, np.zeros(STATE_SIZE - 3)]), covariance), lag)
 
 
 def first_covariance(attitude_error: Array, config: Config) -> Array:
@@ -96,7 +96,7 @@ def _accelerations(horizontal: float, config: Config) -> Array:
     return horizontal * np.array([1.0, 1.0, config.vertical_share])
 
 
-def _moved_on(belief: Belief, lag: float) -> Belief:
+def _predicted(belief: Belief, lag: float) -> Belief:
     F = np.eye(STATE_SIZE)
     F[:9, :9] = backward_transition(-lag)
     return Belief(F @ belief.mean, F @ belief.covariance @ F.T)

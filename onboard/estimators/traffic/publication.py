@@ -1,4 +1,7 @@
-"""Tracks as estimates: relative to us, in NED where we are, with their identity and closest approach."""
+"""Tracks as estimates, with their identity and closest approach.
+
+Estimates are relative to us, in NED where we are.
+"""
 
 from collections.abc import Sequence
 from typing import Final
@@ -35,7 +38,10 @@ LOW_THREAT_SIGMAS: Final = 2.0  # of the distance
 def estimates(
     tracks: Sequence[Track], belief: Belief, own: OwnMotion, frame: Frame, t_ns: int, config: Config
 ) -> list[Estimate]:
-    """Return an estimate of each track, from beliefs (k, 15) and (k, 15, 15) and our own motion at `t_ns`."""
+    """Return an estimate of each track, from beliefs and our own motion at `t_ns`.
+
+    The beliefs are (k, 15) and (k, 15, 15).
+    """
     if not tracks:
         return []
     R_ln = own.R_nl.T
@@ -87,10 +93,10 @@ def in_turn(rows: list[int], r: Array, turn: int) -> list[int]:
 
 
 def curvature(r: Array, P: Array) -> Array:
-    """Return the covariance that P (k, 3, 3) of positions r (k, 3) lacks because range is better known than
-    direction.
+    """Return the covariance that P (k, 3, 3) of positions r (k, 3) lacks.
 
-    The true positions are on a sphere, not on its tangent plane: E[(x^2 + y^2)^2] / 4 r^2, along r.
+    If range is better known than direction, the true positions are on a sphere, not on its tangent plane:
+    E[(x^2 + y^2)^2] / 4 r^2, along r.
     """
     distance = np.maximum(np.linalg.norm(r, axis=1), 1.0)
     u = r / distance[:, None]
@@ -135,7 +141,10 @@ def measurement_report(
     *,
     polar: bool,
 ) -> MeasurementReport:
-    """Return the report of measurement `place` of those evaluated; `polar`: echoes were evaluated as such."""
+    """Return the report of measurement `place` of those evaluated.
+
+    `polar`: echoes were evaluated as such.
+    """
     predicted, innovation = updates.predicted[place], updates.innovation[place]
     count = len(predicted)
     is_polar = polar and count == ECHO_SIZE

@@ -1,6 +1,6 @@
-"""Association of echoes with tracks, for update, registration, and continuation of older tracks.
+"""Association of echoes with tracks.
 
-It decides; the tracker executes.
+It is for update, registration, and continuation of older tracks. It decides; the tracker executes.
 """
 
 from collections.abc import Sequence
@@ -49,7 +49,10 @@ def candidate_rows(tracks: Sequence[Track], t_ns: int, config: Config, *, establ
 def associate_echoes(
     rows: Places, echoes: Echoes, belief: Belief, lag: float, radar: Radar, config: Config
 ) -> RadarAssociation:
-    """Associate tracks in these rows of `belief` with their best echoes, which are `lag` seconds old."""
+    """Associate tracks in these rows of `belief` with their best echoes.
+
+    The echoes are `lag` seconds old.
+    """
     if not len(rows) or not len(echoes.polar):
         return RadarAssociation(NO_ROWS, NO_ROWS)
     polar, spread = expected_echo(belief.mean[rows], belief.covariance[rows], lag, *radar)
@@ -88,7 +91,10 @@ def anchor_echoes(
 def continuations(
     found: Sequence[int], tracks: Sequence[Track], belief: Belief, t_ns: int, config: Config
 ) -> list[Continuation]:
-    """Return which tracks just confirmed, in rows `found`, are at the predicted place of a coasting track."""
+    """Return which of the tracks just confirmed continue a coasting track.
+
+    The new tracks are in rows `found`, at the predicted place of the coasting ones.
+    """
     relock_ns = config.relock_after_s * NS_PER_S
     coasting = [i for i, t in enumerate(tracks) if t.established and t_ns - t.fused_ns > relock_ns]
     gate = chi_square_threshold(config.gate_probability, REPORT_SIZE)

@@ -1,9 +1,10 @@
-"""Registration: the error of our own attitude, from aircraft with both an echo and a report (anchors).
+"""Registration: estimation of the error of our own attitude from anchors.
 
-The attitude error rotates everything that our radar measures. One Kalman filter estimates the rotation, the error
-of our own position, and for each anchor the steady error (bias) of its reports and the noise of its newest one:
-states [rotation (3), own (3), then bias (3) and noise (3) of each]. An anchor's position by radar minus its
-reported one = rotation x r_RT_n + own - bias - noise + the radar's noise.
+Anchors are aircraft with both an echo and a report. The attitude error rotates everything that our radar measures.
+One Kalman filter estimates the rotation, the error of our own position, and for each anchor the steady error
+(bias) of its reports and the noise of its newest one: states [rotation (3), own (3), then bias (3) and noise (3)
+of each]. An anchor's position by radar minus its reported one = rotation x r_RT_n + own - bias - noise + the
+radar's noise.
 
 The filter is separate from the tracks. The radar's attitude is corrected by the rotation, and each track's filter
 has only the remaining error (`residual`), as if that were its own. If tracks shared one belief in the rotation,
@@ -69,12 +70,13 @@ class Anchor(NamedTuple):
 
 
 class Registration:
-    """The `rotation` and the model of its error: `residual`, the bias, and a jitter, independent in each scan.
+    """The `rotation` and the model of its error.
 
-    The noise of a report affects the rotation for a second or two: while the report is the newest, and after that
-    through the states corrected by it. Tracks average scans and do not model this, so its mean remainder counts as
-    jitter. Its covariance is computed separately (`_noise`, a part of the belief's), and so is its covariance with
-    the sum of the rotation's errors in the last scans (`_past`).
+    The error consists of `residual`, the bias, and a jitter that is independent in each scan. The noise of a
+    report affects the rotation for a second or two: while the report is the newest, and after that through the
+    states corrected by it. Tracks average scans and do not model this, so its mean remainder counts as jitter. Its
+    covariance is computed separately (`_noise`, a part of the belief's), and so is its covariance with the sum of
+    the rotation's errors in the last scans (`_past`).
     """
 
     def __init__(self, config: Config) -> None:
@@ -107,10 +109,9 @@ class Registration:
         return mean[ROTATION]
 
     def echo_jitter(self, polar: Array, R_rn: Array) -> Array:
-        """Return the standard deviations (k, 3) that the jitter adds to range (0), azimuth and elevation of echoes
-        (k, 3).
+        """Return the standard deviations (k, 3) that the jitter adds to echoes (k, 3).
 
-        The radar has attitude R_rn (3, 3).
+        They are of range (0), azimuth and elevation. The radar has attitude R_rn (3, 3).
         """
         toward = position(polar * [0.0, 1.0, 1.0] + [1.0, 0.0, 0.0], np.zeros(3), R_rn)
         level = np.maximum(np.cos(polar[:, 2]), MIN_ELEVATION_COSINE)[:, None]
@@ -156,7 +157,7 @@ class Registration:
             self._in_tracks = self._belief.covariance[ROTATION, ROTATION]
             return None
         bias, self._jitter = self._bias_and_jitter()
-        self.residual = self._residual_of(bias)
+        self.residual = self._residual_model(bias)
         if np.linalg.eigvals(np.linalg.solve(bias, self._in_tracks)).real.max() < MIN_VARIANCE_IMPROVEMENT_RATIO:
             return None
         self._in_tracks = bias
@@ -180,9 +181,10 @@ class Registration:
         self._past = np.exp(-dt / AVERAGING_TIME_S) * decay[:, None] * self._past
 
     def _update_anchors(self, t_ns: int, echoes: Sequence[AnchorEcho]) -> None:
-        """Remove anchors without a recent echo, replace the noise states of new reports, and append new anchors.
+        """Remove, renew and append anchors.
 
-        New anchors are appended while there is room.
+        Anchors without a recent echo are removed, the noise states of new reports are replaced, and new anchors
+        are appended while there is room.
         """
         last = {e.number: e.report for e in echoes}
         since_ns = t_ns - self._forget_ns
@@ -241,7 +243,7 @@ class Registration:
             H[k, :, OWN] = np.eye(3)
             H[k, :, at : at + 3] = H[k, :, at + 3 : at + 6] = -np.eye(3)
             R[k] = echo.noise
-        fits = self._consistent(y, H, R)
+        fits = self._select_consistent(y, H, R)
         if not len(fits):
             return
         try:
@@ -257,7 +259,7 @@ class Registration:
         for number in (echoes[k].number for k in fits.tolist()):
             self._anchors[number] = self._anchors[number]._replace(fused_ns=t_ns)
 
-    def _consistent(self, y: Array, H: Array, R: Array) -> Places:
+    def _select_consistent(self, y: Array, H: Array, R: Array) -> Places:
         """Return which of k anchors are consistent with the belief and with each other.
 
         While the rotation is unknown, an anchor with a false position seems possible by itself, but not with
@@ -276,7 +278,7 @@ class Registration:
             fits = np.delete(fits, int(np.argmax(beside)))
         return fits
 
-    def _residual_of(self, bias: Array) -> AttitudeErrorModel:
+    def _residual_model(self, bias: Array) -> AttitudeErrorModel:
         """Return the model of a residual with that covariance (3, 3).
 
         It changes as slowly as the anchors' steady errors, but as fast as our own attitude's error in directions

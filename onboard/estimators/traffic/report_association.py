@@ -83,7 +83,10 @@ class Begin(NamedTuple):
 
 
 class ReportAssociation(NamedTuple):
-    """Apply the updates `chosen`, of the tracks in `rows[chosen]`, then execute the decisions in order."""
+    """Updates to apply, and decisions to execute after them, in order.
+
+    The updates `chosen` are of the tracks in `rows[chosen]`.
+    """
 
     rows: Places
     updates: Updates | None
@@ -94,13 +97,16 @@ class ReportAssociation(NamedTuple):
 def associate_reports(
     reports: Sequence[Report], tracks: Sequence[Track], batch: Batch, config: Config
 ) -> ReportAssociation:
-    """Decide about reports of different addresses, each by the track of its address that it fits best."""
+    """Decide about reports of different addresses.
+
+    Each is compared with the track of its address that it fits best.
+    """
     owners: dict[Key, list[int]] = {}
     for row, track in enumerate(tracks):
         if track.key is not None:
             owners.setdefault(track.key, []).append(row)
     pairs = [(report, row) for report in reports for row in owners.get(report.key, ())]
-    unknown = _without_track([r for r in reports if r.key not in owners], tracks, batch, config)
+    unknown = _decide_without_track([r for r in reports if r.key not in owners], tracks, batch, config)
     if not pairs:
         return ReportAssociation(NO_ROWS, None, NO_ROWS, [*unknown])
     updates, rows = _evaluate([r for r, _ in pairs], [row for _, row in pairs], batch, config)
@@ -123,7 +129,7 @@ def associate_reports(
             continue
         outliers = tracks[row].outliers
         if verdict is not Verdict.DUPLICATE:
-            outliers, remedy = _after_outlier(report, row, tracks, len(owners[key]), batch, config)
+            outliers, remedy = _decide_on_outlier(report, row, tracks, len(owners[key]), batch, config)
             then += [remedy] if remedy else []
         first.append(Reject(row, measurement, outliers))
     return ReportAssociation(rows, updates, np.array(chosen, np.int64), [*first, *then, *unknown])
@@ -155,7 +161,7 @@ def _verdict(
 
 
 def _is_far(report: Report, row: int, tracks: Sequence[Track], batch: Batch, config: Config) -> bool:
-    """Return whether no aircraft can fly from the track to the reported position in the time between."""
+    """Return whether no aircraft can fly from the track to the reported position in time."""
     elapsed = max(abs(report.t_ns - tracks[row].fused_ns) / NS_PER_S, 1.0)
     return _distance(report, row, batch) > config.max_speed_m_s * elapsed + MAX_LAG_DISTANCE_M
 
@@ -165,7 +171,7 @@ def _distance(report: Report, row: int, batch: Batch) -> float:
     return float(np.linalg.norm(report.y[:3] - batch.position(row, report.t_ns)))
 
 
-def _after_outlier(
+def _decide_on_outlier(
     report: Report, row: int, tracks: Sequence[Track], copies: int, batch: Batch, config: Config
 ) -> tuple[tuple[Report, ...], Restart | Begin | None]:
     """Return the outliers of a track with one more, and the decision about them.
@@ -175,7 +181,7 @@ def _after_outlier(
     old place are of another aircraft.
     """
     track = tracks[row]
-    earlier = track.outliers if track.outliers and _fit_each_other(track.outliers[-1], report) else ()
+    earlier = track.outliers if track.outliers and _are_consistent(track.outliers[-1], report) else ()
     outliers = (*earlier, report)
     if len(outliers) < MIN_OUTLIER_COUNT:
         return outliers, None
@@ -188,7 +194,7 @@ def _after_outlier(
     return (), Begin(report, copies + 1) if copies < MAX_TRACKS_PER_ADDRESS else None
 
 
-def _fit_each_other(earlier: Report, later: Report) -> bool:
+def _are_consistent(earlier: Report, later: Report) -> bool:
     """Return whether two reports could be of one aircraft with the reported velocities."""
     dt = (later.t_ns - earlier.t_ns) / NS_PER_S
     if abs(dt) > MAX_OUTLIER_INTERVAL_S:
@@ -198,10 +204,13 @@ def _fit_each_other(earlier: Report, later: Report) -> bool:
     return bool(np.linalg.norm(off) < 3.0 * room)
 
 
-def _without_track(
+def _decide_without_track(
     reports: Sequence[Report], tracks: Sequence[Track], batch: Batch, config: Config
 ) -> list[Adopt | Begin]:
-    """Return the decisions about addresses without a track: name a radar's track, or start a new one."""
+    """Return the decisions about addresses without a track.
+
+    They name a radar's track, or start a new one.
+    """
     decisions: list[Adopt | Begin] = []
     unnamed = {i for i, t in enumerate(tracks) if t.key is None and t.confirmed}
     for report in reports:
@@ -213,7 +222,10 @@ def _without_track(
 
 
 def _adoption(report: Report, unnamed: Sequence[int], batch: Batch, config: Config) -> Adopt | None:
-    """Return the adoption of the only unnamed track that the report fits; None if there is not exactly one."""
+    """Return the adoption of the only unnamed track that the report fits.
+
+    None if there is not exactly one.
+    """
     mean = batch.belief().mean
     rows = [i for i in unnamed if np.linalg.norm(mean[i, :3] - report.y[:3]) < MAX_ADOPTION_DISTANCE_M]
     if not rows:

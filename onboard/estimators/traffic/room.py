@@ -18,7 +18,7 @@ MIN_DISTANCE_RATIO: Final = 1.2  # An aircraft nearer by this factor takes anoth
 def make_room(
     tracks: Sequence[Track], r: Array, own_r: Array, reports: Sequence[Report], most: int
 ) -> tuple[list[int], list[Report]]:
-    """Return the tracks that give way to nearer aircraft, and the reports that there is room for.
+    """Return the tracks that give way to nearer aircraft, and the reports with room.
 
     At most `most` tracks may have an address. The tracks are at r (k, 3), and we are at `own_r` (3,). Only
     `reports` are known yet of the nearer aircraft.

@@ -2,7 +2,7 @@
 
 from typing import Final, NamedTuple
 
-from onboard.estimators.kit.life_cycle import by_age
+from onboard.estimators.kit.life_cycle import life_by_age
 from onboard.estimators.traffic.config import Config
 from onboard.estimators.traffic.reports import Key, Report
 from onboard.messages import AdsbVehicle, Lifecycle, MeasurementReport
@@ -59,7 +59,7 @@ class Track(NamedTuple):
 
     def life(self, now_ns: int, config: Config) -> tuple[Lifecycle, Reason]:
         """Return state and reason."""
-        state, why = by_age(self.age(now_ns), config, one="report or echo", many="reports")
+        state, why = life_by_age(self.age(now_ns), config, one="report or echo", many="reports")
         if state is Lifecycle.LOST:
             return state, why
         if not self.confirmed:
@@ -99,7 +99,7 @@ class Track(NamedTuple):
             measurement=measurement,
         )
 
-    def begun_with(self, report: Report) -> "Track":
+    def with_first_report(self, report: Report) -> "Track":
         """Return the track with its first report, which may have given it its name."""
         return self._replace(report_count=1, adsb=report.adsb)
 

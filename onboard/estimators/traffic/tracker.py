@@ -94,7 +94,7 @@ class Tracker:
         """Fuse all queued reports."""
         for reports in self._waiting.take():
             timely = [r for r in reports if self._is_timely(r)]
-            self._carry_out(associate_reports(self._with_room(timely), self.tracks, self.batch, self._config))
+            self._execute(associate_reports(self._limit_reports(timely), self.tracks, self.batch, self._config))
 
     def fuse_scan(self, scan: RadarScan, own: OwnMotion | None) -> None:
         """Fuse a radar scan.
@@ -168,7 +168,7 @@ class Tracker:
         self.verdicts[Verdict.TOO_OLD if lag > 0 else Verdict.TOO_NEW] += 1
         return False
 
-    def _with_room(self, reports: list[Report]) -> list[Report]:
+    def _limit_reports(self, reports: list[Report]) -> list[Report]:
         """Return the reports that there is room for; distant tracks give way to near aircraft."""
         r = self.batch.belief().mean[:, :3]
         gone, left = make_room(self.tracks, r, self._own_r, reports, self._config.max_reported)
@@ -176,7 +176,7 @@ class Tracker:
         self.verdicts[Verdict.FULL] += len(reports) - len(left)
         return left
 
-    def _carry_out(self, association: ReportAssociation) -> None:
+    def _execute(self, association: ReportAssociation) -> None:
         if association.updates is not None:
             self.batch.apply(association.rows, association.updates, association.chosen)
         for decision in association.decisions:
@@ -209,7 +209,7 @@ class Tracker:
         self.batch.apply(decision.rows, decision.updates, np.array([decision.place]))
         if track.sequence:
             self._ended.append(last_estimate(track, self.batch.t_ns, Reason(Cause.RENAMED, f"it is {name}")))
-        named = track._replace(target=name, key=report.key).begun_with(report)
+        named = track._replace(target=name, key=report.key).with_first_report(report)
         self.tracks[row] = named.fused(report.t_ns, report.source)
         self.verdicts[Verdict.FUSED] += 1
 
@@ -217,7 +217,7 @@ class Tracker:
         report, copy = decision.report, decision.copy
         belief = self._belief_from_report(report)
         if self._begin(belief, report.key, report.t_ns, report.source, copy):
-            self.tracks[-1] = self.tracks[-1].begun_with(report)
+            self.tracks[-1] = self.tracks[-1].with_first_report(report)
         if copy > 1:
             same = [i for i, t in enumerate(self.tracks) if t.key == report.key]
             for i in same:
@@ -249,7 +249,10 @@ class Tracker:
             self.batch.correct_attitude_error(rotation)
 
     def _fuse_echoes(self, rows: Places, echoes: Echoes, scan: RadarScan, radar: Radar) -> set[int]:
-        """Correct the tracks in these rows by an echo each. Returns the rows where that was possible."""
+        """Correct the tracks in these rows by an echo each.
+
+        Returns the rows where that was possible.
+        """
         if not len(rows):
             return set()
         updates = self.batch.evaluate_echoes(rows, self.batch.lag(scan.t_ns), *echoes, radar)

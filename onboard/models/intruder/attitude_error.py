@@ -1,4 +1,4 @@
-"""Errors common to measurements of an aircraft: of our own attitude, of our position, and of its reports.
+"""Errors that measurements of an aircraft share: our attitude, our position, its reports.
 
 State rows as in `onboard.models.intruder.motion`.
 """

@@ -116,7 +116,10 @@ def propagate(rows: Array, step: MotionStep) -> Array:
 
 
 def _rotate_acceleration(rows: Array, c: Array, s: Array) -> Array:
-    """Rotate the horizontal accelerations of rows to the right by angles with these cosines and sines (k,)."""
+    """Rotate the horizontal accelerations of rows to the right.
+
+    `c` and `s` (k,) are the cosines and sines of the angles.
+    """
     north, east = rows[:, 6].copy(), rows[:, 7].copy()
     rows[:, 6], rows[:, 7] = c * north - s * east, s * north + c * east
     return rows
@@ -144,9 +147,9 @@ def earlier_position(rows: Array, lag: Array) -> Array:
 
 
 def displacement(means: Array, covariances: Array, lag: Array) -> tuple[Array, Array]:
-    """Return the displacement (k, 3) over the last `lag` (k,) seconds, and its covariance (k, 3, 3).
+    """Return the displacement (k, 3) over the last `lag` (k,) seconds, and its covariance.
 
-    The beliefs are (k, 15) and (k, 15, 15).
+    The beliefs are (k, 15) and (k, 15, 15), the covariance is (k, 3, 3).
     """
     t, half = lag[:, None], 0.5 * lag[:, None] ** 2
     of_velocity = t[..., None] * covariances[:, VELOCITY, :] - half[..., None] * covariances[:, ACCELERATION, :]

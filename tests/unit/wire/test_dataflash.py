@@ -195,7 +195,7 @@ def test_weeks_that_have_rolled_over_are_named_and_corrected(tmp_path: Path) -> 
     lost: list[str] = []
     read = read_dataflash(written(tmp_path / "log.bin", fixes), lost.append)
     found = [m for m, _ in read if isinstance(m, GpsFix)]
-    assert {m.t_recv_ns - m.t_ns for m in found} == {BOOT_UNIX_S * 10**9}
+    assert {m.t_recv_ns - m.t_ns for m in found} == {BOOT_TIME_S * 10**9}
     assert lost == ["GPS: its time is 1,024 weeks early, a rollover of the receiver's weeks; it is corrected"]
 
 

@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterable
 from typing import Final, NamedTuple
 
-from onboard.estimators.kit.life_cycle import by_age
+from onboard.estimators.kit.life_cycle import life_by_age
 from onboard.estimators.leader import assumptions as given
 from onboard.estimators.leader.config import Config
 from onboard.messages import Lifecycle
@@ -186,7 +186,7 @@ class LifeCycle:
         rows: Iterable[tuple[bool, Lifecycle, Reason]] = (
             (self._to_agree > 0, Lifecycle.LOST, Reason(Cause.SEEN_AGAIN, AGAIN.format(self._to_agree))),
             (self._has_only_directions(t_ns), Lifecycle.LOST, Reason(Cause.NO_RANGE, UNSEEN + where)),
-            (True, *by_age(self.age(t_ns), self._config, one="image", many="images", where=where)),
+            (True, *life_by_age(self.age(t_ns), self._config, one="image", many="images", where=where)),
         )
         state, why = next((state, why) for holds, state, why in rows if holds)
         if doubt:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from onboard.estimators.kit.reports import image_report, of_belief
+from onboard.estimators.kit.reports import belief_fields, image_report
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter
 from onboard.estimators.leader.hypotheses.places import Place
 from onboard.estimators.leader.image.measurement import COMPONENTS, points_of
@@ -55,7 +55,7 @@ def with_attitude(belief: Belief, stated: Vec3, known: Vec3) -> Belief:
 
 def modes_of(places: Iterable[Place]) -> tuple[Mode, ...]:
     """Places as records."""
-    return tuple(Mode(weight=p.weight, **of_belief(Belief(p.mean, p.covariance))) for p in places)
+    return tuple(Mode(weight=p.weight, **belief_fields(Belief(p.mean, p.covariance))) for p in places)
 
 
 class RateLimit:
@@ -94,4 +94,4 @@ def publish(belief: Belief | None, known: Vec3, limit: RateLimit, ownship: Ownsh
     limit.published(fields["t_ns"])
     if belief is not None:
         belief = with_attitude(belief, ownship.attitude_sigma, known)
-    return Estimate(**fields, **of_belief(belief))
+    return Estimate(**fields, **belief_fields(belief))
