@@ -21,7 +21,7 @@ from onboard.filters.angles import beside
 from onboard.filters.belief import Belief, FilterError, Indices
 from onboard.filters.gating import chi_square_threshold, normalised_squared
 from onboard.filters.runs import Run
-from onboard.filters.state_space import AnyModel, model_at
+from onboard.filters.state_space import AnyModel, model_at, seconds
 
 
 class ConsistencyBounds(NamedTuple):
@@ -143,7 +143,7 @@ def cramer_rao(model: AnyModel, start: Belief, truth: Array, ts: Array | None = 
     1979.
     """
     truth = np.asarray(truth)
-    times = np.arange(float(len(truth))) if ts is None else np.asarray(ts, float)
+    times = np.arange(float(len(truth))) if ts is None else seconds(ts)
     P = np.broadcast_to(start.covariance, (*truth.shape, truth.shape[-1]))[0]
     bounds = []
     for k, state in enumerate(truth):

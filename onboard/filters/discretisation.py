@@ -48,7 +48,7 @@ def van_loan(A: Array, W: Array, dt: Any) -> Discrete:
     [0, A^T]]. That needs exp(-A dt), which overflows or cancels where A decays fast. Here Q is a sum of terms that
     do not cancel: a series for a short step, doubled by Q(2h) = Q(h) + F(h) Q(h) F(h)^T.
     """
-    step = _positive(dt)
+    step = _duration(dt)
     A, W = np.asarray(A, float), np.asarray(W, float)
     if A.ndim < 2 or A.shape[-1] != A.shape[-2] or W.shape[-2:] != A.shape[-2:]:
         raise FilterError(f"A, W: must be square and of one size, not {A.shape} and {W.shape}")
@@ -124,7 +124,7 @@ def _kinematic(order: int, dt: Any, q: Any, axes: int, by_axis: bool) -> Discret
     F_ij = t^(j-i) / (j-i)!, and Q = q t^(a+b+1) / (a! b! (a+b+1)) for a and b integrations between the two states
     and the noise.
     """
-    t = _positive(dt)[..., None, None]
+    t = _duration(dt)[..., None, None]
     density = np.asarray(q, float)
     if density.shape not in {(), (axes,)} or not (np.isfinite(density) & (density >= 0)).all():
         raise FilterError(f"q: must be one number, or one for each of {axes} axes, finite and not negative")
@@ -161,7 +161,7 @@ def rk4(derivative: Rows, rows: Array, dt: float) -> Array:
     FilterError
         If an argument cannot be used; the message says which one and why.
     """
-    h = float(_positive(dt))
+    h = float(_duration(dt))
     k1 = derivative(rows)
     if k1.shape != rows.shape:
         raise FilterError(f"derivative: gave {k1.shape} for rows {rows.shape}")
@@ -171,11 +171,11 @@ def rk4(derivative: Rows, rows: Array, dt: float) -> Array:
     return rows + (h / 6) * (k1 + 2 * k2 + 2 * k3 + k4)
 
 
-def _positive(dt: Any) -> Array:
+def _duration(dt: Any) -> Array:
     """Return `dt` as an array. Raises FilterError."""
     step = np.asarray(dt, float)
-    if not (np.isfinite(step) & (step > 0)).all():
-        raise FilterError(f"dt: must be positive and finite, not {dt}")
+    if not (np.isfinite(step) & (step >= 0)).all():
+        raise FilterError(f"dt: must be finite and not negative, not {dt}")
     return step
 
 
@@ -198,7 +198,7 @@ def discrete_white_acceleration(dt: Any, variance: Any = 1.0, axes: int = 3, by_
         If an argument cannot be used; the message says which one and why.
     """
     F = white_acceleration(dt, 1.0, axes, by_axis).F
-    t = _positive(dt)
+    t = _duration(dt)
     G = np.stack([0.5 * t * t, t], axis=-1)
     return Discrete(F, _of_axes(G[..., :, None] * G[..., None, :], variance, axes, by_axis))
 

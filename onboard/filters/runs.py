@@ -32,7 +32,7 @@ from onboard.filters.belief import Belief, FilterError, Method, NotPositiveDefin
 from onboard.filters.belief import start as checked
 from onboard.filters.errors import SpreadError
 from onboard.filters.families import method as method_of
-from onboard.filters.state_space import AnyModel, LinearModel, Model, model_at
+from onboard.filters.state_space import AnyModel, LinearModel, Model, model_at, seconds
 
 LOG_TWO_PI: Final = float(np.log(2 * np.pi))
 
@@ -510,7 +510,7 @@ def _measurements(ys: Any, start: Belief) -> list[Array]:
 
 
 def _times(ts: Any, count: int) -> Array:
-    times = np.arange(float(count)) if ts is None else np.asarray(ts, float)
+    times = np.arange(float(count)) if ts is None else seconds(ts)
     if times.shape != (count,) or not np.isfinite(times).all():
         raise FilterError(f"ts: must be {count} finite times, one for each of ys, not of shape {times.shape}")
     late = np.flatnonzero(np.diff(times) < 0)

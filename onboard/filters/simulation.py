@@ -17,7 +17,7 @@ from onboard.filters.angles import beside
 from onboard.filters.belief import Belief, FilterError, over_rows
 from onboard.filters.belief import start as checked
 from onboard.filters.kernels.noise import noise_factor
-from onboard.filters.state_space import AnyModel, LinearModel, model_at
+from onboard.filters.state_space import AnyModel, LinearModel, model_at, seconds
 
 
 class Simulated(NamedTuple):
@@ -59,7 +59,7 @@ def simulate(
         If a covariance is not positive definite, or not finite.
     """
     mean, covariance = checked(*start)
-    times = np.arange(float(ts)) if isinstance(ts, int) else np.asarray(ts, float)
+    times = np.arange(float(ts)) if isinstance(ts, int) else seconds(ts)
     if times.ndim != 1 or not len(times) or not np.all(np.diff(times) >= 0):
         raise FilterError(f"ts: must be times that do not decrease, or a number of at least 1, not {ts}")
     if isinstance(model, LinearModel):

@@ -96,14 +96,14 @@ class LinearModel(NamedTuple):
 
 
 class Step(NamedTuple):
-    """A measurement's number, its time, and the time since the one before (NaN for the first)."""
+    """A measurement's number, its time, and the time since the one before (0 for the first)."""
 
     k: int
     t: float
     dt: float
 
 
-AnyModel = Model | LinearModel | Callable[[Step], Model]
+AnyModel = Model | LinearModel | Callable[[Step], Model | LinearModel]
 
 
 def model_at(model: AnyModel, ts: Array, k: int) -> Model:
@@ -112,7 +112,26 @@ def model_at(model: AnyModel, ts: Array, k: int) -> Model:
         return model
     if isinstance(model, LinearModel):
         return model.at(k)
-    return model(Step(k, float(ts[k]), float(ts[k] - ts[k - 1]) if k else float("nan")))
+    made = model(Step(k, float(ts[k]), float(ts[k] - ts[k - 1]) if k else 0.0))
+    if isinstance(made, LinearModel):
+        return made.at(k)
+    if not isinstance(made, Model):
+        raise FilterError(f"model: a function of the Step must return its Model, not {type(made).__name__}")
+    return made
+
+
+def seconds(ts: Any) -> Array:
+    """Times as numbers of seconds; those with a unit of their own, as datetime64, since the first. Raises
+    FilterError."""
+    times = np.asarray(ts)
+    if times.dtype.kind == "M" and times.size:
+        times = times - times.flat[0]
+    if times.dtype.kind == "m":
+        times = np.where(np.isnat(times), np.nan, times / np.timedelta64(1, "s"))
+    try:
+        return times.astype(float)
+    except (TypeError, ValueError) as error:
+        raise FilterError(f"ts: must be numbers of seconds, or datetime64, not {times.dtype}") from error
 
 
 def _of_step(array: Array, k: int, axes: int) -> Array:

@@ -27,6 +27,7 @@ from onboard.filters import (
     unscented,
 )
 from onboard.filters.belief import Method
+from onboard.filters.discretisation import white_acceleration
 from tests.conformance.problems import cases
 from tests.support.filter_problems import spd
 from tests.support.nile import FLOW
@@ -428,3 +429,31 @@ def test_complex_steps_are_the_derivatives_to_the_last_digits() -> None:
     np.testing.assert_allclose(found, want, rtol=1e-15)
     with pytest.raises(FilterError, match="model: gave float64"):
         extended.complex_step(lambda x: x.real)(rows)
+
+
+def test_times_with_a_unit_are_seconds_since_the_first() -> None:
+    """Nanoseconds of datetime64 were taken for seconds without a word."""
+    model = lambda step: Model(  # noqa: E731
+        lambda rows: rows + step.dt, step.dt * np.eye(1), lambda rows: rows, np.eye(1)
+    )
+    start, ys, ts = Belief(np.zeros(1), np.eye(1)), np.array([0.0, 0.6, 0.9]), np.array([5.0, 5.5, 6.0])
+    plain = run("unscented", model, start, ys, ts - ts[0])
+    dated = np.datetime64("2026-11-29T00:00:00", "ns") + (1e9 * ts).astype("timedelta64[ns]")
+    for times in (dated, dated - dated[0], dated.astype("datetime64[ms]")):
+        found = run("unscented", model, start, ys, times)
+        np.testing.assert_array_equal(found.ts, plain.ts)
+        np.testing.assert_array_equal(found.beliefs.mean, plain.beliefs.mean)
+    for bad in (np.array(["a", "b", "c"]), np.array([dated[0], "NaT", dated[2]], "datetime64[ns]")):
+        with pytest.raises(FilterError, match=r"^ts: must be"):
+            run("unscented", model, start, ys, bad)
+
+
+def test_a_function_may_return_a_linear_model_of_the_closed_forms_and_nothing_else() -> None:
+    """Also where the first step, or a repeated time, leads nowhere."""
+    H = np.eye(1, 2)
+    start, ts = Belief(np.zeros(2), np.eye(2)), np.array([0.0, 1.0, 1.0, 2.5])
+    by_step = lambda step: LinearModel(*white_acceleration(step.dt, 0.1, axes=1), H, np.eye(1))  # noqa: E731
+    found = run("kalman", by_step, start, np.array([0.0, 1.0, 1.2, 2.4]), ts)
+    assert found.beliefs.mean[-1] == pytest.approx([2.4, 0.9], abs=0.4)
+    with pytest.raises(FilterError, match="must return its Model, not tuple"):
+        run("kalman", lambda _: (H, H), start, np.zeros(4), ts)  # type: ignore[arg-type,return-value]
