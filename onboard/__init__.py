@@ -18,3 +18,8 @@ __version__ = "0.2.0"
 class UserError(Exception):
     """Something the user can mend: a flag, a file, a port. Its message is one line that says where and how; a
     command shows it without a traceback."""
+
+
+def with_extra(extra: str) -> str:
+    """What installs us with an extra: no index has us, so it is the clone, or the wheel's own file."""
+    return f"in the clone `pip install '.[{extra}]'`, of a wheel `pip install \"$(ls ./wingline-*.whl)[{extra}]\"`"

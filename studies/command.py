@@ -15,7 +15,7 @@ from rich.markdown import Markdown
 from rich.table import Column, Table
 
 import studies
-from onboard import UserError
+from onboard import UserError, with_extra
 from onboard.analysis.parallel.cluster import ClusterError
 from onboard.commands.compile import announce_once, compile_shown
 from onboard.commands.compiling import flight_modules, needed_by
@@ -208,4 +208,4 @@ def _module(name: str) -> str:
 def _require_figures() -> None:
     """Before anything is compiled or flown. Raises UserError where figures cannot be drawn."""
     if find_spec("matplotlib") is None:
-        raise UserError("figures need matplotlib: pip install 'wingline[study]'")
+        raise UserError(f"figures need matplotlib: {with_extra('study')}")

@@ -3,7 +3,7 @@
 from importlib.util import find_spec
 from pathlib import Path
 
-from onboard import UserError
+from onboard import UserError, with_extra
 from onboard.analysis.parallel.workers import Computers
 from onboard.terminal.files import check_targets
 
@@ -12,5 +12,5 @@ def computers(jobs: int | None, cluster: str | None, rows: Path | None) -> Compu
     """Where parts are computed, by `--jobs`, `--cluster` and `--rows`. Raises UserError: a library is missing."""
     check_targets(rows)
     if rows is not None and find_spec("pyarrow") is None:
-        raise UserError(f"cannot write {rows}: it needs pyarrow: pip install 'wingline[cluster]'")
+        raise UserError(f"cannot write {rows}: it needs pyarrow: {with_extra('cluster')}")
     return Computers(jobs=jobs, cluster=cluster or "", rows=rows)

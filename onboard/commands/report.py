@@ -8,7 +8,7 @@ from pathlib import Path
 
 import msgspec
 
-from onboard import UserError, __version__
+from onboard import UserError, __version__, with_extra
 from onboard.analysis.flights.replay import ReplayResult, check_log, flight_of, replay
 from onboard.analysis.report.series import FlightSeries
 from onboard.analysis.report.vehicle import Parameter, VehicleSeries
@@ -33,7 +33,7 @@ def main(arguments: argparse.Namespace) -> int:
     """Replay a log and write its report; 1 for a flight that FAILs. Raises UserError."""
     a = arguments
     if find_spec("matplotlib") is None:
-        raise UserError("a report's figures need matplotlib: pip install 'wingline[study]'")
+        raise UserError(f"a report's figures need matplotlib: {with_extra('study')}")
     flight = flight_of(a.log)
     config = load_config(a.config or flight.config, tuple(a.set))
     out = a.out or Path(f"{a.log.name.partition('.')[0]}-report.html")

@@ -23,7 +23,8 @@ def read_calibration(path: Path) -> Lens:
             raise ValueError(f"expected a file of at most {MAX_BYTES} bytes")  # noqa: TRY301 - as for what is no text
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, ValueError) as error:
-        raise ValueError(f"calibration: cannot read {path}: {error}") from error
+        reason = error.strerror if isinstance(error, OSError) else error  # the path stands before it
+        raise ValueError(f"calibration: cannot read {path}: {reason}") from error
     try:
         table = _load(text)
         if isinstance(table, dict) and any(isinstance(v, dict) and "camera_model" in v for v in table.values()):

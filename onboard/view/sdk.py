@@ -3,7 +3,7 @@
 The package imports `rr` and `rrb` from here.
 """
 
-from onboard import UserError
+from onboard import UserError, with_extra
 
 __all__ = ["MissingRerunError", "rr", "rrb"]
 
@@ -17,5 +17,5 @@ try:
     import rerun.blueprint as rrb
 except ModuleNotFoundError as error:
     raise MissingRerunError(
-        f"the live view needs Rerun, which is not installed ({error}): pip install wingline[view]"
+        f"the live view needs Rerun, which is not installed ({error}): {with_extra('view')}"
     ) from error

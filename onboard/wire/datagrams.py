@@ -15,7 +15,7 @@ from onboard.wire.documents.pseudoranges import decode_ranges
 from onboard.wire.documents.radar import decode_radar
 from onboard.wire.documents.warm_state import decode_warm_state
 from onboard.wire.logs import tlog
-from onboard.wire.mavlink.decode import IsOwn, MavlinkDecoder, OnError, Repetitions, nobody, raise_error
+from onboard.wire.mavlink.decode import IsOwn, MavlinkDecoder, OnError, nobody, raise_error
 from onboard.wire.mavlink.signing import Stamps, Verifier
 from onboard.wire.mavlink.tracking import TrackerDecoder
 from onboard.wire.ros.topics import RosDecoder
@@ -67,7 +67,7 @@ class DatagramDecoder:
         self._keys, self._is_own, self._ros = keys, is_own, RosDecoder(cameras)
         self._stamps: dict[bytes, Stamps] = {}  # of signed frames, by key: its links share them
         self._mavlink: dict[str, MavlinkDecoder] = {}
-        self._repetitions = Repetitions()
+        self._repetitions: dict[bytes, int] = {}
         self._bad: Counter[str] = Counter()
         self._ignored: set[str] = set()
         self._foreign: Counter[str] = Counter()  # pieces by channel, before its first frame

@@ -1,4 +1,4 @@
-"""`ros2 run wingline onboard_ros2`: the same as `onboard ros2`. Needs `pip install 'wingline[ros2]'`."""
+"""`ros2 run wingline onboard_ros2`: the same as `onboard ros2`. Needs the extra `ros2`."""
 
 import sys
 

@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final, Protocol
 
-from onboard import UserError
+from onboard import UserError, with_extra
 from onboard.analysis.exports.csv_rows import LEADER_TABLE, OWN_TABLE, TEXT, CsvTable, CsvWriter
 from onboard.messages import Estimate, Health, NavState, Output
 from onboard.messages.ros import Ros2Config
@@ -47,7 +47,7 @@ def check_exports(*paths: Path | None) -> None:
             )
         module, extra = EXTRAS.get(path.suffix, ("", ""))
         if module and find_spec(module) is None:
-            raise UserError(f"cannot write {path}: it needs {module}: pip install 'wingline[{extra}]'")
+            raise UserError(f"cannot write {path}: it needs {module}: {with_extra(extra)}")
         if path.suffix == BAG and path.exists():
             raise UserError(f"cannot write {path}: it exists, and a bag is a folder of its own: give a new name")
 

@@ -15,6 +15,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from onboard import with_extra
+
 CONNECTED_S: Final = 10.0  # until there is no scheduler
 WAITING: Final = 4  # parts for each core that are handed out at once
 LEAST_WAITING: Final = 16
@@ -41,7 +43,7 @@ def on_cluster(
     try:
         import distributed  # noqa: PLC0415 - an extra
     except ImportError as error:
-        raise ClusterError("a cluster needs Dask: pip install 'wingline[cluster]'") from error
+        raise ClusterError(f"a cluster needs Dask: {with_extra('cluster')}") from error
     try:
         connect: Any = distributed.Client
         pack: Any = distributed.protocol.pickle.dumps

@@ -45,27 +45,13 @@ def nobody(_system: int, _component: int, _name: str) -> bool:
     return False
 
 
-class Repetitions:
-    """Frames that came lately: who forwards a link twice sends each frame twice, to the byte."""
-
-    def __init__(self) -> None:
-        self._recent: dict[bytes, int] = {}  # arrivals by frame, the oldest first
-
-    def holds(self, frame: bytes, t_recv_ns: int) -> bool:
-        """Whether this very frame came a moment ago; it is kept."""
-        before_ns = self._recent.pop(frame, None)
-        self._recent[frame] = t_recv_ns
-        if len(self._recent) > KEPT_FRAMES:
-            del self._recent[next(iter(self._recent))]
-        return before_ns is not None and abs(t_recv_ns - before_ns) <= REPEATED_NS
-
-
 class MavlinkDecoder:
     """Decoder of one channel. `rejected` counts by reason the bytes and frames that gave no message; `names`
     counts every well-formed frame by its MAVLink name. `on_error` is called with a frame's name and the exception
     that it caused; the other frames are decoded. What `is_own` knows as ours has come back, and is refused before
     its signature, which is good, is tested: `on_own` is called. With a `verifier`, only frames that it lets pass.
-    `repetitions`, common to channels that may carry the same frames, leave out what comes twice.
+    `repetitions`: arrivals of frames that came lately, the oldest first, on all channels that may carry the same
+    ones; one that comes again is left out.
     `trackers` read what is of whole aircraft. `also`: messages that are read beside those of `CONVERT`."""
 
     def __init__(
@@ -74,7 +60,7 @@ class MavlinkDecoder:
         stream: bool,
         on_error: OnError = raise_error,
         verifier: Verifier | None = None,
-        repetitions: Repetitions | None = None,
+        repetitions: dict[bytes, int] | None = None,
         trackers: TrackerDecoder | None = None,
         also: Mapping[str, tuple[Layout, Convert]] | None = None,
         is_own: IsOwn = nobody,
@@ -157,9 +143,14 @@ class MavlinkDecoder:
             self.rejected[reason] += 1
             return None
         self.names[name] += 1
-        if self._repetitions is not None and self._repetitions.holds(frame, t_recv_ns):
-            self.rejected["repeated"] += 1
-            return None
+        if (recent := self._repetitions) is not None:
+            before_ns = recent.pop(frame, None)
+            recent[frame] = t_recv_ns
+            if len(recent) > KEPT_FRAMES:
+                del recent[next(iter(recent))]
+            if before_ns is not None and abs(t_recv_ns - before_ns) <= REPEATED_NS:
+                self.rejected["repeated"] += 1
+                return None
         try:
             return self._record(name, payload, t_recv_ns, system, component)
         except Exception as error:  # of any kind: it costs this frame

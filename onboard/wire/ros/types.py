@@ -3,6 +3,7 @@
 from functools import cached_property
 from typing import Any, Final
 
+from onboard import with_extra
 from onboard.messages.ros import RosTopic
 
 # Names and fields that rosbags lacks, in the order of the definitions: vision_msgs 4 (Humble and later) ...
@@ -33,7 +34,7 @@ APRILTAG: Final = {
     ),
     "AprilTagDetectionArray": "std_msgs/Header header\napriltag_msgs/AprilTagDetection[] detections\n",
 }
-MISSING: Final = "messages of ROS 2 need rosbags: pip install 'wingline[ros2]'"
+MISSING: Final = f"messages of ROS 2 need rosbags: {with_extra('ros2')}"
 DEFINITIONS: Final = {"vision_msgs": VISION, "apriltag_msgs": APRILTAG}
 
 

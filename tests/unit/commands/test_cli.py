@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from onboard import with_extra
 from onboard.commands import cli
 from simlink import cli as simlink_cli
 from tests.support.programs import ROOT, argv, environment, run
@@ -252,7 +253,7 @@ def test_a_study_without_matplotlib_is_one_line_before_anything_is_done(
 ) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     assert cli.main(["study", which, "--out", str(tmp_path / "out")]) == 2
-    assert capsys.readouterr().err == "onboard: figures need matplotlib: pip install 'wingline[study]'\n"
+    assert capsys.readouterr().err == f"onboard: figures need matplotlib: {with_extra('study')}\n"
     assert not (tmp_path / "out").exists()
 
 

@@ -25,7 +25,7 @@ FLOORS = (
     {"__main__"},
 )
 FLOOR = {part: floor for floor, parts in enumerate(FLOORS) for part in parts}
-FACE = {"__version__", "UserError"}  # `onboard` itself, which every part loads anyway
+FACE = {"__version__", "UserError", "with_extra"}  # `onboard` itself, which every part loads anyway
 STRANGERS = {"estimators", "links", "sinks"}  # never see each other
 # Parts of parts, the lower first; those that stand on one floor do not see each other.
 INSIDE = {

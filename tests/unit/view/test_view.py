@@ -78,7 +78,7 @@ def test_without_rerun_the_package_imports_and_the_view_says_what_to_install() -
         "except ImportError as error:\n    print(error)\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=False)
-    assert "pip install wingline[view]" in done.stdout, done.stderr
+    assert "pip install '.[view]'" in done.stdout, done.stderr
 
 
 def test_an_image_that_is_stamped_ahead_does_not_stay_on_the_strip(tmp_path: Path) -> None:
