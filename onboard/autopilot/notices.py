@@ -36,10 +36,10 @@ class _Text(NamedTuple):
 class Notices:
     """Texts that wait, and what was sent last of each kind. Of one kind, which is a sender, advice of one cause
     about one thing, or a text without its numbers, the newest waits in the place of the first; of one rank, the
-    oldest gives way. `leads`: the vehicle is led, and brakes when the leader is lost."""
+    oldest gives way. `is_leading`: the vehicle is led, and brakes when the leader is lost."""
 
     def __init__(self) -> None:
-        self.leads = False
+        self.is_leading = False
         self._waiting: dict[Kind, _Text] = {}  # the oldest first
         self._sent: dict[Kind, tuple[str, int]] = {}
         self._next_ns = 0
@@ -69,7 +69,7 @@ class Notices:
             severity, text = INFO, "leader tracked"
             if not estimate.valid:
                 lost = "leader lost" if estimate.state is Lifecycle.LOST else "no leader"
-                brakes = self.leads and estimate.cause is not Cause.UNEXPECTED  # which is followed still
+                brakes = self.is_leading and estimate.cause is not Cause.UNEXPECTED  # which is followed still
                 severity, text = WARNING, f"{lost}: braking" if brakes else lost
             self._waiting[Rank.LEADER, ""] = _Text(severity, text, text)
         self._was_valid = estimate.valid

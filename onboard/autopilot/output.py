@@ -197,7 +197,7 @@ class AutopilotOutput:
             estimate=replace(e, measurement=None, modes=()),
             own=joined.own,
             course=self._guidance.course,
-            led=self._guidance.leads,
+            led=self._guidance.is_leading,
             offset_ns=offset_ns,
             round_trip_ns=round_trip_ns,
         )
@@ -278,7 +278,7 @@ class AutopilotOutput:
         states, guidance = self._leader_states, self._guidance
         state = states.at(boot_ns, host_ns)
         guidance.step(state, Follower(*states.own_at(boot_ns), states.q_nb), boot_ns)
-        self.notices.leads = guidance.leads
+        self.notices.is_leading = guidance.is_leading
         self._smoothed = None if guidance.smoothed is None else states.located(guidance.smoothed)
         self.leader = replace(state, course=guidance.course) if state is not None and state.valid else state
 
@@ -306,7 +306,12 @@ class AutopilotOutput:
             return
         guidance = self._guidance
         texts = self._reasons.tick(
-            self.leader, view, now_ns, warning=guidance.warning, is_entered=guidance.is_on, is_armed=self._is_armed
+            self.leader,
+            view,
+            now_ns,
+            warning=guidance.warning,
+            is_entered=guidance.is_mode_on,
+            is_armed=self._is_armed,
         )
         texts += [(WARNING, text) for text in guidance.parameter_texts]
         guidance.parameter_texts.clear()

@@ -1,4 +1,4 @@
-"""Who is led, and when: the follow law between the estimate of the leader and the autopilot's setpoint mode.
+"""When the vehicle is led: between the estimate of the leader and the autopilot's setpoint mode.
 
 The pilot alone changes modes. The vehicle is led once its mode is entered in the air while guidance is ready, and
 until the mode is left. In the mode the stream of setpoints never ends: its end is the autopilot's failsafe.
@@ -12,8 +12,8 @@ from msgspec.structs import replace
 
 from onboard.arrays import Array
 from onboard.autopilot.framing import Framing
-from onboard.autopilot.guidance.autopilots import SetpointMode, limited_by
-from onboard.autopilot.guidance.law import COAST_S, FollowLaw, Phase, ReferenceState
+from onboard.autopilot.guidance.autopilots import SetpointMode, apply_parameter
+from onboard.autopilot.guidance.law import FollowLaw, Phase, ReferenceState
 from onboard.autopilot.guidance.leader import LeaderTrack
 from onboard.config import GuidanceConfig
 from onboard.geometry.camera import Camera
@@ -23,9 +23,10 @@ from onboard.messages.causes import Cause
 from onboard.units import NS_PER_S
 
 MAX_STEP_S: Final = 0.1  # of the law; a longer pause is no step
-MAX_POSITION_STEP_M: Final = 2.0  # of our own position beyond its velocity; more is a reset of the filter
-MODE_WAIT_S: Final = 5.0  # for CURRENT_MODE, which PX4 has from 1.15 on, before a stream begins without it
-REMEMBERED_S: Final = 10.0  # for which a leader is carried on without us; a warm start's state is not older
+MAX_POSITION_STEP_M: Final = 2.0  # beyond our own velocity; more is a reset of the autopilot's filter
+MODE_TIMEOUT_S: Final = 5.0  # of CURRENT_MODE, which PX4 sends since 1.15
+RESTART_TIMEOUT_S: Final = 1.0  # a leader that was lost for longer is not smoothed with its earlier motion
+MAX_COAST_TIME_S: Final = 10.0  # across a pause of this program; a warm start's state is not older
 
 
 class Follower(NamedTuple):
@@ -37,30 +38,28 @@ class Follower(NamedTuple):
 
 
 class Guidance:
-    """State from tick to tick. `setpoint`: to send now, None for silence. `smoothed`: the leader as
-    FOLLOW_TARGET has it, None without one. `is_on`: the autopilot is in its setpoint mode. `leads`: the vehicle
-    is led. `parameter_texts`: what is wrong with parameters of the autopilot, until taken."""
+    """The follow law, and whether its setpoints are sent."""
 
     def __init__(
         self, config: GuidanceConfig, camera: Camera | None = None, mode: SetpointMode | None = None
     ) -> None:
         self._config, self._camera, self._mode = config, camera, mode
-        self.parameter_texts: list[str] = []
+        self.parameter_texts: list[str] = []  # warnings about the autopilot's parameters; the caller clears them
         self.restart()
 
     def restart(self) -> None:
-        """Forget the leader and the vehicle: its autopilot has rebooted."""
+        """Forget the leader and the vehicle, whose autopilot has rebooted."""
         self._law, self._leader = FollowLaw(self._config), LeaderTrack()
         self._framing = Framing(self._config.slot_m)
-        self.setpoint: ReferenceState | None = None
-        self.smoothed: LeaderState | None = None
-        self.is_on = self.leads = False
-        self._has_led = self._streams = self._is_on_ground = False
+        self.setpoint: ReferenceState | None = None  # to send now; None for silence
+        self.smoothed: LeaderState | None = None  # the leader as FOLLOW_TARGET reports it
+        self.is_mode_on = self.is_leading = False
+        self._has_led = self._is_streaming = self._is_on_ground = False
         self._is_first_mode = True
-        self._intends_mode: bool | None = None
+        self._is_mode_intended: bool | None = None  # PX4 is in the mode, or returns to it at the next setpoint
         self._t_ns: int | None = None
-        self._waited_s = 0.0  # since the start
-        self._seen_ns: int | None = None
+        self._run_time_s = 0.0
+        self._last_seen_ns: int | None = None
         self._own: Follower | None = None
 
     @property
@@ -75,70 +74,70 @@ class Guidance:
 
     @property
     def warning(self) -> str:
-        """Why the vehicle is not led as usual, in words; else ""."""
+        """Why the vehicle is not led, or does not close in, with what to do; "" if all is well."""
         mode = self._mode
         if mode is None:
             return ""
-        if self.is_on and not self.leads:
+        if self.is_mode_on and not self.is_leading:
             return f"not led: enter {mode.name} again, in the air"
-        if mode.needs_stream and self._must_wait() and self._intends_mode:
+        if mode.needs_stream and self._must_wait() and self._is_mode_intended:
             return f"PX4 would return to {mode.name} by itself: choose Hold, then {mode.name}"
-        return "range unsure: comes no nearer" if self.leads and self._law.is_unsure else ""
+        return "range unsure: not closing in" if self.is_leading and self._law.is_range_unsure else ""
 
     def receive(self, message: Message) -> None:
-        """Take a message of the autopilot: mode, whether it flies, parameters."""
+        """Read the autopilot's mode, parameters, and whether it is on the ground."""
         if self._mode is None:
             return
         if isinstance(message, Heartbeat):
-            self._take_mode(self._mode.is_on(message.custom_mode) and message.armed)
+            self._update_mode(self._mode.is_on(message.custom_mode) and message.armed)
         elif isinstance(message, CurrentMode):
-            self._intends_mode = self._mode.is_on(message.intended_mode)
-            self._has_led = self._has_led and (self._intends_mode or message.intended_mode == 0)
+            self._is_mode_intended = self._mode.is_on(message.intended_mode)
+            self._has_led = self._has_led and (self._is_mode_intended or message.intended_mode == 0)
         elif isinstance(message, LandedState) and message.on_ground is not None:
             self._is_on_ground = message.on_ground
         elif isinstance(message, ParamValue):
-            self._law.limits, words = limited_by(self._law.limits, self._mode, message.name, message.value)
-            if words:
-                self.parameter_texts.append(words)
+            self._law.limits, text = apply_parameter(self._law.limits, self._mode, message.name, message.value)
+            if text:
+                self.parameter_texts.append(text)
 
-    def _take_mode(self, is_on: bool) -> None:
-        """The mode is entered where it was not on before, or where this daemon led in an earlier run."""
+    def _update_mode(self, is_on: bool) -> None:
+        """Begin to lead when the mode is entered, or is on and an earlier run led; end when it is left."""
         if not is_on:
-            self.leads = False
-            self._has_led = self._has_led and self._intends_mode is not False
-        elif not self.is_on and (self._has_led if self._is_first_mode else self._is_ready()):
-            self.leads = self._has_led = True
-        self.is_on, self._is_first_mode = is_on, False
+            self.is_leading = False
+            self._has_led = self._has_led and self._is_mode_intended is not False
+        elif not self.is_mode_on and (self._has_led if self._is_first_mode else self._is_ready()):
+            self.is_leading = self._has_led = True
+        self.is_mode_on, self._is_first_mode = is_on, False
 
     def _is_ready(self) -> bool:
-        is_streaming = self._streams or not (self._mode and self._mode.needs_stream)
+        is_streaming = self._is_streaming or not (self._mode and self._mode.needs_stream)
         return is_streaming and self._own is not None and not self._is_on_ground
 
     def resume(self, known: LeaderState, course: float | None, *, has_led: bool) -> None:
-        """Continue what an earlier run knew, and led. Its leader counts as lost since then."""
+        """Continue an earlier run, whose leader counts as lost since then."""
         self._leader.resume(known, course)
-        self._seen_ns = self._t_ns = known.t_ns
+        self._last_seen_ns = self._t_ns = known.t_ns
         self._has_led = has_led
 
     def step(self, state: LeaderState | None, own: Follower, t_ns: int) -> None:
-        """Make setpoint and smoothed leader of a time on the boot clock."""
+        """Update `setpoint` and `smoothed` to a time on the boot clock."""
         pause_s = 0.0 if self._t_ns is None else max((t_ns - self._t_ns) / NS_PER_S, 0.0)
         dt = min(pause_s, MAX_STEP_S)
         if pause_s > dt:
-            self._leader.coast(min(pause_s, REMEMBERED_S) - dt)
+            self._leader.coast(min(pause_s, MAX_COAST_TIME_S) - dt)
         self._t_ns = t_ns
-        self._waited_s += pause_s
+        self._run_time_s += pause_s
         is_own_known = bool(np.isfinite(own.r_F).all() and np.isfinite(own.v_F).all())
         if is_own_known:
             self._follow_reset(own, dt)
             self._own = own
             if own.q_nb is not None and self._camera is not None:
                 self._framing.update(self._camera, own.q_nb, dt)
-        turn = self._track(state, own.r_F if is_own_known else None, dt)
-        self.setpoint = self._next(own if is_own_known else None, turn, dt)
+        turn_rate = self._update_leader(state, own.r_F if is_own_known else None, dt)
+        self.setpoint = self._make_setpoint(own if is_own_known else None, turn_rate, dt)
 
     def _follow_reset(self, own: Follower, dt: float) -> None:
-        """Move with the origin of n, which a reset of the autopilot's filter has moved."""
+        """Shift leader and reference with our own position where a reset of the autopilot's filter moved it."""
         before = self._own
         if before is None or dt == 0.0:
             return
@@ -147,57 +146,56 @@ class Guidance:
             self._law.shift(step)
             self._leader.shift(step)
 
-    def _track(self, state: LeaderState | None, r_F: Array | None, dt: float) -> float:
-        """Follow the leader, or let it fly on. Returns the rate of the slot's course, rad/s."""
-        leader, is_seen = self._leader, state is not None and is_usable(state)
-        if is_seen:
-            assert state is not None  # noqa: S101 - it is seen
-            if self._lost_s() > COAST_S:
+    def _update_leader(self, state: LeaderState | None, r_F: Array | None, dt: float) -> float:
+        """Smooth the leader, or let it coast. Returns the rate of the slot's course, rad/s."""
+        leader = self._leader
+        usable = state if state is not None and is_usable(state) else None
+        if usable is not None:
+            if self._outage_s() > RESTART_TIMEOUT_S:
                 leader.restart()
-            leader.see(state, dt)
-            self._seen_ns = self._t_ns
-        elif leader.is_known and self._lost_s() > 0.0:
+            leader.update(usable, dt)
+            self._last_seen_ns = self._t_ns
+        elif leader.is_known and self._outage_s() > 0.0:
             leader.coast(dt)
         self.smoothed = None
-        if state is not None and state.valid and is_seen:
+        if usable is not None and usable.valid:
             vectors = {"r_OL_n": leader.r, "v_L_n": leader.v, "a_L_n": leader.a}
-            made = {name: tuple(vector.tolist()) for name, vector in vectors.items()}
-            self.smoothed = replace(state, **made, course=leader.course)
+            fields = {name: tuple(vector.tolist()) for name, vector in vectors.items()}
+            self.smoothed = replace(usable, **fields, course=leader.course)
         if r_F is None or not leader.is_known:
             return 0.0
-        return leader.turn(r_F, self._law.max_turn_rate(leader), dt, is_seen=is_seen)
+        return leader.turn_slot(r_F, self._law.max_turn_rate(leader), dt, is_seen=usable is not None)
 
-    def _lost_s(self) -> float:
+    def _outage_s(self) -> float:
         """Seconds since the leader was seen."""
-        if self._seen_ns is None or self._t_ns is None:
+        if self._last_seen_ns is None or self._t_ns is None:
             return math.inf
-        return (self._t_ns - self._seen_ns) / NS_PER_S
+        return (self._t_ns - self._last_seen_ns) / NS_PER_S
 
-    def _next(self, own: Follower | None, turn: float, dt: float) -> ReferenceState | None:
-        """The setpoint: the law's while it leads, else the vehicle's own motion where the mode needs a stream."""
+    def _make_setpoint(self, own: Follower | None, turn_rate: float, dt: float) -> ReferenceState | None:
+        """Return the law's setpoint, or the vehicle's own motion for a mode that needs a stream before it."""
         mode = self._mode
         if mode is None or self._own is None:
             return None
-        if self.leads and self._law.has_begun:
+        if self.is_leading and self._law.has_begun:
             r_F = None if own is None else own.r_F
-            return self._law.step(self._leader, self._lost_s(), turn, r_F, dt, self._framing.lift)
-        self._streams = mode.needs_stream and not self._must_wait()
-        if own is not None or not self._streams:
+            return self._law.step(self._leader, self._outage_s(), turn_rate, r_F, dt, self._framing.lift)
+        self._is_streaming = mode.needs_stream and not self._must_wait()
+        if own is not None or not self._is_streaming:
             yaw = 0.0 if self._own.q_nb is None else euler_from_quaternion(self._own.q_nb)[2]
             self.setpoint = self._law.begin(self._own.r_F, self._own.v_F, yaw)
-        return self.setpoint if self._streams else None
+        return self.setpoint if self._is_streaming else None
 
     def _must_wait(self) -> bool:
-        """Whether a stream may not begin: PX4 would return to its mode by itself, or has not said yet whether."""
-        if self._has_led or self._streams:
+        """Whether no stream may begin: PX4 would return to its mode by itself, or may not have said so yet."""
+        if self._has_led or self._is_streaming:
             return False
-        is_unknown = self._intends_mode is None and self._waited_s < MODE_WAIT_S
-        return self.is_on or bool(self._intends_mode) or is_unknown
+        is_unknown = self._is_mode_intended is None and self._run_time_s < MODE_TIMEOUT_S
+        return self.is_mode_on or bool(self._is_mode_intended) or is_unknown
 
 
 def is_usable(state: LeaderState) -> bool:
-    """Whether guidance may follow a state: it is valid, or withheld only because the leader, which is in the
-    image, moves as no hypothesis expects; its direction holds then, and its sigmas say how little else does."""
-    if state.r_OL_n is None:
-        return False
-    return state.valid or state.cause is Cause.UNEXPECTED
+    """Whether guidance may follow a state: it is valid, or withheld while the leader is in the image.
+
+    The leader then moves as no hypothesis expects: its direction holds, and the sigmas of the rest are wide."""
+    return state.r_OL_n is not None and (state.valid or state.cause is Cause.UNEXPECTED)

@@ -8,7 +8,7 @@ import pytest
 
 from onboard.arrays import Array
 from onboard.autopilot.guidance import GUIDED, OFFBOARD, Follower, Guidance, Phase, ReferenceState, SetpointMode
-from onboard.autopilot.guidance.law import _closing_limit
+from onboard.autopilot.guidance.law import _max_closing_speed
 from onboard.config import GuidanceConfig
 from onboard.messages import (
     Cause,
@@ -102,7 +102,7 @@ class Chase:
         self.r_L, self.v_L = self.r_L + dt * self.v_L + 0.5 * dt * dt * self.a_L, self.v_L + dt * self.a_L
         self.guidance.step(seen, self.own(), self.t_ns)
         sent = self.guidance.setpoint
-        if self.guidance.leads and sent is not None:
+        if self.guidance.is_leading and sent is not None:
             a = sent.a + 2.0 * (sent.v - self.v_F) + 1.0 * (sent.r - self.r_F)
             self.r_F, self.v_F = self.r_F + dt * self.v_F, self.v_F + dt * a
             self.rows.append(Row((self.t_ns - 1000 * S) / S, self.r_F, self.r_L, sent))
@@ -201,10 +201,10 @@ def test_it_is_ready_for_a_leader_that_brakes_while_it_catches_up() -> None:
     """The closing speed counts on a stop of the leader, where the range says that there is room for more."""
     for speed in (0.0, 3.0, 6.0, 9.0, 12.0):
         for gap in (0.0, 5.0, 20.0, 60.0):
-            closing = _closing_limit(gap, speed)
+            closing = _max_closing_speed(gap, speed)
             stop = 0.6 * (speed + closing) + (speed + closing) ** 2 / (2.0 * 2.2)
             assert stop <= gap + speed**2 / (2.0 * 1.6) + 0.1 or closing == 0.0
-    assert _closing_limit(0.0, 12.0) > 0.0  # in its slot it keeps up
+    assert _max_closing_speed(0.0, 12.0) > 0.0  # in its slot it keeps up
 
 
 def test_an_open_range_stops_an_approach_and_makes_nobody_retreat() -> None:
@@ -259,8 +259,7 @@ def test_a_lost_leader_is_followed_for_a_second_and_then_let_go() -> None:
         phases.append(chase.guidance.phase)
         speeds.append(float(np.linalg.norm(sent.v)))
     second = S // TICK
-    assert phases[second // 5] is Phase.FOLLOW
-    assert phases[second] is Phase.COAST
+    assert phases[second] is Phase.FOLLOW
     assert {*phases[2 * second : 16 * second]} == {Phase.STOP}
     assert phases[-1] is Phase.HOLD
     assert speeds[second] == pytest.approx(5.0, abs=0.5)
@@ -296,7 +295,7 @@ def test_an_ardupilot_is_led_once_guided_is_entered_in_the_air_until_it_is_left(
     guidance = chase.guidance
     guidance.receive(beat(GUIDED, on=True))  # it took off in GUIDED
     chase.see(1.0)
-    assert (guidance.leads, guidance.setpoint) == (False, None)
+    assert (guidance.is_leading, guidance.setpoint) == (False, None)
     assert "enter GUIDED again" in guidance.warning
     guidance.receive(beat(GUIDED, on=False))
     guidance.receive(LandedState(**HEAD, on_ground=True))
@@ -305,12 +304,12 @@ def test_an_ardupilot_is_led_once_guided_is_entered_in_the_air_until_it_is_left(
     assert guidance.setpoint is None
     guidance.receive(LandedState(**HEAD, on_ground=False))
     chase.enter().see(1.0)
-    assert guidance.leads
+    assert guidance.is_leading
     assert guidance.setpoint is not None
     for end in (beat(GUIDED, on=False), beat(GUIDED, on=True, armed=False)):
         guidance.receive(end)
         chase.see(0.1)
-        assert (guidance.leads, guidance.setpoint) == (False, None)
+        assert (guidance.is_leading, guidance.setpoint) == (False, None)
         chase.enter()
 
 
@@ -326,12 +325,12 @@ def test_a_px4_hears_its_own_place_before_it_is_led() -> None:
         assert (sent.r.tolist(), sent.v.tolist()) == (chase.r_F.tolist(), chase.v_F.tolist())
     guidance.receive(current_mode(OFFBOARD, intends=True))
     guidance.receive(beat(OFFBOARD, on=True))
-    assert guidance.leads
+    assert guidance.is_leading
     chase.see(3.0)
     guidance.receive(beat(OFFBOARD, on=False))  # this program stood still: PX4 returns at the next setpoint
     assert chase.step() is not None
     guidance.receive(beat(OFFBOARD, on=True))
-    assert guidance.leads
+    assert guidance.is_leading
 
 
 def test_a_px4_that_would_return_by_itself_is_sent_nothing_until_the_pilot_has_chosen() -> None:
@@ -345,7 +344,7 @@ def test_a_px4_that_would_return_by_itself_is_sent_nothing_until_the_pilot_has_c
     guidance.receive(current_mode(OFFBOARD, intends=False))
     chase.see(0.1)
     assert guidance.setpoint is not None
-    assert not guidance.leads
+    assert not guidance.is_leading
 
 
 def current_mode(mode: SetpointMode, *, intends: bool) -> CurrentMode:
@@ -364,7 +363,7 @@ def test_a_run_that_led_goes_on_after_a_restart(mode: SetpointMode, has_led: boo
     chase.step()
     chase.has_place = True
     chase.see(1.0)
-    assert chase.guidance.leads is has_led
+    assert chase.guidance.is_leading is has_led
     assert chase.guidance.course == 0.0
 
 
@@ -378,7 +377,7 @@ def test_a_run_that_led_a_px4_leads_it_back_from_its_failsafe() -> None:
     chase.see(0.1)
     assert chase.guidance.setpoint is not None
     chase.guidance.receive(beat(OFFBOARD, on=True))
-    assert chase.guidance.leads
+    assert chase.guidance.is_leading
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -5.0, 0.0, 1e9])
@@ -403,7 +402,7 @@ def test_limits_and_advice_are_those_of_the_vehicle() -> None:
         guidance.receive(parameter(name, value))
     limits = guidance._law.limits
     assert (limits.speed, limits.acceleration, limits.yaw_rate) == pytest.approx((8.0, 2.5, math.radians(30.0)))
-    assert [text.split(":")[0] for text in guidance.parameter_texts] == ["GUID_TIMEOUT"]
+    assert [text.split()[0] for text in guidance.parameter_texts] == ["GUID_TIMEOUT"]
     guidance.receive(parameter("WPNAV_SPEED", 2000.0))
     assert guidance._law.limits.speed == 8.0, "never above the configuration's"
 
