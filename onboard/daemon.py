@@ -290,7 +290,7 @@ class Daemon:
         if now_ns >= self._next_health_ns or now_ns < self._next_health_ns - HEALTH_PERIOD_NS:
             self._next_health_ns = now_ns + HEALTH_PERIOD_NS
             self._measure_rates()
-            self._output.show_computer(computer := self._computer.read(now_ns))
+            self._output.set_computer_status(computer := self._computer.read(now_ns))
             sinks = {name: sink.health() for name, sink in self._sinks.items()}
             links = {link.channel: link.health() for link in self._links}
             load, self._lag_ns = load_of(computer, self._lag_ns * S_PER_NS), 0

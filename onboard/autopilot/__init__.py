@@ -1,1 +1,1 @@
-"""All that we say to an autopilot or a ground station: session, traffic, odometry. Sans-IO: bytes are returned."""
+"""MAVLink output to autopilots and ground stations; sans-IO, so bytes are returned."""

@@ -1,4 +1,4 @@
-"""One MAVLink component of ours on one link: it packs its messages, and answers commands addressed to it."""
+"""One MAVLink component of ours on one link: encodes messages and answers commands."""
 
 from typing import Final
 
@@ -6,18 +6,18 @@ from onboard.autopilot.requests import UNSUPPORTED, Requests, stamp
 from onboard.autopilot.sent import Encoder
 from onboard.messages import Command, CommandAck, Heartbeat, Message, ParamRequest
 
-TO_ALL: Final = 0  # as a target component
-# MAV_TYPE, MAV_AUTOPILOT: no ground station takes it for a vehicle to command
+ALL_COMPONENTS: Final = 0  # MAV_COMP_ID_ALL
+# MAV_TYPE and MAV_AUTOPILOT by which no ground station commands us as a vehicle
 ONBOARD_CONTROLLER, INVALID = 18, 8
 
 
 def heartbeat(status: int, kind: int = ONBOARD_CONTROLLER) -> Heartbeat:
-    """That of a component of ours, of this MAV_TYPE, in this MAV_STATE."""
+    """Make the heartbeat of a component of ours: its MAV_STATE and MAV_TYPE."""
     return Heartbeat(**stamp(0), vehicle_type=kind, autopilot=INVALID, armed=False, status=status)
 
 
 class Component:
-    """(system, component) and what may be requested of it."""
+    """A sender of ours, by system and component, and the requests that it answers."""
 
     def __init__(self, system: int, component: int, channel: str, requests: Requests) -> None:
         self._system, self._component, self._channel = system, component, channel
@@ -25,18 +25,19 @@ class Component:
         self._encoder = Encoder(system, component)
 
     def encode(self, message: Message) -> bytes:
-        """A message of ours as a frame."""
+        """Encode a message of ours as a frame."""
         return self._encoder.encode(message)
 
     def is_target(self, m: Command | CommandAck | ParamRequest) -> bool:
         """Whether a message is addressed to us, or to all components of our system."""
-        return m.target_system == self._system and m.target_component in {self._component, TO_ALL}
+        return m.target_system == self._system and m.target_component in {self._component, ALL_COMPONENTS}
 
     def answer(self, m: Command, now_ns: int) -> list[bytes]:
-        """COMMAND_ACK and what was requested. What all components are asked for and we do not have is left to the
-        others."""
+        """Return a COMMAND_ACK and what was requested.
+
+        A command to all components that we do not support is left to the others."""
         answer = self._requests.answer(self._channel, m, now_ns)
-        if answer.result == UNSUPPORTED and m.target_component == TO_ALL:
+        if answer.result == UNSUPPORTED and m.target_component == ALL_COMPONENTS:
             return []
         ack = CommandAck(
             **stamp(now_ns),

@@ -1,4 +1,4 @@
-"""The leader's state as the records that are sent over MAVLink. A function gives None for what is not known."""
+"""The leader's state as MAVLink records; None where the state lacks a field."""
 
 import math
 from collections.abc import Callable
@@ -25,9 +25,9 @@ from onboard.messages import (
     Vec3,
 )
 
-ICAO: Final = 0xF2_0000  # of a range that nobody is assigned, beside those of `traffic`
+ICAO: Final = 0xF2_0000  # unassigned; `autopilot.traffic` uses the two ranges below
 CALLSIGN: Final = "LEADER"
-UNKNOWN_YAW: Final = math.pi  # a standard deviation that says nothing
+UNKNOWN_YAW: Final = math.pi  # standard deviation of a yaw that is not known
 
 
 class CameraView(NamedTuple):
@@ -39,7 +39,7 @@ class CameraView(NamedTuple):
 
 
 def follow_target(s: LeaderState, _: CameraView) -> Message | None:
-    """With the yaw of its course as its attitude, to which ArduPilot's offsets are relative."""
+    """Make FOLLOW_TARGET. ArduPilot's offsets are relative to its yaw: the course."""
     place = _place(s)
     if place is None or s.v_L_n is None:
         return None
@@ -48,7 +48,7 @@ def follow_target(s: LeaderState, _: CameraView) -> Message | None:
 
 
 def global_position(s: LeaderState, _: CameraView) -> Message | None:
-    """`height` is above the autopilot's origin, which is not home, but near it."""
+    """Make GLOBAL_POSITION_INT. Its `height` is above the origin, which is near home."""
     place = _place(s)
     if place is None or s.v_L_n is None or s.r_OL_n is None:
         return None
@@ -56,7 +56,7 @@ def global_position(s: LeaderState, _: CameraView) -> Message | None:
 
 
 def target_relative(s: LeaderState, _: CameraView) -> Message | None:
-    """The leader from us, in NED."""
+    """Make TARGET_RELATIVE: the leader relative to us, in NED."""
     if s.r_FL_n is None or s.r_FL_covariance is None:
         return None
     velocity_sigma = _sigmas(s)[1]
@@ -76,7 +76,7 @@ def target_relative(s: LeaderState, _: CameraView) -> Message | None:
 
 
 def landing_target(s: LeaderState, view: CameraView) -> Message | None:
-    """In the frame that the autopilot reads: PX4 the local one, ArduPilot the body."""
+    """Make LANDING_TARGET: in local NED for PX4, in the body frame for ArduPilot."""
     if s.r_FL_n is None or s.r_OL_n is None:
         return None
     r_b = _in_body(s, view)
@@ -93,7 +93,7 @@ def landing_target(s: LeaderState, view: CameraView) -> Message | None:
 
 
 def adsb_vehicle(s: LeaderState, _: CameraView) -> Message | None:
-    """The leader on the map of a ground station."""
+    """Make ADSB_VEHICLE, which shows the leader on the map of a ground station."""
     place = _place(s)
     if place is None or s.v_L_n is None:
         return None
@@ -118,7 +118,7 @@ def adsb_vehicle(s: LeaderState, _: CameraView) -> Message | None:
 
 
 def camera_tracking(s: LeaderState, view: CameraView) -> Message | None:
-    """Active also while coasting; idle without a valid estimate, which must be sent, too."""
+    """Make CAMERA_TRACKING_IMAGE_STATUS; idle without a valid estimate."""
     if s.r_FL_n is None or not s.valid:
         return CameraTracking(**_stamp(s), is_active=False)
     camera = view.camera
@@ -133,7 +133,7 @@ def camera_tracking(s: LeaderState, view: CameraView) -> Message | None:
 
 
 def camera_tracking_geo(s: LeaderState, _: CameraView) -> Message | None:
-    """Where the leader is; idle without a valid estimate."""
+    """Make CAMERA_TRACKING_GEO_STATUS; idle without a valid estimate."""
     place = _place(s)
     if place is None or s.r_FL_n is None or not s.valid:
         return CameraTrackingGeo(**_stamp(s), is_active=s.valid)
@@ -174,7 +174,7 @@ def _place(s: LeaderState) -> dict[str, Any] | None:
 
 
 def _sigmas(s: LeaderState) -> tuple[Vec3, Vec3]:
-    """Standard deviations of position and velocity."""
+    """Return the standard deviations of position and velocity."""
     north, east, down, v_north, v_east, v_down = _deviations(s.covariance)
     return (north, east, down), (v_north, v_east, v_down)
 

@@ -1,6 +1,8 @@
-"""The leader over MAVLink: setpoints behind it, the leader itself with a system id of its own, and reports for
-ground stations. Those about tracking come from a camera component. Sans-IO; off unless the configuration names
-a link. Nothing is sent of an estimate that is not valid, except that it is not."""
+"""The leader over MAVLink: setpoints, the leader as a system of its own, and reports.
+
+Reports about tracking come from a camera component. An estimate that is not valid is sent to nobody; only these
+reports say that tracking is idle. Sans-IO; off unless the configuration names a link.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -23,33 +25,33 @@ TELLS_IDLE: Final = frozenset({"CAMERA_TRACKING_IMAGE_STATUS", "CAMERA_TRACKING_
 
 
 class LeaderOutput:
-    """The messages of one `[[leader_out]]`. `streams` by MAVLink name. (system, component) are our own ids."""
+    """The messages of one `[[leader_out]]`. `system` and `component` are our own ids."""
 
     def __init__(self, config: LeaderOutConfig, system: int, component: int) -> None:
         self.link = config.link
-        # nobody may stop or slow down the setpoints of a vehicle that flies on them
+        # by MAVLink name; nobody may stop or slow down the setpoints of a vehicle that flies on them
         self.streams = {name: Stream(rate, fixed=name == SETPOINT) for name, rate in config.rates_hz.items()}
         self._is_leader = not OWN_SYSTEM.isdisjoint(self.streams)
         self._us = Encoder(system, component)
         self._leader = Encoder(config.system, config.component)
         self._heartbeats, self._camera_heartbeats = Stream(1.0), Stream(1.0, fixed=True)
-        self._requests_of_camera = Requests()
+        self._camera_requests = Requests()
         self._camera: Component | None = None
         if not TELLS_IDLE.isdisjoint(self.streams):
-            self._camera = Component(system, config.camera_component, self.link, self._requests_of_camera)
+            self._camera = Component(system, config.camera_component, self.link, self._camera_requests)
 
     def offer(
         self, requests: Requests, camera: Camera, name: str, can_send: Callable[["LeaderOutput", str], bool]
     ) -> None:
-        """Let all that is sent be requested, of us or of the camera of that name."""
+        """Register all streams for requests, with us or with the camera of this name."""
         for kind, stream in self.streams.items():
-            of = self._requests_of_camera if kind in TELLS_IDLE else requests
+            of = self._camera_requests if kind in TELLS_IDLE else requests
             of.offer_stream(self.link, kind, stream, partial(can_send, self, kind))
-        self._requests_of_camera.offer_stream(self.link, "HEARTBEAT", self._camera_heartbeats, lambda: True)
-        self._requests_of_camera.offer("CAMERA_INFORMATION", partial(_information, camera, name))
+        self._camera_requests.offer_stream(self.link, "HEARTBEAT", self._camera_heartbeats, lambda: True)
+        self._camera_requests.offer("CAMERA_INFORMATION", partial(_camera_information, camera, name))
 
     def respond(self, messages: Sequence[Message], now_ns: int) -> list[bytes]:
-        """Answers of the camera to commands."""
+        """Return the camera's answers to commands."""
         camera = self._camera
         if camera is None:
             return []
@@ -64,7 +66,7 @@ class LeaderOutput:
         now_ns: int,
         setpoint: Setpoint | None = None,
     ) -> list[bytes]:
-        """Frames due at a time on this computer's clock. `smoothed`: the leader of FOLLOW_TARGET."""
+        """Return the frames due now (this computer's clock); `smoothed` is for FOLLOW_TARGET."""
         frames = []
         if self._is_leader and self._heartbeats.is_due(now_ns):
             is_valid = state is not None and state.valid
@@ -78,7 +80,7 @@ class LeaderOutput:
         return frames
 
     def can_send(self, name: str, state: LeaderState | None, view: CameraView | None) -> bool:
-        """Whether a message could be sent of this state."""
+        """Whether a message can be made from this state."""
         if state is None or view is None or not (state.valid or name in TELLS_IDLE):
             return False
         return MESSAGE_MAKERS[name](state, view) is not None
@@ -100,7 +102,7 @@ class LeaderOutput:
         return self._camera if name in TELLS_IDLE and self._camera is not None else self._us
 
 
-def _information(camera: Camera, name: str, now_ns: int) -> CameraInformation:
+def _camera_information(camera: Camera, name: str, now_ns: int) -> CameraInformation:
     major, minor, patch = (int(part) for part in __version__.split(".")[:3])
     return CameraInformation(
         **stamp(now_ns),

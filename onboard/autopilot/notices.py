@@ -1,4 +1,4 @@
-"""STATUSTEXT: what a pilot must know, seldom."""
+"""Queue of STATUSTEXTs: few, the most important first, none repeated too soon."""
 
 from enum import IntEnum
 from typing import Final, NamedTuple
@@ -9,82 +9,88 @@ from onboard.messages.text import plain, without_numbers
 from onboard.units import NS_PER_S
 
 ERROR, WARNING, NOTICE, INFO = 3, 4, 5, 6  # MAV_SEVERITY
-MOST_WAITING: Final = 5  # of one rank
-NOTICE_PERIOD_NS: Final = NS_PER_S  # between two texts
-REPEATED_AFTER_NS: Final = 10 * NS_PER_S  # before the same text is sent again, or the next of one sender
-LENGTH: Final = 200  # of a text: four STATUSTEXTs
+MAX_QUEUE_SIZE: Final = 5  # texts of one rank
+NOTICE_PERIOD_NS: Final = NS_PER_S
+REPEAT_PERIOD_NS: Final = 10 * NS_PER_S  # of the same text, or of texts from one sender
+MAX_TEXT_LENGTH: Final = 200  # four chunks of STATUSTEXT
 
 
 class Rank(IntEnum):
-    """Which texts go first, and never give way to those behind: whether the leader is tracked, what else concerns
-    our own state, advice, which may be about what others send, and what others ask for."""
+    """Priority of a text. Texts of a lower rank never displace those of a higher one."""
 
-    LEADER, OURS, ADVICE, OTHERS = range(4)
+    LEADER = 0  # whether it is tracked
+    OURS = 1  # our own state
+    ADVICE = 2  # may be about what others send
+    OTHERS = 3  # requests of others
 
 
 Kind = tuple[Rank, str]
 
 
 class _Text(NamedTuple):
-    """A text that waits. `same`: another of its kind with the same one is not sent for `AGAIN_NS`."""
+    """A text in the queue. Its `repeat_key` is not sent again within REPEAT_PERIOD_NS."""
 
     severity: int
     text: str
-    same: str
+    repeat_key: str
 
 
 class Notices:
-    """Texts that wait, and what was sent last of each kind. Of one kind, which is a sender, advice of one cause
-    about one thing, or a text without its numbers, the newest waits in the place of the first; of one rank, the
-    oldest gives way. `is_leading`: the vehicle is led, and brakes when the leader is lost."""
+    """The queue, and the text of each kind that was sent last.
+
+    A kind is a sender, advice of one cause about one thing, or a text without its numbers. The newest text of a
+    kind replaces the one in the queue; a rank with too many texts drops its oldest."""
 
     def __init__(self) -> None:
-        self.is_leading = False
+        self.is_leading = False  # the vehicle brakes when the leader is lost
         self._waiting: dict[Kind, _Text] = {}  # the oldest first
         self._sent: dict[Kind, tuple[str, int]] = {}
         self._next_ns = 0
         self._was_valid = False
 
     def add(self, severity: int, text: str, rank: Rank = Rank.OURS, sender: str = "") -> None:
-        """Let a text be sent. `sender`: who is the reason of it."""
-        text = plain(text, LENGTH)
-        self._wait((rank, sender or without_numbers(text)), _Text(severity, text, sender or text))
+        """Queue a text. `sender`: who caused it."""
+        text = plain(text, MAX_TEXT_LENGTH)
+        self._enqueue((rank, sender or without_numbers(text)), _Text(severity, text, sender or text))
 
-    def _wait(self, kind: Kind, text: _Text) -> None:
+    def _enqueue(self, kind: Kind, text: _Text) -> None:
         self._waiting[kind], rank = text, kind[0]
-        if len(alike := [kind for kind in self._waiting if kind[0] is rank]) > MOST_WAITING:
+        if len(alike := [kind for kind in self._waiting if kind[0] is rank]) > MAX_QUEUE_SIZE:
             del self._waiting[alike[0]]
 
     def advise(self, advice: Advice) -> None:
-        """Let advice be sent; a mere notice is for those on the ground."""
+        """Queue advice, except for notices, which only the ground needs."""
         if advice.severity is not Severity.NOTICE:
-            severity, text = WARNING if advice.severity is Severity.ERROR else NOTICE, plain(advice.text, LENGTH)
-            self._wait((Rank.ADVICE, f"{advice.kind} {advice.about}"), _Text(severity, text, text))
+            severity, text = (
+                WARNING if advice.severity is Severity.ERROR else NOTICE,
+                plain(advice.text, MAX_TEXT_LENGTH),
+            )
+            self._enqueue((Rank.ADVICE, f"{advice.kind} {advice.about}"), _Text(severity, text, text))
 
-    def note(self, estimate: Estimate) -> None:
-        """Whether the leader is tracked, when that changes."""
+    def report_leader(self, estimate: Estimate) -> None:
+        """Queue a text when the leader is first tracked, or is lost."""
         if estimate.name != "leader" or not estimate.is_primary:
             return
         if estimate.valid != self._was_valid:
             severity, text = INFO, "leader tracked"
             if not estimate.valid:
                 lost = "leader lost" if estimate.state is Lifecycle.LOST else "no leader"
-                brakes = self.is_leading and estimate.cause is not Cause.UNEXPECTED  # which is followed still
+                brakes = self.is_leading and estimate.cause is not Cause.UNEXPECTED  # guidance still follows it
                 severity, text = WARNING, f"{lost}: braking" if brakes else lost
             self._waiting[Rank.LEADER, ""] = _Text(severity, text, text)
         self._was_valid = estimate.valid
 
     def due(self, now_ns: int) -> list[StatusText]:
-        """The text to send now, if any."""
+        """Return the text to send now, if any."""
         if now_ns < self._next_ns:
             return []
-        self._sent = {kind: sent for kind, sent in self._sent.items() if now_ns - sent[1] < REPEATED_AFTER_NS}
+        self._sent = {kind: sent for kind, sent in self._sent.items() if now_ns - sent[1] < REPEAT_PERIOD_NS}
         while self._waiting:
             kind = min(self._waiting, key=lambda kind: kind[0])
-            severity, text, same = self._waiting.pop(kind)
-            if kind in self._sent and self._sent[kind][0] == same:
+            severity, text, repeat_key = self._waiting.pop(kind)
+            if kind in self._sent and self._sent[kind][0] == repeat_key:
                 continue
-            self._sent[kind] = same, now_ns
+            self._sent[kind] = repeat_key, now_ns
             self._next_ns = now_ns + NOTICE_PERIOD_NS
             return [StatusText(t_ns=now_ns, t_recv_ns=now_ns, clock=Clock.HOST, severity=severity, text=text)]
         return []

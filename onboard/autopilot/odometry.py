@@ -1,4 +1,4 @@
-"""Our own state as MAVLink's ODOMETRY, on a link that is named."""
+"""Our own state as MAVLink's ODOMETRY, on the link that the configuration names."""
 
 from onboard.autopilot.sent import Encoder
 from onboard.autopilot.stream import Stream
@@ -7,7 +7,7 @@ from onboard.wire.odometry import odometry_of
 
 
 class OdometryStream:
-    """Frames for states, at most `rate_hz` per second of flight. (system, component) is the sender."""
+    """Encodes states as ODOMETRY from a sender, at most `rate_hz` of them a second."""
 
     def __init__(self, system: int, component: int, *, rate_hz: float) -> None:
         self._encoder = Encoder(system, component)
@@ -15,7 +15,7 @@ class OdometryStream:
         self.can_send = False
 
     def frames(self, state: NavState) -> list[bytes]:
-        """The frame of this state, if it is due; also when time has gone back, as after a reboot."""
+        """Return a state's frame if it is due, or if time has gone back as after a reboot."""
         self.can_send = state.mean is not None
         if not self.can_send or not self.stream.is_due(state.t_ns):
             return []

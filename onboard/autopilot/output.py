@@ -1,5 +1,4 @@
-"""Everything we send over MAVLink, by link: the session on each autopilot's link, the leader, our odometry, other
-traffic."""
+"""MAVLink output by link: sessions, the leader, our odometry, other traffic."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final, NamedTuple
@@ -43,7 +42,7 @@ from onboard.wire.mavlink.signing import Signer
 OTHER_TARGET: Final = Reason(
     Cause.OTHER_TARGET, "it sends FOLLOW_TARGET, too, and an autopilot follows whoever sent one last"
 )
-KEPT_RECENT_NS: Final = NS_PER_S  # of an estimate that is worth keeping
+MAX_WARM_AGE_NS: Final = NS_PER_S  # of an estimate that the next run can continue
 
 
 class Outgoing(NamedTuple):
@@ -54,9 +53,7 @@ class Outgoing(NamedTuple):
 
 
 class AutopilotOutput:
-    """Sans-IO: frames are returned, not sent. Before `connect` there are heartbeats alone. `leader`: the newest
-    state of the leader, as of the last tick that wanted it. `refuse` is called with the sender, the reason and the
-    arrival of what others may not ask for."""
+    """All MAVLink output, as frames to be sent. Before `connect` these are heartbeats only."""
 
     def __init__(
         self,
@@ -66,14 +63,14 @@ class AutopilotOutput:
         refuse: OnRefused = ignore,
     ) -> None:
         self._signers = {name: Signer(key, link_id) for link_id, (name, key) in enumerate((keys or {}).items())}
-        self.leader: LeaderState | None = None
+        self.leader: LeaderState | None = None  # as of the last tick that wanted it
         self._config, self._camera = config, config.camera_model()
         self._autopilot: Heartbeat | None = None
-        self._leads = any(SETPOINT in out.rates_hz for out in config.leader_out)
+        self._sends_setpoints = any(SETPOINT in out.rates_hz for out in config.leader_out)
         self._sends_target = any("FOLLOW_TARGET" in out.rates_hz for out in config.leader_out)
         self._refuse = refuse
         self.notices, self._reasons = Notices(), Reasons()
-        self._said: list[str] = []  # what the notices have already
+        self._texts: list[str] = []  # queued as notices, not yet taken as lines
         self._requests = Requests(config.autopilot.trusted, refuse)
         self._requests.offer("AUTOPILOT_VERSION", version)
         parameters = parameters or Parameters(config)
@@ -95,37 +92,40 @@ class AutopilotOutput:
         self._is_armed = False
 
     def signed(self, channel: str, frame: bytes, wall_ns: int) -> bytes:
-        """A frame as it leaves on a channel's link: signed there if the link has a key. Times are Unix time."""
+        """Sign a frame if its channel's link has a key. `wall_ns`: Unix time."""
         signer = self._signers.get(channel)
         return frame if signer is None else signer.sign(frame, wall_ns)
 
     def take_lines(self) -> list[str]:
-        """Lines for a person since the last call, which also go out as STATUSTEXT. Values that were refused go out
-        alone: the health names them, once for many."""
-        taken: list[str] = []
+        """Return the lines for a person since the last call; they are sent as STATUSTEXT, too.
+
+        Refused values are sent alone: the health names them, once for many.
+        """
+        lines: list[str] = []
         for session in self._sessions.values():
             for sender, line in session.refusals:
                 self.notices.add(WARNING, line, Rank.OTHERS, sender)
             session.refusals.clear()
         for line in self._requests.lines:
             self.notices.add(WARNING, line)
-            taken.append(line)
+            lines.append(line)
         self._requests.lines.clear()
-        taken += self._said
-        self._said.clear()
-        return taken
+        lines += self._texts
+        self._texts.clear()
+        return lines
 
     def is_autopilot(self, channel: str) -> bool:
-        """Whether a session is held on this channel's link."""
+        """Whether there is a session on this channel's link."""
         return channel in self._sessions
 
     def connect(self, autopilot: Heartbeat) -> list[str]:
-        """An autopilot was heard: we are a component of its system on all links. Returns what cannot be sent, as
-        lines for a person."""
+        """Become a component of an autopilot's system on all links.
+
+        Returns lines for a person about what cannot be sent."""
         config, ids = self._config, (autopilot.system, self._config.autopilot.component)
         self._autopilot = autopilot
         self._requests.clear_streams()
-        mode = setpoint_mode(autopilot) if self._leads else None
+        mode = setpoint_mode(autopilot) if self._sends_setpoints else None
         parameters = () if mode is None else (*mode.limits, *mode.advice)
         for session in self._sessions.values():
             session.connect(autopilot, parameters, () if mode is None else mode.messages)
@@ -138,16 +138,18 @@ class AutopilotOutput:
         self._leader_states.delay_ns = source_delays_ns(config.delay, autopilot.autopilot)[GlobalPosition]
         self._offer()
         lines = [
-            f"leader_out on {out.link}: not sent, since system {out.system} is the autopilot's own"
+            f"leader_out on {out.link}: `system` {out.system} is the autopilot's own; set another"
             for out in config.leader_out
             if out not in usable
         ]
-        if self._leads and mode is None:
-            lines.append("leader_out: no setpoints, which are for multirotors with PX4 or ArduCopter")
+        if self._sends_setpoints and mode is None:
+            lines.append(
+                "leader_out: no setpoints are sent: the autopilot is not PX4 or ArduCopter on a multirotor"
+            )
         return lines
 
     def _offer(self) -> None:
-        """Let all that is sent be requested."""
+        """Register all streams for requests."""
         offer = self._requests.offer_stream
         odometry, traffic = self._odometry, self._traffic
         if self._config.odometry.link is not None and odometry is not None:
@@ -164,28 +166,29 @@ class AutopilotOutput:
         return out.can_send(name, self._smoothed if name in OWN_SYSTEM else self.leader, self._view())
 
     def reboot(self) -> None:
-        """The autopilot has rebooted and forgotten our requests."""
+        """Start again with an autopilot that has rebooted."""
         self._leader_states.restart()
         self._guidance.restart()
         for session in self._sessions.values():
             session.reboot()
 
     def resume(self, state: WarmState) -> None:
-        """Go on with what an earlier run knew. Call it after `connect`."""
+        """Continue an earlier run. Call it after `connect`."""
         before = LeaderStates(self._config.ownship.errors)
         for known in (state.own, state.estimate):
-            before.note(known)
+            before.update(known)
         if (leader := before.at(state.t_ns, state.wall_ns)) is not None and leader.valid:
             self._guidance.resume(leader, state.course, has_led=state.led)
 
     def warm_state(self, wall_ns: int, offset_ns: int | None, round_trip_ns: int | None) -> WarmState | None:
-        """What a run that starts soon is to know, at a time on the wall clock, which is `offset_ns` ahead of the
-        boot clock; None while the leader is not known."""
-        joined, autopilot = self._leader_states.joined, self._autopilot
-        if joined is None or joined.own is None or autopilot is None or offset_ns is None:
+        """Return what the next run needs to continue; None without a valid, recent leader.
+
+        `offset_ns`: of the wall clock from the boot clock."""
+        latest, autopilot = self._leader_states.latest, self._autopilot
+        if latest is None or latest.own is None or autopilot is None or offset_ns is None:
             return None
-        e = joined.estimate
-        if not e.valid or wall_ns - offset_ns - e.t_ns > KEPT_RECENT_NS:
+        e = latest.estimate
+        if not e.valid or wall_ns - offset_ns - e.t_ns > MAX_WARM_AGE_NS:
             return None
         return WarmState(
             t_ns=e.t_ns,
@@ -195,7 +198,7 @@ class AutopilotOutput:
             wall_ns=e.t_ns + offset_ns,
             heartbeat=autopilot,
             estimate=replace(e, measurement=None, modes=()),
-            own=joined.own,
+            own=latest.own,
             course=self._guidance.course,
             led=self._guidance.is_leading,
             offset_ns=offset_ns,
@@ -203,10 +206,10 @@ class AutopilotOutput:
         )
 
     def publish(self, output: Output) -> Iterator[Outgoing]:
-        """Frames for an estimate: our own state as ODOMETRY, one of many targets as traffic."""
-        self._leader_states.note(output)
+        """Return the frames for an estimate: our own state as ODOMETRY, other targets as traffic."""
+        self._leader_states.update(output)
         if isinstance(output, Estimate):
-            self.notices.note(output)
+            self.notices.report_leader(output)
         if isinstance(output, NavState):
             if self._config.odometry.link is not None and self._odometry is not None:
                 yield Outgoing(self._config.odometry.link, self._odometry.frames(output))
@@ -214,7 +217,7 @@ class AutopilotOutput:
             yield Outgoing(self._traffic.link, self._traffic.frames(output))
 
     def respond(self, channel: str, messages: Sequence[Message], now_ns: int) -> Outgoing:
-        """Answers to the messages of a channel, on the same channel."""
+        """Answer the messages of a channel, on the same channel."""
         if (mine := self._autopilot) is not None:
             self._leader_states.receive(messages, mine.system, mine.component)
             for m in messages:
@@ -229,19 +232,19 @@ class AutopilotOutput:
         frames = self._sessions[channel].respond(messages, now_ns)
         for out in self._leader_outputs:
             if out.link == channel:
-                frames.extend(self._of_camera(out, messages, now_ns))
+                frames.extend(self._camera_answers(out, messages, now_ns))
         return Outgoing(channel, frames)
 
-    def _of_camera(self, out: LeaderOutput, messages: Sequence[Message], now_ns: int) -> Iterator[bytes]:
-        """What a camera answers, from the same rations."""
+    def _camera_answers(self, out: LeaderOutput, messages: Sequence[Message], now_ns: int) -> Iterator[bytes]:
+        """Answer commands to a camera, within the rations of their senders."""
         for message in messages:
             if isinstance(message, Command) and self._rations.admits(message, now_ns):
                 answers = out.respond([message], now_ns)
                 self._rations.spend(message, sum(map(len, answers)), now_ns)
                 yield from answers
 
-    def show_computer(self, status: ComputerStatus) -> None:
-        """Take the state of this computer, to be sent."""
+    def set_computer_status(self, status: ComputerStatus) -> None:
+        """Set the state of this computer, which the sessions send."""
         for session in self._sessions.values():
             session.computer = status
 
@@ -255,9 +258,10 @@ class AutopilotOutput:
         host_ns: int | None = None,
         wants_leader: bool = True,
     ) -> Iterator[Outgoing]:
-        """Frames due at `now_ns`; see `Session.tick`. `boot_ns` is the same time on the boot clock (None: not
-        known), `host_ns` on the wall clock (None: as `now_ns`). `wants_leader`: `leader` is wanted even if nothing
-        is sent of it."""
+        """Return the frames due at `now_ns`; see `Session.tick`.
+
+        `boot_ns`: the same time on the boot clock, None if not known. `host_ns`: on the wall clock, by default
+        `now_ns`. `wants_leader`: update `leader` even if it is not sent."""
         wants_origin = not self._leader_states.has_stated_origin
         texts = self.notices.due(now_ns) if self._autopilot is not None else []
         for channel, session in self._sessions.items():
@@ -274,16 +278,16 @@ class AutopilotOutput:
             yield Outgoing(out.link, out.frames(self.leader, self._smoothed, view, now_ns, setpoint))
 
     def _guide(self, boot_ns: int, host_ns: int) -> None:
-        """The leader, as estimated and smoothed, and where to fly, at a time."""
+        """Update the leader, its smoothed state and the setpoint to a time."""
         states, guidance = self._leader_states, self._guidance
         state = states.at(boot_ns, host_ns)
         guidance.step(state, Follower(*states.own_at(boot_ns), states.q_nb), boot_ns)
         self.notices.is_leading = guidance.is_leading
-        self._smoothed = None if guidance.smoothed is None else states.located(guidance.smoothed)
+        self._smoothed = None if guidance.smoothed is None else states.locate(guidance.smoothed)
         self.leader = replace(state, course=guidance.course) if state is not None and state.valid else state
 
     def _setpoint(self, boot_ns: int) -> Setpoint | None:
-        """The setpoint of this tick as a record, None for silence."""
+        """Return the setpoint of this tick as a record, None for silence."""
         wanted, autopilot = self._guidance.setpoint, self._autopilot
         if wanted is None or autopilot is None:
             return None
@@ -301,7 +305,7 @@ class AutopilotOutput:
         )
 
     def _explain(self, view: CameraView | None, now_ns: int) -> None:
-        """Say why nothing happens."""
+        """Queue the reasons why the vehicle is not led."""
         if self._autopilot is None:
             return
         guidance = self._guidance
@@ -317,7 +321,7 @@ class AutopilotOutput:
         guidance.parameter_texts.clear()
         for severity, text in texts:
             self.notices.add(severity, text)
-            self._said.append(text)
+            self._texts.append(text)
 
     def _view(self) -> CameraView | None:
         q_nb = self._leader_states.q_nb

@@ -1,7 +1,7 @@
-"""The tunable keys of the configuration as MAVLink parameters. Sans-IO: what is to be stored is returned as text.
+"""The tunable keys of the configuration as MAVLink parameters.
 
-A value is checked as one of the configuration file is. It is stored, and holds from the next start: an estimator
-whose settings change in flight would lose its track.
+A value is checked as in the configuration file, stored, and used from the next start, since an estimator whose
+settings change in flight would lose its track.
 """
 
 import math
@@ -16,7 +16,7 @@ from onboard.config import Config, ConfigError, Storing, parse_config, read_stor
 from onboard.messages import Message, ParamAck, ParamAction, ParamRequest, ParamValue
 from onboard.wire.mavlink.parameters import decimal
 
-KEYS: Final[Mapping[str, tuple[str, float]]] = {  # name, at most 16 characters -> key, value if it is not set
+KEYS: Final[Mapping[str, tuple[str, float]]] = {  # name (at most 16 characters) -> key, value if unset
     "LDR_SIZE_M": ("estimator.leader.size_prior_m", math.nan),
     "LDR_SIZE_SIG_M": ("estimator.leader.size_prior_sigma_m", math.nan),
     "LDR_OWN_TILT_DEG": ("estimator.leader.own_tilt_sigma_deg", math.nan),
@@ -36,14 +36,16 @@ KEYS: Final[Mapping[str, tuple[str, float]]] = {  # name, at most 16 characters 
     "CAM_Z_M": ("camera.mount_offset_m.2", math.nan),
     "CAM_DELAY_S": ("delay.camera_s", 0.0),
 }
-SIZE_SHARE: Final = 0.02  # of the leader's size: its uncertainty if that is not set
+SIZE_SHARE: Final = 0.02  # sigma over size of a leader, if unset
 
 Store = Callable[[dict[str, Any]], None]
 
 
 class Parameters:
-    """The values that hold from the next start. `store` keeps the keys that were set, now or (`stored`) before, as
-    a table; it raises OSError if it cannot. Without it, parameters can only be read."""
+    """Values of the parameters at the next start.
+
+    `store` saves the table of all keys that were set, or raises OSError; without it parameters are read-only.
+    `stored`: the table of an earlier run."""
 
     def __init__(self, config: Config, store: Store | None = None, stored: dict[str, Any] | None = None) -> None:
         self._table: dict[str, Any] = msgspec.to_builtins(config)
@@ -52,18 +54,18 @@ class Parameters:
         leader = self._table["estimator"].get("leader", {})
         if leader and leader.get("size_prior_sigma_m") is None:
             leader["size_prior_sigma_m"] = SIZE_SHARE * leader["size_prior_m"]
-        self.names = tuple(name for name in KEYS if _has(self._table, KEYS[name][0]))
+        self.names = tuple(name for name in KEYS if _has_key(self._table, KEYS[name][0]))
 
     def value(self, name: str) -> float:
-        """The value of a parameter. Raises KeyError."""
+        """Return the value of a parameter. Raises KeyError."""
         key, unset = KEYS[name]
-        found: Any = self._table
+        value: Any = self._table
         for part in key.split("."):
-            found = found[int(part)] if isinstance(found, list | tuple) else found[part]
-        return unset if found is None else float(found)
+            value = value[int(part)] if isinstance(value, list | tuple) else value[part]
+        return unset if value is None else float(value)
 
     def answer(self, request: ParamRequest, now_ns: int) -> tuple[list[Message], str]:
-        """What to send on a request, and why a value was refused (or nothing)."""
+        """Answer a request. Returns the messages, and why a value was refused, or ""."""
         if request.action is ParamAction.LIST:
             return [self._value_of(name, request, now_ns) for name in self.names], ""
         name = request.name
@@ -89,52 +91,54 @@ class Parameters:
         )
 
     def set(self, name: str, value: float | None) -> str:
-        """Check and store a value; why it was refused, or nothing."""
+        """Check and store a value. Returns why it was refused, or ""."""
         if self._store is None:
-            return f"{name}: `parameters.path` is not configured"
+            return f"{name} is read-only: set `parameters.path`"
         if value is None or not math.isfinite(value):
-            return f"{name}: not a number"
+            return f"{name} = {value}: expected a finite number"
         rounded = float(decimal(value))
-        changed = _with(self._table, KEYS[name][0], rounded)
+        changed = _set_value(self._table, KEYS[name][0], rounded)
         try:
             parse_config(changed)
         except ConfigError as error:
-            _, _, reason = str(error).partition(": ")  # behind the key: the sender knows the parameter's name
+            _, _, reason = str(error).partition(
+                ": "
+            )  # without the key, since the sender knows the parameter's name
             return f"{name} = {rounded:g}: {reason}"
-        kept = _with_key(self._changed, changed, KEYS[name][0])
+        stored_keys = _copy_key(self._changed, changed, KEYS[name][0])
         try:
-            self._store(kept)
+            self._store(stored_keys)
         except OSError as error:
             return f"{name} cannot be stored: {error.strerror}"
-        self._table, self._changed = changed, kept
+        self._table, self._changed = changed, stored_keys
         return ""
 
 
-def _has(table: Any, key: str) -> bool:
+def _has_key(table: Any, key: str) -> bool:
     head, _, rest = key.partition(".")
     if isinstance(table, list | tuple):
         return int(head) < len(table)
-    return head in table and (not rest or _has(table[head], rest))
+    return head in table and (not rest or _has_key(table[head], rest))
 
 
-def _with(table: Any, key: str, value: float) -> Any:
-    """A copy of a table with one value changed."""
+def _set_value(table: Any, key: str, value: float) -> Any:
+    """Return a copy of a table with one value changed."""
     head, _, rest = key.partition(".")
     if isinstance(table, list | tuple):
         return [value if i == int(head) else x for i, x in enumerate(table)]
-    return {**table, head: _with(table[head], rest, value) if rest else value}
+    return {**table, head: _set_value(table[head], rest, value) if rest else value}
 
 
-def _with_key(kept: dict[str, Any], table: dict[str, Any], key: str) -> dict[str, Any]:
-    """What is kept, with a key's value of a table; of an array, all of it."""
+def _copy_key(stored_keys: dict[str, Any], table: dict[str, Any], key: str) -> dict[str, Any]:
+    """Return `stored_keys` with a key's value of a table; an array is copied as a whole."""
     head, _, rest = key.partition(".")
     if not rest or not isinstance(table[head], dict):
-        return {**kept, head: table[head]}
-    return {**kept, head: _with_key(kept.get(head, {}), table[head], rest)}
+        return {**stored_keys, head: table[head]}
+    return {**stored_keys, head: _copy_key(stored_keys.get(head, {}), table[head], rest)}
 
 
 def stored_parameters(config: Config, storing: Storing | None) -> Parameters:
-    """The parameters, and what was set before. Raises ConfigError."""
+    """Make the parameters, with what was stored before. Raises ConfigError."""
     if storing is None or config.parameters.path is None:
         return Parameters(config)
     return Parameters(config, storing.put, read_stored(Path(config.parameters.path)))

@@ -1,5 +1,7 @@
-"""Requests for our messages: REQUEST_MESSAGE, SET_MESSAGE_INTERVAL, GET_MESSAGE_INTERVAL. The intervals of what
-flies a vehicle are changed for trusted systems only."""
+"""Requests for our messages: REQUEST_MESSAGE, SET_MESSAGE_INTERVAL, GET_MESSAGE_INTERVAL.
+
+Only trusted systems may change the interval of a message that an autopilot flies on.
+"""
 
 import math
 from collections.abc import Callable, Collection
@@ -38,35 +40,35 @@ class OfferedStream(NamedTuple):
     can_send: Callable[[], bool]
 
 
-Make = Callable[[int], Message]
+Make = Callable[[int], Message]  # from the time, ns on this computer's clock
 
 
 class Requests:
-    """What may be requested on each link: streams, which have an interval, and messages that are made on request
-    from the time (ns, this computer's clock). `trusted`: systems that may change what flies a vehicle. `lines`:
-    for a person, who changed what. `refuse` is called with the sender, the reason and the arrival."""
+    """Messages that may be requested: streams of each link, and messages made on request.
+
+    `trusted`: systems that may change what an autopilot flies on."""
 
     def __init__(self, trusted: Collection[int] = (), refuse: OnRefused = ignore) -> None:
-        self.lines: list[str] = []
+        self.lines: list[str] = []  # for a person: who changed which interval
         self._trusted = frozenset(trusted)
         self._refuse = refuse
         self._streams: dict[tuple[str, int], list[OfferedStream]] = {}
         self._single: dict[int, Make] = {}
 
     def clear_streams(self) -> None:
-        """Another autopilot is followed: its streams are offered anew."""
+        """Forget all streams, before those for another autopilot are offered."""
         self._streams.clear()
 
     def offer_stream(self, channel: str, name: str, stream: Stream, can_send: Callable[[], bool]) -> None:
-        """A message that is sent on a link by itself."""
+        """Register a message that is sent periodically on a link."""
         self._streams.setdefault((channel, message_number(name)), []).append(OfferedStream(stream, can_send))
 
     def offer(self, name: str, make: Make) -> None:
-        """A message that is sent on request only, on any link."""
+        """Register a message that is sent on request only, on any link."""
         self._single[message_number(name)] = make
 
     def answer(self, channel: str, command: Command, now_ns: int) -> Answer:
-        """The answer to a command; UNSUPPORTED for all that we have nothing to do with."""
+        """Answer a command; UNSUPPORTED if it is no request for a message of ours."""
         number = command.params[0]
         if command.command not in ANSWERED_COMMANDS or not (math.isfinite(number) and number == int(number)):
             return Answer(UNSUPPORTED)
@@ -88,7 +90,7 @@ class Requests:
         before = streams[0].stream.interval_us
         done = [offered.stream.set_interval(command.params[1], MAX_OUT_RATE_HZ) for offered in streams]
         if name is not None and streams[0].stream.interval_us != before:
-            self.lines.append(f"{name} {_words(streams[0].stream)} by {sender_of(command)}")
+            self.lines.append(f"{name} {_describe(streams[0].stream)} by {sender_of(command)}")
         return Answer(ACCEPTED if all(done) else DENIED)
 
     def _request(self, number: int, streams: list[OfferedStream], now_ns: int) -> Answer:
@@ -115,21 +117,21 @@ UNTRUSTED: Final = "only systems of `autopilot.trusted` may change it"
 
 
 def sender_of(message: Message) -> str:
-    """Who sent a message, in words."""
+    """Describe the sender of a message."""
     return f"system {message.system}, component {message.component}"
 
 
-def _words(stream: Stream) -> str:
+def _describe(stream: Stream) -> str:
     return f"at {1e6 / stream.interval_us:.3g} Hz" if stream.interval_us > 0 else "off"
 
 
 def stamp(now_ns: int) -> dict[str, Any]:
-    """The times of a record that we send."""
+    """Return the time fields of a record that we send."""
     return {"t_ns": now_ns, "t_recv_ns": now_ns, "clock": Clock.HOST}
 
 
 def version(now_ns: int) -> Version:
-    """Who we are, as AUTOPILOT_VERSION has it."""
+    """Make AUTOPILOT_VERSION."""
     major, minor, patch = (int(part) for part in __version__.split(".")[:3])
     bits = (
         dialect.MAV_PROTOCOL_CAPABILITY_MAVLINK2

@@ -1,5 +1,7 @@
-"""Everything that the daemon can send over MAVLink. What is not in this table has no way out: it is written here
-before it flies, and with it in the documentation, whose tables are this one."""
+"""Table of all MAVLink messages that the daemon can send; others are refused.
+
+The documentation's tables are made from it.
+"""
 
 from typing import Final, NamedTuple
 
@@ -39,7 +41,7 @@ WHERE_NAMED: Final = "where named"  # on a link that the configuration names for
 
 
 class SentKind(NamedTuple):
-    """A message that we send: its MAVLink names, on which occasion, and what of it a person should know."""
+    """MAVLink names of a message that we send, its occasion, and notes for the documentation."""
 
     names: tuple[str, ...]
     occasion: str
@@ -117,10 +119,10 @@ SENT_COMMANDS: Final = {  # of COMMAND_LONG; none of them moves a vehicle
 
 
 class Encoder(MavlinkEncoder):
-    """Frames of one sender, of the messages and commands in the tables above."""
+    """Encodes the messages and commands of these tables, for one sender."""
 
     def encode(self, message: Message) -> bytes:
-        """The frame(s) of a message. Raises ValueError for one that is in no table: nothing is sent of it."""
+        """Encode a message as frames. Raises ValueError if it is not in the table."""
         if type(message) not in SENT or (isinstance(message, Command) and message.command not in SENT_COMMANDS):
             raise ValueError(f"{type(message).__name__} is not sent: onboard/autopilot/sent.py does not list it")
         return super().encode(message)

@@ -1,8 +1,8 @@
 """The conversation with an autopilot on one link: sans-IO, time is an argument.
 
-A good citizen: a heartbeat a second as an onboard controller, TIMESYNC requests to know the clock offset, the
-message rates we need (asked once per boot and again while they are missing, since an autopilot forgets them on
-reboot), replies to TIMESYNC requests, and an answer to every command that is addressed to us.
+It sends a heartbeat a second as an onboard controller, TIMESYNC requests for the clock offset, and requests for
+message rates, which are repeated while a stream is too slow, since an autopilot forgets them on reboot. It replies
+to TIMESYNC requests and answers every command that is addressed to us.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard.autopilot.component import Component, heartbeat
 from onboard.autopilot.parameters import Parameters
-from onboard.autopilot.rations import STORED, Rations
+from onboard.autopilot.rations import STORAGE_BYTES, Rations
 from onboard.autopilot.requests import Requests, sender_of, stamp
 from onboard.autopilot.stream import Stream
 from onboard.config import AutopilotConfig, Config
@@ -36,22 +36,21 @@ from onboard.units import NS_PER_S
 from onboard.wire.datagrams import OnRefused, ignore
 from onboard.wire.mavlink.encode import message_number
 
-TIMESYNC_HZ: Final = 5.0
-ASK_AGAIN_NS: Final = 5 * NS_PER_S
-STATUS_HZ: Final = 5.0
-SLOW: Final = 0.7  # a stream below this share of its wanted rate is asked for again
-USUAL_SYSTEM: Final = 1  # of an autopilot that nobody has numbered
-ACTIVE: Final = 4
-CRITICAL: Final = 5
+TIMESYNC_RATE_HZ: Final = 5.0
+REQUEST_PERIOD_NS: Final = 5 * NS_PER_S
+STATUS_RATE_HZ: Final = 5.0
+MIN_RATE_RATIO: Final = 0.7  # of the wanted rate; a slower stream is requested again
+DEFAULT_SYSTEM_ID: Final = 1  # of an autopilot whose id was never changed
+ACTIVE, CRITICAL = 4, 5  # MAV_STATE
 DONE: Final = frozenset({0, 5})  # MAV_RESULT accepted, in progress
-ORIGIN_AGAIN_NS: Final = 5 * NS_PER_S
-PARAMETER_ASKS: Final = 3  # per boot: not every autopilot has what is asked for
-RATIONED: Final = Reason(Cause.RATIONED, "answers are rationed: it asks for too much in too short a time")
+MAX_PARAMETER_ATTEMPTS: Final = 3  # per boot, since not every autopilot has every parameter
+TOO_MANY_REQUESTS: Final = Reason(
+    Cause.RATIONED, "answers are rationed: too many requests in a short time; send fewer"
+)
 
 
 class Session:
-    """The conversation on one link. Nothing but `introduce` is sent before an autopilot is heard. `computer` is
-    the state of this computer, if it is known."""
+    """The conversation on one link. It begins with `introduce`, or when an autopilot is heard."""
 
     def __init__(
         self,
@@ -62,50 +61,53 @@ class Session:
         rations: Rations | None = None,
         refuse: OnRefused = ignore,
     ) -> None:
-        self.refusals: list[tuple[str, str]] = []  # sender and line for a person, since they were taken
-        self._config, self._channel, self._requests_of_us = config, channel, requests or Requests()
+        self.refusals: list[tuple[str, str]] = []  # sender and line for a person; the caller clears them
+        self._config, self._channel, self._own_requests = config, channel, requests or Requests()
         self._parameters, self._rations = parameters or Parameters(Config()), rations or Rations()
         self._refuse = refuse
         self._refusals = self._status_requests = 0
-        self.computer: ComputerStatus | None = None
+        self.computer: ComputerStatus | None = None  # to be sent once a second
         self._us: Component | None = None
         self._autopilot: Heartbeat | None = None
-        self._parameters_of_it: tuple[str, ...] = ()
+        self._autopilot_parameters: tuple[str, ...] = ()
         self._messages: tuple[str, ...] = ()
-        self._heartbeats, self._timesyncs = Stream(1.0, fixed=True), Stream(TIMESYNC_HZ, fixed=True)
+        self._heartbeats, self._timesyncs = Stream(1.0, fixed=True), Stream(TIMESYNC_RATE_HZ, fixed=True)
         self._computer_statuses = Stream(1.0)
         self.reboot()
 
     def introduce(self) -> None:
-        """Send heartbeats before an autopilot is heard: PX4 on USB, and servers on UDP, speak only to who has
-        spoken. Its system may be another than that of most autopilots, which we then take."""
-        system = self._config.system or USUAL_SYSTEM
-        self._us = Component(system, self._config.component, self._channel, self._requests_of_us)
+        """Send heartbeats before an autopilot is heard, as PX4 on USB and UDP servers expect.
+
+        The system id is configured or assumed until the autopilot's own is known."""
+        system = self._config.system or DEFAULT_SYSTEM_ID
+        self._us = Component(system, self._config.component, self._channel, self._own_requests)
 
     def connect(self, autopilot: Heartbeat, parameters: Iterable[str] = (), messages: Iterable[str] = ()) -> None:
-        """An autopilot was heard: we are a component of its system. It is asked for `parameters`, of which not
-        every version has each, and for `messages` beside those of the configuration."""
-        self._autopilot, self._parameters_of_it, self._messages = autopilot, tuple(parameters), tuple(messages)
-        self._us = Component(autopilot.system, self._config.component, self._channel, self._requests_of_us)
-        offer = self._requests_of_us.offer_stream
+        """Become a component of the system of an autopilot that was heard.
+
+        It is asked for `parameters`, and for `messages` in addition to those of the configuration."""
+        self._autopilot, self._autopilot_parameters, self._messages = autopilot, tuple(parameters), tuple(messages)
+        self._us = Component(autopilot.system, self._config.component, self._channel, self._own_requests)
+        offer = self._own_requests.offer_stream
         offer(self._channel, "HEARTBEAT", self._heartbeats, lambda: True)
         offer(self._channel, "TIMESYNC", self._timesyncs, lambda: True)
         offer(self._channel, "ONBOARD_COMPUTER_STATUS", self._computer_statuses, lambda: self.computer is not None)
         self.reboot()
 
     def reboot(self) -> None:
-        """The autopilot has rebooted and forgotten what we asked for."""
+        """Repeat all requests to an autopilot that has rebooted."""
         self._next_request = 0
         self._has_asked_status = False  # once per boot: not every autopilot has it
         self._next_origin = 0
-        self._asks_left, self._known_parameters = PARAMETER_ASKS, set[str]()
+        self._attempts_left, self._received_parameters = MAX_PARAMETER_ATTEMPTS, set[str]()
 
     def tick(
         self, now_ns: int, *, healthy: bool, rates: Mapping[str, float], wants_origin: bool = False
     ) -> list[bytes]:
-        """Frames due at `now_ns` (this computer's clock). `healthy` shows in the heartbeat; `rates` are the
-        rates of the MAVLink messages received, Hz; `wants_origin`: GPS_GLOBAL_ORIGIN is requested until it
-        comes."""
+        """Return the frames due at `now_ns` (this computer's clock).
+
+        `healthy` shows in the heartbeat. `rates`: of the messages received, Hz. `wants_origin`: request
+        GPS_GLOBAL_ORIGIN."""
         frames = []
         if self._us is not None and self._heartbeats.is_due(now_ns):
             frames.append(self._pack(heartbeat(ACTIVE if healthy else CRITICAL)))
@@ -116,48 +118,48 @@ class Session:
         if self._timesyncs.is_due(now_ns):
             frames.append(self._pack(TimeSync(**stamp(now_ns), tc1_ns=0, ts1_ns=tagged(now_ns))))
         if self._config.request_rates and now_ns >= self._next_request:
-            self._next_request = now_ns + ASK_AGAIN_NS
+            self._next_request = now_ns + REQUEST_PERIOD_NS
             frames.extend(self._requests(now_ns, rates))
             if not self._has_asked_status:
                 self._has_asked_status = True
                 asked = self._request_status(now_ns)
                 self._status_requests += len(asked)
                 frames.extend(asked)
-            if self._asks_left:
-                self._asks_left -= 1
-                missing = (name for name in self._parameters_of_it if name not in self._known_parameters)
+            if self._attempts_left:
+                self._attempts_left -= 1
+                missing = (name for name in self._autopilot_parameters if name not in self._received_parameters)
                 frames.extend(self._request_parameter(name, now_ns) for name in missing)
         if wants_origin and self._config.request_rates and now_ns >= self._next_origin:
-            self._next_origin = now_ns + ORIGIN_AGAIN_NS
+            self._next_origin = now_ns + REQUEST_PERIOD_NS
             frames.append(self._request_once("GPS_GLOBAL_ORIGIN", now_ns))
         return frames
 
     def respond(self, messages: Sequence[Message], now_ns: int) -> list[bytes]:
-        """Answers to requests of the autopilot, and of others through it or beside it."""
+        """Answer requests of the autopilot and of other systems on the link."""
         us = self._us
         if us is None or self._autopilot is None:
             return []
         frames = []
         for m in messages:
-            is_its = (m.system, m.component) == (self._autopilot.system, self._autopilot.component)
-            if isinstance(m, ParamValue) and is_its:
-                self._known_parameters.add(m.name)
-            elif isinstance(m, CommandAck) and is_its and us.is_target(m):
+            is_autopilot = (m.system, m.component) == (self._autopilot.system, self._autopilot.component)
+            if isinstance(m, ParamValue) and is_autopilot:
+                self._received_parameters.add(m.name)
+            elif isinstance(m, CommandAck) and is_autopilot and us.is_target(m):
                 self._read_ack(m)
             if Sender.ASKER not in SENDERS.get(type(m), Sender.AUTOPILOT):
                 continue
             if not self._rations.admits(m, now_ns):
-                self._refuse(sender_of(m), RATIONED, m.t_recv_ns)
+                self._refuse(sender_of(m), TOO_MANY_REQUESTS, m.t_recv_ns)
                 continue
             answers = self._answer(us, m, now_ns)
             size = sum(map(len, answers))
             is_set = isinstance(m, ParamRequest) and m.action is ParamAction.SET and us.is_target(m)
-            self._rations.spend(m, size + STORED * is_set, now_ns)
+            self._rations.spend(m, size + STORAGE_BYTES * is_set, now_ns)
             frames += answers
         return frames
 
     def _answer(self, us: Component, m: Message, now_ns: int) -> list[bytes]:
-        """What to send on one message."""
+        """Return the frames that answer one message."""
         if isinstance(m, TimeSync) and m.tc1_ns == 0:
             return [self._pack(TimeSync(**stamp(now_ns), tc1_ns=now_ns, ts1_ns=m.ts1_ns))]
         if isinstance(m, Ping) and m.target_system == m.target_component == 0:
@@ -173,8 +175,9 @@ class Session:
         return []
 
     def _read_ack(self, m: CommandAck) -> None:
-        """A refusal of our requests for message rates is named in the health; the answer does not say which
-        message. The filter's status, which not every autopilot has, may be refused."""
+        """Report a refused message rate in the health; the acknowledgement does not say which one.
+
+        Requests for the filter's status may be refused: not every autopilot has it."""
         if m.command != dialect.MAV_CMD_SET_MESSAGE_INTERVAL or m.result in DONE:
             return
         self._refusals += 1
@@ -183,20 +186,21 @@ class Session:
             self._refuse("autopilot", Reason(Cause.RATE_REFUSED, words), m.t_recv_ns)
 
     def _requests(self, now_ns: int, rates: Mapping[str, float]) -> list[bytes]:
-        """SET_MESSAGE_INTERVAL for each stream that is too slow."""
+        """Make SET_MESSAGE_INTERVAL for each stream that is too slow."""
         frames = []
         for name, wanted in self._config.rates_hz.items():
-            if rates.get(name, 0.0) >= SLOW * wanted:
+            if rates.get(name, 0.0) >= MIN_RATE_RATIO * wanted:
                 continue
             frames.append(self._request(name, wanted, now_ns))
         return frames
 
     def _request_status(self, now_ns: int) -> list[bytes]:
-        """SET_MESSAGE_INTERVAL for the status of the autopilot's filter. A PX4 says in ODOMETRY alone how far its
-        yaw may be off: at rest, by 10 degrees."""
+        """Make SET_MESSAGE_INTERVAL for the status of the autopilot's filter.
+
+        PX4 reports the sigma of its yaw, 10 degrees at rest, in ODOMETRY alone."""
         is_ardupilot = self._autopilot is not None and self._autopilot.autopilot == ARDUPILOT
         names = ("EKF_STATUS_REPORT",) if is_ardupilot else ("ESTIMATOR_STATUS", "ODOMETRY")
-        return [self._request(name, STATUS_HZ, now_ns) for name in (*names, *self._messages)]
+        return [self._request(name, STATUS_RATE_HZ, now_ns) for name in (*names, *self._messages)]
 
     def _request(self, name: str, rate_hz: float, now_ns: int) -> bytes:
         return self._command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message_number(name), 1e6 / rate_hz, now_ns)
@@ -205,23 +209,23 @@ class Session:
         return self._command(dialect.MAV_CMD_REQUEST_MESSAGE, message_number(name), 0.0, now_ns)
 
     def _request_parameter(self, name: str, now_ns: int) -> bytes:
-        """PARAM_REQUEST_READ to the autopilot."""
+        """Make PARAM_REQUEST_READ to the autopilot."""
         to = self._to_autopilot(now_ns)
         return self._pack(ParamRequest(**to, action=ParamAction.READ, extended=False, name=name))
 
     def _command(self, number: int, first: float, second: float, now_ns: int) -> bytes:
-        """A command to the autopilot."""
+        """Make a command to the autopilot."""
         params = (float(first), second, 0.0, 0.0, 0.0, 0.0, 0.0)
         return self._pack(Command(**self._to_autopilot(now_ns), command=number, params=params))
 
     def _to_autopilot(self, now_ns: int) -> dict[str, Any]:
-        """The times of a record that we send, and its target."""
+        """Return the time and target fields of a record for the autopilot."""
         mine = self._autopilot
         target = (0, 0) if mine is None else (mine.system, mine.component)
         return {**stamp(now_ns), "target_system": target[0], "target_component": target[1]}
 
     def encode(self, message: Message) -> bytes:
-        """A message of ours as a frame. Call `connect` first."""
+        """Encode a message of ours as a frame. Call `connect` first."""
         return self._pack(message)
 
     def _pack(self, message: Message) -> bytes:
@@ -230,7 +234,7 @@ class Session:
 
 
 def _pong(m: Ping, now_ns: int) -> Ping:
-    """The answer to a PING, to its sender."""
+    """Answer a PING to its sender."""
     return Ping(
         **stamp(now_ns), time_us=m.time_us, number=m.number, target_system=m.system, target_component=m.component
     )

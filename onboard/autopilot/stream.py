@@ -1,58 +1,56 @@
-"""How often one message is sent on one link; a ground station may change it."""
+"""The rate of one message on one link, which a ground station may change."""
 
 from typing import Final
 
 from onboard.units import NS_PER_S
 
-CLOSE_NS: Final = 1_000_000  # what comes on a grid of its own is due this near to its time
-OFF_US: Final = -1  # us, of SET_MESSAGE_INTERVAL
-DEFAULT: Final = 0
+DUE_TOLERANCE_NS: Final = 1_000_000  # a caller with its own time grid may be early by this much
+OFF_INTERVAL_US: Final = -1  # MAV_CMD_SET_MESSAGE_INTERVAL; 0 restores the default
 
 
 class Stream:
-    """One message on one link. `interval_ns`: 0 if it is off. A `fixed` interval is not changed: others rely on
-    it."""
+    """One message on one link. A `fixed` interval cannot be changed, since others rely on it."""
 
     def __init__(self, rate_hz: float, *, fixed: bool = False) -> None:
         self._is_fixed = fixed
-        self.interval_ns = self._default_ns = round(NS_PER_S / rate_hz)
+        self.interval_ns = self._default_ns = round(NS_PER_S / rate_hz)  # 0: off
         self._due_ns: int | None = None
         self._is_requested = False
 
     def is_due(self, t_ns: int) -> bool:
-        """Whether to send it now, which the next due time then follows; also when time has gone back, as after a
-        reboot."""
+        """Whether to send a message now, and set the next due time if so.
+
+        It is due also when time has gone back, as after a reboot."""
         if self.take_request():
             return True
         if self.interval_ns == 0:
             return False
         due = self._due_ns
-        if due is not None and t_ns < due - CLOSE_NS and due - t_ns <= self.interval_ns:
+        if due is not None and t_ns < due - DUE_TOLERANCE_NS and due - t_ns <= self.interval_ns:
             return False
         # counted from the due time, so that the rate holds on average; from now after a pause
-        is_on_time = due is not None and 0 <= t_ns + CLOSE_NS - due < self.interval_ns
+        is_on_time = due is not None and 0 <= t_ns + DUE_TOLERANCE_NS - due < self.interval_ns
         self._due_ns = (due if is_on_time and due is not None else t_ns) + self.interval_ns
         return True
 
     def request(self) -> None:
-        """Let one be sent at the next opportunity."""
+        """Make a message due at the next opportunity."""
         self._is_requested = True
 
     def take_request(self) -> bool:
-        """Whether one was requested since the last call."""
+        """Whether a message was requested since the last call."""
         is_requested, self._is_requested = self._is_requested, False
         return is_requested
 
-    def set_interval(self, interval_us: float, fastest_hz: float) -> bool:
-        """Take the interval of a SET_MESSAGE_INTERVAL. False for one that is not finite, is too short, or may not
-        be changed."""
+    def set_interval(self, interval_us: float, max_rate_hz: float) -> bool:
+        """Apply SET_MESSAGE_INTERVAL. Returns False if it is not finite, too short, or fixed."""
         if self._is_fixed:
-            return interval_us in {DEFAULT, self._default_ns // 1000}
-        if interval_us == OFF_US:
+            return interval_us in {0, self._default_ns // 1000}
+        if interval_us == OFF_INTERVAL_US:
             self.interval_ns = 0
-        elif interval_us == DEFAULT:
+        elif interval_us == 0:
             self.interval_ns = self._default_ns
-        elif not 1e6 / fastest_hz <= interval_us < float(2**31):
+        elif not 1e6 / max_rate_hz <= interval_us < float(2**31):
             return False
         else:
             self.interval_ns = round(interval_us * 1000)
@@ -61,5 +59,5 @@ class Stream:
 
     @property
     def interval_us(self) -> int:
-        """As MESSAGE_INTERVAL has it."""
-        return self.interval_ns // 1000 or OFF_US
+        """The interval that MESSAGE_INTERVAL reports; -1 if it is off."""
+        return self.interval_ns // 1000 or OFF_INTERVAL_US

@@ -1,5 +1,8 @@
-"""Traffic over MAVLink: ADSB_VEHICLE for maps, COLLISION for threats. Sans-IO; off unless the configuration names
-a link. We only report a threat: to act on it is the autopilot's part."""
+"""Traffic over MAVLink: ADSB_VEHICLE for maps, COLLISION for threats.
+
+Threats are only reported; acting on them is left to the autopilot. Sans-IO; off unless the configuration names a
+link.
+"""
 
 import math
 from typing import Any, Final
@@ -27,7 +30,7 @@ TRAFFIC_MESSAGES: Final = ("ADSB_VEHICLE", "COLLISION")
 
 
 class TrafficOutput:
-    """Frames for estimates of traffic, at most `rate_hz` of each track. None before `connect`."""
+    """Encodes estimates of traffic, at most `rate_hz` of each track, after `connect`."""
 
     def __init__(self, config: TrafficOutConfig, component: int) -> None:
         self.link = config.link
@@ -38,11 +41,11 @@ class TrafficOutput:
         self._due: dict[str, dict[str, int]] = {}  # by track and kind
 
     def connect(self, system: int) -> None:
-        """Our autopilot's system is known: we speak as a component of it."""
+        """Send as a component of our autopilot's system."""
         self._encoder = Encoder(system, self._component)
 
     def frames(self, estimate: Estimate) -> list[bytes]:
-        """Frames due for an estimate of traffic; none for any other, or one that is not valid."""
+        """Return the frames due for a valid estimate of traffic; none for others."""
         who = estimate.intruder
         if self._encoder is None or who is None or not estimate.valid:
             self._due.pop(estimate.target, None)
@@ -71,7 +74,7 @@ class TrafficOutput:
 
 
 def adsb_vehicle(estimate: Estimate, who: Intruder) -> AdsbVehicle:
-    """A track as ADS-B reports it: its position now (WGS-84, m above mean sea level), course and speed."""
+    """Make ADSB_VEHICLE from a track; its altitude is above mean sea level."""
     north, east, down = who.v_n
     return AdsbVehicle(
         **_unstamped(estimate),
@@ -91,7 +94,7 @@ def adsb_vehicle(estimate: Estimate, who: Intruder) -> AdsbVehicle:
 
 
 def collision(estimate: Estimate, who: Intruder) -> Collision:
-    """The closest approach of a threat."""
+    """Make COLLISION from the closest approach of a threat."""
     a = who.approach
     by_position = who.icao is None and who.system is not None
     return Collision(
@@ -106,7 +109,7 @@ def collision(estimate: Estimate, who: Intruder) -> Collision:
 
 
 def address(estimate: Estimate, who: Intruder) -> int:
-    """The ICAO address of an aircraft; without one, an unassigned number that its track keeps."""
+    """Return an aircraft's ICAO address, or an unassigned number that its track keeps."""
     if who.icao is not None:
         return who.icao
     if who.system is not None:
@@ -115,5 +118,5 @@ def address(estimate: Estimate, who: Intruder) -> int:
 
 
 def _unstamped(estimate: Estimate) -> dict[str, Any]:
-    """Neither message carries a time."""
+    """Return the time fields of a record whose message carries no time."""
     return {"t_ns": estimate.t_ns, "t_recv_ns": estimate.t_ns, "clock": Clock.NONE}

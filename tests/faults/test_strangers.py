@@ -14,7 +14,7 @@ from msgspec.structs import replace
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard.autopilot.output import AutopilotOutput
-from onboard.autopilot.rations import BYTES_PER_S, MOST_BYTES, SOURCES, Rations
+from onboard.autopilot.rations import BYTES_PER_S, MAX_BYTES, MAX_SOURCE_COUNT, Rations
 from onboard.autopilot.requests import STEERING
 from onboard.config import Config, Storing, parse_config, read_stored
 from onboard.daemon import Daemon
@@ -276,7 +276,7 @@ def test_answers_are_rationed_by_source_and_counted(kind: str) -> None:
     sent = 0
     for k in range(1000):  # in ten seconds
         sent += sum(map(len, out.respond(LINK, [asks(kind, 66)], NOW + 10 * k * 10**6).frames))
-    assert BYTES_PER_S < sent / 10 < BYTES_PER_S + (MOST_BYTES + 4000) / 10
+    assert BYTES_PER_S < sent / 10 < BYTES_PER_S + (MAX_BYTES + 4000) / 10
     assert {source for source, *_ in refused} == {"system 66, component 66"}
     assert out.respond(LINK, [asks("list", 255)], NOW + 10 * S).frames, "others are answered"
 
@@ -285,13 +285,13 @@ def test_strangers_without_number_share_one_ration() -> None:
     out = everything()
     answered = [out.respond(LINK, [asks("list", k % 250)], NOW + k).frames for k in range(2000)]
     sent = sum(len(frame) for frames in answered for frame in frames)
-    assert sent < (SOURCES + 1) * (MOST_BYTES + 2000)
-    assert len(out._rations._left) <= SOURCES + 1
+    assert sent < (MAX_SOURCE_COUNT + 1) * (MAX_BYTES + 2000)
+    assert len(out._rations._remaining) <= MAX_SOURCE_COUNT + 1
 
 
 def test_a_ration_is_whole_again_after_two_seconds_and_not_by_a_clock_that_goes_back() -> None:
     rations, m = Rations(), asks("list", 66)
-    rations.spend(m, 2 * MOST_BYTES, NOW)
+    rations.spend(m, 2 * MAX_BYTES, NOW)
     assert not rations.admits(m, NOW)
     assert not rations.admits(m, NOW - 100 * S)
     assert not rations.admits(m, NOW + 2 * S)

@@ -61,7 +61,7 @@ def everything(keys: dict[str, bytes] | None = None, refuse: OnRefused = ignore)
     out._guide(T - S // 10, NOW_TIME_NS - S)
     for custom_mode in (5, 4):  # LOITER, GUIDED: it is led
         out.respond(LINK, [replace(AUTOPILOT, custom_mode=custom_mode)], NOW_TIME_NS - S)
-    out.show_computer(computer())
+    out.set_computer_status(computer())
     out.take_lines()
     return out
 

@@ -1,4 +1,4 @@
-"""From an estimate of the leader to setpoints for an autopilot: one law, and a record for each autopilot."""
+"""Setpoints behind the leader: one law, and a record for each autopilot."""
 
 from onboard.autopilot.guidance.autopilots import GUIDED as GUIDED
 from onboard.autopilot.guidance.autopilots import OFFBOARD as OFFBOARD

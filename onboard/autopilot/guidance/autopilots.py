@@ -1,4 +1,4 @@
-"""The modes in which autopilots fly setpoints, and the parameters that limit them: a record for each autopilot.
+"""The modes in which autopilots fly setpoints, and the parameters that limit them.
 
 Source: PX4 1.17 and ArduCopter 4.7-dev. docs/px4.md and docs/ardupilot.md describe each mode.
 """
@@ -66,7 +66,7 @@ def setpoint_mode(heartbeat: Heartbeat) -> SetpointMode | None:
 
 
 def apply_parameter(limits: Limits, mode: SetpointMode, name: str, value: float) -> tuple[Limits, str]:
-    """Lower the limits to a parameter of the autopilot. Returns them and a warning about its value, or ""."""
+    """Lower the limits to a parameter's value. Returns them and a warning, or ""."""
     field, unit = mode.limits.get(name, ("", 0.0))
     if field:
         smallest, greatest = getattr(PLAUSIBLE_LIMITS, field)

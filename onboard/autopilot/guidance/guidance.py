@@ -1,4 +1,4 @@
-"""When the vehicle is led: between the estimate of the leader and the autopilot's setpoint mode.
+"""When the vehicle is led, and by which setpoints.
 
 The pilot alone changes modes. The vehicle is led once its mode is entered in the air while guidance is ready, and
 until the mode is left. In the mode the stream of setpoints never ends: its end is the autopilot's failsafe.
@@ -101,7 +101,7 @@ class Guidance:
                 self.parameter_texts.append(text)
 
     def _update_mode(self, is_on: bool) -> None:
-        """Begin to lead when the mode is entered, or is on and an earlier run led; end when it is left."""
+        """Begin to lead when the mode is entered, or when resuming; end when it is left."""
         if not is_on:
             self.is_leading = False
             self._has_led = self._has_led and self._is_mode_intended is not False
@@ -137,7 +137,7 @@ class Guidance:
         self.setpoint = self._make_setpoint(own if is_own_known else None, turn_rate, dt)
 
     def _follow_reset(self, own: Follower, dt: float) -> None:
-        """Shift leader and reference with our own position where a reset of the autopilot's filter moved it."""
+        """Shift leader and reference with our position after a reset of the autopilot's filter."""
         before = self._own
         if before is None or dt == 0.0:
             return
@@ -173,7 +173,7 @@ class Guidance:
         return (self._t_ns - self._last_seen_ns) / NS_PER_S
 
     def _make_setpoint(self, own: Follower | None, turn_rate: float, dt: float) -> ReferenceState | None:
-        """Return the law's setpoint, or the vehicle's own motion for a mode that needs a stream before it."""
+        """Return the law's setpoint, or our own motion while a mode only needs a stream."""
         mode = self._mode
         if mode is None or self._own is None:
             return None
@@ -187,7 +187,7 @@ class Guidance:
         return self.setpoint if self._is_streaming else None
 
     def _must_wait(self) -> bool:
-        """Whether no stream may begin: PX4 would return to its mode by itself, or may not have said so yet."""
+        """Whether no stream may begin, since PX4 would or might return to its mode by itself."""
         if self._has_led or self._is_streaming:
             return False
         is_unknown = self._is_mode_intended is None and self._run_time_s < MODE_TIMEOUT_S
@@ -195,7 +195,7 @@ class Guidance:
 
 
 def is_usable(state: LeaderState) -> bool:
-    """Whether guidance may follow a state: it is valid, or withheld while the leader is in the image.
+    """Whether guidance may follow a state: valid, or withheld with the leader in the image.
 
-    The leader then moves as no hypothesis expects: its direction holds, and the sigmas of the rest are wide."""
+    A withheld leader moves as no hypothesis expects: its direction holds, and the sigmas of the rest are wide."""
     return state.r_OL_n is not None and (state.valid or state.cause is Cause.UNEXPECTED)

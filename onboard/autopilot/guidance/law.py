@@ -20,7 +20,7 @@ FOLLOW_TIMEOUT_S: Final = 1.3  # since the last usable state; most drop-outs are
 LOOK_DURATION_S: Final = 15.0  # a restart of the daemon or the camera can take 8 s
 TURN_GAIN: Final = 0.3  # 1/s, from the angle to the slot to the rate about the leader
 APPROACH_GAIN: Final = 0.5  # 1/s, from distance to speed near the slot
-APPROACH_ACCELERATION_M_S2: Final = 1.0  # constant braking farther away
+APPROACH_ACCELERATION_M_S2: Final = 1.0  # constant braking far from the slot
 FOLLOWER_ACCELERATION_M_S2: Final = 2.2  # braking that every approach relies on; ArduPilot's default limit is 2.5
 LEADER_ACCELERATION_M_S2: Final = 1.6  # braking of the leader that is allowed for; with more we lag at 12 m/s
 REACTION_TIME_S: Final = 0.6  # until the vehicle brakes after its leader
@@ -60,7 +60,7 @@ class Limits(NamedTuple):
 
 
 class ReferenceState(NamedTuple):
-    """Position, velocity and acceleration (3,) of the reference in n, its heading (rad) and yaw rate (rad/s)."""
+    """Motion of the reference in n: vectors (3,), heading (rad) and yaw rate (rad/s)."""
 
     r: Array
     v: Array
@@ -102,7 +102,7 @@ class FollowLaw:
     def step(
         self, leader: LeaderTrack, outage_s: float, turn_rate: float, r_F: Array | None, dt: float, lift: float
     ) -> ReferenceState:
-        """Advance the reference by `dt` s. It brakes and stays while our own position `r_F` (3,) is not known.
+        """Advance the reference by `dt` s. It brakes while our own position `r_F` is not known.
 
         `outage_s`: since the leader was seen. `turn_rate`: of the slot's course, rad/s. `lift`: m, added to the
         slot's height (down)."""
@@ -124,7 +124,7 @@ class FollowLaw:
         return after
 
     def max_turn_rate(self, leader: LeaderTrack) -> float:
-        """Greatest rate (rad/s) at which the vehicle can follow a slot that turns about the leader.
+        """Greatest rate (rad/s) at which the vehicle can follow a slot about the leader.
 
         At rate w and distance d the slot moves at w d across the leader's speed v, with an acceleration of
         w sqrt(v^2 + (w d)^2)."""
@@ -137,7 +137,7 @@ class FollowLaw:
     def _follow(
         self, before: ReferenceState, leader: LeaderTrack, turn_rate: float, r_F: Array, dt: float, lift: float
     ) -> ReferenceState:
-        """Advance the reference towards the slot: velocities radial (outward) and across, about the leader."""
+        """Advance the reference towards the slot, in polar coordinates about the leader."""
         d, max_rate = self.distance, self.max_turn_rate(leader)
         outward = before.r[:2] - leader.r[:2]
         rho = max(float(np.linalg.norm(outward)), 0.1)
@@ -165,7 +165,7 @@ class FollowLaw:
         return self._advance(before, v, a, dt, (u, self._max_braking(before, leader, u, distance)))
 
     def _evade(self, v: Array, before: ReferenceState, leader: LeaderTrack) -> Array:
-        """Limit velocity v (2,) to the greatest speed, and leave the path of an oncoming leader sideways."""
+        """Limit velocity v (2,), and leave the path of an oncoming leader sideways."""
         limit, speed = self.limits.speed, max(float(np.linalg.norm(leader.v[:2])), 0.1)
         outward = before.r[:2] - leader.r[:2]
         path = leader.v[:2] / speed
@@ -184,7 +184,7 @@ class FollowLaw:
         return along + across * side
 
     def _sure_speed(self, leader: LeaderTrack, u: Array, nearest: float) -> float:
-        """The part of the leader's speed along u (2,), outward, that is certain enough to be followed.
+        """The leader's speed along u (2,), outward, as far as it is certain.
 
         The vehicle retreats only from a certain approach. It follows a leader that flies off more slowly, by the
         uncertainty of its speed, the likelier the leader is nearer than the slot's distance."""
@@ -201,7 +201,7 @@ class FollowLaw:
         return min(speed + max((1.0 + doubt) * sigma - SPEED_NOISE_M_S, 0.0), 0.0)
 
     def _max_braking(self, before: ReferenceState, leader: LeaderTrack, u: Array, distance: float) -> float:
-        """Greatest acceleration (m/s^2) away from the leader, which stays in the image unless we must stop."""
+        """Greatest braking (m/s^2) before the leader, which stays in view unless we must stop."""
         closing = float((leader.v - before.v)[:2] @ u)
         needed = closing * closing / (2.0 * max(distance - self.min_distance, 1.0)) if closing > 0.0 else 0.0
         room = (distance - self.min_distance) / max(self.distance - self.min_distance, 1.0)
@@ -265,7 +265,7 @@ def _stopping_speed(distance: float) -> float:
 
 
 def _max_closing_speed(gap: float, speed: float) -> float:
-    """Closing speed (m/s) from which we stop within a gap (m) to a leader that flies off at `speed` and brakes."""
+    """Closing speed from which we stop within a gap to a leader that flies off and brakes."""
     lag = REACTION_TIME_S * FOLLOWER_ACCELERATION_M_S2
     room = gap + speed * speed / (2.0 * LEADER_ACCELERATION_M_S2)
     total = math.sqrt(lag * lag + 2.0 * FOLLOWER_ACCELERATION_M_S2 * room) - lag

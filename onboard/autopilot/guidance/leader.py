@@ -1,7 +1,7 @@
-"""The leader as guidance follows it: a smoothed motion, and the course that the slot is behind.
+"""The leader as guidance follows it: smoothed motion, and the course of the slot.
 
 There is no decision between manoeuvres: the slot's course follows the velocity by a weight between 0 and 1, how
-surely the leader flies. So a leader that turns takes the slot along, one that stops leaves it in place, and one
+surely the leader flies. Thus a leader that turns takes the slot along, one that stops leaves it in place, and one
 that flies back turns it round while the vehicle goes round.
 """
 
@@ -86,14 +86,14 @@ class LeaderTrack:
         self.r = predicted + _correction(r - predicted, dt / POSITION_TIME_S, POSITION_NOISE_M)
 
     def coast(self, dt: float) -> None:
-        """Predict a leader that is not seen: it keeps its speed and turn rate, and its climb decays."""
+        """Predict an unseen leader: speed and turn rate stay, and its climb decays."""
         self.r, self.v = carried(self.r, self.v, self.turn_rate, dt)
         self.v_estimated = self.v
         self.v[2] *= math.exp(-dt / CLIMB_DECAY_TIME_S)
         self.a = np.array([-self.turn_rate * self.v[1], self.turn_rate * self.v[0], 0.0])
 
     def turn_slot(self, r_F: Array, max_rate: float, dt: float, *, is_seen: bool) -> float:
-        """Turn the slot's course towards the leader's. Returns its rate, within `max_rate` (rad/s)."""
+        """Turn the slot's course towards the leader's. Returns its rate, up to `max_rate`."""
         weight = self._course_weight() if is_seen else 0.0
         if is_seen:
             rate = weight * turn_rate(self.v, self.a)
@@ -128,7 +128,7 @@ class LeaderTrack:
 
 
 def _correction(error: Array, time_ratio: float, noise: float) -> Array:
-    """Correct an error by one step of `time_ratio` time constants, faster where it exceeds the noise."""
+    """Correction of an error within `time_ratio` time constants, faster beyond the noise."""
     factor = min(max(float(np.linalg.norm(error)) / noise, 1.0), MAX_CORRECTION_FACTOR)
     return -math.expm1(-time_ratio * factor) * error
 

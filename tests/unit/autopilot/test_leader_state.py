@@ -31,8 +31,8 @@ HOST = 1_800_000_000_000_000_000
 
 def states(errors: OwnErrors | None = None) -> LeaderStates:
     made = LeaderStates(errors or OwnErrors())
-    made.note(own_pose())
-    made.note(estimate())
+    made.update(own_pose())
+    made.update(estimate())
     return made
 
 
@@ -74,8 +74,8 @@ def test_the_sigmas_of_follow_target_are_roots_of_the_covariance() -> None:
 def test_a_pose_older_than_the_estimate_is_carried_on() -> None:
     """Attitudes, too, move the time to which estimates are predicted."""
     made = LeaderStates(OwnErrors())
-    made.note(own_pose(a_F_n=(0.0, 1.0, 0.0)))
-    made.note(estimate(t_ns=T + 20 * MS))
+    made.update(own_pose(a_F_n=(0.0, 1.0, 0.0)))
+    made.update(estimate(t_ns=T + 20 * MS))
     s = made.at(T + 20 * MS, HOST)
     assert s is not None
     assert_allclose(s.r_OL_n, (130.2, 54.0002, -38.0), atol=1e-9)
@@ -133,8 +133,8 @@ def test_origins_of_others_are_not_ours() -> None:
 )
 def test_what_is_not_valid_has_no_position(changed: dict[str, object], late_ms: int, reason: str) -> None:
     made = LeaderStates(OwnErrors())
-    made.note(own_pose())
-    made.note(estimate(**changed))
+    made.update(own_pose())
+    made.update(estimate(**changed))
     s = made.at(T + late_ms * MS, HOST)
     assert s is not None
     assert (s.valid, s.reason, s.r_OL_n, s.v_L_n, s.covariance) == (False, reason, None, None, None)
@@ -154,8 +154,10 @@ def test_a_leader_that_is_withheld_in_the_image_is_published_with_an_open_range(
 ) -> None:
     sure = states().at(T, HOST)
     made = LeaderStates(OwnErrors())
-    made.note(own_pose())
-    made.note(estimate(valid=False, state=Lifecycle.LOST, cause=Cause.UNEXPECTED, reason="unexpected", **changed))
+    made.update(own_pose())
+    made.update(
+        estimate(valid=False, state=Lifecycle.LOST, cause=Cause.UNEXPECTED, reason="unexpected", **changed)
+    )
     withheld = made.at(T, HOST)
     assert sure is not None
     assert withheld is not None
@@ -175,8 +177,8 @@ def test_a_leader_that_is_withheld_in_the_image_is_published_with_an_open_range(
 def test_without_our_own_position_there_is_none_of_the_leader() -> None:
     made = LeaderStates(OwnErrors())
     assert made.at(T, HOST) is None
-    made.note(own_pose(r_OF_n=(None, None, -40.0)))
-    made.note(estimate())
+    made.update(own_pose(r_OF_n=(None, None, -40.0)))
+    made.update(estimate())
     s = made.at(T, HOST)
     assert s is not None
     assert (s.valid, s.reason) == (False, "our own position is not known")
@@ -195,7 +197,7 @@ def test_a_leader_that_climbs_has_its_acceleration_in_the_axes_of_its_path() -> 
 def test_a_leader_that_hovers_has_no_acceleration() -> None:
     made = states()
     slow = (30.0, 4.0, 2.0, -9.5, 0.3, 0.0, 2.5, 3.0, 0.0)  # 0.6 m/s over ground
-    made.note(estimate(mean=slow))
+    made.update(estimate(mean=slow))
     s = made.at(T, HOST)
     assert s is not None
     assert s.a_L_n == (0.0, 0.0, 0.0)
@@ -203,7 +205,7 @@ def test_a_leader_that_hovers_has_no_acceleration() -> None:
 
 def test_one_of_many_targets_and_our_own_state_are_not_the_leader() -> None:
     made = states()
-    made.note(estimate(target="target/2", mean=(0.0,) * 9))
+    made.update(estimate(target="target/2", mean=(0.0,) * 9))
     s = made.at(T, HOST)
     assert s is not None
     assert_allclose(s.r_OL_n, (130.0, 54.0, -38.0))
@@ -244,8 +246,8 @@ def test_far_from_the_origin_and_near_the_poles_north_is_that_of_here(
     """The leader is 30 m north, 4 m east of us, by what north and east are where we are; pymap3d says where."""
     ours = pymap3d.ned2geodetic(*flown, -40.0, *start)
     made = LeaderStates(OwnErrors())
-    made.note(own_pose(r_OF_n=local(ours, start), v_F_n=(0.0, 0.0, 0.0)))
-    made.note(estimate())
+    made.update(own_pose(r_OF_n=local(ours, start), v_F_n=(0.0, 0.0, 0.0)))
+    made.update(estimate())
     if is_stated:
         stated = {"lat_deg": start[0], "lon_deg": start[1], "alt_msl": start[2]}
         made.receive([msgspec.structs.replace(origin(), **stated)], 7, 1)

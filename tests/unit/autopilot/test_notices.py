@@ -23,16 +23,16 @@ def texts(notices: Notices, seconds: float) -> list[tuple[float, str]]:
 def test_changes_of_the_leader_are_told_once() -> None:
     notices = Notices()
     for valid, state in ((False, Lifecycle.SEARCHING), (True, Lifecycle.TRACKING), (True, Lifecycle.COASTING)):
-        notices.note(estimate(valid=valid, state=state))
+        notices.report_leader(estimate(valid=valid, state=state))
     (tracked,) = notices.due(1000 * S)
     assert (tracked.text, tracked.severity) == ("leader tracked", 6)
     assert texts(notices, 3) == []
-    notices.note(estimate(valid=False, state=Lifecycle.LOST))
-    notices.note(estimate(valid=False, state=Lifecycle.LOST))
+    notices.report_leader(estimate(valid=False, state=Lifecycle.LOST))
+    notices.report_leader(estimate(valid=False, state=Lifecycle.LOST))
     (lost,) = notices.due(1005 * S)
     assert (lost.text, lost.severity) == ("leader lost", 4)
-    notices.note(estimate(name="traffic", valid=True))
-    notices.note(estimate(target="target/1", valid=True))
+    notices.report_leader(estimate(name="traffic", valid=True))
+    notices.report_leader(estimate(target="target/1", valid=True))
     assert notices.due(1010 * S) == []
 
 
@@ -76,12 +76,12 @@ def test_the_words_of_others_never_push_out_what_concerns_our_own_state(add: Add
             list[tuple[float, str]](),
             505,
         )  # just after a text
-        notices.note(estimate(valid=True))
+        notices.report_leader(estimate(valid=True))
         for k in range(1000):
             if k % every == 0:
                 add(notices, k // every)
             if k == at and state == "lost":
-                notices.note(estimate(valid=False, state=Lifecycle.LOST))
+                notices.report_leader(estimate(valid=False, state=Lifecycle.LOST))
             elif k == at:
                 notices.add(4, "the autopilot has rebooted")
             sent += [(k / 50, text.text) for text in notices.due(k * S // 50)]
@@ -106,7 +106,7 @@ def test_the_last_word_about_the_leader_is_the_truth() -> None:
     """Lost, tracked and lost again within ten seconds: the pilot must not be left with "tracked"."""
     notices, sent = Notices(), list[str]()
     for k, valid in enumerate((True, False, True, False)):
-        notices.note(estimate(valid=valid, state=Lifecycle.TRACKING if valid else Lifecycle.LOST))
+        notices.report_leader(estimate(valid=valid, state=Lifecycle.TRACKING if valid else Lifecycle.LOST))
         sent += [text.text for text in notices.due((1000 + 2 * k) * S)]
     assert sent == ["leader tracked", "leader lost"] * 2
 
@@ -117,7 +117,7 @@ def test_what_concerns_our_own_state_goes_first() -> None:
         advise(notices, k)
         notices.add(4, "refused", Rank.OTHERS, f"system {k}")
     notices.add(4, "the autopilot has rebooted")
-    notices.note(estimate(valid=True))
+    notices.report_leader(estimate(valid=True))
     sent = [text.text for k in range(20) for text in notices.due(k * S)]
     assert sent[:2] == ["leader tracked", "the autopilot has rebooted"]
     assert len(sent) == 12

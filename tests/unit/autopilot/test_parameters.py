@@ -95,7 +95,7 @@ def test_a_value_that_is_set_is_kept_and_holds_after_a_restart(tmp_path: Path) -
     ("name", "value", "reason"),
     [
         ("CAM_F_PX", -5.0, "CAM_F_PX = -5: expected `float` > 0.0"),
-        ("CAM_F_PX", float("nan"), "not a number"),
+        ("CAM_F_PX", float("nan"), "expected a finite number"),
         ("LDR_VALID_S", 0.001, "LDR_VALID_S = 0.001: coast_after_s"),  # shorter than coasting
     ],
 )
@@ -115,7 +115,7 @@ def test_a_value_that_the_file_could_not_have_is_refused_and_said(
 def test_without_a_file_parameters_are_read_only() -> None:
     station = Station(config())
     assert station.set("CAM_F_PX", 700.0)[0].param_value == pytest.approx(554.256)
-    assert station.refused == ["CAM_F_PX: `parameters.path` is not configured"]
+    assert station.refused == ["CAM_F_PX is read-only: set `parameters.path`"]
     assert station.output.take_lines() == [], "ten a second would fill the console"
 
 

@@ -155,7 +155,7 @@ def test_the_origin_is_requested_until_it_comes_if_we_may_request() -> None:
 def test_a_leader_on_the_autopilots_own_system_is_refused_and_said() -> None:
     config = CONFIG | {"leader_out": [{"link": "gcs", "system": 7}]}
     out = AutopilotOutput(parse_config(config))
-    assert out.connect(AUTOPILOT) == ["leader_out on gcs: not sent, since system 7 is the autopilot's own"]
+    assert out.connect(AUTOPILOT) == ["leader_out on gcs: `system` 7 is the autopilot's own; set another"]
     note(out, [own_pose(), estimate()])
     out.respond("fc", [origin()], NOW)
     assert not any(number == 144 for _, number in tick(out, 0))

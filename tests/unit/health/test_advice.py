@@ -17,7 +17,7 @@ from msgspec.structs import replace
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from onboard.arrays import Array
-from onboard.autopilot.notices import LENGTH, Notices
+from onboard.autopilot.notices import MAX_TEXT_LENGTH, Notices
 from onboard.commands import absent
 from onboard.commands.absent import why_absent
 from onboard.commands.status import describe, is_healthy
@@ -779,7 +779,7 @@ def test_all_four_readers_show_the_same_advice() -> None:
     notices = Notices()
     ConsoleLines(lines.append, pilot=notices.advise).show_health(health)
     assert any(advice.what in line and advice.remedy in line for line in lines)
-    assert advice.text[:LENGTH] in [m.text for m in notices.due(0)]
+    assert advice.text[:MAX_TEXT_LENGTH] in [m.text for m in notices.due(0)]
     assert words.plain(advice.remedy).replace("`", "") in words.advice(health)
     shown = describe("1", health)
     assert advice.what in shown

@@ -57,7 +57,7 @@ def flown(seed: int, radius: float | None, config: tuple[str, ...], own: OwnErro
     last, states = run.estimates[-1], LeaderStates(own)
     assert last.valid
     for output in run.outputs:
-        states.note(output)
+        states.update(output)
     state = states.at(last.t_ns + LATER, 0)
     assert state is not None
     r, v = flight_.relative(last.t_ns / S)
