@@ -100,6 +100,7 @@ TESTS = {  # of each line of the table of who reaches what, by its first words
     "whoever reads the disk": (f"{OWN}a_recording_and_its_folder_are_their_owner_s_alone",),
     "a supplier of a package": (f"{OWN}every_package_that_is_needed_is_pinned",),
 }
+DETECTED = "tests/unit/wire/test_detections.py::test_"
 OF_LIMITS = {  # what lies beyond each limit
     "udp.BUDGET": f"{FLOODS}a_flood_of_one_sender_costs_that_sender_alone",
     "udp.BURST": f"{SURPLUS}the_later_we_are_the_fewer_are_delivered_so_that_we_are_late_no_longer",
@@ -118,6 +119,10 @@ OF_LIMITS = {  # what lies beyond each limit
     "document.LARGEST": f"{REFUSED}what_is_refused_is_named_within_a_second",
     "text.MAX_NAME_LENGTH": f"{TEXT}a_class_is_64_plain_letters_from_the_door_on",
     "text.MAX_LINE_LENGTH": f"{TEXT}no_text_from_outside_reaches_a_person_as_it_came",
+    **dict.fromkeys(
+        ("detections.MAX_UNNAMED", "detections.MAX_NAMED"),
+        f"{DETECTED}of_too_many_detections_the_most_confident_ones_are_used_and_the_rest_named",
+    ),
     "radar.MOST_ECHOES": f"{BEYOND}a_scan_that_a_document_could_hold_is_refused_beyond_the_limit",
     "pseudoranges.MOST_SEEN": f"{BEYOND}a_scan_or_an_epoch_with_more_than_any_sensor_has_is_refused",
     "landing_target.PENDING_IMAGES": f"{BEYOND}images_that_stay_incomplete_cost_their_sender_its_oldest",

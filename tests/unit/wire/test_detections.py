@@ -392,7 +392,7 @@ def test_a_whole_number_may_be_written_with_a_point() -> None:
     assert "Expected `int`, got `float` - at `$.t_ns`" in Decoded({**HEAD, "t_ns": 1.7e9 + 0.25}).reasons[0]
 
 
-def test_of_too_many_detections_the_most_confident_ones_are_used_and_the_rest_is_named() -> None:
+def test_of_too_many_detections_the_most_confident_ones_are_used_and_the_rest_named() -> None:
     """Each without an id is compared with each track: a hundred would cost more time than an image has."""
     boxes = [{"box": BOX, "confidence": 0.4 + 0.005 * (7 * k % 100)} for k in range(100)]
     decoded = Decoded({**HEAD, "detections": [*boxes, {"box": BOX, "target": "leader"}, {"box": BOX}]})
