@@ -1,5 +1,5 @@
-# Every target sets up what it needs: the virtual environment .venv with the pinned packages. The demo needs few of them
-# and compiles what it needs itself, so it starts sooner; the tests need all.
+# Every target sets up what it needs: the virtual environment .venv with the pinned packages, and the filters' machine
+# code. The demo needs few packages, so it starts sooner; the tests need all.
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
@@ -10,8 +10,7 @@ COMPILED := $(VENV)/.compiled
 READY_DEV := $(VENV)/.ready-dev
 READY_DOCS := $(VENV)/.ready-docs
 ROS := $(VENV)-ros
-KERNELS := $(wildcard onboard/filters/*.py onboard/filters/kernels/*.py onboard/geometry/*.py onboard/models/*.py \
-	onboard/models/*/*.py onboard/estimators/*/*.py onboard/estimators/*/*/*.py)
+KERNELS := $(wildcard onboard/*.py onboard/*/*.py onboard/*/*/*.py onboard/*/*/*/*.py onboard/compiled/*.c)
 
 # Some images for containers forbid Python to keep bytecode: each worker and each program that a test starts would
 # compile all sources anew.
@@ -23,7 +22,7 @@ install: $(READY) $(COMPILED)  ## onboard and simlink, in .venv/bin, with the fi
 	@$(BIN)/python -m compileall -q -j 0 $(VENV)/lib > /dev/null 2>&1 || true  # for users who may not write there
 	@echo "ready: $(BIN)/onboard --help"
 
-demo: $(READY)  ## fly both estimators on a simulated quadrotor, with a live view where there is a display
+demo: $(READY) $(COMPILED)  ## fly both estimators on a simulated quadrotor, with a live view where there is a display
 	@$(BIN)/onboard demo $(ARGS)
 
 # Three at a time on two cores: flights in real time wait most of their time.
@@ -35,7 +34,6 @@ test: $(READY_DEV) $(ROS)/.ready  ## before each commit: CONTRIBUTING.md says ho
 	$(CHECK)
 	$(TESTS) -m "not slow" $(ARGS)
 
-test-all: export WINGLINE_PRECISION = both
 test-all: $(READY_DEV) $(ROS)/.ready docs  ## before a release: also the documentation, whole studies, long runs, recorded flights
 	$(CHECK)
 	$(TESTS) $(ARGS)
@@ -44,14 +42,13 @@ test-near: $(READY_DEV) $(COMPILED)  ## while you work: the tests nearest to FIL
 	near=$$($(BIN)/python -m tests.near $(FILES)) && test -n "$$near" && $(TESTS) -m "not slow" $$near $(ARGS)
 
 # What depends on Python and on other packages more than on our filters: bytes, links, configuration, commands, the wheel.
-# Kernels run in Python, so nothing is compiled; what we use of Numba is tried by itself.
+# Kernels run in Python, so nothing is compiled.
 FAST := $(addprefix tests/unit/,wire messages links test_config.py test_config_text.py test_config_bounds.py \
 	$(addprefix commands/,test_init.py test_help.py test_completion.py test_terminal.py) \
 	documents/test_commands.py house/test_import_rules.py house/test_wheel.py)
 
 fast: $(READY_DEV)  ## 1,600 tests, without compiling the filters
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -m "not slow" $(FAST) $(ARGS)
-	$(BIN)/python -m pytest tests/unit/filters/test_numba_internals.py $(ARGS)
+	WINGLINE_KERNELS=python $(BIN)/python -m pytest -m "not slow" $(FAST) $(ARGS)
 
 PYTHONS ?= python3.11 python3.12 python3.13 python3.14
 
@@ -89,12 +86,12 @@ docs: $(READY_DOCS)  ## the documentation, in out/docs/html
 	$(BIN)/sphinx-build -q -W --keep-going -b html -d out/docs/doctrees docs out/docs/html
 	@echo "written: out/docs/html/index.html"
 
-wheel: $(READY)  ## a wheel for this kind of computer and this Python, with the filters compiled, in dist
-	@$(BIN)/python -c 'import cyclonedx_py' 2>/dev/null || $(INSTALL) -e '.[view,release]'
+wheel: $(READY)  ## a wheel for this kind of computer, with the filters compiled, in dist
+	@$(BIN)/python -c 'import cyclonedx_py' 2>/dev/null || $(INSTALL) -e '.[view,build,release]'
 	@$(BIN)/python -m release.wheel dist
 
 release: $(READY)  ## all files of a release, in dist: wheels, sources, bill of materials, licences, man pages, sums
-	@$(BIN)/python -c 'import cyclonedx_py' 2>/dev/null || $(INSTALL) -e '.[view,release]'
+	@$(BIN)/python -c 'import cyclonedx_py' 2>/dev/null || $(INSTALL) -e '.[view,build,release]'
 	@$(BIN)/python -m release
 
 clean:
@@ -106,7 +103,7 @@ $(VENV)/bin/python:
 
 $(READY): $(VENV)/bin/python pyproject.toml constraints.txt
 	@echo "installing into $(VENV) (about a minute, once)"
-	@$(INSTALL) -e '.[view]'
+	@$(INSTALL) -e '.[view,build]'
 	@touch $@
 
 $(READY_DEV): $(VENV)/bin/python pyproject.toml constraints.txt
@@ -133,5 +130,5 @@ $(READY_DOCS): $(READY)
 	@touch $@
 
 $(COMPILED): $(READY) $(KERNELS)
-	$(BIN)/python -m tests.support.kernels  # stamps it, so that the tests take it over
+	@$(BIN)/python -m onboard.compiled
 	@touch $@

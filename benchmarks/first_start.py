@@ -41,7 +41,7 @@ class Installed(Daemon):
 def measure(python: Path) -> dict[str, Any]:
     """Measure the seconds to the first estimate at two starts, and the installation's sizes."""
     Installed.python = str(python.absolute())
-    kept = {key: value for key, value in os.environ.items() if not key.startswith(("PYTHON", "NUMBA_", "XDG_"))}
+    kept = {key: value for key, value in os.environ.items() if not key.startswith(("PYTHON", "WINGLINE_", "XDG_"))}
     call = [Installed.python, "-P", "-c", SIZE]
     done = subprocess.run(call, capture_output=True, check=True, text=True, env=kept)  # noqa: S603 - our own code
     found: dict[str, Any] = json.loads(done.stdout)

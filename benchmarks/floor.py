@@ -23,7 +23,6 @@ import msgspec
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.commands.loading import release_compiler
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses import motion as model
 from onboard.estimators.leader.hypotheses import prediction, view
@@ -133,7 +132,6 @@ async def run(udp: int, endpoint: str, like: Estimate) -> None:
     session = await asyncio.to_thread(open_session, ZenohConfig(listen=(endpoint,)))
     sink = publishing.runner(publishing.ZenohSink(session, "onboard/1"))
     arithmetic.image(np.array([0.0, 0.0, 0.08, 0.0]))  # loaded
-    release_compiler()
     await loop.create_datagram_endpoint(Receiver, local_addr=("127.0.0.1", udp))
     said = False
 

@@ -249,15 +249,6 @@ def input_rates(seconds: int, rates: Sequence[int] = RATES) -> list[Figures]:
     return found
 
 
-def start(*, cold: bool, kind: type[Daemon] = Daemon) -> float:
-    """Call `start_in`; with `cold` nothing is compiled."""
-    with ExitStack() as stack:
-        environment = dict(os.environ)
-        if cold:
-            environment["NUMBA_CACHE_DIR"] = stack.enter_context(tempfile.TemporaryDirectory())
-        return start_in(environment, kind)
-
-
 def start_in(environment: dict[str, str], kind: type[Daemon] = Daemon) -> float:
     """Return the seconds from the process's start to its first estimate, with continuous input.
 
@@ -317,7 +308,7 @@ def measure(seconds: int) -> Figures:
     """Measure everything, under the keys of the history."""
     found: Figures = {"machine": machine()}
     found["stages"] = stages.measure()
-    starts = [[start(cold=False, kind=kind) for kind in (Daemon, Floor)] for _ in range(START_COUNT)]
+    starts = [[start_in(dict(os.environ), kind) for kind in (Daemon, Floor)] for _ in range(START_COUNT)]
     ours, floor = np.min(starts, axis=0).tolist()
     found["start"] = {"warm_s": ours}
     found["restarted"] = measure_restart()

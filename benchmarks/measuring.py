@@ -42,7 +42,7 @@ def figures(pairs: int = 21, scale: float = 1.0, starts: int = 5) -> Figures:
         "leader_targets": targets.measure(scale),
         "traffic_tracks": traffic.measure(scale),
         "startup": start_up.measure(starts)._asdict(),
-        "versions": {name: version(name) for name in ("filterpy", "stonesoup", "numpy", "numba")}
+        "versions": {name: version(name) for name in ("filterpy", "stonesoup", "numpy")}
         | {"python": platform.python_version()},
         "settings": {"pairs": pairs, "batch": BATCH_SIZE, "threads": 1},
     }

@@ -52,7 +52,7 @@ def process(rows: Array) -> Array:
     return constant_acceleration.process(rows, DT)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def own_process(rows):  # type: ignore[no-untyped-def]
     """Advance rows like `process`, as a user would write it."""
     after = np.empty_like(rows)
@@ -65,7 +65,7 @@ def own_process(rows):  # type: ignore[no-untyped-def]
     return after
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def own_measure(rows):  # type: ignore[no-untyped-def]
     """Return range, azimuth and elevation (k, 3) of rows (k, 9), as a user would write it."""
     images = np.empty((rows.shape[0], 3))

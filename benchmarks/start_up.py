@@ -1,10 +1,8 @@
-"""The time of a new Python process to its first estimate, with and without compiled code."""
+"""How long a fresh Python takes to its first estimate, and what of it is for which part."""
 
-import os
 import statistics
 import subprocess
 import sys
-import tempfile
 from time import perf_counter
 from typing import NamedTuple
 
@@ -33,30 +31,26 @@ print(perf_counter() - start)
 
 
 class StartUp(NamedTuple):
-    """Times in seconds to the end of the process after one prediction and update."""
+    """Seconds: from the process's start to its end after one prediction and update; and the import of the pipeline
+    alone."""
 
-    cold_s: float  # with kernels still to be compiled
-    warm_s: float  # with compiled kernels on disk
-    import_pipeline_s: float  # the import of the pipeline alone
+    warm_s: float
+    import_pipeline_s: float
 
 
 def measure(runs: int = 5) -> StartUp:
-    """Measure one cold run, then medians of `runs` processes, one after the other."""
-    with tempfile.TemporaryDirectory() as folder:
-        environment = {**os.environ, "NUMBA_CACHE_DIR": folder}
-        cold = _seconds(FIRST_ESTIMATE, environment)
-        warm = statistics.median(_seconds(FIRST_ESTIMATE, environment) for _ in range(runs))
-        imports = statistics.median(float(_run(PIPELINE, environment)) for _ in range(runs))
-    return StartUp(cold, warm, imports)
+    """Medians of `runs` processes one after the other."""
+    imports = statistics.median(float(_run(PIPELINE)) for _ in range(runs))
+    return StartUp(statistics.median(_seconds(FIRST_ESTIMATE) for _ in range(runs)), imports)
 
 
-def _seconds(program: str, environment: dict[str, str]) -> float:
+def _seconds(program: str) -> float:
     start = perf_counter()
-    _run(program, environment)
+    _run(program)
     return perf_counter() - start
 
 
-def _run(program: str, environment: dict[str, str]) -> str:
+def _run(program: str) -> str:
     command = [sys.executable, "-c", program]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)  # noqa: S603 - ours
+    done = subprocess.run(command, capture_output=True, text=True, check=True)  # noqa: S603 - ours
     return done.stdout

@@ -1,4 +1,4 @@
-"""The type of every array of numbers. Types of arrays in compiled signatures are in `onboard.filters.compiled`."""
+"""The type of every array of numbers. Types of arrays in compiled signatures are in `onboard.compiled`."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,13 +1,12 @@
-"""`make wheel`: a wheel for this kind of computer and this Python, with compiled kernels.
+"""`make wheel`: a wheel for this kind of computer, with the machine code of all kernels.
 
-It is built from a copy of the installed files. Its tag names Python and system, and it requires the exact version
-of Numba that made the code. `pip install .` and the source distribution remain without machine code, for every
-computer.
+It is built of a copy of what is installed. Its tag says for which system it is. It is for each Python, of which
+the extension module uses the stable interface alone. `pip install .` and the source distribution stay without
+machine code, for every computer.
 """
 
 import os
 import platform
-import re
 import shutil
 import subprocess
 import sys
@@ -17,7 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from onboard.filters import shipped
+from onboard.compiled.machine import FOLDER, OBJECTS, PROCESSORS
 from release import man
 
 ROOT: Final = Path(__file__).parents[1]
@@ -29,10 +28,9 @@ from setuptools import build_meta
 build, out, *options = sys.argv[1:]
 print(getattr(build_meta, f"build_{build}")(out, {"--build-option": options} if options else None))
 """
-# Machine code calls the mathematical functions of the C library by name, at whichever version: the oldest that the
-# wheels of Numba, NumPy and Zenoh are for bounds it.
-SYSTEM: Final = "manylinux_2_28"
-NUMBA: Final = re.compile(r'"numba\b[^"]*"')
+# Machine code calls mathematical functions of the C library, some by their version of glibc 2.29; 2.31 is the next
+# that a distribution has.
+SYSTEM: Final = "manylinux_2_31"
 PAGES: Final = """
 [tool.setuptools.data-files]
 "share/man/man1" = ["man/*.1"]
@@ -42,12 +40,12 @@ PAGES: Final = """
 def main(arguments: Sequence[str] = ()) -> int:
     """Build the wheel with machine code into a folder, `dist` by default, and print its size."""
     out = Path(arguments[0] if arguments else "dist").resolve()
-    if platform.system() != "Linux" or platform.machine() not in shipped.PROCESSORS:
+    if platform.system() != "Linux" or platform.machine() not in PROCESSORS:
         print(f"wheel: no processor of {platform.system()} on {platform.machine()} is known here", file=sys.stderr)
         return 1
     began = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="wingline-") as folder:
-        made = build_compiled(copy_tree(Path(folder) / "wingline"), out)
+        made = with_machine_code(copy_tree(Path(folder) / "wingline"), out)
     print(f"{made}: {made.stat().st_size / 1e6:.1f} MB, in {time.monotonic() - began:.0f} s")
     return 0
 
@@ -60,23 +58,21 @@ def build_all(out: Path) -> list[Path]:
     with tempfile.TemporaryDirectory(prefix="wingline-") as folder:
         tree = copy_tree(Path(folder) / "wingline")
         plain = [build("sdist", tree, out), build("wheel", tree, out)]
-        return [build_compiled(tree, out), *plain]
+        return [with_machine_code(tree, out), *plain]
 
 
-def build_compiled(tree: Path, out: Path) -> Path:
-    """Build the wheel for this kind of computer, to which the tree is adapted.
-
-    Raises CalledProcessError.
-    """
-    compile_into(tree)
-    require_numba(tree, shipped.made_with()["numba"])
-    return build("wheel", tree, out, "--python-tag", tag(), "--plat-name", f"{SYSTEM}_{platform.machine()}")
+def with_machine_code(tree: Path, out: Path) -> Path:
+    """The wheel for this computer's kind; the tree is for this one afterwards. Raises CalledProcessError."""
+    if (FOLDER / OBJECTS).is_dir():  # what is compiled already, under digests of its sources
+        shutil.copytree(FOLDER / OBJECTS, tree / FOLDER.relative_to(ROOT) / OBJECTS)
+    run([sys.executable, "-m", "onboard.compiled", "all"], tree)
+    return build("wheel", tree, out, "--python-tag", "py3", "--plat-name", f"{SYSTEM}_{platform.machine()}")
 
 
 def copy_tree(tree: Path) -> Path:
     """Copy the installed files, the files of links, and the man pages into a new folder."""
     for folder in INSTALLED:
-        ignore = shutil.ignore_patterns("__pycache__", "*.egg-info", shipped.FOLDER.name)
+        ignore = shutil.ignore_patterns("__pycache__", "*.egg-info", FOLDER.name)
         shutil.copytree(ROOT / folder, tree / folder, ignore=ignore)
     for name in FILES:
         shutil.copy(ROOT / name, tree)
@@ -84,30 +80,6 @@ def copy_tree(tree: Path) -> Path:
     with (tree / "pyproject.toml").open("a", encoding="utf-8") as project:
         project.write(PAGES)
     return tree
-
-
-def compile_into(tree: Path) -> None:
-    """Compile machine code for each kind of processor of this architecture into a tree.
-
-    Raises CalledProcessError.
-    """
-    for one in shipped.PROCESSORS[platform.machine()]:
-        options = {"NUMBA_CPU_NAME": one.made.name, "NUMBA_CPU_FEATURES": one.made.features}
-        run([sys.executable, "-m", "release.machine_code", one.name], tree, options)
-    finish = "from onboard.commands import compiling; from onboard.filters import shipped; "
-    run([sys.executable, "-c", f"{finish}shipped.write_contents(shipped.FOLDER, compiling.sources())"], tree)
-
-
-def require_numba(tree: Path, version: str) -> None:
-    """Make the tree's wheel require this version only, as its machine code needs it.
-
-    Raises ValueError.
-    """
-    project = tree / "pyproject.toml"
-    text, count = NUMBA.subn(f'"numba=={version}"', project.read_text(encoding="utf-8"), count=1)
-    if count != 1:
-        raise ValueError(f"{project}: no requirement of Numba")
-    project.write_text(text, encoding="utf-8")
 
 
 def build(kind: str, tree: Path, out: Path, *options: str) -> Path:
@@ -121,9 +93,9 @@ def build(kind: str, tree: Path, out: Path, *options: str) -> Path:
     return out / done.splitlines()[-1]
 
 
-def run(command: Sequence[str], tree: Path, more: dict[str, str] | None = None, *, capture: bool = False) -> str:
-    """Run a program of a tree; return its output if it is captured. Raises CalledProcessError."""
-    environment = os.environ | {"PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1"} | (more or {})
+def run(command: Sequence[str], tree: Path, *, capture: bool = False) -> str:
+    """A program of a tree, with what it prints if it is captured. Raises CalledProcessError."""
+    environment = os.environ | {"PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1"}
     to = subprocess.PIPE if capture else None
     try:
         done = subprocess.run(command, cwd=tree, env=environment, check=True, text=True, stdout=to, stderr=to)  # noqa: S603

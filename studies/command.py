@@ -17,10 +17,7 @@ from rich.table import Column, Table
 import studies
 from onboard import UserError, with_extra
 from onboard.analysis.parallel.cluster import ClusterError
-from onboard.commands.compile import announce_once, compile_shown
-from onboard.commands.compiling import flight_modules, needed_by
 from onboard.commands.computers import computers
-from onboard.config import estimator_modules
 from onboard.terminal.console import Console
 from onboard.terminal.files import check_targets, make_folder, write_json
 from onboard.terminal.progress import progress_bar
@@ -79,7 +76,6 @@ def one_study(name: str, given: Mapping[str, Any], *, out: Path, json_file: Path
     """
     _prepare(name, out)
     check_targets(json_file)
-    _compile([name])
     result = _measure(name, given, out)
     Console().print(Markdown((out / name / "report.md").read_text(encoding="utf-8")))
     print(f"written: {out / name}/report.md, result.json and figures")
@@ -94,7 +90,6 @@ def one_figure(name: str, number: int, given: Mapping[str, Any], *, out: Path) -
     It shows the first seed, or `given` seeds if it is over several runs.
     """
     _prepare(name, out)
-    _compile([name])
     with TemporaryDirectory(dir=out) as folder:
         drawn = _drawn(name, given, Path(folder))
         numbered = {k: file for file in drawn for k in paper_figures(file.name)}
@@ -134,7 +129,6 @@ def all_studies(*, seeds: int | None, out: Path, json_file: Path | None) -> int:
     for name in known:
         make_folder(out / name)
     check_targets(json_file)
-    _compile(known)
     results = _measure_all(known, seeds, out)
     name_column = Column("study", no_wrap=True)
     table = Table(
@@ -159,24 +153,12 @@ def study_names() -> list[str]:
 
 
 def _prepare(name: str, out: Path) -> None:
-    """Before anything is compiled or flown.
-
-    Raises UserError: no such study, nowhere to write, no matplotlib.
-    """
+    """Before anything is flown. Raises UserError: no such study, nowhere to write, no matplotlib."""
     known = study_names()
     if name not in known:
         raise UserError(f"no study named {name!r}; there are: {', '.join(known)}")
     _require_figures()
     make_folder(out / name)
-
-
-def _compile(names: list[str]) -> None:
-    """Ahead and by all cores together: each of a study's processes would compile the same."""
-    modules = [*map(_module, names)]
-    if "onboard.pipeline" in needed_by(modules):  # which loads estimators by name
-        modules += flight_modules(estimator_modules())
-    console = Console(stderr=True)
-    compile_shown(modules, console, announce_once(console, "this study", "up to a minute and a half"))
 
 
 def _measure(name: str, given: Mapping[str, Any], out: Path) -> dict[str, Any]:

@@ -11,8 +11,11 @@ folder=$(mkdir -p "$1" && cd "$1" && pwd)
 shift
 here=${PYTHON:-.venv/bin/python}
 
-for tool in qemu-aarch64-static apt-get dpkg-deb; do
-    command -v "$tool" > /dev/null || { echo "$tool is missing; on Debian and Ubuntu: apt install qemu-user-static" >&2; exit 1; }
+for tool in qemu-aarch64-static aarch64-linux-gnu-gcc apt-get dpkg-deb; do
+    command -v "$tool" > /dev/null || {
+        echo "$tool is missing; on Debian and Ubuntu: apt install qemu-user-static gcc-aarch64-linux-gnu" >&2
+        exit 1
+    }
 done
 
 if [ ! -x "$folder/root/usr/bin/python3.11" ]; then
@@ -28,7 +31,7 @@ if [ ! -x "$folder/root/usr/bin/python3.11" ]; then
 fi
 
 needed=$("$here" -c 'import tomllib; print(*(r.replace(" ", "") for r in tomllib.load(open("pyproject.toml", "rb"))["project"]["dependencies"]))')
-needed="$needed pytest pytest-timeout hypothesis matplotlib psutil setuptools" # and what the tests import
+needed="$needed numba pytest pytest-timeout hypothesis matplotlib psutil setuptools" # and what the tests import
 if [ "$(cat "$folder/site/.ready" 2> /dev/null)" != "$needed" ]; then
     echo "fetching wheels for aarch64"
     platforms=()
@@ -49,17 +52,16 @@ export PYTHONPATH="$PWD:$folder/site"
 if [ $# -gt 0 ]; then
     # Not here: whole flights with kernels in Python, a quarter of an hour each (the replay below flies instead), and
     # what needs the kernel's stamps and counts of dropped datagrams, which QEMU's user mode does not pass on.
-    NUMBA_DISABLE_JIT=1 "$arm" -m pytest -m "not slow" -p no:cacheprovider "$@" \
+    WINGLINE_KERNELS=python "$arm" -m pytest -m "not slow" -p no:cacheprovider "$@" \
         -k "not (at_the_bounds_estimates or stamped_at_arrival or kernel_drops_is_counted)"
 fi
 
-# The leader alone: its filters take minutes to compile here, and all others an hour.
+# Compiling takes half an hour here. The compiler runs on this processor, for the other.
 log=$folder/flight.tlog flies=('estimator={leader={size_prior_m=2.667,leader_class="multirotor",center_on_wing=true}}'
     'camera={f_px=554.256,width_px=640,height_px=480,mount_rpy_deg=[0,8,0]}')
 PYTHONPATH=$PWD "$here" -m simlink log mission --seed 1 --duration 20 --out "$log"
-export NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES="" NUMBA_CACHE_DIR="$folder/machine-code"
+CC=aarch64-linux-gnu-gcc "$arm" -m onboard.compiled
 "$arm" -m onboard replay "$log" --set "${flies[0]}" --set "${flies[1]}" --out "$folder/replayed.csv"
 "$arm" -m tests.support.exact_estimates "$log" "$folder/arm.csv" "${flies[@]}"
-unset NUMBA_CPU_NAME NUMBA_CPU_FEATURES NUMBA_CACHE_DIR
 PYTHONPATH=$PWD "$here" -m tests.support.exact_estimates "$log" "$folder/here.csv" "${flies[@]}"
 PYTHONPATH=$PWD "$here" -m tests.support.same_estimates "$folder/here.csv" "$folder/arm.csv"

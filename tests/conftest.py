@@ -3,26 +3,21 @@ several processes, and for them the longest files in front."""
 
 import gc
 import os
-import sys
-from collections.abc import Generator, Mapping
+from collections.abc import Generator
 
 import pytest
 
 from tests.support import costs, kernels, order
 from tests.support.programs import STATES
 
-SOURCES = pytest.StashKey[Mapping[str, str]]()
-
 
 def pytest_configure(config: pytest.Config) -> None:
     os.environ["XDG_STATE_HOME"] = str(STATES)  # not a developer's own
-    kernels.choose_precision()
     several = bool(config.getoption("numprocesses", None))
     if several:  # where all cores are busy, the threads of OpenBLAS wait for each other in loops
         os.environ.setdefault("OMP_NUM_THREADS", "1")
-    if _leads(config):
-        kernels.prepare(all_at_once=several)
-        config.stash[SOURCES] = kernels.digests()
+    if not hasattr(config, "workerinput") and kernels.are_compiled():  # this process starts the tests
+        kernels.prepare()
 
 
 @pytest.hookimpl(wrapper=True)
@@ -33,13 +28,6 @@ def pytest_runtest_setup(item: pytest.Item) -> Generator[None, None, None]:
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Generator[None, None, None]:
     yield from _within_limit(item)
-
-
-def pytest_unconfigure(config: pytest.Config) -> None:
-    if SOURCES in config.stash:
-        sources = config.stash[SOURCES]
-        several = bool(config.getoption("numprocesses", None))  # then all were compiled before they began
-        kernels.keep(sources, made=sources if several else sys.modules)
 
 
 def pytest_sessionstart() -> None:
@@ -55,10 +43,8 @@ def pytest_collection_finish() -> None:
 @pytest.hookimpl(tryfirst=True)  # before `-m` chooses
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     for item in items:
-        if item.get_closest_marker("single") and _compiles():
-            item.add_marker(pytest.mark.slow)
-            if not kernels.both_precisions():
-                item.add_marker(pytest.mark.skip("WINGLINE_PRECISION=both compiles single precision, too"))
+        if item.get_closest_marker("single") and kernels.are_compiled():
+            item.add_marker(pytest.mark.skip("machine code is in double precision (test_single_precision.py)"))
     if not hasattr(config, "workerinput"):
         return  # one process alone: in the order it was asked for
     items.sort(key=lambda item: order.place(item.nodeid.partition("::")[0]))
@@ -69,16 +55,7 @@ def _within_limit(item: pytest.Item) -> Generator[None, None, None]:
     count, since there the processes of a whole file end."""
     begin = costs.computed()
     yield
-    if hasattr(item.config, "workerinput") and _compiles() and not item.get_closest_marker("slow"):
+    if hasattr(item.config, "workerinput") and kernels.are_compiled() and not item.get_closest_marker("slow"):
         refused = costs.too_much(costs.computed() - begin)
         if refused:
             pytest.fail(refused, pytrace=False)
-
-
-def _leads(config: pytest.Config) -> bool:
-    """Whether this process starts the tests (xdist's workers do not), and they use the compiler."""
-    return not hasattr(config, "workerinput") and _compiles()
-
-
-def _compiles() -> bool:
-    return os.environ.get("NUMBA_DISABLE_JIT", "0") == "0"

@@ -1,5 +1,5 @@
 """The command line: `onboard init`, `check`, `run`, `demo`, `replay`, `report`, `evaluate`, `calibrate`, `router`,
-`recover`, `view`, `status`, `ros2`, `study`, `schema`, `completion`, `compile`.
+`recover`, `view`, `status`, `ros2`, `study`, `schema`, `completion`.
 
 A user's mistake is one line. Each command is a file of this folder with a function `main`. It is imported when it
 runs, so that `--help` is quick and a replay loads no Zenoh.
@@ -29,9 +29,7 @@ LOG_FORMATS: Final = (
 )
 MOST_SEEDS: Final = 1_000_000
 DISK_FAULTS: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
-NO_CACHE: Final = "cannot cache function"
-DOUBLE: Final = ("calibrate", "check", "demo", "replay", "report", "run")  # need no kernels in single precision
-STARTS_PROCESSES: Final = ("compile", "demo", "evaluate", "replay", "study", "view")
+STARTS_PROCESSES: Final = ("demo", "evaluate", "replay", "study", "view")
 
 
 class _Parser(argparse.ArgumentParser):
@@ -45,8 +43,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line. Exit codes: 0 done, 1 it ran and failed, 2 the call or a file was at fault."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy loads it: its threads wait in busy loops
     arguments = parser().parse_args(_spread_sets(sys.argv[1:] if argv is None else argv))
-    if arguments.command in DOUBLE:
-        os.environ.setdefault("WINGLINE_PRECISION", "double")  # before the filters are loaded
     if arguments.command in STARTS_PROCESSES:
         _end_as_if_interrupted()
     try:
@@ -60,11 +56,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of our output has gone
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains when it flushes
         return 0
-    except RuntimeError as error:  # Numba's, where a module with kernels is loaded
-        if NO_CACHE not in str(error):
-            raise
-        report("onboard: no folder for compiled filters can be written to; set NUMBA_CACHE_DIR to one that can")
-        return USER_ERROR
     except OSError as error:
         if error.errno not in DISK_FAULTS:
             raise
@@ -113,7 +104,6 @@ def parser() -> argparse.ArgumentParser:
     schema = add("schema", "print the published keys, records and types", examples.SCHEMA)
     schema.add_argument("--json", action="store_true", help="as JSON Schema")
     add("completion", "print a shell completion script", examples.COMPLETION)
-    _add_compile(add("compile", "compile the filters before the first flight", examples.COMPILE))
     return top
 
 
@@ -293,11 +283,6 @@ def _add_study(study: argparse.ArgumentParser) -> None:
 def _add_computers(command: argparse.ArgumentParser) -> None:
     command.add_argument("--cluster", metavar="ADDRESS", help="fly on a Dask scheduler's workers: tcp://HOST:8786")
     command.add_argument("--rows", type=Path, metavar="FILE.parquet", help="write each result here as it comes")
-
-
-def _add_compile(compile_: argparse.ArgumentParser) -> None:
-    compile_.add_argument("config", nargs="?", type=Path, help="TOML file: only what it flies with (none: all)")
-    _add_set(compile_)
 
 
 def _spread_sets(argv: Sequence[str]) -> list[str]:

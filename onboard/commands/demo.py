@@ -1,7 +1,6 @@
 """`onboard demo`: the main job on simulated input, a view of it, and a scorecard."""
 
 import argparse
-from collections.abc import Mapping
 from contextlib import ExitStack
 from functools import cache
 from pathlib import Path
@@ -9,11 +8,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
-from onboard.commands.compile import announce_once, compile_shown
-from onboard.commands.compiling import flight_modules
 from onboard.commands.demo_flight import DemoProgress, DemoReport, flight_name, run_demo
-from onboard.config import Config, estimator_modules
-from onboard.messages import Estimate, Record
+from onboard.config import Config
+from onboard.messages import Estimate
 from onboard.scoring.scorecard import explain_bounds, print_leader_score, print_own_state_score
 from onboard.terminal.console import Console
 from onboard.terminal.files import check_targets, make_folder, write_json
@@ -34,13 +31,8 @@ def main(arguments: argparse.Namespace) -> int:
     check_targets(a.json)
     rrd = a.out / f"{flight_name(a.scenario, a.seed)}.rrd"
     with ExitStack() as stack:
-        bar = progress_bar(console)
+        bar = stack.enter_context(progress_bar(console))
         task = bar.add_task("starting simulator and daemon", total=a.duration)
-
-        def prepare(estimators: Mapping[str, Record]) -> None:
-            modules = flight_modules(estimator_modules(estimators))
-            compile_shown(modules, console, announce_once(console, "this flight", "two minutes"))
-            stack.enter_context(bar)  # after the bar of the compilation: a terminal shows one at a time
 
         def on_wait(waited: float) -> None:
             bar.update(task, description=f"starting simulator and daemon ({waited:.0f} s)")
@@ -62,7 +54,6 @@ def main(arguments: argparse.Namespace) -> int:
             overrides=tuple(a.set),
             detector=a.detector,
             beside=a.beside,
-            prepare=prepare,
             view=lambda config: open_view(config, rrd, console, headless=a.headless),
             tell=DemoProgress(on_wait, on_progress),
         )

@@ -8,7 +8,7 @@ import contextlib
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -92,12 +92,10 @@ def run_demo(
     overrides: tuple[str, ...],
     detector: Path | None,
     beside: str | None = None,
-    prepare: Callable[[Mapping[str, Record]], object],
     view: "Callable[[Config], View | None]",
     tell: DemoProgress,
 ) -> DemoReport:
-    """Fly `scenario` for `duration` seconds; files go to the folder `directory`. `prepare` receives the
-    sections of the estimators before any is loaded.
+    """Fly `scenario` for `duration` seconds; files go to the folder `directory`.
     `detector` is a program that finds the leader in pictures: it runs beside, as `python FILE --connect ENDPOINT`.
 
     Raises DemoError, and ConfigError for bad overrides.
@@ -112,7 +110,6 @@ def run_demo(
     if beside is not None:
         settings = (*settings, flown_beside(beside, load_config(described, settings)))
     config = load_config(described, settings)
-    prepare(config.estimator)
     links = (
         f"link=[{{name='autopilot', url='udpin:127.0.0.1:{autopilot_port}'}}, "
         f"{{name='camera', url='udpin:127.0.0.1:{camera_port}', autopilot=false}}]"

@@ -142,14 +142,3 @@ examples:
   onboard completion > ~/.local/share/bash-completion/completions/onboard
   onboard completion > onboard.bash      zsh: autoload bashcompinit && bashcompinit && source onboard.bash
 """
-COMPILE: Final = """\
-examples:
-  onboard compile                        everything
-  onboard compile companion.toml         what a flight with this configuration needs, which is much less
-
-Estimating is done by machine code that is made on each computer once, on all cores, in half a minute to some
-minutes, and again after an update. `onboard demo` makes what it needs; do it before you fly.
-
-The code is kept beside the sources (__pycache__). Where that folder cannot be written to, Numba keeps it in the
-user's cache folder (~/.cache/numba on Linux), so run this as the user who flies; NUMBA_CACHE_DIR names another.
-"""

@@ -303,13 +303,6 @@ def write(folder: Path, files: Mapping[str, str], *, force: bool) -> None:
     show(f"written to {folder}: {', '.join(files)}")
 
 
-def has_machine_code() -> bool:
-    """Whether this installation brings the filters' machine code for this computer."""
-    from onboard.filters import shipped  # noqa: PLC0415 - which loads Numba
-
-    return shipped.use()
-
-
 def next_steps(setup: Setup, folder: Path, files: tuple[str, ...]) -> list[str]:
     """What a person does next."""
     config = shlex.quote(str(folder / WRITTEN_CONFIG))
@@ -322,8 +315,6 @@ def next_steps(setup: Setup, folder: Path, files: tuple[str, ...]) -> list[str]:
         steps.append(
             f"load {folder / PARAMETER_FILES[setup.autopilot]} with a ground station, and restart the autopilot"
         )
-    if not has_machine_code():
-        steps.append(f"onboard compile {config}    (minutes, once)")
     steps += [
         f"start your detector; it sends to onboard/{setup.vehicle}/camera/front/detections (docs/fly-it.md)",
         f"onboard check {config}",

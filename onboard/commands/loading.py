@@ -1,20 +1,13 @@
 """What a flight asks of this computer: modules load without the garbage collector, which leaves them alone
-afterwards, the compiler's memory is given back, threads share a heap, and the daemon goes before others."""
+afterwards, threads share a heap, and the daemon goes before others."""
 
 import ctypes
 import gc
 import os
-import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
 from typing import Final
 
-# a mapping of the compiler's library that nobody writes to, and how much of it this process has for itself
-MAPPED: Final = re.compile(
-    r"^([0-9a-f]+)-([0-9a-f]+) r-.p .*/libllvmlite\b.*\n(?:\w+:.*\n)*?Anonymous: +(\d+) kB", re.MULTILINE
-)
-MADV_DONTNEED: Final = 4
 M_ARENA_MAX: Final = -8
 HEAPS: Final = 1
 NICE: Final = -10
@@ -35,24 +28,6 @@ def loading() -> Iterator[None]:
         gc.freeze()
         if was_enabled:
             gc.enable()
-
-
-def release_compiler(smaps: Path = Path("/proc/self/smaps")) -> int:
-    """Give back the memory that holds code of LLVM: 65 MB that were needed to load the kernels, and are not in
-    flight. Linux reads what is needed again from the file. The number of bytes, 0 on another system."""
-    try:
-        maps, library = smaps.read_text(encoding="utf-8"), ctypes.CDLL(None)
-    except OSError:
-        return 0
-    released = 0
-    for begin, end, own in MAPPED.findall(maps):
-        size = int(end, 16) - int(begin, 16)
-        # where the process has pages of its own (relocated addresses), the file does not hold what is in them
-        if own == "0" and not library.madvise(
-            ctypes.c_void_p(int(begin, 16)), ctypes.c_size_t(size), MADV_DONTNEED
-        ):
-            released += size
-    return released
 
 
 def share_heap() -> None:

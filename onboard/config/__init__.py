@@ -3,7 +3,6 @@
 # `as` its own name: for others to import from here
 from onboard.config.cameras import CameraConfig as CameraConfig
 from onboard.config.reading import ConfigError as ConfigError
-from onboard.config.reading import estimator_modules as estimator_modules
 from onboard.config.reading import load_config as load_config
 from onboard.config.reading import named_estimators as named_estimators
 from onboard.config.reading import parse_config as parse_config

@@ -9,7 +9,6 @@ import math
 import os
 import re
 import tomllib
-from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any, Final, Literal, get_args, get_origin
@@ -22,7 +21,7 @@ from onboard.config.bounds import not_tunable, out_of_range
 from onboard.config.cameras import CameraConfig
 from onboard.config.recorded import read_recorded
 from onboard.config.sections import AutopilotConfig, Config, LeaderOutConfig, LinkConfig, OwnErrors
-from onboard.estimators import config_type, flown_modules, known
+from onboard.estimators import config_type, known
 from onboard.messages import Record, TargetClass
 from onboard.wire.documents.document import NAME
 from onboard.wire.mavlink.encode import message_number
@@ -153,15 +152,6 @@ def named_estimators(table: dict[str, Any]) -> dict[str, Any]:
         if name not in known():
             raise ConfigError(f"unknown key estimator.{name}{_suggestion(name, known())}")
     return sections
-
-
-def estimator_modules(sections: Mapping[str, Record] | None = None) -> list[str]:
-    """Return the modules that estimators load by name, without loading them.
-
-    The default is all estimators with their default configurations.
-    """
-    chosen = {name: config_type(name)() for name in known()} if sections is None else sections
-    return [module for name, section in chosen.items() for module in flown_modules(name, section)]
 
 
 def parse_config(table: dict[str, Any]) -> Config:

@@ -74,14 +74,6 @@ class StatesOwnMotion(Protocol):
 
 
 @runtime_checkable
-class NamesModules(Protocol):
-    """A configuration of an estimator that decides which further modules are loaded."""
-
-    def named_modules(self) -> tuple[str, ...]:
-        """Return the full names of modules that are loaded by name, without loading any."""
-
-
-@runtime_checkable
 class CountsVerdicts(Protocol):
     """An estimator of many targets, which reports only some of its measurements one by one."""
 
@@ -133,14 +125,6 @@ def module_name(name: str, part: str = "estimator") -> str:
     whole = f"{__name__}.{name}"
     found = find_spec(whole)
     return f"{whole}.{part}" if found is not None and found.submodule_search_locations is not None else whole
-
-
-def flown_modules(name: str, section: Record) -> tuple[str, ...]:
-    """Return the modules that an estimator loads by name.
-
-    They are its own, and those that its configuration names.
-    """
-    return (module_name(name), *(section.named_modules() if isinstance(section, NamesModules) else ()))
 
 
 def _module(name: str, part: str) -> ModuleType:

@@ -8,11 +8,10 @@ grows with the number of tracks, not with its square.
 from typing import Final
 
 import numpy as np
-from numba import njit, types
 from numpy.typing import NDArray
 
 from onboard.arrays import Array
-from onboard.filters.compiled import CUBE, INDICES, MAKING, ROWS, out
+from onboard.compiled import CUBE, FLOAT, INDICES, MAKING, ROWS, kernel
 from onboard.filters.errors import FilterError
 
 Places = NDArray[np.int64]
@@ -102,17 +101,14 @@ def _solve(tracks: Places, echoes: Places, costs: Array) -> tuple[Places, Places
     return t[row[chosen]], e[column[chosen]]
 
 
-GROWING: Final = [(out(kind, 1),) for kind in (types.int64, types.float64)]
-
-
-@njit(GROWING, **MAKING)
+@kernel(**MAKING)
 def _longer(a):
     b = np.empty(2 * a.shape[0], a.dtype)
     b[: a.shape[0]] = a
     return b
 
 
-@njit((ROWS, CUBE, ROWS, ROWS, types.float64), **MAKING)
+@kernel((ROWS, CUBE, ROWS, ROWS, FLOAT), **MAKING)
 def _candidates(polar, spread, measured, variance, gate):
     count, echoes = polar.shape[0], measured.shape[0]
     size = 4 * count + 16
@@ -157,7 +153,7 @@ def _candidates(polar, spread, measured, variance, gate):
     return track[:found], echo[:found], cost[:found]
 
 
-@njit((INDICES, INDICES), **MAKING)
+@kernel((INDICES, INDICES), **MAKING)
 def _clusters(tracks, echoes):
     """Label each pair, with the same label for pairs that compete directly or indirectly.
 
@@ -183,7 +179,7 @@ def _clusters(tracks, echoes):
     return label
 
 
-@njit((ROWS,), **MAKING)
+@kernel((ROWS,), **MAKING)
 def _columns(cost):
     """Return the column of each row of a matrix (n, m), n <= m, at the least cost: shortest augmenting paths.
 

@@ -8,7 +8,8 @@ memory, this one takes a fifth of that time. Its error is below two and a half u
 from typing import Final
 
 import numpy as np
-from numba import njit
+
+from onboard.compiled import MAKING, kernel
 
 DIAGONAL_ANGLE: Final = 0.25 * np.pi  # of equal coordinates
 MAX_POLYNOMIAL_RATIO: Final = np.sqrt(2.0) - 1.0  # tan(pi / 8), the end of the polynomial below
@@ -29,7 +30,7 @@ C0, C1, C2, C3, C4, C5, C6, C7, C8, C9, C10 = (
 )
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
+@kernel(**MAKING, fastmath={"contract"})
 def arctan2(y, x):
     """Angle (rad) of the vector (x, y), in [-pi, pi], as `math.atan2`, signed zeros included; NaN where both are
     infinite."""

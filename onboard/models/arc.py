@@ -1,10 +1,9 @@
 """Closest approach of an aircraft that keeps its turn to one that flies straight."""
 
 import numpy as np
-from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.filters.compiled import ROWS, VECTOR
+from onboard.compiled import FLOAT, MAKING, ROWS, VECTOR, kernel
 
 
 def first_approach(rows: Array, v_F: Array, horizon: float) -> Array:
@@ -18,7 +17,7 @@ def first_approach(rows: Array, v_F: Array, horizon: float) -> Array:
     return found
 
 
-@njit((ROWS, VECTOR, types.float64), cache=True, error_model="numpy")
+@kernel((ROWS, VECTOR, FLOAT), **MAKING)
 def _first_approach(rows, v_F, horizon):
     step = 0.5  # s
     found = np.empty((rows.shape[0], 5))

@@ -9,10 +9,9 @@ image plane; a leader yawed by 30 / 45 / 60 degrees appears to be 15 / 41 / 100 
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from onboard.arrays import Array
-from onboard.filters.compiled import CUBE, OUT, ROWS, VECTOR
+from onboard.compiled import CUBE, MAKING, OUT, ROWS, VECTOR, kernel
 from onboard.geometry.arctangent import arctan2
 from onboard.models import relative_motion
 from onboard.models.relative_motion import BLOCK_ROWS
@@ -34,7 +33,7 @@ def measure(points: Array, R_cn: Array, r_FC_n: Array) -> Array:
     return angles
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(**MAKING)
 def _angles(places, angles, count):
     """Write the three angles of `count` rows into `angles` (3 BLOCK_ROWS,).
 
@@ -49,7 +48,7 @@ def _angles(places, angles, count):
         )
 
 
-@njit((ROWS, ROWS, VECTOR, OUT), cache=True, error_model="numpy")
+@kernel((ROWS, ROWS, VECTOR, OUT), **MAKING)
 def _measure(points, R_cn, r_FC_n, angles):
     """Process blocks of rows, so that roots and arctangents of several rows become one instruction."""
     places, block = np.empty(4 * BLOCK_ROWS), np.empty(3 * BLOCK_ROWS)
@@ -73,7 +72,7 @@ def measure_batch(points: Array, R_cn: Array, r_FC_n: Array) -> Array:
     return angles
 
 
-@njit((CUBE, CUBE, ROWS), cache=True, error_model="numpy")
+@kernel((CUBE, CUBE, ROWS), **MAKING)
 def _measure_batch(points, R_cn, r_FC_n):
     angles = np.empty((points.shape[0], points.shape[1], 3))
     for b in range(points.shape[0]):

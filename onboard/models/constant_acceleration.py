@@ -11,10 +11,9 @@ They are t^3/3, and t^5/20, t^3/3, t.
 from typing import Final
 
 import numpy as np
-from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.filters.compiled import FILLING, signatures
+from onboard.compiled import FILLING, FLOAT, kernel, signature
 
 STATE_SIZE: Final = 9
 POSITION: Final = (0, 3, 6)
@@ -31,7 +30,7 @@ def process(rows: Array, dt: float) -> Array:
     return after
 
 
-@njit(signatures(2, types.float64, "out"), **FILLING)
+@kernel(signature(2, FLOAT, "out"), **FILLING)
 def _process(rows, seconds, after):
     dt = rows.dtype.type(seconds)
     half = rows.dtype.type(0.5) * dt * dt

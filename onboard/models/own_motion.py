@@ -14,10 +14,9 @@ those of R_ab. The reference frame a is fixed in n and moved to the vehicle's at
 from typing import Final
 
 import numpy as np
-from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.filters.compiled import CUBE, ROWS, VECTOR
+from onboard.compiled import CUBE, FLOAT, MAKING, ROWS, VECTOR, kernel
 from onboard.models.quadrotor import ATTITUDE, POSITION, RATES, VELOCITY
 
 STATE_SIZE: Final = 16
@@ -34,7 +33,7 @@ UNITS: Final[tuple[str, ...]] = (*("m",) * 3, *("m/s",) * 3, *("rad",) * 3, *("r
 NAVIGATION: Final[tuple[int, ...]] = (*POSITION, *VELOCITY, *ATTITUDE, *RATES)
 
 
-@njit((ROWS, types.float64, VECTOR, VECTOR, ROWS, VECTOR, types.float64), cache=True, error_model="numpy")
+@kernel((ROWS, FLOAT, VECTOR, VECTOR, ROWS, VECTOR, FLOAT), **MAKING)
 def process(rows, dt, f_b, omega_dot, R_na, inertia, fading):
     """Return state rows (k, 16) after `dt` seconds, by the midpoint rule for attitude and velocity.
 
@@ -78,7 +77,7 @@ def process(rows, dt, f_b, omega_dot, R_na, inertia, fading):
     return after
 
 
-@njit((ROWS,), cache=True, error_model="numpy")
+@kernel((ROWS,), **MAKING)
 def rotations(rows):
     """Return R_ab (k, 3, 3) of rows (k, 16)."""
     R = np.empty((rows.shape[0], 3, 3))
@@ -98,7 +97,7 @@ def rotations(rows):
     return R
 
 
-@njit((CUBE,), cache=True, error_model="numpy")
+@kernel((CUBE,), **MAKING)
 def angles(R):
     """Return ZYX Euler angles (k, 3) of rotations (k, 3, 3)."""
     found = np.empty((R.shape[0], 3))
@@ -116,7 +115,7 @@ def change_reference(rows: Array, R_ca: Array) -> Array:
     return after
 
 
-@njit((ROWS, VECTOR), cache=True, error_model="numpy")
+@kernel((ROWS, VECTOR), **MAKING)
 def navigation_covariance(covariance, mean):
     """Return the covariance (12, 12) of [r, v, attitude error, rates] from that of the states (16, 16).
 

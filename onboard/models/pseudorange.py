@@ -11,10 +11,9 @@ measurement dt after the state, and the sign inside the last one must be minus.
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from onboard.arrays import Array
-from onboard.filters.compiled import ROWS
+from onboard.compiled import MAKING, ROWS, kernel
 
 SIGNATURE: Final = (ROWS, ROWS, ROWS)
 
@@ -31,7 +30,7 @@ def jacobian(rows: Array, position: Array, velocity: Array) -> Array:
     return slope
 
 
-@njit(SIGNATURE, cache=True, error_model="numpy")
+@kernel(SIGNATURE, **MAKING)
 def _measure(rows, position, velocity):
     count = position.shape[0]
     ranges = np.empty((rows.shape[0], 2 * count))
@@ -48,7 +47,7 @@ def _measure(rows, position, velocity):
     return ranges
 
 
-@njit(SIGNATURE, cache=True, error_model="numpy")
+@kernel(SIGNATURE, **MAKING)
 def _jacobian(rows, position, velocity):
     count = position.shape[0]
     slope = np.zeros((rows.shape[0], 2 * count, rows.shape[1]))

@@ -12,11 +12,10 @@ MEASUREMENT_NOISE has 4e-4 for p, q and r; the exponents of the velocities are a
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit, types
 
 from onboard.arrays import Array
+from onboard.compiled import FLOAT, MAKING, ROWS, kernel, record
 from onboard.filters.belief import FilterError
-from onboard.filters.compiled import ROWS
 
 STATE_SIZE: Final = 12
 POSITION: Final = (0, 2, 4)
@@ -57,7 +56,7 @@ class Airframe(NamedTuple):
     rotor_speed: float = 0.0
 
 
-PARAMETERS: Final = types.UniTuple(types.float64, len(Airframe._fields))  # type: ignore[no-untyped-call]
+PARAMETERS: Final = record(tuple, *(FLOAT,) * len(Airframe._fields))
 
 
 def process(rows: Array, inputs: Array, dt: float, airframe: Airframe = Airframe()) -> Array:  # noqa: B008 - immutable
@@ -80,7 +79,7 @@ def process(rows: Array, inputs: Array, dt: float, airframe: Airframe = Airframe
     return after
 
 
-@njit((ROWS, ROWS, types.float64, PARAMETERS), cache=True, error_model="numpy")
+@kernel((ROWS, ROWS, FLOAT, PARAMETERS), **MAKING)
 def _process(rows, inputs, dt, airframe):
     mass, Ixx, Iyy, Izz, Ir, arm, gravity, W = airframe
     after = np.empty(rows.shape)

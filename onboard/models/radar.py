@@ -7,10 +7,9 @@ from north (y), elevation positive up. Erratum: eq 36 prints arctan(x / y), whic
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from onboard.arrays import Array
-from onboard.filters.compiled import FILLING, signatures
+from onboard.compiled import FILLING, MAKING, kernel, signature
 from onboard.geometry.arctangent import arctan2
 
 MEASUREMENT_SIZE: Final = 3
@@ -42,7 +41,7 @@ def cartesian(polar: Array) -> Array:
     return np.stack([level * np.sin(azimuth), level * np.cos(azimuth), r * np.sin(elevation)], axis=-1)
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def _to_polar(first, second, third):
     """Replace x, y and z by range, azimuth and elevation."""
     for s in range(first.shape[0]):
@@ -53,7 +52,7 @@ def _to_polar(first, second, third):
         third[s] = arctan2(z, np.sqrt(level2))
 
 
-@njit(signatures(2, "out"), **FILLING)
+@kernel(signature(2, "out"), **FILLING)
 def _measure(rows, polar):
     """Process one component at a time, so that roots and arctangents of several rows become one instruction."""
     for i in range(3):
@@ -62,7 +61,7 @@ def _measure(rows, polar):
     _to_polar(polar[0], polar[1], polar[2])
 
 
-@njit(signatures(2), cache=True, error_model="numpy")
+@kernel(signature(2), **MAKING)
 def _jacobian(rows):
     slope = np.zeros((rows.shape[0], 3, rows.shape[1]), rows.dtype)
     for s in range(rows.shape[0]):

@@ -7,10 +7,9 @@ horizontal plane; `a_long` is normal to the velocity in its vertical plane, posi
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.filters.compiled import CUBE, OUT, ROWS, VECTOR
+from onboard.compiled import CUBE, FLOAT, MAKING, OUT, ROWS, VECTOR, kernel
 
 STATE_SIZE: Final = 9
 POSITION: Final = slice(0, 3)
@@ -24,9 +23,9 @@ UNITS: Final = ("m", "m", "m", "m/s", "m/s", "m/s", "m", "m/s^2", "m/s^2")
 FRAME: Final = "n (local NED), leader relative to follower"
 
 
-# Explicit signatures prevent compilation in flight: rows (k, 9), dt, the follower's four vectors (3,), eps.
-PROCESS_SIGNATURE: Final = (ROWS, types.float64, VECTOR, VECTOR, VECTOR, VECTOR, types.float64, OUT)
-ACCELERATION_SIGNATURE: Final = (ROWS, VECTOR, VECTOR, types.float64)
+# Given, so that nothing compiles in flight: rows (k, 9), dt, the follower's four vectors (3,), eps.
+PROCESS_SIGNATURE: Final = (ROWS, FLOAT, VECTOR, VECTOR, VECTOR, VECTOR, FLOAT, OUT)
+ACCELERATION_SIGNATURE: Final = (ROWS, VECTOR, VECTOR, FLOAT)
 
 
 class FollowerMotion(NamedTuple):
@@ -41,7 +40,7 @@ class FollowerMotion(NamedTuple):
     a1: Array
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(**MAKING)
 def _acceleration(U, V_, W, a_lat, a_long, eps):
     """Return the acceleration at one velocity, as `leader_acceleration`."""
     along2 = U * U + V_ * V_
@@ -62,7 +61,7 @@ def leader_acceleration(v_L: Array, a_lat: Array, a_long: Array, eps: float) -> 
     return a
 
 
-@njit(ACCELERATION_SIGNATURE, cache=True, error_model="numpy")
+@kernel(ACCELERATION_SIGNATURE, **MAKING)
 def _accelerations(v_L, a_lat, a_long, eps):
     a = np.empty((v_L.shape[0], 3))
     for s in range(v_L.shape[0]):
@@ -80,7 +79,7 @@ def process(points: Array, dt: float, follower: FollowerMotion, eps: float) -> A
     return after
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(**MAKING)
 def _changes(now, change, count, dt, v0, v1, a0, a1, eps):
     """Write the changes of relative position and velocity by RK4 over dt into `change` (6 BLOCK_ROWS,).
 
@@ -114,7 +113,7 @@ def _changes(now, change, count, dt, v0, v1, a0, a1, eps):
         change[5 * BLOCK_ROWS + s] = sixth * (z1 + 2.0 * z2 + 2.0 * z3 + z4)
 
 
-@njit(PROCESS_SIGNATURE, cache=True, error_model="numpy")
+@kernel(PROCESS_SIGNATURE, **MAKING)
 def _process(points, dt, v0, v1, a0, a1, eps, after):
     """Process blocks of rows, so that roots and divisions of several rows become one instruction.
 
@@ -142,7 +141,7 @@ def process_batch(points: Array, dt: float, followers: FollowerMotion, eps: floa
     return after
 
 
-@njit((CUBE, types.float64, ROWS, ROWS, ROWS, ROWS, types.float64), cache=True, error_model="numpy")
+@kernel((CUBE, FLOAT, ROWS, ROWS, ROWS, ROWS, FLOAT), **MAKING)
 def _process_batch(points, dt, v0, v1, a0, a1, eps):
     after = np.empty(points.shape)
     for b in range(points.shape[0]):

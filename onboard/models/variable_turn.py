@@ -14,11 +14,10 @@ and q33 lacks + omega_c^2 e^(2 alpha dt). `noise` uses Van Loan's integral: the 
 from typing import Any, Final
 
 import numpy as np
-from numba import njit, types
 
 from onboard.arrays import Array
+from onboard.compiled import FLOAT, MAKING, ROWS, VECTOR, kernel
 from onboard.filters.belief import FilterError
-from onboard.filters.compiled import ROWS, VECTOR
 from onboard.filters.discretisation import van_loan
 from onboard.models.constant_acceleration import ACCELERATION, COMPONENTS, POSITION, STATE_SIZE, UNITS, VELOCITY
 
@@ -98,7 +97,7 @@ def _noise_of_any_step(mean: Array, dt: float, density: Array) -> Array:
     return Q
 
 
-@njit((ROWS, types.float64, VECTOR, VECTOR, VECTOR), cache=True, error_model="numpy")
+@kernel((ROWS, FLOAT, VECTOR, VECTOR, VECTOR), **MAKING)
 def _noise(rows, dt, density, nodes, weights):
     """Return Q (k, 9, 9) and the largest turn or decay in a step, rad.
 
@@ -139,7 +138,7 @@ def _noise(rows, dt, density, nodes, weights):
     return Q, reach
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(**MAKING)
 def _jerk(v, a, jerk):
     """Write the jerk of eq 42 into `jerk` (3,), for a velocity and an acceleration (3,)."""
     vv = va = aa = 0.0
@@ -155,7 +154,7 @@ def _jerk(v, a, jerk):
         jerk[i] = -2.0 * alpha * a[i] - pull * v[i]
 
 
-@njit((ROWS, types.float64), cache=True, error_model="numpy")
+@kernel((ROWS, FLOAT), **MAKING)
 def _process(rows, dt):
     after = rows.copy()
     v, a = np.empty((4, 3)), np.empty((4, 3))  # at the four stages

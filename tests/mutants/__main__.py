@@ -5,7 +5,7 @@ is killed when one fails. The exit code is 1 when one survives that is not decla
 is killed, and when the tests fail without any mutant. Names may hold wildcards; `--from NAME` goes on with a run
 that was broken off.
 
-Where the file has kernels, its tests run without Numba's compiler, so that no machine code of the right line can
+Where the file has kernels, its tests run them in Python, so that no machine code of the right line can
 run in place of the wrong one.
 
 `--random N --seed S` draws mutants instead (`tests.mutants.drawn`). For those the kernels are compiled anew in
@@ -48,7 +48,7 @@ PARTS: Final = (
 LIMIT_S: Final = 600.0  # then it is taken to run for ever, and counts as killed
 # pytest's exit code for failed tests, and ours for endless ones; 0 is success, any other: no tests were run
 TESTS_FAILED, TOO_LONG = 1, -1
-COMPILER: Final = "njit"  # stands in a file with kernels
+KERNEL: Final = "@kernel("  # stands in a file with kernels
 
 
 class Ran(NamedTuple):
@@ -220,7 +220,7 @@ def _run(copy: Path, mutant: Mutant, *, limit_s: float = LIMIT_S, compiled: bool
 
 def _is_compiled(copy: Path, mutant: Mutant) -> bool:
     """Whether its tests may use the compiler: no machine code is made of the file it changes."""
-    return COMPILER not in (copy / mutant.file).read_text(encoding="utf-8")
+    return KERNEL not in (copy / mutant.file).read_text(encoding="utf-8")
 
 
 def _pytest(copy: Path, tests: Sequence[str], *, compiled: bool, limit_s: float) -> tuple[int, str]:
@@ -230,7 +230,7 @@ def _pytest(copy: Path, tests: Sequence[str], *, compiled: bool, limit_s: float)
         "PYTHONPATH": str(copy),
         "PYTHONDONTWRITEBYTECODE": "1",  # a mutant of the same length in the same second must not leave its own
         "OMP_NUM_THREADS": "1",
-        "NUMBA_DISABLE_JIT": "0" if compiled else "1",
+        "WINGLINE_KERNELS": "machine" if compiled else "python",
         "HYPOTHESIS_STORAGE_DIRECTORY": str(copy / ".hypothesis"),
     }
     options = ("-q", "-x", "-m", "not slow", "-rf", "--tb=line", "--timeout=0", "-p", "no:cacheprovider")

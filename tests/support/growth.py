@@ -7,13 +7,13 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from onboard.commands.compiling import needed_by
+from onboard.compiled.sources import needed_by
 from onboard.messages import invalidate
 from tests.support.programs import ROOT
 
 OF_SCORES = ("scoring", "view", "analysis", "commands")  # there `valid` is a count, or shown
 OURS = ("onboard", "simlink", "studies", "benchmarks")
-KERNELS = "njit"
+KERNELS = "kernel("
 COUNT_OF_STATES = {"N", "BASE", "STATE_SIZE"}  # what a module calls the length of its state vector
 PLAIN = {0, 1, 2, 0.5}  # numbers that choose nothing
 

@@ -16,11 +16,10 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 import msgspec
-import numba
 import numpy as np
 import pymavlink
 
-from onboard.commands import compiling
+from onboard.compiled.sources import name_of, needed_by, path_of
 from onboard.messages import Datagram, TrafficTruth, Truth
 from simlink.scenarios.scenario import Scenario
 from simlink.simulation import CameraLink, datagrams
@@ -81,16 +80,16 @@ def digest(root: Path = ROOT) -> str:
 
 
 def digest_of_what_flies() -> str:
-    """Return the SHA-256 of all modules that a pipeline may import, and of its libraries."""
-    libraries = (sys.version, np.__version__, numba.__version__, msgspec.__version__, pymavlink.__version__)
-    how = tuple(os.environ.get(name) for name in ("NUMBA_DISABLE_JIT", "WINGLINE_PRECISION"))
-    return _digest(ROOT, what_flies(), (libraries, how))
+    """SHA-256 of all modules that a pipeline may import, and of the libraries that it computes with."""
+    libraries = (sys.version, np.__version__, msgspec.__version__, pymavlink.__version__)
+    return _digest(ROOT, what_flies(), (libraries, os.environ.get("WINGLINE_KERNELS")))
 
 
 def what_flies() -> list[Path]:
     """Every module that a pipeline may import, with whichever estimators."""
-    estimators = compiling._modules("onboard.estimators")
-    return sorted(compiling._source(name) for name in compiling.needed_by(["onboard.pipeline", *estimators]))
+    folders = ("estimators", "filters")  # whose modules are loaded by name
+    loaded = [name_of(path) for folder in folders for path in (ROOT / "onboard" / folder).rglob("*.py")]
+    return sorted(path_of(name) for name in needed_by(["onboard.pipeline", *loaded]))
 
 
 def _digest(root: Path, files: Iterable[Path], more: Any) -> str:

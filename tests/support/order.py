@@ -19,7 +19,6 @@ LONGEST: Final = (
     "tests/properties/test_late_images.py",
     "tests/closed_loop/test_from_any_side.py",
     "tests/conformance/test_methods.py",
-    "tests/unit/commands/test_compiling.py",
     "tests/unit/studies/test_study_encounters_reference.py",
     "tests/unit/models/test_quadrotor_model.py",
     "tests/unit/commands/test_flight_folder.py",

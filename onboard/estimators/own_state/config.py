@@ -116,12 +116,6 @@ class Config(Record, frozen=True, kw_only=True):
         if self.filter not in FILTERS:
             raise ValueError(f"filter: there is none named {self.filter!r}; there are: {', '.join(FILTERS)}")
 
-    def named_modules(self) -> tuple[str, ...]:
-        """See `onboard.estimators.NamesModules`."""
-        from onboard.filters.families import module_name  # noqa: PLC0415 - it loads NumPy
-
-        return (module_name(self.filter),)
-
     def known_airframe(self) -> AirframeConfig | None:
         """Return the airframe's constants; None if they are unknown."""
         return self.custom if self.airframe == "custom" else AIRFRAMES.get(self.airframe)

@@ -1,9 +1,8 @@
 """Compiled arithmetic of the noise-augmented unscented filter, over a batch, with more than 2n + 1 points."""
 
 import numpy as np
-from numba import njit
 
-from onboard.filters.compiled import FLAGS, MAKING, signatures
+from onboard.compiled import FLAGS, MAKING, kernel, signature
 from onboard.filters.errors import (
     ANGLE_ERROR,
     COVARIANCE_ERROR,
@@ -23,7 +22,7 @@ from onboard.filters.kernels.linear import innovate_into
 from onboard.filters.kernels.sigma_points import MIN_VARIANCE_FACTOR, wrapped
 
 
-@njit(signatures(2, 3, 3, 3, "f"), **MAKING)
+@kernel(signature(2, 3, 3, 3, "f"), **MAKING)
 def spread(mean, P, first, second, gamma):  # noqa: PLR0912 - loops
     """Return (points (B, 2L+1, L), status): the mean first, and opposite points L apart (eqs 8, 9).
 
@@ -64,7 +63,7 @@ def spread(mean, P, first, second, gamma):  # noqa: PLR0912 - loops
     return points, OK
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def centred_into(points, w, angular, mean, d):
     """Fill the mean (m,) of points (k, m) and the deviations from it (k, m); return a status.
 
@@ -89,7 +88,7 @@ def centred_into(points, w, angular, mean, d):
     return OK if farthest <= MAX_ANGLE_SPREAD else ANGLE_ERROR
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def covariance_into(d, w_cov, w, P):
     """Fill the weighted covariance of deviations (k, m)."""
     k, m = d.shape
@@ -101,7 +100,7 @@ def covariance_into(d, w_cov, w, P):
             P[a, b] = P[b, a] = w * total + w_cov * d[0, a] * d[0, b]
 
 
-@njit(signatures(3, "f", "f"), **MAKING)
+@kernel(signature(3, "f", "f"), **MAKING)
 def gather(points, w_cov, w):
     """Return (mean (B, n), covariance (B, n, n), status) of points (B, k, n)."""
     count, k, n = points.shape
@@ -114,7 +113,7 @@ def gather(points, w_cov, w):
     return mean, P, OK
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def whiten_into(points, mean, d, e, lower_t, w_cov, w, white):
     """Fill chol(S)^-1 [cross-covariance^T, e] (m, n+1).
 
@@ -135,7 +134,7 @@ def whiten_into(points, mean, d, e, lower_t, w_cov, w, white):
             white[a, i] /= lower_t[a, a]
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def rebuild_into(points, mean, d, lower_t, half, w_cov, w, P_out):
     """Fill the covariance as a sum of squares, in which no digits cancel.
 
@@ -152,7 +151,7 @@ def rebuild_into(points, mean, d, lower_t, half, w_cov, w, P_out):
     covariance_into(off, w_cov, w, P_out)
 
 
-@njit(signatures(2, 3, 3, 3, 2, 3, "f", "f", FLAGS), **MAKING)
+@kernel(signature(2, 3, 3, 3, 2, 3, "f", "f", FLAGS), **MAKING)
 def correct(mean, P, points, images, y, R, w_cov, w, angular):
     """Update from points (B, k, n), which need not be symmetric, and their images (B, k, m).
 

@@ -1,12 +1,11 @@
 """Compiled Cholesky factors, of positive definite and of singular matrices."""
 
 import numpy as np
-from numba import njit
 
-from onboard.filters.compiled import CONTRACTED, FILLING
+from onboard.compiled import CONTRACTED, FILLING, kernel
 
 
-@njit(**FILLING, **CONTRACTED)
+@kernel(**FILLING, **CONTRACTED)
 def factor_into(A, lower_t):
     """Fill `lower_t` (n, n) with the transposed Cholesky factor of A (n, n).
 
@@ -32,7 +31,7 @@ def factor_into(A, lower_t):
     return True
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def transposed_semifactor_into(A, upper):
     """Like `factor_into`, for the symmetric part of an A that may be singular.
 
@@ -68,7 +67,7 @@ def transposed_semifactor_into(A, upper):
     return True
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def semifactor_into(A, lower):
     """Fill the lower factor (n, n) of a covariance that may be singular.
 
@@ -83,7 +82,7 @@ def semifactor_into(A, lower):
     return True
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def root_into(A, lower_t):
     """Like `factor_into`, but A may be singular: a state known exactly has a row of zeros.
 
@@ -92,7 +91,7 @@ def root_into(A, lower_t):
     return factor_into(A, lower_t) or transposed_semifactor_into(A, lower_t)
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def skip_known(lower_t):
     """Replace the zero pivots of `root_into` by infinity.
 
@@ -103,7 +102,7 @@ def skip_known(lower_t):
             lower_t[i, i] = np.inf
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def clear_known(P):
     """Zero the covariances of exactly known states, whose variance is zero."""
     for i in range(P.shape[0]):
@@ -112,7 +111,7 @@ def clear_known(P):
                 P[i, j] = P[j, i] = 0.0
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def is_noise(A, scratch):
     """Return whether a finite A (n, n) is the covariance of a noise, not indefinite; `scratch` is (n, n).
 

@@ -1,13 +1,12 @@
 """Kernel of `filters.definite`."""
 
 import numpy as np
-from numba import njit
 
-from onboard.filters.compiled import CONTRACTED, MAKING, signatures
+from onboard.compiled import CONTRACTED, MAKING, kernel, signature
 from onboard.filters.kernels.cholesky import factor_into
 
 
-@njit(signatures(2), **MAKING, **CONTRACTED)
+@kernel(signature(2), **MAKING, **CONTRACTED)
 def factor(A):
     """Return (transposed Cholesky factor (n, n), whether there is one)."""
     lower_t = np.empty(A.shape, A.dtype)

@@ -4,14 +4,13 @@ Everything is in the precision of the arguments, single included: no accumulator
 """
 
 import numpy as np
-from numba import njit
 
-from onboard.filters.compiled import FILLING, MAKING, signatures
+from onboard.compiled import FILLING, MAKING, kernel, signature
 from onboard.filters.errors import COVARIANCE_ERROR, DOWNDATE_ERROR, MEMBER_FACTOR, OK, SHAPE_ERROR
 from onboard.filters.kernels.cholesky import root_into
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def tria_into(lower, extra):
     """Fill `lower` with the lower-triangular S for which S S^T = lower lower^T + extra extra^T.
 
@@ -42,7 +41,7 @@ def tria_into(lower, extra):
                 extra[i, c] -= step * extra[j, c]
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def downdate_into(lower, x):
     """Fill `lower` with the factor of lower lower^T - x x^T (rank one; x (n,) is overwritten).
 
@@ -64,7 +63,7 @@ def downdate_into(lower, x):
     return True
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def is_factor(lower, least):
     """Return whether a factor is finite, with a diagonal of at least `least`.
 
@@ -78,7 +77,7 @@ def is_factor(lower, least):
     return good
 
 
-@njit(signatures(3), **MAKING)
+@kernel(signature(3), **MAKING)
 def square(L):
     """Return (L L^T (B, n, n), symmetric to the last bit, OK)."""
     count, n = L.shape[0], L.shape[1]
@@ -92,7 +91,7 @@ def square(L):
     return out, OK
 
 
-@njit(signatures(3), **MAKING)
+@kernel(signature(3), **MAKING)
 def factor(P):
     """Return (lower Cholesky factors (B, n, n), status)."""
     count, n = P.shape[0], P.shape[1]
@@ -106,7 +105,7 @@ def factor(P):
     return out, OK
 
 
-@njit(signatures(3, 3), **MAKING)
+@kernel(signature(3, 3), **MAKING)
 def downdate(L, U):
     """Return (the factor of L L^T - U U^T (B, n, n), status).
 

@@ -6,13 +6,12 @@ Every product here is then a sum of rows, which are contiguous in memory.
 """
 
 import numpy as np
-from numba import njit
 
-from onboard.filters.compiled import CONTRACTED, FILLING, MAKING
+from onboard.compiled import CONTRACTED, FILLING, MAKING, kernel
 from onboard.filters.kernels.cholesky import factor_into
 
 
-@njit(**FILLING, **CONTRACTED)
+@kernel(**FILLING, **CONTRACTED)
 def add_transposed_product_into(A, C, out):
     """Add A^T C to out (n, m), of A (k, n) and C (k, m)."""
     for i in range(out.shape[0]):
@@ -22,7 +21,7 @@ def add_transposed_product_into(A, C, out):
                 out[i, j] += entry * C[c, j]
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def solve_into(lower_t, x):
     """Replace columns x (m, k) by A^-1 x, for A's factor (m, m) from `factor_into`."""
     m, k = x.shape
@@ -40,7 +39,7 @@ def solve_into(lower_t, x):
             x[a, i] /= lower_t[a, a]
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def whitened_inverse(B):
     """Return B^+ (m, n).
 
@@ -64,7 +63,7 @@ def whitened_inverse(B):
     return U_t
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def independent_inverse(A):
     """Return (A A^T)^-1 A (m, n) of rows A (m, n) of length one, in a tenth of the pseudo-inverse's time.
 
@@ -82,13 +81,13 @@ def independent_inverse(A):
     return found
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def tolerance(B):
     """Return the singular value that counts as zero, relative to the largest."""
     return 10 * max(B.shape) * np.finfo(B.dtype).eps
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def widen_into(L_t, B, N, extra, wider):
     """Widen the prior in measured quantities by variances `extra` (m,): L_t and B in place, S into `wider`.
 
@@ -112,7 +111,7 @@ def widen_into(L_t, B, N, extra, wider):
     return True
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def right_inverse(L_t, B, weighted):
     """Return G^T (m, n) with H G = I (for m > n a left inverse).
 
@@ -134,7 +133,7 @@ def right_inverse(L_t, B, weighted):
     return np.linalg.pinv(H_t, tolerance(B))
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def kalman_gain(L_t, B, S, ignored):
     """Return K^T (m, n) and (H K)^T (m, m) without the `ignored` components; False without S's factor."""
     n, m = B.shape
@@ -155,7 +154,7 @@ def kalman_gain(L_t, B, S, ignored):
     return K_t, HK_t, True
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def mixed_gain(L_t, B, S, e, s, ratio, switched, ignored, weighted):
     """Return the gain, transposed (m, n), and the mean's step (n,); False if S has no factor.
 
@@ -186,7 +185,7 @@ def mixed_gain(L_t, B, S, e, s, ratio, switched, ignored, weighted):
     return K_t, step, exists
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def joseph_into(L_t, B, N, K_t, P):
     """Fill the covariance after an update with any gain, (L - K B^T)(L - K B^T)^T + K N K^T.
 

@@ -4,14 +4,13 @@ Batches as in `linear`.
 """
 
 import numpy as np
-from numba import njit
 
-from onboard.filters.compiled import FILLING, FLAGS, MAKING, signatures
+from onboard.compiled import FILLING, FLAGS, MAKING, kernel, signature
 from onboard.filters.errors import ANGLE_ERROR, IMAGES_ERROR, MAX_ANGLE_SPREAD, MEMBER_FACTOR, OK, SHAPE_ERROR
 from onboard.filters.kernels.sigma_points import wrapped
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def centred_into(images, w, first, angular, mean, deviations):
     """Fill the mean (m,) of images (2n+1, m) and the deviations (m, 2n+1) from it; return a status.
 
@@ -45,7 +44,7 @@ def centred_into(images, w, first, angular, mean, deviations):
     return OK if farthest <= MAX_ANGLE_SPREAD else ANGLE_ERROR
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def skips_centre(images, w_cov):
     """Return 1 if the centre's image has no weight and is not finite, so that it must be left out; else 0."""
     off = images.dtype.type(0)  # stays zero as long as all is finite
@@ -54,7 +53,7 @@ def skips_centre(images, w_cov):
     return 1 if w_cov == 0 and off != 0 else 0
 
 
-@njit(signatures(3, FLAGS), **MAKING)
+@kernel(signature(3, FLAGS), **MAKING)
 def with_centre(images, angular):
     """Return (images (B, k+1, m), status): the mean of the images (B, k, m), and after it the images."""
     count, k, m = images.shape
@@ -71,7 +70,7 @@ def with_centre(images, angular):
     return out, OK
 
 
-@njit(signatures(3, FLAGS), **MAKING)
+@kernel(signature(3, FLAGS), **MAKING)
 def beside_first(images, angular):
     """Return (images (B, k, m), status): angles moved by whole turns to within pi of the first image's."""
     count, k, m = images.shape

@@ -7,10 +7,9 @@ filter is a batch of one.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.filters.compiled import FILLING, FLAGS, MAKING, signatures
+from onboard.compiled import BOOL, FILLING, FLAGS, MAKING, kernel, signature
 from onboard.filters.errors import (
     COVARIANCE_ERROR,
     IMAGES_ERROR,
@@ -33,7 +32,7 @@ from onboard.filters.kernels.cholesky import factor_into, is_noise, root_into
 from onboard.filters.kernels.sigma_points import wrapped
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def is_finite(A):
     """Return whether a matrix is finite."""
     good = True
@@ -43,7 +42,7 @@ def is_finite(A):
     return good
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def common_batch(sizes):
     """Return the batch size that a tuple of leading axes agrees on, or -1."""
     count = 1
@@ -55,7 +54,7 @@ def common_batch(sizes):
     return count
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def symmetric_into(A, out):
     """Fill the symmetric part of A (n, n), contiguous in memory."""
     half = A.dtype.type(0.5)
@@ -64,7 +63,7 @@ def symmetric_into(A, out):
             out[i, j] = half * (A[i, j] + A[j, i])
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def add_product_into(A, C, out):
     """Add A C to out (m, k), of A (m, n) and C (n, k), as a sum of rows of C; zeros in A cost nothing."""
     for i in range(A.shape[0]):
@@ -75,7 +74,7 @@ def add_product_into(A, C, out):
                     out[i, c] += entry * C[j, c]
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def sandwich_into(F, P, Q, out):
     """Fill F P F^T + Q (m, m), symmetric to the last bit; return F P (m, n). F (m, n), P (n, n)."""
     half = P.dtype.type(0.5)
@@ -90,7 +89,7 @@ def sandwich_into(F, P, Q, out):
     return FP
 
 
-@njit(signatures(3, 3, 3), **MAKING)
+@kernel(signature(3, 3, 3), **MAKING)
 def propagate(P, F, Q):
     """Return (F P F^T + Q (B, n, n), status)."""
     count, n = common_batch((P.shape[0], F.shape[0], Q.shape[0])), P.shape[1]
@@ -114,7 +113,7 @@ def propagate(P, F, Q):
     return out, OK
 
 
-@njit(signatures(2), **MAKING)
+@kernel(signature(2), **MAKING)
 def corners(mean):
     """Return (points (B, n+3, n), OK) that determine an affine function and test for another one.
 
@@ -131,7 +130,7 @@ def corners(mean):
     return points, OK
 
 
-@njit(signatures(3, 3, FLAGS, types.boolean), **MAKING)
+@kernel(signature(3, 3, FLAGS, BOOL), **MAKING)
 def affine(points, images, angular, is_measure):
     """Return (matrix (B, m, n), value at the mean (B, m), status) from the images (B, n+3, m) of `corners`."""
     count, size, n = points.shape
@@ -163,7 +162,7 @@ def affine(points, images, angular, is_measure):
     return matrix, value, OK
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def joseph_into(P, H, K, R, out):
     """Fill (I - K H) P (I - K H)^T + K R K^T (n, n), right for every gain K (n, m)."""
     n = K.shape[0]
@@ -176,7 +175,7 @@ def joseph_into(P, H, K, R, out):
     sandwich_into(G, P, KRK, out)
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def solve_into(lower_t, rows):
     """Replace rows (k, m) by rows (L L^T)^-1, with L's transpose (m, m)."""
     m = lower_t.shape[0]
@@ -191,7 +190,7 @@ def solve_into(lower_t, rows):
             rows[i, a] /= lower_t[a, a]
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def innovate_into(y, predicted, angular, innovation):
     """Fill y - predicted, with angles wrapped; return a status."""
     for a in range(y.shape[0]):
@@ -213,7 +212,7 @@ class Corrected(NamedTuple):
     S: Array
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def correct_into(mean, P, H, predicted, y, R, angular, considered, out):
     """Update one filter by matrices into `out`; return (status, NIS)."""
     n, m = mean.shape[0], y.shape[0]
@@ -255,7 +254,7 @@ def correct_into(mean, P, H, predicted, y, R, angular, considered, out):
     return OK, nis
 
 
-@njit(signatures(2, 3, 3, 2, 2, 3, FLAGS, FLAGS), **MAKING)
+@kernel(signature(2, 3, 3, 2, 2, 3, FLAGS, FLAGS), **MAKING)
 def correct(mean, P, H, predicted, y, R, angular, considered):
     """Return (mean, covariance, innovation, its covariance, NIS, status), each over the batch."""
     n, m = mean.shape[1], y.shape[1]

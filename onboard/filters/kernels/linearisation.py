@@ -4,9 +4,8 @@ Batches as in `linear`.
 """
 
 import numpy as np
-from numba import njit, types
 
-from onboard.filters.compiled import FLAGS, MAKING, signatures
+from onboard.compiled import FLAGS, INT, MAKING, kernel, signature
 from onboard.filters.errors import (
     COVARIANCE_ERROR,
     IMAGES_ERROR,
@@ -25,7 +24,7 @@ from onboard.filters.kernels.linear import common_batch, is_finite, joseph_into,
 from onboard.filters.kernels.sigma_points import wrapped
 
 
-@njit(signatures(2, 3), **MAKING)
+@kernel(signature(2, 3), **MAKING)
 def stencil(mean, P):
     """Return (points (B, 2n+1, n), status): the mean, then a step forth and a step back along each axis.
 
@@ -56,7 +55,7 @@ def stencil(mean, P):
     return points, OK
 
 
-@njit(signatures(3, 3, FLAGS, types.int64), **MAKING)
+@kernel(signature(3, 3, FLAGS, INT), **MAKING)
 def slopes(points, images, angular, fault):
     """Return (Jacobian (B, m, n), status) from a stencil and its images (B, 2n+1, m).
 
@@ -78,7 +77,7 @@ def slopes(points, images, angular, fault):
     return jacobian, OK
 
 
-@njit(signatures(3, 3, "f", "f", FLAGS, types.int64), **MAKING)
+@kernel(signature(3, 3, "f", "f", FLAGS, INT), **MAKING)
 def regress(P, images, w_cov, w, angular, fault):
     """Return the statistical linear regression of images (B, 2n+1, m) of sigma points of covariance P (B, n, n).
 
@@ -116,7 +115,7 @@ def regress(P, images, w_cov, w, angular, fault):
     return A, value, rest, OK
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def smooth_into(mean, P, F, Q, predicted, mean_next, P_next, mean_out, P_out):
     """Fill one step back of Rauch, Tung and Striebel; return a status.
 
@@ -151,7 +150,7 @@ def smooth_into(mean, P, F, Q, predicted, mean_next, P_next, mean_out, P_out):
     return OK
 
 
-@njit(signatures(3, 4, 4, 4, 3), **MAKING)
+@kernel(signature(3, 4, 4, 4, 3), **MAKING)
 def smooth_back(mean, P, F, Q, predicted):
     """Smooth filtered means (T, B, n) and covariances (T, B, n, n) from the end.
 

@@ -1,15 +1,14 @@
 """Compiled arithmetic of mixtures of beliefs, of r modes of one filter, for `multiple_model`."""
 
 import numpy as np
-from numba import njit
 
-from onboard.filters.compiled import FILLING, MAKING
+from onboard.compiled import FILLING, MAKING, kernel
 from onboard.filters.errors import INNOVATION_ERROR, OK
 from onboard.filters.kernels.cholesky import factor_into
 from onboard.filters.kernels.sigma_points import TWO_PI
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def mix_into(means, P, weights, mean_out, P_out):
     """Fill mean and covariance of the mixture of means (r, n) and covariances (r, n, n) with weights (r,).
 
@@ -32,7 +31,7 @@ def mix_into(means, P, weights, mean_out, P_out):
             P_out[a, b] = P_out[b, a] = base + total
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def weigh_into(innovations, S, nis, prior, angular, log_l, posterior, mean, P):
     """Like `weigh`, for one filter; return (status, NIS)."""
     r, m = innovations.shape

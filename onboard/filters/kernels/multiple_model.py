@@ -1,14 +1,13 @@
 """Kernels of `filters.multiple_model`: the arithmetic of `mixture` for a batch of filters."""
 
 import numpy as np
-from numba import njit
 
-from onboard.filters.compiled import FLAGS, MAKING, signatures
+from onboard.compiled import FLAGS, MAKING, kernel, signature
 from onboard.filters.errors import MEMBER_FACTOR, OK
 from onboard.filters.kernels.mixture import mix_into, weigh_into
 
 
-@njit(signatures(3, 4, 3), **MAKING)
+@kernel(signature(3, 4, 3), **MAKING)
 def mix(means, P, weights):
     """Return (means (B, j, n), covariances (B, j, n, n)): a mixture for each column of weights (B, r, j)."""
     count, _, n = means.shape
@@ -20,7 +19,7 @@ def mix(means, P, weights):
     return mean_out, P_out
 
 
-@njit(signatures(3, 4, 2, 2, FLAGS), **MAKING)
+@kernel(signature(3, 4, 2, 2, FLAGS), **MAKING)
 def weigh(innovations, S, nis, prior, angular):
     """Weigh modes by their innovations (B, r, m), S (B, r, m, m), nis and prior probabilities (B, r).
 

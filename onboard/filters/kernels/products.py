@@ -1,17 +1,15 @@
 """Compiled sums of products, nine at a time: nine sums need six loads, one sum needs two."""
 
-from numba import njit
-
-from onboard.filters.compiled import CONTRACTED, FILLING
+from onboard.compiled import CONTRACTED, FILLING, kernel
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def padded(rows):
     """Return the number of rows, rounded up to a multiple of three."""
     return (rows + 2) // 3 * 3
 
 
-@njit(**FILLING, **CONTRACTED)
+@kernel(**FILLING, **CONTRACTED)
 def squares_into(a, count, out):
     """Fill the lower triangle of out = a[:, :count] a[:, :count]^T.
 
@@ -51,7 +49,7 @@ def squares_into(a, count, out):
             out[i + 2, j], out[i + 2, j + 1], out[i + 2, j + 2] = wx, wy, wz
 
 
-@njit(**FILLING, **CONTRACTED)
+@kernel(**FILLING, **CONTRACTED)
 def offsets_by_into(points, d, m, out):
     """Fill out (n, m) with the sum over points 1 to n of their offsets from the centre, times those of d.
 

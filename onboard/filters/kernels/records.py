@@ -1,16 +1,15 @@
 """The Kalman filter over a whole record in one compiled loop, for `runs.run`."""
 
 import numpy as np
-from numba import njit
 
-from onboard.filters.compiled import FLAGS, MAKING, signatures
+from onboard.compiled import FLAGS, MAKING, kernel, signature
 from onboard.filters.errors import OK, Q_INDEFINITE_ERROR
 from onboard.filters.kernels.cholesky import factor_into, is_noise
 from onboard.filters.kernels.linear import Corrected, correct_into, sandwich_into
 from onboard.filters.kernels.sigma_points import TWO_PI
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def correct_present_into(mean, P, y, H, R, angular, mean_out, P_out, innovation, S, predicted):
     """Update by the components of y (m,) that are not NaN; return (status, NIS, log-likelihood).
 
@@ -58,7 +57,7 @@ def correct_present_into(mean, P, y, H, R, angular, mean_out, P_out, innovation,
     return OK, nis, log_l
 
 
-@njit(signatures(2, 3, 3, 3, 2, 3, 3, 3, FLAGS), nogil=True, **MAKING)  # records in threads, side by side
+@kernel(signature(2, 3, 3, 3, 2, 3, 3, 3, FLAGS), nogil=True, **MAKING)  # records in threads, side by side
 def filter_record(mean, P, F, Q, inputs, H, R, y, angular):
     """Filter the measurements y (T, B, m), NaN where missing, from mean (B, n) and covariance (B, n, n).
 

@@ -6,10 +6,9 @@ Sigma-point sets are symmetric, and all weights but the centre's are equal, so t
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.filters.compiled import CONTRACTED, FILLING
+from onboard.compiled import CONTRACTED, FILLING, INT, kernel
 from onboard.filters.errors import (
     ANGLE_ERROR,
     COVARIANCE_ERROR,
@@ -33,7 +32,7 @@ MIN_VARIANCE_FACTOR: Final = (
 )
 
 
-@njit(**FILLING, **CONTRACTED)
+@kernel(**FILLING, **CONTRACTED)
 def spread_into(mean, P, gamma, points):
     """Fill the sigma points of one filter into `points` (2n+1, n); return a status."""
     n = mean.shape[0]
@@ -53,13 +52,13 @@ def spread_into(mean, P, gamma, points):
     return OK
 
 
-@njit((types.int64,), **FILLING)
+@kernel((INT,), **FILLING)
 def gather_scratch_shape(n):
     """Return the shape of the scratch of `gather_into`."""
     return 2 * padded(n), 2 * n + 3
 
 
-@njit(**FILLING, **CONTRACTED)
+@kernel(**FILLING, **CONTRACTED)
 def gather_into(points, w_mean, w_cov, w, Q, scratch, mean, P):
     """Fill weighted mean and covariance, plus Q, of one filter's points (2n+1, n); return a status."""
     k, n = points.shape
@@ -97,13 +96,13 @@ def gather_into(points, w_mean, w_cov, w, Q, scratch, mean, P):
     return OK if off == 0 else Q_NOT_FINITE_ERROR
 
 
-@njit(**FILLING, **CONTRACTED)
+@kernel(**FILLING, **CONTRACTED)
 def wrapped(x):
     """Return an angle in [-pi, pi]."""
     return x - TWO_PI * np.rint(x * (1.0 / TWO_PI))
 
 
-@njit(**FILLING, **CONTRACTED)
+@kernel(**FILLING, **CONTRACTED)
 def deviations_into(images, y, w, angular, d, innovation, predicted):
     """Fill deviations of one filter's images (2n+1, m) from their mean `predicted`, and the innovation; return a
     status.
@@ -142,7 +141,7 @@ def deviations_into(images, y, w, angular, d, innovation, predicted):
     return OK if farthest <= 2 * MAX_ANGLE_SPREAD else ANGLE_ERROR
 
 
-@njit(**FILLING, **CONTRACTED)
+@kernel(**FILLING, **CONTRACTED)
 def whiten_into(S, innovation, lower, inverse, white):
     """Fill white (m,) = L^-1 innovation, with L L^T = S (m, m); return (whether L exists, NIS).
 
@@ -170,13 +169,13 @@ def whiten_into(S, innovation, lower, inverse, white):
     return True, nis
 
 
-@njit((types.int64, types.int64), **FILLING)
+@kernel((INT, INT), **FILLING)
 def correct_scratch_shape(n, m):
     """Return the shape of the scratch of `correct_into`."""
     return 2 * padded(m) + padded(n) + max(padded(n), m + 2), max(2 * n + 1, padded(m))
 
 
-@njit(**FILLING, **CONTRACTED)
+@kernel(**FILLING, **CONTRACTED)
 def innovation_covariance_into(sums, centre, R, w_cov, w, S):
     """Fill S (m, m) from the sums of squares of `deviations_into`, the centre's deviation, and R."""
     m = R.shape[0]
@@ -188,7 +187,7 @@ def innovation_covariance_into(sums, centre, R, w_cov, w, S):
             S[b, a] = S[a, b]
 
 
-@njit(**FILLING, **CONTRACTED)
+@kernel(**FILLING, **CONTRACTED)
 def move_into(centre, cross, w, lower, inverse, white, considered, mean_out):
     """Fill the mean after the update.
 
@@ -207,7 +206,7 @@ def move_into(centre, cross, w, lower, inverse, white, considered, mean_out):
         mean_out[i] = centre[i] + (w - w if considered[i] else step)
 
 
-@njit(**FILLING, **CONTRACTED)
+@kernel(**FILLING, **CONTRACTED)
 def reduce_into(P, reductions, considered, exact, P_out):
     """Fill P minus the `reductions` (n, n), except for pairs of considered states.
 
@@ -239,7 +238,7 @@ def reduce_into(P, reductions, considered, exact, P_out):
     return cancelled and not exact
 
 
-@njit(**FILLING, **CONTRACTED)
+@kernel(**FILLING, **CONTRACTED)
 def gain_into(cross, lower, inverse, considered):
     """Replace cross (n, m) = C L^-T by the gain K = C S^-1, zero for considered states."""
     n, m = considered.shape[0], lower.shape[0]
@@ -251,7 +250,7 @@ def gain_into(cross, lower, inverse, considered):
             cross[i, a] = inverse[a] - inverse[a] if considered[i] else entry * inverse[a]
 
 
-@njit(**FILLING, **CONTRACTED)
+@kernel(**FILLING, **CONTRACTED)
 def dot(a, b):
     """Return the sum of products of two vectors."""
     total = a[0] * b[0]
@@ -260,7 +259,7 @@ def dot(a, b):
     return total
 
 
-@njit(**FILLING, **CONTRACTED)
+@kernel(**FILLING, **CONTRACTED)
 def rebuild_into(points, d, R, w_cov, w, K, even, row, P_out):
     """Fill the covariance as a sum of squares, in which no digits cancel.
 
@@ -287,7 +286,7 @@ def rebuild_into(points, d, R, w_cov, w, K, even, row, P_out):
                 P_out[j, i] = P_out[i, j]
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def smallest_variance(P):
     """Return the smallest number on the diagonal of P (n, n)."""
     smallest = P[0, 0]
@@ -310,7 +309,7 @@ class CorrectedPoints(NamedTuple):
     predicted: Array
 
 
-@njit(**FILLING, **CONTRACTED)
+@kernel(**FILLING, **CONTRACTED)
 def correct_into(points, images, P, y, R, w_cov, w, angular, considered, scratch, out):
     """Update one filter from its points (2n+1, n) and their images (2n+1, m) into `out`; return (status, NIS)."""
     mean_out, P_out, innovation, S, predicted = out

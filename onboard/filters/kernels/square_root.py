@@ -1,9 +1,8 @@
 """Kernels of `filters.square_root`: the arithmetic of `triangularisation` for a batch and for single steps."""
 
 import numpy as np
-from numba import njit
 
-from onboard.filters.compiled import FLAGS, MAKING, signatures
+from onboard.compiled import FLAGS, MAKING, kernel, signature
 from onboard.filters.errors import (
     FACTOR_ERROR,
     MATRIX_ERROR,
@@ -27,7 +26,7 @@ from onboard.filters.kernels.triangularisation import (
 )
 
 
-@njit(signatures(2, 3, "f"), **MAKING)
+@kernel(signature(2, 3, "f"), **MAKING)
 def spread(mean, L, gamma):
     """Return (points (B, 2n+1, n), status) from a mean and the lower triangle of the factor of its covariance."""
     count, n = common_batch((mean.shape[0], L.shape[0])), mean.shape[1]
@@ -41,7 +40,7 @@ def spread(mean, L, gamma):
     return points, OK
 
 
-@njit(signatures(3, 3, "f", "f"), **MAKING)
+@kernel(signature(3, 3, "f", "f"), **MAKING)
 def gather(points, Q, w_cov, w):
     """Return (mean (B, n), factor (B, n, n), status) of points (B, 2n+1, n) plus noise Q."""
     count, _, n = points.shape
@@ -57,7 +56,7 @@ def gather(points, Q, w_cov, w):
     return mean, L, OK
 
 
-@njit(signatures(3, 3, 3, 2, 3, "f", "f", FLAGS, FLAGS), **MAKING)
+@kernel(signature(3, 3, 3, 2, 3, "f", "f", FLAGS, FLAGS), **MAKING)
 def correct(points, L, images, y, R, w_cov, w, angular, considered):
     """Update by triangularisation.
 
@@ -95,7 +94,7 @@ def correct(points, L, images, y, R, w_cov, w, angular, considered):
     return mean_out, L_out, K, U, innovation, S, predicted, nis, status
 
 
-@njit(signatures(3, 3, 3, 3), **MAKING)
+@kernel(signature(3, 3, 3, 3), **MAKING)
 def joseph(L, H, K, R):
     """Return (tria[(I - K H) L, K S_R] (B, n, n), status): eqs 30-32 with a Jacobian H (B, m, n)."""
     count, n, m = K.shape
@@ -121,7 +120,7 @@ def joseph(L, H, K, R):
 # ------------------------------------------------------------------- one filter, a step at a time (`stepping`)
 
 
-@njit(signatures(2, 1, 2, "out"), **MAKING)
+@kernel(signature(2, 1, 2, "out"), **MAKING)
 def redraw(moved, weights, Q, state):
     """Fill mean and factor of the moved points, and new points of them, into `state`; return a status.
 
@@ -137,7 +136,7 @@ def redraw(moved, weights, Q, state):
     return PREDICTED_ERROR if status == FACTOR_ERROR else status
 
 
-@njit(signatures("out", 2, 1, 2, 1, FLAGS), **MAKING)
+@kernel(signature("out", 2, 1, 2, 1, FLAGS), **MAKING)
 def correct_and_redraw(state, images, y, R, weights, masks):
     """Update a `state` of `redraw` in place; return (status, NIS).
 

@@ -6,10 +6,9 @@ Everything is in the precision of the arguments, single included: no accumulator
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from onboard.arrays import Array
-from onboard.filters.compiled import FILLING, MAKING
+from onboard.compiled import FILLING, MAKING, kernel
 from onboard.filters.errors import (
     DOWNDATE_ERROR,
     FACTOR_ERROR,
@@ -27,7 +26,7 @@ from onboard.filters.kernels.images import centred_into, skips_centre
 from onboard.filters.kernels.linear import innovate_into
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def spread_into(mean, lower, gamma, points):
     """Fill the sigma points of one filter into `points` (2n+1, n); return a status."""
     n = mean.shape[0]
@@ -44,7 +43,7 @@ def spread_into(mean, lower, gamma, points):
     return OK
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def gather_into(points, Q, w_cov, w, no_angles, extra, centre, mean, L):
     """Fill mean (n,) and factor (n, n) of one filter's points (2n+1, n) plus noise (eqs 20-22); return a status.
 
@@ -67,7 +66,7 @@ def gather_into(points, Q, w_cov, w, no_angles, extra, centre, mean, L):
     return OK if w_cov >= 0 or downdate_into(L, centre) else DOWNDATE_ERROR
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def linearise_into(images, R, w_cov, w, angular, predicted, odd, V, root):
     """Fill the deviations of the images in two parts, with pairs of opposite points rotated by 45 degrees.
 
@@ -99,7 +98,7 @@ def linearise_into(images, R, w_cov, w, angular, predicted, odd, V, root):
     return OK if is_factor(root, np.finfo(root.dtype).tiny) else INNOVATION_ERROR
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def gain_into(L, odd, root, innovation, considered, K, U, S):
     """Fill gain K (n, m), U = K root (n, m) and S = root root^T (m, m), with the prior's factor L; return the NIS.
 
@@ -137,7 +136,7 @@ def gain_into(L, odd, root, innovation, considered, K, U, S):
     return nis
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def joseph_into(L, slope, K, V, out):
     """Fill out with tria[L - K slope, K V]: eq 32, transposed as it must be.
 
@@ -182,7 +181,7 @@ class CorrectedFactor(NamedTuple):
     predicted: Array
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def correct_into(points, L, images, y, R, w_cov, w, angular, considered, scratch, out):
     """Update one filter by triangularisation into `out`, with scratch `Linearised`; return (status, NIS)."""
     odd, V, root = scratch

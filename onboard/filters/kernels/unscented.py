@@ -5,9 +5,8 @@ creating it in Python, so the callers provide the arrays for the results.
 """
 
 import numpy as np
-from numba import njit
 
-from onboard.filters.compiled import CONTRACTED, FILLING, FLAGS, MAKING, signatures
+from onboard.compiled import CONTRACTED, FILLING, FLAGS, MAKING, kernel, signature
 from onboard.filters.errors import (
     COVARIANCE_ERROR,
     MEMBER_FACTOR,
@@ -36,7 +35,7 @@ def scratch_size(n: int, m: int) -> int:
     return int(max(height * length, (rows + 2 + m) * width))
 
 
-@njit(signatures(2, 1, 2, "out"), **FILLING, **CONTRACTED)
+@kernel(signature(2, 1, 2, "out"), **FILLING, **CONTRACTED)
 def redraw(moved, weights, Q, state):
     """Fill mean and covariance of the moved points, and new points of them, into `state`; return a status.
 
@@ -56,7 +55,7 @@ def redraw(moved, weights, Q, state):
     return PREDICTED_ERROR if status == COVARIANCE_ERROR else status
 
 
-@njit(signatures(2, 2, 2, 1, 2, "f", "f", FLAGS, FLAGS, "out", "out"), **MAKING, **CONTRACTED)
+@kernel(signature(2, 2, 2, 1, 2, "f", "f", FLAGS, FLAGS, "out", "out"), **MAKING, **CONTRACTED)
 def correct(points, images, P, y, R, w_cov, w, angular, considered, out, found):
     """Fill mean and covariance into the rows of `out` (1 + n, n); return (status, NIS).
 
@@ -68,7 +67,7 @@ def correct(points, images, P, y, R, w_cov, w, angular, considered, out, found):
     return R_INDEFINITE_ERROR if status != SHAPE_ERROR and not is_noise(R, scratch) else status, nis
 
 
-@njit(signatures("out", 2, 1, 2, 1, FLAGS), **FILLING, **CONTRACTED)
+@kernel(signature("out", 2, 1, 2, 1, FLAGS), **FILLING, **CONTRACTED)
 def correct_and_redraw(state, images, y, R, weights, masks):
     """Update a `state` of `redraw` in place; return (status, NIS).
 
@@ -98,8 +97,8 @@ def correct_and_redraw(state, images, y, R, weights, masks):
 # ---------------------------------------------------------------------------------- a batch of them
 
 
-@njit(
-    signatures("packed 3", 3, "packed 3", "packed 2", "packed 3", "f", "f", FLAGS, FLAGS), **MAKING, **CONTRACTED
+@kernel(
+    signature("packed 3", 3, "packed 3", "packed 2", "packed 3", "f", "f", FLAGS, FLAGS), **MAKING, **CONTRACTED
 )
 def correct_batch(points, images, P, y, R, w_cov, w, angular, considered):
     """Like `correct`, each with a leading axis B; R (B or 1, m, m)."""

@@ -4,9 +4,8 @@ As in `unscented`, the callers provide the arrays for the results of one belief.
 """
 
 import numpy as np
-from numba import njit
 
-from onboard.filters.compiled import CONTRACTED, MAKING, signatures
+from onboard.compiled import CONTRACTED, MAKING, kernel, signature
 from onboard.filters.errors import (
     MEMBER_FACTOR,
     OK,
@@ -19,7 +18,7 @@ from onboard.filters.kernels.cholesky import is_noise
 from onboard.filters.kernels.sigma_points import gather_into, gather_scratch_shape, spread_into
 
 
-@njit(signatures(1, 2, "f", "f", "f", "out"), **MAKING, **CONTRACTED)
+@kernel(signature(1, 2, "f", "f", "f", "out"), **MAKING, **CONTRACTED)
 def spread(mean, P, gamma, w_mean, w, points):
     """Fill sigma points into `points` (2n+1, n); return a status."""
     others = 2 * w * mean.shape[0]
@@ -28,7 +27,7 @@ def spread(mean, P, gamma, w_mean, w, points):
     return spread_into(mean, P, gamma, points)
 
 
-@njit(signatures(2, "f", "f", "f", 2, "out"), **MAKING, **CONTRACTED)
+@kernel(signature(2, "f", "f", "f", 2, "out"), **MAKING, **CONTRACTED)
 def gather(points, w_mean, w_cov, w, Q, out):
     """Fill mean and covariance into the rows of `out` (1 + n, n); return a status."""
     scratch = np.empty(gather_scratch_shape(out.shape[1]), points.dtype)
@@ -39,7 +38,7 @@ def gather(points, w_mean, w_cov, w, Q, out):
 # ---------------------------------------------------------------------------------- a batch of them
 
 
-@njit(signatures("packed 2", "packed 3", "f"), **MAKING, **CONTRACTED)
+@kernel(signature("packed 2", "packed 3", "f"), **MAKING, **CONTRACTED)
 def spread_batch(mean, P, gamma):
     """Return (points (B, 2n+1, n), the first status that is not OK)."""
     count, n = mean.shape
@@ -53,7 +52,7 @@ def spread_batch(mean, P, gamma):
     return points, OK
 
 
-@njit(signatures("packed 3", "f", "f", "f", "packed 3"), **MAKING, **CONTRACTED)
+@kernel(signature("packed 3", "f", "f", "f", "packed 3"), **MAKING, **CONTRACTED)
 def gather_batch(points, w_mean, w_cov, w, Q):
     """Return (mean (B, n), covariance (B, n, n), status); Q (B or 1, n, n)."""
     count, _, n = points.shape

@@ -10,10 +10,9 @@ parts are added to R: the nonlinear part of h counts as noise, and no large numb
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.filters.compiled import FLAGS, MAKING, signatures
+from onboard.compiled import BOOL, FLAGS, INT, MAKING, kernel, signature
 from onboard.filters.errors import (
     ANGLE_ERROR,
     COVARIANCE_ERROR,
@@ -51,7 +50,7 @@ SLOW_MEAN_FACTOR: Final = 5
 SLOW_MEAN_SIGMAS: Final = 2.0
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def linearise_into(images, y, R, angular, predicted, e, B, N, S):
     """Fill the predicted measurement, innovation e, B (n, m), N and S = B^T B + N, of images (2n+1, m).
 
@@ -124,7 +123,7 @@ class SwitchingSteps(NamedTuple):
     ratio: Array
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def decide_into(tuning, memory, e, B, S, R, limit, steps):
     """Decide for each component its layer, whether and for how long it is outside, and its switching step s.
 
@@ -160,7 +159,7 @@ def decide_into(tuning, memory, e, B, S, R, limit, steps):
         ratio[a] = min(A / width, 1 + gamma) if width > 0 else 1
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def find_bias_into(e, S, scale, fading, deviations, switching, extra):
     """Update the fading mean of sat(e/psi), psi = scale sqrt(S_aa), in `switching`, and fill its variance into
     `extra`.
@@ -181,7 +180,7 @@ def find_bias_into(e, S, scale, fading, deviations, switching, extra):
     return found
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def model_error_into(L_t, B, extra, extra_slow, model_error):
     """Fill G D G^T (n, n) with G the weighted right inverse and D some of the variances `extra_slow` (m,).
 
@@ -196,7 +195,7 @@ def model_error_into(L_t, B, extra, extra_slow, model_error):
     add_transposed_product_into(DG_t, G_t, model_error)
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def fits(n, images, y, R, memory, limit):
     """Return whether the arrays of one filter's update fit each other."""
     m = y.shape[0]
@@ -211,7 +210,7 @@ def fits(n, images, y, R, memory, limit):
     )
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def update_into(mean, P, images, y, R, limit, angular, tuning, memory, out):
     """Update one filter into `out`; return (status, NIS)."""
     mean_out, P_out, e, S, predicted, layer, smoothing, outside, rejected, model_error = out
@@ -265,7 +264,7 @@ def update_into(mean, P, images, y, R, limit, angular, tuning, memory, out):
 ARRAYS: Final = (2, 3, 3, 2, 3, 2, 2, 2, 2, 2, FLAGS)
 
 
-@njit(signatures(*ARRAYS, types.int64, "f", "f", types.int64, types.boolean, "f"), **MAKING)
+@kernel(signature(*ARRAYS, INT, "f", "f", INT, BOOL, "f"), **MAKING)
 def update_batch(
     mean, P, images, y, R, residual, updates_outside, switching, slow_switching, limit, angular, kind, gamma,
     scale, patience, weighted, fading,

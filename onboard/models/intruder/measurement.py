@@ -8,10 +8,9 @@ reported position.
 from typing import Final
 
 import numpy as np
-from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.filters.compiled import MAKING
+from onboard.compiled import CUBE, FLOAT, MAKING, ROWS, VECTOR, ArrayKind, kernel
 from onboard.geometry.arctangent import arctan2
 from onboard.models.intruder.motion import ACCELERATION, BIAS, POSITION, VELOCITY, earlier_position
 
@@ -21,11 +20,6 @@ POLAR: Final = ("range", "azimuth", "elevation")
 POLAR_UNITS: Final = ("m", "rad", "rad")
 POLAR_ANGULAR: Final = (1, 2)
 BLOCK_ROWS: Final = 64  # Rows per block of the compiled loops.
-
-VECTOR: Final = types.Array(types.float64, 1, "A", readonly=True)
-ROWS: Final = types.Array(types.float64, 2, "A", readonly=True)
-CUBE: Final = types.Array(types.float64, 3, "A", readonly=True)
-WRITABLE: Final = types.Array(types.float64, 1, "A")
 
 
 def report(rows: Array, lag: Array, bias_sigma: Array) -> Array:
@@ -86,7 +80,7 @@ def cross_matrix(d: Array) -> Array:
     return np.array([[0.0, -d[2], d[1]], [d[2], 0.0, -d[0]], [-d[1], d[0], 0.0]])
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def _angles(positions, angles, count):
     """Write azimuths, then elevations, into `angles` (2 BLOCK_ROWS,).
 
@@ -98,7 +92,7 @@ def _angles(positions, angles, count):
         angles[BLOCK_ROWS + s] = arctan2(-z, np.sqrt(x * x + y * y))
 
 
-@njit((ROWS, VECTOR, VECTOR, ROWS), **MAKING)
+@kernel((ROWS, VECTOR, VECTOR, ROWS), **MAKING)
 def _echo(rows, lag, r_OR_n, R_rn):
     """Process blocks of rows, so that arctangents of several rows become one instruction."""
     polar = np.empty((rows.shape[0], 3))
@@ -124,7 +118,7 @@ def _echo(rows, lag, r_OR_n, R_rn):
     return polar
 
 
-@njit((WRITABLE,) * 3, **MAKING)
+@kernel((ArrayKind(FLOAT, 1, "m"),) * 3, **MAKING)
 def _add_cross(a, b, out):
     """Add a x b to `out`."""
     for i in range(3):
@@ -132,7 +126,7 @@ def _add_cross(a, b, out):
         out[i] += a[j] * b[k] - a[k] * b[j]
 
 
-@njit((ROWS, CUBE, types.float64, VECTOR, ROWS), **MAKING)
+@kernel((ROWS, CUBE, FLOAT, VECTOR, ROWS), **MAKING)
 def _expected_echo(means, covariances, lag, r_OR_n, R_rn):
     count = means.shape[0]
     polar, spread = np.empty((count, 3)), np.empty((count, 3, 3))

@@ -43,8 +43,8 @@ KEYS = {
     "leader_targets": {"targets", "one_core", "us_per_image", "fused", "without_id"},
     "traffic_tracks": {f"imm_{count}{what}" for count in COUNTS for what in ("", "_tracked")}
     | {"kf_500", "ekf_500", "ukf_500", "srukf_500", "per_track_ratio"},
-    "startup": {"cold_s", "warm_s", "import_pipeline_s"},
-    "versions": {"filterpy", "stonesoup", "numpy", "numba", "python"},
+    "startup": {"warm_s", "import_pipeline_s"},
+    "versions": {"filterpy", "stonesoup", "numpy", "python"},
     "settings": {"pairs", "batch", "threads"},
 }
 

@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import os
 import re
 from types import ModuleType
 from typing import Any
@@ -134,5 +135,5 @@ def test_the_daemon_under_load_answers_every_image() -> None:
         assert (flown["images"], flown["answered"], flown["dropped"]) == (90, 90, 0)
     (rate,) = live.input_rates(1, (2000,))
     assert rate["received"] == rate["sent"] > 1000
-    assert live.start(cold=False) > 0
-    assert live.start(cold=False, kind=live.Floor) > 0
+    assert live.start_in(dict(os.environ)) > 0
+    assert live.start_in(dict(os.environ), live.Floor) > 0

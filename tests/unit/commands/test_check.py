@@ -1,21 +1,20 @@
 """`onboard check`: a line for each thing that a flight needs, and exit code 1 if one of them is missing."""
 
 import socket
-import sys
 from pathlib import Path
-from subprocess import run
 
 import pytest
 from msgspec.structs import replace
 
 from onboard.commands import cli, readiness
 from onboard.commands.readiness import judged
+from onboard.compiled.machine import REPAIR, MachineCodeError
 from onboard.config import Config, load_config
 from onboard.messages import Advice, CameraHealth, Health, LinkHealth, Severity, StreamHealth
 from onboard.pipeline import Pipeline
 from onboard.sinks.recorder import MIN_UNIX_TIME_S
 from tests.support.daemon import TCP, UDP, Setup
-from tests.support.programs import environment, free_ports
+from tests.support.programs import free_ports
 from tests.unit.commands.test_status import publishing
 
 NEEDED = {"Attitude": 10.0, "LocalPosition": 10.0}
@@ -195,25 +194,12 @@ def test_a_simulated_flight_is_ready_and_nothing_is_recorded(
     assert not (tmp_path / "flight.mcap").exists()
 
 
-NOT_COMPILED = """
-import sys
-from onboard.commands import cli
-sys.exit(cli.main(["check", "x.toml"]))
-"""
+def test_missing_machine_code_is_one_line_with_the_remedy(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def load(*_: object) -> None:
+        raise MachineCodeError(f"there is none; {REPAIR}")
 
-
-def test_filters_that_are_not_compiled_are_named_and_not_compiled(tmp_path: Path) -> None:
-    (tmp_path / "x.toml").write_text("[estimator.leader]\n")
-    done = run(
-        [sys.executable, "-c", NOT_COMPILED],
-        cwd=tmp_path,
-        env={**environment(), "NUMBA_CACHE_DIR": str(tmp_path / "cache")},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-    )
-    assert done.returncode == 1, done.stderr
-    assert done.stdout.startswith("FAIL compiled")
-    assert "-> onboard compile x.toml" in done.stdout
-    assert not [*tmp_path.rglob("*.nbc")]
+    monkeypatch.setattr("onboard.commands.readiness.load", load)
+    assert cli.main(["check"]) == 1
+    assert capsys.readouterr().out == f"FAIL filters     there is none; {REPAIR}\n"

@@ -7,12 +7,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from rich.console import Console
 
 from onboard.commands import demo_flight, processes
-from onboard.commands.compile import announce_once
 from onboard.commands.processes import DemoError, Process, connect, interruptions
-from onboard.commands.ready import Module
 from onboard.messages import Cause
 from onboard.sinks.zenoh_session import RouterAbsentError
 
@@ -38,16 +35,6 @@ def test_an_interruption_that_is_lost_is_heeded_all_the_same(number: signal.Sign
 def test_an_interruption_interrupts() -> None:
     with interruptions(), pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGINT)
-
-
-def test_compiling_is_announced_once_and_only_if_there_was_something_to_compile() -> None:
-    console = Console(record=True, quiet=False, stderr=True)
-    on_module = announce_once(console, "this flight", "a minute")
-    on_module(Module("there", loaded=3, compiled=0, seconds=0.1, folder=""))
-    assert console.export_text(clear=False) == ""
-    for _ in range(2):
-        on_module(Module("new", loaded=0, compiled=3, seconds=9.0, folder=""))
-    assert console.export_text().count("compiling what this flight needs (a minute on two cores, once)") == 1
 
 
 def test_a_scenario_with_pictures_flies_with_the_example_of_its_name_or_says_what_is_missing(

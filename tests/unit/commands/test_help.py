@@ -24,7 +24,7 @@ def test_there_are_settings_to_test() -> None:
     assert len(SETS) >= 4
 
 
-COMMANDS = ("init", "check", "run", "demo", "replay", "view", "study", "compile", "completion", "schema")
+COMMANDS = ("init", "check", "run", "demo", "replay", "view", "study", "completion", "schema")
 
 
 @pytest.mark.parametrize("command", COMMANDS)

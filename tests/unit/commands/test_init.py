@@ -226,18 +226,13 @@ def test_the_service_starts_this_program_where_it_can_see_it(program: str, start
     assert (parser["Service"]["Type"], parser["Service"]["WatchdogSec"]) == ("notify", "10s")
 
 
-@pytest.mark.parametrize("has_code", [False, True])
-def test_the_next_steps_name_what_was_written(
-    has_code: bool, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(init, "has_machine_code", lambda: has_code)
+def test_the_next_steps_name_what_was_written(capsys: pytest.CaptureFixture[str]) -> None:
     cli.main(["init", "new", *USUAL])
     text = capsys.readouterr().out
     for name in ("new/companion.toml", "new/px4.params", "new/onboard.service"):
         assert name in text
     for call in ("onboard check", "onboard run"):
         assert call in text
-    assert ("onboard compile" in text) is not has_code  # with a wheel for this computer, nothing is to compile
 
 
 @pytest.mark.parametrize("example", TOGETHER)

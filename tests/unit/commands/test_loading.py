@@ -1,30 +1,35 @@
-"""What a flight loads is out of the garbage collector's way, from the start, and the compiler out of memory."""
+"""What a flight loads is out of the garbage collector's way; the session opens meanwhile, and a signal ends it."""
 
 import ctypes
 import gc
-import mmap
 import os
-import re
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from pathlib import Path
+from concurrent.futures import Future
+from typing import Any
 
-import numba
 import pytest
 
+from onboard import UserError
 from onboard.commands import loading as loaded
-from onboard.commands.cli import main
-from onboard.commands.loading import HEAPS, NICE, loading, release_compiler
+from onboard.commands.cli import USER_ERROR, main
+from onboard.commands.loading import HEAPS, NICE, loading
+from onboard.config import parse_config
 from onboard.daemon import Daemon
+from tests.support.programs import PATIENCE, environment
 
 
 @pytest.fixture(autouse=True)
-def collector() -> Iterator[None]:
-    """The collector as it was."""
+def as_before() -> Iterator[None]:
+    """The collector and the signals, which `onboard run` sets, as they were."""
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
     yield
     gc.enable()
     gc.unfreeze()
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
 
 
 def test_the_collector_rests_while_modules_load_and_leaves_them_alone_afterwards() -> None:
@@ -47,41 +52,6 @@ def test_it_works_again_after_an_error() -> None:
     with pytest.raises(ZeroDivisionError), loading():
         _ = 1 / 0
     assert gc.isenabled()
-
-
-SMAPS = Path("/proc/self/smaps")
-
-
-def resident() -> int:
-    """kB of LLVM's library that this process has in memory."""
-    parts = re.findall(r"/libllvmlite\b.*\n(?:\w+:.*\n)*?Rss: +(\d+) kB", SMAPS.read_text(encoding="utf-8"))
-    return sum(map(int, parts))
-
-
-@pytest.mark.skipif(not SMAPS.exists(), reason="no /proc/self/smaps on this system")
-def test_the_compilers_memory_is_given_back_and_it_still_compiles() -> None:
-    assert numba.njit(lambda x: x + 1)(1) == 2
-    before = resident()
-    assert release_compiler() > 0
-    assert resident() < before / 4
-    assert numba.njit(lambda x: x + 2)(1) == 3
-
-
-def test_pages_that_the_process_has_changed_are_not_given_back(tmp_path: Path) -> None:
-    page = mmap.mmap(-1, mmap.PAGESIZE, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
-    page[:4] = b"ours"
-    begin = ctypes.addressof(ctypes.c_char.from_buffer(page))
-    mapped = f"{begin:x}-{begin + len(page):x} r--p 00000000 08:01 1 /x/libllvmlite.so\nSize: 4 kB\n"
-    smaps = tmp_path / "smaps"
-    smaps.write_text(mapped + "Anonymous: 4 kB\nVmFlags: rd\n", encoding="utf-8")
-    assert release_compiler(smaps) == 0
-    assert page[:4] == b"ours"
-    smaps.write_text(mapped.replace("r--p", "rw-p") + "Anonymous: 0 kB\n", encoding="utf-8")
-    assert release_compiler(smaps) == 0
-
-
-def test_a_system_without_such_a_list_keeps_them(tmp_path: Path) -> None:
-    assert release_compiler(tmp_path / "none") == 0
 
 
 def test_a_flight_begins_with_all_that_is_loaded_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -159,3 +129,62 @@ def test_threads_share_heap() -> None:
 def test_a_c_library_without_heaps_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ctypes, "CDLL", lambda _: object())
     loaded.share_heap()
+
+
+def test_the_zenoh_session_opens_while_the_filters_load(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A camera that has lost its router is blind until it finds it again."""
+    found: list[object] = []
+
+    def daemon(*_: Any, session: Future[object], **__: Any) -> Any:
+        found.append(session.result(PATIENCE))
+        raise UserError("that was all")
+
+    monkeypatch.setattr("onboard.config.load_config", lambda *_: parse_config({}))
+    monkeypatch.setattr("onboard.daemon.Daemon", daemon)
+    monkeypatch.setattr("onboard.commands.run.go_first", lambda: None)
+    monkeypatch.setattr("onboard.sinks.zenoh_session.open_session", lambda config: config)
+    assert main(["run"]) == USER_ERROR
+    assert found == [parse_config({}).zenoh]
+
+
+LOADS = """
+import os, signal, sys
+from onboard.commands import {module}
+
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # which nohup ignores
+
+def load(*_):
+    try:
+        os.kill(os.getpid(), signal.Signals.{number})
+        for _ in range(1000000): pass
+    except BaseException as error:  # as a compiler's callback does
+        print("swallowed", type(error).__name__, file=sys.stderr)
+    raise RuntimeError("no compiled object yet")
+
+{patch}
+sys.argv = ["onboard", *{arguments}]
+from onboard.__main__ import main
+sys.exit(main())
+"""
+
+
+@pytest.mark.parametrize(
+    ("number", "module", "patch", "arguments"),
+    [
+        ("SIGINT", "run", "import onboard.config; onboard.config.load_config = load", ["run"]),
+        ("SIGTERM", "router", "router.load_config = load", ["router", "x.toml"]),
+        ("SIGTERM", "cli", "cli.parser = load", ["run"]),
+        ("SIGHUP", "cli", "cli.parser = load", ["router", "x.toml"]),
+    ],
+)
+def test_a_signal_while_it_loads_ends_it_well(number: str, module: str, patch: str, arguments: list[str]) -> None:
+    code = LOADS.format(number=number, module=module, patch=patch, arguments=arguments)
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        env=environment(),
+        timeout=PATIENCE,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "stopped\n")

@@ -34,7 +34,6 @@ def test_what_is_given_reaches_the_study(
 
     where = {"jobs": Computers(jobs=given.pop("jobs", None))}
     monkeypatch.setattr(command, "run_study", run_study)
-    monkeypatch.setattr(command, "_compile", lambda _names: None)
     assert cli.main(["study", "traffic", *options, "--out", str(tmp_path)]) == 0
     assert received == [given | where]
 

@@ -72,7 +72,7 @@ def test_stages_that_are_built_on_and_copied_from_are_there() -> None:
 def test_its_commands_exist() -> None:
     calls = [json.loads(line) for line in instructions("RUN") + instructions("CMD") if line.startswith("[")]
     calls += [json.loads(line.partition(" CMD ")[2]) for line in instructions("HEALTHCHECK")]
-    assert len(calls) == 4
+    assert len(calls) == 3
     for call in calls:
         check_call(call[1:] if call[0] == "wingline" else call)
     assert instructions("ENTRYPOINT") == ['["wingline"]']
@@ -83,11 +83,8 @@ def test_it_flies_compiled_by_a_user_without_rights() -> None:
     user = instructions("USER", "flight")
     assert user == ["10001:10001"]
     assert instructions("USER", "desk")[-1] == user[0]
-    assert TEXT.index("USER ") < TEXT.index('RUN ["wingline", "onboard", "compile"]')
-    (cache,) = re.findall(r"NUMBA_CACHE_DIR=(\S+)", TEXT)
-    (volumes,) = map(json.loads, instructions("VOLUME"))
-    assert cache in volumes
-    assert TEXT.index("onboard", TEXT.index("compile")) < TEXT.index("VOLUME")
+    assert "python -m onboard.compiled all" in TEXT[: TEXT.index("FROM", TEXT.index("AS build"))]
+    assert [json.loads(line) for line in instructions("VOLUME")] == [["/var/lib/onboard"]]
     assert not instructions("EXPOSE")
 
 
@@ -138,5 +135,5 @@ def test_the_image_is_built_and_starts_on_a_file_system_that_is_only_read() -> N
         return
     call = [program, "run", "--rm", "--read-only", "--network", "none", "wingline:tested", "onboard", "check"]
     ran = subprocess.run([*call, "--wait", "1"], capture_output=True, text=True, check=False, timeout=120)
-    assert ran.stdout.startswith("ok   compiled"), ran.stdout + ran.stderr
+    assert ran.stdout.startswith("ok   filters"), ran.stdout + ran.stderr
     assert ran.returncode == 1  # nothing is connected

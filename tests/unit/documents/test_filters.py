@@ -10,7 +10,7 @@ from onboard.filters import families
 from tests.support import documents
 from tests.support.programs import ROOT
 
-INNER = {"compiled", "inline", "numba_internals", "shipped"}  # for kernels and programs, not for readers
+INNER = {"inline"}  # for kernels and programs, not for readers
 MODULES = {found.name for found in iter_modules(onboard.filters.__path__) if not found.name.startswith("_")}
 
 

@@ -3,7 +3,7 @@
 import re
 
 from onboard.autopilot.sent import BY_ITSELF, SENT, SENT_COMMANDS
-from onboard.commands.compiling import imported_by
+from onboard.compiled.sources import imported_by
 from onboard.estimators.leader.config import Config as Leader
 from onboard.pipeline.silence import TIMEOUT_NS
 from tests.support import documents

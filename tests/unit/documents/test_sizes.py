@@ -18,7 +18,8 @@ def test_every_package_that_is_required_has_a_row_with_who_requires_it() -> None
         n: ", ".join("us" if one == sizes.PROJECT else one for one in by) for n, by in sizes.closure().items()
     }
     assert shown == needed
-    assert {"numba", "llvmlite", "scipy"} <= {*needed}
+    assert "scipy" in needed
+    assert not {"numba", "llvmlite"} & {*needed}
 
 
 def test_the_page_says_what_a_flight_loads() -> None:

@@ -1,5 +1,4 @@
-"""Filters in single precision, without the compiler. The same lines run; to compile them takes two fifths of all
-machine code. `make test-all` compiles them."""
+"""Filters in single precision, in Python: no machine code is made for it. The same lines run."""
 
 import os
 import re
@@ -17,7 +16,7 @@ def test_each_test_of_single_precision_passes_without_the_compiler() -> None:
     done = subprocess.run(
         [*command, "-p", "no:xdist", *files],
         cwd=ROOT,
-        env=os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(ROOT)},
+        env=os.environ | {"WINGLINE_KERNELS": "python", "PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
         check=False,

@@ -8,16 +8,24 @@ import pytest
 from onboard.filters import Belief, LinearModel, Model, methods, run
 from onboard.filters.kernels import records
 from onboard.filters.runs import Run
+from tests.support import kernels
 
 THREADS = 4
 NAMES = ("kalman", "extended", "square-root", "csvsf", "augmented", "imm")
 
 
+@pytest.mark.skipif(not kernels.are_compiled(), reason="WINGLINE_KERNELS: nothing is compiled")
 def test_the_loop_over_a_record_lets_other_threads_run() -> None:
-    options = getattr(records.filter_record, "targetoptions", None)
-    if options is None:
-        pytest.skip("NUMBA_DISABLE_JIT: nothing is compiled")
-    assert options["nogil"]
+    """A thread counts on while another filters a record of a second."""
+    count, steps = 0, 200_000
+    F, R, one = np.eye(4)[None], np.eye(4)[None], np.ones((1, 4))
+    record = one, F, F, F, 0.0 * one, F, R, np.ones((steps, 1, 4)), np.zeros(4, bool)
+    with ThreadPoolExecutor(1) as pool:
+        done = pool.submit(records.filter_record, *record)
+        while not done.done():
+            count += 1
+    assert done.result()[-1] == 0
+    assert count > 100
 
 
 def test_records_in_threads_are_those_of_one_thread_to_the_bit_seeds_0_to_7() -> None:

@@ -2,20 +2,22 @@
 
 import math
 
+import numba
 import numpy as np
 import pytest
-from numba import njit
 
 from onboard.arrays import Array
 from onboard.geometry.arctangent import MAX_POLYNOMIAL_RATIO, arctan2
 
+compiled = numba.njit(error_model="numpy", fastmath={"contract"})(arctan2)
 
-@njit(cache=True, error_model="numpy")
+
+@numba.njit(error_model="numpy")
 def over(y, x):  # type: ignore[no-untyped-def]
     """In a loop, as models call it."""
     angles = np.empty(y.shape)
     for i in range(y.shape[0]):
-        angles[i] = arctan2(y[i], x[i])
+        angles[i] = compiled(y[i], x[i])
     return angles
 
 

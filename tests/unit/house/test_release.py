@@ -14,7 +14,6 @@ from onboard.commands import cli
 from onboard.commands.completion import commands_of
 from release import man, wheel
 from simlink.cli import parser as simlink_parser
-from tests.support.programs import ROOT
 
 PARSERS = {"onboard": cli.parser, "simlink": simlink_parser}
 REQUESTS = (".TH ", ".SH ", ".SS ", ".TP", ".PP", ".nf", ".fi")
@@ -98,17 +97,6 @@ def test_only_files_of_this_version_are_made_anew(tmp_path: Path) -> None:
     for name in (*mine, f"wingline-{__version__}0.tar.gz", "wingline-0.0.1.tar.gz", "other"):
         (tmp_path / name).touch()
     assert {path.name for path in release.earlier_files(tmp_path)} == {*mine}
-
-
-def test_a_wheel_with_machine_code_requires_the_numba_that_made_it(tmp_path: Path) -> None:
-    project = tmp_path / "pyproject.toml"
-    shutil.copy(ROOT / "pyproject.toml", project)
-    wheel.require_numba(tmp_path, "0.68.1")
-    assert '"numba==0.68.1",' in project.read_text()
-    assert '"numba>=' not in project.read_text()
-    project.write_text("[project]\n")
-    with pytest.raises(ValueError, match="Numba"):
-        wheel.require_numba(tmp_path, "0.68.1")
 
 
 def test_a_copy_for_a_wheel_has_what_is_installed(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from zipfile import ZipFile
 import pytest
 
 from onboard import __version__
+from onboard.compiled import machine
 from tests.support.programs import ROOT
 
 BUILD = "import sys; from setuptools import build_meta; print(build_meta.build_wheel(sys.argv[1]))"
@@ -34,7 +35,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Built of a copy, in which the build may leave what it likes, without a network."""
     tree, out = (tmp_path_factory.mktemp(name) for name in ("tree", "out"))
     for folder in FOLDERS:
-        ignore = shutil.ignore_patterns("__pycache__", "*.egg-info")
+        ignore = shutil.ignore_patterns("__pycache__", machine.OBJECTS, "*.egg-info")
         shutil.copytree(ROOT / folder, tree / folder, ignore=ignore, symlinks=True)
     for name in FILES:
         shutil.copy(ROOT / name, tree)
@@ -54,7 +55,7 @@ def test_all_that_flies_is_in_the_wheel_and_nothing_else(wheel: Path) -> None:
         for package in ("onboard", "simlink")
         for folder, _, inside in os.walk(ROOT / package, followlinks=True)
         for name in inside
-        if "__pycache__" not in Path(folder).parts
+        if not {"__pycache__", machine.OBJECTS} & {*Path(folder).parts}
     }
     assert mine == expected
     for needed in ("onboard/py.typed", "simlink/py.typed", "simlink/scenarios/mission.toml"):

@@ -8,13 +8,12 @@ import math
 from typing import Final
 
 import numpy as np
-from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.filters.compiled import MAKING
+from onboard.compiled import INT, MAKING, UNSIGNED, kernel
 
-COUNT: Final = types.int64
-DRAW: Final = types.uint64
+COUNT: Final = INT
+DRAW: Final = UNSIGNED
 WEYL: Final = np.uint64(0x632BE59BD9B4E019)  # odd, to keep the streams of successive draws apart
 MIX: Final = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 SHIFTS: Final = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(11)
@@ -48,7 +47,7 @@ def normal(draw: int | np.uint64, count: int) -> Array:
     return found
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def uniform_of(draw, k):
     """The number of place k in `uniform`, to be called from compiled code."""
     z = np.uint64(draw) * WEYL + np.uint64(k + 1)
@@ -59,14 +58,14 @@ def uniform_of(draw, k):
     return (np.float64(z >> SHIFTS[3]) + 0.5) * 2.0**-53
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def normal_of(draw, k):
     """The number of place k in `normal`, to be called from compiled code."""
     angle = 2.0 * math.pi * uniform_of(np.uint64(draw + 1), k)
     return np.sqrt(-2.0 * np.log(uniform_of(draw, k))) * np.cos(angle)
 
 
-@njit(types.float64[::1](DRAW, COUNT), **MAKING)
+@kernel((DRAW, COUNT), **MAKING)
 def _uniforms(draw, count):
     found = np.empty(count)
     for k in range(count):
@@ -74,7 +73,7 @@ def _uniforms(draw, count):
     return found
 
 
-@njit(types.float64[::1](DRAW, COUNT), **MAKING)
+@kernel((DRAW, COUNT), **MAKING)
 def _normals(draw, count):
     found = np.empty(count)
     for k in range(count):

@@ -4,8 +4,8 @@ update. The state is that of `motion`, with at most one bias."""
 from typing import Final
 
 import numpy as np
-from numba import njit
 
+from onboard.compiled import FILLING, kernel
 from onboard.estimators.leader.hypotheses.motion import (
     AX,
     AY,
@@ -21,12 +21,11 @@ from onboard.estimators.leader.hypotheses.motion import (
     VY,
     WING_SCALE_ERROR,
 )
-from onboard.filters.compiled import FILLING
 
 TINY: Final = 1e-12
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def factor(S):
     """The lower Cholesky factor of a covariance (m, m), in place: above the diagonal, S stays as it is."""
     for i in range(S.shape[0]):
@@ -37,7 +36,7 @@ def factor(S):
             S[i, j] = np.sqrt(max(total, TINY * TINY)) if i == j else total / S[j, j]
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def normalised_squared(e, S):
     """The square of an error e (m,) in units of its covariance S (m, m). Both are overwritten."""
     found = 0.0
@@ -50,7 +49,7 @@ def normalised_squared(e, S):
     return found
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def dot(a, b, bias):
     """The product of two state vectors (W,), one of which has no downward velocity, which no image shows, and of
     the biases at most that in the column `bias` (0: none)."""
@@ -62,7 +61,7 @@ def dot(a, b, bias):
     return found + a[bias] * b[bias] if bias > 0 else found
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def project(w, P, bias, c):
     """The product of a row of derivatives w (W,) as in `dot`, and a covariance (W, W), into c (W,)."""
     for n in range(P.shape[1]):
@@ -77,7 +76,7 @@ def project(w, P, bias, c):
             c[n] += w[bias] * P[bias, n]
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def correct(x, P, e, C, S, dx):
     """Mean and covariance of one particle by an innovation e (m,), m even, of covariance S (m, m) and covariance C
     (m, W) with the state, in place, and the change of the mean into dx (W,). The NIS, and the logarithm of the

@@ -17,10 +17,9 @@ attitude turns the whole scene; both are added to what is reported.
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.filters.compiled import FILLING, ROWS, VECTOR, out, record
+from onboard.compiled import FILLING, FLOAT, MAKING, ROWS, VECTOR, kernel, out, record
 
 G: Final = 9.80665
 N: Final = 14  # at least: behind these are biases of measurements
@@ -44,9 +43,9 @@ FREE: Final = 0.0  # or not,
 UNDECIDED: Final = -1.0  # or so slow is the leader
 UPRIGHT2: Final = 0.3  # of the variance of a hovering leader: its height is held better than its place
 
-NUMBER: Final = types.float64
-HEADINGS: Final = out(types.float64, 1)
-COVARIANCES: Final = out(types.float64, 3)
+NUMBER: Final = FLOAT
+HEADINGS: Final = out(FLOAT, 1)
+COVARIANCES: Final = out(FLOAT, 3)
 
 
 class Noise(NamedTuple):
@@ -87,21 +86,21 @@ class Interval(NamedTuple):
 PAIR: Final = record(tuple, NUMBER, NUMBER)
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def course_of(x, air):
     """The course through the air LEAD seconds ahead, of a leader with the mean x (N,), rad."""
     u, v = x[VX] - air[0], x[VY] - air[1]
     return np.arctan2(v, u) + LEAD * (u * x[AY] - v * x[AX]) / (u * u + v * v + SLOW2)
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def visible2(heading, x, y, square, edge_on_visibility):
     """The square of the fraction that is seen of a level wing of a leader at (x, y); `square` is its range's."""
     along = np.cos(heading) * y - np.sin(heading) * x
     return max(1.0 - along * along / square, 0.0) + edge_on_visibility * edge_on_visibility
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def shortens2(seen2, steep2):
     """The square of the share by which a radian of the heading shortens what is seen of a wing. `seen2` is as in
     `visible2`, `steep2` the square of the tangent of its bank: what shows for that does not depend on the
@@ -126,7 +125,7 @@ class Transition(NamedTuple):
     stretch: float
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def _advance(S, j, side, transition):
     """One column (side 0) or row (side 1) of a covariance through the transition."""
     dt, half, drag, t00, t01, t10, t11, down, bank_error, stretch = transition
@@ -145,7 +144,7 @@ def _advance(S, j, side, transition):
     w[WING_SCALE_ERROR] *= stretch
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def _forget(x, S, decay, fixed):
     """What a step leaves of the biases, in place: `decay` (W - N,), and the variances (W,) that it adds."""
     for i in range(N, S.shape[0]):
@@ -158,7 +157,7 @@ def _forget(x, S, decay, fixed):
         S[i, i] += fixed[i]
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def _stop(x, S, hover, drag, bold):
     """The state of a leader that hovers after a step, in place: it comes to rest over ground, and tilts less."""
     v_decay, a_decay, v_variance, a_variance = hover
@@ -180,7 +179,7 @@ def _stop(x, S, hover, drag, bold):
             S[i, i] += variance * (1.0 if i < first + 2 else UPRIGHT2)
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def fly_on(k, particles, interval, air, edge_on_visibility):
     """Mean and covariance of a particle, in place, after an interval; its heading turns with its course."""
     headings, _, regimes, means, P, intensities, course_locked, drags, _ = particles
@@ -252,7 +251,7 @@ def visible(headings: Array, directions: Array, edge_on_visibility: float = LEAS
     return found
 
 
-@njit(types.float64[::1](VECTOR, ROWS, NUMBER), cache=True, error_model="numpy")
+@kernel((VECTOR, ROWS, NUMBER), **MAKING)
 def _all_visible2(headings, directions, edge_on_visibility):
     found = np.empty(headings.shape[0])
     for k in range(headings.shape[0]):

@@ -17,13 +17,12 @@ import math
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numba import njit, types
 
 from onboard.arrays import Array
+from onboard.compiled import FILLING, MAKING, ROWS, VECTOR, kernel
 from onboard.estimators.leader.assumptions import LeaderModel
 from onboard.estimators.leader.hypotheses.draws import uniform
 from onboard.estimators.leader.hypotheses.motion import HEADINGS, LEAST_VISIBLE, NUMBER, RX, RY, RZ, VX, VY, VZ, N
-from onboard.filters.compiled import FILLING, MAKING, ROWS, VECTOR
 
 ARRAYS: Final = 9  # of the fields, the first: each has one row a particle
 HEADING_BIN: Final = math.radians(6.0)  # rad
@@ -90,7 +89,7 @@ def weighted(particles: Particles, log_l: Array) -> Particles:
     return particles._replace(log_weights=log_weights)
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def largest(numbers):
     """Of numbers (K,)."""
     found = -np.inf
@@ -99,13 +98,13 @@ def largest(numbers):
     return found
 
 
-@njit((HEADINGS, NUMBER), **MAKING)
+@kernel((HEADINGS, NUMBER), **MAKING)
 def evidence(log_l, believed):
     """The logarithms of likelihoods (K,) as far as they are `believed`, from 0 to 1."""
     return believed * np.maximum(log_l, largest(log_l) - MOST_EVIDENCE)
 
 
-@njit((HEADINGS,), **FILLING)
+@kernel((HEADINGS,), **FILLING)
 def normalise(log_weights):
     """Make the sum of weights 1, of which these are the logarithms (K,), in place."""
     most, total = largest(log_weights), 0.0
@@ -145,7 +144,7 @@ def resampled(particles: Particles, k: int) -> Particles:
     return particles._replace(**arrays, log_weights=log_weights, draws=particles.draws + 1)
 
 
-@njit((VECTOR, VECTOR, ROWS, VECTOR, NUMBER), **FILLING)
+@kernel((VECTOR, VECTOR, ROWS, VECTOR, NUMBER), **FILLING)
 def seen_together(w, nis, means, v_F, gate):
     """Of particles with weights w (K,), means (K, W) and these NIS (K,) of an image: the mean NIS, each `gate` at
     most, and how fast the view of the leader changes, 1/s, as we fly at v_F (3,) m/s."""
@@ -160,11 +159,7 @@ def seen_together(w, nis, means, v_F, gate):
     return off, np.sqrt(x * x + y * y + z * z)
 
 
-@njit(
-    types.int64(VECTOR, ROWS, VECTOR, NUMBER, NUMBER, NUMBER, NUMBER),
-    cache=True,
-    error_model="numpy",
-)
+@kernel((VECTOR, ROWS, VECTOR, NUMBER, NUMBER, NUMBER, NUMBER), **MAKING)
 def occupied(headings, means, w, turn, heading_bin, range_bin, least):
     """How many bins of headings (K,), which repeat after `turn`, and of logarithms of the means' ranges (K, W)
     have at least so much of the weights w (K,)."""

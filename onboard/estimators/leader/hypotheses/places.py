@@ -8,10 +8,9 @@ from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.filters.compiled import VECTOR
+from onboard.compiled import INT, MAKING, VECTOR, kernel
 
 BIN: Final = 0.04  # of the logarithm of the range
 SMOOTHING: Final = 2.5  # bins, standard deviation
@@ -82,7 +81,7 @@ def _split(density: Array, begin: int, end: int) -> list[tuple[int, int]]:
     return [(begin, end)] if at < 0 else _split(density, begin, at) + _split(density, at, end)
 
 
-@njit(types.int64(VECTOR, types.int64, types.int64), cache=True, error_model="numpy")
+@kernel((VECTOR, INT, INT), **MAKING)
 def _valley(density, begin, end):
     """Where a density is least between two peaks, from `begin` to `end`; -1 if it has one peak."""
     best, at, left = VALLEY, -1, 0.0

@@ -5,9 +5,9 @@ from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit, types
 
 from onboard.arrays import Array
+from onboard.compiled import BOOL, FILLING, MAKING, OUT, ROWS, kernel, like, record
 from onboard.estimators.leader.assumptions import LeaderModel
 from onboard.estimators.leader.hypotheses.draws import (
     DRAW,
@@ -68,7 +68,6 @@ from onboard.estimators.leader.hypotheses.tilt import (
     retilt,
     slope_of,
 )
-from onboard.filters.compiled import FILLING, MAKING, OUT, ROWS, like, record
 
 CIRCLES: Final = 5  # of a computation: a heading, the range that it implies, the course at that range
 MOST_CRAB: Final = 2.5  # standard deviations of a fixed wing's heading about its course
@@ -155,11 +154,11 @@ def passed(s: LeaderModel, particles: Particles, dt: float = 0.0, moved: Array =
 PARTICLE_ARRAYS: Final = record(
     ParticleArrays, HEADINGS, HEADINGS, HEADINGS, OUT, COVARIANCES, OUT, HEADINGS, HEADINGS, HEADINGS
 )
-PASSED: Final = record(Passed, NUMBER, HEADINGS, NUMBER, types.boolean, PAIR, NUMBER, NUMBER, types.boolean)
+PASSED: Final = record(Passed, NUMBER, HEADINGS, NUMBER, BOOL, PAIR, NUMBER, NUMBER, BOOL)
 MODEL: Final = like(LeaderModel(1.0, 1.0, (1.0, 1.0, 1.0), 1.0, 1.0))
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def _changes(s, dt, heading_observed):
     """What chance may change in `dt` seconds."""
     flies_for = s.flies_for if s.crab == 0.0 else np.inf  # a fixed wing cannot hover
@@ -178,7 +177,7 @@ def _changes(s, dt, heading_observed):
     return Changes(chances, keeps, s.intensity, s.nose_rate, s.crab, lognormal_of(s), wanders)
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def _interval(s, biases, dt, moved):
     """How a leader moves in `dt` seconds, and what the step adds, in proportion to the range that a heading
     implies (`motion.Noise`)."""
@@ -211,7 +210,7 @@ def _interval(s, biases, dt, moved):
     return Interval(dt, moved, noise, hover, decay)
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def _fraction(heading, x, edge_on_visibility):
     """The fraction that is seen of a level wing of a leader with the mean x (N,)."""
     return np.sqrt(
@@ -219,7 +218,7 @@ def _fraction(heading, x, edge_on_visibility):
     )
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def _rescale(ratio, x, P, dt, moved, hovers):
     """Give a particle another heading, in place: the one that is supposed may be wrong after all. Seen so, the
     same images are those of a leader that is nearer or farther by a `ratio`, and moves in proportion; one that
@@ -236,7 +235,7 @@ def _rescale(ratio, x, P, dt, moved, hovers):
         x[VX + i] += (1.0 - ratio) * moved[i] / dt
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(**MAKING)
 def _takes(heading, other, x, P, passed, hovers, drags, chance):
     """Give a particle another heading, and the second of two `drags`, in place; False if it keeps what it has, as
     the tilt is unlikely that its wing's slope needs then (Metropolis and Hastings, with the logarithm of a
@@ -272,7 +271,7 @@ def _takes(heading, other, x, P, passed, hovers, drags, chance):
     return False
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def _next(regime, x, P, drawn, steadies, begins, hovers, leaves):
     """The regime after a step, by a number that is `drawn` from (0, 1). Only a slow leader begins to hover."""
     if regime == HOVERING:
@@ -285,7 +284,7 @@ def _next(regime, x, P, drawn, steadies, begins, hovers, leaves):
     return ACCELERATING if drawn < begins else STEADY
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def _rate(rate, drawn, stops, turns, new):
     """At which a heading is turned after a step, by a number that is `drawn` from (0, 1)."""
     if rate != 0.0:
@@ -293,7 +292,7 @@ def _rate(rate, drawn, stops, turns, new):
     return new if drawn < turns else 0.0
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def _course_locked_heading(heading, aside, x, dt, moved, edge_on_visibility, air):
     """The heading so far `aside`, rad, of the course that the leader would have with that heading: its range and
     velocity depend on it."""
@@ -307,7 +306,7 @@ def _course_locked_heading(heading, aside, x, dt, moved, edge_on_visibility, air
     return other
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def _decided(course_locked, x, regime, drawn, which, decides, doubted, unties, ties, anew):
     """Whether a heading is locked to its course after a step, whether it is from now on, and whether it is
     doubted, by numbers that are `drawn` from (0, 1). Of a slow leader that is undecided."""
@@ -326,7 +325,7 @@ def _decided(course_locked, x, regime, drawn, which, decides, doubted, unties, t
     return course_locked, False, False
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(**MAKING)
 def _change(k, particles, draws, changes, passed):
     """Let chance change a particle, in place, by the random numbers from `draws` on."""
     headings, rates, regimes, means, P, intensities, course_locked, drags, _ = particles
@@ -381,7 +380,7 @@ def _change(k, particles, draws, changes, passed):
     headings[k] = other
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def _wander(k, particles, draws, wanders, passed):
     """Turn a heading, in place. One that is locked to its course wanders about it."""
     headings, x = particles.headings, particles.means[k]
@@ -398,7 +397,7 @@ def _wander(k, particles, draws, wanders, passed):
     headings[k] += turned + far * normal_of(draws + OF_WANDERING, k)
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def _prior(k, particles, passed):
     """The logarithm of the likelihood of a particle's tilt, and of its mean bank error."""
     if not passed.tilts:
@@ -407,7 +406,7 @@ def _prior(k, particles, passed):
     return plausible(headings[k], means[k], P[k], drags[k], mean_bank_error[k], passed.wind, passed.bank_sigma)
 
 
-@njit((PARTICLE_ARRAYS, HEADINGS, DRAW, MODEL, ROWS, types.boolean, PASSED), **MAKING)
+@kernel((PARTICLE_ARRAYS, HEADINGS, DRAW, MODEL, ROWS, BOOL, PASSED), **MAKING)
 def step(particles, log_weights, draws, s, biases, heading_observed, passed):
     """Predict particles of a leader `s`, whose `biases` (k, 2) have these variances and correlation times, in
     place; their log weights (K,) after it."""
@@ -423,7 +422,7 @@ def step(particles, log_weights, draws, s, biases, heading_observed, passed):
     return found
 
 
-@njit((PARTICLE_ARRAYS, PARTICLE_ARRAYS, HEADINGS, HEADINGS, NUMBER, PASSED), **MAKING)
+@kernel((PARTICLE_ARRAYS, PARTICLE_ARRAYS, HEADINGS, HEADINGS, NUMBER, PASSED), **MAKING)
 def weigh(before, after, log_weights, log_l, believed, passed):
     """The log weights (K,) of particles after a measurement, of which the logarithms of the likelihoods (K,) are
     `believed`, from 0 to 1; what it makes of their tilts, and of their mean bank errors, counts in full."""

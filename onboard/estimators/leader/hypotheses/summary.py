@@ -13,9 +13,9 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from onboard.arrays import Array
+from onboard.compiled import FILLING, INDICES, MAKING, OUT, ROWS, VECTOR, kernel, packed, record
 from onboard.estimators.leader.assumptions import LeaderModel
 from onboard.estimators.leader.hypotheses import motion
 from onboard.estimators.leader.hypotheses.motion import (
@@ -34,7 +34,6 @@ from onboard.estimators.leader.hypotheses.motion import (
 )
 from onboard.estimators.leader.hypotheses.particles import Particles
 from onboard.estimators.leader.hypotheses.places import Place, places
-from onboard.filters.compiled import FILLING, INDICES, MAKING, OUT, ROWS, VECTOR, packed, record
 from onboard.geometry.path_axes import MIN_COURSE_SPEED_M_S, path_angles
 from onboard.models import relative_motion
 from onboard.models.relative_motion import A_LAT, A_LONG, SIZE
@@ -149,7 +148,7 @@ def with_course(settings: LeaderModel, particles: Particles) -> Array:
     return np.asarray(w / w.sum())
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(**MAKING)
 def _components(heading, x, about, period, row):
     """A particle's mean as components of a summary, into `row`. Headings repeat after `period`."""
     for i in range(VECTORS):
@@ -159,7 +158,7 @@ def _components(heading, x, about, period, row):
     row[BANK_ERROR] = x[motion.BANK_ERROR]
 
 
-@njit((packed(NUMBER, 1), packed(NUMBER, 2), packed(NUMBER, 3), packed(NUMBER, 1), NUMBER, NUMBER), **MAKING)
+@kernel((packed(NUMBER, 1), packed(NUMBER, 2), packed(NUMBER, 3), packed(NUMBER, 1), NUMBER, NUMBER), **MAKING)
 def moments(headings, means, P, w, about, period):
     """Mean (N,) and covariance (N, N) of particles (`particles.Particles`) with weights w (K,), and the logarithms
     of their ranges (K,). Each heading is taken as near to `about` as it may be: it repeats after `period`, rad."""
@@ -188,7 +187,7 @@ def moments(headings, means, P, w, about, period):
     return mean, S, log_ranges
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def _quantile(probability, w, x, order):
     """A quantile of numbers x (K,) with weights w (K,), sorted by `order`, interpolated linearly."""
     total, last, before = 0.0, 0.0, x[order[0]]
@@ -201,7 +200,7 @@ def _quantile(probability, w, x, order):
     return before
 
 
-@njit((HEADINGS, OUT, VECTOR, VECTOR, INDICES), **MAKING)
+@kernel((HEADINGS, OUT, VECTOR, VECTOR, INDICES), **MAKING)
 def centre(mean, S, w, log_ranges, order):
     """Move the mean (N,) to the geometric mean of the ranges of particles with weights w (K,), or, the more the
     range is resolved, to their median, by their `order`, with what goes with the range; and the covariance (N, N)
@@ -231,7 +230,7 @@ def centre(mean, S, w, log_ranges, order):
             S[i, j] += widening * by[i] * by[j]
 
 
-@njit((OUT, VECTOR, record(tuple, NUMBER, NUMBER, NUMBER), NUMBER, NUMBER), **FILLING)
+@kernel((OUT, VECTOR, record(tuple, NUMBER, NUMBER, NUMBER), NUMBER, NUMBER), **FILLING)
 def add_ours(S, r, misalignment, own_velocity, by_points):
     """Add to a covariance, which begins with position and velocity, what errors of our attitude and velocity cause
     of a leader at r (3,) m in n, and a variance of the range's logarithm by named points."""
@@ -245,10 +244,10 @@ def add_ours(S, r, misalignment, own_velocity, by_points):
         S[VX + i, VX + i] += own_velocity**2
 
 
-_path_angles = njit(error_model="numpy")(path_angles)
+_path_angles = kernel(**MAKING)(path_angles)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(**MAKING)
 def _derivatives(known, dt, J):
     """Of the leader's components (BASE,) by a summary `dt` seconds before, into J (BASE, N); and its a_lat, a_long
     and a_along, which alone are not linear but for the size."""
@@ -280,7 +279,7 @@ def _derivatives(known, dt, J):
     return a
 
 
-@njit((VECTOR, ROWS, NUMBER, VECTOR, VECTOR), cache=True, error_model="numpy")
+@kernel((VECTOR, ROWS, NUMBER, VECTOR, VECTOR), **MAKING)
 def as_leader(known, C, dt, moved, v_F):
     """Mean (BASE,) and covariance (BASE, BASE) of the components that are published, `dt` seconds after a summary
     with mean `known` and covariance C, in which we move by `moved` (3,) m, in n, and then at v_F (3,) m/s."""

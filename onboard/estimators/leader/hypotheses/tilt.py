@@ -9,9 +9,9 @@ import math
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from onboard.arrays import Array
+from onboard.compiled import CUBE, FILLING, MAKING, OUT, VECTOR, kernel
 from onboard.estimators.leader.assumptions import LeaderModel
 from onboard.estimators.leader.hypotheses.draws import normal
 from onboard.estimators.leader.hypotheses.motion import (
@@ -30,7 +30,6 @@ from onboard.estimators.leader.hypotheses.motion import (
     VY,
     G,
 )
-from onboard.filters.compiled import CUBE, FILLING, OUT, VECTOR
 
 OF_TILT2: Final = 0.01  # (m/s^2)^2: the variance of a tilt of one that has no drag
 TILTS2: Final = 12.0  # (m/s^2)^2: of any multirotor's steady tilt, on each axis; 20 degrees are one sigma
@@ -46,7 +45,7 @@ def lognormal(s: LeaderModel) -> tuple[float, float]:
     return s.drag * math.exp(-0.5 * variance), math.sqrt(variance)
 
 
-lognormal_of: Final = njit(**FILLING)(lognormal)  # to be called from compiled code
+lognormal_of: Final = kernel(**FILLING)(lognormal)  # to be called from compiled code
 
 
 def drags_of(s: LeaderModel, draw: int | np.uint64, count: int) -> Array:
@@ -56,7 +55,7 @@ def drags_of(s: LeaderModel, draw: int | np.uint64, count: int) -> Array:
     return found
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def appears(heading, x):
     """What is seen of a wing with that heading, per length: to the right and down of a level one, down of one on
     its side. `x` begins with its place (3,) m."""
@@ -69,7 +68,7 @@ def appears(heading, x):
     return right if abs(right) > least else math.copysign(least, right), down, level / range_
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def slope_of(heading, x):
     """Of the wing in the image."""
     right, down, upright = appears(heading, x)
@@ -77,7 +76,7 @@ def slope_of(heading, x):
     return (down + np.tan(np.arctan2(across, G - x[AZ]) + x[BANK_ERROR]) * upright) / right
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def banked(slope, heading, x):
     """The bank with which a wing with that heading has that slope, rad, and its length in the image per length."""
     right, down, upright = appears(heading, x)
@@ -85,7 +84,7 @@ def banked(slope, heading, x):
     return bank, abs(right) * np.cos(bank) * np.sqrt(1.0 + slope * slope)
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def likely(heading, x, P, drag, wind, more):
     """The logarithm of the likelihood of a tilt across that heading, of which `more` is the variance beside that
     of an airspeed in an unknown wind."""
@@ -97,7 +96,7 @@ def likely(heading, x, P, drag, wind, more):
     return -0.5 * (off * off / variance + np.log(variance) + across * across / TILTS2)
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def plausible(heading, x, P, drag, mean_bank_error, wind, rolls):
     """The logarithm of the likelihood of the tilt that a hypothesis has come to suppose, and of a mean of its
     bank's errors that has `rolled` by a standard deviation of `rolls`; -MOST_COST at least."""
@@ -105,7 +104,7 @@ def plausible(heading, x, P, drag, mean_bank_error, wind, rolls):
     return max(likely(heading, x, P, drag, wind, 0.0) - 0.5 * (by * by), -MOST_COST)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(**MAKING)
 def retilt(slope, heading, other, x, P, drag, wind):
     """Tilt a leader with another heading so that its wing has that slope, in place. Along its heading, which no
     image shows, it tilts as its drag lets it."""
@@ -130,7 +129,7 @@ def retilt(slope, heading, other, x, P, drag, wind):
     x[TILT_NORTH], x[TILT_EAST] = -s * across + c * along, c * across + s * along
 
 
-@njit((OUT, CUBE, VECTOR, VECTOR, NUMBER, NUMBER, VECTOR), cache=True, error_model="numpy")
+@kernel((OUT, CUBE, VECTOR, VECTOR, NUMBER, NUMBER, VECTOR), **MAKING)
 def first(means, P, headings, drags, slope, wind, banks):
     """Share out the slope of an image between the tilts, the accelerations and the errors of the bank, whose
     sigmas are `banks` (K,) rad, of hypotheses that have not seen it, in place. The logarithms of their likelihoods
@@ -157,7 +156,7 @@ def first(means, P, headings, drags, slope, wind, banks):
     return log_l
 
 
-@njit((VECTOR, VECTOR, NUMBER), cache=True, error_model="numpy")
+@kernel((VECTOR, VECTOR, NUMBER), **MAKING)
 def shown(headings, r, slope):
     """Lengths (K,) in the image, per length, of wings with that slope, at the place r (3,) m."""
     found = np.empty(len(headings))

@@ -13,9 +13,9 @@ how much a detector misplaces a point, is noise.
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit, types
 
 from onboard.arrays import Array
+from onboard.compiled import BOOL, FILLING, INT, MAKING, OUT, VECTOR, kernel, out, record
 from onboard.estimators.leader.hypotheses.gaussian import correct, dot, normalised_squared, project
 from onboard.estimators.leader.hypotheses.motion import (
     AX,
@@ -42,7 +42,6 @@ from onboard.estimators.leader.hypotheses.motion import (
     course_of,
 )
 from onboard.estimators.leader.image.measurement import LOWEST, Rows, measured_spread
-from onboard.filters.compiled import FILLING, MAKING, OUT, VECTOR, out, record
 
 TAILS: Final = 4.0  # degrees of freedom of Student's t; what a leader does is no Gaussian
 WING_SIGMAS2: Final = 9.0  # a wing shorter than three standard deviations has no logarithm
@@ -99,8 +98,8 @@ class Expectation(NamedTuple):
 
 IMAGE_ROWS: Final = record(
     ImageRows,
-    *(OUT, out(types.int64), OUT, out(types.int64, 1), HEADINGS, OUT, types.boolean, types.boolean),
-    *(NUMBER, NUMBER, NUMBER, HEADINGS, OUT, types.int64, HEADINGS, PAIR),
+    *(OUT, out(INT), OUT, out(INT, 1), HEADINGS, OUT, BOOL, BOOL),
+    *(NUMBER, NUMBER, NUMBER, HEADINGS, OUT, INT, HEADINGS, PAIR),
 )
 EXPECTATION: Final = record(Expectation, OUT, COVARIANCES, COVARIANCES, OUT)
 
@@ -127,7 +126,7 @@ def spread(rows: Rows, headings: Array, axes: Array) -> Array:
     return measured_spread(rows, np.sum(rows.shares * columns, axis=2))
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def _posture(x, heading, tilts, B, by):
     """Body axes into B (3, 3), forward, right and down as columns, and the derivatives of bank and pitch by the
     forces: `by` (2, 3), by the acceleration north and east, and down. That of the bank by the heading, and sine
@@ -152,7 +151,7 @@ def _posture(x, heading, tilts, B, by):
     return turned, sb, cb
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def _point(q, axis, number):
     """The point of a row: that of this number, or the one with the least or the largest coordinate."""
     if number >= 0:
@@ -164,7 +163,7 @@ def _point(q, axis, number):
     return best
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def _project(x, size, view, B, q):
     """The places, coordinates and distances of all points, into q (k, 6). A distance is along the first axis, plus
     that of the straight line."""
@@ -181,7 +180,7 @@ def _project(x, size, view, B, q):
             q[k, 3 + a] = 2.0 * (e[0] * q[k, 0] + e[1] * q[k, 1] + e[2] * q[k, 2]) / q[k, 5]
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def _derivatives(point, size, q, axes, a, share, B, sb, cb, J):
     """Of a share of a coordinate, along the axis a, of a point of the body seen at q (6,): by the place, added to
     J; by bank, pitch, heading, and the logarithm of the size."""
@@ -203,7 +202,7 @@ def _derivatives(point, size, q, axes, a, share, B, sb, cb, J):
     return banked, pitched, turned, grown
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def _linearised(x, heading, is_course_locked, view, scratch, h, J, d):
     """The rows that are expected into h (m,), their derivatives by the state into J (m, W), by the pitch into d
     (m,)."""
@@ -245,7 +244,7 @@ def _linearised(x, heading, is_course_locked, view, scratch, h, J, d):
             row[AY] += LEAD * row[VY]
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def _expected(x, P, heading, is_course_locked, view, scratch, each):
     """What a particle expects, into `each` (`Expectation`)."""
     h, C, S, d = each
@@ -257,14 +256,14 @@ def _expected(x, P, heading, is_course_locked, view, scratch, each):
             S[i, j] = S[j, i] = dot(J[j], C[i], view.bias)
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def _scratch(view, width):
     m, k = view.y.shape[0], view.points.shape[0]
     of_body = np.empty((3, 3)), np.empty((2, 3)), np.empty((k, 6))
     return Scratch(*of_body, np.empty((m, width)), np.empty(m), np.empty((m, m)), np.empty(width))
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def _noise(view, x, d, own, expected, S):
     """What is `expected` (m, m) with the rows' noise, into S (m, m): so many times their `own`, that of the
     points' places, and that of the pitch, which is common."""
@@ -276,13 +275,13 @@ def _noise(view, x, d, own, expected, S):
         S[i, i] += place2 * (view.shares[i, 0] ** 2 + view.shares[i, 1] ** 2)
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def _side(view, h):
     """-1 where wingtips are expected in the other order than measured: detectors name tips by their side."""
     return -1.0 if view.is_wing and h[2] * view.y[2] + h[3] * view.y[3] < 0 else 1.0
 
 
-@njit(**MAKING)
+@kernel(**MAKING)
 def _expectation(means, view):
     count, m = means.shape[0], view.y.shape[0]
     return Expectation(
@@ -290,7 +289,7 @@ def _expectation(means, view):
     )
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def _add(k, means, P, headings, w, view, scratch, expected, mean, S):
     """Add what a particle expects to the mean (m,) and the second moments S (m, m) of all."""
     h, d = expected.y[k], expected.by_pitch[k]
@@ -307,7 +306,7 @@ def _add(k, means, P, headings, w, view, scratch, expected, mean, S):
             S[i, j] += sign * (side if 2 <= j < 4 else 1.0) * (h[i] * h[j] + both[i, j])
 
 
-@njit((OUT, COVARIANCES, HEADINGS, VECTOR, IMAGE_ROWS), **MAKING)
+@kernel((OUT, COVARIANCES, HEADINGS, VECTOR, IMAGE_ROWS), **MAKING)
 def expect(means, P, headings, w, view):
     """What particles of weights w (K,) expect together of a view: mean (m,), innovation (m,), its covariance (m,
     m) and NIS, with each particle's wingtips in the order of those measured, and the measured ones in that of the
@@ -325,7 +324,7 @@ def expect(means, P, headings, w, view):
     return mean, e, S, normalised_squared(scratch.e, scratch.S), expected
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def _misfit(view, x, heading, scratch, h, d):
     """How far, squared, in units of its noise, a view is from what a particle with that heading expects."""
     e, R = scratch.e, scratch.S
@@ -337,7 +336,7 @@ def _misfit(view, x, heading, scratch, h, d):
     return normalised_squared(e, R)
 
 
-@njit((OUT, COVARIANCES, HEADINGS, IMAGE_ROWS), **MAKING)
+@kernel((OUT, COVARIANCES, HEADINGS, IMAGE_ROWS), **MAKING)
 def orient(means, P, headings, view):
     """What each particle expects of named points. One whose nose is where they show the tail turns round, in
     place."""
@@ -357,7 +356,7 @@ def orient(means, P, headings, view):
     return expected
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def _logarithmic(right, down, h, variance, e, C, S):
     """A wing's innovation and covariances, in place, by the logarithm of its length and by its angle, in which a
     range is linear: a line through lengths draws it to the near side. A wing that hardly shows stays as it is."""
@@ -377,7 +376,7 @@ def _logarithmic(right, down, h, variance, e, C, S):
         S[i, 2], S[i, 3] = a * S[i, 2] - b * S[i, 3], a * S[i, 3] + b * S[i, 2]
 
 
-@njit(**FILLING)
+@kernel(**FILLING)
 def _update(k, means, P, headings, view, scratch, expected):
     """See `update`: NIS and logarithm of the likelihood of one particle."""
     x, h, e, C, S, dx = means[k], expected.y[k], scratch.e, scratch.J, scratch.S, scratch.dx
@@ -408,7 +407,7 @@ def _update(k, means, P, headings, view, scratch, expected):
     return nis, -0.5 * ((TAILS + m) * np.log1p(nis / TAILS) + log_det)
 
 
-@njit((OUT, COVARIANCES, HEADINGS, IMAGE_ROWS, EXPECTATION), **MAKING)
+@kernel((OUT, COVARIANCES, HEADINGS, IMAGE_ROWS, EXPECTATION), **MAKING)
 def update(means, P, headings, view, expected):
     """NIS (K,) and logarithms of the likelihoods (K,), without their common constant, of a view of which the same
     particles `expected` this. Means (K, W), covariances (K, W, W) and tied headings are corrected in place."""

@@ -20,12 +20,11 @@ from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numba import njit, types
 
 from onboard.arrays import Array
+from onboard.compiled import BOOL, INDICES, INT, MAKING, OUT, ROWS, VECTOR, array, kernel
 from onboard.estimators.leader.image.pose import PoseFeatures
 from onboard.estimators.leader.image.shape import RIGID, WINGTIPS, Posture, Shape
-from onboard.filters.compiled import INDICES, MAKING, OUT, ROWS, VECTOR, array
 from onboard.messages import ImagePoint
 
 COMPONENTS: Final = ("right", "down", "wing_right", "wing_down", "middle_right", "middle_down")
@@ -201,7 +200,7 @@ def coordinates(axes: Array, points: Sequence[ImagePoint]) -> Array:
     return at
 
 
-@njit((OUT, OUT), **MAKING)
+@kernel((OUT, OUT), **MAKING)
 def _coordinates(axes, points):
     """`coordinates`, and their derivatives (k, 2, 2) by those of the points."""
     at, by = np.empty(points.shape), np.empty((points.shape[0], 2, 2))
@@ -217,7 +216,7 @@ def _coordinates(axes, points):
     return at, by
 
 
-@njit((OUT, OUT, VECTOR, array(types.int64, 2), ROWS, INDICES), **MAKING)
+@kernel((OUT, OUT, VECTOR, array(INT, 2), ROWS, INDICES), **MAKING)
 def _measured(axes, points, sigmas, of, shares, axis):
     """What rows (m,) of image points with these standard deviations measure, and its noise (m, m)."""
     at, by_points = _coordinates(axes, points)
@@ -237,7 +236,7 @@ def _measured(axes, points, sigmas, of, shares, axis):
     return y, R
 
 
-@njit((ROWS, VECTOR, ROWS, INDICES, types.boolean, ROWS, ROWS), **MAKING)
+@kernel((ROWS, VECTOR, ROWS, INDICES, BOOL, ROWS, ROWS), **MAKING)
 def _turned(R, y, shares, axis, is_wing, axes, noise_c):
     """See `Measurement.with_attitude_noise`."""
     m = axis.shape[0]
