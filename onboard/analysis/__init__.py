@@ -1,1 +1,1 @@
-"""Flights after they were flown: replayed, scored, compared, reported, exported, and calibrated from."""
+"""Recorded flights: replay, scores, comparison, reports, exports and calibration."""

@@ -13,7 +13,7 @@ from onboard import UserError
 from onboard.analysis.calibration.airframe import (
     AirframeFit,
     AirframeMeasures,
-    Found,
+    FittedValue,
     RecordedFlight,
     fit_airframe,
 )
@@ -109,7 +109,7 @@ def _velocity_b(poses: list[OwnPose], t: Array) -> Array:
 
 def described_airframe(found: AirframeFit, known: AirframeMeasures, pwm_us: tuple[float, float]) -> list[str]:
     """Lines for a person: values with sigmas, what the flight does not show, then the configuration to paste."""
-    torque = Found(found.torque_over_izz.value * found.izz, found.torque_over_izz.sigma * found.izz)
+    torque = FittedValue(found.torque_over_izz.value * found.izz, found.torque_over_izz.sigma * found.izz)
     rows = (
         ("thrust_max_n", found.thrust, "N"),
         ("drag_per_s", found.drag, "1/s"),

@@ -13,7 +13,7 @@ from onboard import UserError
 from onboard.analysis.exports.tables import check_exports, open_export, takes_health, write_truth
 from onboard.analysis.flights.compare import print_comparison, variants
 from onboard.analysis.flights.many import ScorableFlight, numbers_of, score_flights
-from onboard.analysis.flights.replay import ALONE, ReplayResult, check_log, flight_of, replay
+from onboard.analysis.flights.replay import NO_OTHERS, ReplayResult, check_log, flight_of, replay
 from onboard.commands.computers import computers
 from onboard.commands.evaluate import print_rows, rows_of
 from onboard.config import Config, load_config
@@ -85,7 +85,7 @@ def replay_log(
     json_file: Path | None,
     rrd: Path | None,
     own: Sequence[Path] = (),
-    others: Mapping[str, Config] = ALONE,
+    others: Mapping[str, Config] = NO_OTHERS,
 ) -> int:
     """`onboard replay`: a log through the pipeline; exports to `out`, of our own state to `own`, the view to
     `rrd`, a summary to the screen. `others` fly beside, see `log_replay.replay`: the view, the table and `out`

@@ -18,18 +18,20 @@ import numpy as np
 from onboard import UserError
 from onboard.arrays import Array
 
-WINDOW_S: Final = 0.6  # of one comparison
-SAMPLES: Final = 5  # in a window, at least
-CORRELATED_S: Final = 4.0  # residuals further apart count as independent
-LONGEST_GAP: Final = 0.5  # of a window: between two of its samples
-FLYING: Final = 0.6  # of the usual lift; with less, the ground carries the vehicle
-SHORTEST_S: Final = 20.0  # in the air
-ACCELEROMETER: Final = 0.05 / 9.81  # share of the weight: its bias along z looks like thrust
+WINDOW_S: Final = 0.6
+MIN_SAMPLES: Final = 5  # in a window
+CORRELATION_TIME_S: Final = 4.0  # of residuals
+MAX_GAP_RATIO: Final = 0.5  # of a window, between two of its samples
+MIN_LIFT_RATIO: Final = 0.6  # of the median; with less, the ground carries the vehicle
+MIN_FLIGHT_TIME_S: Final = 20.0
+ACCELEROMETER_BIAS_RATIO: Final = 0.05 / 9.81  # of the weight; along z it looks like thrust
 
 
 class RecordedFlight(NamedTuple):
-    """One flight on one clock. IMU: times (n,) s, specific force and rates (n, 3) in b; velocity (n, 3) in b, m/s.
-    Commands: times (k,), shares of the range (k, rotors), and the voltage at them (k,), 1 where it is unused."""
+    """One flight on one clock.
+
+    IMU: times (n,) s, specific force and rates (n, 3) in b; velocity (n, 3) in b, m/s. Commands: times (k,),
+    shares of the range (k, rotors), and the voltage at them (k,), 1 where it is unused."""
 
     t: Array
     f_b: Array
@@ -41,16 +43,15 @@ class RecordedFlight(NamedTuple):
 
 
 class AirframeMeasures(NamedTuple):
-    """What is given: mass (kg), rotors (n, 3): places forward and right (m) and sense, the motors' lag (s),
-    and the voltage (V) at which the thrust is wanted, 1 where it is unused."""
+    """Measured constants of the airframe, which a flight does not show."""
 
-    mass: float
-    rotors: Array
-    motor_time: float
-    full_voltage: float
+    mass: float  # kg
+    rotors: Array  # (n, 3): places forward and right (m), and the sense of rotation
+    motor_time: float  # lag of the motors, s
+    full_voltage: float  # V, at which the thrust is wanted; 1 where it is unused
 
 
-class Found(NamedTuple):
+class FittedValue(NamedTuple):
     """A value and its standard deviation."""
 
     value: float
@@ -63,36 +64,35 @@ class Found(NamedTuple):
 
 
 class AirframeFit(NamedTuple):
-    """`thrust` in N of one rotor at full command; `drag` in 1/s; `ixx`, `iyy` in kg m^2; `torque_over_izz` in
-    1/(kg m): torque per thrust over Izz. `hover`: the usual command. `windows`: how many were compared, each of
-    `window` s."""
+    """Fitted constants of the airframe."""
 
-    thrust: Found
-    drag: Found
-    ixx: Found
-    iyy: Found
-    torque_over_izz: Found
-    hover: float
-    windows: int
-    window: float
+    thrust: FittedValue  # N, of one rotor at full command
+    drag: FittedValue  # 1/s
+    ixx: FittedValue  # kg m^2
+    iyy: FittedValue  # kg m^2
+    torque_over_izz: FittedValue  # 1/(kg m): torque per thrust over Izz
+    hover: float  # the median command
+    windows: int  # number of windows that were compared
+    window: float  # s, length of each
 
     @property
     def izz(self) -> float:
-        """That of a flat vehicle, kg m^2."""
+        """Izz of a flat vehicle, kg m^2."""
         return self.ixx.value + self.iyy.value
 
 
 def fit_airframe(flight: RecordedFlight, known: AirframeMeasures) -> AirframeFit:
-    """The constants that fit a flight best. Raises UserError for a flight with too few windows in the air."""
-    squared = _followed(flight, known.motor_time) ** 2
+    """Fit the constants to a flight. Raises UserError if too little of it is in the air."""
+    squared = _motor_commands(flight, known.motor_time) ** 2
     squared *= (np.interp(flight.t, flight.command_t, flight.voltage)[:, None] / known.full_voltage) ** 2
     x, right, spin = known.rotors.T
     mixed = squared @ np.column_stack([np.ones(len(x)), -right, x, spin])
-    window = max(WINDOW_S, SAMPLES * max(float(np.median(np.diff(t))) for t in (flight.t, flight.command_t)))
+    window = max(WINDOW_S, MIN_SAMPLES * max(float(np.median(np.diff(t))) for t in (flight.t, flight.command_t)))
     first, last = _windows(flight, mixed[:, 0], window)
-    if len(first) * window < SHORTEST_S:
+    if len(first) * window < MIN_FLIGHT_TIME_S:
+        flown_s = len(first) * window
         raise UserError(
-            f"{len(first)} windows of {window:.2g} s without a gap in the air: {SHORTEST_S:.0f} s are needed"
+            f"the log has {flown_s:.0f} s in the air without gaps; {MIN_FLIGHT_TIME_S:.0f} s are needed"
         )
     span = flight.t[last] - flight.t[first]
 
@@ -107,18 +107,20 @@ def fit_airframe(flight: RecordedFlight, known: AirframeMeasures) -> AirframeFit
     inputs, force, velocity = mean(mixed), mean(flight.f_b), mean(flight.v_b)
     p, q, r = flight.omega_b.T
     coupling = np.column_stack([q * r, p * r, p * q])
-    turns = _growth(flight.t, np.hstack([flight.omega_b, integral(mixed[:, 1:]), integral(coupling)]), first, last)
+    turns = _window_slopes(
+        flight.t, np.hstack([flight.omega_b, integral(mixed[:, 1:]), integral(coupling)]), first, last
+    )
     t = flight.t[first]
     lift = _slope(t, -force[:, 2], inputs[:, :1])
-    lift = Found(lift.value, math.hypot(lift.sigma, ACCELEROMETER * lift.value))
+    lift = FittedValue(lift.value, math.hypot(lift.sigma, ACCELEROMETER_BIAS_RATIO * lift.value))
     one, none = np.ones(len(t)), np.zeros(len(t))
     drag = _slope(
         np.concatenate([t, t]),
         -force[:, :2].T.ravel(),
         np.column_stack([velocity[:, :2].T.ravel(), np.concatenate([one, none]), np.concatenate([none, one])]),
     )
-    roll, pitch, yaw = (_turning(t, *turns[:, i::3].T) for i in range(3))
-    thrust = Found(known.mass * lift.value, known.mass * lift.sigma)
+    roll, pitch, yaw = (_angular_gain(t, *turns[:, i::3].T) for i in range(3))
+    thrust = FittedValue(known.mass * lift.value, known.mass * lift.sigma)
     return AirframeFit(
         thrust,
         drag,
@@ -131,21 +133,21 @@ def fit_airframe(flight: RecordedFlight, known: AirframeMeasures) -> AirframeFit
     )
 
 
-def _followed(flight: RecordedFlight, lag: float) -> Array:
-    """The commands as the motors follow them, at the IMU's times."""
+def _motor_commands(flight: RecordedFlight, lag: float) -> Array:
+    """The commands after the motors' lag, at the IMU's times."""
     index = np.clip(np.searchsorted(flight.command_t, flight.t, side="right") - 1, 0, None)
-    held = flight.commands[index]
+    sampled = flight.commands[index]
     if lag <= 0:
-        return held
+        return sampled
     fading = np.exp(-np.diff(flight.t, prepend=flight.t[0]) / lag)
-    followed = held.copy()
-    for i in range(1, len(held)):
-        followed[i] = held[i] + (followed[i - 1] - held[i]) * fading[i]
+    followed = sampled.copy()
+    for i in range(1, len(sampled)):
+        followed[i] = sampled[i] + (followed[i - 1] - sampled[i]) * fading[i]
     return followed
 
 
 def _windows(flight: RecordedFlight, lift: Array, window: float) -> tuple[Array, Array]:
-    """First and last sample of each window in the air in which neither IMU nor commands have a gap."""
+    """First and last sample of each window in the air without a gap in IMU or commands."""
     t = flight.t
     first = np.searchsorted(t, np.arange(t[0], t[-1] - window, window))
     last = np.searchsorted(t, t[first] + window * 0.999)
@@ -153,16 +155,17 @@ def _windows(flight: RecordedFlight, lift: Array, window: float) -> tuple[Array,
     first, last = first[inside], last[inside]
     usual = np.median(lift[lift > 0.5 * np.quantile(lift, 0.9)])
     command_age = t - flight.command_t[np.clip(np.searchsorted(flight.command_t, t, side="right") - 1, 0, None)]
-    bad = (lift < FLYING * usual) | (np.diff(t, prepend=t[0]) > LONGEST_GAP * window)
-    bad |= (command_age < 0) | (command_age > LONGEST_GAP * window)
+    bad = (lift < MIN_LIFT_RATIO * usual) | (np.diff(t, prepend=t[0]) > MAX_GAP_RATIO * window)
+    bad |= (command_age < 0) | (command_age > MAX_GAP_RATIO * window)
     count = np.concatenate([[0], np.cumsum(bad)])
     good = count[last + 1] == count[first]
     return first[good], last[good]
 
 
-def _growth(t: Array, values: Array, first: Array, last: Array) -> Array:
-    """How fast values (n, k) grow in each window, 1/s: the slope of the line through its samples, in which a
-    sensor's noise counts less than in the difference of two."""
+def _window_slopes(t: Array, values: Array, first: Array, last: Array) -> Array:
+    """Slope (1/s) of values (n, k) in each window, by a line through all its samples.
+
+    A sensor's noise counts less in it than in the difference of two samples."""
     count = (last - first + 1)[:, None]
 
     def total(each: Array) -> Array:
@@ -174,20 +177,23 @@ def _growth(t: Array, values: Array, first: Array, last: Array) -> Array:
     return np.asarray((total(at * values) - total(at) * total(values) / count) / spread)
 
 
-def _turning(t: Array, y: Array, x: Array, coupling: Array) -> Found:
-    """The angular acceleration (n,) that one unit of `x` gives. Commands are rounded and sampled, so that their
-    differences are noisy, which would make the slope too small: the two windows on either side are the
-    instruments (two-stage least squares)."""
+def _angular_gain(t: Array, y: Array, x: Array, coupling: Array) -> FittedValue:
+    """The angular acceleration (n,) per unit of `x`.
+
+    Commands are rounded and sampled, and the noise of their differences would make the slope too small. So the
+    two windows on either side are the instruments (two-stage least squares)."""
     middle = slice(2, -2)
     others = np.column_stack([coupling[middle], np.ones(len(t) - 4)])
-    beside = np.column_stack([x[1:-3] + x[3:-1], x[:-4] + x[4:], others])
-    instrument = beside @ np.linalg.lstsq(beside, x[middle], rcond=None)[0]
+    neighbours = np.column_stack([x[1:-3] + x[3:-1], x[:-4] + x[4:], others])
+    instrument = neighbours @ np.linalg.lstsq(neighbours, x[middle], rcond=None)[0]
     X = np.column_stack([x[middle], others])
     return _slope(t[middle], y[middle], X, np.column_stack([instrument, others]))
 
 
-def _slope(t: Array, y: Array, X: Array, Z: Array | None = None) -> Found:
-    """The first coefficient of y = X b with instruments Z, and its sigma with correlated residuals (n,) at `t`."""
+def _slope(t: Array, y: Array, X: Array, Z: Array | None = None) -> FittedValue:
+    """The first coefficient of y = X b with instruments Z, and its sigma.
+
+    Residuals (n,) at the times `t` may be correlated."""
     Z = X if Z is None else Z
     inverse = np.linalg.pinv(Z.T @ X)
     b = inverse @ Z.T @ y
@@ -195,18 +201,18 @@ def _slope(t: Array, y: Array, X: Array, Z: Array | None = None) -> Found:
     bins = np.round((t - t.min()) / WINDOW_S).astype(int)
     series = np.zeros((bins.max() + 1, X.shape[1]))
     np.add.at(series, bins, scores)
-    lags = min(round(CORRELATED_S / WINDOW_S), len(series) - 1)
+    lags = min(round(CORRELATION_TIME_S / WINDOW_S), len(series) - 1)
     middle = series.T @ series
     for lag in range(1, lags + 1):
         cross = series[lag:].T @ series[:-lag]
         middle += (1 - lag / (lags + 1)) * (cross + cross.T)
     variance = max(float((inverse @ middle @ inverse.T)[0, 0]), 0.0)
-    return Found(float(b[0]), math.sqrt(variance))
+    return FittedValue(float(b[0]), math.sqrt(variance))
 
 
-def _ratio(a: Found, b: Found) -> Found:
-    """a / b; unknown where one of them is nothing."""
+def _ratio(a: FittedValue, b: FittedValue) -> FittedValue:
+    """a / b; of infinite sigma if either is zero."""
     if a.value == 0.0 or b.value == 0.0:
-        return Found(0.0, math.inf)
+        return FittedValue(0.0, math.inf)
     value = a.value / b.value
-    return Found(value, abs(value) * math.hypot(a.sigma / a.value, b.sigma / b.value))
+    return FittedValue(value, abs(value) * math.hypot(a.sigma / a.value, b.sigma / b.value))

@@ -1,1 +1,1 @@
-"""Estimates for other programs: CSV, Parquet, TUM trajectories, MCAP for Foxglove, and bags of ROS 2."""
+"""Exports of estimates: CSV, Parquet, TUM trajectories, MCAP for Foxglove, ROS 2 bags."""

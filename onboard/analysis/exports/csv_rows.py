@@ -30,11 +30,10 @@ TEXT: Final = ("state", "verdict", "target", "estimator", "faults")  # columns t
 
 
 class CsvTable(NamedTuple):
-    """A table of estimates: the names of its columns, which carry their units, and the row of an output; None
-    for an output that has none. A value that is not known is None."""
+    """A table of estimates. Columns carry their units; unknown values are None."""
 
     columns: tuple[str, ...]
-    values: Callable[[Output], Values | None]
+    values: Callable[[Output], Values | None]  # the row of an output, None if it has no row
 
 
 def _leader_values(estimate: Output) -> Values | None:
@@ -60,7 +59,7 @@ def _columns(components: tuple[str, ...], units: tuple[str, ...]) -> tuple[str, 
 
 
 def _values(estimate: Estimate, n: int) -> Values:
-    """The row of one estimate, with its first n components. The numbers of one that is not valid are left out."""
+    """The row of one estimate with its first n components, which are None if it is not valid."""
     numbers: Values = [None] * (2 * n)
     if estimate.valid and estimate.mean is not None and estimate.covariance is not None:
         sigma = np.sqrt(np.diag(np.array(estimate.covariance)))

@@ -1,6 +1,7 @@
-"""Estimates as MCAP that Foxglove draws by itself: its own schemas in Protobuf beside our records in JSON.
+"""Estimates as MCAP with Foxglove's own schemas (Protobuf), which it draws by itself.
 
-Foxglove's axes are east, north, up; a body's are forward, left, up. Needs the extra `foxglove`.
+Every estimate is there as JSON, too. Foxglove's axes are east, north, up; a body's are forward, left, up. Needs
+the extra `foxglove`.
 """
 
 from collections.abc import Callable
@@ -27,16 +28,17 @@ from onboard.messages.base import Quaternion
 from onboard.messages.schemas import key_of, schema
 
 WORLD, OWN = "world", "own"
-EVERY_NS: Final = 40_000_000  # between drawings of one thing in the scene; its poses and places are all there
-ARROW: Final = 0.5  # m, of our own vehicle
+DRAWING_PERIOD_NS: Final = 40_000_000  # of one entity in the scene; poses and locations are complete
+ARROW_LENGTH: Final = 0.5  # m, of our own vehicle
 LEVELS: Final = {True: Log.INFO, False: Log.WARNING}
 UPRIGHT: Final[Quaternion] = (1.0, 0.0, 0.0, 0.0)
 
 
 class FoxgloveWriter:
-    """An MCAP file: `/tf`, `/own/pose`, `/own/location`, `/leader/pose`, `/leader/location`, `/scene` and
-    `/log` with Foxglove's schemas, and every estimate on its own key with ours. Log times are the boot clock's.
-    Locations need the estimator of our own state, which knows the origin."""
+    """An MCAP file on the boot clock, with Foxglove's schemas and ours.
+
+    Foxglove's: `/tf`, `/own/pose`, `/own/location`, `/leader/pose`, `/leader/location`, `/scene` and `/log`.
+    Ours: every estimate on its own key. Locations need the estimator of our own state, which knows the origin."""
 
     def __init__(self, path: Path) -> None:
         self._file = path.open("wb")
@@ -56,7 +58,7 @@ class FoxgloveWriter:
         self._file.close()
 
     def write(self, output: Output) -> None:
-        """Append a record, and what is drawn of it."""
+        """Append a record and its drawing."""
         if output.t_ns <= 0:
             return
         self._append(self._own_channel(output), self._encoder.encode(output), output.t_ns)
@@ -81,7 +83,9 @@ class FoxgloveWriter:
             return
         scene = SceneUpdate()
         entity = _entity(scene, OWN, own.t_ns)
-        arrow = entity.arrows.add(shaft_length=ARROW, shaft_diameter=0.2, head_length=ARROW, head_diameter=0.4)
+        arrow = entity.arrows.add(
+            shaft_length=ARROW_LENGTH, shaft_diameter=0.2, head_length=ARROW_LENGTH, head_diameter=0.4
+        )
         arrow.pose.CopyFrom(_pose(self._own_r, own.q_nb).pose)
         _colour(arrow.color, (1.0, 0.72, 0.3, 1.0))
         self._add("/scene", scene, own.t_ns)
@@ -122,7 +126,7 @@ class FoxgloveWriter:
             self._add("/log", log, estimate.t_ns)
 
     def _is_due(self, what: str, t_ns: int) -> bool:
-        if 0 <= t_ns - self._drawn.get(what, -EVERY_NS) < EVERY_NS:
+        if 0 <= t_ns - self._drawn.get(what, -DRAWING_PERIOD_NS) < DRAWING_PERIOD_NS:
             return False
         self._drawn[what] = t_ns
         return True

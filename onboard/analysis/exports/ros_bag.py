@@ -1,4 +1,4 @@
-"""Estimates as a bag of ROS 2 (rosbag2, MCAP), which `ros2 bag play` and RViz read. Needs the extra `ros2`."""
+"""Estimates as a ROS 2 bag (rosbag2, MCAP). Needs the extra `ros2`."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -13,7 +13,9 @@ VERSION: Final = 8  # of the metadata: older ROS reads it, newer as well
 
 
 class RosBagWriter:
-    """A folder with a bag. Times are the boot clock's. `map` is the autopilot's origin. Raises OSError."""
+    """A folder with a bag, on the boot clock. Raises OSError.
+
+    Its frame `map` is at the autopilot's origin."""
 
     def __init__(self, path: Path, config: Ros2Config) -> None:
         self._encoder = RosEncoder(config)

@@ -1,5 +1,4 @@
-"""What `onboard replay --out` and `--own` write, by the suffix of the file: CSV, Parquet, TUM's trajectories,
-MCAP for Foxglove, and a bag of ROS 2."""
+"""Writers of `onboard replay --out` and `--own`, by the suffix of the file."""
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack, closing
@@ -14,7 +13,7 @@ from onboard.messages.ros import Ros2Config
 from onboard.scoring.reference import Reference
 from onboard.units import S_PER_NS
 
-PARQUET_BATCH: Final = 10_000  # rows of Parquet that are written at once
+PARQUET_BATCH_ROWS: Final = 10_000
 EXTRAS: Final = {  # module and extra
     ".parquet": ("pyarrow", "parquet"),
     ".mcap": ("mcap_protobuf", "foxglove"),
@@ -27,10 +26,10 @@ ROS2: Final = Ros2Config()
 
 
 class Writer(Protocol):
-    """Takes each output in order; a bag of ROS 2 the health, too."""
+    """Writes each output in order."""
 
     def write(self, output: Any) -> None:
-        """Append what there is of an output."""
+        """Append an output; formats with `takes_health` also take the health."""
 
     def close(self) -> None:
         """Finish the file."""
@@ -53,15 +52,16 @@ def check_exports(*paths: Path | None) -> None:
 
 
 def suffix_of(path: Path) -> str:
-    """Says the format; a file without one, as /dev/stdout, is a CSV."""
+    """Suffix that names the format; `.csv` for a file without one, such as /dev/stdout."""
     return path.suffix or ".csv"
 
 
 def open_export(
     path: Path, stack: ExitStack, *, of_own: bool, ros2: Ros2Config = ROS2
 ) -> Callable[[Output | Health], None]:
-    """A new file, closed by `stack`; its `write`, which takes the health where `takes_health`. `of_own`: of our
-    own state, and not of the leader; a bag of ROS 2 has both. Raises UserError."""
+    """Open a new file, closed by `stack`, and return its `write`. Raises UserError.
+
+    `of_own`: write our own state instead of the leader; a bag of ROS 2 has both."""
     try:
         if path.suffix == BAG:
             from onboard.analysis.exports.ros_bag import RosBagWriter  # noqa: PLC0415 - an extra
@@ -79,9 +79,10 @@ def takes_health(path: Path) -> bool:
 
 
 class TumWriter:
-    """Valid poses as TUM's trajectories have them, which evo reads: time (s), position (m), quaternion (x, y,
-    z, w). NED as in everything else here: of our own state from the origin, of a leader relative to us. A
-    leader's attitude is not estimated, so it is the identity."""
+    """Valid poses as TUM trajectories, which evo reads, in NED.
+
+    A line has time (s), position (m), quaternion (x, y, z, w): our own state from the origin, or a leader
+    relative to us. A leader has the identity as its attitude, since that is not estimated."""
 
     def __init__(self, path: Path, of_own: bool) -> None:
         self._file, self._of_own = path.open("w", encoding="utf-8"), of_own
@@ -89,7 +90,7 @@ class TumWriter:
         self._last_ns = -1
 
     def write(self, output: Output) -> None:
-        """Append a pose, if the output has one that is later than the last."""
+        """Append a pose if the output has a newer one."""
         if not isinstance(output, Estimate) or not output.is_primary or not output.valid or output.mean is None:
             return
         if not isinstance(output, NavState):
@@ -112,7 +113,7 @@ def write_pose(write: Callable[[str], Any], t: float, r: Any, q: Any) -> None:
 
 
 def write_truth(path: Path, reference: Reference) -> Path:
-    """The leader's truth beside a trajectory of `path`, for evo. Raises OSError."""
+    """Write the leader's truth next to a trajectory at `path`, for evo. Raises OSError."""
     target = path.with_name(f"{path.stem}-truth.tum")
     with target.open("w", encoding="utf-8") as file:
         for t, row in zip(reference.time.tolist(), reference.values[:, :3].tolist(), strict=True):
@@ -121,7 +122,7 @@ def write_truth(path: Path, reference: Reference) -> Path:
 
 
 class ParquetWriter:
-    """A table as Parquet, in groups of BATCH rows: numbers are doubles, what is not known is null."""
+    """A table as Parquet: numbers are doubles, unknown values are null."""
 
     def __init__(self, path: Path, table: CsvTable) -> None:
         import pyarrow as pa  # noqa: PLC0415 - an extra
@@ -137,7 +138,7 @@ class ParquetWriter:
         values = self._values(output)
         if values is not None:
             self._waiting.append(values)
-            if len(self._waiting) >= PARQUET_BATCH:
+            if len(self._waiting) >= PARQUET_BATCH_ROWS:
                 self._flush()
 
     def close(self) -> None:

@@ -1,7 +1,7 @@
-"""A baseline of the leader as many would write it first: filterpy's unscented filter with a constant relative
-velocity, on the image's center and the apparent width of a wing whose size is known. Needs filterpy.
+"""A baseline for the leader: filterpy's unscented filter with constant relative velocity.
 
-The wing is taken to be seen from behind or ahead, so a turning leader seems farther away than it is.
+It measures the image's center and the apparent width of a wing of known size. The wing is assumed to be seen
+from behind or ahead, so a turning leader seems more distant than it is. Needs filterpy.
 """
 
 from collections import deque
@@ -18,17 +18,16 @@ from onboard.scoring.beside import PRIMARY_ESTIMATOR
 from onboard.units import S_PER_NS
 
 NAME: Final = "filterpy"
-NEAR_NS: Final = 60_000_000  # between an image and our own attitude
-GAP_S: Final = 2.0  # without an image: it begins anew
+MAX_ATTITUDE_OFFSET_NS: Final = 60_000_000  # from the image
+MAX_GAP_TIME_S: Final = 2.0  # without an image; then it restarts
 ACCELERATION_NOISE: Final = 2.0  # m/s^2, white
 WING_SIGMA: Final = 0.02  # of the size, as configured by default
 POINT_COUNT: Final = 3
-NIS_GATE: Final = 30.0  # of the NIS, 3 degrees of freedom
+NIS_GATE: Final = 30.0  # 3 degrees of freedom
 
 
 class Baseline:
-    """The filter of one flight: `follow` is given what our own pipeline publishes, of which it uses the raw image
-    points and our own attitude."""
+    """The filter of one flight, on the raw image points and our own attitude."""
 
     def __init__(self, config: Config) -> None:
         leader = config.estimator.get(PRIMARY_ESTIMATOR) or next(iter(config.estimator.values()))
@@ -40,7 +39,7 @@ class Baseline:
         self._t_ns = self._sequence = 0
 
     def follow(self, output: Output) -> Estimate | None:
-        """An estimate of its own for each image that it could use."""
+        """Fuse an output of our pipeline. Returns an estimate for each image that it can use."""
         if isinstance(output, OwnPose):
             self._poses.append(output)
             return None
@@ -48,7 +47,7 @@ class Baseline:
         if report is None or report.points is None or len(report.points) < POINT_COUNT or not self._poses:
             return None
         own = min(self._poses, key=lambda pose: abs(pose.t_ns - report.t_ns))
-        if abs(own.t_ns - report.t_ns) > NEAR_NS or report.t_ns <= self._t_ns:
+        if abs(own.t_ns - report.t_ns) > MAX_ATTITUDE_OFFSET_NS or report.t_ns <= self._t_ns:
             return None
         center, left, right = (np.array(point) for point in report.points[:POINT_COUNT])
         z = np.array([*center, np.linalg.norm(right - left)])
@@ -57,7 +56,7 @@ class Baseline:
 
     def _step(self, z: Array, R_cn: Array, t_ns: int) -> None:
         dt = (t_ns - self._t_ns) * S_PER_NS
-        if self._filter is None or dt > GAP_S:
+        if self._filter is None or dt > MAX_GAP_TIME_S:
             self._begin(z, R_cn)
         else:
             eye, filter_ = np.eye(3), self._filter

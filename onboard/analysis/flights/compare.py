@@ -1,4 +1,4 @@
-"""`onboard replay --compare`: other filters or settings on the same bytes, each named, and one table of all."""
+"""`onboard replay --compare`: other filters or settings on the same bytes, in one table."""
 
 import re
 import sys
@@ -23,25 +23,24 @@ OH_JOHNSON: Final = "oh_johnson"
 
 
 def variants(words: Sequence[str], path: Path | None, sets: tuple[str, ...]) -> dict[str, Config]:
-    """The configuration of each word of `--compare`, by the name that its estimates get: FLOWN (the recording's
-    own estimates), `paper` (Oh & Johnson), a filter's name, or [NAME:]KEY=VALUE[;KEY=VALUE...] over the flight's
-    own.
+    """Configuration of each word of `--compare`, by the name of its estimates.
 
-    Raises UserError for a word that is none of these, or comes twice.
-    """
+    A word is FLOWN (the recording's own estimates), `paper` (Oh & Johnson), a filter's name, or
+    [NAME:]KEY=VALUE[;KEY=VALUE...] on top of the flight's own. Raises UserError for any other word, or a
+    repeated one."""
     base = load_config(path, sets)
-    found: dict[str, Config] = {}
+    configs: dict[str, Config] = {}
     for word in words:
         name, keys = _named(word, base)
-        if name in found or name in base.estimator:
-            raise UserError(f"--compare {word}: {name} is there already; name it as in OTHER:{word}")
+        if name in configs or name in base.estimator:
+            raise UserError(f"--compare {word}: the name {name} is taken; give another, as in OTHER:{word}")
         config = base if name == FLOWN else load_config(path, (*sets, *keys))
         left_out = (
             PRIMARY_ESTIMATOR if name == PAPER else OH_JOHNSON if PRIMARY_ESTIMATOR in config.estimator else ""
         )
         sections = {other: section for other, section in config.estimator.items() if other != left_out}
-        found[name] = replace(config, estimator=sections)  # one estimator of the leader in each
-    return found
+        configs[name] = replace(config, estimator=sections)  # one estimator of the leader in each
+    return configs
 
 
 def print_comparison(

@@ -1,7 +1,7 @@
-"""A folder of one flight: an autopilot's log, and beside it what a detector wrote, one JSON document a line.
+"""A folder of one flight: an autopilot's log, and a detector's JSON lines.
 
-The documents are those that the detector sends in flight (`CameraDetections`). They come when the log has reached
-their time: no document arrives before it was true.
+The documents are those that the detector sends in flight (`CameraDetections`). Each is delivered when the log
+has reached its time, so none arrives before it was true.
 """
 
 from collections.abc import Iterator, Mapping
@@ -24,7 +24,7 @@ TRUTHS: Final = ("truth.csv", "truth.csv.gz")
 
 
 class FlightFolder(NamedTuple):
-    """Its files: the log, or its first part, the detectors', the configuration and the truth if they are there."""
+    """Files of a flight's folder; configuration and truth may be missing."""
 
     log: Path
     detections: tuple[Path, ...]
@@ -40,7 +40,9 @@ class Stamp(msgspec.Struct):
 
 
 def flight_folder(folder: Path) -> FlightFolder:
-    """The files of a flight's folder. Raises UserError unless it holds one log, or the parts of one."""
+    """Find the files of a flight's folder. Raises UserError unless it holds exactly one log.
+
+    The parts of one log count as one."""
     wanted = (path for path in folder.iterdir() if path.suffix.lower() in (*LOGS, *DETECTIONS))
     files = sorted(path for path in wanted if is_given(path))
     logs = [path for path in files if path.suffix.lower() in LOGS]
@@ -58,15 +60,16 @@ def flight_folder(folder: Path) -> FlightFolder:
 
 
 def is_given(path: Path) -> bool:
-    """Whether a folder, which somebody else may have made, has this file. Raises UserError for a link: it could
-    lead to any file of ours."""
+    """Whether a folder, perhaps of unknown origin, has this file.
+
+    Raises UserError for a symbolic link, which could lead to any file of ours."""
     if path.is_symlink():
-        raise UserError(f"{path} is a link, and no link of a flight's folder is followed; copy the file there")
+        raise UserError(f"{path} is a symbolic link, which is not followed; copy the file there")
     return path.is_file()
 
 
 class Documents:
-    """The documents of one detector's file, in its order, each when its time has come."""
+    """The documents of one detector's file, in order, each when its time has come."""
 
     def __init__(self, path: Path) -> None:
         self.name = path.name
@@ -80,8 +83,10 @@ class Documents:
         self._read()
 
     def due(self, t_recv_ns: int, boot_ns: int) -> Iterator[Datagram]:
-        """Those that were true by now: `t_recv_ns` on the clock of the log's arrivals, `boot_ns` on the
-        autopilot's. A line without a time comes at once: the decoder refuses it and says why."""
+        """The documents that were true by now.
+
+        `t_recv_ns` is on the clock of the log's arrivals, `boot_ns` on the autopilot's. A line without a time
+        comes at once, since the decoder refuses it with a reason."""
         while self._next is not None:
             stamp, line = self._next
             if stamp is not None and stamp.t_ns > (boot_ns if stamp.clock is Clock.BOOT else t_recv_ns):
@@ -90,8 +95,9 @@ class Documents:
             self._read()
 
     def rest(self, spans: Mapping[Clock, Span]) -> Reason:
-        """Why stamps are not those of the log, whose begin and end by each clock are `spans`, or why documents are
-        left at its end; NO_REASON if none are. Closes the file."""
+        """Close the file, and say why its stamps do not fit the log, or why documents are left.
+
+        `spans`: begin and end of the log by each clock. Returns NO_REASON if all is well."""
         first, count = self._next, 0
         while self._next is not None:
             count += 1

@@ -23,20 +23,19 @@ FILTERPY = "filterpy"
 
 
 class ScorableFlight(NamedTuple):
-    """A flight to score: its log or folder, its name and family, its configuration, `--set` and truth, and what
-    flies beside it: words of `--compare`, or FILTERPY."""
+    """A flight to score, and what is compared with it."""
 
-    log: Path
+    log: Path  # or a folder
     name: str
     family: str = ""
     config: Path | None = None
     sets: tuple[str, ...] = ()
     truth: Path | None = None
-    beside: tuple[str, ...] = ()
+    beside: tuple[str, ...] = ()  # words of `--compare`, or FILTERPY
 
 
 class FlightScores(NamedTuple):
-    """The scores of one flight by the names of the filters; the flight's own configuration's is the first."""
+    """Scores of one flight by filter; that of the flight's own configuration is first."""
 
     name: str
     family: str

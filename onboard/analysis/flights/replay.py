@@ -1,4 +1,4 @@
-"""A recorded flight through the same pipeline, as fast as it goes; bit-exact from run to run.
+"""Replay of a recorded flight through the pipeline, bit-exact from run to run.
 
 Time is the recording's own, so nothing here depends on when or how fast it is replayed.
 """
@@ -35,8 +35,8 @@ from onboard.wire.logs import dataflash, ulog
 from onboard.wire.logs.recording import is_recording, parts_of, read_flown, read_recording
 from onboard.wire.logs.tlog import NotALogError, read_tlog
 
-PROGRESS_EVERY: Final = 2000
-HEALTH_NS: Final = NS_PER_S  # between health records
+PROGRESS_RECORDS: Final = 2000  # between two calls of `progress`
+HEALTH_PERIOD_NS: Final = NS_PER_S
 FLOWN: Final = "flown"
 UNVERIFIED: Final = (
     f"{DOUBT_PREFIX}{{}} signed frames were used unverified: this replay has not the key of link `{{}}`; name it "
@@ -53,7 +53,7 @@ FOREIGN_FORMATS: Final = {  # by how a file begins: what it is, and what to do
     b"FMT, ": "a DataFlash log as text: replay the .bin that it was made of",
 }
 WORDS: Final = (Heartbeat, StatusText, ParamValue)
-ALONE: Final[Mapping[str, Config]] = {}
+NO_OTHERS: Final[Mapping[str, Config]] = {}
 
 
 class ReplayError(UserError, ValueError):
@@ -61,17 +61,15 @@ class ReplayError(UserError, ValueError):
 
 
 class ReplayResult(NamedTuple):
-    """What a replay made: every estimate of the leader and of our own state, the health at the end, records read,
-    stretches that were no record and rows that could not be used, the seconds that it lasted, and the boot time of
-    its end, s. `estimates` are the judged estimator's (`onboard.scoring.beside`); others are in `beside`."""
+    """Results of a replay."""
 
-    estimates: list[Estimate]
-    health: Health
+    estimates: list[Estimate]  # of the judged estimator (`onboard.scoring.beside`)
+    health: Health  # at the end
     records: int
-    damaged: int
-    duration: float
+    damaged: int  # stretches that were no record, and rows that could not be used
+    duration: float  # s
     own_states: list[NavState]
-    end: float
+    end: float  # boot time, s
     beside: dict[str, list[Estimate]]
 
 
@@ -84,18 +82,16 @@ def replay(
     hear: Callable[[Message, float], None] | None = None,
     progress: Callable[[int, int], None] = lambda _done, _total: None,
     keep: bool = True,
-    others: Mapping[str, Config] = ALONE,
+    others: Mapping[str, Config] = NO_OTHERS,
 ) -> ReplayResult:
-    """Feed a log, or a flight's folder, through a pipeline. `take` sees each output in order, `take_health` the
-    health after each second; `hear` sees each message of the autopilot, with the boot time that it has reached, s;
-    `progress` gets bytes done and in all. Without `keep`, the result holds no estimates:
-    an hour of them would be gigabytes.
+    """Feed a log, or a flight's folder, through a pipeline. Raises ReplayError.
 
-    `others`: further configurations that get the same bytes, by the names that their estimates then have. That of
-    FLOWN gives way to the estimates of the recording itself.
+    `take` gets each output in order, `take_health` the health after each second, `hear` each message of the
+    autopilot with the boot time (s), `progress` the bytes done and in all. Without `keep` the result holds no
+    estimates, which take gigabytes an hour.
 
-    Raises ReplayError.
-    """
+    `others`: further configurations for the same bytes, by the names of their estimates. That of FLOWN is
+    replaced by the estimates of the recording itself."""
     pipeline = pipeline_of(config)
     beside = {name: pipeline_of(other) for name, other in others.items() if name != FLOWN}
     results = Results(take, keep)
@@ -118,16 +114,16 @@ def replay(
             messages = pipeline.decode(item) if isinstance(item, Datagram) else [item]
             results.add(pipeline.advance(messages))
             if hear is not None:
-                _tell(pipeline, messages, hear)
+                _forward(pipeline, messages, hear)
             for name, other in beside.items():
                 results.add(other.feed(item) if isinstance(item, Datagram) else other.advance([item]), name)
             first = first or item.t_recv_ns
             last = max(last, item.t_recv_ns)
             if take_health is not None and last >= due:
-                due = last + HEALTH_NS
+                due = last + HEALTH_PERIOD_NS
                 take_health(pipeline.health(last))
             count += 1
-            if count % PROGRESS_EVERY == 0:
+            if count % PROGRESS_RECORDS == 0:
                 progress(done, total)
     except NotALogError as error:
         raise ReplayError(f"{log}: {error}") from error
@@ -141,8 +137,9 @@ def replay(
 
 
 def aligned(log: Path, config: Config, wanted: Callable[[Message], bool]) -> Iterator[Message | OwnPose]:
-    """A log's messages that are `wanted`, on the boot clock less their delays, and our own poses. Nothing is
-    estimated. Raises UserError."""
+    """Messages that are `wanted`, on the boot clock less their delays, and our own poses.
+
+    Nothing is estimated. Raises UserError."""
     pipeline = pipeline_of(replace(config, estimator={}))
     try:
         for item, _ in read_flight(log, pipeline):
@@ -157,8 +154,10 @@ def aligned(log: Path, config: Config, wanted: Callable[[Message], bool]) -> Ite
 
 
 def pipeline_of(config: Config) -> Pipeline:
-    """The pipeline that flew, with the keys of its links. One that cannot be read here verifies nothing: then what
-    is not signed is refused as in flight, and what is signed is counted."""
+    """Make the pipeline that flew, with the keys of its links.
+
+    A link whose key cannot be read here verifies nothing: unsigned frames are refused as in flight, and signed
+    ones are counted."""
     keys: dict[str, bytes | None] = {}
     reasons: dict[str, str] = {}
     for link in config.link:
@@ -175,8 +174,9 @@ def pipeline_of(config: Config) -> Pipeline:
 
 
 class Results:
-    """What pipelines have made, in order: to `take`, and kept if wanted. Those of another configuration than the
-    flight's go by its name."""
+    """Outputs of all pipelines in order: passed to `take`, and kept if wanted.
+
+    Those of another configuration than the flight's go by its name."""
 
     def __init__(self, take: Callable[[Output], None], keep: bool) -> None:
         self._take, self._keep = take, keep
@@ -184,7 +184,7 @@ class Results:
         self.own_states: list[NavState] = []
 
     def add(self, outputs: Iterable[Output], name: str = "") -> None:
-        """The next outputs, of the configuration of this name."""
+        """Add the next outputs of the configuration of this name."""
         for made in outputs:
             output = _renamed(made, name) if name else made
             if output is None:
@@ -199,15 +199,14 @@ class Results:
 
 
 def _renamed(output: Output, name: str) -> Estimate | None:
-    """An estimate of the leader or of our own state under another configuration's name; nothing else is
-    compared."""
+    """Rename an estimate of the leader or our own state to its configuration; else None."""
     if not isinstance(output, Estimate) or not output.is_primary:
         return None
     return replace(output, name=name, target=name)
 
 
-def _tell(pipeline: Pipeline, messages: Iterable[Message], hear: Callable[[Message, float], None]) -> None:
-    """Let the autopilot's own messages be heard: numbers once its clock is known, words from the begin."""
+def _forward(pipeline: Pipeline, messages: Iterable[Message], hear: Callable[[Message, float], None]) -> None:
+    """Pass on the autopilot's own messages: numbers once its clock is known, texts at once."""
     mine, t = pipeline.autopilot, pipeline.ownship.now_ns * S_PER_NS
     for message in messages:
         if mine is None or (message.system, message.component) != (mine.system, mine.component):
@@ -219,11 +218,10 @@ def _tell(pipeline: Pipeline, messages: Iterable[Message], hear: Callable[[Messa
 def read_flight(
     log: Path, pipeline: Pipeline, lose: Callable[[str], None] = lambda _: None, *, flown: bool = False
 ) -> Iterator[tuple[Datagram | Message | Estimate | None, int]]:
-    """What `read_log` gives of a log; of a flight's folder, the detectors' documents among it. A document follows
-    when `pipeline`, which must have been fed all before, has reached its time; one later than the log is refused.
+    """Read a log, and the detectors' documents of a flight's folder.
 
-    Raises ReplayError, NotALogError.
-    """
+    A document follows when `pipeline`, which must have been fed all before, has reached its time; one later
+    than the log is refused. Raises ReplayError, NotALogError."""
     flight = flight_of(log)
     documents = [Documents(path) for path in flight.detections]
     last, spans = 0, dict[Clock, Span]()
@@ -242,14 +240,15 @@ def read_flight(
 
 
 def flight_of(log: Path) -> FlightFolder:
-    """The files of a flight's folder, or of a log alone. A recording holds the configuration that it was made
-    with. Raises UserError."""
+    """Files of a flight's folder, or of a log alone. Raises UserError.
+
+    A recording holds the configuration that it was made with."""
     flight = flight_folder(log) if log.is_dir() else FlightFolder(log, (), None, None)
     return flight._replace(config=flight.log) if flight.config is None and read_recorded(flight.log) else flight
 
 
 def check_log(log: Path) -> None:
-    """Raise ReplayError for what is no log, before anything is written for it."""
+    """Raise ReplayError for a file that is no log, before anything is written for it."""
     log = flight_of(log).log
     try:
         items = read_log(log)
@@ -264,12 +263,11 @@ def check_log(log: Path) -> None:
 def read_log(
     log: Path, lose: Callable[[str], None] = lambda _: None, *, flown: bool = False
 ) -> Iterator[tuple[Datagram | Message | Estimate | None, int]]:
-    """What a log holds, with the bytes read so far: the datagrams of a .tlog or a recording of ours, with `flown`
-    also the estimates in it; the messages of a ULog or a DataFlash log; None for damage. `lose` is called with the
-    reason for each row of a log that cannot be used.
+    """Items of a log with the bytes read so far; None for damage.
 
-    Raises ReplayError, NotALogError.
-    """
+    A .tlog or a recording has datagrams, and with `flown` its estimates; a ULog or a DataFlash log has
+    messages. `lose` is called with the reason for each row that cannot be used. Raises ReplayError,
+    NotALogError."""
     try:
         with log.open("rb") as file:
             head = file.read(16)
@@ -292,7 +290,7 @@ def read_log(
 def _read_parts(
     log: Path, lose: Callable[[str], None], *, flown: bool
 ) -> Iterator[tuple[Datagram | Message | Estimate | None, int]]:
-    """What `read_log` gives of a log, and of the parts that follow it."""
+    """Items of a log and of the parts that follow it."""
     before = 0
     for part in parts_of(log):
         for item, done in read_log(part, lose, flown=flown):

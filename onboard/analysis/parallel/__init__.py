@@ -1,1 +1,1 @@
-"""Work in parts, over all cores of this computer or a cluster's; the results in the order of the parts."""
+"""Work in parts on all cores of this computer or of a cluster."""

@@ -1,5 +1,4 @@
-"""The results of parts as rows of Parquet, written while others are computed: what a cluster is asked for can
-be read before it has ended. Needs pyarrow."""
+"""Results of parts as rows of Parquet, readable while others are computed. Needs pyarrow."""
 
 from pathlib import Path
 from types import TracebackType
@@ -8,13 +7,13 @@ from typing import Any, Final, Self
 import msgspec
 import numpy as np
 
-ROW_GROUP: Final = 64  # rows that are written at once
+BATCH_ROWS: Final = 64
 # the number of the part, and JSON of the other three
 PART_KEYS: Final = ("part", "function", "arguments", "result")
 
 
 class PartRows:
-    """A file with one row for each part, in their order, whoever computed them: the same bytes every time."""
+    """A file with one row for each part, in order: the same bytes every time."""
 
     def __init__(self, path: Path) -> None:
         import pyarrow as pa  # noqa: PLC0415 - an extra
@@ -36,10 +35,10 @@ class PartRows:
         self._writer.close()
 
     def add(self, function: str, arguments: Any, result: Any) -> None:
-        """The next part's row."""
+        """Append the next part's row."""
         self._waiting.append((self._number, function, as_json(arguments), as_json(result)))
         self._number += 1
-        if len(self._waiting) >= ROW_GROUP:
+        if len(self._waiting) >= BATCH_ROWS:
             self._flush()
 
     def _flush(self) -> None:
@@ -51,7 +50,7 @@ class PartRows:
 
 
 def as_json(value: Any) -> str:
-    """Any result as JSON: arrays as lists, what is neither number, text nor a record as its text."""
+    """Encode any result as JSON: arrays as lists, unknown types as their text."""
     return msgspec.json.encode(_plain(value)).decode()
 
 

@@ -1,4 +1,4 @@
-"""A pool of processes for work in parts, as compiling and studies. None outlives the program that started it."""
+"""A pool of processes, none of which outlives the program that started it."""
 
 import multiprocessing
 import os
@@ -17,8 +17,9 @@ CONTEXT: Final[SpawnContext] = multiprocessing.get_context("spawn")  # not forke
 def processes(
     count: int, initializer: Callable[..., object] | None = None, *arguments: Any
 ) -> Iterator[ProcessPoolExecutor]:
-    """A pool of `count` processes; each begins with `initializer(*arguments)`. All have ended after the block, and
-    are stopped at once if it raises, as on Ctrl-C."""
+    """A pool of `count` processes that have all ended after the block.
+
+    Each begins with `initializer(*arguments)`. They are stopped at once if the block raises, as on Ctrl-C."""
     others = set(multiprocessing.active_children())
     with ProcessPoolExecutor(count, CONTEXT, initializer=_begin, initargs=(initializer, arguments)) as pool:
         try:
@@ -30,7 +31,7 @@ def processes(
 
 
 def end_with_parent() -> None:
-    """End this process as soon as the one that started it has ended, even if it was killed."""
+    """End this process when its parent has ended, even if that was killed."""
     Thread(target=_wait_for_end, daemon=True).start()
 
 

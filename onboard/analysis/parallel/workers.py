@@ -1,4 +1,4 @@
-"""Parts of work, as flights of a study, computed in several processes or on a cluster."""
+"""Parts of work, computed in several processes or on a cluster."""
 
 import os
 from collections.abc import Callable, Iterable, Sequence
@@ -14,12 +14,11 @@ Progress = Callable[[int, int], None]
 
 
 class Computers(NamedTuple):
-    """Where parts are computed: at a Dask scheduler's address, or else in processes here (None: one per core).
-    `rows`: a Parquet file that gets the results as they come."""
+    """Processes here (`jobs`; None: one per core), or a Dask scheduler at an address."""
 
     jobs: int | None = None
     cluster: str = ""
-    rows: Path | None = None
+    rows: Path | None = None  # a Parquet file for the results as they come
 
 
 Jobs = Computers | int | None
@@ -33,11 +32,10 @@ class Part(NamedTuple):
 
 
 def compute(parts: Sequence[Part], jobs: Jobs = None, progress: Progress | None = None) -> list[Any]:
-    """The result of each part, in their order, computed in `jobs` processes (None: one per core), or where
-    `Computers` says.
+    """Compute all parts, in `jobs` processes (None: one per core) or where `Computers` says.
 
-    `progress(done, total)` is called as parts finish. Raises ClusterError where a cluster cannot be used.
-    """
+    Returns the results in order. `progress(done, total)` is called as parts finish. Raises ClusterError if a
+    cluster cannot be used."""
     where = jobs if isinstance(jobs, Computers) else Computers(jobs)
     count = min(where.jobs or os.cpu_count() or 1, len(parts))
     results: Iterable[Any]
@@ -63,11 +61,11 @@ def _run(part: Part) -> Any:
 def _collect(
     results: Iterable[Any], parts: Sequence[Part], progress: Progress | None, rows: PartRows | None
 ) -> list[Any]:
-    found: list[Any] = []
+    collected: list[Any] = []
     for part, result in zip(parts, results, strict=True):
-        found.append(result)
+        collected.append(result)
         if rows is not None:
             rows.add(part.function.__name__, part.arguments, result)
         if progress is not None:
-            progress(len(found), len(parts))
-    return found
+            progress(len(collected), len(parts))
+    return collected

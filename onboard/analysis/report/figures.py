@@ -16,14 +16,14 @@ from onboard.scoring.leader import Errors
 from onboard.scoring.reference import Reference
 from onboard.units import S_PER_NS
 
-MOST_CURVE_POINTS: Final = 2000  # of a curve
+MAX_CURVE_SAMPLES: Final = 2000
 BINS: Final = 120  # of windowed figures
 LEADER, OWN, BAD, GREY = "#0072b2", "#e69f00", "#d55e00", "#999999"
 STATES: Final = dict(zip(Lifecycle, ("#999999", "#9a80d0", "#2e9e5b", "#e69f00", "#d55e00"), strict=True))
 
 
 def figures(series: FlightSeries, errors: Errors | None, reference: Reference | None) -> dict[str, Figure]:
-    """The figures of a flight by their titles; those of what did not fly are left out."""
+    """Figures of a flight by their titles; those without data are left out."""
     found: dict[str, Figure] = {}
     with mpl.rc_context(STYLE):
         if _any(series.own.table()[:, 1]):
@@ -109,7 +109,7 @@ def _images(series: FlightSeries) -> Figure:
 
 
 def _windowed(table: Array) -> tuple[Array, Array, Array, Array]:
-    """Mean NIS over its expectation in windows, with 95 % bounds: times, ratios, lower and upper bounds."""
+    """Times, mean NIS ratios in windows, and their lower and upper 95 % bounds."""
     if not len(table):
         return (np.empty(0),) * 4
     rows = []
@@ -124,7 +124,7 @@ def _windowed(table: Array) -> tuple[Array, Array, Array, Array]:
 def _errors(errors: Errors) -> Figure:
     figure, axes = panels("", 2, size=(7.2, 4.2), sharex=True)
     above, below = axes[:, 0]
-    keep = slice(None, None, -(-len(errors.time) // MOST_CURVE_POINTS))
+    keep = slice(None, None, -(-len(errors.time) // MAX_CURVE_SAMPLES))
     t, percent = errors.time[keep], 100.0 * errors.range_fraction[keep]
     sigma = np.abs(percent) / np.maximum(errors.range_sigmas[keep], 1e-9)
     above.fill_between(t, -2 * sigma, 2 * sigma, color=LEADER, alpha=0.25, linewidth=0, label="±2σ of the filter")
@@ -194,8 +194,8 @@ def _placed(series: FlightSeries) -> Array:
 
 
 def thin(table: Array) -> Array:
-    """Every k-th row, so that a curve has not too many points."""
-    return table[:: -(-len(table) // MOST_CURVE_POINTS) or 1]
+    """Keep every k-th row, so that a curve has not too many points."""
+    return table[:: -(-len(table) // MAX_CURVE_SAMPLES) or 1]
 
 
 def _any(values: Array | Sequence[float]) -> bool:

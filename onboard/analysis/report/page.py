@@ -29,10 +29,10 @@ summary{cursor:pointer;color:#57606a}
 @media print{body{margin:0}h2{break-after:avoid}svg,table{break-inside:avoid}}
 """
 
-WIDEST: Final = 110  # letters of a line of the PDF
+MAX_LINE_LENGTH: Final = 110  # letters, in the PDF
 PARAMETERS_HEADING: Final = "The autopilot's parameters"
-LINES: Final = 52  # of a table on a page of the PDF
-PAGES_OF_PARAMETERS: Final = 3
+PAGE_ROWS: Final = 52  # of a table, in the PDF
+MAX_PARAMETER_PAGE_NUMBER: Final = 3
 # Lets a reader look for a parameter by a part of its name.
 SEARCH: Final = """
 <input type=search placeholder='a part of a name' aria-label='look for a parameter'
@@ -45,8 +45,7 @@ Table = Sequence[Sequence[str]]  # the first row is its head
 
 
 class FlightReport(NamedTuple):
-    """What a report says: its title, facts (name, value), checks, figures and tables by their titles, the
-    configuration as text, and the autopilot's parameters, the most telling ones first."""
+    """Contents of a report; figures and tables by their titles."""
 
     title: str
     facts: Sequence[tuple[str, str]]
@@ -54,11 +53,11 @@ class FlightReport(NamedTuple):
     figures: Mapping[str, Figure]
     tables: Mapping[str, Table]
     configuration: str
-    parameters: Table = ()
+    parameters: Table = ()  # of the autopilot, those that somebody has set first
 
 
 def html(report: FlightReport) -> str:
-    """The page."""
+    """Render the HTML page."""
     parts = [
         f"<!doctype html><html lang=en><meta charset=utf-8><title>{_text(report.title)}</title>",
         f"<meta name=viewport content='width=device-width'><style>{STYLE}</style>",
@@ -83,20 +82,20 @@ def html(report: FlightReport) -> str:
 
 
 def write_pdf(report: FlightReport, path: Path) -> None:
-    """The verdict and the checks on the first page, then the figures, the tables, the first parameters."""
+    """Write a PDF: verdict and checks first, then figures, tables and some parameters."""
     metadata = {"Title": plain(report.title, MAX_LINE_LENGTH), "CreationDate": None}
     with mpl.rc_context({"text.parse_math": False}), PdfPages(path, metadata=metadata) as pdf:
         pdf.savefig(_first_page(report))
         for title, figure in report.figures.items():
             figure.suptitle(title, fontsize=10, x=0.01, ha="left")
             pdf.savefig(figure)
-        for figure in _table_pages({**report.tables, PARAMETERS_HEADING: _first(report.parameters)}):
+        for figure in _table_pages({**report.tables, PARAMETERS_HEADING: _shorten(report.parameters)}):
             pdf.savefig(figure)
 
 
-def _first(table: Table) -> Table:
-    """The first rows of a table, and how many more there are."""
-    most = PAGES_OF_PARAMETERS * LINES
+def _shorten(table: Table) -> Table:
+    """The first rows of a table, and the number of those left out."""
+    most = MAX_PARAMETER_PAGE_NUMBER * PAGE_ROWS
     if len(table) - 1 <= most:
         return table or [()]
     return [*table[:most], (f"and {len(table) - most} more, in the page", *[""] * (len(table[0]) - 1))]
@@ -117,7 +116,7 @@ def svg(figure: Figure) -> str:
 
 
 def summary(checks: list[Check]) -> str:
-    """In one line what is not as it should be."""
+    """Name every figure that is not PASS, in one line."""
     bad = [f"{check.name} {check.value.strip()}" for check in checks if check.grade is not Grade.PASS]
     return "; ".join(bad) if bad else "all figures are as they should be"
 
@@ -152,7 +151,7 @@ def _row(cells: Sequence[str]) -> str:
 def _first_page(report: FlightReport) -> Figure:
     figure, grade = Figure(figsize=A4), worst(report.checks)
 
-    def put(x: float, y: float, text: str, most: int = WIDEST, **style: Any) -> None:
+    def put(x: float, y: float, text: str, most: int = MAX_LINE_LENGTH, **style: Any) -> None:
         figure.text(x, y, plain(text, most), **{"fontsize": 8, **style})
 
     put(0.07, 0.95, report.title, fontsize=14)
@@ -175,14 +174,14 @@ def _first_page(report: FlightReport) -> Figure:
 
 
 def _table_pages(tables: Mapping[str, Table]) -> Iterator[Figure]:
-    """The tables as text, as many pages as they need; none of a table without rows."""
+    """Pages with the tables as text; tables without rows have none."""
     for title, (head, *rows) in tables.items():
-        for first in range(0, len(rows), LINES):
+        for first in range(0, len(rows), PAGE_ROWS):
             figure = Figure(figsize=A4)
             more = f", from row {first + 1}" if first else ""
-            figure.text(0.07, 0.95, plain(title + more, WIDEST), fontsize=12)
-            most = WIDEST // len(head)  # letters of a cell
-            for line, cells in enumerate((head, *rows[first : first + LINES])):
+            figure.text(0.07, 0.95, plain(title + more, MAX_LINE_LENGTH), fontsize=12)
+            most = MAX_LINE_LENGTH // len(head)  # letters of a cell
+            for line, cells in enumerate((head, *rows[first : first + PAGE_ROWS])):
                 for column, cell in enumerate(cells):
                     at = 0.07 + 0.86 * column / len(head), 0.92 - 0.016 * line
                     colour = "black" if line else "#57606a"

@@ -1,5 +1,7 @@
-"""What a report needs of a flight, collected while it is replayed: thinned to a few rows a second, so that an hour
-takes some megabytes."""
+"""Series that a report needs of a flight, collected while it is replayed.
+
+They are thinned to ten rows a second, so that an hour takes some megabytes.
+"""
 
 from array import array
 from collections import Counter
@@ -12,7 +14,7 @@ from onboard.geometry.rotations import euler_from_quaternion
 from onboard.messages import Estimate, Fault, Lifecycle, MeasurementReport, NavState, Output, OwnPose, Verdict
 from onboard.units import S_PER_NS
 
-ROW_NS: Final = 100_000_000  # between rows of one kind
+ROW_PERIOD_NS: Final = 100_000_000  # of each series
 FUSED: Final = (Verdict.FUSED, Verdict.FUSED_LATE)
 STARTING: Final = (Verdict.INITIALISING,)
 
@@ -21,11 +23,11 @@ class NumberRows:
     """Rows of numbers, appended one by one."""
 
     def __init__(self, width: int) -> None:
-        self._width, self._values, self._last_ns = width, array("d"), -ROW_NS
+        self._width, self._values, self._last_ns = width, array("d"), -ROW_PERIOD_NS
 
     def is_due(self, t_ns: int) -> bool:
-        """Whether a row is wanted by now; a clock that runs back begins anew."""
-        if 0 <= t_ns - self._last_ns < ROW_NS:
+        """Whether a row is wanted by now. A clock that goes back starts again."""
+        if 0 <= t_ns - self._last_ns < ROW_PERIOD_NS:
             return False
         self._last_ns = t_ns
         return True
@@ -40,7 +42,7 @@ class NumberRows:
 
 
 class RejectedImages(NamedTuple):
-    """Images with one verdict: how many, and when the first and the last were taken, s since boot."""
+    """Images with one verdict: their number, first and last boot time (s)."""
 
     number: int
     first_s: float
@@ -48,7 +50,7 @@ class RejectedImages(NamedTuple):
 
 
 class FlightSeries:
-    """One flight. Times are s on the boot clock, positions m in NED from the autopilot's origin.
+    """One flight: times in s on the boot clock, positions in m, NED from the origin.
 
     `own`: time, position (3), velocity (3) m/s, roll, pitch and yaw (degrees) of our own vehicle, as the autopilot
     has them; north and east are NaN where not known. `leader`: time, 1 if valid, position (3) relative to us,
@@ -69,7 +71,7 @@ class FlightSeries:
         self.end_s = 0.0
 
     def add(self, output: Output) -> None:
-        """The next output of the pipeline."""
+        """Add the next output of the pipeline."""
         if isinstance(output, OwnPose):
             north, east, down = output.r_OF_n
             if self.own.is_due(output.t_ns):

@@ -1,4 +1,4 @@
-"""The look of figures: a flight's report's, and the studies'. Needs the extra `study`."""
+"""Style of all figures, in reports and studies. Needs the extra `study`."""
 
 from typing import Any, Final
 

@@ -1,5 +1,7 @@
-"""What a report shows of the vehicle itself: battery, motors, vibration, GPS, modes, messages and parameters, as
-its autopilot sends them."""
+"""Series of the vehicle itself for a report, as its autopilot sends them.
+
+Battery, motors, vibration, GPS, modes, messages and parameters.
+"""
 
 import math
 from typing import Final, NamedTuple
@@ -13,11 +15,11 @@ from onboard.messages.text import MAX_LINE_LENGTH, plain
 from onboard.units import NS_PER_S
 
 WINDOW_S: Final = 0.5  # over which the accelerometer's scatter is taken
-MOTORS: Final = 8  # outputs that are drawn
-MOST_WORDS: Final = 500  # lines of modes and messages
-MOST_PARAMETERS: Final = 3000  # PX4 has some 1,200, ArduPilot 1,500
-PARAMETER_NAME: Final = 16  # letters of a parameter's name
-ROUNDED: Final = 1e-6  # of a value: less is the rounding to 32 bits
+MAX_MOTOR_NUMBER: Final = 8  # outputs that are drawn
+MAX_EVENT_ROWS: Final = 500  # modes and messages
+MAX_PARAMETER_ROWS: Final = 3000  # PX4 has some 1,200, ArduPilot 1,500
+MAX_NAME_LENGTH: Final = 16  # of a parameter
+ROUNDING_RATIO: Final = 1e-6  # a smaller difference is the rounding to 32 bits
 PX4_MODES: Final = {1: "MANUAL", 2: "ALTCTL", 3: "POSCTL", 4: "AUTO", 5: "ACRO", 6: "OFFBOARD", 7: "STABILIZED"}
 PX4_AUTO: Final = dict(enumerate(("READY", "TAKEOFF", "LOITER", "MISSION", "RTL", "LAND"), start=1)) | {
     8: "FOLLOW_TARGET",
@@ -29,11 +31,11 @@ SEVERITIES: Final = ("emergency", "alert", "critical", "error", "warning", "noti
 
 
 class Parameter(NamedTuple):
-    """Its first and newest value, when that was set, s, and its default, None where nobody says it."""
+    """Values of a parameter over a flight; None for an unknown default."""
 
     first: float
     value: float
-    set_s: float
+    set_s: float  # when the newest value was set
     default: float | None
 
     @property
@@ -42,38 +44,39 @@ class Parameter(NamedTuple):
         return not (self._is(self.first) and (self.default is None or self._is(self.default)))
 
     def _is(self, other: float) -> bool:
-        return math.isclose(self.value, other, rel_tol=ROUNDED) or (math.isnan(self.value) and math.isnan(other))
+        return math.isclose(self.value, other, rel_tol=ROUNDING_RATIO) or (
+            math.isnan(self.value) and math.isnan(other)
+        )
 
 
 class VehicleSeries:
     """One flight. Times are s on the boot clock.
 
-    `battery`: time, V under load. `outputs`: time, pulse widths of MOTORS outputs, NaN where unused. `vibration`:
-    time, RMS of what the specific force differs by from sample to sample, over sqrt(2), forward, right and down,
-    m/s^2. `gps`: time, fix type, satellites, horizontal and vertical accuracy (m), latitude and longitude
-    (degrees), NaN where not known. `words`: time, kind and text of changes of mode and of messages. `parameters`:
-    by name."""
+    `battery`: time, V under load. `outputs`: time, pulse widths, NaN where unused. `vibration`: time, RMS of the
+    differences of the specific force between samples, over sqrt(2), forward, right and down, m/s^2. `gps`: time,
+    fix type, satellites, horizontal and vertical accuracy (m), latitude and longitude (degrees), NaN where not
+    known. `words`: time, kind and text of changes of mode and of messages. `parameters`: by name."""
 
     def __init__(self) -> None:
-        self.battery, self.outputs = NumberRows(2), NumberRows(1 + MOTORS)
+        self.battery, self.outputs = NumberRows(2), NumberRows(1 + MAX_MOTOR_NUMBER)
         self.vibration, self.gps = NumberRows(4), NumberRows(7)
         self.words: list[tuple[float, str, str]] = []
-        self.left_out = 0  # words beyond MOST_WORDS
+        self.left_out = 0  # words beyond MAX_EVENT_ROWS
         self.parameters: dict[str, Parameter] = {}
-        self.parameters_left_out = 0  # messages of those beyond MOST_PARAMETERS
+        self.parameters_left_out = 0  # messages of those beyond MAX_PARAMETER_ROWS
         self._mode: tuple[bool, int] | None = None
         self._forces: list[tuple[float, float, float]] = []
         self._window_s = np.nan
 
     def hear(self, message: Message, t: float) -> None:
-        """The next message of the autopilot, at a time of its clock."""
+        """Add the next message of the autopilot, at boot time `t` (s)."""
         t_ns = round(t * NS_PER_S)
         match message:
             case Battery() if self.battery.is_due(t_ns):
                 self.battery.append(t, message.voltage_v)
             case ActuatorOutputs(port=0) if self.outputs.is_due(t_ns):
-                widths = [float(width) or np.nan for width in message.pwm_us[:MOTORS]]
-                self.outputs.append(t, *widths, *[np.nan] * (MOTORS - len(widths)))
+                widths = [float(width) or np.nan for width in message.pwm_us[:MAX_MOTOR_NUMBER]]
+                self.outputs.append(t, *widths, *[np.nan] * (MAX_MOTOR_NUMBER - len(widths)))
             case Imu():
                 self._add_force(message, t)
             case GpsFix() if self.gps.is_due(t_ns):
@@ -86,7 +89,7 @@ class VehicleSeries:
                 self._add_parameter(message, t)
             case StatusText():
                 severity = SEVERITIES[min(message.severity, len(SEVERITIES) - 1)]
-                self._say(t, severity, message.text)
+                self._add_event(t, severity, message.text)
 
     def _add_force(self, message: Imu, t: float) -> None:
         if not t - self._window_s < WINDOW_S:
@@ -102,29 +105,29 @@ class VehicleSeries:
         if before == mode:
             return
         if before is None or before[1] != mode[1]:
-            self._say(t, "mode", mode_name(heartbeat))
+            self._add_event(t, "mode", mode_name(heartbeat))
         if mode[0] != (before is not None and before[0]):
-            self._say(t, "armed" if mode[0] else "disarmed", "")
+            self._add_event(t, "armed" if mode[0] else "disarmed", "")
 
     def _add_parameter(self, message: ParamValue, t: float) -> None:
-        name, value = plain(message.name, PARAMETER_NAME), message.value
+        name, value = plain(message.name, MAX_NAME_LENGTH), message.value
         known = self.parameters.get(name)
-        if known is None and len(self.parameters) >= MOST_PARAMETERS:
+        if known is None and len(self.parameters) >= MAX_PARAMETER_ROWS:
             self.parameters_left_out += 1
         elif known is None:
             self.parameters[name] = Parameter(value, value, t, message.default)
         elif value != known.value:
             self.parameters[name] = known._replace(value=value, set_s=t)
 
-    def _say(self, t: float, kind: str, text: str) -> None:
-        if len(self.words) < MOST_WORDS:
+    def _add_event(self, t: float, kind: str, text: str) -> None:
+        if len(self.words) < MAX_EVENT_ROWS:
             self.words.append((t, kind, plain(text, MAX_LINE_LENGTH)))
         else:
             self.left_out += 1
 
 
 def mode_name(heartbeat: Heartbeat) -> str:
-    """The name of a flight mode, its number where nobody has named it."""
+    """Name of a flight mode, or its number if it has no name."""
     mode = heartbeat.custom_mode
     if heartbeat.autopilot == PX4:
         main, sub = mode >> 16 & 0xFF, mode >> 24 & 0xFF

@@ -1,4 +1,4 @@
-"""The figures of the vehicle itself in a flight's report. Needs the extra `study` (Matplotlib)."""
+"""Figures of the vehicle itself. Needs the extra `study` (Matplotlib)."""
 
 import math
 from collections.abc import Callable
@@ -10,17 +10,17 @@ from matplotlib.figure import Figure
 
 from onboard.analysis.report.figures import BAD, GREY, LEADER, OWN, thin
 from onboard.analysis.report.style import STYLE, panels
-from onboard.analysis.report.vehicle import MOTORS, VehicleSeries
+from onboard.analysis.report.vehicle import MAX_MOTOR_NUMBER, VehicleSeries
 from onboard.arrays import Array
 
-FIX_3D: Final = 3
-A_DEGREE_M: Final = 111_195.0  # of latitude, on the sphere of the Earth's mean radius
+FIX_TYPE_3D: Final = 3  # MAVLink GPS_FIX_TYPE
+DEGREE_LENGTH_M: Final = 111_195.0  # of latitude, on the sphere of the Earth's mean radius
 SCALES_M: Final = tuple(n * 10**k for k in range(6) for n in (1, 2, 5))
 AXIS_NAMES: Final = ("forward", "right", "down")
 
 
 def vehicle_figures(vehicle: VehicleSeries) -> dict[str, Figure]:
-    """The figures by their titles; those of what was not sent are left out."""
+    """Figures by their titles; those without data are left out."""
     rows: list[tuple[Array, Callable[[Any, Array], None]]] = [
         (thin(vehicle.battery.table()), _battery),
         (thin(vehicle.outputs.table()), _motors),
@@ -38,8 +38,8 @@ def vehicle_figures(vehicle: VehicleSeries) -> dict[str, Figure]:
             found["The vehicle: battery, motors, vibration"] = figure
         if len(gps):
             found["GPS"] = _gps(gps)
-        if (gps[:, 1] >= FIX_3D).any():
-            found["Map, north up"] = _map(gps[gps[:, 1] >= FIX_3D])
+        if (gps[:, 1] >= FIX_TYPE_3D).any():
+            found["Map, north up"] = _map(gps[gps[:, 1] >= FIX_TYPE_3D])
     return found
 
 
@@ -49,12 +49,12 @@ def _battery(axis: Any, table: Array) -> None:
 
 
 def _motors(axis: Any, table: Array) -> None:
-    for k in range(MOTORS):
+    for k in range(MAX_MOTOR_NUMBER):
         if np.isfinite(table[:, 1 + k]).any():
             axis.plot(table[:, 0], table[:, 1 + k], linewidth=0.7, label=str(k + 1))
     axis.set(ylabel="outputs, µs")
     if axis.lines:
-        axis.legend(loc="best", fontsize=7, ncols=MOTORS)
+        axis.legend(loc="best", fontsize=7, ncols=MAX_MOTOR_NUMBER)
 
 
 def _vibration(axis: Any, table: Array) -> None:
@@ -65,11 +65,11 @@ def _vibration(axis: Any, table: Array) -> None:
 
 
 def _gps(table: Array) -> Figure:
-    """Satellites, with what is no 3-D fix marked, and the accuracies that the receiver states."""
+    """Satellites, times without a 3-D fix, and the accuracies that the receiver states."""
     figure, axes = panels("", 2, size=(7.2, 3.6), sharex=True)
     above, below = axes[:, 0]
     above.plot(table[:, 0], table[:, 2], color=OWN, label="satellites")
-    lost = table[table[:, 1] < FIX_3D]
+    lost = table[table[:, 1] < FIX_TYPE_3D]
     if len(lost):
         above.plot(lost[:, 0], np.zeros(len(lost)), "|", color=BAD, label="no 3-D fix")
     for column, name, colour in ((3, "horizontal", OWN), (4, "vertical", LEADER)):
@@ -81,7 +81,7 @@ def _gps(table: Array) -> Figure:
 
 
 def _map(table: Array) -> Figure:
-    """The fixes by latitude and longitude, with a scale: a map without tiles, which nobody has offline."""
+    """Map of the fixes with a scale, and without tiles, which need a network."""
     figure, axes = panels("", 1, size=(7.2, 4.6))
     axis, lat, lon = axes[0, 0], table[:, 5], table[:, 6]
     narrow = max(math.cos(math.radians(float(lat.mean()))), 1e-3)
@@ -89,10 +89,10 @@ def _map(table: Array) -> Figure:
     axis.plot(lon[0], lat[0], "o", color=OWN, markersize=5, label="the first")
     axis.set_aspect(1.0 / narrow, adjustable="datalim")
     axis.ticklabel_format(useOffset=False)
-    size_m = A_DEGREE_M * max(float(np.ptp(lat)), narrow * float(np.ptp(lon)), 1e-5)
+    size_m = DEGREE_LENGTH_M * max(float(np.ptp(lat)), narrow * float(np.ptp(lon)), 1e-5)
     length_m = max((scale for scale in SCALES_M if scale < 0.5 * size_m), default=SCALES_M[0])
-    east = float(lon.min()) + np.array([0.0, length_m / (A_DEGREE_M * narrow)])
-    axis.plot(east, [float(lat.min()) - 0.05 * size_m / A_DEGREE_M] * 2, color="black", label=f"{length_m} m")
+    east = float(lon.min()) + np.array([0.0, length_m / (DEGREE_LENGTH_M * narrow)])
+    axis.plot(east, [float(lat.min()) - 0.05 * size_m / DEGREE_LENGTH_M] * 2, color="black", label=f"{length_m} m")
     axis.set(xlabel="longitude, degrees", ylabel="latitude, degrees")
     axis.legend(loc="best", fontsize=8)
     return figure

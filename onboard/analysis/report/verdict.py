@@ -1,4 +1,4 @@
-"""PASS, AMBER or FAIL: a flight's figures against thresholds, each with what it means for a pilot."""
+"""PASS, AMBER or FAIL: figures of a flight against limits, with advice for a pilot."""
 
 from collections.abc import Iterator
 from enum import StrEnum
@@ -12,7 +12,7 @@ from onboard.scoring.leader import LeaderScore
 
 
 class Grade(StrEnum):
-    """How good a figure is."""
+    """Grade of a figure."""
 
     PASS = "PASS"  # noqa: S105 - no password
     AMBER = "AMBER"
@@ -23,7 +23,7 @@ GRADES: Final = tuple(Grade)
 
 
 class Check(NamedTuple):
-    """A figure, its value and what was wanted in words, its grade, and what follows where it is not PASS."""
+    """A figure with its value, the wanted value, its grade, and advice unless it is PASS."""
 
     name: str
     value: str
@@ -33,57 +33,68 @@ class Check(NamedTuple):
 
 
 class Limit(NamedTuple):
-    """What a figure should be: at least or at most (`sense`) `good`, else AMBER, and beyond `fair` FAIL; its unit,
-    what it is measured of, and what follows where it is not PASS."""
+    """Limit of a figure: PASS up to `good`, AMBER up to `fair`, and FAIL beyond."""
 
-    sense: str
+    sense: str  # AT_LEAST or AT_MOST
     good: float
     fair: float
     unit: str
-    what: str
+    what: str  # quantity that is measured
     advice: str
 
 
-LEAST, MOST = "at least", "at most"
-SEEN: Final = "look at the states and at the rejected images below; was the leader in the image?"
-REJECTED: Final = "the table of rejected images says why; many `gated` are a wrong camera, mount, delay or size"
-GAP: Final = "do not let an autopilot follow over such a gap"
-BEGUN: Final = "tracks were given up: the leader was lost, or images contradicted what was known"
-OFF: Final = "off by more than 3 sigmas and 5 %"
-OWN: Final = "GPS, attitude or their rates: see the streams below"
-RATE: Final = "our own motion is interpolated between these. Ask for more: "
+AT_LEAST, AT_MOST = "at least", "at most"
+CHECK_VIEW: Final = "look at the states and at the rejected images below; was the leader in the image?"
+CHECK_IMAGES: Final = (
+    "the table of rejected images says why; many `gated` are a wrong camera, mount, delay or size"
+)
+CHECK_GAPS: Final = "do not let an autopilot follow over such a gap"
+CHECK_RESETS: Final = "tracks were given up: the leader was lost, or images contradicted what was known"
+CONFIDENTLY_WRONG: Final = "off by more than 3 sigmas and 5 %"
+CHECK_INPUTS: Final = "GPS, attitude or their rates: see the streams below"
+RAISE_RATE: Final = "our own motion is interpolated between these. Ask for more: "
 LIMITS: Final = {
-    "leader: valid": Limit(LEAST, 90.0, 50.0, "%", "of the time, after the first 15 s", SEEN),
-    "leader: images rejected": Limit(MOST, 10.0, 30.0, "%", "of all images", REJECTED),
-    "leader: longest gap": Limit(MOST, 2.0, 10.0, "s", "between valid estimates", GAP),
-    "leader: begun anew": Limit(MOST, 0.0, 3.0, "", "times", BEGUN),
+    "leader: valid": Limit(AT_LEAST, 90.0, 50.0, "%", "of the time, after the first 15 s", CHECK_VIEW),
+    "leader: images rejected": Limit(AT_MOST, 10.0, 30.0, "%", "of all images", CHECK_IMAGES),
+    "leader: longest gap": Limit(AT_MOST, 2.0, 10.0, "s", "between valid estimates", CHECK_GAPS),
+    "leader: begun anew": Limit(AT_MOST, 0.0, 3.0, "", "times", CHECK_RESETS),
     "truth: range error": Limit(
-        MOST, 5.0, 15.0, "%", "RMS", "the range is no better than the size that is configured"
+        AT_MOST, 5.0, 15.0, "%", "RMS", "the range is no better than the size that is configured"
     ),
-    "truth: confidently wrong": Limit(MOST, 1.0, 5.0, "%", OFF, "the sigmas cannot be relied on in this flight"),
+    "truth: confidently wrong": Limit(
+        AT_MOST, 1.0, 5.0, "%", CONFIDENTLY_WRONG, "the sigmas cannot be relied on in this flight"
+    ),
     "truth: inside the 95 % ellipsoid": Limit(
-        LEAST, 85.0, 60.0, "%", "of the time", "errors are larger than the filter claims"
+        AT_LEAST, 85.0, 60.0, "%", "of the time", "errors are larger than the filter claims"
     ),
-    "own state: valid": Limit(LEAST, 90.0, 70.0, "%", "of the time, since it first was", OWN),
+    "own state: valid": Limit(AT_LEAST, 90.0, 70.0, "%", "of the time, since it first was", CHECK_INPUTS),
     "log: damaged": Limit(
-        MOST, 0.0, 100.0, "", "stretches that could not be read", "was the recorder killed, the card full?"
+        AT_MOST, 0.0, 100.0, "", "stretches that could not be read", "was the recorder killed, the card full?"
     ),
-    "autopilot: reboots": Limit(MOST, 0.0, 0.0, "", "in this log", "an estimate begins anew with each"),
-    "rate: Attitude": Limit(LEAST, 20.0, 5.0, "Hz", "on average", RATE),
-    "rate: LocalPosition": Limit(LEAST, 20.0, 5.0, "Hz", "on average", RATE),
+    "autopilot: reboots": Limit(
+        AT_MOST,
+        0.0,
+        0.0,
+        "",
+        "in this log",
+        "every estimate restarts with the autopilot; look at its power supply",
+    ),
+    "rate: Attitude": Limit(AT_LEAST, 20.0, 5.0, "Hz", "on average", RAISE_RATE),
+    "rate: LocalPosition": Limit(AT_LEAST, 20.0, 5.0, "Hz", "on average", RAISE_RATE),
 }
 
 
 def worst(checks: list[Check]) -> Grade:
-    """The grade of a flight: that of its worst figure."""
+    """Grade of a flight: that of its worst figure."""
     return max((check.grade for check in checks), key=GRADES.index, default=Grade.PASS)
 
 
 def judge(
     series: FlightSeries, score: LeaderScore, replayed: ReplayResult, *, of_autopilot: bool = False
 ) -> list[Check]:
-    """All checks of a flight. `of_autopilot`: its log was written by the autopilot itself (.bin, .ulg), so that no
-    message in it was requested."""
+    """Check all figures of a flight.
+
+    `of_autopilot`: the log is the autopilot's own (.bin, .ulg), so no message in it was requested."""
     return [
         *_leader(series, score),
         *_consistency(score),
@@ -162,9 +173,9 @@ def _log(replayed: ReplayResult, of_autopilot: bool) -> Iterator[Check]:
 
 
 def _check(name: str, value: float, more: str = "") -> Check:
-    """A figure against its limit; `more`: what its advice ends with."""
+    """Check a figure against its limit; `more` ends the advice."""
     sense, good, fair, unit, what, advice = LIMITS[name]
-    sign = 1.0 if sense == LEAST else -1.0
+    sign = 1.0 if sense == AT_LEAST else -1.0
     above = [sign * value >= sign * limit for limit in (good, fair)]
     grade = Grade.PASS if above[0] else Grade.AMBER if above[1] else Grade.FAIL
     amber = "" if fair == good else f" (AMBER: {fair:g})"

@@ -80,7 +80,7 @@ def test_keys_are_named_or_name_themselves() -> None:
 
 @pytest.mark.parametrize(
     ("word", "reason"),
-    [("nonsense", "there are: flown .*belief of leader"), ("leader:camera.f_px=1", "leader is there")],
+    [("nonsense", "there are: flown .*belief of leader"), ("leader:camera.f_px=1", "the name leader is taken")],
 )
 def test_a_word_that_is_none_is_explained(word: str, reason: str) -> None:
     with pytest.raises(UserError, match=reason):

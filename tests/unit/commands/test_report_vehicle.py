@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from onboard.analysis.flights.replay import replay
-from onboard.analysis.report.page import FlightReport, _first, html
-from onboard.analysis.report.vehicle import MOST_PARAMETERS, MOST_WORDS, VehicleSeries, mode_name
+from onboard.analysis.report.page import FlightReport, _shorten, html
+from onboard.analysis.report.vehicle import MAX_EVENT_ROWS, MAX_PARAMETER_ROWS, VehicleSeries, mode_name
 from onboard.analysis.report.vehicle_figures import vehicle_figures
 from onboard.commands.report import _parameters
 from onboard.messages import ActuatorOutputs, Battery, GpsFix, Heartbeat, Imu, Message, ParamValue, StatusText
@@ -62,8 +62,8 @@ def test_changes_of_mode_arming_and_texts_are_said_once() -> None:
         *((5.0, "warning", series.words[3][2]), (6.0, "disarmed", "")),
     ]
     assert "\x1b" not in series.words[3][2]
-    many = heard(*((float(k), StatusText(**AT, severity=6, text=str(k))) for k in range(MOST_WORDS + 7)))
-    assert (len(many.words), many.left_out) == (MOST_WORDS, 7)
+    many = heard(*((float(k), StatusText(**AT, severity=6, text=str(k))) for k in range(MAX_EVENT_ROWS + 7)))
+    assert (len(many.words), many.left_out) == (MAX_EVENT_ROWS, 7)
 
 
 def test_vibration_is_what_differs_from_sample_to_sample() -> None:
@@ -133,12 +133,12 @@ def test_parameters_that_somebody_has_set_come_first() -> None:
 
 
 def test_parameters_are_bounded_on_the_page_and_in_the_pdf() -> None:
-    many = heard(*((1.0, parameter(f"P{k:05}", 1.0)) for k in range(MOST_PARAMETERS + 5)))
+    many = heard(*((1.0, parameter(f"P{k:05}", 1.0)) for k in range(MAX_PARAMETER_ROWS + 5)))
     table = _parameters(many)
-    assert (len(table), table[-1][0]) == (MOST_PARAMETERS + 2, "and 5 more")
-    shown = _first(table)
+    assert (len(table), table[-1][0]) == (MAX_PARAMETER_ROWS + 2, "and 5 more")
+    shown = _shorten(table)
     assert (len(shown), shown[-1][0]) == (157, f"and {len(table) - 156} more, in the page")
-    assert _first(table[:157]) == table[:157]
+    assert _shorten(table[:157]) == table[:157]
     page = html(FlightReport("a", [], [], {}, {}, "", table))
     assert "<details><summary>3001, those" in page
     assert "type=search" in page

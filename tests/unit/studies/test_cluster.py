@@ -103,12 +103,12 @@ def test_only_some_parts_are_with_the_cluster_at_a_time(tmp_path: Path) -> None:
         results = on_cluster(found.address, lambda part: part.function(*part.arguments), parts())
         for _ in range(20):
             next(results)
-        assert handed_out <= 20 + cluster.LEAST_WAITING
+        assert handed_out <= 20 + cluster.MIN_WAITING_COUNT
         results.close()  # type: ignore[attr-defined]
 
 
 def test_an_address_without_a_scheduler_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cluster, "CONNECTED_S", 1.0)
+    monkeypatch.setattr(cluster, "CONNECT_TIMEOUT_S", 1.0)
     with pytest.raises(ClusterError, match=r"there is no Dask scheduler at tcp://127\.0\.0\.1:1\b"):
         compute([Part(drawn, (1,))], Computers(cluster="tcp://127.0.0.1:1"))
 
