@@ -29,7 +29,7 @@ summary{cursor:pointer;color:#57606a}
 @media print{body{margin:0}h2{break-after:avoid}svg,table{break-inside:avoid}}
 """
 
-MAX_LINE_LENGTH: Final = 110  # letters, in the PDF
+PDF_LINE_LENGTH: Final = 110  # letters, in the PDF
 PARAMETERS_HEADING: Final = "The autopilot's parameters"
 PAGE_ROWS: Final = 52  # of a table, in the PDF
 MAX_PARAMETER_PAGE_NUMBER: Final = 3
@@ -151,7 +151,7 @@ def _row(cells: Sequence[str]) -> str:
 def _first_page(report: FlightReport) -> Figure:
     figure, grade = Figure(figsize=A4), worst(report.checks)
 
-    def put(x: float, y: float, text: str, most: int = MAX_LINE_LENGTH, **style: Any) -> None:
+    def put(x: float, y: float, text: str, most: int = PDF_LINE_LENGTH, **style: Any) -> None:
         figure.text(x, y, plain(text, most), **{"fontsize": 8, **style})
 
     put(0.07, 0.95, report.title, fontsize=14)
@@ -180,7 +180,7 @@ def _table_pages(tables: Mapping[str, Table]) -> Iterator[Figure]:
             figure = Figure(figsize=A4)
             more = f", from row {first + 1}" if first else ""
             figure.text(0.07, 0.95, plain(title + more, MAX_LINE_LENGTH), fontsize=12)
-            most = MAX_LINE_LENGTH // len(head)  # letters of a cell
+            most = PDF_LINE_LENGTH // len(head)  # letters of a cell
             for line, cells in enumerate((head, *rows[first : first + PAGE_ROWS])):
                 for column, cell in enumerate(cells):
                     at = 0.07 + 0.86 * column / len(head), 0.92 - 0.016 * line

@@ -176,6 +176,10 @@ class BeliefFilter:
         belief.covariance[POSITION, POSITION] += late[:, None] * late
         return belief
 
+    def published(self, state: State) -> tuple[Belief, OpenQuestion]:
+        """What is published: mean and covariance, and what is open about them."""
+        return self.belief(state), self.open_question(state)
+
     def open_question(self, state: State) -> OpenQuestion:
         """Whether the range is open, and then the places where the leader may be."""
         known, is_misfit = state.summary, state.particles.surprise > given.SURPRISE_LIMIT

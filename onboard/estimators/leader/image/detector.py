@@ -10,10 +10,6 @@ A noise that is a little larger is told from a leader that moves a little otherw
 image leaves, after the belief has followed it, and what the next one is off, are of one course of the leader: they
 differ by the noise of both, while a misfit is in both. So the scale follows their differences, half of the way.
 
-The noise is taken for smaller, too, down to `MIN_NOISE_SCALE`, but with more care. What was predicted is not exact
-either, so the noise is no larger than all of an innovation. Only where what is assumed of the images alone exceeds
-even that, for a whole window, it falls, half of the way and slowly. One image or window that does not fit ends it.
-
 What was learnt is part of a track's state, so it is rewound with it: an image counts by its exposure, with its
 final pose, however late it arrives.
 
@@ -58,38 +54,29 @@ class Left(NamedTuple):
 
 class NoiseScale(NamedTuple):
     """How many times (`scale`) the configured standard deviations of image points are used; the median NIS where
-    even the largest scale does not explain it, else 0; the NIS of the images since the last window; what their
-    NIS would be by their own noise alone, and that of their differences; and what the last one left."""
+    even the largest scale does not explain it, else 0; the NIS of the images since the last window, and that of
+    their differences; and what the last one left."""
 
     scale: float = 1.0
     beyond: float = 0.0
     window: tuple[float, ...] = ()
-    alone: tuple[float, ...] = ()
     differences: tuple[float, ...] = ()
     left: Left | None = None
 
     def restarted(self) -> "NoiseScale":
         """For another track of the same detector."""
-        if self.scale < 1.0:
-            return NoiseScale()
         return self._replace(beyond=0.0)
 
-    def after(
-        self, innovation: Array, covariance: Array, noise: float = 0.0, shown: Shown | None = None
-    ) -> "NoiseScale":
+    def after(self, innovation: Array, covariance: Array, shown: Shown | None = None) -> "NoiseScale":
         """After an image was compared with its prediction: innovation (m,), covariance (m, m), the direction
-        first. `noise`: the variance of each coordinate by the image's own noise; 0: that is not known. `shown`:
-        None where its own noise is not white."""
+        first. `shown`: None where its own noise is not white."""
         e, f = innovation[:2].tolist()
         (a, b), (_, d) = covariance[:2, :2].tolist()
         by_e, by_f = (d * e - b * f) / (a * d - b * b), (a * f - b * e) / (a * d - b * b)
         nis = e * by_e + f * by_f
         if nis * self.scale**2 > given.OUTLIER_NIS * given.MAX_NOISE_SCALE**2:
             return self  # of something else: an outlier, which the gate stops
-        if nis > given.NOISE_RATIO_LIMIT * given.OUTLIER_NIS and self.scale < 1.0:
-            return NoiseScale()
         window = (*self.window, nis)
-        alone = (*self.alone, (e * e + f * f) / noise) if noise > 0.0 else self.alone
         differences, left, before = self.differences, None, self.left
         if shown is not None:
             t_ns, camera, variance = shown
@@ -99,18 +86,16 @@ class NoiseScale(NamedTuple):
                 square = (e - before.right) ** 2 + (f - before.down) ** 2
                 differences = (*differences, square / (2.0 * variance))
         if len(window) < given.NOISE_WINDOW:
-            return NoiseScale(self.scale, self.beyond, window, alone, differences, left)
-        found, scale = median(window), self.scale
+            return NoiseScale(self.scale, self.beyond, window, differences, left)
+        found, scale, is_told = median(window), self.scale, len(differences) > given.NOISE_WINDOW // 2
         ratio = found / MEDIAN
         beyond = found if ratio > given.NOISE_RATIO_LIMIT and scale >= given.MAX_NOISE_SCALE else 0.0
-        by_differences = median(differences) / MEDIAN if len(differences) > given.NOISE_WINDOW // 2 else ratio
+        by_differences = median(differences) / MEDIAN if is_told else ratio
         if ratio > given.NOISE_RATIO_LIMIT:
-            scale = min(max(scale, 1.0) * math.sqrt(ratio), given.MAX_NOISE_SCALE)
-        elif scale > 1.0 or (scale == 1.0 and len(differences) > given.NOISE_WINDOW // 2 and by_differences > 1.0):
+            scale = min(scale * math.sqrt(ratio), given.MAX_NOISE_SCALE)
+        elif scale > 1.0 or (is_told and by_differences > 1.0):
             # Half the way: one window's evidence.
             scale = min(max(scale * by_differences**0.25, 1.0), given.MAX_NOISE_SCALE)
-        elif len(alone) == given.NOISE_WINDOW:
-            scale = _quieter(scale, median(alone) / MEDIAN)
         return NoiseScale(scale, beyond, left=left)
 
     @property
@@ -126,14 +111,6 @@ class NoiseScale(NamedTuple):
             return None
         words = f"NIS {self.beyond:.0f} of 1.4 at {given.MAX_NOISE_SCALE:g} times the configured noise"
         return Reason(Cause.NOISE, f"the images do not fit: {words}")
-
-
-def _quieter(scale: float, ratio: float) -> float:
-    """The scale where innovations have this `ratio` to the images' own noise: half of the way, in variance."""
-    if ratio < given.QUIET_NOISE_RATIO or (scale < 1.0 and ratio > 1.0):
-        less = scale * math.sqrt(math.sqrt(max(ratio, given.QUIET_NOISE_RATIO)))
-        return min(max(less, given.MIN_NOISE_SCALE), 1.0)
-    return scale
 
 
 class Repeats:

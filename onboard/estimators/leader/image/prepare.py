@@ -229,7 +229,7 @@ def prepare(
     `noise_scale` times as noisy as configured; `half_wing`: see `features_of`. Points within `edge_px` of the
     image's edge count as outside: the edge may cut an aircraft off, and then they are not its wingtips."""
     saw = features_of(message, view.sigma, center_on_wing=config.center_on_wing, half_wing=half_wing)
-    stated, saw = saw, saw.noisier(noise_scale)
+    stated, saw = saw, saw if noise_scale == 1.0 else saw.noisier(noise_scale)
     # a few: Python's arithmetic is fast
     sigmas = *saw.sigmas, *(feature.sigma for feature in saw.named)
     numbers = [x for point in (*saw.points, *(feature.point for feature in saw.named)) for x in point]

@@ -113,12 +113,9 @@ def fuse(
         return state, Update(leader, np.zeros(len(y)), np.eye(len(y)), y, math.inf, passes=False)
     measurement, pose = compared.measurement, compared.pose
     if math.isfinite(update.nis):
-        of_direction = float(measurement.rows.R[0, 0])
-        shown = (
-            Shown(taken.message.t_ns, taken.message.camera, of_direction) if taken.points.offset == 0.0 else None
-        )
-        alone = of_direction if measurement.rows.bias is not None else 0.0
-        noise = noise.after(update.innovation, update.innovation_covariance, alone, shown)
+        variance, message = float(measurement.rows.R[0, 0]), taken.message
+        shown = Shown(message.t_ns, message.camera, variance) if taken.points.offset == 0.0 else None
+        noise = noise.after(update.innovation, update.innovation_covariance, shown)
     if update.passes:
         sight = LineOfSight(measurement.axes[0] @ pose.R_cn, pose.r_FC_n)
         if not sight.shows(update.belief.summary.mean[POSITION]):
@@ -126,7 +123,7 @@ def fuse(
     if not update.passes:
         return state._replace(noise=noise), update
     leader = update.belief
-    if taken.has_extent and noise.scale > math.sqrt(NOISE_RATIO_LIMIT) * max(supposed, 1.0):
+    if taken.has_extent and noise.scale > math.sqrt(NOISE_RATIO_LIMIT) * supposed:
         # Begun anew from this image, but for its headings: hypotheses that died of a noise that was supposed too
         # small do not come back by a larger one. By the larger one, the images before surprise the less.
         again = measure(filter_.shape, taken.points.noisier(noise.scale)).with_attitude_noise(pose.noise_c)

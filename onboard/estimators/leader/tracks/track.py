@@ -384,7 +384,7 @@ class Track:
         if self._history is not None:
             try:
                 at_ns, track = self._history.belief_at(t_ns, ownship)
-                belief = self._filter.belief(track.leader)
+                belief, left = self._filter.published(track.leader)
                 factor(belief.covariance)
                 t_ns = at_ns
             except FilterError as error:
@@ -392,8 +392,7 @@ class Track:
                 belief = None
         facts: Facts | None = None
         if belief is not None:
-            left, noise = self._filter.open_question(track.leader), track.noise
-            r_FL_n = belief.mean[POSITION]
+            noise, r_FL_n = track.noise, belief.mean[POSITION]
             coasting, is_carried = life.standing(t_ns)
             known = is_carried, self._poses.contradiction, left.is_misfit
             doubt, finding = self._checks.judge(t_ns, belief, noise, *known)

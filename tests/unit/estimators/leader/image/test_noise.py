@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from onboard.estimators.leader.assumptions import MAX_NOISE_SCALE, MIN_NOISE_SCALE, NOISE_WINDOW
+from onboard.estimators.leader.assumptions import MAX_NOISE_SCALE, NOISE_WINDOW
 from onboard.estimators.leader.image.detector import NoiseScale, Shown
 from onboard.messages import TargetPoints
 from tests.support.streams import FOCAL_LENGTH_PX, Item, S, Stream, advance, encode, feed, position_error
@@ -17,7 +17,7 @@ def learnt_from(noise: float, windows: int, seed: int = 1) -> NoiseScale:
     """After images that are so many times as noisy as configured."""
     rng, learnt = np.random.default_rng(seed), NoiseScale()
     for _ in range(windows * NOISE_WINDOW):
-        learnt = learnt.after(noise * rng.normal(size=4), learnt.scale**2 * np.eye(4), learnt.scale**2)
+        learnt = learnt.after(noise * rng.normal(size=4), learnt.scale**2 * np.eye(4))
     return learnt
 
 
@@ -32,20 +32,7 @@ def test_the_noise_is_learnt_and_reported(noise: float) -> None:
 @pytest.mark.parametrize("seed", range(1, 9))
 def test_noise_as_configured_changes_nothing_with_seeds_1_to_8(seed: int) -> None:
     learnt = learnt_from(1.0, 20, seed)
-    assert learnt.scale > 0.8
-    assert not learnt.finding
-
-
-@pytest.mark.parametrize("seed", range(1, 5))
-@pytest.mark.parametrize(
-    ("noise", "least", "most"), [(0.1, MIN_NOISE_SCALE, MIN_NOISE_SCALE), (0.4, 0.38, 0.6), (0.6, 0.55, 0.9)]
-)
-def test_less_noise_is_learnt_slowly_and_never_less_than_there_is_with_seeds_1_to_4(
-    noise: float, least: float, most: float, seed: int
-) -> None:
-    assert learnt_from(noise, 1, seed).scale >= 0.8
-    learnt = learnt_from(noise, 20, seed)
-    assert least <= learnt.scale <= most
+    assert learnt.scale == 1.0
     assert not learnt.finding
 
 
@@ -79,35 +66,8 @@ def test_cameras_that_see_the_leader_in_two_places_are_not_noisy_seeds_1_to_4() 
     assert np.mean(found) < 1.15
 
 
-@pytest.mark.parametrize(("spread", "noise"), [(9.0, 1.0), (9.0, 0.0)])
-def test_a_prediction_that_was_better_than_expected_is_no_exact_detector(spread: float, noise: float) -> None:
-    """Innovations as small as the noise that is configured, or of a noise that is not known."""
-    rng, learnt = np.random.default_rng(5), NoiseScale()
-    for _ in range(20 * NOISE_WINDOW):
-        learnt = learnt.after(rng.normal(size=2), spread * np.eye(2), noise)
-    assert learnt.scale == 1.0
-
-
-def test_one_image_that_does_not_fit_ends_a_smaller_scale_and_so_does_a_new_track() -> None:
-    learnt = learnt_from(0.4, 20)
-    assert learnt.scale < 0.7
-    assert (
-        learnt.after(np.array([6.0, 0.0]) * learnt.scale, learnt.scale**2 * np.eye(2), learnt.scale**2).scale
-        == 1.0
-    )
-    assert (
-        learnt.after(np.array([3.0, 0.0]) * learnt.scale, learnt.scale**2 * np.eye(2), learnt.scale**2).scale < 0.7
-    )
-    assert learnt.restarted().scale == 1.0
-
-
-def test_a_window_that_does_not_fit_ends_a_smaller_scale() -> None:
-    learnt = learnt_from(0.4, 20)
-    rng = np.random.default_rng(6)
-    for _ in range(NOISE_WINDOW):
-        e = 2.0 * learnt.scale * rng.uniform(0.5, 1.4, size=2)
-        learnt = learnt.after(e, learnt.scale**2 * np.eye(2), learnt.scale**2)
-    assert learnt.scale > 1.0
+def test_a_detector_that_is_quieter_than_configured_changes_nothing() -> None:
+    assert learnt_from(0.4, 20).scale == 1.0
 
 
 def test_outliers_and_a_short_manoeuvre_change_nothing() -> None:
