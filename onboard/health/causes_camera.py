@@ -100,7 +100,7 @@ def stamp_reading(m: Moment, name: str, camera: CameraHealth) -> Reading | None:
     boot_ns = arrived_ns - offset_ns
     spans = {Clock.HOST: Span(arrived_ns, arrived_ns), Clock.BOOT: Span(boot_ns, boot_ns)}
     up_ns = round(((m.now.computer.uptime or 0.0) - camera.age) * NS_PER_S)
-    if up_ns > 0 and Span(up_ns, up_ns).holds([stamp_ns]) and not spans[Clock.BOOT].holds([stamp_ns]):
+    if up_ns > 0 and Span(up_ns, up_ns).contains([stamp_ns]) and not spans[Clock.BOOT].contains([stamp_ns]):
         return UPTIME
     return read_stamps([stamp_ns], Clock(camera.clock), spans, is_ros=name in m.needs.ros)
 

@@ -18,7 +18,7 @@ from onboard.commands.cli import USER_ERROR, main
 from onboard.commands.loading import HEAPS, NICE, loading
 from onboard.config import parse_config
 from onboard.daemon import Daemon
-from tests.support.programs import PATIENCE, environment
+from tests.support.programs import TIMEOUT_S, environment
 
 
 @pytest.fixture(autouse=True)
@@ -136,7 +136,7 @@ def test_the_zenoh_session_opens_while_the_filters_load(monkeypatch: pytest.Monk
     found: list[object] = []
 
     def daemon(*_: Any, session: Future[object], **__: Any) -> Any:
-        found.append(session.result(PATIENCE))
+        found.append(session.result(TIMEOUT_S))
         raise UserError("that was all")
 
     monkeypatch.setattr("onboard.config.load_config", lambda *_: parse_config({}))
@@ -184,7 +184,7 @@ def test_a_signal_while_it_loads_ends_it_well(number: str, module: str, patch: s
         capture_output=True,
         text=True,
         env=environment(),
-        timeout=PATIENCE,
+        timeout=TIMEOUT_S,
         check=False,
     )
     assert (done.returncode, done.stderr) == (0, "stopped\n")
