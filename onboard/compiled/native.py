@@ -15,7 +15,8 @@ from numba.core.codegen import AOTCPUCodegen
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import cpu_target
 from numba.core.runtime import nrtdynmod
-from numba.np.arrayobj import populate_array
+from numba.extending import overload
+from numba.np import arrayobj
 
 from onboard.compiled.kinds import name_of
 from onboard.compiled.machine import Processor
@@ -70,6 +71,19 @@ def _compiled(dispatcher: Any, takes: tuple[Any, ...]) -> Any:
     return dispatcher.overloads[arguments]
 
 
+def _raise_of_shapes(shapes: Any, index_shape: Any) -> None:
+    """What a kernel does if an array does not fit where it is put. Raises ValueError."""
+    raise NotImplementedError
+
+
+@overload(_raise_of_shapes)
+def _raise_of_shapes_compiled(shapes: Any, index_shape: Any) -> Callable[[Any, Any], None]:  # noqa: ARG001
+    def raise_(shapes: Any, index_shape: Any) -> None:  # noqa: ARG001 - by these names
+        raise ValueError("cannot assign slice from input of different shape")
+
+    return raise_
+
+
 def aim(target: Processor) -> None:
     """Compile for a processor from now on."""
 
@@ -87,6 +101,8 @@ def aim(target: Processor) -> None:
     context._internal_codegen = Codegen("kernels", cpu_name=target.cpu)  # noqa: SLF001 - as pycc does
     cpu_target.__dict__["_toplevel_target_context"] = context
     context.refresh()
+    # The message of Numba's own function takes text in machine code, in kernels that print nothing.
+    arrayobj.raise_with_shape_context = _raise_of_shapes
 
 
 @global_compiler_lock
@@ -190,7 +206,7 @@ def _native(context: Any, builder: Any, slots: _Slots, kind: Any) -> Any:
         parent, data = (builder.inttoptr(slots.take(), field.type) for field in (array.parent, array.data))
         shape, strides = ([slots.take() for _ in range(kind.ndim)] for _ in range(2))
         size = SLOT(context.get_abi_sizeof(context.get_data_type(kind.dtype)))
-        populate_array(array, data, shape, strides, size, meminfo=None, parent=parent)
+        arrayobj.populate_array(array, data, shape, strides, size, meminfo=None, parent=parent)
         return array._getvalue()  # noqa: SLF001 - as Numba's own code
     if isinstance(kind, types.BaseTuple):
         return context.make_tuple(builder, kind, [_native(context, builder, slots, each) for each in kind.types])

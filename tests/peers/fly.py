@@ -12,7 +12,6 @@ import csv
 import os
 import shutil
 import signal
-import socket
 import sys
 import time
 from collections.abc import Callable
@@ -26,7 +25,6 @@ from onboard.wire.logs.recording import read_messages
 from tests.support.arducopter import Copter
 from tests.support.courses import Course, draw_plan
 from tests.support.formation_flown import Field, Start, Vehicle, Verdict, field
-from tests.support.programs import CODE, free_ports, started
 from tests.support.px4 import Px4
 
 Make = Callable[[Path, int, Start], Vehicle]
@@ -103,23 +101,9 @@ def describe(course: Course, v: Verdict, valid: float) -> str:
     return f"| {' | '.join(cells)} |"
 
 
-def _compile(folder: Path) -> None:
-    """Let the daemon compile its filters, so that no flight waits for it."""
-    zenoh, link = free_ports(socket.SOCK_STREAM, socket.SOCK_DGRAM)
-    settings = (
-        f"zenoh.listen=['tcp/127.0.0.1:{zenoh}']",
-        f"link=[{{name='autopilot', url='udpin:127.0.0.1:{link}'}}]",
-    )
-    arguments = [a for one in settings for a in ("--set", one)]
-    log = folder / "compile.log"
-    with started(log, "onboard", "run", CODE / "configs" / "sitl.toml", *arguments, cwd=folder) as daemon:
-        daemon.wait_for("link autopilot")
-
-
 def fly_plan(plan: list[Course], options: Options) -> int:
     """Fly courses one after another, each until it counts. Returns how many were flown as asked."""
     options.out.mkdir(parents=True)
-    _compile(options.out)
     print(HEAD, flush=True)
     passed = voids = 0
     for number, course in enumerate(plan, 1):
