@@ -456,4 +456,4 @@ def test_a_function_may_return_a_linear_model_of_the_closed_forms_and_nothing_el
     found = run("kalman", by_step, start, np.array([0.0, 1.0, 1.2, 2.4]), ts)
     assert found.beliefs.mean[-1] == pytest.approx([2.4, 0.9], abs=0.4)
     with pytest.raises(FilterError, match="must return its Model, not tuple"):
-        run("kalman", lambda _: (H, H), start, np.zeros(4), ts)  # type: ignore[arg-type,return-value]
+        run("kalman", lambda _: (H, H), start, np.zeros(4), ts)
