@@ -16,7 +16,7 @@ from onboard.filters import association
 from onboard.filters.kernels import definite, gains, linear, records
 from onboard.models import quadrotor
 from tests.support import kernels
-from tests.support.programs import TIMEOUT_S, ROOT, environment
+from tests.support.programs import ROOT, TIMEOUT_S, environment
 
 pytestmark = pytest.mark.skipif(not kernels.are_compiled(), reason="WINGLINE_KERNELS: nothing is compiled")
 EYE = np.eye(3)[None]
