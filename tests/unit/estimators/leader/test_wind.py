@@ -11,7 +11,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.arrays import Array
-from onboard.estimators.leader import estimator
+from onboard.estimators.leader import assumptions
 from onboard.estimators.leader.assumptions import GUST, USUAL_SIGMA
 from onboard.estimators.leader.hypotheses.summary import HEADING
 from onboard.estimators.leader.hypotheses.wind import wind_of
@@ -127,7 +127,7 @@ def test_a_track_that_starts_in_wind_knows_it_seed_1() -> None:
 
 
 def test_wind_is_forgotten_when_its_reports_end_seed_1(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(estimator, "TIMEOUT_NS", 6 * S)
+    monkeypatch.setattr(assumptions, "WIND_TIMEOUT_NS", 6 * S)
     run = flown(22.0, *winds(5.0, 8.0))
     before = [heading(e)[0] for e in run.estimates if e.valid and 12.0 < e.t_ns / S < 13.0]
     assert min(before) > 15.0
