@@ -21,9 +21,19 @@ from typing import Final
 import msgspec
 
 from onboard import UserError
-from onboard.compiled.machine import FOLDER, OBJECTS, PROCESSORS, Processor, checksum, digest, features, processor
+from onboard.compiled.machine import (
+    FOLDER,
+    OBJECTS,
+    PROCESSORS,
+    ROOT,
+    Processor,
+    checksum,
+    digest,
+    features,
+    processor,
+)
 from onboard.compiled.parts import Part
-from onboard.compiled.sources import kernel_modules, path_of, sources
+from onboard.compiled.sources import kernel_modules, sources
 
 C_SOURCES: Final = ("boundary.c", "linear_algebra.c")
 MADE_BY: Final = ("onboard/compiled/native.py", "onboard/compiled/numba_types.py")
@@ -81,8 +91,9 @@ def _compile(names: Sequence[str], files: Mapping[str, Path], target: Processor)
 
 
 def _cost(module: str) -> int:
-    """How long a module takes, by its kernels: the longest begin first, so that the processes end together."""
-    return path_of(module).read_text(encoding="utf-8").count("@kernel(")
+    """How long a module takes, by the kernels that it may call: the longest begin first and all end together."""
+    texts = ((ROOT / file).read_text(encoding="utf-8") for file in sources([module]))
+    return sum(text.count("@kernel(") for text in texts)
 
 
 def _link(compiler: str, parts: Sequence[Part], path: Path, made_of: Sequence[str]) -> None:
