@@ -32,8 +32,8 @@ INSIDE = {
     "onboard.estimators": ({"kit"}, {"leader", "oh_johnson", "own_state", "traffic"}),
     "onboard.estimators.leader": (
         *(
-            {"assumptions", "association"},
-            {"config"},
+            {"assumptions"},
+            {"association", "config"},
             {"image"},
             {"hypotheses"},
             {"reports"},
