@@ -324,7 +324,8 @@ def _convert(table: Any, kind: type[Any], at: str) -> Any:
         text, _, path = str(error).partition(" - at `$")
         where = f"{at}{path.rstrip('`')}".lstrip(".") or at
         reason = f"{text[0].lower()}{text[1:]}"
-        if (OUT_OF_RANGE.match(reason) or INVALID_CHOICE.match(reason)) and "[...]" not in path:  # a dict's value
+        is_of_key = path and "[...]" not in path  # not of a key or value of a dict
+        if is_of_key and (OUT_OF_RANGE.match(reason) or INVALID_CHOICE.match(reason)):
             keys = [key or int(index) for key, index in STEP_OF_PATH.findall(path)]
             raise ConfigError(
                 f"{where} is {_value_at(table, keys)!r}: {_expectation(reason, kind, keys)}"

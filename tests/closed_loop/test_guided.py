@@ -60,13 +60,13 @@ def test_a_daemon_that_is_killed_soon_after_engaging_follows_on_seed_3() -> None
     """GUIDED brakes 1 s after the last setpoint."""
     scenario = load_scenario("guided-circle")
     scenario = replace(scenario, camera=replace(scenario.camera, blackouts=()))
-    flight = fly(scenario, 3, 20.0, killed=(12.0, 14.0))
+    flight = fly(scenario, 3, 27.0, killed=(12.0, 14.0))
     again = flight.t[(flight.valid > 0) & (flight.following > 0) & (flight.t >= 14.0)][0]
     assert again < 15.0
     assert flight.valid[flight.t > again].all()
     assert flight.following[flight.t > again].all()
-    assert flight.slot_error[flight.t > 14.0].max() < 11.0  # 8.3
-    assert flight.slot_error[-1] < 5.0  # 3.5
+    assert flight.slot_error[flight.t > 14.0].max() < 11.0  # 9.8
+    assert flight.slot_error[-1] < 5.0  # 3.8; it closes up only as fast as it could stop if the leader braked
 
 
 def test_when_the_leader_is_lost_it_stops_closing_and_lets_it_go_seed_1(

@@ -178,5 +178,5 @@ def test_no_link_in_a_flight_s_folder_is_followed(tmp_path: Path, name: str) -> 
     (folder / "log.tlog").write_bytes(b"")
     (tmp_path / "ours").write_text("ours")
     (folder / name).symlink_to(tmp_path / "ours")
-    with pytest.raises(UserError, match=f"{name} is a link"):
+    with pytest.raises(UserError, match=f"{name} is a symbolic link"):
         flight_folder(folder)

@@ -90,7 +90,7 @@ def test_a_port_in_use_is_one_clear_line() -> None:
     endpoint = free_endpoint()
     holds_the_port = open_session(config(endpoint))
     try:
-        with pytest.raises(SinkError, match="is in use: is another router") as caught:
+        with pytest.raises(SinkError, match="is in use; stop the other router") as caught:
             open_session(config(endpoint))
     finally:
         holds_the_port.close()

@@ -86,8 +86,9 @@ def test_a_wrong_camera_is_no_pass_and_says_what_to_do(log: Path) -> None:
     assert all(check.advice for check in bad)
 
 
-def test_rejected_images_have_their_times(log: Path) -> None:
-    series, _, _ = collected(log, "estimator.leader.edge_px=239")
+def test_rejected_images_have_their_times(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("onboard.estimators.leader.config.Config.edge_px", 239.0)
+    series, _, _ = collected.__wrapped__(log)
     rejected = series.rejected[Verdict.OUT_OF_VIEW]
     assert rejected.number == series.counts[Verdict.OUT_OF_VIEW] > 10
     assert 5.0 <= rejected.first_s < rejected.last_s < 30.0

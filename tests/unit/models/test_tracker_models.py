@@ -152,7 +152,7 @@ def test_noise_is_van_loan_s_for_short_steps_and_long_seed_7(dt: float, turning:
         assert np.linalg.eigvalsh(found[k] / right.max())[0] > -1e-15
 
 
-@pytest.mark.parametrize(("dt", "q"), [(0.0, 1.0), (float("nan"), 1.0), (0.1, -1.0), (0.1, float("nan"))])
+@pytest.mark.parametrize(("dt", "q"), [(-0.1, 1.0), (float("nan"), 1.0), (0.1, -1.0), (0.1, float("nan"))])
 def test_noise_of_no_step_or_of_no_density_is_refused(dt: float, q: float) -> None:
     with pytest.raises(FilterError):
         variable_turn.noise(states(8), dt, q)

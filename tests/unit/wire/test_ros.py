@@ -125,5 +125,5 @@ def test_keys_are_those_of_rmw_zenoh_and_of_the_bridge() -> None:
         "*/detector/boxes/*/*",
         "detector/boxes",
     ]
-    with pytest.raises(ConfigError, match="use its name without the first slash"):
+    with pytest.raises(ConfigError, match="write its name without the leading slash"):
         config(ros_topic="/detector/boxes")

@@ -140,7 +140,7 @@ def test_a_key_that_others_can_read_or_that_is_not_there_ends_the_start(tmp_path
     path.write_text(KEY.hex(), encoding="ascii")
     for mode in (0o640, 0o604, 0o660):
         path.chmod(mode)
-        with pytest.raises(ConfigError, match=r"link fc: key_file .*: others can read it; chmod 600"):
+        with pytest.raises(ConfigError, match=r"link fc: key_file .*: others can read it; run chmod 600"):
             signing_key(link)
     path.chmod(0o600)
     assert signing_key(link) == KEY

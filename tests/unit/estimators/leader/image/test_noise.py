@@ -1,7 +1,7 @@
 """How noisy the detector is, by the filter's own evidence."""
 
 import math
-import re
+from typing import Any
 
 import numpy as np
 import pytest
@@ -118,8 +118,10 @@ def test_the_reported_noise_is_that_of_a_flight_with_seed(noise: float, seed: in
         return Item(item.t_recv_ns, replace(m, center=center, left=left, right=right))
 
     run = advance(noisy(i).message for i in Stream(t0=5.0, t1=35.0, seed=None, latency=0).items())
-    scales = [float(found[1]) for e in run.estimates if (found := re.search(r"([\d.]+) times", e.reason))]
-    assert np.median(scales) == pytest.approx(noise, rel=0.15)  # what manoeuvres may be is no noise
+    estimator: Any = run.pipeline.estimators["leader"]
+    [track] = estimator._tracks.values()
+    assert track.noise.scale == pytest.approx(noise, rel=0.15)  # what manoeuvres may be is no noise
+    assert "scatter more than the configured noise" in run.estimates[-1].reason
     assert all(e.valid for e in run.estimates[500:])
 
 
