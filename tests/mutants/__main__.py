@@ -10,10 +10,13 @@ run in place of the wrong one.
 
 `--random N --seed S` draws mutants instead (`tests.mutants.drawn`). For those the kernels are compiled anew in
 which the wrong line may be: the nearest tests are whole flights, too, and would take hours without the compiler.
+
+`--matrix FILE` says which test files kill which of them (`tests.mutants.matrix`).
 """
 
 import argparse
 import fnmatch
+import math
 import os
 import shutil
 import subprocess
@@ -28,6 +31,8 @@ from queue import SimpleQueue
 from typing import Final, NamedTuple
 
 from tests.mutants.drawn import draw, interval
+from tests.mutants.matrix import TEST_LIMIT_S, fill, read_coverage, summary
+from tests.mutants.observed import OBSERVED
 from tests.mutants.table import ROOT, Mutant, MutantError, read
 
 KILLED, ENDLESS, SURVIVED, BROKEN = "killed", "endless", "survived", "BROKEN"
@@ -48,6 +53,12 @@ PARTS: Final = (
 LIMIT_S: Final = 600.0  # then it is taken to run for ever, and counts as killed
 # pytest's exit code for failed tests, and ours for endless ones; 0 is success, any other: no tests were run
 TESTS_FAILED, TOO_LONG = 1, -1
+ALL: Final = ("-q", "-m", "not slow", "-rf", "--tb=line", "-p", "no:cacheprovider")
+FIRST: Final = (*ALL, "-x", "--timeout=0")  # the limit of single tests would kill, on a busy computer, the unseen
+MATRIX: Final = {
+    compiled: (*ALL, f"--timeout={limit_s:g}", "-p", "tests.mutants.observed")
+    for compiled, limit_s in TEST_LIMIT_S.items()
+}
 KERNEL: Final = "@kernel("  # stands in a file with kernels
 
 
@@ -70,6 +81,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     try:
         table = list(read().values())
+        if options.matrix:
+            return _run_matrix(draw(options.random or 0, options.seed, table, options.folders), options)
         if options.random:
             return _run_drawn(draw(options.random, options.seed, table), options)
         chosen = choose(table, options.names, options.start)
@@ -114,6 +127,10 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--limit", type=float, default=150.0, metavar="S", help="time for a drawn one (%(default)g s)"
     )
+    parser.add_argument("--matrix", type=Path, metavar="FILE", help="which tests kill which of those drawn")
+    parser.add_argument("--in", dest="folders", nargs="+", default=[], metavar="FOLDER", help="draw from these")
+    parser.add_argument("--tests", nargs="+", default=["tests"], metavar="PATH", help="tests of the matrix")
+    parser.add_argument("--coverage", type=Path, metavar="FILE", help="data of `pytest --cov-context=test`")
     parser.add_argument("--list", action="store_true", help="print the names and run nothing")
     return parser
 
@@ -145,6 +162,24 @@ def _run_drawn(mutants: Sequence[Mutant], options: argparse.Namespace) -> int:
     share = f"{100 * killed / max(decided, 1):.0f} % killed ({100 * low:.0f} to {100 * high:.0f})"
     print(f"\n{', '.join(f'{n} {outcome}' for outcome, n in outcomes.most_common())}: {share}")
     return 0 if killed >= WANTED * decided else 1
+
+
+def _run_matrix(mutants: Sequence[Mutant], options: argparse.Namespace) -> int:
+    """Run all tests that are asked for with each mutant, and print the summary."""
+    with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
+        copy = _copy(Path(folder) / "copy") if mutants else Path(folder)
+
+        def run(mutant: Mutant | None, tests: Sequence[str], compiled: bool) -> str:
+            (copy / OBSERVED).unlink(missing_ok=True)
+            if mutant is None:
+                return _pytest(copy, tests, compiled=compiled, limit_s=math.inf, options=MATRIX[compiled])[1]
+            wrong = mutant._replace(tests=tuple(tests))
+            return _run(copy, wrong, limit_s=options.limit, compiled=compiled, options=MATRIX[compiled]).output
+
+        executed = read_coverage(options.coverage) if options.coverage else None
+        fill(options.matrix, mutants, options.tests, copy, run, executed)
+    print(summary([options.matrix]))
+    return 0
 
 
 def _run_one_drawn(copy: Path, mutant: Mutant, limit_s: float) -> tuple[str, float]:
@@ -202,7 +237,14 @@ def _run_all(copies: Sequence[Path], mutants: Sequence[Mutant]) -> list[Ran]:
     return ran
 
 
-def _run(copy: Path, mutant: Mutant, *, limit_s: float = LIMIT_S, compiled: bool | None = None) -> Ran:
+def _run(
+    copy: Path,
+    mutant: Mutant,
+    *,
+    limit_s: float = LIMIT_S,
+    compiled: bool | None = None,
+    options: Sequence[str] = FIRST,
+) -> Ran:
     """Change the copy, run the tests named, and put the copy right again, its times too."""
     path, begin = copy / mutant.file, time.monotonic()
     right, stamp = path.read_text(encoding="utf-8"), path.stat()
@@ -210,7 +252,7 @@ def _run(copy: Path, mutant: Mutant, *, limit_s: float = LIMIT_S, compiled: bool
         compiled = _is_compiled(copy, mutant)
     path.write_text(mutant.applied_to(right), encoding="utf-8")
     try:
-        code, output = _pytest(copy, mutant.tests, compiled=compiled, limit_s=limit_s)
+        code, output = _pytest(copy, mutant.tests, compiled=compiled, limit_s=limit_s, options=options)
     finally:
         path.write_text(right, encoding="utf-8")
         os.utime(path, ns=(stamp.st_atime_ns, stamp.st_mtime_ns))
@@ -223,9 +265,10 @@ def _is_compiled(copy: Path, mutant: Mutant) -> bool:
     return KERNEL not in (copy / mutant.file).read_text(encoding="utf-8")
 
 
-def _pytest(copy: Path, tests: Sequence[str], *, compiled: bool, limit_s: float) -> tuple[int, str]:
-    """pytest's exit code, or TOO_LONG, and the end of its output. The time limit of single tests is lifted: on a
-    busy machine it would kill mutants that no test sees."""
+def _pytest(
+    copy: Path, tests: Sequence[str], *, compiled: bool, limit_s: float, options: Sequence[str] = FIRST
+) -> tuple[int, str]:
+    """Return pytest's exit code, or TOO_LONG, and the end of its output."""
     environment = os.environ | {
         "PYTHONPATH": str(copy),
         "PYTHONDONTWRITEBYTECODE": "1",  # a mutant of the same length in the same second must not leave its own
@@ -233,13 +276,12 @@ def _pytest(copy: Path, tests: Sequence[str], *, compiled: bool, limit_s: float)
         "WINGLINE_KERNELS": "machine" if compiled else "python",
         "HYPOTHESIS_STORAGE_DIRECTORY": str(copy / ".hypothesis"),
     }
-    options = ("-q", "-x", "-m", "not slow", "-rf", "--tb=line", "--timeout=0", "-p", "no:cacheprovider")
     command = [sys.executable, "-m", "pytest", *options, *tests]
     with subprocess.Popen(
         command, cwd=copy, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
     ) as process:
         try:
-            output, _ = process.communicate(timeout=limit_s)
+            output, _ = process.communicate(timeout=None if math.isinf(limit_s) else limit_s)
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()

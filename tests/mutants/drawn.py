@@ -22,12 +22,16 @@ MOST_FILES: Final = 10  # of tests that run for one mutant
 CONFIDENCE: Final = 1.96  # standard deviations: an interval that holds the true share 19 times of 20
 
 
-def draw(number: int, seed: int, table: Sequence[Mutant]) -> list[Mutant]:
-    """This many mutants, other ones for each seed; `table` says which are known to be equivalent to the right
-    line, and which tests see a file."""
+def draw(number: int, seed: int, table: Sequence[Mutant], folders: Sequence[str] = ()) -> list[Mutant]:
+    """Draw mutants, other ones for each seed, from these folders or files; from all, if there are none.
+
+    `table` says which are known to be equivalent to the right line, and which tests see a file.
+    """
     rng = random.Random(seed)
-    lines = [(path, k) for path in _sources() for k in _by_line(path)]
-    return [_mutant(path, rng.choice(_by_line(path)[k]), table) for path, k in rng.sample(lines, number)]
+    inside = [path for path in _sources() if not folders or any(_is_in(path, folder) for folder in folders)]
+    lines = [(path, k) for path in inside for k in _by_line(path)]
+    chosen = rng.sample(lines, min(number, len(lines)))
+    return [_mutant(path, rng.choice(_by_line(path)[k]), table) for path, k in chosen]
 
 
 def nearest(file: str, table: Sequence[Mutant]) -> tuple[str, ...]:
@@ -53,6 +57,10 @@ def interval(killed: int, decided: int) -> tuple[float, float]:
     share = killed / decided
     half = math.sqrt(z2 * share * (1.0 - share) + z2 * z2 / 4.0)
     return (share + z2 / 2.0 - half) / (1.0 + z2), (share + z2 / 2.0 + half) / (1.0 + z2)
+
+
+def _is_in(path: Path, folder: str) -> bool:
+    return path.is_relative_to(ROOT / folder)
 
 
 def _mutant(path: Path, change: Change, table: Sequence[Mutant]) -> Mutant:
