@@ -5,11 +5,10 @@ its source (in field data, LOCAL_POSITION_NED was 20 to 25 ms older than its sta
 clock (camera, Unix time) are converted by the offset between the two clocks (`offset`).
 
 A stamp that does not fit is compared with its neighbours. If only the arrival time has jumped, our own clock was
-set or the link was held up, and nothing is lost. If arrivals are stamped by a clock that can be set, it was set
-if they stay late. If the boot clock itself has jumped and the next few messages agree, the autopilot has
-rebooted. A single odd stamp is rejected, as is one farther ahead of its arrival than the link has shown. A second
-link may repeat messages late and in bulk: stamps of the recent past are a jump only if no others arrive between
-them for a while. Only the autopilot's own stamps are judged: a camera's may lag.
+set or the link was held up. If the boot clock has jumped and the next few messages agree, the autopilot has
+rebooted. A single odd stamp is rejected, and one too far ahead of its arrival.
+Stamps of the recent past are a jump only if no others arrive between them for a while, since a second link may
+repeat messages late and in bulk. Only the autopilot's own stamps are judged: a camera's may lag.
 """
 
 from collections import Counter, deque
@@ -18,7 +17,7 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from onboard.clocks.cameras import Followers
+from onboard.clocks.cameras import STAMP_JITTER_TOLERANCE_NS, Followers
 from onboard.clocks.odd_stamps import OddStamps
 from onboard.clocks.offset import WINDOW_NS, Offset, Reply
 from onboard.clocks.wall_clock import WallClock
@@ -40,29 +39,28 @@ from onboard.units import NS_PER_S, S_PER_NS
 
 # Stamped by a sensor, perhaps with the boot clock; usable once our own pose at that time is known.
 SENSED: Final = (Exposure, RadarScan, PeerRanges)
-SERVO_WRAP_NS: Final = 2**32 * 1000  # SERVO_OUTPUT_RAW stamps in 32 bits of microseconds: 71.6 minutes
-BOOT_WRAP_NS: Final = 2**32 * 1_000_000  # time_boot_ms: 49.7 days
-JUMP_NS: Final = NS_PER_S
-CONTINUES_NS: Final = 5 * NS_PER_S
-CONFIRM_TAGGED: Final = 3
-AHEAD_NS: Final = 250_000_000  # of a stamp over its arrival; streams of one real autopilot differ by 140 ms
-STEP_LASTS_NS: Final = 3 * NS_PER_S  # a longer delay is taken for a clock that was set
-CORRECTED_NS: Final = 50_000_000  # an error of conversion that affects estimates
-MOST_GIMBALS: Final = 8
-LONGEST_ROUND_TRIP_NS: Final = 200_000_000
-BACK_NS: Final = 150_000_000  # behind the newest stamp; streams of one clock are closer
+SERVO_WRAP_PERIOD_NS: Final = 2**32 * 1000  # SERVO_OUTPUT_RAW stamps in 32 bits of microseconds: 71.6 minutes
+BOOT_WRAP_PERIOD_NS: Final = 2**32 * 1_000_000  # time_boot_ms: 49.7 days
+JUMP_THRESHOLD_NS: Final = NS_PER_S
+MAX_STAMP_STEP_NS: Final = 5 * NS_PER_S
+MIN_TAGGED_REPLY_COUNT: Final = 3
+STAMP_LEAD_TOLERANCE_NS: Final = 250_000_000  # before its arrival; streams of one real autopilot differ by 140 ms.
+MAX_LINK_DELAY_NS: Final = 3 * NS_PER_S  # A longer delay means that a clock was set.
+MIN_CORRECTION_SIZE_NS: Final = 50_000_000  # A smaller error of conversion does not affect estimates.
+MAX_GIMBAL_COUNT: Final = 8
+MAX_ROUND_TRIP_TIME_NS: Final = 200_000_000
+MIN_BACKWARD_STEP_NS: Final = 150_000_000  # behind the newest stamp; streams of one clock are closer together.
 RATE_REASON: Final = Reason(Cause.CLOCK_RATE, "the autopilot's clock runs at another rate than this computer's")
 TIMESYNC_REASON: Final = Reason(
     Cause.DEGENERATE, "TIMESYNC: its clock is not that of the autopilot's stamps; the arrivals of these are used"
 )
-UNIX_SET_NS: Final = 1_420_070_400 * NS_PER_S  # 2015: before, the autopilot does not know the time
-PACE_NS: Final = 100 * NS_PER_S
-WANDER_NS: Final = 2 * NS_PER_S  # of a slow radio's lateness: 2 % of PACE_NS
-LATER_NS: Final = 5_000_000  # jitter by which a stamp may be later than its arrival
+MIN_UNIX_TIME_NS: Final = 1_420_070_400 * NS_PER_S  # 2015; an autopilot that does not know the time sends less.
+PACE_WINDOW_NS: Final = 100 * NS_PER_S
+MAX_PACE_DRIFT_NS: Final = PACE_WINDOW_NS // 50  # The lateness of a slow radio changes by up to 2 %.
 
 
 class ClockEvent(Enum):
-    """What a message has shown of the time base, which what was estimated depends on."""
+    """Changes of the time base, after which estimates may have to restart."""
 
     REBOOTED = "rebooted"
     CLOCK_SET = "clock_set"  # back by some seconds: no reboot
@@ -70,31 +68,28 @@ class ClockEvent(Enum):
 
 
 class Aligned(NamedTuple):
-    """A message on the boot clock, minus its delay; host clock minus boot clock at the last message's arrival,
-    None before the first; and what the message has shown of the time base. Without a message: why not, the counter
-    or the reason."""
+    """A message on the boot clock, minus its delay."""
 
     message: Message | None
-    offset_ns: int | None
+    offset_ns: int | None  # host clock minus boot clock at its arrival, None before the first message
     event: ClockEvent | None = None
-    why: str | Reason = ""
+    why: str | Reason = ""  # without a message: the counter or the reason of its rejection
 
 
 class Clocks:
-    """The offset host clock - boot clock, and the boot clock's continuity. All times in ns. `rejected` counts
-    unusable messages and replies by reason."""
+    """The offset of the host clock from the boot clock, and the boot clock's continuity. All times are in ns."""
 
     def __init__(self) -> None:
-        self.is_one_clock = True  # one clock stamps all arrivals; another program's log may combine several
+        self.is_one_clock = True  # One clock stamps all arrivals; another program's log may combine several.
         self.reboots = 0
         self.jumps = 0  # of the autopilot's clock, back by some seconds: no reboot
         self._event: ClockEvent | None = None  # by the message that is aligned
         self._why: str | Reason = ""
-        self.rejected: Counter[str] = Counter()
+        self.rejected: Counter[str] = Counter()  # unusable messages and replies, by reason
         self.restart()
 
     def restart(self) -> None:
-        """Forget the time base, but not the counts: another autopilot is followed."""
+        """Forget the time base, but not the counts, since another autopilot is followed."""
         self._wall = WallClock()
         self._offset = Offset()
         self._followers = Followers()
@@ -128,20 +123,21 @@ class Clocks:
 
     @property
     def doubt(self) -> Reason | None:
-        """Why stamps of this computer cannot be converted well at present; None if they can, or there are none."""
+        """Reason why stamps of this computer cannot be converted well at present, or None."""
         return RATE_REASON if self._offset.doubt and self._used is not None else None
 
     def age_ns(self, t_ns: int, at_ns: int) -> int:
-        """The age, at a time of this computer's clock, of a state at `t_ns` on the boot clock; 0 if arrivals are
-        stamped by a clock that may have been set."""
+        """Return the age at `at_ns` (this computer's clock) of a state at `t_ns` (boot clock).
+
+        It is 0 if arrivals are stamped by a clock that may have been set."""
         offset = self._offset.at(at_ns)
         return at_ns - offset - t_ns if self._wall.is_even and offset is not None else 0
 
     def align(self, message: Message, delay_ns: int = 0) -> Aligned:
-        """The message on the boot clock, and all that follows from it. One whose time is not known is counted."""
+        """Convert a message to the boot clock. A message whose time is not known is counted as rejected."""
         self._event, self._why = None, ""
         found = self._aligned(message, delay_ns)
-        if isinstance(found, SystemTime) and found.unix_ns > UNIX_SET_NS:
+        if isinstance(found, SystemTime) and found.unix_ns > MIN_UNIX_TIME_NS:
             self._pace(found.t_recv_ns, found.t_recv_ns - found.unix_ns)
         return Aligned(found, self.offset_ns, None if found is None else self._event, self._why)
 
@@ -157,7 +153,7 @@ class Clocks:
                 stamp = self._followers.stamp(message, self._unwrapped(t_ns, message.t_recv_ns), offset or 0)
                 return self._sensed(message, stamp - delay_ns, latest if self.is_one_clock else None)
             if isinstance(message, ActuatorOutputs) and self._newest_stamp is not None:
-                t_ns += round((self._newest_stamp - t_ns) / SERVO_WRAP_NS) * SERVO_WRAP_NS
+                t_ns += round((self._newest_stamp - t_ns) / SERVO_WRAP_PERIOD_NS) * SERVO_WRAP_PERIOD_NS
             if isinstance(message, GlobalPosition):
                 if self._newest_stamp is None:
                     return self._refuse("no_time_base")
@@ -180,12 +176,14 @@ class Clocks:
         return message.at(t_ns)
 
     def _pace(self, t_recv_ns: int, late_ns: int) -> None:
-        """Notice whether Unix time passes for the autopilot as for this computer. Then so does its boot clock, and
-        arrivals that come ever later or earlier only show a slow link. In a simulator it does not."""
+        """Compare the rate of the autopilot's Unix time with this computer's.
+
+        If they agree, its boot clock runs alike, and arrivals that come ever later or earlier only show a slow
+        link. They do not agree in a simulator that runs faster or slower than real time."""
         self._unix.append((t_recv_ns, late_ns))
-        while not 0 <= t_recv_ns - self._unix[0][0] <= PACE_NS:
+        while not 0 <= t_recv_ns - self._unix[0][0] <= PACE_WINDOW_NS:
             self._unix.popleft()
-        self._offset.is_paced = abs(late_ns - self._unix[0][1]) < WANDER_NS
+        self._offset.is_paced = abs(late_ns - self._unix[0][1]) < MAX_PACE_DRIFT_NS
 
     def _offset_at(self, t_ns: int) -> int:
         return self._offset.at(t_ns) or 0
@@ -196,12 +194,13 @@ class Clocks:
         return None
 
     def _sensed(self, message: Message, t_ns: int, offset: int | None) -> Message | None:
-        """A sensor's message with its time; None if it arrived before that: its clock is wrong, or `clock` names
-        another. `offset`: None where too little is known to tell."""
+        """Return a sensor's message at its time, or None if it arrived before that time.
+
+        Then its clock is wrong, or `clock` names another. `offset` is None where too little is known."""
         if offset is None:
             return message.at(t_ns)
         later = t_ns + offset - message.t_recv_ns
-        if later > LATER_NS:
+        if later > STAMP_JITTER_TOLERANCE_NS:
             late = Reason(
                 Cause.LATER_THAN_ARRIVAL,
                 f"later_than_arrival: `t_ns` is {later * S_PER_NS:.3f} s later than the message arrived; expected "
@@ -217,52 +216,54 @@ class Clocks:
         return message.at(t_ns)
 
     def _notice_correction(self, t_recv: int, offset: int) -> None:
-        """Whether stamps of this computer were converted with a wrong offset."""
+        """Set the event if stamps of this computer were converted with a wrong offset."""
         if self._used is not None:
             expected = self._used[1] + round(self._offset.slope * (t_recv - self._used[0]))
-            is_wrong = abs(offset - expected) > CORRECTED_NS
+            is_wrong = abs(offset - expected) > MIN_CORRECTION_SIZE_NS
             if is_wrong and (self._wall.is_even or self._offset.slope != 0.0):
                 self._event = ClockEvent.CORRECTED
         self._used = t_recv, offset
 
     def _align_gimbal(self, message: GimbalAttitude) -> Message | None:
-        """A gimbal's stamp on the boot clock. Its clock counts from its own start; its offset is that of its
-        fastest messages."""
+        """Convert a gimbal's stamp to the boot clock.
+
+        Its clock counts from its own start; its offset is that of its fastest messages."""
         offset, key = self._offset.at(message.t_recv_ns), (message.component, message.device)
-        if offset is None or (key not in self._gimbals and len(self._gimbals) >= MOST_GIMBALS):
+        if offset is None or (key not in self._gimbals and len(self._gimbals) >= MAX_GIMBAL_COUNT):
             return self._refuse("no_time_base")
         own = message.t_recv_ns - message.t_ns
         known = self._gimbals.setdefault(key, Offset())
-        if abs(own - (known.at(message.t_recv_ns) or own)) > JUMP_NS:  # it has restarted
+        if abs(own - (known.at(message.t_recv_ns) or own)) > JUMP_THRESHOLD_NS:  # it has restarted
             known.clear()
         known.add_arrival(message.t_recv_ns, own)
         return msgspec.structs.replace(message, t_ns=message.t_ns + (known.at(message.t_recv_ns) or own) - offset)
 
     def resume(self, round_trip_ns: int, t_recv_ns: int, offset_ns: int) -> None:
-        """Continue with the offset of an earlier run, measured by a round trip at a time of the host clock."""
+        """Continue with the offset of an earlier run, which a round trip measured at `t_recv_ns`."""
         self._offset.add_reply(Reply(round_trip_ns, t_recv_ns, offset_ns))
         self.source = "timesync"
 
     def compare(self, t_recv_ns: int, wall_step_ns: int | None) -> None:
-        """Learn by how much the wall clock was set, if arrivals are stamped by a clock that is never set."""
+        """Store the step of the wall clock, if arrivals are stamped by a clock that is never set."""
         if self._wall.compare(t_recv_ns, wall_step_ns):
             self.rejected["host_clock_steps"] += 1
 
     def receive_reply(self, message: TimeSync) -> Reason | None:
-        """Learn the offset from a TIMESYNC reply. Autopilots also forward replies to requests of others; ours
-        have our tag in ts1. If a log contains none of ours, any reply that could be the recorder's is used. One
-        in a thousand of these has our tag by chance, so only several tagged replies count as ours. A reply whose
-        clock is not that of the autopilot's stamps is refused, and the reason returned."""
+        """Update the offset with a TIMESYNC reply. Returns the reason if the reply is of another clock.
+
+        Autopilots also forward replies to requests of others; ours have our tag in ts1. If a log contains none
+        of ours, any reply that could be the recorder's is used. One in a thousand of these has our tag by
+        chance, so only several tagged replies count as ours."""
         if message.tc1_ns == 0:
             return None  # a request
         round_trip = message.t_recv_ns - message.ts1_ns
         ours = message.is_tagged
-        if not 0 <= round_trip <= LONGEST_ROUND_TRIP_NS:
+        if not 0 <= round_trip <= MAX_ROUND_TRIP_TIME_NS:
             self.rejected["timesync_not_ours"] += 1
             return None
         if ours:
-            self._tagged = [*self._tagged, message.t_recv_ns][-CONFIRM_TAGGED:]
-        asks = len(self._tagged) == CONFIRM_TAGGED and message.t_recv_ns - self._tagged[0] < WINDOW_NS
+            self._tagged = [*self._tagged, message.t_recv_ns][-MIN_TAGGED_REPLY_COUNT:]
+        asks = len(self._tagged) == MIN_TAGGED_REPLY_COUNT and message.t_recv_ns - self._tagged[0] < WINDOW_NS
         if asks and not ours:
             self.rejected["timesync_not_ours"] += 1
             return None
@@ -271,9 +272,9 @@ class Clocks:
         self._own_replies = asks
         offset = (message.ts1_ns + message.t_recv_ns) // 2 - message.tc1_ns
         if self._newest_stamp is not None:
-            offset += round((self._base - offset) / BOOT_WRAP_NS) * BOOT_WRAP_NS
+            offset += round((self._base - offset) / BOOT_WRAP_PERIOD_NS) * BOOT_WRAP_PERIOD_NS
             shown = self._base, self._offset.carried(message.t_recv_ns)
-            if all(abs(offset - by_stamps) > JUMP_NS for by_stamps in shown):
+            if all(abs(offset - by_stamps) > JUMP_THRESHOLD_NS for by_stamps in shown):
                 self.rejected["timesync_contradicted"] += 1
                 return None if self._odd.is_pending else TIMESYNC_REASON
         self._offset.add_reply(Reply(round_trip, message.t_recv_ns, offset))
@@ -281,16 +282,16 @@ class Clocks:
         return None
 
     def _continues(self, stamp: int, message: Message) -> bool:
-        """Whether a boot stamp fits. Also updates the offset and detects reboots and jumps back."""
+        """Whether a boot stamp fits. Updates the offset and detects reboots and jumps back."""
         t_recv = message.t_recv_ns
         offset = t_recv - stamp
         if self._newest_stamp is None:
             self._restart(stamp, offset, t_recv)
             return True
-        fits = abs(offset - self._base) < JUMP_NS
-        runs_on = -JUMP_NS < stamp - self._newest_stamp < CONTINUES_NS
+        fits = abs(offset - self._base) < JUMP_THRESHOLD_NS
+        runs_on = -JUMP_THRESHOLD_NS < stamp - self._newest_stamp < MAX_STAMP_STEP_NS
         above = offset - self._offset.carried(t_recv) if self._offset.fastest else 0
-        is_early = above < -AHEAD_NS
+        is_early = above < -STAMP_LEAD_TOLERANCE_NS
         # ahead of its arrival: a wrong stamp, or all earlier messages were held up
         ahead = is_early and t_recv >= self._last_arrival
         is_repeated = self._odd.repeats(message)
@@ -299,7 +300,7 @@ class Clocks:
         if not fits and not runs_on:
             self._jump(stamp, offset, t_recv)
             return True
-        if stamp < self._newest_stamp - BACK_NS and not ahead:
+        if stamp < self._newest_stamp - MIN_BACKWARD_STEP_NS and not ahead:
             if not is_repeated and self._odd.stays_back(t_recv):
                 self._jump(stamp, offset, t_recv)
             return True
@@ -317,7 +318,7 @@ class Clocks:
         return True
 
     def _jump(self, stamp: int, offset: int, t_recv: int) -> None:
-        """The boot clock continues from another time: the autopilot has rebooted or set it."""
+        """Restart the time base: the autopilot has rebooted or set its clock."""
         if self._odd.may_repeat(stamp, offset - self._base):
             self.jumps, self._event = self.jumps + 1, ClockEvent.CLOCK_SET
             self.rejected["autopilot_clock_jumps"] += 1
@@ -328,41 +329,46 @@ class Clocks:
         self._restart(stamp, offset, t_recv)
 
     def _notice_step(self, above: int, t_recv: int) -> None:
-        """Whether this computer's clock was set: messages are early, or stay late. `above`: this message's offset
-        minus that of the fastest."""
-        if above < JUMP_NS:
+        """Clear the offset if this computer's clock was set: messages are early, or stay late.
+
+        `above` is this message's offset minus that of the fastest."""
+        if above < JUMP_THRESHOLD_NS:
             self._late_since = None
         elif self._late_since is None or t_recv < self._late_since:
             self._late_since = t_recv
-        stays = self._late_since is not None and t_recv - self._late_since > STEP_LASTS_NS
-        if not self._wall.is_even and (above < -JUMP_NS or stays):
+        stays = self._late_since is not None and t_recv - self._late_since > MAX_LINK_DELAY_NS
+        if not self._wall.is_even and (above < -JUMP_THRESHOLD_NS or stays):
             self._offset.clear()
             self._late_since = None
             self.rejected["host_clock_steps"] += 1
 
     def _in_milliseconds(self, stamp: int, t_recv: int) -> int:
-        """The stamp of a GLOBAL_POSITION_INT. INAV and Betaflight write microseconds into its milliseconds field:
-        it is read as such if it fits only as such. Therefore none of these messages starts a time base."""
+        """Return the stamp of a GLOBAL_POSITION_INT.
+
+        INAV and Betaflight write microseconds into its field of milliseconds. It is read as microseconds if it
+        fits only as these. Therefore none of these messages starts a time base."""
         expected = t_recv - self._base
         read = stamp // 1000
-        read += round((expected - read) / SERVO_WRAP_NS) * SERVO_WRAP_NS
-        if abs(stamp - expected) < JUMP_NS or abs(read - expected) > AHEAD_NS:
+        read += round((expected - read) / SERVO_WRAP_PERIOD_NS) * SERVO_WRAP_PERIOD_NS
+        if abs(stamp - expected) < JUMP_THRESHOLD_NS or abs(read - expected) > STAMP_LEAD_TOLERANCE_NS:
             return stamp
         self.rejected["microseconds_for_milliseconds"] += 1  # and used
         return read
 
     def _unwrapped(self, stamp: int, t_recv: int) -> int:
-        """A boot stamp on the time base, which continues when 32-bit stamps wrap. If the time base began with
-        such stamps, 64-bit stamps are larger. A stamp that does not fit is returned unchanged."""
+        """Return a boot stamp on the time base, which continues when 32-bit stamps wrap.
+
+        If the time base began with such stamps, 64-bit stamps are larger. A stamp that does not fit is returned
+        unchanged."""
         if self._newest_stamp is None:
             return stamp
         expected = t_recv - self._base
-        if 2 * abs(expected - stamp) < BOOT_WRAP_NS:  # as nearly always
+        if 2 * abs(expected - stamp) < BOOT_WRAP_PERIOD_NS:  # as nearly always
             return stamp
-        wraps = round((expected - stamp) / BOOT_WRAP_NS)
-        moved = stamp + wraps * BOOT_WRAP_NS
-        runs_on = abs(moved - self._newest_stamp) < CONTINUES_NS
-        return moved if wraps and (runs_on or abs(moved - expected) < CONTINUES_NS) else stamp
+        wraps = round((expected - stamp) / BOOT_WRAP_PERIOD_NS)
+        moved = stamp + wraps * BOOT_WRAP_PERIOD_NS
+        runs_on = abs(moved - self._newest_stamp) < MAX_STAMP_STEP_NS
+        return moved if wraps and (runs_on or abs(moved - expected) < MAX_STAMP_STEP_NS) else stamp
 
     def _restart(self, stamp: int, offset: int, t_recv: int) -> None:
         self._newest_stamp, self._last_arrival, self._base = stamp, t_recv, offset

@@ -13,45 +13,44 @@ from typing import Final, NamedTuple
 from onboard.units import NS_PER_S
 
 WINDOW_NS: Final = 10 * NS_PER_S
-DRIFT: Final = 300e-6  # largest drift between two clocks; simulated autopilots: 150e-6
-BLOCK_NS: Final = 250_000_000  # blocks whose fastest messages show the offset's change
-FIT_NS: Final = 5 * NS_PER_S  # over which the slope is fitted
-FEWEST_STAMPS: Final = 5  # points of a fit
-LEAST_NS: Final = {"timesync": NS_PER_S, "arrival": 3 * NS_PER_S}  # shortest span of a fit to follow
-SHOWN_NS: Final = 750_000_000  # shortest span of a fit that is reported as uncertain
-FLOOR_NS: Final = {"timesync": 300_000, "arrival": 2_000_000}  # noise of a point, at least
-SLOPE: Final = 1e-3  # smaller slopes need no model: the newest messages follow them
-DOUBTFUL: Final = 5e-3  # a larger slope that is not followed yet distorts estimates
-SIGMAS: Final = 5.0
-STRAIGHT: Final = 0.1  # residual of a steady slope, as a share of its change over the span; a step has more
-UNSTEADY: Final = 0.1  # relative change of a steady slope
-LATE_BY: Final = 10  # a link may be late by this many times the spread of its fastest messages
-LATE_AT_LEAST_NS: Final = 100_000_000
-# Stamps that are this much earlier than all others, for so short a time, were wrong: what was before goes on. A
-# link that is held up again is not as steady.
-MIN_DROP_NS: Final = 50_000_000
-MAX_DROP_LASTS_NS: Final = NS_PER_S
-STEADY_NS: Final = 20_000_000
-RESTORED_AFTER_NS: Final = 4 * NS_PER_S
-ROUND_TRIPS_DIFFER_NS: Final = 5_000_000  # beyond the error that round trips allow: the clock has jumped
+MAX_DRIFT: Final = 300e-6  # between two clocks, s/s; simulated autopilots show 150e-6
+BLOCK_DURATION_NS: Final = 250_000_000  # The fastest message of each block shows the offset's change.
+FIT_WINDOW_NS: Final = 5 * NS_PER_S
+MIN_FIT_POINT_COUNT: Final = 5
+MIN_FIT_SPAN_NS: Final = {"timesync": NS_PER_S, "arrival": 3 * NS_PER_S}  # of a slope that is followed
+MIN_DOUBT_SPAN_NS: Final = 750_000_000  # of a slope that is reported as uncertain
+MIN_NOISE_NS: Final = {"timesync": 300_000, "arrival": 2_000_000}  # standard deviation of a point
+MIN_OFFSET_RATE: Final = 1e-3  # s/s; the newest messages follow smaller slopes without a model.
+MIN_DOUBTFUL_RATE: Final = 5e-3  # s/s; a larger slope that is not followed yet distorts estimates.
+SLOPE_SIGMAS: Final = 5.0
+MAX_RESIDUAL_FRACTION: Final = 0.1  # of the change over the span; a step leaves a larger residual than a slope.
+SLOPE_CHANGE_FRACTION: Final = 0.1  # by which a steady slope may change
+LATENESS_SPREAD_FACTOR: Final = 10  # A link's lateness may be this many times the spread of its fastest messages.
+MIN_LATENESS_TIME_NS: Final = 100_000_000
+# Stamps that are earlier than all others by this much, and only for this long, were wrong. They are dropped if the
+# offset returns to its former value and is steady, which that of a link that is held up again is not.
+MIN_DROP_SIZE_NS: Final = 50_000_000
+MAX_DROP_DURATION_NS: Final = NS_PER_S
+MAX_STEADY_SPREAD_NS: Final = 20_000_000
+DROP_CHECK_DELAY_NS: Final = 4 * NS_PER_S
+ROUND_TRIP_TOLERANCE_NS: Final = 5_000_000  # beyond the error of round trips; else the clock has jumped
 
 
 class Reply(NamedTuple):
-    """A TIMESYNC reply: its round trip, its arrival, and the offset in the middle of the round trip, ns."""
+    """A TIMESYNC reply. All times are in ns."""
 
     round_trip: int
     t_recv: int
-    offset: int
+    offset: int  # in the middle of the round trip
 
 
 class Offset:
-    """Host clock minus boot clock, ns. `slope`: its growth per second of the host clock, 0.1 if the boot clock
-    runs at 0.9 of ours. `doubt`: a slope is visible but too uncertain to follow."""
+    """Host clock minus boot clock, in ns."""
 
     def __init__(self) -> None:
-        self.slope = 0.0
-        self.doubt = False
-        self.is_paced = False  # by another clock it is known that both clocks run alike: arrivals only wander
+        self.slope = 0.0  # growth in s per second of the host clock: 0.1 if the boot clock runs at 0.9 of ours
+        self.doubt = False  # A slope is visible but too uncertain to follow.
+        self.is_paced = False  # Another clock shows that both clocks run alike; arrivals only wander.
         self.fastest: list[tuple[int, int]] = []  # (t_recv, host - boot), the lower envelope, the lowest first
         self.replies: list[Reply] = []
         self._best: Reply | None = None  # reply; None until needed
@@ -78,18 +77,19 @@ class Offset:
         return offset + round(self.slope * (t_ns - since_ns))
 
     def bounds(self, t_ns: int) -> tuple[int | None, int | None]:
-        """The offset at a time of the host clock, and the latest possible stamp of the boot clock then, as an
-        offset; None if too little is known. With replies: from their round trip. Without: a link may always be
-        late, by many times the spread of its fastest messages."""
+        """Return the offset at a time of the host clock, and the offset of the latest possible stamp.
+
+        None if too little is known. The bound comes from the round trip of replies. Without replies it allows
+        for a link that is always late, by many times the spread of its fastest messages."""
         offset, carried = self.at(t_ns), self.fastest[0][1] if self.fastest else None
         if offset is None or carried is None or self.slope != 0.0 or self.doubt:
             return offset, None
         if self.replies:
             return offset, min(offset, carried) - min(self.replies).round_trip // 2
-        if len(self._blocks) < FEWEST_STAMPS:
+        if len(self._blocks) < MIN_FIT_POINT_COUNT:
             return offset, None
         fastest = [o for _, o in self._blocks[:-1]]
-        return offset, offset - max(LATE_AT_LEAST_NS, LATE_BY * (max(fastest) - min(fastest)))
+        return offset, offset - max(MIN_LATENESS_TIME_NS, LATENESS_SPREAD_FACTOR * (max(fastest) - min(fastest)))
 
     def clear(self) -> None:
         """Forget the offset, since one clock was set. The rates remain."""
@@ -106,14 +106,14 @@ class Offset:
             self.replies.pop(0)
             self._best = None
         before = self.carried(t_recv) if self.fastest else offset
-        if self._drop is None and offset < before - MIN_DROP_NS:
+        if self._drop is None and offset < before - MIN_DROP_SIZE_NS:
             self._drop = t_recv, before
         lower(self.fastest, offset, t_recv, self.slope, self._spread)
         blocks = self._blocks
-        if not blocks or t_recv // BLOCK_NS > blocks[-1][0] // BLOCK_NS:
+        if not blocks or t_recv // BLOCK_DURATION_NS > blocks[-1][0] // BLOCK_DURATION_NS:
             if blocks and not self.replies:
-                self._fit([(float(t), float(o)) for t, o in blocks if t_recv - t < FIT_NS], "arrival")
-            if self._drop is not None and t_recv - self._drop[0] >= RESTORED_AFTER_NS:
+                self._fit([(float(t), float(o)) for t, o in blocks if t_recv - t < FIT_WINDOW_NS], "arrival")
+            if self._drop is not None and t_recv - self._drop[0] >= DROP_CHECK_DELAY_NS:
                 self._judge_drop(*self._drop)
                 self._drop = None
             blocks.append((t_recv, offset))
@@ -129,9 +129,13 @@ class Offset:
 
     def _judge_drop(self, t_ns: int, before: int) -> None:
         """Undo a drop of the envelope that did not last, if all has been as before since then."""
-        since = [block for block in self._blocks if block[0] - t_ns > MAX_DROP_LASTS_NS]
+        since = [block for block in self._blocks if block[0] - t_ns > MAX_DROP_DURATION_NS]
         offsets = [offset - self.slope * (t - t_ns) for t, offset in since]
-        if offsets and max(offsets) - min(offsets) < STEADY_NS and abs(min(offsets) - before) < MIN_DROP_NS:
+        if (
+            offsets
+            and max(offsets) - min(offsets) < MAX_STEADY_SPREAD_NS
+            and abs(min(offsets) - before) < MIN_DROP_SIZE_NS
+        ):
             self._blocks = since
             self._envelop()
 
@@ -142,9 +146,9 @@ class Offset:
             self.replies = [r for r in self.replies if self._agree(r, reply)]
         self.replies.append(reply)
         self._best = None
-        self._shown = [r for r in self._shown if 0 <= reply.t_recv - r.t_recv < FIT_NS]
+        self._shown = [r for r in self._shown if 0 <= reply.t_recv - r.t_recv < FIT_WINDOW_NS]
         self._shown.append(reply)
-        usual = 2 * min(self._shown).round_trip + ROUND_TRIPS_DIFFER_NS
+        usual = 2 * min(self._shown).round_trip + ROUND_TRIP_TOLERANCE_NS
         good = [(r.t_recv - 0.5 * r.round_trip, float(r.offset)) for r in self._shown if r.round_trip <= usual]
         self._fit(good, "timesync")
 
@@ -157,41 +161,41 @@ class Offset:
     @property
     def _spread(self) -> float:
         """The offset's possible growth per second beyond its slope."""
-        return DRIFT + UNSTEADY * abs(self.slope)
+        return MAX_DRIFT + SLOPE_CHANGE_FRACTION * abs(self.slope)
 
     def _agree(self, a: Reply, b: Reply) -> bool:
         apart = abs(b.offset - a.offset - self.slope * (b.t_recv - a.t_recv))
         known = 0.5 * (a.round_trip + b.round_trip) + self._spread * abs(b.t_recv - a.t_recv)
-        return apart <= known + ROUND_TRIPS_DIFFER_NS
+        return apart <= known + ROUND_TRIP_TOLERANCE_NS
 
     def _fit(self, points: list[tuple[float, float]], source: str) -> None:
         """Fit a straight line to offsets, and follow its slope if it is certain."""
         if source == "arrival" and self.is_paced:
             self._follow(0.0)
-        if len(points) < FEWEST_STAMPS or (source == "arrival" and self.is_paced):
+        if len(points) < MIN_FIT_POINT_COUNT or (source == "arrival" and self.is_paced):
             return
         n, (t0, o0) = len(points), points[0]
         x, y = [t - t0 for t, _ in points], [o - o0 for _, o in points]
         mean_x, mean_y = sum(x) / n, sum(y) / n
         sxx = sum((a - mean_x) ** 2 for a in x)
         span = x[-1] - x[0]
-        if sxx == 0.0 or span < SHOWN_NS:
+        if sxx == 0.0 or span < MIN_DOUBT_SPAN_NS:
             return
         slope = sum((a - mean_x) * (b - mean_y) for a, b in zip(x, y, strict=True)) / sxx
         left = [b - mean_y - slope * (a - mean_x) for a, b in zip(x, y, strict=True)]
-        noise = max(math.sqrt(sum(e * e for e in left) / n), FLOOR_NS[source])
+        noise = max(math.sqrt(sum(e * e for e in left) / n), MIN_NOISE_NS[source])
         sigma = noise / math.sqrt(sxx)
         steps = sorted((d - b) / (c - a) for (a, b), (c, d) in pairwise(points) if c > a)
         usual = steps[len(steps) // 2]  # 0 for a single step, or a link that paused
-        is_steady = noise < STRAIGHT * abs(slope) * span and abs(usual - slope) < 0.5 * abs(slope)
-        is_large = is_steady and abs(slope) > max(SLOPE, SIGMAS * sigma)
-        if span < LEAST_NS[source]:
-            self.doubt = is_large and abs(slope - self.slope) > DOUBTFUL
+        is_steady = noise < MAX_RESIDUAL_FRACTION * abs(slope) * span and abs(usual - slope) < 0.5 * abs(slope)
+        is_large = is_steady and abs(slope) > max(MIN_OFFSET_RATE, SLOPE_SIGMAS * sigma)
+        if span < MIN_FIT_SPAN_NS[source]:
+            self.doubt = is_large and abs(slope - self.slope) > MIN_DOUBTFUL_RATE
             return
         self.doubt = False
         if is_large:
             self._follow(slope)
-        elif abs(slope) + SIGMAS * sigma < 2 * SLOPE:
+        elif abs(slope) + SLOPE_SIGMAS * sigma < 2 * MIN_OFFSET_RATE:
             self._follow(0.0)
 
     def _follow(self, slope: float) -> None:
@@ -202,18 +206,19 @@ class Offset:
         self._envelop()
 
     def _envelop(self) -> None:
-        """Make the envelope anew, of the fastest of each block."""
+        """Recompute the envelope from the fastest message of each block."""
         self.fastest.clear()
         for t_recv, offset in self._blocks:
             lower(self.fastest, offset, t_recv, self.slope, self._spread)
 
 
 def lower(
-    fastest: list[tuple[int, int]], offset: int, t_recv: int, slope: float = 0.0, spread: float = DRIFT
+    fastest: list[tuple[int, int]], offset: int, t_recv: int, slope: float = 0.0, spread: float = MAX_DRIFT
 ) -> None:
-    """Add a message to the lower envelope, ordered by arrival; each entry is slower than all before it,
-    extrapolated by their slope. The fastest is extrapolated by the drift that the clocks may have had
-    meanwhile."""
+    """Add a message to the lower envelope, which is ordered by arrival.
+
+    Each entry is slower than all before it, extrapolated by their slope. The fastest is extrapolated by the
+    largest possible drift."""
     while fastest and fastest[-1][1] + round(slope * (t_recv - fastest[-1][0])) >= offset:
         fastest.pop()
     if fastest and t_recv - fastest[0][0] >= WINDOW_NS:

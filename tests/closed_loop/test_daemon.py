@@ -11,7 +11,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard.analysis.flights.replay import replay
-from onboard.clocks import LONGEST_ROUND_TRIP_NS
+from onboard.clocks import MAX_ROUND_TRIP_TIME_NS
 from onboard.commands import cli
 from onboard.config import load_config
 from onboard.messages import Cause, Estimate, TimeSync
@@ -54,7 +54,7 @@ def late_replies(recording: Path) -> int:
     messages = [message for datagram in datagrams for message in decoder.decode(datagram)]
     took = [m.t_recv_ns - m.ts1_ns for m in messages if isinstance(m, TimeSync) and m.tc1_ns]
     assert took
-    return sum(ns > LONGEST_ROUND_TRIP_NS for ns in took)
+    return sum(ns > MAX_ROUND_TRIP_TIME_NS for ns in took)
 
 
 @pytest.mark.parametrize("kind", ["udp and zenoh", "tcp and landing targets"])
