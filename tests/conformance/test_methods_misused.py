@@ -21,7 +21,7 @@ from onboard.filters import (
     square_root,
     unscented,
 )
-from onboard.filters.belief import Belief, FilterError, Method, NotPositiveDefiniteError
+from onboard.filters.belief import Belief, FilterError, Method
 from onboard.filters.discretisation import white_acceleration
 from onboard.filters.unscented_transform import julier_weights
 from tests.support.filter_problems import identity
@@ -30,85 +30,6 @@ from tests.support.tables import each
 every = each("method", methods())
 MEAN, P = np.array([10.0, 5.0]), np.diag([4.0, 1.0])
 Q, R, Y = 0.1 * np.eye(2), np.eye(2), np.array([10.5, 5.5])
-
-
-def step(method: Method, **changed: Any) -> Belief:
-    """One prediction and one update of two states, both measured, with some arguments replaced."""
-    given: dict[str, Any] = {"process": identity, "Q": Q, "y": Y, "measure": identity, "R": R} | changed
-    state = method.predict(method.start(MEAN, P), given["process"], given["Q"])
-    return method.belief(method.update(state, given["y"], given["measure"], given["R"]).belief)
-
-
-@every
-@pytest.mark.parametrize("name", ["process", "measure"])
-def test_a_model_cannot_write_into_the_points(method: Method, name: str) -> None:
-    """`rows[:, :2] -= sensor`, as bearings-only code often does, moved the mean by `sensor`."""
-
-    def in_place(rows: Array) -> Array:
-        rows -= np.array([3.0, -2.0])
-        return rows
-
-    with pytest.raises(ValueError, match="read-only") as caught:
-        step(method, **{name: in_place})
-    assert "must copy them" in caught.value.__notes__[0]
-
-
-@every
-@pytest.mark.parametrize("name", ["Q", "R"])
-@pytest.mark.parametrize(
-    "noise", [-0.05 * np.eye(2), np.diag([1.0, -1e-3]), np.array([[1.0, 2.0], [2.0, 1.0]])],
-    ids=["negative", "one negative", "indefinite"],
-)  # fmt: skip
-def test_a_noise_that_is_no_covariance(method: Method, name: str, noise: Array) -> None:
-    """R = -0.25 gave a variance of -0.267."""
-    with pytest.raises(NotPositiveDefiniteError, match=rf"^(filter \d of the batch: )?{name}: not positive semi"):
-        step(method, **{name: noise})
-
-
-@every
-@pytest.mark.parametrize("name", ["Q", "R"])
-def test_a_noise_of_rank_one_is_one(method: Method, name: str) -> None:
-    assert np.isfinite(step(method, **{name: np.array([[1.0, 2.0], [2.0, 4.0]])}).covariance).all()
-
-
-@pytest.mark.filterwarnings("ignore:the matrix subclass:PendingDeprecationWarning")
-@every
-@pytest.mark.parametrize("name", ["mean", "covariance", "Q", "y", "R", "process", "measure"])
-@pytest.mark.parametrize("kind", [np.ma.masked_array, np.matrix], ids=["masked", "matrix"])
-def test_masked_arrays_and_matrices(method: Method, name: str, kind: Any) -> None:
-    """What is masked was fused: of y = [0.3, --] with 7.0 behind the mask came 6.769."""
-    if name in {"process", "measure"}:
-        wrong: Any = {name: kind}
-    elif name in {"mean", "covariance"}:
-        with pytest.raises(FilterError, match=rf"^{name}: must be a NumPy array \(no masked array"):
-            method.start(*(kind(a) if n == name else a for n, a in (("mean", MEAN), ("covariance", P))))
-        return
-    else:
-        wrong = {name: kind({"Q": Q, "y": Y, "R": R}[name])}
-    with pytest.raises(FilterError, match=rf"^{name}: must be a NumPy array \(no masked array"):
-        step(method, **wrong)
-
-
-@every
-@pytest.mark.parametrize(
-    ("name", "bad"),
-    [
-        ("y", 0.3),
-        ("y", None),
-        ("y", np.float64(0.3)),
-        ("y", np.array(0.3)),
-        ("y", np.array([[10.5], [5.5]])),
-        ("R", 0.25),
-        ("R", np.array([1.0, 1.0])),
-        ("measure", lambda rows: rows[:, 0]),
-        ("measure", lambda rows: np.stack([rows[0], rows[1]])),
-        ("measure", lambda rows: rows.tolist()),
-        ("process", lambda rows: np.array([rows[0], rows[1]])),
-    ],
-)
-def test_the_message_begins_with_what_is_wrong(method: Method, name: str, bad: Any) -> None:
-    with pytest.raises(FilterError, match=rf"^(shapes do not fit: |arrays must agree in axes: )?.*\b{name}\b"):
-        step(method, **{name: bad})
 
 
 @every

@@ -31,7 +31,7 @@ from queue import SimpleQueue
 from typing import Final, NamedTuple
 
 from tests.mutants.drawn import draw, interval
-from tests.mutants.matrix import TEST_LIMIT_S, fill, read_coverage, summary
+from tests.mutants.matrix import STOPPED, TEST_LIMIT_S, fill, read_coverage, summary
 from tests.mutants.observed import OBSERVED
 from tests.mutants.table import ROOT, Mutant, MutantError, read
 
@@ -130,6 +130,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--matrix", type=Path, metavar="FILE", help="which tests kill which of those drawn")
     parser.add_argument("--in", dest="folders", nargs="+", default=[], metavar="FOLDER", help="draw from these")
     parser.add_argument("--tests", nargs="+", default=["tests"], metavar="PATH", help="tests of the matrix")
+    parser.add_argument("--first", action="store_true", help="end each run with the first kill")
     parser.add_argument("--coverage", type=Path, metavar="FILE", help="data of `pytest --cov-context=test`")
     parser.add_argument("--list", action="store_true", help="print the names and run nothing")
     return parser
@@ -174,7 +175,8 @@ def _run_matrix(mutants: Sequence[Mutant], options: argparse.Namespace) -> int:
             if mutant is None:
                 return _pytest(copy, tests, compiled=compiled, limit_s=math.inf, options=MATRIX[compiled])[1]
             wrong = mutant._replace(tests=tuple(tests))
-            return _run(copy, wrong, limit_s=options.limit, compiled=compiled, options=MATRIX[compiled]).output
+            flags = (*MATRIX[compiled], *(["-x"] if options.first else []))
+            return _run(copy, wrong, limit_s=options.limit, compiled=compiled, options=flags).output
 
         executed = read_coverage(options.coverage) if options.coverage else None
         fill(options.matrix, mutants, options.tests, copy, run, executed)
@@ -285,7 +287,7 @@ def _pytest(
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-            return TOO_LONG, f"stopped after {limit_s:g} s"
+            return TOO_LONG, f"{STOPPED} {limit_s:g} s"
     return process.returncode, output[-2000:]
 
 

@@ -2,7 +2,8 @@
 
 Mutants are drawn as with `--random` (`--random N --seed S`). The tests run once without any mutant, then all of
 them with each. FILE gets one line of JSON a mutant, so that a run that was broken off goes on where it was;
-without `--random` the summary of FILE is printed alone. Tests that are slow without a mutant are left out.
+without `--random` the summary of FILE is printed alone. Tests that are slow without a mutant are left out. With
+`--first` a mutant's run ends with its first kill, cheap tests first: enough for the share that is killed.
 
 Where the mutant's file has kernels, the tests run them in Python.
 `--coverage FILE`, data of `pytest --cov --cov-context=test`, leaves out tests that do not execute the line.
@@ -22,6 +23,7 @@ from tests.mutants.table import ROOT, Mutant
 MODES: Final = {True: "machine", False: "python"}
 TEST_LIMIT_S: Final = {True: 60.0, False: 15.0}  # of a single test, with machine code and in Python
 MAX_SHARE_OF_LIMIT: Final = 0.4  # of a test without a mutant; more might not end in time on a busy computer
+STOPPED: Final = "stopped after"  # pytest's output begins so where all tests together took too long
 Run = Callable[[Mutant | None, Sequence[str], bool], str]  # a mutant, test files, compiled or not: pytest's output
 
 
@@ -77,10 +79,13 @@ def fill(
         usual = baselines[MODES[compiled]]
         line = int(mutant.name.partition(" ")[0].rpartition(":")[2])
         may_see = executed.tests(mutant.file, line) if executed else None
-        chosen = [test for test in usual if may_see is None or test in may_see]
+        chosen = [
+            test for test in sorted(usual, key=lambda test: usual[test]) if may_see is None or test in may_see
+        ]
         (copy / CHOSEN).write_text("\n".join(chosen), encoding="utf-8")
         output = run(mutant, sorted({_file(test) for test in chosen}), compiled) if chosen else ""
-        killers = _killers(copy / OBSERVED, usual) if chosen else []
+        ended = not output.startswith(STOPPED)  # otherwise the last test is not endless, only not over
+        killers = _killers(copy / OBSERVED, usual, {"failed", "begun"} if ended else {"failed"}) if chosen else []
         if chosen and not (copy / OBSERVED).exists():  # not even the tests' own set-up ran
             killers = sorted({_file(test) for test in chosen})
         _add(path, {"mutant": mutant.name, "ran": len(chosen), "killers": killers, "survives": mutant.survives})
@@ -146,16 +151,14 @@ def _passed(observed: Path, limit_s: float) -> dict[str, float]:
     return {test: round(s, 2) for test, s in seconds.items() if test not in bad and s <= limit_s}
 
 
-def _killers(observed: Path, usual: Mapping[str, float]) -> list[str]:
+def _killers(observed: Path, usual: Mapping[str, float], bad: Collection[str]) -> list[str]:
     """The tests that failed or did not end, and the files that could not be imported."""
     state: dict[str, str] = {}
     for test, outcome, _ in _observed(observed):
         if state.get(test) != "failed":
             state[test] = outcome
     files = {_file(test) for test in usual}
-    return sorted(
-        test for test, outcome in state.items() if outcome in {"failed", "begun"} and _file(test) in files
-    )
+    return sorted(test for test, outcome in state.items() if outcome in bad and _file(test) in files)
 
 
 def _observed(path: Path) -> list[tuple[str, str, float]]:

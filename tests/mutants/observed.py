@@ -1,7 +1,7 @@
 """A plugin of pytest for `tests.mutants.matrix`: runs the chosen tests and writes what became of each at once.
 
-`-p tests.mutants.observed`. The file `CHOSEN` in the working directory names the tests, one a line; without it all
-run. `OBSERVED` gets one line of JSON when a test begins and one when a part of it ends.
+`-p tests.mutants.observed`. The file `CHOSEN` in the working directory names the tests, one a line, in their
+order; without it all run. `OBSERVED` gets one line of JSON when a test begins and one when a part of it ends.
 """
 
 import json
@@ -22,8 +22,8 @@ def _write(test: str, outcome: str, seconds: float) -> None:
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     if CHOSEN.exists():
-        chosen = set(CHOSEN.read_text(encoding="utf-8").splitlines())
-        items[:] = [item for item in items if item.nodeid in chosen]
+        place = {test: k for k, test in enumerate(CHOSEN.read_text(encoding="utf-8").splitlines())}
+        items[:] = sorted((i for i in items if i.nodeid in place), key=lambda item: place[item.nodeid])
 
 
 def pytest_collectreport(report: pytest.CollectReport) -> None:

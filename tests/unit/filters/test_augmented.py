@@ -82,19 +82,6 @@ def test_one_draw_is_the_dense_formula_seed_7(rule: Rule) -> None:
         np.testing.assert_allclose(a, b, rtol=1e-8, atol=1e-10)
 
 
-@pytest.mark.parametrize("side", [1, -1])
-def test_an_angle_wraps_with_its_noise(side: int) -> None:
-    def seam(x: Array, v: Array) -> Array:
-        return np.asarray((x + v + np.pi) % (2 * np.pi) - np.pi)
-
-    belief = Belief(np.array([side * (np.pi - 0.01)]), np.array([[0.04]]))
-    y = np.array([-side * (np.pi - 0.02)])
-    update = update_augmented(belief, y, seam, np.array([[0.04]]), angular=(0,))
-    assert update.innovation[0] == pytest.approx(side * 0.03, abs=1e-9)
-    assert update.innovation_covariance[0, 0] == pytest.approx(0.08, abs=1e-9)
-    assert update.belief.mean[0] == pytest.approx(belief.mean[0] + side * 0.015, abs=1e-9)
-
-
 def test_noise_enters_by_a_smaller_matrix_seed_2() -> None:
     """x' = F x + G w with one noise: the covariance has G q G^T, which is singular."""
     belief, F, _, _, _, _ = problem(2)
@@ -133,50 +120,6 @@ def test_the_centre_has_its_own_weight_in_the_covariance() -> None:
         found = predict_augmented(belief, lambda x, w: x * x + w, np.array([[0.5]]), rule)
         assert found.mean[0] == pytest.approx(1.0, rel=1e-9)
         assert found.covariance[0, 0] == pytest.approx(2.5, rel=1e-3)
-
-
-@rules
-def test_a_batch_is_a_loop_seed_4(rule: Rule) -> None:
-    each = [problem(40 + b) for b in range(3)]
-    _, F, Q, H, R, _ = each[0]
-    together = Belief(np.array([p[0].mean for p in each]), np.array([p[0].covariance for p in each]))
-    y = np.array([p[5] for p in each])
-
-    def process(x: Array, w: Array) -> Array:
-        return np.asarray(np.sin(0.1 * x @ F.T) + 0.1 * w * x)
-
-    def measure(x: Array, v: Array) -> Array:
-        return np.asarray(np.sin(0.1 * x @ H.T) * (1 + 0.1 * v) + v)
-
-    whole = step_augmented(together, process, Q, y, measure, R, rule)
-    apart = update_augmented(predict_augmented(together, process, Q, rule), y, measure, R, rule)
-    for b in range(3):
-        alone = step_augmented(each[b][0], process, Q, y[b], measure, R, rule)
-        np.testing.assert_allclose(whole.belief.mean[b], alone.belief.mean, rtol=1e-9, atol=1e-9)
-        np.testing.assert_allclose(whole.belief.covariance[b], alone.belief.covariance, rtol=1e-9, atol=1e-9)
-        two = update_augmented(predict_augmented(each[b][0], process, Q, rule), y[b], measure, R, rule)
-        np.testing.assert_allclose(apart.belief.mean[b], two.belief.mean, rtol=1e-9, atol=1e-9)
-        assert apart.nis[b] == pytest.approx(two.nis, rel=1e-9)
-
-
-def test_no_noise_at_all_seed_5() -> None:
-    belief, F, _, _, _, _ = problem(5)
-    found = predict_augmented(belief, additive(lambda r: r @ F.T), np.zeros((4, 4)))
-    np.testing.assert_allclose(found.covariance, F @ belief.covariance @ F.T, rtol=1e-11, atol=1e-12)
-
-
-@pytest.mark.single
-def test_float32_remains_seed_6() -> None:
-    belief, F, Q, H, R, y = (
-        Belief(*(a.astype(np.float32) for a in part)) if isinstance(part, Belief) else part.astype(np.float32)
-        for part in problem(6)
-    )
-    assert isinstance(belief, Belief)
-    assert not isinstance(F, Belief)
-    assert not isinstance(H, Belief)
-    update = step_augmented(belief, additive(lambda r: r @ F.T), Q, y, additive(lambda r: r @ H.T), R)
-    for array in (*update.belief, update.innovation, update.innovation_covariance, update.predicted):
-        assert array.dtype == np.float32
 
 
 @pytest.mark.parametrize(

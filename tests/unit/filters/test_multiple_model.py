@@ -77,23 +77,6 @@ def test_equals_the_textbook_seed_1() -> None:
     np.testing.assert_allclose(belief.covariance, P, rtol=1e-9)
 
 
-@pytest.mark.parametrize("offset", [0.0, 1e6])
-def test_two_identical_models_are_the_single_filter_seed_2(offset: float) -> None:
-    seen = offset + np.random.default_rng(2).normal(0, 3, (50, 1))
-    state, update = run((UKF, UKF), seen, [Q1, Q1], STAY, EQUAL)
-    single = UKF.start(MEAN, P0)
-    for y in seen:
-        one = UKF.update(UKF.predict(single, process, Q1), y, measure, R, ())
-        single = one.belief
-    belief = imm.belief((UKF, UKF), state)
-    np.testing.assert_allclose(belief.mean, single.mean, rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(belief.covariance, single.covariance, rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(update.innovation_covariance, one.innovation_covariance, rtol=1e-12)
-    assert update.nis == pytest.approx(one.nis, rel=1e-12)
-    np.testing.assert_allclose(update.predicted, one.predicted, rtol=1e-12)
-    np.testing.assert_allclose(state.probabilities, [2 / 3, 1 / 3], rtol=1e-7)  # the chain's stationary ones
-
-
 def test_as_a_method_its_modes_have_their_factors_and_their_chain_seed_7() -> None:
     """Three, so that neither two modes nor the published method's equal factors stand for any number of them."""
     seen = np.random.default_rng(7).normal(0, 3, (10, 1))
@@ -109,20 +92,6 @@ def test_as_a_method_its_modes_have_their_factors_and_their_chain_seed_7() -> No
     for ours, theirs in zip(one[1:5], update[1:5], strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=1e-12)
     assert one.misfits == ()  # and not the log-likelihood, which comes sixth
-
-
-def test_a_batch_is_a_loop_seed_3() -> None:
-    seen = np.random.default_rng(3).normal(0, 3, (6, 4, 1))
-    methods = (UKF, UKF)
-    state = imm.start(methods, np.tile(MEAN, (4, 1)), np.tile(P0, (4, 1, 1)), EQUAL)
-    for y in seen:
-        state = imm.predict(methods, state, [process] * 2, [Q1, Q2], STAY)
-        state = imm.update(methods, state, y, [measure] * 2, R).belief
-    together = imm.belief(methods, state)
-    for b in range(4):
-        alone, _ = run(methods, seen[:, b], [Q1, Q2], STAY, EQUAL)
-        np.testing.assert_allclose(state.probabilities[b], alone.probabilities, rtol=1e-12)
-        np.testing.assert_allclose(together.mean[b], imm.belief(methods, alone).mean, rtol=1e-12, atol=1e-12)
 
 
 def test_the_model_that_moves_gains_probability_when_the_target_does_seed_4() -> None:
@@ -165,13 +134,6 @@ def test_a_mode_that_nothing_leads_to_keeps_its_own_and_has_no_say_seed_5() -> N
     np.testing.assert_allclose(state.states[1].covariance, other.covariance, rtol=1e-12)
 
 
-def test_an_absorbing_transition_takes_all() -> None:
-    state = imm.start((UKF, UKF), MEAN, P0, EQUAL)
-    state = imm.predict((UKF, UKF), state, [process] * 2, [Q1, Q2], np.array([[0.0, 1.0], [0.0, 1.0]]))
-    np.testing.assert_array_equal(state.probabilities, [0.0, 1.0])
-    assert np.isfinite(imm.update((UKF, UKF), state, np.array([0.0]), [measure] * 2, R).belief.probabilities).all()
-
-
 def test_what_a_filter_carries_beside_its_belief_survives_the_mixing() -> None:
     robust = next(m for m in cubature_smooth.METHODS if m.name == "csvsf-robust")
     methods = (robust, UKF)
@@ -205,20 +167,6 @@ def test_angles_are_mixed_across_the_seam(side: int) -> None:
     update = imm.update(methods, state, np.array([np.pi - 0.03]), [seam, seam], np.array([[0.01]]), (0,))
     assert update.innovation[0] == pytest.approx(-0.03, abs=1e-9)
     assert update.innovation_covariance[0, 0] == pytest.approx(0.02 + 0.01, abs=1e-9)
-
-
-@pytest.mark.single
-def test_float32_remains_seed_6() -> None:
-    state = imm.start((UKF, UKF), MEAN.astype(np.float32), P0.astype(np.float32), EQUAL)
-    small = np.float32
-    state = imm.predict(
-        (UKF, UKF), state, [lambda r: r @ F.T.astype(small)] * 2, [Q1.astype(small), Q2.astype(small)], STAY
-    )
-    update = imm.update(
-        (UKF, UKF), state, np.array([0.5], small), [lambda r: r @ H.T.astype(small)] * 2, R.astype(small)
-    )
-    for array in (*imm.belief((UKF, UKF), update.belief), update.belief.probabilities, update.innovation):
-        assert array.dtype == small
 
 
 @pytest.mark.parametrize(

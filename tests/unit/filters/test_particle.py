@@ -10,7 +10,6 @@ from onboard.filters import (
     Belief,
     FilterError,
     LinearModel,
-    Model,
     NotPositiveDefiniteError,
     kalman,
     log_likelihood,
@@ -21,7 +20,6 @@ from onboard.filters import (
 from onboard.filters.gating import mean_bounds, normalised_squared
 from tests.conformance import test_methods as conformance
 from tests.conformance import test_methods_angles as angles
-from tests.support.nile import FLOW
 
 ONE = np.eye(1)
 
@@ -73,13 +71,6 @@ def test_a_measurement_much_sharper_than_the_cloud_is_taken_in_parts_seeds_0_to_
         assert float(normalised_squared(after.mean - y / S, after.covariance)) < 1.0
 
 
-def test_the_nile_s_log_likelihood_is_near_that_of_durbin_and_koopman() -> None:
-    model = Model(lambda rows: rows, 1469.1 * ONE, lambda rows: rows.copy(), 15099.0 * ONE)
-    found = run(particle.METHOD, model, Belief(np.zeros(1), 1e7 * ONE), FLOW)
-    assert found.log_likelihood.sum() == pytest.approx(-641.5856, abs=1.0)
-    assert found.beliefs.mean[-1, 0] == pytest.approx(798.37, abs=0.2 * 63.5)
-
-
 def test_two_hypotheses_and_their_evidence_are_those_of_quadrature() -> None:
     """y = x^2 of x ~ N(0.3, 1): a line through the mean knows nothing of it."""
     y, R = np.array([1.5]), np.array([[0.1]])
@@ -118,14 +109,6 @@ def test_a_heading_is_predicted_across_the_seam_and_measured_there() -> None:
     found = particle.update(state, np.array([-3.1]), lambda r: angles.wrap(r[:, :1]), R, (0,), angles.HEADING)
     assert found.innovation[0] == pytest.approx(2 * np.pi - 3.1 - 3.1316, abs=0.02)
     assert angles.off(particle.belief(found.belief).mean[0], 3.1316 + 0.5 * 0.0516) < 0.02
-
-
-@pytest.mark.single
-def test_single_precision_stays() -> None:
-    f4 = np.float32
-    state = particle.start(np.zeros(1, f4), np.eye(1, dtype=f4), 100)
-    found = particle.update(state, np.ones(1, f4), lambda rows: rows.copy(), np.eye(1, dtype=f4))
-    assert {a.dtype for a in (*particle.belief(found.belief), *found[1:4])} == {np.dtype(f4)}
 
 
 def test_misuse_is_refused() -> None:

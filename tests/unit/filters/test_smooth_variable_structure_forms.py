@@ -9,25 +9,10 @@ import pytest
 from onboard.arrays import Array
 from onboard.filters import cubature_smooth
 from onboard.filters import smooth_variable_structure as svsf
-from onboard.filters.belief import FilterError, Method, NotPositiveDefiniteError
+from onboard.filters.belief import FilterError
 from onboard.filters.kernels import variable_structure as kernel
 from onboard.filters.smooth_variable_structure import LayerUpdate
 from tests.support.filter_problems import identity, rows, spd, system
-
-METHODS: dict[str, Method] = {m.name: m for m in (*svsf.METHODS, *cubature_smooth.METHODS)}
-
-
-@pytest.mark.parametrize("name", METHODS)
-def test_the_residual_of_an_angle_wraps(name: str) -> None:
-    def seam(x: Array) -> Array:
-        return np.asarray((x + np.pi) % (2 * np.pi) - np.pi)
-
-    method = METHODS[name]
-    update = method.update(
-        method.start(np.array([np.pi - 0.01]), np.array([[0.04]])), np.array([0.02 - np.pi]), seam, np.eye(1), (0,)
-    )
-    state = getattr(update.belief, "second", update.belief)
-    assert abs(state.residual[0]) < 0.05
 
 
 @pytest.mark.parametrize(
@@ -94,11 +79,6 @@ def test_a_batch_of_another_size_is_refused(R: Array, layer: Array | None) -> No
     state = svsf.start(np.zeros((3, 2)), np.tile(np.eye(2), (3, 1, 1)))
     with pytest.raises(FilterError, match=r"\blayer\b"):
         svsf.update(state, np.zeros((3, 2)), identity, R, layer=layer)
-
-
-def test_a_covariance_that_is_none_is_refused() -> None:
-    with pytest.raises(NotPositiveDefiniteError, match="covariance"):
-        svsf.update(svsf.start(np.zeros(2), -np.eye(2)), np.zeros(2), identity, np.eye(2))
 
 
 @pytest.mark.parametrize("e", [0.4, -0.02, 3.0])

@@ -83,24 +83,6 @@ def test_smoothing_never_adds_uncertainty_seed_2() -> None:
     close(Belief(*(a[-1] for a in smoothed)), Belief(*(a[-1] for a in filtered)), 1e-15)
 
 
-def test_a_batch_equals_the_loop_seed_5() -> None:
-    records = [record(5 + b) for b in range(4)]
-    F, Q = records[0][:2]
-    stacked = Belief(*(np.stack(parts, 1) for parts in zip(*(r[-1] for r in records), strict=True)))
-    together = smoothing.rauch_tung_striebel(stacked, F, Q)
-    for b, one in enumerate(records):
-        close(Belief(*(a[:, b] for a in together)), smoothing.rauch_tung_striebel(one[-1], F, Q), 1e-12)
-
-
-@pytest.mark.single
-def test_float32_stays_float32_seed_6() -> None:
-    F, Q, inputs, _, filtered = record(6)
-    single = Belief(*(a.astype(np.float32) for a in filtered))
-    smoothed = smoothing.rauch_tung_striebel(single, *(a.astype(np.float32) for a in (F, Q, inputs)))
-    assert smoothed.mean.dtype == smoothed.covariance.dtype == np.float32
-    close(smoothed, textbook(F, Q, inputs, filtered), 1e-4)
-
-
 def test_what_cannot_be_used_is_refused_by_name_seed_7() -> None:
     F, Q, _, _, filtered = record(7)
     smooth = smoothing.rauch_tung_striebel

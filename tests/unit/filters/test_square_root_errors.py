@@ -31,25 +31,6 @@ def step(update: Callable[..., Any] = square_root.update, **changed: Any) -> Non
 NAN, INDEFINITE = np.array([1.0, np.nan]), np.array([[1.0, 2.0], [2.0, 1.0]])
 
 
-@pytest.mark.parametrize("update", [square_root.update, square_root.update_joseph, square_root.update_classical])
-@pytest.mark.parametrize(
-    ("name", "bad"),
-    [
-        ("mean", NAN),
-        ("y", NAN),
-        ("y", np.ones(3)),
-        ("Q", np.eye(3)),
-        ("R", np.eye(3)),
-        ("factor", np.eye(3)),
-        ("y", np.ones(2, np.float32)),
-    ],
-)
-def test_what_cannot_be_used_is_refused_by_name(update: Callable[..., Any], name: str, bad: Any) -> None:
-    step(update)
-    with pytest.raises(FilterError, match=rf"\b{name}\b"):
-        step(update, **{name: bad})
-
-
 @pytest.mark.parametrize(
     ("name", "bad"),
     [
