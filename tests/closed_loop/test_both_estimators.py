@@ -4,7 +4,6 @@ The noise is that of the quadrotor's own sensors; the fault comes at 18 s instea
 in the names.
 """
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -88,15 +87,3 @@ def test_an_estimator_of_our_own_state_that_fails_takes_no_leader_down_seed_1(
     }
     assert run.errors[0].startswith("error in own_state, which cost one message: RuntimeError: broken")
     assert all(isinstance(o, NavState) for o in run.own)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("source", ["auto", "autopilot"])
-@pytest.mark.parametrize("seed", range(2, 6))
-def test_many_flights_of_both_seeds_2_to_5(tmp_path: Path, seed: int, source: str) -> None:
-    run = Flights(tmp_path, seed)("mission", f"ownship.source={source}")
-    assert run.score.valid_percent is not None
-    assert run.score.valid_percent >= 97.0
-    assert run.score.inside_95_percent is not None
-    assert run.score.inside_95_percent >= 93.0
-    assert [f.part for f in run.own[-1].faults] == ["motor 1"]

@@ -15,7 +15,7 @@ from simlink.scenarios.scenario import load_scenario
 from simlink.world.drawn import draw_scenario
 from tests.support import documents
 from tests.support.honesty import assert_neither_too_sure_nor_too_unsure
-from tests.support.programs import TIMEOUT_S, Program, all_gone, run, started, until
+from tests.support.programs import TIMEOUT_S, Program, all_gone, started, until
 
 SECONDS, SHORT = 21, 4  # with settled numbers, and without
 
@@ -190,45 +190,6 @@ def test_demo_of_an_unknown_scenario_is_one_line(tmp_path: Path) -> None:
     (line,) = demo.output().splitlines()
     assert "'no-such'" in line
     assert "formation-s-turn" in line  # the known scenarios
-
-
-@pytest.mark.slow
-def test_two_demos_at_once_of_seeds_3_and_4_in_one_folder(tmp_path: Path) -> None:
-    """Shorter than the settling time: scored nevertheless, without settled numbers."""
-
-    def demo(seed: int) -> tuple[str, ...]:
-        json_file = tmp_path / f"{seed}.json"
-        command = ("onboard", "demo", "--headless", "--scenario", "formation", "--duration", "6")
-        command += ("--seed", str(seed))
-        return *command, "--out", str(tmp_path), "--json", str(json_file)
-
-    with started(tmp_path / "3.err", *demo(3)) as third, started(tmp_path / "4.err", *demo(4)) as fourth:
-        codes = third.popen.wait(TIMEOUT_S), fourth.popen.wait(TIMEOUT_S)
-        assert codes == (0, 0), third.output() + fourth.output()
-    for seed in (3, 4):
-        numbers = json.loads((tmp_path / f"{seed}.json").read_bytes())
-        assert numbers["drops"]["images_lost"] <= numbers["drops"]["skipped"]
-        assert not numbers["diverged"]
-        assert numbers["scored"] == 0
-        assert numbers["range_error_rms_percent"] is None
-
-
-@pytest.mark.slow
-def test_demo_uses_the_camera_of_the_scenario_seed_5(tmp_path: Path) -> None:
-    """A user's scenario by path: another lens, a rotated mount, another vehicle id."""
-    scenario = tmp_path / "mine.v2.toml"
-    scenario.write_text(
-        "[camera]\nf_px = 300.0\nmount_rpy_deg = [0.0, 5.0, 10.0]\nmount_offset = [0.5, 0.0, 0.2]\n"
-    )
-    done = run(
-        *("onboard", "demo", "--headless", "--scenario", scenario, "--duration", "8", "--seed", "5"),
-        *("--out", tmp_path / "out", "--json", tmp_path / "score.json", "--set", 'zenoh.vehicle="uav-2"'),
-    )
-    assert done.returncode == 0, done.stderr
-    numbers = json.loads((tmp_path / "score.json").read_bytes())
-    assert not numbers["diverged"]
-    assert numbers["verdicts"].get("gated", 0) == 0
-    assert (tmp_path / "out" / "mine.v2-5.rrd").exists()
 
 
 def test_program_helper_notices_an_end(tmp_path: Path) -> None:

@@ -10,7 +10,6 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
 import pytest
 
 from onboard.analysis.exports.csv_rows import CsvWriter
@@ -84,21 +83,6 @@ def test_scenario_seed_1_keeps_its_bounds(replay: Flights, scenario: str) -> Non
     assert 4.3 < score.nis_mean / sigma_px**2 < 7.8
 
 
-@pytest.mark.slow
-def test_a_leader_that_hovers_keeps_its_bounds_seeds_1_to_4(tmp_path: Path) -> None:
-    """The range of a hovering leader is hardly observable, so that single flights vary widely.
-
-    Errors are 23 to 55 %, and 0 to 15 % of the estimates are confidently wrong. With the nose assumed on the
-    course the error was 3 %, but confidently wrong for leaders that turn their nose.
-    """
-    scores = [Flights(tmp_path, seed)("formation-hover").score for seed in range(1, 5)]
-    assert not any(score.diverged for score in scores)
-    assert np.mean([score.range_error_rms_percent for score in scores]) <= 45.0
-    assert np.mean([score.inside_95_percent for score in scores]) >= 88.0
-    assert np.mean([score.confidently_wrong_percent for score in scores]) <= 8.0
-    assert_neither_too_sure_nor_too_unsure(float(np.mean([score.nees_mean for score in scores])), 9)
-
-
 def test_the_command_line_seed_1_gives_the_same_rows_and_the_documented_keys(
     replay: Flights, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -143,47 +127,6 @@ def test_drop_out_seed_1_coasts_two_seconds_and_is_then_not_valid(replay: Flight
     assert states(blind) == {("lost", False)}
     assert all(e.valid for e in flight.at(36.0, seconds("formation-drop-out")))
     assert flight.score.resets <= 1  # it may be too wide by then to be corrected, and then begins again
-
-
-@pytest.mark.slow
-def test_out_of_view_seed_1_drops_the_track_after_ten_seconds_and_starts_anew(replay: Flights) -> None:
-    """The track coasts, is lost, searched, and restarted after three images.
-
-    The leader leaves the view at 28.04 s, passes behind and is back at 41.80 s. The track coasts for two seconds
-    after the last image.
-    """
-    flight = replay("formation-out-of-view")
-    assert {state for state, _ in states(flight.estimates)} == {
-        *("searching", "initialising", "tracking", "coasting", "lost"),
-    }
-    assert not {("searching", True), ("initialising", True), ("lost", True)} & states(flight.estimates)
-    assert flight.score.resets == 1
-    assert states(flight.at(28.35, 29.9)) == {("coasting", True)}
-    assert states(flight.at(30.1, 37.9)) == {("lost", False)}
-    assert states(flight.at(38.1, 41.7)) == {("searching", False)}
-    assert states(flight.at(42.0, 46.0)) == {("tracking", True)}
-    assert all(e.valid for e in flight.at(42.0, seconds("formation-out-of-view")))
-
-
-@pytest.mark.slow
-def test_wrong_blobs_seed_1_are_gated(replay: Flights) -> None:
-    score = replay("formation-wrong-blobs").score
-    assert score.verdicts["gated"] >= 10  # of about twenty; the others are plausible
-    assert score.resets == 0
-
-
-@pytest.mark.slow
-def test_late_images_seed_1_lose_nothing_against_images_in_time(replay: Flights) -> None:
-    late, in_time = replay("formation-late-image").score, replay("formation", *BESIDE["formation"]).score
-    assert late.verdicts["fused"] >= in_time.verdicts["fused"] - 2  # the last ones have not arrived yet
-    assert late.position_rmse_m < 3.0 * in_time.position_rmse_m  # of other noise: here it settles later
-
-
-@pytest.mark.slow
-def test_old_stamps_seed_1_are_corrected_by_the_known_delays_of_ardupilot(replay: Flights) -> None:
-    corrected = replay("formation-old-stamps").score
-    uncorrected = replay("formation-old-stamps", "delay.local_position_s=0.0").score
-    assert corrected.nis_mean < uncorrected.nis_mean or corrected.velocity_rmse_m_s < uncorrected.velocity_rmse_m_s
 
 
 @pytest.mark.slow

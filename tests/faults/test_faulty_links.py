@@ -1,15 +1,19 @@
-"""One synthetic flight, with faults of its bytes on the way and of clocks."""
+"""Faults of the bytes, messages and senders of one synthetic flight that the fault matrix does not have.
+
+After a fault has passed, estimates are valid again within 5 s of flight. That a Zenoh router which dies and
+returns is found again: tests/peers/test_fleet.py.
+"""
 
 import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from onboard.messages import Datagram, Encoding, TargetPoints, Verdict
+from onboard.links import link, tcp
+from onboard.messages import Datagram, Encoding, TargetPoints, TimeSync, Verdict
 from tests.support.faulty_flight import (
     DATAGRAMS,
     IMAGES,
     ITEMS,
-    OWN_RATE_HZ,
     T0,
     T1,
     assert_on_target,
@@ -17,22 +21,6 @@ from tests.support.faulty_flight import (
     flown,
 )
 from tests.support.streams import CIRCLE, EPOCH, MS, Item, S, Stream, encode
-
-
-def test_the_flight_without_faults() -> None:
-    assert_on_target(clean(), 1.0)
-    assert clean().rejected == {}
-    assert clean().verdicts() == {Verdict.INITIALISING: 3, Verdict.FUSED: IMAGES - 3}
-
-
-@pytest.mark.parametrize("seed", [31, 32])
-def test_drop_30_percent_with_seed(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    kept = [d for i, d in enumerate(DATAGRAMS) if i == 0 or rng.random() > 0.3]  # the first is a heartbeat
-    run = flown(kept)
-    assert_on_target(run)
-    assert run.rejected == {}
-    assert run.pipeline.health(0).streams["Attitude"].count < 0.8 * (T1 - T0) * OWN_RATE_HZ
 
 
 @pytest.mark.parametrize("seed", [33, 34])
@@ -53,24 +41,6 @@ def test_drop_30_percent_of_frames_within_datagrams_with_seed(seed: int) -> None
     assert run.rejected["incomplete_points"] + sum(run.verdicts().values()) == pytest.approx(IMAGES, abs=12)
 
 
-@pytest.mark.parametrize("seed", [35, 36])
-def test_reorder_with_seed(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    order = np.argsort([d.t_recv_ns + rng.uniform(0, 100 * MS) for d in DATAGRAMS])
-    run = flown([DATAGRAMS[i] for i in order])
-    assert_on_target(run)
-    assert run.rejected["attitude_out_of_order"] > 20
-    assert run.rejected["position_out_of_order"] > 20
-    assert run.pipeline.clocks.reboots == 0
-
-
-def test_duplicate_every_datagram() -> None:
-    run = flown([d for d in DATAGRAMS for _ in range(2)])
-    assert run.estimates[-1].mean == clean().estimates[-1].mean
-    assert run.verdicts() == clean().verdicts()
-    assert set(run.rejected) == {"repeated"}
-
-
 @pytest.mark.parametrize("stream", [False, True])
 @pytest.mark.parametrize("seed", [37, 38])
 def test_corrupt_bytes_with_seed(seed: int, stream: bool) -> None:
@@ -87,41 +57,6 @@ def test_corrupt_bytes_with_seed(seed: int, stream: bool) -> None:
     assert_on_target(run)
     assert run.rejected["bad_frame"] > 20
     assert run.pipeline.clocks.reboots == 0
-
-
-@pytest.mark.parametrize("seed", [39])
-def test_a_stream_cut_anywhere_gives_the_same_flight_with_seed(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    rest, cut = b"", []
-    for d in DATAGRAMS:
-        data = rest + d.data
-        at = int(rng.integers(0, len(data) + 1))
-        rest = data[at:]
-        cut.append(replace(d, data=data[:at], encoding=Encoding.MAVLINK_STREAM))
-    run = flown(cut)
-    assert_on_target(run, 1.0)
-    assert run.rejected == {}
-
-
-@pytest.mark.parametrize("jump_s", [-3600, -5, 5, 3600])
-def test_our_own_clock_jumps(jump_s: int) -> None:
-    half = len(DATAGRAMS) // 2
-    run = flown([*DATAGRAMS[:half], *(replace(d, t_recv_ns=d.t_recv_ns + jump_s * S) for d in DATAGRAMS[half:])])
-    assert run.estimates[-1].mean == clean().estimates[-1].mean
-    assert run.rejected == {"host_clock_steps": 1}
-    assert run.pipeline.health(0).clock_offset_ns == EPOCH + 2 * MS + jump_s * S
-
-
-def test_the_autopilot_reboots() -> None:
-    again = encode(
-        [Item(i.t_recv_ns + 48 * S, i.message) for i in Stream(t0=6.0, t1=12.0, seed=22, sparse=True).items()]
-    )
-    run = flown([*DATAGRAMS, *again])
-    assert_on_target(run)
-    assert run.estimates[-1].reset_count == 1
-    assert run.estimates[-1].t_ns < 12 * S
-    assert run.pipeline.health(0).autopilot_reboots == 1
-    assert run.rejected == {"odd_stamp": 4}
 
 
 def test_the_autopilot_reboots_while_an_old_image_is_still_on_its_way() -> None:
@@ -153,3 +88,77 @@ def test_all_at_once_with_seed_40() -> None:
     run = flown([out[i] for i in order])
     assert_on_target(run, 3.0)
     assert {"bad_frame", "truncated", "incomplete_points", "position_out_of_order"} <= set(run.rejected)
+
+
+def test_foreign_and_forged_timesync_replies_do_not_bend_the_time_base() -> None:
+    def reply(t_ns: int, component: int, ts1_ns: int) -> Item:
+        recv = EPOCH + t_ns
+        m = TimeSync(t_ns=recv, t_recv_ns=recv, component=component, tc1_ns=t_ns + 7 * S, ts1_ns=ts1_ns)
+        return Item(recv, m)
+
+    others = [reply(round(t * S), 154, EPOCH + round(t * S) - MS) for t in np.arange(T0 + 0.1, T1, 0.1)]
+    stale = [reply(round(t * S), 1, round(t * S)) for t in np.arange(T0 + 0.15, T1, 0.1)]
+    run = flown(encode(sorted([*ITEMS, *others, *stale], key=lambda i: i.t_recv_ns)))
+    assert run.estimates[-1].mean == clean().estimates[-1].mean
+    assert run.pipeline.health(0).clock_offset_ns == EPOCH + 2 * MS
+    assert run.rejected == {"other_component": len(others), "timesync_not_ours": len(stale)}
+
+
+def test_own_motion_stops_and_comes_back() -> None:
+    """The autopilot is silent for five seconds; the camera continues."""
+    silence = range(44 * S, 49 * S)
+    items = [i for i in ITEMS if i.message.t_ns not in silence or isinstance(i.message, TargetPoints)]
+    run = flown(encode(items))
+    assert_on_target(run, 3.0)
+    verdicts = run.verdicts()
+    assert sum(verdicts.values()) == IMAGES
+    assert verdicts[Verdict.TOO_NEW] > 45
+    # the estimate of the boot clock stands still: only the arrival times show that time has passed
+    late = [
+        e for e in run.estimates if e.measurement and EPOCH + 45.1 * S < e.measurement.t_recv_ns < EPOCH + 49 * S
+    ]
+    assert len(late) > 45
+    assert not any(e.valid for e in late if e.measurement and e.measurement.verdict is Verdict.TOO_NEW)
+
+
+WITHIN_S = 5.0
+CUT, BACK = EPOCH + 45 * S, EPOCH + 48 * S
+
+
+def serial(datagrams: list[Datagram]) -> list[Datagram]:
+    """The same bytes as they come over a serial line."""
+    return [replace(d, encoding=Encoding.MAVLINK_STREAM) for d in datagrams]
+
+
+@pytest.mark.parametrize("seed", [51, 52])
+def test_a_serial_line_that_drops_bytes_with_seed(seed: int) -> None:
+    """For three seconds one byte in 50 is lost, so that few frames are whole; in the last of them, all are."""
+    rng = np.random.default_rng(seed)
+    received = []
+    for d in serial(DATAGRAMS):
+        share = 0.0 if not CUT <= d.t_recv_ns < BACK else 0.02 if d.t_recv_ns < BACK - S else 1.0
+        data = np.frombuffer(d.data, dtype=np.uint8)
+        received.append(replace(d, data=data[rng.random(len(data)) >= share].tobytes()))
+    run = flown([d for d in received if d.data])
+    assert run.rejected["bad_frame"] > 20
+    after = [e for e in run.estimates if e.t_ns > BACK - EPOCH]
+    first = next(e for e in after if e.valid)
+    assert (first.t_ns - (BACK - EPOCH)) * 1e-9 < WITHIN_S
+    assert_on_target(run)
+
+
+def test_a_lost_link_is_tried_again_often_enough() -> None:
+    assert link.LONGEST_RECONNECT_S + tcp.CONNECT_TIMEOUT_S < WITHIN_S
+
+
+def test_traffic_of_other_systems_mixed_in_changes_nothing() -> None:
+    """The autopilot forwards the leader's own stream onto our link, on the leader's boot clock."""
+    foreign = []
+    for i in ITEMS:
+        m = replace(i.message, system=2, t_ns=i.message.t_ns + 1000 * S)
+        foreign.append(Item(i.t_recv_ns + 1000, m))
+    mixed = sorted([*ITEMS, *foreign], key=lambda i: i.t_recv_ns)
+    run = flown(encode(mixed))
+    assert run.estimates[-1].mean == clean().estimates[-1].mean
+    assert run.rejected == {"other_system": len(foreign)}
+    assert run.pipeline.health(0).autopilot_reboots == 0

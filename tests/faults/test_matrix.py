@@ -45,7 +45,6 @@ from tests.support.streams import (
     Stream,
     assert_sane,
     encode,
-    make_config,
     position_error,
     position_nees,
 )
@@ -431,16 +430,6 @@ def test_a_row_with_seed_61(row: Row) -> None:
 )
 def test_a_row_that_does_not_hold_yet_with_seed_61(row: Row) -> None:
     assert_row(row, flown(row))
-
-
-def test_a_row_that_shares_its_first_seconds_is_as_one_flown_alone() -> None:
-    """Whatever another row has done with a copy before."""
-    one, another = (row for row in ROWS if row.name in {"velocity jumps", "no image"})
-    flown(one)
-    shared, pipeline = flown(another), Pipeline(make_config())
-    items = another.fault(ITEMS, np.random.default_rng(61))
-    assert shared.outputs == [output for sent in items for output in taken(pipeline, sent)]
-    assert shared.pipeline.health(0) == pipeline.health(0)
 
 
 def test_the_flight_without_faults() -> None:

@@ -71,32 +71,10 @@ def assert_noticed(run: Run, why: str) -> None:
     assert {e.reason for e in late} == {f"our own motion is in doubt: {why}"}
 
 
-def test_the_flight_with_an_accelerometer_is_as_without() -> None:
-    run = flown(encode(INERTIAL))
-    assert [e.mean for e in run.estimates] == [e.mean for e in clean().estimates]
-    assert run.rejected == {}
-
-
-@pytest.mark.parametrize("with_rates", [False, True])
-def test_an_attitude_that_hangs_with_new_stamps(with_rates: bool) -> None:
-    last = CIRCLE.attitude(BEGINS)
-    rates = {"omega_b": last.omega_b} if with_rates else {}
-    run = changed(ITEMS, Attitude, lambda m: replace(m, q_nb=last.q_nb, **rates))
-    assert_noticed(run, "attitude hangs")
-
-
 def test_an_attitude_that_hangs_but_for_noise_with_seed_41() -> None:
     rng, q = np.random.default_rng(41), np.array(CIRCLE.attitude(BEGINS).q_nb)
     run = changed(ITEMS, Attitude, lambda m: replace(m, q_nb=tuple((q + rng.normal(size=4) * 1e-6).tolist())))
     assert_noticed(run, "attitude contradicts the body rates")
-
-
-@pytest.mark.parametrize("velocity", [False, True])
-def test_a_position_that_hangs_with_new_stamps(velocity: bool) -> None:
-    last = CIRCLE.position(BEGINS)
-    more = {"v_F_n": last.v_F_n} if velocity else {}
-    run = changed(ITEMS, LocalPosition, lambda m: replace(m, r_OF_n=last.r_OF_n, **more))
-    assert_noticed(run, "position hangs")
 
 
 def test_a_position_that_hangs_but_for_noise_with_seed_42() -> None:
@@ -150,16 +128,6 @@ def test_two_sources_of_one_id(apart_ms: int) -> None:
     run = flown(encode(sorted([*ITEMS, *second], key=lambda i: i.t_recv_ns)))
     for e in beginning(run):
         assert not e.valid or position_error(e) < as_good_as_clean()
-
-
-def test_the_same_twice_is_not_in_doubt() -> None:
-    """Over two links, one of them 0.3 s slower."""
-    slow = [
-        Item(i.t_recv_ns + 300 * MS, i.message) for i in ITEMS if isinstance(i.message, Attitude | LocalPosition)
-    ]
-    run = flown(encode(sorted([*ITEMS, *slow], key=lambda i: i.t_recv_ns)))
-    assert_on_target(run)
-    assert all(e.valid for e in beginning(run))
 
 
 def test_a_yaw_that_is_30_degrees_off_contradicts_the_accelerometer() -> None:

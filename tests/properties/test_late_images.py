@@ -93,13 +93,6 @@ def test_late_and_shuffled_images_give_the_belief_of_those_in_order(delays: list
     assert_same_belief(late_by(delays))
 
 
-@pytest.mark.parametrize("seed", slow_but([1], [1, 2, 3]))
-def test_late_and_shuffled_images_of_seed(seed: int) -> None:
-    run = late_by(np.random.default_rng(seed).integers(0, 440, len(IMAGES)).tolist())
-    assert run.verdicts()[Verdict.FUSED_LATE] > 10
-    assert_same_belief(run)
-
-
 def test_the_noise_of_a_detector_is_learnt_from_late_images_as_from_those_in_order_seeds_5_to_8() -> None:
     """While the track lives: its first seconds, before the noise is learnt, may end it, as nothing fits."""
     lived = 0
@@ -124,38 +117,6 @@ def test_the_noise_of_a_detector_is_learnt_from_late_images_as_from_those_in_ord
     assert lived >= 3
 
 
-def test_images_before_own_motion_is_known_give_the_same_belief_once_it_is() -> None:
-    # delivered with no latency at all: the pose of each is extrapolated at first
-    assert_same_belief(late_by([0] * len(IMAGES)))
-
-
-def test_images_between_the_samples_of_a_turning_camera_give_the_same_belief_once_motion_is_known() -> None:
-    shifted = [replace(m, t_ns=m.t_ns + 13 * MS) for m in IMAGES]
-    in_time = delivered((m.t_ns + 45 * MS, m) for m in shifted)
-    early = delivered((m.t_ns + (45 * MS if m.t_ns < ENTANGLED else 0), m) for m in shifted)
-    assert_same_belief(early, in_time)
-
-
-def test_a_jerking_cameras_extrapolated_attitude_leaves_no_trace() -> None:
-    """The attitude turns otherwise than the rates of the sample before predict. So wrong a prediction looks like a
-    noisy detector; what is learnt of one is learnt from the final poses."""
-
-    def run(delay: int) -> Run:
-        items = []
-        for item in OWN:
-            m = item.message
-            if type(m).__name__ == "Attitude":
-                m = replace(m, omega_b=(0.8 * math.sin(m.t_ns * 1e-9 * 9), 0.5, -0.6))
-            items.append(Item(item.t_recv_ns, m))
-        for m in IMAGES:
-            shifted = replace(m, t_ns=m.t_ns + 13 * MS)
-            wait = 45 * MS if m.t_ns < ENTANGLED else delay
-            items.append(Item(EPOCH + shifted.t_ns + wait, shifted))
-        return advance(i.message for i in sorted(items, key=lambda i: i.t_recv_ns))
-
-    assert_same_belief(run(0), run(45 * MS))
-
-
 @settings(max_examples=3, deadline=None, derandomize=True)
 @given(st.data())
 def test_duplicates_have_no_effect(data: st.DataObject) -> None:
@@ -175,13 +136,6 @@ def test_an_image_older_than_the_horizon_is_rejected_and_has_no_effect() -> None
     )
     assert late.verdicts()[Verdict.TOO_OLD] == 1
     assert_same_belief(late, without)
-
-
-def test_an_image_from_before_all_history_is_rejected() -> None:
-    ancient = replace(IMAGES[0], t_ns=1 * S)
-    run = delivered([(m.t_ns + 45 * MS, m) for m in IMAGES] + [(round(8.2 * S), ancient)])
-    assert run.verdicts().get(Verdict.NO_POSE, 0) + run.verdicts().get(Verdict.TOO_OLD, 0) == 1
-    assert_same_belief(run)
 
 
 @pytest.mark.parametrize("seed", [4, 5])

@@ -9,7 +9,6 @@ LONGEST: Final = (
     "tests/closed_loop/test_scenarios.py",
     "tests/closed_loop/test_demo.py",
     "tests/closed_loop/test_daemon.py",
-    "tests/closed_loop/test_traffic.py",
     "tests/closed_loop/test_demo_mission.py",
     "tests/closed_loop/test_both_estimators.py",
     "tests/unit/estimators/leader/test_broadcast.py",

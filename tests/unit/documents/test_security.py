@@ -66,7 +66,7 @@ TESTS = {  # of each line of the table of who reaches what, by its first words
     "anyone the autopilot routes": (
         f"{SIGNING}what_pymavlink_signs_enters_and_nothing_else_does",
         f"{LATCHING}another_autopilot_is_not_latched_while_ours_talks",
-        "tests/faults/test_faulty_messages.py::test_traffic_of_other_systems_mixed_in_changes_nothing",
+        "tests/faults/test_faulty_links.py::test_traffic_of_other_systems_mixed_in_changes_nothing",
         f"{OWN}no_command_ends_the_daemon_or_changes_an_estimate",
     ),
     "whoever sends a broadcast": (

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from onboard.arrays import Array
 from onboard.geometry import geodesy, rotations
-from onboard.geometry.camera import in_view, make_camera, pixels_from_points, project
+from onboard.geometry.camera import make_camera, pixels_from_points, project
 
 ANGLE = st.floats(-math.pi, math.pi)
 TILT = st.floats(-1.5, 1.5)
@@ -110,12 +110,6 @@ def test_slerp_is_that_of_scipy(
     assert ours == pytest.approx(Slerp([0.0, 1.0], both)(fraction).as_matrix(), abs=1e-7)
 
 
-def test_matrices_come_in_batches() -> None:
-    q = np.array([rotations.quaternion_from_euler(0.1 * k, 0.2, -0.3) for k in range(4)])
-    batch = rotations.matrix_from_quaternion(q)
-    assert all(np.array_equal(batch[k], rotations.matrix_from_quaternion(q[k])) for k in range(4))
-
-
 @pytest.mark.parametrize(
     ("angle", "wrapped"),
     [
@@ -148,20 +142,6 @@ def test_right_and_below_are_positive() -> None:
     point = project([10.0, 1.0, 2.0])
     assert point == pytest.approx([0.1, 0.2], abs=1e-16)
     assert pixels_from_points(point, camera) == pytest.approx([370.0, 340.0], abs=1e-12)
-
-
-def test_what_lies_behind_the_lens_is_not_seen() -> None:
-    assert np.isnan(project([-10.0, 1.0, 2.0])).all()
-    assert np.isnan(project([0.0, 1.0, 2.0])).all()
-    camera = make_camera(f_px=500.0, width_px=640.0, height_px=480.0)
-    assert not in_view(project([-10.0, 1.0, 2.0]), camera)
-
-
-def test_the_view_ends_at_the_image_border() -> None:
-    camera = make_camera(f_px=500.0, width_px=640.0, height_px=480.0)
-    assert in_view([[0.64, 0.48], [-0.64, -0.48]], camera)
-    assert not in_view([0.641, 0.0], camera)
-    assert not in_view([0.0, -0.481], camera)
 
 
 # -------------------------------------------------------------------------------------------- geodesy
@@ -219,9 +199,3 @@ def test_a_step_across_the_antimeridian_is_short() -> None:
     """0.002 degrees of longitude at the equator: 6378137 rad(0.002) = 222.64 m to the east."""
     step = geodesy.ned_from_geodetic((0.0, -179.999, 0.0), (0.0, 179.999, 0.0))
     assert step == pytest.approx([0.0, 222.639, 0.0039], abs=1e-3)
-
-
-def test_north_east_down_of_a_known_origin() -> None:
-    """At the equator on the prime meridian: up is x of e, east is y, north is z."""
-    R_ne = geodesy.rotation_ne(0.0, 0.0)
-    assert R_ne == pytest.approx(np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]), abs=1e-16)

@@ -1,6 +1,5 @@
 """A mount that is wrong is named with its amount, a right one never, and nothing else is."""
 
-import re
 from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any, cast
@@ -17,8 +16,6 @@ from onboard.health.camera_errors import Poses, Sights, Window, finished, wrong_
 from onboard.health.mounts import FEWEST_WINDOWS, Found, Mounts, why
 from onboard.messages import (
     DOUBT_PREFIX,
-    Advice,
-    Datagram,
     Estimate,
     Exposure,
     GlobalPosition,
@@ -33,14 +30,10 @@ from onboard.messages.causes import Cause, Reason
 from onboard.ownship import Ownship
 from onboard.pipeline import Pipeline
 from onboard.units import NS_PER_S
-from simlink.scenarios.scenario import Scenario, load_scenario
-from simlink.simulation import datagrams
 from tests.support.images import exposed
 from tests.support.streams import Stream, advance
 
 CAMERA = parse_config({}).camera_model()
-UP_DEG = 8.0  # as the camera of the scenario `guided` looks
-IMAGE_NS = NS_PER_S // 10
 LEADER = {"size_prior_m": 2.667, "leader_class": "multirotor"}
 
 
@@ -253,50 +246,6 @@ def test_a_wrong_camera_without_lean_is_not_claimed_seeds_1_to_20() -> None:
     wrong = np.radians([0.0, 15.0, 0.0])
     found = [explain(windows(wrong, seed, nod=0.0, focal=2.0)) for seed in range(1, 21)]
     assert found == [None] * 20
-
-
-def hints(scenario: Scenario, mount_deg: list[float], seconds: float, seed: int) -> list[str]:
-    """What the health says, asked once at the end, as by a replay."""
-    table = {"camera": {"mount_rpy_deg": mount_deg}, "estimator": {"leader": LEADER}}
-    pipeline, now_ns = Pipeline(parse_config(table)), 0
-    for item in datagrams(scenario, seed, seconds):
-        if isinstance(item, Datagram):
-            pipeline.feed(item)
-            now_ns = item.t_recv_ns
-    return [r.reason for r in pipeline.health(now_ns).refusals if r.reason.startswith(DOUBT_PREFIX)]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("pitch", "words"), [(15.0, "lower"), (-30.0, "higher"), (0.0, "")])
-def test_a_flight_with_a_circle_shows_its_mount_seed_3(pitch: float, words: str) -> None:
-    found = hints(load_scenario("guided"), [0.0, UP_DEG + pitch, 0.0], 120.0, 3)
-    measured = [re.search(rf"looked (\d+) degrees {words} ", reason) for reason in found]
-    assert bool(found) == bool(words)
-    assert all(m is not None and float(m[1]) == pytest.approx(abs(pitch), rel=0.2) for m in measured)
-
-
-@pytest.mark.slow
-def test_the_status_advises_a_mount_that_is_20_degrees_off_seed_5() -> None:
-    """A health every second, as the daemon has it and `onboard status` shows it."""
-    table = {"camera": {"mount_rpy_deg": [0.0, UP_DEG - 20.0, 0.0]}, "estimator": {"leader": LEADER}}
-    pipeline, due, found = Pipeline(parse_config(table)), 0, list[Advice]()
-    for item in datagrams(load_scenario("guided"), 5, 100.0):
-        if isinstance(item, Datagram):
-            pipeline.feed(item)
-            if item.t_recv_ns >= due:
-                due = item.t_recv_ns + NS_PER_S
-                found += [advice for advice in pipeline.health(item.t_recv_ns).advice if advice.cause == "mount"]
-    assert found, "no advice in 100 s"
-    measured = re.search(r"looked (\d+) degrees higher", found[-1].what)
-    assert measured is not None
-    assert float(measured[1]) == pytest.approx(20.0, rel=0.2)
-    assert "mount_rpy_deg" in found[-1].what + found[-1].remedy
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 3])
-def test_a_noisy_attitude_makes_no_mount_wrong_seeds_1_3(seed: int) -> None:
-    assert hints(load_scenario("mission"), [0.0, 8.0, 0.0], 60.0, seed) == []
 
 
 def test_windows_in_which_our_own_position_is_not_known_are_left_out_seed_1() -> None:

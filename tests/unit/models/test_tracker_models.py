@@ -61,12 +61,6 @@ def test_radar_derivatives_seed_2() -> None:
     np.testing.assert_allclose(radar.jacobian(rows), slopes(radar.measure, rows, 0.01), atol=1e-8)
 
 
-@pytest.mark.single
-def test_a_radar_keeps_single_precision_seed_2() -> None:
-    single = states(2).astype(np.float32)
-    assert radar.measure(single).dtype == radar.jacobian(single).dtype == np.float32
-
-
 # -------------------------------------------------------------------------------------------- variable turn
 
 

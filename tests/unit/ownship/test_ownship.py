@@ -8,7 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.geometry.rotations import matrix_from_euler, quaternion_from_euler
-from onboard.messages import Attitude, EstimatorStatus, GlobalPosition, LocalPosition
+from onboard.messages import EstimatorStatus, GlobalPosition
 from onboard.ownship import Ownship
 from tests.support.streams import CIRCLE, EPOCH, MS, S
 
@@ -32,18 +32,6 @@ def global_position(t_ns: int, v: tuple[float, float, float] = (1.0, 2.0, 3.0)) 
         v_F_n=v,
         heading_rad=None,
     )
-
-
-def test_nothing_is_known_before_anything_came() -> None:
-    own = Ownship(max_extrapolation=0.1)
-    assert own.pose_at(5 * S) is None
-    assert own.own_pose(5 * S) is None
-    assert not own.knows(5 * S)
-    own.receive(CIRCLE.position(5 * S), 5 * S)
-    assert own.pose_at(5 * S) is None, "position without attitude is no pose"
-    own.receive(CIRCLE.attitude(5 * S), 5 * S)
-    assert own.pose_at(5 * S) is not None
-    assert own.knows(5 * S)
 
 
 @pytest.mark.parametrize("t", [5.0, 6.0, 6.013, 6.999, 7.5])
@@ -128,17 +116,6 @@ def test_no_way_has_no_steps_and_one_sample_no_acceleration() -> None:
     np.testing.assert_allclose(step.v0, CIRCLE.at(5).v)
 
 
-def test_own_pose_is_the_pose_as_a_record() -> None:
-    pose = circling().own_pose(8 * S)
-    truth = CIRCLE.at(8)
-    assert pose is not None
-    assert pose.t_ns == 8 * S
-    np.testing.assert_allclose(pose.r_OF_n, truth.r)
-    np.testing.assert_allclose(pose.v_F_n, truth.v)
-    np.testing.assert_allclose(pose.a_F_n, truth.a, atol=0.03)  # of the last 20 ms
-    assert abs(np.dot(pose.q_nb, quaternion_from_euler(*truth.rpy))) == pytest.approx(1)
-
-
 def test_now_is_the_newest_stamp_before_its_delay() -> None:
     own = Ownship(max_extrapolation=0.1)
     own.receive(CIRCLE.position(5 * S), 5 * S + 22 * MS)
@@ -169,15 +146,6 @@ def test_global_position_stands_back_while_local_comes_and_steps_in_when_it_stop
     assert own.nav_times[-1] == 9 * S + 1
     assert own.receive(CIRCLE.position(9 * S + 20 * MS), 9 * S + 20 * MS)
     assert not own.receive(global_position(9 * S + 30 * MS), 9 * S + 30 * MS)
-
-
-def test_global_position_serves_when_the_local_one_is_nan() -> None:
-    """As before an origin is set, on autopilots that say so by NaN and not by silence."""
-    own = Ownship(max_extrapolation=0.1)
-    nan = replace(CIRCLE.position(5 * S), r_OF_n=(math.nan,) * 3)
-    for i in range(5):
-        assert not own.receive(replace(nan, t_ns=(5 + i) * S), (5 + i) * S)
-        assert own.receive(global_position((5 + i) * S + MS), (5 + i) * S + MS)
 
 
 # ----------------------------------------------------------------------------------- bad samples
@@ -228,12 +196,6 @@ def test_samples_out_of_order_are_counted_and_left_out() -> None:
     assert own.nav_times == sorted(set(own.nav_times))
 
 
-def test_both_kinds_of_attitude_at_one_time_are_no_error() -> None:
-    own = circling()
-    own.receive(CIRCLE.attitude(8 * S), 8 * S)
-    assert own.rejected == {}
-
-
 def test_a_quaternion_of_single_precision_is_made_of_unit_length() -> None:
     own = Ownship(max_extrapolation=0.1)
     q = tuple((1.01 * quaternion_from_euler(0.1, 0.2, 0.3)).tolist())
@@ -242,21 +204,6 @@ def test_a_quaternion_of_single_precision_is_made_of_unit_length() -> None:
     pose = own.pose_at(5 * S)
     assert pose is not None
     assert np.linalg.norm(pose.q_nb) == pytest.approx(1, abs=1e-12)
-
-
-def test_history_stays_bounded_over_20000_samples() -> None:
-    own = Ownship(max_extrapolation=0.1)
-    attitude = Attitude(t_ns=0, t_recv_ns=0, q_nb=(1.0, 0.0, 0.0, 0.0), omega_b=(0.0, 0.0, 0.0))
-    position = LocalPosition(t_ns=0, t_recv_ns=0, r_OF_n=(0.0, 0.0, 0.0), v_F_n=(1.0, 0.0, 0.0))
-    longest = 0
-    for i in range(20_000):
-        t_ns = 5 * S + i * 10 * MS
-        own.receive(replace(attitude, t_ns=t_ns), t_ns)
-        own.receive(replace(position, t_ns=t_ns), t_ns)
-        longest = max(longest, len(own.nav_times), len(own._attitudes.times))
-    assert longest <= 1002  # ten seconds of them
-    assert own.knows(own.now_ns - 5 * S)
-    assert own.pose_at(own.now_ns - 5 * S) is not None
 
 
 def test_a_global_position_of_the_same_stamp_does_not_keep_the_local_one_out() -> None:

@@ -35,8 +35,3 @@ def test_between_two(apart: float, sign: float) -> None:
         np.testing.assert_allclose(
             between(q, (w, x, y, z), fraction), slerp(q, (w, x, y, z), fraction), rtol=0, atol=NEAR
         )
-
-
-def test_unit() -> None:
-    assert unit((2.0, 0.0, 0.0, 0.0)) == (1.0, 0.0, 0.0, 0.0)
-    assert np.linalg.norm(unit((0.3, -0.2, 0.9, 0.1))) == pytest.approx(1.0, abs=1e-15)

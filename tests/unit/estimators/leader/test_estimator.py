@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from onboard.estimators.leader import estimator as leader
 from onboard.estimators.leader.image.prepare import Image, in_view, prepare
 from onboard.geometry.camera import make_camera
-from onboard.messages import Attitude, Exposure, Lifecycle, Message, TargetPoints, Verdict
+from onboard.messages import Exposure, TargetPoints, Verdict
 from onboard.ownship import Ownship
 from tests.support.images import exposed
 from tests.support.streams import MS, Flight, Item, S, Stream, encode, feed, make_config
@@ -38,15 +38,6 @@ def two_aircraft(first_id: str, second_id: str, t1: float = 8.0) -> list[Item]:
     return items
 
 
-def test_each_target_is_followed_by_its_id() -> None:
-    run = feed(encode(two_aircraft("leader", "target/1")))
-    last = {e.target: e for e in run.estimates}
-    assert set(last) == {"leader", "target/1"}
-    for name, gap in (("leader", 25.0), ("target/1", 40.0 * 2.0 / 3.0)):  # configured: 2 m; the second is 3 m wide
-        assert last[name].state is Lifecycle.TRACKING
-        assert np.linalg.norm(last[name].mean[:3] if last[name].mean else []) == pytest.approx(gap, rel=0.08)
-
-
 def estimator(*settings: str) -> leader.Estimator:
     """It publishes at every navigation sample."""
     config = make_config("estimator.leader.publish_rate_hz=1000", *settings).estimator["leader"]
@@ -73,17 +64,6 @@ def test_images_without_an_id_go_to_the_track_whose_prediction_they_fit() -> Non
     assert bearings == pytest.approx([0.0, np.arctan(SIDE)], abs=0.02)
 
 
-def test_another_aircraft_without_an_id_that_comes_later_begins_a_track_of_its_own() -> None:
-    def there(item: Item) -> bool:
-        m = item.message
-        return not isinstance(m, TargetPoints) or abs(m.center[0]) < 0.1 or m.t_ns > 7 * S
-
-    one = estimator()
-    items = sorted(filter(there, two_aircraft("", "")), key=lambda i: i.message.t_ns)
-    estimates = {e.target: e for e in one.tick(play(one, items))}
-    assert [estimates[name].state for name in ("leader", "unnamed/1")] == [Lifecycle.TRACKING] * 2
-
-
 def test_there_are_no_more_targets_than_allowed() -> None:
     one = estimator("estimator.leader.max_targets=2")
     ownship = Ownship(max_extrapolation=0.1)
@@ -105,18 +85,6 @@ def test_there_are_no_more_targets_than_allowed() -> None:
     assert 0 < sum(reported.values()) <= 10  # one image too many is reported ten times a second
 
 
-def test_a_target_long_gone_is_forgotten() -> None:
-    one = estimator()
-
-    def stays(m: Message) -> bool:
-        return not (isinstance(m, TargetPoints) and m.target == "target/1" and m.t_ns > 7 * S)
-
-    items = [i for i in two_aircraft("leader", "target/1", 22.0) if stays(i.message)]
-    ownship = play(one, sorted(items, key=lambda i: i.message.t_ns))
-    assert [e.target for e in one.tick(ownship)] == ["leader"]
-    assert list(one._tracks) == ["leader"]
-
-
 def test_a_camera_that_hangs_is_not_taken_for_an_aircraft() -> None:
     """From 7 s on every image repeats the same points under new stamps, while we turn."""
     swaying = Flight(radius=150.0, gap=25.0)
@@ -135,12 +103,6 @@ def test_a_camera_that_hangs_is_not_taken_for_an_aircraft() -> None:
     assert not any(e.valid for e in run.estimates if e.t_ns > 10 * S)
 
 
-def test_points_at_the_edge_of_the_image_are_rejected() -> None:
-    narrow = "camera.width_px=40", "camera.height_px=400", "camera.sigma_px=0.5"
-    run = feed(encode(Stream(flight=NEAR, t1=6.0, sparse=True).items()), make_config(*narrow))
-    assert set(run.verdicts()) == {Verdict.OUT_OF_VIEW}
-
-
 @pytest.mark.parametrize(("u", "v"), [(-1.0, 0.0), (1.0, 0.0), (0.0, -0.5), (0.0, 0.5)])
 def test_a_point_within_the_margin_of_any_edge_is_out_of_view(u: float, v: float) -> None:
     """Of a frame of 2 x 1 focal lengths: 5 px count as outside, and 6 px do not."""
@@ -149,26 +111,6 @@ def test_a_point_within_the_margin_of_any_edge_is_out_of_view(u: float, v: float
         for inside_px, expected in ((-1.0, False), (4.0, False), (6.0, True)):
             shrunk = 1.0 - inside_px / (100.0 * max(abs(u), abs(v)))
             assert in_view([(u * shrunk, v * shrunk)], camera, view, 5.0) is expected
-
-
-def test_a_lost_leader_out_of_view_gives_that_as_the_reason() -> None:
-    """From 7 s on we look 70 degrees to the right, and see nothing."""
-
-    def away(item: Item) -> Item:
-        m = item.message
-        if isinstance(m, Attitude) and m.t_ns > 7 * S:
-            m = replace(m, q_nb=(math.cos(0.6), 0.0, 0.0, math.sin(0.6)))
-        return Item(item.t_recv_ns, m)
-
-    run = feed(
-        encode(away(i) for i in Stream(flight=NEAR, t1=10.0, images=lambda t: t < 7.0, sparse=True).items())
-    )
-    lost = [e for e in run.estimates if e.state is Lifecycle.LOST]
-    assert {e.reason for e in lost} == {
-        "no image fused within the validity timeout, and it should be outside the view"
-    }
-    assert {e.state_since_ns for e in lost} == {lost[0].t_ns}
-    assert not any(e.valid for e in lost)
 
 
 def test_an_unusable_image_without_an_id_starts_no_track() -> None:

@@ -45,10 +45,6 @@ def test_what_leapt_is_in_question_until_the_old_one_would_be_forgotten() -> Non
         assert not asked_at(exchange, 1.0 + FORGOTTEN_S)
 
 
-def test_an_end_without_an_image_before_asks_nothing() -> None:
-    assert not asked_at(ended_after(None, image(1.05)), 1.1)
-
-
 def test_what_moves_on_is_not_in_question() -> None:
     """As far as an aircraft comes in 0.05 s, or after a gap."""
     for moved in (image(1.05, degrees=4.0), image(1.05, span=0.12), image(1.4, degrees=60.0)):

@@ -1,13 +1,12 @@
 """Floods of target names: the leader's estimates stay as they are, and what is published stays bounded."""
 
-from collections import Counter
 from itertools import pairwise
 
 from msgspec.structs import replace
 
 from onboard.estimators.leader import estimator as leader
 from onboard.geometry.camera import make_camera
-from onboard.messages import Estimate, Lifecycle, Message, TargetPoints, Verdict
+from onboard.messages import Estimate, Lifecycle, Message, TargetPoints
 from onboard.ownship import Ownship
 from tests.support.images import exposed
 from tests.support.streams import Flight, Item, S, Stream, advance, make_config
@@ -56,13 +55,6 @@ def test_a_flood_of_names_changes_none_of_the_leader_s_estimates() -> None:
     verdicts = run.pipeline.health(0).verdicts
     assert sum(verdicts.values()) == IMAGES * (1 + NAMES)
     assert verdicts["leader.full"] > 0.8 * IMAGES * NAMES
-
-
-def test_a_flood_of_names_publishes_little() -> None:
-    others = [e for e in advance(i.message for i in flooded(ITEMS)).estimates if not e.is_primary]
-    new, refusals = 100, 10  # a second
-    assert len(others) <= (T1 - T0 + 1) * (2 * new + refusals)
-    assert Counter(e.measurement.verdict for e in others if e.measurement)[Verdict.FULL] >= T1 - T0 - 1
 
 
 def test_twenty_tracks_begin_one_by_one_beside_the_leader_s() -> None:

@@ -59,10 +59,3 @@ def test_a_point_found_elsewhere_is_named_and_the_others_still_show_the_nose_see
     assert len(named) == counts["nose"] or ("nose",) in named
     assert "not resolved" not in estimates[-1].reason
     assert range_off(estimates[-1], truth) < 0.1
-
-
-def test_points_that_all_fit_nothing_leave_the_wing_alone_seed_4() -> None:
-    estimates, counts, _ = flown({"nose": (0.0, 0.03), "tail": (0.0, -0.04)})
-    assert min(counts["nose"], counts["tail"]) > 10
-    verdicts = {str(e.measurement.verdict) for e in estimates[-40:] if e.measurement is not None}
-    assert verdicts <= {"fused", "fused_late"}

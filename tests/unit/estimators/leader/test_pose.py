@@ -196,21 +196,7 @@ def test_poses_alone_start_a_track_and_hold_it_whatever_the_size_seed_3() -> Non
     assert 0.02 < range_sigma_of_one_that_holds_the_truth(encounter, last) < 0.045
 
 
-def test_a_pose_beside_the_wing_resolves_the_heading_of_a_leader_that_hovers_seed_3() -> None:
-    def sigmas(sees: Any) -> tuple[float, str]:
-        _, estimates = flown("hover", 3, 6.0, sees)
-        last = newest(estimates)
-        assert last.mean is not None
-        assert last.covariance is not None
-        r, P = np.array(last.mean[:3]), np.array(last.covariance)[:3, :3]
-        return math.sqrt(r @ P @ r) / float(r @ r), last.reason
-
-    with_pose, reason = sigmas("wing_pose")
-    assert "not resolved" not in reason
-    assert with_pose < 0.1
-    assert sigmas("wing")[0] > 0.15
-
-
+@pytest.mark.slow  # beside points that are always misplaced, in test_shape_flown.py
 def test_poses_that_are_askew_and_flip_make_no_range_confidently_wrong_seed_16() -> None:
     found = score([fly(Case("behind", sees="pose"), 16)])
     assert found.wrong.percent < 1.5

@@ -8,7 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.config import Config
-from onboard.messages import Clock, DistanceReading, Lifecycle, TargetImage
+from onboard.messages import Clock, DistanceReading, TargetImage
 from onboard.models.relative_motion import SIZE
 from tests.support.broadcast import merged
 from tests.support.streams import CIRCLE, EPOCH, MS, Item, Run, S, Stream, advance, encode, feed, make_config
@@ -73,13 +73,6 @@ def test_a_rangefinder_teaches_the_size_seed_2() -> None:
     assert found["fused"] > 10 * found.get("gated", 0)
 
 
-def test_a_range_alone_carries_nothing() -> None:
-    trusted = (f"estimator.leader.broadcast.{key}" for key in ("system=9", "trusted=true"))  # who is silent
-    run = fly(readings(6.0, 14.0), 14.0, configured(*trusted), images=lambda t: t < 10.0)
-    assert not run.estimates[-1].valid
-    assert run.estimates[-1].state is Lifecycle.LOST
-
-
 def test_another_sensor_is_not_used() -> None:
     run, plain = fly(readings(6.0, 8.0, sensor=SENSOR + 1), 8.0), fly([], 8.0)
     assert run.estimates == plain.estimates
@@ -123,13 +116,6 @@ def test_a_detection_brings_its_range() -> None:
 def make_run(items: list[Item], config: Config) -> Run:
     """Messages through a new pipeline, without encoding: MAVLink's images have no range."""
     return advance([item.message for item in items], config)
-
-
-def test_without_a_section_nobody_listens_to_a_rangefinder() -> None:
-    run = fly(readings(6.0, 7.0), 7.0, make_config())
-    plain = fly([], 7.0, make_config())
-    assert run.estimates == plain.estimates
-    assert run.rejected == plain.rejected
 
 
 @pytest.mark.parametrize("gap", [1.0, 9.0])

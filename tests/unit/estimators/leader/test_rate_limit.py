@@ -50,16 +50,6 @@ def test_predictions_go_on_at_the_rate_once_images_stop() -> None:
     assert max(gaps(later)) < 0.041
 
 
-def test_a_high_rate_publishes_at_every_navigation_sample() -> None:
-    found = published(at_30_hz(), 6.0, 9.0, "estimator.leader.publish_rate_hz=1000")
-    assert sum(e.measurement is None for e in found) == 150
-
-
-def test_slow_images_are_filled_up_to_the_rate() -> None:
-    found = published(at_30_hz(lambda t: round(t * RATE) % 3 == 0), 6.0, 9.0)  # ten images a second
-    assert len(found) == pytest.approx(3.0 * RATE, abs=2)
-
-
 def flown() -> tuple[leader.Estimator, Ownship, list[Message]]:
     """An estimator that has followed a leader for two seconds, its own motion, and the messages that come next."""
     one = leader.Estimator(
@@ -101,12 +91,6 @@ def test_a_target_that_was_reset_has_its_last_word_at_once() -> None:
     one.reset(Reason(Cause.OWN_MOTION_DOUBT, "our own motion was in doubt"))
     receive_sample(messages, ownship)
     assert [e.target for e in one.tick(ownship)] == ["leader", "target/1"]
-
-
-def test_after_a_reboot_the_first_estimate_does_not_wait_for_the_earlier_clock() -> None:
-    one, _, _ = flown()
-    one.reset(Reason(Cause.REBOOTED, "the autopilot has rebooted"))
-    assert len(one.tick(Ownship(max_extrapolation=0.1))) == 1
 
 
 @pytest.mark.parametrize("back_ms", [100, 10_000])

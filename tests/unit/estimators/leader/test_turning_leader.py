@@ -13,7 +13,7 @@ from tests.support.streams import Flight, Kinematics, S, Stream, advance_once, h
 START_S: Final = 5.0
 SPEED_M_S: Final = 6.0
 DISTANCE_M: Final = 45.0
-SEEDS: Final = range(1, 5)
+SEEDS: Final = (1, 2)
 
 
 @dataclass(frozen=True)
@@ -78,9 +78,9 @@ def flown(flight: TurningLeader, blind: tuple[float, float] | None, seed: int) -
     return np.array(list(rows()))
 
 
-def test_two_sigmas_of_the_range_of_a_turning_leader_cover_it_as_often_as_a_gaussian_seeds_1_to_4() -> None:
+def test_two_sigmas_of_the_range_of_a_turning_leader_cover_it_as_often_as_a_gaussian_seeds_1_and_2() -> None:
     range_, sigma, true = np.vstack([flown(*case, seed) for case in CASES for seed in SEEDS]).T
-    assert len(range_) > 5000
+    assert len(range_) > 2500
     assert np.mean(true < range_ - 2.0 * sigma) < 0.025
     assert np.mean(true > range_ + 2.0 * sigma) < 0.025
     assert np.median(sigma / range_) < 0.3  # a bound that covers everything says nothing

@@ -41,16 +41,6 @@ def test_one_aircraft_without_an_id_is_one_track_seeds_1_and_3(flight: Flight, s
     one_track(flight, seed, 10.0)
 
 
-@pytest.mark.slow  # more images, of which one in a thousand lies beyond a gate by chance
-@pytest.mark.parametrize(
-    ("flight", "seed"),
-    [(CIRCLE, 1), (CIRCLE, 2), (STRAIGHT, 1), (TIGHT, 3)],
-    ids=["1", "2", "straight-1", "tight-3"],
-)
-def test_one_aircraft_without_an_id_stays_one_track_seeds_1_to_3(flight: Flight, seed: int) -> None:
-    one_track(flight, seed, 35.0)
-
-
 @pytest.mark.parametrize(
     ("first", "leader_id"),
     slow_but([(True, ""), (False, "leader")], itertools.product([True, False], ["", "leader"])),
@@ -68,18 +58,6 @@ def test_two_aircraft_are_two_tracks_seed_2(first: bool, leader_id: str) -> None
     assert set(found) == {"leader", "unnamed/1"}
     images = sum(isinstance(m, TargetPoints) and m.t_ns > 8 * S for m in messages) / 2
     assert found["unnamed/1"] > 0.95 * images
-
-
-def test_an_image_far_from_every_track_begins_one_although_it_is_alone_seed_1() -> None:
-    """Two cameras that look different ways take their images at different times."""
-    messages: list[Message] = []
-    for m in unnamed(STRAIGHT, 1, 10.0):
-        messages.append(m)
-        if isinstance(m, TargetPoints):
-            center, left, right = ((u + 0.4, v) for u, v in (m.center, m.left, m.right))
-            other = replace(m, camera="right", t_ns=m.t_ns - 10_000_000, center=center, left=left, right=right)
-            messages.append(other)
-    assert set(fused(messages)) == {"leader", "unnamed/1"}
 
 
 def test_a_leader_that_two_cameras_show_apart_is_said_to_be_seed_3() -> None:

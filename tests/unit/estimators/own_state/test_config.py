@@ -7,8 +7,6 @@ from typing import Any
 import pytest
 
 from onboard.config import ConfigError, parse_config
-from onboard.estimators.own_state.config import FILTERS, Config
-from onboard.filters import methods
 
 
 @pytest.mark.parametrize(
@@ -25,15 +23,6 @@ def test_a_bad_configuration_is_refused_in_one_line(section: dict[str, Any], tex
     with pytest.raises(ConfigError, match=r"^estimator\.own_state") as caught:
         parse_config({"estimator": {"own_state": section}})
     assert text in str(caught.value)
-
-
-def test_a_config_checks_itself() -> None:
-    with pytest.raises(ValueError, match="coast_after_s <= validity_timeout_s"):
-        Config(coast_after_s=6.0)
-
-
-def test_the_filters_that_may_be_named_are_those_there_are() -> None:
-    assert tuple(sorted(methods())) == FILTERS
 
 
 def test_reading_a_config_loads_no_numerics() -> None:

@@ -42,13 +42,6 @@ def test_what_a_span_holds_of_a_gap_is_unknown_and_no_push(gap_ms: int) -> None:
                 assert mean == pytest.approx(constant, abs=1e-9)
 
 
-def test_a_change_in_a_gap_is_no_scatter() -> None:
-    s = Samples(1)
-    for t in [*range(0, 1000, 10), *range(2000, 2500, 10)]:
-        s.add(t * MS, np.array([-9.81 if t < 1500 else -15.0]))
-        assert float(s.density(t * MS)[0]) == pytest.approx(0.0, abs=1e-12)
-
-
 def test_the_density_of_scatter_is_that_of_white_noise_seed_1() -> None:
     """Variance times the interval, on a course that bends slowly."""
     rng, s, found = np.random.default_rng(1), Samples(1), []

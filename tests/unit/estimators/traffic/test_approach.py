@@ -8,7 +8,6 @@ import pytest
 from onboard.estimators.traffic.approach import closest, closest_in_turns
 from onboard.estimators.traffic.config import Config
 from onboard.estimators.traffic.publication import _threat, curvature
-from onboard.geometry.geodesy import geodetic_from_ecef, geodetic_rows
 from onboard.messages import ThreatLevel
 
 
@@ -114,12 +113,3 @@ def test_an_uncertain_turn_is_predicted_straight() -> None:
     assert a.turn_rate[0] == 0.0
     r, v, _, P, _ = turning(0.9)
     assert a.distance[0] == closest(r, v, P[:, :6, :6]).distance[0]
-
-
-def test_many_positions_at_once_are_each_position() -> None:
-    rng = np.random.default_rng(8)
-    directions = rng.standard_normal((50, 3))
-    places = directions / np.linalg.norm(directions, axis=1)[:, None] * rng.uniform(6.35e6, 6.40e6, (50, 1))
-    places[:3] = [[0, 0, 6356752.3 + 100], [0, 0, -6356752.3 - 100], [-6378137.0, -1e-9, 0]]
-    for place, found in zip(places, geodetic_rows(places), strict=True):
-        assert found == pytest.approx(geodetic_from_ecef(place), abs=1e-6)

@@ -4,7 +4,6 @@ from collections import Counter
 
 import numpy as np
 
-from onboard.estimators.traffic import waiting
 from onboard.estimators.traffic.track import Track
 from tests.support.traffic import NAME, R0, V0, Sky, fly_with_reports
 
@@ -40,17 +39,6 @@ def test_every_track_is_published_in_its_turn() -> None:
     sky.published.clear()
     sky.fly(1.0)
     assert len({e.target for e in sky.published}) == 400
-
-
-def test_new_addresses_are_taken_in_few_at_a_time_and_the_others_are_counted() -> None:
-    sky = Sky()
-    sky.verdicts.clear()
-    flood(sky, 0x100000, 10_000)
-    assert sky.verdicts == {"full": 10_000 - waiting.MAX_NEW_REPORT_COUNT}
-    sky.fly(1.0)
-    assert len(sky.newest) == waiting.MAX_NEW_REPORT_COUNT
-    flood(sky, 0x200000, 10_000)  # as many again, once those are taken in
-    assert sky.verdicts["full"] == 2 * (10_000 - waiting.MAX_NEW_REPORT_COUNT)
 
 
 def test_a_flood_of_new_addresses_costs_no_report_of_a_known_one() -> None:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from onboard.estimators.traffic.registration import MAX_ANCHORS, AnchorEcho, Registration
+from onboard.estimators.traffic.registration import AnchorEcho, Registration
 from onboard.estimators.traffic.reports import Report
 from onboard.units import NS_PER_S
 from tests.support.registration import (
@@ -77,39 +77,6 @@ def test_the_residual_is_due_to_biases_and_our_own_position_by_hand() -> None:
     # about their direction it changes as fast as our attitude, elsewhere nearly as slowly as their biases
     assert np.sort(registration.residual.times)[0] < 1.2 * CONFIG.own_attitude_time_s
     assert np.sort(registration.residual.times)[1] > 0.7 * CONFIG.report_bias_time_s / 2
-
-
-@pytest.mark.slow  # the one above is shorter
-def test_the_covariance_of_rotation_and_bias_is_that_of_their_errors_seeds_1_to_400() -> None:
-    """The first anchor's, with a bias of 3 m and our own of 3 m, against errors drawn from the model."""
-    off, covariances, bias = [], [], np.full((2, 3), np.hypot(3.0, 3.0))
-    config = structs.replace(CONFIG, own_position_sigma_m=3.0)
-    for seed in range(1, 401):
-        world = World(3, seed, own_sigma=3.0)
-        world.bias = bias[0, 0]
-        world.places = np.array([[2000.0, 0.0, 0.0], [2000.0, 100.0, 0.0], [0.0, 2500.0, 0.0]])
-        world.reports = [world.report(k, 0) for k in range(3)]
-        registration = after_scans(world, 8, config)
-        relative = (world.biases[0] - world.own) / bias[0]
-        off.append(np.outer(world.rotation - registration.rotation, relative))
-        shared = registration.covariance_with_bias([7, 0], bias)  # the other is no anchor
-        covariances.append(shared[1])
-        np.testing.assert_array_equal(shared[0], 0.0)
-    expected = np.mean(covariances, axis=0)
-    assert expected[2, 1] > 3e-4  # two of them, 3 m in 2000
-    assert expected[1, 2] < -3e-4
-    error = np.std(off, axis=0) / np.sqrt(len(off))
-    np.testing.assert_array_less(np.abs(np.mean(off, axis=0) - expected), 3.3 * error)
-
-
-def test_the_residual_shrinks_with_more_anchors() -> None:
-    sizes = [np.trace(after_scans(World(count, 7), 6).residual.covariance) for count in (0, 1, 3, MAX_ANCHORS)]
-    assert sizes[0] == pytest.approx(np.sum(PRIOR_SIGMA**2))
-    assert sizes == sorted(sizes, reverse=True)
-    assert sizes[-1] < 0.02 * sizes[0]
-    more = after_scans(World(3 * MAX_ANCHORS, 7), 6)
-    assert np.all(np.isfinite(more.rotation))
-    assert len(more._anchors) == MAX_ANCHORS
 
 
 def test_an_anchor_with_a_false_position_is_left_out_seed_5() -> None:

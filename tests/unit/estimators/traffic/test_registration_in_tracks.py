@@ -6,7 +6,6 @@ from onboard.arrays import Array
 from onboard.estimators.traffic.batch import Radar
 from onboard.estimators.traffic.config import Config
 from onboard.estimators.traffic.echoes import Echoes
-from onboard.estimators.traffic.motion import first_covariance
 from onboard.estimators.traffic.reports import Key, Report
 from onboard.estimators.traffic.tracker import Tracker
 from onboard.filters.belief import Belief
@@ -59,17 +58,6 @@ def test_the_attitude_error_correlates_with_the_bias_of_anchors_only() -> None:
     shared = tracker.batch.belief().covariance[:, motion.ATTITUDE_ERROR, motion.BIAS]
     assert np.abs(shared[:2]).max(axis=(1, 2)).min() > 1e-5
     np.testing.assert_allclose(shared[2:], 0.0, atol=1e-15)
-
-
-def test_vertical_accelerations_are_a_share_of_horizontal_ones() -> None:
-    config = Config(filter="ekf", manoeuvre_acceleration_m_s2=2.0, vertical_share=0.25)
-    np.testing.assert_allclose(np.diag(first_covariance(np.eye(3), config))[motion.ACCELERATION], [4.0, 4.0, 0.25])
-    tracker = Tracker(config)
-    tracker.advance(NS_PER_S)
-    begin(tracker, np.zeros((15, 15)))
-    tracker.advance(2 * NS_PER_S)
-    grown = np.diag(tracker.batch.belief().covariance[0])[motion.ACCELERATION]
-    np.testing.assert_allclose(grown[2], grown[0] * 0.25**2)
 
 
 def test_the_random_walk_of_the_velocity_is_as_large_after_three_seconds_as_gusts_are() -> None:

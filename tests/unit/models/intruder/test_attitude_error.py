@@ -36,29 +36,6 @@ def test_reported_positions_do_not_drift_with_our_own_position() -> None:
     np.testing.assert_array_equal(step.Q[:3, 9:12], 0.0)  # the cached step is as it was
 
 
-def test_attitude_error_and_bias_keep_their_covariance() -> None:
-    """If their time constants are equal. If not, it is less, and Q stays positive definite."""
-    axes = np.array([[0.01, 0.0, 0.002], [0.0, 0.01, 0.0], [0.0, 0.0, 0.02]])
-    shared = np.array([[[0.003, 0.0, -0.002], [0.0, 0.002, 0.001], [0.004, 0.0, 0.008]], np.zeros((3, 3))])
-    reports = ReportErrors(np.array([[4.0, 4.0, 10.0], [np.inf] * 3]), shared)
-    for times, share in (([60.0] * 3, 1.0), ([10.0, 20.0, 240.0], None)):
-        attitude_error = AttitudeErrorModel(axes, np.array([1.0, 0.5, 1.0]), np.array(times))
-        step = with_report_errors(motion.step(5.0, MODEL), reports, attitude_error)
-        for k in range(2):
-            P = np.zeros((15, 15))
-            for _ in range(500):
-                P = step.F @ P @ step.F.T + step.Q[k]
-            at = np.r_[motion.BIAS, motion.ATTITUDE_ERROR]
-            assert np.linalg.eigvalsh(step.Q[k][np.ix_(at, at)]).min() > 0
-            np.testing.assert_allclose(
-                P[motion.ATTITUDE_ERROR, motion.ATTITUDE_ERROR], attitude_error.covariance, rtol=1e-6, atol=1e-9
-            )
-            if share is not None:
-                np.testing.assert_allclose(
-                    P[motion.ATTITUDE_ERROR, motion.BIAS], share * shared[k], rtol=1e-6, atol=1e-9
-                )
-
-
 def test_a_covariance_too_large_for_its_variances_is_limited_seed_2() -> None:
     rng = np.random.default_rng(2)
     shared = rng.uniform(-1.0, 1.0, (50, 3, 3)) * 10.0 ** rng.uniform(-6, 2, (50, 1, 1))

@@ -11,7 +11,7 @@ from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses import motion, update
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter, State, make_filter
 from onboard.estimators.leader.image.camera_pose import CameraPose
-from onboard.estimators.leader.image.measurement import measure_direction, points_of
+from onboard.estimators.leader.image.measurement import points_of
 from onboard.estimators.leader.reports.prior import Prior
 from onboard.filters.belief import Belief, FilterError
 from onboard.models.relative_motion import POSITION, VELOCITY
@@ -82,14 +82,6 @@ def test_a_gated_image_reports_what_gated_it(monkeypatch: pytest.MonkeyPatch) ->
     assert (after.passes, after.nis) == (False, 40.0)
 
 
-def test_few_hypotheses_are_kept_once_the_nose_is_known_and_many_while_it_is_open() -> None:
-    filter_ = filter_of()
-    known, _ = watched(filter_, 10.0, sway=3.0)
-    is_open, _ = watched(filter_, 4.0, sway=0.0)
-    assert len(filter_.start(image(25.0, 0.7), STILL, None).particles.headings) == 900
-    assert len(known.particles.headings) < 0.6 * len(is_open.particles.headings)
-
-
 def test_an_image_that_nothing_expected_does_not_pass_and_changes_nothing() -> None:
     filter_ = filter_of()
     state, _ = watched(filter_, 4.0, sway=2.0)
@@ -140,15 +132,6 @@ def test_hypotheses_without_numbers_are_an_error() -> None:
     state.particles.means[:] = math.nan
     with pytest.raises(FilterError, match="lost their numbers"):
         fused(filter_, state, image(25.0, 0.3), STILL)
-
-
-def test_a_direction_is_judged_by_itself() -> None:
-    filter_ = filter_of()
-    state, _ = watched(filter_, 4.0, sway=2.0)
-    direction = measure_direction((0.0, 0.0), 1.0 / 554.0)
-    update = fused(filter_, state, direction, STILL)
-    assert (update.passes, update.innovation.shape) == (True, (2,))
-    assert not fused(filter_, state, measure_direction((0.5, 0.0), 1.0 / 554.0), STILL).passes
 
 
 def test_what_is_expected_depends_on_the_wind() -> None:

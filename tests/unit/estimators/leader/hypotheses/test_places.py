@@ -46,15 +46,6 @@ def test_two_places_are_told_apart_with_their_probabilities() -> None:
     assert far.covariance[0, 0] == pytest.approx((0.03 * 25.0) ** 2 + 0.01 + 0.25**2, rel=0.15)
 
 
-@pytest.mark.parametrize("weights", [[1.0, 0.0], [0.97, 0.03]])
-def test_what_is_hardly_likely_is_no_place_of_its_own(weights: Sequence[float]) -> None:
-    assert len(found([12.0, 25.0], weights)) == 1
-
-
-def test_a_spread_without_a_valley_is_one_place() -> None:
-    assert len(found([12.0, 12.6, 13.2, 13.9, 14.6], [0.2] * 5)) == 1
-
-
 def test_a_place_moves_with_its_leader_and_against_us() -> None:
     later = found([20.0], [1.0])[0].after(2.0, np.array([3.0, 0.0, 0.0]))
     assert later.mean[[0, 2]] == pytest.approx([17.0, 4.0], rel=0.02)
@@ -79,10 +70,6 @@ def test_an_open_range_is_reported_about_its_geometric_mean_with_the_places() ->
     assert whole.covariance[0, 0] == pytest.approx((10.0**2 + 20.0**2) / 2.0, rel=0.05)
     assert whole.mean[5] == pytest.approx(2.0, rel=0.05)  # the velocity goes with the range
     assert [p.mean[0] for p in whole.places] == [pytest.approx(10.0, rel=0.02), pytest.approx(40.0, rel=0.02)]
-
-
-def test_a_range_that_is_known_has_no_places() -> None:
-    assert summarise(SETTINGS, particles([20.0], [1.0])).places == ()
 
 
 def test_the_filter_says_what_is_open_and_where_relative_to_us() -> None:

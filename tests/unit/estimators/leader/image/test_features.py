@@ -127,19 +127,3 @@ def test_a_direction_far_off_is_gated_and_never_restarts_the_track_seed_1() -> N
     assert run.verdicts()[Verdict.GATED] > 30
     assert run.estimates[-1].reset_count == 0
     assert run.estimates[-1].state is Lifecycle.COASTING
-
-
-def test_a_direction_without_an_id_goes_to_the_track_it_fits_and_begins_no_other_seed_1() -> None:
-    run = flown(lambda m: less(m, "center", target=""), after=8.0)
-    assert {e.target for e in run.estimates} == {"leader"}
-    assert run.verdicts()[Verdict.FUSED] == 122
-
-
-def test_a_wingtip_beyond_the_edge_is_not_asked_for_seed_1() -> None:
-    run = flown(lambda m: less(replace(m, left=(-2.0, 0.0)), "center"), after=8.0)
-    assert Verdict.OUT_OF_VIEW not in run.verdicts()
-
-
-def test_a_direction_that_is_not_a_number_is_refused_seed_1() -> None:
-    run = flown(lambda m: less(replace(m, center=(math.nan, 0.0)), "center"), t1=8.5, after=8.0)
-    assert run.verdicts()[Verdict.NOT_FINITE] == 13
