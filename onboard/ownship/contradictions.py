@@ -1,14 +1,12 @@
-"""What cannot be true together of our own motion: attitude and body rates, position and velocity, velocity and
-accelerometer, and two statements about one instant.
+"""Consistency checks of our own motion between streams of the autopilot.
 
-Nothing here depends on an estimator. Each check compares two streams of the autopilot, so that one that hangs, is
-wrong, or comes from another vehicle is contradicted by the other. An autopilot may correct itself in one step:
-that costs `DOUBTED_NS`, a contradiction that goes on costs more. The limits lie well above what recorded flights
-show, but for those whose autopilot loses its own state (docs/fly-it.md, "Faults it detects").
+They compare attitude with body rates, position with velocity, velocity with accelerometer, and two statements
+about one instant. A stream that hangs, is wrong, or comes from another vehicle contradicts the other. One step is
+a correction by the autopilot and costs `DOUBT_DURATION_NS`; a contradiction that lasts costs more. The limits lie
+well above recorded flights, except those whose autopilot lost its own state (docs/fly-it.md, "Faults it detects").
 
-Noise is no contradiction. How noisy a stream is, is learnt from it (`scatter`). A stream is compared over strides
-that are long enough for its noise to be small beside the limit: of a quiet stream each step is one, a noisy one
-takes longer to be judged. Where what looks like noise is more than any such sensor has, it contradicts.
+Noise is learnt from each stream (`scatter`). A stream is compared over strides that are long enough for its noise
+to be small compared with the limit. More noise than any such sensor has is a contradiction.
 """
 
 import math
@@ -17,57 +15,62 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from onboard.ownship.scatter import TIME_S, Ceiling, Scatter
+from onboard.ownship.scatter import AVERAGING_TIME_S, Ceiling, Scatter
 from onboard.units import NS_PER_S, S_PER_NS
 
-DOUBTED_NS: Final = NS_PER_S  # own motion is in doubt for so long after a contradiction
-YAW_HOLD_NS: Final = 10 * NS_PER_S  # a wrong yaw shows only while we accelerate; a turn and its reversal take less
-IS_FAULT_NS: Final = 280_000_000  # every step contradicts for so long: no correction of an autopilot, but a fault
-FEWEST_STRIDES: Final = 4  # strides in that time
-STREAM_SIGMAS: Final = 3.0  # a stream's own noise may explain so much
-LONGEST_STRIDE_S: Final = 1.0  # a stream that is noisier than this allows is judged beyond its noise alone
-NOISE_KNOWN_AFTER: Final = 50  # increments before which a few wrong ones look like much noise
-STRIDE_NS: Final = 150_000_000  # between two samples: what changed in between is not known of slower streams
-# What an autopilot's streams can have at most: several times the noise of cheap sensors on a shaking vehicle.
-ATTITUDE_NOISE: Final = Ceiling(white=math.radians(5.0), walk=0.4**2)  # rad, rad^2/s
+DOUBT_DURATION_NS: Final = NS_PER_S  # after a contradiction
+YAW_DOUBT_DURATION_NS: Final = (
+    10 * NS_PER_S
+)  # A wrong yaw shows only in accelerations, which are at most this far apart.
+MIN_FAULT_DURATION_NS: Final = 280_000_000  # Contradictions that last longer are a fault, not a correction.
+MIN_STRIDE_COUNT: Final = 4  # in that time
+STREAM_SIGMAS: Final = 3.0  # of a stream's own noise
+MAX_STRIDE_DURATION_S: Final = 1.0  # Noisier streams are judged by their excess over the noise.
+MIN_INCREMENT_COUNT: Final = 50  # With fewer, some wrong increments look like much noise.
+MAX_SAMPLE_INTERVAL_NS: Final = 150_000_000  # In slower streams, changes between samples are unknown.
+# Several times the noise of cheap sensors on a shaking vehicle.
+MAX_ATTITUDE_NOISE: Final = Ceiling(white=math.radians(5.0), walk=0.4**2)  # rad, rad^2/s
 RATE_NOISE: Final = 1.5  # rad/s
-POSITION_NOISE: Final = Ceiling(white=3.0, walk=1.0**2)  # m, m^2/s
-SPEED_NOISE: Final = 2.0  # m/s
-IN_DEGREES: Final = (math.radians(0.5), math.radians(2.0))  # a turn as a share of what such rates say
-RATE_DIFFERENCE: Final = math.radians(3.0)  # rad/s, by which a turn may differ from the body rates ...
-RATE_SHARE: Final = 0.25  # ... and this share of them
-SPEED: Final = 0.5  # m/s, by which position may change otherwise than velocity says ...
-SPEED_SHARE: Final = 0.2  # ... and this share of it
-SAME_TURN: Final = math.radians(0.1)  # so far turned by its own rates, an attitude cannot be exactly the same
-SAME_WAY: Final = 0.02  # m; so far moved by its own velocity, a position cannot be exactly the same
-WINDOW_NS: Final = NS_PER_S  # over which velocity is compared with the accelerometer, and at least this:
-SHORTEST_NS: Final = 800_000_000
-LEAST_CHANGE: Final = 1.0  # m/s, horizontally in that time: more than an accelerometer's bias and a degree of tilt
-SLOWEST_IMU_NS: Final = 60_000_000
-FORGOTTEN: Final = 256  # samples that are forgotten together
-NO_NOISE: Final = (0.0, 0.0, 0.0)
-LEAP: Final = 5.0  # m/s; a velocity that changes by more from one sample to the next ...
-HARDEST_CHANGE: Final = 60.0  # m/s^2; ... and faster than this is wrong, as is one that changes by more than ...
-UNSEEN_ACCELERATION: Final = 10.0  # m/s^2; ... this since the newest IMU sample and `LEAST_CHANGE` otherwise than
-SAMPLES_TO_CONFIRM: Final = 4  # the accelerometer says, unless so many samples in a row agree on it
-ELSEWHERE: Final = 1.0  # m; two statements about one instant that differ more are of two sources ...
-ANOTHER_WAY: Final = math.radians(3.0)  # ... or attitudes that do
+MAX_POSITION_NOISE: Final = Ceiling(white=3.0, walk=1.0**2)  # m, m^2/s
+MAX_SPEED_NOISE: Final = 2.0  # m/s
+DEGREES_AS_RADIANS_RATIO: Final = (math.radians(0.5), math.radians(2.0))  # of a turn to such rates: least and most
+RATE_TOLERANCE: Final = math.radians(3.0)  # rad/s between attitude and body rates, plus ...
+RATE_SHARE: Final = 0.25  # ... this share of the rates
+SPEED_TOLERANCE: Final = 0.5  # m/s between position and velocity, plus ...
+SPEED_SHARE: Final = 0.2  # ... this share of the velocity
+MIN_FROZEN_ANGLE: Final = math.radians(0.1)  # turned by its rates, after which an equal attitude is frozen
+MIN_FROZEN_DISTANCE: Final = 0.02  # m, moved by its velocity, after which an equal position is frozen
+WINDOW_NS: Final = NS_PER_S  # in which velocity is compared with the accelerometer
+MIN_WINDOW_NS: Final = 800_000_000
+VELOCITY_TOLERANCE: Final = (
+    1.0  # m/s horizontally in WINDOW_NS; exceeds an accelerometer's bias and 1 degree of tilt.
+)
+MAX_IMU_INTERVAL_NS: Final = 60_000_000
+DROPPED_SAMPLE_COUNT: Final = 256  # at once, which saves time
+ZERO_NOISE: Final = (0.0, 0.0, 0.0)
+# A velocity is rejected if it changes by MAX_VELOCITY_STEP plus MAX_ACCELERATION times the time, or by
+# VELOCITY_TOLERANCE otherwise than the accelerometer says, unless SAMPLES_TO_CONFIRM samples in a row agree on it.
+MAX_VELOCITY_STEP: Final = 5.0  # m/s
+MAX_ACCELERATION: Final = 60.0  # m/s^2
+MAX_UNSEEN_ACCELERATION: Final = 10.0  # m/s^2 since the newest IMU sample
+SAMPLES_TO_CONFIRM: Final = 4
+POSITION_TOLERANCE: Final = 1.0  # m; statements about one instant that differ more are of two sources.
+ATTITUDE_TOLERANCE: Final = math.radians(3.0)  # likewise
 
 
 class Sample(NamedTuple):
-    """The last sample of a stream, as plain numbers: `x` is what is stated, `rate` (3,) how it changes."""
+    """The last sample of a stream, as plain numbers."""
 
     t_ns: int
-    x: tuple[float, ...]
-    rate: tuple[float, ...]
+    x: tuple[float, ...]  # the stated value
+    rate: tuple[float, ...]  # (3,) its stated rate of change
 
 
 class Strides:
-    """Whether what a stream states goes on to contradict its own rates, by more than its noise, or by more noise
-    than such a stream has."""
+    """Detects a stream whose values contradict its own rates for long, or that has too much noise."""
 
     def __init__(self, limit: float, share: float, ceiling: Ceiling = Ceiling()) -> None:  # noqa: B008 - frozen
-        self._limit, self._share = limit, share  # the rate that is no contradiction, and of the stated rate
+        self._limit, self._share = limit, share  # tolerance of the rate, and as a share of the stated rate
         self._ceiling = ceiling
         self.scatter = Scatter(3)
         self._start_ns = self._end_ns = 0  # of the present stride
@@ -76,9 +79,10 @@ class Strides:
         self._strides = 0
 
     def contradict(self, t0_ns: int, t1_ns: int, e: Sequence[float], by: float) -> bool:
-        """Whether all strides have contradicted for long enough, after a step from t0 to t1 in which the stream
-        states `e` (3,) more than its rates say, which say a way of length `by`."""
-        if t1_ns - t0_ns > STRIDE_NS:
+        """Whether all strides have contradicted for long enough, after a step from t0 to t1.
+
+        In the step the stream has moved by `e` (3,) more than its rates say, which say a length `by`."""
+        if t1_ns - t0_ns > MAX_SAMPLE_INTERVAL_NS:
             self._since_ns, self._end_ns = None, 0
             self.scatter.skip()
             return False
@@ -92,10 +96,10 @@ class Strides:
         elapsed = (t1_ns - self._start_ns) * S_PER_NS
         noise = STREAM_SIGMAS * self.scatter.deviation(self._steps) / elapsed
         self.scatter.add(e, (t1_ns - t0_ns) * S_PER_NS)
-        if self.scatter.count >= NOISE_KNOWN_AFTER and self.scatter.exceeds(self._ceiling):
+        if self.scatter.count >= MIN_INCREMENT_COUNT and self.scatter.exceeds(self._ceiling):
             return True
         contradicts = math.hypot(*self._sum) / elapsed > self._limit + self._share * self._by / elapsed + noise
-        if not contradicts and noise > self._limit and elapsed < LONGEST_STRIDE_S:
+        if not contradicts and noise > self._limit and elapsed < MAX_STRIDE_DURATION_S:
             return False
         start_ns = self._start_ns
         self._begin(t1_ns)
@@ -105,7 +109,7 @@ class Strides:
         if self._since_ns is None:
             self._since_ns, self._strides = start_ns, 0
         self._strides += 1
-        return self._strides >= FEWEST_STRIDES and t1_ns - self._since_ns >= IS_FAULT_NS
+        return self._strides >= MIN_STRIDE_COUNT and t1_ns - self._since_ns >= MIN_FAULT_DURATION_NS
 
     def _begin(self, t_ns: int) -> None:
         self._start_ns = self._end_ns = t_ns
@@ -113,19 +117,19 @@ class Strides:
 
 
 class Still:
-    """Since when a stream has stated exactly the same, and how far it has moved meanwhile by its own rates."""
+    """Detects a stream whose value is frozen although its own rates say that it moves."""
 
     def __init__(self) -> None:
         self._since_ns = 0
         self._moved = 0.0
 
     def hangs(self, before: Sample, now: Sample, by: float, limit: float) -> bool:
-        """Whether the same is stated for too long, after a step in which the rates say `by`."""
-        if now.x != before.x or now.t_ns - before.t_ns > STRIDE_NS:
+        """Whether the value is frozen for too long, after a step in which the rates say `by`."""
+        if now.x != before.x or now.t_ns - before.t_ns > MAX_SAMPLE_INTERVAL_NS:
             self._since_ns, self._moved = now.t_ns, 0.0
             return False
         self._moved += by
-        return now.t_ns - self._since_ns >= IS_FAULT_NS and self._moved > limit
+        return now.t_ns - self._since_ns >= MIN_FAULT_DURATION_NS and self._moved > limit
 
 
 class Gained:
@@ -134,10 +138,10 @@ class Gained:
     def __init__(self) -> None:
         self._times: list[int] = []
         self._sums: list[tuple[float, float]] = []
-        self._first = 0  # the place of the oldest that counts: what is before it is forgotten together
+        self._first = 0  # index of the oldest that counts
 
     def since_newest(self, t_ns: int) -> int | None:
-        """The time from the newest sample to another time, ns; None without a sample."""
+        """Return the time from the newest sample to another time, ns; None without a sample."""
         return t_ns - self._times[-1] if self._times else None
 
     @property
@@ -146,11 +150,11 @@ class Gained:
         return self._times[self._first]
 
     def begin(self, t_ns: int) -> None:
-        """A first sample, which no other one is before."""
+        """Start with a first sample."""
         self._times, self._sums, self._first = [t_ns], [(0.0, 0.0)], 0
 
     def add(self, t_ns: int, north: float, east: float) -> None:
-        """Another sample, accelerations in m/s^2."""
+        """Add a sample, accelerations in m/s^2."""
         times = self._times
         dt = (t_ns - times[-1]) * S_PER_NS
         before = self._sums[-1]
@@ -158,45 +162,46 @@ class Gained:
         self._sums.append((before[0] + north * dt, before[1] + east * dt))
         while t_ns - times[self._first] > 2 * WINDOW_NS:
             self._first += 1
-        if self._first >= FORGOTTEN:
+        if self._first >= DROPPED_SAMPLE_COUNT:
             del times[: self._first], self._sums[: self._first]
             self._first = 0
 
     def until(self, t_ns: int) -> tuple[float, float]:
-        """At the last of the samples until a time, or at the first."""
+        """Return the gain at the last sample before or at a time, or at the first sample."""
         return self._sums[max(bisect_right(self._times, t_ns, self._first) - 1, self._first)]
 
 
 class Contradictions:
-    """The checks, fed with each sample that own motion takes. `reason(t_ns)` says what is wrong, "" if nothing."""
+    """The checks, which each sample of our own motion updates."""
 
     def __init__(self) -> None:
-        self._found: tuple[int, str] | None = None  # until when, and what
-        self.has_misled = False  # the present or last one was more than one step: what follows from it is wrong
+        self._found: tuple[int, str] | None = None  # end of the doubt, and its reason
+        self.has_misled = False  # The present or last one was more than one step: estimates since then are wrong.
         self._attitude: Sample | None = None
         self._nav: Sample | None = None
-        self._turns = Strides(RATE_DIFFERENCE, RATE_SHARE, ATTITUDE_NOISE)
-        self._turned = self._by_rates = 0.0  # lately: how far along what the rates say, and its square
-        self._moves = Strides(SPEED, SPEED_SHARE, POSITION_NOISE)
-        self._climbs = Strides(
-            SPEED, SPEED_SHARE, POSITION_NOISE
-        )  # of what moves down: a share of the way forward would hide it
+        self._turns = Strides(RATE_TOLERANCE, RATE_SHARE, MAX_ATTITUDE_NOISE)
+        self._turned = self._by_rates = 0.0  # fading sums: turn along the rates, and square of the rates' turn
+        self._moves = Strides(SPEED_TOLERANCE, SPEED_SHARE, MAX_POSITION_NOISE)
+        # The vertical alone: a share of the way forward would hide it.
+        self._climbs = Strides(SPEED_TOLERANCE, SPEED_SHARE, MAX_POSITION_NOISE)
         self._same_q, self._same_r = Still(), Still()
-        self._speeds = Scatter(3)  # of what velocity changes otherwise than in the step before
+        self._speeds = Scatter(3)  # of the velocity's second differences
         self._change: tuple[float, float, float] | None = None  # the last step's slope of the velocity
-        self._leapt: list[tuple[int, Sequence[float]]] = []  # the last velocities, if each was a leap
-        self._others: deque[int] = deque(maxlen=FEWEST_STRIDES)  # times of statements that contradict the history
+        self._leapt: list[tuple[int, Sequence[float]]] = []  # the last velocities, if each was a jump
+        self._others: deque[int] = deque(
+            maxlen=MIN_STRIDE_COUNT
+        )  # times of statements that contradict the history
         self._imu = Gained()
         self._velocities: deque[Sample] = deque()
 
     def reason(self, t_ns: int) -> str:
-        """What has contradicted itself not long before a time; "" if nothing."""
+        """Return the reason to doubt own motion at a time; "" if there is none."""
         if self._found is None or t_ns > self._found[0]:
             return ""
         return self._found[1]
 
-    def note(self, t_ns: int, what: str, hold_ns: int = DOUBTED_NS, *, is_step: bool = False) -> None:
-        """A contradiction at a time; it is held for as long as nothing says that it is over."""
+    def note(self, t_ns: int, what: str, hold_ns: int = DOUBT_DURATION_NS, *, is_step: bool = False) -> None:
+        """Start or prolong the doubt."""
         until_ns = t_ns + hold_ns
         self.has_misled = not is_step or (self.has_misled and bool(self.reason(t_ns)))
         if self._found is None or until_ns >= self._found[0]:
@@ -204,23 +209,23 @@ class Contradictions:
 
     @property
     def attitude_noise(self) -> tuple[float, float, float] | None:
-        """Standard deviations (3,) of the attitudes' white noise about b's axes, rad; None before it is known."""
+        """Standard deviations (3,) of the attitudes' white noise about b's axes, rad, or None."""
         white = self._turns.scatter.white
         if white is None:
             return None
-        (a, b, c), most = white, ATTITUDE_NOISE.white
+        (a, b, c), most = white, MAX_ATTITUDE_NOISE.white
         return min(a, most), min(b, most), min(c, most)
 
     @property
     def velocity_noise(self) -> tuple[float, ...] | None:
-        """Standard deviations (3,) of the velocities' white noise in n, m/s; None before they are known."""
+        """Standard deviations (3,) of the velocities' white noise in n, m/s, or None."""
         white = self._speeds.white
         if white is None:
             return None
-        return tuple([min(0.5 * sigma, SPEED_NOISE) for sigma in white])  # see `_add_change`
+        return tuple([min(0.5 * sigma, MAX_SPEED_NOISE) for sigma in white])  # see `_add_change`
 
     def add_attitude(self, t_ns: int, q_nb: Sequence[float], omega_b: Sequence[float]) -> None:
-        """The next attitude: unit quaternion (4) and body rates (3), rad/s."""
+        """Check the next attitude: unit quaternion (4) and body rates (3), rad/s."""
         before, now = self._attitude, Sample(t_ns, tuple(q_nb), tuple(omega_b))
         self._attitude = now
         if before is None:
@@ -230,23 +235,24 @@ class Contradictions:
         speed = math.hypot(a, b, c)
         roll, pitch, yaw = turn(before.x, now.x)
         off = roll - a * dt, pitch - b * dt, yaw - c * dt
-        fading = math.exp(-dt / TIME_S)
+        fading = math.exp(-dt / AVERAGING_TIME_S)
         along = (roll * a + pitch * b + yaw * c) * dt
         self._turned, self._by_rates = fading * self._turned + along, fading * self._by_rates + (speed * dt) ** 2
         if self._turns.contradict(before.t_ns, t_ns, off, speed * dt):
             self.note(t_ns, "attitude contradicts the body rates" + self._likely_mistake())
-        if self._same_q.hangs(before, now, speed * dt, SAME_TURN):
+        if self._same_q.hangs(before, now, speed * dt, MIN_FROZEN_ANGLE):
             self.note(t_ns, "attitude hangs")
 
     def _likely_mistake(self) -> str:
-        """What rates of the body that contradict the attitude look like."""
-        least, most = IN_DEGREES
+        """Return words for the likely mistake in body rates that contradict the attitude."""
+        least, most = DEGREES_AS_RADIANS_RATIO
         in_degrees = least * self._by_rates < self._turned < most * self._by_rates
         return ": they look like degrees per second, not radians" if in_degrees else ""
 
     def leaps(self, t_ns: int, v: Sequence[float]) -> bool:
-        """Whether no aircraft can have changed to this velocity since the last sample: it is not taken then. If
-        the next ones agree with it, what was taken before was wrong."""
+        """Whether no aircraft can have changed to this velocity since the last sample.
+
+        If the next ones agree with it, the earlier samples were wrong, or the autopilot has corrected itself."""
         if self._nav is None or self._is_near((self._nav.t_ns, self._nav.rate), (t_ns, v)):
             self._leapt.clear()
             return False
@@ -259,43 +265,47 @@ class Contradictions:
         return False
 
     def correct(self, t_ns: int, what: str) -> None:
-        """The autopilot has corrected its state in one step: what follows is not compared with what was before."""
+        """Start the comparisons anew, since the autopilot has corrected its state in one step."""
         self._leapt.clear()
         self._velocities.clear()
         self._nav = None
         self.note(t_ns, what, is_step=True)
 
     def _is_near(self, before: tuple[int, Sequence[float]], now: tuple[int, Sequence[float]]) -> bool:
-        """Whether an aircraft can change from one velocity to the other in the time, by the accelerometer where it
-        is known."""
+        """Whether an aircraft can change from one velocity to the other in the time between.
+
+        The accelerometer decides where it is known."""
         dt_ns = now[0] - before[0]
-        if math.dist(before[1], now[1]) >= LEAP + HARDEST_CHANGE * dt_ns * S_PER_NS:
+        if math.dist(before[1], now[1]) >= MAX_VELOCITY_STEP + MAX_ACCELERATION * dt_ns * S_PER_NS:
             return False
-        most_ns = WINDOW_NS if self._leapt else STRIDE_NS  # in a longer stride, a wrong yaw looks like a step
+        most_ns = (
+            WINDOW_NS if self._leapt else MAX_SAMPLE_INTERVAL_NS
+        )  # in a longer stride, a wrong yaw looks like a step
         gained = self._gained(before[0], now[0]) if 0 < dt_ns <= most_ns else None
         if gained is None:
             return True
         north, east, unseen = gained
         off = math.hypot(now[1][0] - before[1][0] - north, now[1][1] - before[1][1] - east)
-        return off < LEAST_CHANGE + self._change_noise + UNSEEN_ACCELERATION * unseen
+        return off < VELOCITY_TOLERANCE + self._change_noise + MAX_UNSEEN_ACCELERATION * unseen
 
     def _gained(self, from_ns: int, to_ns: int) -> tuple[float, float, float] | None:
-        """The velocity north and east that the accelerometer has gained between two times, and the time, s, since
-        its newest sample; None where it is not known."""
+        """Integrate the accelerometer: velocity north and east, and the time, s, since its newest sample.
+
+        None where it is not known."""
         imu = self._imu
         newest_ns = imu.since_newest(to_ns)
-        if newest_ns is None or imu.first_ns > from_ns or newest_ns > 2 * SLOWEST_IMU_NS:
+        if newest_ns is None or imu.first_ns > from_ns or newest_ns > 2 * MAX_IMU_INTERVAL_NS:
             return None
         (n0, e0), (n1, e1) = imu.until(from_ns), imu.until(to_ns)
         return n1 - n0, e1 - e0, max(newest_ns, 0) * S_PER_NS
 
     @property
     def _change_noise(self) -> float:
-        """What noise explains of the difference of two velocities, m/s."""
-        return STREAM_SIGMAS * math.sqrt(2.0) * math.hypot(*(self.velocity_noise or NO_NOISE)[:2])
+        """Largest difference of two velocities, m/s, that noise explains."""
+        return STREAM_SIGMAS * math.sqrt(2.0) * math.hypot(*(self.velocity_noise or ZERO_NOISE)[:2])
 
     def add_nav(self, t_ns: int, r: Sequence[float], v: Sequence[float]) -> None:
-        """The next position (3), NaN where it is not known, and velocity (3)."""
+        """Check the next position (3), NaN where it is not known, and velocity (3)."""
         before, now = self._nav, Sample(t_ns, tuple(r), tuple(v))
         self._nav = now
         self._add_change(before, now)
@@ -312,13 +322,13 @@ class Contradictions:
         climbs = self._climbs.contradict(before.t_ns, t_ns, (0.0, 0.0, off[2]), down)
         if moves or climbs:
             self.note(t_ns, "position contradicts the velocity")
-        if self._same_r.hangs(before, now, speed * dt, SAME_WAY):
+        if self._same_r.hangs(before, now, speed * dt, MIN_FROZEN_DISTANCE):
             self.note(t_ns, "position hangs")
 
     def add_imu(self, t_ns: int, f_b: Sequence[float], q_nb: Sequence[float] | None) -> None:
-        """Specific force (3) in b, m/s^2, and the attitude (4) then, None if it is not known."""
+        """Add a specific force (3) in b, m/s^2, and the attitude (4) then, None if it is not known."""
         dt = self._imu.since_newest(t_ns)
-        if q_nb is None or dt is None or not 0 < dt <= SLOWEST_IMU_NS:
+        if q_nb is None or dt is None or not 0 < dt <= MAX_IMU_INTERVAL_NS:
             if dt is None or dt > 0:
                 self._imu.begin(t_ns)
             return
@@ -326,17 +336,19 @@ class Contradictions:
         self._imu.add(t_ns, north, east)
 
     def add_other(self, t_ns: int, *, off: float, limit: float) -> None:
-        """A statement about an instant that was stated before, `off` from it."""
+        """Check another statement about an instant, which differs by `off` from the first one."""
         if not off > limit:
             return
         self._others.append(t_ns)
-        if len(self._others) == FEWEST_STRIDES and abs(t_ns - self._others[0]) < WINDOW_NS:
+        if len(self._others) == MIN_STRIDE_COUNT and abs(t_ns - self._others[0]) < WINDOW_NS:
             self.note(t_ns, "two sources state different own motion")
 
     def _add_change(self, before: Sample | None, now: Sample) -> None:
-        """What velocity changes otherwise than in the last step. White noise of standard deviation r makes an
-        autocovariance of -4 r^2 at lag 1; an acceleration that changes smoothly makes none, or a positive one."""
-        if before is None or not 0 < now.t_ns - before.t_ns <= STRIDE_NS:
+        """Add the velocity's second difference to its statistics.
+
+        White noise of standard deviation r makes an autocovariance of -4 r^2 at lag 1; an acceleration that
+        changes smoothly makes none, or a positive one."""
+        if before is None or not 0 < now.t_ns - before.t_ns <= MAX_SAMPLE_INTERVAL_NS:
             self._change = None
             self._speeds.skip()
             return
@@ -349,28 +361,28 @@ class Contradictions:
         self._change = slope
 
     def _compare_with_imu(self, now: Sample) -> None:
-        """Whether velocity has changed over the window as the accelerometer says, horizontally."""
+        """Compare the horizontal velocity's change in the window with the accelerometer."""
         self._velocities.append(now)
         while now.t_ns - self._velocities[0].t_ns > WINDOW_NS:
             self._velocities.popleft()
         first = self._velocities[0]
-        if now.t_ns - first.t_ns < SHORTEST_NS or (gained := self._gained(first.t_ns, now.t_ns)) is None:
+        if now.t_ns - first.t_ns < MIN_WINDOW_NS or (gained := self._gained(first.t_ns, now.t_ns)) is None:
             return
-        (n, e, _), limit = gained, LEAST_CHANGE + self._change_noise
+        (n, e, _), limit = gained, VELOCITY_TOLERANCE + self._change_noise
         north, east = now.rate[0] - first.rate[0], now.rate[1] - first.rate[1]
         if math.hypot(north - n, east - e) > limit:
             may_be_yaw = abs(math.hypot(north, east) - math.hypot(n, e)) < limit  # it turns what is gained
-            hold_ns = YAW_HOLD_NS if may_be_yaw else DOUBTED_NS
+            hold_ns = YAW_DOUBT_DURATION_NS if may_be_yaw else DOUBT_DURATION_NS
             self.note(now.t_ns, "velocity contradicts the accelerometer", hold_ns)
 
 
 def _between(a: Sequence[float], b: Sequence[float]) -> tuple[float, float, float]:
-    """The mean (3,) of two rates."""
+    """Return the mean (3,) of two rates."""
     return 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
 
 
 def turn(q0: Sequence[float], q1: Sequence[float]) -> tuple[float, float, float]:
-    """The rotation vector, rad in b, from one unit quaternion to the next, for small angles."""
+    """Return the rotation vector, rad in b, from one unit quaternion to the next, for small angles."""
     w0, x0, y0, z0 = q0
     w1, x1, y1, z1 = q1
     sign = 2.0 if w0 * w1 + x0 * x1 + y0 * y1 + z0 * z1 > 0.0 else -2.0
@@ -382,7 +394,7 @@ def turn(q0: Sequence[float], q1: Sequence[float]) -> tuple[float, float, float]
 
 
 def horizontal(q_nb: Sequence[float], f_b: Sequence[float]) -> tuple[float, float]:
-    """North and east components of a vector in b."""
+    """Return the north and east components of a vector in b."""
     w, x, y, z = q_nb
     a, b, c = f_b
     north = (1 - 2 * (y * y + z * z)) * a + 2 * (x * y - w * z) * b + 2 * (x * z + w * y) * c

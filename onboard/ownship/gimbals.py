@@ -1,4 +1,4 @@
-"""Where moving mounts point, interpolated at any time: what gimbals say of their attitude, as a short history.
+"""Attitudes of moving mounts, as gimbals state them, interpolated at any time.
 
 MAVLink's vehicle frame is the earth's, turned to our heading: a gimbal's roll and pitch are always those against
 the horizon.
@@ -22,28 +22,28 @@ from onboard.geometry.rotations import (
 from onboard.messages import GimbalAttitude, MountAttitude
 from onboard.units import NS_PER_S
 
-HISTORY_NS: Final = 5 * NS_PER_S
-APART_NS: Final = 500_000_000  # farther apart, two samples say nothing of the time between them
-MOST_DEVICES: Final = 8
-LARGEST_NORM: Final = 2.0  # of a quaternion, which has length 1
+HISTORY_DURATION_NS: Final = 5 * NS_PER_S
+MAX_GAP_DURATION_NS: Final = 500_000_000  # Samples that are farther apart are not interpolated.
+MAX_DEVICE_COUNT: Final = 8
+MAX_QUATERNION_LENGTH: Final = 2.0  # of a quaternion, which has length 1
 
 
 class Gimbals:
-    """The attitudes of each gimbal in its own frame, by time. `count` counts those taken."""
+    """The attitudes of each gimbal in its own frame, by time."""
 
     def __init__(self, max_extrapolation: float) -> None:
-        self.count = 0
+        self.count = 0  # of samples taken
         self._max_extrapolation_ns = round(max_extrapolation * NS_PER_S)
         self._histories: dict[int, list[tuple[int, MountAttitude]]] = {}
         self._has_status: set[int] = set()  # devices whose MOUNT_ORIENTATIONs repeat what they send anyway
 
     def receive(self, message: GimbalAttitude) -> str:
-        """Take a sample; why it was not taken, "" if it was."""
+        """Add a sample. Returns why it was rejected, or ""."""
         q = message.mount.q
         length = math.sqrt(sum(x * x for x in q))
-        if not 0.5 < length < LARGEST_NORM:
+        if not 0.5 < length < MAX_QUATERNION_LENGTH:
             return "gimbal_unusable"
-        if message.device not in self._histories and len(self._histories) >= MOST_DEVICES:
+        if message.device not in self._histories and len(self._histories) >= MAX_DEVICE_COUNT:
             return "gimbal_too_many"
         if message.is_replaced and message.device in self._has_status:
             return ""
@@ -54,13 +54,13 @@ class Gimbals:
             return "gimbal_out_of_order"
         w, x, y, z = (component / length for component in q)
         history.append((message.t_ns, MountAttitude(q=(w, x, y, z), frame=message.mount.frame)))
-        if message.t_ns - history[0][0] > 2 * HISTORY_NS:
-            del history[: bisect_left(history, message.t_ns - HISTORY_NS, key=_time)]
+        if message.t_ns - history[0][0] > 2 * HISTORY_DURATION_NS:
+            del history[: bisect_left(history, message.t_ns - HISTORY_DURATION_NS, key=_time)]
         self.count += 1
         return ""
 
     def of(self, camera: Camera, t_ns: int) -> MountAttitude | None:
-        """Where the gimbal of a camera pointed at a time, as `at`, by its `gimbal_frame` and `gimbal_reversed`."""
+        """Return the attitude of a camera's gimbal, as `at`, with its `gimbal_frame` and `gimbal_reversed`."""
         mount = None if camera.gimbal is None else self.at(camera.gimbal, t_ns)
         if mount is None or not (camera.gimbal_frame or camera.gimbal_reversed):
             return mount
@@ -68,8 +68,9 @@ class Gimbals:
         return MountAttitude(q=q, frame=camera.gimbal_frame or mount.frame)
 
     def at(self, device: int, t_ns: int) -> MountAttitude | None:
-        """Where a gimbal pointed at a time, by its own words: interpolated, and carried on for a short while after
-        its newest sample; None where it is not known."""
+        """Return the attitude of a gimbal as it states it; None where it is not known.
+
+        It is interpolated, and extrapolated for a short while after the newest sample."""
         history = self._histories.get(device, [])
         i = bisect_left(history, t_ns, key=_time)
         if i < len(history) and history[i][0] == t_ns:
@@ -82,20 +83,20 @@ class Gimbals:
         if i == 0:
             return history[0][1] if is_ahead else None
         (t0_ns, first), (t1_ns, second) = history[i - 1], history[i]
-        if t1_ns - t0_ns > APART_NS or first.frame != second.frame:
+        if t1_ns - t0_ns > MAX_GAP_DURATION_NS or first.frame != second.frame:
             return second if is_ahead else None
         w, x, y, z = slerp(first.q, second.q, (t_ns - t0_ns) / (t1_ns - t0_ns)).tolist()
         return MountAttitude(q=(w, x, y, z), frame=first.frame)
 
     def knows(self, device: int, t_ns: int) -> bool:
-        """Whether the attitude at a time is interpolated, so that nothing to come can change it."""
+        """Whether the attitude at a time is interpolated, so that later samples do not change it."""
         history = self._histories.get(device, [])
         return bool(history) and t_ns <= history[-1][0]
 
     def may_know(self, device: int, t_ns: int) -> bool:
-        """Whether the attitude at a time is not known yet, but the next sample may tell it."""
+        """Whether the next sample may make the attitude at a time known."""
         history = self._histories.get(device, [])
-        return bool(history) and 0 < t_ns - history[-1][0] <= APART_NS
+        return bool(history) and 0 < t_ns - history[-1][0] <= MAX_GAP_DURATION_NS
 
 
 def reversed_about(axes: Sequence[str], q: Sequence[float]) -> tuple[float, float, float, float]:

@@ -1,4 +1,4 @@
-"""Attitude, and position with velocity, of our own vehicle over the last seconds: samples, and what lies between.
+"""Samples of our own attitude, position and velocity over the last seconds, and interpolation between them.
 
 Velocity is linear between two samples, so the acceleration over a step is exactly the velocity's difference:
 integrated, it gives the velocity back, and no accelerometer bias can part the two.
@@ -15,38 +15,37 @@ from onboard.messages import Quaternion, Vec3
 from onboard.ownship.turning import between, turned
 from onboard.units import NS_PER_S, S_PER_NS
 
-HISTORY_NS: Final = 5 * NS_PER_S
+HISTORY_DURATION_NS: Final = 5 * NS_PER_S
 ZERO_RATES: Final = (0.0, 0.0, 0.0)
-LONGEST_GAP_NS: Final = 1_500_000_000  # between two samples; in a longer one pose and velocity are not known
+MAX_GAP_DURATION_NS: Final = 1_500_000_000  # Pose and velocity are unknown in a longer gap between two samples.
 
 
 class NavSample(NamedTuple):
-    """Position from O and velocity of F, in n. A horizontal position that is not known is NaN. Three plain numbers
-    cost less than an array."""
+    """Position from O and velocity of F, in n. An unknown horizontal position is NaN."""
 
     r: Vec3
     v: Vec3
 
 
 class AttitudeSample(NamedTuple):
-    """Attitude, body rates (rad/s), and standard deviations of the attitude's white noise about b's axes (rad)."""
+    """Attitude, body rates, and the attitude's noise."""
 
     q: Quaternion
-    omega: Vec3
-    noise: Vec3
+    omega: Vec3  # rad/s
+    noise: Vec3  # standard deviations of the white noise about b's axes, rad
 
 
 class Step(NamedTuple):
-    """`dt` seconds with no navigation sample between: F's velocity at both ends and its constant slope, in n."""
+    """A step between navigation samples, in n."""
 
-    dt: float
-    v0: Array
-    v1: Array
-    a: Array
+    dt: float  # s
+    v0: Array  # velocity of F at the start
+    v1: Array  # and at the end
+    a: Array  # constant acceleration
 
 
 class Attitudes:
-    """Attitudes by time; extrapolated by the newest rates for a short while after the newest sample."""
+    """Attitudes by time, extrapolated by the newest rates for a short while after the newest sample."""
 
     def __init__(self, max_extrapolation_ns: int) -> None:
         self.times: list[int] = []
@@ -64,7 +63,7 @@ class Attitudes:
         return _between(self.times, self._samples, from_ns, to_ns)
 
     def at(self, t_ns: int) -> AttitudeSample | None:
-        """The attitude at a time; None where it is not known."""
+        """Return the attitude at a time; None where it is not known."""
         times = self.times
         i = bisect_left(times, t_ns)
         if i == len(times):
@@ -74,7 +73,7 @@ class Attitudes:
             return AttitudeSample(turned(q, omega, (t_ns - times[-1]) * S_PER_NS), omega, noise)
         if times[i] == t_ns:
             return self._samples[i]
-        if i == 0 or times[i] - times[i - 1] > LONGEST_GAP_NS:
+        if i == 0 or times[i] - times[i - 1] > MAX_GAP_DURATION_NS:
             return None
         fraction = (t_ns - times[i - 1]) / (times[i] - times[i - 1])
         before, after = self._samples[i - 1], self._samples[i]
@@ -84,8 +83,7 @@ class Attitudes:
 
 
 class Navigation:
-    """Positions and velocities by time; extrapolated by the newest slope for a short while after the newest
-    sample."""
+    """Positions and velocities by time, extrapolated for a short while after the newest sample."""
 
     def __init__(self, max_extrapolation_ns: int) -> None:
         self.times: list[int] = []
@@ -108,7 +106,7 @@ class Navigation:
         return _between(self.times, self._samples, from_ns, to_ns)
 
     def at(self, t_ns: int) -> NavSample | None:
-        """Position and velocity at a time; None where they are not known."""
+        """Return position and velocity at a time; None where they are not known."""
         times = self.times
         if not times or t_ns < times[0] or t_ns - times[-1] > self._max_extrapolation_ns:
             return None
@@ -117,7 +115,7 @@ class Navigation:
         near = self._samples[i]
         a = self.slope(i)
         if i + 1 < len(times):
-            if times[i] < t_ns and times[i + 1] - times[i] > LONGEST_GAP_NS:
+            if times[i] < t_ns and times[i + 1] - times[i] > MAX_GAP_DURATION_NS:
                 return None
             fraction = (t_ns - times[i]) / (times[i + 1] - times[i])
             x, y, z = [p + fraction * (q - p) for p, q in zip(near.r, self._samples[i + 1].r, strict=True)]
@@ -127,9 +125,9 @@ class Navigation:
         return NavSample((x, y, z), _moved(near.v, a, ahead))
 
     def cut(self, t0_ns: int, t1_ns: int) -> Iterator[Step]:
-        """The way from t0 to t1, cut at every sample between."""
+        """Divide the way from t0 to t1 at every sample between."""
         times = self.times
-        i = bisect_right(times, t0_ns) - 1  # of the last sample so far
+        i = bisect_right(times, t0_ns) - 1  # the last sample before t0
         while t0_ns < t1_ns:
             end_ns = min(times[i + 1], t1_ns) if i + 1 < len(times) else t1_ns
             dt, near = (end_ns - t0_ns) * S_PER_NS, max(i, 0)
@@ -139,12 +137,12 @@ class Navigation:
             i, t0_ns = i + 1, end_ns
 
     def slope(self, i: int) -> Vec3:
-        """The slope of the velocity after sample i; before the first sample and after the last, the nearest."""
+        """Return the slope of the velocity after sample i, or the nearest slope."""
         return self._slopes[min(max(i, 0), len(self._slopes) - 1)] if self._slopes else ZERO_RATES
 
 
 def _moved(v: Vec3, a: Vec3, dt: float) -> Vec3:
-    """A velocity after `dt` seconds of an acceleration."""
+    """Return a velocity after `dt` seconds of an acceleration."""
     return v[0] + dt * a[0], v[1] + dt * a[1], v[2] + dt * a[2]
 
 
@@ -154,7 +152,7 @@ def _between(times: list[int], samples: list[Any], from_ns: int, to_ns: int) -> 
 
 
 def _trim(times: list[int], values: list[Any]) -> None:
-    """Forget what is older than the history, a good deal at a time."""
-    if times[-1] - times[0] > 2 * HISTORY_NS:
-        keep = bisect_left(times, times[-1] - HISTORY_NS)
+    """Drop samples that are older than the history, many at a time."""
+    if times[-1] - times[0] > 2 * HISTORY_DURATION_NS:
+        keep = bisect_left(times, times[-1] - HISTORY_DURATION_NS)
         del times[:keep], values[:keep]

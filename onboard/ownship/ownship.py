@@ -1,4 +1,4 @@
-"""Our own vehicle over the last seconds: its pose, interpolated at any time, and its motion between two times.
+"""Pose and motion of our own vehicle over the last seconds, interpolated at any time.
 
 Attitude comes from one stream and position and velocity from another, each at its own rate and with its own
 stamps; both are kept as short histories on the boot clock (`histories`), each from its `source`.
@@ -27,60 +27,57 @@ from onboard.messages import (
     Vec3,
 )
 from onboard.messages.causes import Cause, Reason
-from onboard.ownship.contradictions import ANOTHER_WAY, ELSEWHERE, Contradictions, turn
+from onboard.ownship.contradictions import ATTITUDE_TOLERANCE, POSITION_TOLERANCE, Contradictions, turn
 from onboard.ownship.gimbals import Gimbals
 from onboard.ownship.histories import Attitudes, AttitudeSample, Navigation, NavSample, Step
-from onboard.ownship.limits import FARTHEST_POSITION, FASTEST_STATED, QUICKEST_STATED, within
+from onboard.ownship.limits import MAX_STATED_DISTANCE, MAX_STATED_RATE, MAX_STATED_SPEED, within
 from onboard.ownship.reckoning import Reckoning
 from onboard.ownship.source import Comparison, Source, StatedMotion, Wanted
 from onboard.ownship.stated_attitude import AttitudeUncertainty
 from onboard.ownship.turning import turned, unit
 from onboard.units import NS_PER_S
 
-MOST_KEPT: Final = 256  # ways between two times, kept for the next target
-STATUS_NS: Final = 5 * NS_PER_S  # the autopilot's report on its filter holds for so long after its arrival
+MAX_CACHED_STEPS: Final = 256  # shared by the targets of one image
+MAX_STATUS_AGE_NS: Final = 5 * NS_PER_S  # of the autopilot's report on its filter
 UNKNOWN: Final = (math.nan, math.nan, 0.0)  # added to a position that is known in height only
 NO_VARIANCE: Final = (0.0, 0.0, 0.0)
 NO_NOISE: Final = (0.0, 0.0, 0.0)
-# rad: white noise of the first attitudes, of which none is measured yet. A quiet autopilot has a tenth of it; a
-# track that begins with images taken for exact begins with a velocity of 19 m/s that nobody flies.
-UNMEASURED: Final = (math.radians(1.5),) * 3
-ANOTHER_SPEED: Final = 1.0  # m/s; velocities of two sources that differ more are of two motions
-LEAST_BIAS: Final = 0.2  # m/s, of a velocity for 10 s: more than a sound autopilot's
-FALLBACK_NS: Final = NS_PER_S  # GLOBAL_POSITION_INT serves once LOCAL_POSITION_NED is this long silent
+# rad; until the noise is measured. A quiet autopilot has a tenth of it, but a track that starts with attitudes
+# that are taken for exact starts with a velocity of 19 m/s.
+INITIAL_ATTITUDE_NOISE: Final = (math.radians(1.5),) * 3
+SPEED_TOLERANCE: Final = 1.0  # m/s; velocities of two sources that differ more are of two motions.
+MIN_BIAS: Final = 0.2  # m/s of a velocity for 10 s; a sound autopilot has less.
+FALLBACK_DELAY_NS: Final = NS_PER_S  # GLOBAL_POSITION_INT is used if LOCAL_POSITION_NED is silent for longer.
 
 
 class Pose(NamedTuple):
-    """Attitude, position and velocity at one time. A horizontal position that is not known is NaN.
-    `attitude_noise`: standard deviations (3,) of the attitude's white noise about b's axes, rad; its biases are
-    configured. `omega_b`: body rates, rad/s."""
+    """Attitude, position and velocity at one time. An unknown horizontal position is NaN."""
 
     R_nb: Array
     q_nb: Array
     r_OF_n: Array
     v_F_n: Array
-    attitude_noise: Array
-    omega_b: Array
+    attitude_noise: Array  # (3,) standard deviations of the white noise about b's axes, rad; without biases
+    omega_b: Array  # rad/s
 
 
 class Ownship:
-    """Histories of attitude and navigation. `now_ns` is the newest stamp seen, before any delay is taken off:
-    the time that estimates are predicted to; `samples` counts those taken, so that whoever keeps what follows from
-    them knows when it is old."""
+    """Histories of attitude and navigation."""
 
     def __init__(self, *, max_extrapolation: float, source: Wanted = "autopilot") -> None:
-        self.now_ns = 0
-        self.samples = 0
+        self.now_ns = 0  # newest stamp, before its delay is subtracted; estimates are predicted to this time
+        self.samples = 0  # count of those taken, which invalidates caches
         self.gimbals = Gimbals(max_extrapolation)
         longest_ns = round(max_extrapolation * NS_PER_S)
         self._attitudes, self._nav = Attitudes(longest_ns), Navigation(longest_ns)
         self._source_of_attitude, self._source_of_velocity = Source("attitude", source), Source("velocity", source)
-        is_fixed = self._source_of_attitude.is_fixed  # then these are what the autopilot states; else beside them:
+        is_fixed = self._source_of_attitude.is_fixed
+        # What the autopilot states: the same histories, unless another source may be used.
         self._stated_attitudes = self._attitudes if is_fixed else Attitudes(longest_ns)
         self._stated_nav = self._nav if is_fixed else Navigation(longest_ns)
-        self._last_local_ns = -FALLBACK_NS
+        self._last_local_ns = -FALLBACK_DELAY_NS
         self._status: EstimatorStatus | None = None
-        self._resets: int | None = None  # as the autopilot counts its own
+        self._resets: int | None = None  # the autopilot's own count
         self._uncertainty = AttitudeUncertainty()
         self._contradictions = Contradictions()
         self._reckoning = Reckoning()
@@ -89,8 +86,9 @@ class Ownship:
         self.rejected: dict[str, int] = {}
 
     def receive(self, message: Message, stamp_ns: int, own: StatedMotion | None = None) -> bool:
-        """Take one message, true at `message.t_ns` and stamped `stamp_ns` before its delay was taken off; `own` is
-        what an estimator states of that time, if there is one. True if it brought a new navigation sample."""
+        """Update with a message of time `message.t_ns`. Returns whether it has a new navigation sample.
+
+        `stamp_ns` is its stamp before the delay was subtracted; `own` is an estimator's statement of that time."""
         if isinstance(message, Attitude):
             self._add_attitude(message, stamp_ns, own)
             return False
@@ -103,12 +101,12 @@ class Ownship:
         if isinstance(message, LocalPosition):
             if not self._has_velocity(message):
                 return self._reject("filter_has_no_velocity")
-            if within(message.r_OF_n, FARTHEST_POSITION) and within(
-                message.v_F_n, FASTEST_STATED
+            if within(message.r_OF_n, MAX_STATED_DISTANCE) and within(
+                message.v_F_n, MAX_STATED_SPEED
             ):  # also if a global position of this stamp came first
                 self._last_local_ns = max(self._last_local_ns, stamp_ns)
             return self._add_nav(message, message.r_OF_n, message.v_F_n, stamp_ns, own)
-        if isinstance(message, GlobalPosition) and stamp_ns - self._last_local_ns > FALLBACK_NS:
+        if isinstance(message, GlobalPosition) and stamp_ns - self._last_local_ns > FALLBACK_DELAY_NS:
             # no local origin: velocity and height are known, horizontal position is not needed
             if not self._has_velocity(message):
                 return self._reject("filter_has_no_velocity")
@@ -116,7 +114,7 @@ class Ownship:
         return False
 
     def receive_status(self, status: EstimatorStatus) -> bool:
-        """Take the autopilot's report on its own filter. True if the filter may have a horizontal velocity."""
+        """Update with the autopilot's report on its filter. Returns whether it may have a horizontal velocity."""
         self._uncertainty.receive(status)
         if status.resets is None:
             self._status = status
@@ -128,8 +126,7 @@ class Ownship:
 
     @property
     def attitude_sigma(self) -> Vec3:
-        """Standard deviations of the autopilot's roll, pitch and yaw by what it says itself, rad; 0 where it says
-        nothing."""
+        """Standard deviations of roll, pitch and yaw that the autopilot reports, rad; 0 without a report."""
         return self._uncertainty.tilt, self._uncertainty.tilt, self._uncertainty.sigma
 
     def has_position(self, message: Message) -> bool:
@@ -139,20 +136,19 @@ class Ownship:
 
     @property
     def doubt(self) -> str:
-        """What has contradicted itself within the last second, so that nothing follows from our own motion; ""
-        if nothing has."""
+        """Reason to doubt our own motion, so that estimates are withheld; "" if there is none."""
         return self._contradictions.reason(self.now_ns)
 
     @property
     def has_misled(self) -> bool:
-        """Whether the present or last doubt was more than one step, so that what was estimated meanwhile is
-        wrong."""
+        """Whether the present or last doubt was more than one step, so that estimates since then are wrong."""
         return self._contradictions.has_misled
 
     def pose_at(self, t_ns: int) -> Pose | None:
-        """The pose at a time, interpolated; extrapolated by the newest rates for a short while after the newest
-        sample; None where it is not known."""
-        posed = self._posed  # who judges an image, and who publishes what follows from it, ask in turn
+        """Return the interpolated pose at a time; None where it is not known.
+
+        It is extrapolated by the newest rates for a short while after the newest sample."""
+        posed = self._posed  # Several callers ask for the same time.
         if posed is None or posed[0] != t_ns or posed[1] != self.samples:
             posed = self._posed = t_ns, self.samples, self._pose_at(t_ns)
         return posed[2]
@@ -173,42 +169,42 @@ class Ownship:
 
     @property
     def attitude_noise(self) -> tuple[float, ...] | None:
-        """Standard deviations (3,) of the white noise of the autopilot's attitudes about b's axes, rad, as it was
-        measured; None before it is known."""
+        """Measured standard deviations (3,) of the attitudes' white noise about b's axes, rad, or None."""
         return self._contradictions.attitude_noise
 
     @property
     def velocity_bias(self) -> Reason | None:
-        """That our own estimator's velocity and the autopilot's differ by more than a sensor's noise, and which is
-        used; None if they do not."""
+        """Reason if our own estimator's velocity and the autopilot's differ by more than noise, or None."""
         bias, used = (
             self._source_of_velocity.bias,
             "ours" if self._source_of_velocity.is_own else "the autopilot's",
         )
-        if bias < LEAST_BIAS:
+        if bias < MIN_BIAS:
             return None
         words = f"the autopilot's velocity and ours have differed by {bias:.2f} m/s for 10 s; {used} is used"
         return Reason(Cause.OWN_MOTION_DOUBT, f"{DOUBT_PREFIX}{words}")
 
     @property
     def source_changes(self) -> dict[str, int]:
-        """How often the source of our own attitude and velocity has changed, by what it was to and why."""
+        """Counts of changes of the source of our own attitude and velocity, by new source and reason."""
         return {**self._source_of_attitude.changes, **self._source_of_velocity.changes}
 
     @property
     def known_ns(self) -> float:
-        """Until when pose and motion are interpolated, so that nothing to come can change them; minus infinity
-        while neither is known."""
+        """End of the time in which pose and motion are interpolated; minus infinity if either is unknown.
+
+        Later samples do not change them."""
         nav, attitudes = self._nav.times, self._attitudes.times
         return min(nav[-1], attitudes[-1]) if nav and attitudes else -math.inf
 
     def knows(self, t_ns: int) -> bool:
-        """Whether pose and motion at a time are interpolated, so that nothing to come can change them."""
+        """Whether pose and motion at a time are interpolated, so that later samples do not change them."""
         return t_ns <= self.known_ns
 
     def motion(self, from_ns: int, to_ns: int) -> tuple[Array, Array, Array]:
-        """Our own motion between two times: those (n,) of the attitudes, s, positions (n, 3), and attitudes q_nb
-        (n, 4)."""
+        """Return our own motion between two times, at those of the attitudes.
+
+        Times (n,) in s, positions (n, 3), attitudes q_nb (n, 4)."""
         times, attitudes = self._attitudes.between(from_ns, to_ns)
         nav_times, nav = self._nav.between(from_ns, to_ns)
         if not times or not nav_times:
@@ -218,14 +214,14 @@ class Ownship:
         return t, np.column_stack(r), np.array([sample.q for sample in attitudes])
 
     def lead_ns(self, t_ns: int) -> int:
-        """By how much a time is later than the newest sample of attitude or of navigation, whichever is older."""
+        """Return the time since the newest sample of attitude or of navigation, whichever is older."""
         return t_ns - min((times[-1] for times in (self._nav.times, self._attitudes.times) if times), default=t_ns)
 
     def steps(self, t0_ns: int, t1_ns: int) -> Sequence[Step]:
-        """The way from t0 to t1, cut at every navigation sample between. Many targets go the same way."""
+        """Return the steps from t0 to t1 between navigation samples. All targets share them."""
         way = self._ways.get((t0_ns, t1_ns))
         if way is None:
-            if len(self._ways) >= MOST_KEPT:
+            if len(self._ways) >= MAX_CACHED_STEPS:
                 self._ways.clear()
             way = self._ways[t0_ns, t1_ns] = tuple(self._nav.cut(t0_ns, t1_ns))
         return way
@@ -250,12 +246,12 @@ class Ownship:
 
     def _add_attitude(self, m: Attitude, stamp_ns: int, own: StatedMotion | None) -> bool:
         q, omega = m.q_nb, m.omega_b
-        if not (within(q, 2.0) and within(omega, QUICKEST_STATED)) or sum(x * x for x in q) < 0.25:
+        if not (within(q, 2.0) and within(omega, MAX_STATED_RATE)) or sum(x * x for x in q) < 0.25:
             return self._reject("attitude_unusable")
         q = unit(q)
         newest_ns = self._attitudes.times[-1] if self._attitudes.times else None
         if newest_ns is not None and m.t_ns <= newest_ns:
-            # ATTITUDE and ATTITUDE_QUATERNION of one instant are the same attitude: not an error
+            # ATTITUDE and ATTITUDE_QUATERNION of one instant are the same attitude, which is no error.
             self._compare_attitude(m.t_ns, q)
             return m.t_ns == newest_ns or self._reject("attitude_out_of_order")
         self.now_ns = max(self.now_ns, stamp_ns)
@@ -268,16 +264,17 @@ class Ownship:
         return True
 
     def _sourced(self, t_ns: int, stated: AttitudeSample, own: StatedMotion | None) -> AttitudeSample:
-        """An attitude as its source states it, with its noise."""
+        """Return an attitude as its source states it, with its noise."""
         noise = self._contradictions.attitude_noise
         if own is None and self._source_of_attitude.is_fixed:
-            return AttitudeSample(stated.q, stated.omega, noise or UNMEASURED)
+            return AttitudeSample(stated.q, stated.omega, noise or INITIAL_ATTITUDE_NOISE)
         apart = None if own is None else turn(stated.q, own.q_nb)
         sigma = NO_NOISE if own is None else own.attitude_sigma
-        compared = Comparison(apart, sigma, noise, ANOTHER_WAY)
+        compared = Comparison(apart, sigma, noise, ATTITUDE_TOLERANCE)
         weight, correction = self._source_of_attitude.correction(t_ns, compared)
         x, y, z = [
-            math.hypot((1.0 - weight) * a, weight * b) for a, b in zip(noise or UNMEASURED, sigma, strict=True)
+            math.hypot((1.0 - weight) * a, weight * b)
+            for a, b in zip(noise or INITIAL_ATTITUDE_NOISE, sigma, strict=True)
         ]
         if weight == 0.0:
             return stated._replace(noise=(x, y, z))
@@ -286,14 +283,16 @@ class Ownship:
         return AttitudeSample(unit(turned(stated.q, (a, b, c), 1.0)), omega, (x, y, z))
 
     def _recent_status(self, message: Message) -> EstimatorStatus | None:
-        """The autopilot's report on its filter when a message arrives; None without a recent one."""
+        """Return the autopilot's last report on its filter, or None if it is too old for a message."""
         status = self._status
-        is_recent = status is not None and 0 <= message.t_recv_ns - status.t_recv_ns <= STATUS_NS
+        is_recent = status is not None and 0 <= message.t_recv_ns - status.t_recv_ns <= MAX_STATUS_AGE_NS
         return status if is_recent else None
 
     def _has_velocity(self, message: LocalPosition | GlobalPosition) -> bool:
-        """Whether a message's velocity is known. A filter without one sends zeros: those of GLOBAL_POSITION_INT
-        are unknown unless the filter says that it has one, and all are if its report is empty."""
+        """Whether a message's velocity is known. A filter without one sends zeros.
+
+        Zeros in GLOBAL_POSITION_INT are unknown unless the filter reports a velocity; if its report is empty,
+        all zeros are."""
         status = self._recent_status(message)
         if status is not None and status.horizontal_velocity is not None:
             return status.horizontal_velocity
@@ -308,8 +307,8 @@ class Ownship:
         own: StatedMotion | None,
         unknown: Vec3 = NO_VARIANCE,
     ) -> bool:
-        """Take a sample. What is not known of the position is NaN in `unknown`, added after the checks."""
-        if not (within(r_n, FARTHEST_POSITION) and within(v_n, FASTEST_STATED)):
+        """Add a sample. Unknown components of the position are NaN in `unknown`, added after the checks."""
+        if not (within(r_n, MAX_STATED_DISTANCE) and within(v_n, MAX_STATED_SPEED)):
             return self._reject("position_unusable")
         r = r_n[0] + unknown[0], r_n[1] + unknown[1], r_n[2] + unknown[2]
         if self.nav_times and m.t_ns <= self.nav_times[-1]:
@@ -329,7 +328,7 @@ class Ownship:
         return True
 
     def _moving(self, t_ns: int, stated: NavSample, own: StatedMotion | None) -> NavSample:
-        """Position and velocity as their source states them."""
+        """Return position and velocity as their source states them."""
         if own is None and self._source_of_velocity.is_fixed:
             return stated
         apart = None
@@ -337,7 +336,7 @@ class Ownship:
             pairs = zip((*own.v_F_n, *own.r_OF_n), (*stated.v, *stated.r), strict=True)
             apart = [a - b for a, b in pairs]
         sigma = NO_NOISE if own is None else own.velocity_sigma
-        compared = Comparison(apart, sigma, self._contradictions.velocity_noise, ANOTHER_SPEED)
+        compared = Comparison(apart, sigma, self._contradictions.velocity_noise, SPEED_TOLERANCE)
         weight, correction = self._source_of_velocity.correction(t_ns, compared)
         if weight == 0.0:
             return stated
@@ -345,14 +344,14 @@ class Ownship:
         return NavSample((x, y, z), (u, v, w))
 
     def _compare_attitude(self, t_ns: int, q: Quaternion) -> None:
-        """An attitude that comes late beside the one that the autopilot has stated."""
+        """Compare a late attitude with the history."""
         known = self._stated_attitudes.at(t_ns)
         if known is not None:
             off = turn(known.q, q)
-            self._contradictions.add_other(self.now_ns, off=math.hypot(*off), limit=ANOTHER_WAY)
+            self._contradictions.add_other(self.now_ns, off=math.hypot(*off), limit=ATTITUDE_TOLERANCE)
 
     def _compare_position(self, t_ns: int, r: Vec3) -> None:
-        """A position that comes late beside the one that the autopilot has stated."""
+        """Compare a late position with the history."""
         known = self._stated_nav.at(t_ns)
         if known is not None:
-            self._contradictions.add_other(self.now_ns, off=math.dist(known.r, r), limit=ELSEWHERE)
+            self._contradictions.add_other(self.now_ns, off=math.dist(known.r, r), limit=POSITION_TOLERANCE)

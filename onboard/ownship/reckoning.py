@@ -1,4 +1,4 @@
-"""What is not known of our position, from our velocity."""
+"""Unknown components of our position, integrated from our velocity."""
 
 import math
 
@@ -7,14 +7,13 @@ from onboard.units import S_PER_NS
 
 
 class Reckoning:
-    """A position of which some components are not known, completed by the way that the velocity makes: so that
-    the components that are known are compared with the velocity, whatever the others are."""
+    """Positions completed by integrating the velocity, so that the known components can be compared with it."""
 
     def __init__(self) -> None:
         self._last: tuple[int, Vec3, Vec3] | None = None  # time, position, velocity
 
     def complete(self, t_ns: int, r: Vec3, v_n: Vec3) -> Vec3:
-        """The position (3,) at a time, NaN where it is not known, with no NaN left."""
+        """Replace each NaN of a position by the integrated velocity."""
         whole = r
         if not all(map(math.isfinite, r)):
             moved = (0.0, 0.0, 0.0)

@@ -1,32 +1,31 @@
-"""How noisy a stream is, learnt from the stream itself.
+"""Noise of a stream, learnt from the stream itself.
 
-What a stream states at two times should differ by what its own rates say of the time between. The difference that
-remains, an increment e, shows the noise by its autocovariance. White noise of standard deviation r in the stated
-values makes c0 = 2 r^2 and c1 = -r^2: each value enters two increments in a row, with opposite signs. A random
-walk that gains w each step makes c0 = w and c1 = 0. So r^2 = -c1 and w = c0 + 2 c1, and a sum over m steps has
-the variance m w + 2 r^2.
+The values of a stream at two times should differ by the integral of its own rates. The remaining difference, an
+increment e, shows the noise by its autocovariance. White noise of standard deviation r in the stated values makes
+c0 = 2 r^2 and c1 = -r^2, since each value enters two increments in a row, with opposite signs. A random walk that
+gains w each step makes c0 = w and c1 = 0. So r^2 = -c1 and w = c0 + 2 c1, and a sum over m steps has the variance
+m w + 2 r^2.
 
-A constant contradiction is no noise: the mean is taken off. Single wrong values count little: increments are
-limited to a few standard deviations, the first ones by each other, as a stream may begin with a leap. What no such
-sensor can have is no noise either (`Ceiling`): it is a mistake, as of units.
+The mean is subtracted, since a constant contradiction is no noise. Increments are limited to a few standard
+deviations, so that single wrong values count little; the first ones are limited by each other, as a stream may
+begin with a jump. More noise than any such sensor has (`Ceiling`) is a mistake, for example of units.
 """
 
 import math
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-TIME_S: Final = 5.0  # over which covariances are averaged
-FEWEST_INCREMENTS: Final = 10  # increments before which nothing is known, and none is limited
-MOST_SIGMAS: Final = 4.0  # an increment counts for no more
-WRONG: Final = 2  # so many of the first increments may be wrong
+AVERAGING_TIME_S: Final = 5.0  # of covariances
+MIN_INCREMENT_COUNT: Final = 10  # With fewer, the noise is unknown and no increment is limited.
+MAX_INCREMENT_SIGMAS: Final = 4.0
+MAX_OUTLIER_COUNT: Final = 2  # among the first increments
 
 
 class Ceiling(NamedTuple):
-    """The most noise that a stream may have: standard deviation of the white noise of its values, and variance
-    that the random walk gains a second."""
+    """The most noise that a stream may have."""
 
-    white: float = math.inf
-    walk: float = math.inf
+    white: float = math.inf  # standard deviation of the values
+    walk: float = math.inf  # variance that the random walk gains in a second
 
 
 class Scatter:
@@ -39,18 +38,18 @@ class Scatter:
         self._c1 = [0.0] * size
         self._dt = 0.0  # mean
         self._last: list[float] | None = None  # about the mean, limited
-        # the first increments, each with dt and whether it follows on the one before; None when they are taken
+        # The first increments, each with dt and whether it continues the one before; None once they are used.
         self._first: list[tuple[Sequence[float], float, bool]] | None = []
         self._follows = True
 
     def add(self, e: Sequence[float], dt: float) -> None:
-        """The increment (size,) over a step of dt seconds."""
+        """Add the increment (size,) over a step of dt seconds."""
         if self._first is None:
             self._add(e, dt)
             return
         self._first.append((e, dt, self._follows))
         self._follows = True
-        if len(self._first) == FEWEST_INCREMENTS:
+        if len(self._first) == MIN_INCREMENT_COUNT:
             first, self._first = self._first, None
             columns = [_limited(values) for values in zip(*[e for e, _, _ in first], strict=True)]
             for values, (_, step, follows) in zip(zip(*columns, strict=True), first, strict=True):
@@ -59,14 +58,14 @@ class Scatter:
 
     def _add(self, e: Sequence[float], dt: float) -> None:
         self.count += 1
-        share = max(1.0 / self.count, min(dt / TIME_S, 1.0))
+        share = max(1.0 / self.count, min(dt / AVERAGING_TIME_S, 1.0))
         mean, c0, c1, now, last = self._mean, self._c0, self._c1, list[float](), self._last
         self._dt += share * (dt - self._dt)
-        is_limited = self.count > FEWEST_INCREMENTS
+        is_limited = self.count > MIN_INCREMENT_COUNT
         for i, value in enumerate(e):
             off = value - mean[i]
             if is_limited:
-                most = MOST_SIGMAS * math.sqrt(c0[i])
+                most = MAX_INCREMENT_SIGMAS * math.sqrt(c0[i])
                 if off > most:
                     off = most
                 elif off < -most:
@@ -79,26 +78,26 @@ class Scatter:
         self._last = now
 
     def skip(self) -> None:
-        """The next increment does not follow on the last one."""
+        """Separate the next increment from the last one."""
         self._last, self._follows = None, False
 
     @property
     def white(self) -> tuple[float, ...] | None:
-        """Standard deviations (size,) of the white noise of the stated values; None before they are known."""
-        if self.count < FEWEST_INCREMENTS:
+        """Standard deviations (size,) of the values' white noise; None before they are known."""
+        if self.count < MIN_INCREMENT_COUNT:
             return None
         return tuple([math.sqrt(max(-c, 0.0)) for c in self._c1])
 
     @property
     def walk(self) -> tuple[float, ...] | None:
-        """Variances (size,) that the random walk gains a second; None before they are known."""
-        if self.count < FEWEST_INCREMENTS:
+        """Variances (size,) that the random walk gains in a second; None before they are known."""
+        if self.count < MIN_INCREMENT_COUNT:
             return None
         return tuple([max(a + 2.0 * b, 0.0) / self._dt for a, b in zip(self._c0, self._c1, strict=True)])
 
     def exceeds(self, ceiling: Ceiling) -> bool:
-        """Whether what was learnt is no noise that the stream can have."""
-        if self.count < FEWEST_INCREMENTS:
+        """Whether there is more noise than the stream can have."""
+        if self.count < MIN_INCREMENT_COUNT:
             return False
         white, walk, dt = ceiling.white, ceiling.walk, self._dt
         for a, b in zip(self._c0, self._c1, strict=True):
@@ -109,8 +108,8 @@ class Scatter:
         return False
 
     def deviation(self, steps: int) -> float:
-        """One standard deviation of the length of the sum of so many increments; 0 before it is known."""
-        if self.count < FEWEST_INCREMENTS:
+        """Return the standard deviation of the length of a sum of increments; 0 before it is known."""
+        if self.count < MIN_INCREMENT_COUNT:
             return 0.0
         walk = white = 0.0
         for a, b in zip(self._c0, self._c1, strict=True):
@@ -122,7 +121,7 @@ class Scatter:
 
 
 def _limited(values: Sequence[float]) -> Sequence[float]:
-    """The first increments of a component, of which `WRONG` may lie anywhere, limited by the others."""
+    """Limit the first increments of a component, of which `MAX_OUTLIER_COUNT` may be outliers, by the others."""
     middle = sorted(values)[len(values) // 2]
-    most = MOST_SIGMAS * sorted([abs(value - middle) for value in values])[-1 - WRONG]
+    most = MAX_INCREMENT_SIGMAS * sorted([abs(value - middle) for value in values])[-1 - MAX_OUTLIER_COUNT]
     return [min(max(value, middle - most), middle + most) for value in values] if most else values

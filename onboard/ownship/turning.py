@@ -1,6 +1,6 @@
-"""Attitudes between and beyond the samples, in plain numbers: four at a time, arrays cost more than they save.
+"""Interpolation and extrapolation of attitudes in plain numbers, since small arrays cost more time.
 
-`onboard.geometry.rotations` has the same of arrays; a test holds both to the same numbers.
+`onboard.geometry.rotations` has the same functions for arrays; a test compares both.
 """
 
 import math
@@ -8,17 +8,17 @@ from typing import Final
 
 from onboard.messages import Quaternion, Vec3
 
-STRAIGHT: Final = 1e-12  # of one less the cosine: so near, the great circle is a straight line to double precision
-SMALL: Final = 1e-8  # rad; sin(x/2)/x is 1/2 to double precision
+SLERP_TOLERANCE: Final = 1e-12  # 1 - cosine; below, linear interpolation is exact to double precision.
+SMALL_ANGLE: Final = 1e-8  # rad; below, sin(x/2)/x is 1/2 to double precision.
 
 
 def turned(q: Quaternion, omega: Vec3, dt: float) -> Quaternion:
-    """q_nb after `dt` seconds of constant rates omega_b, rad/s."""
+    """Return q_nb after `dt` seconds of constant rates omega_b, rad/s."""
     w, x, y, z = q
     a, b, c = omega
     rate = math.sqrt(a * a + b * b + c * c)
     half = 0.5 * rate * dt
-    scale = 0.5 * dt if abs(half) < SMALL else math.sin(half) / rate
+    scale = 0.5 * dt if abs(half) < SMALL_ANGLE else math.sin(half) / rate
     s, a, b, c = math.cos(half), scale * a, scale * b, scale * c
     return (
         w * s - x * a - y * b - z * c,
@@ -29,11 +29,11 @@ def turned(q: Quaternion, omega: Vec3, dt: float) -> Quaternion:
 
 
 def between(q0: Quaternion, q1: Quaternion, fraction: float) -> Quaternion:
-    """The attitude at a `fraction` of the shorter way from q0 to q1."""
+    """Interpolate from q0 to q1 along the shorter great circle."""
     cosine = q0[0] * q1[0] + q0[1] * q1[1] + q0[2] * q1[2] + q0[3] * q1[3]
     sign = -1.0 if cosine < 0.0 else 1.0
     cosine = min(abs(cosine), 1.0)
-    if cosine > 1.0 - STRAIGHT:
+    if cosine > 1.0 - SLERP_TOLERANCE:
         first, second = 1.0 - fraction, fraction
     else:
         angle = math.acos(cosine)
@@ -45,7 +45,7 @@ def between(q0: Quaternion, q1: Quaternion, fraction: float) -> Quaternion:
 
 
 def unit(q: Quaternion) -> Quaternion:
-    """The same attitude as a quaternion of unit length."""
+    """Normalise a quaternion."""
     w, x, y, z = q
     length = math.sqrt(w * w + x * x + y * y + z * z)
     return w / length, x / length, y / length, z / length

@@ -14,7 +14,7 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.own_state.config import Config
-from onboard.ownship.contradictions import RATE_NOISE, SPEED_NOISE
+from onboard.ownship.contradictions import MAX_SPEED_NOISE, RATE_NOISE
 from onboard.ownship.scatter import Scatter
 from onboard.units import S_PER_NS
 
@@ -115,7 +115,7 @@ class SensorNoise:
         white = self._speeds.white
         if not self._learns or white is None or self._speeds.count < MIN_INCREMENT_COUNT:
             return self._speed
-        level = min(max(0.5 * math.hypot(*white) / math.sqrt(2.0), MIN_SPEED_SIGMA), SPEED_NOISE)
+        level = min(max(0.5 * math.hypot(*white) / math.sqrt(2.0), MIN_SPEED_SIGMA), MAX_SPEED_NOISE)
         return np.asarray(self._speed * level / self._speed[0])
 
     def turning(self, t_ns: int) -> Array:

@@ -5,7 +5,7 @@ import pytest
 
 from onboard.estimators.own_state.config import Config
 from onboard.estimators.own_state.noise import MIN_RATE_SIGMA, MIN_SPEED_SIGMA, SensorNoise
-from onboard.ownship.contradictions import RATE_NOISE, SPEED_NOISE
+from onboard.ownship.contradictions import RATE_NOISE, MAX_SPEED_NOISE
 
 MS = 1_000_000
 CONFIG = Config()
@@ -38,7 +38,7 @@ def test_no_more_is_learnt_than_such_a_sensor_can_have_seed_81() -> None:
     assert noise.attitude((0.01, 0.01, 0.01))[3:] == pytest.approx(RATE_NOISE)
     for k in range(300):
         noise.add_fix(200 * k * MS, 50.0 * rng.normal(size=3))
-    assert noise.speed[0] == pytest.approx(SPEED_NOISE)
+    assert noise.speed[0] == pytest.approx(MAX_SPEED_NOISE)
 
 
 def test_what_is_configured_holds_at_first_and_where_nothing_is_learnt_seed_81() -> None:
