@@ -1,4 +1,4 @@
-"""Datagrams -> messages, by their encoding; bad ones are counted by reason, and nothing is raised."""
+"""Datagrams -> messages, by their encoding; bad ones are counted by reason."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -15,7 +15,7 @@ from onboard.wire.documents.pseudoranges import decode_ranges
 from onboard.wire.documents.radar import decode_radar
 from onboard.wire.documents.warm_state import decode_warm_state
 from onboard.wire.logs import tlog
-from onboard.wire.mavlink.decode import IsOwn, MavlinkDecoder, OnError, nobody, raise_error
+from onboard.wire.mavlink.decode import IsOwn, MavlinkDecoder, OnError, is_never_own, raise_error
 from onboard.wire.mavlink.signing import Stamps, Verifier
 from onboard.wire.mavlink.tracking import TrackerDecoder
 from onboard.wire.ros.topics import RosDecoder
@@ -29,9 +29,9 @@ DOCUMENTS: Final[dict[Encoding, Callable[[bytes, int, Refuse], Message]]] = {
 NO_CAMERAS: Final[Cameras] = {}
 Keys = Mapping[str, bytes | None]  # by channel; None: not at hand
 NO_KEYS: Final[Keys] = {}
-MOST_IGNORED: Final = 64  # unknown fields that are named, each once
-FRAMELESS_PIECES: Final = 10  # pieces without a frame: more than what a connection in the midst of one begins with
-LONGEST_NAME: Final = 200  # characters of what is named
+MAX_IGNORED_COUNT: Final = 64  # unknown fields and points that are reported, each once
+MIN_FRAMELESS_COUNT: Final = 10  # pieces; a connection may begin in the middle of a frame
+MAX_IGNORED_LENGTH: Final = 200  # characters
 NO_FRAME: Final = Reason(Cause.BAUD_RATE, "no MAVLink frame is in what arrives; of a serial port: the baud rate?")
 JSON_ON_MAVLINK: Final = Reason(
     Cause.NO_MAVLINK, "no MAVLink frame is in what arrives; it looks like JSON, which a `json:` link takes"
@@ -44,14 +44,16 @@ OnRefused = Callable[[str, Reason, int], None]
 
 
 def ignore(_source: str, _why: Reason, _t_recv_ns: int) -> None:
-    """What cannot be used is only counted."""
+    """Count a refused datagram only."""
 
 
 class DatagramDecoder:
-    """One MAVLink decoder for each channel; JSON documents need no state. `on_error` is called with the
-    place and the exception over one frame or document, `on_refused` with the channel, the reason and the arrival
-    of a document that cannot be used. `cameras` are those whose detections may come; `keys` are
-    those of channels whose MAVLink frames must be signed. `is_own`: which frames are ours, come back."""
+    """Decoders of all encodings, with one MAVLink decoder for each channel.
+
+    `on_error` receives the place and the exception over one frame or document, `on_refused` the channel, reason
+    and arrival of an unusable document. `keys` holds the channels whose frames must be signed. `is_own` recognises
+    our own frames.
+    """
 
     def __init__(
         self,
@@ -59,7 +61,7 @@ class DatagramDecoder:
         on_refused: OnRefused = ignore,
         cameras: Cameras = NO_CAMERAS,
         keys: Keys = NO_KEYS,
-        is_own: IsOwn = nobody,
+        is_own: IsOwn = is_never_own,
     ) -> None:
         self._on_error = on_error
         self._on_refused = on_refused
@@ -79,7 +81,7 @@ class DatagramDecoder:
             decoder = self._decoder(datagram)
             messages = decoder.decode(datagram.data, datagram.t_recv_ns, step_ns)
             if not decoder.names and decoder.rejected["bad_frame"]:
-                self._doubt(datagram)
+                self._report_no_frame(datagram)
             return messages
         try:
             return self._document(datagram)
@@ -105,7 +107,7 @@ class DatagramDecoder:
         return decoder
 
     def _verifier(self, channel: str) -> Verifier | None:
-        """What tests the signatures of a channel, if they must be there."""
+        """The verifier of a channel whose frames must be signed."""
         if channel not in self._keys:
             return None
         key, on_refused = self._keys.get(channel), partial(self._on_refused, channel)
@@ -118,10 +120,10 @@ class DatagramDecoder:
             why = Reason(Cause.OURSELVES, OUR_FRAMES.format(channel))
             self._on_refused(f"system {system}, component {component}", why, t_recv_ns)
 
-    def _doubt(self, datagram: Datagram) -> None:
-        """Say what a channel seems to be on which no frame has come yet, but other bytes have, for a while."""
+    def _report_no_frame(self, datagram: Datagram) -> None:
+        """Report a channel whose bytes have contained no frame for a while, with a likely cause."""
         self._foreign[datagram.channel] += 1
-        if self._foreign[datagram.channel] >= FRAMELESS_PIECES:
+        if self._foreign[datagram.channel] >= MIN_FRAMELESS_COUNT:
             is_json = datagram.data.lstrip()[:1] in (b"{", b"[")
             self._on_refused(datagram.channel, JSON_ON_MAVLINK if is_json else NO_FRAME, datagram.t_recv_ns)
 
@@ -149,8 +151,8 @@ class DatagramDecoder:
 
     def _ignore(self, datagram: Datagram, what: str) -> None:
         """Name what is ignored once: detectors send much that is of no use here."""
-        what = what[:LONGEST_NAME]
-        if what in self._ignored or len(self._ignored) >= MOST_IGNORED:
+        what = what[:MAX_IGNORED_LENGTH]
+        if what in self._ignored or len(self._ignored) >= MAX_IGNORED_COUNT:
             return
         self._ignored.add(what)
         self._bad["ignored_fields"] += 1
@@ -159,7 +161,7 @@ class DatagramDecoder:
 
     @property
     def frames(self) -> Counter[str]:
-        """Well-formed MAVLink frames so far, by name."""
+        """Counts of well-formed MAVLink frames by name."""
         total: Counter[str] = Counter()
         for decoder in self._mavlink.values():
             total.update(decoder.names)
@@ -167,12 +169,12 @@ class DatagramDecoder:
 
     @property
     def unverified(self) -> dict[str, int]:
-        """By channel, signed frames that passed since their key is not at hand."""
+        """Counts by channel of signed frames that passed because their key is unavailable."""
         return {channel: decoder.unverified for channel, decoder in self._mavlink.items() if decoder.unverified}
 
     @property
     def rejected(self) -> Counter[str]:
-        """What could not be decoded so far, by reason."""
+        """Counts of rejected frames and documents by reason."""
         total = Counter(self._bad)
         for decoder in self._mavlink.values():
             total.update(decoder.rejected)

@@ -8,8 +8,10 @@ from onboard.messages import NavState, Odometry
 
 
 def odometry_of(state: NavState) -> Odometry | None:
-    """The record to send; None while there is no state. The covariance of the body's velocity includes that of the
-    attitude, by which the velocity is rotated into the body. `quality` is -1 when the state is not valid."""
+    """The record to send, None without a state; quality -1 marks an invalid state.
+
+    The covariance of the body's velocity includes that of the attitude.
+    """
     if state.mean is None or state.covariance is None or state.q_nb is None or state.omega_b is None:
         return None
     P, R_bn = np.array(state.covariance), matrix_from_quaternion(state.q_nb).T

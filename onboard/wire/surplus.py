@@ -2,16 +2,16 @@
 
 from typing import Final
 
-from onboard.wire.mavlink.frame import V1_HEAD, frame_length, head_of
+from onboard.wire.mavlink.frame import V1_HEADER_SIZE, frame_length, parse_header
 
-NEEDED: Final = 0
-OF_IMU: Final = 1  # the next sample says nearly the same
-OF_OTHERS: Final = 2  # another aircraft's report, which comes again
-SURPLUS_KINDS: Final = {26: OF_IMU, 27: OF_IMU, 105: OF_IMU, 116: OF_IMU, 129: OF_IMU, 246: OF_OTHERS}  # by number
+NEEDED_RANK: Final = 0  # never left out
+IMU_RANK: Final = 1  # the next sample contains nearly the same
+TRAFFIC_RANK: Final = 2  # reports of another aircraft, which are repeated
+SURPLUS_KINDS: Final = {**dict.fromkeys((26, 27, 105, 116, 129), IMU_RANK), 246: TRAFFIC_RANK}  # by number
 
 
 def surplus(data: bytes) -> int:
-    """How readily a datagram is left out: NEEDED, never. One of several frames is needed, whatever is in it."""
-    if len(data) < V1_HEAD or frame_length(data, 0) != len(data):
-        return NEEDED
-    return SURPLUS_KINDS.get(head_of(data)[1], NEEDED)
+    """The rank of a datagram for omission; a datagram with several frames is needed."""
+    if len(data) < V1_HEADER_SIZE or frame_length(data, 0) != len(data):
+        return NEEDED_RANK
+    return SURPLUS_KINDS.get(parse_header(data)[1], NEEDED_RANK)

@@ -32,7 +32,7 @@ from onboard.sinks.recorder import Recorder
 from onboard.wire.documents import pseudoranges, radar
 from onboard.wire.documents.document import BadDocumentError
 from onboard.wire.logs import recording
-from onboard.wire.mavlink.landing_target import PENDING_IMAGES, SENDERS, PointAssembler
+from onboard.wire.mavlink.landing_target import MAX_PENDING_IMAGES, MAX_SENDER_COUNT, PointAssembler
 from tests.support.mavlink_frames import RECEIVE_TIME_NS
 from tests.support.records import make_estimate
 from tests.unit.sinks.test_zenoh_queue import Nothing, waiting
@@ -51,15 +51,15 @@ def epoch(satellites: int) -> bytes:
 def test_a_scan_or_an_epoch_with_more_than_any_sensor_has_is_refused() -> None:
     assert len(radar.decode_radar(document(detections=[ECHO] * 1000), RECEIVE_TIME_NS).detections) == 1000
     assert (
-        len(pseudoranges.decode_ranges(epoch(pseudoranges.MOST_SEEN), RECEIVE_TIME_NS).satellites)
-        == pseudoranges.MOST_SEEN
+        len(pseudoranges.decode_ranges(epoch(pseudoranges.MAX_SATELLITE_COUNT), RECEIVE_TIME_NS).satellites)
+        == pseudoranges.MAX_SATELLITE_COUNT
     )
     with pytest.raises(BadDocumentError, match="at most 64 satellites"):
-        pseudoranges.decode_ranges(epoch(pseudoranges.MOST_SEEN + 1), RECEIVE_TIME_NS)
+        pseudoranges.decode_ranges(epoch(pseudoranges.MAX_SATELLITE_COUNT + 1), RECEIVE_TIME_NS)
 
 
 def test_a_scan_that_a_document_could_hold_is_refused_beyond_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(radar, "MOST_ECHOES", 10)  # 4096 do not fit into the document that may arrive
+    monkeypatch.setattr(radar, "MAX_ECHO_COUNT", 10)  # 4096 do not fit into the document that may arrive
     assert len(radar.decode_radar(document(detections=[ECHO] * 10), RECEIVE_TIME_NS).detections) == 10
     with pytest.raises(BadDocumentError, match="more than 10 detections"):
         radar.decode_radar(document(detections=[ECHO] * 11), RECEIVE_TIME_NS)
@@ -75,9 +75,9 @@ def point(assembler: PointAssembler, system: int, t_us: int, label: int) -> Any:
 def test_images_that_stay_incomplete_cost_their_sender_its_oldest() -> None:
     rejected: Counter[str] = Counter()
     assembler = PointAssembler(rejected)
-    for t_us in range(PENDING_IMAGES + 3):
+    for t_us in range(MAX_PENDING_IMAGES + 3):
         point(assembler, 9, t_us, 0)
-    assert (len(assembler), rejected["incomplete_points"]) == (PENDING_IMAGES, 3)
+    assert (len(assembler), rejected["incomplete_points"]) == (MAX_PENDING_IMAGES, 3)
 
 
 def test_any_number_of_senders_that_complete_nothing_costs_one_that_does_no_image() -> None:
@@ -85,10 +85,10 @@ def test_any_number_of_senders_that_complete_nothing_costs_one_that_does_no_imag
     assembler = PointAssembler(rejected)
     assert [point(assembler, 1, 5, k) is not None for k in range(3)] == [False, False, True]
     point(assembler, 1, 6, 0)
-    for system in range(2, 2 * SENDERS + 2):
+    for system in range(2, 2 * MAX_SENDER_COUNT + 2):
         point(assembler, system, 7, 0)
-    assert len(assembler) == SENDERS + 1
-    assert rejected["incomplete_points"] == SENDERS
+    assert len(assembler) == MAX_SENDER_COUNT + 1
+    assert rejected["incomplete_points"] == MAX_SENDER_COUNT
     assert [point(assembler, 1, 6, k) is not None for k in (1, 2)] == [False, True]
 
 
@@ -100,7 +100,7 @@ def test_a_record_whose_length_is_absurd_is_damage(tmp_path: Path, monkeypatch: 
         recorder.write([Datagram(channel="a", encoding=Encoding.MAVLINK, t_recv_ns=n, data=data)])
     recorder.close()
     assert [d is None for d, _ in recording.read_recording(recorder.path)] == [False] * 3
-    monkeypatch.setattr(recording, "LARGEST_RECORD", 500)  # as 256 MB are of a length that was damaged
+    monkeypatch.setattr(recording, "MAX_RECORD_BYTES", 500)  # as 256 MB are of a length that was damaged
     assert [d for d, _ in recording.read_recording(recorder.path)][-1] is None
 
 

@@ -17,7 +17,7 @@ from onboard.messages import Cause, Datagram, Encoding, Estimate, Health, Lifecy
 from onboard.sinks import SinkRunner
 from onboard.sinks.zenoh import ZenohSink
 from onboard.sinks.zenoh_session import ZenohConfig, open_session
-from onboard.wire.documents.document import LARGEST
+from onboard.wire.documents.document import MAX_DOCUMENT_BYTES
 from tests.support.programs import free_endpoint, until
 from tests.support.records import POSE, make_estimate
 
@@ -197,7 +197,7 @@ def test_camera_points_come_in_with_their_key_and_arrival(session: Any, client: 
     before = time.time_ns()
     asyncio.run(main())
     assert {(d.channel, d.encoding) for d in received} == {(key, Encoding.POINTS)}
-    cut = bytes(LARGEST + 1)  # for the decoder to refuse with a reason
+    cut = bytes(MAX_DOCUMENT_BYTES + 1)  # for the decoder to refuse with a reason
     assert {d.data for d in received} == {b'{"first": 1}', b"", cut, b'{"last": 1}'}
     stamps = [d.t_recv_ns for d in received]
     assert before <= stamps[0]

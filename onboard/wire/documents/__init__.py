@@ -1,1 +1,1 @@
-"""JSON documents -> records: detections, radar scans, pseudoranges, and the daemon's kept state."""
+"""JSON documents -> records: detections, radar scans, pseudoranges, kept state."""

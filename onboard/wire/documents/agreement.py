@@ -1,7 +1,7 @@
-"""Whether the statements of one detection can all be true: where it is, how far, and how large it looks.
+"""Consistency of one detection's direction, range and size.
 
-A position in millimetres, or with Y up, beside a right box would be believed as far as each goes. Nothing says
-which of two is wrong, so the detection is refused, and both are named.
+A position in millimetres or with Y up contradicts a box. Nothing shows which of the two is wrong, so the detection
+is refused and both are named.
 """
 
 import math
@@ -22,7 +22,7 @@ SMALLEST, LARGEST = 0.2, 2.5  # of the wingspan: the larger side of a box of an 
 def check(
     detection: Detection, places: Places, lens: Lens, sizes: tuple[float, float], sigma_px: float, at: str
 ) -> None:
-    """Raises BadDocumentError, which names both statements. `sizes`: the smallest and the largest wingspan, m."""
+    """Raise BadDocumentError if two statements disagree; `sizes` bounds the wingspan, m."""
     pose, box = detection.pose, detection.box
     position = None if pose is None else pose.position_m
     if position is not None and not (position[2] > 0.0 and all(map(math.isfinite, position))):
@@ -62,8 +62,10 @@ def _check_direction(detection: Detection, position: Vec3, places: Places, sigma
 def _check_size(
     range_m: float, angle: float, least: float, sizes: tuple[float, float], where: tuple[str, str]
 ) -> None:
-    """A box of this angle, rad, is as large as an aircraft at that range; `least`, m: one that may be cut off may
-    be smaller."""
+    """Check that a box of this angle, rad, is as large as an aircraft at that range.
+
+    `least`, m, is smaller for a box that may be cut off.
+    """
     size = range_m * angle
     if not math.isfinite(size) or size <= 0.0:
         return

@@ -1,4 +1,4 @@
-"""What decoding needs to know of our cameras, by their names."""
+"""Properties of the cameras that decoding needs, by name."""
 
 import math
 from collections.abc import Mapping
@@ -12,30 +12,27 @@ from onboard.wire.documents.document import BadDocumentError
 
 
 class RosTopics(NamedTuple):
-    """Where a camera is in ROS: the topic of what it sees, of which type where the key does not say it, the topic
-    of its CameraInfo, and whether pixels are of the rectified image."""
+    """The ROS topics of a camera."""
 
-    seen: str = ""
-    kind: str = ""
-    info: str = ""
-    is_rectified: bool = False
+    seen: str = ""  # topic of the detections
+    kind: str = ""  # their type, for keys that do not state it
+    info: str = ""  # topic of CameraInfo
+    is_rectified: bool = False  # whether pixels are of the rectified image
 
 
 class CameraInput(NamedTuple):
-    """A camera whose detections may come: its lens, the noise of an image coordinate without a sigma of its own,
-    the confidence below which a detection is refused, the classes that are followed (none: any), and the names of
-    the points that any class of targets has."""
+    """A camera whose detections are decoded."""
 
     name: str
     lens: Lens
-    sigma_px: float
+    sigma_px: float  # default of an image coordinate
     min_confidence: float
-    classes: tuple[str, ...] = ()
-    points: tuple[str, ...] = WING_POINTS
+    classes: tuple[str, ...] = ()  # that are followed; empty: any
+    points: tuple[str, ...] = WING_POINTS  # names of the targets' points
     tracker: int | None = None  # the MAVLink component whose CAMERA_TRACKING_IMAGE_STATUS is of this camera
     is_landing_target: bool = False  # each LANDING_TARGET is a whole aircraft, seen by this camera
     mount: Camera | None = None
-    sizes: tuple[float, float] = (0.0, math.inf)  # m: wingspans of what it may see
+    sizes: tuple[float, float] = (0.0, math.inf)  # m, range of the targets' wingspans
     ros: RosTopics = RosTopics()
 
 
@@ -43,7 +40,7 @@ Cameras = Mapping[str, CameraInput]  # the first is meant where none is named
 
 
 def find(cameras: Cameras, name: str) -> CameraInput:
-    """The camera of that name, the first without one. Raises BadDocumentError, which names all."""
+    """The camera of that name, the first if empty. Raises BadDocumentError, which names all."""
     camera = cameras.get(name) if name else next(iter(cameras.values()), None)
     if camera is None:
         known = ", ".join(cameras)

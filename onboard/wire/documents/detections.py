@@ -39,8 +39,8 @@ from onboard.wire.documents.document import BadDocumentError, Refuse, parse_tree
 from onboard.wire.documents.points import check_pixels, check_target, doubt_of, lens_of
 from onboard.wire.documents.poses import relative_pose
 
-LEAST_CONFIDENCE: Final = 0.05  # noise is that of a detection with this confidence at most
-LONGEST_RANGE: Final = 1e5  # m, of a range
+MIN_CONFIDENCE: Final = 0.05  # below it, the noise grows no further
+MAX_RANGE_M: Final = 1e5
 # Of one image: each without an id is compared with each track, and more cost more time than an image has.
 MAX_NAMED, MAX_UNNAMED = 100, 12
 UNSEEN: Final = (0.0, 0.0)  # pixels of a keypoint that Ultralytics and others do not see; no wingtip is just there
@@ -59,11 +59,10 @@ NESTED_RECORDS: Final[dict[str, type[Record]]] = {
 def decode_detections(
     data: bytes, t_recv_ns: int, cameras: Cameras, refuse: Refuse, ignore: Ignore
 ) -> Exposure | None:
-    """What one JSON document of CameraDetections shows; None where none of its detections can be used.
+    """Decode one JSON document of CameraDetections; None if no detection is usable.
 
-    A detection that cannot be used costs the others nothing: `refuse` is called with the reason. `ignore` is
-    called with each field and each point that is not known. Raises BadDocumentError (see `document.parse`) for a
-    document that cannot be used at all.
+    `refuse` receives the reason for each unusable detection, `ignore` each unknown field and point. Raises
+    BadDocumentError (see `document.parse`) for an unusable document.
     """
     document, numbers, tree = parse_tree(CameraDetections, data, refuse)
     mount = document.attitude
@@ -85,8 +84,10 @@ def exposure_of(
     ignore: Ignore,
     numbers: Sequence[int] | None = None,
 ) -> Exposure | None:
-    """What a document shows whose pixels are those of `lens`, None if nothing; see `decode_detections`.
-    `numbers`: which detection each one was in what was sent; None: all are there."""
+    """The exposure of a document with pixels of `lens`, or None; see `decode_detections`.
+
+    `numbers` are the detections' indices in the document as sent, if some were left out.
+    """
     found: list[TargetImage] = []
     kept = _bounded(document.detections, refuse)
     shown = [_pixels(detection, camera) for _, detection in kept]
@@ -121,7 +122,7 @@ def exposure_of(
 
 
 def _bounded(detections: Sequence[Detection], refuse: Refuse) -> Sequence[tuple[int, Detection]]:
-    """The detections of an image that are looked at, with their numbers: of too many, the most confident ones."""
+    """Return the most confident detections of an image, with their indices."""
     named, unnamed = (
         [each for each in enumerate(detections) if bool(each[1].target) == has_name] for has_name in (True, False)
     )
@@ -227,16 +228,16 @@ def _center(pose: RelativePose) -> tuple[ImageFeature, ...]:
 
 
 def _check_range(detection: Detection, at: str) -> None:
-    """Raises BadDocumentError for a range that is none."""
+    """Raise BadDocumentError for a range that is not positive or too large."""
     for name, value in (("range_m", detection.range_m), ("range_sigma_m", detection.range_sigma_m)):
-        if value is not None and not 0.0 < value < LONGEST_RANGE:
-            raise BadDocumentError(f"expected metres above 0 and below {LONGEST_RANGE:g} - at `$.{at}.{name}`")
+        if value is not None and not 0.0 < value < MAX_RANGE_M:
+            raise BadDocumentError(f"expected metres above 0 and below {MAX_RANGE_M:g} - at `$.{at}.{name}`")
     if detection.range_m is None and detection.range_sigma_m is not None:
         raise BadDocumentError(f"a sigma of no range: expected `range_m` beside it - at `$.{at}.range_sigma_m`")
 
 
 def _confidence(detection: Detection, camera: CameraInput, at: str) -> float:
-    """How sure the detector is, 1 where it does not say. Raises BadDocumentError below the camera's threshold."""
+    """The detector's confidence, 1 if not stated. Raises BadDocumentError below the threshold."""
     confidence = detection.confidence
     if confidence is None:
         return 1.0
@@ -245,7 +246,7 @@ def _confidence(detection: Detection, camera: CameraInput, at: str) -> float:
     if confidence < camera.min_confidence:
         least = f"`min_confidence` of camera {camera.name} is {camera.min_confidence:g}"
         raise BadDocumentError(f"it is not confident enough; {least} - at `$.{at}.confidence`")
-    return max(confidence, LEAST_CONFIDENCE)
+    return max(confidence, MIN_CONFIDENCE)
 
 
 @cache

@@ -1,4 +1,4 @@
-"""What camera points, radar detections and pseudoranges have in common as JSON documents."""
+"""Parsing that is common to all JSON documents."""
 
 import json
 import math
@@ -21,8 +21,8 @@ from onboard.messages import (
 )
 from onboard.messages.causes import Cause, Reason
 
-LATEST_NS: Final = 2**63
-LARGEST: Final = 65_536  # bytes; three labelled points are 400, a radar's echo a hundred
+MAX_TIME_NS: Final = 2**63  # the range of a signed 64-bit integer
+MAX_DOCUMENT_BYTES: Final = 65_536  # three labelled points have 400, a radar's echo 100
 NAME: Final = re.compile(r"[A-Za-z0-9_.-]{1,64}")  # of a camera or a radar: one part of a key
 
 ROWS: Final[dict[type[Record], tuple[str, type[Record]]]] = {  # the field that lists what was measured
@@ -53,10 +53,10 @@ def parse(decoder: msgspec.json.Decoder[D], data: bytes) -> D:
 
 
 def parse_rows(decoder: msgspec.json.Decoder[D], data: bytes, refuse: Refuse) -> tuple[D, list[int]]:
-    """The record of one JSON document, and the number that each of its rows (`ROWS`) has in the document.
+    """Parse one JSON document; return its record and the index of each kept row (`ROWS`).
 
-    A row that cannot be read costs the others nothing: it is left out, and `refuse` is called with the reason.
-    Raises BadDocumentError as `parse` does, for all that is not in a row.
+    `refuse` receives the reason for each unreadable row, which is left out. Raises BadDocumentError as `parse`
+    does, for all that is not in a row.
     """
     _check_length(data)
     try:
@@ -67,7 +67,7 @@ def parse_rows(decoder: msgspec.json.Decoder[D], data: bytes, refuse: Refuse) ->
 
 
 def parse_tree(kind: type[D], data: bytes, refuse: Refuse) -> tuple[D, list[int], Any]:
-    """The same as `parse_rows`, and the document as dictionaries and lists, with what its record does not have."""
+    """Parse like `parse_rows`, and also return the document as dictionaries and lists."""
     _check_length(data)
     try:
         tree = msgspec.json.decode(data)
@@ -81,8 +81,8 @@ def parse_tree(kind: type[D], data: bytes, refuse: Refuse) -> tuple[D, list[int]
 
 
 def _check_length(data: bytes) -> None:
-    if len(data) > LARGEST:
-        raise BadDocumentError(f"the document has more than {LARGEST} bytes")
+    if len(data) > MAX_DOCUMENT_BYTES:
+        raise BadDocumentError(f"the document has more than {MAX_DOCUMENT_BYTES} bytes")
 
 
 def _whole_document(document: D) -> tuple[D, list[int]]:
@@ -92,7 +92,7 @@ def _whole_document(document: D) -> tuple[D, list[int]]:
 
 
 def _checked(document: D) -> D:
-    if not -LATEST_NS < document.t_ns < LATEST_NS:
+    if not -MAX_TIME_NS < document.t_ns < MAX_TIME_NS:
         raise BadDocumentError("a time must fit into 64 bits - at `$.t_ns`")
     return document
 
@@ -104,8 +104,11 @@ def parse_measurements(
     possible: str,
     refuse: Refuse,
 ) -> D:
-    """The record of one JSON document with those of its rows that can be measured, as `possible` says. Raises
-    BadDocumentError when there are rows and none of them can: it is no measurement of nothing."""
+    """Parse one JSON document and keep the rows that are possible measurements.
+
+    Raises BadDocumentError when no row of several is possible: an empty record would claim that nothing was
+    measured.
+    """
     reasons: list[Reason] = []
     document, numbers = parse_rows(decoder, data, reasons.append)
     name, _ = ROWS[decoder.type]
@@ -123,8 +126,11 @@ def parse_measurements(
 
 
 def load(data: bytes, kind: type[Record]) -> Any:
-    """A JSON document as dictionaries and lists. NaN and Infinity, which are not JSON but are written by Python,
-    are read: the check of the field that holds them names it. Raises BadDocumentError."""
+    """Load a JSON document as dictionaries and lists. Raises BadDocumentError.
+
+    NaN and Infinity, which Python writes although JSON has none, are read, so that the check of their field names
+    it.
+    """
     try:
         return msgspec.json.decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as strict:
@@ -151,8 +157,7 @@ def _row_by_row(kind: type[D], tree: Any, refuse: Refuse) -> tuple[D, list[int]]
 
 
 def _stated(tree: dict[str, Any], kind: type[Record], refuse: Refuse) -> dict[str, Any]:
-    """A document without those of its own fields that are null but may be left out: null states nothing. Each is
-    named by `refuse`."""
+    """Remove null from optional fields of a document; each is reported to `refuse`."""
     fields = msgspec.structs.fields(kind)
     empty = {f.encode_name for f in fields if not f.required and tree.get(f.encode_name, f) is None}
     for field in sorted(empty):
@@ -175,8 +180,7 @@ def _convert(tree: Any, kind: type[Any], at: str) -> Any:
 
 
 def _whole(value: Any, at: str) -> Any:
-    """The same with whole numbers as integers, which records take for either. Raises BadDocumentError, with its
-    place, for a number that is none."""
+    """Convert whole numbers to integers, recursively. Raises BadDocumentError with the place."""
     if isinstance(value, dict):
         return {name: _whole(inner, f"{at}.{name}") for name, inner in value.items()}
     if isinstance(value, list):
@@ -185,7 +189,7 @@ def _whole(value: Any, at: str) -> Any:
         return value
     if not math.isfinite(value):
         raise BadDocumentError(f"expected a finite number, got {value} - at `${at}`")
-    return int(value) if value.is_integer() and abs(value) < LATEST_NS else value
+    return int(value) if value.is_integer() and abs(value) < MAX_TIME_NS else value
 
 
 def raise_reason(why: Reason) -> None:
@@ -201,7 +205,9 @@ def _known(kind: type[Record], error: str) -> str:
 
 
 def check_name(name: str, field: str) -> None:
-    """Raise BadDocumentError unless this can be the name of a sensor. Names go into keys and estimates, so they
-    must be plain and short; `..` would be a way out of a folder."""
+    """Raise BadDocumentError unless the name of a sensor is plain and short.
+
+    Names go into keys and estimates; `..` would be a way out of a folder.
+    """
     if not NAME.fullmatch(name) or name.startswith("."):
         raise BadDocumentError(f"a name is of letters, digits and -_., 64 at most - at `$.{field}`")

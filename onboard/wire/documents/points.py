@@ -1,4 +1,4 @@
-"""Camera points as JSON -> an exposure of TargetPoints: pixels and intrinsics outside, image points inside."""
+"""JSON CameraPoints -> TargetPoints, from pixels and intrinsics to image points."""
 
 import re
 from collections.abc import Sequence
@@ -18,8 +18,7 @@ _decoder = msgspec.json.Decoder(CameraPoints)
 
 
 def decode_points(data: bytes, t_recv_ns: int) -> Exposure:
-    """The exposure of one JSON document of CameraPoints: TargetPoints, whose image points are in focal lengths,
-    right and down positive.
+    """Decode one JSON document of CameraPoints to image points in focal lengths.
 
     Raises BadDocumentError (see `document.parse`), also when a focal length is not positive or the target cannot
     be part of a key.
@@ -54,7 +53,7 @@ def decode_points(data: bytes, t_recv_ns: int) -> Exposure:
 
 
 def doubt_of(lens: Lens) -> Reason:
-    """What is doubtful in a camera's intrinsics, of which the lens has a note."""
+    """The reason to doubt a camera's intrinsics, by the note of its lens."""
     return Reason(Cause.OFF_CENTER if lens.binning == 1 else Cause.BINNED, lens.note)
 
 
@@ -73,7 +72,7 @@ def lens_of(k: Intrinsics) -> Lens:
 
 
 def check_pixels(coordinates: Sequence[float], at: str) -> None:
-    """Raise BadDocumentError for coordinates of an aircraft that is smaller than the first pixel of the image."""
+    """Raise BadDocumentError for pixels of an aircraft smaller than the image's first pixel."""
     if len(coordinates) > 2 and all(0.0 <= x <= 1.0 for x in coordinates):
         raise BadDocumentError(f"coordinates look normalised, from 0 to 1: send pixels - at `$.{at}`")
 

@@ -1,8 +1,8 @@
-"""A detector's pose of an aircraft -> RelativePose: the camera's optical axes outside, c inside.
+"""A detector's pose -> RelativePose: the camera's optical axes outside, c inside.
 
-The optical axes are right, down and forward (OpenCV, ROS); those of c are forward, right and down. Where a
-detector states no covariance, its position is as exact as a point and POSITION of the range, and its rotation to
-TURN.
+The optical axes are right, down and forward (OpenCV, ROS); those of c are forward, right and down. Without a
+stated covariance, the position has the sigma of a point and POSITION of the range, and the rotation
+ROTATION_SIGMA.
 """
 
 import math
@@ -16,11 +16,11 @@ from onboard.messages import DetectedPose, Quaternion, RelativePose, Vec3
 from onboard.wire.documents.document import BadDocumentError
 
 LONGEST_RANGE: Final = 1e5  # m
-NEAREST: Final = 0.01  # m, along the optical axis: no aircraft is nearer to a camera
+MIN_DEPTH_M: Final = 0.01  # along the optical axis: no aircraft is closer to a camera
 POSITION_SHARE: Final = 0.05  # of the range, along the line of sight
-TURN: Final = math.radians(10.0)
+ROTATION_SIGMA: Final = math.radians(10.0)
 NORM_BOUNDS: Final = (0.5, 2.0)  # the least and the greatest length of a quaternion, which has length 1
-EQUAL: Final = 1e-4  # of the larger one: two numbers that are the same but for rounding
+ASYMMETRY_TOLERANCE: Final = 1e-4  # relative, for rounding
 TO_C: Final = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # from the optical axes
 
 Array = npt.NDArray[np.float64]
@@ -28,8 +28,10 @@ Rows = tuple[Vec3, Vec3, Vec3]
 
 
 def relative_pose(pose: DetectedPose, sigma: float, at: str) -> RelativePose:
-    """The pose of one detection; `sigma`: of a point without its own, in focal lengths. Raises BadDocumentError,
-    which names the field."""
+    """Convert the pose of one detection. Raises BadDocumentError, which names the field.
+
+    `sigma` is the default of a point, in focal lengths.
+    """
     if pose.position_m is None and pose.q is None:
         raise BadDocumentError(f"expected `position_m`, `q`, or both - at `$.{at}`")
     r_covariance = turn_covariance = None
@@ -46,12 +48,12 @@ def relative_pose(pose: DetectedPose, sigma: float, at: str) -> RelativePose:
         r_CL_c=r,
         r_covariance=None if r is None else r_covariance,
         q_cL=q,
-        turn_covariance=None if q is None else turn_covariance or rows_of(TURN**2 * np.eye(3)),
+        turn_covariance=None if q is None else turn_covariance or rows_of(ROTATION_SIGMA**2 * np.eye(3)),
     )
 
 
 def guessed(r: Array, sigma: float) -> Array:
-    """The covariance (3, 3) of a position (3,) for which none is stated."""
+    """The default covariance (3, 3) of a position (3,)."""
     range_ = float(np.linalg.norm(r))
     line = np.outer(r, r) / range_**2
     covariance: Array = range_**2 * ((POSITION_SHARE**2 + sigma**2) * line + sigma**2 * (np.eye(3) - line))
@@ -68,7 +70,7 @@ def _position(position_m: Vec3, at: str) -> Vec3:
     right, down, forward = position_m
     if not math.hypot(*position_m) < LONGEST_RANGE:
         raise BadDocumentError(f"expected metres below {LONGEST_RANGE:g} - at `$.{at}`")
-    if not forward > NEAREST:
+    if not forward > MIN_DEPTH_M:
         raise BadDocumentError(f"it is behind the camera; expected right, down, forward - at `$.{at}`")
     return forward, right, down
 
@@ -85,7 +87,7 @@ def _check(P: Array, at: str) -> None:
     """Raise BadDocumentError unless P (k, k) can be a covariance."""
     if not np.isfinite(P).all():
         raise BadDocumentError(f"expected finite numbers - at `$.{at}`")
-    if np.abs(P - P.T).max() > EQUAL * np.abs(P).max():
+    if np.abs(P - P.T).max() > ASYMMETRY_TOLERANCE * np.abs(P).max():
         raise BadDocumentError(f"a covariance is symmetric - at `$.{at}`")
     try:
         np.linalg.cholesky(P)

@@ -8,10 +8,10 @@ import msgspec
 from onboard.messages import PeerRanges, Pseudoranges, SatelliteRange
 from onboard.wire.documents.document import BadDocumentError, Refuse, parse_measurements, raise_reason
 
-MOST_SEEN: Final = 64  # satellites; no receiver follows more of one kind
+MAX_SATELLITE_COUNT: Final = 64  # no receiver tracks more of one constellation
 ORBITS: Final = (6.4e6, 1e8)  # m from the Earth's centre
 FASTEST_RANGE_RATE: Final = 2e4  # m/s
-LONGEST_PSEUDORANGE: Final = 1e9  # m: a pseudorange contains the error of the receiver's clock
+MAX_RANGE_M: Final = 1e9  # pseudoranges contain the error of the receiver's clock
 POSSIBLE_ORBITS: Final = (
     "orbits are 6400 to 100000 km from the Earth's centre, pseudoranges to 1e9 m, rates and "
     "velocities to 20 km/s, sigma > 0"
@@ -21,16 +21,15 @@ _decoder = msgspec.json.Decoder(Pseudoranges)
 
 
 def decode_ranges(data: bytes, t_recv_ns: int, refuse: Refuse = raise_reason) -> PeerRanges:
-    """PeerRanges of one JSON document of Pseudoranges. `refuse` is called with the reason for each satellite that
-    cannot be used; it costs the others nothing.
+    """Decode one JSON document of Pseudoranges; `refuse` is called for each bad satellite.
 
     Raises BadDocumentError (see `document.parse`), also when no satellite can be used, or one occurs twice.
     """
     m = parse_measurements(_decoder, data, _possible, POSSIBLE_ORBITS, refuse)
     if not 1 <= m.peer <= 255:
         raise BadDocumentError("a system number is 1 to 255 - at `$.peer`")
-    if len(m.satellites) > MOST_SEEN or len({s.satellite for s in m.satellites}) < len(m.satellites):
-        raise BadDocumentError(f"at most {MOST_SEEN} satellites, each once - at `$.satellites`")
+    if len(m.satellites) > MAX_SATELLITE_COUNT or len({s.satellite for s in m.satellites}) < len(m.satellites):
+        raise BadDocumentError(f"at most {MAX_SATELLITE_COUNT} satellites, each once - at `$.satellites`")
     return PeerRanges(
         t_ns=m.t_ns,
         t_recv_ns=t_recv_ns,
@@ -47,7 +46,7 @@ def _possible(s: SatelliteRange) -> bool:
     return (
         low < math.hypot(*s.r_e) < high
         and math.hypot(*s.v_e) < FASTEST_RANGE_RATE
-        and abs(s.pseudorange) < LONGEST_PSEUDORANGE
+        and abs(s.pseudorange) < MAX_RANGE_M
         and abs(s.rate) < FASTEST_RANGE_RATE
         and all(sigma is None or 0 < sigma < 1e6 for sigma in (s.sigma, s.rate_sigma))
     )

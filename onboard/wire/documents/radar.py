@@ -9,22 +9,21 @@ from onboard.messages import RadarDetection, RadarDetections, RadarScan
 from onboard.wire.documents.document import BadDocumentError, Refuse, check_name, parse_measurements, raise_reason
 
 POSSIBLE_ECHOES: Final = "range > 0, azimuth within +-2 pi, elevation within +-pi/2, sigma > 0"
-MOST_ECHOES: Final = 4096  # detections in one scan; no radar of a small aircraft resolves more
+MAX_ECHO_COUNT: Final = 4096  # in one scan; no radar of a small aircraft resolves more
 
 _decoder = msgspec.json.Decoder(RadarDetections)
 
 
 def decode_radar(data: bytes, t_recv_ns: int, refuse: Refuse = raise_reason) -> RadarScan:
-    """RadarScan of one JSON document of RadarDetections. `refuse` is called with the reason for each echo that
-    cannot be used; it costs the others nothing.
+    """Decode one JSON document of RadarDetections; `refuse` is called for each bad echo.
 
     Raises BadDocumentError (see `document.parse`), also when no echo of several can be used: an empty scan would
-    say that the radar sees nothing.
+    claim that the radar sees nothing.
     """
     m = parse_measurements(_decoder, data, _possible, POSSIBLE_ECHOES, refuse)
     check_name(m.radar, "radar")
-    if len(m.detections) > MOST_ECHOES:
-        raise BadDocumentError(f"more than {MOST_ECHOES} detections - at `$.detections`")
+    if len(m.detections) > MAX_ECHO_COUNT:
+        raise BadDocumentError(f"more than {MAX_ECHO_COUNT} detections - at `$.detections`")
     return RadarScan(
         t_ns=m.t_ns,
         t_recv_ns=t_recv_ns,

@@ -1,8 +1,7 @@
-"""ArduPilot's DataFlash log (.bin) -> records of our vehicle, from the autopilot's own log. It never holds camera
-points.
+"""ArduPilot's DataFlash log (.bin) -> records of our vehicle, without camera points.
 
-Stamps are the autopilot's boot clock. Arrivals are the same times on the Unix clock, as the GPS has it at most of
-its 3-D fixes (some 0.1 to 0.2 s late), so that images with Unix times can be matched; without a fix, on the boot
+Stamps are the autopilot's boot clock. Arrivals are the same times on the Unix clock, by the median of the GPS's
+3-D fixes (0.1 to 0.2 s late), so that images with Unix times can be matched. Without a fix they are on the boot
 clock.
 """
 
@@ -14,6 +13,8 @@ from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppres
 from pathlib import Path
 from statistics import median_low
 from typing import Any, Final
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard.geometry.rotations import quaternion_from_euler
 from onboard.messages import (
@@ -35,21 +36,16 @@ from onboard.messages.base import Vec3
 from onboard.messages.mavlink_enums import ARDUPILOT
 from onboard.messages.text import MAX_LINE_LENGTH, plain
 from onboard.wire.logs.tlog import NotALogError
-from onboard.wire.mavlink.records import POS_HORIZ_ABS, POS_HORIZ_REL, VELOCITY_HORIZ, barometer
+from onboard.wire.mavlink.records import barometer
 
 MAGIC: Final = b"\xa3\x95"
-ACTIVE: Final = 4
-FIX_3D: Final = 3
 GPS_EPOCH_S: Final = 315_964_800  # 6 January 1980, Unix time
-STDERR: Final = 2
-S_PER_DAY: Final = 86_400
 # By how much GPS time is ahead of UTC, s, since a day of GPS time: 2017, 2015, and before.
 LEAP_S: Final = ((13510, 18), (12960, 17), (0, 16))
-FIRST_WEEK: Final = 1669  # of 2012, before any such log: receivers count on from 0 after 1,024 weeks
+MIN_GPS_WEEK_NUMBER: Final = 1669  # of 2012, before any such log; receivers wrap after 1,024 weeks
 ROLLOVER: Final = "GPS: its time is 1,024 weeks early, a rollover of the receiver's weeks; it is corrected"
-WEEK_S: Final = 604_800
-MOST_FIXES: Final = 1000  # by which the Unix time is judged
-LATEST_US: Final = 2**53  # 285 years after boot
+MAX_FIX_COUNT: Final = 1000  # whose median is the offset of Unix time
+MAX_TIME_US: Final = 2**53  # 285 years after boot
 UNREADABLE: Final = Exception  # pymavlink raises that itself, besides all that Python does of damaged bytes
 INSTANCES: Final = ("I", "C", "Inst", "Instance")  # the field that numbers a row's sensor or core
 RENAMED_ROWS: Final = {  # of firmware that numbers rows in their names: the name today, and the instance
@@ -64,25 +60,24 @@ RENAMED_ROWS: Final = {  # of firmware that numbers rows in their names: the nam
     "XKF9": ("XKF4", 1),
 }
 TIMES: Final = frozenset({"TimeUS", "TimeMS", "T"})  # fields of which a row has one; texts of 2015 have none
-SILENT_US: Final = 2_000_000  # of a sensor, after which another one is read
+SENSOR_TIMEOUT_US: Final = 2_000_000  # before another instance is read
 LOG_ROWS: Final = (
     *("ATT", "IMU", "XKF1", "NKF1", "EKF1", "XKF4", "NKF4", "EKF4", "ORGN", "GPS", "GPA", "BARO", "RCOU"),
     *("BAT", "CURR"),
 )
-INFO: Final = 6  # MAV_SEVERITY: a row of MSG has none
-SAID: Final = ("MODE", "ARM", "MSG")  # for people: no time base begins with them
+TEXT_ROWS: Final = ("MODE", "ARM", "MSG")  # no time base begins with them
 Lose = Callable[[str], None]
 Header = dict[str, Any]
 
 
 def read_dataflash(path: Path, lose: Lose = lambda _: None) -> Iterator[tuple[Message, int]]:
-    """(message, bytes of the file consumed so far) in the order of the log, after one heartbeat that names the
-    vehicle type; further ones say modes and arming. Parameters have the time of the row before. Of each sensor
-    it is the first instance that the log holds, until that brings nothing of use (a GPS: no 3-D fix) for 2 s; of
-    the EKF, the primary core.
+    """Read (message, bytes of the file consumed so far) in the order of the log.
 
-    A row that cannot be used is left out; `lose` is called with the reason. Raises NotALogError when the log
-    cannot be read.
+    The first message is a heartbeat with the vehicle type; later heartbeats state mode and arming. Parameters have
+    the time of the row before. Each sensor is read from its first instance until that gives nothing usable (a GPS:
+    no 3-D fix) for 2 s, the EKF from the primary core. `lose` receives the reason for each unusable row.
+
+    Raises NotALogError when the log cannot be read.
     """
     from pymavlink import DFReader  # noqa: PLC0415 - a flight never needs it
 
@@ -109,7 +104,7 @@ def read_dataflash(path: Path, lose: Lose = lambda _: None) -> Iterator[tuple[Me
 def _messages(log: Any, offset_ns: int, lose: Lose) -> Iterator[tuple[Message, int]]:
     system = int(log.params.get("SYSID_THISMAV", log.params.get("MAV_SYSID", 1)))
     system = system if 0 < system < 256 else 1
-    converter, said = _Converter(), _Said(int(log.mav_type))
+    converter, said = _Converter(), _TextConverter(int(log.mav_type))
     newest, waiting = Header(), list[Any]()
     for row in _rows(log, (), lose):
         kind, instance = RENAMED_ROWS.get(row.get_type(), (row.get_type(), _instance(row)))
@@ -117,9 +112,9 @@ def _messages(log: Any, offset_ns: int, lose: Lose) -> Iterator[tuple[Message, i
             waiting.append(row)  # the first for the heartbeat; old ones have no time of their own
             if newest:
                 yield from _parameters(log, waiting, newest, lose)
-        if kind not in LOG_ROWS and kind not in SAID:
+        if kind not in LOG_ROWS and kind not in TEXT_ROWS:
             continue
-        words = kind in SAID
+        words = kind in TEXT_ROWS
         if not newest and not TIMES.intersection(row.fmt.columns):
             continue  # texts before the first time
         try:
@@ -138,7 +133,7 @@ def _messages(log: Any, offset_ns: int, lose: Lose) -> Iterator[tuple[Message, i
 
 
 def _parameters(log: Any, rows: list[Any], header: Header, lose: Lose) -> Iterator[tuple[Message, int]]:
-    """Parameters, which are taken off their list; their defaults are logged since ArduPilot 4.4."""
+    """Convert and remove waiting parameters; ArduPilot logs their defaults since 4.4."""
     head = {**header, "clock": Clock.NONE, "extended": False}
     for row in rows:
         try:
@@ -152,7 +147,7 @@ def _parameters(log: Any, rows: list[Any], header: Header, lose: Lose) -> Iterat
     rows.clear()
 
 
-class _Said:
+class _TextConverter:
     """Rows for people -> heartbeats with the mode and whether the motors are armed, and texts."""
 
     def __init__(self, vehicle_type: int) -> None:
@@ -162,7 +157,9 @@ class _Said:
         """The message of a row."""
         header = header | {"clock": Clock.NONE}
         if kind == "MSG":
-            return StatusText(**header, severity=INFO, text=plain(str(row.Message), MAX_LINE_LENGTH))
+            return StatusText(
+                **header, severity=dialect.MAV_SEVERITY_INFO, text=plain(str(row.Message), MAX_LINE_LENGTH)
+            )
         if kind == "ARM":
             self._armed = bool(row.ArmState)
         else:
@@ -171,13 +168,12 @@ class _Said:
 
     def heartbeat(self, header: Header) -> Heartbeat:
         """The newest mode, and whether the motors are armed."""
-        head = {**header, "vehicle_type": self._type, "autopilot": ARDUPILOT, "status": ACTIVE}
+        head = {**header, "vehicle_type": self._type, "autopilot": ARDUPILOT, "status": dialect.MAV_STATE_ACTIVE}
         return Heartbeat(**head, armed=self._armed, custom_mode=self._mode)
 
 
 class _Converter:
-    """Rows -> messages. Rows that are wanted with others are kept until then: body rates with the attitude,
-    accuracies with the fix, which core is the primary one."""
+    """Rows -> messages, with body rates for the attitude and accuracies for the fix."""
 
     def __init__(self) -> None:
         self._rates: Vec3 = (0.0, 0.0, 0.0)
@@ -187,7 +183,7 @@ class _Converter:
         self._read: dict[str, tuple[int, int]] = {}
 
     def convert(self, kind: str, instance: int, row: Any, header: Header) -> Message | None:
-        """The message of a row; None for one that has none, or is of another sensor."""
+        """The message of a row; None if it has none or belongs to a sensor that is not read."""
         if kind in ("XKF4", "NKF4") and "PI" in row.fmt.columns:
             self._core = int(row.PI)
         if not self._is_read(kind, instance, row, header["t_ns"] // 1000):
@@ -213,9 +209,9 @@ class _Converter:
             return instance == self._core
         if kind == "GPA":
             return instance == self._read.get("GPS", (instance, 0))[0]
-        of_use = kind != "GPS" or int(row.Status) >= FIX_3D
+        of_use = kind != "GPS" or int(row.Status) >= dialect.GPS_FIX_TYPE_3D_FIX
         read, last_us = self._read.get(kind, (instance, t_us))
-        if instance != read and not (of_use and t_us - last_us > SILENT_US):
+        if instance != read and not (of_use and t_us - last_us > SENSOR_TIMEOUT_US):
             return False
         self._read[kind] = instance, t_us if of_use else last_us
         return True
@@ -243,12 +239,12 @@ def _local_position(row: Any, header: Header) -> Message:
 
 
 def _status(row: Any, header: Header) -> Message:
-    """The same bits as in EKF_STATUS_REPORT, but for the constant position mode, which is logged elsewhere."""
+    """The flags of EKF_STATUS_REPORT without constant-position mode, which is not in this row."""
     flags = int(row.SS)
     return EstimatorStatus(
         **header,
-        horizontal_velocity=bool(flags & VELOCITY_HORIZ),
-        horizontal_position=bool(flags & (POS_HORIZ_REL | POS_HORIZ_ABS)),
+        horizontal_velocity=bool(flags & dialect.ESTIMATOR_VELOCITY_HORIZ),
+        horizontal_position=bool(flags & (dialect.ESTIMATOR_POS_HORIZ_REL | dialect.ESTIMATOR_POS_HORIZ_ABS)),
     )
 
 
@@ -287,8 +283,10 @@ CONVERT: Final[dict[str, Callable[[Any, Header], Message | None]]] = {
 
 
 def _rows(log: Any, kinds: tuple[str, ...], lose: Lose) -> Iterator[Any]:
-    """The log's rows of these kinds from its begin, as far as pymavlink's index goes: to the first damage. Without
-    kinds, all rows one after the other, over damage; what pymavlink prints of it goes to `lose`."""
+    """Rows of these kinds up to the first damage, or of all kinds and across damage.
+
+    `lose` receives what pymavlink prints of the damage.
+    """
     log.rewind()
     while True:
         with _quiet() as printed:
@@ -305,18 +303,20 @@ def _rows(log: Any, kinds: tuple[str, ...], lose: Lose) -> Iterator[Any]:
 
 
 def _unix_offset_ns(log: Any, lose: Lose) -> int:
-    """Unix time less boot time, the median over 3-D fixes, of which a receiver's first ones may have another week;
-    0 without one. Only arrivals need it."""
+    """Unix time minus boot time, ns, as the median over 3-D fixes; 0 without one.
+
+    A receiver's first fixes may have another week.
+    """
     offsets, early = list[int](), 0
     for row in _rows(log, ("GPS", "GPS2"), lambda _: None):
-        week = _field(row, "GWk", "Week") if int(row.Status) >= FIX_3D else 0
+        week = _field(row, "GWk", "Week") if int(row.Status) >= dialect.GPS_FIX_TYPE_3D_FIX else 0
         if week > 0:
-            is_early = week < FIRST_WEEK
+            is_early = week < MIN_GPS_WEEK_NUMBER
             week, early = week + 1024 * is_early, early + is_early
-            gps_ms = week * WEEK_S * 1000 + _field(row, "GMS", "TimeMS")
-            leap_s = next(seconds for since, seconds in LEAP_S if gps_ms >= since * S_PER_DAY * 1000)
+            gps_ms = week * 604_800 * 1000 + _field(row, "GMS", "TimeMS")
+            leap_s = next(seconds for since, seconds in LEAP_S if gps_ms >= since * 86_400 * 1000)
             offsets.append((gps_ms + (GPS_EPOCH_S - leap_s) * 1000) * 1_000_000 - _time_us(row) * 1000)
-            if len(offsets) >= MOST_FIXES:
+            if len(offsets) >= MAX_FIX_COUNT:
                 break
     if 2 * early > len(offsets):
         lose(ROLLOVER)
@@ -324,7 +324,7 @@ def _unix_offset_ns(log: Any, lose: Lose) -> int:
 
 
 def _time_us(row: Any) -> int:
-    """Since boot. Firmware before 2015 has milliseconds, and in a GPS row beside those of the GPS's week."""
+    """Time since boot, us; firmware before 2015 logs milliseconds."""
     return int(row.TimeUS) if "TimeUS" in row.fmt.columns else 1000 * _field(row, "T", "TimeMS")
 
 
@@ -338,7 +338,7 @@ def _field(row: Any, *names: str) -> int:
 
 def _header(row: Any, system: int, offset_ns: int) -> Header:
     t_us = _time_us(row)
-    if not 0 <= t_us < LATEST_US:
+    if not 0 <= t_us < MAX_TIME_US:
         raise ValueError("its time cannot be")
     return {"t_ns": t_us * 1000, "t_recv_ns": t_us * 1000 + offset_ns, "clock": Clock.BOOT, "system": system}
 
@@ -348,7 +348,7 @@ def _instance(row: Any) -> int:
 
 
 def _finite(row: Any, *names: str) -> Vec3:
-    """Three fields. Raises ValueError for one that is no finite number."""
+    """Return three fields. Raises ValueError if one is not finite."""
     x, y, z = (float(getattr(row, name)) for name in names)
     if not math.isfinite(x + y + z):
         raise ValueError(f"one of {', '.join(names)} is no finite number")
@@ -357,14 +357,14 @@ def _finite(row: Any, *names: str) -> Vec3:
 
 @contextmanager
 def _quiet_library() -> Iterator[None]:
-    """Keeps off the screen what pymavlink's index, which is written in C, prints of each damaged byte."""
+    """Suppress what pymavlink's index, written in C, prints of each damaged byte."""
     with Path(os.devnull).open("wb") as nowhere:
-        screen = os.dup(STDERR)
+        screen = os.dup(2)  # standard error
         try:
-            os.dup2(nowhere.fileno(), STDERR)
+            os.dup2(nowhere.fileno(), 2)
             yield
         finally:
-            os.dup2(screen, STDERR)
+            os.dup2(screen, 2)
             os.close(screen)
 
 

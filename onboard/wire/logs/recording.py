@@ -1,11 +1,10 @@
-"""Recordings as `onboard` writes them (MCAP): every datagram bit for bit, in the order it was fed, and the
-estimates made from them, as JSON.
+"""Recordings of `onboard` (MCAP): every datagram bit for bit, and the estimates as JSON.
 
 A channel whose message encoding is one of `Encoding` holds datagrams: its topic is their channel, the log time
-their arrival, ns, the publish time that arrival by the wall clock, and the sequence how long they waited in this
-program, microseconds. Each holds where the channel's metadata say so. A channel of encoding "json" holds
-published records; its topic is the key they were published on. Metadata named CONFIGURATION, before all else,
-hold the configuration of the flight, as JSON.
+their arrival, ns, the publish time that arrival by the wall clock, and the sequence their wait in this program,
+microseconds. The channel's metadata state which of them it has. A channel of encoding "json" holds published
+records; its topic is their key. Metadata named CONFIGURATION, at the start, hold the flight's configuration as
+JSON.
 """
 
 import struct
@@ -26,7 +25,7 @@ MAGIC: Final = b"\x89MCAP0\r\n"
 JSON: Final = "json"
 CONFIGURATION: Final = "configuration"  # of metadata
 RECORDING: Final = "recording"  # of metadata: the file's name, its number, and the run, of which it may be a part
-LARGEST_RECORD: Final = 256 << 20  # bytes; a length beyond this is damage, not data
+MAX_RECORD_BYTES: Final = 256 << 20  # a longer record is damaged
 DAMAGE: Final = (McapError, ValueError, OverflowError, MemoryError, struct.error)
 MADE: Final[Mapping[str, type[Estimate]]] = {"estimate": Estimate, "own_state": NavState}
 ENCODINGS: Final = {encoding.value: encoding for encoding in Encoding}
@@ -39,17 +38,16 @@ def is_recording(path: Path) -> bool:
 
 
 def read_configuration(path: Path) -> bytes | None:
-    """The configuration that a recording was made with, as JSON; None where it holds none, or is no recording.
-
-    Raises OSError.
-    """
+    """Read the configuration in a recording, as JSON; None without one. Raises OSError."""
     found = _metadata(path, CONFIGURATION)
     return None if found is None else found.get(JSON, "").encode()
 
 
 def parts_of(path: Path) -> tuple[Path, ...]:
-    """A log, and the parts in the same folder that follow it in the same run, where it is a recording of ours that
-    was divided by its size. Raises OSError."""
+    """A log and the following parts of its run, if it is a recording that was divided by size.
+
+    Raises OSError.
+    """
     label = _metadata(path, RECORDING) or {}
     if not label.get("run"):
         return (path,)
@@ -62,12 +60,12 @@ def parts_of(path: Path) -> tuple[Path, ...]:
 
 
 def _metadata(path: Path, name: str) -> dict[str, str] | None:
-    """The metadata of that name before all else; None where a file has none, or is no recording."""
+    """Read the metadata of that name at a file's start; None if there are none."""
     with path.open("rb") as file:
         if file.read(len(MAGIC)) != MAGIC:
             return None
         try:
-            for record in StreamReader(file, skip_magic=True, record_size_limit=LARGEST_RECORD).records:
+            for record in StreamReader(file, skip_magic=True, record_size_limit=MAX_RECORD_BYTES).records:
                 if isinstance(record, Metadata) and record.name == name:
                     return dict(record.metadata)
                 if not isinstance(record, Header | Metadata):
@@ -78,8 +76,7 @@ def _metadata(path: Path, name: str) -> dict[str, str] | None:
 
 
 def read_recording(path: Path) -> Iterator[tuple[Datagram | None, int]]:
-    """(Datagram, bytes of the file consumed so far) for each one; (None, ...) once for each stretch that cannot be
-    read, such as the missing end of a recording that was cut off.
+    """Read (Datagram, bytes consumed so far), (None, ...) once for each unreadable stretch.
 
     Raises NotALogError at once when the file is not an MCAP file, OSError when it cannot be read.
     """
@@ -89,10 +86,10 @@ def read_recording(path: Path) -> Iterator[tuple[Datagram | None, int]]:
 def read_flown(
     path: Path, made: Mapping[str, type[Estimate]] = MADE
 ) -> Iterator[tuple[Datagram | Estimate | None, int]]:
-    """As `read_recording`, with the estimates among the datagrams that they were made of: those whose keys begin
-    as in `made`, of these records. One of another version of its record is left out.
+    """Read datagrams as `read_recording`, and the estimates whose keys begin as in `made`.
 
-    Raises NotALogError at once when the file is not an MCAP file, OSError when it cannot be read.
+    An estimate of another version of its record is left out. Raises NotALogError at once when the file is not an
+    MCAP file, OSError when it cannot be read.
     """
     lost = False
     decoders = {begin: msgspec.json.Decoder(record) for begin, record in made.items()}
@@ -113,8 +110,7 @@ def read_flown(
 
 
 def read_messages(path: Path) -> Iterator[tuple[Any, Any, Any] | None]:
-    """(schema or None, channel, message) as mcap's records, of everything in the file; None for each part that
-    cannot be read.
+    """Read mcap's (schema or None, channel, message) of a file; None for each unreadable part.
 
     Raises NotALogError, OSError.
     """
@@ -124,7 +120,7 @@ def read_messages(path: Path) -> Iterator[tuple[Any, Any, Any] | None]:
 
 
 def _datagram(channel: Channel, encoding: Encoding, message: Any) -> Datagram:
-    """A datagram. Where the channel says so, the publish time is the wall clock's, and the sequence a wait."""
+    """The datagram of a message; the channel's metadata state which of its times are valid."""
     step_ns = message.publish_time - message.log_time if "publish_time" in channel.metadata else None
     return Datagram(
         channel=channel.topic,
@@ -137,12 +133,14 @@ def _datagram(channel: Channel, encoding: Encoding, message: Any) -> Datagram:
 
 
 def _read(path: Path, schemas: dict[int, Any] | None = None) -> Iterator[tuple[tuple[Any, Any] | None, int]]:
-    """((channel, message), bytes consumed) in file order; (None, ...) for a part that cannot be read. Schemas are
-    put into `schemas` by their number."""
+    """Read ((channel, message), bytes consumed) in file order, (None, ...) for a bad part.
+
+    Schemas are put into `schemas` by their number.
+    """
     with path.open("rb") as file:
         if file.read(len(MAGIC)) != MAGIC:
             raise NotALogError(f"{path.name}: this is not a recording: it does not begin as an MCAP file does")
-        reader = StreamReader(file, skip_magic=True, emit_chunks=True, record_size_limit=LARGEST_RECORD)
+        reader = StreamReader(file, skip_magic=True, emit_chunks=True, record_size_limit=MAX_RECORD_BYTES)
         channels: dict[int, Any] = {}
         ended = False
         try:
@@ -157,7 +155,7 @@ def _read(path: Path, schemas: dict[int, Any] | None = None) -> Iterator[tuple[t
 
 
 def _messages(record: Any, channels: dict[int, Any], schemas: dict[int, Any]) -> list[tuple[Any, Any] | None]:
-    """The messages of one record with their channels; None for one that cannot be read."""
+    """The messages of one record with their channels; None for an unreadable one."""
     try:
         parts = breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record]
     except Exception:  # a decompressor may raise anything on damaged bytes

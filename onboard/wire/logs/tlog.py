@@ -1,5 +1,7 @@
-"""Recordings of MAVLink as ground stations write them (.tlog): 8 bytes of big-endian Unix microseconds, then
-one frame, over and over."""
+"""Ground stations' recordings of MAVLink (.tlog).
+
+Each record is a big-endian 64-bit Unix time in microseconds and one frame.
+"""
 
 import io
 import struct
@@ -7,16 +9,15 @@ from collections.abc import Iterator
 from typing import BinaryIO, Final
 
 from onboard.messages import Datagram, Encoding
-from onboard.wire.mavlink.decode import flaw
+from onboard.wire.mavlink.decode import frame_error
 from onboard.wire.mavlink.frame import V1, V2, frame_length
 
 STAMP: Final = struct.Struct(">Q")
 TLOG_CHANNEL: Final = "tlog"
-EARLIEST_US: Final = 0
 READ_BYTES: Final = 1 << 20  # bytes that are read at a time
-SEARCHED: Final = 1 << 16  # bytes in which a log that is damaged at its begin must show a frame that is whole
+MAX_SEARCH_BYTES: Final = 1 << 16  # in which a log that begins with damage must contain a whole frame
 RECORD_MARGIN: Final = 1024  # bytes: more than a record, and what shows that it is whole
-YEAR_2100_US: Final = 4_102_444_800_000_000  # the year 2100
+MAX_UNIX_TIME_US: Final = 4_102_444_800_000_000  # the year 2100
 
 
 class NotALogError(ValueError):
@@ -24,15 +25,14 @@ class NotALogError(ValueError):
 
 
 def read_tlog(source: bytes | BinaryIO, channel: str = TLOG_CHANNEL) -> Iterator[tuple[Datagram | None, int]]:
-    """(Datagram, bytes consumed so far) for each record; (None, ...) once for each stretch without one. A file is
-    read by blocks.
+    """Read (Datagram, bytes consumed so far), (None, ...) for each stretch without a record.
 
-    Raises NotALogError at once when the first bytes are not a record, nor any of those that follow soon.
+    Raises NotALogError at once when neither the first bytes nor the next `MAX_SEARCH_BYTES` hold a record.
     """
     file = io.BytesIO(source) if isinstance(source, bytes) else source
     data, at, begin, lost = file.read(READ_BYTES), 0, 0, False  # `begin`: where the block is in the file
     t_us = _stamp_at(data, 0)
-    if t_us is None and not _holds_record(data[:SEARCHED]):
+    if t_us is None and not _holds_record(data[:MAX_SEARCH_BYTES]):
         raise NotALogError("this is no .tlog: it does not begin with a time stamp and a MAVLink frame")
     while True:
         if len(data) - at < RECORD_MARGIN and (more := file.read(READ_BYTES)):
@@ -58,27 +58,25 @@ def read_tlog(source: bytes | BinaryIO, channel: str = TLOG_CHANNEL) -> Iterator
 
 
 def _is_whole(data: bytes, start: int, end: int) -> bool:
-    """Whether a frame that no record follows ends where its header says: the log ends there, or its checksum is
-    right. A wrong length would eat the records behind it."""
-    return end == len(data) or (end < len(data) and not flaw(data[start:end]))
+    """Whether a frame that no record follows is complete, by the log's end or the checksum."""
+    return end == len(data) or (end < len(data) and not frame_error(data[start:end]))
 
 
 def _holds_record(data: bytes) -> bool:
     """Whether there is a record whose frame has the right checksum."""
     for at in range(len(data) - 8):
         size = None if _stamp_at(data, at) is None else frame_length(data, at + 8)
-        if size is not None and at + 8 + size <= len(data) and not flaw(data[at + 8 : at + 8 + size]):
+        if size is not None and at + 8 + size <= len(data) and not frame_error(data[at + 8 : at + 8 + size]):
             return True
     return False
 
 
 def _stamp_at(data: bytes, at: int) -> int | None:
-    """The time stamp of the record that starts at `at`, microseconds: a plausible one, followed by a frame's first
-    byte; None if no record does."""
+    """The plausible time stamp, us, of the record that starts at `at`; None without a record."""
     if at + 9 > len(data) or data[at + 8] not in (V1, V2):
         return None
     t_us: int = STAMP.unpack_from(data, at)[0]
-    return t_us if EARLIEST_US <= t_us < YEAR_2100_US else None
+    return t_us if 0 <= t_us < MAX_UNIX_TIME_US else None
 
 
 def tlog_record(t_recv_ns: int, frame: bytes) -> bytes:

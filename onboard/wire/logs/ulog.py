@@ -1,7 +1,7 @@
-"""PX4 ULog (.ulg) -> records of our vehicle, from the autopilot's own log. It never holds camera points.
+"""PX4 ULog (.ulg) -> records of our vehicle; it never holds camera points.
 
-Stamps are the autopilot's boot clock. Arrivals are the same times on the Unix clock, as most fixes of the GPS have
-it, so that images with Unix times can be matched; without UTC in the log, on the boot clock.
+Stamps are the autopilot's boot clock. Arrivals are the same times on the Unix clock, by the median of the GPS's
+fixes, so that images with Unix times can be matched. Without UTC in the log they are on the boot clock.
 """
 
 import heapq
@@ -14,6 +14,7 @@ from statistics import median_low
 from typing import Any, BinaryIO, Final, NamedTuple
 
 import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard.messages import (
     ActuatorOutputs,
@@ -36,8 +37,6 @@ from onboard.wire.logs.tlog import NotALogError
 MAGIC: Final = b"ULog\x01\x12\x35"
 RATES_TOPIC: Final = "vehicle_angular_velocity"
 SPEEDS: Final = ("rollspeed", "pitchspeed", "yawspeed")
-ACTIVE: Final = 4
-ARMED: Final = 2  # of vehicle_status.arming_state
 STATUS: Final = "vehicle_status"
 # vehicle_status.nav_state -> main and sub mode, as PX4 makes HEARTBEAT.custom_mode of it
 MODES: Final = {
@@ -59,12 +58,12 @@ MODES: Final = {
     21: (3, 1),
     22: (4, 10),
 }
-DISORDER_US: Final = 1_000_000  # rows of one topic are in order but for this
-LONGEST_GAP_US: Final = 60_000_000  # in which a topic may be silent
-LATEST_US: Final = 2**53  # 285 years after boot
-LARGEST_MESSAGE: Final = 65_535  # bytes of a message
-DEEPEST: Final = 16  # formats within one another; PX4 has two
-HEADER: Final = 16  # bytes of the file's head
+MAX_DISORDER_TIME_US: Final = 1_000_000  # by which a row may precede the row before it
+MAX_GAP_TIME_US: Final = 60_000_000  # in one topic
+MAX_TIME_US: Final = 2**53  # 285 years after boot
+MAX_MESSAGE_BYTES: Final = 65_535
+MAX_FORMAT_DEPTH: Final = 16  # of nested formats; PX4 has two levels
+HEADER_BYTES: Final = 16
 SIZES: Final = {
     **dict.fromkeys(("int8_t", "uint8_t", "bool", "char"), 1),
     **dict.fromkeys(("int16_t", "uint16_t"), 2),
@@ -77,8 +76,7 @@ UNREADABLE: Final = (
 )
 UTC: Final = "time_utc_usec"  # of a fix
 BOOT_UTC: Final = "boot_time_utc_us"  # of the log's head
-SET_US: Final = 946_684_800_000_000  # a clock before 2000 was never set
-LATEST_UTC_US: Final = 2**53
+MIN_UTC_TIME_US: Final = 946_684_800_000_000  # the year 2000: an earlier clock was never set
 Lose = Callable[[str], None]
 
 
@@ -90,13 +88,13 @@ class LogSource(NamedTuple):
 
 
 def read_ulog(path: Path, lose: Lose = lambda _: None) -> Iterator[Message]:
-    """The messages of a ULog in time order, its texts among them, after one heartbeat that names the autopilot and
-    the vehicle type, and its parameters; further heartbeats say modes and arming. Of each topic
-    it is the first instance that has rows; of the actuators' outputs, that whose outputs move most: the others are
-    other boards or unused.
+    """Read the messages of a ULog in time order, with its texts and parameters.
 
-    A row that cannot be used is left out, and a topic without a field that it needs; `lose` is called with the
-    reason for each. Raises NotALogError when the log cannot be read.
+    The first message is a heartbeat with the autopilot and the vehicle type; later heartbeats state mode and
+    arming. Each topic is read from its first instance with rows, the actuators' outputs from the instance that
+    moves most. `lose` receives the reason for each unusable row or topic.
+
+    Raises NotALogError when the log cannot be read.
     """
     from pyulog import ULog  # noqa: PLC0415 - a flight never needs it
 
@@ -130,14 +128,14 @@ def read_ulog(path: Path, lose: Lose = lambda _: None) -> Iterator[Message]:
     if not streams:
         raise NotALogError("this ULog holds no attitude, position, IMU or GPS")
     header = _header(start_ns, source)
-    yield Heartbeat(**header, vehicle_type=kind, autopilot=PX4, armed=False, status=ACTIVE)
+    yield Heartbeat(**header, vehicle_type=kind, autopilot=PX4, armed=False, status=dialect.MAV_STATE_ACTIVE)
     messages = _texts(log, source, start_ns), _changes(log, source, start_ns)
     yield from _parameters(log, header)
     yield from heapq.merge(*streams, *messages, key=lambda m: m.t_ns)
 
 
 def _parameters(log: Any, header: dict[str, Any]) -> Iterator[Message]:
-    """The parameters at the start. Where a log has defaults, it has those that somebody has changed."""
+    """The parameters at the start, only the changed ones where the log has defaults."""
     defaults = log.get_default_parameters(0)
     head = {**header, "clock": Clock.NONE, "extended": False}
     for name, value in log.initial_parameters.items():
@@ -161,10 +159,12 @@ def _texts(log: Any, source: LogSource, start_ns: int) -> Iterator[Message]:
 
 
 def _check_formats(file: BinaryIO) -> None:
-    """pyulog writes a format out field by field, whatever a few bytes make of it. Raises NotALogError for one that
-    is larger than a message, or within itself."""
+    """Check the formats, which pyulog expands whatever their size.
+
+    Raises NotALogError for a format that is larger than a message or contains itself.
+    """
     formats: dict[str, list[str]] = {}
-    file.seek(HEADER)
+    file.seek(HEADER_BYTES)
     while len(head := file.read(3)) == 3 and head[2:] not in b"AL":  # which data follow
         text = file.read(int.from_bytes(head[:2], "little")).decode(errors="ignore")
         if head[2:] == b"F":
@@ -176,17 +176,17 @@ def _check_formats(file: BinaryIO) -> None:
 
 
 def _add_size(name: str, formats: dict[str, list[str]], sizes: dict[str, int], depth: int) -> None:
-    """Put the size of a format, and of those within it, among `sizes`. Raises NotALogError, ValueError."""
+    """Compute the size of a format and of its parts. Raises NotALogError, ValueError."""
     total = 0
     for field in formats.get(name, ()):
         kind, _, count = field.partition("[")
         if kind not in sizes:
-            if depth >= DEEPEST:
-                raise NotALogError(f"this ULog's format {plain(name)} has {DEEPEST} others within it, or itself")
+            if depth >= MAX_FORMAT_DEPTH:
+                raise NotALogError(f"this ULog's format {plain(name)} has {MAX_FORMAT_DEPTH} formats inside it")
             _add_size(kind, formats, sizes, depth + 1)
         total += sizes[kind] * max(1, int(count.partition("]")[0]) if count else 1)
-        if total > LARGEST_MESSAGE:
-            raise NotALogError(f"this ULog's format {plain(name)} has more than {LARGEST_MESSAGE} bytes")
+        if total > MAX_MESSAGE_BYTES:
+            raise NotALogError(f"this ULog's format {plain(name)} has more than {MAX_MESSAGE_BYTES} bytes")
     sizes[name] = total
 
 
@@ -195,22 +195,22 @@ def _name(lose: Lose, topic: str, reason: str) -> None:
 
 
 def _parameter(log: Any, name: str, default: int) -> int:
-    """A parameter from 1 to 255 at the start, the default where it is none."""
+    """A parameter at the start, the default unless it is 1 to 255."""
     value = log.initial_parameters.get(name, default)
     return int(value) if isinstance(value, (int, float)) and 1 <= value <= 255 else default
 
 
 def _in_order(columns: Any, lose: Lose) -> Any:
-    """A topic's rows in the order of their stamps, without those whose stamp is far from the rows around it."""
+    """Order a topic's rows by their stamps, without those far from the rows around them."""
     stamps = columns["timestamp"].tolist()
     kept, last = [], None
     for i, (t, following) in enumerate(itertools.zip_longest(stamps, stamps[1:])):
-        is_near = last is not None and abs(t - last) <= DISORDER_US
+        is_near = last is not None and abs(t - last) <= MAX_DISORDER_TIME_US
         if following is None:
-            is_near = is_near or last is None or 0 <= t - last <= LONGEST_GAP_US
+            is_near = is_near or last is None or 0 <= t - last <= MAX_GAP_TIME_US
         elif not is_near:
-            is_near = -DISORDER_US <= following - t <= LONGEST_GAP_US
-        if not is_near or t >= LATEST_US:
+            is_near = -MAX_DISORDER_TIME_US <= following - t <= MAX_GAP_TIME_US
+        if not is_near or t >= MAX_TIME_US:
             lose("a row's stamp is far from those of the rows around it")
             continue
         kept.append(i)
@@ -229,7 +229,7 @@ def _choose_outputs(instances: Any, topics: dict[str, Any]) -> None:
 
 
 def _add_rates(topics: dict[str, Any]) -> None:
-    """Add body rates to the attitude in newer logs, which keep them apart: the gyro's, at the attitude's times."""
+    """Add the gyro's body rates at the attitude's times; newer logs keep them apart."""
     attitude = topics.get("vehicle_attitude")
     rates, fields = topics.get(RATES_TOPIC), [f"xyz[{k}]" for k in range(3)]
     if rates is None:
@@ -244,7 +244,7 @@ def _add_rates(topics: dict[str, Any]) -> None:
 
 
 def _stream(convert: "Converter", columns: Any, source: LogSource, lose: Lose) -> Iterator[Message]:
-    """One topic's messages. `columns` maps each field's name to an array over the topic's rows."""
+    """Convert one topic, whose `columns` map field names to arrays over its rows."""
     needs = convert.needs(columns)
     for i, t_us in enumerate(columns["timestamp"].tolist()):
         unknown = [name for name in needs if not np.isfinite(columns[name][i])]
@@ -261,15 +261,14 @@ def _header(t_ns: int, source: LogSource) -> dict[str, Any]:
 
 
 def _unix_offset_ns(log: Any, fixes: Any) -> int:
-    """Unix time less boot time, the median over fixes that state both; without, as the log's head has it; 0 where
-    nothing does. Only arrivals need it."""
+    """Unix time minus boot time, ns, by the fixes' median, else by the log's header, else 0."""
     if fixes is not None and UTC in fixes:
         pairs = zip(fixes[UTC].tolist(), fixes["timestamp"].tolist(), strict=True)
-        offsets = [int(utc) - int(boot) for utc, boot in pairs if utc > SET_US]
+        offsets = [int(utc) - int(boot) for utc, boot in pairs if utc > MIN_UTC_TIME_US]
         if offsets:
             return 1000 * median_low(offsets)
     boot_us = log.msg_info_dict.get(BOOT_UTC, 0)
-    return 1000 * boot_us if isinstance(boot_us, int) and SET_US < boot_us < LATEST_UTC_US else 0
+    return 1000 * boot_us if isinstance(boot_us, int) and MIN_UTC_TIME_US < boot_us < MAX_TIME_US else 0
 
 
 def _vector(columns: Any, i: int, *names: str) -> Any:
@@ -328,14 +327,14 @@ def _outputs(c: Any, i: int, header: dict[str, Any]) -> Message:
 
 def _status(kind: int, c: Any, i: int, header: dict[str, Any]) -> Message:
     """A heartbeat with the mode and the arming; modes of later versions by their number."""
-    state, is_armed = int(c["nav_state"][i]), int(c["arming_state"][i]) == ARMED
+    state, is_armed = int(c["nav_state"][i]), int(c["arming_state"][i]) == 2  # ARMING_STATE_ARMED
     main, sub = MODES.get(state, (0, state))
     return Heartbeat(
         **header | {"clock": Clock.NONE},
         vehicle_type=kind,
         autopilot=PX4,
         armed=is_armed,
-        status=ACTIVE,
+        status=dialect.MAV_STATE_ACTIVE,
         custom_mode=sub << 24 | main << 16,
     )
 
@@ -352,7 +351,7 @@ def _place(columns: Any) -> tuple[str, ...]:
 
 
 class Converter(NamedTuple):
-    """What makes a message of a topic's row, and the fields that it cannot do without."""
+    """A converter of a topic's rows, and the fields that it requires."""
 
     read: Callable[[Any, int, dict[str, Any]], Message | None]
     needs: Callable[[Any], tuple[str, ...]]

@@ -1,4 +1,4 @@
-"""ONBOARD_COMPUTER_STATUS and CAMERA_INFORMATION: what ground stations show of the computer and its camera."""
+"""Encoders of ONBOARD_COMPUTER_STATUS and CAMERA_INFORMATION, for ground stations."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -9,9 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from onboard.messages import CameraInformation, ComputerStatus, Message
 
 UNKNOWN_8, UNKNOWN_TEMPERATURE, UNKNOWN_SPEED, UNKNOWN_32 = 255, 127, 32_767, 2**32 - 1
-MIB: Final = 2**20
-CORES: Final = 8
-TEXT: Final = 32
+TEXT_LENGTH: Final = 32
 
 
 def _computer_status(m: Any) -> list[Any]:
@@ -19,7 +17,7 @@ def _computer_status(m: Any) -> list[Any]:
         return [*values[:length], *[unknown] * (length - len(values))]
 
     def mebibytes(amount: int | None) -> int:
-        return UNKNOWN_32 if amount is None else min(amount // MIB, UNKNOWN_32 - 1)
+        return UNKNOWN_32 if amount is None else min(amount // 2**20, UNKNOWN_32 - 1)
 
     board = UNKNOWN_TEMPERATURE if m.temperature is None else max(min(round(m.temperature), 126), -128)
     none = [UNKNOWN_32] * 6
@@ -29,7 +27,7 @@ def _computer_status(m: Any) -> list[Any]:
             m.t_ns // 1000,
             round(m.uptime * 1000) % 2**32,
             0,
-            filled([min(round(p), 100) for p in m.cpu_percent], CORES, UNKNOWN_8),
+            filled([min(round(p), 100) for p in m.cpu_percent], 8, UNKNOWN_8),
             [UNKNOWN_8] * 10,
             [UNKNOWN_8] * 4,
             [UNKNOWN_8] * 10,
@@ -50,7 +48,7 @@ def _camera_information(m: Any) -> list[Any]:
     """The lens's focal length and the sensor's size in mm are not known."""
 
     def text(words: str) -> list[int]:
-        return list(words.encode("ascii", "replace")[: TEXT - 1].ljust(TEXT, b"\0"))
+        return list(words.encode("ascii", "replace")[: TEXT_LENGTH - 1].ljust(TEXT_LENGTH, b"\0"))
 
     major, minor, patch = m.version
     return [

@@ -1,10 +1,9 @@
-"""MAVLink bytes -> records in SI units. Sans-IO: bytes in, messages out; bad bytes are counted, not raised.
+"""MAVLink bytes -> records in SI units. Bad bytes are counted and never raise.
 
-Two framings. UDP: every datagram stands alone, so a truncated one cannot eat the next. Streams (TCP, serial): a
-frame that is cut off waits for its other part. Behind a bad checksum the search goes on at the next byte: the
-length may be what is wrong, and it must not eat good frames. Every frame's checksum is tested, but only the
-payloads of messages that become records are read. Signatures are tested where there is a key, and else skipped.
-Tests hold frames, counts and records to pymavlink's.
+Each UDP datagram stands alone, so a truncated one cannot consume the next. In streams (TCP, serial) an incomplete
+frame waits for its rest. After a bad checksum the search continues at the next byte, because the length may be
+wrong. Every checksum is tested, but only payloads that become records are read. Signatures are tested where there
+is a key and skipped elsewhere.
 """
 
 import re
@@ -14,7 +13,7 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from onboard.messages import Message
-from onboard.wire.mavlink.frame import MIRRORED, SIGNED, UNLISTED, V1, V2, frame_length, head_of
+from onboard.wire.mavlink.frame import MIRRORED, SIGNED, UNLISTED, V1, V2, frame_length, parse_header
 from onboard.wire.mavlink.landing_target import LANDING_TARGET, PointAssembler, is_point
 from onboard.wire.mavlink.records import CONVERT, Convert, Layout
 from onboard.wire.mavlink.signing import Verifier
@@ -28,8 +27,8 @@ MESSAGE_NAMES: Final = {
 UNKNOWN: Final = "unknown_message"
 TRACKING: Final = Layout("<7f4B")  # CAMERA_TRACKING_IMAGE_STATUS
 FIELD_OF_VIEW: Final = Layout("<I6i6f")  # CAMERA_FOV_STATUS, whose time is of the camera's own clock
-REPEATED_NS: Final = 500_000_000  # two ways of one link, as by a router and a bridge, differ by less
-KEPT_FRAMES: Final = 128  # sequence numbers begin anew after 256
+REPEAT_WINDOW_NS: Final = 500_000_000  # two paths of one link, through a router and a bridge, differ by less
+MAX_RECENT_FRAMES: Final = 128  # sequence numbers wrap after 256
 OnError = Callable[[str, Exception], None]
 IsOwn = Callable[[int, int, str], bool]  # system, component, name
 OnOwn = Callable[[int, int, int], None]  # system, component, arrival
@@ -40,19 +39,19 @@ def raise_error(_place: str, error: Exception) -> None:
     raise error
 
 
-def nobody(_system: int, _component: int, _name: str) -> bool:
+def is_never_own(_system: int, _component: int, _name: str) -> bool:
     """Nothing is sent, so nothing comes back."""
     return False
 
 
 class MavlinkDecoder:
-    """Decoder of one channel. `rejected` counts by reason the bytes and frames that gave no message; `names`
-    counts every well-formed frame by its MAVLink name. `on_error` is called with a frame's name and the exception
-    that it caused; the other frames are decoded. What `is_own` knows as ours has come back, and is refused before
-    its signature, which is good, is tested: `on_own` is called. With a `verifier`, only frames that it lets pass.
-    `repetitions`: arrivals of frames that came lately, the oldest first, on all channels that may carry the same
-    ones; one that comes again is left out.
-    `trackers` read what is of whole aircraft. `also`: messages that are read beside those of `CONVERT`."""
+    """Decoder of one channel, with counts of frames by name and of rejections by reason.
+
+    `on_error` receives the frame's name and the exception that it caused. Frames that `is_own` recognises are
+    reported to `on_own` and refused before their signature is tested. With a `verifier`, only verified frames
+    pass. `repetitions` maps recent frames of all redundant channels to their arrivals, oldest first; repeated
+    frames are dropped. `trackers` decodes whole aircraft. `also` extends `CONVERT`.
+    """
 
     def __init__(
         self,
@@ -63,7 +62,7 @@ class MavlinkDecoder:
         repetitions: dict[bytes, int] | None = None,
         trackers: TrackerDecoder | None = None,
         also: Mapping[str, tuple[Layout, Convert]] | None = None,
-        is_own: IsOwn = nobody,
+        is_own: IsOwn = is_never_own,
         on_own: OnOwn = lambda _system, _component, _t_recv_ns: None,
     ) -> None:
         self.rejected: Counter[str] = Counter()
@@ -82,8 +81,11 @@ class MavlinkDecoder:
         self._wall_step_ns = 0
 
     def decode(self, data: bytes, t_recv_ns: int, wall_step_ns: int = 0) -> list[Message]:
-        """Messages in `data`, in order. `t_recv_ns` is when the bytes arrived; `wall_step_ns` how far the wall
-        clock, by which signatures are stamped, has been set since."""
+        """Decode the messages in `data`, in order.
+
+        `t_recv_ns` is the arrival of the bytes. `wall_step_ns` is the sum of the later steps of the wall clock,
+        which stamps signatures.
+        """
         self._wall_step_ns = wall_step_ns
         data = self._rest + data
         messages: list[Message] = []
@@ -99,7 +101,7 @@ class MavlinkDecoder:
             if end > len(data) and self._stream:
                 break
             frame = data[at:end]
-            reason = "truncated" if end > len(data) else flaw(frame)
+            reason = "truncated" if end > len(data) else frame_error(frame)
             if reason == UNKNOWN and end == len(data) and self._stream:
                 break  # the byte behind it says whether it is a frame
             if reason == UNKNOWN and (end == len(data) or data[end] in (V1, V2)):
@@ -131,7 +133,7 @@ class MavlinkDecoder:
 
     def _message(self, frame: bytes, t_recv_ns: int) -> Message | None:
         """The record of one sound frame, None if it has none."""
-        head, number, system, component = head_of(frame)
+        head, number, system, component = parse_header(frame)
         name, payload = MESSAGE_NAMES[number][0], frame[head : head + frame[1]]
         if self._is_own(system, component, name) and not (name == "LANDING_TARGET" and is_point(payload)):
             self.rejected["our_own"] += 1
@@ -146,9 +148,9 @@ class MavlinkDecoder:
         if (recent := self._repetitions) is not None:
             before_ns = recent.pop(frame, None)
             recent[frame] = t_recv_ns
-            if len(recent) > KEPT_FRAMES:
+            if len(recent) > MAX_RECENT_FRAMES:
                 del recent[next(iter(recent))]
-            if before_ns is not None and abs(t_recv_ns - before_ns) <= REPEATED_NS:
+            if before_ns is not None and abs(t_recv_ns - before_ns) <= REPEAT_WINDOW_NS:
                 self.rejected["repeated"] += 1
                 return None
         try:
@@ -178,11 +180,11 @@ class MavlinkDecoder:
         return None
 
 
-def flaw(frame: bytes) -> str:
-    """Why the bytes of one frame, of the length that its header says, cannot be read; empty if they can."""
+def frame_error(frame: bytes) -> str:
+    """Return the reason why the bytes of one frame are invalid, empty if they are valid."""
     if frame[0] == V2 and frame[2] & ~SIGNED:
         return "bad_frame"
-    head, number, *_ = head_of(frame)
+    head, number, *_ = parse_header(frame)
     known = MESSAGE_NAMES.get(number)
     if known is None:
         return UNKNOWN  # without its CRC_EXTRA the checksum cannot be tested
@@ -190,7 +192,6 @@ def flaw(frame: bytes) -> str:
 
 
 def is_sound(frame: bytes, end: int, extra: bytes) -> bool:
-    """Whether the checksum of a frame, which stands at `end`, is right; `extra` is the message's CRC_EXTRA,
-    mirrored."""
+    """Whether the checksum at `end` of a frame is right, for the message's mirrored CRC_EXTRA."""
     mirrored = frame.translate(MIRRORED)
     return crc_hqx(extra, crc_hqx(mirrored[1:end], 0xFFFF)) == mirrored[end] << 8 | mirrored[end + 1]

@@ -1,4 +1,4 @@
-"""Records -> MAVLink 2 frames: those the daemon sends to an autopilot, and those simlink sends as one."""
+"""Records -> MAVLink 2 frames, as the daemon and as simlink's autopilot send them."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -37,13 +37,11 @@ from onboard.wire.mavlink.frame import UNLISTED
 STATUSTEXT_LENGTH: Final = 50
 ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 LANDED_STATES: Final = {None: 0, True: 1, False: 2}  # MAV_LANDED_STATE
-GPS_RAW_INT_HDOP: Final = 121  # a typical 1.21, in hundredths
 Encode = Mapping[type[Message], Callable[[Any], list[Any]]]
 
 
 class MavlinkEncoder:
-    """Encoder of one sender: (system, component) and its running sequence number. `also`: records that are encoded
-    beside those of `ENCODE`."""
+    """Encoder of one sender with its sequence number; `also` extends `ENCODE`."""
 
     def __init__(self, system: int, component: int, also: Encode | None = None) -> None:
         self._mav = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
@@ -106,7 +104,7 @@ def _gps_fix(m: Any) -> list[Any]:
             round(m.lat_deg * 1e7),
             round(m.lon_deg * 1e7),
             round(m.alt_msl * 1000),
-            GPS_RAW_INT_HDOP,
+            121,  # a typical HDOP, in hundredths
             65535,
             65535 if m.ground_speed is None else round(m.ground_speed * 100),
             _hundredths_of_degree(m.course_rad),
@@ -195,7 +193,7 @@ def _collision(m: Any) -> list[Any]:
 
 
 def _status_text(m: Any) -> list[Any]:
-    """A text that is longer than one message goes out in several, which receivers join by their common id."""
+    """Split a text over several messages, which receivers join by their common id."""
     text = m.text.encode("ascii", "replace")
     chunks = [text[i : i + STATUSTEXT_LENGTH] for i in range(0, len(text), STATUSTEXT_LENGTH)] or [b""]
     number = crc32(text) % 65535 + 1 if len(chunks) > 1 else 0

@@ -1,6 +1,6 @@
-"""GIMBAL_DEVICE_ATTITUDE_STATUS <-> GimbalAttitude; MOUNT_ORIENTATION, which it has replaced, -> GimbalAttitude.
+"""GIMBAL_DEVICE_ATTITUDE_STATUS <-> GimbalAttitude, and the older MOUNT_ORIENTATION.
 
-The quaternion is that of the gimbal's head against NED, or against NED turned to our heading; flags say which.
+The quaternion is that of the gimbal's head against NED, or against NED turned to our heading, as the flags state.
 Roll and pitch are against the horizon in both.
 """
 
@@ -13,14 +13,14 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from onboard.geometry.rotations import quaternion_from_euler
 from onboard.messages import GimbalAttitude, Message, MountAttitude
 
-YAW_LOCK: Final = 16  # GIMBAL_DEVICE_FLAGS: yaw is the earth's, where neither of the next two is set
-VEHICLE_YAW: Final = 32
-EARTH_YAW: Final = 64
+YAW_LOCK: Final = dialect.GIMBAL_DEVICE_FLAGS_YAW_LOCK  # in the earth's frame, if neither flag below is set
+VEHICLE_YAW: Final = dialect.GIMBAL_DEVICE_FLAGS_YAW_IN_VEHICLE_FRAME
+EARTH_YAW: Final = dialect.GIMBAL_DEVICE_FLAGS_YAW_IN_EARTH_FRAME
 FORM: Final = "<I7fIH2B2fB"  # time, q, rates, failures; flags, target; delta_yaw, its rate, device
 
 
 def attitude(f: tuple[Any, ...], h: dict[str, Any]) -> Message:
-    """The record of a payload's fields. A gimbal that is a component of its own has no device id but its own."""
+    """The record of a GIMBAL_DEVICE_ATTITUDE_STATUS; a device id of 0 is the sender's own."""
     flags, device = f[9], f[14]
     is_earth = bool(flags & EARTH_YAW) if flags & (EARTH_YAW | VEHICLE_YAW) else bool(flags & YAW_LOCK)
     mount = MountAttitude(q=f[1:5], frame="earth" if is_earth else "heading")
@@ -31,7 +31,7 @@ ORIENTATION: Final = "<I4f"  # time; roll, pitch, yaw in degrees, and the yaw ag
 
 
 def orientation(f: tuple[Any, ...], h: dict[str, Any]) -> Message:
-    """The record of a MOUNT_ORIENTATION: angles against our heading and the horizon. An unknown roll is 0."""
+    """The record of a MOUNT_ORIENTATION, relative to our heading; an unknown roll is 0."""
     roll, pitch, yaw = (math.radians(angle) for angle in f[1:4])
     w, x, y, z = quaternion_from_euler(0.0 if math.isnan(roll) else roll, pitch, yaw).tolist()
     mount = MountAttitude(q=(w, x, y, z), frame="heading")
@@ -39,7 +39,7 @@ def orientation(f: tuple[Any, ...], h: dict[str, Any]) -> Message:
 
 
 def _message(m: Any) -> list[Any]:
-    """The message of a record. Raises KeyError for the frame `body`, which MAVLink does not have."""
+    """Encode a record. Raises KeyError for the frame `body`, which MAVLink does not have."""
     flags = {"earth": EARTH_YAW, "heading": VEHICLE_YAW}[m.mount.frame]
     device = 0 if m.device == m.component else m.device
     nan = float("nan")

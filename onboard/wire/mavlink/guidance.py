@@ -1,7 +1,6 @@
-"""FOLLOW_TARGET, TARGET_RELATIVE and other messages about the leader: records -> MAVLink messages, and back.
+"""Messages about the leader (FOLLOW_TARGET, TARGET_RELATIVE, ...) <-> records.
 
-TARGET_RELATIVE (511) is not in pymavlink's dialects. Its layout and CRC_EXTRA follow its definition in MAVLink's
-development.xml.
+TARGET_RELATIVE (511) is not in pymavlink's dialects. Its layout and CRC_EXTRA follow MAVLink's development.xml.
 """
 
 import math
@@ -25,21 +24,17 @@ from onboard.messages import (
     Vec3,
 )
 from onboard.messages.mavlink_enums import BODY_FRD
-from onboard.wire.mavlink.frame import CURRENT_MODE, TARGET_RELATIVE, UNLISTED
+from onboard.wire.mavlink.frame import CURRENT_MODE_ID, TARGET_RELATIVE_ID, UNLISTED
 
 POSITION, VELOCITY, ACCELERATION, ATTITUDE = 1, 2, 4, 8  # bits of est_capabilities
 LOCAL_OFFSET_NED: Final = 2  # TARGET_OBS_FRAME: NED, travels with the vehicle
-VISION_OTHER: Final = 3  # LANDING_TARGET_TYPE
-TRACKING_IDLE, TRACKING_ACTIVE = 0, 1
-TRACK_POINT: Final = 1
-USE_ALL: Final = 0  # POSITION_TARGET_TYPEMASK: no field is ignored
-IN_STATUS: Final = 4  # CAMERA_TRACKING_TARGET_DATA: the target's place is in the status
+ALL_FIELDS: Final = 0  # POSITION_TARGET_TYPEMASK
 NAN: Final = math.nan
-UNKNOWN: Final = 2**31 - 1  # of a latitude or longitude
+UNKNOWN_LATITUDE: Final = 2**31 - 1  # and longitude
 
 
 class UnlistedMessage(dialect.MAVLink_message):  # type: ignore[misc]  # pymavlink has no types
-    """A message of `UNLISTED`, as pymavlink's messages are made. `layout`: of its payload, as `struct` has it."""
+    """A message of `UNLISTED` for pymavlink, with its payload in `struct` layout."""
 
     def __init__(self, number: int, layout: str, *fields: Any) -> None:
         name, self._extra = UNLISTED[number]
@@ -55,8 +50,8 @@ def _target_relative(m: Any) -> list[Any]:
     no_sensor = (0.0, 0.0, 0.0, 0.0)
     fields = (*m.r_FL_n, *m.position_sigma, m.yaw_sigma, *m.q_nL, *no_sensor)
     # timestamp, r, pos_std, yaw_std, q_target, q_sensor; id, frame, type
-    fields = (m.unix_ns // 1000, *fields, 0, LOCAL_OFFSET_NED, VISION_OTHER)
-    return [UnlistedMessage(TARGET_RELATIVE, "<Q3f3ff4f4f3B", *fields)]
+    fields = (m.unix_ns // 1000, *fields, 0, LOCAL_OFFSET_NED, dialect.LANDING_TARGET_TYPE_VISION_OTHER)
+    return [UnlistedMessage(TARGET_RELATIVE_ID, "<Q3f3ff4f4f3B", *fields)]
 
 
 def _follow_target(m: Any) -> list[Any]:
@@ -102,13 +97,13 @@ def _setpoint(m: Any) -> list[Any]:
     frame, target = dialect.MAV_FRAME_LOCAL_NED, (m.target_system, m.target_component)
     fields = (*m.r_OF_n, *m.v_F_n, *m.a_F_n, m.yaw, m.yaw_rate)
     stamp_ms = m.t_ns // 1_000_000 % 2**32
-    return [dialect.MAVLink_set_position_target_local_ned_message(stamp_ms, *target, frame, USE_ALL, *fields)]
+    return [dialect.MAVLink_set_position_target_local_ned_message(stamp_ms, *target, frame, ALL_FIELDS, *fields)]
 
 
 def setpoint(fields: tuple[Any, ...], header: dict[str, Any]) -> Message | None:
-    """The record of a SET_POSITION_TARGET_LOCAL_NED; None for one that leaves fields out."""
+    """The record of a SET_POSITION_TARGET_LOCAL_NED, or None if it ignores fields."""
     type_mask, system, component, frame = fields[12:]
-    if type_mask != USE_ALL or frame != dialect.MAV_FRAME_LOCAL_NED:
+    if type_mask != ALL_FIELDS or frame != dialect.MAV_FRAME_LOCAL_NED:
         return None
     return Setpoint(
         **header,
@@ -126,15 +121,15 @@ def _landing_target(m: Any) -> list[Any]:
     frame = dialect.MAV_FRAME_LOCAL_NED if m.is_local else BODY_FRD
     none = (0.0, 0.0, 0.0, 0.0)
     args = (m.t_ns // 1000, 0, frame, *m.angles, m.distance, m.size, m.size)
-    return [dialect.MAVLink_landing_target_message(*args, *m.r, none, VISION_OTHER, 1)]
+    return [dialect.MAVLink_landing_target_message(*args, *m.r, none, dialect.LANDING_TARGET_TYPE_VISION_OTHER, 1)]
 
 
 def _camera_tracking(m: Any) -> list[Any]:
-    status = TRACKING_ACTIVE if m.is_active else TRACKING_IDLE
+    status = int(m.is_active)
     x, y = m.point or (NAN, NAN)
-    data = 0 if m.point is None else IN_STATUS
+    data = 0 if m.point is None else dialect.CAMERA_TRACKING_TARGET_DATA_IN_STATUS
     radius = NAN if m.radius is None else m.radius
-    mode = TRACK_POINT if m.is_active else 0
+    mode = dialect.CAMERA_TRACKING_MODE_POINT if m.is_active else 0
     return [dialect.MAVLink_camera_tracking_image_status_message(status, mode, data, x, y, radius, *(NAN,) * 4)]
 
 
@@ -145,9 +140,9 @@ def _camera_tracking_geo(m: Any) -> list[Any]:
     lat, lon, alt = m.position or (None, None, None)
     return [
         dialect.MAVLink_camera_tracking_geo_status_message(
-            TRACKING_ACTIVE if m.is_active else TRACKING_IDLE,
-            UNKNOWN if lat is None else round(lat * 1e7),
-            UNKNOWN if lon is None else round(lon * 1e7),
+            int(m.is_active),
+            UNKNOWN_LATITUDE if lat is None else round(lat * 1e7),
+            UNKNOWN_LATITUDE if lon is None else round(lon * 1e7),
             *map(
                 known, (alt, m.h_acc, m.v_acc, *(m.v_n or (None,) * 3), m.v_acc_m_s, m.distance, m.heading, None)
             ),
@@ -159,7 +154,7 @@ ENCODE: Final[dict[type[Message], Callable[[Any], list[Any]]]] = {
     FollowTarget: _follow_target,
     TargetRelative: _target_relative,
     Setpoint: _setpoint,
-    CurrentMode: lambda m: [UnlistedMessage(CURRENT_MODE, "<2IB", m.custom_mode, m.intended_mode, 0)],
+    CurrentMode: lambda m: [UnlistedMessage(CURRENT_MODE_ID, "<2IB", m.custom_mode, m.intended_mode, 0)],
     LandingTarget: _landing_target,
     CameraTracking: _camera_tracking,
     CameraTrackingGeo: _camera_tracking_geo,

@@ -8,8 +8,8 @@ from onboard.messages import Exposure, ImagePoint, TargetPoints
 from onboard.wire.mavlink.records import Fields, Header, Layout
 
 LANDING_TARGET: Final = Layout("<Q5f2B7f2B", usec=0)
-PENDING_IMAGES: Final = 8  # images of one sender whose three points have not all come yet
-SENDERS: Final = 512  # that have completed an image, and as many that have not
+MAX_PENDING_IMAGES: Final = 8  # of one sender, with fewer than three points
+MAX_SENDER_COUNT: Final = 512  # that have completed an image, and as many that have not
 
 # system, component, whether it is the leader: further targets never cost its images
 Sender = tuple[int, int, bool]
@@ -17,14 +17,14 @@ Pending = dict[tuple[int, int], dict[int, ImagePoint]]  # (time_usec, target) ->
 
 
 class PointAssembler:
-    """Three LANDING_TARGETs of one sender and one time_usec -> an exposure of TargetPoints. What gives no image is
-    counted in `rejected`.
+    """Assembler of three LANDING_TARGETs with one sender and one time_usec into an image.
 
-    target_num 0, 1, 2 are the center, left and right point of the leader; 3k, 3k+1, 3k+2 those of a further
-    target k. The angles are those of the image axes: angle_x = atan(Y_c/X_c), angle_y = atan(Z_c/X_c).
+    target_num 0, 1, 2 are the center, left and right point of the leader; 3k, 3k+1, 3k+2 those of a further target
+    k. The angles are those of the image axes: angle_x = atan(Y_c/X_c), angle_y = atan(Z_c/X_c). Messages that make
+    no image are counted in `rejected`.
 
-    Each sender has room of its own, so that a flood costs only the flooder's images. Senders that have completed
-    an image are kept apart from those that have not: any number of the latter never costs the former anything.
+    Each sender has its own memory, so a flood costs only the flooder's images. Senders that have completed an
+    image are kept apart from those that have not.
     """
 
     def __init__(self, rejected: Counter[str]) -> None:
@@ -33,7 +33,7 @@ class PointAssembler:
         self._new: dict[Sender, Pending] = {}
 
     def __len__(self) -> int:
-        """How many images wait."""
+        """The number of incomplete images."""
         return sum(len(images) for senders in (self._proven, self._new) for images in senders.values())
 
     def add(self, fields: Fields, header: Header) -> Exposure | None:
@@ -48,7 +48,7 @@ class PointAssembler:
         points = images.setdefault((time_usec, number), {})
         points[label] = (_tangent(angle_x), _tangent(angle_y))
         if len(points) < 3:
-            while len(images) > PENDING_IMAGES:
+            while len(images) > MAX_PENDING_IMAGES:
                 images.pop(next(iter(images)))
                 self._rejected["incomplete_points"] += 1
             return None
@@ -80,12 +80,12 @@ class PointAssembler:
         self._bound(self._proven)
 
     def _bound(self, senders: dict[Sender, Pending]) -> None:
-        while len(senders) > SENDERS:
+        while len(senders) > MAX_SENDER_COUNT:
             self._rejected["incomplete_points"] += len(senders.pop(next(iter(senders))))
 
 
 def is_point(payload: bytes) -> bool:
-    """Whether a LANDING_TARGET is a point of an image: without a position, which is the last of its fields."""
+    """Whether a LANDING_TARGET is an image point, by the absence of a position."""
     return not LANDING_TARGET.fields(payload)[-1]
 
 

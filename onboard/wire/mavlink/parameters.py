@@ -1,4 +1,4 @@
-"""Parameters, PING and AUTOPILOT_VERSION: MAVLink messages <-> records. All parameters are real numbers."""
+"""Parameters, PING and AUTOPILOT_VERSION <-> records; all parameters are real numbers."""
 
 import math
 import struct
@@ -10,10 +10,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard.messages import Message, ParamAck, ParamAction, ParamRequest, ParamValue, Ping, Version
 
-REAL32: Final = 9  # both of MAV_PARAM_TYPE and of MAV_PARAM_EXT_TYPE
-ACK_ACCEPTED, ACK_FAILED = 0, 2
+REAL32: Final = dialect.MAV_PARAM_TYPE_REAL32  # MAV_PARAM_EXT_TYPE has the same number
 NO_GIT_HASH: Final = (0,) * 8
-OFFICIAL: Final = 255  # FIRMWARE_VERSION_TYPE
 WHOLE: Final = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}  # MAV_PARAM_TYPE
 
 
@@ -61,8 +59,10 @@ def _set_extended(f: Fields, h: dict[str, Any]) -> Message:
 
 
 def _value_of(f: Fields, h: dict[str, Any]) -> Message:
-    """A whole number comes as the nearest real one (ArduPilot), or as its own bytes (PX4), which are then no whole
-    number, or none at all; but for those beyond 10^9, which are bits of a mask and seldom set."""
+    """Decode PARAM_VALUE, whose integers are converted (ArduPilot) or bytewise (PX4).
+
+    A value that is no integer although its type is one is bytewise; integers above 10^9 remain ambiguous.
+    """
     value, count, index, name, kind = f
     form = WHOLE.get(kind)
     if form is not None and not float(value).is_integer():
@@ -102,14 +102,14 @@ def _request(m: Any) -> list[Any]:
 
 
 def _ack(m: Any) -> list[Any]:
-    result = ACK_ACCEPTED if m.accepted else ACK_FAILED
+    result = dialect.PARAM_ACK_ACCEPTED if m.accepted else dialect.PARAM_ACK_FAILED
     value = decimal(m.value).encode("ascii")
     return [dialect.MAVLink_param_ext_ack_message(m.name.encode("ascii"), value, REAL32, result)]
 
 
 def _version(m: Any) -> list[Any]:
     major, minor, patch = m.version
-    number = major << 24 | minor << 16 | patch << 8 | OFFICIAL
+    number = major << 24 | minor << 16 | patch << 8 | dialect.FIRMWARE_VERSION_TYPE_OFFICIAL
     args = (m.capabilities, number, 0, 0, 0, NO_GIT_HASH, NO_GIT_HASH, NO_GIT_HASH, 0, 0, 0)
     return [dialect.MAVLink_autopilot_version_message(*args)]
 

@@ -1,13 +1,15 @@
-"""Payloads of MAVLink messages -> records in SI units: a layout and a function for each message that is read.
+"""Payloads of MAVLink messages -> records in SI units, by a layout and a function each.
 
-Fields stand in the order of the wire: the largest types first, extensions last. A payload that is shorter than its
-layout ends in zeros that MAVLink 2 cuts off, or in extensions that its sender does not know; both are zeros.
+Fields are in the order of the wire: the largest types first, extensions last. A payload that is shorter than its
+layout ends in zeros that MAVLink 2 omits, or in extensions that its sender does not know; both are read as zeros.
 """
 
 import math
 import struct
 from collections.abc import Callable, Sequence
 from typing import Any, Final
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard.geometry.rotations import quaternion_from_euler
 from onboard.messages import (
@@ -37,37 +39,18 @@ from onboard.messages import (
 )
 from onboard.wire.mavlink import distance, gimbal, guidance, parameters, wind
 
-SAFETY_ARMED: Final = 128  # MAV_MODE_FLAG of the base mode
-PRESSURE_ALT_UPDATED: Final = 2048  # HIGHRES_IMU_UPDATED_PRESSURE_ALT
-# ESTIMATOR_STATUS_FLAGS; those of EKF_STATUS_REPORT have the same bits
-VELOCITY_HORIZ: Final = 2
-POS_HORIZ_REL: Final = 8
-POS_HORIZ_ABS: Final = 16
-CONST_POS_MODE: Final = 128
 ATTITUDE_VARIANCES: Final = (29, 32, 34)  # in ODOMETRY, of the pose's covariance: roll, pitch, yaw
-RESET_COUNTER: Final = 58  # in ODOMETRY
-MOST_VARIANCE: Final = math.pi**2  # rad^2, which says nothing
-GEOMETRIC_ALTITUDE: Final = 1  # ADSB_ALTITUDE_TYPE
-# ADSB_FLAGS
-VALID_COORDS: Final = 1
-VALID_ALTITUDE: Final = 2
-VALID_HEADING: Final = 4
-VALID_VELOCITY: Final = 8
-VALID_CALLSIGN: Final = 16
-VALID_SQUAWK: Final = 32
-SIMULATED: Final = 64
-VALID_CLIMB: Final = 128
+MAX_YAW_VARIANCE: Final = math.pi**2  # rad^2, of a uniform direction or more
 
 # MAV_LANDED_STATE: on the ground, in the air, taking off, landing
 ON_GROUND: Final = {1: True, 2: False, 3: True, 4: False}
 NO_VOLTAGE: Final = (0, 65535)  # mV: nobody measures it, or there is no such cell
-FIRST_BATTERY: Final = 0
-G: Final = 9.80665
-SEA_LEVEL_HPA: Final = 1013.25
-STANDARD_K: Final = 288.15
-LAPSE_K_PER_M: Final = 0.0065
+GRAVITY: Final = 9.80665
+SEA_LEVEL_PRESSURE_HPA: Final = 1013.25
+SEA_LEVEL_TEMPERATURE_K: Final = 288.15
+LAPSE_RATE_K_M: Final = 0.0065
 LAPSE_EXPONENT: Final = 0.190263
-UNIX_ERA_NS: Final = 10**18  # a 64-bit stamp above this (2001) is Unix time, below it time since boot
+MIN_UNIX_TIME_NS: Final = 10**18  # a larger 64-bit stamp (2001) is Unix time, a smaller one time since boot
 
 Fields = tuple[Any, ...]
 Header = dict[str, Any]
@@ -75,8 +58,7 @@ Convert = Callable[[Fields, Header], Message | None]
 
 
 class Layout:
-    """The fields of a message, as a format of `struct`; `boot_ms` or `usec` is the index of its time, if it has
-    one."""
+    """The `struct` format of a message; `boot_ms` or `usec` is the index of its time field."""
 
     def __init__(self, form: str, *, boot_ms: int | None = None, usec: int | None = None) -> None:
         self.form = form
@@ -89,14 +71,13 @@ class Layout:
         return self._unpack(payload.ljust(self._size, b"\0"))
 
     def header(self, fields: Fields, t_recv_ns: int, system: int, component: int) -> Header:
-        """The fields that every record has. The stamp is the message's time field; without one the message is
-        taken as true when it arrived."""
+        """Fields that every record has; a message without a time field is stamped on arrival."""
         t_ns, clock = t_recv_ns, Clock.NONE
         if self._boot_ms is not None:
             t_ns, clock = fields[self._boot_ms] * 1_000_000, Clock.BOOT
         elif self._usec is not None and fields[self._usec] > 0:
             t_ns = fields[self._usec] * 1000
-            clock = Clock.HOST if t_ns >= UNIX_ERA_NS else Clock.BOOT
+            clock = Clock.HOST if t_ns >= MIN_UNIX_TIME_NS else Clock.BOOT
         return {"t_ns": t_ns, "t_recv_ns": t_recv_ns, "clock": clock, "system": system, "component": component}
 
 
@@ -111,7 +92,7 @@ def _heartbeat(f: Fields, h: Header) -> Message:
         **h,
         vehicle_type=vehicle_type,
         autopilot=autopilot,
-        armed=bool(base_mode & SAFETY_ARMED),
+        armed=bool(base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED),
         status=status,
         custom_mode=custom_mode,
     )
@@ -137,31 +118,35 @@ def _global_position(f: Fields, h: Header) -> Message:
 
 
 def _estimator_status(flags: int, ratios: Sequence[float], h: Header, *, is_px4: bool = False) -> Message:
-    """Both autopilots use the same bits. A report of zeros only is one that nobody has filled in. PX4 sets
-    constant-position mode also where it knows that it is at rest: its velocity is then known."""
+    """The record of the flags of EKF_STATUS_REPORT or ESTIMATOR_STATUS, which have equal bits.
+
+    A report of zeros only was not filled in. PX4 also sets constant-position mode at rest, where the velocity is
+    known.
+    """
     if flags == 0 and not any(ratios):
         return EstimatorStatus(**h, horizontal_velocity=None, horizontal_position=None)
-    fixed = bool(flags & CONST_POS_MODE)
+    fixed = bool(flags & dialect.ESTIMATOR_CONST_POS_MODE)
     unknown = fixed and not is_px4
     return EstimatorStatus(
         **h,
-        horizontal_velocity=bool(flags & VELOCITY_HORIZ) and not unknown,
-        horizontal_position=bool(flags & (POS_HORIZ_REL | POS_HORIZ_ABS)) and not unknown,
+        horizontal_velocity=bool(flags & dialect.ESTIMATOR_VELOCITY_HORIZ) and not unknown,
+        horizontal_position=bool(flags & (dialect.ESTIMATOR_POS_HORIZ_REL | dialect.ESTIMATOR_POS_HORIZ_ABS))
+        and not unknown,
         is_at_rest=fixed and is_px4,
     )
 
 
 def _odometry(f: Fields, h: Header) -> Message:
-    """Of the autopilot's own: what it says of its attitude, and its resets. Variances of 0 and NaN are unknown."""
+    """The autopilot's attitude sigmas and resets; variances of 0 and NaN are unknown."""
     roll, pitch, yaw = (f[i] for i in ATTITUDE_VARIANCES)
     is_known = all(0.0 < variance < math.inf for variance in (roll, pitch, yaw))
     return EstimatorStatus(
         **h,
         horizontal_velocity=None,
         horizontal_position=None,
-        yaw_sigma=math.sqrt(min(yaw, MOST_VARIANCE)) if is_known else None,
-        tilt_sigma=math.sqrt(min(max(roll, pitch), MOST_VARIANCE)) if is_known else None,
-        resets=f[RESET_COUNTER],
+        yaw_sigma=math.sqrt(min(yaw, MAX_YAW_VARIANCE)) if is_known else None,
+        tilt_sigma=math.sqrt(min(max(roll, pitch), MAX_YAW_VARIANCE)) if is_known else None,
+        resets=f[58],
     )
 
 
@@ -188,19 +173,21 @@ def _gps_fix(f: Fields, h: Header) -> Message:
 
 def _highres_imu(f: Fields, h: Header) -> Message:
     *_, pressure_alt, _, fields_updated, _ = f
-    altitude = pressure_alt if fields_updated & PRESSURE_ALT_UPDATED else None
+    altitude = pressure_alt if fields_updated & dialect.HIGHRES_IMU_UPDATED_PRESSURE_ALT else None
     return Imu(**h, f_b=f[1:4], omega_b=f[4:7], pressure_altitude=altitude)
 
 
 def barometer(h: Header, pressure_hpa: float) -> Barometer:
-    """The troposphere of the ISO standard atmosphere (ISO 2533); NaN for a pressure that is not positive."""
-    ratio = pressure_hpa / SEA_LEVEL_HPA
-    altitude = (1.0 - ratio**LAPSE_EXPONENT) * STANDARD_K / LAPSE_K_PER_M if ratio > 0.0 else math.nan
+    """Pressure altitude in the standard atmosphere (ISO 2533); NaN unless the pressure is positive."""
+    ratio = pressure_hpa / SEA_LEVEL_PRESSURE_HPA
+    altitude = (
+        (1.0 - ratio**LAPSE_EXPONENT) * SEA_LEVEL_TEMPERATURE_K / LAPSE_RATE_K_M if ratio > 0.0 else math.nan
+    )
     return Barometer(**h, pressure_altitude=altitude)
 
 
 def _scaled_imu(f: Fields, h: Header) -> Message:
-    milli_g, milli = G * 1e-3, 1e-3
+    milli_g, milli = GRAVITY * 1e-3, 1e-3
     _, ax, ay, az, wx, wy, wz, *_ = f
     f_b = (ax * milli_g, ay * milli_g, az * milli_g)
     return Imu(**h, f_b=f_b, omega_b=(wx * milli, wy * milli, wz * milli))
@@ -211,9 +198,9 @@ def _battery(millivolts: int, h: Header) -> Message | None:
 
 
 def _battery_status(f: Fields, h: Header) -> Message | None:
-    """The first battery's cells; a voltage beyond 65.5 V is split over several. Others may drive no motor."""
+    """The first battery's voltage; other batteries may drive no motor."""
     cells = [mv for mv in (*f[3:13], *f[20:24]) if mv not in NO_VOLTAGE]
-    return _battery(sum(cells), h) if f[14] == FIRST_BATTERY else None
+    return _battery(sum(cells), h) if f[14] == 0 else None
 
 
 def _command_long(f: Fields, h: Header) -> Message:
@@ -244,21 +231,22 @@ def _adsb_vehicle(f: Fields, h: Header) -> Message:
     def has(flag: int) -> bool:
         return bool(flags & flag)
 
+    is_geometric = kind == dialect.ADSB_ALTITUDE_TYPE_GEOMETRIC
     return AdsbVehicle(
         **h,
         icao=icao,
-        lat_deg=lat * 1e-7 if has(VALID_COORDS) else None,
-        lon_deg=lon * 1e-7 if has(VALID_COORDS) else None,
-        altitude=altitude * 1e-3 if has(VALID_ALTITUDE) else None,
-        altitude_type=AltitudeType.GEOMETRIC if kind == GEOMETRIC_ALTITUDE else AltitudeType.PRESSURE,
-        course=heading * math.pi / 18000 if has(VALID_HEADING) else None,
-        ground_speed=speed * 0.01 if has(VALID_VELOCITY) else None,
-        climb=climb * 0.01 if has(VALID_CLIMB) else None,
-        callsign=_text(callsign) if has(VALID_CALLSIGN) else "",
+        lat_deg=lat * 1e-7 if has(dialect.ADSB_FLAGS_VALID_COORDS) else None,
+        lon_deg=lon * 1e-7 if has(dialect.ADSB_FLAGS_VALID_COORDS) else None,
+        altitude=altitude * 1e-3 if has(dialect.ADSB_FLAGS_VALID_ALTITUDE) else None,
+        altitude_type=AltitudeType.GEOMETRIC if is_geometric else AltitudeType.PRESSURE,
+        course=heading * math.pi / 18000 if has(dialect.ADSB_FLAGS_VALID_HEADING) else None,
+        ground_speed=speed * 0.01 if has(dialect.ADSB_FLAGS_VALID_VELOCITY) else None,
+        climb=climb * 0.01 if has(dialect.ADSB_FLAGS_VERTICAL_VELOCITY_VALID) else None,
+        callsign=_text(callsign) if has(dialect.ADSB_FLAGS_VALID_CALLSIGN) else "",
         emitter=emitter,
         tslc=float(tslc),
-        squawk=squawk if has(VALID_SQUAWK) else None,
-        simulated=has(SIMULATED),
+        squawk=squawk if has(dialect.ADSB_FLAGS_VALID_SQUAWK) else None,
+        simulated=has(dialect.ADSB_FLAGS_SIMULATED),
     )
 
 

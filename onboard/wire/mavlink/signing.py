@@ -19,28 +19,26 @@ from typing import Final
 
 from onboard.messages.causes import Cause, Reason
 from onboard.wire.mavlink.frame import (
-    CHECKSUM,
+    CHECKSUM_SIZE,
     MIRRORED,
-    SIGNATURE,
+    SIGNATURE_SIZE,
     SIGNED,
     UNLISTED,
     V2,
-    V2_HEAD,
+    V2_HEADER_SIZE,
 )
 from onboard.wire.mavlink.table import MESSAGES
 
-DIGEST: Final = 6
-STAMP: Final = 6
+DIGEST_SIZE: Final = 6
 EPOCH_NS: Final = 1_420_070_400 * 10**9  # 2015-01-01, UTC
-UNIT_NS: Final = 10_000
-NEW_STREAM: Final = 6_000_000  # 60 s: a stream that is new may be this much older than now
-NEWEST_STAMP: Final = 6_000_000  # 60 s: no frame may be this much newer than now
-SET_SINCE: Final = 1_704_067_200 * 10**9  # 2024-01-01: a clock that says less was never set
+STAMP_RESOLUTION_NS: Final = 10_000
+MAX_STAMP_OFFSET: Final = 6_000_000  # 60 s, from now, of any frame ahead and of the first one behind
+MIN_UNIX_TIME_NS: Final = 1_704_067_200 * 10**9  # 2024-01-01: a clock that shows an earlier time was never set
 KEY_BYTES: Final = 32
-KEY_TYPOS: Final = 4  # characters by which a key of 64 digits may be mistaken and is still no passphrase
+MAX_TYPO_COUNT: Final = 4  # characters by which a 64-digit key may be mistyped and is still no passphrase
 HEX_DIGITS: Final = b"0123456789abcdefABCDEF"
 SEPARATORS: Final = re.compile(rb"[\s:,-]|(?<=[\s,])0x")
-MOST_STREAMS: Final = 256
+MAX_STREAM_COUNT: Final = 256
 EXTRA: Final = {number: extra for number, (_, extra) in (MESSAGES | UNLISTED).items()}
 
 UNSIGNED: Final = Reason(
@@ -57,10 +55,11 @@ Stamps = dict[StreamId, int]  # the newest by stream
 
 
 class Verifier:
-    """Tests the frames of one link. `check` is given whole frames whose checksum is right. `on_refused` is called
-    with the reason and the arrival where a person must set a key or a clock. `stamps`: those of all links of the
-    key, which it reads and writes. Where the key is not at hand (None), what is signed passes and is counted in
-    `unverified`."""
+    """Verifier of the signatures on one link, for whole frames whose checksum is right.
+
+    `on_refused` receives the reason and the arrival if a person must set a key or a clock. `stamps` are shared by
+    all links of the key. Without a key (None), signed frames pass and are counted in `unverified`.
+    """
 
     def __init__(
         self,
@@ -74,28 +73,30 @@ class Verifier:
         self._reasons: dict[StreamId, Reason] = {}  # as first said, so that one cause stays one line
 
     def check(self, frame: bytes, t_recv_ns: int, wall_step_ns: int = 0) -> str:
-        """Why a frame is refused; nothing if it is signed with our key, new, and of about now. Only then its stamp
-        counts. `wall_step_ns`: the wall clock less that of arrivals."""
+        """Return why a frame is refused, "" if it is signed with our key and its stamp is new.
+
+        `wall_step_ns` is the wall clock minus the clock of arrivals.
+        """
         if frame[0] != V2 or not frame[2] & SIGNED:
             self._on_refused(UNSIGNED, t_recv_ns)
             return "unsigned"
         if self._key is None:
             self.unverified += 1
             return ""
-        if not hmac.compare_digest(digest(self._key, frame[:-DIGEST]), frame[-DIGEST:]):
+        if not hmac.compare_digest(digest(self._key, frame[:-DIGEST_SIZE]), frame[-DIGEST_SIZE:]):
             self._on_refused(FORGED, t_recv_ns)
             return "forged"
-        stream = frame[-SIGNATURE], frame[5], frame[6]
-        stamp = int.from_bytes(frame[-SIGNATURE + 1 : -DIGEST], "little")
+        stream = frame[-SIGNATURE_SIZE], frame[5], frame[6]
+        stamp = int.from_bytes(frame[-SIGNATURE_SIZE + 1 : -DIGEST_SIZE], "little")
         newest, now = self._newest.get(stream), stamp_of(t_recv_ns + wall_step_ns)
-        if stamp > now + NEWEST_STAMP or (newest is None and stamp < now - NEW_STREAM):
-            if len(self._reasons) < MOST_STREAMS:
-                words = _which_clock(stamp, t_recv_ns + wall_step_ns, stream)
+        if stamp > now + MAX_STAMP_OFFSET or (newest is None and stamp < now - MAX_STAMP_OFFSET):
+            if len(self._reasons) < MAX_STREAM_COUNT:
+                words = _describe_clock_error(stamp, t_recv_ns + wall_step_ns, stream)
                 self._reasons.setdefault(stream, Reason(Cause.SIGNING, words))
             if stream in self._reasons:
                 self._on_refused(self._reasons[stream], t_recv_ns)
             return "signed_ahead" if stamp > now else "replayed"
-        if (newest is not None and stamp <= newest) or (newest is None and len(self._newest) >= MOST_STREAMS):
+        if (newest is not None and stamp <= newest) or (newest is None and len(self._newest) >= MAX_STREAM_COUNT):
             return "replayed"
         self._newest[stream] = stamp
         self._reasons.pop(stream, None)
@@ -110,47 +111,47 @@ class Signer:
         self._last = 0
 
     def sign(self, frame: bytes, now_ns: int) -> bytes:
-        """A frame of MAVLink 2 that is not signed, with a signature. Its stamp rises even if the clock does not.
+        """Sign a MAVLink 2 frame, with a stamp that rises even if the clock does not.
 
         Raises KeyError for a message that is not ours to send.
         """
         self._last = max(self._last + 1, stamp_of(now_ns))
-        flagged = frame[:2] + bytes([frame[2] | SIGNED]) + frame[3 : V2_HEAD + frame[1]]
+        flagged = frame[:2] + bytes([frame[2] | SIGNED]) + frame[3 : V2_HEADER_SIZE + frame[1]]
         number = int.from_bytes(frame[7:10], "little")
         whole = flagged + checksum(flagged[1:], EXTRA[number])
-        whole += bytes([self._link_id]) + self._last.to_bytes(STAMP, "little")
+        whole += bytes([self._link_id]) + self._last.to_bytes(6, "little")
         return whole + digest(self._key, whole)
 
 
 def digest(key: bytes, signed: bytes) -> bytes:
     """The signature (6) of a frame up to its stamp."""
-    return hashlib.sha256(key + signed).digest()[:DIGEST]
+    return hashlib.sha256(key + signed).digest()[:DIGEST_SIZE]
 
 
 def stamp_of(unix_ns: int) -> int:
     """A time as a signature's stamp."""
-    return max(unix_ns - EPOCH_NS, 0) // UNIT_NS
+    return max(unix_ns - EPOCH_NS, 0) // STAMP_RESOLUTION_NS
 
 
-def _which_clock(stamp: int, wall_ns: int, stream: StreamId) -> str:
+def _describe_clock_error(stamp: int, wall_ns: int, stream: StreamId) -> str:
     """In words, which clock is wrong, where signed frames are far from now."""
     _, system, component = stream
-    signed_ns = EPOCH_NS + stamp * UNIT_NS
-    if wall_ns < SET_SINCE:
-        return f"signed frames: this computer's clock is not set, it says {_day(wall_ns)}; set it (NTP, GPS, RTC)"
+    signed_ns = EPOCH_NS + stamp * STAMP_RESOLUTION_NS
+    if wall_ns < MIN_UNIX_TIME_NS:
+        return f"signed frames: this computer's clock shows {_format_time(wall_ns)}; set it (NTP, GPS, RTC)"
     who = f"system {system}, component {component}"
-    if signed_ns < SET_SINCE:
-        return f"signed frames: the clock of {who} is not set, it signs as of {_day(signed_ns)}; set it"
+    if signed_ns < MIN_UNIX_TIME_NS:
+        return f"signed frames: the clock of {who} shows {_format_time(signed_ns)}; set it"
     which = "ahead of" if signed_ns > wall_ns else "behind"
     return (
-        f"signed frames: the clock of {who} is {which} this computer's, which says {_day(wall_ns)}, by more than "
-        f"{NEWEST_STAMP * UNIT_NS // 10**9} s: "
-        f"it signs as of {_day(signed_ns)}; set the wrong one, or they are replayed"
+        f"signed frames: the clock of {who} is {which} this computer's ({_format_time(wall_ns)}) by more than "
+        f"{MAX_STAMP_OFFSET * STAMP_RESOLUTION_NS // 10**9} s: "
+        f"it shows {_format_time(signed_ns)}; set the wrong one, or stop whoever replays them"
     )
 
 
-def _day(unix_ns: int) -> str:
-    """A time as a day; one that no calendar has, in seconds."""
+def _format_time(unix_ns: int) -> str:
+    """Format a Unix time as date and time, or in seconds if no calendar has it."""
     try:
         return datetime.fromtimestamp(unix_ns // 10**9, UTC).strftime("%Y-%m-%d %H:%M")
     except (OverflowError, ValueError, OSError):
@@ -160,14 +161,14 @@ def _day(unix_ns: int) -> str:
 def checksum(covered: bytes, extra: int) -> bytes:
     """MAVLink's checksum of what it covers: all but the first byte."""
     mirrored = (covered + bytes([extra])).translate(MIRRORED)
-    return crc_hqx(mirrored, 0xFFFF).to_bytes(CHECKSUM, "big").translate(MIRRORED)
+    return crc_hqx(mirrored, 0xFFFF).to_bytes(CHECKSUM_SIZE, "big").translate(MIRRORED)
 
 
 def read_key(text: bytes) -> bytes | None:
-    """The key (32) of a file's content: 64 hexadecimal digits, or a passphrase, of which ground stations take the
-    SHA-256. None for an empty one. Editors of Windows put a mark before the text.
+    """Read a key (32 bytes) from 64 hexadecimal digits, or as the SHA-256 of a passphrase.
 
-    Raises ValueError for what is nearly 64 digits: a slip would silently become a passphrase.
+    Returns None for an empty text. Raises ValueError for a text that is nearly 64 digits, which a slip would
+    silently turn into a passphrase.
     """
     line = text.removeprefix(BOM_UTF8).strip()
     if not line:
@@ -182,7 +183,7 @@ def read_key(text: bytes) -> bytes | None:
         return key
     packed = SEPARATORS.sub(b"", line.removeprefix(b"0x"))
     wrong = len(packed.translate(None, HEX_DIGITS))
-    if abs(len(packed) - 2 * KEY_BYTES) <= KEY_TYPOS and wrong <= KEY_TYPOS:
+    if abs(len(packed) - 2 * KEY_BYTES) <= MAX_TYPO_COUNT and wrong <= MAX_TYPO_COUNT:
         digits = f"{len(packed)} characters, of which {wrong} are no hexadecimal digits"
         raise ValueError(f"is nearly a key: {digits}; expected 64 digits and nothing else, or a passphrase")
     return hashlib.sha256(line).digest()

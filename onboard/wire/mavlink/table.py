@@ -1,7 +1,7 @@
-"""Every MAVLink message of ArduPilot's dialect, which includes the common one: number, name, and the byte that its
-checksum is seeded with (CRC_EXTRA). Only to check and count frames; `mavlink_records` reads those of interest.
+"""All MAVLink messages of ArduPilot's dialect: number, name and CRC_EXTRA of the checksum.
 
-A test holds this to pymavlink, whose dialect would take long to import at the start of a flight.
+They serve to check and count frames; `records` reads those of interest. A test compares the table with
+pymavlink's.
 """
 
 from typing import Final

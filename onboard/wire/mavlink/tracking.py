@@ -1,12 +1,11 @@
-"""Whole aircraft in MAVLink, one message each: CAMERA_TRACKING_IMAGE_STATUS, and LANDING_TARGET where a camera's
-section says `landing_target = "aircraft"`. Both become detections, as if they had come as JSON.
+"""Decoders of MAVLink messages that each show a whole aircraft, as detections.
 
-- CAMERA_FOV_STATUS says how far such a camera zooms: the focal length of its images from then on.
+- CAMERA_FOV_STATUS states a camera's zoom, which sets the focal length of the images that follow.
 - CAMERA_TRACKING_IMAGE_STATUS: a rectangle is a box, and so is a point with a radius; a point alone is the center.
   It has no time: its arrival counts, less the camera's `delay_s`.
-- LANDING_TARGET: with `size_x` or `size_y` it is a box, else the center, at `angle_x` and `angle_y`. With
-  `position_valid` it is a pose, in the body's axes, of which no covariance is known. Without a position,
-  `distance` is the range.
+- LANDING_TARGET, where a camera has `landing_target = "aircraft"`: with `size_x` or `size_y` it is a box, else the
+  center, at `angle_x` and `angle_y`. With `position_valid` it is a pose in the body's axes without a covariance.
+  Without a position, `distance` is the range.
 """
 
 import dataclasses
@@ -16,6 +15,7 @@ from typing import Any, Final
 
 import numpy as np
 from msgspec.structs import replace
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard.geometry.lens import Lens
 from onboard.geometry.rotations import matrix_from_quaternion, quaternion_from_matrix
@@ -32,26 +32,24 @@ from onboard.messages import (
 from onboard.messages.causes import Cause, Reason
 from onboard.messages.mavlink_enums import BODY_FRD
 from onboard.wire.documents.cameras import CameraInput, Cameras
-from onboard.wire.documents.detections import LONGEST_RANGE, exposure_of
+from onboard.wire.documents.detections import MAX_RANGE_M, exposure_of
 from onboard.wire.documents.document import BadDocumentError
 from onboard.wire.documents.poses import TO_C
 
-ACTIVE, COASTING = 1, 8  # CAMERA_TRACKING_STATUS_FLAGS
-POINT, RECTANGLE = 1, 2  # CAMERA_TRACKING_MODE
-# of the focal length: a calibrated one is better than one so near that a camera states
-AS_CONFIGURED: Final = 0.05
-MAX_ZOOM: Final = 200.0  # of the configured focal length; hybrid zooms of gimbal cameras reach 180
+ACTIVE: Final = dialect.CAMERA_TRACKING_STATUS_FLAGS_ACTIVE
+COASTING: Final = dialect.CAMERA_TRACKING_STATUS_FLAGS_COASTING
+ZOOM_TOLERANCE: Final = 0.05  # a calibrated focal length is better than a stated one this close
+MAX_ZOOM_RATIO: Final = 200.0  # hybrid zooms of gimbal cameras reach 180
 UNKNOWN_Q: Final = ((0.0,) * 4, (1.0, 0.0, 0.0, 0.0))  # what senders fill in that know no rotation
 Refuse = Callable[[Reason, int], None]
 
 
 def ignore(*_: object) -> None:
-    """What cannot be used is left out."""
+    """Drop a message that cannot be used."""
 
 
 class TrackerDecoder:
-    """Messages of trackers -> images of the cameras that they are configured for. `refuse` is called with the
-    reason and the arrival of each that cannot be used."""
+    """Decoder of trackers; `refuse` receives reason and arrival of unusable messages."""
 
     def __init__(self, cameras: Cameras, refuse: Refuse = ignore) -> None:
         self._refuse = refuse
@@ -66,7 +64,7 @@ class TrackerDecoder:
         return self._landing is not None
 
     def tracking(self, fields: tuple[Any, ...], header: dict[str, Any]) -> Exposure | None:
-        """The image of a CAMERA_TRACKING_IMAGE_STATUS, None where nothing is tracked or nobody listens."""
+        """The image of a CAMERA_TRACKING_IMAGE_STATUS, None if nothing is tracked."""
         camera = self._trackers.get(header["component"])
         status = fields[7]
         if camera is None or not status & ACTIVE or status & COASTING:
@@ -76,18 +74,18 @@ class TrackerDecoder:
         return self._image(camera, lens, head, lambda: _tracked(fields, lens))
 
     def field_of_view(self, fields: tuple[Any, ...], header: dict[str, Any]) -> FieldOfView | None:
-        """Take a CAMERA_FOV_STATUS of a tracking camera: its zoom is as its horizontal field of view."""
+        """Set a tracking camera's zoom by the horizontal field of view of a CAMERA_FOV_STATUS."""
         camera, hfov = self._trackers.get(header["component"]), math.radians(fields[11])
         if camera is None or hfov == 0.0 or math.isnan(hfov):  # not known
             return None
         lens = camera.lens
         edge_px = lens.pixel(math.tan(0.5 * hfov), 0.0)[0] - lens.cx_px if 0.0 < hfov < math.pi else 0.0
         zoom = 0.5 * lens.width_px / edge_px if edge_px > 0.0 else 0.0
-        if not 1.0 / MAX_ZOOM <= zoom <= MAX_ZOOM:
+        if not 1.0 / MAX_ZOOM_RATIO <= zoom <= MAX_ZOOM_RATIO:
             words = f"CAMERA_FOV_STATUS: an hfov of {fields[11]:.7g} degrees is no zoom of the configured lens"
             self._refuse(Reason(Cause.DOCUMENT, words), header["t_recv_ns"])
             return None
-        if abs(zoom - 1.0) < AS_CONFIGURED:
+        if abs(zoom - 1.0) < ZOOM_TOLERANCE:
             zoom = 1.0
         zoomed = dataclasses.replace(lens, fx_px=zoom * lens.fx_px, fy_px=zoom * lens.fy_px)
         self._lenses[header["system"], header["component"]] = zoomed
@@ -123,7 +121,7 @@ def _tracked(f: tuple[Any, ...], lens: Lens) -> Detection:
     """Shares of the image's width and height as pixels. Raises BadDocumentError."""
     x, y, radius, left, top, right, bottom, _, mode, *_ = f
     width, height = lens.width_px, lens.height_px
-    if mode == RECTANGLE:
+    if mode == dialect.CAMERA_TRACKING_MODE_RECTANGLE:
         if not (0.0 <= left < right <= 1.0 and 0.0 <= top < bottom <= 1.0):
             raise BadDocumentError("CAMERA_TRACKING_IMAGE_STATUS: a rectangle from 0 to 1, its top left first")
         return _box(
@@ -132,7 +130,7 @@ def _tracked(f: tuple[Any, ...], lens: Lens) -> Detection:
             (right - left) * width,
             (bottom - top) * height,
         )
-    if mode != POINT or not (0.0 <= x <= 1.0 and 0.0 <= y <= 1.0):
+    if mode != dialect.CAMERA_TRACKING_MODE_POINT or not (0.0 <= x <= 1.0 and 0.0 <= y <= 1.0):
         raise BadDocumentError("CAMERA_TRACKING_IMAGE_STATUS: expected a point or rectangle from 0 to 1")
     if radius > 0.0 and math.isfinite(radius):
         return _box(x * width, y * height, 2 * radius * width, 2 * radius * width)
@@ -151,7 +149,7 @@ def _landed(f: tuple[Any, ...], camera: CameraInput, lens: Lens) -> Detection:
     if not max(map(abs, edges)) < math.pi / 2:
         raise BadDocumentError("LANDING_TARGET: angle_x and angle_y must be within 90 degrees of the axis")
     (left, upper), (right, lower) = (lens.pixel(*map(math.tan, edges[k::2])) for k in (0, 1))
-    range_m = distance if 0.0 < distance < LONGEST_RANGE else None
+    range_m = distance if 0.0 < distance < MAX_RANGE_M else None
     if wide > 0.0:
         box = _box(0.5 * (left + right), 0.5 * (upper + lower), right - left, lower - upper)
         return replace(box, range_m=range_m)

@@ -13,8 +13,10 @@ FORM: Final = "<3f"  # where it comes from, degrees; speed, vertical speed, m/s
 
 
 def of_covariance(f: tuple[Any, ...], h: dict[str, Any]) -> Message:
-    """WIND_COV: its accuracy is 1 sigma; without one, PX4 states the sum of both axes' variances, (m/s)^2, as the
-    variability."""
+    """The wind of a WIND_COV, with the accuracy as sigma.
+
+    PX4 has no accuracy, but states the sum of both axes' variances, (m/s)^2, as the variability.
+    """
     north, east, both, accuracy = f[1], f[2], f[4], f[7]
     sigma = accuracy if accuracy > 0 else math.sqrt(0.5 * both) if both > 0 else None
     return Wind(**h, north=north, east=east, sigma=sigma if sigma is None or math.isfinite(sigma) else None)

@@ -1,4 +1,4 @@
-"""sensor_msgs/CameraInfo of ROS as the lens of its images; a calibration file has the same fields."""
+"""The lens of a ROS sensor_msgs/CameraInfo or of a calibration file, which has its fields."""
 
 import math
 from dataclasses import replace
@@ -15,15 +15,18 @@ MODELS: Final[dict[str, Model]] = {
     "fisheye": "fisheye",
 }
 EXPECTED: Final = "expected a camera_info file of ROS or a camchain of Kalibr"
-MOST_SKEW_PX: Final = 1.0
-SAME_SHAPE: Final = 0.01  # of the ratio of width to height: sizes are rounded to pixels
+MAX_SKEW_PIXELS: Final = 1.0
+SHAPE_TOLERANCE: Final = 0.01  # relative, of width over height: sizes are rounded to pixels
 
 
 def part_of(
     lens: Lens, crop_px: tuple[float, ...] | None, width_px: float | None, height_px: float | None
 ) -> Lens:
-    """The lens of a part of its image (left, upper, width, height; None: all of it), resized to a width and a
-    height (None: not). Raises LensError where that is another shape, or the part is not within the image."""
+    """The lens of a crop (left, upper, width, height) resized to a width and a height.
+
+    None means the whole image, or its size. Raises LensError if the shape differs or the crop is not inside the
+    image.
+    """
     left, upper, width, height = crop_px or (0.0, 0.0, lens.width_px, lens.height_px)
     if left + width > lens.width_px or upper + height > lens.height_px:
         raise LensError(f"crop_px: beyond the image, which has {lens.width_px:g} x {lens.height_px:g} pixels")
@@ -32,7 +35,7 @@ def part_of(
     if height_px is None:
         height_px = height * width_px / width
     x, y = width_px / width, height_px / height
-    if abs(x / y - 1.0) > SAME_SHAPE:
+    if abs(x / y - 1.0) > SHAPE_TOLERANCE:
         raise LensError(
             f"it is of {width:g} x {height:g} pixels, width_px and height_px are {width_px:g} x {height_px:g}: "
             "another shape; expected the same shape, or `crop_px`, the part that was used"
@@ -49,7 +52,7 @@ def part_of(
 
 
 class _Names(NamedTuple):
-    """How a file names the fields of a camera_info."""
+    """Field names of a camera_info."""
 
     width: str
     height: str
@@ -62,24 +65,24 @@ MESSAGE: Final = _Names("width", "height", "k", "d")  # sensor_msgs/CameraInfo, 
 
 
 def lens_of_info(table: dict[str, Any]) -> Lens:
-    """The lens of a camera_info, whose fields are named as in a file or in a message: of the image as it is.
+    """The lens of a camera_info with the fields of a file or a message.
 
-    Raises ValueError, which names the field."""
+    Raises ValueError, which names the field.
+    """
     names = MESSAGE if MESSAGE.matrix in table else FILE
     k, d = (numbers_of(table, name) for name in (names.matrix, names.coefficients))
     size = [_size(table, name) for name in (names.width, names.height)]
     model = model_of(table, "distortion_model")
     if len(k) != 9:
         raise ValueError(f"{names.matrix}: expected 3x3 numbers, got {len(k)}")
-    if abs(k[1]) > MOST_SKEW_PX:
+    if abs(k[1]) > MAX_SKEW_PIXELS:
         raise ValueError(f"{names.matrix}: a skew of {k[1]:g} px is not supported")
     lens = make_lens((k[0], k[4], k[2], k[5]), size, model, d)
     return _as_sent(lens, table)
 
 
 def _as_sent(lens: Lens, table: dict[str, Any]) -> Lens:
-    """The lens of the images that the message is of: of a region of interest, with pixels binned. Raises
-    ValueError."""
+    """The lens of a message's region of interest with binned pixels. Raises ValueError."""
     roi = table.get("roi") or {}
     crop = tuple(_number(roi.get(name, 0), f"roi.{name}") for name in ("x_offset", "y_offset", "width", "height"))
     binning = [max(1.0, _number(table.get(name, 0), name)) for name in ("binning_x", "binning_y")]
@@ -88,8 +91,10 @@ def _as_sent(lens: Lens, table: dict[str, Any]) -> Lens:
 
 
 def make_lens(k: tuple[float, float, float, float], size: list[float], model: Model, d: list[float]) -> Lens:
-    """The lens of two focal lengths, a principal point, a size and OpenCV's coefficients. Raises ValueError for
-    what no lens has."""
+    """The lens of two focal lengths, a principal point, a size and OpenCV's coefficients.
+
+    Raises ValueError for impossible values.
+    """
     fx, fy, cx, cy = k
     most = max(COEFFICIENT_COUNTS[model])
     if any(d[most:]):

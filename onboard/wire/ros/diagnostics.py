@@ -1,4 +1,4 @@
-"""Health records -> what ROS's diagnostics show: one status of the program, one of each estimator and sink."""
+"""Health records -> ROS diagnostics: one status per program, estimator and sink."""
 
 from collections.abc import Iterator
 from typing import Final, NamedTuple
@@ -21,7 +21,7 @@ class Status(NamedTuple):
 
 
 def statuses(health: Health) -> Iterator[Status]:
-    """The program first, then each estimator and further target, our own vehicle's faults, and each sink."""
+    """The statuses of the program, each estimator and target, our own faults, and each sink."""
     yield _program(health)
     for name, state in health.states.items():
         values = {

@@ -43,9 +43,9 @@ BLUE, ORANGE, WHITE, PALE_BLUE = (
     (0.25, 0.75, 1.0),
 )
 ARROW_SIZE_M: Final = np.array([0.1, 0.2, 0.0])  # diameters of the shaft and of the head
-MARKER_LIFETIME_S: Final = 1  # until the marker of an estimate that is no longer valid disappears
+MARKER_DURATION_S: Final = 1  # before the marker of an estimate that is no longer valid disappears
 MARKER_SIZE_M: Final = 0.5  # of a leader whose wingspan is not estimated, and of text
-NEW_START_NS: Final = 10 * NS_PER_S  # a clock that runs back by more has begun anew; tf2 remembers as much
+MIN_CLOCK_RESET_STEP_NS: Final = 10 * NS_PER_S  # a clock that steps back by more has restarted; as in tf2
 Numbers = NDArray[np.float64]
 Color = tuple[float, float, float, float]
 Place = tuple[float, Numbers, Numbers]  # weight (or opacity), mean, covariance
@@ -66,7 +66,7 @@ class RosEncoder:
         self._moved_ns: dict[str, int] = {}  # of the newest transform of each frame
 
     def encode(self, record: Any, t_ns: int) -> list[RosMessage]:
-        """The messages of a record with this time in their headers; none of a kind that is not published."""
+        """Encode a record with this time in the headers; an empty list if it is not published."""
         if isinstance(record, Health):
             return [self.encode_diagnostics(statuses(record), record.autopilot, t_ns)]
         if isinstance(record, OwnPose):
@@ -129,7 +129,7 @@ class RosEncoder:
             yield self._odometry(f"{self._root}/{name}/odometry", t_ns, frames, *both)
 
     def _detections(self, estimate: Estimate, mean: Numbers, P: Numbers, t_ns: int) -> Any:
-        """An array of one: where it may be, the likeliest first, and a cube with its wingspan as side."""
+        """An array of one detection: hypotheses, likeliest first, and a cube as wide as the wingspan."""
         header = self._header(t_ns, self._enu)
         places = _places(estimate) or [(1.0, mean, P)]
         results = [
@@ -147,7 +147,7 @@ class RosEncoder:
         return self._make("vision_msgs/Detection3DArray", header, [one])
 
     def _markers(self, estimate: Estimate, mean: Numbers, P: Numbers, t_ns: int) -> Any:
-        """The aircraft with the wingspan as diameter, its velocity, its covariance, and where else it may be."""
+        """Markers of the aircraft, its velocity, its covariance and the other hypotheses."""
         name, r = estimate.name, mean[:3]
         side = float(mean[6]) if estimate.components[6:7] == ("size",) else MARKER_SIZE_M
         pose, above = (
@@ -184,7 +184,7 @@ class RosEncoder:
         return make(
             *("visualization_msgs/Marker", self._header(t_ns, self._enu), space, number, kind, ADD),
             *(pose, self._vector(size), make("std_msgs/ColorRGBA", *color)),
-            *(make("builtin_interfaces/Duration", MARKER_LIFETIME_S, 0), False, points, [], ""),
+            *(make("builtin_interfaces/Duration", MARKER_DURATION_S, 0), False, points, [], ""),
             make("sensor_msgs/CompressedImage", make("std_msgs/Header", no_time, ""), "", no_bytes),
             *([], text, "", make("visualization_msgs/MeshFile", "", no_bytes), False),
         )
@@ -242,7 +242,7 @@ class RosEncoder:
         return self._make("geometry_msgs/Vector3", *map(float, v))
 
     def _moved(self, t_ns: int, *moved: tuple[str, str, Numbers, tuple[float, ...]]) -> Iterator[RosMessage]:
-        """Transforms from a parent to a child, of which those are left out that would go back in time."""
+        """Transforms from a parent to a child, without those that would go back in time."""
         if self._tf == "none":
             return
         newer = [one for one in moved if self._is_newer(one[1], t_ns)]
@@ -252,7 +252,7 @@ class RosEncoder:
 
     def _is_newer(self, frame: str, t_ns: int) -> bool:
         last_ns = self._moved_ns.get(frame)
-        if last_ns is not None and -NEW_START_NS < t_ns - last_ns <= 0:
+        if last_ns is not None and -MIN_CLOCK_RESET_STEP_NS < t_ns - last_ns <= 0:
             return False
         self._moved_ns[frame] = t_ns
         return True
@@ -272,7 +272,7 @@ class RosEncoder:
         return self._message(topic, self._make("nav_msgs/Odometry", header, child, *both), t_ns)
 
     def _is_due(self, what: str, t_ns: int) -> bool:
-        """Whether a record is wanted by now; a clock that runs back begins anew."""
+        """Whether a record is due; a clock that steps back restarts."""
         if 0 <= t_ns - self._last_ns.get(what, -self._period_ns) < self._period_ns:
             return False
         self._last_ns[what] = t_ns
@@ -299,7 +299,7 @@ def _spread(covariance: Numbers, first: Numbers, second: Numbers) -> Numbers:
 
 
 def _of_position(P: Numbers) -> Numbers:
-    """The covariance (6, 6) of a pose, or of a twist, of which only the first half (3, 3) is known."""
+    """The covariance (6, 6) of a pose or twist whose second half is unknown."""
     spread = np.diag([UNKNOWN_ANGLE] * 6)
     spread[:3, :3] = ENU_NED @ P[:3, :3] @ ENU_NED.T
     return spread

@@ -1,5 +1,4 @@
-"""What cameras send in ROS 2 as our own documents: vision_msgs 4 (Humble and later), apriltag_msgs, geometry_msgs
-and sensor_msgs, in CDR. Needs the extra `ros2`.
+"""ROS 2 messages of cameras, in CDR, -> our own documents. Needs the extra `ros2`.
 
 A pose is that of the aircraft, with the axes of REP 103 (forward, left, up), in the camera's optical frame (right,
 down, forward). ROS has no value for "unknown": a position of exactly 0, an orientation that is exactly that of the
@@ -17,7 +16,7 @@ from onboard.geometry.lens import Lens
 from onboard.messages import Box, CameraDetections, Clock, DetectedPoint, DetectedPose, Detection
 from onboard.messages.text import plain
 from onboard.units import NS_PER_S
-from onboard.wire.documents.document import LARGEST, LATEST_NS, BadDocumentError
+from onboard.wire.documents.document import MAX_DOCUMENT_BYTES, MAX_TIME_NS, BadDocumentError
 from onboard.wire.ros.camera_info import lens_of_info
 from onboard.wire.ros.types import MISSING, RosTypes
 
@@ -37,7 +36,7 @@ _TYPES: Final = RosTypes()  # built with the first message
 
 
 def decode_boxes(data: bytes) -> CameraDetections:
-    """vision_msgs/Detection2DArray: a box each, with the class and score of its best hypothesis.
+    """Decode vision_msgs/Detection2DArray to boxes, with the best class and its score.
 
     Raises BadDocumentError, as all below do, for bytes that are no such message.
     """
@@ -47,8 +46,10 @@ def decode_boxes(data: bytes) -> CameraDetections:
 
 
 def decode_volumes(data: bytes) -> CameraDetections:
-    """vision_msgs/Detection3DArray: a pose each, that of its best hypothesis, or the position of its box where
-    that states none. The size of the box is not used."""
+    """Decode vision_msgs/Detection3DArray to poses of the best hypothesis, else of the box.
+
+    The size of the box is not used.
+    """
     message = _decoded(data, "vision_msgs/Detection3DArray")
     _check_frame(message.header.frame_id)
     return _image((message, *message.detections), map(_volume, message.detections))
@@ -65,16 +66,20 @@ def decode_pose(data: bytes) -> CameraDetections:
 
 
 def decode_tags(data: bytes) -> CameraDetections:
-    """apriltag_msgs/AprilTagDetectionArray: tags that stand across the forward axis, upright. The middle is the
-    center, the middles of the sides are `left` and `right`: the tag's side is the wingspan. The class is the tag's
-    family and id, as apriltag_ros names its frame: `tag36h11:0`."""
+    """Decode apriltag_msgs/AprilTagDetectionArray of upright tags across the forward axis.
+
+    The middle is the center, the middles of the sides are `left` and `right`: the tag's side is the wingspan. The
+    class is the tag's family and id, as apriltag_ros names its frame: `tag36h11:0`.
+    """
     message = _decoded(data, "apriltag_msgs/AprilTagDetectionArray")
     return _image((message,), map(_tag, message.detections))
 
 
 def decode_camera_info(data: bytes, is_rectified: bool) -> Lens:
-    """sensor_msgs/CameraInfo: the lens of the images as they are, or of the rectified ones. Raises
-    BadDocumentError, also for a camera that is not calibrated."""
+    """Decode the lens of a sensor_msgs/CameraInfo, for raw or rectified images.
+
+    Raises BadDocumentError, also for a camera that is not calibrated.
+    """
     m = _decoded(data, CAMERA_INFO)
     p, d, model = m.p.tolist(), m.d.tolist(), m.distortion_model or ("" if m.d.any() else "plumb_bob")
     k = m.k.tolist()
@@ -100,8 +105,8 @@ DECODERS: Final[dict[str, Callable[[bytes], CameraDetections]]] = {
 
 def _decoded(data: bytes, kind: str) -> Any:
     """The message of a type. Raises BadDocumentError."""
-    if len(data) > LARGEST:
-        raise BadDocumentError(f"the message has more than {LARGEST} bytes")
+    if len(data) > MAX_DOCUMENT_BYTES:
+        raise BadDocumentError(f"the message has more than {MAX_DOCUMENT_BYTES} bytes")
     try:
         return _TYPES.decode(data, kind)
     except ImportError as error:
@@ -114,7 +119,7 @@ def _image(stamped: Iterable[Any], detections: Iterable[Detection]) -> CameraDet
     """Detections at the first time that a header states."""
     times = (one.header.stamp.sec * NS_PER_S + one.header.stamp.nanosec for one in stamped)
     t_ns = next(filter(None, times), 0)
-    if not 0 < t_ns < LATEST_NS:
+    if not 0 < t_ns < MAX_TIME_NS:
         raise BadDocumentError("`header.stamp` is not set; expected the time of exposure")
     return CameraDetections(t_ns=t_ns, clock=Clock.HOST, detections=tuple(detections))
 
@@ -128,7 +133,7 @@ def _check_frame(frame: str) -> None:
 
 
 def _detection(one: Any, at: str) -> Detection:
-    """vision_msgs/Detection2D. A turned box counts with the sides of the upright one around it."""
+    """Convert a vision_msgs/Detection2D; a rotated box becomes the upright box around it."""
     center, width, height = one.bbox.center, one.bbox.size_x, one.bbox.size_y
     u, v, theta = center.position.x, center.position.y, center.theta
     if not all(map(math.isfinite, (u, v, theta, width, height))):
@@ -162,7 +167,7 @@ def _named(one: Any) -> dict[str, Any]:
 
 
 def _tag(tag: Any) -> Detection:
-    """apriltag_msgs/AprilTagDetection, whose corners are counter-clockwise from the lower left one."""
+    """Convert an AprilTagDetection, whose corners run counter-clockwise from the lower left."""
     lower_left, lower_right, upper_right, upper_left = [(corner.x, corner.y) for corner in tag.corners]
     points = {
         "center": (tag.centre.x, tag.centre.y),

@@ -1,4 +1,4 @@
-"""What cameras send in ROS 2, by key: what they see, and the CameraInfo that says through which lens.
+"""Decoders of the cameras' ROS 2 topics: detections and CameraInfo, by key.
 
 Keys are those of rmw_zenoh (`domain/topic/type/hash`) and of zenoh-bridge-ros2dds (the topic alone), whose topics
 are configured, and those of `onboard ros2`, which name the camera: `onboard/1/camera/front/ros/package/Type`.
@@ -16,13 +16,12 @@ from onboard.wire.documents.detections import Ignore, exposure_of
 from onboard.wire.documents.document import BadDocumentError, Refuse
 from onboard.wire.ros.received import CAMERA_INFO, DECODERS, decode_camera_info
 
-CHUNKS: Final = 4  # of rmw_zenoh's keys at least: domain, topic, type, hash
+MIN_CHUNK_COUNT: Final = 4  # of rmw_zenoh's keys: domain, topic, type, hash
 NODE_KEY: Final = re.compile(r"onboard/[^/]+/camera/([^/]+)/ros/([^/]+/[^/]+)")  # camera, type
 
 
 class RosDecoder:
-    """Messages on the topics of our cameras. A lens that a CameraInfo has is that of the images that come after
-    it."""
+    """Decoder of our cameras' topics; a CameraInfo sets the lens of the images that follow."""
 
     def __init__(self, cameras: Cameras) -> None:
         self._cameras = cameras
@@ -31,7 +30,7 @@ class RosDecoder:
         self._lenses: dict[str, Lens] = {}  # that a CameraInfo had, by camera
 
     def decode(self, datagram: Datagram, refuse: Refuse, ignore: Ignore) -> list[Exposure]:
-        """What one message shows; nothing of a CameraInfo. Raises BadDocumentError."""
+        """The exposures of one message, none of a CameraInfo. Raises BadDocumentError."""
         sent = NODE_KEY.fullmatch(datagram.channel)
         if sent is not None:
             camera, kind = find(self._cameras, sent[1]), sent[2]
@@ -53,20 +52,25 @@ class RosDecoder:
         return [found] if found else []
 
     def _named(self, key: str) -> tuple[str, str]:
-        """The topic of a key, and the type that it states: `domain/topic/type/hash` (rmw_zenoh), or the topic
-        alone (zenoh-bridge-ros2dds). Raises BadDocumentError, which names all topics."""
+        """The topic of a key, and the type if the key states it.
+
+        Keys are `domain/topic/type/hash` (rmw_zenoh) or the topic (zenoh-bridge-ros2dds). Raises BadDocumentError,
+        which names all topics.
+        """
         known = {*self._seen, *(camera.ros.info for camera in self._infos)}
         if key in known:
             return key, ""
         chunks = key.split("/")
         topic = "/".join(chunks[1:-2])
-        if len(chunks) < CHUNKS or topic not in known:
+        if len(chunks) < MIN_CHUNK_COUNT or topic not in known:
             raise BadDocumentError(f"no camera has this `ros_topic`; known: {', '.join(sorted(known)) or 'none'}")
         return topic, chunks[-2].replace("::msg::dds_::", "/").removesuffix("_")
 
     def _lens(self, camera: CameraInput) -> Lens:
-        """The lens of a camera's images: its CameraInfo's, otherwise as configured. Raises BadDocumentError before
-        the CameraInfo of `ros_camera_info` has come."""
+        """The lens of a camera, of its CameraInfo or as configured.
+
+        Raises BadDocumentError before the CameraInfo of `ros_camera_info` has come.
+        """
         lens = self._lenses.get(camera.name) or (None if camera.ros.info else camera.lens)
         if lens is None:
             raise BadDocumentError(f"no CameraInfo has come on `{camera.ros.info}` yet: its lens is not known")

@@ -1,4 +1,4 @@
-"""Messages of ROS 2 as the library rosbags encodes and decodes them. Needs the extra `ros2`."""
+"""Encoding and decoding of ROS 2 messages by rosbags. Needs the extra `ros2`."""
 
 from functools import cached_property
 from typing import Any, Final
@@ -39,7 +39,7 @@ DEFINITIONS: Final = {"vision_msgs": VISION, "apriltag_msgs": APRILTAG}
 
 
 class RosTypes:
-    """Messages by name, `package/Name`. Everything but the constructor raises ImportError without rosbags."""
+    """ROS types by name, `package/Name`; all methods raise ImportError without rosbags."""
 
     @cached_property
     def store(self) -> Any:

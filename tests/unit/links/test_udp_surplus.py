@@ -16,7 +16,7 @@ from onboard.messages import Datagram, LinkHealth
 from onboard.pipeline import Pipeline, Rim
 from onboard.sinks.console import ConsoleLines
 from onboard.wire.mavlink.frame import V1, V2
-from onboard.wire.surplus import NEEDED, OF_IMU, OF_OTHERS, SURPLUS_KINDS, surplus
+from onboard.wire.surplus import IMU_RANK, NEEDED_RANK, SURPLUS_KINDS, TRAFFIC_RANK, surplus
 from tests.support.running_link import until, with_link
 
 HEARTBEAT, ATTITUDE, HIGHRES_IMU, ADSB_VEHICLE = 0, 30, 105, 246
@@ -35,14 +35,14 @@ def count_of(datagram: Datagram) -> int:
 def test_what_may_be_left_out(signed: bool) -> None:
     ranks = {number: surplus(frame(number, signed=signed)) for number in range(1000)}
     assert {number: rank for number, rank in ranks.items() if rank} == SURPLUS_KINDS
-    assert (ranks[HIGHRES_IMU], ranks[ADSB_VEHICLE]) == (OF_IMU, OF_OTHERS)
-    assert surplus(bytes([V1, 4, 0, 1, 1, HIGHRES_IMU]) + bytes(6)) == OF_IMU
+    assert (ranks[HIGHRES_IMU], ranks[ADSB_VEHICLE]) == (IMU_RANK, TRAFFIC_RANK)
+    assert surplus(bytes([V1, 4, 0, 1, 1, HIGHRES_IMU]) + bytes(6)) == IMU_RANK
 
 
 def test_a_datagram_of_several_frames_is_needed_and_so_is_what_is_none() -> None:
-    assert surplus(frame(HIGHRES_IMU) + frame(ATTITUDE)) == NEEDED
+    assert surplus(frame(HIGHRES_IMU) + frame(ATTITUDE)) == NEEDED_RANK
     for data in (b"", b"\xfd", frame(HIGHRES_IMU)[:9], frame(HIGHRES_IMU)[:-1], bytes(30)):
-        assert surplus(data) == NEEDED
+        assert surplus(data) == NEEDED_RANK
 
 
 def test_the_oldest_of_the_greatest_rank_go_first_with_seed_3() -> None:
@@ -86,8 +86,11 @@ def test_in_a_flood_of_the_imu_all_else_arrives_and_the_newest_samples() -> None
 def test_the_later_we_are_the_fewer_are_delivered_so_that_we_are_late_no_longer(
     waiting: int, delivered: int
 ) -> None:
-    assert udp.delivered_of([(OF_IMU, None, None)] * waiting) == delivered
-    assert udp.delivered_of([(NEEDED, None, None)] * 200 + [(OF_IMU, None, None)] * 824) == 200 + udp.LEAST_SURPLUS
+    assert udp.delivered_of([(IMU_RANK, None, None)] * waiting) == delivered
+    assert (
+        udp.delivered_of([(NEEDED_RANK, None, None)] * 200 + [(IMU_RANK, None, None)] * 824)
+        == 200 + udp.LEAST_SURPLUS
+    )
 
 
 def test_other_aircraft_are_left_out_before_the_imu() -> None:

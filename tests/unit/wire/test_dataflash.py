@@ -24,7 +24,7 @@ from onboard.messages import (
     ParamValue,
     StatusText,
 )
-from onboard.wire.logs.dataflash import GPS_EPOCH_S, WEEK_S, read_dataflash
+from onboard.wire.logs.dataflash import GPS_EPOCH_S, read_dataflash
 from onboard.wire.logs.tlog import NotALogError
 from tests.support.dataflash import BOOT_TIME_S, WEEK, WEEK_MS, DataFlash, dataflash
 from tests.support.streams import CIRCLE
@@ -176,7 +176,7 @@ def test_the_first_instance_of_use_is_read(
 def test_leap_seconds_are_those_of_the_date(year: int, leap_s: int, tmp_path: Path) -> None:
     """Before 2017, Unix times were 1 s and more off."""
     noon = datetime(year, 8, 4, 12, tzinfo=UTC).timestamp()
-    week, second = divmod(int(noon) - GPS_EPOCH_S + leap_s, WEEK_S)
+    week, second = divmod(int(noon) - GPS_EPOCH_S + leap_s, 604_800)
     fix = FIX | {"GWk": week, "GMS": second * 1000}
     (found,) = of(written(tmp_path / "log.bin", [("GPS", 10, fix)]), GpsFix)
     assert found.t_recv_ns == round(noon) * 10**9
@@ -205,7 +205,7 @@ def test_rows_of_firmware_before_2015_have_milliseconds(tmp_path: Path) -> None:
     (found,) = of(written(tmp_path / "log.bin", [("GPS", 0, fix)], ("GPS",)), GpsFix)
     assert (found.t_ns, found.t_recv_ns) == (
         5 * 10**9,
-        (GPS_EPOCH_S - 18 + WEEK * WEEK_S) * 10**9 + WEEK_MS * 10**6,
+        (GPS_EPOCH_S - 18 + WEEK * 604_800) * 10**9 + WEEK_MS * 10**6,
     )
 
 

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from onboard.client import pose_of
 from onboard.geometry.rotations import matrix_from_euler, matrix_from_quaternion, quaternion_from_matrix
 from onboard.messages import TargetDetection, TargetPoints
-from onboard.wire.documents.poses import TURN
+from onboard.wire.documents.poses import ROTATION_SIGMA
 from tests.unit.wire.test_detections import BOX, CENTER, HEAD, LEFT, RIGHT, Decoded, one
 
 OPTICAL = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])  # from forward, right, down
@@ -68,7 +68,7 @@ def test_without_a_covariance_a_position_is_as_exact_as_a_point_across_and_vague
     m = one(pose=pose(covariance=None, position_m=[0.0, 0.0, 20.0]), confidence=0.5)
     along, across, _ = np.sqrt(np.diag(m.pose.r_covariance))
     assert (along, across) == (pytest.approx(20 * 0.05, rel=0.01), pytest.approx(20 * 2 / 500))
-    assert_allclose(m.pose.turn_covariance, TURN**2 * np.eye(3))
+    assert_allclose(m.pose.turn_covariance, ROTATION_SIGMA**2 * np.eye(3))
 
 
 def test_either_part_may_be_missing_and_its_covariance_is_not_read() -> None:

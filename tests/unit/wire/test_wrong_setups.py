@@ -5,7 +5,7 @@ import json
 import pytest
 
 from onboard.messages import Cause, Datagram, Encoding, Reason
-from onboard.wire.datagrams import FRAMELESS_PIECES, DatagramDecoder
+from onboard.wire.datagrams import MIN_FRAMELESS_COUNT, DatagramDecoder
 from onboard.wire.mavlink.encode import MavlinkEncoder
 from onboard.wire.mavlink.signing import FORGED, UNSIGNED, Signer, read_key
 from tests.support.mavlink_records import RECORDS
@@ -42,11 +42,11 @@ def test_a_wrong_signing_set_up_is_named(data: bytes, key: bytes, reason: Reason
 )
 @pytest.mark.parametrize("encoding", [Encoding.MAVLINK, Encoding.MAVLINK_STREAM])
 def test_bytes_that_are_no_mavlink_are_named_after_a_while(data: bytes, hint: str, encoding: Encoding) -> None:
-    assert refused(data, encoding, FRAMELESS_PIECES - 1) == []
-    (reason,) = refused(data, encoding, FRAMELESS_PIECES)
+    assert refused(data, encoding, MIN_FRAMELESS_COUNT - 1) == []
+    (reason,) = refused(data, encoding, MIN_FRAMELESS_COUNT)
     assert hint in reason.words
     assert reason.cause is (Cause.NO_MAVLINK if data == JSON else Cause.BAUD_RATE)
-    assert refused(data + PLAIN, encoding, 2 * FRAMELESS_PIECES) == []
+    assert refused(data + PLAIN, encoding, 2 * MIN_FRAMELESS_COUNT) == []
 
 
 @pytest.mark.parametrize(
