@@ -45,7 +45,7 @@ TOPICS: Final = {
     "autopilot": ("autopilot-silent", "system", "component", "signing"),
     "rates": ("attitude", "stream", "position", "rates", "origin"),
     "camera": (
-        *("camera-silent", "camera", "target", "class", "clock", "stamps", "pixels", "lens", "noise", "misfit"),
+        *("camera-silent", "camera", "target", "class", "clock", "stamps", "pixels", "lens", "noise"),
         "mount",
     ),
     "clock": ("timesync",),

@@ -35,6 +35,9 @@ GRID: Final = np.array([0.04, 0.04, 0.04, 0.04, 0.1])  # of the errors about whi
 ITERATIONS: Final = 10
 OUTLIER: Final = 6.0  # times what a fifth of images are off the median of their neighbours
 SWERVES: Final = 10.0 ** np.arange(-2.0, 6.0, 1.5)  # white acceleration, (sigmas of an image)^2/s^3
+# A target that moves as we do accelerates as we lean, as if the mount were wrong. The correlation of the two paths
+# is 0.7 to 0.95 in formations, and up to 0.45 with a target on a path of its own.
+MAX_PATH_CORRELATION: Final = 0.5
 SIGMAS: Final = 5.0
 # By which the logarithm of the likelihood of one is larger than another's. By leaders that 62 logs recorded, and a
 # sound camera, a delay had up to 26 in 680 searches, and a focal length was off by 2.7 times its sigma (RMS)
@@ -137,6 +140,13 @@ class Window:
         paths, _, r_C = self._paths(errors, self._sights.points)
         shown = self._shown([r_C, paths], _across(paths - r_C))
         return self._likeliest(shown)[0] - 2.0 * len(shown) * float(errors[FOCAL])
+
+    def paths_product(self) -> Array:
+        """Return the products (2, 2) of our own path and the target's, over the variance of the noise."""
+        paths, _, r_C = self._paths(CONFIGURED, self._sights.points)
+        shown = self._shown([r_C, paths], _across(paths - r_C))
+        _, weights, variance, _ = self._likeliest(shown)
+        return _normal_of(shown, weights) / variance
 
     def _linearised(self, errors: Array) -> Normal:
         """The normal equations about these errors."""
@@ -245,11 +255,19 @@ def finished(steps: Steps[T]) -> T:
             return found
 
 
+def path_correlation(windows: Sequence[Window]) -> float:
+    """Return the correlation of the target's path with our own, beside straight lines."""
+    N = sum(window.paths_product() for window in windows)
+    return float(N[0, 1] / math.sqrt(max(N[0, 0] * N[1, 1], 1e-9)))
+
+
 def wrong_mount(windows: Sequence[Window]) -> Steps[tuple[Array, Array] | None]:
-    """By how much a camera's mount is certainly off: angles (3,) about its axes, and their sigmas (3,). None where
-    nothing is certain, and where a delay or a focal length explains what was seen, alone or beside it. Neither is
-    ever claimed: a leader that we follow on its own way moves as if one of them were wrong."""
-    if np.mean([w.lean for w in windows]) < LEAST_LEAN**2:
+    """Return the certain error of a camera's mount: angles (3,) about its axes, and their sigmas (3,).
+
+    It is None where nothing is certain, where the target moves with us, and where a delay or a focal length
+    explains what was seen, alone or in addition. Neither of these is ever claimed.
+    """
+    if np.mean([w.lean for w in windows]) < LEAST_LEAN**2 or path_correlation(windows) > MAX_PATH_CORRELATION:
         return None
     likelihoods = np.sum([w.likelihoods for w in windows], axis=0)
     fits = {}

@@ -20,7 +20,7 @@ MOST_NAMES: Final = 8  # targets, or classes, of each
 RATE_WINDOW_NS: Final = 2 * NS_PER_S
 MOST_WATCHED: Final = 32  # cameras whose images' quarter is watched
 QUARTER_IMAGES: Final = 500  # in a row, of one camera
-SPAN_NS: Final = 20 * NS_PER_S  # that they last at least
+MIN_QUARTER_DURATION_NS: Final = 60 * NS_PER_S  # a leader of a formation may stay in that quarter for less
 UNUSED: Final = Reason(
     Cause.RANGE_UNUSED,
     f"{DOUBT_PREFIX}`range_m` of its detections is not used: set `detections = true` in [estimator.leader.range], "
@@ -135,7 +135,7 @@ class Hints:
             self._quarters.pop(image.camera, None)
         elif count or len(self._quarters) < MOST_WATCHED:
             self._quarters[image.camera] = count + 1, since_ns
-            if count >= QUARTER_IMAGES and image.t_recv_ns - since_ns > SPAN_NS:
+            if count >= QUARTER_IMAGES and image.t_recv_ns - since_ns > MIN_QUARTER_DURATION_NS:
                 self._add(source, QUARTER_REASON, image.t_recv_ns)
 
 

@@ -25,8 +25,7 @@ OF_MESSAGES: Final[Causes] = (
     causes_camera.silent_camera,
     causes_camera.stamps,
     causes_camera.names,
-    causes_camera.misfit,
-    causes_camera.contradicted,
+    causes_camera.noise,
     causes_camera.lens,
     causes_host.refused,
 )

@@ -1,12 +1,12 @@
-"""What can be wrong with images: none come, their stamps or names are wrong, or they do not fit."""
+"""Causes in the images: none come, or their stamps, names or noise are wrong."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Final
 
 from onboard.health.needs import Moment
 from onboard.health.words import FIT
-from onboard.messages import Advice, CameraHealth, Clock, Consistency, Health, Severity
+from onboard.messages import Advice, CameraHealth, Clock, Health, Severity
 from onboard.messages.causes import Cause
 from onboard.messages.stamps import UPTIME, Reading, Span, read_stamps
 from onboard.units import NS_PER_S
@@ -17,17 +17,11 @@ QUICKEST_S: Final = 0.003  # from exposure to the detector's answer; nothing is 
 SLOWEST_S: Final = 0.4  # of 0.5 s, beyond which images are too old
 ODD_S: Final = 2.0  # no camera is so late: its stamp is of another clock, or in another unit
 WIDE: Final = 0.35  # rad off the axis
-NOISY: Final = 1.3  # times the configured noise
-QUIET_SHARE: Final = 0.5
-FAR_BETTER: Final = 0.25  # times the NIS of another camera; what is fused follows both
-GATED: Final = 0.3  # share of images
+# Measured noise over the configured one that is named: sound cameras in simulated encounters have up to 1.2.
+MAX_NOISE_RATIO: Final = 1.5
+MIN_NOISE_RATIO: Final = 0.5
 FEWEST_JUDGED: Final = 10  # images by which a share is judged
-CONTRADICTED_BY_IMAGES: Final = frozenset(  # by images
-    {Cause.NOISE, Cause.ASTRAY, Cause.LEAPT}
-)
 LEADERS: Final = ("leader", "oh_johnson")
-DOUBTED_NS: Final = 10 * NS_PER_S
-WHICH: Final = "; which camera, is found once we have tilted and turned for half a minute"
 
 
 def silent_camera(m: Moment) -> Iterator[Advice]:
@@ -147,110 +141,25 @@ def names(m: Moment) -> Iterator[Advice]:
             )
 
 
-def misfit(m: Moment) -> Iterator[Advice]:
-    """Images that fit worse, or better, than their noise allows."""
-    worst = _worst(m)
-    for estimator in LEADERS:
-        found = {n: m.now.consistency[k] for n in m.now.cameras if (k := f"{estimator}.{n}") in m.now.consistency}
-        # where the images fit better than that noise would make them, it was a manoeuvre and is over
-        noisy = [n for n in worst if n in found and found[n].noise > NOISY and found[n].nis >= found[n].low]
-        if noisy:
-            most = max(noisy, key=lambda n: found[n].noise)
-            scale = f"{found[most].noise:.1f} times"
-            of_noise = f"if it is noise, set `sigma_px` of {section_of(m, most)} to {scale} its value; else "
+def noise(m: Moment) -> Iterator[Advice]:
+    """Images that scatter from one to the next by more, or by less, than their noise allows."""
+    for name in m.now.cameras:
+        for estimator in LEADERS:
+            found = m.now.consistency.get(f"{estimator}.{name}")
+            is_quiet = found is not None and found.noise < MIN_NOISE_RATIO and found.nis <= found.high
+            if found is None or not (found.noise > MAX_NOISE_RATIO or is_quiet):
+                continue
+            scale = f"{found.noise:.1f} times"
+            gain = ", which makes estimates surer" if is_quiet else ""
             yield _advice(
                 "noise",
-                worst,
-                _noise_words(worst, found[most]),
-                of_noise + _suspects(m, worst),
+                name,
+                f"camera {name}: the images scatter {scale} as much as the configured noise explains, "
+                f"NIS {found.nis:.1f} times the expected one (bounds {found.low:.2f} to {found.high:.2f})",
+                f"set `sigma_px` of {section_of(m, name)} to {scale} its value{gain}",
                 f"images scatter {scale} as much as set",
-                Severity.WARNING,
+                Severity.NOTICE if is_quiet else Severity.WARNING,
             )
-        for name, one in found.items():
-            if one.noise < QUIET_SHARE and one.nis <= one.high:
-                yield _advice(
-                    "noise",
-                    name,
-                    _noise_words([name], one),
-                    f"a smaller `sigma_px` of {section_of(m, name)} makes estimates surer",
-                    f"images scatter {one.noise:.1f} times as much as set",
-                    Severity.NOTICE,
-                )
-        used, gated = _judged(m, estimator)
-        if worst and gated + used >= FEWEST_JUDGED and gated >= GATED * (gated + used):
-            yield _advice(
-                "misfit",
-                worst,
-                f"{_cameras(worst)}: {gated} of the last {gated + used} images do not fit where the "
-                f"{estimator} estimator expects the leader",
-                _suspects(m, worst),
-                f"{_cameras(worst)}: images do not fit",
-                Severity.WARNING,
-            )
-
-
-def _noise_words(names: Sequence[str], found: Consistency) -> str:
-    ratio = f"NIS {found.nis:.1f} times the expected one (bounds {found.low:.2f} to {found.high:.2f})"
-    words = f"the images scatter {found.noise:.1f} times as much as the configured noise explains"
-    return f"{_cameras(names)}: {words}, {ratio}"
-
-
-def contradicted(m: Moment) -> Iterator[Advice]:
-    """An estimate that is not valid since images contradict it: those that come, not a prediction without any."""
-    worst = _worst(m)
-    for estimator in LEADERS:
-        if worst and m.now.causes.get(estimator) in CONTRADICTED_BY_IMAGES:
-            what = f"{_cameras(worst)}: the {estimator} estimate is not valid: {m.now.reasons[estimator]}"
-            yield _advice("misfit", worst, what, _suspects(m, worst), f"{estimator}: images do not fit")
-
-
-def _cameras(names: Sequence[str]) -> str:
-    """One camera, or several whose images do not fit each other: nothing shows yet which of them is wrong."""
-    return f"camera {names[0]}" if len(names) == 1 else f"cameras {' and '.join(names)}"
-
-
-def _worst(m: Moment) -> list[str]:
-    """The cameras whose images come, without those that fit far better than another. Where the images of one show
-    what is wrong with it, the others do not fit because of that one."""
-    names = [name for name, camera in m.now.cameras.items() if camera.age <= SILENT_S]
-    if in_doubt := [name for name in names if _is_in_doubt(m, name)]:
-        return in_doubt
-    nis = {
-        n: max(
-            (m.now.consistency[k].nis for e in LEADERS if (k := f"{e}.{n}") in m.now.consistency), default=math.inf
-        )
-        for n in names
-    }
-    most = max((x for x in nis.values() if math.isfinite(x)), default=0.0)
-    return [name for name in names if nis[name] > FAR_BETTER * most]
-
-
-def _is_in_doubt(m: Moment, name: str) -> bool:
-    """Whether the images of a camera have shown lately that it is set up wrong."""
-    return any(
-        r.source == f"camera {name}" and r.cause is Cause.MOUNT and m.now.t_recv_ns - r.t_recv_ns < DOUBTED_NS
-        for r in m.now.refusals
-    )
-
-
-def _judged(m: Moment, estimator: str) -> tuple[int, int]:
-    """Images of the last seconds that an estimator has used, and those that its gate has stopped."""
-    used = m.verdicts(f"{estimator}.fused") + m.verdicts(f"{estimator}.fused_late")
-    return used, m.verdicts(f"{estimator}.gated")
-
-
-def _suspects(m: Moment, names: Sequence[str]) -> str:
-    """What may be wrong where images do not fit, and what finds it."""
-    lens = (
-        ", `distortion` or `calibration` (none is set: are pixels undistorted?)"
-        if any(name in m.needs.undistorted for name in names)
-        else ""
-    )
-    sections = " or ".join(section_of(m, name) for name in names)
-    return (
-        f"one of these is wrong: `mount_rpy_deg`, `delay_s`, `f_px`{lens} of {sections}, `size_prior_m` "
-        f"of [estimator.leader]; {of_camera(m, names[0], FIT) if len(names) == 1 else FIT + WHICH}"
-    )
 
 
 def _leader_is_lost(m: Moment) -> bool:
@@ -296,12 +205,13 @@ def section_of(m: Moment, name: str) -> str:
 
 def _advice(
     cause: str,
-    camera: str | Sequence[str],
+    camera: str,
     what: str,
     remedy: str,
     text: str,
     severity: Severity = Severity.ERROR,
     over: str = "",
 ) -> Advice:
-    about = _cameras([camera] if isinstance(camera, str) else camera)
-    return Advice(kind=cause, severity=severity, about=about, what=what, remedy=remedy, text=text, over=over)
+    return Advice(
+        kind=cause, severity=severity, about=f"camera {camera}", what=what, remedy=remedy, text=text, over=over
+    )

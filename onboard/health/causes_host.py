@@ -17,9 +17,11 @@ LITTLE_ROOM: Final = 200_000_000  # bytes
 LITTLE_MEMORY: Final = 100_000_000
 BY_STAMP: Final = (Cause.TOO_OLD, Cause.TOO_NEW, Cause.NO_POSE, Cause.DUPLICATE)
 WITHOUT_MOTION: Final = ("filter_has_no_position", "filter_has_no_velocity")  # by the autopilot's own filter
-RARE: Final = (Cause.OUT_OF_VIEW, Cause.NO_POSE)
+# Causes that refuse single images of a sound camera: the leader is at the edge or too far away to show its wing,
+# our own motion has just begun, or a detector gives one aircraft two boxes.
+RARE_CAUSES: Final = (Cause.OUT_OF_VIEW, Cause.NO_POSE, Cause.DIRECTION_ONLY, Cause.DUPLICATE)
 USED: Final = ("fused", "fused_late")
-OTHER_IMAGE: Final = 0.3  # share of all images that are beyond its edge, or have no pose
+MIN_REFUSED_RATIO: Final = 0.3  # of all images, for a rare cause that is named
 ROOM: Final = "make room (`df -h`, `du -sh *`), or set `path` of [recorder]"
 
 
@@ -54,12 +56,15 @@ def _follows(m: Moment, cause: Cause) -> bool:
 
 
 def _is_rare(m: Moment, cause: Cause) -> bool:
-    """Whether images were refused that say nothing of the set-up: of a leader at the edge of the image, or taken
-    before the first of our own motion. Of wrong pixels or stamps, more than a few are refused from the start."""
-    if cause not in RARE:
+    """Whether the refused images of a cause are so few that they show nothing of the set-up.
+
+    Of wrong pixels or stamps, more than a few are refused from the start.
+    """
+    if cause not in RARE_CAUSES:
         return False
     refused, *used = (m.now.verdicts.get(f"leader.{verdict}", 0) for verdict in (cause, *USED))
-    return refused < OTHER_IMAGE * (refused + sum(used)) or (cause is Cause.NO_POSE and refused < FEWEST_JUDGED)
+    is_few = cause is not Cause.OUT_OF_VIEW and refused < FEWEST_JUDGED
+    return refused < MIN_REFUSED_RATIO * (refused + sum(used)) or is_few
 
 
 def links(m: Moment) -> Iterator[Advice]:

@@ -82,25 +82,20 @@ WORDS: Final[Mapping[str, Words]] = {  # by cause, and by a verdict of the same 
     **dict.fromkeys(
         (Cause.STARTING, Cause.SEEN_AGAIN), noticed("wait; if it lasts, look at what the detector finds")
     ),
-    **dict.fromkeys(
-        (
-            Cause.NOISE,
-            Cause.ASTRAY,
-            Cause.ALL_GATED,
-            Cause.NO_RANGE,
-            Cause.GIMBAL_FRAME,
-        ),
-        of_state(f"`mount_rpy_deg`, `delay_s`, `f_px` of [camera] or the size is wrong: {FIT}"),
-    ),
+    Cause.ASTRAY: noticed("wait: it is taken up again with its next images"),
+    Cause.NO_RANGE: noticed("wait for an image of its wing; else let the detector find `left` and `right`"),
+    Cause.GIMBAL_FRAME: of_state("set `gimbal_frame` of [camera] as the estimate's reason says"),
     **dict.fromkeys(
         (Cause.LEAPT, Cause.CLASS_OPEN, Cause.CLASS_CHANGED, Cause.RENAMED),
         of_state("let the detector follow one aircraft, and name it by one `target`, `id` and `class`"),
     ),
     **dict.fromkeys((Cause.FILTER_FAILED, Cause.ESTIMATOR_ERROR), Words()),
-    Cause.UNEXPECTED: of_state(
-        "look at how the leader flies: no `leader_class` of [estimator.leader] flies aerobatics. If it flies "
-        "steadily, the detector is noisier than `sigma_px` of [camera], or `size_prior_m` of [estimator.leader] "
-        f"or `mount_rpy_deg`, `delay_s`, `f_px` of [camera] is wrong: {FIT}"
+    **dict.fromkeys(
+        (Cause.UNEXPECTED, Cause.NOISE, Cause.ALL_GATED),
+        of_state(
+            "look at how the leader flies, as no `leader_class` of [estimator.leader] flies aerobatics, and at "
+            f"what the detector finds. If it lasts in steady flight: {FIT}"
+        ),
     ),
     Cause.CAMERAS_APART: of_state(
         "`mount_rpy_deg`, `f_px` or `delay_s` of one of these cameras is wrong, or one `target` is two "

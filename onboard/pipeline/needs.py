@@ -1,15 +1,18 @@
 """What a configuration needs of its surroundings, for the advice in the health."""
 
+import math
 from collections.abc import Mapping
 from typing import Final
 
 from onboard.config import Config
+from onboard.geometry.lens import Lens
 from onboard.health import LinkNeed, Needs
 
 IMU_HZ: Final = 17.0  # below it, a yaw that is wrong is not noticed (docs/fly-it.md)
 GPS_HZ: Final = 1.0
 SLOWEST_HZ: Final = 5.0
 USES_IMAGES: Final = ("leader", "oh_johnson")
+MIN_WIDE_ANGLE: Final = math.radians(40.0)  # from the axis to a corner of the image
 PLACES: Final = ("FOLLOW_TARGET", "GLOBAL_POSITION_INT", "ADSB_VEHICLE", "CAMERA_TRACKING_GEO_STATUS")
 
 
@@ -25,12 +28,18 @@ def needs(config: Config) -> Needs:
         asked=config.autopilot.rates_hz,
         images=any(name in config.estimator for name in USES_IMAGES),
         classes=tuple(config.target),
-        undistorted=tuple(name for name, camera in cameras.items() if camera.lens.is_pinhole),
+        undistorted=tuple(name for name, camera in cameras.items() if _is_wide_pinhole(camera.lens)),
         ros=tuple(name for name, camera in cameras.items() if camera.ros.seen),
         wind=_has_fixed_wing(config),
         transponder=any(getattr(each, "own_icao", "") for each in config.estimator.values()),
         sends_places=tuple(out.link for out in config.leader_out if any(n in PLACES for n in out.rates_hz)),
     )
+
+
+def _is_wide_pinhole(lens: Lens) -> bool:
+    """Whether a lens has no distortion although its image ends far from the axis."""
+    corner = math.hypot(lens.width_px / lens.fx_px, lens.height_px / lens.fy_px) / 2.0
+    return lens.is_pinhole and corner > math.tan(MIN_WIDE_ANGLE)
 
 
 def _has_fixed_wing(config: Config) -> bool:

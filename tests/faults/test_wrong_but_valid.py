@@ -210,7 +210,7 @@ def test_a_detector_that_is_4_times_as_noisy_is_taken_so_and_told_with_seed_44()
     )
     last = run.estimates[-1]
     assert last.valid
-    assert "the images scatter more than the configured noise explains" in last.reason
+    assert "the images fit worse than the configured noise explains" in last.reason
     assert 3.0 < run.reports[-1].noise_scale < 5.5
     late = [e for e in run.estimates if e.valid and e.t_ns > (T0 + 6.0) * S]
     assert np.mean([position_nees(e) for e in late]) < 3.0

@@ -107,7 +107,7 @@ def test_the_noise_of_a_detector_is_learnt_from_late_images_as_from_those_in_ord
             45 if m.t_ns < ENTANGLED else d for m, d in zip(noisy, rng.integers(0, 440, len(noisy)), strict=True)
         ]
         run = delivered((m.t_ns + int(d) * MS, m) for m, d in zip(noisy, delays, strict=True))
-        found = "the images scatter more than the configured noise explains" in last(run).reason
+        found = "the images fit worse than the configured noise explains" in last(run).reason
         if last(run).reset_count or not found:  # the track has begun anew, or every image is gated
             assert last(run).cause in (Cause.PREDICTED, Cause.UNEXPECTED)
             continue

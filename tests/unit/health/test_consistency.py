@@ -39,3 +39,22 @@ def test_the_noise_is_what_was_learnt_times_what_is_left(nis: float, scale: floa
     assert found.nis == pytest.approx(nis)
     assert found.noise == pytest.approx(noise)
     assert found.low < 1.0 < found.high
+
+
+@pytest.mark.parametrize(("offsets", "noise"), [((2.0, 2.0), 1.0), ((2.0, -2.0), 2.0)])
+def test_what_stays_from_image_to_image_is_no_noise(offsets: tuple[float, float], noise: float) -> None:
+    """A manoeuvre shifts all innovations, noise each of them on its own."""
+    found = Consistencies()
+    for k in range(FEWEST_INNOVATIONS):
+        e = (offsets[k % 2], offsets[k % 2])
+        report = MeasurementReport(
+            source="front",
+            t_ns=k,
+            t_recv_ns=k,
+            verdict=Verdict.FUSED,
+            innovation=e,
+            innovation_sigma=(1.0, 1.0),
+            nis=8.0,
+        )
+        found.add(make_estimate(k, "leader"), report)
+    assert found.summary()["leader.front"].noise == pytest.approx(noise)

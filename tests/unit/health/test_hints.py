@@ -13,7 +13,7 @@ from onboard.sinks.console import ConsoleLines
 from onboard.wire.documents.points import doubt_of
 from tests.support.streams import CIRCLE, EPOCH, SIZE, Run, S, Stream, advance
 
-SECONDS = 25.0
+SECONDS = 65.0
 
 
 def config(**ranges: bool) -> Config:
@@ -42,7 +42,7 @@ def test_pixels_of_an_image_of_half_the_size_are_noticed() -> None:
     assert [r for r in reasons(run) if "upper left quarter" in r]
     assert any(e.valid for e in run.estimates)
     lines: list[str] = []
-    ConsoleLines(lines.append, pilot=lambda _: None).show_health(run.pipeline.health(EPOCH + 31 * S))
+    ConsoleLines(lines.append, pilot=lambda _: None).show_health(run.pipeline.health(EPOCH + 71 * S))
     (line,) = [line for line in lines if "quarter" in line]
     assert line.startswith(f"camera landing_target: {DOUBT_PREFIX}")
 

@@ -12,7 +12,16 @@ from onboard.arrays import Array
 from onboard.config import parse_config
 from onboard.estimators import Withholds
 from onboard.geometry.rotations import matrix_from_euler, quaternion_from_matrix
-from onboard.health.camera_errors import Poses, Sights, Window, finished, wrong_mount
+from onboard.health import camera_errors
+from onboard.health.camera_errors import (
+    MAX_PATH_CORRELATION,
+    Poses,
+    Sights,
+    Window,
+    finished,
+    path_correlation,
+    wrong_mount,
+)
 from onboard.health.mounts import FEWEST_WINDOWS, Found, Mounts, why
 from onboard.messages import (
     DOUBT_PREFIX,
@@ -50,6 +59,7 @@ def windows(
     focal: float = 1.0,
     delay: float = 0.0,
     follows: bool = False,
+    moves_as_we_do: bool = False,
 ) -> list[Window]:
     """Windows of a vehicle that leans and turns behind a leader with a path of its own, seen by a camera that is
     turned by `wrong` (3,) rad against what is configured, whose focal length is `focal` times as long, and whose
@@ -72,7 +82,8 @@ def windows(
         for t in np.arange(0.0, 4.0, 0.08):
             at = t - delay
             yaw = np.interp(at, np.arange(-1.0, 5.0, 0.02), swerve) if follows else 0.0
-            d = matrix_from_euler(0.0, 0.0, yaw) @ [30.0, 2.0, -4.0] + a[2] * at**2 - own(at)
+            d = matrix_from_euler(0.0, 0.0, yaw) @ [30.0, 2.0, -4.0]
+            d = d + (0.0 if moves_as_we_do else a[2] * at**2 - own(at))
             u = (attitude(at) @ matrix_from_euler(*wrong)).T @ d
             rows.append((t, *(focal * u[1:] / u[0] + 0.0015 * rng.normal(size=2)), np.linalg.norm(d)))
         t = np.arange(-1.0, 5.0, 0.02)
@@ -239,6 +250,14 @@ def test_a_leader_that_swerves_and_is_kept_in_the_middle_is_no_focal_length_seed
     0.13."""
     found = [explain(windows(np.zeros(3), seed, follows=True, nod=nod)) for seed in range(1, 4)]
     assert found == [None, None, None]
+
+
+def test_a_leader_that_moves_as_we_do_is_told_by_its_path_seed_1(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It accelerates as we lean: a sound camera seemed to look 30 degrees lower, in 18 of 45 formations."""
+    ours, own = (path_correlation(windows(np.zeros(3), 1, moves_as_we_do=x)) for x in (True, False))
+    assert own < MAX_PATH_CORRELATION < ours
+    monkeypatch.setattr(camera_errors, "path_correlation", lambda _: ours)
+    assert explain(windows(np.radians([0.0, 15.0, 0.0]), 1)) is None
 
 
 def test_a_wrong_camera_without_lean_is_not_claimed_seeds_1_to_20() -> None:

@@ -101,7 +101,7 @@ class NoiseScale(NamedTuple):
     @property
     def finding(self) -> str:
         """What there is to report of it, "" if nothing."""
-        words = "the images scatter more than the configured noise explains"
+        words = "the images fit worse than the configured noise explains"
         return words if self.scale > given.REPORTED_NOISE_SCALE else ""
 
     @property

@@ -5,7 +5,7 @@ import pytest
 
 from onboard.estimators.own_state.config import Config
 from onboard.estimators.own_state.noise import MIN_RATE_SIGMA, MIN_SPEED_SIGMA, SensorNoise
-from onboard.ownship.contradictions import RATE_NOISE, MAX_SPEED_NOISE
+from onboard.ownship.contradictions import MAX_SPEED_NOISE, RATE_NOISE
 
 MS = 1_000_000
 CONFIG = Config()

@@ -24,7 +24,7 @@ def learnt_from(noise: float, windows: int, seed: int = 1) -> NoiseScale:
 def test_the_noise_is_learnt_and_reported(noise: float) -> None:
     learnt = learnt_from(noise, 6)
     assert learnt.scale == pytest.approx(noise, rel=0.2)
-    assert learnt.finding == "the images scatter more than the configured noise explains"
+    assert learnt.finding == "the images fit worse than the configured noise explains"
     assert not learnt.contradiction
 
 
