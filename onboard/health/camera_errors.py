@@ -257,7 +257,7 @@ def finished(steps: Steps[T]) -> T:
 
 def path_correlation(windows: Sequence[Window]) -> float:
     """Return the correlation of the target's path with our own, beside straight lines."""
-    N = sum(window.paths_product() for window in windows)
+    N = np.sum([window.paths_product() for window in windows], axis=0)
     return float(N[0, 1] / math.sqrt(max(N[0, 0] * N[1, 1], 1e-9)))
 
 
