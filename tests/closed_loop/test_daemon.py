@@ -1,14 +1,10 @@
 """`onboard run` and `simlink run` as processes over real links: messages both ways, and recording."""
 
 import signal
-from collections import Counter
 from collections.abc import Iterator
-from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 import pytest
-from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard.analysis.flights.replay import replay
 from onboard.clocks import MAX_ROUND_TRIP_TIME_NS
@@ -17,7 +13,7 @@ from onboard.config import load_config
 from onboard.messages import Cause, Estimate, TimeSync
 from onboard.wire.datagrams import DatagramDecoder
 from onboard.wire.logs.recording import read_recording
-from tests.support.daemon import Observer, Relay, Setup, queried
+from tests.support.daemon import Observer, Setup, queried
 from tests.support.programs import TIMEOUT_S, until
 from tests.support.records import read_estimates
 
@@ -85,89 +81,6 @@ def test_recorded_flight_seed_1_replays_bit_for_bit(setup: Setup, kind: str) -> 
     assert health.rejected.get("timesync_not_ours", 0) <= late_replies(recording)
     assert health.links["autopilot"].received
     assert_replays_bit_for_bit(setup, recording, shed)
-
-
-def send_from_another_autopilot(relay: Relay) -> None:
-    """30 messages of system 9, upside down and elsewhere."""
-    stranger = dialect.MAVLink(None, srcSystem=9, srcComponent=1)
-    for _ in range(10):
-        for message in (
-            stranger.heartbeat_encode(2, 3, 0, 0, 4),
-            stranger.attitude_quaternion_encode(41_000, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-            stranger.local_position_ned_encode(41_000, 1e4, 1e4, 0.0, 0.0, 0.0, 0.0),
-        ):
-            relay.inject(message.pack(stranger))
-        count = relay.forwarded
-        until(lambda count=count: relay.forwarded > count, "the simulator's next datagram")
-
-
-def has_requested_rates(observer: Observer) -> bool:
-    observer.receive()
-    streams = observer.newest().streams
-    gps, position = streams.get("GpsFix"), streams.get("LocalPosition")
-    return bool(gps and position and gps.rate > 16 and position.rate > 80)
-
-
-def has_rejected(observer: Observer, relay: Relay, count: int) -> bool:
-    """Wait until a number of messages have been rejected.
-
-    On a busy computer the daemon leaves out those that waited too long, so more are sent.
-    """
-    send_from_another_autopilot(relay)
-    observer.receive()
-    return observer.newest().rejected.get("other_system", 0) >= count
-
-
-def test_daemon_is_a_good_citizen_of_the_link_seed_2(setup: Setup) -> None:
-    """It sends heartbeats and TIMESYNC, requests rates, and ignores another autopilot."""
-    with (
-        setup.daemon(
-            f"udpin:127.0.0.1:{setup.autopilot}",
-            *("autopilot.rates_hz.GPS_RAW_INT=20.0", "autopilot.rates_hz.LOCAL_POSITION_NED=100.0"),
-        ) as daemon,
-        closing(Relay(setup.autopilot)) as relay,
-    ):
-        observer = setup.observer()
-        links = ("--mavlink", f"udpout:127.0.0.1:{relay.port}", "--tcp", "none", "--zenoh", setup.endpoint)
-        with setup.simulator(*links, "--wait", "300", seed=2):
-            until(observer.is_tracking, "a track")
-            until(lambda: has_rejected(observer, relay, 30), "the count of rejected messages")
-            until(lambda: has_requested_rates(observer), "the requested rates")
-            observer.client._session.put("onboard/1/camera/front/points", b'{"t_ns": 1}')
-            until(lambda: "missing required field `clock`" in daemon.output(), "the refusal of bad points")
-            health = observer.newest()
-            assert observer.is_tracking()
-            beats = relay.count("HEARTBEAT")
-            until(lambda: relay.count("HEARTBEAT") >= beats + 3, "three more heartbeats")
-            frames = relay.frames()
-        assert daemon.end() == 0
-    assert health.autopilot == "PX4, system 1"
-    assert health.autopilot_reboots == 0
-    assert health.verdicts.get("leader.gated", 0) == 0
-    assert_good_citizen(frames)
-
-
-def assert_good_citizen(frames: list[Any]) -> None:
-    """The daemon's messages.
-
-    When it sends which, tests/unit/autopilot says on a clock of its own: here rates sag when the machine is busy,
-    and it requests them again.
-    """
-    kinds = Counter(m.get_type() for m in frames)
-    assert set(kinds) == {"HEARTBEAT", "TIMESYNC", "COMMAND_LONG", "STATUSTEXT", "ONBOARD_COMPUTER_STATUS"}
-    assert "leader tracked" in {m.text for m in frames if m.get_type() == "STATUSTEXT"}
-    assert {(m.get_srcSystem(), m.get_srcComponent()) for m in frames} == {(1, 191)}
-    beats = [m for m in frames if m.get_type() == "HEARTBEAT"]
-    assert {(m.type, m.autopilot) for m in beats} == {(18, 8)}
-    assert len(beats) >= 4
-    assert kinds["TIMESYNC"] > len(beats)
-    commands = [m for m in frames if m.get_type() == "COMMAND_LONG"]
-    assert {m.command for m in commands} == {511, 512}
-    assert {m.param1 for m in commands if m.command == 512} == {dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN}
-    assert {(m.target_system, m.target_component) for m in commands} == {(1, 1)}
-    intervals = {int(m.param1): m.param2 for m in commands if m.command == 511}
-    assert intervals[dialect.MAVLINK_MSG_ID_GPS_RAW_INT] == pytest.approx(50_000)
-    assert intervals[dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED] == pytest.approx(10_000)
 
 
 def test_daemon_survives_a_reboot_of_the_autopilot_seeds_3_and_4(setup: Setup) -> None:

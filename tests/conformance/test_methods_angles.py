@@ -74,18 +74,6 @@ def test_a_heading_that_turns_many_times_is_that_of_a_filter_that_counts_turns_s
 
 
 @every
-def test_a_heading_of_120_degrees_is_refused_or_right(method: Method) -> None:
-    """Beyond pi a point's difference turned its sign: -0.408 for 0.300."""
-    wide, y = method.start(np.zeros(1), np.array([[np.radians(120.0) ** 2]])), np.array([0.3])
-    try:
-        update = method.update(wide, y, wrap, np.array([[1e-4]]), (0,))
-    except SpreadError:
-        return
-    if "considered" not in method.name:
-        assert method.belief(update.belief).mean[0] == pytest.approx(0.3, abs=0.02)
-
-
-@every
 @pytest.mark.parametrize("degrees", [120.0, 180.0, 360.0])
 def test_a_heading_among_the_states_is_refused_at_any_width_or_right(method: Method, degrees: float) -> None:
     """Measured through a function that wraps, 180 degrees look narrow; of a declared state they do not."""

@@ -7,11 +7,9 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
-from onboard.filters import augmented, kalman, methods, multiple_model, smoothing, square_root, unscented
+from onboard.filters import kalman, methods
 from onboard.filters.belief import Belief, FilterError, Method, NotPositiveDefiniteError
-from onboard.filters.unscented_transform import julier_weights
 from tests.conformance.problems import cases
-from tests.support.filter_problems import identity
 
 METHODS = methods()
 every = pytest.mark.parametrize("method", cases(METHODS))
@@ -102,68 +100,6 @@ def test_two_exact_measurements_of_one_thing_are_refused_by_name(method: Method)
         method.update(state, np.ones(1), first, np.zeros((1, 1)))
 
 
-def steady(rows: Array) -> Array:
-    """Constant velocity (x, y, speed, course) for a second: the turn rate, the fifth state, is zero."""
-    x, y, v, c, _ = rows.T
-    return np.stack([x + v * np.cos(c), y + v * np.sin(c), v, c, 0 * c], 1)
-
-
-def coordinated(rows: Array) -> Array:
-    """A coordinated turn for a second."""
-    x, y, v, c, w = rows.T
-    half = 0.5 * w
-    chord = v * np.sinc(half / np.pi)
-    return np.stack([x + chord * np.cos(c + half), y + chord * np.sin(c + half), v, c + w, w], 1)
-
-
-SIGMA_POINT = (
-    "cubature",
-    "posterior-linearisation",
-    "square-root",
-    "square-root-cubature",
-    "unscented",
-    "augmented",
-)
-
-
-@pytest.mark.parametrize("name", [*SIGMA_POINT, "extended", "unscented-scaled-1", "square-root-joseph"])
-@pytest.mark.parametrize("added", [0.0, 1e-12])
-def test_constant_velocity_and_coordinated_turn_interact_seed_5(name: str, added: float) -> None:
-    """The textbook's pair: the mode that flies straight on has no turn rate, and so a singular covariance. It
-    raised in all methods by sigma points; with 1e-12 added to Q it is the same track."""
-    pair = (METHODS[name],) * 2
-    rng, truth = np.random.default_rng(5), np.array([[0.0, 0.0, 100.0, 0.2, 0.0]])
-    noises = [np.diag([1.0, 1.0, 0.1, 1e-5, 0.0]) + added * np.eye(5), np.diag([1.0, 1.0, 0.1, 1e-5, 1e-3])]
-    state = multiple_model.start(
-        pair, truth[0], np.diag([100.0, 100.0, 25.0, 0.01, 0.0]), np.array([0.9, 0.1]), angular_states=(3,)
-    )
-    stay, noise, errors = np.array([[0.95, 0.05], [0.05, 0.95]]), 400.0 * np.eye(2), []
-    for k in range(60):
-        truth[0, 4] = 0.1 if 20 <= k < 40 else 0.0
-        truth = coordinated(truth)
-        y = truth[0, :2] + 20.0 * rng.normal(size=2)
-        state = multiple_model.predict(pair, state, [steady, coordinated], noises, stay)
-        state = multiple_model.update(pair, state, y, [lambda rows: rows[:, :2].copy()] * 2, noise).belief
-        errors.append(multiple_model.belief(pair, state).mean[:2] - truth[0, :2])
-        if k == 35:
-            assert state.probabilities[1] > 0.8
-    assert np.sqrt(np.mean(np.sum(np.square(errors), 1))) < 25.0
-
-
-def test_smoothers_take_what_is_known() -> None:
-    mean, P, Q, noise = KNOWN_SPEED
-    record = [Belief(mean, P)]
-    for y in SEEN:
-        record.append(kalman.update(kalman.predict(record[-1], F, Q), y, np.eye(1, 2), noise).belief)
-    filtered = Belief(*(np.stack(part) for part in zip(*record, strict=True)))
-    found = smoothing.rauch_tung_striebel(filtered, F, Q)
-    near = Belief(filtered.mean, filtered.covariance + 1e-9 * np.eye(2))
-    want = smoothing.rauch_tung_striebel(near, F, Q)
-    np.testing.assert_allclose(found.mean, want.mean, atol=1e-6)
-    np.testing.assert_allclose(found.covariance, want.covariance, atol=1e-6)
-    np.testing.assert_array_equal(found.mean[:, 1], 1.0)
-
-
 # ------------------------------------------------------------------------------------------ batches
 
 COUNT, BAD = 50, 32
@@ -196,15 +132,3 @@ def test_a_batch_of_batches_says_which() -> None:
     P[2, 1] = -np.eye(2)
     with pytest.raises(NotPositiveDefiniteError, match=r"^filter 2.1 of the batch: covariance"):
         kalman.predict(Belief(np.zeros((3, 4, 2)), P), F, np.eye(2))
-
-
-def test_one_filter_is_no_member() -> None:
-    belief = Belief(np.zeros(2), -np.eye(2))
-    for call in (
-        lambda: unscented.predict(belief, moves, np.eye(2), julier_weights(2)),
-        lambda: kalman.predict(belief, F, np.eye(2)),
-        lambda: square_root.start(*belief),
-        lambda: augmented.predict_augmented(belief, augmented.additive(identity), np.eye(2)),
-    ):
-        with pytest.raises(NotPositiveDefiniteError, match=r"^covariance"):
-            call()

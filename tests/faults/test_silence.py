@@ -1,6 +1,5 @@
 """Silence: only the latched autopilot counts as heard, and no subscriber's last word stays valid."""
 
-from functools import cache
 from typing import Any
 
 import pytest
@@ -9,25 +8,18 @@ from onboard.autopilot.output import Outgoing
 from onboard.daemon import Daemon
 from onboard.links.host_clock import HostClock
 from onboard.messages import (
-    AdsbVehicle,
-    AltitudeType,
     Cause,
-    Clock,
     Datagram,
     Estimate,
-    GlobalPosition,
-    GpsFix,
     Health,
-    Imu,
     Lifecycle,
     LinkHealth,
-    NavState,
     SinkHealth,
     TargetPoints,
 )
 from onboard.pipeline.silence import BEHIND
-from tests.support.faulty_flight import DATAGRAMS, ITEMS, T0, T1
-from tests.support.streams import EPOCH, MS, Item, S, Stream, encode, feed, heartbeat, make_config
+from tests.support.faulty_flight import DATAGRAMS, T1
+from tests.support.streams import EPOCH, MS, Item, S, Stream, encode, heartbeat, make_config
 from tests.unit.autopilot.test_session import parsed
 
 END = EPOCH + round(T1 * S)
@@ -185,79 +177,3 @@ def test_what_has_waited_for_a_sink_or_a_socket_is_judged_again() -> None:
     assert len(wire.frames) == sent
     daemon._send([Outgoing("udp", [b"frame"])], made_ns=END + S)
     assert len(wire.frames) == sent + 1
-
-
-def test_own_state_and_traffic_fall_silent_too() -> None:
-    """Every target that was valid is withdrawn."""
-    config = make_config("estimator.own_state={}", "estimator.traffic={}", "zenoh.enabled=false")
-    run = feed(own_and_traffic(), config)
-    valid = {e.target for e in run.estimates if e.valid}
-    assert {"own_state", "leader"} < valid
-    newest = {e.target: e for e in run.estimates}
-    withdrawn = run.pipeline.tick(END + 2 * S)
-    assert {e.target for e in withdrawn if isinstance(e, Estimate)} == {t for t in valid if newest[t].valid}
-    assert all(isinstance(e, Estimate) and not e.valid for e in withdrawn)
-    assert all(e.quality == -1 for e in withdrawn if isinstance(e, NavState))
-    assert run.pipeline.tick(END + 3 * S) == []
-
-
-@cache
-def own_and_traffic() -> list[Any]:
-    """The flight with an IMU, fixes, and another aircraft's transponder."""
-    more: list[Item] = []
-    for ms in range(round(T0 * 1000), round(T1 * 1000), 20):
-        t_ns = ms * MS
-        k = Stream().flight.at(ms / 1000)
-        lat, lon = 47.0 + k.r[0] / 111_320, 8.0 + k.r[1] / 75_900
-        imu = Imu(t_ns=t_ns, t_recv_ns=EPOCH + t_ns, f_b=(0.0, 0.0, -9.81), omega_b=(0.0, 0.0, 0.15))
-        more.append(Item(EPOCH + t_ns + 2 * MS, imu))
-        if ms % 200 == 0:
-            fix = GpsFix(
-                t_ns=t_ns,
-                t_recv_ns=EPOCH + t_ns,
-                fix_type=3,
-                satellites=12,
-                lat_deg=lat,
-                lon_deg=lon,
-                alt_msl=500.0 - k.r[2],
-                ground_speed=15.0,
-                course_rad=k.rpy[2] % 6.28,
-                h_acc=1.0,
-                v_acc=1.0,
-            )
-            more.append(Item(EPOCH + t_ns + 3 * MS, fix))
-        if ms % 100 == 0:
-            where = GlobalPosition(
-                t_ns=t_ns,
-                t_recv_ns=EPOCH + t_ns,
-                lat_deg=lat,
-                lon_deg=lon,
-                alt_msl=500.0 - k.r[2],
-                height=-k.r[2],
-                v_F_n=tuple(k.v.tolist()),
-                heading_rad=None,
-            )
-            more.append(Item(EPOCH + t_ns + 3 * MS, where))
-        if ms % 1000 == 0:
-            more.append(Item(EPOCH + t_ns + 4 * MS, adsb(t_ns)))
-    return encode(sorted([*ITEMS, *more], key=lambda item: item.t_recv_ns))
-
-
-def adsb(t_ns: int) -> AdsbVehicle:
-    return AdsbVehicle(
-        t_ns=t_ns,
-        t_recv_ns=EPOCH + t_ns,
-        clock=Clock.NONE,
-        icao=0x4B1A2C,
-        lat_deg=47.02,
-        lon_deg=8.0,
-        altitude=600.0,
-        altitude_type=AltitudeType.GEOMETRIC,
-        course=0.0,
-        ground_speed=0.0,
-        climb=0.0,
-        callsign="HBABC",
-        emitter=1,
-        tslc=0.0,
-        squawk=7000,
-    )

@@ -36,7 +36,7 @@ class Executed(NamedTuple):
     def tests(self, file: str, line: int) -> Collection[str] | None:
         """Those that may see a change of the line; None where nothing is known, as of machine code."""
         found = self.by_line.get((file, line), ())
-        return found if any(found) else self.by_file.get(file)
+        return found if any(found) else self.by_file.get(file) or None
 
 
 def read_coverage(path: Path) -> Executed:

@@ -122,15 +122,3 @@ def _accelerations(s: LeaderModel, p: Particles, dt: float, speed2: Array, rate:
     turn = rate * dt * speed2 / (speed2 + 4.0)
     c, sn = np.cos(turn), np.sin(turn)
     return np.stack([c * x - sn * y, sn * x + c * y, left * slow * p.a[:, 2]], axis=1)
-
-
-def update(s: LeaderModel, p: Particles, seen: Array, sigma: float, rng: np.random.Generator) -> Particles:
-    """Resample the particles by the likelihood of an image."""
-    h = image_of(p, s.size)
-    sign = np.where(np.sum(h[:, 2:] * seen[2:], axis=1) < 0.0, -1.0, 1.0)
-    off = np.concatenate([seen[:2] - h[:, :2], (sign[:, None] * seen[2:] - h[:, 2:]) / math.sqrt(2.0)], axis=1)
-    log_w = -0.5 * np.sum((off / sigma) ** 2, axis=1)
-    w = np.exp(log_w - log_w.max())
-    at = (np.arange(len(w)) + rng.uniform()) / len(w)
-    chosen = np.minimum(np.searchsorted(np.cumsum(w) / w.sum(), at), len(w) - 1)
-    return Particles(*(x[chosen] for x in p))

@@ -30,7 +30,6 @@ class Relay:
 
     def __init__(self, daemon_port: int) -> None:
         self.from_daemon: list[bytes] = []
-        self.forwarded = 0  # datagrams from the simulator
         self._simulator = socket.socket(socket.AF_INET, UDP)  # the simulator sends here
         self._simulator.bind(("127.0.0.1", 0))
         self.port = int(self._simulator.getsockname()[1])
@@ -40,10 +39,6 @@ class Relay:
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
-
-    def inject(self, frame: bytes) -> None:
-        """Send a frame to the daemon, as if from the simulator."""
-        self._daemon.sendto(frame, self._to)
 
     def frames(self) -> list[Any]:
         """The daemon's messages, read by an independent parser."""
@@ -71,7 +66,6 @@ class Relay:
                 if ready is self._simulator:
                     peer = address
                     self._daemon.sendto(data, self._to)
-                    self.forwarded += 1
                 elif peer is not None:
                     self.from_daemon.append(data)
                     self._simulator.sendto(data, peer)

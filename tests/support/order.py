@@ -31,7 +31,6 @@ LONGEST: Final = (
     "tests/unit/simlink/test_setpoint_modes.py",
     "tests/faults/test_latching.py",
     "tests/unit/commands/test_report.py",
-    "tests/closed_loop/test_own_state.py",
     "tests/unit/estimators/own_state/test_planes.py",
     "tests/faults/test_leader_fuzz.py",
     "tests/unit/studies/test_study_interrupted.py",

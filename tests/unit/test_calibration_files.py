@@ -190,10 +190,6 @@ def test_a_principal_point_far_from_the_middle_is_noted_and_used_as_it_is(tmp_pa
         assert not read_calibration(written(tmp_path, INFO.replace("640.0", near))).note
 
 
-def test_a_part_of_an_image_has_its_principal_point_anywhere(tmp_path: Path) -> None:
-    assert not configured(tmp_path, "camera.crop_px=[320, 180, 960, 540]").note
-
-
 def test_keys_of_a_camera_and_intrinsics_of_images_are_judged_alike() -> None:
     keys = (
         "camera.width_px=2560",

@@ -15,7 +15,6 @@ from onboard.geometry.camera import in_view, project
 from onboard.geometry.rotations import matrix_from_euler
 from onboard.messages import Datagram, Encoding, TargetPoints, Verdict
 from onboard.pipeline.needs import needs
-from tests.support.images import detections
 from tests.support.streams import CIRCLE, EPOCH, MS, SIZE, Run, S, Stream, encode, feed, position_error
 from tests.unit.wire.test_points import document
 
@@ -114,11 +113,6 @@ def test_points_of_an_unknown_camera_are_refused_by_name() -> None:
     assert refusal.reason == "no camera is called `rear`; known: front - at `$.camera`"
 
 
-def test_without_a_name_the_first_camera_is_meant() -> None:
-    settings = config(camera=PLAIN | {"name": "nose"}, cameras={"side": PLAIN})
-    assert {r.source for r in flown(settings, "").reports} == {"nose"}
-
-
 def test_a_pixel_beyond_the_lens_is_refused_by_its_point() -> None:
     detection = {"points": {"left": {"u_px": 9000.0, "v_px": 0.0}}}
     data = json.dumps({"t_ns": 1, "clock": "boot", "detections": [detection]}).encode()
@@ -128,25 +122,6 @@ def test_a_pixel_beyond_the_lens_is_refused_by_its_point() -> None:
     assert refusal.reason.startswith(
         "pixel (9000, 0) is outside of what the lens's distortion describes - at `$.det"
     )
-
-
-def test_noise_in_a_stretched_corner_counts_as_it_is_stretched() -> None:
-    detection = {"points": {"center": {"u_px": 65.06, "v_px": 59.5}}}
-    settings = config(camera=LENS)
-    (message,) = Pipelined(settings).decode({"t_ns": 1, "clock": "boot", "detections": [detection]})
-    assert message.features[0].sigma * lens_of(settings.camera).f_px == pytest.approx(1.275, abs=0.005)
-
-
-class Pipelined:
-    """The decoder as the pipeline sets it up."""
-
-    def __init__(self, settings: Config) -> None:
-        self._pipeline = feed([], settings).pipeline
-
-    def decode(self, sent: dict[str, Any]) -> Any:
-        data = json.dumps(sent).encode()
-        one = Datagram(channel="k", encoding=Encoding.DETECTIONS, t_recv_ns=EPOCH, data=data)
-        return detections(self._pipeline.decode(one))
 
 
 def test_camera_info_of_ros_is_read_as_it_is(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.clocks import Clocks
-from onboard.messages import Clock, tagged
+from onboard.messages import Clock
 from onboard.messages.vehicle import TIMESYNC_TAG_NS
 from tests.support.clock_messages import EPOCH, MS, S, image, reply, run, sample
 
@@ -26,21 +26,6 @@ def test_offset_from_arrivals_is_that_of_the_fastest() -> None:
         clocks.align(sample(t, EPOCH + t + late * MS))
     assert clocks.offset_ns == EPOCH + 2 * MS
     assert clocks.source == "arrival"
-
-
-def test_host_stamps_are_converted_by_the_offset_less_their_delay() -> None:
-    clocks = Clocks()
-    clocks.align(sample(5 * S, EPOCH + 5 * S))
-    aligned = clocks.align(image(EPOCH + 5 * S + 7 * MS, EPOCH + 6 * S, Clock.HOST), delay_ns=3 * MS).message
-    assert aligned is not None
-    assert aligned.t_ns == 5 * S + 4 * MS
-    assert aligned.clock is Clock.BOOT
-
-
-def test_delay_is_taken_off_boot_stamps() -> None:
-    aligned = Clocks().align(sample(5 * S, EPOCH), delay_ns=22_500_000).message
-    assert aligned is not None
-    assert aligned.t_ns == 5 * S - 22_500_000
 
 
 def test_timesync_beats_arrivals_and_is_exact_when_both_ways_take_as_long() -> None:
@@ -131,12 +116,6 @@ def test_without_replies_for_long_the_arrivals_serve_again() -> None:
     run(clocks, 6, 30, host_ns=EPOCH + 6 * MS)
     assert clocks.source == "arrival"
     assert clocks.offset_ns == EPOCH + 6 * MS
-
-
-def test_a_tag_keeps_the_time_to_a_microsecond() -> None:
-    for now in (EPOCH, EPOCH + 999, EPOCH + 123_456_789):
-        assert tagged(now) % 1000 == TIMESYNC_TAG_NS
-        assert abs(tagged(now) - now) < 1000
 
 
 @pytest.mark.parametrize("timesync", [True, False])

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.support.courses import ACCELERATION, COMMAND_PERIOD_S, SIDES, Course, Kind, draw, draw_plan
-from tests.support.formation_flown import SLOT, Field, Row, add_text
+from tests.support.courses import ACCELERATION, COMMAND_PERIOD_S, SIDES, Kind, draw, draw_plan
+from tests.support.formation_flown import SLOT, Field, Row
 
 COURSE = draw(Kind.STRAIGHT, "N", np.random.default_rng(1))._replace(heading=math.pi)
 ORIGIN = np.zeros(3)
@@ -54,16 +54,6 @@ def test_a_flight_on_a_busy_computer_is_void(steps: list[float], log: str) -> No
     assert flown(steps, log=log).judge(COURSE).is_void
 
 
-def test_a_leader_that_comes_may_pass_nearer() -> None:
-    assert flown([0.1] * 9, distance=17.0).judge(COURSE._replace(heading=0.0)).misses == ()
-
-
-def test_a_follower_is_on_its_side_behind_the_leader() -> None:
-    row = flown([]).rows[0]
-    assert row.aside == pytest.approx(0.0)
-    assert row._replace(r_F=np.array([30.0, 20.0, 0.0])).aside == pytest.approx(math.pi / 2)
-
-
 def test_a_plan_has_each_course_once_and_is_begun_from_all_sides() -> None:
     plan = draw_plan(3)
     assert {course.kind for course in plan} == set(Kind)
@@ -83,14 +73,3 @@ def test_a_course_is_flown_within_a_flight(kind: Kind) -> None:
     assert float(np.max(np.abs(np.diff(speeds)))) <= ACCELERATION * COMMAND_PERIOD_S + 1e-9
     if course.outage is not None:
         assert course.outage[1] < seconds - 20.0
-
-
-def test_parts_of_a_text_are_joined() -> None:
-    texts: list[str] = []
-    for sequence, part in enumerate(("is its ", "detector running?")):
-        add_text(texts, SimpleNamespace(text=part, chunk_seq=sequence))
-    assert texts == ["is its detector running?"]
-
-
-def test_a_course_says_itself() -> None:
-    assert str(Course(Kind.CLIMB, "W", math.pi, 4.0, ())) == "climb at 4.0 m/s, course 180, from W"

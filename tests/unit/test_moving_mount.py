@@ -22,7 +22,6 @@ from onboard.messages import (
     MountFrame,
     Verdict,
 )
-from onboard.ownship import head_attitude
 from onboard.ownship.gimbals import Gimbals
 from onboard.wire.mavlink.encode import MavlinkEncoder
 from tests.support.mavlink_frames import frame, one
@@ -132,14 +131,6 @@ def test_what_cannot_be_an_attitude_or_comes_late_is_not_taken() -> None:
     assert others == [""] * 7 + ["gimbal_too_many"] * 2
 
 
-@pytest.mark.parametrize("frame_", ["earth", "heading", "body"])
-def test_each_frame_is_turned_by_what_it_is_against(frame_: MountFrame) -> None:
-    R_nb, head = matrix_from_euler(0.3, -0.2, 2.0), matrix_from_euler(0.1, 0.4, -0.5)
-    mount = MountAttitude(q=tuple(quaternion_from_euler(0.1, 0.4, -0.5).tolist()), frame=frame_)
-    expected = {"earth": head, "heading": matrix_from_euler(0.0, 0.0, 2.0) @ head, "body": R_nb @ head}[frame_]
-    assert_allclose(head_attitude(mount, R_nb), expected, atol=1e-12)
-
-
 # ---------------------------------------------------------------------------------------------- bytes
 
 
@@ -213,14 +204,6 @@ def test_a_mount_s_error_has_defaults_with_a_gimbal_alone(
     leader = parse_config({"camera": camera, "estimator": {"leader": {}}}).estimator["leader"]
     assert leader.own_tilt_sigma_deg == pytest.approx(math.hypot(0.3, tilt))
     assert leader.own_yaw_sigma_deg == pytest.approx(math.hypot(1.0, yaw))
-
-
-def test_the_mount_that_is_known_worst_counts_for_every_camera() -> None:
-    cameras = {"tele": {"gimbal": 1, "mount_time_s": 30.0}, "rear": {"mount_sigma_deg": 0.8}}
-    leader = parse_config({"cameras": cameras, "estimator": {"leader": {}}}).estimator["leader"]
-    assert leader.own_tilt_sigma_deg == pytest.approx(math.hypot(0.3, 0.8))
-    assert leader.own_yaw_sigma_deg == pytest.approx(math.hypot(1.0, 1.0))
-    assert leader.own_attitude_time_s == pytest.approx(40.0)  # of 60 and 30 s, as large as each other
 
 
 def test_without_a_word_of_the_gimbal_images_are_refused_by_name() -> None:

@@ -7,7 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard.autopilot.output import AutopilotOutput
-from onboard.autopilot.sent import SENT, Encoder
+from onboard.autopilot.sent import Encoder
 from onboard.messages import Attitude
 from onboard.wire.mavlink.encode import ENCODE, message_number
 from tests.support.emitted import (
@@ -89,19 +89,6 @@ def test_each_stream_is_sent_on_request_and_its_interval_is_read_and_set(name: s
 def test_what_is_sent_on_request_only_comes_at_once(name: str) -> None:
     frames = everything().respond(LINK, [command(name, REQUEST)], NOW_TIME_NS).frames
     assert kinds(frames) == {(sender(name), 77): 1, (sender(name), message_number(name)): 1}
-
-
-def test_nobody_else_is_asked_for_the_cameras_messages() -> None:
-    out = everything()
-    assert ask(out, "CAMERA_INFORMATION", REQUEST, component=191) == [3]
-    assert ask(out, "FOLLOW_TARGET", REQUEST, component=CAMERA_COMPONENT_ID) == [3]
-
-
-def test_all_that_is_sent_is_in_the_table_of_what_can_be() -> None:
-    numbers = {number for _, number in kinds([*sent(everything()), *answered(everything())])}
-    listed = {message_number(name): name for row in SENT.values() for name in row.names}
-    assert numbers <= listed.keys()
-    assert set(listed.values()) == STREAMS | ON_REQUEST | ANSWERS
 
 
 def test_what_is_in_no_table_is_not_sent() -> None:

@@ -8,10 +8,8 @@ import numpy as np
 import pymap3d
 import pymap3d.vincenty
 import pytest
-from msgspec.structs import replace
 from numpy.testing import assert_allclose
 
-from onboard.autopilot.leader_messages import CameraView, follow_target
 from onboard.autopilot.leader_state import (
     WITHHELD_RANGE_SIGMA_RATIO,
     WITHHELD_SIGMA_FACTOR,
@@ -19,9 +17,8 @@ from onboard.autopilot.leader_state import (
     acceleration,
 )
 from onboard.config import OwnErrors
-from onboard.geometry.camera import make_camera
 from onboard.geometry.geodesy import geodetic_from_ned
-from onboard.messages import FollowTarget, Lifecycle
+from onboard.messages import Lifecycle
 from onboard.messages.causes import Cause
 from tests.support.leader import ORIGIN, T, estimate, origin, own_global, own_pose
 
@@ -60,15 +57,6 @@ def test_the_covariance_is_that_of_the_estimate_and_of_our_own_position_carried_
     relative = np.array(s.r_FL_covariance)  # without our own position
     assert relative.shape == (3, 3)
     assert relative[0, 0] == pytest.approx(4.0 + 0.25 * 0.25)
-
-
-def test_the_sigmas_of_follow_target_are_roots_of_the_covariance() -> None:
-    s = states(OwnErrors(position_sigma_m=2.0, velocity_sigma_m_s=0.3)).at(T + 500 * MS, HOST)
-    placed = replace(s, lat_deg=47.0, lon_deg=8.0, alt_msl=500.0)
-    view = CameraView((1.0, 0.0, 0.0, 0.0), make_camera(f_px=554.0, width_px=640.0, height_px=480.0), is_px4=True)
-    sent = follow_target(placed, view)
-    assert isinstance(sent, FollowTarget)
-    assert_allclose(np.square(sent.position_sigma), np.diag(np.array(s.covariance))[:3])
 
 
 def test_a_pose_older_than_the_estimate_is_carried_on() -> None:
@@ -201,14 +189,6 @@ def test_a_leader_that_hovers_has_no_acceleration() -> None:
     s = made.at(T, HOST)
     assert s is not None
     assert s.a_L_n == (0.0, 0.0, 0.0)
-
-
-def test_one_of_many_targets_and_our_own_state_are_not_the_leader() -> None:
-    made = states()
-    made.update(estimate(target="target/2", mean=(0.0,) * 9))
-    s = made.at(T, HOST)
-    assert s is not None
-    assert_allclose(s.r_OL_n, (130.0, 54.0, -38.0))
 
 
 def ardupilot_local(place: tuple[float, float, float], start: tuple[float, float, float]) -> tuple[float, ...]:

@@ -102,15 +102,6 @@ def test_a_sender_gets_one_line_in_ten_seconds_and_another_sender_one_of_its_own
     assert sent.count("refused: of b") == 1
 
 
-def test_the_last_word_about_the_leader_is_the_truth() -> None:
-    """Lost, tracked and lost again within ten seconds: the pilot must not be left with "tracked"."""
-    notices, sent = Notices(), list[str]()
-    for k, valid in enumerate((True, False, True, False)):
-        notices.report_leader(estimate(valid=valid, state=Lifecycle.TRACKING if valid else Lifecycle.LOST))
-        sent += [text.text for text in notices.due((1000 + 2 * k) * S)]
-    assert sent == ["leader tracked", "leader lost"] * 2
-
-
 def test_what_concerns_our_own_state_goes_first() -> None:
     notices = Notices()
     for k in range(5):

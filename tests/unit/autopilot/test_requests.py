@@ -53,22 +53,6 @@ def ask(
     return [m for frame in frames for m in parser.parse_buffer(frame) or []]
 
 
-@pytest.mark.parametrize("number", [144, 511, 331, 246, 247])
-def test_the_interval_of_every_message_we_emit_is_set_read_and_switched_off(number: int) -> None:
-    out = output()
-    (ack,) = ask(out, 511, number, 100_000)
-    assert (ack.get_type(), ack.command, ack.result, ack.target_system) == ("COMMAND_ACK", 511, 0, 255)
-    ack, interval = ask(out, 510, number)
-    assert (ack.result, interval.get_type(), interval.message_id, interval.interval_us) == (
-        0, "MESSAGE_INTERVAL", number, 100_000,
-    )  # fmt: skip
-    ask(out, 511, number, -1)
-    assert ask(out, 510, number)[1].interval_us == -1
-    assert sent_in_a_second(out)[number] == 0
-    ask(out, 511, number, 0)
-    assert ask(out, 510, number)[1].interval_us == {144: 50_000, 511: 200_000, 331: 33_333}.get(number, 1_000_000)
-
-
 def sent_in_a_second(out: AutopilotOutput) -> Counter[int]:
     counts: Counter[int] = Counter()
     for ms in range(20, 1020, 20):
@@ -76,15 +60,6 @@ def sent_in_a_second(out: AutopilotOutput) -> Counter[int]:
         for record in (nav_state(20_000 + ms), TRAFFIC):
             counts.update(int.from_bytes(f[7:10], "little") for o in out.publish(record) for f in o.frames)
     return counts
-
-
-def test_an_interval_that_is_set_is_kept() -> None:
-    out = output()
-    ask(out, 511, 144, 100_000)
-    ask(out, 511, 331, 100_000)
-    counts = sent_in_a_second(out)
-    assert counts[144] == pytest.approx(10, abs=1)
-    assert counts[331] == pytest.approx(10, abs=1)
 
 
 @pytest.mark.parametrize(

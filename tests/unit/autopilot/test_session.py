@@ -9,13 +9,11 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard import __version__
 from onboard.autopilot.output import AutopilotOutput
-from onboard.autopilot.requests import version
 from onboard.autopilot.session import Session
 from onboard.config import AutopilotConfig, Config, parse_config
 from onboard.messages import Clock, Command, CommandAck, FollowTarget, Heartbeat, ParamValue, Ping, TimeSync
 from onboard.messages.causes import Cause
 from onboard.messages.vehicle import TIMESYNC_TAG_NS
-from onboard.wire.mavlink.encode import MavlinkEncoder
 from tests.support.emitted import command_long
 
 MS = 1_000_000
@@ -113,16 +111,6 @@ def test_heartbeat_once_a_second_as_an_onboard_controller_of_the_autopilots_syst
         assert (m.type, m.autopilot, m.system_status) == (18, 8, 4)
 
 
-def test_heartbeat_is_critical_when_not_healthy() -> None:
-    beats = [m for _, m in talk(connected(), 0, 2, FAST, healthy=False) if m.get_type() == "HEARTBEAT"]
-    assert [m.system_status for m in beats] == [5, 5]
-
-
-def test_our_component_is_configured() -> None:
-    sent = talk(connected(AutopilotConfig(component=197)), 0, 1, FAST)
-    assert {m.get_srcComponent() for _, m in sent} == {197}
-
-
 def test_timesync_five_times_a_second_tagged_as_ours() -> None:
     requests = [(t, m) for t, m in talk(connected(), 0, 4, FAST) if m.get_type() == "TIMESYNC"]
     assert len(requests) == 20
@@ -203,17 +191,6 @@ def test_rates_are_asked_for_at_once_after_a_reboot() -> None:
     assert requests_of(talk(session, 1, 2, SLOW)) == []
     session.reboot()
     assert len(requests_of(talk(session, 2, 2.1, SLOW))) == 5
-
-
-def test_rates_are_not_asked_for_when_configured_so() -> None:
-    assert requests_of(talk(connected(AutopilotConfig(request_rates=False)), 0, 20, SLOW)) == []
-
-
-def test_rates_asked_for_are_those_configured() -> None:
-    config = AutopilotConfig(rates_hz={"ATTITUDE": 30.0})
-    ((name, interval_us),) = requests_of(talk(connected(config), 0, 1, SLOW))
-    assert name == "ATTITUDE"
-    assert interval_us == pytest.approx(1e6 / 30.0, rel=1e-6)
 
 
 def test_timesync_request_of_the_autopilot_is_answered_with_our_clock() -> None:
@@ -299,12 +276,3 @@ def test_request_for_our_heartbeat_is_accepted_and_brings_one_at_once() -> None:
 @pytest.mark.parametrize(("system", "component"), [(42, 1), (42, 0), (43, 191), (0, 0)])
 def test_command_to_others_or_to_all_is_left_to_them(system: int, component: int) -> None:
     assert connected().respond([command(400, 1.0, system=system, component=component)], T0) == []
-
-
-def test_our_version_claims_no_board_vendor_or_hash() -> None:
-    sent = version(T0)
-    (frame,) = parsed([MavlinkEncoder(7, 191).encode(sent)])
-    for field in ("middleware_sw_version", "os_sw_version", "board_version", "vendor_id", "product_id", "uid"):
-        assert getattr(frame, field) == 0
-    for field in ("flight_custom_version", "middleware_custom_version", "os_custom_version"):
-        assert bytes(getattr(frame, field)) == bytes(8)

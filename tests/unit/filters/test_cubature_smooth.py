@@ -10,7 +10,7 @@ from onboard.filters import cubature, cubature_smooth
 from onboard.filters import smooth_variable_structure as svsf
 from onboard.filters.belief import Belief
 from onboard.filters.smooth_variable_structure import LayerUpdate
-from tests.support.filter_problems import identity, near, rows, spd
+from tests.support.filter_problems import near, rows, spd
 
 
 @pytest.mark.parametrize(
@@ -79,16 +79,6 @@ def test_the_robust_form_rejects_two_samples_and_follows_the_third_seed_10() -> 
     assert H[1] @ followed.belief.mean - far[1] == pytest.approx(100, rel=0.01)
 
 
-def test_one_sample_within_starts_the_count_anew_seed_11() -> None:
-    H, R, x, P, y = near(11, 2)
-    far = y + np.array([0.0, 1000.0])
-    state = svsf.start(x, P)
-    for seen, lasted in ((far, 1), (far, 2), (y, 0), (far, 1)):
-        state = cubature_smooth.update_robust(state, seen, rows(H), R).belief
-        assert state.updates_outside[1] == lasted
-        state = state._replace(residual=np.zeros(2))  # or the last sample's would put this one outside too
-
-
 def test_patience_of_one_is_the_recursive_form_seed_12() -> None:
     H, R, x, P, y = near(12)
     y[2] += 50
@@ -96,11 +86,3 @@ def test_patience_of_one_is_the_recursive_form_seed_12() -> None:
     b = cubature_smooth.update(svsf.start(x, P), y, rows(H), R)
     np.testing.assert_array_equal(a.belief.mean, b.belief.mean)
     np.testing.assert_array_equal(a.belief.covariance, b.belief.covariance)
-
-
-def test_another_sensor_begins_with_no_residual() -> None:
-    state = cubature_smooth.update(
-        svsf.start(np.zeros(2), np.eye(2)), np.array([9.0, 9.0]), identity, np.eye(2)
-    ).belief
-    after = cubature_smooth.update(state, np.array([1.0]), lambda r: r[:, :1], np.eye(1)).belief
-    assert after.residual.shape == after.updates_outside.shape == (1,)

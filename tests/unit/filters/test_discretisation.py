@@ -92,20 +92,6 @@ def test_a_fast_decay_over_a_long_step_where_the_fraction_overflows() -> None:
         assert not np.isfinite(matrix_fraction(A, W, 1.0).Q).all()
 
 
-def test_the_noise_of_a_stiff_oscillator_is_positive_and_symmetric() -> None:
-    A = np.array([[0.0, 1.0, 0.0], [-400.0, -0.1, 1.0], [0.0, 0.0, -50.0]])
-    Q = van_loan(A, np.diag([0.0, 0.0, 1.0]), 3.0).Q
-    assert np.array_equal(Q, Q.T)
-    assert np.linalg.eigvalsh(Q)[0] > 0
-
-
-def test_steps_compose() -> None:
-    A, W = wiener(1)
-    once, twice = van_loan(A - np.eye(3), W, 0.3), van_loan(A - np.eye(3), W, 0.6)
-    np.testing.assert_allclose(once.F @ once.F, twice.F, rtol=1e-13)
-    np.testing.assert_allclose(once.Q + once.F @ once.Q @ once.F.T, twice.Q, rtol=1e-13)
-
-
 def test_an_array_of_steps_is_a_loop() -> None:
     dt = np.array([0.01, 0.7, 12.0])
     A, W = wiener()
@@ -150,14 +136,6 @@ def test_rk4_is_of_fourth_order() -> None:
 def test_a_step_must_be_finite_and_not_negative(function: Callable[[Any], Any], dt: Any) -> None:
     with pytest.raises(FilterError, match=r"\bdt\b"):
         function(dt)
-
-
-@pytest.mark.parametrize("function", [wiener_acceleration, white_acceleration])
-def test_in_no_time_nothing_moves(function: Callable[[Any], Any]) -> None:
-    """As before the first measurement of a run, and where a time repeats."""
-    F, Q = function(0.0)
-    np.testing.assert_array_equal(F, np.eye(len(F)))
-    np.testing.assert_array_equal(Q, np.zeros_like(F))
 
 
 @pytest.mark.parametrize(

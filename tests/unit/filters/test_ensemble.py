@@ -80,11 +80,6 @@ def test_few_members_have_about_the_covariance_and_a_seed_draws_again() -> None:
     assert np.abs(second - first).max() > 0.1
 
 
-def test_a_batch_has_its_members_each_with_its_own_numbers() -> None:
-    state = ensemble.start(np.zeros((2, 3)), np.tile(np.eye(3), (2, 1, 1)), 8)
-    assert np.abs(state.deviations[0] - state.deviations[1]).max() > 0.1
-
-
 def test_one_member_and_a_taper_of_another_shape_are_refused() -> None:
     with pytest.raises(FilterError, match="members: must be at least 2, not 1"):
         ensemble.start(np.zeros(2), np.eye(2), 1)

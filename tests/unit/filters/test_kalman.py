@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from onboard.filters import cubature, extended, kalman, posterior_linearisation, unscented
-from onboard.filters.belief import Belief, FilterError, Update, Weights
+from onboard.filters.belief import Belief, FilterError, Update
 from tests.support.filter_problems import bend, bend_slope, radar, spd
 
 N, M = 5, 2
@@ -73,16 +73,6 @@ def test_kalman_broadcasts_over_two_leading_axes_seed_2() -> None:
         same(got, textbook(one))
 
 
-def test_a_model_of_each_filter_in_the_batch_seed_3() -> None:
-    p = problem(3, (4,))
-    F = np.random.default_rng(3).normal(0, 1, (4, N, N))
-    batched = kalman.predict(Belief(p["mean"], p["P"]), F, p["Q"])
-    for b in range(4):
-        alone = kalman.predict(Belief(p["mean"][b], p["P"][b]), F[b], p["Q"])
-        np.testing.assert_allclose(batched.mean[b], alone.mean, rtol=1e-12, atol=1e-12)
-        np.testing.assert_allclose(batched.covariance[b], alone.covariance, rtol=1e-12, atol=1e-12)
-
-
 def test_a_considered_state_keeps_mean_and_variance_and_costs_the_rest_seed_4() -> None:
     p = problem(4)
     prior = Belief(p["mean"], p["P"])
@@ -126,30 +116,6 @@ def test_differences_step_over_large_coordinates_and_over_the_cut_of_an_angle() 
     )
 
 
-def test_the_model_is_called_once_with_2n_plus_1_rows() -> None:
-    p, seen = problem(8), []
-
-    def counted(rows: Any) -> Any:
-        seen.append(rows.shape)
-        return bend(rows)
-
-    extended.predict(Belief(p["mean"], p["P"]), counted, p["Q"])
-    cubature.predict(Belief(p["mean"], p["P"]), counted, p["Q"])
-    assert seen == [(2 * N + 1, N), (2 * N, N)]
-
-
-@pytest.mark.parametrize("lead", [(), (3,)], ids=["one", "batch"])
-def test_cubature_is_the_unscented_filter_without_its_centre_seed_9(lead: tuple[int, ...]) -> None:
-    p = problem(9, lead)
-    belief, rule = Belief(p["mean"], p["P"]), unscented.julier_weights(N, float(N))
-    assert rule == pytest.approx(cubature.weights(N))
-    prior, other = cubature.predict(belief, bend, p["Q"]), unscented.predict(belief, bend, p["Q"], rule)
-    after = cubature.update(prior, p["y"], radar, p["R"], (1,))
-    also = unscented.update(other, p["y"], radar, p["R"], rule, (1,))
-    for a, b in zip([*prior, *after.belief, after.nis], [*other, *also.belief, also.nis], strict=True):
-        np.testing.assert_allclose(a, b, rtol=1e-11, atol=1e-11)
-
-
 def test_cubature_never_sees_the_mean() -> None:
     P = np.eye(2)
 
@@ -170,16 +136,6 @@ def test_a_bearing_behind_wraps_seed_10() -> None:
         assert found.innovation[1] == pytest.approx(0.003, abs=2e-4)
         assert -0.05 < found.belief.mean[1] < 0.02
     assert p  # the seed only names the problem
-
-
-def test_one_posterior_linearisation_is_the_unscented_update_seed_12() -> None:
-    p = problem(12)
-    rule = Weights(3.0, 1 - N / 9, 1 - N / 9, 1 / 18)
-    belief = Belief(p["mean"], p["P"])
-    found = posterior_linearisation.update(belief, p["y"], radar, p["R"], (1,), iterations=1, weights=rule)
-    also = unscented.update(belief, p["y"], radar, p["R"], rule, (1,))
-    for a, b in zip([*found.belief, found.nis], [*also.belief, also.nis], strict=True):
-        np.testing.assert_allclose(a, b, rtol=1e-10, atol=1e-10)
 
 
 def test_posterior_linearisation_acquires_from_far_seed_13() -> None:

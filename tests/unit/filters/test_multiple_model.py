@@ -108,15 +108,6 @@ def test_the_model_that_moves_gains_probability_when_the_target_does_seed_4() ->
     assert np.mean(manoeuvre[34:]) > 0.9
 
 
-def test_a_measurement_beyond_all_belief_leaves_a_distribution() -> None:
-    """Both likelihoods are below the smallest number there is."""
-    state = imm.predict((UKF, UKF), imm.start((UKF, UKF), MEAN, P0, EQUAL), [process] * 2, [Q1, Q2], STAY)
-    after = imm.update((UKF, UKF), state, np.array([1e6]), [measure] * 2, R).belief
-    assert after.probabilities.sum() == pytest.approx(1)
-    assert after.probabilities[1] == pytest.approx(1)  # the wider one
-    assert np.isfinite(imm.belief((UKF, UKF), after).mean).all()
-
-
 def test_a_mode_that_nothing_leads_to_keeps_its_own_and_has_no_say_seed_5() -> None:
     seen = np.random.default_rng(5).normal(0, 3, (10, 1))
     state, _ = run((UKF, UKF), seen, [Q1, Q2], np.eye(2), np.array([1.0, 0.0]))
@@ -141,16 +132,6 @@ def test_what_a_filter_carries_beside_its_belief_survives_the_mixing() -> None:
     assert state.states[0].updates_outside == [1.0]
     state = imm.predict(methods, state, [process] * 2, [Q1, Q1], STAY)
     assert state.states[0].updates_outside == [1.0]
-
-
-def test_innovations_of_an_angle_on_both_sides_of_the_seam_are_near_each_other() -> None:
-    """The measurement is opposite to what both modes predict: innovations of 3.09 and -3.09."""
-    methods = (UKF, UKF)
-    state = imm.start(methods, np.array([0.0]), np.array([[1e-4]]), EQUAL)
-    state = state._replace(states=tuple(Belief(np.array([d]), np.array([[1e-4]])) for d in (-0.05, 0.05)))
-    update = imm.update(methods, state, np.array([np.pi]), [lambda r: r] * 2, np.array([[1e-4]]), (0,))
-    assert abs(update.innovation[0]) == pytest.approx(np.pi, abs=1e-6)
-    assert update.innovation_covariance[0, 0] == pytest.approx(2e-4 + 0.05**2, abs=1e-9)
 
 
 @pytest.mark.parametrize("side", [1, -1])

@@ -98,19 +98,6 @@ def test_a_batch_is_as_its_members_and_a_seed_draws_again() -> None:
     np.testing.assert_allclose(alone.particles, ahead[0].particles[0], atol=1e-12)
 
 
-def test_a_heading_is_predicted_across_the_seam_and_measured_there() -> None:
-    """The model keeps it in [-pi, pi]; without `angular_states` 1.0 +- 2.9 for 3.13 +- 0.10."""
-    state = particle.start(*angles.START)
-    state = particle.predict(state, angles.turning, angles.Q, angles.HEADING)
-    after = particle.belief(state)
-    assert angles.off(after.mean[0], 3.1316) < 0.02
-    assert np.sqrt(after.covariance[0, 0]) == pytest.approx(0.1005, rel=0.05)
-    R = np.array([[0.01]])
-    found = particle.update(state, np.array([-3.1]), lambda r: angles.wrap(r[:, :1]), R, (0,), angles.HEADING)
-    assert found.innovation[0] == pytest.approx(2 * np.pi - 3.1 - 3.1316, abs=0.02)
-    assert angles.off(particle.belief(found.belief).mean[0], 3.1316 + 0.5 * 0.0516) < 0.02
-
-
 def test_misuse_is_refused() -> None:
     state = particle.start(np.zeros(1), ONE, 100)
     wrong: list[tuple[Any, type[FilterError], str]] = [

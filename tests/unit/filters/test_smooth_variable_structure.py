@@ -92,20 +92,6 @@ def test_only_the_weighted_inverse_moves_a_velocity_that_is_not_measured() -> No
     np.testing.assert_allclose(still, [2.0, 0.0], atol=1e-12)
 
 
-def test_a_component_that_measures_nothing_moves_nothing_and_a_second_sensor_agrees() -> None:
-    mean, P = np.zeros(2), np.diag([1.0, 2.0])
-    H = np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0], [0.0, 1.0]])
-    after = svsf.update(svsf.start(mean, P), np.array([1.0, 5.0, 2.0, 2.0]), rows(H), np.eye(4), sigmas=0.0).belief
-    np.testing.assert_allclose(after.mean, [1.0, 2.0], atol=1e-12)
-    assert np.isfinite(after.covariance).all()
-
-
-def test_an_innovation_of_zero_is_a_measurement_too() -> None:
-    """With a layer of zero, e = 0 and no residual, the covariance is that of having met the measurement."""
-    after = svsf.update(svsf.start(np.zeros(2), np.eye(2)), np.zeros(2), identity, 0.25 * np.eye(2), sigmas=0.0)
-    np.testing.assert_allclose(after.belief.covariance, 0.25 * np.eye(2), atol=1e-14)
-
-
 @pytest.mark.parametrize("m", [2, 4])
 def test_within_the_limit_the_variable_layer_is_the_kalman_filter_seed_4(m: int) -> None:
     F, H, Q, R, x, P, seen = system(4, 4, m)

@@ -6,46 +6,12 @@ from functools import partial
 import numpy as np
 import pytest
 
-from onboard.arrays import Array
 from onboard.filters import cubature_smooth
 from onboard.filters import smooth_variable_structure as svsf
 from onboard.filters.belief import FilterError
 from onboard.filters.kernels import variable_structure as kernel
 from onboard.filters.smooth_variable_structure import LayerUpdate
-from tests.support.filter_problems import identity, rows, spd, system
-
-
-@pytest.mark.parametrize(
-    "update",
-    [
-        svsf.update,
-        partial(svsf.update, layer=np.array([0.5, 1.0])),
-        svsf.update_variable,
-        cubature_smooth.update,
-        cubature_smooth.update_robust,
-        cubature_smooth.update_adaptive,
-    ],
-)
-def test_a_batch_is_a_loop_in_all_that_is_answered_seed_14(update: Callable[..., LayerUpdate]) -> None:
-    rng = np.random.default_rng(14)
-    _, H, _, _, _, _, _ = system(14)
-    means, Ps, ys = (
-        rng.normal(0, 1, (5, 4)),
-        np.array([spd(rng, 4) for _ in range(5)]),
-        rng.normal(0, 9, (3, 5, 2)),
-    )
-    R = 0.1 * spd(rng, 2)
-    together = svsf.start(means, Ps)
-    for y in ys:
-        last = update(together, y, rows(H), R)
-        together = last.belief
-    for b in range(5):
-        alone = svsf.start(means[b], Ps[b])
-        for y in ys[:, b]:
-            answer = update(alone, y, rows(H), R)
-            alone = answer.belief
-        for a, c in zip((*together, *last[1:]), (*alone, *answer[1:]), strict=True):
-            np.testing.assert_allclose(a[b], c, rtol=1e-12, atol=1e-12)
+from tests.support.filter_problems import identity
 
 
 @pytest.mark.parametrize(
@@ -69,16 +35,6 @@ def test_settings_are_refused_by_name(update: Callable[..., LayerUpdate], name: 
     state = svsf.start(np.zeros(2), np.eye(2))
     with pytest.raises(FilterError, match=rf"\b{name}\b"):
         update(state, np.zeros(2), identity, np.eye(2))
-
-
-@pytest.mark.parametrize(
-    ("R", "layer"),
-    [(np.tile(np.eye(2), (2, 1, 1)), None), (np.eye(2), np.ones((2, 2))), (np.eye(2), np.ones((3, 1)))],
-)
-def test_a_batch_of_another_size_is_refused(R: Array, layer: Array | None) -> None:
-    state = svsf.start(np.zeros((3, 2)), np.tile(np.eye(2), (3, 1, 1)))
-    with pytest.raises(FilterError, match=r"\blayer\b"):
-        svsf.update(state, np.zeros((3, 2)), identity, R, layer=layer)
 
 
 @pytest.mark.parametrize("e", [0.4, -0.02, 3.0])

@@ -72,24 +72,6 @@ def test_quaternion_from_matrix_is_that_of_scipy(roll: float, pitch: float, yaw:
     assert min(np.abs(ours - theirs).max(), np.abs(ours + theirs).max()) < 1e-14
 
 
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_quaternion_from_matrix_of_half_a_turn(axis: int) -> None:
-    """The scalar part is 0 there: the pivot must be another."""
-    diagonal = -np.ones(3)
-    diagonal[axis] = 1.0
-    q = rotations.quaternion_from_matrix(np.diag(diagonal))
-    assert np.abs(q) == pytest.approx(np.eye(4)[axis + 1], abs=1e-15)
-
-
-@given(ANGLE, TILT, ANGLE, ANGLE, TILT, ANGLE)
-def test_product_composes_as_matrices_do(a: float, b: float, c: float, d: float, e: float, f: float) -> None:
-    q_ab, q_bc = rotations.quaternion_from_euler(a, b, c), rotations.quaternion_from_euler(d, e, f)
-    R_ac = to_scipy(q_ab).as_matrix() @ to_scipy(q_bc).as_matrix()
-    q_ac = rotations.quaternion_product(q_ab, q_bc)
-    assert rotations.matrix_from_quaternion(q_ac) == pytest.approx(R_ac, abs=1e-14)
-    assert (to_scipy(q_ab) * to_scipy(q_bc)).as_matrix() == pytest.approx(R_ac, abs=1e-14)
-
-
 @given(st.tuples(*[st.floats(-2.0, 2.0)] * 3))
 def test_quaternion_from_vector_is_the_exponential(phi: tuple[float, float, float]) -> None:
     theirs = Rotation.from_rotvec(phi).as_matrix()

@@ -2,7 +2,6 @@
 
 import errno
 import json
-import math
 import os
 import socket
 from collections.abc import Callable, Iterable
@@ -216,11 +215,6 @@ def test_02_a_silent_autopilot() -> None:
     assert "mavproxy.py --out=udpout:127.0.0.1:14540" in autopilot.remedy
 
 
-def test_02_an_autopilot_that_falls_silent() -> None:
-    doctor = flown(lambda m: m if m.t_recv_ns < EPOCH + 8 * S or isinstance(m, TargetPoints) else None)
-    assert "silent: no estimates" in named(doctor, "autopilot-silent", "link autopilot (udpin:").what
-
-
 def test_03_another_system() -> None:
     doctor = flown(config=configured(autopilot={"system": 7}))
     assert "system 7" in named(doctor, "system", "`system = 1` in [autopilot]").what
@@ -392,11 +386,6 @@ def test_10_stamps_that_are_late_or_early(lead_s: float, wrong: str) -> None:
     assert wrong in named(flown(lead_ns=round(lead_s * S)), "stamps", "exposure").what
 
 
-def test_10_stamps_of_the_arrival() -> None:
-    doctor = flown(images(lambda m: replace(m, clock=Clock.BOOT, t_ns=m.t_recv_ns - EPOCH - 3 * MS)))
-    assert "after the time of their stamp" in named(doctor, "stamps", "`delay_s`").what
-
-
 @pytest.mark.parametrize(("off_ns", "stated", "meant"), [(EPOCH, "boot", "host"), (0, "host", "boot")])
 def test_11_the_wrong_clock(off_ns: int, stated: str, meant: str) -> None:
     """Unix time that is called time since boot, and the other way round."""
@@ -498,11 +487,6 @@ def test_14_no_origin() -> None:
 def test_15_no_attitude() -> None:
     advice = named(flown(without(Attitude)), "attitude", "mavlink stream -d DEVICE -s ATTITUDE_QUATERNION -r 50")
     assert advice.severity is Severity.ERROR
-
-
-def test_15_an_attitude_that_is_too_slow() -> None:
-    doctor = flown(lambda m: None if isinstance(m, Attitude) and m.t_ns % (200 * MS) else m)
-    assert "ATTITUDE_QUATERNION comes at 5.0 Hz; needed are 10 Hz" in named(doctor, "stream", "-r 50").what
 
 
 def test_16_tls_of_the_daemon() -> None:
@@ -677,16 +661,6 @@ def test_a_program_that_stood_still_blames_nobody_else() -> None:
     ]
 
 
-def test_noise_is_shown_with_its_bounds() -> None:
-    rng = np.random.default_rng(3)
-    noise = math.sqrt(1.7**2 - 1.0) / FOCAL_LENGTH_PX
-    doctor = flown(moved(lambda p: p + noise * rng.normal(size=(3, 2))), seconds=14, sparse=False)
-    found = doctor.health.consistency["leader.landing_target"]
-    assert found.noise == pytest.approx(1.7, abs=0.25)
-    advice = named(doctor, "noise", "`sigma_px` of [camera]")
-    assert "times as much as the configured noise explains" in advice.what
-
-
 def test_all_four_readers_show_the_same_advice() -> None:
     """The console's lines, the pilot's STATUSTEXT, the view's panel and `onboard status`."""
     health = flown(without(TargetPoints)).health
@@ -701,18 +675,6 @@ def test_all_four_readers_show_the_same_advice() -> None:
     assert advice.what in shown
     assert f"-> {advice.remedy}" in shown
     assert shown.startswith("vehicle 1: NOT HEALTHY")
-
-
-def test_advice_ends_with_its_cause() -> None:
-    lines: list[str] = []
-    console = ConsoleLines(lines.append, pilot=lambda _: None)
-    flown_twice = flown(images(lambda m: None if m.t_ns > 7 * S else m))
-    pipeline = Pipeline(configured())
-    for datagram in encode(Stream(t1=5.0 + SECONDS).items(), "autopilot")[:1]:
-        pipeline.feed(datagram)
-    console.show_health(replace(flown_twice.health, advice=tuple(flown_twice.found.values())))
-    console.show_health(replace(flown_twice.health, advice=()))
-    assert lines[-1].endswith("images come again")
 
 
 def test_storage_of_the_recorder_that_is_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

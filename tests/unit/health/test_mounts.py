@@ -27,11 +27,8 @@ from onboard.messages import (
     DOUBT_PREFIX,
     Estimate,
     Exposure,
-    GlobalPosition,
     Lifecycle,
-    LocalPosition,
     MeasurementReport,
-    Message,
     TargetPoints,
     Verdict,
 )
@@ -40,7 +37,7 @@ from onboard.ownship import Ownship
 from onboard.pipeline import Pipeline
 from onboard.units import NS_PER_S
 from tests.support.images import exposed
-from tests.support.streams import Stream, advance
+from tests.support.streams import Stream
 
 CAMERA = parse_config({}).camera_model()
 LEADER = {"size_prior_m": 2.667, "leader_class": "multirotor"}
@@ -265,18 +262,3 @@ def test_a_wrong_camera_without_lean_is_not_claimed_seeds_1_to_20() -> None:
     wrong = np.radians([0.0, 15.0, 0.0])
     found = [explain(windows(wrong, seed, nod=0.0, focal=2.0)) for seed in range(1, 21)]
     assert found == [None] * 20
-
-
-def test_windows_in_which_our_own_position_is_not_known_are_left_out_seed_1() -> None:
-    """LOCAL_POSITION_NED goes away now and then, GLOBAL_POSITION_INT goes on: no message is lost over it."""
-    sent: list[Message] = []
-    for item in Stream(t0=40.0, t1=55.0, sparse=True).items():
-        m = item.message
-        if isinstance(m, LocalPosition):
-            place = {"lat_deg": 47.0 + m.r_OF_n[0] / 111_195.0, "lon_deg": 8.0 + m.r_OF_n[1] / 75_830.0}
-            height = {"alt_msl": 400.0 - m.r_OF_n[2], "height": -m.r_OF_n[2]}
-            times = {"t_ns": m.t_ns, "t_recv_ns": m.t_recv_ns}
-            sent.append(GlobalPosition(**times, v_F_n=m.v_F_n, heading_rad=None, **place, **height))
-        if not isinstance(m, LocalPosition) or m.t_ns % (6 * NS_PER_S) > 2.2 * NS_PER_S:
-            sent.append(m)
-    assert any(e.valid for e in advance(sent).estimates)

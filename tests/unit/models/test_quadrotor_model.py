@@ -68,14 +68,6 @@ def test_euler_s_equations_with_the_rotors_as_a_gyroscope_seed_3() -> None:
         np.testing.assert_allclose([d["p"], d["q"], d["r"]], expected, rtol=1e-12)
 
 
-def test_inputs_of_a_batch_go_with_its_rows() -> None:
-    rows = np.zeros((6, 12))
-    each = np.array([[1.0, 0, 0, 0], [2.0, 0, 0, 0]])
-    together = quadrotor.process(rows, each, 0.1)
-    np.testing.assert_array_equal(together[:3], quadrotor.process(rows[:3], each[0], 0.1))
-    np.testing.assert_array_equal(together[3:], quadrotor.process(rows[3:], each[1], 0.1))
-
-
 @pytest.mark.parametrize(
     ("rows", "inputs", "dt", "name"),
     [

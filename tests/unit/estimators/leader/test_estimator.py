@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.estimators.leader import estimator as leader
-from onboard.estimators.leader.image.prepare import Image, in_view, prepare
+from onboard.estimators.leader.image.prepare import in_view
 from onboard.geometry.camera import make_camera
 from onboard.messages import Exposure, TargetPoints, Verdict
 from onboard.ownship import Ownship
@@ -122,24 +122,3 @@ def test_an_unusable_image_without_an_id_starts_no_track() -> None:
     assert estimate.measurement.verdict is Verdict.NOT_FINITE
     assert estimate.target == "leader"
     assert list(one._tracks) == ["leader", "unnamed/1"]
-
-
-def test_an_image_is_compared_with_tracks_near_its_direction_and_with_all_without_a_recent_image() -> None:
-    one = estimator()
-    ownship = play(one, sorted(two_aircraft("leader", "target/1"), key=lambda i: i.message.t_ns))
-    message = NEAR.image(ownship.now_ns)
-    view = one._poses.view(Exposure.of(message), ownship)
-    image = prepare(message, view, ownship, one._filter.shape, one._config, 1.0)
-    assert isinstance(image, Image)
-    tracks = list(one._tracks.values())
-
-    def compared(image: Image) -> list[str]:
-        return [tracks[k].target for k, _ in one._candidates({0: image}, tracks, ownship)]
-
-    assert compared(image) == ["leader"]
-    for later in (ownship.now_ns + 200 * MS, ownship.now_ns + 400 * MS):
-        for m in (NEAR.attitude(later), NEAR.position(later)):
-            ownship.receive(m, later)
-        one.tick(ownship)
-    image = image._replace(message=replace(image.message, t_ns=ownship.now_ns))
-    assert compared(image) == ["leader", "target/1"]
