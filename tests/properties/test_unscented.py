@@ -79,3 +79,13 @@ def test_an_angle_means_the_same_wherever_zero_is(turn: float, seen: float, sigm
 
 
 # ------------------------------------------------------------------------------------------ failures
+
+
+@given(st.integers(1, 30), st.floats(0.1, 2.0), st.floats(0.0, 3.0), st.floats(-0.9, 3.0))
+def test_scaled_weights_have_their_spread_and_moments(n: int, alpha: float, beta: float, kappa: float) -> None:
+    """Of one standard normal state: mean, variance, and van der Merwe's weight of the centre in covariances."""
+    w = unscented.scaled_weights(n, alpha, beta, kappa)
+    assert w.spread**2 == pytest.approx(alpha**2 * (n + kappa))
+    assert w.mean + 2 * n * w.other == pytest.approx(1.0)
+    assert 2 * w.other * w.spread**2 == pytest.approx(1.0)
+    assert w.covariance - w.mean == pytest.approx(1.0 - alpha**2 + beta)

@@ -186,6 +186,8 @@ def test_a_leader_that_passes_far_enough_moves_nobody_aside() -> None:
     assert before is not None
     leader.r = before.r + np.array([30.0, 24.0, 0.0])
     assert (law._evade(np.zeros(2), before, leader) == 0.0).all()
+    leader.r = before.r + np.array([2.0, 1.0, 0.0])  # so near that a fifth of the speed is left for backing off
+    assert law._evade(np.zeros(2), before, leader) == pytest.approx([0.0, -0.8 * law.limits.speed])
 
 
 def test_a_yaw_on_the_spot_that_looks_as_if_the_leader_flew_off_is_not_chased() -> None:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from onboard.estimators.leader.assumptions import LeaderModel
+from onboard.estimators.leader.assumptions import STARTUP_TIME_S, LeaderModel
 from onboard.estimators.leader.hypotheses import motion as model
 from onboard.estimators.leader.hypotheses import prediction, update
 from onboard.estimators.leader.hypotheses.particles import Particles
@@ -175,3 +175,11 @@ def test_a_resolved_range_is_the_median_and_an_open_one_the_geometric_mean(near:
     means[:, 0] = ranges
     known = particles._replace(means=means, covariances=covariances, log_weights=np.full(k, -math.log(k)))
     assert np.linalg.norm(summarise(SETTINGS, known).mean[:3]) == pytest.approx(published, rel=0.01)
+
+
+def test_the_evidence_of_a_new_track_is_used_up_in_its_time() -> None:
+    before = start(SETTINGS, image(25.0, 1.0), STILL)
+    for seconds in (0.1, 1.0):
+        after, _ = update.update(SETTINGS, before._replace(unseen=seconds), image(25.0, 1.0, seed=2), STILL)
+        left = after.startup_evidence / before.startup_evidence
+        assert left == pytest.approx(math.exp(-seconds / STARTUP_TIME_S))
