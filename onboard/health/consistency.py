@@ -13,6 +13,7 @@ import math
 from collections import deque
 from typing import Final, NamedTuple
 
+from onboard.filters.gating import mean_bounds
 from onboard.messages import Consistency, Estimate, MeasurementReport
 from onboard.units import NS_PER_S
 
@@ -21,7 +22,7 @@ FEWEST_INNOVATIONS: Final = 30  # before which nothing is stated
 NO_GATE: Final = 5.0  # of the expectation: where a report states no gate
 MAX_DIFFERENCE_NS: Final = NS_PER_S // 2  # between two innovations that are compared
 MOST_SUMMARIES: Final = 32  # estimators and sources
-SIGMAS: Final = 3.0  # of the bounds: 99.7 %
+BOUNDS_PROBABILITY: Final = 0.9973  # that the mean NIS of a consistent filter lies within its bounds
 
 
 class _Innovation(NamedTuple):
@@ -73,7 +74,7 @@ def _difference_nis(before: MeasurementReport | None, now: MeasurementReport) ->
 
 def _of(window: deque[_Innovation]) -> Consistency:
     degrees = sum(one.degrees for one in window)
-    low, high = bounds(degrees)
+    low, high = mean_bounds(1, degrees, BOUNDS_PROBABILITY)
     nis = sum(one.nis for one in window) / degrees
     larger = sum(one.noise_scale**2 * one.nis for one in window) / degrees
     learnt = sum(one.noise_scale**2 for one in window) / len(window)
@@ -82,10 +83,3 @@ def _of(window: deque[_Innovation]) -> Consistency:
     if differences:
         noise = min(noise, max(sum(differences) / len(differences), 1.0))
     return Consistency(count=len(window), nis=nis, low=low, high=high, noise=math.sqrt(noise))
-
-
-def bounds(degrees: int) -> tuple[float, float]:
-    """The bounds of chi-square over its so many degrees of freedom, by Wilson and Hilferty's approximation."""
-    variance = 2.0 / (9.0 * degrees)
-    middle, width = 1.0 - variance, SIGMAS * math.sqrt(variance)
-    return max(middle - width, 0.0) ** 3, (middle + width) ** 3

@@ -96,7 +96,6 @@ class Config(Record, frozen=True, kw_only=True):
     bias_time_s: Positive = 50.0  # correlation time of the bias; of gusts 1 s
     own_tilt_sigma_deg: NotNegative = 0.3  # constant error of the reported roll and pitch
     own_yaw_sigma_deg: NotNegative = 1.0  # the same of the reported yaw
-    layer_sigmas: ClassVar[float] = 5.0  # an innovation beyond this many deviations is a model error or an outlier
     gate_probability: Annotated[float, msgspec.Meta(gt=0, lt=1)] = 0.99999  # of filters without a layer
     rewind_horizon_s: Positive = 0.5
     publish_rate_hz: Positive = 50.0

@@ -15,13 +15,13 @@ from onboard.estimators.kit.life_cycle import life_by_age
 from onboard.estimators.own_state.config import Config
 from onboard.estimators.own_state.faults import FaultMonitor
 from onboard.estimators.own_state.filters import SensorFilter
-from onboard.estimators.own_state.innovations import Contradiction, OutlierMonitor
+from onboard.estimators.own_state.innovations import Innovation, OutlierMonitor
 from onboard.estimators.own_state.inputs import Inputs
 from onboard.estimators.own_state.measurements import ATTITUDE_SENSOR, BAROMETER, GPS, Measurement, reason_unusable
 from onboard.estimators.own_state.noise import SensorNoise
-from onboard.estimators.own_state.report import Reported, nav_state, own_motion, refused, report
+from onboard.estimators.own_state.report import nav_state, own_motion, report
 from onboard.estimators.own_state.sources import Sources, next_due_ns
-from onboard.estimators.own_state.track import Outcome, Track
+from onboard.estimators.own_state.track import Track
 from onboard.filters.belief import FilterError
 from onboard.geometry.camera import Camera
 from onboard.geometry.rotations import matrix_from_quaternion
@@ -84,7 +84,7 @@ class Estimator:
         noise = SensorNoise(self._config)
         self._sources, self._inputs = Sources(self._config, noise), Inputs(noise)
         self._vehicle = FaultMonitor(self._config.known_airframe())
-        self._outliers, self._contradiction = OutlierMonitor(), Contradiction(self._config.layer_sigmas)
+        self._outliers = OutlierMonitor()
         self._velocity_b: Array | None = None  # as last published
         self._next_due_ns = 0  # time of the next published attitude
         self._is_silent = self._is_armed = False
@@ -106,7 +106,7 @@ class Estimator:
                 return self._receive_pressure(message, message.pressure_altitude)
             case ActuatorOutputs():
                 if self._vehicle.receive_outputs(message, armed=self._is_armed):
-                    return [self._publish(refused(message, MOTORS, Verdict.UNASSOCIATED))]
+                    return self._report(message, MOTORS, Verdict.UNASSOCIATED)
             case Battery():
                 self._vehicle.receive_voltage(message.voltage_v)
             case GlobalOrigin():
@@ -129,7 +129,7 @@ class Estimator:
         is_silent = newest_ns != 0 and ownship.now_ns - newest_ns > self._config.silence_s * NS_PER_S
         if is_silent and not self._is_silent:
             self._is_silent = True
-            return [self._publish(None)]
+            return self._report(None)
         return []
 
     def own_motion_at(self, t_ns: int) -> StatedMotion | None:
@@ -164,7 +164,7 @@ class Estimator:
     def _receive_pressure(self, message: Imu | Barometer, altitude: float) -> list[Estimate]:
         measurement = self._sources.pressure(message, altitude)
         if isinstance(measurement, Verdict):
-            return [self._publish(refused(message, BAROMETER, measurement))]
+            return self._report(message, BAROMETER, measurement)
         if measurement is not None:
             self._fuse(measurement)
         return []
@@ -173,25 +173,25 @@ class Estimator:
         newest_ns = self._sources.newest_ns
         measurement = self._sources.attitude(message, white)
         if isinstance(measurement, Verdict):
-            return [self._publish(refused(message, ATTITUDE_SENSOR, measurement))]
+            return self._report(message, ATTITUDE_SENSOR, measurement)
         if measurement is None:
             return []
         by_motors = self._inputs.angular_acceleration.mean(newest_ns, measurement.t_ns)
         self._inputs.noise.add_rates(measurement.t_ns, measurement.y[3:], by_motors)
         self._inputs.manoeuvres.add_attitude(measurement.t_ns, measurement.R_nb)
         self._is_silent = False
-        outcome = self._fuse(measurement)
+        found = self._fuse(measurement)
         if message.t_ns < self._next_due_ns:
             return []
         self._next_due_ns = next_due_ns(message.t_ns, self._config.publish_rate_hz)
-        return [self._publish(report(measurement, outcome))]
+        return self._report(message, ATTITUDE_SENSOR, found)
 
     def _receive_fix(self, message: GpsFix, ownship: Ownship) -> list[Estimate]:
         measurement = self._sources.fix(message, ownship)
         if isinstance(measurement, Verdict):
             if self._track is None:
                 self._why = Reason(Cause.FIX_UNUSABLE, f"GPS fixes cannot be used: {reason_unusable(message)}")
-            return [self._publish(refused(message, GPS, measurement))]
+            return self._report(message, GPS, measurement)
         if measurement is None:
             return []
         self._inputs.noise.add_fix(measurement.t_ns, measurement.y[3:])
@@ -199,12 +199,12 @@ class Estimator:
         self._drop_old_track(measurement.t_ns)
         if self._track is None:
             self._start(measurement)
-            return [self._publish(refused(message, GPS, Verdict.INITIALISING))]
+            return self._report(message, GPS, Verdict.INITIALISING)
         if message.t_ns > self._sources.newest_ns + self._config.rewind_horizon_s * NS_PER_S:
-            return [self._publish(refused(message, GPS, Verdict.TOO_NEW))]
+            return self._report(message, GPS, Verdict.TOO_NEW)
         if not self._track.reaches(message.t_ns):
-            return [self._publish(refused(message, GPS, Verdict.TOO_OLD))]
-        return [self._publish(report(measurement, self._fuse(measurement)))]
+            return self._report(message, GPS, Verdict.TOO_OLD)
+        return self._report(message, GPS, self._fuse(measurement))
 
     # ------------------------------------------------------------------------------ life of the track
 
@@ -217,30 +217,26 @@ class Estimator:
         if near is None:
             self._why = Reason(Cause.NO_ATTITUDE, "no attitude at the time of the fix")
             return
-        self._contradiction = Contradiction(self._config.layer_sigmas)
         self._track = Track(self._config, self._filter, self._inputs, fix, near)
         for attitude in self._sources.attitudes:
             if attitude.t_ns > fix.t_ns:
                 self._fuse(attitude)
 
-    def _fuse(self, measurement: Measurement) -> Outcome | None:
+    def _fuse(self, measurement: Measurement) -> Innovation | Verdict:
         """Insert a measurement at its own time and evaluate its innovation.
 
-        Returns None without a track, or if the measurement is older than the track's history.
+        Returns a verdict without a track, or if the measurement is older than the track's history.
         """
         self._drop_old_track(measurement.t_ns)
         if self._track is None or not self._track.reaches(measurement.t_ns):
-            return None
+            return Verdict.INITIALISING
         try:
-            outcome, outside = self._track.insert(measurement)
+            innovation = self._track.insert(measurement)
         except FilterError as error:
             self._drop_track(Reason(Cause.FILTER_FAILED, f"numerical: {error}"))
-            return None
-        if outcome.fused:
-            self._contradiction.add(measurement, outcome.update)
-        onsets_ns = [fault.t_onset_ns for fault in self._vehicle.faults()]
-        self._outliers.add(measurement, outcome.update, outside, onsets_ns)
-        return outcome
+            return Verdict.INITIALISING
+        self._outliers.add(innovation, [fault.t_onset_ns for fault in self._vehicle.faults()])
+        return innovation
 
     def _drop_track(self, why: Reason) -> None:
         if self._track is not None:
@@ -275,17 +271,20 @@ class Estimator:
             return Lifecycle.INITIALISING if has_fix else Lifecycle.SEARCHING, self._why
         if self._is_silent:
             return Lifecycle.LOST, Reason(Cause.NO_ATTITUDE, "no attitude from the autopilot")
-        if (size := self._contradiction.size) is not None:
+        if (size := self._track.contradiction.size) is not None:
             return Lifecycle.LOST, Reason(Cause.FIXES_CONTRADICT, CONTRADICTS.format(size))
         return life_by_age(self._track.age(t_ns), self._config, one="fix", many="fixes")
 
-    def _publish(self, reported: Reported | None) -> Estimate:
+    def _report(
+        self, message: Message | None, sensor: str = "", found: Innovation | Verdict = Verdict.INITIALISING
+    ) -> list[Estimate]:
+        """Return the estimate with the report of a message, if there is one."""
         newest_ns = self._sources.newest_ns
         self._drop_old_track(newest_ns)
         self._sequence += 1
         estimate = nav_state(
             self._track,
-            reported,
+            None if message is None else report(message, sensor, found),
             config=self._config,
             sequence=self._sequence,
             t_ns=newest_ns,
@@ -296,4 +295,4 @@ class Estimator:
         )
         if estimate.mean is not None and estimate.q_nb is not None:
             self._velocity_b = matrix_from_quaternion(estimate.q_nb).T @ np.array(estimate.mean[3:6])
-        return estimate
+        return [estimate]

@@ -1,14 +1,14 @@
-"""Evaluation of innovations: consistency over the last second, and wrong values.
+"""Evaluation of innovations: consistency over the last second, lasting differences, and wrong values.
 
-Innovations of a wrong model keep their sign; a single wrong value's do not.
+Every check reads the same record of a measurement. Innovations of a wrong model keep their sign; a single wrong
+value's do not.
 """
 
 from collections import Counter, deque
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from onboard.arrays import Array
 from onboard.estimators.own_state.inputs import MANOEUVRE_DECAY_TIME_S, MAX_FIX_INTERVAL_NS
@@ -17,6 +17,7 @@ from onboard.filters.belief import Update
 from onboard.messages import Fault, FaultKind
 from onboard.units import NS_PER_S
 
+LAYER_SIGMAS: Final = 5.0  # An innovation beyond so many standard deviations is a model error or an outlier.
 MIN_WRONG_VALUE_COUNT: Final = 3  # per second, for a fault
 MAX_NORMAL_SIGMAS: Final = 2.0  # of the innovations before and after a wrong value
 ONSET_MARGIN_NS: Final = 400_000_000  # Near the onset of another fault, innovations do not show sensor faults.
@@ -25,45 +26,64 @@ COMPARISON_TIME_S: Final = 2 * MANOEUVRE_DECAY_TIME_S  # time constant of the co
 MIN_LASTING_VARIANCE_RATIO: Final = 1.0  # Of an innovation's variance; flights that fit the model have up to 0.6.
 MIN_LASTING_VELOCITY_M_S: Final = 0.1  # A receiver's own error may last, too.
 
-Outside = npt.NDArray[np.bool_]
+
+class Innovation(NamedTuple):
+    """A measurement compared with its prediction.
+
+    Attributes
+    ----------
+    fused
+        Whether the measurement was fused.
+    sigma
+        Standard deviations (m,) of the innovation.
+    ratio
+        The innovation over these (m,).
+    """
+
+    measurement: Measurement
+    update: Update
+    fused: bool
+    sigma: Array
+    ratio: Array
+
+    @property
+    def outside(self) -> Any:
+        """Which components are outside their layer, bool (m,)."""
+        return np.abs(self.ratio) > LAYER_SIGMAS
+
+
+def innovation_of(measurement: Measurement, update: Update, *, fused: bool) -> Innovation:
+    """Return the record of an update."""
+    sigma = np.sqrt(update.innovation_covariance.diagonal())
+    return Innovation(measurement, update, fused, sigma, update.innovation / sigma)
 
 
 class Counts:
-    """Statistics of the last second's measurements: components outside their layer, and NIS.
+    """Statistics of the last second's measurements."""
 
-    The layer is `sigmas` standard deviations of the innovation wide.
-    """
+    def __init__(self) -> None:
+        self._recent: deque[tuple[int, int, int, float]] = deque()  # t_ns, components, those outside, NIS
 
-    def __init__(self, sigmas: float) -> None:
-        self._sigmas = sigmas
-        self._recent: deque[tuple[int, int, int]] = deque()  # t_ns, outside, components
-        self._nis: deque[float] = deque()  # of the same
-        self._outside = self._components = 0  # sums over those
-
-    def add(self, t_ns: int, update: Update) -> Outside:
-        """Count a measurement. Returns which of its components were outside their layer (m,)."""
-        layer = self._sigmas * np.sqrt(update.innovation_covariance.diagonal())
-        outside: Outside = np.abs(update.innovation) > layer
-        self._recent.append((t_ns, int(outside.sum()), len(outside)))
-        self._nis.append(float(update.nis))
-        self._outside += self._recent[-1][1]
-        self._components += len(outside)
+    def add(self, innovation: Innovation) -> None:
+        """Count a measurement."""
+        t_ns, outside = innovation.measurement.t_ns, innovation.outside
+        self._recent.append((t_ns, len(outside), int(outside.sum()), float(innovation.update.nis)))
         while self._recent[0][0] < t_ns - NS_PER_S:
-            _, old_outside, old_components = self._recent.popleft()
-            self._nis.popleft()
-            self._outside -= old_outside
-            self._components -= old_components
-        return outside
+            self._recent.popleft()
 
     @property
     def switch_fraction(self) -> float | None:
         """Share of components outside their layer; None before the first."""
-        return self._outside / self._components if self._components else None
+        return self._per_component(2)
 
     @property
     def nis_ratio(self) -> float | None:
         """NIS over the number of components: 1 if the covariance is right."""
-        return sum(self._nis) / self._components if self._components else None
+        return self._per_component(3)
+
+    def _per_component(self, column: int) -> float | None:
+        components = sum(row[1] for row in self._recent)
+        return sum(row[column] for row in self._recent) / components if components else None
 
 
 class Contradiction:
@@ -75,8 +95,7 @@ class Contradiction:
     does not show it: most of it is the attitude's.
     """
 
-    def __init__(self, most: float) -> None:
-        self._most = most
+    def __init__(self) -> None:
         self._last: tuple[int, Array, Array] | None = None  # time, innovation, and innovation over its sigma
         self._means = np.zeros(2)  # of the products: relative to the variance, and in m^2/s^2
         self._is_present = False
@@ -86,22 +105,22 @@ class Contradiction:
         """Lasting part of a fix's velocity innovation, m/s; None while there is no contradiction."""
         return float(np.sqrt(max(self._means[1], 0.0))) if self._is_present else None
 
-    def add(self, measurement: Measurement, update: Update) -> None:
+    def add(self, found: Innovation) -> None:
         """Add the innovation of a fused fix. A fix without velocity, or a late one, is ignored.
 
-        A product is limited to `most`: one or two wrong fixes prove nothing.
+        A product is limited to `LAYER_SIGMAS`: one or two wrong fixes prove nothing.
         """
-        t_ns, last = measurement.t_ns, self._last
-        if measurement.sensor != GPS or len(measurement.y) < 5 or (last is not None and t_ns <= last[0]):
+        measurement, t_ns, last = found.measurement, found.measurement.t_ns, self._last
+        if not found.fused or measurement.sensor != GPS or len(measurement.y) < 5:
             return
-        innovation = update.innovation[3:5]  # of the velocity to north and east
-        sigmas = np.sqrt(update.innovation_covariance.diagonal()[3:5])
-        ratio = innovation / sigmas
+        if last is not None and t_ns <= last[0]:
+            return
+        innovation, ratio = found.update.innovation[3:5], found.ratio[3:5]  # of the velocity to north and east
         self._last = t_ns, innovation, ratio
         if last is None or t_ns - last[0] > MAX_FIX_INTERVAL_NS:
             return
         share = min((t_ns - last[0]) / NS_PER_S / COMPARISON_TIME_S, 1.0)
-        product = float(np.clip(np.mean(ratio * last[2]), -self._most, self._most))
+        product = float(np.clip(np.mean(ratio * last[2]), -LAYER_SIGMAS, LAYER_SIGMAS))
         products = np.array([product, np.mean(innovation * last[1])])
         self._means += share * (products - self._means)
         enough = 0.5 * MIN_LASTING_VARIANCE_RATIO if self._is_present else MIN_LASTING_VARIANCE_RATIO
@@ -120,16 +139,16 @@ class OutlierMonitor:
         """Return the present fault, if there is one."""
         return () if self._fault is None else (self._fault,)
 
-    def add(self, measurement: Measurement, update: Update, outside: Outside, onsets_ns: Sequence[int]) -> None:
-        """Add a measurement's innovation, and which of its components were outside their layer.
+    def add(self, found: Innovation, onsets_ns: Sequence[int]) -> None:
+        """Add a measurement's innovation.
 
-        A component was a wrong value if it is outside, was small before, and is small after or as large on the
-        other side. Otherwise the model is wrong. `onsets_ns` are those of the vehicle's present faults.
+        A component was a wrong value if it is outside its layer, was small before, and is small after or as large
+        on the other side. Otherwise the model is wrong. `onsets_ns` are those of the vehicle's present faults.
         """
         # 1 or -1 outside, 0 well inside, 0.5 between
-        near = np.abs(update.innovation) < MAX_NORMAL_SIGMAS * np.sqrt(update.innovation_covariance.diagonal())
-        signs = np.where(outside, 1.0, 0.5) * np.sign(update.innovation) * ~near
-        sensor, t_ns = measurement.sensor, measurement.t_ns
+        is_large = np.abs(found.ratio) >= MAX_NORMAL_SIGMAS
+        signs = np.where(found.outside, 1.0, 0.5) * np.sign(found.ratio) * is_large
+        measurement, sensor, t_ns = found.measurement, found.measurement.sensor, found.measurement.t_ns
         last_ns, before, last = self._signs.get(sensor, (0, 0.0 * signs, 0.0 * signs))
         if len(last) == len(signs):
             single = (before == 0) & ((signs == 0) | (signs == -last))

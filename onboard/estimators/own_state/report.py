@@ -7,8 +7,8 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.kit.reports import update_fields
 from onboard.estimators.own_state.config import Config
-from onboard.estimators.own_state.measurements import Measurement
-from onboard.estimators.own_state.track import Outcome, Posterior, Track
+from onboard.estimators.own_state.innovations import LAYER_SIGMAS, Innovation
+from onboard.estimators.own_state.track import Posterior, Track
 from onboard.geometry.rotations import euler_from_quaternion, quaternion_from_matrix
 from onboard.messages import Fault, Lifecycle, MeasurementReport, Message, NavState, Vec3, Verdict
 from onboard.messages.causes import Reason
@@ -22,31 +22,21 @@ FIELDS_OF_TRACK: Final = ("age", "switch_fraction", "nis_ratio", "mean", "covari
 Reported = tuple[MeasurementReport, tuple[float, ...] | None]  # with the width of the layer
 
 
-def refused(message: Message, sensor: str, verdict: Verdict) -> Reported:
-    """Return the report of a message that did not reach the filter."""
-    return MeasurementReport(source=sensor, t_ns=message.t_ns, t_recv_ns=message.t_recv_ns, verdict=verdict), None
-
-
-def report(measurement: Measurement, outcome: Outcome | None) -> Reported:
-    """Return a measurement's report; `outcome` is None while there is no state."""
-    head: dict[str, Any] = {
-        "source": measurement.sensor,
-        "t_ns": measurement.t_ns,
-        "t_recv_ns": measurement.t_recv_ns,
-    }
-    if outcome is None:
-        return MeasurementReport(**head, verdict=Verdict.INITIALISING), None
-    update = outcome.update
-    fields = update_fields(update)
+def report(message: Message, sensor: str, found: Innovation | Verdict) -> Reported:
+    """Return the report of a message, by its innovation or by the verdict if it did not reach the filter."""
+    head: dict[str, Any] = {"source": sensor, "t_ns": message.t_ns, "t_recv_ns": message.t_recv_ns}
+    if isinstance(found, Verdict):
+        return MeasurementReport(**head, verdict=found), None
+    measurement, update = found.measurement, found.update
     reported = MeasurementReport(
         **head,
-        **fields,
-        verdict=Verdict.FUSED if outcome.fused else Verdict.GATED,
+        verdict=Verdict.FUSED if found.fused else Verdict.GATED,
         components=measurement.components,
         units=measurement.units,
         measured=tuple((update.predicted + update.innovation).tolist()),
+        **update_fields(update),
     )
-    return reported, fields["innovation_sigma"]
+    return reported, tuple((LAYER_SIGMAS * found.sigma).tolist())
 
 
 def nav_state(
@@ -62,7 +52,7 @@ def nav_state(
     faults: tuple[Fault, ...],
 ) -> NavState:
     """Return the record at a time. `reported` is the newest measurement."""
-    measurement, sigma = reported if reported is not None else (None, None)
+    measurement, layer = reported if reported is not None else (None, None)
     state, (cause, reason) = life
     valid = track is not None and state.is_valid
     return NavState(
@@ -79,7 +69,7 @@ def nav_state(
         reset_count=resets,
         measurement=measurement,
         origin=origin,
-        layer=None if sigma is None else tuple(config.layer_sigmas * s for s in sigma),
+        layer=layer,
         quality=_quality(track, t_ns, config) if track is not None and valid else -1,
         faults=faults,
         **_of_track(track, t_ns, config),

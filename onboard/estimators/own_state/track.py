@@ -14,7 +14,7 @@ from onboard.arrays import Array
 from onboard.estimators.kit.history import History
 from onboard.estimators.own_state.config import Config
 from onboard.estimators.own_state.filters import FilterState, SensorFilter
-from onboard.estimators.own_state.innovations import Counts, Outside
+from onboard.estimators.own_state.innovations import Contradiction, Counts, Innovation, innovation_of
 from onboard.estimators.own_state.inputs import Inputs
 from onboard.estimators.own_state.measurements import BAROMETER, GPS, Measurement, measurement_model, relative_to
 from onboard.filters.belief import Belief, Update
@@ -52,13 +52,6 @@ class Cell(NamedTuple):
     rejected: Mapping[str, int]
 
 
-class Outcome(NamedTuple):
-    """A measurement's update, and whether it was fused."""
-
-    fused: bool
-    update: Update
-
-
 class Posterior(NamedTuple):
     """A belief at a time, and the attitude R_na of the reference frame of its angles."""
 
@@ -70,7 +63,7 @@ class Posterior(NamedTuple):
 class Track:
     """The filter from one fix on, started with the attitude near it.
 
-    `counts` evaluates its innovations.
+    `counts` and `contradiction` evaluate its innovations.
     """
 
     def __init__(
@@ -78,7 +71,7 @@ class Track:
     ) -> None:
         airframe = config.known_airframe()
         self._last_fix_ns = fix.t_ns  # the newest that was fused
-        self.counts = Counts(config.layer_sigmas)
+        self.counts, self.contradiction = Counts(), Contradiction()
         self._gate_probability = config.gate_probability
         self._has_layer = "svsf" in config.filter
         self._inertia = np.array(airframe.inertia_kg_m2 if airframe else (1.0, 1.0, 1.0))
@@ -98,17 +91,19 @@ class Track:
         """Return whether a measurement of that time can still be inserted."""
         return self._history.reaches(t_ns)
 
-    def insert(self, measurement: Measurement) -> tuple[Outcome, Outside]:
-        """Fuse a measurement at its own time, which must be within reach.
+    def insert(self, measurement: Measurement) -> Innovation:
+        """Fuse a measurement at its own time, which must be within reach, and evaluate its innovation.
 
-        Returns the outcome, and which of the components were outside their layer (m,). Raises FilterError,
-        NotPositiveDefiniteError; the track is then unusable.
+        Raises FilterError, NotPositiveDefiniteError; the track is then unusable.
         """
         self._history.settle(self._inputs)
-        outcome: Outcome = self._history.insert(measurement.t_ns, measurement, self._inputs)
-        if outcome.fused and measurement.sensor == GPS:
+        fused, update = self._history.insert(measurement.t_ns, measurement, self._inputs)
+        if fused and measurement.sensor == GPS:
             self._last_fix_ns = max(self._last_fix_ns, measurement.t_ns)
-        return outcome, self.counts.add(measurement.t_ns, outcome.update)
+        innovation = innovation_of(measurement, update, fused=fused)
+        self.counts.add(innovation)
+        self.contradiction.add(innovation)
+        return innovation
 
     def age(self, t_ns: int) -> float:
         """Return the seconds since the newest fused fix."""
@@ -180,13 +175,14 @@ class Track:
         )
         return cell._replace(R_na=cell.R_na @ R_ac, filtered=filtered)
 
-    def _fuse(self, cell: Cell, measurement: Measurement, _inputs: Inputs) -> tuple[Cell, Outcome]:
+    def _fuse(self, cell: Cell, measurement: Measurement, _inputs: Inputs) -> tuple[Cell, tuple[bool, Update]]:
+        """Return the cell after a measurement, whether it was fused, and its update."""
         sensor = measurement.sensor
         y, angular = relative_to(cell.R_na, measurement)
         arguments = sensor, y, measurement_model(measurement), measurement.R, angular
         filtered, update = self._filter.update(cell.filtered, *arguments)
         if self._has_layer and sensor != BAROMETER:
-            return Cell(cell.R_na, filtered, cell.rejected), Outcome(True, update)
+            return Cell(cell.R_na, filtered, cell.rejected), (True, update)
         # A filter without layers has a gate before it. A run of rejections means that the model is wrong.
         gated = update.nis > chi_square_threshold(self._gate_probability, len(y))
         run = cell.rejected.get(sensor, 0) + 1 if gated else 0
@@ -196,8 +192,8 @@ class Track:
             run, gated = 0, False
         rejected = {**cell.rejected, sensor: run}
         if gated and run <= MAX_REJECTED_COUNT:
-            return cell._replace(rejected=rejected), Outcome(False, update)
-        return Cell(cell.R_na, filtered, rejected), Outcome(True, update)
+            return cell._replace(rejected=rejected), (False, update)
+        return Cell(cell.R_na, filtered, rejected), (True, update)
 
     def _without_datum(self, filtered: FilterState) -> FilterState:
         variance = np.full(own_motion.STATE_SIZE, MIN_VARIANCE)
