@@ -12,7 +12,7 @@ import math
 import sys
 from collections import Counter
 from functools import lru_cache
-from typing import Final, NamedTuple
+from typing import ClassVar, Final, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
@@ -21,6 +21,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from onboard.arrays import Array
 from onboard.estimators import EstimatorProtocol
 from onboard.estimators.leader import estimator as leader
+from onboard.estimators.leader.config import Config
 from onboard.estimators.oh_johnson import estimator as oh_johnson
 from onboard.geometry.camera import make_camera
 from onboard.messages import Cause, Estimate, Exposure, Lifecycle, Message, Reason, TargetPoints
@@ -32,20 +33,24 @@ STEPS_MS: Final = (0, 1, 20, 33, 33, 33, 40, 100, 500, 3000, 12000)  # from one 
 LATE_MS: Final = (0, 0, 0, 0, 20, 60, 150, 300, 2000, -10, -30, -5000)  # an image after its time
 TARGETS: Final = ("leader", "leader", "leader", "target/1", "")
 CAMERA: Final = make_camera(f_px=554.256, width_px=640, height_px=480)
-SETTINGS: Final = {
-    "plain": (),
-    "fixed-wing": ("leader_class=fixed_wing", "center_on_wing=true", "initialise_images=1"),
-    "delay": ("delay_sigma_s=0.1", "initialise_images=2"),
-    "exact attitude": ("own_tilt_sigma_deg=0", "own_yaw_sigma_deg=0", "initialise_images=1"),
-    "middle": ("center_on_wing=true", "initialise_images=1"),
-    "delay, size unknown": ("delay_sigma_s=0.3", "size_prior_sigma_m=2.0", "initialise_images=1"),
+
+
+class PromptConfig(Config, frozen=True, kw_only=True):
+    """A leader that starts with its first image, so that short sequences have tracks."""
+
+    initialise_images: ClassVar[int] = 1
+
+
+CONFIGS: Final = {
+    "plain": Config(),
+    "fixed-wing": PromptConfig(leader_class="fixed_wing", center_on_wing=True),
+    "delay": PromptConfig(delay_sigma_s=0.1),
+    "exact attitude": PromptConfig(own_tilt_sigma_deg=0.0, own_yaw_sigma_deg=0.0),
+    "middle": PromptConfig(center_on_wing=True),
+    "delay, size unknown": PromptConfig(delay_sigma_s=0.3, size_prior_sigma_m=2.0),
 }
 PAPER: Final = "oh_johnson"  # the paper's filter, an estimator of its own, with its defaults
-NAMES: Final = (*SETTINGS, PAPER)
-CONFIGS: Final = {
-    name: make_config(*(f"estimator.leader.{s}" for s in settings)).estimator["leader"]
-    for name, settings in SETTINGS.items()
-}
+NAMES: Final = (*CONFIGS, PAPER)
 
 
 class UnsoundError(AssertionError):

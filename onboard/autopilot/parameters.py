@@ -9,8 +9,6 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-import msgspec
-
 from onboard.autopilot.requests import stamp
 from onboard.config import Config, ConfigError, Storing, parse_config, read_stored
 from onboard.messages import Message, ParamAck, ParamAction, ParamRequest, ParamValue
@@ -19,13 +17,11 @@ from onboard.wire.mavlink.parameters import decimal
 KEYS: Final[Mapping[str, tuple[str, float]]] = {  # name (at most 16 characters) -> key, value if unset
     "LDR_SIZE_M": ("estimator.leader.size_prior_m", math.nan),
     "LDR_SIZE_SIG_M": ("estimator.leader.size_prior_sigma_m", math.nan),
-    "LDR_OWN_TILT_DEG": ("estimator.leader.own_tilt_sigma_deg", math.nan),
-    "LDR_OWN_YAW_DEG": ("estimator.leader.own_yaw_sigma_deg", math.nan),
-    "LDR_OWN_VEL_M_S": ("estimator.leader.own_velocity_sigma_m_s", math.nan),
+    "OWN_TILT_DEG": ("ownship.errors.tilt_sigma_deg", math.nan),
+    "OWN_YAW_DEG": ("ownship.errors.yaw_sigma_deg", math.nan),
+    "OWN_VEL_M_S": ("ownship.errors.velocity_sigma_m_s", math.nan),
     "LDR_DELAY_SIG_S": ("estimator.leader.delay_sigma_s", math.nan),
-    "LDR_COAST_S": ("estimator.leader.coast_after_s", math.nan),
     "LDR_VALID_S": ("estimator.leader.validity_timeout_s", math.nan),
-    "LDR_RESET_S": ("estimator.leader.reset_timeout_s", math.nan),
     "CAM_F_PX": ("camera.f_px", math.nan),
     "CAM_SIGMA_PX": ("camera.sigma_px", math.nan),
     "CAM_ROLL_DEG": ("camera.mount_rpy_deg.0", math.nan),
@@ -48,7 +44,7 @@ class Parameters:
     `stored`: the table of an earlier run."""
 
     def __init__(self, config: Config, store: Store | None = None, stored: dict[str, Any] | None = None) -> None:
-        self._table: dict[str, Any] = msgspec.to_builtins(config)
+        self._table: dict[str, Any] = config.table()
         self._store = store
         self._changed = stored or {}
         leader = self._table["estimator"].get("leader", {})

@@ -25,13 +25,11 @@ DELAY: Final = Bounds(-10.0, 10.0, "it is a delay in seconds; older images are n
 RANGES: Final = {
     "estimator.leader.size_prior_m": Bounds(0.02, 200.0, "it is an aircraft's wingspan in metres"),
     "estimator.leader.size_prior_sigma_m": Bounds(1e-6, 100.0, "it is the error of a wingspan in metres"),
-    "estimator.leader.own_tilt_sigma_deg": Bounds(0.0, 45.0, "a larger error leaves the vertical unknown"),
-    "estimator.leader.own_yaw_sigma_deg": Bounds(0.0, 90.0, "a larger error leaves north unknown"),
-    "estimator.leader.own_velocity_sigma_m_s": Bounds(0.0, 100.0, "it is the error of a velocity in m/s"),
+    "ownship.errors.tilt_sigma_deg": Bounds(0.0, 45.0, "a larger error leaves the vertical unknown"),
+    "ownship.errors.yaw_sigma_deg": Bounds(0.0, 90.0, "a larger error leaves north unknown"),
+    "ownship.errors.velocity_sigma_m_s": Bounds(0.0, 100.0, "it is the error of a velocity in m/s"),
     "estimator.leader.delay_sigma_s": Bounds(0.0, 1.0, "it is the error of a delay in seconds"),
-    "estimator.leader.coast_after_s": Bounds(0.02, 3600.0, "it is a time without images in seconds"),
     "estimator.leader.validity_timeout_s": Bounds(0.02, 3600.0, "it is a time without images in seconds"),
-    "estimator.leader.reset_timeout_s": Bounds(0.02, 3600.0, "it is a time without images in seconds"),
     "delay.camera_s": DELAY,
 }
 CAMERA_RANGES: Final = {

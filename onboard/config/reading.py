@@ -20,7 +20,7 @@ from onboard import UserError
 from onboard.config.bounds import not_tunable, out_of_range
 from onboard.config.cameras import CameraConfig
 from onboard.config.recorded import read_recorded
-from onboard.config.sections import AutopilotConfig, Config, LeaderOutConfig, LinkConfig, OwnErrors
+from onboard.config.sections import DERIVED_KEYS, AutopilotConfig, Config, LeaderOutConfig, LinkConfig, OwnErrors
 from onboard.estimators import config_type, known
 from onboard.messages import Record, TargetClass
 from onboard.wire.documents.document import NAME
@@ -179,8 +179,7 @@ def parse_config(table: dict[str, Any]) -> Config:
     for name, section in named_estimators(table).items():
         kind = config_type(name)
         errors = config.leader_errors() if name == CAMERA_ESTIMATOR else config.ownship.errors
-        given = _shared_keys(config, errors, kind) | section if isinstance(section, dict) else section
-        sections[name] = _convert(given, kind, f"estimator.{name}")
+        sections[name] = _convert(_with_derived(section, config, errors, kind, name), kind, f"estimator.{name}")
     _check_broadcast(config, sections.get(CAMERA_ESTIMATOR))
     whole = msgspec.structs.replace(config, estimator=sections)
     for reason in out_of_range(whole):
@@ -219,11 +218,19 @@ def _check_lenses(table: dict[str, Any]) -> None:
             raise ConfigError(f"{at}.{without[0]}: the file of {at}.calibration also has it; remove one of them")
 
 
-def _shared_keys(config: Config, errors: OwnErrors, kind: type[Record]) -> dict[str, Any]:
-    """Return the keys that an estimator takes from `[target]` and `[ownship.errors]`."""
-    classes = {"target": msgspec.to_builtins(config.target)}
-    takes_classes = any(field.name == "target" for field in _fields(kind))
-    return _own_errors(errors, kind) | (classes if takes_classes else {})
+def _with_derived(section: Any, config: Config, errors: OwnErrors, kind: type[Record], name: str) -> Any:
+    """Return an estimator's section with its keys from `[target]` and `[ownship.errors]`.
+
+    Raises ConfigError for a section that sets such a key to another value; recordings hold the same one.
+    """
+    values = {f"own_{key}": value for key, value in msgspec.to_builtins(errors).items()}
+    values["target"] = msgspec.to_builtins(config.target)
+    derived = {field.name: values[field.name] for field in _fields(kind) if field.name in DERIVED_KEYS}
+    for key in derived if isinstance(section, dict) else ():
+        if not _is_same(section.get(key, derived[key]), derived[key]):
+            source = f"ownship.errors.{key.removeprefix('own_')}" if key.startswith("own_") else f"[{key}.CLASS]"
+            raise ConfigError(f"unknown key estimator.{name}.{key}: it was withdrawn; set {source}")
+    return section | derived if isinstance(section, dict) else section
 
 
 def _check_own_reports(config: Config) -> None:
@@ -256,19 +263,6 @@ def _with_rates(config: Config) -> Config:
     rates = {**AutopilotConfig().rates_hz, **gimbal, **config.autopilot.rates_hz}
     asked = {name: rate for name, rate in rates.items() if rate > 0.0}
     return msgspec.structs.replace(config, autopilot=msgspec.structs.replace(config.autopilot, rates_hz=asked))
-
-
-def _own_errors(errors: OwnErrors, kind: type[Record]) -> dict[str, float]:
-    """Return the keys of an estimator's section that `[ownship.errors]` sets.
-
-    They are those with the same default; a different default is the estimator's own.
-    """
-    shared = {f"own_{field.name}": field for field in _fields(OwnErrors)}
-    return {
-        field.name: getattr(errors, shared[field.name].name)
-        for field in _fields(kind)
-        if field.name in shared and field.default == shared[field.name].default
-    }
 
 
 def _is_message(name: str) -> bool:
@@ -316,7 +310,7 @@ def _convert(table: Any, kind: type[Any], at: str) -> Any:
     """Convert a table to a record, strictly; errors name the key by its full path."""
     if not isinstance(table, dict):
         raise ConfigError(f"`{at}` must be a table, not {table!r}")
-    _check_keys(table, kind, at)
+    table = _checked(table, kind, at)
     _check_finite(table, at)
     try:
         return msgspec.convert(table, kind)
@@ -331,6 +325,11 @@ def _convert(table: Any, kind: type[Any], at: str) -> Any:
                 f"{where} is {_value_at(table, keys)!r}: {_expectation(reason, kind, keys)}"
             ) from error
         raise ConfigError(reason if reason.startswith(where) else f"{where}: {reason}") from error
+
+
+def _is_same(value: Any, known: Any) -> bool:
+    """Whether a value of TOML or JSON, which have lists for tuples, is a known one."""
+    return bool(value == known) or msgspec.json.encode(value) == msgspec.json.encode(known)
 
 
 def _value_at(value: Any, keys: list[str | int]) -> Any:
@@ -359,25 +358,34 @@ def _choices(kind: Any) -> list[Any]:
     )
 
 
-def _check_keys(table: dict[str, Any], kind: Any, at: str) -> None:
-    """Raise ConfigError for a key that `kind` does not have, here or in nested tables."""
+def _checked(table: dict[str, Any], kind: Any, at: str) -> dict[str, Any]:
+    """Return a table without withdrawn keys that have the value of their constant, as in older recordings.
+
+    Raises ConfigError for a key that `kind` does not have, here or in nested tables.
+    """
     fields = {field.name: field.type for field in _fields(kind)}
+    checked = {}
     for key, value in table.items():
         path = f"{at}.{key}".lstrip(".")
-        if key not in fields and hasattr(kind, key):  # a constant beside the fields
-            raise ConfigError(f"unknown key {path}: it was withdrawn, and is always {getattr(kind, key)}")
+        if key not in fields and isinstance(constant := getattr(kind, key, None), int | float | str | tuple):
+            if not _is_same(value, constant):
+                raise ConfigError(f"unknown key {path}: it was withdrawn, and is always {constant}")
+            continue
         if key not in fields:
             raise ConfigError(f"unknown key {path}{_suggestion(key, tuple(fields))}")
+        checked[key] = value
         if isinstance(value, dict) and isinstance(fields[key], type) and issubclass(fields[key], Record):
-            _check_keys(value, fields[key], path)
-        if isinstance(value, dict) and fields[key] in NAMED_TYPES:
-            for name, item in value.items():
-                _convert(item, NAMED_TYPES[fields[key]], f"{path}.{name}")  # its errors name the whole path
+            checked[key] = _checked(value, fields[key], path)
+        if isinstance(value, dict) and fields[key] in NAMED_TYPES:  # errors of `_convert` name the whole path
+            kinds = NAMED_TYPES[fields[key]]
+            checked[key] = {name: _convert(item, kinds, f"{path}.{name}") for name, item in value.items()}
         rows = ROW_TYPES.get(fields[key])
         if isinstance(value, list) and rows is not None:
-            for i, item in enumerate(value):
-                if isinstance(item, dict):
-                    _check_keys(item, rows, f"{path}[{i}]")
+            checked[key] = [
+                _checked(item, rows, f"{path}[{i}]") if isinstance(item, dict) else item
+                for i, item in enumerate(value)
+            ]
+    return checked
 
 
 @cache  # reading annotations takes most of the time of a check

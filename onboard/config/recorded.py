@@ -18,8 +18,7 @@ EXCLUDED_SECTIONS: Final = frozenset({"zenoh", "router", "recorder", "parameters
 
 def flight_metadata(config: Config) -> dict[str, dict[str, str]]:
     """Return the metadata of a recording that is made with a configuration."""
-    table = msgspec.to_builtins(config)
-    flown = {name: section for name, section in table.items() if name not in EXCLUDED_SECTIONS}
+    flown = {name: section for name, section in config.table().items() if name not in EXCLUDED_SECTIONS}
     return {CONFIGURATION: {JSON: msgspec.json.encode(flown).decode()}}
 
 

@@ -88,8 +88,7 @@ class DelayConfig(Record, frozen=True, kw_only=True):
 class OwnErrors(Record, frozen=True, kw_only=True):
     """`[ownship.errors]`: systematic errors of our autopilot's estimates, one sigma each.
 
-    Every estimator receives them as `own_` and the key, unless its own section has that key. Traffic's
-    `own_tilt_sigma_deg` (0.5) and `own_attitude_time_s` (10) keep their own defaults.
+    Every estimator receives them as `own_` and the key, and the leader's include those of the cameras' mounts.
     """
 
     tilt_sigma_deg: NotNegative = 0.3  # of roll and pitch
@@ -98,6 +97,10 @@ class OwnErrors(Record, frozen=True, kw_only=True):
     velocity_sigma_m_s: NotNegative = 0.1  # on each axis
     position_sigma_m: NotNegative = 1.0  # on each axis
     position_time_s: Positive = 60.0
+
+
+# Keys that an estimator's section receives from `[target]` and `[ownship.errors]`, and that no file sets there.
+DERIVED_KEYS: Final = frozenset({"target", *(f"own_{name}" for name in OwnErrors.__struct_fields__)})
 
 
 class OwnshipConfig(Record, frozen=True, kw_only=True):
@@ -219,6 +222,13 @@ class Config(Record, frozen=True, kw_only=True):
     odometry: OdometryConfig = OdometryConfig()
     warm_start: WarmStartConfig = WarmStartConfig()
     ros2: Ros2Config = Ros2Config()
+
+    def table(self) -> dict[str, Any]:
+        """Return all values as a TOML table, without those that one section receives from another."""
+        table: dict[str, Any] = msgspec.to_builtins(self)
+        for name, section in table["estimator"].items():
+            table["estimator"][name] = {key: value for key, value in section.items() if key not in DERIVED_KEYS}
+        return table
 
     def camera_model(self) -> Camera:
         """Return the first camera as a geometric model, which holds the others by name."""

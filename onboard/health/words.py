@@ -170,7 +170,7 @@ WORDS: Final[Mapping[str, Words]] = {  # by cause, and by a verdict of the same 
     ),
     Cause.TOO_OLD: Words(
         "`t_ns` is {age:.2f} s before the autopilot's newest message; expected at most "
-        "`rewind_horizon_s`, and a time of exposure on the clock that `clock` names",
+        "0.5 s, and a time of exposure on the clock that `clock` names",
         refusal=STAMPS,
     ),
     Cause.TOO_NEW: Words(

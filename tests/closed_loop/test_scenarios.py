@@ -147,7 +147,7 @@ def test_nav_error_seed_1_is_carried_in_the_covariance(replay: Flights) -> None:
     considered = replay("formation-nav-error").score
     ignored = replay(
         "formation-nav-error",
-        *("estimator.leader.own_tilt_sigma_deg=0.0", "estimator.leader.own_yaw_sigma_deg=0.0"),
+        *("ownship.errors.tilt_sigma_deg=0.0", "ownship.errors.yaw_sigma_deg=0.0"),
     ).score
     assert considered.inside_95_percent > 75
     # the noise of the detector is taken for larger than configured meanwhile, which makes up for a part

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from onboard.estimators.leader.config import Config
 from onboard.messages import Estimate, Message, TargetPoints, Verdict
 from onboard.messages.causes import Cause
 from tests.support.cases import slow_but
@@ -202,9 +203,12 @@ def absurd_own(rng: np.random.Generator, message: Message) -> Message:
 @pytest.mark.parametrize(
     ("seed", "initialise", "sequences"), slow_but([(11, 3, 40)], [(11, 3, 40), (11, 3, 125), (12, 1, 125)])
 )
-def test_fuzzed_sequences_never_raise_nor_emit_a_broken_belief(seed: int, initialise: int, sequences: int) -> None:
+def test_fuzzed_sequences_never_raise_nor_emit_a_broken_belief(
+    monkeypatch: pytest.MonkeyPatch, seed: int, initialise: int, sequences: int
+) -> None:
     rng = np.random.default_rng(seed)
-    config = make_config(f"estimator.leader.initialise_images={initialise}")
+    monkeypatch.setattr(Config, "initialise_images", initialise)
+    config = make_config()
     valid = 0
     for _ in range(sequences):
         start = rng.uniform(5, 50)

@@ -11,8 +11,8 @@ from onboard.estimators.traffic.reports import Report
 from onboard.messages import PeerPosition
 from onboard.units import NS_PER_S
 
-CONFIG: Final = Config(own_yaw_sigma_deg=0.6, own_tilt_sigma_deg=0.4, report_bias_m=3.0, own_position_sigma_m=1.0)
-PRIOR_SIGMA: Final = np.radians([0.4, 0.4, 0.6])
+CONFIG: Final = Config(own_yaw_sigma_deg=0.6, own_position_sigma_m=1.0)
+PRIOR_SIGMA: Final = np.radians([0.5, 0.5, 0.6])
 RADAR: Final = np.array([5.0, -3.0, 2.0])
 RADAR_SIGMA, REPORT_SIGMA = 3.0, 2.0  # m: of each echo's position, and of each report's
 AHEAD: Final = np.array([[1000.0, 0.3, 0.1]])

@@ -20,14 +20,15 @@ class BroadcastConfig(Record, frozen=True, kw_only=True):
     system: Annotated[int, msgspec.Meta(ge=0, le=255)] = 0  # sends GLOBAL_POSITION_INT, FOLLOW_TARGET; 0: nobody
     icao: str = ""  # the leader's address in ADSB_VEHICLE, six hexadecimal digits
     position_sigma_m: Positive = 2.0  # error on each axis that is new in each report
-    velocity_sigma_m_s: Positive = 0.3
     bias_m: NotNegative = 2.0  # error of the position on each axis that lasts; of an `icao`'s height 30 m
-    bias_time_s: Positive = 60.0  # correlation time of these
     latency_s: Annotated[float, msgspec.Meta(ge=0, le=1)] = 0.2  # age of a report when it arrives
     latency_sigma_s: NotNegative = 0.1  # by which that is wrong, for long and anew in each report
     geoid_undulation_m: float = 0.0  # of an `icao`: mean sea level = GNSS height - this
     trusted: bool = False  # nobody else can send in its name (a signed link): it carries beyond validity_timeout_s
-    # Withdrawn as keys: no aircraft of interest is faster; GNSS is good for ten seconds of a steady flight.
+    # Withdrawn as keys: receivers' data sheets give 0.1 to 0.3 m/s, and the errors of the position change with the
+    # satellites in view; no aircraft of interest is faster; GNSS is good for ten seconds of a steady flight.
+    velocity_sigma_m_s: ClassVar[float] = 0.3  # on each axis, new in each report
+    bias_time_s: ClassVar[float] = 60.0  # correlation time of `bias_m`
     max_speed_m_s: ClassVar[float] = 350.0  # faster reports are implausible
     timeout_s: ClassVar[float] = 10.0  # without a report: it carries the track no more
 
@@ -83,7 +84,6 @@ class Config(TargetClass, frozen=True, kw_only=True):
     center_on_wing: bool = False  # the center is the wing's middle, to 1 % of the wing: measure the middle too
     pose_scale_sigma: NotNegative = 0.02  # of the range: bias of poses: a marker's size, the focal length
     particles: Annotated[int, msgspec.Meta(ge=100, le=100_000)] = PARTICLES  # hypotheses at most
-    initialise_images: Annotated[int, msgspec.Meta(ge=1, le=100)] = 3  # that must agree to start
     own_tilt_sigma_deg: NotNegative = 0.3  # steady error of our own roll and pitch, mount included
     own_yaw_sigma_deg: NotNegative = 1.0  # the same of our yaw; 0 for both: our attitude is exact
     own_attitude_time_s: Positive = 60.0  # correlation time of these errors
@@ -93,15 +93,18 @@ class Config(TargetClass, frozen=True, kw_only=True):
     range: RangeConfig = RangeConfig()
     delay_sigma_s: NotNegative = 0.0  # delay of the camera's stamps; 0: they are exact, the delay no state
     publish_rate_hz: Annotated[float, msgspec.Meta(ge=10)] = 30.0  # of each target's estimates, images' included
-    rewind_horizon_s: NotNegative = 0.5  # images older than this are rejected
-    coast_after_s: NotNegative = 0.25  # without an image: coasting
     validity_timeout_s: NotNegative = 2.0  # without an image: lost, not valid
-    reset_timeout_s: NotNegative = 10.0  # without an image: forgotten
-    relock_after_s: NotNegative = 1.0  # with only gated images: forgotten, and started again
     max_targets: Annotated[int, msgspec.Meta(ge=1, le=1000)] = 100
 
-    # Withdrawn as keys. A range drifts by a leader's own speed within some seconds without the wing; a camera that
-    # hangs is one within a few images; a detector cuts off what is within a pixel of the edge.
+    # Withdrawn as keys. Two wrong images agree by chance, three do not. No detector takes 0.5 s for an image.
+    # Cameras send at least 10 images a second, so that 0.25 s without one is a gap. After 10 s a leader may be
+    # anywhere. A range drifts by a leader's own speed within some seconds without the wing. A camera that hangs
+    # is one within a few images. A detector cuts off what is within a pixel of the edge.
+    initialise_images: ClassVar[int] = 3  # that must agree to start
+    rewind_horizon_s: ClassVar[float] = 0.5  # images older than this are rejected
+    coast_after_s: ClassVar[float] = 0.25  # without an image: coasting
+    reset_timeout_s: ClassVar[float] = 10.0  # without an image: forgotten
+    relock_after_s: ClassVar[float] = 1.0  # with only gated images: forgotten, and started again
     direction_timeout_s: ClassVar[float] = 5.0  # with directions alone, without the wing: lost, not valid
     stale_after_s: ClassVar[float] = 0.5  # with points that stay although the camera turned: it hangs
     edge_px: ClassVar[float] = 1.0  # points this near to the image's edge are rejected

@@ -10,6 +10,7 @@ import msgspec
 import pytest
 
 from onboard.config import Config, LeaderOutConfig, LinkConfig, OwnErrors, load_config, parse_config
+from onboard.config.sections import DERIVED_KEYS
 from onboard.estimators import config_type, known, load
 from onboard.estimators.leader.config import BroadcastConfig, RangeConfig
 from onboard.messages import Record, TargetClass
@@ -45,6 +46,8 @@ def keys(record: type[Record]) -> dict[str, Any]:
     """Every key of a section with its default, those of a table of numbers each by itself."""
     found: dict[str, Any] = {}
     for field in msgspec.structs.fields(record):
+        if field.name in DERIVED_KEYS:
+            continue
         default = field.default
         if field.default_factory is not msgspec.NODEFAULT:
             default = field.default_factory()

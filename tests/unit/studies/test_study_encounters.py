@@ -236,7 +236,7 @@ def test_settings_reach_the_pipeline_seed_1(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(flown, "DURATION_S", 7.0)
     default, same, other = (
         fly(Case("behind"), 1, settings)
-        for settings in ((), ("estimator.leader.own_velocity_sigma_m_s=0.1",), ("camera.sigma_px=3.0",))
+        for settings in ((), ("ownship.errors.velocity_sigma_m_s=0.1",), ("camera.sigma_px=3.0",))
     )
     assert np.array_equal(default.range_, same.range_, equal_nan=True)
     assert not np.array_equal(default.range_, other.range_, equal_nan=True)

@@ -21,19 +21,10 @@ def test_the_configuration_is_read_without_numerics() -> None:
     assert done.stdout.strip() == "set()"
 
 
-@pytest.mark.parametrize(
-    "timeouts",
-    [
-        {"coast_after_s": 3.0},
-        {"validity_timeout_s": 0.1},
-        {"validity_timeout_s": 11.0},
-        {"reset_timeout_s": 1.0},
-    ],
-)
-def test_timeouts_out_of_order_are_refused(timeouts: dict[str, float]) -> None:
+@pytest.mark.parametrize("timeout_s", [0.1, 11.0])
+def test_timeouts_out_of_order_are_refused(timeout_s: float) -> None:
     with pytest.raises(ValueError, match="coast_after_s <= validity_timeout_s <= reset_timeout_s must hold"):
-        Config(**timeouts)
-    assert Config(coast_after_s=2.0, validity_timeout_s=2.0, reset_timeout_s=2.0)
+        Config(validity_timeout_s=timeout_s)
 
 
 @pytest.mark.parametrize("name", ["any-side", "wing-line", "paper", "subtended"])

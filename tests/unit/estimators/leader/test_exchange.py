@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -11,8 +11,16 @@ from onboard.estimators.leader.image.prepare import Image
 from onboard.estimators.leader.tracks.doubts import Checks
 
 FORGOTTEN_S = 5.0
-CONFIG = Config(reset_timeout_s=FORGOTTEN_S)
-SLOW = Config(reset_timeout_s=2.0 * FORGOTTEN_S)  # which counts images over half of it
+
+
+class BriefConfig(Config, frozen=True, kw_only=True):
+    """A track that is forgotten sooner."""
+
+    reset_timeout_s: ClassVar[float] = FORGOTTEN_S
+
+
+CONFIG = BriefConfig()
+SLOW = Config()  # which counts images over half of its time
 
 
 def image(t: float, degrees: float = 0.0, span: float = 0.1) -> Image:

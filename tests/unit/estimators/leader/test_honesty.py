@@ -27,10 +27,7 @@ LATER = 200_000_000  # ns, until the leader is flown on
 VIEW = CameraView((1.0, 0.0, 0.0, 0.0), make_camera(f_px=554.0, width_px=640.0, height_px=480.0), is_px4=True)
 ERRORS = OwnErrors(position_sigma_m=0.5)  # else the leader's part would not show beside our own
 NO_ERRORS = OwnErrors(tilt_sigma_deg=0.0, yaw_sigma_deg=0.0, velocity_sigma_m_s=0.0, position_sigma_m=0.0)
-EXACT = tuple(
-    f"estimator.leader.{key}"
-    for key in ("own_tilt_sigma_deg=0.0", "own_yaw_sigma_deg=0.0", "own_velocity_sigma_m_s=0.0")
-)
+EXACT = tuple(f"ownship.errors.{key}=0.0" for key in ("tilt_sigma_deg", "yaw_sigma_deg", "velocity_sigma_m_s"))
 
 
 class End(NamedTuple):

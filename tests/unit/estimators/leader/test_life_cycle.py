@@ -33,7 +33,7 @@ from tests.support.streams import (
 
 def life_cycle() -> LifeCycle:
     """A track that has just started, at 10 s; it ends when the gate stops all images for a second."""
-    made = LifeCycle(Config(relock_after_s=1.0), 3, Reason(Cause.STARTING, ""))
+    made = LifeCycle(Config(), 3, Reason(Cause.STARTING, ""))
     made.started(10 * NS_PER_S, again=False)
     return made
 
@@ -158,8 +158,9 @@ def test_a_lost_track_is_valid_again_only_after_three_images(monkeypatch: pytest
     assert position_error(last) < min(3.0 * sigma, 15.5)  # half a second after its start it is not sharp yet
 
 
-def test_gated_images_do_not_prolong_validity_draws_1_to_4() -> None:
+def test_gated_images_do_not_prolong_validity_draws_1_to_4(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of 24 draws of wrong images one, at most, has three in which an aircraft may have been."""
+    monkeypatch.setattr(Config, "relock_after_s", 60.0)
     assert sum(map(_valid_on_wrong_images, range(1, 5))) <= 1
 
 
@@ -174,8 +175,7 @@ def _valid_on_wrong_images(draw: int) -> bool:
             m = replace(m, center=p[0], left=p[1], right=p[2])
         return Item(item.t_recv_ns, m)
 
-    config = make_config("estimator.leader.relock_after_s=60")
-    run = feed(encode(wrong(i) for i in Stream(t1=11.0).items()), config)
+    run = feed(encode(wrong(i) for i in Stream(t1=11.0).items()), make_config())
     assert_sane(run.estimates)
     assert run.verdicts()[Verdict.GATED] + run.verdicts()[Verdict.INITIALISING] > 90
     return any(e.valid for e in run.estimates if e.t_ns > (7.05 + VALID) * S)
@@ -189,8 +189,9 @@ def jumping(gap_after: float = 45.0) -> list[Datagram]:
     return encode(sorted(items, key=lambda i: i.t_recv_ns))
 
 
-def test_a_track_whose_images_are_all_gated_ends_and_starts_anew() -> None:
-    run = feed(jumping(), make_config("estimator.leader.reset_timeout_s=3"))
+def test_a_track_whose_images_are_all_gated_ends_and_starts_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Config, "reset_timeout_s", 3.0)
+    run = feed(jumping(), make_config())
     assert_sane(run.estimates)
     gated = [r for r in run.reports if r.verdict is Verdict.GATED]
     assert gated[0].t_ns >= 8 * S

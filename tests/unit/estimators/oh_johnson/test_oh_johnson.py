@@ -7,6 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.config import load_config, parse_config
+from onboard.estimators import config_type
 from onboard.filters.belief import FilterError
 from onboard.messages import Datagram, Estimate, Exposure, Lifecycle, Output, TargetPoints, Verdict
 from onboard.pipeline import Pipeline
@@ -74,7 +75,9 @@ def alone(items: list[Item], *settings: str) -> Run:
     return advance((item.message for item in items), load_config(None, ("estimator.oh_johnson={}", *settings)))
 
 
-def test_an_image_that_comes_late_changes_the_belief_as_one_in_time_seed_1() -> None:
+def test_an_image_that_comes_late_changes_the_belief_as_one_in_time_seed_1(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     items = Stream(t1=7.0, sparse=True).items()
     at = next(i for i, item in enumerate(items) if isinstance(item.message, TargetPoints) and i > len(items) // 2)
     late = [*items[:at], *items[at + 1 : at + 12], items[at], *items[at + 12 :]]
@@ -82,7 +85,8 @@ def test_an_image_that_comes_late_changes_the_belief_as_one_in_time_seed_1() -> 
     assert in_time.verdicts().get(Verdict.FUSED_LATE, 0) == 0
     assert after.verdicts()[Verdict.FUSED_LATE] == 1
     assert after.estimates[-1].mean == pytest.approx(in_time.estimates[-1].mean, rel=1e-9, abs=1e-9)
-    too_late = alone(late, "estimator.oh_johnson.rewind_horizon_s=0.05")
+    monkeypatch.setattr(config_type("oh_johnson"), "rewind_horizon_s", 0.05)
+    too_late = alone(late)
     assert too_late.verdicts()[Verdict.TOO_OLD] == 1
     assert too_late.estimates[-1].valid
 

@@ -38,7 +38,7 @@ def test_a_name_follows_its_reports_where_echoes_in_its_old_place_are_of_another
 
 def test_an_aircraft_that_did_move_continues_under_its_name() -> None:
     """It turned back while it sent no reports: the new ones fit each other, and nothing contradicts them."""
-    sky = Sky(gate_probability=0.99)
+    sky = Sky()
     fly_with_reports(sky, 6)
     turn_time = sky.t
     sky.fly(9.0)

@@ -1,6 +1,7 @@
 """The tracks' filters: registration, errors shared with reports, and configured motion."""
 
 import numpy as np
+import pytest
 
 from onboard.arrays import Array
 from onboard.estimators.traffic.batch import Radar
@@ -60,10 +61,12 @@ def test_the_attitude_error_correlates_with_the_bias_of_anchors_only() -> None:
     np.testing.assert_allclose(shared[2:], 0.0, atol=1e-15)
 
 
-def test_the_random_walk_of_the_velocity_is_as_large_after_three_seconds_as_gusts_are() -> None:
+def test_the_random_walk_of_the_velocity_is_as_large_after_three_seconds_as_gusts_are(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Of 0.5 m/s, with a time constant of 5 s: 2 (1 - exp(-3/5)) 0.25 = 0.2256 m^2/s^2, by hand."""
-    config = Config(filter="ekf", gust_m_s=0.5, gust_vertical_m_s=0.25, manoeuvre_acceleration_m_s2=1e-6)
-    tracker = Tracker(config)
+    monkeypatch.setattr(Config, "manoeuvre_acceleration_m_s2", 1e-6)
+    tracker = Tracker(Config(filter="ekf"))
     tracker.advance(NS_PER_S)
     begin(tracker, np.zeros((15, 15)))
     for second in range(2, 5):

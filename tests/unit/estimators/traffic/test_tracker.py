@@ -38,7 +38,7 @@ def test_a_radar_alone_makes_a_track_and_finds_its_velocity(filter_: str) -> Non
 
 def test_the_age_of_a_report_is_taken_into_account() -> None:
     """4 s old, a report of 60 m/s is of a place 240 m behind."""
-    sky, fast = Sky(adsb_latency_s=0.0, max_tslc_s=10.0), np.array([60.0, 0.0, 0.0])
+    sky, fast = Sky(), np.array([60.0, 0.0, 0.0])
     for _ in range(8):
         sky.receive(sky.adsb(R0 + fast * (sky.t - 4.5), fast, tslc=4.0))
         sky.fly(1.0)
