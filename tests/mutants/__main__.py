@@ -131,6 +131,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--in", dest="folders", nargs="+", default=[], metavar="FOLDER", help="draw from these")
     parser.add_argument("--tests", nargs="+", default=["tests"], metavar="PATH", help="tests of the matrix")
     parser.add_argument("--first", action="store_true", help="end each run with the first kill")
+    parser.add_argument("--compiled", action="store_true", help="compile kernels anew, for the matrix")
     parser.add_argument("--coverage", type=Path, metavar="FILE", help="data of `pytest --cov-context=test`")
     parser.add_argument("--list", action="store_true", help="print the names and run nothing")
     return parser
@@ -179,7 +180,7 @@ def _run_matrix(mutants: Sequence[Mutant], options: argparse.Namespace) -> int:
             return _run(copy, wrong, limit_s=options.limit, compiled=compiled, options=flags).output
 
         executed = read_coverage(options.coverage) if options.coverage else None
-        fill(options.matrix, mutants, options.tests, copy, run, executed)
+        fill(options.matrix, mutants, options.tests, copy, run, executed, is_compiled=options.compiled)
     print(summary([options.matrix]))
     return 0
 

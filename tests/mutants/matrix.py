@@ -5,7 +5,7 @@ them with each. FILE gets one line of JSON a mutant, so that a run that was brok
 without `--random` the summary of FILE is printed alone. Tests that are slow without a mutant are left out. With
 `--first` a mutant's run ends with its first kill, cheap tests first: enough for the share that is killed.
 
-Where the mutant's file has kernels, the tests run them in Python.
+Where the mutant's file has kernels, the tests run them in Python; with `--compiled`, they are compiled anew.
 `--coverage FILE`, data of `pytest --cov --cov-context=test`, leaves out tests that do not execute the line.
 """
 
@@ -34,9 +34,11 @@ class Executed(NamedTuple):
     by_file: Mapping[str, Collection[str]]
 
     def tests(self, file: str, line: int) -> Collection[str] | None:
-        """Those that may see a change of the line; None where nothing is known, as of machine code."""
-        found = self.by_line.get((file, line), ())
-        return found if any(found) else self.by_file.get(file) or None
+        """Those that may see a change of the line; of machine code those of its folder. None: nothing is known."""
+        found = self.by_line.get((file, line)) or self.by_file.get(file)
+        folder = file.rpartition("/")[0]
+        near = (tests for other, tests in self.by_file.items() if other.startswith(folder))
+        return found or set[str]().union(*near) or None
 
 
 def read_coverage(path: Path) -> Executed:
@@ -59,7 +61,14 @@ def read_coverage(path: Path) -> Executed:
 
 
 def fill(
-    path: Path, mutants: Sequence[Mutant], tests: Sequence[str], copy: Path, run: Run, executed: Executed | None
+    path: Path,
+    mutants: Sequence[Mutant],
+    tests: Sequence[str],
+    copy: Path,
+    run: Run,
+    executed: Executed | None,
+    *,
+    is_compiled: bool = False,
 ) -> None:
     """Run each mutant that has no line in the file yet, and add its line."""
     lines, baselines = read_matrix(path)
@@ -67,7 +76,7 @@ def fill(
     for k, mutant in enumerate(mutants, 1):
         if mutant.name in done:
             continue
-        compiled = "@kernel(" not in (ROOT / mutant.file).read_text(encoding="utf-8")
+        compiled = is_compiled or "@kernel(" not in (ROOT / mutant.file).read_text(encoding="utf-8")
         if MODES[compiled] not in baselines:
             (copy / CHOSEN).unlink(missing_ok=True)
             output = run(None, tests, compiled)
