@@ -12,9 +12,10 @@ WRONG = Mutant("onboard/units.py:3 a -> b", "onboard/units.py", "a", "b", ("t",)
 
 
 def test_a_line_is_of_those_that_execute_it_and_an_imported_one_of_all_of_its_file() -> None:
-    executed = Executed({("x.py", 3): {"a"}}, {"x.py": {"a", "b"}})
-    assert [executed.tests("x.py", 3), executed.tests("x.py", 4)] == [{"a"}, {"a", "b"}]
-    assert executed.tests("kernel.py", 3) is None
+    executed = Executed({("x/y.py", 3): {"a"}}, {"x/y.py": {"a", "b"}})
+    assert [executed.tests("x/y.py", 3), executed.tests("x/y.py", 4)] == [{"a"}, {"a", "b"}]
+    assert executed.tests("x/kernel.py", 3) == {"a", "b"}
+    assert executed.tests("z/kernel.py", 3) is None
 
 
 def test_the_matrix_counts_the_failed_and_the_endless_and_goes_on_where_it_was(tmp_path: Path) -> None:
