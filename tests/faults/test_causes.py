@@ -86,12 +86,6 @@ def test_an_autopilot_without_a_position_is_said_to_have_none() -> None:
     assert not shown(flight.lines, "own attitude")
 
 
-def test_a_start_and_a_restart_are_said_within_two_seconds() -> None:
-    first_s = DATAGRAMS[0].t_recv_ns
-    flight = Flight().fly(d for d in DATAGRAMS if d.t_recv_ns < first_s + 3 * S)
-    assert flight.texts[0] == "onboard has started"
-
-
 def test_a_doubt_about_the_set_up_reaches_the_pilot() -> None:
     flight = Flight().fly(DATAGRAMS)
     words = (

@@ -161,12 +161,6 @@ def test_set_reads_values_as_toml() -> None:
     assert config.autopilot.system == 3
 
 
-def test_set_goes_over_the_file_and_the_last_wins(tmp_path: Path) -> None:
-    text = "[camera]\nf_px = 500\nsigma_px = 2.0\n"
-    config = load(tmp_path, text, "camera.f_px=600", "camera.f_px=700")
-    assert (config.camera.f_px, config.camera.sigma_px) == (700.0, 2.0)
-
-
 @pytest.mark.parametrize("override", ["", "=", "=5", "camera.f_px", "camera..f_px=5", "camera.=5", ".=5"])
 def test_a_bad_set_is_refused(override: str) -> None:
     with pytest.raises(ConfigError):

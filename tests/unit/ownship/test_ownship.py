@@ -116,25 +116,7 @@ def test_no_way_has_no_steps_and_one_sample_no_acceleration() -> None:
     np.testing.assert_allclose(step.v0, CIRCLE.at(5).v)
 
 
-def test_now_is_the_newest_stamp_before_its_delay() -> None:
-    own = Ownship(max_extrapolation=0.1)
-    own.receive(CIRCLE.position(5 * S), 5 * S + 22 * MS)
-    assert own.now_ns == 5 * S + 22 * MS
-    own.receive(CIRCLE.attitude(5 * S + 10 * MS), 5 * S + 10 * MS)
-    assert own.now_ns == 5 * S + 22 * MS
-
-
 # ------------------------------------------------------------------------------------ fallback
-
-
-def test_global_position_serves_while_there_is_no_local_one() -> None:
-    own = Ownship(max_extrapolation=0.1)
-    own.receive(CIRCLE.attitude(5 * S), 5 * S)
-    assert own.receive(global_position(5 * S), 5 * S)
-    pose = own.pose_at(5 * S)
-    assert pose is not None
-    np.testing.assert_array_equal(pose.v_F_n, (1, 2, 3))
-    assert pose.r_OF_n[2] == -40.0
 
 
 def test_global_position_stands_back_while_local_comes_and_steps_in_when_it_stops() -> None:
@@ -176,24 +158,6 @@ def test_unusable_attitudes_are_counted_and_leave_no_trace(bad: dict[str, tuple[
     assert after is not None
     np.testing.assert_array_equal(before.R_nb, after.R_nb)
     assert own.now_ns == 8 * S
-
-
-@pytest.mark.parametrize(
-    "bad", [{"r_OF_n": (0.0, NAN, 0.0)}, {"v_F_n": (INF, 0.0, 0.0)}, {"v_F_n": (0.0, -3e38, 0.0)}], ids=str
-)
-def test_unusable_positions_are_counted_and_leave_no_trace(bad: dict[str, tuple[float, ...]]) -> None:
-    own = circling()
-    assert not own.receive(replace(CIRCLE.position(8 * S + 20 * MS), **bad), 8 * S + 20 * MS)
-    assert own.rejected == {"position_unusable": 1}
-    assert own.nav_times[-1] == 8 * S
-
-
-def test_samples_out_of_order_are_counted_and_left_out() -> None:
-    own = circling()
-    own.receive(CIRCLE.attitude(7 * S), 7 * S)
-    assert not own.receive(CIRCLE.position(7 * S), 7 * S)
-    assert own.rejected == {"attitude_out_of_order": 1, "position_out_of_order": 1}
-    assert own.nav_times == sorted(set(own.nav_times))
 
 
 def test_a_quaternion_of_single_precision_is_made_of_unit_length() -> None:

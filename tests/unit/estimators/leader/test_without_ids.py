@@ -3,7 +3,6 @@
 import itertools
 from collections import Counter
 
-import numpy as np
 import pytest
 from msgspec.structs import replace
 
@@ -74,25 +73,6 @@ def test_a_leader_that_two_cameras_show_apart_is_said_to_be_seed_3() -> None:
     last = advance(messages).estimates[-1]
     assert (last.valid, last.cause) == (False, Cause.CAMERAS_APART)
     assert "and right show it 12 degrees apart, and one 1." in last.reason
-
-
-@pytest.mark.parametrize(("other", "share"), [(0.4, 0.5), (2.5, 0.3)])
-def test_an_aircraft_whose_extent_leaps_to_and_fro_is_one_of_unknown_range_seed_45(
-    other: float, share: float
-) -> None:
-    """A helicopter with its disc and without: both were tracks of their own, valid, and one of them wrong."""
-    rng, numbers = np.random.default_rng(45), itertools.count()
-
-    def part(m: TargetPoints) -> TargetPoints:
-        (u, v), points = m.center, (m.left, m.right)
-        left, right = ((u + other * (a - u), v + other * (b - v)) for a, b in points)
-        is_other = (k % 2 == 1) if (k := next(numbers)) < 12 else rng.random() < share  # no three start a track
-        return replace(m, left=left, right=right) if is_other else m
-
-    messages = unnamed(CIRCLE, 1, 12.0)
-    run = advance([part(m) if isinstance(m, TargetPoints) else m for m in messages])
-    assert {e.target for e in run.estimates} == {"leader"}
-    assert {(e.valid, e.cause) for e in run.estimates if e.t_ns > 8 * S} == {(False, Cause.EXTENT_OPEN)}
 
 
 @pytest.mark.parametrize(

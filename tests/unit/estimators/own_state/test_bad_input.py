@@ -1,12 +1,15 @@
 """The own-state estimator without the input that it needs, and with input that it cannot use."""
 
 import math
+from copy import deepcopy
+from functools import cache
 
 import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from onboard.messages import Barometer, GpsFix, LocalPosition, Message, Verdict
+from onboard.messages import Barometer, GpsFix, LocalPosition, Message, NavState, Verdict
+from onboard.pipeline import Pipeline
 from tests.support.own_vehicle import MS, attitude, fix, header, heartbeat, hovering, imu, pipeline, states_of
 
 
@@ -38,6 +41,13 @@ def test_a_silent_autopilot_is_reported() -> None:
     assert "attitude" in states[0].reason
 
 
+@cache
+def hovered() -> tuple[Pipeline, NavState]:
+    """A pipeline after four seconds, and its last state."""
+    p = pipeline(publish_rate_hz=100.0)
+    return p, states_of(p, [heartbeat(), *hovering(1000, 5000)])[-1]
+
+
 @pytest.mark.parametrize(
     ("message", "verdict"),
     [
@@ -53,8 +63,7 @@ def test_a_silent_autopilot_is_reported() -> None:
     ],
 )
 def test_an_unusable_message_is_reported_and_leaves_the_state(message: Message, verdict: Verdict) -> None:
-    p = pipeline(publish_rate_hz=100.0)
-    before = states_of(p, [heartbeat(), *hovering(1000, 5000)])[-1]
+    p, before = deepcopy(hovered())
     (after,) = states_of(p, [message])
     assert after.measurement is not None
     assert after.measurement.verdict is verdict

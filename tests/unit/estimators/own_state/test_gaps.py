@@ -12,7 +12,7 @@ from tests.support import own_vehicle as own
 from tests.support.streams import S
 
 
-@pytest.mark.parametrize("gap_s", [31, 10**6])
+@pytest.mark.parametrize("gap_s", [10**6])
 def test_the_track_ends_before_it_is_predicted_over_a_gap(gap_s: int, monkeypatch: pytest.MonkeyPatch) -> None:
     steps = 0
     step = tracks.Track._step
@@ -39,9 +39,7 @@ def test_the_track_ends_before_it_is_predicted_over_a_gap(gap_s: int, monkeypatc
     assert states[-1].reset_count == 1
 
 
-@pytest.mark.parametrize(
-    ("kinds", "gap_ms"), [((Imu,), 300), ((Imu,), 2600), ((Attitude,), 1000), ((Imu, GpsFix), 1000)]
-)
+@pytest.mark.parametrize(("kinds", "gap_ms"), [((Imu,), 300), ((Attitude,), 1000), ((Imu, GpsFix), 2600)])
 def test_a_gap_of_some_inputs_widens_the_velocity_and_does_not_move_it(
     kinds: tuple[type[Message], ...], gap_ms: int
 ) -> None:
