@@ -75,7 +75,6 @@ def test_angles_against_the_body_under_other_flags_are_named_and_not_valid(flagg
     [
         (OtherSign(), "as flagged", "yaw"),
         (OtherSign(yaw=4.0), "as flagged", "pitch"),
-        (OtherSign(), "heading", "yaw"),
     ],
 )
 def test_an_angle_with_the_other_sign_is_named_and_not_valid(mount: Mount, frame: str, axis: str) -> None:
