@@ -1,6 +1,8 @@
 """`step`, a prediction and an update in one call, of two kinds of filter, against the two calls."""
 
-from typing import Any
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -11,6 +13,24 @@ from onboard.filters.stepping import Rule
 from tests.support.filter_problems import spd
 
 STEPS = 40
+
+
+class Family(NamedTuple):
+    """A module with `step`, how its state begins, and the belief of it."""
+
+    module: ModuleType
+    start: Callable[[Belief], Any]
+    belief: Callable[[Any], Belief]
+    digits: tuple[float, float]  # in double and in single precision
+
+
+FAMILIES = {
+    "unscented": Family(unscented, lambda belief: belief, lambda belief: belief, (1e-12, 1e-4)),
+    "square root": Family(
+        square_root, lambda belief: square_root.start(*belief), square_root.belief, (1e-10, 1e-3)
+    ),
+}
+both = pytest.mark.parametrize("family", FAMILIES.values(), ids=FAMILIES)
 
 
 class Bent:
@@ -34,64 +54,55 @@ class Bent:
         images[:, 0] = (images[:, 0] + 2 * np.pi) % (2 * np.pi) - np.pi
         return np.asarray(images)
 
-
-def steps(problem: Bent, rule: Rule, considered: tuple[int, ...] = ()) -> tuple[Any, Belief]:
-    """The last of what `step` gives and the belief of the two calls; they are compared at every step."""
-    one: Any = problem.start
-    two = problem.start
-    tolerance = 1e-12 if two.mean.dtype == np.float64 else 1e-4
-    for y in problem.seen:
-        one = unscented.step(one, problem.process, problem.Q, y, problem.measure, problem.R, rule)
-        prior = unscented.predict(two, problem.process, problem.Q, rule.weights)
-        found = unscented.update(prior, y, problem.measure, problem.R, rule.weights, (0,), considered)
-        two = found.belief
-        np.testing.assert_allclose(one.mean, two.mean, rtol=tolerance, atol=tolerance)
-        np.testing.assert_allclose(one.covariance, two.covariance, rtol=tolerance, atol=tolerance)
-        assert one.nis == pytest.approx(found.nis, rel=100 * tolerance)
-    return one, two
+    def arguments(self, k: int, **changed: Any) -> tuple[Any, ...]:
+        """All arguments of the k-th step but for belief and rule, some of them replaced."""
+        given = {"process": self.process, "Q": self.Q, "y": self.seen[k], "measure": self.measure, "R": self.R}
+        return tuple((given | changed).values())
 
 
+def rule_of(family: Family, n: int, m: int, spread: float, **more: Any) -> Rule:
+    made: Rule = family.module.rule(unscented.julier_weights(n, spread), n, m, (0,), **more)
+    return made
+
+
+@both
 @pytest.mark.parametrize(("n", "m"), [(1, 1), (2, 3), (3, 1), (4, 2), (5, 5), (9, 3), (10, 4)])
 @pytest.mark.parametrize("dtype", [np.float64, pytest.param(np.float32, marks=pytest.mark.single)])
-def test_a_step_is_a_prediction_and_an_update_seeds_101_to_1004(n: int, m: int, dtype: type) -> None:
-    weights = unscented.julier_weights(n, float(n) + 1)
-    one, _ = steps(Bent(n, m, dtype), unscented.rule(weights, n, m, (0,), dtype=dtype))
+@pytest.mark.parametrize("considered", [(), (0,)])
+def test_a_step_is_a_prediction_and_an_update_seeds_101_to_1004(
+    family: Family, n: int, m: int, dtype: type, considered: tuple[int, ...]
+) -> None:
+    problem, filter_ = Bent(n, m, dtype), family.module
+    rule = rule_of(family, n, m, float(n) + 1, considered=considered, dtype=dtype)
+    one: Any = family.start(problem.start)
+    two, tolerance = one, family.digits[dtype != np.float64]
+    for k, y in enumerate(problem.seen):
+        one = filter_.step(one, *problem.arguments(k), rule)
+        prior = filter_.predict(two, problem.process, problem.Q, rule.weights)
+        found = filter_.update(prior, y, problem.measure, problem.R, rule.weights, (0,), considered)
+        two = found.belief
+        np.testing.assert_allclose(one.mean, two.mean, rtol=tolerance, atol=tolerance)
+        np.testing.assert_allclose(one.covariance, family.belief(two).covariance, rtol=tolerance, atol=tolerance)
+        assert one.nis == pytest.approx(found.nis, rel=100 * tolerance)
     assert one.mean.dtype == one.covariance.dtype == dtype
 
 
-def test_a_step_leaves_considered_states_alone_seed_503() -> None:
-    problem = Bent(5, 3)
-    rule = unscented.rule(unscented.julier_weights(5, 6.0), 5, 3, (0,), (1, 4))
-    steps(problem, rule, (1, 4))
+@both
+def test_a_belief_of_another_rule_is_drawn_anew_seed_402(family: Family) -> None:
+    problem, filter_ = Bent(4, 2), family.module
+    first = filter_.step(family.start(problem.start), *problem.arguments(0), rule_of(family, 4, 2, 9.0))
+    rule = rule_of(family, 4, 2, 5.0)
+    anew = filter_.step(family.start(Belief(first.mean, first.covariance)), *problem.arguments(1), rule)
+    drawn = filter_.step(first, *problem.arguments(1), rule)
+    np.testing.assert_allclose(drawn.mean, anew.mean, rtol=1e-12)
+    np.testing.assert_allclose(drawn.covariance, anew.covariance, rtol=1e-12)
 
 
-def test_a_belief_of_another_rule_is_drawn_anew_seed_402() -> None:
-    problem, narrow = Bent(4, 2), unscented.julier_weights(4, 5.0)
-    first = unscented.step(
-        problem.start,
-        problem.process,
-        problem.Q,
-        problem.seen[0],
-        problem.measure,
-        problem.R,
-        unscented.rule(unscented.julier_weights(4, 9.0), 4, 2, (0,)),
-    )
-    arguments = problem.process, problem.Q, problem.seen[1], problem.measure, problem.R
-    rule = unscented.rule(narrow, 4, 2, (0,))
-    anew = unscented.step(Belief(first.mean, first.covariance), *arguments, rule)
-    drawn = unscented.step(first, *arguments, rule)
-    np.testing.assert_array_equal(drawn.points, anew.points)
-    np.testing.assert_array_equal(drawn.covariance, anew.covariance)
-    two = unscented.predict(Belief(first.mean, first.covariance), problem.process, problem.Q, narrow)
-    np.testing.assert_allclose(unscented.predict(first, problem.process, problem.Q, narrow).mean, two.mean)
-
-
-def test_what_a_step_gives_cannot_be_written_into_seed_402() -> None:
-    problem, rule = Bent(4, 2), unscented.rule(unscented.julier_weights(4, 5.0), 4, 2, (0,))
-    first = unscented.step(
-        problem.start, problem.process, problem.Q, problem.seen[0], problem.measure, problem.R, rule
-    )
-    before = first.storage.copy()
+@both
+def test_what_a_step_gives_cannot_be_written_into_seed_402(family: Family) -> None:
+    problem, rule = Bent(4, 2), rule_of(family, 4, 2, 5.0)
+    first = family.module.step(family.start(problem.start), *problem.arguments(0), rule)
+    before = first.mean.copy(), first.covariance.copy()
     for array in (first.mean, first.covariance):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0.0
@@ -101,97 +112,50 @@ def test_what_a_step_gives_cannot_be_written_into_seed_402() -> None:
         return rows
 
     with pytest.raises(ValueError, match="read-only"):
-        unscented.step(first, in_place, problem.Q, problem.seen[1], problem.measure, problem.R, rule)
-    np.testing.assert_array_equal(first.storage, before)
+        family.module.step(first, *problem.arguments(1, process=in_place), rule)
+    np.testing.assert_array_equal(first.mean, before[0])
+    np.testing.assert_array_equal(first.covariance, before[1])
 
 
-def test_a_step_refuses_what_the_two_calls_refuse_seed_402() -> None:
-    problem, rule = Bent(4, 2), unscented.rule(unscented.julier_weights(4, 5.0), 4, 2, (0,))
-    good: dict[str, Any] = {
-        "belief": problem.start,
-        "process": problem.process,
-        "Q": problem.Q,
-        "y": problem.seen[0],
-        "measure": problem.measure,
-        "R": problem.R,
-        "rule": rule,
-    }
-    unscented.step(**good)
-    mean, P = problem.start
-    cases: list[tuple[dict[str, Any], str]] = [
-        ({"belief": Belief(mean * np.nan, P)}, "mean: not finite"),
-        ({"belief": Belief(np.tile(mean, (2, 1)), np.tile(P, (2, 1, 1)))}, "step: takes one filter"),
-        ({"process": lambda rows: rows * np.nan}, "process: gave states that are not finite"),
-        ({"process": lambda rows: rows[:, :2]}, r"process: gave \(9, 2\) for points \(9, 4\)|shapes do not fit"),
-        ({"process": lambda rows: rows[0]}, "arrays must agree"),
-        ({"measure": lambda rows: rows[:, :2] * np.nan}, "measure: gave measurements that are not finite"),
-        ({"measure": lambda rows: rows[:, :3]}, "shapes do not fit"),
-        ({"measure": lambda rows: rows[:, :2].tolist()}, "measure: must be a NumPy array"),
-        ({"y": np.array([0.0, np.nan])}, "y: not finite"),
-        ({"y": np.zeros(3)}, "shapes do not fit"),
-        ({"y": [0.0, 0.0]}, "y: must be a NumPy array"),
-        ({"Q": problem.Q * np.inf}, "Q: not finite"),
-        ({"Q": problem.Q.astype(np.float32)}, "arrays must agree in precision"),
-    ]
-    for wrong, message in cases:
+BROKEN: list[tuple[dict[str, Any], str]] = [
+    ({"process": lambda rows: rows * np.nan}, "process: gave states that are not finite"),
+    ({"process": lambda rows: rows[:, :2]}, r"process: gave \(9, 2\) for points \(9, 4\)|shapes do not fit"),
+    ({"process": lambda rows: rows[0]}, "arrays must agree"),
+    ({"measure": lambda rows: rows[:, :2] * np.nan}, "measure: gave measurements that are not finite"),
+    ({"measure": lambda rows: rows[:, :3]}, "shapes do not fit"),
+    ({"measure": lambda rows: rows[:, :2].tolist()}, "measure: must be a NumPy array"),
+    ({"y": np.array([0.0, np.nan])}, "y: not finite"),
+    ({"y": np.zeros(3)}, "shapes do not fit"),
+    ({"y": [0.0, 0.0]}, "y: must be a NumPy array"),
+    ({"Q": np.full((4, 4), np.inf)}, "Q: not (finite|positive)"),
+    ({"Q": np.eye(4, dtype=np.float32)}, "arrays must agree in precision"),
+]
+INDEFINITE = {"Q": -100 * np.eye(4), "R": -100 * np.eye(2)}
+
+
+@both
+def test_a_step_refuses_what_the_two_calls_refuse_seed_402(family: Family) -> None:
+    problem, rule = Bent(4, 2), rule_of(family, 4, 2, 5.0)
+    begun, step = family.start(problem.start), family.module.step
+    for wrong, message in BROKEN:
         with pytest.raises(FilterError, match=message):
-            unscented.step(**{**good, **wrong})
-    for wrong, message in (
-        ({"belief": Belief(mean, -P)}, "covariance: not positive semi-definite"),
-        ({"Q": -100 * np.eye(4)}, "Q: not positive semi-definite"),
-        ({"R": -100 * np.eye(2)}, "R: not positive semi-definite"),
-    ):
-        with pytest.raises(NotPositiveDefiniteError, match=message):
-            unscented.step(**{**good, **wrong})
+            step(begun, *problem.arguments(0, **wrong), rule)
+    for name, array in INDEFINITE.items():
+        with pytest.raises(NotPositiveDefiniteError, match=f"{name}: not positive semi-definite"):
+            step(begun, *problem.arguments(0, **{name: array}), rule)
     with pytest.raises(FilterError, match="must be below 2 and 4"):
-        unscented.rule(rule.weights, 4, 2, (2,))
+        family.module.rule(rule.weights, 4, 2, (2,))
 
 
-@pytest.mark.parametrize(("n", "m"), [(1, 1), (3, 1), (4, 2), (5, 5), (9, 3)])
-@pytest.mark.parametrize("dtype", [np.float64, pytest.param(np.float32, marks=pytest.mark.single)])
-@pytest.mark.parametrize("considered", [(), (0,)])
-def test_a_step_of_the_square_root_is_a_prediction_and_an_update_seeds_101_to_903(
-    n: int, m: int, dtype: type, considered: tuple[int, ...]
-) -> None:
-    problem, weights = Bent(n, m, dtype), unscented.julier_weights(n, float(n) + 1)
-    rule = square_root.rule(weights, n, m, (0,), considered, dtype=dtype)
-    one: Any = square_root.start(*problem.start)
-    two = one
-    tolerance = 1e-10 if dtype == np.float64 else 1e-3
-    for y in problem.seen:
-        one = square_root.step(one, problem.process, problem.Q, y, problem.measure, problem.R, rule)
-        prior = square_root.predict(two, problem.process, problem.Q, weights)
-        found = square_root.update(prior, y, problem.measure, problem.R, weights, (0,), considered)
-        two = found.belief
-        np.testing.assert_allclose(one.mean, two.mean, rtol=tolerance, atol=tolerance)
-        covariance = square_root.belief(two).covariance
-        np.testing.assert_allclose(one.covariance, covariance, rtol=tolerance, atol=tolerance)
-        assert one.nis == pytest.approx(found.nis, rel=100 * tolerance)
-    assert one.mean.dtype == one.covariance.dtype == dtype
-
-
-def test_a_step_of_the_square_root_refuses_what_its_two_calls_refuse_seed_402() -> None:
-    problem = Bent(4, 2)
-    rule = square_root.rule(unscented.julier_weights(4, 5.0), 4, 2, (0,))
-    start = square_root.start(*problem.start)
-    arguments = problem.process, problem.Q, problem.seen[0], problem.measure, problem.R
-    first = square_root.step(start, *arguments, rule)
-    with pytest.raises(ValueError, match="read-only"):
-        first.covariance[0] = 0.0
-    process, Q, y, measure, R = arguments
-    cases: list[tuple[tuple[Any, ...], str]] = [
-        ((lambda rows: rows * np.nan, Q, y, measure, R), "process: gave states that are not finite"),
-        ((process, -Q, y, measure, R), "Q: not positive semi-definite"),
-        ((process, Q, y, lambda rows: rows[:, :2] * np.nan, R), "measure: gave measurements that are not finite"),
-        ((process, Q, np.array([0.0, np.nan]), measure, R), "y: not finite"),
-        ((process, Q, np.zeros(3), measure, R), "shapes do not fit"),
-        ((process, Q.astype(np.float32), y, measure, R), "arrays must agree in precision"),
-    ]
-    for wrong, message in cases:
+def test_beliefs_and_weights_that_no_step_takes_seed_402() -> None:
+    problem, family = Bent(4, 2), FAMILIES["unscented"]
+    rule, (mean, P) = rule_of(family, 4, 2, 5.0), problem.start
+    for belief, message in (
+        (Belief(mean * np.nan, P), "mean: not finite"),
+        (Belief(np.tile(mean, (2, 1)), np.tile(P, (2, 1, 1))), "step: takes one filter"),
+        (Belief(mean, -P), "covariance: not positive semi-definite"),
+    ):
         with pytest.raises(FilterError, match=message):
-            square_root.step(first, *wrong, rule)  # type: ignore[call-arg]  # each has five
+            family.module.step(belief, *problem.arguments(0), rule)
     with pytest.raises(FilterError, match="must not be negative"):
         square_root.rule(unscented.julier_weights(4, 3.0), 4, 2)
-    other = square_root.rule(unscented.julier_weights(4, 6.0), 4, 2, (0,))
-    anew = square_root.step(square_root.start(first.mean, first.covariance), *arguments, other)
-    np.testing.assert_allclose(square_root.step(first, *arguments, other).mean, anew.mean, rtol=1e-12)

@@ -190,6 +190,13 @@ def test_a_leader_that_passes_far_enough_moves_nobody_aside() -> None:
     assert law._evade(np.zeros(2), before, leader) == pytest.approx([0.0, -0.8 * law.limits.speed])
 
 
+def test_a_reference_begins_as_the_vehicle_flies() -> None:
+    law, v_F = Chase().guidance._law, np.array([3.0, 0.0, -1.0])
+    begun = law.begin(np.zeros(3), v_F, 0.5)
+    assert (begun.v == v_F).all()
+    assert (begun.a.tolist(), begun.yaw, begun.yaw_rate) == ([0.0, 0.0, 0.0], 0.5, 0.0)
+
+
 def test_a_yaw_on_the_spot_that_looks_as_if_the_leader_flew_off_is_not_chased() -> None:
     """Estimates of real flights: from rest to 6 m/s within 0.4 s, where the wing turned away and narrowed."""
     chase = Chase().enter().see(3.0)
