@@ -6,14 +6,12 @@ above the measured ones.
 
 import io
 import json
-from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
 
 from onboard.analysis.exports.csv_rows import CsvWriter
-from onboard.messages import Estimate
 from simlink.cli import main as simlink
 from simlink.scenarios.scenario import load_scenario
 from simlink.world.drawn import draw_scenario
@@ -32,11 +30,6 @@ BESIDE = {"formation": (PAPER,), "formation-from-the-side": (PAPER,)}
 @pytest.fixture(scope="module")
 def replay(tmp_path_factory: pytest.TempPathFactory) -> Flights:
     return Flights(tmp_path_factory.mktemp("flights"), SEED)
-
-
-def states(estimates: Iterable[Estimate]) -> set[tuple[str, bool]]:
-    """The states that occur, each with whether it is valid."""
-    return {(str(e.state), e.valid) for e in estimates}
 
 
 # Of 1000 correct images the gate rejects one on average, and more than five in one run of two thousand.
@@ -115,18 +108,6 @@ def test_the_command_line_seed_1_gives_the_same_rows_and_the_documented_keys(
     for name in ("range_error_rms_percent", "position_rmse_m", "nees_mean", "inside_95_percent"):
         assert numbers[name] == pytest.approx(getattr(flight.score, name), rel=1e-3), name  # the file has 6 digits
     assert numbers["verdicts"] == flight.score.verdicts
-
-
-def test_drop_out_seed_1_coasts_two_seconds_and_is_then_not_valid(replay: Flights) -> None:
-    """No image from 30 to 35 s: coasting and valid, then lost and not valid; then tracking."""
-    flight = replay("formation-drop-out")
-    assert states(flight.at(30.5, 31.7)) == {("coasting", True)}
-    assert all(e.valid for e in flight.at(28.0, 31.7))
-    blind = flight.at(32.5, 34.9)
-    assert len(blind) > 50  # estimates continue
-    assert states(blind) == {("lost", False)}
-    assert all(e.valid for e in flight.at(36.0, seconds("formation-drop-out")))
-    assert flight.score.resets <= 1  # it may be too wide by then to be corrected, and then begins again
 
 
 @pytest.mark.slow

@@ -93,13 +93,6 @@ def test_one_velocity_that_no_aircraft_can_have(speed: float, reason: str) -> No
     assert max(position_error(e) for e in beginning(run)) < as_good_as_clean()
 
 
-def test_velocities_that_leap_and_stay_are_in_doubt_and_then_followed() -> None:
-    run = changed(ITEMS, LocalPosition, lambda m: replace(m, v_F_n=(20.0 + m.v_F_n[0], *m.v_F_n[1:])))
-    assert run.rejected["velocity_leaps"] == 3
-    assert run.rejected["velocity_has_leapt"] == 1
-    assert not any(e.valid for e in run.estimates if BEGINS + 100 * MS < e.t_ns < BEGINS + S)
-
-
 @pytest.mark.parametrize(("step", "until_s"), [(1.3, 9.0), (2.0, 9.0), (2.0, 0.04)])
 def test_a_step_of_the_velocity_costs_a_second_and_an_outlier_itself(step: float, until_s: float) -> None:
     """As at a change of ArduPilot's EKF lane."""
@@ -115,19 +108,6 @@ def test_a_step_of_the_velocity_costs_a_second_and_an_outlier_itself(step: float
     assert invalid[-1].t_ns < BEGINS + 1.4 * S
     assert all(e.valid for e in run.estimates if e.t_ns > BEGINS + 1.4 * S)
     assert run.estimates[-1].reset_count == clean().estimates[-1].reset_count
-
-
-@pytest.mark.parametrize("apart_ms", [-310, 200, 310])
-def test_two_sources_of_one_id(apart_ms: int) -> None:
-    """The second one's boot clock is not ours."""
-    second = [
-        Item(i.t_recv_ns + MS, replace(i.message, t_ns=i.message.t_ns + apart_ms * MS))
-        for i in ITEMS
-        if isinstance(i.message, Attitude | LocalPosition) and i.message.t_ns >= BEGINS
-    ]
-    run = flown(encode(sorted([*ITEMS, *second], key=lambda i: i.t_recv_ns)))
-    for e in beginning(run):
-        assert not e.valid or position_error(e) < as_good_as_clean()
 
 
 def test_a_yaw_that_is_30_degrees_off_contradicts_the_accelerometer() -> None:
@@ -158,32 +138,10 @@ def shown(points: np.ndarray) -> dict[str, tuple[float, float]]:
     return {name: (float(u), float(v)) for name, (u, v) in zip(("center", "left", "right"), points, strict=True)}
 
 
-@pytest.mark.parametrize("noise_px", [0.0, 0.05])
-def test_a_camera_that_hangs_with_seed_43(noise_px: float) -> None:
-    rng, hung = np.random.default_rng(43), CIRCLE.points(BEGINS / S)
-    noisy = lambda m: replace(m, **shown(hung + rng.normal(size=(3, 2)) * noise_px / FOCAL_LENGTH_PX))  # noqa: E731
-    run = changed(ITEMS, TargetPoints, noisy)
-    late = beginning(run)
-    assert not any(e.valid for e in late)
-    assert late[0].reason == "the camera hangs: its image stays although we turn"
-    for e in run.estimates:
-        if e.valid and e.t_ns > BEGINS:
-            assert position_error(e) < math.sqrt(np.linalg.eigvalsh(np.array(e.covariance)[:3, :3])[-1])
-
-
 def beside(m: TargetPoints) -> TargetPoints:
     """An object of half the size, three metres to the right of the leader."""
     center, half = np.array(m.center) + np.array((3 / 28, 0.0)), (np.array(m.right) - np.array(m.left)) / 4
     return replace(m, **shown(np.array([center, center - half, center + half])))
-
-
-def test_another_object_that_takes_the_leaders_place_is_in_question() -> None:
-    run = changed(ITEMS, TargetPoints, beside)
-    assert not any(e.valid for e in run.estimates if e.t_ns > BEGINS + 1.2 * S)
-    assert run.estimates[-1].reason == "the images leapt: another object may have taken its place"
-    for e in run.estimates:
-        if e.valid and e.t_ns > BEGINS:
-            assert position_error(e) < math.sqrt(np.linalg.eigvalsh(np.array(e.covariance)[:3, :3])[-1])
 
 
 def test_a_leader_that_comes_back_to_its_place_is_believed() -> None:

@@ -121,19 +121,6 @@ def test_an_image_waits_no_longer_than_for_the_attitude_that_was_missing() -> No
     assert max(fused) == max(m.t_ns for m in waited if m.t_ns <= newest)
 
 
-def test_no_image_waits_for_a_stream_that_has_stopped() -> None:
-    ownship, waiting = flying(6 * S), Waiting(OwnshipConfig(), {"front": None})
-    image = Exposure.of(NEAR.image(6 * S + 200 * MS))
-    for t_ns in range(6 * S, 7 * S + 240 * MS, 20 * MS):
-        ownship.receive(NEAR.attitude(t_ns), t_ns)
-    assert waiting.takes(image, ownship)
-    assert waiting.ready(ownship) == [image]  # for a second it has waited in vain
-    assert not waiting.takes(Exposure.of(NEAR.image(7 * S + 50 * MS)), ownship)
-    assert not waiting.takes(
-        Exposure.of(NEAR.image(6 * S + 90 * MS)), ownship
-    )  # our pose is carried on as far as that
-
-
 def test_an_outlier_among_images_that_waited_begins_no_track_seed_1() -> None:
     """When positions come again, the images before it are half a second old, and so is the track."""
     messages = [

@@ -6,7 +6,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.config import parse_config
-from onboard.messages import Cause, Estimate, Lifecycle, LocalPosition, Message, NavState, Reason, TargetPoints
+from onboard.messages import Cause, Estimate, Lifecycle, Message, NavState, Reason, TargetPoints
 from onboard.pipeline import Pipeline
 from tests.support import own_vehicle as own
 from tests.support.images import exposed
@@ -50,19 +50,6 @@ def test_a_leader_is_searched_for_anew_seed_1() -> None:
         (Lifecycle.SEARCHING, False, None, 1)
     }
     assert {(e.cause, e.reason) for e in published} == {(Cause.REBOOTED, "the autopilot has rebooted")}
-
-
-def test_the_reboot_is_said_though_images_come_before_our_position_seed_1() -> None:
-    """Then the images' estimates say that our own motion is not known."""
-    before = [heartbeat(5 * S), *(item.message for item in Stream(t1=8.0).items())]
-    after = [i.message for i in Stream(t0=1.0, t1=2.0).items() if not isinstance(i.message, LocalPosition)]
-    pipeline = Pipeline(parse_config({"estimator": {"leader": LEADER}}))
-    pipeline.advance(exposed(before))
-    published = estimates(pipeline.advance(exposed(moved(message, 60.0) for message in after)))
-    assert pipeline.clocks.reboots == 1
-    reasons = [e.reason for e in published]
-    assert "our own motion is not known" in reasons
-    assert "the autopilot has rebooted" in reasons
 
 
 def test_our_own_state_waits_for_a_fix_again() -> None:

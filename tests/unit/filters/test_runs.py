@@ -1,5 +1,6 @@
 """Whole records: the compiled loop, missing measurements, changing models, and what is refused."""
 
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,9 @@ from onboard.filters import (
 )
 from onboard.filters.belief import Method
 from onboard.filters.discretisation import white_acceleration
+from onboard.filters.kernels import records
 from tests.conformance.problems import cases
+from tests.support import kernels
 from tests.support.filter_problems import spd
 from tests.support.nile import FLOW
 
@@ -456,3 +459,17 @@ def test_a_function_may_return_a_linear_model_of_the_closed_forms_and_nothing_el
     assert found.beliefs.mean[-1] == pytest.approx([2.4, 0.9], abs=0.4)
     with pytest.raises(FilterError, match="must return its Model, not tuple"):
         run("kalman", lambda _: (H, H), start, np.zeros(4), ts)
+
+
+@pytest.mark.skipif(not kernels.are_compiled(), reason="WINGLINE_KERNELS: nothing is compiled")
+def test_the_loop_over_a_record_lets_other_threads_run() -> None:
+    """A thread counts on while another filters a record of a second."""
+    count, steps = 0, 200_000
+    F, R, one = np.eye(4)[None], np.eye(4)[None], np.ones((1, 4))
+    record = one, F, F, F, 0.0 * one, F, R, np.ones((steps, 1, 4)), np.zeros(4, bool)
+    with ThreadPoolExecutor(1) as pool:
+        done = pool.submit(records.filter_record, *record)
+        while not done.done():
+            count += 1
+    assert done.result()[-1] == 0
+    assert count > 100

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from onboard.daemon import Daemon
 from onboard.health.refusals import ALIKE, LONGEST, MOST_REFUSALS, OTHERS, Refusals
-from onboard.messages import Cause, Clock, Datagram, Encoding, Health, LocalPosition, Reason, Verdict
+from onboard.messages import Cause, Datagram, Encoding, Health, LocalPosition, Reason, Verdict
 from onboard.sinks.console import MAX_LINE_COUNT
 from onboard.view import words
 from tests.support.streams import CIRCLE, EPOCH, MS, Item, S, Stream, encode, feed, heartbeat, make_config
@@ -189,19 +189,6 @@ def test_before_a_heartbeat_an_image_over_mavlink_is_named() -> None:
     items = [Item(EPOCH + 5 * S, CIRCLE.image(5 * S)), Item(EPOCH + 6 * S, heartbeat(6 * S))]
     (refusal,) = feed(encode(items)).pipeline.health(EPOCH + 6 * S).refusals
     assert refusal.reason.startswith("no autopilot has sent a heartbeat yet")
-
-
-def test_of_reasons_that_differ_in_a_number_the_first_is_kept_and_all_are_counted() -> None:
-    refusals = Refusals()
-    for seconds in (1, 2, 3):
-        refusals.add("camera front", Reason(Cause.TOO_NEW, f"too_new: {seconds} s"), seconds)
-    assert [(r.reason, r.count, r.t_recv_ns) for r in refusals.latest] == [("too_new: 1 s", 3, 3)]
-
-
-def test_other_messages_than_a_camera_s_are_not_refusals() -> None:
-    refusals = Refusals()
-    refusals.add_message(replace(heartbeat(S), clock=Clock.NONE), "other_system")
-    assert refusals.latest == ()
 
 
 def test_while_the_autopilot_aligns_no_camera_is_to_blame() -> None:

@@ -55,15 +55,6 @@ def test_the_surer_ones_attitude_counts(source: Wanted, sigma: float, is_own: bo
     assert pose.attitude_noise[2] == pytest.approx(sigma if is_own else 0.01, rel=0.3)
 
 
-def test_a_quiet_autopilots_velocity_stays_its_own() -> None:
-    own = Ownship(max_extrapolation=0.1, source="auto")
-    yaws(own, 0.01, {0.0: stated(0.001, v=(0.3, 0.0, 0.0))}, 6.0)
-    pose = own.pose_at(own.now_ns)
-    assert pose is not None
-    assert pose.v_F_n[0] == 0.0
-    assert own.source_changes == {"attitude_from_own_state.own_state_is_surer": 1}
-
-
 def test_both_are_taken_where_they_are_wanted() -> None:
     own = Ownship(max_extrapolation=0.1, source="own_state")
     yaws(own, 0.01, {0.0: stated(0.001, v=(0.3, 0.0, 0.0))}, 6.0)

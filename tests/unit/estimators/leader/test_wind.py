@@ -19,7 +19,7 @@ from onboard.geometry.rotations import matrix_from_euler
 from onboard.messages import Clock, Estimate, Message, Wind
 from onboard.models.relative_motion import POSITION, VELOCITY
 from tests.support.mavlink_frames import frame, one
-from tests.support.streams import EPOCH, Flight, Run, S, Stream, advance, encode, feed, make_config
+from tests.support.streams import EPOCH, Flight, Run, S, Stream, advance, encode, make_config
 
 CRAB: Final = math.radians(20.0)
 SPEED: Final = 15.0
@@ -135,9 +135,3 @@ def test_a_wind_that_cannot_be_is_counted_and_changes_nothing_seed_1(east: float
     run, without = flown(7.0, report(6.001, east)), flown(7.0)
     assert run.pipeline.health(0).verdicts["leader.wind_implausible"] == 1
     assert run.estimates[-1].mean == without.estimates[-1].mean
-
-
-def test_wind_reaches_the_leader_as_mavlink_seed_1() -> None:
-    items = [*Stream(flight=Crabbing(), t1=9.0, sparse=True).items(), *((w.t_recv_ns, w) for w in winds(5.0, 9.0))]
-    run = feed(encode(sorted(items, key=lambda item: item[0])), make_config(FIXED_WING))
-    assert heading(run.estimates[-1])[0] > 10.0

@@ -4,12 +4,11 @@ failure of it."""
 import math
 
 import pytest
-from msgspec.structs import replace
 
 from onboard.config import load_config, parse_config
 from onboard.estimators import config_type
 from onboard.filters.belief import FilterError
-from onboard.messages import Datagram, Estimate, Exposure, Lifecycle, Output, TargetPoints, Verdict
+from onboard.messages import Datagram, Estimate, Lifecycle, Output, TargetPoints, Verdict
 from onboard.pipeline import Pipeline
 from simlink.scenarios.scenario import load_scenario
 from tests.support import kept
@@ -54,23 +53,6 @@ def test_when_it_fails_the_leader_flies_on_seed_3(monkeypatch: pytest.MonkeyPatc
     assert pipeline.errors == []
 
 
-def test_an_image_that_comes_again_is_a_duplicate_seed_3() -> None:
-    pipeline, outputs = flown("oh_johnson")
-    last = next(e.measurement for e in reversed(of(outputs, "oh_johnson")) if e.measurement)
-    assert last.points is not None
-    again = TargetPoints(
-        camera=last.source,
-        t_ns=last.t_ns,
-        t_recv_ns=last.t_recv_ns,
-        center=last.points[0],
-        left=last.points[1],
-        right=last.points[2],
-    )
-    made = pipeline.estimators["oh_johnson"].observe(Exposure.of(again), pipeline.ownship)
-    assert made[0].measurement is not None
-    assert made[0].measurement.verdict is Verdict.DUPLICATE
-
-
 def alone(items: list[Item], *settings: str) -> Run:
     return advance((item.message for item in items), load_config(None, ("estimator.oh_johnson={}", *settings)))
 
@@ -110,22 +92,3 @@ def test_without_images_it_coasts_is_lost_and_forgets_seed_1() -> None:
     spread = [sum(e.covariance[i][i] for i in range(3)) for e in coasting if e.covariance is not None]
     assert spread[-1] > 2.0 * spread[0]
     assert run.estimates[-1].reset_count == 1
-
-
-def test_an_image_of_something_else_is_gated_and_changes_nothing_seed_1() -> None:
-    items = Stream(t1=7.0, sparse=True).items()
-    at = max(i for i, item in enumerate(items) if isinstance(item.message, TargetPoints))
-    image = items[at].message
-    assert isinstance(image, TargetPoints)
-    center, left, right = ((u + 0.8, v + 0.6) for u, v in (image.center, image.left, image.right))
-    wrong = items.copy()
-    wrong[at] = items[at]._replace(message=replace(image, center=center, left=left, right=right))
-    often = "estimator.oh_johnson.publish_rate_hz=1000"  # both at the same times, then
-    without, gated = alone([*items[:at], *items[at + 1 :]], often), alone(wrong, often)
-    report = next(e.measurement for e in reversed(gated.estimates) if e.measurement)
-    assert report.verdict is Verdict.GATED
-    assert report.nis is not None
-    assert report.gate is not None
-    assert report.nis > report.gate
-    assert gated.estimates[-1].t_ns == without.estimates[-1].t_ns
-    assert gated.estimates[-1].mean == pytest.approx(without.estimates[-1].mean, rel=1e-12)

@@ -42,15 +42,6 @@ def test_the_camera_is_where_the_mount_puts_it_and_looks_where_it_points() -> No
     assert_allclose(view.omega_c, 0.0, atol=1e-12)
 
 
-def test_the_cameras_rates_are_ours_in_its_own_axes() -> None:
-    """The pose is carried on by our rates over the moment in which they are taken."""
-    camera = make_camera(f_px=500.0, width_px=640, height_px=480, mount_rpy_deg=MOUNT_DEG)
-    omega = (0.3, -0.2, 0.5)
-    view = CameraPoses(camera).at(S + 40 * MS, ownship((0.4, -0.2, 2.0), omega))
-    assert view is not None
-    assert_allclose(view.omega_c, matrix_from_euler(*np.radians(MOUNT_DEG)).T @ omega, atol=1e-3)
-
-
 @pytest.mark.parametrize("flagged", ["heading", "earth"])
 @pytest.mark.parametrize(("frame", "is_fixed"), [("", False), ("body", True), ("earth", False)])
 def test_a_servo_gimbal_sends_angles_against_the_body_whatever_its_flags_say(
