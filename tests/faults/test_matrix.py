@@ -8,7 +8,7 @@ followed (`test_latching.py`), what guidance does without a position, after a re
 and while the mode changes (`tests/unit/autopilot/test_guidance.py`), a camera that is late beside a sound one
 (`tests/unit/health/test_mounts.py`, as it takes 20 s), noisy detectors, gimbals and the signs of their angles,
 which need a gimbal configured, and mirrored places (`tests/unit/estimators/leader`: `test_noise.py`,
-`test_gimbal_frames.py`, `test_sight.py`), hours of silence and ADS-B without a position (`own_state` and `traffic`
+`test_gimbal_frames.py`, `test_tracks.py`), hours of silence and ADS-B without a position (`own_state`, `traffic`
 there), sinks, the recorder and the wall clock (beside this file).
 """
 
