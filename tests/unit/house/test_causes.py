@@ -43,21 +43,6 @@ def test_health_and_autopilot_read_no_sentence(path: Path) -> None:
         assert "re" not in imports_of(source)
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        'refusal.reason.startswith("in doubt: ")',
-        "estimate.reason != NO_POSITION",
-        '"No space" in health.error',
-        'state.reason.partition(":")[0].rstrip("0123456789. s")',
-    ],
-)
-def test_a_line_that_decides_by_a_sentence_is_found(line: str) -> None:
-    """As health and the autopilot's notices once did."""
-    assert list(readings(f"if {line}:\n    pass"))
-    assert imports_of("import re") == {"re"}
-
-
 def test_whoever_words_a_reason_names_its_cause() -> None:
     for path in SOURCES:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):

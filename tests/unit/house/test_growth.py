@@ -1,8 +1,6 @@
 """What grows unseen has a limit. A limit is what there is today: whoever needs more takes something away first, or
 says in the commit why not; whoever needs less lowers it."""
 
-from pathlib import Path
-
 import pytest
 
 from tests.support import growth
@@ -95,9 +93,3 @@ def test_a_name_of_a_class_means_one_thing_in_a_package(package: str) -> None:
 def test_few_names_of_classes_mean_two_things_in_onboard() -> None:
     found = growth.names_of_two(ROOT / "onboard")
     assert len(found) <= MOST_NAMES_OF_TWO, found
-
-
-def test_a_name_of_two_classes_is_found(tmp_path: Path) -> None:
-    for name in ("a.py", "b.py"):
-        (tmp_path / name).write_text("class Flight: ...\n", encoding="utf-8")
-    assert growth.names_of_two(tmp_path) == {"Flight": ["a.py", "b.py"]}

@@ -1,7 +1,6 @@
 """What `make release` and `make wheel` write: man pages, licences, sums, and requirements that fit."""
 
 import argparse
-import hashlib
 import shutil
 import subprocess
 from pathlib import Path
@@ -78,25 +77,6 @@ def test_the_licences_are_those_of_the_bill() -> None:
         "c      3     not stated",
         "d      4     Apache and MIT",
     ]
-
-
-def test_the_sums_are_as_sha256sum_checks_them(tmp_path: Path) -> None:
-    for name in ("b", "a"):
-        (tmp_path / name).write_text(name)
-    lines = [*release.sums([tmp_path / "b", tmp_path / "a"])]
-    assert lines == [f"{hashlib.sha256(n.encode()).hexdigest()}  {n}\n" for n in "ab"]
-
-
-def test_only_files_of_this_version_are_made_anew(tmp_path: Path) -> None:
-    mine = [
-        f"wingline-{__version__}.tar.gz",
-        f"wingline-{__version__}-py3-none-any.whl",
-        "onboard.1",
-        "SHA256SUMS",
-    ]
-    for name in (*mine, f"wingline-{__version__}0.tar.gz", "wingline-0.0.1.tar.gz", "other"):
-        (tmp_path / name).touch()
-    assert {path.name for path in release.earlier_files(tmp_path)} == {*mine}
 
 
 def test_a_copy_for_a_wheel_has_what_is_installed(tmp_path: Path) -> None:
