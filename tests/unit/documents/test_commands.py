@@ -62,19 +62,6 @@ def test_every_call_in_the_text_names_what_there_is(path: Path) -> None:
             assert set(re.findall(r"--[a-z-]+", " ".join(rest))) <= flags(program, command), call
 
 
-def test_there_are_calls_to_test() -> None:
-    assert len(calls_in_blocks("".join(map(documents.text, documents.ALL)))) > 20
-    assert calls_in_blocks("    onboard run \\\n      x.toml   # fly\n\nonboard is\n    onboard\n") == [
-        "onboard run        x.toml  "
-    ]
-
-
-def test_a_stale_call_is_found(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        PARSERS["onboard"]().parse_args(shlex.split("replay a.tlog --no-such-option"))
-    assert "--no-such-option" in capsys.readouterr().err
-
-
 def test_the_table_of_commands_is_complete() -> None:
     table, targets, *_ = documents.tables(documents.text("commands"))
     named = [tuple(call.split()[:2]) for what, _ in table for call in calls_in_text(what)]
@@ -82,28 +69,11 @@ def test_the_table_of_commands_is_complete() -> None:
     assert {call.removeprefix("make ") for what, _ in targets for call in calls_in_text(what)} == TARGETS
 
 
-def test_every_make_target_is_phony_and_those_that_the_readme_promises_exist() -> None:
-    assert {"install", "demo", "test", "lint", "bench", "docs"} <= TARGETS
-    (phony,) = re.findall(r"^\.PHONY: (.*)$", MAKEFILE, re.MULTILINE)
-    assert set(phony.split()) == TARGETS
-
-
 def test_pre_commit_runs_what_lint_runs() -> None:
     recipe = re.search(r"^lint:.*\n((?:\t.*\n)+)", MAKEFILE, re.MULTILINE)
     assert recipe is not None
     hooks = re.findall(r"entry: \.venv/bin/(.*)", (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8"))
     assert hooks == re.findall(r"\$\(BIN\)/(.*)", recipe[1])
-
-
-def test_the_changelog_names_every_command() -> None:
-    text = documents.text(ROOT / "CHANGELOG.md")
-    assert re.findall(r"^## (.*)", text, re.MULTILINE) == [
-        "Unreleased",
-        "0.2.0 - 2026-11-27",
-        "0.1.0 - 2026-11-22",
-    ]
-    for command in subcommands("onboard"):
-        assert f"onboard {command}" in text
 
 
 def test_module_and_command_are_one() -> None:

@@ -150,19 +150,6 @@ def test_what_is_commented_out_loads_too(path: Path) -> None:
     parse_config(table)
 
 
-def test_there_are_the_configuration_files() -> None:
-    assert [p.name for p in CONFIGS] == [
-        "companion.toml",
-        "demo.toml",
-        "detector.toml",
-        "fleet.toml",
-        "ground.toml",
-        "router.toml",
-        "sitl.toml",
-        "traffic.toml",
-    ]
-
-
 def test_demo_toml_is_what_the_demo_uses(tmp_path: Path) -> None:
     """Ports aside: the configuration of the demo is made by `simlink config`."""
     made = tmp_path / "mission.toml"

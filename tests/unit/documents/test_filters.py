@@ -8,7 +8,6 @@ import pytest
 import onboard.filters
 from onboard.filters import families
 from tests.support import documents
-from tests.support.programs import ROOT
 
 INNER = {"inline"}  # for kernels and programs, not for readers
 MODULES = {found.name for found in iter_modules(onboard.filters.__path__) if not found.name.startswith("_")}
@@ -31,8 +30,3 @@ def test_what_the_pages_call_is_there(page: str) -> None:
     assert called
     for module, name in called:
         assert hasattr(getattr(onboard.filters, module), name), f"{module}.{name}"
-
-
-def test_the_extra_has_what_figures_need() -> None:
-    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-    assert re.search(r'^filters = \["matplotlib', text, re.MULTILINE)

@@ -42,14 +42,6 @@ def test_every_link_leads_to_a_file_and_a_heading(path: Path) -> None:
     assert dead(path) == []
 
 
-def test_a_dead_link_is_found(tmp_path: Path) -> None:
-    page = tmp_path / "page.md"
-    page.write_text(
-        "# Here\n[a](no.md) [b](#here) [c](page.md#there) [d](https://example.org)\n", encoding="utf-8"
-    )
-    assert dead(page) == ["no.md", "page.md#there"]
-
-
 @pytest.mark.parametrize("path", documents.ALL, ids=documents.name)
 def test_every_path_of_the_code_exists(path: Path) -> None:
     for named in CODE.findall(prose(documents.text(path))):

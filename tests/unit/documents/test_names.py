@@ -147,8 +147,3 @@ def test_words_in_backticks_in_the_code_name_something() -> None:
         if (names := stale(read(path).prose))
     }
     assert found == {}
-
-
-def test_a_stale_name_is_found() -> None:
-    update, word = "filters.kalman." + "no_such_" + "update", "no_such_" + "word"
-    assert stale(f"`kalman.predict` `filters.kalman.update` `{update}` `{word}`") == [update, word]

@@ -36,31 +36,6 @@ def test_the_house_has_every_part_on_its_floor() -> None:
         assert all(heights[other] > height for other in below)
 
 
-def test_an_arrow_that_others_replace_is_not_drawn(drawings: Any) -> None:
-    assert drawings.essential({("a", "b"), ("b", "c"), ("a", "c")}) == {("a", "b"), ("b", "c")}
-
-
-def test_drawings_have_colours_for_light_and_dark(drawings: Any) -> None:
-    """Each has a contrast of 3 and more on white and on the theme's dark background."""
-
-    def luminance(colour: str) -> float:
-        parts = [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
-        linear = [p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts]
-        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
-
-    for colour in (drawings.INK, drawings.BLUE, drawings.ORANGE, drawings.PINK, drawings.GREEN):
-        for background in ("#ffffff", "#131416"):
-            light, dark = sorted((luminance(colour), luminance(background)), reverse=True)
-            assert (light + 0.05) / (dark + 0.05) >= 3.0, (colour, background)
-
-
-@pytest.mark.parametrize("path", sorted(documents.DOCS.rglob("*.svg")), ids=documents.name)
-def test_a_drawing_shows_names_and_no_path(path: Any) -> None:
-    """Of pictures in pixels, `test_report` sees to it: those of the view show a flight, and no file."""
-    shown = re.findall(r">([^<]+)<", path.read_text(encoding="utf-8"))
-    assert [text for text in shown if re.search(r"(^|\s)/\w+/", text)] == []
-
-
 def test_every_picture_is_shown_and_can_be_drawn() -> None:
     programs = ("pictures", "error_plots", "drawings", "real_flights")
     made = "".join((documents.DOCS / f"{name}.py").read_text(encoding="utf-8") for name in programs)
