@@ -88,13 +88,6 @@ def test_the_table_holds_the_messages_of_pymavlink() -> None:
 
 
 @pytest.mark.parametrize("name", LAYOUTS)
-def test_layouts_are_those_of_pymavlink(name: str) -> None:
-    zeros = bytes(struct.calcsize(LAYOUTS[name].form))
-    assert struct.Struct(LAYOUTS[name].form).size == KINDS[name].unpacker.size
-    assert [type(x) for x in LAYOUTS[name].fields(zeros)] == [type(x) for x in KINDS[name].unpacker.unpack(zeros)]
-
-
-@pytest.mark.parametrize("name", LAYOUTS)
 def test_every_message_that_we_read_at_every_length_with_seed_3(name: str) -> None:
     """Random fields and extensions, payloads cut at each byte (and so extended by zeros), or with bytes of a newer
     sender behind, in both versions."""

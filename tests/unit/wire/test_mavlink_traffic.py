@@ -66,37 +66,6 @@ def test_adsb_vehicle_packed_by_hand() -> None:
     assert (m.callsign, m.squawk, m.emitter, m.tslc, m.simulated) == ("HB-ABC", 7700, 14, 3.0, False)
 
 
-@pytest.mark.parametrize(
-    ("flag", "fields"),
-    [
-        (1, ("lat_deg", "lon_deg")),
-        (2, ("altitude",)),
-        (4, ("course",)),
-        (8, ("ground_speed",)),
-        (128, ("climb",)),
-        (32, ("squawk",)),
-    ],
-)
-def test_a_field_not_flagged_as_valid_is_unknown(flag: int, fields: tuple[str, ...]) -> None:
-    whole, without = adsb(), adsb(flags=ALL_VALID & ~flag)
-    assert without == replace(whole, **dict.fromkeys(fields))
-
-
-def test_a_callsign_keeps_only_what_can_be_printed() -> None:
-    assert adsb(flags=ALL_VALID & ~16).callsign == ""
-    assert adsb(callsign=b"AB\x07\xffC  \0").callsign == "ABC"
-    assert adsb(callsign=b"AB\0CDEF\0\0").callsign == "AB"
-    assert adsb(callsign=b"LX-LONG12").callsign == "LX-LONG12"
-
-
-def test_pressure_altitude_and_the_poles_and_the_antimeridian() -> None:
-    m = adsb(lat=900000000, lon=-1800000000, altitude=-450000, altitude_type=0, flags=ALL_VALID | 64)
-    assert (m.lat_deg, m.lon_deg) == (pytest.approx(90.0), pytest.approx(-180.0))
-    assert m.altitude == -450.0
-    assert m.altitude_type is AltitudeType.PRESSURE
-    assert m.simulated
-
-
 def test_adsb_vehicle_is_encoded_as_it_was_decoded() -> None:
     frame = MavlinkEncoder(1, 156).encode(adsb())
     (theirs,) = common.MAVLink(None).parse_buffer(frame)

@@ -4,12 +4,11 @@ import contextlib
 import json
 from typing import Any
 
-import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from onboard.messages import CameraPoints, Clock
+from onboard.messages import Clock
 from onboard.wire.documents.document import BadDocumentError
 from onboard.wire.documents.points import decode_points
 from tests.support.mavlink_frames import RECEIVE_TIME_NS
@@ -76,14 +75,6 @@ def test_errors_name_the_field(change: dict[str, Any], named: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("key", ["t_ns", "clock", "camera", "intrinsics", "center", "left", "right"])
-def test_a_missing_field_is_named(key: str) -> None:
-    value = document()
-    del value[key]
-    with pytest.raises(BadDocumentError, match=key):
-        decode(value)
-
-
 @pytest.mark.parametrize(
     "data", [b"", b"{", b"null", b"[]", b"\xff\xfe", b'{"t_ns": NaN}', b"1" * 5000, b"[" * 5000]
 )
@@ -125,6 +116,12 @@ def test_random_bytes_raise_our_own_error(data: bytes) -> None:
         decode_points(data, RECEIVE_TIME_NS)
 
 
-def test_points_go_out_and_come_back() -> None:
-    record = msgspec.convert(document(center=pixel(1.5, 2.5, 0.5)), CameraPoints)
-    assert msgspec.json.decode(msgspec.json.encode(record), type=CameraPoints) == record
+def test_an_image_ends_at_its_size_or_lies_about_its_principal_point() -> None:
+    k = {"fx_px": 500.0, "fy_px": 400.0, "cx_px": 200.0, "cy_px": 240.0}
+    size = {"width_px": 640.0, "height_px": 480.0}
+    assert decode(document(intrinsics=k | size)).view == pytest.approx((-0.4, -0.6, 0.88, 0.6))
+    assert decode(document(intrinsics=k)).view == pytest.approx((-0.4, -0.6, 0.4, 0.6))
+    assert decode(document(intrinsics=k | {"cx_px": 0.0})).view is None
+    for wrong in ({"width_px": 0.0}, {"height_px": -1.0}):
+        with pytest.raises(BadDocumentError, match="intrinsics"):
+            decode(document(intrinsics=k | size | wrong))

@@ -107,11 +107,6 @@ def test_what_cannot_be_a_pose_is_refused_by_its_field(bad: dict[str, Any], expe
     assert decoded.reasons == [expected]
 
 
-def test_a_pose_that_is_refused_costs_the_other_detections_nothing() -> None:
-    decoded = Decoded({**HEAD, "detections": [{"pose": pose(q=[0.0] * 4)}, {"points": {"center": CENTER}}]})
-    assert (len(decoded.messages), len(decoded.reasons)) == (1, 1)
-
-
 @pytest.mark.parametrize("field", ["position_m", "q", "covariance"])
 def test_what_is_no_number_is_refused_by_its_field(field: str) -> None:
     """JSON has no NaN: what stands for it is no number."""
@@ -121,11 +116,3 @@ def test_what_is_no_number_is_refused_by_its_field(field: str) -> None:
     assert decoded.messages == []
     (reason,) = decoded.reasons
     assert reason.startswith(f"Expected `float`, got `null`{AT}.{field}")
-
-
-def test_an_unknown_field_of_a_pose_is_ignored_and_named() -> None:
-    decoded = Decoded({**HEAD, "detections": [{"pose": pose(frame="map")}]})
-    assert len(decoded.messages) == 1
-    assert decoded.reasons == [
-        "(the rest is used) the field `detections.pose.frame`; known: position_m, q, covariance"
-    ]

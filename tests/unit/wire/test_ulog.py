@@ -236,3 +236,16 @@ def test_modes_and_arming_are_those_of_the_vehicle(tmp_path: Path) -> None:
         (4.5, "mode", str(99 << 24)),
     ]
     assert lost == []
+
+
+def test_a_position_that_the_estimator_does_not_trust_is_left_out(tmp_path: Path) -> None:
+    numbers = dict.fromkeys(("x", "y", "z", "vx", "vy", "vz"), "float")
+    flags = dict.fromkeys(("xy_valid", "z_valid"), "uint8_t")
+    rows: Rows = [
+        {"timestamp": 1_000_000 + 100_000 * i, **dict.fromkeys(numbers, 1.0), **dict.fromkeys(flags, 1)}
+        for i in range(3)
+    ]
+    rows[0]["xy_valid"] = rows[1]["z_valid"] = 0
+    fields = {"timestamp": "uint64_t", **numbers, **flags}
+    (_, *found), lost = read(ulog(tmp_path / "a.ulg", rows, fields=fields, name="vehicle_local_position"))
+    assert ([m.t_ns for m in found], lost) == ([1_200_000_000], [])
