@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from onboard.analysis.parallel import cluster
-from onboard.analysis.parallel.cluster import ClusterError, fingerprint, on_cluster
+from onboard.analysis.parallel.cluster import ClusterError, fingerprint
 from onboard.analysis.parallel.workers import Computers, Part, compute
 from tests.support.programs import ROOT
 
@@ -88,23 +88,6 @@ def test_a_lost_worker_s_parts_are_computed_again_and_all_is_the_same(tmp_path: 
     assert killed
     assert together == alone
     assert (tmp_path / "cluster.parquet").read_bytes() == (tmp_path / "alone.parquet").read_bytes()
-
-
-def test_only_some_parts_are_with_the_cluster_at_a_time(tmp_path: Path) -> None:
-    handed_out = 0
-
-    def parts() -> Iterator[Part]:
-        nonlocal handed_out
-        for seed in range(10_000):
-            handed_out += 1
-            yield Part(drawn, (seed, 0.0))
-
-    with running(tmp_path, 1) as found:
-        results = on_cluster(found.address, lambda part: part.function(*part.arguments), parts())
-        for _ in range(20):
-            next(results)
-        assert handed_out <= 20 + cluster.MIN_WAITING_COUNT
-        results.close()  # type: ignore[attr-defined]
 
 
 def test_an_address_without_a_scheduler_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:

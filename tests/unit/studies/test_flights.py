@@ -57,16 +57,6 @@ def test_what_only_fly_can_do_is_refused() -> None:
         fly_many(Scenario(camera=Camera(rate=60.0)), [1], duration=1.0)
 
 
-def test_out_of_view_is_distinct_from_not_registered_seed_1() -> None:
-    flights = fly_many(load_scenario("formation-out-of-view"), [1])
-    registered = np.isfinite(flights.image_points[0]).all(axis=(1, 2))
-    assert not np.any(registered & ~flights.in_view[0])
-    gone = flights.image_t[~flights.in_view[0]]
-    assert 25.0 < gone.min() < 33.0
-    assert 37.0 < gone.max() < 48.0
-    assert (flights.in_view[0] & ~registered).sum() > 10
-
-
 def test_a_pulse_may_stay_out_for_a_while() -> None:
     at = pulses([Pulse(start=10.0, end=42.0, change=-8.0, hold=12.0)], 60.0)
     t = np.arange(0.0, 60.0, 0.005)

@@ -7,17 +7,16 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
-from onboard.filters.belief import FilterError
 from onboard.models import quadrotor
 from onboard.models.quadrotor import RATES, VELOCITY
-from studies.csvsf_quadrotor import filters, study
+from studies.csvsf_quadrotor import study
 from studies.csvsf_quadrotor.cases import NAMED, VARIANTS, Case, multirate_noise, simulate, specific_force
 from studies.csvsf_quadrotor.figures import roll_rate
-from studies.csvsf_quadrotor.filters import ADAPTIVE, CKF, FORCE, RECURSIVE, SVSF, Track, methods_on, track
+from studies.csvsf_quadrotor.filters import ADAPTIVE, CKF, RECURSIVE, SVSF, Track, methods_on, track
 from studies.csvsf_quadrotor.misprints import misprints
 from studies.csvsf_quadrotor.reference_flight import DT
 from studies.csvsf_quadrotor.report import Result, findings
-from studies.csvsf_quadrotor.scores import Row, Score, compare, limits_of, make_row, score
+from studies.csvsf_quadrotor.scores import Score, compare, make_row, score
 
 Ran = tuple[Result, Path, list[tuple[int, int]]]  # with the folder and the calls of `progress`
 BEGIN = 1000  # the step from which scores are taken
@@ -55,25 +54,6 @@ def test_the_accelerometer_gives_the_thrust_of_the_model_seed_3(case: Case) -> N
     assert np.std(off) == pytest.approx(np.hypot(0.2, 0.1), rel=0.05)
 
 
-def test_a_flight_does_not_depend_on_the_others_seeds_3_and_4(case: Case) -> None:
-    for name in ("none", "gust", "multirate-gust"):
-        together = case if name == "none" else simulate(NAMED[name], (3, 4))
-        alone = simulate(NAMED[name], (4,))
-        for array in ("states", "measurements", "force"):
-            np.testing.assert_allclose(getattr(together, array)[:, 1], getattr(alone, array)[:, 0], atol=1e-9)
-        np.testing.assert_allclose(together.start[1], alone.start[0])
-
-
-def test_an_error_of_the_craft_changes_the_flight_from_its_beginning_on_seed_3(case: Case) -> None:
-    """Until then flights of one seed are the same."""
-    begin = {"weak": 10.0, "motor": 10.0, "gust": 10.0, "mass-1.3": 0.0, "inertia-0.5": 0.0}
-    for name, seconds in begin.items():
-        states = simulate(NAMED[name], (3,)).states[:, 0]
-        k = round(seconds / DT)
-        np.testing.assert_allclose(states[: k + 1], case.states[: k + 1, 0], atol=1e-9)
-        assert np.abs(states[k + 1 : k + 20] - case.states[k + 1 : k + 20, 0]).max() > 1e-4, name
-
-
 def test_a_short_gust_is_three_metres_a_second_squared_for_two_seconds_seed_3() -> None:
     variant = NAMED["multirate-gust"]
     gusty, calm = (simulate(v, (3,)) for v in (variant, variant._replace(gust="")))
@@ -97,37 +77,6 @@ def test_sensors_of_two_rates_have_memories_of_their_own_seed_3() -> None:
     flown = simulate(variant, (3,), steps=600)
     kalman, smooth = (track(flown, variant, method).mean for method in (CKF, RECURSIVE))
     np.testing.assert_allclose(smooth, kalman, rtol=1e-9, atol=1e-9)
-
-
-@pytest.mark.slow
-def test_a_late_variant_continues_the_flight_without_error_seeds_3_and_4(case: Case) -> None:
-    weak = simulate(NAMED["weak"], (3, 4))
-    for method in (CKF, filters.PRINTED, ADAPTIVE):
-        clean = track(case, NAMED["none"], method)
-        alone, shared = (track(weak, NAMED["weak"], method, since) for since in (None, clean))
-        for field in ("mean", "nees", "nis", "switching"):
-            np.testing.assert_allclose(getattr(shared, field), getattr(alone, field), rtol=1e-9, atol=1e-9)
-    assert {v.name for v in VARIANTS if v.late} == {"weak", "motor"}
-
-
-def test_a_failure_stops_one_flight_and_not_its_batch_seeds_3_and_4(
-    case: Case, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    process = quadrotor.process
-
-    def fails(rows: Array, inputs: Array, dt: float, airframe: quadrotor.Airframe) -> Array:
-        if np.any(rows[:, 0] > 1e6):
-            raise FilterError("process: no such place")
-        return process(rows, inputs, dt, airframe)
-
-    monkeypatch.setattr(quadrotor, "process", fails)
-    short = Case(*(a[:60] if a.ndim == 3 else a for a in case))
-    measurements = short.measurements.copy()
-    measurements[50, 0] = 1e9
-    found = track(short._replace(measurements=measurements), NAMED["none"], SVSF)
-    assert np.isfinite(found.mean[:, 1]).all()
-    assert np.isfinite(found.mean[:51, 0]).all()
-    assert np.isnan(found.mean[51:, 0]).all()
 
 
 # -------------------------------------------------------------------------------------------- the table
@@ -252,32 +201,3 @@ def test_figures_agree_with_the_reference_seeds_3_and_4(result: Ran) -> None:
     verdicts = [claim.verdict for claim in found.claims]
     of_many = ["holds", *["holds only if"] * 5, "holds"]
     assert all(v in {"not decided", w} for v, w in zip(verdicts, of_many, strict=True))
-
-
-@pytest.mark.slow
-def test_the_adaptive_form_meets_what_no_other_meets_seeds_3_and_4(result: Ran) -> None:
-    limits = [x for x in result[0].limits if not x.variant.startswith("multirate")]
-    met = {x.method for x in limits} - {x.method for x in limits if not x.met}
-    assert met == {ADAPTIVE.name}
-    slow = {(x.variant, x.method): x for x in result[0].limits if x.variant.startswith("multirate")}
-    for method in FORCE:
-        assert slow["multirate-weak", method.name].met
-        assert slow["multirate-gust", method.name].met
-    assert not slow["multirate-gust", CKF.name].met
-
-
-def test_a_row_that_diverged_meets_no_limit() -> None:
-    rows = {v: make_row(v, "ckf", [a_score(1, 0.01, "zd")]) for v in NAMED}
-    found = limits_of([*rows.values(), *_others()], ["ckf"])
-    assert not any(x.met for x in found if x.method == "ckf")
-
-
-def _others() -> list[Row]:
-    multirate = [v.name for v in VARIANTS if v.multirate]
-    return [make_row(v, m.name, [a_score(1, 0.01)]) for v in multirate for m in (*filters.THRUST, *FORCE)]
-
-
-@pytest.mark.parametrize(("seeds", "first"), [(0, 1), (1, -1)])
-def test_no_seed_and_negative_seeds_are_refused(seeds: int, first: int) -> None:
-    with pytest.raises(ValueError, match="seed"):
-        study.run(seeds=seeds, first_seed=first)

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from onboard.filters.discretisation import wiener_acceleration
+from studies.csvsf_quadrotor import study as csvsf
 from studies.cwpa_kalman_tracker_3d import runs, study
+from studies.relative_motion import study as relative_motion
 from studies.report import findings
 
 
@@ -58,5 +60,6 @@ def test_checks_can_fail() -> None:
 
 @pytest.mark.parametrize(("seeds", "first"), [(0, 1), (1, -1)])
 def test_no_seed_and_negative_seeds_are_refused(seeds: int, first: int) -> None:
-    with pytest.raises(ValueError, match="seed"):
-        study.run(seeds=seeds, first_seed=first)
+    for run in (study.run, csvsf.run, relative_motion.run):
+        with pytest.raises(ValueError, match="seed"):
+            run(seeds=seeds, first_seed=first)

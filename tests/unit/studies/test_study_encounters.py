@@ -1,6 +1,5 @@
 """The study of encounters: two families from flight to report, scores and verdicts on flights made up by hand."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import matplotlib
@@ -8,11 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from onboard.config import load_config
-from onboard.messages import Exposure, LocalPosition, Message
-from onboard.pipeline import Pipeline
-from simlink.encounters.encounter import BOOT_NS, make_encounter
-from simlink.encounters.families import FAMILIES
+from simlink.encounters.encounter import make_encounter
 from simlink.encounters.truth import at
 from studies.encounters import flights as flown
 from studies.encounters import study
@@ -20,20 +15,15 @@ from studies.encounters.assumptions import BROKEN
 from studies.encounters.flights import (
     BOXES,
     CASES,
-    DEFAULTS,
     GIMBALS,
     ON_WING,
     POINTS,
     POSES,
     Case,
     Flight,
-    estimated,
-    fly,
     judged,
-    known,
-    received,
 )
-from studies.encounters.scores import is_wrong, over_all, ratio, score
+from studies.encounters.scores import is_wrong, ratio, score
 
 STEPS = 200
 
@@ -134,25 +124,6 @@ def test_a_miss_within_the_error_of_sampling_is_reported_so() -> None:
     assert verdicts({Case("hover"): one_in_four}) == ["holds only if", *["holds"] * 7]
 
 
-def test_nothing_known_holds_nothing() -> None:
-    assert verdicts({Case("crab"): [made(invalid=STEPS)] * 2}) == [*["does not hold"] * 4, *["holds"] * 4]
-
-
-def test_all_is_over_the_families_with_defaults_only() -> None:
-    found = over_all({case: [made(invalid=0 if case in DEFAULTS else STEPS)] for case in CASES})
-    assert (found.flights, found.valid.percent) == (len(FAMILIES), 100.0)
-
-
-def test_nothing_is_claimed_of_what_was_not_flown() -> None:
-    findings = study.findings({Case("crab", feels_wind=True): [made()] * 2}, 1)
-    assert [check.name for check in findings.checks] == [
-        "range error, crab, wind estimated",
-        "valid, crab, wind estimated",
-    ]
-    assert len(findings.claims) == 2
-    assert len(findings.tables[0].rows) == 1
-
-
 def test_estimates_are_judged_beside_the_truth_at_their_own_times_seed_1() -> None:
     truth = make_encounter("crossing", 1, 8.0).truth
     t = np.array([1.0, 5.5, 6.2504, 7.9, 8.1])
@@ -206,49 +177,6 @@ def test_parts_of_the_study_are_chosen_by_the_names_of_cases() -> None:
     assert len(study.options(3, None, departures=True)["departures"]) == len(BROKEN)
     with pytest.raises(ValueError, match="no case 'upside_down'; there are: behind, hover"):
         study.options(None, "hover,upside_down", departures=False)
-
-
-def test_departures_fly_alone_seeds_1_and_2(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(study, "fly", lambda *_: made())
-    part = study.options(2, "hover", departures=True)
-    found = study.run(2, 1, 1, tmp_path, **part)
-    rows = found.tables[-2].rows
-    assert len(rows) == len(part["departures"])
-    assert (found.seeds, {row[2] for row in rows}, found.figures) == (2, {2.0}, ())
-
-
-def test_what_is_not_valid_has_no_position_seed_2() -> None:
-    encounter = make_encounter("behind", 2, 6.0)
-    positions = sum(isinstance(m, LocalPosition) for m in received(encounter))
-
-    def images_until(seconds: float) -> Callable[[list[Message]], list[Message]]:
-        end = BOOT_NS + round(seconds * 1e9)
-        return lambda messages: [m for m in messages if not isinstance(m, Exposure) or m.t_ns < end]
-
-    for seconds, is_valid in ((6.0, True), (0.0, False), (2.0, False)):
-        pipeline = Pipeline(load_config(None, ("estimator.leader.publish_rate_hz=1000",)))
-        rows = estimated(pipeline, encounter.datagrams(), images_until(seconds))
-        assert len(rows) > 0.9 * positions
-        assert np.isfinite(rows[-1]).all() == is_valid
-
-
-def test_settings_reach_the_pipeline_seed_1(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(flown, "DURATION_S", 7.0)
-    default, same, other = (
-        fly(Case("behind"), 1, settings)
-        for settings in ((), ("ownship.errors.velocity_sigma_m_s=0.1",), ("camera.sigma_px=3.0",))
-    )
-    assert np.array_equal(default.range_, same.range_, equal_nan=True)
-    assert not np.array_equal(default.range_, other.range_, equal_nan=True)
-
-
-def test_what_is_known_of_the_mount_is_configured_seeds_1_and_2() -> None:
-    for seed in (1, 2):
-        encounter = make_encounter("crab", seed, 1.0)
-        config, camera = load_config(None, known(encounter)), encounter.scenario.camera
-        assert config.camera.mount_rpy_deg == camera.mount_rpy_deg
-        assert config.camera.mount_offset_m == camera.mount_offset
-        assert config.camera.sigma_px != camera.sigma_px  # not known to a user
 
 
 def test_two_families_fly_and_are_reported_seed_1(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,16 +8,7 @@ import pytest
 from studies.encounters import recorded, study
 from studies.encounters.flights import NOT_FLOWN, Case, Flight, encounter_of, known
 from tests.unit.simlink.test_recorded import as_csv, recording
-
-STEPS = 200
-
-
-def made(wrong: int) -> Flight:
-    """A flight at 20 m whose last `wrong` estimates are 2 m off at a sigma of 0.5 m."""
-    range_ = np.full(STEPS, 20.0)
-    range_[STEPS - wrong :] += 2.0
-    ones = np.ones(STEPS)
-    return Flight(np.linspace(5.0, 45.0, STEPS), 20.0 * ones, range_, 0.5 * ones, 3.0 * ones)
+from tests.unit.studies.test_study_encounters_assumptions import made
 
 
 @pytest.fixture

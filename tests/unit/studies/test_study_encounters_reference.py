@@ -9,7 +9,7 @@ from onboard.arrays import Array
 from onboard.config import load_config
 from studies.encounters import flights as flown
 from studies.encounters import reference, study
-from studies.encounters.flights import DEFAULTS, ON_WING, POSES, Case, Flight
+from studies.encounters.flights import DEFAULTS, Case, Flight
 from studies.encounters.reference import COMPARED, MAX_SIGMA_RATIO, Pair, sigma_ratio
 
 TIMES: Array = np.arange(5.0, 9.0, 0.1)
@@ -55,12 +55,6 @@ def test_one_case_with_another_sigma_decides(shares: Sequence[float], expected: 
     assert len(found.tables[3].rows) == len(COMPARED)
 
 
-def test_nothing_is_claimed_without_a_reference() -> None:
-    found = study.findings({Case("crab"): [made(0.02)]}, 1)
-    assert len(found.tables) == 3
-    assert CLAIM not in [claim.claim for claim in found.claims]
-
-
 def test_an_encounter_is_flown_by_the_reference_too_seed_1(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(flown, "DURATION_S", 5.0)
     monkeypatch.setattr(reference, "SETTINGS", ("estimator.leader.particles=200",))
@@ -72,25 +66,6 @@ def test_an_encounter_is_flown_by_the_reference_too_seed_1(monkeypatch: pytest.M
         for c in found.checks
         if "reference" in c.name
     )
-
-
-@pytest.mark.slow  # the one above is shorter
-def test_the_first_encounters_are_flown_by_the_reference_too_seeds_1_and_2(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(flown, "DURATION_S", 10.0)
-    monkeypatch.setattr(reference, "SETTINGS", ("estimator.leader.particles=200",))
-    found = study.run(2, 1, 1, cases=[POSES[0], Case("hover"), Case("circling", ON_WING)], compared=1)
-    first, second = found.tables[3].rows
-    assert (first[:2], second[:2]) == (("hover", 1.0), ("circling, center on wing", 1.0))
-    assert all(
-        1.0 / MAX_SIGMA_RATIO < c.ours < MAX_SIGMA_RATIO and c.ours != 1.0
-        for c in found.checks
-        if "reference" in c.name
-    )
-    monkeypatch.setattr(reference, "SETTINGS", ("estimator.leader.particles=900",))  # the default
-    (row,) = study.run(1, 1, 1, cases=[Case("hover")], compared=1).tables[3].rows
-    assert row[2:5] == (1.0, 1.0, 1.0)
 
 
 def test_every_family_is_compared() -> None:

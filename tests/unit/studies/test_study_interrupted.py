@@ -51,7 +51,7 @@ def _interrupt_at_work(pool: ProcessPoolExecutor, parts: list[Future[None]]) -> 
     ("what", "number"),
     [
         pytest.param("encounters", signal.SIGTERM, marks=pytest.mark.slow),
-        ("--all", signal.SIGTERM),
+        pytest.param("--all", signal.SIGTERM, marks=pytest.mark.slow),
         pytest.param("--all", signal.SIGINT, marks=pytest.mark.slow),
         pytest.param("--all", signal.SIGHUP, marks=pytest.mark.slow),
         ("--all", signal.SIGKILL),

@@ -1,12 +1,9 @@
 """How the study of Oh & Johnson's paper flies its filters: many at once, failures, late images, cameras."""
 
-from typing import NamedTuple
-
 import msgspec
 import numpy as np
 import pytest
 
-from onboard.arrays import Array
 from onboard.filters.belief import Belief, FilterError
 from simlink.scenarios.profiles import GaussMarkov
 from simlink.scenarios.scenario import load_scenario
@@ -113,37 +110,3 @@ def test_a_known_attitude_error_widens_the_reported_covariance_seed_1(flights: F
     turns = np.radians(0.5) * np.array([[*np.cross(e, place), *np.cross(e, velocity), 0, 0, 0] for e in np.eye(3)])
     expected = turns.T @ turns  # a small turn about north, east and down each moves both vectors
     np.testing.assert_allclose(added, expected, rtol=1e-6, atol=1e-12)
-
-
-def test_a_filter_with_more_states_than_nine_reports_nine_seed_1(flights: Flights) -> None:
-    class Wider(NamedTuple):
-        nine: Belief
-        images: Array  # (B,)
-
-    def make(setting: Setting) -> Filter:
-        inner = TUNED.make(setting)
-
-        def update(state: Wider, images: Images) -> ImageUpdate:
-            after = inner.update(state.nine, images)
-            return after._replace(state=Wider(after.state, state.images + 1.0))
-
-        def nine_states(state: Wider) -> Belief:
-            belief = inner.nine_states(state.nine)
-            mean = belief.mean.copy()
-            mean[:, 8] = state.images
-            return Belief(mean, belief.covariance)
-
-        return Filter(
-            start=lambda images: Wider(inner.start(images), np.ones(len(images.points))),
-            predict=lambda state, step: state._replace(nine=inner.predict(state.nine, step)),
-            update=update,
-            nine_states=nine_states,
-            degrees=4,
-        )
-
-    setting = Setting(SCENARIO.camera)
-    found, plain = track(flights, setting, Method("wider", "wider", make)), track(flights, setting, TUNED)
-    assert np.array_equal(found.mean[..., :8], plain.mean[..., :8], equal_nan=True)
-    for b in range(3):  # each by its own images: a state goes back to the row that it was taken from
-        assert found.mean[b, -1, 8] == np.isfinite(flights.image_points[b]).all(axis=(1, 2)).sum()
-    assert score(1, flights.one(0), found.one(0)).nis_degrees == 4

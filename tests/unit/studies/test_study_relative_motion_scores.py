@@ -40,14 +40,6 @@ def a_track(flight: Flight, mean: Array, *, failed_at: float = np.nan) -> Track:
     )
 
 
-def test_the_truth_scores_nothing(flight: Flight) -> None:
-    s = score(1, flight, a_track(flight, truth_of(flight)))
-    assert (s.position_ft, s.velocity_ft_s, s.range_percent, s.a_lat_ft_s2, s.nees) == (0, 0, 0, 0, 0)
-    assert s.nis == 3.0
-    assert s.diverged is None
-    assert s.a_lat_converged_s == 0.0
-
-
 def test_errors_are_lengths_of_vectors_in_feet(flight: Flight) -> None:
     mean = truth_of(flight)
     mean[:, :3] += np.array([3.0, 4.0, 0.0]) * M_PER_FT

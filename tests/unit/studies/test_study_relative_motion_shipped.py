@@ -19,7 +19,7 @@ from studies.relative_motion.flight import Flight
 from studies.relative_motion.flights import fly_many
 from studies.relative_motion.formation import Lateness
 from studies.relative_motion.scores import truth_of
-from studies.relative_motion.shipped import DEFAULT, ON_WING, known, messages
+from studies.relative_motion.shipped import DEFAULT, known, messages
 from studies.relative_motion.study import flown
 from studies.relative_motion.variants import BY_NAME, VARIANTS, scenario_of, setting_of
 from tests.support.images import detections
@@ -57,14 +57,6 @@ def test_nothing_is_configured_but_camera_size_and_class(variant: Any) -> None:
 def test_nothing_is_configured_in_encounters_but_mount_size_and_class_seed_1() -> None:
     for family in ("crab", "hover"):
         assert beyond_defaults(encounters.known(make_encounter(family, 1, 1.0))) <= ALLOWED
-
-
-def test_the_settings_beyond_defaults_are_those_of_the_label() -> None:
-    assert DEFAULT.settings == ()
-    for method in (ON_WING, shipped.DELAY):
-        (setting,) = method.settings
-        key, value = setting.removeprefix("estimator.leader.").split("=")
-        assert f"`{key} = {value}`" in method.label
 
 
 def test_messages_are_the_flight_in_the_order_of_arrival_seed_1(flight: Flight) -> None:
@@ -114,15 +106,3 @@ def test_the_pipeline_estimates_the_flight_at_its_samples_seed_1() -> None:
     assert not found.fused[~seen].any()
     assert found.degrees in (4, 6)
     assert 0.3 < np.nanmean(found.nis[flight.image_t > 1.0]) / found.degrees < 2.0
-
-
-def test_an_estimate_that_is_not_valid_is_none_seed_1() -> None:
-    variant = BY_NAME["a"]
-    scenario = scenario_of(variant)
-    flight = fly_many(scenario, [1], duration=6.0).one(0)
-    points = flight.image_points.copy()
-    points[flight.image_t > 3.0] = np.nan
-    found = shipped.track(flight._replace(image_points=points), setting_of(variant, scenario), DEFAULT)
-    valid = np.isfinite(found.mean[:, 0])
-    assert valid[(flight.nav_t > 1.0) & (flight.nav_t < 4.5)].all()
-    assert not valid[flight.nav_t > 5.5].any()  # lost two seconds after the last image

@@ -60,11 +60,6 @@ def test_an_aircraft_that_turns_counts_against_what_was_asked() -> None:
     assert traffic.findings([flown], 1).claims[2].verdict == "holds only if"
 
 
-def test_the_share_of_time_with_a_valid_track_stands_beside_accuracy() -> None:
-    rows = traffic.findings([of_one(missing_s=25.0), of_one()], 1).tables[0].rows
-    assert [row[-1] for row in rows] == [87.5, 100.0]
-
-
 def test_a_flight_is_scored_and_written_seed_101(tmp_path: Path) -> None:
     found = traffic.findings([traffic.fly(101, "ekf", 12.0)], 101)
     write(found, tmp_path)
@@ -72,12 +67,3 @@ def test_a_flight_is_scored_and_written_seed_101(tmp_path: Path) -> None:
     assert len(found.tables[0].rows) == 20
     assert found.claims[0].verdict == "holds"
     assert {c.unit for c in found.checks} == {"", "s", "%"}
-
-
-@pytest.mark.slow
-def test_attitude_errors_of_radar_only_aircraft_are_known_by_the_reports_of_others_seed_102() -> None:
-    """Half a degree of our own attitude is 15 m at their distance."""
-    score = traffic.fly(102, "imm", 30.0)
-    silent = [a for a in score.aircraft if a.name.startswith("crossing-") and a.samples > 100]
-    assert len(silent) >= 3
-    assert max(a.rmse for a in silent) < 8.0
