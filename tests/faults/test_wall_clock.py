@@ -7,10 +7,10 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.messages import Datagram, TargetPoints, Verdict
-from onboard.sinks.recorder import Recorder
 from onboard.wire.logs.recording import read_recording
 from tests.support.cases import slow_but
 from tests.support.faulty_flight import ITEMS, assert_on_target, flown
+from tests.support.records import record
 from tests.support.streams import EPOCH, MS, Item, Run, S, encode
 from tests.unit.links.test_host_clock import STEPS
 
@@ -66,8 +66,5 @@ def test_a_stalled_link_is_not_taken_for_a_clock_that_was_set() -> None:
 
 def test_a_recording_keeps_the_steps(tmp_path: Path) -> None:
     datagrams = flight(-0.5)
-    recorder = Recorder(tmp_path / "flight.mcap")
-    recorder.open()
-    recorder.write(datagrams)
-    recorder.close()
+    record(tmp_path / "flight.mcap", datagrams)
     assert [d for d, _ in read_recording(tmp_path / "flight.mcap") if d is not None] == datagrams

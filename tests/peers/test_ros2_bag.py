@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from onboard.commands.cli import main
-from onboard.sinks.recorder import Recorder
 from tests.support.programs import until
+from tests.support.records import record
 from tests.support.ros2 import CLIENT, lines, ros_program, ros_run, why_absent
 from tests.support.streams import CIRCLE, Stream
 
@@ -21,10 +21,7 @@ highlevel = pytest.importorskip("rosbags.highlevel", reason="needs the extra `ro
 def bag_lines(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The messages of a replayed flight as lines: topic, type, time and bytes."""
     folder = tmp_path_factory.mktemp("bag")
-    recorder = Recorder(folder / "flight.mcap")
-    recorder.open()
-    recorder.write(Stream(t1=9.0).datagrams())
-    recorder.close()
+    record(folder / "flight.mcap", Stream(t1=9.0).datagrams())
     sets = ("--set", "estimator.leader.size_prior_m=2.0")
     assert main(["replay", str(folder / "flight.mcap"), *sets, "--out", str(folder / "flight.ros2")]) == 0
     with highlevel.AnyReader([folder / "flight.ros2"]) as bag, (folder / "bag.jsonl").open("w") as file:

@@ -1,10 +1,11 @@
 """Published records with arbitrary contents."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from onboard.messages import Estimate, Lifecycle, OwnPose
+from onboard.sinks.recorder import Recorder
 from onboard.wire.logs.recording import read_flown
 
 
@@ -35,3 +36,12 @@ POSE = OwnPose(t_ns=1, r_OF_n=(1, 2, 3), v_F_n=(4, 5, 6), a_F_n=(7, 8, 9), q_nb=
 def read_estimates(path: Path) -> Iterator[Estimate]:
     """The estimates that were made during a recording, but our own states."""
     return (item for item, _ in read_flown(path, {"estimate": Estimate}) if isinstance(item, Estimate))
+
+
+def record(path: Path, written: Sequence[Any], **options: Any) -> Path:
+    """Record these datagrams and records to a new file, and return its path."""
+    recorder = Recorder(path, **options)
+    recorder.open()
+    recorder.write(written)
+    recorder.close()
+    return recorder.path

@@ -7,6 +7,7 @@ points are projected explicitly.
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -40,6 +41,7 @@ MS: Final = 1_000_000
 S: Final = 1_000_000_000
 EPOCH: Final = 1_735_689_600 * S  # host clock at boot: 2025-01-01
 SIZE: Final = 2.0
+TRUTH_COLUMNS: Final = "time_boot_s,r_north_m,r_east_m,r_down_m,v_north_m_s,v_east_m_s,v_down_m_s,size_m"
 FOCAL_LENGTH_PX: Final = 554.256
 PX4: Final = 12
 LATENCY: Final = 60 * MS
@@ -135,6 +137,12 @@ class Flight:
             left=left,
             right=right,
         )
+
+
+def write_truth(path: Path, flight: Flight, times: Iterable[float]) -> None:
+    """Write a table of the true relative motion at boot times (s)."""
+    rows = [",".join(f"{v:.6f}" for v in (t, *np.ravel(flight.relative(t)), flight.size)) for t in times]
+    path.write_text("\n".join([TRUTH_COLUMNS, *rows, ""]), encoding="utf-8")
 
 
 CIRCLE: Final = Flight()

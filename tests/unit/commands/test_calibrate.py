@@ -16,7 +16,7 @@ from onboard.geometry.camera import make_camera
 from onboard.geometry.rotations import matrix_from_euler, quaternion_from_euler
 from onboard.health.camera_errors import Poses
 from onboard.messages import Attitude, LocalPosition, Message, TargetPoints
-from onboard.sinks.recorder import Recorder
+from tests.support.records import record
 from tests.support.streams import EPOCH, Item, S, encode, heartbeat
 
 F_PX = 554.0
@@ -80,18 +80,6 @@ def test_delay_mount_and_focal_length_are_found_seed_1() -> None:
     assert np.mean(found.before**2) > 1.05 * np.mean(found.after**2)
 
 
-@pytest.mark.slow
-def test_corrections_are_found_and_their_sigmas_say_how_well_seeds_2_to_9() -> None:
-    found = [calibrate(*flight(seed), CAMERA, SIZE) for seed in range(2, 10)]
-    assert max(abs(c.delay - DELAY) for c in found) < 0.010
-    assert max(abs(c.focal / FOCAL - 1) for c in found) < 0.01
-    off = np.array([c.mount - np.radians(MOUNT_DEG) for c in found])
-    assert np.degrees(np.sqrt(np.mean(off**2, axis=0))).max() < 0.3
-    sigmas = np.array([c.mount_sigma for c in found])
-    assert np.abs(off / sigmas).max() < 3.5
-    assert 0.3 < np.sqrt(np.mean((off / sigmas) ** 2)) < 1.7
-
-
 def test_outliers_do_not_turn_the_result_seed_2() -> None:
     images, own = flight(2)
     images.center[::20] += 0.2
@@ -139,11 +127,7 @@ def recording(folder: Path) -> Path:
             center, left, right = map(tuple, flown.points(t - DELAY, rng).tolist())
             messages.append(TargetPoints(**head, camera="landing_target", center=center, left=left, right=right))
         items += [Item(EPOCH + t_ns + 2_000_000, m) for m in messages]
-    recorder = Recorder(folder / "weave.mcap")
-    recorder.open()
-    recorder.write(encode(items))
-    recorder.close()
-    return folder / "weave.mcap"
+    return record(folder / "weave.mcap", encode(items))
 
 
 def test_the_command_prints_lines_to_paste_and_draws_the_residuals_seed_1(

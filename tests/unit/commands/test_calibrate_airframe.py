@@ -1,9 +1,7 @@
 """`onboard calibrate --mass`: the airframe's constants that a made flight has are found again."""
 
-import json
 import tomllib
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,15 +10,10 @@ import pytest
 from onboard import UserError
 from onboard.analysis.calibration.airframe import AirframeMeasures, RecordedFlight, fit_airframe
 from onboard.commands.calibrate_airframe import described_airframe
-from onboard.commands.cli import main as onboard
 from onboard.config import parse_config
 from onboard.estimators.own_state.config import AirframeConfig
 from onboard.estimators.own_state.faults import FaultMonitor
-from onboard.messages import ActuatorOutputs, Fault, FaultKind, Imu, NavState, Truth
-from simlink.cli import main as simlink
-from simlink.scenarios.scenario import parse_scenario
-from simlink.simulation import datagrams
-from tests.support.own_vehicle import pipeline
+from onboard.messages import ActuatorOutputs, Fault, FaultKind, Imu
 
 MASS, THRUST, DRAG, INERTIA, TORQUE = 0.6, 3.4, 0.13, (5.5e-3, 4.1e-3, 9.6e-3), 0.03
 ROTORS = np.array([[0.2, 0.0, 1.0], [0.0, 0.2, -1.0], [-0.2, 0.0, 1.0], [0.0, -0.2, -1.0]])
@@ -99,45 +92,6 @@ def test_a_weak_motor_is_named_with_what_is_offered_seed_1() -> None:
     assert (fault.kind, fault.part) == (FaultKind.MOTOR, "motor 3")
     assert 7.0 < after < 7.6
     assert fault.magnitude == pytest.approx(0.25, abs=0.07)
-
-
-DRAWN = """
-extends = "quadrotor"
-[quadrotor]
-mass = 0.6196
-inertia = [0.005038, 0.005965, 0.006904]
-thrust_max = 2.811
-drag = 0.09093
-torque_per_thrust = 0.0307
-"""
-
-
-@pytest.mark.slow
-def test_a_drawn_airframe_is_found_and_its_fault_named_seed_903(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """As a user does it: a flight of 90 s, the command, and its lines pasted."""
-    scenario, log = tmp_path / "drawn.toml", tmp_path / "drawn.tlog"
-    scenario.write_text(DRAWN, encoding="utf-8")
-    assert simlink(["log", str(scenario), "--seed", "903", "--duration", "90", "--out", str(log)]) == 0
-    capsys.readouterr()
-    rotors = json.dumps(parse_scenario(DRAWN, "drawn").quadrotor.rotors)
-    assert onboard(["calibrate", str(log), "--mass", "0.6196", "--rotors", rotors]) == 0
-    offered = pasted(capsys.readouterr().out)
-    assert offered["custom"]["thrust_max_n"] == pytest.approx(2.811, rel=0.05)
-    assert offered["custom"]["drag_per_s"] == pytest.approx(0.09093, rel=0.15)
-    weak = f"{DRAWN}[quadrotor.fault]\nat = 7.0\nmotor = 3\nmotor_loss = 0.25\n"
-    daemon = pipeline(gps_s=0.1, **offered)
-    states = [
-        output
-        for item in datagrams(parse_scenario(weak, "weak"), 953, 10.0, camera="none")
-        if not isinstance(item, Truth)
-        for output in daemon.feed(item)
-        if isinstance(output, NavState)
-    ]
-    faults = [(state.t_ns, fault) for state in states for fault in state.faults]
-    assert {(fault.kind, fault.part) for _, fault in faults} == {(FaultKind.MOTOR, "motor 3")}
-    assert 5.0 < (faults[0][0] - states[0].t_ns) * 1e-9 < 8.0
 
 
 def test_a_flight_that_does_not_turn_offers_nothing_seed_1() -> None:

@@ -14,8 +14,9 @@ from onboard import with_extra
 from onboard.commands import cli
 from simlink import cli as simlink_cli
 from tests.support.programs import ROOT, argv, environment, run
+from tests.support.streams import TRUTH_COLUMNS
 
-HEADER = "time_boot_s,r_north_m,r_east_m,r_down_m,v_north_m_s,v_east_m_s,v_down_m_s,size_m\n"
+HEADER = f"{TRUTH_COLUMNS}\n"
 ROW = "{},30,0,0,0,0,0,2.0\n"
 
 
@@ -165,32 +166,6 @@ def test_mistake_is_one_line(
     assert not captured.out
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ((), ("COMMAND",)),
-        (("fly",), ("'fly'", "run")),
-        (("run", "no-such"), ("'no-such'", "formation")),
-        (("config", "no-such"), ("'no-such'", "formation")),
-        (("run", "unknown.toml"), ("unknown.toml", "focal_length", "f_px")),
-        (("run", "words.toml"), ("words.toml",)),
-        (("log", "formation"), ("--out",)),
-        (("log", "formation", "--seed", "x", "--out", "x.tlog"), ("--seed", "'x'")),
-        (("run", "formation", "--mavlink", "udp:1"), ("'udp:1'", "udpout:HOST:PORT")),
-    ],
-    ids=lambda x: " ".join(x)[:80],
-)
-@pytest.mark.usefixtures("files")
-def test_mistake_to_simlink_is_one_line(
-    arguments: tuple[str, ...], words: tuple[str, ...], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert called(simlink_cli.main, arguments) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("simlink")
-    for word in words:
-        assert word in line
-
-
 @pytest.mark.parametrize("arguments", [("run", "no-such.toml"), ("fly",), ("replay", "no-such.tlog")])
 def test_mistake_seen_from_outside_is_one_line_and_no_traceback(arguments: tuple[str, ...]) -> None:
     done = run("onboard", *arguments)
@@ -215,15 +190,6 @@ def test_a_truncated_tlog_is_replayed_and_said_to_be_damaged(
     assert json.loads((files / "score.json").read_bytes())["log"]["damaged"] == 1
     assert cli.main(["replay", "flight.tlog"]) == 0
     assert "damaged" not in capsys.readouterr().out
-
-
-@pytest.mark.usefixtures("files")
-def test_replay_without_camera_points_says_so(capsys: pytest.CaptureFixture[str]) -> None:
-    assert simlink_cli.main(["log", "formation", "--seed", "2", "--duration", "0.01", "--out", "short.tlog"]) == 0
-    capsys.readouterr()
-    assert cli.main(["replay", "short.tlog"]) == 0
-    captured = capsys.readouterr()
-    assert "no camera points" in captured.out
 
 
 def test_several_keys_may_follow_one_set() -> None:

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from onboard import UserError
-from onboard.analysis.flights.many import score_flight
 from onboard.commands.cli import main
-from onboard.commands.evaluate import find_flights, read_rows, rows_of
-from onboard.sinks.recorder import Recorder
-from tests.support.streams import Flight, Stream
+from onboard.commands.evaluate import find_flights, read_rows
+from tests.support.records import record
+from tests.support.streams import Flight, Stream, write_truth
 
 FAMILIES = {"straight": Flight(radius=None), "turning": Flight()}
 END = 14.0
@@ -32,16 +31,8 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def write_flight(folder: Path, flight: Flight, seed: int) -> None:
     folder.mkdir(parents=True)
-    recorder = Recorder(folder / "log.mcap")
-    recorder.open()
-    recorder.write(Stream(flight=flight, t1=END, seed=seed, sparse=True).datagrams())
-    recorder.close()
-    rows = [
-        ",".join(f"{v:.6f}" for v in (t, *np.ravel(flight.relative(t)), 2.0))
-        for t in np.arange(TRUE_FROM, END, 0.1).tolist()
-    ]
-    head = "time_boot_s,r_north_m,r_east_m,r_down_m,v_north_m_s,v_east_m_s,v_down_m_s,size_m"
-    (folder / "truth.csv").write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
+    record(folder / "log.mcap", Stream(flight=flight, t1=END, seed=seed, sparse=True).datagrams())
+    write_truth(folder / "truth.csv", flight, np.arange(TRUE_FROM, END, 0.1).tolist())
 
 
 def test_flights_are_found_with_their_family_and_the_nearest_configuration(dataset: Path) -> None:
@@ -85,14 +76,6 @@ def test_scores_are_by_family_and_others_can_add_to_them(
     assert main(["evaluate", str(dataset / "straight"), "--compare", "--with", str(theirs)]) == 0
     (line,) = [line for line in capsys.readouterr().out.splitlines() if "somebody" in line]
     assert "12.25" in line
-
-
-def test_a_family_s_error_is_over_its_flights(dataset: Path) -> None:
-    scored = [score_flight(flight) for flight in find_flights(dataset, (), ())[:2]]
-    row = rows_of(scored)["straight"]["leader"]
-    each = [one.scores["leader"].position_rmse_m or 0.0 for one in scored]
-    assert row.position_rmse_m == pytest.approx(float(np.sqrt(np.mean(np.square(each)))))
-    assert each[0] != each[1]
 
 
 def test_several_logs_give_a_row_each_and_rows_of_parquet(

@@ -15,9 +15,9 @@ from mcap.reader import make_reader
 from onboard import UserError
 from onboard.analysis.exports.tables import check_exports
 from onboard.commands.cli import main
-from onboard.sinks.recorder import Recorder
 from tests.support.dataflash import dataflash
-from tests.support.streams import CIRCLE, Stream
+from tests.support.records import record
+from tests.support.streams import CIRCLE, Stream, write_truth
 
 SIZE = ("--set", "estimator.leader.size_prior_m=2.0")
 
@@ -26,14 +26,8 @@ SIZE = ("--set", "estimator.leader.size_prior_m=2.0")
 def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A flight and all that can be exported of it."""
     folder = tmp_path_factory.mktemp("exports")
-    recorder = Recorder(folder / "flight.mcap")
-    recorder.open()
-    recorder.write(Stream(t1=14.0).datagrams())
-    recorder.close()
-    times = np.arange(5.0, 14.0, 0.04)
-    rows = [",".join(f"{v:.6f}" for v in (t, *np.ravel(CIRCLE.relative(t)), 2.0)) for t in times.tolist()]
-    head = "time_boot_s,r_north_m,r_east_m,r_down_m,v_north_m_s,v_east_m_s,v_down_m_s,size_m"
-    (folder / "truth.csv").write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
+    record(folder / "flight.mcap", Stream(t1=14.0).datagrams())
+    write_truth(folder / "truth.csv", CIRCLE, np.arange(5.0, 14.0, 0.04).tolist())
     outs = [
         word
         for kind in ("csv", "parquet", "tum", "mcap", "ros2")
@@ -167,33 +161,6 @@ def test_ros_reads_a_bag(exported: Path) -> None:
     seconds = [m for topic, *_, m in read if topic == "/diagnostics"]
     assert len(seconds) == 9
     assert {s.name for s in seconds[-1].status} == {"onboard", "onboard: leader"}
-
-
-def test_a_bag_s_bytes_are_an_mcap_that_others_read(exported: Path) -> None:
-    pytest.importorskip("rosbags", reason="needs the extra `ros2`")
-    with (exported / "leader.ros2" / "leader.ros2.mcap").open("rb") as file:
-        reader = make_reader(file, validate_crcs=True)
-        counts = reader.get_summary().statistics.channel_message_counts
-        seen = sum(1 for _ in reader.iter_messages())
-    assert seen == sum(counts.values()) > 1000
-
-
-def test_a_bag_of_our_own_state_has_its_odometry(tmp_path: Path) -> None:
-    highlevel = pytest.importorskip("rosbags.highlevel", reason="needs the extra `ros2`")
-    dataflash(CIRCLE, 8.0, tmp_path / "flight.bin")
-    sets = ("--set", "estimator.own_state={}", "--set", "ros2.namespace=uav1")
-    outs = [word for kind in ("ros2", "csv") for word in ("--own", str(tmp_path / f"own.{kind}"))]
-    assert main(["replay", str(tmp_path / "flight.bin"), *sets, *outs]) == 0
-    with (tmp_path / "own.csv").open(encoding="utf-8") as file:
-        row = [row for row in csv.DictReader(file) if float(row["valid"])][-1]
-    with highlevel.AnyReader([tmp_path / "own.ros2"]) as bag:
-        chosen = [c for c in bag.connections if c.topic == "/uav1/odometry"]
-        (*_, (t, odometry)) = [(t, bag.deserialize(data, c.msgtype)) for c, t, data in bag.messages(chosen)]
-    assert t * 1e-9 == pytest.approx(float(row["time_boot_s"]), abs=1e-6)
-    names = ("r_east_m", "r_north_m", "r_down_m")
-    p, variances = odometry.pose.pose.position, np.diag(odometry.pose.covariance.reshape(6, 6))
-    assert (p.x, p.y, -p.z) == pytest.approx([float(row[name]) for name in names], abs=1e-5)
-    assert np.sqrt(variances[:3]) == pytest.approx([float(row[f"sigma_{name}"]) for name in names], abs=1e-5)
 
 
 def test_a_bag_is_never_overwritten(exported: Path, capsys: pytest.CaptureFixture[str]) -> None:

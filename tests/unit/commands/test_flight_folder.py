@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 
 from onboard import UserError
-from onboard.analysis.flights.many import ScorableFlight, score_flight
 from onboard.analysis.flights.replay import ReplayResult, check_log, replay
-from onboard.commands.calibrate import collect
 from onboard.commands.cli import main
 from tests.support.dataflash import BOOT_TIME_S, dataflash
-from tests.support.streams import FOCAL_LENGTH_PX, Flight, make_config
+from tests.support.streams import FOCAL_LENGTH_PX, Flight, make_config, write_truth
 
 FLIGHT: Final = Flight(radius=None, gap=25.0)
 SECONDS: Final = 9.0
@@ -116,9 +114,7 @@ def test_a_folder_s_own_configuration_and_truth_are_used(
         "[estimator.leader]\nsize_prior_m = 2.0\n",
         encoding="utf-8",
     )
-    rows = [f"{t:.2f},25,0,0,0,0,0,2.0" for t in np.arange(TRUE_FROM, BEGIN + SECONDS, 0.1)]
-    head = "time_boot_s,r_north_m,r_east_m,r_down_m,v_north_m_s,v_east_m_s,v_down_m_s,size_m"
-    (flight / "truth.csv").write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
+    write_truth(flight / "truth.csv", FLIGHT, np.arange(TRUE_FROM, BEGIN + SECONDS, 0.1).tolist())
     assert main(["replay", str(flight), "--json", str(tmp_path / "score.json")]) == 0
     score = json.loads((tmp_path / "score.json").read_text("utf-8"))
     assert score["range_error_rms_percent"] < 5
@@ -126,29 +122,11 @@ def test_a_folder_s_own_configuration_and_truth_are_used(
     assert "flight" in capsys.readouterr().out
 
 
-def test_our_own_state_is_not_scored_as_a_leader(tmp_path: Path, log: Path) -> None:
-    flight = folder(tmp_path, log, lines("boot"))
-    rows = [f"{t:.2f},25,0,0,0,0,0,2.0" for t in np.arange(TRUE_FROM, BEGIN + SECONDS, 0.1)]
-    head = "time_boot_s,r_north_m,r_east_m,r_down_m,v_north_m_s,v_east_m_s,v_down_m_s,size_m"
-    (flight / "truth.csv").write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
-    sets = (*CAMERA, "estimator.leader.size_prior_m=2.0", "estimator.own_state={}")
-    scored = score_flight(ScorableFlight(flight, "flight", sets=sets, beside=("cubature",)))
-    assert set(scored.scores) == {"leader", "cubature"}
-    assert scored.scores["cubature"].scored > 50  # of the leader
-
-
 def test_a_folder_without_one_log_is_refused(tmp_path: Path, log: Path) -> None:
     flight = folder(tmp_path, log, [])
     (flight / "second.tlog").write_bytes(b"")
     with pytest.raises(UserError, match=r"expected one log .*flight.bin, second.tlog"):
         replay(flight, make_config())
-
-
-def test_a_folder_is_calibrated_as_a_log_is(tmp_path: Path, log: Path) -> None:
-    settings = make_config(*CAMERA)
-    images, own = collect(folder(tmp_path, log, lines("boot")), settings, settings.camera_model())
-    assert len(images.t) > 22 * SECONDS
-    assert len(own.t) > 22 * SECONDS
 
 
 @pytest.mark.parametrize(

@@ -91,11 +91,6 @@ def test_what_is_written_loads_and_says_what_was_answered(
         assert not {"COM_OBL_RC_ACT", "GUID_TIMEOUT"} & found.keys()
 
 
-def test_every_pair_of_answers_is_tried() -> None:
-    for one, other in itertools.combinations(zip(*ANSWERS, strict=True), 2):
-        assert len({*zip(one, other, strict=True)}) == len({*one}) * len({*other})
-
-
 @pytest.mark.parametrize(
     ("camera", "f_px"), [("640x480:554.3", 554.3), ("1280x720:90deg", 640.0), ("front.yaml", 900.0)]
 )
@@ -226,15 +221,6 @@ def test_the_service_starts_this_program_where_it_can_see_it(program: str, start
     assert (parser["Service"]["Type"], parser["Service"]["WatchdogSec"]) == ("notify", "10s")
 
 
-def test_the_next_steps_name_what_was_written(capsys: pytest.CaptureFixture[str]) -> None:
-    cli.main(["init", "new", *USUAL])
-    text = capsys.readouterr().out
-    for name in ("new/companion.toml", "new/px4.params", "new/onboard.service"):
-        assert name in text
-    for call in ("onboard check", "onboard run"):
-        assert call in text
-
-
 @pytest.mark.parametrize("example", TOGETHER)
 def test_an_example_is_copied_beside_each_other(example: str, folder: Path) -> None:
     assert cli.main(["init", "here", "--example", example]) == 0
@@ -251,11 +237,6 @@ def test_an_example_is_copied_beside_each_other(example: str, folder: Path) -> N
 def test_every_file_that_is_shared_is_in_an_example() -> None:
     shared = {f"{folder}/{path.name}" for folder in ("configs", "examples") for path in (ROOT / folder).iterdir()}
     assert {name for names in TOGETHER.values() for name in names} == {n for n in shared if "__pycache__" not in n}
-
-
-def test_an_example_takes_no_other_flags(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["init", "--example", "fleet", "--span", "2"]) == 2
-    assert "--example copies files as they are, without --span" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

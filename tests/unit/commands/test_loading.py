@@ -48,12 +48,6 @@ def test_one_that_was_off_stays_off() -> None:
     assert not gc.isenabled()
 
 
-def test_it_works_again_after_an_error() -> None:
-    with pytest.raises(ZeroDivisionError), loading():
-        _ = 1 / 0
-    assert gc.isenabled()
-
-
 def test_a_flight_begins_with_all_that_is_loaded_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     gc.unfreeze()
     seen: list[tuple[bool, int]] = []
@@ -91,15 +85,6 @@ def test_it_goes_before_others_unless_somebody_chose_a_priority(
     assert asked == taken
 
 
-def test_a_refused_priority_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: int) -> None:
-        raise PermissionError
-
-    monkeypatch.setattr(os, "getpriority", lambda *_: 0)
-    monkeypatch.setattr(os, "setpriority", refuse)
-    loaded.go_first()
-
-
 COUNT_HEAPS = """
 import ctypes, threading
 libc = ctypes.CDLL(None)
@@ -124,11 +109,6 @@ libc.fclose(file)
 def test_threads_share_heap() -> None:
     assert alone(COUNT_HEAPS.format(first="")).count("<heap nr=") > HEAPS
     assert alone(COUNT_HEAPS.format(first="loading.share_heap()")).count("<heap nr=") <= HEAPS
-
-
-def test_a_c_library_without_heaps_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ctypes, "CDLL", lambda _: object())
-    loaded.share_heap()
 
 
 def test_the_zenoh_session_opens_while_the_filters_load(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -62,19 +62,6 @@ def test_an_ordinary_reader_reads_what_was_recovered(killed: Path) -> None:
     assert killed.read_bytes() == before
 
 
-def test_it_is_said_that_the_recording_has_no_end_and_which_file_others_read(
-    killed: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = recovered(killed)
-    said = capsys.readouterr().out.splitlines()
-    assert said == [
-        f"{path}: {2 * COUNT} records; 1 stretch could not be read",
-        f"{killed} has no end: what wrote it was killed. `onboard` reads it; others want {path.name}",
-    ]
-    assert cli.main(["recover", str(path)]) == 0  # which has an end
-    assert "has no end" not in capsys.readouterr().out
-
-
 def test_damage_in_the_middle_is_said_and_the_rest_is_kept(
     killed: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

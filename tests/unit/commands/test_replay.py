@@ -5,7 +5,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import pytest
 
 from onboard import UserError
@@ -13,47 +12,13 @@ from onboard.analysis.flights.replay import replay
 from onboard.commands.replay import replay_log
 from onboard.config import Config, load_config
 from onboard.messages import (
-    CameraPoints,
-    Clock,
-    Datagram,
-    Encoding,
-    Intrinsics,
     LocalPosition,
-    Pixel,
     TargetPoints,
 )
 from onboard.sinks.recorder import Recorder, Rotation
 from onboard.wire.logs.recording import parts_of
-from tests.support.streams import FOCAL_LENGTH_PX, Stream, encode, make_config
-
-SIDE = 0.25  # the second aircraft is so far to the right in the image
-
-
-def as_json(image: TargetPoints, target: str) -> bytes:
-    """The image as a vision process publishes it, of another aircraft to the right."""
-    pixels = (
-        Pixel(u_px=FOCAL_LENGTH_PX * (u + SIDE), v_px=FOCAL_LENGTH_PX * v)
-        for u, v in (image.center, image.left, image.right)
-    )
-    center, left, right = pixels
-    points = CameraPoints(
-        t_ns=image.t_ns,
-        clock=Clock.BOOT,
-        camera="front",
-        intrinsics=Intrinsics(fx_px=FOCAL_LENGTH_PX, fy_px=FOCAL_LENGTH_PX, cx_px=0.0, cy_px=0.0),
-        center=center,
-        left=left,
-        right=right,
-        target=target,
-    )
-    return msgspec.json.encode(points)
-
-
-def record(file: Path, datagrams: list[Datagram]) -> None:
-    recorder = Recorder(file)
-    recorder.open()
-    recorder.write(datagrams)
-    recorder.close()
+from tests.support.records import record
+from tests.support.streams import Stream, encode, make_config
 
 
 def replayed_numbers(log: Path, config: Config) -> tuple[dict[str, Any], list[dict[str, str]]]:
@@ -89,25 +54,6 @@ def test_two_estimators_of_the_leader_are_scored_each_by_itself(
     kept = replay(log, make_config(paper))
     assert {e.name for e in kept.estimates} == {"leader"}
     assert len(kept.beside["oh_johnson"]) == len(of_paper)
-
-
-def test_a_second_leader_called_wingman_is_not_scored_as_the_leader(tmp_path: Path) -> None:
-    items = Stream(t1=8.0, sparse=True).items()
-    datagrams = []
-    for item, datagram in zip(items, encode(items), strict=True):
-        datagrams.append(datagram)
-        if isinstance(item.message, TargetPoints):
-            data = as_json(item.message, "wingman")
-            datagrams.append(
-                Datagram(channel="points", encoding=Encoding.POINTS, t_recv_ns=item.t_recv_ns, data=data)
-            )
-    record(tmp_path / "flight.mcap", datagrams)
-    every: set[str] = set()
-    replayed = replay(
-        tmp_path / "flight.mcap", make_config(), take=lambda output: every.add(getattr(output, "target", ""))
-    )
-    assert {"leader", "wingman"} <= every
-    assert {estimate.target for estimate in replayed.estimates} == {"leader"}
 
 
 def test_a_log_without_images_shows_what_there_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

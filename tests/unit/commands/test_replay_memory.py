@@ -70,17 +70,3 @@ def test_a_score_in_pieces_is_that_of_the_whole(reference: Reference | None) -> 
     if reference is not None:
         assert score.scored > 350
         assert score.range_error_rms_percent is not None
-
-
-def test_a_scorer_keeps_no_estimates() -> None:
-    whole = estimates()
-    scorer = LeaderScorer(truth(), piece=100)
-    tracemalloc.start()
-    try:
-        for _ in range(10):
-            for estimate in whole:
-                scorer.add(estimate)
-        size, _ = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
-    assert size < 200 * 10 * len(whole)  # bytes; an estimate has some ten thousand

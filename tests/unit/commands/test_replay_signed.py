@@ -14,10 +14,10 @@ from onboard.commands.cli import main
 from onboard.config import Config, parse_config
 from onboard.messages import DOUBT_PREFIX, Datagram, Encoding, Estimate
 from onboard.pipeline import Pipeline
-from onboard.sinks.recorder import Recorder
 from onboard.wire.mavlink.encode import MavlinkEncoder
 from onboard.wire.mavlink.frame import frame_length
 from onboard.wire.mavlink.signing import Signer
+from tests.support.records import record
 from tests.support.streams import CIRCLE, EPOCH, MS, SIZE, S, Stream
 
 KEY = bytes(range(32))
@@ -58,11 +58,9 @@ class Flown:
             data = stranger.sign(data, t_recv_ns) if k % 2 else data
             datagrams.append(Datagram(channel="udp", encoding=Encoding.MAVLINK, t_recv_ns=t_recv_ns, data=data))
         datagrams.sort(key=lambda d: d.t_recv_ns)
-        pipeline, recorder = Pipeline(config(None), {"udp": KEY}), Recorder(self.log)
+        pipeline = Pipeline(config(None), {"udp": KEY})
         self.estimates = [o for d in datagrams for o in pipeline.feed(d) if isinstance(o, Estimate)]
-        recorder.open()
-        recorder.write(datagrams)
-        recorder.close()
+        record(self.log, datagrams)
 
 
 @pytest.fixture(scope="module")

@@ -17,14 +17,11 @@ from onboard.analysis.report.verdict import Check, Grade, judge, worst
 from onboard.commands.cli import main
 from onboard.messages import Output, Verdict
 from onboard.scoring.leader import LeaderScorer
-from onboard.sinks.recorder import Recorder
-from tests.support.streams import Stream, make_config
+from tests.support.records import record
+from tests.support.streams import TRUTH_COLUMNS, Stream, make_config
 
 SIZE = ("--set", "estimator.leader.size_prior_m=2.0")
-TRUTH = (
-    "time_boot_s,r_north_m,r_east_m,r_down_m,v_north_m_s,v_east_m_s,v_down_m_s,size_m\n"
-    "1,30,0,0,0,0,0,2\n99,30,0,0,0,0,0,2\n"
-)
+TRUTH = f"{TRUTH_COLUMNS}\n1,30,0,0,0,0,0,2\n99,30,0,0,0,0,0,2\n"
 
 
 def seen(t: float) -> bool:
@@ -35,15 +32,8 @@ def seen(t: float) -> bool:
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("report") / "flight.mcap"
-    record(path, Stream(t1=30.0, images=seen, sparse=True))
+    record(path, Stream(t1=30.0, images=seen, sparse=True).datagrams())
     return path
-
-
-def record(path: Path, stream: Stream) -> None:
-    recorder = Recorder(path)
-    recorder.open()
-    recorder.write(stream.datagrams())
-    recorder.close()
 
 
 @cache
@@ -161,11 +151,11 @@ def test_own_motion_and_how_far_our_own_state_is_off_are_drawn(log: Path) -> Non
 
 
 def test_a_fail_is_exit_code_1(tmp_path: Path) -> None:
-    record(tmp_path / "short.mcap", Stream(t1=8.0, sparse=True))  # no estimate after the first 15 s
+    record(tmp_path / "short.mcap", Stream(t1=8.0, sparse=True).datagrams())  # no estimate after the first 15 s
     assert main(["report", str(tmp_path / "short.mcap"), *SIZE, "--out", str(tmp_path / "out.html")]) == 1
 
 
 def test_an_autopilot_alone_has_a_report(tmp_path: Path) -> None:
     path = tmp_path / "alone.mcap"
-    record(path, Stream(t1=7.0, sparse=True, images=lambda _: False))
+    record(path, Stream(t1=7.0, sparse=True, images=lambda _: False).datagrams())
     assert main(["report", str(path), "--out", str(tmp_path / "out.html")]) == 0

@@ -72,13 +72,6 @@ def test_the_exit_code_says_whether_all_is_well(
     assert [a["cause"] for a in document["health"]["advice"]] == [a.cause for a in advice]
 
 
-def test_a_mere_notice_is_healthy(capsys: pytest.CaptureFixture[str]) -> None:
-    notice = replace(ADVICE, severity=Severity.NOTICE)
-    with publishing(replace(Pipeline(Config()).health(1), advice=(notice,))) as endpoint:
-        assert cli.main(["status", "--connect", endpoint]) == 0
-    assert "NOTICE" in capsys.readouterr().out
-
-
 def test_another_vehicle_than_the_one_that_is_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
     with publishing(Pipeline(Config()).health(1)) as endpoint:
         assert cli.main(["status", "--connect", endpoint, "--vehicle", "uav-7"]) == 1

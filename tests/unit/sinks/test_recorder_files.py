@@ -3,7 +3,6 @@
 import errno
 import os
 import re
-import stat
 from collections.abc import Callable
 from contextlib import suppress
 from itertools import repeat
@@ -16,6 +15,7 @@ from onboard.messages import Datagram, Encoding
 from onboard.sinks import SinkError
 from onboard.sinks.recorder import Recorder, Rotation
 from onboard.wire.logs.recording import read_recording
+from tests.support.records import record
 from tests.support.view_flight import health_of
 
 
@@ -65,11 +65,8 @@ def recorded(path: Path, rotation: Rotation, *stamps: float, report: Callable[[s
     """Fill a file for each time that its computer's clock shows."""
     for stamp in stamps:
         now_ns = repeat(round(stamp * 1e9)).__next__
-        recorder = Recorder(path, rotation=rotation, report=report, monotonic=lambda: 0.0, now_ns=now_ns)
-        recorder.open()
-        recorder.write([datagram(0)])
-        recorder.close()
-        os.utime(recorder.path, (stamp, stamp))
+        options = {"rotation": rotation, "report": report, "monotonic": lambda: 0.0, "now_ns": now_ns}
+        os.utime(record(path, [datagram(0)], **options), (stamp, stamp))
 
 
 def test_a_file_that_is_large_enough_is_followed_by_another(tmp_path: Path) -> None:
@@ -144,13 +141,6 @@ def test_recordings_without_a_label_make_room_by_their_stamps_and_copies_never(t
     assert {p.name for p in tmp_path.iterdir()} == {f"flight-{n}.mcap" for n in (20260101, 42, 3)}
 
 
-def test_a_recording_that_received_nothing_is_kept_if_it_was_ended_in_order(tmp_path: Path) -> None:
-    recorder = Recorder(tmp_path / "flight.mcap")
-    recorder.open()
-    recorder.close()
-    assert [p.name for p in tmp_path.iterdir()] == ["flight.mcap"]
-
-
 def test_a_path_that_is_a_folder_is_an_error_before_the_flight(tmp_path: Path) -> None:
     folder = tmp_path / "recordings"
     folder.mkdir()
@@ -159,25 +149,9 @@ def test_a_path_that_is_a_folder_is_an_error_before_the_flight(tmp_path: Path) -
     assert [p.name for p in tmp_path.iterdir()] == ["recordings"]
 
 
-def test_recordings_are_not_readable_by_everybody(tmp_path: Path) -> None:
-    mask = os.umask(0)
-    try:
-        recorder = Recorder(tmp_path / "new" / "flight.mcap")
-        recorder.open()
-        recorder.close()
-    finally:
-        os.umask(mask)
-    assert stat.S_IMODE(recorder.path.stat().st_mode) == 0o600
-    assert stat.S_IMODE(recorder.path.parent.stat().st_mode) == 0o700
-
-
 def test_the_first_record_is_logged_at_its_own_time(tmp_path: Path) -> None:
     """A health comes once a second, whether anything was received or not."""
-    recorder = Recorder(tmp_path / "flight.mcap")
-    recorder.open()
     first = health_of(10**18 - 5)
-    recorder.write([first, datagram(0)])
-    recorder.close()
-    with recorder.path.open("rb") as file:
+    with record(tmp_path / "flight.mcap", [first, datagram(0)]).open("rb") as file:
         times = [message.log_time for _, _, message in make_reader(file).iter_messages()]
     assert times == sorted([first.t_recv_ns, 10**18])

@@ -11,7 +11,7 @@ from onboard.messages import Datagram, Encoding, SinkHealth
 from onboard.sinks import recorder as recording
 from onboard.sinks.recorder import Recorder
 from onboard.wire.logs.recording import read_recording
-from tests.support.records import make_estimate, read_estimates
+from tests.support.records import make_estimate, read_estimates, record
 
 ESTIMATES_A_DATAGRAM = 20
 
@@ -60,27 +60,24 @@ def test_datagrams_beyond_the_room_are_counted_apart(tmp_path: Path, monkeypatch
     assert health.dropped_important == 2 * recording.RECORDER_CAPACITY + beyond - len(kept)
 
 
-def test_more_names_than_a_file_has_channels_for_cost_estimates_but_no_datagram(tmp_path: Path) -> None:
+def test_more_names_than_a_file_has_channels_for_cost_estimates_but_no_datagram(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """MCAP numbers its channels with 16 bits."""
-    recorder = Recorder(tmp_path / "flight.mcap", monotonic=lambda: 0.0)
-    recorder.open()
-    names = 70_000
-    key = "onboard/1/camera/{}/points"
-    wanted = [datagram(n, key.format(n), Encoding.POINTS) for n in range(names)]
-    recorder.write(wanted)
-    recorder.write([make_estimate(n, target=f"target/{n}") for n in range(names)])
-    recorder.close()
-    found = [d for d, _ in read_recording(recorder.path)]
+    for limit in ("MAX_CHANNEL_COUNT", "MAX_TARGETS"):
+        monkeypatch.setattr(recording, limit, 300)
+    wanted = [datagram(n, f"onboard/1/camera/{n}/points", Encoding.POINTS) for n in range(1000)]
+    made = [make_estimate(n, target=f"target/{n}") for n in range(1000)]
+    path = record(tmp_path / "flight.mcap", [*wanted, *made], monotonic=lambda: 0.0)
+    found = [d for d, _ in read_recording(path)]
     assert [d.data for d in found if d is not None] == [d.data for d in wanted]
     assert found[:100] == wanted[:100]  # with their own channels, as long as there are some
+    assert list(read_estimates(path)) == made[:300]
 
 
 def test_a_schema_is_written_once_however_many_targets_there_are(tmp_path: Path) -> None:
-    recorder = Recorder(tmp_path / "flight.mcap", monotonic=lambda: 0.0)
-    recorder.open()
-    recorder.write([make_estimate(n, target=f"target/{n}") for n in range(50)])
-    recorder.close()
-    with recorder.path.open("rb") as file:
+    made = [make_estimate(n, target=f"target/{n}") for n in range(50)]
+    with record(tmp_path / "flight.mcap", made, monotonic=lambda: 0.0).open("rb") as file:
         summary = make_reader(file).get_summary()
     assert summary is not None
     assert len(summary.schemas) == 1

@@ -69,18 +69,6 @@ def test_a_full_queue_drops_its_oldest_and_counts() -> None:
     assert queue.take(100, 0.0) == []
 
 
-def test_a_queue_hands_out_no_more_than_asked_for() -> None:
-    queue: BoundedQueue[int] = BoundedQueue(10)
-    for n in range(5):
-        queue.put(n)
-    assert [queue.take(2, 0.0) for _ in range(4)] == [[0, 1], [2, 3], [4], []]
-
-
-def test_a_queue_without_room_is_refused() -> None:
-    with pytest.raises(ValueError, match="room for one"):
-        BoundedQueue(0)
-
-
 def test_every_item_is_either_taken_or_dropped_and_none_twice() -> None:
     """Two threads, a small queue: the count is exact, not nearly so."""
     queue: BoundedQueue[int] = BoundedQueue(4)
@@ -177,18 +165,6 @@ def test_a_sink_that_gathers_writes_all_at_once_and_also_at_the_end() -> None:
     assert runner.health().sent == 3
 
 
-def test_what_is_queued_at_the_end_is_still_written() -> None:
-    sink = Collector()
-
-    async def check(runner: SinkRunner[int]) -> None:
-        await until(lambda: sink.calls)
-        for n in range(5000):  # several batches
-            runner.put(n)
-
-    with_runner(sink, check, capacity=5000)
-    assert sink.written == list(range(5000))
-
-
 def test_a_sink_that_was_stuck_until_the_end_still_writes_all_that_is_queued() -> None:
     """Several batches wait when it is stopped, whoever is faster: it is let go only after the stop."""
     sink = Collector()
@@ -223,38 +199,6 @@ def test_a_blocked_sink_delays_nobody_drops_the_oldest_and_lets_the_program_end(
 
     with_runner(sink, check, close_timeout_s=0.2)
     sink.gate.set()
-
-
-def test_a_record_that_is_being_written_is_not_dropped() -> None:
-    sink = Collector()
-    sink.gate.clear()
-
-    async def check(runner: SinkRunner[int]) -> None:
-        runner.put(1)
-        await until(runner._queue._items.empty)  # it is in `write`
-        during = runner.health()
-        assert (during.sent, during.dropped, during.dropped_important) == (0, 0, 0)
-        sink.gate.set()
-        await until(lambda: runner.health().sent == 1)
-
-    with_runner(sink, check)
-
-
-def test_a_sink_that_recovers_from_being_blocked_goes_on_with_the_newest() -> None:
-    sink = Collector()
-    sink.gate.clear()
-
-    async def check(runner: SinkRunner[int]) -> None:
-        await until(lambda: sink.calls == ["open"])
-        await asyncio.sleep(0.3)
-        for n in range(1000):
-            runner.put(n)
-        sink.gate.set()
-        await until(lambda: sink.written)
-
-    health = with_runner(sink, check).health()
-    assert sink.written == list(range(900, 1000))
-    assert (health.sent, health.dropped) == (100, 900)
 
 
 def test_a_sink_that_cannot_open_is_retried_and_says_why_meanwhile() -> None:

@@ -40,11 +40,6 @@ def test_a_file_with_tls_closes_the_plain_listener(tmp_path: Path) -> None:
     assert listens(ZenohConfig(config_file=str(path))) == ["tls/0.0.0.0:7447"]
 
 
-def test_a_router_that_comes_back_is_found_within_5_s() -> None:
-    config = _zenoh_config(ZenohConfig(mode="peer", connect=("tcp/192.168.1.20:7447",)))
-    assert json.loads(config.get_json("connect/retry"))["period_max_ms"] <= 2000
-
-
 def test_an_endpoint_that_zenoh_rejects_is_named() -> None:
     with pytest.raises(SinkError, match=r'zenoh: listen/endpoints cannot be \["nonsense"\]; an endpoint is like'):
         open_session(ZenohConfig(listen=("nonsense",)))
