@@ -4,7 +4,7 @@ from itertools import islice
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from onboard.messages import Command, CommandAck, Heartbeat, Message, TimeSync
+from onboard.messages import Command, CommandAck, Message, TimeSync
 from simlink.autopilot import Autopilot, AutopilotLink
 from simlink.scenarios.scenario import Scenario
 from simlink.scenarios.vehicle import Rates, Vehicle
@@ -61,13 +61,6 @@ def test_default_rates_seed_1() -> None:
     }
 
 
-def test_a_rate_that_does_not_divide_the_step_holds_on_average_seed_1() -> None:
-    vehicle = Vehicle(rates=Rates(attitude=30.0, imu=0.0))
-    count = sent(fresh(vehicle), 10.0)
-    assert count["Attitude"] == 300
-    assert count["Imu"] == 0
-
-
 def test_set_message_interval_is_honoured_and_undone_seed_1() -> None:
     autopilot = fresh()
     assert ack(autopilot.answer(command(511, HIGHRES_IMU, 5000.0), 40_000 * MS)).result == 0
@@ -119,15 +112,6 @@ def test_timesync_requests_are_answered_and_replies_are_not() -> None:
     assert fresh().answer(reply, 42_000_000_000) == []
 
 
-def test_before_the_flight_there_are_heartbeats_and_the_time_only() -> None:
-    autopilot = fresh(Vehicle(type="quadrotor", autopilot="px4"))
-    messages = [m for ms in range(40_000, 42_000, 20) for m in autopilot.due(ms * MS, None)]
-    assert Counter(type(m).__name__ for m in messages) == {"Heartbeat": 2, "SystemTime": 4}
-    heartbeat = messages[0]
-    assert isinstance(heartbeat, Heartbeat)
-    assert (heartbeat.vehicle_type, heartbeat.autopilot, heartbeat.armed) == (2, 12, True)
-
-
 @pytest.mark.parametrize("form", ["long", "int"])
 def test_the_bytes_are_what_pymavlink_reads_and_writes(form: str) -> None:
     link = AutopilotLink(Vehicle(system=7), UNIX, stream=False)
@@ -141,13 +125,6 @@ def test_the_bytes_are_what_pymavlink_reads_and_writes(form: str) -> None:
     assert (reply.get_type(), reply.command, reply.result) == ("COMMAND_ACK", 511, 0)
     assert (reply.get_srcSystem(), reply.get_srcComponent()) == (7, 1)
     assert (reply.target_system, reply.target_component) == (255, 190)
-
-
-def test_a_stream_session_reads_a_command_cut_in_two() -> None:
-    link = AutopilotLink(Vehicle(), UNIX, stream=True)
-    data = dialect.MAVLink_timesync_message(0, 99).pack(dialect.MAVLink(None, srcSystem=255, srcComponent=190))
-    assert link.receive(b"\x00rubbish" + data[:9], 1) == []
-    assert len(link.receive(data[9:], 2)) == 1
 
 
 def test_the_values_on_the_wire_are_the_worlds_seed_1() -> None:

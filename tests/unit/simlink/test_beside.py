@@ -64,16 +64,6 @@ def test_as_adsb_it_comes_through_our_receiver_in_steps() -> None:
     assert steps == pytest.approx(np.round(steps))
 
 
-def test_reports_that_are_lost_do_not_come() -> None:
-    lost = broadcasting(p_lose=1.0, p_regain=0.0)
-    assert [e for e in events(lost, GlobalPosition, 5.0) if e.sender == (100, 1)] == []
-
-
-def test_without_the_table_the_leader_is_silent() -> None:
-    assert all(e.sender is None for e in events(Scenario(), GlobalPosition, 2.0))
-    assert events(Scenario(), DistanceReading, 2.0) == []
-
-
 @pytest.mark.parametrize(
     ("name", "section"),
     [

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from onboard.messages import Attitude, CameraDetections, Clock, Exposure, Heartbeat, SimStatus, TargetPoints, Truth
+from onboard.messages import CameraDetections, Clock, Exposure, Heartbeat, SimStatus, TargetPoints, Truth
 from onboard.wire.mavlink.decode import MavlinkDecoder
 from onboard.wire.mavlink.encode import MavlinkEncoder
 from simlink.autopilot import AutopilotLink
@@ -74,17 +74,6 @@ def test_a_vehicle_is_observed_where_it_is_seed_1(autopilot: str) -> None:
         assert abs(np.dot(motion.q_nb, state.q_nF)) > 1 - 1e-6
 
 
-def test_a_vehicle_that_turns_is_observed_with_its_attitude_seed_1() -> None:
-    leader = msgspec.structs.replace(SITL.leader, a_lat=msgspec.structs.replace(SITL.leader.a_lat, mean=3.0))
-    vehicle, flown = observed(of("ardupilot", leader=leader), 5.0)
-    state = flown[901]
-    motion = vehicle.at(state.step * STEP_NS)
-    assert motion is not None
-    assert abs(np.dot(motion.q_nb, state.q_nF)) > 1 - 1e-6
-    assert np.abs(np.subtract(motion.v_n, state.v_F_n)).max() < 0.01
-    assert np.linalg.norm(np.subtract(motion.a_n, state.a_F_n)) < 0.1 * np.linalg.norm(state.a_F_n)
-
-
 def test_the_truth_is_requested_and_is_nobody_elses() -> None:
     vehicle = ObservedVehicle(LocalFrame(), stream=False)
     assert vehicle.missing(0) == "no heartbeat of an autopilot has arrived"
@@ -124,24 +113,6 @@ def test_a_clock_of_another_speed_is_said_seed_1(speed: float) -> None:
     assert vehicle.missing(now_ns).startswith(
         "its clock and this computer's run at different speeds; set speedup 1"
     )
-
-
-def test_the_daemon_reads_no_truth() -> None:
-    """A filter that could see SIM_STATE would be tested on nothing."""
-    link = AutopilotLink(SITL.vehicle, UNIX_TIME_NS, stream=False)
-    vehicle = ObservedVehicle(LocalFrame(), stream=False)
-    daemon = MavlinkDecoder(stream=False)
-    kinds = set()
-    for state, reading in islice(readings(SITL, 1, states(SITL, 1)), 500):
-        t_ns = state.step * STEP_NS
-        for frame in link.send(t_ns, reading):
-            vehicle.receive(frame, t_ns)
-            kinds |= {type(m).__name__ for m in daemon.decode(frame, t_ns)}
-        for frame in vehicle.requests(t_ns):
-            link.receive(frame, t_ns)
-    assert daemon.names["SIM_STATE"] > 10
-    assert Attitude.__name__ in kinds
-    assert "VehicleTruth" not in kinds
 
 
 class Screen(asyncio.DatagramProtocol):

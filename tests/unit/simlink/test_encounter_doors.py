@@ -60,13 +60,6 @@ def test_a_flip_is_the_mirror_image_about_the_line_of_sight() -> None:
         assert np.linalg.det(R) == pytest.approx(1.0)
 
 
-def test_poses_come_beside_the_wing_that_is_seen_anyway_seed_1() -> None:
-    plain = of(make_encounter("hover", 1, 5.0), TargetPoints)
-    beside = of(make_encounter("hover", 1, 5.0, "wing_pose"), TargetPoints)
-    assert [m.center for m in plain] == [m.center for m in beside]
-    assert all(m.pose is not None for m in beside)
-
-
 def test_a_gimbal_says_where_the_camera_points_but_for_its_error_seeds_1_to_6() -> None:
     """The center of each image, turned by what the gimbal said, is where the leader is."""
     wrong, yaws = [], []
@@ -105,8 +98,3 @@ def test_a_fixed_camera_has_no_gimbal_and_the_flight_is_the_same_seed_1() -> Non
     gimbal = moving.scenario.camera.gimbal
     late = [(m.t_recv_ns - EPOCH_NS - m.t_ns) * 1e-9 for m in reports]
     assert gimbal.latency + 0.001 <= min(late) <= max(late) <= gimbal.latency + 0.0071
-
-
-def test_a_mount_that_is_none_is_named() -> None:
-    with pytest.raises(ValueError, match="unknown mount 'arm'; choose one of fixed, gimbal"):
-        make_encounter("behind", 1, 5.0, mount="arm")

@@ -39,14 +39,6 @@ def sight(encounter: Encounter) -> Array:
     return np.arctan2(r[:, 1], r[:, 0])
 
 
-def test_flying_straight_from_behind_the_nose_is_on_the_course_seeds_1_to_3() -> None:
-    for seed in SEEDS:
-        e = make_encounter("behind", seed)
-        off = degrees_between(nose(e), course(e.truth.leader))
-        assert np.median(off) < 3.0
-        assert np.median(degrees_between(sight(e), course(e.truth.leader))) < 35.0
-
-
 @pytest.mark.parametrize(("family", "low", "high"), [("sideways", 38.0, 142.0), ("crab", 9.0, 29.0)])
 def test_the_nose_is_as_far_off_the_course_as_claimed_seeds_1_to_3(family: str, low: float, high: float) -> None:
     for seed in SEEDS:
@@ -74,12 +66,6 @@ def test_hovering_and_circling_leaders_stay_and_we_circle_seeds_1_to_3() -> None
         assert speed(both.truth.follower).max() < 0.8
         assert np.ptp(np.unwrap(sight(both))) < 0.2
         assert np.ptp(np.unwrap(sight(around))) > 3.0  # rad, in 45 s
-
-
-def test_noses_of_hovering_leaders_point_anywhere_seeds_1_to_24() -> None:
-    aspects = [nose(e)[0] - sight(e)[0] for e in (make_encounter("hover", seed, 1.0) for seed in range(1, 25))]
-    quarters = set(np.floor(np.mod(aspects, 2 * np.pi) / (np.pi / 2)).astype(int).tolist())
-    assert quarters == {0, 1, 2, 3}
 
 
 def test_a_crossing_leader_crosses_our_line_of_sight_seeds_1_to_3() -> None:

@@ -12,11 +12,10 @@ from onboard.messages import Datagram, GimbalAttitude
 from onboard.ownship import head_attitude
 from simlink.scenarios.camera import Camera, Gimbal
 from simlink.scenarios.describe import daemon_config
-from simlink.scenarios.scenario import Scenario, load_scenario
+from simlink.scenarios.scenario import load_scenario
 from simlink.sensors.gimbal import make_gimbal
 from simlink.simulation import datagrams, simulate
 from simlink.world.truth import states
-from studies.relative_motion.flight import fly
 
 
 def test_with_our_own_attitude_it_says_where_the_camera_points_seed_1() -> None:
@@ -69,11 +68,3 @@ def test_it_is_sent_by_a_component_of_its_own_at_its_rate_seed_1() -> None:
     assert [e.sender for e in sent] == [(1, 154)] * 21
     assert any(b"\x1d\x01\x00" in d.data[7:10] for d in datagrams(scenario, 1, 0.2) if isinstance(d, Datagram))
     assert "gimbal = 154" in daemon_config(scenario)
-
-
-def test_flights_as_arrays_have_no_gimbal_and_see_the_wing_only() -> None:
-    with pytest.raises(ValueError, match="fly knows no gimbal"):
-        fly(load_scenario("formation-gimbal"), 1, 1.0)
-    boxes = Scenario(camera=Camera(sees="box"))
-    with pytest.raises(ValueError, match="fly knows the wing only"):
-        fly(boxes, 1, 1.0)

@@ -1,13 +1,11 @@
 """The example of a detector that learns: derivatives, what it learns in seconds, what it reads and writes."""
 
 import sys
-from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 
@@ -85,46 +83,3 @@ def test_weights_are_the_same_from_file_and_without_them_it_says_what_makes_them
         assert [layer.stride for layer in a] == [layer.stride for layer in b]
         for one, other in zip(learned_train.parameters(a), learned_train.parameters(b), strict=True):
             np.testing.assert_array_equal(one, other)
-
-
-HEAD = "file,center_u,center_v,left_u,left_v,right_u,right_v\n"
-
-
-def labels(folder: Path, *lines: str) -> Iterator[Any]:
-    cv2.imwrite(str(folder / "a.png"), NOTHING)
-    (folder / "labels.csv").write_text(HEAD + "".join(f"{line}\n" for line in lines), encoding="utf-8")
-    return iter(learned_train.read_pictures(folder))
-
-
-def test_own_pictures_are_read_with_their_labels(tmp_path: Path) -> None:
-    read = labels(tmp_path, "a.png,300,200,330,201,270,199", "a.png,,,,,,", "a.png")
-    picture, points = next(read)
-    assert picture.shape == (480, 640)
-    np.testing.assert_array_equal(points, [(300, 200), (270, 199), (330, 201)])  # by their sides in the image
-    assert next(read)[1] is next(read)[1] is None
-    with pytest.raises(ValueError, match=r"labels.csv: 4 lines; 20 are the least"):
-        next(read)
-
-
-@pytest.mark.parametrize(
-    ("line", "why"),
-    [
-        ("b.png,1,2,3,4,5,6", "line 3: b.png is no picture"),
-        ("a.png,1,2", "line 3: not six numbers, nor none: 1,2"),
-        ("a.png,1,2,3,4,5,x", "line 3: not six numbers, nor none: 1,2,3,4,5,x"),
-    ],
-)
-def test_a_mistake_in_labels_names_its_line(line: str, why: str, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=why):
-        list(labels(tmp_path, "a.png", line))
-
-
-def test_a_part_beyond_the_edge_is_filled_and_its_points_keep_their_places() -> None:
-    picture = np.zeros((480, 640), dtype=np.uint8)
-    picture[8:12, 4:8] = 255
-    part = learned.square(0.0, 0.0, 40.0)
-    crop = learned.cut(picture, part)
-    v, u = np.nonzero(crop > 127)
-    (found,) = learned_train.in_crop(np.array([[6.0, 10.0]]), part)
-    assert (u.mean() + 0.5, v.mean() + 0.5) == pytest.approx(found, abs=0.6)
-    assert np.isnan(learned_train.in_crop(np.array([[90.0, 10.0]]), part)).all()

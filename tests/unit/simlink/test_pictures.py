@@ -87,13 +87,6 @@ def test_pictures_are_the_same_again_and_survive_jpeg_seed_1() -> None:
     assert len(picture.jpeg) < 150_000  # of 262,144 in our Zenoh; JSON needs a third more
 
 
-def test_a_leader_at_the_edge_or_close_by_is_drawn_without_an_error() -> None:
-    _, ((state, _), *_), painter = painted("aircraft", count=1)
-    for r in ((3.0, 2.9, 0.0), (3.0, -2.9, 2.0), (1.2, 0.0, 0.0), (0.5, 0.0, 0.0), (30.0, 18.0, 0.0)):
-        level = state._replace(q_nF=(1.0, 0.0, 0.0, 0.0), r_OL_n=tuple(np.array(state.r_OF_n) + r))
-        assert painter.paint(level).dtype == np.uint8
-
-
 def test_what_a_detector_finds_is_an_image_of_the_leader_and_nothing_is_none_seed_1() -> None:
     _, ((state, _), *_), painter = painted("aircraft", count=1)
     points = {"left": (1.0, 2.0, 0.5), "right": (3.0, 4.0, 0.25)}

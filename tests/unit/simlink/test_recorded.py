@@ -163,13 +163,6 @@ def test_a_table_that_is_none_is_refused_by_name(tmp_path: Path, text: str, says
         read_recording(path)
 
 
-def test_files_that_are_no_logs_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "noise.tlog").write_bytes(b"no log" * 100)
-    for name in ("missing.bin", "noise.tlog"):
-        with pytest.raises(LogError, match=name):
-            read_recording(tmp_path / name)
-
-
 def test_a_tlog_gives_the_flight_of_its_vehicle_seed_3(tmp_path: Path) -> None:
     write_log(load_scenario("recorded"), 3, 26.0, tmp_path / "own.tlog", None, tmp_path / "own.csv")
     recorded = read_recording(tmp_path / "own.tlog")

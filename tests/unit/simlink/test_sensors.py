@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from numpy.testing import assert_allclose
 
 from onboard.geometry.rotations import euler_from_quaternion
-from onboard.messages import CameraPoints, TargetPoints, Truth
+from onboard.messages import TargetPoints, Truth
 from onboard.messages.base import Quaternion
 from simlink.scenarios.camera import Camera
 from simlink.scenarios.profiles import GaussMarkov, Interval
@@ -17,13 +17,10 @@ from simlink.scenarios.scenario import Scenario, load_scenario
 from simlink.scenarios.vehicle import BarometerErrors, Gps, ImuErrors, Nav
 from simlink.sensors.camera import (
     CameraSensor,
-    Image,
-    document,
     is_exposure,
     mount_quaternion,
     project,
     registrations,
-    target_points,
 )
 from simlink.sensors.navigation import barometer, readings
 from simlink.simulation import simulate
@@ -118,24 +115,6 @@ def test_nothing_is_seen_in_a_blackout_and_it_comes_again() -> None:
     assert found == [True, False, False, True, False]
 
 
-def test_pixels_and_target_points_of_an_image_agree() -> None:
-    camera = Camera()
-    image = Image(5_000_000, ((0.1, 0.05), (0.05, 0.05), (0.15, 0.05)))
-    pixels = document(image, camera)
-    assert isinstance(pixels, CameraPoints)
-    assert (pixels.center.u_px, pixels.center.v_px) == pytest.approx((320 + 55.4256, 240 + 27.7128))
-    assert target_points(image, camera).left == (0.05, 0.05)
-    assert pixels.t_ns == target_points(image, camera).t_ns == 5_000_000
-
-
-def test_the_own_state_is_exact_in_the_reference_scenario_seed_1() -> None:
-    scenario = load_scenario("formation")
-    for state, reading in islice(readings(scenario, 1, states(scenario, 1)), 400):
-        assert reading.q_nb == pytest.approx(state.q_nF, abs=1e-15)
-        assert reading.position_v_F_n == state.v_F_n
-        assert reading.position_r_OF_n == state.r_OF_n
-
-
 def test_the_nav_errors_have_the_sizes_of_the_scenario_seeds_0_to_39() -> None:
     scenario = load_scenario("formation-nav-error")
     velocity, roll, acceleration, bias = [], [], [], []
@@ -186,14 +165,6 @@ def test_imu_noise_and_bias_seed_14() -> None:
     assert_allclose(accel.std(axis=0), 0.02, rtol=0.05)
     assert_allclose(gyro.std(axis=0), 0.002, rtol=0.05)
     assert np.abs(gyro.mean(axis=0)).max() > 1e-3
-
-
-def test_the_leader_leaves_the_view_and_passes_behind_seed_1() -> None:
-    flight = fly(load_scenario("formation-out-of-view"), 1)
-    registered = ~np.isnan(flight.image_points[:, 0, 0])
-    assert registered[flight.image_t < 20].mean() > 0.85
-    assert not registered[(flight.image_t > 33) & (flight.image_t < 37)].any()
-    assert registered[flight.image_t > 51].mean() > 0.85
 
 
 def test_a_flight_has_the_reference_rates_and_shapes_seed_1() -> None:

@@ -100,15 +100,6 @@ def test_it_flies_as_the_real_one(kind: type[SetpointMode]) -> None:
     assert max(s.r_n[0] for s in states) - 80.0 == pytest.approx(beyond, abs=0.5)
 
 
-@pytest.mark.parametrize(("kind", "fast", "slow"), [(GuidedMode, 3.3, 4.2), (OffboardMode, 1.7, 2.5)])
-def test_a_step_in_place_is_flown_within_the_limits(kind: type[SetpointMode], fast: float, slow: float) -> None:
-    _, states = fly(kind, step_east, 12.0)
-    arrived = next(k for k, s in enumerate(states) if s.r_n[1] > 9.0) / STEPS
-    assert fast < arrived < slow
-    assert max(s.r_n[1] for s in states) < 11.0
-    assert states[-1].r_n[1] == pytest.approx(10.0, abs=0.2)
-
-
 @pytest.mark.parametrize(("kind", "rate"), [(GuidedMode, 60.0), (OffboardMode, 200.0)])
 def test_the_nose_turns_at_no_more_than_its_rate(kind: type[SetpointMode], rate: float) -> None:
     _, states = fly(kind, lambda _: Target(AT_REST, AT_REST, AT_REST, 3.0), 6.0)
@@ -147,15 +138,6 @@ def test_offboard_is_not_entered_without_a_stream() -> None:
     assert (mode.is_entered, mode.custom_mode) == (False, 3 << 24 | 4 << 16)
     mode, _ = fly(OffboardMode, lambda t: step_east(t) if t > 1.0 else None, 2.0)
     assert mode.custom_mode == 6 << 16
-
-
-def test_guided_holds_without_a_setpoint_and_ignores_those_before() -> None:
-    mode, states = fly(GuidedMode, lambda t: step_east(t) if t == 0.0 else None, 4.0)
-    assert mode.custom_mode == 4
-    early = GuidedMode(Follow(engage=BEGIN))
-    early.receive(step_east(0.0), 0.5)
-    assert early.target is None
-    assert states[-1].r_n[1] < 10.0
 
 
 @pytest.mark.parametrize(

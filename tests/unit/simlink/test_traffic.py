@@ -4,8 +4,6 @@ import math
 from collections import Counter
 from functools import cache
 from itertools import pairwise
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +12,6 @@ from onboard.geometry.geodesy import ned_from_geodetic
 from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.messages import (
     AdsbVehicle,
-    Encoding,
     GlobalPosition,
     OwnPose,
     RadarDetection,
@@ -28,7 +25,6 @@ from simlink.scenarios.profiles import Interval
 from simlink.scenarios.scenario import ScenarioError, load_scenario, parse_scenario
 from simlink.scenarios.traffic import TrafficRadar
 from simlink.simulation import Event, datagrams, simulate
-from simlink.traffic import reports as traffic_reports
 from simlink.traffic.radar import RadarSensor
 
 SEED = 2
@@ -233,16 +229,6 @@ def test_the_same_seed_gives_the_same_bytes_and_one_more_aircraft_leaves_the_oth
     assert len(b) == 4
 
 
-def test_each_kind_of_message_has_its_channel_and_encoding() -> None:
-    kinds = Counter(
-        (d.channel, d.encoding)
-        for d in datagrams(load_scenario("traffic"), SEED, 3.0, "none")
-        if not isinstance(d, Truth | TrafficTruth)
-    )
-    assert set(kinds) == {("autopilot", Encoding.MAVLINK), ("radar", Encoding.RADAR)}
-    assert kinds["radar", Encoding.RADAR] == 31
-
-
 def test_the_scenario_traffic_agrees_with_its_description() -> None:
     scenario = load_scenario("traffic")
     says = Counter(a.says for a in scenario.traffic.aircraft)
@@ -270,13 +256,3 @@ def test_the_scenario_traffic_agrees_with_its_description() -> None:
 def test_an_invalid_scene_names_the_key(text: str, message: str) -> None:
     with pytest.raises(ScenarioError, match=message):
         parse_scenario(text, "test")
-
-
-def test_a_receiver_without_a_signal_shares_nothing_and_nothing_is_counted() -> None:
-    one = object.__new__(traffic_reports.Transmitter)
-    signals = [None, "ranges", None]
-    one._receiver = SimpleNamespace(measure=lambda *_: signals.pop(0))
-    one._due, one._range_period, one.received = 0.0, 1.0, 0
-    motion: Any = SimpleNamespace(r=None, v=None)
-    assert [one.ranges(t, 0, motion) for t in (0.0, 0.5, 1.0, 2.0)] == [[], [], ["ranges"], []]
-    assert one.received == 1
