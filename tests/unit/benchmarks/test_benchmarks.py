@@ -2,16 +2,13 @@
 
 import io
 import json
-from pathlib import Path
 
 import pytest
 from rich.console import Console
 
-from benchmarks import __main__ as command
 from benchmarks import radar, vision
 from benchmarks.__main__ import table
 from benchmarks.measuring import figures
-from benchmarks.timing import Side, compare
 from benchmarks.traffic import COUNTS
 
 KEYS = {
@@ -65,23 +62,6 @@ def test_every_figure_has_its_key_and_its_row() -> None:
     )
 
 
-def test_pairs_are_timed_in_turn_and_per_filter() -> None:
-    calls: list[str] = []
-    ours = Side(lambda steps: calls.append(f"ours {steps}"), 4, 10)
-    peer = Side(lambda steps: calls.append(f"peer {steps}"), 2)
-    made = compare(ours, peer, 3)
-    assert calls == ["ours 4", "peer 2"] * 4
-    assert made.low <= made.times <= made.high
-
-
 def test_the_benchmarks_agree_with_their_peers_before_anything_is_timed() -> None:
     assert radar.agree()
     assert vision.agree()
-
-
-def test_the_command_writes_what_it_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of made-up figures: to measure them takes a minute."""
-    made = {name: dict.fromkeys(sorted(keys), 2.0) for name, keys in KEYS.items()}
-    monkeypatch.setattr(command, "figures", lambda: made)
-    assert command.main(["--json", str(tmp_path / "bench.json")]) == 0
-    assert json.loads((tmp_path / "bench.json").read_bytes()) == made

@@ -3,7 +3,7 @@
 import pytest
 
 from benchmarks import fleet_daemons
-from benchmarks.fleet import PUBLISHED, Watcher, measure
+from benchmarks.fleet import PUBLISHED, measure
 
 
 @pytest.mark.slow
@@ -13,28 +13,6 @@ def test_three_vehicles_through_one_router_do_not_mix() -> None:
     assert found["received_share_of_sent"] > 0.5  # on a machine of any speed
     assert found["wire_kbit_s_of_a_vehicle"] > 0.1 * found["payload_kbit_s_of_a_vehicle"]
     assert sum(rate for rate, _ in PUBLISHED.values()) == 101
-
-
-class Session:
-    def declare_subscriber(self, key: str, callback: object) -> None:
-        self.key, self.callback = key, callback
-
-
-class Sample:
-    def __init__(self, key: str, payload: bytes) -> None:
-        self.key_expr, self.payload = key, self
-        self._payload = payload
-
-    def to_bytes(self) -> bytes:
-        return self._payload
-
-
-def test_a_record_under_another_vehicles_key_is_counted() -> None:
-    session = Session()
-    watcher = Watcher(session, ("leader",))
-    for payload in (b"uav-1/leader xxx", b"uav-2/leader xxx", b"uav-1/health xxx"):
-        session.callback(Sample("onboard/uav-1/leader", payload))  # type: ignore[operator]
-    assert (watcher.cross_talk, watcher.received["uav-1", "leader"]) == (2, 3)
 
 
 @pytest.mark.slow

@@ -5,7 +5,6 @@ import errno
 import os
 import pty
 import socket
-import termios
 from pathlib import Path
 from typing import Any
 
@@ -40,27 +39,6 @@ def test_what_can_be_no_name_is_one_line(kind: str, host: str) -> None:
         asyncio.run(parse_link(f"{kind}:{host}:5760", "x").open())
     assert not isinstance(caught.value, AbsentError)
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    "spec", ["udpin:sitl:1", "udpout:sitl:1", "tcp:sitl:1", "serial:/dev/no-such-device:57600"]
-)
-def test_what_may_come_later_is_absent(monkeypatch: pytest.MonkeyPatch, spec: str) -> None:
-    names(monkeypatch, [])
-    with pytest.raises(AbsentError):
-        asyncio.run(parse_link(spec, "x").open())
-
-
-def test_a_device_whose_driver_refuses_its_settings_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: Any) -> None:
-        raise termios.error(errno.EIO, "Input/output error")
-
-    master, slave = pty.openpty()
-    monkeypatch.setattr(termios, "tcsetattr", refuse)
-    with pytest.raises(LinkError, match=r"\(Input/output error\)"):
-        asyncio.run(parse_link(f"serial:{os.ttyname(slave)}:57600", "x").open())
-    os.close(master)
-    os.close(slave)
 
 
 def test_each_address_of_a_name_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:

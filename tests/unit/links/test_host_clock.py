@@ -1,13 +1,8 @@
 """The clock of arrivals and timers, while the wall clock is set."""
 
-import time
-
 import pytest
 
-from onboard.autopilot.session import Session
-from onboard.config import AutopilotConfig
 from onboard.links.host_clock import HostClock
-from tests.unit.autopilot.test_session import AUTOPILOT, FAST, parsed
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -61,26 +56,3 @@ def test_a_reading_that_was_interrupted_is_no_step() -> None:
 
     clock._wall = late
     assert clock.step_ns() == 0
-
-
-@pytest.mark.parametrize("step", STEPS)
-def test_heartbeats_and_timesync_go_on_when_the_wall_clock_is_set(step: float) -> None:
-    clocks = Clocks()
-    clock = HostClock(wall=clocks.wall, monotonic=clocks.monotonic)
-    session = Session(AutopilotConfig())
-    session.connect(AUTOPILOT)
-    kinds: list[str] = []
-    for tick in range(200):  # ten seconds
-        if tick == 100:
-            clocks.set_by_ns = round(step * S)
-        clocks.passed_ns += 50 * MS
-        kinds += [m.get_type() for m in parsed(session.tick(clock.now_ns(), healthy=True, rates=FAST))]
-    assert kinds.count("HEARTBEAT") == 10
-    assert kinds.count("TIMESYNC") == 50
-
-
-def test_the_real_clocks_agree() -> None:
-    clock = HostClock()
-    assert clock.step_ns() == 0
-    assert abs(clock.now_ns() - time.time_ns()) < 60 * S
-    assert clock.now_ns() <= clock.now_ns()

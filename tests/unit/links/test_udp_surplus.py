@@ -150,18 +150,8 @@ def test_samples_of_the_imu_wait_for_what_is_needed_and_go_before_it(monkeypatch
     assert arriving([ATTITUDE, HIGHRES_IMU, ATTITUDE]) == ([0], [0, 1, 2])
 
 
-def test_so_many_samples_of_the_imu_wait_no_longer(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(udp, "GATHER_S", 3600.0)
-    assert arriving([HIGHRES_IMU] * udp.MOST_GATHERED) == ([], list(range(udp.MOST_GATHERED)))
-
-
 def test_samples_of_the_imu_that_nothing_follows_come_by_themselves() -> None:
     assert arriving([HIGHRES_IMU] * 2, waits=True)[1] == [0, 1]
-
-
-def test_fewer_than_a_group_are_all_delivered() -> None:
-    found, shed = flooded([HIGHRES_IMU] * udp.BURST)
-    assert (len(found), shed) == (udp.BURST, 0)
 
 
 def test_that_something_is_left_out_is_reported_once() -> None:

@@ -55,11 +55,6 @@ def test_truth_between_two_records_and_nowhere_else() -> None:
         assert motion.truth_at(history, t_ns) is None
 
 
-def test_the_viewer_gets_no_glyph_it_lacks() -> None:
-    words = pytest.importorskip("onboard.view.words", reason=NEEDS_RERUN, exc_type=ImportError)
-    assert words.plain("NIS ± 3σ · 見💡\nnext") == "NIS ± 3σ · ??\nnext"
-
-
 def test_pixels_are_those_of_the_image_and_finite() -> None:
     image = pytest.importorskip("onboard.view.image", reason=NEEDS_RERUN, exc_type=ImportError)
     camera = make_camera(f_px=600.0, width_px=640.0, height_px=480.0)

@@ -86,15 +86,3 @@ def test_the_window_names_it_with_its_colour_once_it_comes(
     assert 0.4 * ours < rows[f"/plots/range/{NAME}"] <= ours
     assert rows[f"/plots/range_error/{NAME}"] > 0.8 * rows[f"/plots/range/{NAME}"]
     assert rows[f"/scene/beside/{NAME}"] > 30
-
-
-def test_an_estimate_without_a_position_adds_no_curve(tmp_path: Path) -> None:
-    of_size = [
-        replace(r, name="size", components=("size",) * 9) if isinstance(r, Estimate) else r for r in flight(3.0)
-    ]
-    record_flight(tmp_path / "size.rrd", of_size)
-    assert not [entity for entity in rows_of(tmp_path / "size.rrd") if entity.endswith("/size/size")]
-
-
-def test_each_of_several_has_a_colour() -> None:
-    assert [beside.colour_of(k)[0] for k in range(4)] == ["lime", "copper", "turquoise", "lime"]

@@ -57,13 +57,6 @@ def test_each_share_is_of_one_part(shown: Any) -> None:
     assert shared >= 4
 
 
-def test_the_map_of_traffic_has_a_little_more_room_than_its_table() -> None:
-    page = named(layout.Contents())["Traffic"]
-    assert [view.origin for view in page.contents] == ["/traffic/map", "/traffic/table"]
-    above, below = page.row_shares
-    assert 1.2 < above / below < 1.5
-
-
 @pytest.mark.parametrize(
     ("shown", "page"),
     [*zip(SEVERAL, ["Overview", "Both", "Own", "Traffic", "Traffic"], strict=True)],

@@ -15,7 +15,7 @@ from tests.support.vehicle_records import nav_state, truth
 
 pytest.importorskip("rerun")
 
-from onboard.view import layout, own, palette, scene, words
+from onboard.view import layout, own, palette, scene
 from onboard.view.columns import HIDDEN
 from onboard.view.memory import Memory
 from tests.support.view_flight import (
@@ -23,7 +23,6 @@ from tests.support.view_flight import (
     Drawn,
     Kept,
     flight,
-    health_of,
     record_flight,
     rows_of,
     truth_of,
@@ -57,13 +56,6 @@ def test_without_a_state_curves_have_gaps() -> None:
     assert np.isnan(kept.values["plots/own/down/estimate"]).all()
 
 
-def test_health_names_what_is_wrong() -> None:
-    from msgspec.structs import replace  # noqa: PLC0415 - only here
-
-    fault = Fault(kind=FaultKind.MOTOR, part="motor 1", t_onset_ns=50_100_000_000, magnitude=0.25, unit="lost")
-    assert "**MOTOR motor 1** since 50.1 s: 0.25 lost" in words.health(replace(health_of(10**9), faults=(fault,)))
-
-
 MOTOR = Fault(kind=FaultKind.MOTOR, part="motor 2", t_onset_ns=4 * 10**9, magnitude=0.243, unit="lost")
 CROSS = ((0.2, 0.0, 1), (0.0, 0.2, -1), (-0.2, 0.0, 1), (0.0, -0.2, -1))
 
@@ -88,11 +80,6 @@ def test_a_weak_motor_is_red_in_the_headline_and_at_its_rotor() -> None:
     assert line.label == (
         "OWN STATE TRACKING · velocity ± 2.24 m/s · attitude ± 162.1° · MOTOR 2 WEAK: 24% of its thrust lost"
     )
-
-
-def test_every_fault_that_can_be_named_has_a_colour_in_the_strip() -> None:
-    assert {kind for kind in FaultKind if kind is not FaultKind.MOTOR} <= set(palette.FAULTS)
-    assert {f"motor {k}" for k in range(1, 9)} <= set(palette.FAULTS)
 
 
 @pytest.mark.parametrize("t_ms", [4998, 4990])  # of a state, and between two

@@ -5,12 +5,11 @@ import re
 import subprocess
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 
 from onboard import UserError
-from onboard.messages import Estimate, Truth
+from onboard.messages import Estimate
 from tests.support.view_flight import (
     NEEDS_RERUN,
     START_TIME_S,
@@ -81,20 +80,6 @@ def test_errors_are_those_of_the_moment_of_the_estimate(recording: Path) -> None
         edge = 3 * math.sqrt(estimate.covariance[2][2])
         expected = [estimate.mean[2] - truth.r_FL_n[2], edge, -edge]
         np.testing.assert_allclose(drawn[estimate.t_ns], expected, atol=2e-5)
-
-
-def test_before_a_track_nothing_is_drawn_of_the_leader(tmp_path: Path) -> None:
-    records = [r for r in flight(0.9) if not isinstance(r, Truth)]
-    rows = rows_of(record_flight(tmp_path / "early.rrd", records))
-    assert "/scene/uncertainty/ellipsoid" not in rows
-    assert "/scene/leader" in rows  # a scale of nothing: it must not sit on us
-
-
-def test_another_boot_begins_anew(tmp_path: Path) -> None:
-    first = list(flight(2.0))
-    again = [msgspec.structs.replace(r, t_ns=r.t_ns - 11_000_000_000) for r in flight(2.0)]
-    rows = rows_of(record_flight(tmp_path / "boots.rrd", first + again))
-    assert rows["/scene/follower"] >= 2 * 49
 
 
 def test_a_picture_of_a_missing_recording(tmp_path: Path) -> None:

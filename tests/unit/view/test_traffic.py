@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from onboard.geometry.camera import make_camera
 from onboard.messages import Estimate, Lifecycle, ThreatLevel
-from onboard.view import palette, traffic
+from onboard.view import traffic
 from onboard.view.columns import Columns
 from onboard.view.memory import Memory
 from onboard.view.view import View
@@ -36,17 +36,6 @@ def test_north_is_up_and_east_is_right_on_a_screen_whose_y_points_down() -> None
 def test_the_ellipse_is_three_sigma_of_east_and_north() -> None:
     outline = traffic.ellipse(NEAR)
     assert np.abs(outline).max(axis=0) == pytest.approx([60.0, 30.0])
-
-
-def test_labels_have_the_name_and_the_height_above_us() -> None:
-    assert traffic.label(NEAR) == "icao/000001 +50 m"
-    assert traffic.label(replace(FAR, intruder=replace(INTRUDER, callsign="HBABC"))) == "HBABC -30 m"
-
-
-def test_colours_warn() -> None:
-    assert traffic.colour_of(NEAR) == palette.RED
-    assert traffic.colour_of(FAR) == palette.GREEN
-    assert traffic.colour_of(replace(NEAR, valid=False)) == palette.GREY
 
 
 def test_the_table_begins_with_the_nearest_approach() -> None:

@@ -11,16 +11,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.messages import Estimate, Verdict
-from tests.support.view_flight import CAMERA, NEEDS_RERUN, flight, late_estimate, record_flight, rows_of
-
-
-def test_close_twice_and_then_no_more(tmp_path: Path) -> None:
-    view_module = pytest.importorskip("onboard.view.view", reason=NEEDS_RERUN, exc_type=ImportError)
-    view = view_module.View(camera=CAMERA, rrd=tmp_path / "empty.rrd")
-    view.close()
-    view.close()
-    with pytest.raises(ValueError, match="closed"):
-        view.show(late_estimate())
+from tests.support.view_flight import CAMERA, NEEDS_RERUN, flight, record_flight, rows_of
 
 
 @pytest.mark.parametrize("name", [None, "flight of today"])
@@ -33,12 +24,6 @@ def test_a_recording_has_the_name_that_it_was_given(tmp_path: Path, name: str | 
     batches = [one.to_record_batch().to_pydict() for one in chunks if one.entity_path == "/__properties"]
     names = [value for batch in batches for (value,) in batch.get("RecordingInfo:name", [])]
     assert names == ([] if name is None else [name])
-
-
-def test_a_view_must_go_somewhere() -> None:
-    view_module = pytest.importorskip("onboard.view.view", reason=NEEDS_RERUN, exc_type=ImportError)
-    with pytest.raises(ValueError, match="rrd"):
-        view_module.View(camera=CAMERA)
 
 
 def test_the_server_listens_on_loopback_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
