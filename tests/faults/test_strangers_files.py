@@ -75,13 +75,13 @@ ATTITUDE = "vehicle_attitude:uint64_t timestamp;{}"
 @pytest.mark.parametrize(
     ("formats", "words"),
     [
-        ((ATTITUDE.format("vehicle_attitude x;"),), "within it, or itself"),
-        ((ATTITUDE.format("b x;"), "b:vehicle_attitude y;"), "within it, or itself"),
+        ((ATTITUDE.format("vehicle_attitude x;"),), "has 16 formats inside it"),
+        ((ATTITUDE.format("b x;"), "b:vehicle_attitude y;"), "has 16 formats inside it"),
         (
             (*(f"f{i}:f{i + 1} x;" for i in range(2000)), "f2000:float x;", ATTITUDE.format("f0 x;")),
-            "within it, or itself",
+            "has 16 formats inside it",
         ),
-        ((*(f"f{i}:f{i + 1} x;f{i + 1} y;" for i in range(40)), "f40:float x;"), "within it, or itself"),
+        ((*(f"f{i}:f{i + 1} x;f{i + 1} y;" for i in range(40)), "f40:float x;"), "has 16 formats inside it"),
         ((*(f"f{i}:f{i + 1}[99] x;" for i in range(9)), "f9:float x;"), "more than 65535 bytes"),
         ((ATTITUDE.format("float[100000000] q;"),), "more than 65535 bytes"),
         ((ATTITUDE.format("float[" + "9" * 5000 + "] q;"),), "cannot be read"),

@@ -90,15 +90,6 @@ def generators(count: int) -> list[np.random.Generator]:
     return [np.random.default_rng(seed) for seed in range(count)]
 
 
-def test_the_path_s_derivatives_are_its_own_seed_0() -> None:
-    path = reference_flight.draw_path(generators(3))
-    for t in (0.0, 3.3):
-        ahead, behind = reference_flight.along(path, t + 1e-5), reference_flight.along(path, t - 1e-5)
-        now = reference_flight.along(path, t)
-        for k in (0, 1):
-            np.testing.assert_allclose((ahead[k] - behind[k]) / 2e-5, now[k + 1], atol=1e-8)
-
-
 @pytest.mark.parametrize("actuation", [as_commanded, weak_inputs, weak_motor])
 def test_flies_the_path_seeds_0_to_3(actuation: Callable[[float, Array], Array]) -> None:
     flight = fly(generators(4), actuation=actuation)

@@ -27,12 +27,6 @@ def test_timeouts_out_of_order_are_refused(timeout_s: float) -> None:
         Config(validity_timeout_s=timeout_s)
 
 
-@pytest.mark.parametrize("name", ["any-side", "wing-line", "paper", "subtended"])
-def test_a_filter_that_is_gone_is_refused(name: str) -> None:
-    with pytest.raises(ConfigError, match=rf"estimator\.leader\.filter is .{name}"):
-        load_config(None, (f"estimator.leader.filter={name}",))
-
-
 @pytest.mark.parametrize("degrees", [1.0, 2.0, 5.0, 10.0, 20.0])
 def test_angles_are_numpys_to_the_last_bit(degrees: float) -> None:
     """The settings were NumPy's once; recorded flights depend on them."""
