@@ -298,6 +298,10 @@ def test_a_reset_of_the_origin_moves_setpoint_and_leader_alike() -> None:
     after = chase.see(TICK / S).rows[-1].sent
     assert np.linalg.norm(after.r - before.r - step) < 0.5
     assert np.linalg.norm(after.v - before.v) < 0.3
+    leader = chase.guidance._leader
+    was = leader.r
+    leader.shift(step)
+    assert (leader.r == was + step).all()
 
 
 def test_an_ardupilot_is_led_once_guided_is_entered_in_the_air_until_it_is_left() -> None:

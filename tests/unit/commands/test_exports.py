@@ -1,6 +1,7 @@
 """What a replay exports, read back by others: pyarrow, evo, mcap with Foxglove's schemas, and rosbags."""
 
 import csv
+import io
 import json
 import math
 import shutil
@@ -13,11 +14,13 @@ import pytest
 from mcap.reader import make_reader
 
 from onboard import UserError
+from onboard.analysis.exports.csv_rows import OWN_TABLE, CsvWriter
 from onboard.analysis.exports.tables import check_exports
 from onboard.commands.cli import main
 from tests.support.dataflash import dataflash
 from tests.support.records import record
 from tests.support.streams import CIRCLE, Stream, write_truth
+from tests.support.vehicle_records import nav_state
 
 SIZE = ("--set", "estimator.leader.size_prior_m=2.0")
 
@@ -173,3 +176,12 @@ def test_a_bag_is_never_overwritten(exported: Path, capsys: pytest.CaptureFixtur
 def test_a_suffix_that_says_no_format_is_refused() -> None:
     with pytest.raises(UserError, match=r"one of \.csv, \.parquet, \.tum, \.mcap, \.ros2"):
         check_exports(Path("estimates.txt"))
+
+
+def test_attitudes_have_nine_decimals_other_numbers_six_or_fewer() -> None:
+    file = io.StringIO()
+    CsvWriter(file, OWN_TABLE).write(nav_state(1000, q_nb=(0.5, 0.5, 0.5, 0.5)))
+    names, values = (line.split(",") for line in file.getvalue().splitlines())
+    row = dict(zip(names, values, strict=True))
+    decimals = {name: len(row[name].partition(".")[2]) for name in ("time_boot_s", "q_w", "q_z", "quality")}
+    assert decimals == {"time_boot_s": 6, "q_w": 9, "q_z": 9, "quality": 0}
