@@ -1,4 +1,4 @@
-"""Links: bytes in and out. One module per kind; `parse_link` selects the kind by the link string."""
+"""Links: bytes in and out, with one module for each kind; `parse_link` selects it."""
 
 import math
 from typing import Any, Final

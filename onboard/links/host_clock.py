@@ -1,4 +1,4 @@
-"""This computer's time for arrivals and timers: Unix time at the start, and from then on never set."""
+"""This computer's clock of arrivals and timers: Unix time at the start, and never set."""
 
 import time
 from collections.abc import Callable
@@ -6,18 +6,21 @@ from functools import partial
 from typing import Final
 
 SMALLEST_STEP_NS: Final = 1_000_000
-INTERRUPTED_NS: Final = 100_000  # a reading of both clocks that takes longer says nothing about their difference
+MAX_READ_TIME_NS: Final = 100_000  # of both clocks; a longer reading was interrupted
 
 
 def _since_boot() -> Callable[[], int]:
-    """A clock that nobody sets, and which also counts while the computer is suspended, where there is one."""
+    """A clock that is never set and, if available, counts while the computer is suspended."""
     clock = getattr(time, "CLOCK_BOOTTIME", None)
     return time.monotonic_ns if clock is None else partial(time.clock_gettime_ns, clock)
 
 
 class HostClock:
-    """`now_ns` begins as Unix time and rises evenly. The wall clock may be set (by NTP, GPS or a person):
-    `step_ns` says how far it has been set since the start. Stamps of other processes are of the wall clock."""
+    """A clock that starts at Unix time and rises evenly.
+
+    The wall clock may be set (by NTP, GPS or a person); `step_ns` is the sum of its steps since the start. Other
+    processes stamp with the wall clock.
+    """
 
     def __init__(
         self, *, wall: Callable[[], int] = time.time_ns, monotonic: Callable[[], int] | None = None
@@ -36,6 +39,6 @@ class HostClock:
         wall = self._wall()
         after = self._monotonic()
         step_ns = wall - self._begin_ns - (before + after) // 2
-        if after - before < INTERRUPTED_NS and abs(step_ns - self._step_ns) > SMALLEST_STEP_NS:
+        if after - before < MAX_READ_TIME_NS and abs(step_ns - self._step_ns) > SMALLEST_STEP_NS:
             self._step_ns = step_ns
         return self._step_ns

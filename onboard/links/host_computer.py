@@ -1,4 +1,4 @@
-"""How busy this computer is, read from Linux; None or empty where it does not say."""
+"""This computer's load, memory and temperature, from Linux; None or empty if unavailable."""
 
 import shutil
 from contextlib import suppress
@@ -12,7 +12,7 @@ THERMAL: Final = Path("/sys/class/thermal")
 
 
 class HostComputer:
-    """`read` gives the load of each core since the call before. `folder`: whose storage counts."""
+    """Reader of the computer's state, with each core's load since the last call."""
 
     def __init__(self, folder: Path = Path(), *, proc: Path = PROC, thermal: Path = THERMAL) -> None:
         self._folder, self._proc, self._thermal = folder, proc, thermal

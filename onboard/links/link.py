@@ -21,22 +21,24 @@ NowNs = Callable[[], int]
 OPENING: Final = (OSError, ValueError, OverflowError, termios.error)
 DEVICE_ABSENT: Final = (errno.ENOENT, errno.ENODEV, errno.ENXIO)  # of a device
 UNKNOWN_NAME: Final = (socket.EAI_NONAME, socket.EAI_AGAIN, socket.EAI_NODATA)
-FIRST_RECONNECT_S: Final = 0.1
-LONGEST_RECONNECT_S: Final = 1.0  # a peer that comes back must not wait
+MIN_RECONNECT_DELAY_S: Final = 0.1
+MAX_RECONNECT_DELAY_S: Final = 1.0  # a peer that returns must not wait
 
 
 class LinkError(UserError):
-    """A link cannot be opened or has ended; the message names the link, the reason, and a remedy."""
+    """A link cannot be opened or has ended; the message names the link, cause and remedy."""
 
 
 class AbsentError(LinkError):
-    """What may come later is not there yet: a device that is not plugged in, a name that is not known."""
+    """A device or a host name is not there yet and may appear later."""
 
 
 class Backlog:
-    """Leaves out what has waited in this program for too long: it was paused, or has too little time. Once a
-    datagram has waited longer than `longest_s`, all are left out until one has waited less than half of that, so
-    that those which follow are new. `skipped` counts them."""
+    """Rejection of datagrams that have waited in this program for too long.
+
+    Once one has waited longer than `longest_s`, all are skipped until one has waited less than half of that, so
+    that those that follow are new. `skipped` counts them.
+    """
 
     def __init__(self, longest_s: float) -> None:
         self.skipped = 0
@@ -44,7 +46,7 @@ class Backlog:
         self._is_skipping = False
 
     def skips(self, waited_ns: int) -> bool:
-        """Whether to leave out the next datagram, in the order of arrival, which has waited so long."""
+        """Whether to skip the next datagram, which has waited this long."""
         self._is_skipping = waited_ns > self._longest_ns / (2 if self._is_skipping else 1)
         self.skipped += self._is_skipping
         return self._is_skipping
@@ -68,21 +70,19 @@ class Link(Protocol):
         """Claim the port or device. Raises LinkError with one line that names a remedy."""
 
     async def run(self, deliver: Deliver, now_ns: NowNs) -> None:
-        """Call `deliver` with each datagram until cancelled. An exception of `deliver` ends the link and is
-        raised."""
+        """Call `deliver` with each datagram until cancelled; its exception ends the link."""
 
     def send(self, data: bytes) -> None:
         """Send; without a peer or room in the buffer, drop and count in `errors`. Never blocks."""
 
     def health(self) -> LinkHealth:
-        """Counts so far; a datagram socket also knows what the kernel dropped."""
+        """The link's counts, with the kernel's drops for a datagram socket."""
         cause, error = self.trouble
         return LinkHealth(received=self.received, sent=self.sent, errors=self.errors, cause=cause, error=error)
 
 
 def guarded(deliver: Deliver, failed: "asyncio.Future[None]") -> Deliver:
-    """`deliver` for event-loop callbacks, which would only log an exception: it is set in `failed`, which `run`
-    awaits."""
+    """Wrap a callback of the event loop so that its exception is set in `failed`."""
 
     def safe(datagram: Datagram) -> bool | None:
         if failed.done():
@@ -103,10 +103,12 @@ async def keep_connected(
     *,
     retry: bool,
 ) -> None:
-    """Call `converse` (one connection, ended by a LinkError) again and again, with growing delays while nothing is
-    received. Without `retry`, raises its first LinkError; an exception of `deliver` is raised in any case."""
+    """Call `converse` (one connection) repeatedly, with growing delays without received data.
+
+    Without `retry`, raises its first LinkError; an exception of `deliver` is always raised.
+    """
     failed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-    delay_s = FIRST_RECONNECT_S
+    delay_s = MIN_RECONNECT_DELAY_S
     while True:
         received = link.received
         try:
@@ -117,9 +119,9 @@ async def keep_connected(
             link.errors += 1
             link.trouble = Reason(Cause.UNREACHABLE, str(error))
         if link.received > received:  # a server that accepts and closes at once does not reset the delay
-            delay_s = FIRST_RECONNECT_S
+            delay_s = MIN_RECONNECT_DELAY_S
         await asyncio.sleep(delay_s)
-        delay_s = min(2 * delay_s, LONGEST_RECONNECT_S)
+        delay_s = min(2 * delay_s, MAX_RECONNECT_DELAY_S)
 
 
 async def until_lost(lost: "asyncio.Future[Any]", failed: "asyncio.Future[None]") -> None:
@@ -136,8 +138,10 @@ def reason_of(error: BaseException) -> str:
 
 
 async def resolve(spec: str, host: str, port: int, kind: socket.SocketKind) -> list[tuple[int, Any]]:
-    """(address family, socket address) of each address of a host. Raises AbsentError if the name is unknown,
-    LinkError if it can be no name."""
+    """Return (address family, socket address) of each address of a host.
+
+    Raises AbsentError if the name is unknown, LinkError if it is invalid.
+    """
     loop = asyncio.get_running_loop()
     try:
         found = await loop.getaddrinfo(host, port, type=kind)
@@ -152,8 +156,10 @@ async def resolve(spec: str, host: str, port: int, kind: socket.SocketKind) -> l
 async def opened(
     spec: str, host: str, port: int, kind: socket.SocketKind, use: Callable[[socket.socket, Any], None]
 ) -> list[socket.socket]:
-    """Sockets of all addresses of a host that `use(socket, address)` accepts; of port 0, of the first one. Raises
-    LinkError if it refuses all of them, or one because its port is in use."""
+    """Open sockets of all addresses that `use(socket, address)` accepts; of port 0, the first.
+
+    Raises LinkError if it refuses all of them, or one because its port is in use.
+    """
     sockets: list[socket.socket] = []
     refusal: LinkError | None = None
     for family, address in await resolve(spec, host, port, kind):

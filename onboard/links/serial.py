@@ -1,4 +1,4 @@
-"""MAVLink over a serial port. pyserial configures the port; the event loop reads and writes its descriptor."""
+"""MAVLink over a serial port, configured by pyserial and served by the event loop."""
 
 import asyncio
 import os
@@ -24,7 +24,7 @@ from onboard.messages.causes import NO_REASON
 if TYPE_CHECKING:
     from serial import Serial
 
-SERIAL_READ: Final = 4096
+READ_BYTES: Final = 4096
 SEND_LIMIT: Final = 4096  # bytes in the send buffer, beyond which data are dropped: 0.35 s at 115200 baud
 
 
@@ -38,17 +38,18 @@ class SerialLink(Link):
         self._pending = bytearray()
 
     async def open(self) -> None:
-        """Open the port for exclusive use. Raises LinkError: no such device, no permission, in use."""
+        """Open the port for exclusive use. Raises LinkError if it is absent, forbidden or in use."""
         self._port = self._open_port()
 
     async def run(self, deliver: Deliver, now_ns: NowNs) -> None:
-        """Call `deliver` with each piece until cancelled. Without `retry`, raises LinkError when the port is
-        gone."""
+        """Call `deliver` with each piece until cancelled.
+
+        Without `retry`, raises LinkError when the port disappears.
+        """
         await keep_connected(self, partial(self._converse, now_ns), deliver, retry=self._retry)
 
     def send(self, data: bytes) -> None:
-        """Put data into the send buffer, if the port is open and the buffer has room for all of it; else drop
-        it."""
+        """Buffer data to send, or drop it if the port is closed or the buffer lacks room."""
         if self._port is None or len(self._pending) + len(data) > SEND_LIMIT:
             self.errors += 1
             return
@@ -91,7 +92,7 @@ class SerialLink(Link):
     def _read(self, fd: int, deliver: Deliver, now_ns: NowNs, lost: "asyncio.Future[None]") -> None:
         t_recv_ns = now_ns()
         try:
-            data = os.read(fd, SERIAL_READ)
+            data = os.read(fd, READ_BYTES)
         except BlockingIOError:
             return
         except OSError:

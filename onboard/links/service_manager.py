@@ -1,4 +1,4 @@
-"""What a service manager is told (systemd's sd_notify): that we run, and each second that we make progress."""
+"""Notifications to systemd (sd_notify) that we run, and each second that we progress."""
 
 import os
 import socket
@@ -7,7 +7,7 @@ from contextlib import suppress
 
 
 class ServiceManager:
-    """The service manager that has started this program, if one has and wants to know (`NOTIFY_SOCKET`)."""
+    """The service manager of this program, if it asks for notifications (`NOTIFY_SOCKET`)."""
 
     def __init__(self, environ: Mapping[str, str] = os.environ) -> None:
         address = environ.get("NOTIFY_SOCKET", "")

@@ -1,5 +1,8 @@
-"""MAVLink over TCP: a stream of bytes, cut anywhere. `tcp` connects (ArduPilot SITL listens on 5760), `tcpin`
-listens. Whose bytes give messages keeps the connection of `tcpin`: who knocks meanwhile is refused, and named."""
+"""MAVLink over TCP, a stream of bytes in arbitrary pieces.
+
+`tcp` connects (ArduPilot SITL listens on 5760), `tcpin` listens. A peer of `tcpin` whose bytes contain messages
+keeps its connection: others are refused, and named.
+"""
 
 import asyncio
 import socket
@@ -27,14 +30,13 @@ from onboard.units import NS_PER_S
 
 CONNECT_TIMEOUT_S: Final = 3.0
 SEND_LIMIT: Final = 65_536  # bytes in the send buffer, beyond which data are dropped: seconds of our traffic
-TCP_READ: Final = 8192  # bytes at once: a flood takes a few milliseconds, then other links have their turn
-OWNED_NS: Final = 3 * NS_PER_S  # since its last message, a peer keeps its connection: three heartbeats
+READ_BYTES: Final = 8192  # a flood takes a few milliseconds before other links have their turn
+OWNER_TIMEOUT_NS: Final = 3 * NS_PER_S  # after a peer's last message: three heartbeats
 KEEPALIVE: Final = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3, "TCP_USER_TIMEOUT": 10_000}
 
 
 class TcpConnection(asyncio.Protocol):
-    """One TCP connection. The future `lost` is done when it has ended. `on_made` is called once it stands.
-    `peer`: the other end, as text."""
+    """One TCP connection to `peer`; `on_made` is called at its start, `lost` done at its end."""
 
     def __init__(
         self,
@@ -50,9 +52,9 @@ class TcpConnection(asyncio.Protocol):
         self._transport: asyncio.Transport | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Enable keep-alive: a peer that loses power does not close the connection, and is noticed within 15 s."""
+        """Enable keep-alive, which detects within 15 s that a peer has lost power."""
         self._transport = cast(asyncio.Transport, transport)
-        self._transport.max_size = TCP_READ  # type: ignore[attr-defined]  # of asyncio's socket transports
+        self._transport.max_size = READ_BYTES  # type: ignore[attr-defined]  # of asyncio's socket transports
         sock = transport.get_extra_info("socket")
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         for name, value in KEEPALIVE.items():
@@ -73,7 +75,7 @@ class TcpConnection(asyncio.Protocol):
 
     def sends(self) -> bool:
         """Whether it stands, and gave a message lately."""
-        lately = self._message_ns is not None and 0 <= self._now_ns() - self._message_ns < OWNED_NS
+        lately = self._message_ns is not None and 0 <= self._now_ns() - self._message_ns < OWNER_TIMEOUT_NS
         return lately and not self.lost.done()
 
     def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's signature
@@ -98,7 +100,7 @@ class TcpConnection(asyncio.Protocol):
 
 
 class _StreamLink(Link):
-    """What both ends of TCP share: one stream at a time."""
+    """A link with one TCP stream at a time."""
 
     _stream: TcpConnection | None = None
 
@@ -126,8 +128,10 @@ class TcpClientLink(_StreamLink):
             self._socket = await self._connect()
 
     async def run(self, deliver: Deliver, now_ns: NowNs) -> None:
-        """Call `deliver` with each piece until cancelled. Without `retry`, raises LinkError when the connection
-        ends."""
+        """Call `deliver` with each piece until cancelled.
+
+        Without `retry`, raises LinkError when the connection ends.
+        """
         await keep_connected(self, partial(self._converse, now_ns), deliver, retry=self._retry)
 
     async def _converse(self, now_ns: NowNs, deliver: Deliver, failed: "asyncio.Future[None]") -> None:
@@ -165,9 +169,11 @@ class TcpClientLink(_StreamLink):
 
 
 class TcpServerLink(_StreamLink):
-    """A TCP server for one peer at a time. A new connection replaces one that gives no messages any more, so that
-    a peer whose connection broke unnoticed can return; while it gives some, the new one is refused. `address`: the
-    listening address, once open."""
+    """A TCP server for one peer at a time; `address` is the listening address once open.
+
+    A new connection replaces one without recent messages, so that a peer whose connection broke unnoticed can
+    return; otherwise it is refused.
+    """
 
     def __init__(self, spec: str, channel: str, host: str, port: int) -> None:
         self.channel = channel
@@ -178,7 +184,7 @@ class TcpServerLink(_StreamLink):
         self._sockets: list[socket.socket] = []
 
     def health(self) -> LinkHealth:
-        """Counts so far, and who was refused last."""
+        """The link's counts, and the last refused peer."""
         return LinkHealth(
             received=self.received,
             sent=self.sent,

@@ -16,6 +16,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from enum import IntEnum
 from functools import partial
 from typing import Any, Final
 from zlib import crc32
@@ -40,28 +41,36 @@ from onboard.units import NS_PER_S
 Surplus = Callable[[bytes], int]
 Taken = tuple[int, Datagram, Any]  # a datagram after its `surplus` and before its sender
 
-LARGEST_DATAGRAM: Final = 65_535
-RECEIVE_BUFFER: Final = 4 << 20  # bytes of kernel buffer: a second of a flood, if the event loop is late
+MAX_DATAGRAM_BYTES: Final = 65_535
+RECEIVE_BUFFER_BYTES: Final = 4 << 20  # a second of a flood, if the event loop is late
 PASSING: Final = (errno.EAGAIN, errno.ENOBUFS, errno.ECONNREFUSED)  # no room, or nobody listens there yet
-BURST: Final = 128  # datagrams delivered of a group, in ten milliseconds; of one twice as large, half as many
-LEAST_SURPLUS: Final = 16  # of surplus, however large the group
-DATAGRAM_GROUP: Final = 1024  # datagrams read together: what is newest among them must not wait behind the oldest
-GATHER_S: Final = 0.02  # surplus alone waits so long for others to come: one by one, each finds cold caches
-MOST_GATHERED: Final = 16  # ... and no more of it
-TURN: Final = 16  # datagrams delivered, or eight times as many read, before other links have their turn
-SO_TIMESTAMPNS: Final = 64  # SO_TIMESTAMPNS_NEW of Linux 5.1: two 64-bit numbers on every machine
-SO_RCVBUFFORCE: Final = 33  # of Linux: beyond net.core.rmem_max, for the privileged
-SO_RXQ_OVFL: Final = 40  # of Linux: with each datagram, how many were dropped before it
-BUDGET: Final = 30_000  # datagrams of one sender in a second: more than any autopilot sends, and we can decode
-BUDGET_NS: Final = NS_PER_S
-SENDERS: Final = 64  # with a budget of their own; all others share one
+BURST_SIZE: Final = 128  # delivered of a group, in ten milliseconds; half as many of a group twice as large
+MIN_SURPLUS_COUNT: Final = 16  # delivered of any group
+GROUP_SIZE: Final = 1024  # datagrams read together, so that the newest need not wait behind the oldest
+GATHER_TIME_S: Final = 0.02  # for which surplus alone waits for more: single datagrams find cold caches
+MAX_GATHERED_COUNT: Final = 16  # ... and no more of it
+TURN_SIZE: Final = 16  # delivered, or an eighth of those read, before other links have their turn
+MAX_SENDER_RATE: Final = 30_000  # datagrams per second: more than any autopilot sends and we can decode
+RATE_WINDOW_NS: Final = NS_PER_S
+MAX_SENDER_COUNT: Final = 64  # with a budget of their own; all others share one
 OUT_PORT, OUT_PORTS = 20_000, 10_000  # that `udpout` sends from: below those that a kernel gives out
-ANCILLARY: Final = 128  # bytes: a time and a count, each with its header
+ANCILLARY_BYTES: Final = 128  # a time and a count, each with its header
+
+
+class Option(IntEnum):
+    """Linux socket options that Python's `socket` lacks."""
+
+    SO_RCVBUFFORCE = 33  # beyond net.core.rmem_max, for the privileged
+    SO_RXQ_OVFL = 40  # the number of datagrams dropped before each one
+    SO_TIMESTAMPNS_NEW = 64  # of Linux 5.1: two 64-bit numbers on every machine
 
 
 class UdpLink(Link):
-    """A UDP socket. `address`: its local address, once open. `surplus`: how readily a datagram is left out where
-    more of them wait than `BURST`, 0: never. One that has waited `longest_wait_s` in the kernel is left out."""
+    """A UDP socket; `address` is its local address once open.
+
+    `surplus` ranks datagrams for omission if more than `BURST_SIZE` wait; rank 0 is never left out. Datagrams that
+    have waited `longest_wait_s` in the kernel are left out.
+    """
 
     def __init__(
         self,
@@ -96,7 +105,7 @@ class UdpLink(Link):
         self._gathered: dict[socket.socket, tuple[list[Taken], asyncio.TimerHandle]] = {}
 
     def health(self) -> LinkHealth:
-        """Counts so far."""
+        """The link's counts."""
         return LinkHealth(
             received=self.received,
             sent=self.sent,
@@ -119,10 +128,11 @@ class UdpLink(Link):
 
     def _set_up(self, sock: socket.socket) -> None:
         sock.setblocking(False)
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
-        # Not everywhere: SO_RCVBUFFORCE needs a privilege; without SO_TIMESTAMPNS the time of reading counts as
-        # arrival; without SO_RXQ_OVFL drops are not known.
-        for option, value in ((SO_RCVBUFFORCE, RECEIVE_BUFFER), (SO_TIMESTAMPNS, 1), (SO_RXQ_OVFL, 1)):
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+        # Not everywhere: SO_RCVBUFFORCE needs a privilege. Without SO_TIMESTAMPNS_NEW, the time of reading counts
+        # as arrival; without SO_RXQ_OVFL, drops are unknown.
+        buffer = Option.SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES
+        for option, value in (buffer, (Option.SO_TIMESTAMPNS_NEW, 1), (Option.SO_RXQ_OVFL, 1)):
             with suppress(OSError):
                 sock.setsockopt(socket.SOL_SOCKET, option, value)
         self._buffer_bytes = sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
@@ -140,8 +150,10 @@ class UdpLink(Link):
             raise LinkError(f"{self._spec}: cannot send to it ({error.strerror})") from error
 
     async def run(self, deliver: Deliver, now_ns: NowNs) -> None:
-        """Call `deliver` with each datagram until cancelled. A name that is not known is asked for again, and a
-        socket whose network has changed is opened anew."""
+        """Call `deliver` with each datagram until cancelled.
+
+        Unknown names are asked for repeatedly, and a socket whose network has changed is reopened.
+        """
         await keep_connected(self, partial(self._converse, now_ns), deliver, retry=True)
 
     async def _converse(self, now_ns: NowNs, deliver: Deliver, failed: "asyncio.Future[None]") -> None:
@@ -170,7 +182,7 @@ class UdpLink(Link):
         raise LinkError(f"{self._spec}: cannot send to it ({self._lost.result()})")
 
     def send(self, data: bytes) -> None:
-        """Send one datagram to the peer, if there is one; `udpout`, until it answers: to each of its addresses."""
+        """Send one datagram to the peer, or from `udpout`, until it answers, to all its addresses."""
         if not self._sockets or (self._listening and self._via is None):
             self.errors += 1
             return
@@ -191,7 +203,7 @@ class UdpLink(Link):
             self.sent += 1
 
     def _readable(self, sock: socket.socket, deliver: Deliver, now_ns: NowNs) -> None:
-        """Take a group of what waits. It is called again and again while a flood waits, so between two turns."""
+        """Read a group of waiting datagrams; called again while a flood waits."""
         if sock not in self._work:
             self._work[sock] = self._drain(sock, deliver, now_ns)
             self._take_turn(sock)
@@ -206,17 +218,19 @@ class UdpLink(Link):
             self._work.pop(sock, None)
 
     def _drain(self, sock: socket.socket, deliver: Deliver, now_ns: NowNs) -> Iterator[None]:
-        """Deliver a group of what waits, with a pause after each turn. Where that is more than there is time for,
-        surplus is left out; where it is a little surplus alone, it is gathered."""
+        """Deliver a group of waiting datagrams, with a pause after each turn.
+
+        Surplus is left out of a group that is too large, and gathered while a group has little else.
+        """
         group, timer = self._gathered.pop(sock, ([], None))
         gathered = len(group)
         for one in self._group(sock, now_ns):
             group.append(one)
-            if len(group) % (8 * TURN) == 0:
+            if len(group) % (8 * TURN_SIZE) == 0:
                 yield
-        if gathered < len(group) < MOST_GATHERED and all(rank for rank, _, _ in group):
+        if gathered < len(group) < MAX_GATHERED_COUNT and all(rank for rank, _, _ in group):
             loop = asyncio.get_running_loop()
-            timer = timer or loop.call_later(GATHER_S, self._readable, sock, deliver, now_ns)
+            timer = timer or loop.call_later(GATHER_TIME_S, self._readable, sock, deliver, now_ns)
             self._gathered[sock] = group, timer
             return
         if timer is not None:
@@ -230,15 +244,15 @@ class UdpLink(Link):
             self._peer, self._via = sender, sock  # what is answered at once goes to who asked
             if not deliver(datagram):
                 self._peer, self._via = before
-            if count % TURN == 0:
+            if count % TURN_SIZE == 0:
                 yield
 
     def _group(self, sock: socket.socket, now_ns: NowNs) -> Iterator[Taken]:
         """Datagrams that wait in the kernel."""
         needed = 0
-        for _ in range(DATAGRAM_GROUP):
+        for _ in range(GROUP_SIZE):
             try:
-                data, ancillary, _, sender = sock.recvmsg(LARGEST_DATAGRAM, ANCILLARY)
+                data, ancillary, _, sender = sock.recvmsg(MAX_DATAGRAM_BYTES, ANCILLARY_BYTES)
             except BlockingIOError:
                 self._emptied_ns[sock] = now_ns()
                 return
@@ -263,26 +277,30 @@ class UdpLink(Link):
                     sender,
                 )
                 needed += not rank
-                if needed >= BURST:
+                if needed >= BURST_SIZE:
                     return
 
 
 def delivered_of(group: Sequence[tuple[int, Any, Any]]) -> int:
-    """How many datagrams of a group to deliver: the fewer the later we are, so that we are late no longer."""
+    """The number of datagrams of a group to deliver, smaller for a larger backlog."""
     needed = sum(not rank for rank, _, _ in group)
-    return max(needed + LEAST_SURPLUS, min(BURST, BURST * BURST // max(len(group), 1)))
+    return max(needed + MIN_SURPLUS_COUNT, min(BURST_SIZE, BURST_SIZE * BURST_SIZE // max(len(group), 1)))
 
 
 def oldest_surplus(ranks: Sequence[int], most: int) -> frozenset[int]:
-    """Which of a group to leave out, by place, so that `most` are left: the greatest ranks first, of these the
-    oldest, which come first; never those of rank 0."""
+    """The places in a group to leave out, so that `most` are left.
+
+    The greatest ranks go first, of these the oldest, which come first; those of rank 0 stay.
+    """
     excess = max(0, len(ranks) - most)
     return frozenset(sorted((k for k, rank in enumerate(ranks) if rank), key=lambda k: -ranks[k])[:excess])
 
 
 class Budget:
-    """How many datagrams each sender may send in a second of arrivals. A flood costs its sender's datagrams, and
-    the program only the reading of what is beyond."""
+    """Limit of each sender's datagrams per second of arrivals.
+
+    A flood costs its sender's datagrams; the program only reads what exceeds the limit.
+    """
 
     def __init__(self) -> None:
         self._since_ns = 0
@@ -290,31 +308,33 @@ class Budget:
 
     def admits(self, sender: Any, t_recv_ns: int) -> bool:
         """Whether a datagram that arrived now is within its sender's budget."""
-        if not 0 <= t_recv_ns - self._since_ns < BUDGET_NS:
+        if not 0 <= t_recv_ns - self._since_ns < RATE_WINDOW_NS:
             self._since_ns = t_recv_ns
             self._counts.clear()
-        whose = sender if sender in self._counts or len(self._counts) < SENDERS else None
+        whose = sender if sender in self._counts or len(self._counts) < MAX_SENDER_COUNT else None
         self._counts[whose] += 1
-        return self._counts[whose] <= BUDGET
+        return self._counts[whose] <= MAX_SENDER_RATE
 
 
 def _waited_ns(ancillary: list[tuple[int, int, bytes]]) -> int:
-    """How long a datagram waited in the kernel, ns, by the kernel's arrival stamp; 0 without a stamp.
+    """The wait of a datagram in the kernel, ns, by its arrival stamp; 0 without a stamp.
 
     It is a difference of two readings of one clock, so it is valid for any clock of the program. Somebody may set
-    that clock between them: the caller knows how long it can have been at most.
+    that clock between them: the caller knows the largest possible wait.
     """
     for level, kind, value in ancillary:
-        if level == socket.SOL_SOCKET and kind == SO_TIMESTAMPNS and len(value) == 16:
+        if level == socket.SOL_SOCKET and kind == Option.SO_TIMESTAMPNS_NEW and len(value) == 16:
             seconds, nanoseconds = struct.unpack("qq", value)
             return int(max(time.time_ns() - (seconds * NS_PER_S + nanoseconds), 0))
     return 0
 
 
 def _dropped(ancillary: list[tuple[int, int, bytes]], before: int) -> int:
-    """Datagrams that the kernel has dropped so far, by its 32-bit count; `before`: as of the last datagram. The
-    count comes only once there is one."""
+    """The number of datagrams dropped by the kernel, from its 32-bit count and the last one.
+
+    The kernel sends the count only after the first drop.
+    """
     for level, kind, value in ancillary:
-        if level == socket.SOL_SOCKET and kind == SO_RXQ_OVFL and len(value) == 4:
+        if level == socket.SOL_SOCKET and kind == Option.SO_RXQ_OVFL and len(value) == 4:
             return before + (int(struct.unpack("I", value)[0]) - before) % (1 << 32)
     return before

@@ -1,14 +1,16 @@
-"""Sensor data over Zenoh, one JSON document per sample: `CameraPoints` or `CameraDetections` per image on
-`<prefix>/camera/<camera>/points` or `detections` (or, of `onboard ros2`, as CDR on
-`<prefix>/camera/<camera>/ros/<package>/<type>`), `RadarDetections` per scan on
-`<prefix>/radar/<radar>/detections`, `Pseudoranges` per epoch of another vehicle's receiver on
-`<prefix>/gnss/<peer>/pseudoranges`.
+"""Sensor data over Zenoh, one JSON document per sample.
+
+- `<prefix>/camera/<camera>/points` or `detections`: `CameraPoints` or `CameraDetections` per image (from
+  `onboard ros2` as CDR on `<prefix>/camera/<camera>/ros/<package>/<type>`)
+- `<prefix>/radar/<radar>/detections`: `RadarDetections` per scan
+- `<prefix>/gnss/<peer>/pseudoranges`: `Pseudoranges` per epoch of another vehicle's receiver
 
 Keys are unlimited, so samples that wait for the event loop have room by their source: our own camera's, other
 cameras', radars', receivers'. A flood of one never drops a sample of another.
 
-A sample's key says for which vehicle it is, and nothing else does. While another session says that it is this
-vehicle, too, as from a copied card, no sample is used: it may show what the other one sees."""
+Only a sample's key states its vehicle. While another session claims to be this vehicle, as from a copied card, no
+sample is used: it may show what the other vehicle sees.
+"""
 
 import asyncio
 import math
@@ -22,15 +24,17 @@ from onboard.links.link import Backlog, Deliver, Link, LinkError, NowNs, guarded
 from onboard.messages import Datagram, Encoding, LinkHealth
 from onboard.messages.causes import Cause, Reason
 
-LARGEST: Final = 65_536  # bytes that the decoder accepts (`onboard.wire.documents.document`)
-WATCH_S: Final = 2.0  # between looks at who is connected
-WAITING: Final = 256  # samples of one source: in a flood the newest are dropped, memory stays bounded
+MAX_DOCUMENT_BYTES: Final = 65_536  # as in `onboard.wire.documents.document`
+WATCH_PERIOD_S: Final = 2.0  # of the check who is connected
+MAX_WAITING_COUNT: Final = 256  # of one source; in a flood the newest are dropped
 
 
 class ZenohLink(Link):
-    """Subscriber to the sensors' keys on a session opened elsewhere (`onboard.sinks.zenoh_session`), which it does
-    not close. The channel of a datagram is its key. `camera` is the name of our own camera; `ros` are the keys of
-    detections in ROS. A sample that has waited for the event loop for `longest_wait_s` is left out."""
+    """Subscriber to the sensors' keys on a session of `onboard.sinks.zenoh_session`.
+
+    It does not close the session. The channel of a datagram is its key. `camera` is the name of our own camera;
+    `ros` are the keys of detections in ROS. Samples that have waited for `longest_wait_s` are left out.
+    """
 
     def __init__(
         self,
@@ -68,8 +72,8 @@ class ZenohLink(Link):
         failed: asyncio.Future[None] = loop.create_future()
         safe = guarded(deliver, failed)
 
-        ours = threading.Semaphore(WAITING)
-        rooms = {encoding: threading.Semaphore(WAITING) for encoding in self._keys.values()}
+        ours = threading.Semaphore(MAX_WAITING_COUNT)
+        rooms = {encoding: threading.Semaphore(MAX_WAITING_COUNT) for encoding in self._keys.values()}
 
         def enter(datagram: Datagram, room: threading.Semaphore) -> None:
             room.release()
@@ -111,11 +115,11 @@ class ZenohLink(Link):
                 self.trouble = self._session.trouble()
             except Exception as error:  # of any kind: the session may be closing; it must not end the flight
                 self.trouble = Reason(Cause.FAILED, f"cannot tell who is connected ({error})")
-            if ended.wait(WATCH_S):
+            if ended.wait(WATCH_PERIOD_S):
                 return
 
     def health(self) -> LinkHealth:
-        """Counts so far, how many routers are connected, and which cannot be reached."""
+        """The link's counts, connected routers and unreachable ones."""
         is_closed = self._session.is_closed()
         routers = 0 if is_closed else len(self._session.info.routers_zid())
         trouble = self.trouble if is_closed or not self._others else self._shared_name()
@@ -141,7 +145,6 @@ class ZenohLink(Link):
 
 
 def _datagram(sample: Any, t_recv_ns: int, encoding: Encoding) -> Datagram:
-    """The sample as a datagram. One that is too large is cut, so that it costs little, and the decoder can refuse
-    it with a reason."""
-    data = sample.payload.to_bytes()[: LARGEST + 1]
+    """Convert a sample; one that is too large is truncated, so the decoder refuses it."""
+    data = sample.payload.to_bytes()[: MAX_DOCUMENT_BYTES + 1]
     return Datagram(channel=str(sample.key_expr), encoding=encoding, t_recv_ns=t_recv_ns, data=data)

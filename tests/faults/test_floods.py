@@ -28,7 +28,7 @@ def of_heartbeats(size: int) -> bytes:
 def test_a_flood_of_one_sender_costs_that_sender_alone() -> None:
     budget = Budget()
     admitted = [budget.admits("flood", 10_000 * k) for k in range(100_000)]  # 100,000 in a second
-    assert sum(admitted) == udp.BUDGET
+    assert sum(admitted) == udp.MAX_SENDER_RATE
     assert budget.admits("autopilot", 999_999_000)
     assert budget.admits("flood", 1_000_000_000), "a new second"
 
@@ -36,18 +36,18 @@ def test_a_flood_of_one_sender_costs_that_sender_alone() -> None:
 def test_any_number_of_senders_shares_one_budget() -> None:
     budget = Budget()
     admitted = sum(budget.admits(port, port) for port in range(100_000))
-    assert admitted == udp.BUDGET + udp.SENDERS
-    assert len(budget._counts) <= udp.SENDERS + 1
+    assert admitted == udp.MAX_SENDER_RATE + udp.MAX_SENDER_COUNT
+    assert len(budget._counts) <= udp.MAX_SENDER_COUNT + 1
 
 
 def test_a_clock_that_goes_back_begins_a_new_second(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(udp, "BUDGET", 1)
+    monkeypatch.setattr(udp, "MAX_SENDER_RATE", 1)
     budget = Budget()
     assert [budget.admits("a", t) for t in (5_000_000_000, 5_000_000_001, 1)] == [True, False, True]
 
 
 def test_what_a_socket_sheds_is_counted_and_others_are_heard(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(udp, "BUDGET", 100)
+    monkeypatch.setattr(udp, "MAX_SENDER_RATE", 100)
     beat = MavlinkEncoder(1, 1).encode(heartbeat(0))
 
     async def test(link: Any, received: list[Datagram]) -> None:
@@ -73,7 +73,7 @@ def test_a_tcp_peer_that_floods_leaves_turns_to_other_links() -> None:
         reader, writer = await asyncio.open_connection(*link.address)
         writer.write(flood)
         await until(lambda: sum(len(d.data) for d in received) == len(flood))
-        assert max(len(d.data) for d in received) <= tcp.TCP_READ
+        assert max(len(d.data) for d in received) <= tcp.READ_BYTES
         writer.close()
         del reader
 

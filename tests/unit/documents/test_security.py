@@ -102,16 +102,20 @@ TESTS = {  # of each line of the table of who reaches what, by its first words
 }
 DETECTED = "tests/unit/wire/test_detections.py::test_"
 OF_LIMITS = {  # what lies beyond each limit
-    "udp.BUDGET": f"{FLOODS}a_flood_of_one_sender_costs_that_sender_alone",
-    "udp.BURST": f"{SURPLUS}the_later_we_are_the_fewer_are_delivered_so_that_we_are_late_no_longer",
-    "udp.LEAST_SURPLUS": f"{SURPLUS}in_a_flood_of_the_imu_all_else_arrives_and_the_newest_samples",
-    "udp.DATAGRAM_GROUP": f"{SURPLUS}nothing_else_is_ever_left_out",
-    "udp.SENDERS": f"{FLOODS}any_number_of_senders_shares_one_budget",
-    "udp.RECEIVE_BUFFER": "tests/unit/links/test_udp_drops.py::test_the_buffer_that_the_kernel_grants_is_known",
-    "tcp.TCP_READ": f"{FLOODS}a_tcp_peer_that_floods_leaves_turns_to_other_links",
+    "udp.MAX_SENDER_RATE": f"{FLOODS}a_flood_of_one_sender_costs_that_sender_alone",
+    "udp.BURST_SIZE": f"{SURPLUS}the_later_we_are_the_fewer_are_delivered_so_that_we_are_late_no_longer",
+    "udp.MIN_SURPLUS_COUNT": f"{SURPLUS}in_a_flood_of_the_imu_all_else_arrives_and_the_newest_samples",
+    "udp.GROUP_SIZE": f"{SURPLUS}nothing_else_is_ever_left_out",
+    "udp.MAX_SENDER_COUNT": f"{FLOODS}any_number_of_senders_shares_one_budget",
+    "udp.RECEIVE_BUFFER_BYTES": (
+        "tests/unit/links/test_udp_drops.py::test_the_buffer_that_the_kernel_grants_is_known"
+    ),
+    "tcp.READ_BYTES": f"{FLOODS}a_tcp_peer_that_floods_leaves_turns_to_other_links",
     "tcp.SEND_LIMIT": f"{STREAMS}a_tcp_client_drops_when_its_peer_does_not_read",
     "serial.SEND_LIMIT": f"{STREAMS}serial_reads_writes_and_drops_when_full",
-    "zenoh.WAITING": "tests/unit/links/test_zenoh_flood.py::test_other_cameras_never_take_our_camera_s_room",
+    "zenoh.MAX_WAITING_COUNT": (
+        "tests/unit/links/test_zenoh_flood.py::test_other_cameras_never_take_our_camera_s_room"
+    ),
     "rations.MAX_BYTES": f"{S}answers_are_rationed_by_source_and_counted",
     "rations.BYTES_PER_S": f"{S}a_ration_is_whole_again_after_two_seconds_and_not_by_a_clock_that_goes_back",
     "rations.STORAGE_BYTES": f"{S}a_parameter_is_stored_beside_the_event_loop_and_of_several_the_newest",

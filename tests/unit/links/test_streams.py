@@ -114,7 +114,7 @@ def test_tcpin_keeps_a_peer_that_gives_messages_and_names_who_else_knocks() -> N
 
 def test_tcpin_is_free_again_once_its_peer_has_left_or_is_silent(monkeypatch: pytest.MonkeyPatch) -> None:
     async def check(link: Any, received: list[Datagram]) -> None:
-        monkeypatch.setattr(tcp, "OWNED_NS", 10**18)  # however long ago its last message was
+        monkeypatch.setattr(tcp, "OWNER_TIMEOUT_NS", 10**18)  # however long ago its last message was
         _, first = await asyncio.open_connection(*link.address)
         first.write(BEAT)
         await until(lambda: len(received) == 1)
@@ -124,7 +124,7 @@ def test_tcpin_is_free_again_once_its_peer_has_left_or_is_silent(monkeypatch: py
         reader, second = await asyncio.open_connection(*link.address)
         second.write(BEAT)
         await until(lambda: len(received) == 2)
-        monkeypatch.setattr(tcp, "OWNED_NS", 0)  # that long ago: its connection broke unnoticed
+        monkeypatch.setattr(tcp, "OWNER_TIMEOUT_NS", 0)  # that long ago: its connection broke unnoticed
         _, third = await asyncio.open_connection(*link.address)
         third.write(BEAT)
         with suppress(ConnectionError):

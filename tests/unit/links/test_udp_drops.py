@@ -40,7 +40,7 @@ def flooded() -> tuple[UdpLink, int]:
 
 
 def test_what_the_kernel_drops_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(udp, "RECEIVE_BUFFER", 200_000)
+    monkeypatch.setattr(udp, "RECEIVE_BUFFER_BYTES", 200_000)
     link, arrived = flooded()
     assert arrived < SENT
     assert link.dropped == SENT + 1 - arrived
@@ -55,7 +55,7 @@ def test_the_buffer_that_the_kernel_grants_is_known() -> None:
 
 def test_a_count_that_wraps_around_goes_on() -> None:
     def ancillary(count: int) -> list[tuple[int, int, bytes]]:
-        return [(socket.SOL_SOCKET, udp.SO_RXQ_OVFL, struct.pack("I", count))]
+        return [(socket.SOL_SOCKET, udp.Option.SO_RXQ_OVFL, struct.pack("I", count))]
 
     before = 2**32 - 5
     assert udp._dropped(ancillary(3), before) == 2**32 + 3

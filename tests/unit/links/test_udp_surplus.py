@@ -77,7 +77,7 @@ def test_in_a_flood_of_the_imu_all_else_arrives_and_the_newest_samples() -> None
     kinds = [ATTITUDE if k % 20 == 0 else HIGHRES_IMU for k in range(1000)]
     found, shed = flooded(kinds)
     needed = [k for k, kind in enumerate(kinds) if kind == ATTITUDE]
-    newest = [k for k, kind in enumerate(kinds) if kind == HIGHRES_IMU][-udp.LEAST_SURPLUS :]
+    newest = [k for k, kind in enumerate(kinds) if kind == HIGHRES_IMU][-udp.MIN_SURPLUS_COUNT :]
     assert [count_of(d) for d in found] == sorted(needed + newest), "in the order of arrival"
     assert shed == 1000 - len(found)
 
@@ -89,15 +89,15 @@ def test_the_later_we_are_the_fewer_are_delivered_so_that_we_are_late_no_longer(
     assert udp.delivered_of([(IMU_RANK, None, None)] * waiting) == delivered
     assert (
         udp.delivered_of([(NEEDED_RANK, None, None)] * 200 + [(IMU_RANK, None, None)] * 824)
-        == 200 + udp.LEAST_SURPLUS
+        == 200 + udp.MIN_SURPLUS_COUNT
     )
 
 
 def test_other_aircraft_are_left_out_before_the_imu() -> None:
     found, _ = flooded([ADSB_VEHICLE] * 900 + [HIGHRES_IMU] * 100)
-    assert [count_of(d) for d in found] == list(range(1000 - udp.LEAST_SURPLUS, 1000))
+    assert [count_of(d) for d in found] == list(range(1000 - udp.MIN_SURPLUS_COUNT, 1000))
     found, _ = flooded([HIGHRES_IMU] * 100 + [ADSB_VEHICLE] * 900)
-    assert [count_of(d) for d in found] == list(range(100 - udp.LEAST_SURPLUS, 100))
+    assert [count_of(d) for d in found] == list(range(100 - udp.MIN_SURPLUS_COUNT, 100))
 
 
 def test_nothing_else_is_ever_left_out() -> None:
@@ -111,17 +111,17 @@ def test_others_have_their_turn_while_a_group_is_delivered() -> None:
 
     async def test(link: Any, received: list[Datagram]) -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-            for k in range(udp.BURST):
+            for k in range(udp.BURST_SIZE):
                 sender.sendto(frame(ATTITUDE, k), link.address)
-        while len(received) < udp.BURST:
+        while len(received) < udp.BURST_SIZE:
             turns.append(len(received))
             await asyncio.sleep(0)
-        assert [count_of(d) for d in received] == list(range(udp.BURST))
+        assert [count_of(d) for d in received] == list(range(udp.BURST_SIZE))
 
     with_link("udpin:127.0.0.1:0", test, surplus=surplus)
     steps = [b - a for a, b in pairwise(turns)]
-    assert max(steps) <= udp.TURN
-    assert sum(step > 0 for step in steps) >= udp.BURST // udp.TURN - 1
+    assert max(steps) <= udp.TURN_SIZE
+    assert sum(step > 0 for step in steps) >= udp.BURST_SIZE // udp.TURN_SIZE - 1
 
 
 def arriving(kinds: list[int], *, waits: bool = False) -> tuple[list[int], list[int]]:
@@ -145,7 +145,7 @@ def arriving(kinds: list[int], *, waits: bool = False) -> tuple[list[int], list[
 
 
 def test_samples_of_the_imu_wait_for_what_is_needed_and_go_before_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(udp, "GATHER_S", 3600.0)
+    monkeypatch.setattr(udp, "GATHER_TIME_S", 3600.0)
     assert arriving([HIGHRES_IMU, HIGHRES_IMU, ATTITUDE]) == ([], [0, 1, 2])
     assert arriving([ATTITUDE, HIGHRES_IMU, ATTITUDE]) == ([0], [0, 1, 2])
 
