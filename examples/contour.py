@@ -1,6 +1,8 @@
-"""A detector: the largest dark blob in a picture, and its ends. It needs OpenCV and `onboard`.
+"""A detector that finds the largest dark blob in a picture, and its ends.
 
-    python examples/contour.py --connect tcp/127.0.0.1:7447
+It needs OpenCV and `onboard`.
+
+python examples/contour.py --connect tcp/127.0.0.1:7447
 
 The idea is that of Oh and Johnson, who find an aircraft by its contour: the darkest blob relative to its
 surroundings is the aircraft, and the ends of its longest axis are the wingtips.

@@ -42,7 +42,7 @@ Picture = npt.NDArray[np.uint8]
 
 
 class Layer(NamedTuple):
-    """A convolution: weights (rows, columns, channels in, channels out) and biases (channels out,)."""
+    """A convolution's weights (rows, columns, channels in, channels out) and biases."""
 
     weights: Array
     biases: Array
@@ -53,7 +53,7 @@ Network = Sequence[Layer]
 
 
 class Learned(NamedTuple):
-    """The result of training: both networks, and the standard deviation of a point (px of a crop)."""
+    """The trained networks, and the standard deviation of a point (px of a crop)."""
 
     where: Network
     points: Network
@@ -69,7 +69,7 @@ class Square(NamedTuple):
 
 
 def columns(x: Array, layer: Layer) -> Array:
-    """Return the input of a convolution at each place of x (n, rows, columns, channels), in one row."""
+    """Return a convolution's input at each place of x (n, rows, columns, channels) as a row."""
     k, stride = layer.weights.shape[0], layer.stride
     rows, width = -(-x.shape[1] // stride), -(-x.shape[2] // stride)
     x = np.pad(x, ((0, 0), (k // 2, k // 2), (k // 2, k // 2), (0, 0)))
@@ -80,7 +80,7 @@ def columns(x: Array, layer: Layer) -> Array:
 
 
 def run(network: Network, x: Array) -> Array:
-    """Apply a network to pictures (n, rows, columns, 1); return maps (n, rows, columns, channels)."""
+    """Apply a network to pictures (n, rows, columns, 1)."""
     for k, layer in enumerate(network):
         x = columns(x, layer) @ layer.weights.reshape(-1, layer.weights.shape[-1]) + layer.biases
         if k + 1 < len(network):
@@ -124,7 +124,7 @@ def square(u: float, v: float, span: float) -> Square:
 
 
 def cut(picture: Picture, part: Square) -> Picture:
-    """Return a part of a picture as the input of `points`; the edge pixels are repeated outside."""
+    """Return a part of a picture, with repeated edge pixels outside."""
     rows = np.clip(np.arange(part.top, part.top + part.side), 0, picture.shape[0] - 1)
     cols = np.clip(np.arange(part.left, part.left + part.side), 0, picture.shape[1] - 1)
     how = cv2.INTER_AREA if part.side > CROP_SIZE_PX else cv2.INTER_LINEAR
@@ -134,7 +134,7 @@ def cut(picture: Picture, part: Square) -> Picture:
 
 
 def levels(pictures: Picture) -> Array:
-    """Return pictures (n, rows, columns) as the input of a network, without their mean brightness."""
+    """Return pictures (n, rows, columns) minus their mean brightness, as a network's input."""
     x = pictures.astype(np.float32)
     return np.asarray((x - np.median(x, axis=(1, 2), keepdims=True))[..., None] / GREY_SCALE)
 

@@ -10,7 +10,7 @@ FOLDER has the pictures, as large as your camera's, and `labels.csv`, a line eac
     file,center_u,center_v,left_u,left_v,right_u,right_v
 
 Coordinates are in px from the upper left corner; `left` and `right` are sides of the image. A line with only the
-file is a picture without an aircraft, of which a detector needs many. A tenth of all pictures is not trained on;
+file is a picture without an aircraft; a detector needs many of them. A tenth of all pictures is not trained on;
 the error on these is printed, and is the sigma with which points are sent.
 """
 
@@ -82,10 +82,7 @@ EVERYTHING = Scene()
 
 
 class Taught(NamedTuple):
-    """Training data: pictures (n, rows, columns), and positions of points (n, points, 2) in px.
-
-    NaN is nowhere.
-    """
+    """Training pictures (n, rows, columns) and points (n, points, 2) in px, NaN if absent."""
 
     pictures: Picture
     places: Array
@@ -211,7 +208,7 @@ def _taught(pictures: Sequence[Picture], places: Sequence[npt.ArrayLike]) -> Tau
 
 
 def around(u: float, v: float, span: float, random: np.random.Generator) -> list[Square]:
-    """Return parts around an aircraft: one with the errors of a second look, others of a first look."""
+    """Return parts around an aircraft with the errors of a second look and of first looks."""
     off = random.uniform(-1.0, 1.0, (CROP_COUNT, 3)) * FIRST_ERROR
     off[0] *= SECOND_ERROR_RATIO
     return [square(u + du * span, v + dv * span, span * float(np.exp(grows))) for du, dv, grows in off]
@@ -335,7 +332,7 @@ def train(name: str, data: Taught, steps: int, seed: int) -> list[Layer]:
 
 
 def batch(data: Taught, random: np.random.Generator) -> tuple[Array, Array]:
-    """Return some pictures as the input of a network, with their positions; half of them mirrored."""
+    """Return pictures as a network's input, half of them mirrored, and their positions."""
     k = random.integers(len(data.pictures), size=BATCH_SIZE)
     pictures, places = levels(data.pictures[k]), data.places[k].copy()
     flip = random.random(BATCH_SIZE) < 0.5

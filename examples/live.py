@@ -24,7 +24,7 @@ Find = Callable[[npt.NDArray[np.uint8]], dict[str, Point] | None]
 def run_detector(find: Find, description: str | None) -> int:
     """Find an aircraft in each picture and send it, until interrupted.
 
-    A newer picture replaces one that waits.
+    Only the newest picture waits.
     """
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(

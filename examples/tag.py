@@ -1,6 +1,6 @@
-"""A detector: an AprilTag of the family 36h11 on the other aircraft. It needs OpenCV and `onboard`.
+"""A detector for an AprilTag of the family 36h11; it needs OpenCV and `onboard`.
 
-    python examples/tag.py --connect tcp/127.0.0.1:7447
+python examples/tag.py --connect tcp/127.0.0.1:7447
 
 The tag stands across the aircraft's forward axis. Its middle is the center; the middles of its sides are `left`
 and `right`, so that the tag's side is the wingspan (`size_prior_m`).

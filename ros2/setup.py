@@ -1,4 +1,4 @@
-"""The ament_python package `wingline`: `ros2 run wingline onboard_ros2`, a launch file, parameters and views."""
+"""The ament_python package `wingline`, with a node, a launch file, parameters and views."""
 
 from glob import glob
 

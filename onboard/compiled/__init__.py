@@ -1,12 +1,12 @@
-"""Kernels: functions of Python that are compiled ahead of flight, into one extension module.
+"""Kernels: Python functions compiled ahead of flight into one extension module.
 
-A kernel stands under `@kernel`. `python -m onboard.compiled` compiles all of them; in flight there is neither
-compiler nor Numba. A kernel with types of arguments can be called from Python; one without is compiled into those
-that call it. Arguments are declared read-only and of any stride, which spares callers copies. A call with other
-types raises TypeError.
+A kernel has the decorator `@kernel`. `python -m onboard.compiled` compiles all of them; in flight there is neither
+compiler nor Numba. A kernel with types of arguments can be called from Python; one without is compiled into its
+callers. Arguments are declared read-only and of any stride, which spares callers copies. A call with other types
+raises TypeError.
 
 `WINGLINE_KERNELS=python` runs the same code in Python, to debug it. `WINGLINE_KERNELS=numba` compiles it as it is
-imported, in single precision, too, which no flight needs.
+imported, also in single precision, which no flight needs.
 """
 
 import os
@@ -42,10 +42,9 @@ MODE: Final = os.environ.get("WINGLINE_KERNELS", MODES[0])
 
 
 def kernel(takes: tuple[Any, ...] | None = None, **options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Decorate a function as a kernel that takes arguments of these types, from Python too; None, from kernels
-    alone."""
+    """Decorate a kernel that takes these types, also from Python; None, from kernels alone."""
     if MODE not in MODES:
-        raise MachineCodeError(f"WINGLINE_KERNELS: {MODE} is none of {', '.join(MODES)}")
+        raise MachineCodeError(f"WINGLINE_KERNELS: {MODE} is unknown; expected one of {', '.join(MODES)}")
     if MODE == "python" or (MODE == "machine" and takes is None):
         return lambda function: function
     if MODE == "machine":

@@ -1,7 +1,7 @@
-"""`python -m onboard.compiled`: compile all kernels into an extension module for this kind of processor.
+"""`python -m onboard.compiled`: compile all kernels for this kind of processor.
 
 It needs Numba (`pip install 'wingline[build]'`) and a C compiler. Processors may be named, or `all` of this kind
-of computer. The object file of each module is kept under a digest of what it depends on, and is not made twice.
+of computer. The object file of each module is kept under a digest of its dependencies, and is not made twice.
 """
 
 import os
@@ -91,7 +91,7 @@ def _compile(names: Sequence[str], files: Mapping[str, Path], target: Processor)
 
 
 def _cost(module: str) -> int:
-    """How long a module takes, by the kernels that it may call: the longest begin first and all end together."""
+    """Estimate a module's build time by its kernels, so that the longest begin first."""
     texts = ((ROOT / file).read_text(encoding="utf-8") for file in sources([module]))
     return sum(text.count("@kernel(") for text in texts)
 
@@ -139,7 +139,7 @@ def _compiler() -> str:
 
 
 def targets(names: Sequence[str], machine: str, can: frozenset[str]) -> list[Processor]:
-    """The processors of these names, by default the one of a machine that can do these. Raises UserError."""
+    """Return the processors of these names, or this machine's by default. Raises UserError."""
     known = {one.name: one for one in PROCESSORS.get(machine, ())}
     if not names:
         return [processor(machine, can)]

@@ -5,8 +5,10 @@ from typing import Any, Final, NamedTuple
 
 
 class ArrayKind(NamedTuple):
-    """The type of an array: of its elements, how many axes, and `layout`: "a" of any stride, "c" without gaps, "w"
-    without gaps and written into, "m" of any stride and written into."""
+    """The type of an array: its elements, its axes and its layout.
+
+    `layout` is "a" for any stride, "c" for no gaps, "w" for no gaps and writable, "m" for any stride and writable.
+    """
 
     element: str
     ndim: int
@@ -42,8 +44,10 @@ def out(element: str, ndim: int = 2) -> ArrayKind:
 
 
 def record(kind: type, *fields: Any) -> RecordKind:
-    """A NamedTuple of such fields, or a plain `tuple`. An argument must have exactly these. No array is converted:
-    neither one that is read-only nor one with gaps."""
+    """A NamedTuple of these fields, or a plain `tuple`; arguments must match exactly.
+
+    No array is converted, whether read-only or with gaps.
+    """
     return RecordKind(kind, fields)
 
 
@@ -54,20 +58,23 @@ def like(value: Any) -> Any:
     return {bool: BOOL, int: INT, float: FLOAT}[type(value)]
 
 
-VECTOR: Final = array(FLOAT, 1)
-ROWS: Final = array(FLOAT, 2)  # a matrix, or states one a row
-CUBE: Final = array(FLOAT, 3)
-OUT: Final = out(FLOAT)
-FLAGS: Final = array(BOOL, 1)
-INDICES: Final = array(INT, 1)
+VECTOR: Final = array(FLOAT, ndim=1)
+ROWS: Final = array(FLOAT, ndim=2)  # a matrix, or states one a row
+CUBE: Final = array(FLOAT, ndim=3)
+OUT: Final = out(FLOAT, ndim=2)
+FLAGS: Final = array(BOOL, ndim=1)
+INDICES: Final = array(INT, ndim=1)
 SHORT: Final[dict[Any, Any]] = {
     "f": FLOAT, "out": OUT, "packed 2": packed(FLOAT, 2), "packed 3": packed(FLOAT, 3),
 }  # fmt: skip
 
 
 def signature(*arguments: Any) -> tuple[Any, ...]:
-    """The types of a kernel's arguments. An int stands for an array of that many dimensions, "packed 2" for one
-    without gaps, "out" for a matrix to write into, "f" for a number; a type stands for itself."""
+    """Return the types of a kernel's arguments from a short form.
+
+    An int stands for an array of that many dimensions, "packed 2" for one without gaps, "out" for a matrix to
+    write into, "f" for a number; a type stands for itself.
+    """
     return tuple(array(FLOAT, a) if isinstance(a, int) else SHORT.get(a, a) for a in arguments)
 
 
@@ -76,7 +83,7 @@ def signature(*arguments: Any) -> tuple[Any, ...]:
 MAKING: Final[dict[str, Any]] = {"error_model": "numpy"}
 
 # Kernels that only fill the arrays they are given. One that creates arrays counts references to every array it
-# sees: a handful of locked instructions for each slice. These do not, and the compiler refuses one that starts to
+# sees: a handful of locked instructions for each slice. These do not, and the compiler refuses one if it starts to
 # create arrays. Without that switch the numbers are the same.
 FILLING: Final[dict[str, Any]] = MAKING | {"_nrt": False}
 

@@ -1,4 +1,4 @@
-"""The extension module with the machine code of all kernels: which file it is, and whether it may be used."""
+"""The extension module with all kernels' machine code: its file, and whether it is valid."""
 
 import hashlib
 import platform
@@ -25,8 +25,7 @@ class MachineCodeError(UserError, ImportError):
 
 
 class Processor(NamedTuple):
-    """What machine code is made for: LLVM's name of it and further features, and the flags that Linux shows of one
-    on which it runs."""
+    """A target of machine code: LLVM's name and features, and the flags that Linux shows."""
 
     name: str
     cpu: str
@@ -45,7 +44,7 @@ PROCESSORS: Final = {
 
 
 def features() -> frozenset[str]:
-    """What this processor can do, by the names that Linux shows."""
+    """This processor's features, by the names that Linux shows."""
     try:
         with Path("/proc/cpuinfo").open(encoding="utf-8") as file:
             lines = iter(file.readline, "\n")
@@ -56,7 +55,7 @@ def features() -> frozenset[str]:
 
 
 def processor(machine: str, can: frozenset[str]) -> Processor:
-    """The first whose code runs on a machine (`platform.machine`) that can do these. Raises MachineCodeError."""
+    """The first target that runs on a machine with these features. Raises MachineCodeError."""
     for one in PROCESSORS.get(machine, ()):
         if one.needs <= can:
             return one
@@ -82,12 +81,12 @@ def machine_code() -> Any:
 
 
 def checksum(content: bytes) -> bytes:
-    """What follows an extension module in its file."""
+    """The checksum at the end of an extension module's file."""
     return hashlib.sha256(content).digest()
 
 
 def path() -> Path:
-    """The file of the extension module for this computer. Raises MachineCodeError if there is none."""
+    """The file of this computer's extension module. Raises MachineCodeError if there is none."""
     chosen = processor(platform.machine(), features())
     found = FOLDER / f"{chosen.name}.so"
     if not found.exists():
@@ -99,7 +98,7 @@ def path() -> Path:
 
 
 def digest(sources: Iterable[str], root: Path = ROOT) -> str:
-    """SHA-256 over the names and bytes of sources, by their paths below `root`; a missing one counts as empty."""
+    """SHA-256 over the paths below `root` and bytes of sources; a missing file is empty."""
     found = hashlib.sha256()
     for name in sources:
         try:

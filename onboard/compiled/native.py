@@ -23,14 +23,14 @@ from onboard.compiled.machine import Processor
 from onboard.compiled.numba_types import Specification, numba_type, signatures
 from onboard.compiled.parts import Entry, Part
 
-SLOT: Final = ir.IntType(64)
-SLOTS: Final = SLOT.as_pointer()
+SLOT_TYPE: Final = ir.IntType(64)
+SLOTS_TYPE: Final = SLOT_TYPE.as_pointer()
 CODE: Final = ir.IntType(32)
-MAX_SLOTS: Final = 256  # as SLOTS of boundary.c
+MAX_SLOT_COUNT: Final = 256  # as SLOTS of boundary.c
 
 
 class Declared(NamedTuple):
-    """A kernel that Python may call: the function, the types of its arguments, and how it is compiled."""
+    """A kernel for Python: the function, the types of its arguments, and Numba's options."""
 
     function: Callable[..., Any]
     takes: tuple[Any, ...]
@@ -47,7 +47,7 @@ def jitted(function: Any, takes: tuple[Any, ...] | None, options: dict[str, Any]
 
 
 def declared(function: Any, takes: tuple[Any, ...] | None, options: dict[str, Any]) -> Any:
-    """A kernel that Numba compiles for a file, once it is asked for: with these types alone if there are any."""
+    """A kernel that Numba compiles for a file on request, with these types alone if any."""
     compile_later: Any = njit
     dispatcher = compile_later(no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)(function)
     if takes is not None:
@@ -63,7 +63,7 @@ def declared(function: Any, takes: tuple[Any, ...] | None, options: dict[str, An
 
 
 def _compiled(dispatcher: Any, takes: tuple[Any, ...]) -> Any:
-    """What Numba has made of a kernel for its arguments."""
+    """Numba's result of a kernel for its arguments."""
     arguments = tuple(numba_type(kind) for kind in takes)
     if arguments not in dispatcher.overloads:
         dispatcher.compile(arguments)
@@ -72,7 +72,7 @@ def _compiled(dispatcher: Any, takes: tuple[Any, ...]) -> Any:
 
 
 def _raise_of_shapes(shapes: Any, index_shape: Any) -> None:
-    """What a kernel does if an array does not fit where it is put. Raises ValueError."""
+    """Raise ValueError for an array that does not fit where a kernel puts it."""
     raise NotImplementedError
 
 
@@ -123,7 +123,7 @@ def module_part(name: str) -> Part:
 
 
 def _hide(module: Any, exported: set[str], context: Any) -> None:
-    """Hide all but the exported functions from other files, which may have the same names; drop what is unused."""
+    """Hide all but the exported functions from other files, and drop unused ones."""
     for one in (*module.functions, *module.global_variables):
         if not one.is_declaration and one.name not in exported:
             one.linkage = "internal"
@@ -147,10 +147,12 @@ def _added(context: Any, library: Any, one: Declared) -> Entry:
 
 
 def _write_entry(context: Any, library: Any, made: Any, symbol: str) -> None:
-    """int symbol(i64 *in, i64 *out), which calls the kernel with what is in slots. It returns 0, or 1 for an
-    exception, of which `out` then has the pickle's address (0 if it has none) and size."""
+    """Write int symbol(i64 *in, i64 *out), which calls the kernel with the slots' values.
+
+    It returns 0, or 1 for an exception, whose pickle's address (0 if none) and size are then in `out`.
+    """
     module = library.create_ir_module(symbol)
-    function = ir.Function(module, ir.FunctionType(CODE, (SLOTS, SLOTS)), symbol)
+    function = ir.Function(module, ir.FunctionType(CODE, (SLOTS_TYPE, SLOTS_TYPE)), symbol)
     builder = ir.IRBuilder(function.append_basic_block())
     source, target = (_Slots(builder, argument) for argument in function.args)
     arguments, result = made.signature.args, made.signature.return_type
@@ -169,11 +171,11 @@ def _store_exception(builder: Any, status: Any, slots: "_Slots") -> None:
     nothing = builder.icmp_unsigned("==", status.excinfoptr, status.excinfoptr.type(None))
     with builder.if_else(builder.or_(nothing, builder.not_(status.is_user_exc))) as (without, with_it):
         with without:
-            _Slots(builder, slots.start).put(SLOT(0))
+            _Slots(builder, slots.start).put(SLOT_TYPE(0))
         with with_it:
             raised = builder.load(status.excinfoptr)
-            slots.put(builder.ptrtoint(builder.extract_value(raised, 0), SLOT))
-            slots.put(builder.sext(builder.extract_value(raised, 1), SLOT))
+            slots.put(builder.ptrtoint(builder.extract_value(raised, 0), SLOT_TYPE))
+            slots.put(builder.sext(builder.extract_value(raised, 1), SLOT_TYPE))
 
 
 class _Slots:
@@ -186,8 +188,8 @@ class _Slots:
     def _place(self) -> Any:
         place = self._builder.gep(self.start, [CODE(self._next)])
         self._next += 1
-        if self._next > MAX_SLOTS:
-            raise ValueError(f"a kernel takes or gives more than {MAX_SLOTS} numbers")
+        if self._next > MAX_SLOT_COUNT:
+            raise ValueError(f"a kernel takes or returns more than {MAX_SLOT_COUNT} numbers")
         return place
 
     def take(self) -> Any:
@@ -205,7 +207,7 @@ def _native(context: Any, builder: Any, slots: _Slots, kind: Any) -> Any:
         array = context.make_array(kind)(context, builder)
         parent, data = (builder.inttoptr(slots.take(), field.type) for field in (array.parent, array.data))
         shape, strides = ([slots.take() for _ in range(kind.ndim)] for _ in range(2))
-        size = SLOT(context.get_abi_sizeof(context.get_data_type(kind.dtype)))
+        size = SLOT_TYPE(context.get_abi_sizeof(context.get_data_type(kind.dtype)))
         arrayobj.populate_array(array, data, shape, strides, size, meminfo=None, parent=parent)
         return array._getvalue()  # noqa: SLF001 - as Numba's own code
     if isinstance(kind, types.BaseTuple):
@@ -213,7 +215,7 @@ def _native(context: Any, builder: Any, slots: _Slots, kind: Any) -> Any:
     if isinstance(kind, types.Float):
         return builder.bitcast(slots.take(), context.get_value_type(kind))
     if isinstance(kind, types.Boolean):
-        return builder.icmp_unsigned("!=", slots.take(), SLOT(0))
+        return builder.icmp_unsigned("!=", slots.take(), SLOT_TYPE(0))
     return slots.take()
 
 
@@ -222,7 +224,7 @@ def _store(context: Any, builder: Any, slots: _Slots, kind: Any, value: Any) -> 
     if isinstance(kind, types.Array):
         array = context.make_array(kind)(context, builder, value=value)
         for pointer in (array.meminfo, array.parent, array.data):
-            slots.put(builder.ptrtoint(pointer, SLOT))
+            slots.put(builder.ptrtoint(pointer, SLOT_TYPE))
         for axes in (array.shape, array.strides):
             for k in range(kind.ndim):
                 slots.put(builder.extract_value(axes, k))
@@ -230,8 +232,8 @@ def _store(context: Any, builder: Any, slots: _Slots, kind: Any, value: Any) -> 
         for k, each in enumerate(kind.types):
             _store(context, builder, slots, each, builder.extract_value(value, k))
     elif isinstance(kind, types.Boolean):
-        slots.put(builder.zext(value, SLOT))
+        slots.put(builder.zext(value, SLOT_TYPE))
     elif isinstance(types.unliteral(kind), types.Float):
-        slots.put(builder.bitcast(value, SLOT))
+        slots.put(builder.bitcast(value, SLOT_TYPE))
     elif not isinstance(kind, types.NoneType):
         slots.put(value)

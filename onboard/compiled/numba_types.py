@@ -24,20 +24,20 @@ def numba_type(kind: Any, number: Any = types.float64) -> Any:
 
 
 def signatures(takes: tuple[Any, ...] | None) -> Any:
-    """What `njit` is given for a kernel: in double precision, and in single; None for one without."""
+    """The signatures for `njit` in double and in single precision; None without types."""
     if takes is None:
         return None
     return [tuple(numba_type(kind, number) for kind in takes) for number in (types.float64, types.float32)]
 
 
 class Specification:
-    """Types as `boundary.c` reads them, and the classes that they name by their places: the first is `tuple`."""
+    """Types in the form that `boundary.c` reads, and their classes, the first of them `tuple`."""
 
     def __init__(self) -> None:
         self.classes: list[type] = [tuple]
 
     def of(self, kind: Any) -> str:
-        """The specification of an argument or a result. Raises TypeError for one that cannot pass the boundary."""
+        """The specification of an argument or a result. Raises TypeError for an unsupported type."""
         if isinstance(kind, types.Array):
             layouts = "wm" if kind.mutable else "ca"  # of one without gaps, and of any other
             return f"A{LETTERS[kind.dtype]}{kind.ndim}{layouts[kind.layout != 'C']}"

@@ -1,4 +1,4 @@
-"""What is compiled of one module, on its way to the extension module."""
+"""The compiled parts of one module, before they are linked."""
 
 from typing import NamedTuple
 
@@ -15,7 +15,7 @@ class Entry(NamedTuple):
 
 
 class Part(NamedTuple):
-    """What a module with kernels gives: functions that Python may call, and an object file."""
+    """The functions for Python and the object file of a module with kernels."""
 
     entries: list[Entry]
     object_file: bytes

@@ -20,14 +20,16 @@ def kernel_modules() -> tuple[str, ...]:
 
 
 def sources(modules: Iterable[str]) -> list[str]:
-    """The files of these modules and of all of `onboard` that they import at once, by their paths below the root:
-    functions and constants of any may stand in machine code, but for those that load it."""
+    """The files, below the root, that these modules' machine code depends on.
+
+    They are the modules and all of `onboard` that they import at once, except those that load machine code.
+    """
     needed = needed_by(modules, at_once=True) - {"onboard.compiled", "onboard.compiled.machine"}
     return sorted(path_of(name).relative_to(ROOT).as_posix() for name in needed)
 
 
 def needed_by(names: Iterable[str], *, at_once: bool = False) -> set[str]:
-    """These modules of `onboard` and all that they may import; `at_once`, only by imports at the top level."""
+    """These modules of `onboard` and their imports; `at_once`, only those at the top level."""
     found: set[str] = set()
     waiting = [*names]
     while waiting:

@@ -9,7 +9,7 @@ from onboard.messages.text import MAX_LINE_LENGTH, plain
 
 
 class Console(rich.console.Console):
-    """Rich's console without markup: brackets are text, and file names cannot control the terminal."""
+    """Rich's console without markup, so that brackets are text and file names are harmless."""
 
     def render_str(self, text: str, **options: Any) -> Text:
         """Render a string, also that of a table's cell."""

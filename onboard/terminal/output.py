@@ -29,7 +29,7 @@ def show(line: str) -> None:
 
 
 def one_line(text: str) -> str:
-    """Return text, parts of which may come from outside, as one line without control characters."""
+    """Return untrusted text as one line without control characters."""
     if text.isprintable() and len(text) < MAX_PLAIN_LENGTH:
         return text
     from onboard.messages.text import MAX_LINE_LENGTH, plain  # noqa: PLC0415 - this file is loaded before all others
@@ -75,13 +75,13 @@ class Lines:
 
 
 def end_signals() -> tuple[signal.Signals, ...]:
-    """Return the signals that end a program: SIGINT, SIGTERM, and SIGHUP unless `nohup` ignores it."""
+    """Return the signals that end a program: SIGINT, SIGTERM, SIGHUP (unless ignored)."""
     ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
     return (signal.SIGINT, signal.SIGTERM, *(() if ignored else (signal.SIGHUP,)))
 
 
 def end_at_once() -> None:
-    """Let these signals end the program with exit code 0 while it loads: there is nothing to close.
+    """Let these signals end the program with exit code 0 while it loads.
 
     An exception would not do: compilers and callbacks from C swallow it, or fail with another one.
     """

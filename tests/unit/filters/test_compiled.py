@@ -259,7 +259,7 @@ def test_kernels_run_in_python_without_machine_code(copy: Path) -> None:
 
 def test_an_unknown_mode_is_refused() -> None:
     done = python(USE, ROOT, WINGLINE_KERNELS="fast")
-    assert "WINGLINE_KERNELS: fast is none of" in done.stderr
+    assert "WINGLINE_KERNELS: fast is unknown" in done.stderr
 
 
 def test_code_is_for_the_best_processor_that_can_run_it() -> None:
