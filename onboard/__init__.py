@@ -21,5 +21,5 @@ class UserError(Exception):
 
 
 def with_extra(extra: str) -> str:
-    """What installs us with an extra: no index has us, so it is the clone, or the wheel's own file."""
+    """Return how to install us with an extra, from the clone or the wheel's file."""
     return f"in the clone `pip install '.[{extra}]'`, of a wheel `pip install \"$(ls ./wingline-*.whl)[{extra}]\"`"

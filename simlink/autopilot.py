@@ -292,7 +292,7 @@ def _in_the_air(t_ns: int, _: Reading) -> Message:
 
 
 def _servo(t_ns: int, reading: Reading) -> Message:
-    """Return the motor commands of a quadrotor, else four equal outputs that follow the load factor."""
+    """Return a quadrotor's motor commands, else four outputs that follow the load factor."""
     if reading.pwm_us is not None:
         return ActuatorOutputs(t_ns=t_ns, t_recv_ns=t_ns, clock=Clock.BOOT, pwm_us=reading.pwm_us)
     load = -reading.imu_f_b[2] / GRAVITY
@@ -319,7 +319,7 @@ class AutopilotLink:
         return self._encode(self._autopilot.due(t_ns, reading))
 
     def receive(self, data: bytes, t_ns: int) -> list[bytes]:
-        """Return the frames that reply to `data`, which arrived at `t_ns`; invalid bytes are ignored."""
+        """Return the replies to `data`, which arrived at `t_ns`; invalid bytes are ignored."""
         replies: list[bytes] = []
         for message in self._decoder.decode(data, t_ns):
             if isinstance(message, Setpoint) and self._mode is not None:

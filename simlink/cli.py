@@ -237,7 +237,7 @@ def _or_none(text: str) -> str | None:
 
 
 def parser() -> argparse.ArgumentParser:
-    """Return the parser of all commands; `command` of the parsed arguments is the function to call."""
+    """Return the parser of all commands, with the function to call as `command`."""
     top = _Parser(
         prog="simlink",
         description="Simulate a flight: an autopilot's MAVLink stream, a camera's image points of the aircraft "

@@ -77,7 +77,7 @@ class Aligned(NamedTuple):
 
 
 class Clocks:
-    """The offset of the host clock from the boot clock, and the boot clock's continuity. All times are in ns."""
+    """The offset of the host clock from the boot clock, ns, and the latter's continuity."""
 
     def __init__(self) -> None:
         self.is_one_clock = True  # One clock stamps all arrivals; another program's log may combine several.
@@ -108,7 +108,7 @@ class Clocks:
 
     @property
     def offset_ns(self) -> int | None:
-        """Host clock minus boot clock at the last message's arrival, None before the first message."""
+        """Host clock minus boot clock at the last message's arrival, None before the first."""
         return self._offset.at(self._last_arrival)
 
     @property
@@ -134,7 +134,7 @@ class Clocks:
         return at_ns - offset - t_ns if self._wall.is_even and offset is not None else 0
 
     def align(self, message: Message, delay_ns: int = 0) -> Aligned:
-        """Convert a message to the boot clock. A message whose time is not known is counted as rejected."""
+        """Convert a message to the boot clock; a message of unknown time is rejected."""
         self._event, self._why = None, ""
         found = self._aligned(message, delay_ns)
         if isinstance(found, SystemTime) and found.unix_ns > MIN_UNIX_TIME_NS:
@@ -249,11 +249,12 @@ class Clocks:
             self.rejected["host_clock_steps"] += 1
 
     def receive_reply(self, message: TimeSync) -> Reason | None:
-        """Update the offset with a TIMESYNC reply. Returns the reason if the reply is of another clock.
+        """Update the offset with a TIMESYNC reply; return the reason if it is of another clock.
 
-        Autopilots also forward replies to requests of others; ours have our tag in ts1. If a log contains none
-        of ours, any reply that could be the recorder's is used. One in a thousand of these has our tag by
-        chance, so only several tagged replies count as ours."""
+        Autopilots also forward replies to requests of others; ours have our tag in ts1. If a log contains none of
+        ours, any reply that could be the recorder's is used. One in a thousand of these has our tag by chance, so
+        only several tagged replies count as ours.
+        """
         if message.tc1_ns == 0:
             return None  # a request
         round_trip = message.t_recv_ns - message.ts1_ns

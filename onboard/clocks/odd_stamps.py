@@ -1,4 +1,4 @@
-"""Stamps that do not fit: has the autopilot's clock jumped, or does a link repeat the past?"""
+"""Classification of stamps that do not fit: a jump of the clock, or repetition."""
 
 from collections import deque
 from typing import Final

@@ -1,4 +1,4 @@
-"""The offset between this computer's clock and the autopilot's boot clock, and how it changes.
+"""The offset between this computer's clock and the autopilot's boot clock.
 
 It comes from TIMESYNC replies, otherwise from the fastest messages: the lower envelope of arrival minus stamp.
 While a link is held up, even its fastest messages are late, so the envelope rises no faster than clocks drift
@@ -77,10 +77,11 @@ class Offset:
         return offset + round(self.slope * (t_ns - since_ns))
 
     def bounds(self, t_ns: int) -> tuple[int | None, int | None]:
-        """Return the offset at a time of the host clock, and the offset of the latest possible stamp.
+        """Return the offset at a host time, and the offset of the latest possible stamp.
 
-        None if too little is known. The bound comes from the round trip of replies. Without replies it allows
-        for a link that is always late, by many times the spread of its fastest messages."""
+        None if too little is known. The bound comes from the round trip of replies. Without replies it allows for
+        a link that is always late, by many times the spread of its fastest messages.
+        """
         offset, carried = self.at(t_ns), self.fastest[0][1] if self.fastest else None
         if offset is None or carried is None or self.slope != 0.0 or self.doubt:
             return offset, None

@@ -17,7 +17,7 @@ class WallClock:
         self._latency_ns: dict[type[Message], int] = {}  # of the last message that this computer stamped
 
     def compare(self, t_recv_ns: int, step_ns: int | None) -> bool:
-        """Store the wall clock's offset, None if it stamps arrivals. Returns whether it was set just now."""
+        """Store the wall clock's offset, None if it stamps arrivals; return whether it was set."""
         if step_ns is None:
             return False
         self.is_even = True

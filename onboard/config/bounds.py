@@ -50,7 +50,7 @@ SIGMA_RANGE: Final = Bounds(1e-5, 0.02, "a larger error hides a wing, and no det
 
 
 def out_of_range(config: Config) -> Iterator[str]:
-    """Yield a line for each value out of bounds: its key, its value, the bounds and their reason."""
+    """Yield a line for each value out of bounds: key, value, bounds and reason."""
     for key, bounds in RANGES.items():
         yield from _check(key, _find(config, key), bounds)
     cameras = {"camera": config.camera} | {f"cameras.{name}": c for name, c in config.cameras.items()}

@@ -1,4 +1,4 @@
-"""`[camera]` and `[cameras.NAME]`: mounts, lenses and delays, and the models built from them."""
+"""`[camera]` and `[cameras.NAME]`: mounts, lenses, delays, and their models."""
 
 import dataclasses
 import re

@@ -67,7 +67,7 @@ def signing_key(link: LinkConfig) -> bytes | None:
 
 
 def store(path: Path, table: dict[str, Any]) -> None:
-    """Write a table of numbers and arrays atomically: a power cut leaves the old or the new file.
+    """Write a table of numbers and arrays atomically, safe against power cuts.
 
     Raises OSError.
     """

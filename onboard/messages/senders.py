@@ -1,4 +1,4 @@
-"""Whose a message must be before it counts, in one table. What another sender states changes nothing."""
+"""The senders whose messages count; other senders change nothing."""
 
 from collections.abc import Mapping
 from enum import Flag, auto

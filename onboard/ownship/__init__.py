@@ -1,6 +1,4 @@
-"""Our own vehicle: its pose and motion over the last seconds (`ownship`), where its gimbals point (`gimbals`), and
-whether reports of them contradict each other (`contradictions`), how noisy they are (`scatter`), and which
-source is used (`source`)."""
+"""Our own vehicle: its motion, gimbals, contradictions, noise and source."""
 
 from onboard.ownship.gimbals import head_attitude
 from onboard.ownship.histories import NavSample, Step

@@ -1,4 +1,4 @@
-"""Whether the motion of one sender continues that of another, so that both are the same vehicle."""
+"""Whether one sender's motion continues that of another, so that both are one vehicle."""
 
 import math
 from typing import Final

@@ -67,7 +67,7 @@ class Sample(NamedTuple):
 
 
 class Strides:
-    """Detects a stream whose values contradict its own rates for long, or that has too much noise."""
+    """Detects a stream that contradicts its own rates for long, or has too much noise."""
 
     def __init__(self, limit: float, share: float, ceiling: Ceiling = Ceiling()) -> None:  # noqa: B008 - frozen
         self._limit, self._share = limit, share  # tolerance of the rate, and as a share of the stated rate
@@ -133,7 +133,7 @@ class Still:
 
 
 class Gained:
-    """The velocity north and east that the accelerometer has gained, over the last two windows."""
+    """Horizontal velocity gained by the accelerometer over the last two windows."""
 
     def __init__(self) -> None:
         self._times: list[int] = []
@@ -265,7 +265,7 @@ class Contradictions:
         return False
 
     def correct(self, t_ns: int, what: str) -> None:
-        """Start the comparisons anew, since the autopilot has corrected its state in one step."""
+        """Restart the comparisons, since the autopilot has corrected its state in one step."""
         self._leapt.clear()
         self._velocities.clear()
         self._nav = None
@@ -289,9 +289,10 @@ class Contradictions:
         return off < VELOCITY_TOLERANCE + self._change_noise + MAX_UNSEEN_ACCELERATION * unseen
 
     def _gained(self, from_ns: int, to_ns: int) -> tuple[float, float, float] | None:
-        """Integrate the accelerometer: velocity north and east, and the time, s, since its newest sample.
+        """Integrate the accelerometer to the velocity north and east; None if it has a gap.
 
-        None where it is not known."""
+        Also returns the time, s, since its newest sample.
+        """
         imu = self._imu
         newest_ns = imu.since_newest(to_ns)
         if newest_ns is None or imu.first_ns > from_ns or newest_ns > 2 * MAX_IMU_INTERVAL_NS:
@@ -326,7 +327,7 @@ class Contradictions:
             self.note(t_ns, "position hangs")
 
     def add_imu(self, t_ns: int, f_b: Sequence[float], q_nb: Sequence[float] | None) -> None:
-        """Add a specific force (3) in b, m/s^2, and the attitude (4) then, None if it is not known."""
+        """Add a specific force (3) in b, m/s^2, and the attitude (4) then, None if unknown."""
         dt = self._imu.since_newest(t_ns)
         if q_nb is None or dt is None or not 0 < dt <= MAX_IMU_INTERVAL_NS:
             if dt is None or dt > 0:
@@ -382,7 +383,7 @@ def _between(a: Sequence[float], b: Sequence[float]) -> tuple[float, float, floa
 
 
 def turn(q0: Sequence[float], q1: Sequence[float]) -> tuple[float, float, float]:
-    """Return the rotation vector, rad in b, from one unit quaternion to the next, for small angles."""
+    """Return the rotation vector, rad in b, between unit quaternions, for small angles."""
     w0, x0, y0, z0 = q0
     w1, x1, y1, z1 = q1
     sign = 2.0 if w0 * w1 + x0 * x1 + y0 * y1 + z0 * z1 > 0.0 else -2.0

@@ -60,7 +60,7 @@ class Gimbals:
         return ""
 
     def of(self, camera: Camera, t_ns: int) -> MountAttitude | None:
-        """Return the attitude of a camera's gimbal, as `at`, with its `gimbal_frame` and `gimbal_reversed`."""
+        """Return the attitude of a camera's gimbal by `gimbal_frame` and `gimbal_reversed`."""
         mount = None if camera.gimbal is None else self.at(camera.gimbal, t_ns)
         if mount is None or not (camera.gimbal_frame or camera.gimbal_reversed):
             return mount

@@ -1,7 +1,7 @@
-"""Samples of our own attitude, position and velocity over the last seconds, and interpolation between them.
+"""Histories of our own attitude, position and velocity, with interpolation.
 
 Velocity is linear between two samples, so the acceleration over a step is exactly the velocity's difference:
-integrated, it gives the velocity back, and no accelerometer bias can part the two.
+integrated, it gives the velocity back, and no accelerometer bias can separate the two.
 """
 
 from bisect import bisect_left, bisect_right
@@ -45,7 +45,7 @@ class Step(NamedTuple):
 
 
 class Attitudes:
-    """Attitudes by time, extrapolated by the newest rates for a short while after the newest sample."""
+    """Attitudes by time, extrapolated briefly after the newest sample by its rates."""
 
     def __init__(self, max_extrapolation_ns: int) -> None:
         self.times: list[int] = []
@@ -83,7 +83,7 @@ class Attitudes:
 
 
 class Navigation:
-    """Positions and velocities by time, extrapolated for a short while after the newest sample."""
+    """Positions and velocities by time, extrapolated briefly after the newest sample."""
 
     def __init__(self, max_extrapolation_ns: int) -> None:
         self.times: list[int] = []

@@ -86,9 +86,10 @@ class Ownship:
         self.rejected: dict[str, int] = {}
 
     def receive(self, message: Message, stamp_ns: int, own: StatedMotion | None = None) -> bool:
-        """Update with a message of time `message.t_ns`. Returns whether it has a new navigation sample.
+        """Update with a message of time `message.t_ns`; return whether it has navigation.
 
-        `stamp_ns` is its stamp before the delay was subtracted; `own` is an estimator's statement of that time."""
+        `stamp_ns` is its stamp before the delay was subtracted; `own` is an estimator's statement of that time.
+        """
         if isinstance(message, Attitude):
             self._add_attitude(message, stamp_ns, own)
             return False
@@ -114,7 +115,7 @@ class Ownship:
         return False
 
     def receive_status(self, status: EstimatorStatus) -> bool:
-        """Update with the autopilot's report on its filter. Returns whether it may have a horizontal velocity."""
+        """Update with the autopilot's filter report; return whether it may have a velocity."""
         self._uncertainty.receive(status)
         if status.resets is None:
             self._status = status
@@ -126,7 +127,7 @@ class Ownship:
 
     @property
     def attitude_sigma(self) -> Vec3:
-        """Standard deviations of roll, pitch and yaw that the autopilot reports, rad; 0 without a report."""
+        """Sigmas of roll, pitch and yaw that the autopilot reports, rad; 0 without a report."""
         return self._uncertainty.tilt, self._uncertainty.tilt, self._uncertainty.sigma
 
     def has_position(self, message: Message) -> bool:
@@ -141,7 +142,7 @@ class Ownship:
 
     @property
     def has_misled(self) -> bool:
-        """Whether the present or last doubt was more than one step, so that estimates since then are wrong."""
+        """Whether the last doubt was more than one step, so that estimates since are wrong."""
         return self._contradictions.has_misled
 
     def pose_at(self, t_ns: int) -> Pose | None:
@@ -169,12 +170,12 @@ class Ownship:
 
     @property
     def attitude_noise(self) -> tuple[float, ...] | None:
-        """Measured standard deviations (3,) of the attitudes' white noise about b's axes, rad, or None."""
+        """Measured sigmas (3,) of the attitude's white noise about b's axes, rad, or None."""
         return self._contradictions.attitude_noise
 
     @property
     def velocity_bias(self) -> Reason | None:
-        """Reason if our own estimator's velocity and the autopilot's differ by more than noise, or None."""
+        """Reason if our estimator's and the autopilot's velocities differ by more than noise."""
         bias, used = (
             self._source_of_velocity.bias,
             "ours" if self._source_of_velocity.is_own else "the autopilot's",
@@ -186,19 +187,17 @@ class Ownship:
 
     @property
     def source_changes(self) -> dict[str, int]:
-        """Counts of changes of the source of our own attitude and velocity, by new source and reason."""
+        """Counts of changes of the source of attitude and velocity, by source and reason."""
         return {**self._source_of_attitude.changes, **self._source_of_velocity.changes}
 
     @property
     def known_ns(self) -> float:
-        """End of the time in which pose and motion are interpolated; minus infinity if either is unknown.
-
-        Later samples do not change them."""
+        """End of the time in which pose and motion are final, minus infinity if unknown."""
         nav, attitudes = self._nav.times, self._attitudes.times
         return min(nav[-1], attitudes[-1]) if nav and attitudes else -math.inf
 
     def knows(self, t_ns: int) -> bool:
-        """Whether pose and motion at a time are interpolated, so that later samples do not change them."""
+        """Whether pose and motion at a time are interpolated, and final."""
         return t_ns <= self.known_ns
 
     def motion(self, from_ns: int, to_ns: int) -> tuple[Array, Array, Array]:
@@ -214,7 +213,7 @@ class Ownship:
         return t, np.column_stack(r), np.array([sample.q for sample in attitudes])
 
     def lead_ns(self, t_ns: int) -> int:
-        """Return the time since the newest sample of attitude or of navigation, whichever is older."""
+        """Return the time since the newest attitude or navigation sample, the older of both."""
         return t_ns - min((times[-1] for times in (self._nav.times, self._attitudes.times) if times), default=t_ns)
 
     def steps(self, t0_ns: int, t1_ns: int) -> Sequence[Step]:
@@ -283,7 +282,7 @@ class Ownship:
         return AttitudeSample(unit(turned(stated.q, (a, b, c), 1.0)), omega, (x, y, z))
 
     def _recent_status(self, message: Message) -> EstimatorStatus | None:
-        """Return the autopilot's last report on its filter, or None if it is too old for a message."""
+        """Return the autopilot's last report on its filter, None if too old for a message."""
         status = self._status
         is_recent = status is not None and 0 <= message.t_recv_ns - status.t_recv_ns <= MAX_STATUS_AGE_NS
         return status if is_recent else None
@@ -307,7 +306,7 @@ class Ownship:
         own: StatedMotion | None,
         unknown: Vec3 = NO_VARIANCE,
     ) -> bool:
-        """Add a sample. Unknown components of the position are NaN in `unknown`, added after the checks."""
+        """Add a sample; NaN in `unknown` is added after the checks to unknown components."""
         if not (within(r_n, MAX_STATED_DISTANCE) and within(v_n, MAX_STATED_SPEED)):
             return self._reject("position_unusable")
         r = r_n[0] + unknown[0], r_n[1] + unknown[1], r_n[2] + unknown[2]

@@ -7,7 +7,7 @@ from onboard.units import S_PER_NS
 
 
 class Reckoning:
-    """Positions completed by integrating the velocity, so that the known components can be compared with it."""
+    """Dead reckoning of unknown components, so that checks can use the known ones."""
 
     def __init__(self) -> None:
         self._last: tuple[int, Vec3, Vec3] | None = None  # time, position, velocity

@@ -108,7 +108,7 @@ class Scatter:
         return False
 
     def deviation(self, steps: int) -> float:
-        """Return the standard deviation of the length of a sum of increments; 0 before it is known."""
+        """Return the standard deviation of the length of a sum of increments; 0 if unknown."""
         if self.count < MIN_INCREMENT_COUNT:
             return 0.0
         walk = white = 0.0
@@ -121,7 +121,7 @@ class Scatter:
 
 
 def _limited(values: Sequence[float]) -> Sequence[float]:
-    """Limit the first increments of a component, of which `MAX_OUTLIER_COUNT` may be outliers, by the others."""
+    """Limit a component's first increments, up to `MAX_OUTLIER_COUNT` of them outliers."""
     middle = sorted(values)[len(values) // 2]
     most = MAX_INCREMENT_SIGMAS * sorted([abs(value - middle) for value in values])[-1 - MAX_OUTLIER_COUNT]
     return [min(max(value, middle - most), middle + most) for value in values] if most else values

@@ -27,7 +27,7 @@ BIAS_SIGMAS: Final = 3.0  # of the estimator
 
 
 class StatedMotion(NamedTuple):
-    """Our own motion at one time as an estimator states it. Standard deviations are without biases."""
+    """An estimator's statement of our own motion; standard deviations exclude biases."""
 
     q_nb: Quaternion
     omega_b: Vec3  # rad/s

@@ -1,4 +1,4 @@
-"""Interpolation and extrapolation of attitudes in plain numbers, since small arrays cost more time.
+"""Interpolation and extrapolation of attitudes in plain numbers, faster than arrays.
 
 `onboard.geometry.rotations` has the same functions for arrays; a test compares both.
 """

@@ -11,7 +11,7 @@ PRIMARY_ESTIMATOR: Final = "leader"  # the estimator that gives the flight's sco
 
 
 def judged(names: Iterable[str]) -> str:
-    """Return the name of the estimator whose score is the flight's: `leader`, otherwise the first."""
+    """Return the estimator whose score is the flight's: `leader`, otherwise the first."""
     flown = list(names)
     return PRIMARY_ESTIMATOR if PRIMARY_ESTIMATOR in flown or not flown else flown[0]
 

@@ -154,7 +154,7 @@ class Recorder:
             self._remove_old()
 
     def _remove_old(self) -> None:
-        """Remove the oldest recordings of this name beyond the limits of `Rotation`, never the open one."""
+        """Remove the oldest recordings beyond the limits of `Rotation`, never the open one."""
         limits, now, together = self._rotation, self._now_ns() * S_PER_NS, 0
         others = [one for one in recordings(self._wanted) if one.path != self.path]
         for one, made in reversed([*zip(others, latest_times(others, now), strict=True)]):

@@ -1,4 +1,4 @@
-"""The common path of records to an output: a bounded queue, a thread, and restarts with back-off.
+"""The path of records to an output: a bounded queue, a thread, restarts with back-off.
 
 The event loop only appends to a queue, which drops the oldest record when it is full. A sink is opened, written
 and closed in its own thread, so that a full disk, a slow viewer or a stalled peer delays nothing else. The thread
@@ -49,7 +49,7 @@ class Sink(Protocol[In_contra]):
 
 
 class BoundedQueue(Generic[T]):
-    """A queue from one producer thread to one consumer thread that drops the oldest item when full.
+    """A queue between two threads that drops the oldest item when full.
 
     Items that give way (`gives_way`) are accepted only while few wait, and have room of their own: they never cost
     another item its place. `put` neither waits nor fails. Each item is either taken or dropped; `dropped` counts

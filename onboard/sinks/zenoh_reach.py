@@ -44,7 +44,7 @@ def diagnose(endpoints: Iterable[str], session: Any, trust: Trust) -> Reason:
 
 
 def worst(causes: Iterable[Cause]) -> Cause:
-    """Return the cause TLS if it applies to any of the endpoints, since only the user can fix it."""
+    """Return the cause TLS if any endpoint has it, since only the user can fix it."""
     return Cause.TLS if Cause.TLS in causes else Cause.UNREACHABLE
 
 

@@ -46,7 +46,7 @@ class RouterConfig(Record, frozen=True, kw_only=True):
     watchers: tuple[str, ...] = ("ground",)  # users who may read everything; all others are vehicles
 
     def __post_init__(self) -> None:
-        """Raise ValueError for an endpoint without TLS, where a password would be sent in the clear."""
+        """Raise ValueError for an endpoint without TLS, which would expose a password."""
         for endpoint in self.listen:
             if not endpoint.startswith(("tls/", "quic/")):
                 raise ValueError(f"listen {endpoint!r} must begin with tls/ or quic/, since passwords are sent")

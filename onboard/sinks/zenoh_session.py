@@ -154,7 +154,7 @@ class ZenohSession:
         return self.watch_liveliness(f"{prefix}/alive/*", note)
 
     def trouble(self) -> Reason:
-        """Return the unreachable endpoints of `connect` with reasons, or NO_REASON. May take seconds."""
+        """Return the unreachable endpoints of `connect`, or NO_REASON. May take seconds."""
         return NO_REASON if self._session.is_closed() else diagnose(self._connecting, self._session, self._trust)
 
     def words(self) -> str:

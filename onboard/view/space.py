@@ -140,7 +140,7 @@ def draw_leader(columns: Columns, memory: Memory, estimate: Estimate, leader: Le
 
 
 def draw_open_range(columns: Columns, t_ns: int, body: Transform, ends: tuple[float, float] | None) -> None:
-    """Draw an uncertain range as a line from `ends[0]` to `ends[1]` m with an outline at each end."""
+    """Draw an uncertain range as a line between `ends`, m, with outlines at both."""
     if ends is None:
         for entity in scene.OPEN_ENDS:
             columns.add(transforms, entity, t_ns, HIDDEN)

@@ -89,7 +89,7 @@ def on_map(vectors: Array) -> Array:
 
 
 def ellipse(estimate: Estimate) -> Array:
-    """Return the outline (33, 2) of three sigma of the horizontal position, about the map's origin."""
+    """Return the outline (33, 2) of three sigma of the position on the map."""
     around = np.linspace(0.0, 2 * np.pi, 33)
     circle = np.stack([np.cos(around), np.sin(around)])
     P = np.array(estimate.covariance)[:2, :2]
@@ -99,7 +99,7 @@ def ellipse(estimate: Estimate) -> Array:
 
 
 def colour_of(estimate: Estimate) -> palette.Colour:
-    """Return red and amber for threats, grey for estimates that are not valid, else green or violet."""
+    """Return red or amber for threats, grey if not valid, else green or violet."""
     if not estimate.valid:
         return palette.GREY
     threat = estimate.intruder.approach.threat if estimate.intruder else ThreatLevel.NONE

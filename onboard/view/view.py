@@ -139,7 +139,7 @@ class View:
                 self._show_health(record)
 
     def close(self) -> None:
-        """Send the remaining rows and finish the file, which has no index before. May be called twice."""
+        """Send the remaining rows and write the file's index. May be called twice."""
         if self._closed:
             return
         self._closed = True

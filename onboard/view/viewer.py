@@ -97,7 +97,7 @@ def start_web_viewer(source: str) -> "tuple[subprocess.Popen[bytes], str]":
 
 
 def _environment() -> dict[str, str]:
-    """Return our environment with the setting that stops the viewer's question about analytics."""
+    """Return our environment, with the viewer's question about analytics disabled."""
     return {**os.environ, "RERUN_APP_ONLY": "true"}
 
 

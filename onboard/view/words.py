@@ -196,7 +196,7 @@ def fleet(vehicles: Mapping[str, VehicleRecords]) -> str:
 
 
 def _range(leader: LeaderArrays, r: RangeEstimate) -> str:
-    """Return the range and its sigma, or its interval if uncertain: a mean would look like a position."""
+    """Return the range and its sigma, or its interval if uncertain."""
     ends = open_interval(leader)
     return f"{r.range:.1f} ± {r.sigma:.1f} m" if ends is None else f"OPEN: {ends[0]:.0f} to {ends[1]:.0f} m"
 

@@ -20,7 +20,7 @@ PITCH_SHARE: Final = 0.5  # of the pitch for a forward acceleration; a slower re
 
 
 def multirotor_attitude(motion: Motion, nose: Array, wind: Array, drag: float, sail: float = 0.0) -> Array:
-    """Return the Euler angles of a multirotor whose thrust balances weight, acceleration and drag.
+    """Return a multirotor's Euler angles, by the balance of thrust and other forces.
 
     `drag` (1/s) acts against the airspeed in all directions, `sail` (1/s) along the nose only.
     """

@@ -87,7 +87,7 @@ GIMBAL_LATENCY_S: Final[Range] = (0.002, 0.03)
 
 
 class Conditions(NamedTuple):
-    """The leader's drag (1/s), and the scenario with leader, camera and autopilot of one encounter."""
+    """The leader's drag (1/s), and the scenario of one encounter."""
 
     drag: float
     scenario: Scenario

@@ -61,7 +61,7 @@ def motion_from_velocities(v: Array) -> Motion:
 
 
 def follow_path(path: Array, late: float, limit: float) -> Array:
-    """Return the positions (N, 3) of a vehicle that follows a path (N, 3) from its first point.
+    """Return the positions (N, 3) of a vehicle that follows a path (N, 3) from its start.
 
     It starts at the path's velocity, reacts `late` seconds late and accelerates by at most `limit` (m/s^2). Its
     approach speed is such that it can still brake.
@@ -87,5 +87,5 @@ def moving_average(x: Array, seconds: float) -> Array:
 
 
 def wobble(seed: int, name: str, process: GaussMarkov, samples: int, unit: float = 1.0) -> Array:
-    """Return a Gauss-Markov process (N,) from the stream `name` of `seed`, its sigma in `unit`s."""
+    """Return a Gauss-Markov process (N,) by `name` and `seed`, its sigma in `unit`s."""
     return np.fromiter(islice(gauss_markov(normals(seed, name), process, DT, unit), samples), float, samples)

@@ -62,7 +62,7 @@ COURSE_MIN_SPEED: Final = 1.0  # m/s; a slower leader has hardly a course
 def depart(
     scene: Scene, conditions: Conditions, departure: Departure, rng: np.random.Generator
 ) -> tuple[Scene, Conditions]:
-    """Apply a departure to a scene and its conditions; the family has already applied `vigour`."""
+    """Apply a departure to a scene and its conditions, after the family's `vigour`."""
     d = departure
     turned, windward, side = rng.uniform(0.0, math.tau), rng.uniform(0.0, math.tau), float(rng.choice([-1.0, 1.0]))
     if d.any_nose:
@@ -131,7 +131,7 @@ def _course_rate(motion: Motion) -> Array:
 
 
 def _turn_angles(rng: np.random.Generator, count: int, rate: float, share: float) -> Array:
-    """Return the angles (N,) of a nose that turns either way at up to `rate` for `share` of the time."""
+    """Return angles (N,) of a nose that turns at up to `rate` for `share` of the time."""
     rates, begin = np.zeros(count), 0
     while begin < count:
         end = begin + step_count(float(rng.uniform(1.0, 3.0)))
@@ -143,13 +143,13 @@ def _turn_angles(rng: np.random.Generator, count: int, rate: float, share: float
 def _scale_errors(
     part: Record, names: tuple[str, ...], factor: float, time: float | None = None
 ) -> dict[str, GaussMarkov]:
-    """Return these errors of a scenario's record, times `factor` and with the correlation time `time` (s)."""
+    """Return scaled errors of a scenario's record, with the correlation time `time` (s)."""
     errors = {name: getattr(part, name) for name in names}
     return {name: GaussMarkov(sigma=factor * e.sigma, time=time or e.time) for name, e in errors.items()}
 
 
 def _add_sway(scene: Scene, amplitude: float, rng: np.random.Generator) -> Motion:
-    """Return our motion with a sway across the first line of sight, with a period of 7 to 12 s."""
+    """Return our motion with a sway of 7 to 12 s across the first line of sight."""
     sight = scene.leader.r[0] - scene.follower.r[0]
     across = heading_vector(np.arctan2(sight[1], sight[0]) + np.array(0.25 * math.tau))
     phase = math.tau * (DT * np.arange(len(scene.follower.r)) / rng.uniform(7.0, 12.0) + rng.uniform())

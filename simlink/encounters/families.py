@@ -84,12 +84,12 @@ def _follower_behind(
 
 
 def _draw_heading(rng: np.random.Generator, course: float) -> float:
-    """Return the heading of a multirotor: its course in half of the flights, else any direction."""
+    """Return a multirotor's heading: its course in half of the flights, else any."""
     return course if rng.uniform() < 0.5 else float(rng.uniform(0.0, math.tau))
 
 
 def _course_and_speed(rng: np.random.Generator, t: Array, vigour: float) -> tuple[Array, Array]:
-    """Return course (N,) and speed (N,) of a leader in forward flight; half of them turn steadily."""
+    """Return course (N,) and speed (N,) in forward flight; half of the leaders turn."""
     turn = rng.uniform(-0.12, 0.12) if rng.uniform() < 0.5 else 0.0
     course = rng.uniform(0.0, math.tau) + vigour * turn * t + vigour * waves(rng, t, 0.05, (18.0,))
     return course, rng.uniform(6.0, 14.0) + vigour * waves(rng, t, rng.uniform(0.0, 1.0), (22.0,))
@@ -334,7 +334,7 @@ def stops(rng: np.random.Generator, t: Array, vigour: float = 1.0) -> Scene:
 
 
 def reverses(rng: np.random.Generator, t: Array, vigour: float = 1.0) -> Scene:
-    """The leader flies straight at 4 to 10 m/s, then back at 2 to 8 m/s with an unchanged heading."""
+    """The leader flies straight at 4 to 10 m/s, then backwards at 2 to 8 m/s."""
     course = rng.uniform(0.0, math.tau)
     ahead = heading_vector(np.array(course))
     return _change_velocity(

@@ -59,7 +59,7 @@ def _draw_side(rng: np.random.Generator) -> float:
 
 
 def _slot_offset(rng: np.random.Generator, distance: float, direction: float, elevation: float = 0.0) -> Array:
-    """Return the vector from the leader to a follower that sees it in this direction and elevation (rad)."""
+    """Return the vector from the leader to a follower that sees it at these angles (rad)."""
     raised = elevation + rng.uniform(-0.12, 0.12)
     away: Array = -distance * (
         np.cos(raised) * heading_vector(np.array(direction)) + np.array([0.0, 0.0, -np.sin(raised)])
@@ -68,7 +68,7 @@ def _slot_offset(rng: np.random.Generator, distance: float, direction: float, el
 
 
 def _delayed_path(rng: np.random.Generator, leader: Trajectory) -> Array:
-    """Return the path of a follower that repeats the leader's, late and with limited acceleration."""
+    """Return the path of a follower that repeats the leader's, late and smoothly."""
     most = max(5.0, 1.5 * float(np.sqrt(np.mean(np.sum(leader.motion.a**2, axis=1)))))
     return follow_path(leader.motion.r, rng.uniform(0.5, 2.0), rng.uniform(2.0, most))
 
@@ -160,7 +160,7 @@ def recorded_encounter(
     follower: Trajectory | None = None,
     distance: tuple[float, float] = DISTANCE_RANGE_M,
 ) -> Encounter:
-    """Return an encounter with a part of a recorded flight, drawn by `seed` with everything else.
+    """Return an encounter with a part of a recorded flight; `seed` draws everything.
 
     Camera, autopilot and errors are those of the scenario; the camera's mount is tilted as the geometry and the
     follower's attitude require.
@@ -269,12 +269,12 @@ def _encounter_in_slot(
 
 
 def _smooth(place: Array) -> Motion:
-    """Return the motion through these positions (N, 3), smoothed because recordings have corners."""
+    """Return the smoothed motion through these positions (N, 3)."""
     return motion_from_positions(smooth_columns(place, 0.06))
 
 
 def _yaw_to(R_nb: Array, yaw: Array) -> Array:
-    """Rotate attitudes (N, 3, 3) about their own z axes until the nose points to `yaw` (N,), rad."""
+    """Rotate attitudes (N, 3, 3) about their own z axes to a `yaw` (N,), rad."""
     down = R_nb[:, :, 2]
     ahead = heading_vector(yaw)
     # the part across `down` of a vector that is across it and in the upright plane of `yaw`
@@ -284,7 +284,7 @@ def _yaw_to(R_nb: Array, yaw: Array) -> Array:
 
 
 def _share_in_view(camera: Camera, r_b: Array) -> float:
-    """Return the share of the positions r_b (N, 3) inside the image of a camera with a pitched mount."""
+    """Return the share of positions r_b (N, 3) inside the image of a pitched camera."""
     up = np.radians(camera.mount_rpy_deg[1])
     ahead = np.cos(up) * r_b[:, 0] - np.sin(up) * r_b[:, 2]
     below = np.sin(up) * r_b[:, 0] + np.cos(up) * r_b[:, 2]

@@ -1,4 +1,4 @@
-"""The motion of a vehicle as sampled in a log: position, velocity, attitude, specific force.
+"""Logged motion of a vehicle: position, velocity, attitude, specific force.
 
 It reads ArduPilot .bin, PX4 .ulg, .tlog and .csv. The head line of a .csv names, in any order, `time_s`,
 `north_m`, `east_m`, `down_m`, `q_w`, `q_x`, `q_y`, `q_z` (body FRD to NED) and optionally `v_north_m_s`,
@@ -35,7 +35,7 @@ EMPTY: Final[Array] = np.empty((0, 0))
 
 
 class LogError(ValueError):
-    """A log without a usable flight; the message is one line that names the log and the reason."""
+    """A log without a usable flight; the message names the log and the reason."""
 
 
 class Recording(NamedTuple):
@@ -54,7 +54,7 @@ class Recording(NamedTuple):
 
 
 def read_recording(path: Path) -> Recording:
-    """Read the motion from a log, whose format follows from its name and content. Raises LogError."""
+    """Read the motion from a log of any known format. Raises LogError."""
     try:
         if path.suffix.lower() == ".csv":
             return _from_csv(path)
@@ -191,5 +191,5 @@ def _table(rows: Sequence[Sequence[float]], columns: int) -> Array:
 
 
 def gaps(t: Array, longest: float) -> list[tuple[float, float]]:
-    """Return the intervals between samples at t (n,) that are more than `longest` seconds apart."""
+    """Return the intervals between samples at t (n,) that exceed `longest` seconds."""
     return [(a, b) for a, b in pairwise(t.tolist()) if b - a > longest]

@@ -74,7 +74,7 @@ def time_grid(count: int) -> Array:
 
 
 def read_trajectories(path: Path, least: float = MIN_DURATION_S) -> list[Trajectory]:
-    """Return the stretches of at least `least` seconds in which the vehicle flies, longest first.
+    """Return stretches of flight of at least `least` seconds, longest first.
 
     Raises LogError with the reasons if there is none.
     """
@@ -193,7 +193,7 @@ def _attitude(attitudes: Array, t: Array) -> Array:
 
 
 def _remove_force_bias(recording: Recording, t: Array, motion: Motion, q_nb: Array) -> Array:
-    """Return the specific forces in b without their median error relative to a motion at t (N,)."""
+    """Return specific forces in b without their median error at t (N,)."""
     if not _has_forces(recording):
         return recording.forces
     force = np.einsum("nij,ni->nj", matrix_from_quaternion(q_nb), motion.a - GRAVITY_N)
@@ -207,7 +207,7 @@ def _has_forces(recording: Recording) -> bool:
 
 
 def _is_flying(recording: Recording, t: Array, motion: Motion, q_nb: Array, lost: dict[str, float]) -> Flags:
-    """Return when it flies (N,): its attitude moves, it is armed, and a fixed wing is fast enough."""
+    """Return when it flies (N,), by attitude, arming and a fixed wing's speed."""
     rate = 2.0 * np.linalg.norm(np.gradient(q_nb, DT, axis=0), axis=1)
     flies = np.sqrt(smooth_columns(rate[:, None] ** 2, MOTION_WINDOW_S)[:, 0].clip(0.0)) > MIN_ATTITUDE_RATE
     arms = recording.arms

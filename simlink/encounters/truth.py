@@ -12,7 +12,7 @@ from simlink.world.truth import State, body_rate, make_state
 
 
 class EncounterTruth(NamedTuple):
-    """The truth at N times `t` (s), with motions in n and Euler angles (N, 3) as in `attitudes`.
+    """The truth at N times `t` (s): motions in n and Euler angles (N, 3).
 
     The leader is L, the follower F, another aircraft O.
     """

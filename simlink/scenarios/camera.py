@@ -91,7 +91,7 @@ def is_plain(camera: Camera) -> bool:
 
 
 def lens_of(camera: Camera) -> Lens:
-    """Return the lens of a camera, with pixels in units of the focal length about the image centre.
+    """Return a camera's lens, with pixels in focal lengths about the image centre.
 
     Raises LensError for an invalid distortion.
     """

@@ -16,7 +16,7 @@ AIRCRAFT: Final[dict[Sees, str]] = {"box": "fixed-wing", "center_box": "fixed-wi
 
 
 def daemon_config(scenario: Scenario) -> str:
-    """Return the configuration of `onboard` in TOML; the size prior is the leader's nominal size."""
+    """Return `onboard`'s configuration in TOML, with the leader's nominal size as prior."""
     camera, leader = scenario.camera, scenario.leader
     lines = [
         f"# Made by `simlink config {scenario.name}`.",

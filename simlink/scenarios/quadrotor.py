@@ -36,7 +36,7 @@ class Battery(Record, frozen=True, kw_only=True):
 
 
 class Quadrotor(Record, frozen=True, kw_only=True):
-    """A rigid body under four rotors; the defaults are those of Al-Shabi, Gadsden and Wilkerson.
+    """A rigid body under four rotors, by default as in Al-Shabi, Gadsden and Wilkerson.
 
     Each rotor has its position forward and right of the centre (m), and the sense (+1, -1) of its drag torque
     about b's z axis. `mass` is in kg, `thrust_max` of one rotor in N. `path` is a figure eight or the follower's

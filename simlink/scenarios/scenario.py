@@ -103,7 +103,7 @@ def parse_scenario(text: str, name: str, source: str = "scenario") -> Scenario:
 
 
 def _tables(text: str, source: str) -> dict[str, Any]:
-    """Return the tables of a TOML text, merged into the scenario that it `extends`. Raises ScenarioError."""
+    """Merge a TOML text into the scenario that it `extends`. Raises ScenarioError."""
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -123,7 +123,7 @@ def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
 
 
 def rotate_slot(scenario: Scenario, angle_deg: float) -> Scenario:
-    """Return the flight with the slot rotated about the leader by `angle_deg`, the camera back.
+    """Rotate the slot about the leader by `angle_deg`, and the camera back.
 
     The leader is then yawed by that angle against the image plane; in a turn, by the angle less the difference of
     the two courses.
@@ -137,7 +137,7 @@ def rotate_slot(scenario: Scenario, angle_deg: float) -> Scenario:
 
 
 def check(s: Scenario, source: str) -> None:
-    """Check the conditions on several fields. Raises ScenarioError, which begins with `source`."""
+    """Check conditions on several fields. Raises ScenarioError with `source`."""
     for key, intervals in (
         ("leader.speed_pulses", s.leader.speed_pulses),
         ("leader.climb_pulses", s.leader.climb_pulses),

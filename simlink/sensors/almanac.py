@@ -46,7 +46,7 @@ class Almanac(NamedTuple):
 
 
 def read(text: str) -> Almanac:
-    """Parse a YUMA almanac and keep its healthy satellites. Raises ValueError if it is damaged."""
+    """Parse a YUMA almanac's healthy satellites. Raises ValueError if it is damaged."""
     names, rows = [], []
     for block in text.split("********")[2::2]:
         entries = dict(line.split(":", maxsplit=1) for line in block.splitlines() if ":" in line)

@@ -38,7 +38,7 @@ SIDE_NAMING: Final = ("wing", "wing_pose")  # detectors that name the wing tips 
 
 
 class Image(NamedTuple):
-    """One image: the leader's points in units of the focal length, and its stamp on the boot clock.
+    """One image: the leader's points in focal lengths, and its boot stamp.
 
     `detections` replaces the points when the detector finds something else than these alone.
     """
@@ -176,7 +176,7 @@ class CameraSensor:
         self._wrong = uniforms(seed, "camera.wrong")
 
     def expose(self, state: State) -> Points | None:
-        """Return the points measured in an image exposed now, or None if the leader is not registered."""
+        """Return the points in an image exposed now, None if the leader is not registered."""
         camera, t = self._camera, state.t % self._repeat
         registered = next(self._registered) and not is_within(t, camera.blackouts)
         wrong = next(self._wrong) < camera.wrong_blob

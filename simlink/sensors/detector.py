@@ -27,7 +27,7 @@ WING: Final = ("center", "left", "right")
 
 
 class Detector:
-    """The detector of one run, for an aircraft of wingspan `size` (m) with a shape drawn by `seed`.
+    """The detector of one run, for an aircraft of wingspan `size` (m) and a random shape.
 
     Call `detect` once for each registered image, in order. `mount` gives q_bc of a moving mount, `target` is the
     id in each detection.
@@ -118,7 +118,7 @@ class Vision:
         self._pairs: list[tuple[CameraSensor, Detector]] = []
 
     def expose(self, state: State, stamp_ns: int) -> Image | None:
-        """Return the image exposed now with the leader and all others, or None if nothing is found."""
+        """Return the image exposed now, or None if no aircraft is found."""
         first: Points | None = None
         found: list[Detection] = []
         places = ((state.r_OL_n, state.q_nL), *((other.r_n, other.q_nb) for other in state.others))

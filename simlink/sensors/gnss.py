@@ -61,7 +61,7 @@ class Fix(NamedTuple):
 
 
 class Reception(NamedTuple):
-    """A whole flight: true clock error and drift (N, 2) in m and m/s, and a fix or None each time."""
+    """True clock error and drift (N, 2) in m and m/s, and a fix or None each time."""
 
     clock: Array
     fixes: tuple[Fix | None, ...]
@@ -110,7 +110,7 @@ def elevations(satellites: Array, r_e: Array) -> Array:
 
 
 def multipath(elevation: Array) -> Array:
-    """Return the multipath standard deviation (s,), m, at an elevation (s,), rad (ICAO's model)."""
+    """Return ICAO's multipath sigma (s,), m, at an elevation (s,), rad."""
     return np.asarray(0.13 + 0.53 * np.exp(-np.degrees(elevation) / 10))
 
 

@@ -1,4 +1,4 @@
-"""A phased-array radar whose errors follow from its signal-to-noise ratio. De Vivo et al., 5.1.2.
+"""A phased-array radar with errors by signal-to-noise ratio. De Vivo et al., 5.1.2.
 
 The frame is east, north, up at the radar. Azimuth is clockwise from north, elevation positive up, rad; range in m.
 
@@ -61,7 +61,7 @@ class Measurements(NamedTuple):
 
 
 class RadarConditions(NamedTuple):
-    """Weather and faults: rain everywhere, and intervals [from, to), s, of jamming and no signal."""
+    """Rain everywhere, and intervals [from, to), s, of jamming and no signal."""
 
     rain_mm_h: float = 0.0
     jammed: Sequence[tuple[float, float]] = ()
@@ -117,7 +117,7 @@ def in_scan(radar: Radar, polar: Array) -> Flags:
 
 
 def elevation_above_horizon(distance: Array, height: Array) -> Array:
-    """Return phi (N,), rad, of targets at a distance and height (m), over an Earth of 4/3 the radius."""
+    """Return phi (N,), rad, of targets at a distance and height (m), by the 4/3 Earth."""
     near = np.maximum(distance, 1.0)
     above = ((EFFECTIVE_EARTH_RADIUS + height) ** 2 - near**2 - EFFECTIVE_EARTH_RADIUS**2) / (
         2 * near * EFFECTIVE_EARTH_RADIUS

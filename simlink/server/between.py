@@ -1,4 +1,4 @@
-"""`simlink camera`: the images that a camera on one simulated vehicle takes of another one.
+"""`simlink camera`: images of one simulated vehicle by another one's camera.
 
 Both vehicles are simulated by other programs, and only their true states arrive. Exposures are on the follower's
 boot clock. The leader's clock is aligned with it by the mean arrival delay of each, so that one late message
@@ -30,7 +30,7 @@ STATUS_PERIOD_NS: Final = NS_PER_S // 5
 
 
 class CameraOptions(OutletOptions, frozen=True, kw_only=True):
-    """The links of the two vehicles; `duration` (s) counts from the first exposure, None is endless."""
+    """Links of both vehicles, and `duration` (s) from the first exposure, None is endless."""
 
     follower: str
     leader: str

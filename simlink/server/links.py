@@ -44,7 +44,7 @@ def parse_udp(spec: str) -> UdpSpec:
 
 
 class UdpLink(asyncio.DatagramProtocol):
-    """One UDP socket; `received` is called with each datagram and returns frames to reply with."""
+    """One UDP socket; `received` returns the replies to each datagram."""
 
     def __init__(self, spec: UdpSpec, received: Callable[[bytes], Iterable[bytes]]) -> None:
         self.has_peer = False  # whether a peer has ever sent anything
@@ -190,6 +190,6 @@ class TcpClient(asyncio.Protocol):
 
 
 def reason(error: OSError) -> str:
-    """Return the reason of an OSError in a few words, without the address that is known anyway."""
+    """Return the reason of an OSError in a few words, without the known address."""
     number = error.errno or 0
     return (os.strerror(number) if number > 0 else error.strerror or str(error)).lower()

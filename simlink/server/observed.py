@@ -127,7 +127,7 @@ class ObservedVehicle:
         return 0.0, 0.0, 0.0
 
     def requests(self, now_ns: int) -> list[bytes]:
-        """Return the frames that are due: heartbeats, and requests for the truth while it is missing."""
+        """Return the due frames: heartbeats, and requests for missing truth."""
         if now_ns - self._requested_ns < REQUEST_PERIOD_NS:
             return []
         self._requested_ns = now_ns
@@ -180,7 +180,7 @@ def _interpolate(a: Vec3, b: Vec3, s: float) -> Vec3:
 
 
 def _interpolate_position(a: Vec3, b: Vec3, v_a: Vec3, v_b: Vec3, s: float, span: float) -> Vec3:
-    """Return the cubic through two positions with their velocities, at the share `s` of `span` (s)."""
+    """Return a cubic through two positions and velocities, at the share `s` of `span` (s)."""
     h00, h10 = (1.0 + 2.0 * s) * (1.0 - s) ** 2, s * (1.0 - s) ** 2 * span
     h01, h11 = s * s * (3.0 - 2.0 * s), s * s * (s - 1.0) * span
     x, y, z = (h00 * p + h10 * u + h01 * q + h11 * w for p, u, q, w in zip(a, v_a, b, v_b, strict=True))

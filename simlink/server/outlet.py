@@ -1,4 +1,4 @@
-"""The outputs of a simulated camera: LANDING_TARGETs over UDP, and images and truth over Zenoh."""
+"""A simulated camera's outputs: LANDING_TARGETs by UDP, images and truth by Zenoh."""
 
 import asyncio
 from typing import Final, Literal

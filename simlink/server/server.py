@@ -107,7 +107,7 @@ class Server:
         return self._outlet.images
 
     async def run(self, stop: asyncio.Event) -> None:
-        """Fly until the duration is over or `stop` is set. Raises LinkError if a link cannot be opened."""
+        """Fly until the end or `stop`. Raises LinkError if a link cannot be opened."""
         try:
             await self._open()
             await self._wait_for_peer(stop)

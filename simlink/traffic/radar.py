@@ -23,7 +23,7 @@ NORMAL_SAMPLES: Final = 6  # per aircraft and scan, detected or not: three for g
 
 
 class RadarSensor:
-    """The radar of one run, with noise, missed echoes, false alarms, jamming and loss of signal."""
+    """The radar of one run, with noise, missed echoes, false alarms and outages."""
 
     def __init__(self, radar: TrafficRadar, seed: int) -> None:
         self._radar = radar
@@ -66,7 +66,7 @@ class RadarSensor:
         return ratio, phased_array.accuracy(self._array, on_panel, ratio)
 
     def _on_panel(self, polar: Array) -> Array:
-        """Return range, azimuth and elevation (k, 3) in the axes of the panel that faces each target."""
+        """Return range, azimuth and elevation (k, 3) in the axes of each target's panel."""
         width = 2 * math.pi / self._radar.panels
         on_panel = polar.copy()
         on_panel[:, 1] = np.remainder(polar[:, 1] + width / 2, width) - width / 2
@@ -107,7 +107,7 @@ def _detection(polar: Array, sigma: Array, ratio: float) -> RadarDetection:
 
 
 def _polar(body: Array) -> Array:
-    """Return range, azimuth (positive right) and elevation (positive up), (k, 3), of points in b."""
+    """Return range, azimuth (right) and elevation (up), (k, 3), of points in b."""
     x, y, z = body[:, 0], body[:, 1], body[:, 2]
     level = np.hypot(x, y)
     return np.column_stack([np.hypot(level, z), np.arctan2(y, x), np.arctan2(-z, level)])

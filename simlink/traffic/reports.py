@@ -1,4 +1,4 @@
-"""The reports of other aircraft as they reach us: ADS-B, GLOBAL_POSITION_INT, pseudoranges."""
+"""Reports of other aircraft: ADS-B, GLOBAL_POSITION_INT, pseudoranges."""
 
 import heapq
 import math
@@ -152,7 +152,7 @@ class Transmitter:
 
 
 def sender(message: Message, vehicle_system: int) -> tuple[int, int]:
-    """Return (system, component) of a traffic message: our ADS-B receiver or another autopilot."""
+    """Return (system, component) of the sender of a traffic message."""
     return (vehicle_system, RECEIVER_COMPONENT_ID) if isinstance(message, AdsbVehicle) else (message.system, 1)
 
 

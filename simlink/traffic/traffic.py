@@ -20,7 +20,7 @@ TRUTH_STRIDE_STEPS: Final = 20  # steps of the world: 10 Hz
 
 
 class TrafficOutput(NamedTuple):
-    """The traffic's output at one step: reports that arrive, pseudoranges, a radar scan, the truth."""
+    """The traffic's output at one step: reports, pseudoranges, a radar scan, the truth."""
 
     reports: tuple[Message, ...] = ()
     ranges: tuple[Pseudoranges, ...] = ()

@@ -1,4 +1,4 @@
-"""Parameters that differ from run to run, by seed: the sizes of our vehicle's and sensors' errors.
+"""Parameters drawn for each run by seed: the errors of our vehicle and sensors.
 
 Runs on the wire and through a pipeline are drawn (`simlink.simulation`); the flights that studies compute as
 arrays, to reproduce a paper, are not. No user of a daemon knows these numbers, and no estimator may be judged at

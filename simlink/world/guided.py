@@ -1,4 +1,4 @@
-"""ArduCopter's GUIDED on setpoints of position, velocity and acceleration (4.7: `AC_PosControl`).
+"""ArduCopter 4.7's GUIDED on position, velocity and acceleration (`AC_PosControl`).
 
 It brakes and holds until the first setpoint after the mode was entered. A setpoint is extrapolated with its
 velocity and acceleration; after GUID_TIMEOUT without another both are set to zero, and the vehicle returns to the
@@ -75,7 +75,7 @@ def shape_path(path: Target, wanted: Target, level: Limits, upright: Limits) -> 
 
 
 def acceleration_change(path: Target, wanted: Target, limits: Limits, axes: Vec3) -> Vec3:
-    """Return the change of a path's acceleration in one step of the world, as in `AC_PosControl`.
+    """Return the change of a path's acceleration in one step, as in `AC_PosControl`.
 
     Half of the limits apply to the correction of the position.
     """
@@ -86,7 +86,7 @@ def acceleration_change(path: Target, wanted: Target, limits: Limits, axes: Vec3
 
 
 def approach_rate(error: Vec3, gain: float, limit: float, most: float) -> Vec3:
-    """Return the rate that removes an error: `gain` times it, but limited (square-root controller).
+    """Return the limited rate that removes an error (square-root controller).
 
     It never exceeds `most`, nor the speed from which a deceleration of `limit` can stop.
     """

@@ -178,7 +178,7 @@ def slot_in_n(
 
 
 def make_motion(scenario: Scenario, phases: Vec3) -> tuple[EquationsOfMotion, Kinematics]:
-    """Return the equations of motion and the initial state, with the follower on its moving slot."""
+    """Return the equations of motion and the initial state, the follower on its slot."""
     leader = scenario.leader
     leader_at = leader_motion(scenario)
     slot_at = slot(scenario.follower, phases, scenario.repeat)

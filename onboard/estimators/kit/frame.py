@@ -57,7 +57,7 @@ class Frame:
         return self._R_ne is not None
 
     def receive(self, m: GlobalPosition) -> None:
-        """Receive our own position. An autopilot without a position reports (0, 0), which is ignored."""
+        """Receive our own position; (0, 0) is ignored, since it means none."""
         if (m.lat_deg, m.lon_deg) == (0.0, 0.0) or not on_earth(m.lat_deg, m.lon_deg):
             return
         if self._R_ne is None:

@@ -40,7 +40,7 @@ def image_report(
 
 
 def update_fields(update: Update) -> dict[str, Any]:
-    """Return the fields of a report that an update determines: the prediction and the innovation."""
+    """Return the prediction and the innovation of an update, as fields of a report."""
     variances = update.innovation_covariance.diagonal().tolist()
     return {
         "predicted": tuple(update.predicted.tolist()),

@@ -99,7 +99,7 @@ class Estimator:
         return self._estimate(ownship, report)
 
     def tick(self, ownship: Ownship) -> list[Estimate]:
-        """Recompute provisional nodes after new own motion, and predict to now if an estimate is due."""
+        """Recompute provisional nodes after new own motion, and predict if an estimate is due."""
         now_ns, last_ns = ownship.now_ns, self._published_ns
         if last_ns is not None and 0 <= now_ns - last_ns < NS_PER_S / self._config.publish_rate_hz:
             return []

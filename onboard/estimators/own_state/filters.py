@@ -73,7 +73,7 @@ class SensorFilter:
 
 
 def _memory(state: Any) -> Any:
-    """Return the fields of a state that are not part of its belief, also those of nested states."""
+    """Return a state's fields outside its belief, also those of nested states."""
     fields = state._asdict()
     return {
         name: _memory(value) if hasattr(value, "_asdict") else value

@@ -80,7 +80,7 @@ def belief_from_echo(
 
 
 def first_covariance(attitude_error: Array, config: Config) -> Array:
-    """Return the covariance (15, 15) before any measurement of an aircraft, without its position.
+    """Return the prior covariance (15, 15) of an aircraft, without its position.
 
     The attitude error's covariance is (3, 3).
     """

@@ -62,7 +62,7 @@ class AnchorEcho(NamedTuple):
 
 
 class Anchor(NamedTuple):
-    """An anchor's newest report, and the times of its newest echo and of its newest fused echo."""
+    """An anchor's newest report, and the times of its newest and newest fused echo."""
 
     report: Report
     echo_ns: int

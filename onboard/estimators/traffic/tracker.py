@@ -230,7 +230,7 @@ class Tracker:
     # -------------------------------------------------------------------------------------------------- scans
 
     def _registered(self, radar: Radar, echoes: Echoes) -> tuple[Radar, Echoes]:
-        """Return the radar corrected by registration, and the echoes with the noise that this adds."""
+        """Return the radar after registration, and the echoes with the added noise."""
         sigma = np.hypot(echoes.sigma, self.registration.echo_jitter(echoes.polar, radar.R_rn))
         return Radar(radar.r, self.registration.corrected(radar.R_rn)), Echoes(echoes.polar, sigma)
 

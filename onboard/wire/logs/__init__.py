@@ -1,1 +1,1 @@
-"""Recorded flights -> records: DataFlash, ULog, a ground station's .tlog, and our own MCAP."""
+"""Recorded flights -> records: DataFlash, ULog, a ground station's .tlog, our MCAP."""

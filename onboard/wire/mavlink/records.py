@@ -178,7 +178,7 @@ def _highres_imu(f: Fields, h: Header) -> Message:
 
 
 def barometer(h: Header, pressure_hpa: float) -> Barometer:
-    """Pressure altitude in the standard atmosphere (ISO 2533); NaN unless the pressure is positive."""
+    """Pressure altitude (ISO 2533); NaN unless the pressure is positive."""
     ratio = pressure_hpa / SEA_LEVEL_PRESSURE_HPA
     altitude = (
         (1.0 - ratio**LAPSE_EXPONENT) * SEA_LEVEL_TEMPERATURE_K / LAPSE_RATE_K_M if ratio > 0.0 else math.nan

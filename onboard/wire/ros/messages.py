@@ -129,7 +129,7 @@ class RosEncoder:
             yield self._odometry(f"{self._root}/{name}/odometry", t_ns, frames, *both)
 
     def _detections(self, estimate: Estimate, mean: Numbers, P: Numbers, t_ns: int) -> Any:
-        """An array of one detection: hypotheses, likeliest first, and a cube as wide as the wingspan."""
+        """An array of one detection, with hypotheses and a cube as wide as the wingspan."""
         header = self._header(t_ns, self._enu)
         places = _places(estimate) or [(1.0, mean, P)]
         results = [
