@@ -155,15 +155,6 @@ def newest(wire: Wire) -> Estimate:
     return found
 
 
-@pytest.mark.parametrize(("waited_ms", "reason"), [(300, ""), (700, BEHIND.words), (20_000, BEHIND.words)])
-def test_what_was_read_late_makes_no_valid_estimate(waited_ms: int, reason: str) -> None:
-    daemon, wire, _ = flying()
-    for datagram in encode(Stream(t0=T1, t1=T1 + 1, seed=21, sparse=True).items()):
-        deliver(daemon, datagram, waited_ns=waited_ms * MS)
-    assert newest(wire).valid is (not reason)
-    assert reason in newest(wire).reason
-
-
 def test_what_has_waited_for_a_sink_or_a_socket_is_judged_again() -> None:
     """A process may be stopped at any place."""
     daemon, wire, _ = flying()

@@ -56,16 +56,6 @@ def test_white_acceleration_is_the_matrix_fraction_with_a_density_for_each_axis(
     np.testing.assert_allclose(found.Q, expected.Q, atol=1e-15)
 
 
-def test_by_axis_is_the_same_in_another_order() -> None:
-    plain, ordered = (
-        wiener_acceleration(0.3, [1.0, 2.0, 3.0]),
-        wiener_acceleration(0.3, [1.0, 2.0, 3.0], by_axis=True),
-    )
-    order = [0, 3, 6, 1, 4, 7, 2, 5, 8]
-    np.testing.assert_array_equal(ordered.F, plain.F[np.ix_(order, order)])
-    np.testing.assert_array_equal(ordered.Q, plain.Q[np.ix_(order, order)])
-
-
 def test_the_numbers_of_one_axis() -> None:
     F, Q = wiener_acceleration(2.0, 3.0, axes=1)
     np.testing.assert_array_equal(F, [[1, 2, 2], [0, 1, 2], [0, 0, 1]])

@@ -116,17 +116,6 @@ def test_differences_step_over_large_coordinates_and_over_the_cut_of_an_angle() 
     )
 
 
-def test_cubature_never_sees_the_mean() -> None:
-    P = np.eye(2)
-
-    def singular(rows: Any) -> Any:  # not a number at the mean
-        return rows + 0 / np.hypot(rows[:, :1], rows[:, 1:])
-
-    with np.errstate(invalid="raise"):
-        belief = cubature.predict(Belief(np.zeros(2), P), singular, P)
-        cubature.update(belief, np.zeros(2), singular, P)
-
-
 def test_a_bearing_behind_wraps_seed_10() -> None:
     p = problem(10)
     belief = Belief(np.array([-10.0, 0.02, 0, 0, 0]), 0.01 * np.eye(N))

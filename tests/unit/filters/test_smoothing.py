@@ -76,13 +76,6 @@ def test_it_is_the_textbook_and_the_least_squares_of_the_record_seed_1(varying: 
         close(smoothing.rauch_tung_striebel(filtered, F[0], Q[0]), smoothed, 1e-13)
 
 
-def test_smoothing_never_adds_uncertainty_seed_2() -> None:
-    F, Q, inputs, _, filtered = record(2)
-    smoothed = smoothing.rauch_tung_striebel(filtered, F, Q, inputs)
-    assert np.linalg.eigvalsh(filtered.covariance - smoothed.covariance).min() > -1e-12
-    close(Belief(*(a[-1] for a in smoothed)), Belief(*(a[-1] for a in filtered)), 1e-15)
-
-
 def test_what_cannot_be_used_is_refused_by_name_seed_7() -> None:
     F, Q, _, _, filtered = record(7)
     smooth = smoothing.rauch_tung_striebel

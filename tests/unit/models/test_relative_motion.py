@@ -7,8 +7,6 @@ from scipy.integrate import solve_ivp
 from onboard.arrays import Array
 from onboard.models.relative_motion import FollowerMotion, leader_acceleration, process
 
-STILL = FollowerMotion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3))
-
 
 def a_L(v: list[float], a_lat: float, a_long: float, eps: float = 0.0) -> list[float]:
     row = leader_acceleration(np.array([v]), np.array([a_lat]), np.array([a_long]), eps)[0]
@@ -40,31 +38,6 @@ def test_eps_keeps_a_hovering_leader_finite_and_hardly_touches_a_fast_one() -> N
     with np.errstate(invalid="ignore", divide="ignore"):
         assert np.isnan(a_L([0.0, 0.0, 0.0], 2.0, 2.0, eps=0.0)).all()  # the paper's own form
     assert a_L([20.0, 0.0, 0.0], 2.0, 0.0, eps=1.0)[1] == pytest.approx(2.0 / (1 + 1 / 400) ** 0.5, rel=1e-14)
-
-
-def test_a_right_turn_is_clockwise_from_above() -> None:
-    """A quarter circle at 20 m/s and 4 m/s^2, begun northward: radius 100 m about a point to the east."""
-    row = np.zeros((1, 9))
-    row[0, 3], row[0, 7] = 20.0, 4.0
-    steps = 500
-    dt = (np.pi / 2) / (4.0 / 20.0) / steps
-    for _ in range(steps):
-        row = process(row, dt, STILL, 0.0)
-    assert row[0, :3] == pytest.approx([100.0, 100.0, 0.0], abs=1e-7)
-    assert row[0, 3:6] == pytest.approx([0.0, 20.0, 0.0], abs=1e-8)
-
-
-def test_a_pull_up_is_a_vertical_circle() -> None:
-    """An eighth of a loop at 20 m/s and 4 m/s^2: radius 100 m about a point above."""
-    row = np.zeros((1, 9))
-    row[0, 3], row[0, 8] = 20.0, 4.0
-    steps = 500
-    dt = (np.pi / 4) / (4.0 / 20.0) / steps
-    for _ in range(steps):
-        row = process(row, dt, STILL, 0.0)
-    c = 2**-0.5
-    assert row[0, :3] == pytest.approx([100 * c, 0.0, -100 * (1 - c)], abs=1e-7)
-    assert row[0, 3:6] == pytest.approx([20 * c, 0.0, -20 * c], abs=1e-8)
 
 
 def accurate(row: Array, dt: float, follower: FollowerMotion, eps: float) -> Array:

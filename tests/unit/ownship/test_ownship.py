@@ -105,17 +105,6 @@ def test_steps_are_cut_at_samples_and_integrate_exactly_to_the_velocity(t0: floa
         np.testing.assert_allclose(s.v1, s.v0 + s.dt * s.a, atol=1e-12)
 
 
-def test_no_way_has_no_steps_and_one_sample_no_acceleration() -> None:
-    own = circling()
-    assert list(own.steps(6 * S, 6 * S)) == []
-    assert list(own.steps(7 * S, 6 * S)) == []
-    single = Ownship(max_extrapolation=0.1)
-    single.receive(CIRCLE.position(5 * S), 5 * S)
-    (step,) = single.steps(5 * S, 5 * S + 10 * MS)
-    np.testing.assert_array_equal(step.a, 0)
-    np.testing.assert_allclose(step.v0, CIRCLE.at(5).v)
-
-
 # ------------------------------------------------------------------------------------ fallback
 
 

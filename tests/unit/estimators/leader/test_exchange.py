@@ -76,15 +76,6 @@ def test_a_third_object_prolongs_the_question_and_the_first_one_ends_it() -> Non
     assert not asked_at(exchange, 3.1)
 
 
-def test_the_newest_image_counts_in_whatever_order_they_come() -> None:
-    exchange = Checks(CONFIG)
-    exchange.fused(image(1.0, degrees=9.0))
-    exchange.fused(image(0.9))
-    exchange.gated(image(1.05, degrees=9.5))
-    exchange.ended(image(1.1, degrees=40.0))  # the first one counts
-    assert not asked_at(exchange, 1.1)
-
-
 def test_another_aircraft_of_the_same_size_elsewhere_is_not_the_first_one_again() -> None:
     """A second exchange ended the question whatever it showed, if that was as large."""
     for back_deg, is_asked in ((1.0, False), (7.0, False), (-25.0, True), (40.0, True)):

@@ -9,7 +9,6 @@ from onboard.models.intruder import measurement
 from onboard.units import NS_PER_S
 from tests.support.registration import (
     CONFIG,
-    PRIOR_SIGMA,
     RADAR,
     World,
     after_scans,
@@ -36,17 +35,6 @@ def test_the_radar_s_attitude_is_corrected_by_the_rotation_seed_8() -> None:
     R_rn = matrix_from_quaternion(quaternion_from_vector([0.3, -0.2, 1.0]))
     d = np.array([1000.0, -500.0, 100.0])
     np.testing.assert_allclose(registration.corrected(R_rn) @ d, R_rn @ (d + np.cross(w, d)), atol=1.0)
-
-
-def test_tracks_are_corrected_at_once_and_then_seldom_seed_9() -> None:
-    world, registration = World(8, 9), Registration(CONFIG)
-    corrections = []
-    for number in range(50):
-        registration.advance(number * NS_PER_S // 10)
-        corrections.append(registration.update(number * NS_PER_S // 10, world.scan(number), RADAR))
-    assert corrections[0] is not None
-    np.testing.assert_array_less(np.abs(corrections[0].mean), 3.0 * PRIOR_SIGMA)
-    assert sum(x is not None for x in corrections[1:]) <= 2
 
 
 def test_tracks_are_not_corrected_by_the_rotation_s_last_step_seed_11() -> None:
