@@ -4,7 +4,7 @@ import dataclasses
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Final, Literal, NamedTuple
+from typing import Annotated, ClassVar, Final, Literal, NamedTuple
 
 import msgspec
 from msgspec.structs import replace
@@ -62,7 +62,6 @@ class CameraConfig(Record, frozen=True, kw_only=True):
         None  # systematic error of the mount about each axis; None: 0.5 with a gimbal
     )
     mount_yaw_sigma_deg: NotNegative | None = None  # of its yaw; None: as mount_sigma_deg, or 1 with a gimbal
-    mount_time_s: Positive = 120.0  # correlation time of these errors
     tracker: ComponentId | None = None  # MAVLink component that sends this camera's CAMERA_TRACKING_IMAGE_STATUS
     landing_target: Literal["points", "aircraft"] = "points"  # meaning of one LANDING_TARGET
     ros_topic: str = ""  # of detections, such as "detector/detections"; rmw_zenoh's keys contain the type
@@ -70,6 +69,9 @@ class CameraConfig(Record, frozen=True, kw_only=True):
     ros_camera_info: str = ""  # topic of sensor_msgs/CameraInfo: overrides the lens above
     ros_rectified: bool = False  # pixels of `ros_topic` are those of the rectified image, as for apriltag_ros
     delay_s: float | None = None  # how much older than its stamp an image is; None: `delay.camera_s`
+
+    # Withdrawn as a key: mounts and gimbals warm up and drift over minutes.
+    mount_time_s: ClassVar[float] = 120.0  # correlation time of these errors
 
     def __post_init__(self) -> None:
         lens_of(self)

@@ -367,7 +367,8 @@ def _checked(table: dict[str, Any], kind: Any, at: str) -> dict[str, Any]:
     checked = {}
     for key, value in table.items():
         path = f"{at}.{key}".lstrip(".")
-        if key not in fields and isinstance(constant := getattr(kind, key, None), int | float | str | tuple):
+        if key not in fields and key in _constants(kind):
+            constant = getattr(kind, key)
             if not _is_same(value, constant):
                 raise ConfigError(f"unknown key {path}: it was withdrawn, and is always {constant}")
             continue
@@ -386,6 +387,12 @@ def _checked(table: dict[str, Any], kind: Any, at: str) -> dict[str, Any]:
                 for i, item in enumerate(value)
             ]
     return checked
+
+
+@cache
+def _constants(kind: type[Record]) -> frozenset[str]:
+    """Return the names of a section's constants, which were keys once."""
+    return frozenset().union(*(each.__annotations__ for each in kind.__mro__ if "__annotations__" in vars(each)))
 
 
 @cache  # reading annotations takes most of the time of a check

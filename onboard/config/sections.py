@@ -1,7 +1,7 @@
 """Configuration as frozen records, one for each section of the TOML file; keys carry units."""
 
 import math
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, ClassVar, Final, Literal
 
 import msgspec
 
@@ -96,7 +96,6 @@ class OwnErrors(Record, frozen=True, kw_only=True):
     attitude_time_s: Positive = 60.0  # correlation time of these
     velocity_sigma_m_s: NotNegative = 0.1  # on each axis
     position_sigma_m: NotNegative = 1.0  # on each axis
-    position_time_s: Positive = 60.0
 
 
 # Keys that an estimator's section receives from `[target]` and `[ownship.errors]`, and that no file sets there.
@@ -109,9 +108,12 @@ class OwnshipConfig(Record, frozen=True, kw_only=True):
     errors: OwnErrors = OwnErrors()
     # source of attitude and velocity for leader, traffic and outputs; auto: own_state while it is more certain
     source: Literal["autopilot", "own_state", "auto"] = "auto"
-    max_extrapolation_s: NotNegative = 0.1  # extrapolation of our own pose beyond its newest sample, at most
-    max_lead_s: NotNegative = 1.0  # images stamped farther ahead of our attitude or position are rejected
     max_age_s: Positive = 0.5  # estimates that rest on older own motion are published as invalid
+
+    # Withdrawn as keys. In 0.1 s a vehicle turns by some degrees. No link delays our own motion by more than 1 s
+    # against images.
+    max_extrapolation_s: ClassVar[float] = 0.1  # of our own pose beyond its newest sample
+    max_lead_s: ClassVar[float] = 1.0  # images stamped farther ahead of our attitude or position are rejected
 
 
 class OdometryConfig(Record, frozen=True, kw_only=True):

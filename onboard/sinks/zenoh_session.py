@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, ClassVar, Final, Literal
 
 import msgspec
 from yaml import YAMLError
@@ -55,7 +55,7 @@ class ZenohConfig(Record, frozen=True, kw_only=True):
     mode: Literal["router", "peer", "client"] = "router"
     listen: tuple[str, ...] | None = None  # None: `DEFAULT_LISTEN`, or nothing with TLS
     connect: tuple[str, ...] = ()
-    max_message_size: int = 262_144  # bytes; Zenoh's own default would let a peer send us 1 GiB
+    max_message_size: ClassVar[int] = 262_144  # bytes; Zenoh's own default would let a peer send us 1 GiB
     ca_file: str | None = None  # the trusted authority
     certificate_file: str | None = None  # ours; its common name is `user`
     private_key_file: str | None = None

@@ -3,11 +3,8 @@
 It imports no numerics, so that a configuration is read and checked before anything slow is loaded.
 """
 
-from typing import Annotated, ClassVar, Final, Literal
+from typing import ClassVar, Final, Literal
 
-import msgspec
-
-from onboard.estimators.kit.life_cycle import check_order
 from onboard.messages import NotNegative, Positive, Record
 
 Positive3 = tuple[Positive, Positive, Positive]
@@ -80,36 +77,37 @@ class Config(Record, frozen=True, kw_only=True):
     airframe: Literal["unknown", "csvsf", "x500", "custom"] = "unknown"
     custom: AirframeConfig | None = None
     force: Literal["accelerometer", "thrust"] = "accelerometer"  # thrust: f_z only, lateral force is estimated
-    # noise of attitudes, rates, turns and a fix's velocity is that of their scatter, once it is known
-    learn_noise: bool = True
-    attitude_sigma_deg: Positive3 = (0.573, 0.573, 1.72)  # roll, pitch, yaw, of one message
-    rates_sigma_deg_s: Positive = 0.573
-    gps_position_sigma_m: Positive3 | None = None  # north, east, down; None: the receiver's
-    gps_velocity_sigma_m_s: Positive3 = (0.15, 0.15, 0.3)
     pressure_rate_hz: NotNegative = 20.0  # rate at which a barometer's altitudes are fused; 0: never
-    pressure_sigma_m: ClassVar[float] = 0.3  # of one such altitude
-    pressure_drift: Positive = 0.07  # random walk of its offset, m per square root of a second
-    force_noise: Positive = 0.005  # of the specific force, m/s^2 per square root of Hz, beside its scatter
-    # of the angular acceleration, rad/s^2 per square root of Hz; None: 0.2 where motors' torques are known, else 2
-    turning_noise: Positive | None = None
-    bias_sigma_m_s2: Positive = 0.05  # of the accelerometer; with force = "thrust" lateral gusts have 3
-    bias_time_s: Positive = 50.0  # correlation time of the bias; of gusts 1 s
     own_tilt_sigma_deg: NotNegative = 0.3  # constant error of the reported roll and pitch
     own_yaw_sigma_deg: NotNegative = 1.0  # the same of the reported yaw
-    gate_probability: Annotated[float, msgspec.Meta(gt=0, lt=1)] = 0.99999  # of filters without a layer
-    rewind_horizon_s: Positive = 0.5
     publish_rate_hz: Positive = 50.0
-    coast_after_s: NotNegative = 0.5  # without a fix: coasting
-    validity_timeout_s: NotNegative = 5.0  # without a fix: not valid
-    reset_timeout_s: NotNegative = 30.0  # without a fix: forgotten
+
+    # Withdrawn as keys. The noise of attitudes, rates, turns and a fix's velocity is learnt from their scatter;
+    # these hold until it is known. docs/defaults.md has their sources.
+    attitude_sigma_deg: ClassVar[tuple[float, float, float]] = (0.573, 0.573, 1.72)  # of one message
+    rates_sigma_deg_s: ClassVar[float] = 0.573
+    gps_velocity_sigma_m_s: ClassVar[tuple[float, float, float]] = (0.15, 0.15, 0.3)
+    pressure_sigma_m: ClassVar[float] = 0.3  # of one altitude of the barometer
+    pressure_drift: ClassVar[float] = 0.07  # random walk of its offset, m per square root of a second
+    force_noise: ClassVar[float] = 0.005  # of the specific force, m/s^2 per square root of Hz, beside its scatter
+    bias_sigma_m_s2: ClassVar[float] = 0.05  # of the accelerometer; with force = "thrust" lateral gusts have 3
+    bias_time_s: ClassVar[float] = 50.0  # correlation time of the bias; of gusts 1 s
+    layer_sigmas: ClassVar[float] = 5.0  # an innovation beyond this many deviations is a model error or an outlier
+    gate_probability: ClassVar[float] = 0.99999  # of filters without a layer
+    rewind_horizon_s: ClassVar[float] = 0.5  # older measurements are rejected
+    coast_after_s: ClassVar[float] = 0.5  # without a fix: coasting
+    validity_timeout_s: ClassVar[float] = 5.0  # without a fix: not valid
+    reset_timeout_s: ClassVar[float] = 30.0  # without a fix: forgotten
     silence_s: ClassVar[float] = 0.5  # without an attitude: not valid
+    learn_noise: ClassVar[bool] = True
+    gps_position_sigma_m: ClassVar[None] = None  # that of the receiver
+    turning_noise: ClassVar[None] = None  # depends on the airframe
 
     def __post_init__(self) -> None:
         """Raise ValueError for contradictory values.
 
-        They are timeouts out of order, a missing or surplus custom table, or an unknown filter.
+        They are a missing or surplus custom table, or an unknown filter.
         """
-        check_order(self, "reset_timeout_s")
         if (self.airframe == "custom") != (self.custom is not None):
             raise ValueError('airframe = "custom" and a table estimator.own_state.custom go together')
         if self.filter not in FILTERS:

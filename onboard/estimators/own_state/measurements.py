@@ -91,7 +91,7 @@ def reason_unusable(m: GpsFix) -> str:
     return f"a place or a velocity that no vehicle has (latitude {m.lat_deg:g}, longitude {m.lon_deg:g})"
 
 
-def from_fix(m: GpsFix, origin: Vec3, config: Config, speed_sigmas: Array) -> Measurement | Verdict:
+def from_fix(m: GpsFix, origin: Vec3, speed_sigmas: Array) -> Measurement | Verdict:
     """Return position and velocity of a fix, or the verdict on an unusable one.
 
     The position is from O (`origin`: latitude, longitude, altitude). The velocity has as many components as the
@@ -110,7 +110,7 @@ def from_fix(m: GpsFix, origin: Vec3, config: Config, speed_sigmas: Array) -> Me
         return Verdict.NOT_FINITE
     if np.abs(place).max() > MAX_DISTANCE_M or np.abs(y[3:]).max(initial=0.0) > MAX_SPEED_M_S:
         return Verdict.DEGENERATE
-    sigmas = np.array([*_accuracy(m, config), *speed_sigmas[: len(velocity)]])
+    sigmas = np.array([*_accuracy(m), *speed_sigmas[: len(velocity)]])
     return Measurement(GPS, m.t_ns, m.t_recv_ns, y, np.diag(sigmas**2))
 
 
@@ -141,10 +141,8 @@ def measurement_model(measurement: Measurement) -> Rows:
     return lambda rows: rows[:, columns]
 
 
-def _accuracy(m: GpsFix, config: Config) -> Vec3:
+def _accuracy(m: GpsFix) -> Vec3:
     """Return standard deviations of the position, m."""
-    if config.gps_position_sigma_m is not None:
-        return config.gps_position_sigma_m
     horizontal, vertical = (
         given if given is not None and math.isfinite(given) and given > 0 else otherwise
         for given, otherwise in zip((m.h_acc, m.v_acc), DEFAULT_POSITION_SIGMA_M, strict=True)

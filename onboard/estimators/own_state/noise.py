@@ -1,6 +1,6 @@
 """Noise of our sensors, learnt from their messages by the measure of `onboard.ownship.scatter`.
 
-The configured noise holds until enough messages have arrived, and always if `learn_noise` is off. Implausibly low
+The assumed noise holds until enough messages have arrived. Implausibly low
 noise is not learnt: it is a mistake, as of units. Position keeps the accuracy that the receiver reports: most of
 its error changes slowly, so its scatter does not show it.
 """
@@ -22,12 +22,14 @@ MIN_ATTITUDE_SIGMA: Final = np.radians(
     0.02
 )  # rad; quantisation of MAVLink's quaternions and the autopilot's timing
 MIN_RATE_SIGMA: Final = np.radians(0.2)  # rad/s
+KNOWN_TORQUE_NOISE: Final = 0.2  # rad/s^2 per square root of Hz, assumed where motors' torques are known
+UNKNOWN_TORQUE_NOISE: Final = 2.0  # the same elsewhere
 MIN_TURNING_NOISE: Final = 0.05  # rad/s^2 per square root of Hz
 # m/s: a course in centidegrees at 10 m/s moves velocity by 2 mm/s, the receiver's delay more
 MIN_SPEED_SIGMA: Final = 0.03
 NO_NOISE: Final = (0.0, 0.0, 0.0)
 MAX_SAMPLE_INTERVAL_S: Final = 0.5  # between compared samples
-MIN_INCREMENT_COUNT: Final = 50  # Fewer increments leave the configured noise in use.
+MIN_INCREMENT_COUNT: Final = 50  # Fewer increments leave the assumed noise in use.
 TURNING_DENSITY_HISTORY_LENGTH: Final = 600  # for late measurements
 
 
@@ -38,13 +40,11 @@ class SensorNoise:
     """
 
     def __init__(self, config: Config) -> None:
-        self._learns = config.learn_noise
         self._attitude = np.radians(config.attitude_sigma_deg)
         self._rates = np.full(3, np.radians(config.rates_sigma_deg_s))
         self._speed = np.array(config.gps_velocity_sigma_m_s)
-        known = config.turning_noise or (2.0 if config.airframe == "unknown" else 0.2)
+        known = UNKNOWN_TORQUE_NOISE if config.airframe == "unknown" else KNOWN_TORQUE_NOISE
         self._turning = np.full(3, known**2)
-        self._learns_turning = config.learn_noise and config.turning_noise is None
         self._scatter, self._speeds = Scatter(3), Scatter(2)
         self._last: tuple[int, Array] | None = None
         self._fixes: list[tuple[int, Array]] = []  # the last two with their velocities
@@ -101,7 +101,7 @@ class SensorNoise:
         `white`: those of the attitudes, as measured.
         """
         attitude, rates = self._attitude, self._rates
-        if self._learns and white is not None and self._scatter.count >= MIN_INCREMENT_COUNT:
+        if white is not None and self._scatter.count >= MIN_INCREMENT_COUNT:
             attitude = np.maximum(np.array(white), MIN_ATTITUDE_SIGMA)
             rates = np.clip(np.array(self._scatter.white or NO_NOISE), MIN_RATE_SIGMA, RATE_NOISE)
         return np.concatenate([attitude, rates])
@@ -113,7 +113,7 @@ class SensorNoise:
         The vertical one keeps its ratio to the horizontal ones.
         """
         white = self._speeds.white
-        if not self._learns or white is None or self._speeds.count < MIN_INCREMENT_COUNT:
+        if white is None or self._speeds.count < MIN_INCREMENT_COUNT:
             return self._speed
         level = min(max(0.5 * math.hypot(*white) / math.sqrt(2.0), MIN_SPEED_SIGMA), MAX_SPEED_NOISE)
         return np.asarray(self._speed * level / self._speed[0])
@@ -124,4 +124,4 @@ class SensorNoise:
         In (rad/s^2)^2/Hz, as known at that time.
         """
         i = bisect_right(self._times, t_ns) - 1
-        return self._densities[i] if self._learns_turning and i >= 0 else self._turning
+        return self._densities[i] if i >= 0 else self._turning

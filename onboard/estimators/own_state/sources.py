@@ -89,7 +89,7 @@ class Sources:
             if message.t_ns - self.first_fix_ns < ORIGIN_TIMEOUT_NS:
                 return None
             self.origin = _origin(message, ownship) or _place(message)
-        return from_fix(message, self.origin or NO_ORIGIN, self._config, self._noise.speed)
+        return from_fix(message, self.origin or NO_ORIGIN, self._noise.speed)
 
     def move_origin(self, message: GlobalOrigin) -> bool:
         """Set the origin that the autopilot reports.

@@ -60,7 +60,7 @@ class Config(Record, frozen=True, kw_only=True):
     own_tilt_sigma_deg: ClassVar[float] = 0.5
     own_attitude_time_s: ClassVar[float] = 10.0
     own_position_sigma_m: NotNegative = 1.0
-    own_position_time_s: Positive = 60.0
+    own_position_time_s: ClassVar[float] = 60.0
     own_velocity_sigma_m_s: NotNegative = 0.1
 
     # how aircraft move: gusts; accelerations and their time constants. The mixture (imm) has three modes: a quiet

@@ -8,13 +8,17 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from onboard.estimators.own_state.config import Config
 from onboard.messages import Barometer, GpsFix, LocalPosition, Message, NavState, Verdict
 from onboard.pipeline import Pipeline
 from tests.support.own_vehicle import MS, attitude, fix, header, heartbeat, hovering, imu, pipeline, states_of
 
 
-def test_it_waits_for_a_fix_coasts_through_an_outage_is_lost_and_comes_back() -> None:
-    p = pipeline(reset_timeout_s=10.0)
+def test_it_waits_for_a_fix_coasts_through_an_outage_is_lost_and_comes_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(Config, "reset_timeout_s", 10.0)
+    p = pipeline()
     before = states_of(p, [heartbeat(), *[attitude(t) for t in range(1000, 3000, 10)]])
     assert {(s.state, s.valid, s.quality) for s in before} == {("searching", False, -1)}
     assert before[-1].mean is None

@@ -15,7 +15,6 @@ from onboard.config import ConfigError, parse_config
         ({"filter": "kalmann"}, "there is none named 'kalmann'; there are: augmented"),
         ({"airframe": "custom"}, "custom"),
         ({"airframe": "boat"}, "estimator.own_state.airframe"),
-        ({"validity_timeout_s": 0.1}, "coast_after_s <= validity_timeout_s"),
         ({"custom": {"mass_kg": -1.0}}, "estimator.own_state.custom"),
     ],
 )

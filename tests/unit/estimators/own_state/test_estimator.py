@@ -110,7 +110,7 @@ def test_with_the_thrust_only_a_sideways_push_is_estimated() -> None:
 
 @pytest.mark.parametrize("name", slow_but(["csvsf-adaptive"], ["cubature", "csvsf-adaptive"]))
 def test_a_step_of_the_barometer_moves_nothing_and_becomes_the_new_datum(name: str) -> None:
-    p, datum = pipeline(filter=name, gps_position_sigma_m=(0.5, 0.5, 1.0)), 620.0
+    p, datum = pipeline(filter=name), 620.0
     messages: list[Message] = [heartbeat()]
     for message in hovering(1000, 25000):
         t_ms = message.t_ns // MS

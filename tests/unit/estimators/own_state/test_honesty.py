@@ -124,19 +124,17 @@ def test_nees_of_odometry_seeds_0_to_19(filter_: str) -> None:
     assert velocity == pytest.approx(of_state, rel=1 / 4)
 
 
-def test_process_noise_is_what_the_configuration_says() -> None:
-    config = Config(force_noise=0.3, bias_sigma_m_s2=0.06, bias_time_s=40.0, pressure_drift=0.2, turning_noise=0.7)
-    variance, fading = process_noise(config)
-    assert variance[list(VELOCITY)] == pytest.approx(0.3**2)
-    assert SensorNoise(config).turning(0) == pytest.approx(0.7**2)
-    assert variance[OFFSET] == pytest.approx(0.2**2)
-    assert fading == pytest.approx(1 / 40.0)
+def test_process_noise_is_what_is_assumed() -> None:
+    variance, fading = process_noise(Config())
+    assert variance[list(VELOCITY)] == pytest.approx(0.005**2)
+    assert variance[OFFSET] == pytest.approx(0.07**2)
+    assert fading == pytest.approx(1 / 50.0)
     # what dies out at that rate and is driven so ends at its own variance
-    assert variance[list(DISTURBANCE)] / (2 * fading) == pytest.approx(0.06**2)
+    assert variance[list(DISTURBANCE)] / (2 * fading) == pytest.approx(0.05**2)
     assert variance[list(POSITION)] == pytest.approx(1e-8)
     assert variance[list(ATTITUDE)] == pytest.approx(1e-6)
-    gusts, fading = process_noise(Config(force="thrust", bias_sigma_m_s2=0.06))
-    assert gusts[list(DISTURBANCE)] / (2 * fading) == pytest.approx([9.0, 9.0, 0.06**2])
+    gusts, fading = process_noise(Config(force="thrust"))
+    assert gusts[list(DISTURBANCE)] / (2 * fading) == pytest.approx([9.0, 9.0, 0.05**2])
 
 
 @pytest.mark.parametrize(("airframe", "sigma"), [("unknown", 2.0), ("x500", 0.2)])

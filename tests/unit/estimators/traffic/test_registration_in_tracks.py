@@ -23,7 +23,7 @@ def begin(tracker: Tracker, covariance: Array, key: Key | None = None, report: R
 
 def test_our_own_drift_correlates_a_track_s_position_with_the_bias_of_its_own_reports() -> None:
     """In a second 1/30 m^2 are added to r_OT_n and subtracted from the bias of the track that has reports."""
-    tracker = Tracker(Config(own_position_sigma_m=1.0, own_position_time_s=60.0))
+    tracker = Tracker(Config(own_position_sigma_m=1.0))
     tracker.advance(NS_PER_S)
     begin(tracker, np.eye(15), ("system", 1))
     bias = np.array([2.0, 3.0, 4.0])
