@@ -60,5 +60,5 @@ def _host_and_port(spec: str, text: str, *, listening: bool) -> tuple[str, int]:
     if not host or (":" in host and not bracketed):
         raise LinkError(f"link {spec!r}: host and port are missing or unclear; use {FORMS}")
     if not (port.isascii() and port.isdecimal()) or not (0 if listening else 1) <= int(port) <= 65535:
-        raise LinkError(f"link {spec!r}: {port!r} is no port (1 to 65535)")
+        raise LinkError(f"link {spec!r}: port {port!r} is invalid; use 1 to 65535")
     return host.strip("[]"), int(port)

@@ -149,7 +149,7 @@ async def resolve(spec: str, host: str, port: int, kind: socket.SocketKind) -> l
         kind_of = AbsentError if error.errno in UNKNOWN_NAME else LinkError
         raise kind_of(f"{spec}: no such host {host!r} ({error.strerror})") from error
     except OPENING as error:
-        raise LinkError(f"{spec}: {host!r} can be no host ({error})") from error
+        raise LinkError(f"{spec}: {host!r} is not a host name ({error})") from error
     return [(family, address) for family, _, _, _, address in found]
 
 

@@ -233,7 +233,7 @@ def _check_range(detection: Detection, at: str) -> None:
         if value is not None and not 0.0 < value < MAX_RANGE_M:
             raise BadDocumentError(f"expected metres above 0 and below {MAX_RANGE_M:g} - at `$.{at}.{name}`")
     if detection.range_m is None and detection.range_sigma_m is not None:
-        raise BadDocumentError(f"a sigma of no range: expected `range_m` beside it - at `$.{at}.range_sigma_m`")
+        raise BadDocumentError(f"a sigma without a range; send `range_m` too - at `$.{at}.range_sigma_m`")
 
 
 def _confidence(detection: Detection, camera: CameraInput, at: str) -> float:

@@ -280,7 +280,7 @@ def test_a_range_beside_a_detection_is_kept_with_its_sigma() -> None:
         ),
         (
             {"range_sigma_m": 0.1},
-            "a sigma of no range: expected `range_m` beside it - at `$.detections[0].range_sigma_m`",
+            "a sigma without a range; send `range_m` too - at `$.detections[0].range_sigma_m`",
         ),
     ],
 )
