@@ -43,3 +43,11 @@ def test_the_height_changes_slowly_and_within_bounds() -> None:
     heights = [framing.update(camera, (1.0, 0.0, 0.0, 0.0), 0.1) for _ in range(600)]
     assert heights[9] == pytest.approx(-0.5)
     assert heights[-1] == pytest.approx(-15.0)
+
+
+def test_the_pitch_counts_by_its_mean_over_five_seconds() -> None:
+    camera, framing = make_camera(f_px=554.0, width_px=640.0, height_px=480.0), Framing((-30.0, 0.0, 3.0))
+    for k in range(51):
+        w, x, y, z = quaternion_from_euler(0.0, math.radians(-20.0) * (k > 0), 0.0).tolist()
+        framing.update(camera, (w, x, y, z), 0.1)
+    assert framing._pitch == pytest.approx(math.radians(-20.0) * (1.0 - math.exp(-1.0)), rel=0.02)

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from onboard.links import Link, LinkError, parse_link
+from onboard.links.link import guarded
 from onboard.messages import Datagram, Encoding
 from onboard.wire.mavlink.encode import MavlinkEncoder
 from tests.support.programs import free_ports
@@ -182,3 +183,26 @@ def test_what_cannot_be_sent_over_udp_is_counted_and_the_next_may_be() -> None:
             assert peer.recv(100) == b"next"
 
     with_link("udpin:127.0.0.1:0", test)
+
+
+def test_an_error_in_the_delivery_reaches_the_link_and_ends_it() -> None:
+    delivered: list[Datagram] = []
+
+    def deliver(datagram: Datagram) -> bool:
+        delivered.append(datagram)
+        if len(delivered) > 1:
+            raise RuntimeError("broken")
+        return True
+
+    async def end() -> None:
+        failed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        safe, one = (
+            guarded(deliver, failed),
+            Datagram(channel="a", encoding=Encoding.MAVLINK, t_recv_ns=0, data=b""),
+        )
+        assert [safe(one), safe(one), safe(one)] == [True, False, False]
+        assert len(delivered) == 2
+        with pytest.raises(RuntimeError, match="broken"):
+            await failed
+
+    asyncio.run(end())
