@@ -175,6 +175,7 @@ class Daemon:
             camera=config.camera.name,
             ros=config.ros_keys(),
             longest_wait_s=config.ownship.max_age_s,
+            is_armed=lambda: self._output.is_armed,
         )
         self._links.append(link)
         self._report(f"zenoh: {self._zenoh.words()}, {prefix}/**")

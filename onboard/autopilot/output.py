@@ -89,7 +89,7 @@ class AutopilotOutput:
         self._leader_states = LeaderStates(config.ownship.errors, config.ownship.max_age_s)
         self._guidance = Guidance(config.guidance, self._camera)
         self._smoothed: LeaderState | None = None
-        self._is_armed = False
+        self.is_armed: bool | None = None  # None before a heartbeat
 
     def signed(self, channel: str, frame: bytes, wall_ns: int) -> bytes:
         """Sign a frame if its channel's link has a key. `wall_ns`: Unix time."""
@@ -224,7 +224,7 @@ class AutopilotOutput:
                 if (m.system, m.component) != (mine.system, mine.component):
                     continue
                 if isinstance(m, Heartbeat):
-                    self._autopilot, self._is_armed = m, m.armed  # the next run resumes in this mode
+                    self._autopilot, self.is_armed = m, m.armed  # the next run resumes in this mode
                 self._guidance.receive(m)
         for m in messages:
             if isinstance(m, FollowTarget) and self._sends_target:
@@ -315,7 +315,7 @@ class AutopilotOutput:
             now_ns,
             warning=guidance.warning,
             is_entered=guidance.is_mode_on,
-            is_armed=self._is_armed,
+            is_armed=bool(self.is_armed),
         )
         texts += [(WARNING, text) for text in guidance.parameter_texts]
         guidance.parameter_texts.clear()

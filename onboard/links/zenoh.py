@@ -8,14 +8,15 @@
 Keys are unlimited, so samples that wait for the event loop have room by their source: our own camera's, other
 cameras', radars', receivers'. A flood of one never drops a sample of another.
 
-Only a sample's key states its vehicle. While another session claims to be this vehicle, as from a copied card, no
-sample is used: it may show what the other vehicle sees.
+Only a sample's key states its vehicle. Of two sessions that claim one vehicle, as after copying a card, the one
+whose vehicle is armed, or that has run for longer, keeps the name. The other one ends, unless its own vehicle is
+armed: then it uses no sample, which may show what the other vehicle sees.
 """
 
 import asyncio
 import math
 import threading
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import partial
 from typing import Any, Final
@@ -26,6 +27,7 @@ from onboard.messages.causes import Cause, Reason
 
 MAX_DOCUMENT_BYTES: Final = 65_536  # as in `onboard.wire.documents.document`
 WATCH_PERIOD_S: Final = 2.0  # of the check who is connected
+ARMED_TIMEOUT_S: Final = 5.0  # for a first heartbeat, before our vehicle is taken for disarmed
 MAX_WAITING_COUNT: Final = 256  # of one source; in a flood the newest are dropped
 
 
@@ -45,6 +47,7 @@ class ZenohLink(Link):
         channel: str = "zenoh",
         ros: Iterable[str] = (),
         longest_wait_s: float = math.inf,
+        is_armed: Callable[[], bool | None] = lambda: False,
     ) -> None:
         self.channel = channel
         self._backlog = Backlog(longest_wait_s)
@@ -59,7 +62,9 @@ class ZenohLink(Link):
         }
         self._camera = f"{prefix}/camera/{camera}/"
         self._prefix = prefix
-        self._others: set[str] = set()  # sessions that hold the same name
+        self._is_armed = is_armed
+        self._rivals = ""  # sessions that claim the same name, for people
+        self._yields = False  # whether one of them keeps it
 
     async def open(self) -> None:
         """Raises LinkError if the session is closed. `run` subscribes."""
@@ -83,7 +88,7 @@ class ZenohLink(Link):
 
         def on_sample(sample: Any, encoding: Encoding) -> None:  # on one of Zenoh's threads
             t_recv_ns = now_ns()
-            if self._others:
+            if self._yields:
                 self.errors += 1
                 return
             room = ours if str(sample.key_expr).startswith(self._camera) else rooms[encoding]
@@ -93,12 +98,21 @@ class ZenohLink(Link):
             with suppress(RuntimeError):  # the loop has closed: so will this link
                 loop.call_soon_threadsafe(enter, _datagram(sample, t_recv_ns, encoding), room)
 
+        def fail(error: LinkError) -> None:
+            if not failed.done():
+                failed.set_exception(error)
+
+        def end(error: LinkError) -> None:  # on the thread that watches
+            with suppress(RuntimeError):  # as above
+                loop.call_soon_threadsafe(fail, error)
+
         ended = threading.Event()
         # A thread of its own, which nobody waits for at the end: a name server may be silent for a minute.
-        threading.Thread(target=self._watch, args=(ended,), name="zenoh-watch", daemon=True).start()
+        threading.Thread(target=self._watch, args=(ended, end), name="zenoh-watch", daemon=True).start()
         subscribers: list[Any] = []
         try:
-            subscribers.append(await asyncio.to_thread(self._session.watch_name, self._prefix, self._others))
+            declare = self._session.declare_standing
+            subscribers.append(await asyncio.to_thread(declare, self._prefix, self._is_armed))
             for key, encoding in self._keys.items():
                 callback = partial(on_sample, encoding=encoding)
                 subscribers.append(await asyncio.to_thread(self._session.declare_subscriber, key, callback))
@@ -108,11 +122,12 @@ class ZenohLink(Link):
             for subscriber in subscribers:
                 subscriber.undeclare()
 
-    def _watch(self, ended: threading.Event) -> None:
-        """Look who is connected, until `ended`."""
+    def _watch(self, ended: threading.Event, end: Callable[[LinkError], None]) -> None:
+        """Look who is connected, and who claims our name, until `ended`."""
         while True:
             try:
                 self.trouble = self._session.trouble()
+                self._judge_rivals(end)
             except Exception as error:  # of any kind: the session may be closing; it must not end the flight
                 self.trouble = Reason(Cause.FAILED, f"cannot tell who is connected ({error})")
             if ended.wait(WATCH_PERIOD_S):
@@ -122,7 +137,7 @@ class ZenohLink(Link):
         """The link's counts, connected routers and unreachable ones."""
         is_closed = self._session.is_closed()
         routers = 0 if is_closed else len(self._session.info.routers_zid())
-        trouble = self.trouble if is_closed or not self._others else self._shared_name()
+        trouble = self.trouble if is_closed or not self._rivals else Reason(Cause.NAME_SHARED, self._rivals)
         return LinkHealth(
             received=self.received,
             sent=self.sent,
@@ -133,11 +148,18 @@ class ZenohLink(Link):
             error=trouble.words,
         )
 
-    def _shared_name(self) -> Reason:
-        own, others = self._session.own_id(), ", ".join(sorted(self._others))
-        name = self._prefix.rpartition("/")[2]
-        words = f"vehicle `{name}` is the name of two: of this session, {own}, and of {others}; no sample is used"
-        return Reason(Cause.NAME_SHARED, words)
+    def _judge_rivals(self, end: Callable[[LinkError], None]) -> None:
+        """Decide which session keeps the name, once it is known whether our vehicle is armed."""
+        is_armed, age_s = self._is_armed(), self._session.age_s()
+        rivals = self._session.find_rivals(self._prefix)
+        if is_armed is None and age_s < ARMED_TIMEOUT_S:
+            return
+        self._yields = any((r.is_armed, r.age_s) > (bool(is_armed), age_s) for r in rivals.values())
+        names = ", ".join(sorted(f"{r.computer}, session {session}" for session, r in rivals.items()))
+        what = f"vehicle `{self._prefix.rpartition('/')[2]}` is also the name of {names}" if rivals else ""
+        if self._yields and not is_armed:
+            end(LinkError(f"zenoh: {what}; give this one its own: `onboard init --vehicle NAME`"))
+        self._rivals = what + ("; no sample is used" if self._yields else "")
 
     def send(self, data: bytes) -> None:  # noqa: ARG002 - the protocol's signature
         """This link cannot send; counts an error."""

@@ -2,10 +2,9 @@
 
 Below `onboard/<vehicle>/` it publishes `estimate/<name>`, `own_state`, `ownship` and `health` as JSON, and answers
 queries with the latest value. The attachment of a published record is the time of publication, in ns of this
-computer's clock, as decimal ASCII. The liveliness tokens `alive` and `alive/<session>` exist while the program
-runs; two of the latter are two vehicles of one name. A reply has the attachment `{"age_s": ..., "stale": ...}`; an
-estimate older than the validity timeout is reported as lost and not valid, so that a late joiner cannot mistake it
-for a new one.
+computer's clock, as decimal ASCII. The liveliness token `alive` exists while the program runs. A reply has the
+attachment `{"age_s": ..., "stale": ...}`; an estimate older than the validity timeout is reported as lost and not
+valid, so that a late joiner cannot mistake it for a new one.
 """
 
 import time
@@ -52,7 +51,7 @@ class ZenohSink:
         self._declared: list[Any] = []
 
     def open(self) -> None:
-        """Declare the queryables and, last, the liveliness tokens.
+        """Declare the queryables and, last, the liveliness token.
 
         Raises SinkError if the session is closed.
         """
@@ -61,8 +60,7 @@ class ZenohSink:
         for pattern in QUERYABLE:
             key = f"{self._prefix}/{pattern}"
             self._declared.append(self._session.declare_queryable(key, self._answer))
-        for key in ("alive", f"alive/{self._session.own_id()}"):
-            self._declared.append(self._session.liveliness().declare_token(f"{self._prefix}/{key}"))
+        self._declared.append(self._session.liveliness().declare_token(f"{self._prefix}/alive"))
 
     def write(self, records: Sequence[Published]) -> None:
         """Publish each record."""

@@ -1,13 +1,15 @@
 """The one Zenoh session of a program: configuration, opening and closing."""
 
+import platform
 import queue
+import socket
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, ClassVar, Final, Literal
+from typing import Any, ClassVar, Final, Literal, NamedTuple
 
 import msgspec
 from yaml import YAMLError
@@ -25,6 +27,8 @@ FORBIDDEN_IN_KEY: Final = "*$?#/"
 DEFAULT_LISTEN: Final = ("tcp/127.0.0.1:7447",)
 SESSION_CLOSE_TIMEOUT_S: Final = 2.0
 MAX_SESSION_COUNT: Final = 16  # of one name that are remembered
+RIVAL_TIMEOUT_S: Final = 1.0
+OUTSIDE_ADDRESS: Final = ("192.0.2.1", 9)  # RFC 5737; nothing is sent there
 ROUTER_RETRY_PERIOD_S: Final = 0.5
 TLS_SETTINGS: Final = (
     "root_ca_certificate",
@@ -32,6 +36,14 @@ TLS_SETTINGS: Final = (
     "connect_private_key",
     "verify_name_on_connect",
 )
+
+
+class Standing(NamedTuple):
+    """What decides between two sessions of one vehicle: the greater one keeps the name."""
+
+    is_armed: bool
+    age_s: float
+    computer: str  # its name and address
 
 
 class RouterAbsentError(SinkError):
@@ -105,6 +117,7 @@ class ZenohSession:
             self.listening = tuple(_endpoints(settings, "listen", self.mode))
             self._connecting = tuple(_endpoints(settings, "connect", self.mode))
             self._trust = _trust(settings)
+        self._opened_s = time.monotonic()
         self._lock = threading.Lock()  # prevents declarations during `close`
         self._started = 0
         self._ending: queue.SimpleQueue[threading.Thread] = queue.SimpleQueue()
@@ -135,23 +148,34 @@ class ZenohSession:
         """Return the id of this session."""
         return str(self._session.info.zid())
 
-    def watch_name(self, prefix: str, others: set[str]) -> Any:
-        """Subscribe to other sessions that claim to be the vehicle of `prefix`.
+    def declare_standing(self, prefix: str, is_armed: Callable[[], bool | None]) -> Any:
+        """Answer other sessions that claim the vehicle of `prefix`. Raises SinkError if the session is closed.
 
-        One of Zenoh's threads keeps their ids in `others`. Raises SinkError if the session is closed.
+        `is_armed` is None until an autopilot has been heard; Zenoh's threads call it.
         """
-        import zenoh  # noqa: PLC0415 - loaded already: there is a session
+        key = f"{prefix}/alive/{self.own_id()}"
 
-        own = self.own_id()
+        def answer(query: Any) -> None:
+            with query:
+                standing = Standing(bool(is_armed()), self.age_s(), this_computer())
+                query.reply(key, msgspec.json.encode(standing))
 
-        def note(sample: Any) -> None:
-            session = plain(str(sample.key_expr).rpartition("/")[2])
-            if sample.kind == zenoh.SampleKind.DELETE:
-                others.discard(session)
-            elif session != own and len(others) < MAX_SESSION_COUNT:
-                others.add(session)
+        return self.declare_queryable(key, answer)
 
-        return self.watch_liveliness(f"{prefix}/alive/*", note)
+    def find_rivals(self, prefix: str) -> dict[str, Standing]:
+        """Return other sessions that claim the vehicle of `prefix`, by id. It may take `RIVAL_TIMEOUT_S`."""
+        found: dict[str, Standing] = {}
+        for reply in self._session.get(f"{prefix}/alive/*", timeout=RIVAL_TIMEOUT_S):
+            session = "" if reply.ok is None else plain(str(reply.ok.key_expr).rpartition("/")[2])
+            if session not in ("", self.own_id()) and len(found) < MAX_SESSION_COUNT:
+                with suppress(msgspec.DecodeError):
+                    standing = msgspec.json.decode(reply.ok.payload.to_bytes(), type=Standing)
+                    found[session] = standing._replace(computer=plain(standing.computer))
+        return found
+
+    def age_s(self) -> float:
+        """Return the time since the session was opened, s."""
+        return time.monotonic() - self._opened_s
 
     def trouble(self) -> Reason:
         """Return the unreachable endpoints of `connect`, or NO_REASON. May take seconds."""
@@ -184,6 +208,14 @@ class ZenohSession:
             raise SinkError("zenoh: the session is closed")
         self._started += 1
         return zenoh.handlers.Callback(callback, lambda: self._ending.put(threading.current_thread()))
+
+
+def this_computer() -> str:
+    """Return the name of this computer, and its address towards others if it has one."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe_socket, suppress(OSError):
+        probe_socket.connect(OUTSIDE_ADDRESS)
+        return f"{platform.node()} ({probe_socket.getsockname()[0]})"
+    return platform.node()
 
 
 def open_session(config: ZenohConfig) -> ZenohSession:

@@ -33,8 +33,14 @@ class Session:
             self._loop.call_soon_threadsafe(self.subscribed.set)
         return SimpleNamespace(undeclare=lambda: None)
 
-    def watch_name(self, prefix: str, others: set[str]) -> Any:  # noqa: ARG002
+    def declare_standing(self, *_: Any) -> Any:
         return SimpleNamespace(undeclare=lambda: None)
+
+    def find_rivals(self, _: str) -> dict[str, Any]:
+        return {}
+
+    def age_s(self) -> float:
+        return 0.0
 
     def trouble(self) -> Reason:
         return NO_REASON
