@@ -29,7 +29,7 @@ class Advisor:
         self._stood_ns = 0  # see `Moment`
 
     def advise(self, health: Health) -> tuple[Advice, ...]:
-        """What is wrong at the time of `health`, the worst first. Call it about once a second."""
+        """Return what is wrong at the time of `health`, the worst first. Call it about once a second."""
         t_ns, kept = health.t_recv_ns, self._before
         if self._first_ns is None or t_ns < self._first_ns or (kept and t_ns < kept[-1].t_recv_ns):
             self._first_ns = t_ns  # this computer's clock was set back

@@ -1,4 +1,4 @@
-"""By how much a camera's stamps, mount and focal length are off, by how a target's direction moves when we lean.
+"""Errors of a camera's stamps, mount and focal length, from the motion of a target's direction.
 
 A wrong mount turns with us, so a target seems to move each time that we pitch, roll or turn. With late stamps it
 seems to move by our turn within the delay, and with a wrong focal length by too much or too little. The target's
@@ -246,7 +246,7 @@ class CameraFit(NamedTuple):
 
 
 def finished(steps: Steps[T]) -> T:
-    """What steps give at their end, all at once."""
+    """Run all steps, and return their result."""
     while True:
         try:
             next(steps)

@@ -78,7 +78,7 @@ class Cameras:
         camera.lead = (exposed_ns - now_ns) * S_PER_NS if now_ns else None
 
     def health(self, t_recv_ns: int) -> dict[str, CameraHealth]:
-        """What is known of each, as of a time."""
+        """Return the health of each camera at a time."""
         return {name: _health(camera, t_recv_ns) for name, camera in self._cameras.items()}
 
 

@@ -86,7 +86,7 @@ def stamps(m: Moment) -> Iterator[Advice]:
 
 
 def stamp_reading(m: Moment, name: str, camera: CameraHealth) -> Reading | None:
-    """What the newest stamp of a camera is, if it is not what it says."""
+    """Return what the newest stamp of a camera is, if it is not what it says."""
     offset_ns, stamp_ns, late_s = m.now.clock_offset_ns, camera.stamp_ns, camera.latency
     if offset_ns is None or stamp_ns is None or late_s is None or abs(late_s) < ODD_S or camera.age > SILENT_S:
         return None

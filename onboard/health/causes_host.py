@@ -1,4 +1,4 @@
-"""What can be wrong with what was sent to us, with links and sinks, and with this computer."""
+"""Causes in refused messages, links, sinks and this computer."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -26,7 +26,7 @@ ROOM: Final = "make room (`df -h`, `du -sh *`), or set `path` of [recorder]"
 
 
 def refused(m: Moment) -> Iterator[Advice]:
-    """What was refused, by the cause that is known already."""
+    """Messages that were refused, by their cause."""
     for refusal in reversed(m.now.refusals):
         if not 0 <= m.now.t_recv_ns - refusal.t_recv_ns <= LOOK_BACK_NS or refusal.t_recv_ns <= m.stood_ns:
             continue

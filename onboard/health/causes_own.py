@@ -1,4 +1,4 @@
-"""What can be wrong with our own vehicle's messages."""
+"""Causes in the messages of our own vehicle."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -57,7 +57,7 @@ def _nothing_heard(m: Moment, links: list[LinkNeed]) -> Iterator[Advice]:
 
 
 def _connect(url: str) -> str:
-    """How an autopilot comes to send to a link."""
+    """Return how to make an autopilot send to a link."""
     kind, _, where = url.partition(":")
     if kind == "udpin":
         port = where.rpartition(":")[2]
@@ -68,7 +68,7 @@ def _connect(url: str) -> str:
 
 
 def other_vehicles(m: Moment) -> Iterator[Advice]:
-    """Other autopilots that are heard beside ours, each of which may be meant."""
+    """Other autopilots that are heard, any of which may be the wanted one."""
     if not m.now.followed:
         return
     for name in m.now.beside:
@@ -218,7 +218,7 @@ def own_misfit(m: Moment) -> Iterator[Advice]:
 
 
 def _stream_line(m: Moment, message: str, parameter: str, rate: float) -> str:
-    """What sets a stream's rate in the autopilot."""
+    """Return the command that sets a stream's rate in the autopilot."""
     px4 = f"`mavlink stream -d DEVICE -s {message} -r {rate:g}`"
     ardupilot = f"`param set SR1_{parameter} {rate:g}` (4.7: MAV2_{parameter})"
     if m.now.autopilot.startswith("PX4"):

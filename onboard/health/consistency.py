@@ -57,7 +57,7 @@ class Consistencies:
         window.append(_Innovation(nis, degrees, report.noise_scale, difference))
 
     def summary(self) -> dict[str, Consistency]:
-        """What the windows show, of those that are long enough."""
+        """Return the consistency of each window that is long enough."""
         return {key: _of(window) for key, window in self._windows.items() if len(window) >= FEWEST_INNOVATIONS}
 
 

@@ -106,7 +106,7 @@ class Monitor:
             self.faults = estimate.faults
 
     def streams(self, t_recv_ns: int) -> dict[str, StreamHealth]:
-        """How many messages of each kind have come, how often (Hz) and how long ago (s), as of a time."""
+        """Return the count, rate and age of each kind of message at a time."""
         return {kind.__name__: stream.health(t_recv_ns) for kind, stream in self._streams.items()}
 
 
@@ -126,7 +126,7 @@ class _Stream:
             window.popleft()
 
     def health(self, t_recv_ns: int) -> StreamHealth:
-        """As of a time."""
+        """Return the stream's health at a time."""
         window = self._window
         while len(window) > 1 and t_recv_ns - window[0] > RATE_WINDOW_NS:
             window.popleft()

@@ -160,7 +160,7 @@ class Mounts:
             self._searches[source] = t_recv_ns, wrong_mount(tuple(windows))
 
     def _decide(self, source: str, found: Found, t_recv_ns: int) -> None:
-        """What a search has found of a camera."""
+        """Take the result of a search of one camera."""
         self.doubts.pop(source, None)
         self._sound.discard(source)
         if found is not None:

@@ -1,4 +1,4 @@
-"""What a configuration needs of its surroundings, and the moment that is judged."""
+"""Needs of a configuration, and the moment at which causes are judged."""
 
 from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple

@@ -19,7 +19,7 @@ LONGEST: Final = 240  # characters; the text may quote what came
 
 
 class RefusalKind(NamedTuple):
-    """What is counted together: a source and words without their numbers. `alike`: without names, too."""
+    """Kind of refusals: a source, and words without numbers; `alike` is without names, too."""
 
     source: str
     words: str

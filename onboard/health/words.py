@@ -34,17 +34,17 @@ class Words(NamedTuple):
 
 
 def of_state(words: str) -> Words:
-    """Of a cause that an estimate states."""
+    """Return the words of a cause that an estimate states."""
     return Words(state=Remedy(words))
 
 
 def noticed(words: str) -> Words:
-    """The same of one that costs nothing."""
+    """Return the words of a cause that costs nothing, as an estimate states it."""
     return Words(state=Remedy(words).noticed)
 
 
 def of_refusal(advice: str, short: str, words: str) -> Words:
-    """Of a cause of which a message is refused, and that its words explain."""
+    """Return the words of a cause that refuses messages; each refusal explains itself."""
     return Words(refusal=Remedy(words, advice, short))
 
 
