@@ -12,7 +12,7 @@ from onboard import UserError, __version__, with_extra
 from onboard.analysis.flights.replay import ReplayResult, check_log, flight_of, replay
 from onboard.analysis.report.series import FlightSeries
 from onboard.analysis.report.vehicle import Parameter, VehicleSeries
-from onboard.analysis.report.verdict import Grade, judge, worst
+from onboard.analysis.report.verdict import AUTOPILOT_RATES, OUR_RATES, STREAM_RATES, Grade, judge, worst
 from onboard.config import Config, load_config
 from onboard.messages import Output
 from onboard.scoring.beside import judged
@@ -23,7 +23,7 @@ from onboard.terminal.files import check_targets
 from onboard.terminal.output import one_line
 from onboard.terminal.progress import progress_bar
 from onboard.units import NS_PER_S, S_PER_NS
-from onboard.wire.logs.recording import parts_of
+from onboard.wire.logs.recording import is_recording, parts_of
 
 OF_AUTOPILOT = {".bin", ".ulg"}
 EARLIEST_S = 1e9  # of Unix time; before it, arrivals are on a boot clock
@@ -68,8 +68,9 @@ def write_report(log: Path, config: Config, *, out: Path, pdf: Path | None, trut
             progress=lambda done, total: bar.update(task, completed=done, total=total),
             keep=False,
         )
-    of_autopilot = log.suffix.lower() in OF_AUTOPILOT
-    checks = judge(series, scorer.score(replayed.end), replayed, of_autopilot=of_autopilot)
+    own_rates = OUR_RATES if is_recording(flight_of(log).log) else STREAM_RATES
+    rates = AUTOPILOT_RATES if log.suffix.lower() in OF_AUTOPILOT else own_rates
+    checks = judge(series, scorer.score(replayed.end), replayed, rates=rates)
     report = FlightReport(
         title=f"Flight report: {log.name}",
         facts=_facts(log, config, replayed, truth),

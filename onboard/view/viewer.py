@@ -17,6 +17,10 @@ from onboard.units import S_PER_NS
 from onboard.view.columns import TIMELINE
 
 STABLE_IMAGES: Final = 5  # equal ones in a row, after which painting is complete
+NO_ADAPTER: Final = "No graphics adapter was found"  # in the viewer's log
+NO_DRIVER: Final = (
+    "no Vulkan driver is installed; `apt install mesa-vulkan-drivers` draws in software, without a graphics card"
+)
 RETRY_PERIOD_S: Final = 0.2
 SERVING_TIMEOUT_S: Final = 15.0  # until a page is served
 PAINTING_TIMEOUT_S: Final = 15.0  # a live view never stops changing
@@ -133,11 +137,9 @@ def screenshot(
             _take_screenshot(process, port, png.resolve(), at, deadline)
         except (RuntimeError, OSError) as error:  # a ViewerError too; a busy machine's is TimeoutError
             log.seek(0)
-            end = _end_of_log(log.read().decode(errors="replace"))
-            raise ViewerError(
-                f"no picture of {source}: {error}\n{end}\n"
-                "(without a graphics card, Debian's mesa-vulkan-drivers draws in software)"
-            ) from error
+            text = log.read().decode(errors="replace")
+            why = NO_DRIVER if NO_ADAPTER in text else f"{error}\n{_end_of_log(text)}"
+            raise ViewerError(f"no picture of {source}: {why}") from error
         finally:
             process.terminate()
             try:

@@ -45,14 +45,15 @@ class Limit(NamedTuple):
 
 AT_LEAST, AT_MOST = "at least", "at most"
 CHECK_VIEW: Final = "look at the states and at the rejected images below; was the leader in the image?"
-CHECK_IMAGES: Final = (
-    "the table of rejected images says why; many `gated` are a wrong camera, mount, delay or size"
-)
+CHECK_IMAGES: Final = "the table of rejected images says why; `gated` fit no track where the leader is expected"
 CHECK_GAPS: Final = "do not let an autopilot follow over such a gap"
 CHECK_RESETS: Final = "tracks were given up: the leader was lost, or images contradicted what was known"
 CONFIDENTLY_WRONG: Final = "off by more than 3 sigmas and 5 %"
 CHECK_INPUTS: Final = "GPS, attitude or their rates: see the streams below"
 RAISE_RATE: Final = "our own motion is interpolated between these. Ask for more: "
+OUR_RATES: Final = "`rates_hz` of [autopilot]"  # in our own recording
+AUTOPILOT_RATES: Final = "`LOG_BITMASK` (ArduPilot) or `SDLOG_PROFILE` (PX4)"  # in the autopilot's own log
+STREAM_RATES: Final = "`SRn_EXTRA1`, `SRn_POSITION` (ArduPilot) or `mavlink stream` (PX4)"  # in any other log
 LIMITS: Final = {
     "leader: valid": Limit(AT_LEAST, 90.0, 50.0, "%", "of the time, after the first 15 s", CHECK_VIEW),
     "leader: images rejected": Limit(AT_MOST, 10.0, 30.0, "%", "of all images", CHECK_IMAGES),
@@ -90,17 +91,15 @@ def worst(checks: list[Check]) -> Grade:
 
 
 def judge(
-    series: FlightSeries, score: LeaderScore, replayed: ReplayResult, *, of_autopilot: bool = False
+    series: FlightSeries, score: LeaderScore, replayed: ReplayResult, *, rates: str = OUR_RATES
 ) -> list[Check]:
-    """Check all figures of a flight.
-
-    `of_autopilot`: the log is the autopilot's own (.bin, .ulg), so no message in it was requested."""
+    """Check all figures of a flight. `rates` sets the rates of messages in such a log."""
     return [
         *_leader(series, score),
         *_consistency(score),
         *_truth(score),
         *_own_state(series),
-        *_log(replayed, of_autopilot),
+        *_log(replayed, rates),
     ]
 
 
@@ -121,11 +120,8 @@ def _consistency(score: LeaderScore) -> Iterator[Check]:
         return
     ratio, wanted = score.nis_mean / score.nis_dof, "0.4 to 1.5 (AMBER: 0.1 to 2.5)"
     grade = Grade.PASS if 0.4 <= ratio <= 1.5 else Grade.AMBER if 0.1 <= ratio <= 2.5 else Grade.FAIL
-    advice = (
-        f"the images are {ratio**0.5:.1f} times as noisy as configured: raise `sigma_px`, or calibrate the camera"
-        if ratio > 1.0
-        else f"the images are {ratio**-0.5:.1f} times as exact as configured: `sigma_px` may be lowered"
-    )
+    fit = f"{ratio**0.5:.1f} times as far off as expected" if ratio > 1.0 else "nearer than expected"
+    advice = f"the images are {fit}; `onboard calibrate LOG` compares the camera's settings with this flight"
     yield Check("images: NIS, of its expectation", f"{ratio:.2f}", wanted, grade, advice)
 
 
@@ -158,15 +154,14 @@ def _own_state(series: FlightSeries) -> Iterator[Check]:
     yield Check("faults named", ", ".join(names) or "none", "none", grade, "look at the vehicle first")
 
 
-def _log(replayed: ReplayResult, of_autopilot: bool) -> Iterator[Check]:
+def _log(replayed: ReplayResult, rates: str) -> Iterator[Check]:
     health = replayed.health
-    more = "`LOG_BITMASK` (ArduPilot) or `SDLOG_PROFILE` (PX4)" if of_autopilot else "`rates_hz` of [autopilot]"
     yield _check("log: damaged", float(replayed.damaged))
     yield _check("autopilot: reboots", float(health.autopilot_reboots))
     for name in ("Attitude", "LocalPosition"):
         stream = health.streams.get(name)
         rate = stream.count / replayed.duration if stream and replayed.duration > 0 else 0.0
-        yield _check(f"rate: {name}", rate, more)
+        yield _check(f"rate: {name}", rate, rates)
     errors = sum(count for name, count in health.rejected.items() if name.startswith("error"))
     if errors:
         yield Check("program errors", str(errors), "0", Grade.FAIL, "please report this log")

@@ -13,7 +13,15 @@ from onboard.analysis.flights.replay import ReplayResult, replay
 from onboard.analysis.report.figures import figures
 from onboard.analysis.report.page import FlightReport, _table_pages, summary, write_pdf
 from onboard.analysis.report.series import FlightSeries
-from onboard.analysis.report.verdict import Check, Grade, judge, worst
+from onboard.analysis.report.verdict import (
+    AUTOPILOT_RATES,
+    OUR_RATES,
+    STREAM_RATES,
+    Check,
+    Grade,
+    judge,
+    worst,
+)
 from onboard.commands.cli import main
 from onboard.messages import Output, Verdict
 from onboard.scoring.leader import LeaderScorer
@@ -126,15 +134,16 @@ def test_the_pdf_has_the_tables_that_the_page_has(tmp_path: Path) -> None:
 
 
 def test_advice_is_that_of_who_wrote_the_log(log: Path) -> None:
-    """A .bin has no `rates_hz`: nobody asked for it."""
+    """Neither a .bin nor a stranger's .tlog has `rates_hz`: nobody asked for it."""
     series, _, replayed = collected(log)
     streams = {name: msgspec.structs.replace(s, count=1) for name, s in replayed.health.streams.items()}
     slow = replayed._replace(health=msgspec.structs.replace(replayed.health, streams=streams))
-    for of_autopilot, named, other in ((True, "LOG_BITMASK", "rates_hz"), (False, "rates_hz", "LOG_BITMASK")):
+    rows = (AUTOPILOT_RATES, "LOG_BITMASK"), (OUR_RATES, "rates_hz"), (STREAM_RATES, "SRn_EXTRA1")
+    for rates, named in rows:
         score = LeaderScorer(None).score(replayed.end)
-        advice = [c.advice for c in judge(series, score, slow, of_autopilot=of_autopilot) if "rate:" in c.name]
+        advice = [c.advice for c in judge(series, score, slow, rates=rates) if "rate:" in c.name]
         assert len(advice) == 2
-        assert all(named in one and other not in one for one in advice)
+        assert [[name for _, name in rows if name in one] for one in advice] == [[named]] * 2
 
 
 def test_own_motion_and_how_far_our_own_state_is_off_are_drawn(log: Path) -> None:

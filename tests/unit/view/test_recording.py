@@ -111,7 +111,7 @@ def test_a_picture_of_a_time_outside_the_recording(recording: Path, tmp_path: Pa
     png = tmp_path / "view.png"
     with pytest.raises(UserError) as raised:
         viewer.screenshot(recording, png, at=60.0, size=(400, 300), timeout=300)
-    if "graphics adapter" in str(raised.value) or not has_vulkan():
+    if "no Vulkan driver" in str(raised.value) or not has_vulkan():
         pytest.skip("no Vulkan driver here: Debian's mesa-vulkan-drivers has one in software")
     assert re.fullmatch(r"no picture at 60 s: the recording holds 0 to [78](\.\d)? s", str(raised.value))
     assert not png.exists()
@@ -124,7 +124,7 @@ def test_a_picture_without_a_screen(recording: Path, tmp_path: Path) -> None:
     try:
         viewer.screenshot(recording, png, at=6.0, size=(1000, 700), timeout=300)
     except viewer.ViewerError as error:
-        if "graphics adapter" in str(error) or not has_vulkan():
+        if "no Vulkan driver" in str(error) or not has_vulkan():
             pytest.skip("no Vulkan driver here: Debian's mesa-vulkan-drivers has one in software")
         raise
     assert png.read_bytes().startswith(b"\x89PNG")
