@@ -1,9 +1,10 @@
-"""Which detection of an exposure is of which track: global nearest neighbour, over all of them together.
+"""Which detection of an exposure is of which track.
+
+Global nearest neighbour, over all of them together.
 
 A cost is minus twice the log-likelihood that a track gives a detection (`hypotheses.belief.ImageComparison.cost`).
 Where another assignment is about as likely, which gives a track another detection, none of the tracks in question
-gets any: for a moment they are predicted, instead of following each other's aircraft.
-"""
+gets any: for a moment they are predicted, instead of following each other's aircraft."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -44,8 +45,10 @@ def associate(costs: Costs) -> Association:
 
 
 def exchanged(costs: Costs) -> dict[int, int]:
-    """Detections whose ids name the tracks of the same numbers, and which are of another one: the track of each.
-    `costs` has all pairs that the ids name, whatever these cost, and of the others those that fit."""
+    """Detections whose ids name the tracks of the same numbers, and which are of another one.
+
+    The track of each. `costs` has all pairs that the ids name, whatever these cost, and of the others those that
+    fit."""
     named = {(track, i): cost - ID_COST if track == i else cost for (track, i), cost in costs.items()}
     found = _assigned(named, max(named.values()) + 1.0)
     return {i: track for i, track in found.items() if track != i}

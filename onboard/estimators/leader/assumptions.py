@@ -1,11 +1,10 @@
-"""The numbers that the leader's filter believes, and why: how a leader flies (`LeaderModel`), and below that how
-aircraft look, how detectors and our own state err, and the wind.
+"""The numbers that the leader's filter believes, and why.
 
-The numbers inside compiled arithmetic stand with it (in `hypotheses`: `motion`, `prediction`, `particles`, `tilt`,
-`view`, `places`, `summary`): machine code is made anew only when its own file changes.
+How a leader flies (`LeaderModel`), and below that how aircraft look, how detectors and our own state err, the
+wind, and the limits of computation.
 
-Plain numbers: reading a configuration imports neither NumPy nor Numba.
-"""
+Plain numbers: reading a configuration imports neither NumPy nor Numba. Compiled arithmetic contains them: whoever
+changes one compiles anew."""
 
 import math
 from typing import Final, NamedTuple
@@ -23,7 +22,7 @@ class Size(NamedTuple):
 
 
 class LeaderModel(NamedTuple):
-    """What the particles assumes: how a leader of unknown heading flies, and our own errors.
+    """Assumptions about how a leader of unknown heading flies, and about our own errors.
 
     Values are standard deviations, unless they are named otherwise. A `_random_walk` is a process noise density:
     the state's variance grows by its square each second. A state with a `_time` is a Gauss-Markov process with
@@ -110,45 +109,55 @@ class LeaderModel(NamedTuple):
 # are a tenth of it high.
 FUSELAGE: Final = ((0.36, 0.0, 0.0), (-0.4, 0.0, 0.0))
 THICKNESS: Final = ((0.0, 0.0, -0.07), (0.0, 0.0, 0.05))
-ROTOR: Final = 0.8  # radius of a rotor, of half the distance to its neighbour: 0.7 to 1 by data sheets
-ROTORS_AT: Final = -0.04  # how high they are
-ROTORS_HIGH: Final = ((0.0, 0.0, -0.09), (0.0, 0.0, 0.19))  # canopy and feet ...
-ROTORS_HEIGHT: Final = 0.08  # ... of which each data sheet has its own: one standard deviation of top and bottom
+ROTOR_RADIUS_RATIO: Final = (
+    0.8  # radius of a rotor, of half the distance to its neighbour: 0.7 to 1 by data sheets
+)
+ROTOR_PLANE_HEIGHT: Final = -0.04  # how high they are
+CANOPY_AND_FEET: Final = ((0.0, 0.0, -0.09), (0.0, 0.0, 0.19))  # canopy and feet ...
+CANOPY_AND_FEET_SIGMA: Final = (
+    0.08  # ... of which each data sheet has its own: one standard deviation of top and bottom
+)
 PITCH: Final = math.radians(7.0)  # rad, of the fuselage about the pitch that thrust implies
 
 # Of detectors: points, boxes, and poses.
-MISPLACED: Final = 0.03  # of the wingspan: how far a detector misplaces a point of an aircraft
-BOX_SHARE: Final = 0.05  # of the box's larger side: what a detector says of each side is no less
+KEYPOINT_SIGMA_RATIO: Final = 0.03  # of the wingspan: how far a detector misplaces a point of an aircraft
+MIN_BOX_SIGMA_RATIO: Final = 0.05  # of the box's larger side: what a detector says of each side is no less
 BOX_BIAS: Final = 0.08  # of its size: a detector's boxes are all too wide, or all too narrow ...
-GUESS_BIAS: Final = 0.15  # ... and of a wing in usual proportions, so is what they bound
-OFF_WING: Final = 0.1  # of the wing: the center from the wing's middle, where nothing is known of it
-ON_WING: Final = 0.02  # the same with `center_on_wing`, which allows 1 %; the nearer half of a wing looks longer
-OFF_BOX: Final = 0.1  # of the box's side: the center from the box's middle
-BIAS_COUNTS: Final = 4.0  # times: a filter averages some sixteen images
-TURN_BIAS: Final = math.radians(2.0)  # rad, of a marker that is mounted askew, or a model that is
-LEAST_RANGE_SIGMA: Final = 0.002  # of the range: no detector is more exact
-FLIPPED: Final = 0.2  # the probability that a rotation is the mirror image ...
-STRAY: Final = 0.02  # ... and that it says nothing
+GENERIC_BOX_BIAS: Final = 0.15  # ... and of a wing in usual proportions, so is what they bound
+CENTER_OFFSET_RATIO: Final = 0.1  # of the wing: the center from the wing's middle, where nothing is known of it
+CENTER_ON_WING_OFFSET_RATIO: Final = (
+    0.02  # the same with `center_on_wing`, which allows 1 %; the nearer half of a wing looks longer
+)
+BOX_CENTER_OFFSET_RATIO: Final = 0.1  # of the box's side: the center from the box's middle
+OFFSET_BIAS_FACTOR: Final = 4.0  # times: a filter averages some sixteen images
+MARKER_HEADING_BIAS: Final = math.radians(2.0)  # rad, of a marker that is mounted askew, or a model that is
+MIN_RANGE_SIGMA_RATIO: Final = 0.002  # of the range: no detector is more exact
+MIRRORED_POSE_PROBABILITY: Final = 0.2  # the probability that a rotation is the mirror image ...
+STRAY_POSE_PROBABILITY: Final = 0.02  # ... and that it says nothing
 
 # Of a fixed wing, and of the wind.
-CRAB: Final = math.radians(14.0)  # rad, of a fixed wing's heading: wind of a quarter of its speed, at one sigma
-SLIP: Final = math.radians(3.0)  # rad, of a fixed wing's heading about its path through the air
-STRONGEST: Final = 60.0  # m/s: a stronger one is no wind
+CRAB_SIGMA: Final = math.radians(
+    14.0
+)  # rad, of a fixed wing's heading: wind of a quarter of its speed, at one sigma
+SIDESLIP_SIGMA: Final = math.radians(3.0)  # rad, of a fixed wing's heading about its path through the air
+MAX_WIND_SPEED_M_S: Final = 60.0  # m/s: a stronger one is no wind
 # m/s on each axis. Of a report without one: the filters of autopilots end between 0.5 and 2, before turns above.
-USUAL_SIGMA: Final = 1.5
+WIND_SIGMA_M_S: Final = 1.5
 # A gust of a third of a breeze of 3 m/s: what we feel is not what the leader feels.
-GUST: Final = 1.0
+GUST_SIGMA_M_S: Final = 1.0
 
 # Of our own errors, and of what is broadcast.
-UNSURE: Final = 1.4  # times the configured errors of our attitude and velocity: their sigmas are guesses, too
-SMALLEST_SIGMA: Final = 1e-4  # rad; an axis of our attitude that is known better than this needs no state
-PRESSURE_BIAS: Final = 30.0  # m: of a height by a pressure whose reference at sea level is not known
-DELAY_TIME: Final = 600.0  # s: a link's delay lasts longer than an error of GNSS
-DRIFT: Final = 0.5  # m/s: of the autopilot's position, beside its velocity
+OWN_SIGMA_FACTOR: Final = (
+    1.4  # times the configured errors of our attitude and velocity: their sigmas are guesses, too
+)
+MIN_OWN_SIGMA: Final = 1e-4  # rad; an axis of our attitude that is known better than this needs no state
+PRESSURE_BIAS_M: Final = 30.0  # m: of a height by a pressure whose reference at sea level is not known
+DELAY_TIME_S: Final = 600.0  # s: a link's delay lasts longer than an error of GNSS
+OWN_DRIFT_M_S: Final = 0.5  # m/s: of the autopilot's position, beside its velocity
 
 # Of images that leap, and of classes and extents that come by turns.
-MAX_IMAGE_GAP_S: Final = 0.3  # Over longer gaps an aircraft may have moved anywhere.
-MIN_BEARING_JUMP: Final = math.radians(2.0)  # A few pixels: less is noise.
+MAX_IMAGE_INTERVAL_S: Final = 0.3  # Over longer gaps an aircraft may have moved anywhere.
+MIN_BEARING_STEP: Final = math.radians(2.0)  # A few pixels: less is noise.
 MAX_BEARING_RATE: Final = math.radians(60.0)  # 1/s; 10 m/s across the line of sight at 10 m.
 MAX_SUSTAINED_BEARING_RATE: Final = math.radians(10.0)  # 1/s, over seconds; 3.5 m/s across at 20 m.
 SIZE_JUMP_SIGMAS: Final = 4.0  # of both sizes' noise
@@ -165,13 +174,13 @@ MAX_GIMBAL_GAIN: Final = 4.0  # log-likelihood by one image
 GIMBAL_LOG_LIKELIHOOD: Final = 150.0  # two seconds of images at least
 
 # Of a track's life.
-REACQUISITION_GAP_NS: Final = NS_PER_S  # After so long without images: is the leader where it was believed?
-BROADCAST_DISTRUST_NS: Final = 10 * NS_PER_S  # after a broadcast that was wrong
-MAX_CONTRADICTING_REPORTS: Final = 4  # in a row: then what they have carried is not believed.
+REACQUISITION_INTERVAL_NS: Final = NS_PER_S  # After so long without images: is the leader where it was believed?
+BROADCAST_DISTRUST_TIME_NS: Final = 10 * NS_PER_S  # after a broadcast that was wrong
+CONTRADICTING_REPORT_LIMIT: Final = 4  # in a row: then what they have carried is not believed.
 REPORTED_TRACK_TIMEOUT_NS: Final = 30 * NS_PER_S  # Without a report, nothing that was known is of use then.
 MAX_RANGED_SIGMA: Final = 0.1  # rad, of a direction: known less well, a range says nothing of the leader.
 REPORT_DELAY_MARGIN_S: Final = 0.5  # beyond the configured latency
-SURPRISE_AFTER_LOSS: Final = 2.0  # of a track that begins after another one, which no image fitted
+MEAN_NIS_AFTER_LOSS: Final = 2.0  # of a track that begins after another one, which no image fitted
 MAX_CORRECTED_DIRECTION_SIGMA: Final = 0.2  # rad: beyond it no tangent holds, and the track starts anew.
 
 # Of reports.
@@ -191,7 +200,7 @@ NOISE_RATIO_LIMIT: Final = 2.0  # of the median of chi-square: no chance with so
 OUTLIER_NIS: Final = 13.8  # Chi-square with two degrees of freedom exceeds it once in a thousand.
 MAX_NOISE_SCALE: Final = 6.0  # of the configured noise: images that fit worse come of something else.
 REPORTED_NOISE_SCALE: Final = 1.3
-MAX_SUCCESSIVE_GAP_NS: Final = NS_PER_S // 4  # to the next image of the same camera
+MAX_SUCCESSIVE_INTERVAL_NS: Final = NS_PER_S // 4  # to the next image of the same camera
 UNCHANGED_POINT_SIGMAS: Final = 0.35  # No detector is so quiet.
 ROTATION_SIGMAS: Final = 3.0  # A point that our rotation would have moved by more must have moved.
 MIN_UNCHANGED_IMAGES: Final = 3  # Two may be alike by chance.
@@ -205,19 +214,19 @@ MIN_SPAN_SIGMAS: Final = 2.0  # A smaller span says nothing of the range by itse
 MIN_NOSE_LENGTH: Final = 0.1  # of the wingspan: closer points show no nose.
 POINT_SIGMA_LIMITS: Final = (1e-7, 10.0)  # focal lengths: no detector is more exact or less.
 
-# Of the gates, the evidence and the surprise.
+# Of the gates, the evidence and the mean NIS per component.
 MAX_SIZE_SIGMAS: Final = 3.0  # of the configured size: what may be false leads it no farther.
-MAX_PREDICTION_S: Final = 0.25  # of the hypotheses, in one step
-SURPRISE_LIMIT: Final = 1.4  # Chosen on encounters, between availability and error.
+MAX_PREDICTION_STEP_S: Final = 0.25  # of the hypotheses, in one step
+MEAN_NIS_LIMIT: Final = 1.4  # Chosen on encounters, between availability and error.
 MIN_WEIGHT_IN_GATE: Final = 0.3  # Particles of so much weight must have expected an image.
 REPORT_GATE_PROBABILITY: Final = 0.9999  # that a report or a range passes that is true
-REPORT_EVIDENCE_S: Final = 0.2  # Each counts as if the next one came so soon.
+REPORT_EVIDENCE_TIME_S: Final = 0.2  # Each counts as if the next one came so soon.
 STARTUP_TIME_S: Final = 8.0  # over which the evidence of a new track is used
 MIN_EVIDENCE_INTERVAL_S: Final = 0.05  # What is measured at one time counts as if it came so soon after.
-SURPRISE_TIME_S: Final = 3.0  # over which the surprise is averaged
-MAX_SURPRISE: Final = 3.0  # of one image: a stray one is no surprise.
+MEAN_NIS_TIME_S: Final = 3.0  # over which it is averaged
+MAX_IMAGE_NIS: Final = 3.0  # per component: a stray image counts no more.
 MIN_SHAPE_WEIGHT: Final = 0.02  # Only the right headings expect a shape.
-SHAPE_GATE_PER_ROW: Final = 2.1  # more of the gate, for each row of a shape
+SHAPE_GATE_NIS_PER_ROW: Final = 2.1  # more of the gate, for each row of a shape
 
 # Of a first image, and of the wind.
 MIN_FIRST_RANGE_RATIO: Final = 0.05  # of the largest possible range: points in a row may hide each other.
@@ -237,3 +246,48 @@ MAX_TARGET_OFFSET: Final = 0.2  # rad: an image farther from every track is of a
 TRACK_START_PERIOD_NS: Final = 50_000_000  # between tracks that begin beside a leader's: each takes 10 ms.
 REFUSAL_PERIOD_NS: Final = 100_000_000  # between reports of images that are one target too many
 SERVED_TIME_NS: Final = NS_PER_S  # A camera shows the leader for so long after an image of its was fused.
+
+# Of motion, compiled. A power of a speed stands for the speed, as no root is taken.
+MIN_VISIBLE_FRACTION: Final = 0.05  # of the wing: seen exactly along itself, it still shows a tip.
+MIN_SPEED_SQUARED: Final = 1.0  # (m/s)^2, in place of 0/0 where a course would be divided by.
+TURN_SPEED_SQUARED: Final = 4.0  # (m/s)^2: a slower leader does not turn its velocity.
+COURSE_LEAD_TIME_S: Final = 0.5  # A heading locked to its course points where the course leads so much later.
+FOLLOWING_SPEED_POWER4: Final = 81.0  # (m/s)^4: a faster leader turns its heading with its course.
+COURSE_UNLOCK_SPEED_SQUARED: Final = 9.0  # (m/s)^2: a slower leader's heading is not locked to its course.
+MAX_HOVER_SPEED_SQUARED: Final = 0.16  # (m/s)^2: a faster leader does not hover.
+HOVER_HEIGHT_VARIANCE_RATIO: Final = 0.3  # A hovering leader holds its height better than its place.
+COURSE_ITERATIONS: Final = 5  # of heading, the range that it implies, and the course at that range
+MAX_CRAB_SIGMAS: Final = 2.5  # of a fixed wing's heading about its course
+OBSERVED_HEADING_TIME_FACTOR: Final = 10.0  # A particle keeps its heading so much longer where points show it.
+
+# Of the tilt of a multirotor, compiled.
+TILT_VARIANCE: Final = 0.01  # (m/s^2)^2, of the tilt of one that has no drag
+STEADY_TILT_VARIANCE: Final = 12.0  # (m/s^2)^2, of any multirotor, on each axis; 20 degrees are one sigma.
+MAX_PRIOR_COST: Final = 20.0  # log-likelihood: what a hypothesis supposes is improbable enough then.
+MIN_VIEW_LENGTH: Final = 1e-9  # in place of 0/0: of the distance straight above us, m, and of a wing seen edge-on
+
+# Of rows, compiled.
+STUDENT_T_DOF: Final = 4.0  # What a leader does is no Gaussian.
+MIN_WING_SIGMAS_SQUARED: Final = 9.0  # A wing shorter than three standard deviations has no logarithm.
+MIN_DEVIATION: Final = 1e-12  # of a covariance that has lost its rank
+
+# Of the number of particles (Fox, 2003), their weights, and the places where a leader may be.
+HEADING_BIN: Final = math.radians(6.0)
+RANGE_BIN: Final = 0.05  # of the range's logarithm
+MIN_BIN_WEIGHT: Final = 0.002  # of a bin that counts
+PARTICLES_PER_BIN: Final = 6
+COUNT_CHANGE_FACTOR: Final = 1.5  # The number of particles changes by this factor at least.
+MAX_LOG_LIKELIHOOD_RATIO: Final = 40.0  # by one measurement
+MAX_RESOLVED_RANGE_SIGMA: Final = 0.15  # of the range: particles that are less certain leave it open.
+LOG_RANGE_BIN_WIDTH: Final = 0.04  # of the density whose modes are places
+DENSITY_SMOOTHING_WIDTH: Final = 2.5  # bins, one standard deviation
+MAX_VALLEY_RATIO: Final = 0.6  # to the lower of two peaks: with less density between them they are apart.
+MIN_PLACE_WEIGHT: Final = 0.05  # Less is no place of its own.
+
+# Of images that are kept, and of what is computed of them.
+RATE_INTERVAL_NS: Final = 40_000_000  # over which the rates of a camera are computed
+MAX_POSE_COUNT: Final = 64  # kept while images come but no own motion
+STAMP_COUNT: Final = 64  # remembered
+MEDIAN_NIS: Final = 2.0 * math.log(2.0)  # of chi-square with two degrees of freedom
+MAX_AGREEING_ANGLE: Final = math.radians(5.0)  # between images of one aircraft that start a track
+RIM_POINT_COUNT: Final = 12  # of all rotors' rims, beside the ends of each

@@ -11,11 +11,11 @@ from onboard.messages import NotNegative, Positive, Record, TargetClass
 
 
 class BroadcastConfig(Record, frozen=True, kw_only=True):
-    """`[estimator.leader.broadcast]`: the position that the leader itself broadcasts. It is used with `system` or
-    `icao` alone.
+    """`[estimator.leader.broadcast]`: the position that the leader itself broadcasts.
 
-    Raises ValueError for both of them, for other keys without either, and for an `icao` that is none.
-    """
+    It is used with `system` or `icao` alone.
+
+    Raises ValueError for both of them, for other keys without either, and for an `icao` that is none."""
 
     system: Annotated[int, msgspec.Meta(ge=0, le=255)] = 0  # sends GLOBAL_POSITION_INT, FOLLOW_TARGET; 0: nobody
     icao: str = ""  # the leader's address in ADSB_VEHICLE, six hexadecimal digits
@@ -48,11 +48,11 @@ class BroadcastConfig(Record, frozen=True, kw_only=True):
 
 
 class RangeConfig(Record, frozen=True, kw_only=True):
-    """`[estimator.leader.range]`: ranges to the leader by a rangefinder or a radio. They are used with `sensor` or
-    `detections` alone.
+    """`[estimator.leader.range]`: ranges to the leader by a rangefinder or a radio.
 
-    Raises ValueError for other keys without either.
-    """
+    They are used with `sensor` or `detections` alone.
+
+    Raises ValueError for other keys without either."""
 
     sensor: Annotated[int, msgspec.Meta(ge=-1, le=255)] = -1  # id of the DISTANCE_SENSOR; -1: none
     detections: bool = False  # a detection of the leader brings its range (`range_m`)
@@ -72,11 +72,11 @@ class RangeConfig(Record, frozen=True, kw_only=True):
 
 
 class Config(TargetClass, frozen=True, kw_only=True):
-    """`[estimator.leader]`: the keys of a class, for a leader of no other class, and more. The keys carry their
-    units; a `_sigma_` is one standard deviation.
+    """`[estimator.leader]`: the keys of a class, for a leader of no other class, and more.
 
-    Raises ValueError for timeouts out of order.
-    """
+    The keys carry their units; a `_sigma_` is one standard deviation.
+
+    Raises ValueError for timeouts out of order."""
 
     filter: Literal["belief"] = "belief"  # the one there is
     size_prior_m: Positive = 2.0  # the leader's wingspan

@@ -65,7 +65,9 @@ UNNAMED: Final = "unnamed/"  # before the numbers of targets without an id
 
 
 class Estimator:
-    """See `onboard.estimators.EstimatorProtocol`. A track for each target, by its id; `verdicts` on all images."""
+    """See `onboard.estimators.EstimatorProtocol`.
+
+    A track for each target, by its id; `verdicts` on all images."""
 
     def __init__(self, config: Config, camera: Camera) -> None:
         self._verdicts: Counter[str] = Counter()
@@ -106,7 +108,7 @@ class Estimator:
         return (*LISTENS, *(kind for source in self._sources for kind in source.listens))
 
     def observe(self, message: Message, ownship: Ownship) -> list[Estimate]:
-        """Fuse the detections of one image at the time it was taken; or take what is measured beside them."""
+        """Fuse the detections of one image at its time, or take a report or a range."""
         if not isinstance(message, Exposure):
             self._heed(message, ownship)
             return []
@@ -162,8 +164,10 @@ class Estimator:
         return estimate
 
     def _exchange(self, claims: dict[int, ImageRecord], found: dict[int, Track], ownship: Ownship) -> None:
-        """Where detections hardly fit the tracks of their ids, which were `found` for them, but fit each other's,
-        the ids have been exchanged: from now on they are those of the other tracks."""
+        """Let detections that fit each other's tracks exchange their ids.
+
+        Where detections hardly fit the tracks of their ids, which were `found` for them, but fit each other's, the
+        ids have been exchanged: from now on they are those of the other tracks."""
         firsts = {found[i].target: i for i in reversed(claims)}.values()  # of two detections with one id
         known = {i: claims[i] for i in sorted(firsts) if claims[i].compared is not None}
         images = {i: claim.image for i, claim in known.items() if claim.image is not None}
@@ -224,16 +228,19 @@ class Estimator:
         return answers
 
     def withholds(self, exposure: Exposure, doubts: Mapping[str, Reason]) -> Reason | None:
-        """Why an image is not to be used: its camera is among those in doubt, and one that is not shows the
-        leader: fused, it would spoil what that one shows."""
+        """Why an image is not to be used.
+
+        Its camera is among those in doubt, and one that is not shows the leader: fused, it would spoil what that
+        one shows."""
         if (doubt := doubts.get(exposure.camera)) is None:
             return None
         sound = (t_ns for camera, t_ns in self._seen_ns.items() if camera not in doubts)
         return doubt if any(abs(exposure.t_ns - t_ns) < given.SERVED_TIME_NS for t_ns in sound) else None
 
     def tick(self, ownship: Ownship) -> list[Estimate]:
-        """Predict the tracks to the newest navigation sample whose next estimate is due. Drop idle targets, except
-        the first."""
+        """Predict the tracks to the newest navigation sample whose next estimate is due.
+
+        Drop idle targets, except the first."""
         if self._wind.is_known and ownship.now_ns - self._wind_ns > given.WIND_TIMEOUT_NS:
             self._set_wind(UNKNOWN, ownship)
         self._pass_name_on(ownship.now_ns)
@@ -265,9 +272,10 @@ class Estimator:
         self._wind = UNKNOWN
 
     def _pass_name_on(self, now_ns: int) -> None:
-        """Without ids, what was seen first is the leader, and may be a tree. Once it is gone, or has not been
-        valid for `reset_timeout_s` while another target is tracked, the first of these is the leader. Where images
-        or a broadcast say who the leader is, no other takes its name."""
+        """Without ids, what was seen first is the leader, and may be a tree.
+
+        Once it is gone, or has not been valid for `reset_timeout_s` while another target is tracked, the first of
+        these is the leader. Where images or a broadcast say who the leader is, no other takes its name."""
         leader = self._tracks[NAME]
         is_known = self._is_named or self._sources or leader.state.is_valid
         heirs = [] if is_known else [t for t in self._tracks.values() if may_lead(t)]
@@ -317,7 +325,7 @@ class Estimator:
                 source.receive(message, ownship)
 
     def _assist(self, taken: Auxiliary, ownship: Ownship) -> Verdict:
-        """What is measured of the leader beside its images."""
+        """Pass a report or a range to the leader's track."""
         return self._tracks[NAME].assist(taken, ownship)
 
     def _track(self, target: str, why: Reason = NO_IMAGE) -> Track:
@@ -325,7 +333,9 @@ class Estimator:
         return Track(NAME, target, *settings, why=why, may_begin=self._may_begin)
 
     def _may_begin(self, target: str, now_ns: int) -> bool:
-        """Whether a target's track may begin now: beside a leader's that is followed, one at a time."""
+        """Whether a target's track may begin now.
+
+        Beside a leader's that is followed, one at a time."""
         if target == NAME or not self._tracks[NAME].is_followed:
             return True
         if now_ns < self._next_begin_ns:
@@ -391,9 +401,11 @@ class Estimator:
     def _candidates(
         self, images: Mapping[int, Image], tracks: Sequence[Track], ownship: Ownship
     ) -> dict[tuple[int, int], ImageRecord]:
-        """Detections beside what tracks expect, by the numbers of both. A detection is compared with all tracks
-        without a recent image, whose target may be anywhere, and of the others with those hardly farther from its
-        direction than the nearest one: to compare each with each would cost n^2 updates of n targets."""
+        """Detections beside what tracks expect, by the numbers of both.
+
+        A detection is compared with all tracks without a recent image, whose target may be anywhere, and of the
+        others with those hardly farther from its direction than the nearest one: to compare each with each would
+        cost n^2 updates of n targets."""
         predicted: dict[int, Any] = {}
         found: dict[tuple[int, int], ImageRecord] = {}
         for i, image in images.items():
@@ -410,8 +422,9 @@ class Estimator:
         return found
 
     def _left_over(self, image: Image, free: Sequence[Track], ownship: Ownship) -> Track | None:
-        """The track of a detection without an id that fits none, of those that are `free`: one that it may start,
-        or of which it is an outlier; or else a new one, None with too many."""
+        """The track of a detection without an id that fits none, of those that are `free`.
+
+        One that it may start, or of which it is an outlier; or else a new one, None with too many."""
         starting = (t for t in free if not t.is_followed and t.held and agree(t.held[-1], image))
         near = min(((offset(track, image), track) for track in free), key=lambda each: each[0], default=None)
         if image.has_extent and (first := next(starting, None)) is not None:
@@ -427,14 +440,15 @@ class Estimator:
         return self._named(f"{UNNAMED}{self._numbered}", ownship)
 
     def _offsets(self, image: Image, tracks: Iterable[Track]) -> list[tuple[float, Track]]:
-        """How far, rad, an image is from each track that had an image shortly before it: images that waited for
-        our own motion are older than the newest estimate."""
+        """Return the angles, rad, from an image to each track that had an image shortly before it.
+
+        Images that waited for our own motion are older than the newest estimate."""
         recent = [t for t in tracks if not t.life.is_coasting(image.message.t_ns) and t.direction_n is not None]
         return [(offset(track, image), track) for track in recent]
 
 
 def offset(track: Track, image: Image) -> float:
-    """How far, rad, an image's direction is from where a track was estimated last, or from the image that is to
+    """Return the angle, rad, between an image's direction and a track's last estimate, or the image that is to
     start it; infinite without either."""
     there = track.held[-1].direction_n.tolist() if track.held and not track.is_followed else track.direction_n
     return math.inf if there is None else math.dist(there, image.direction_n.tolist())
@@ -446,7 +460,9 @@ def may_lead(track: Track) -> bool:
 
 
 def swap_names(one: Track, other: Track) -> None:
-    """Let two targets change their names. Each name's counts go on: its state has changed, as after a reset."""
+    """Let two targets change their names.
+
+    Each name's counts go on: its state has changed, as after a reset."""
     one.target, other.target = other.target, one.target
     one.sequence, other.sequence = other.sequence, one.sequence
     one.life.resets, other.life.resets = other.life.resets + 1, one.life.resets + 1
@@ -476,7 +492,7 @@ def overlap(one: TargetImage, other: TargetImage) -> bool:
 
 
 def extent(seen: TargetImage) -> tuple[ImagePoint, float]:
-    """Where a detection is and how far it reaches, in focal lengths; not at all where it shows one point alone."""
+    """Return the centre of a detection and its reach, in focal lengths; 0 for a single point."""
     first, *others = seen.image_points
     radius = max([math.dist(first, point) for point in others], default=0.0)
     if isinstance(seen, TargetDetection):

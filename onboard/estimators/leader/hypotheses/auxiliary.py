@@ -1,4 +1,4 @@
-"""What is measured of the leader beside its images, as rows of an update: its own reports, and ranges.
+"""Reports and ranges of the leader as rows of an update.
 
 A row is a value with its white noise, and the errors that last and that it has a share of. These are a part of
 each particle's state (`particles.Bias`): so a report corrects the size as far as its own bias allows, and a bias
@@ -43,7 +43,7 @@ class Report(NamedTuple):
     trusted: bool
 
     def rows(self, particles: Particles) -> LinearRows:
-        """The rows of it, of particles that has its biases.
+        """Return its rows for particles that have its biases.
 
         The delay is considered: in a turn a delay shortens positions and velocities alike, as a smaller size does,
         and the derivatives do not show that. They hold for a straight line."""

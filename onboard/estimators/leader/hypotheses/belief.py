@@ -1,11 +1,11 @@
-"""One belief about one leader: weighted hypotheses with a Gaussian each (`particles`). `make_filter` makes its
-filter.
+"""One belief about one leader: weighted hypotheses with a Gaussian each (`particles`).
+
+`make_filter` makes its filter.
 
 Each hypothesis supposes where the leader's heading points, whether it flies steadily, accelerates or hovers, and
 how boldly; all share the errors of our own state, which are considered and not estimated. Every image corrects
 every hypothesis, and what they expected together is what an image is judged by. As many are kept as there are
-different headings and ranges in question.
-"""
+different headings and ranges in question."""
 
 import math
 from typing import NamedTuple
@@ -20,15 +20,7 @@ from onboard.estimators.leader.hypotheses.particles import Particles
 from onboard.estimators.leader.hypotheses.places import OpenQuestion
 from onboard.estimators.leader.hypotheses.prediction import NOWHERE
 from onboard.estimators.leader.hypotheses.start import start
-from onboard.estimators.leader.hypotheses.summary import (
-    COMPONENTS,
-    LOG_SIZE,
-    RESOLVED,
-    UNITS,
-    Summary,
-    as_leader,
-    summarise,
-)
+from onboard.estimators.leader.hypotheses.summary import COMPONENTS, LOG_SIZE, UNITS, Summary, as_leader, summarise
 from onboard.estimators.leader.hypotheses.wind import Wind
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import Measurement
@@ -39,7 +31,9 @@ from onboard.ownship import Step
 
 
 class Pending(NamedTuple):
-    """Our own motion since some time: seconds, displacement (3,) in m and newest velocity (3,), in n."""
+    """Our own motion since some time.
+
+    Seconds, displacement (3,) in m and newest velocity (3,), in n."""
 
     dt: float
     moved: Array
@@ -47,8 +41,9 @@ class Pending(NamedTuple):
 
 
 class State(NamedTuple):
-    """The hypotheses at some time, and their summary; our own motion since then; and what they assume, in the wind
-    as it was known last."""
+    """The hypotheses at some time, and their summary.
+
+    Our own motion since then; and what they assume, in the wind as it was known last."""
 
     particles: Particles
     summary: Summary
@@ -73,14 +68,17 @@ class ImageComparison(NamedTuple):
 
     @property
     def cost(self) -> float:
-        """Minus twice the log-likelihood of the measurement, but for a constant: of two predictions that it fits,
-        the sharper one explains it better. That of all hypotheses: one that is far off changes little."""
+        """Minus twice the log-likelihood of the measurement, but for a constant.
+
+        Of two predictions that it fits, the sharper one explains it better. That of all hypotheses: one that is
+        far off changes little."""
         return -2.0 * update.log_likelihood(self.expected)
 
 
 class BeliefFilter:
-    """A filter of one target, of this `shape`; FilterErrors pass through. An image whose NIS is above the `gate`
-    is not fused. `delay_sigma` (s): of the camera's stamps."""
+    """A filter of one target, of this `shape`; FilterErrors pass through.
+
+    An image whose NIS is above the `gate` is not fused. `delay_sigma` (s): of the camera's stamps."""
 
     components: tuple[str, ...] = COMPONENTS
     units: tuple[str, ...] = UNITS
@@ -95,16 +93,18 @@ class BeliefFilter:
         pose: CameraPose,
         before: State | None,
         size: Size | None = None,
-        surprise: float | None = None,
+        mean_nis: float | None = None,
     ) -> State:
-        """Of what was believed before, the headings are kept. `size`: as it is known by more than images;
-        `surprise`: how far from all hypotheses the images before were, None: as it was."""
+        """Start from an image.
+
+        Of what was believed before, the headings are kept. `size`: as it is known by more than images; `mean_nis`:
+        how far from all hypotheses the images before were, None: as it was."""
         settings = of_size = self._settings if before is None else before.settings
         if size is not None:
             of_size = settings._replace(size=size.value, size_sigma=size.sigma)
         particles = start(of_size, measurement, pose, None if before is None else before.particles)
-        if surprise is not None:
-            particles = particles._replace(surprise=surprise)
+        if mean_nis is not None:
+            particles = particles._replace(mean_nis=mean_nis)
         return State(particles, summarise(of_size, particles), Pending(0.0, NOWHERE, pose.v_F_n), settings)
 
     def informed(self, state: State, prior: Belief, *, flew: bool) -> State | None:
@@ -117,7 +117,7 @@ class BeliefFilter:
         dt, moved, _ = state.since
         since = Pending(dt + step.dt, moved + step.dt * step.v0 + (0.5 * step.dt**2) * step.a, step.v1)
         advanced = State(state.particles, state.summary, since, state.settings)
-        if since.dt <= given.MAX_PREDICTION_S:
+        if since.dt <= given.MAX_PREDICTION_STEP_S:
             return advanced
         return self._at(advanced, self.predict(advanced).particles)  # no image corrects it soon
 
@@ -129,7 +129,9 @@ class BeliefFilter:
         return Prediction(state, prediction.predict(state.settings, state.particles, dt, moved))
 
     def compare(self, predicted: Prediction, measurement: Measurement, pose: CameraPose) -> ImageComparison:
-        """A measurement, by a camera with this pose, beside what all hypotheses expect. Raises FilterError."""
+        """A measurement, by a camera with this pose, beside what all hypotheses expect.
+
+        Raises FilterError."""
         state, particles = predicted
         noise_c = pose.noise_c
         if self._delay_sigma > 0.0:
@@ -151,7 +153,9 @@ class BeliefFilter:
     def assist(self, state: State, taken: Auxiliary) -> State | None:
         """The state after what is measured beside the images; None where that contradicts it, or where what may be
         false would lead the size beyond MAX_SIZE_SIGMAS sigmas of the configured one. Raises FilterError."""
-        is_open = state.summary.after(state.since.dt, state.since.moved).range_sigma() > RESOLVED
+        is_open = (
+            state.summary.after(state.since.dt, state.since.moved).range_sigma() > given.MAX_RESOLVED_RANGE_SIGMA
+        )
         particles = update.assist(state.settings, self.predict(state).particles, taken, is_open=is_open)
         if particles is None:
             return None
@@ -166,7 +170,9 @@ class BeliefFilter:
         settings = self._settings
         if wind.is_known:
             (north, east, _), sigma = wind.velocity.tolist(), wind.sigma
-            settings = settings._replace(air=(north, east), air_sigma=sigma, nose_about_course=given.SLIP)
+            settings = settings._replace(
+                air=(north, east), air_sigma=sigma, nose_about_course=given.SIDESLIP_SIGMA
+            )
         return self._at(state._replace(settings=settings), self.predict(state).particles)
 
     def belief(self, state: State) -> Belief:
@@ -177,12 +183,12 @@ class BeliefFilter:
         return belief
 
     def published(self, state: State) -> tuple[Belief, OpenQuestion]:
-        """What is published: mean and covariance, and what is open about them."""
+        """Return mean and covariance, and what is open about them."""
         return self.belief(state), self.open_question(state)
 
     def open_question(self, state: State) -> OpenQuestion:
         """Whether the range is open, and then the places where the leader may be."""
-        known, is_misfit = state.summary, state.particles.surprise > given.SURPRISE_LIMIT
+        known, is_misfit = state.summary, state.particles.mean_nis > given.MEAN_NIS_LIMIT
         if not known.places:
             return OpenQuestion(is_misfit=is_misfit)
         dt, moved, v_F_n = state.since
@@ -191,7 +197,9 @@ class BeliefFilter:
         return OpenQuestion(f"{why}the range is uncertain", places, is_misfit)
 
     def is_too_wide(self, state: State, share: float) -> bool:
-        """Whether the direction is less certain than `share`; an uncertain range is no obstacle to an image."""
+        """Whether the direction is less certain than `share`.
+
+        An uncertain range is no obstacle to an image."""
         return state.summary.after(state.since.dt, state.since.moved).direction_sigma() > share
 
     def _at(self, state: State, particles: Particles) -> State:
@@ -206,18 +214,18 @@ def make_filter(config: Config) -> BeliefFilter:
 
 
 def leader_model(config: Config) -> LeaderModel:
-    """What is assumed of a leader and of our own errors."""
+    """Return the model of a leader and of our own errors."""
     known = config.own_tilt_sigma_deg, config.own_yaw_sigma_deg
-    tilt, yaw = (max(given.UNSURE * math.radians(sigma), given.SMALLEST_SIGMA) for sigma in known)
+    tilt, yaw = (max(given.OWN_SIGMA_FACTOR * math.radians(sigma), given.MIN_OWN_SIGMA) for sigma in known)
     model = LeaderModel(
         size=config.size_prior_m,
         size_sigma=config.size_prior_sigma_m or 0.02 * config.size_prior_m,
         misalignment=(tilt, tilt, yaw),
         misalignment_time=config.own_attitude_time_s,
-        own_velocity=max(config.own_velocity_sigma_m_s, given.SMALLEST_SIGMA),
+        own_velocity=max(config.own_velocity_sigma_m_s, given.MIN_OWN_SIGMA),
         particles=config.particles,
     )
     if config.leader_class == "fixed_wing":
         model = model._replace(drag=0.0, drag_sigma=0.0, wind=0.0, lean_random_walk=0.0, tied=0.0)
-        model = model._replace(crab=given.CRAB, nose_about_course=given.CRAB)
+        model = model._replace(crab=given.CRAB_SIGMA, nose_about_course=given.CRAB_SIGMA)
     return model

@@ -1,8 +1,9 @@
-"""Random numbers that are a fixed function of a number: the same images give the same estimate.
+"""Random numbers that are a fixed function of a number.
 
-What each of them is for has a stream: a number that is added to that of a step's first draw, `Cloud.draws`. A
-normal number takes the stream behind its own, too.
-"""
+The same images give the same estimate.
+
+What each of them is for has a stream: a number that is added to that of a step's first draw, `Particles.draws`. A
+normal number takes the stream behind its own, too."""
 
 import math
 from typing import Final
@@ -12,25 +13,25 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.compiled import INT, MAKING, UNSIGNED, kernel
 
-COUNT: Final = INT
-DRAW: Final = UNSIGNED
 WEYL: Final = np.uint64(0x632BE59BD9B4E019)  # odd, to keep the streams of successive draws apart
 MIX: Final = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 SHIFTS: Final = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(11)
 
-# The streams of a step: DRAWS of them until the next step's begin, and as many in series that lie APART.
-DRAWS: Final = 8
-APART: Final = 1 << 40
+# The streams of a step: so many until the next step's begin, and as many in each series, this far apart.
+STREAMS_PER_STEP: Final = 8
+STREAM_SPACING: Final = 1 << 40
 OF_TURNING, OF_TURN_RATE, _, OF_REGIME, OF_WANDERING, _, OF_RESAMPLED_HEADING, OF_HEADING = map(
-    np.uint64, range(DRAWS)
+    np.uint64, range(STREAMS_PER_STEP)
 )
-OF_MANOEUVRES, _, OF_BANK, _, OF_WOBBLE, _, OF_TYING, _ = (np.uint64(APART + n) for n in range(DRAWS))
-OF_DRAG, OF_ACCEPTANCE, OF_NEW_WOBBLE, OF_SLACK = (np.uint64(n * APART) for n in range(2, 6))
+OF_MANOEUVRES, _, OF_BANK, _, OF_WOBBLE, _, OF_TYING, _ = (
+    np.uint64(STREAM_SPACING + n) for n in range(STREAMS_PER_STEP)
+)
+OF_DRAG, OF_ACCEPTANCE, OF_NEW_WOBBLE, OF_SLACK = (np.uint64(n * STREAM_SPACING) for n in range(2, 6))
 OF_INTENSITIES: Final = OF_MANOEUVRES, OF_BANK, OF_WOBBLE
 
 # Those of a new particles, beside OF_TURNING, OF_TURN_RATE and OF_REGIME. Its first step, which begins at 4, draws
 # some of these numbers again for other ends.
-OF_FIRST_HOVERING, *firsts = (np.uint64(APART + n) for n in range(11))
+OF_FIRST_HOVERING, *firsts = (np.uint64(STREAM_SPACING + n) for n in range(11))
 OF_FIRST_MANOEUVRES, _, OF_FIRST_BANK, _, OF_FIRST_WOBBLE, _, OF_FIRST_SIZE, _, OF_FIRST_DRAG, _ = firsts
 OF_FIRST_INTENSITIES: Final = OF_FIRST_MANOEUVRES, OF_FIRST_BANK, OF_FIRST_WOBBLE
 
@@ -65,7 +66,7 @@ def normal_of(draw, k):
     return np.sqrt(-2.0 * np.log(uniform_of(draw, k))) * np.cos(angle)
 
 
-@kernel((DRAW, COUNT), **MAKING)
+@kernel((UNSIGNED, INT), **MAKING)
 def _uniforms(draw, count):
     found = np.empty(count)
     for k in range(count):
@@ -73,7 +74,7 @@ def _uniforms(draw, count):
     return found
 
 
-@kernel((DRAW, COUNT), **MAKING)
+@kernel((UNSIGNED, INT), **MAKING)
 def _normals(draw, count):
     found = np.empty(count)
     for k in range(count):

@@ -1,11 +1,12 @@
-"""The Gaussian of one particle, corrected by rows of a view: the covariance of a row with the state, and a Schmidt
-update. The state is that of `motion`, with at most one bias."""
+"""The Gaussian of one particle, corrected by rows of a view.
 
-from typing import Final
+The covariance of a row with the state, and a Schmidt update. The state is that of `motion`, with at most one bias.
+"""
 
 import numpy as np
 
 from onboard.compiled import FILLING, kernel
+from onboard.estimators.leader import assumptions as given
 from onboard.estimators.leader.hypotheses.motion import (
     AX,
     AY,
@@ -22,18 +23,18 @@ from onboard.estimators.leader.hypotheses.motion import (
     WING_SCALE_ERROR,
 )
 
-TINY: Final = 1e-12
-
 
 @kernel(**FILLING)
 def factor(S):
-    """The lower Cholesky factor of a covariance (m, m), in place: above the diagonal, S stays as it is."""
+    """The lower Cholesky factor of a covariance (m, m), in place.
+
+    Above the diagonal, S stays as it is."""
     for i in range(S.shape[0]):
         for j in range(i + 1):
             total = S[i, j]
             for n in range(j):
                 total -= S[i, n] * S[j, n]
-            S[i, j] = np.sqrt(max(total, TINY * TINY)) if i == j else total / S[j, j]
+            S[i, j] = np.sqrt(max(total, given.MIN_DEVIATION * given.MIN_DEVIATION)) if i == j else total / S[j, j]
 
 
 @kernel(**FILLING)

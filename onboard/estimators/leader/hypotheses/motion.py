@@ -1,4 +1,4 @@
-"""How a leader moves whose heading is known, as one of many particles assumes.
+"""Motion of a leader whose heading is known, as one of many particles assumes.
 
 One image leaves the heading open, and with it the range. But if the heading is given, the rest is nearly linear:
 the wing's apparent length gives the range, its slope the bank. So the heading is sampled (`particles`), and each
@@ -20,6 +20,7 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.compiled import FILLING, FLOAT, MAKING, ROWS, VECTOR, kernel, out, record
+from onboard.estimators.leader import assumptions as given
 
 G: Final = 9.80665
 N: Final = 14  # at least: behind these are biases of measurements
@@ -29,11 +30,6 @@ VELOCITY: Final = slice(VX, AX)
 ACCELERATION: Final = slice(AX, BANK_ERROR)
 TILT: Final = slice(TILT_NORTH, WING_SCALE_ERROR)
 MOTION: Final = slice(RX, AX)  # position and velocity
-LEAST_VISIBLE: Final = 0.05  # of the wing: seen exactly along itself, it still shows a tip
-SLOW2: Final = 1.0  # (m/s)^2: in place of 0/0 where a course would be divided by
-TURNS2: Final = 4.0  # (m/s)^2: a leader slower than its root does not turn its velocity
-LEAD: Final = 0.5  # s: a heading locked to its course points where the course leads so much later
-FOLLOWS4: Final = 81.0  # (m/s)^4: a leader faster than its fourth root turns its heading with its course
 
 STEADY: Final = 0  # the regimes
 ACCELERATING: Final = 1
@@ -41,7 +37,6 @@ HOVERING: Final = 2
 COURSE_LOCKED: Final = 1.0  # to its course is a heading,
 FREE: Final = 0.0  # or not,
 UNDECIDED: Final = -1.0  # or so slow is the leader
-UPRIGHT2: Final = 0.3  # of the variance of a hovering leader: its height is held better than its place
 
 NUMBER: Final = FLOAT
 HEADINGS: Final = out(FLOAT, 1)
@@ -49,10 +44,12 @@ COVARIANCES: Final = out(FLOAT, 3)
 
 
 class Noise(NamedTuple):
-    """The variances that a step adds: `fixed` (W,); `broad`, times the square of the fraction that is seen of a
-    wing of `usual` length (its logarithm, m), of a steady leader, of one that accelerates, and of one that hovers
-    (3, N); `range_` (N,), times the square of the range; and that of `wing scale error` by a heading that wobbles,
-    times the square of the share by which a radian shortens the wing."""
+    """The variances that a step adds.
+
+    `fixed` (W,); `broad`, times the square of the fraction that is seen of a wing of `usual` length (its
+    logarithm, m), of a steady leader, of one that accelerates, and of one that hovers (3, N); `range_` (N,), times
+    the square of the range; and that of `wing scale error` by a heading that wobbles, times the square of the
+    share by which a radian shortens the wing."""
 
     fixed: Array
     broad: Array
@@ -62,7 +59,7 @@ class Noise(NamedTuple):
 
 
 class Hover(NamedTuple):
-    """What a step leaves of the velocity and the acceleration of a leader that hovers, and the variances that it
+    """Decay of velocity and acceleration of a leader that hovers in one step, and the variances that it
     adds to their level components, (m/s)^2 and (m/s^2)^2."""
 
     velocity_decay: float
@@ -72,9 +69,10 @@ class Hover(NamedTuple):
 
 
 class Interval(NamedTuple):
-    """A step of `dt` seconds, in which the follower moves by `moved` (3,) m, in n: the noise that it adds, what it
-    leaves of one that hovers, and of the acceleration along the track, the bank's error, the wing scale error and
-    biases: `decay` (3 + W - N,)."""
+    """A step of `dt` seconds, in which the follower moves by `moved` (3,) m, in n.
+
+    The noise that it adds, what it leaves of one that hovers, and of the acceleration along the track, the bank's
+    error, the wing scale error and biases: `decay` (3 + W - N,)."""
 
     dt: float
     moved: Array
@@ -88,14 +86,18 @@ PAIR: Final = record(tuple, NUMBER, NUMBER)
 
 @kernel(**FILLING)
 def course_of(x, air):
-    """The course through the air LEAD seconds ahead, of a leader with the mean x (N,), rad."""
+    """The course through the air `COURSE_LEAD_TIME_S` ahead, of a leader with the mean x (N,), rad."""
     u, v = x[VX] - air[0], x[VY] - air[1]
-    return np.arctan2(v, u) + LEAD * (u * x[AY] - v * x[AX]) / (u * u + v * v + SLOW2)
+    return np.arctan2(v, u) + given.COURSE_LEAD_TIME_S * (u * x[AY] - v * x[AX]) / (
+        u * u + v * v + given.MIN_SPEED_SQUARED
+    )
 
 
 @kernel(**FILLING)
 def visible2(heading, x, y, square, edge_on_visibility):
-    """The square of the fraction that is seen of a level wing of a leader at (x, y); `square` is its range's."""
+    """The square of the fraction that is seen of a level wing of a leader at (x, y).
+
+    `square` is its range's."""
     along = np.cos(heading) * y - np.sin(heading) * x
     return max(1.0 - along * along / square, 0.0) + edge_on_visibility * edge_on_visibility
 
@@ -146,7 +148,7 @@ def _advance(S, j, side, transition):
 
 @kernel(**FILLING)
 def _forget(x, S, decay, fixed):
-    """What a step leaves of the biases, in place: `decay` (W - N,), and the variances (W,) that it adds."""
+    """Let the biases decay, in place, by `decay` (W - N,), and add the variances (W,)."""
     for i in range(N, S.shape[0]):
         left = decay[i - N]
         x[i] *= left
@@ -159,7 +161,9 @@ def _forget(x, S, decay, fixed):
 
 @kernel(**FILLING)
 def _stop(x, S, hover, drag, bold):
-    """The state of a leader that hovers after a step, in place: it comes to rest over ground, and tilts less."""
+    """The state of a leader that hovers after a step, in place.
+
+    It comes to rest over ground, and tilts less."""
     v_decay, a_decay, v_variance, a_variance = hover
     v_variance, a_variance = bold * v_variance, bold * a_variance
     lost = drag * (1.0 - v_decay)
@@ -176,12 +180,14 @@ def _stop(x, S, hover, drag, bold):
                 S[i, j] *= decay
             for j in range(S.shape[0]):
                 S[j, i] *= decay
-            S[i, i] += variance * (1.0 if i < first + 2 else UPRIGHT2)
+            S[i, i] += variance * (1.0 if i < first + 2 else given.HOVER_HEIGHT_VARIANCE_RATIO)
 
 
 @kernel(**FILLING)
 def fly_on(k, particles, interval, air, edge_on_visibility):
-    """Mean and covariance of a particle, in place, after an interval; its heading turns with its course."""
+    """Mean and covariance of a particle, in place, after an interval.
+
+    Its heading turns with its course."""
     headings, _, regimes, means, P, intensities, course_locked, drags, _ = particles
     dt, moved, noise, hover, decay = interval
     fixed, broad, range_, wobble, usual = noise
@@ -195,14 +201,14 @@ def fly_on(k, particles, interval, air, edge_on_visibility):
     scale2 = seen2 * np.exp(2.0 * (x[LOG_SIZE] - usual))
     banks, wobbles = np.exp(2.0 * intensities[k, 1]), np.exp(2.0 * intensities[k, 2])
     speed2 = u * u + v * v
-    rate = (u * b - v * a) / (speed2 + SLOW2)
+    rate = (u * b - v * a) / (speed2 + given.MIN_SPEED_SQUARED)
     aside = headings[k] - course_of(x, air)
-    headings[k] += speed2 * speed2 / (speed2 * speed2 + FOLLOWS4) * rate * dt
-    turn = rate * dt * speed2 / (speed2 + TURNS2)
+    headings[k] += speed2 * speed2 / (speed2 * speed2 + given.FOLLOWING_SPEED_POWER4) * rate * dt
+    turn = rate * dt * speed2 / (speed2 + given.TURN_SPEED_SQUARED)
     c, s = np.cos(turn), np.sin(turn)
     # what is along the track decays, and all of a slow leader's
-    slow = 1.0 - (1.0 - decay[0]) * TURNS2 / (speed2 + TURNS2)
-    lost = (1.0 - decay[0]) / (speed2 + SLOW2)
+    slow = 1.0 - (1.0 - decay[0]) * given.TURN_SPEED_SQUARED / (speed2 + given.TURN_SPEED_SQUARED)
+    lost = (1.0 - decay[0]) / (speed2 + given.MIN_SPEED_SQUARED)
     k00, k01 = slow * (1.0 - lost * u * u), -slow * lost * u * v
     k11 = slow * (1.0 - lost * v * v)
     t00, t01 = c * k00 - s * k01, c * k01 - s * k11
@@ -238,15 +244,19 @@ def fly_on(k, particles, interval, air, edge_on_visibility):
 
 
 def courses(means: Array, air: tuple[float, float]) -> Array:
-    """Of leaders with these means (K, W), the courses (K,) through the `air` (2,) m/s, rad."""
+    """Return the courses (K,) rad through the `air` (2,) m/s of means (K, W)."""
     u, v = means[:, VX] - air[0], means[:, VY] - air[1]
-    found: Array = np.arctan2(v, u) + LEAD * (u * means[:, AY] - v * means[:, AX]) / (u * u + v * v + SLOW2)
+    found: Array = np.arctan2(v, u) + given.COURSE_LEAD_TIME_S * (u * means[:, AY] - v * means[:, AX]) / (
+        u * u + v * v + given.MIN_SPEED_SQUARED
+    )
     return found
 
 
-def visible(headings: Array, directions: Array, edge_on_visibility: float = LEAST_VISIBLE) -> Array:
-    """The fraction (k,) that is seen of a level wing's length: its heading at `particles` (k,), the leader in the
-    unit `directions` (k, 3). Seen along the wing, it shows `edge_on_visibility` of it: a tip, or its fuselage."""
+def visible(headings: Array, directions: Array, edge_on_visibility: float = given.MIN_VISIBLE_FRACTION) -> Array:
+    """The fraction (k,) that is seen of a level wing's length.
+
+    Its headings are `headings` (k,), the leader in the unit `directions` (k, 3). Seen along the wing, it shows
+    `edge_on_visibility` of it: a tip, or its fuselage."""
     found: Array = np.sqrt(_all_visible2(headings, directions, edge_on_visibility))
     return found
 

@@ -20,21 +20,18 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.compiled import FILLING, MAKING, ROWS, VECTOR, kernel
+from onboard.estimators.leader import assumptions as given
 from onboard.estimators.leader.assumptions import LeaderModel
 from onboard.estimators.leader.hypotheses.draws import uniform
-from onboard.estimators.leader.hypotheses.motion import HEADINGS, LEAST_VISIBLE, NUMBER, RX, RY, RZ, VX, VY, VZ, N
+from onboard.estimators.leader.hypotheses.motion import HEADINGS, NUMBER, RX, RY, RZ, VX, VY, VZ, N
 
-ARRAYS: Final = 9  # of the fields, the first: each has one row a particle
-HEADING_BIN: Final = math.radians(6.0)  # rad
-RANGE_BIN: Final = 0.05  # of the range's logarithm
-LEAST_WEIGHT: Final = 0.002  # of a bin that counts
-PER_BIN: Final = 6  # particles
-CHANGE: Final = 1.5  # the number of particles changes by this factor at least
-MOST_EVIDENCE: Final = 40.0  # of the logarithm of a likelihood ratio, by one measurement
+ARRAY_COUNT: Final = 9  # of the fields, the first: each has one row a particle
 
 
 class Bias(NamedTuple):
-    """An error of measurements that lasts: its standard deviation, and its correlation time, s."""
+    """An error of measurements that lasts.
+
+    Its standard deviation, and its correlation time, s."""
 
     name: str
     sigma: float
@@ -55,22 +52,24 @@ class Particles(NamedTuple):
     mean_bank_error: Array  # (K,) rad, lately
     log_weights: Array  # (K,)
     draws: int  # random numbers so far
-    edge_on_visibility: float = LEAST_VISIBLE  # of the wing's length, that the edge-on aircraft shows
+    edge_on_visibility: float = given.MIN_VISIBLE_FRACTION  # of the wing's length, that the edge-on aircraft shows
     heading_observed: bool = False  # points have distinguished the nose from the tail
     keypoint_bias: float = 0.0  # of the length that shows the nose, one standard deviation
     metric: bool = False  # ranges are those of poses, and not of a leader of some size
     unseen: float = 0.0  # s, since the last image that corrected them
     startup_evidence: float = 0.0  # images whose evidence of a new track is not used yet
     misfits: tuple[str, ...] = ()  # named points of the last image that fitted no heading
-    surprise: float = 1.0  # mean NIS per component of the last seconds, by the particles' own uncertainties
+    mean_nis: float = 1.0  # mean NIS per component of the last seconds, by the particles' own uncertainties
     biases: tuple[Bias, ...] = ()
 
     def column(self, name: str) -> int:
-        """Of a bias in the state."""
+        """Return the column of a bias in the state."""
         return N + [bias.name for bias in self.biases].index(name)
 
     def with_biases(self, *biases: Bias) -> "Particles":
-        """With those of them that it has not yet. Nothing is known of a new one but its standard deviation."""
+        """With those of them that it has not yet.
+
+        Nothing is known of a new one but its standard deviation."""
         known = {bias.name for bias in self.biases}
         new = tuple(bias for bias in biases if bias.name not in known)
         if not new:
@@ -91,7 +90,7 @@ def weighted(particles: Particles, log_l: Array) -> Particles:
 
 @kernel(**FILLING)
 def largest(numbers):
-    """Of numbers (K,)."""
+    """Return the largest of numbers (K,)."""
     found = -np.inf
     for number in numbers:
         found = max(found, number)
@@ -101,7 +100,7 @@ def largest(numbers):
 @kernel((HEADINGS, NUMBER), **MAKING)
 def evidence(log_l, believed):
     """The logarithms of likelihoods (K,) as far as they are `believed`, from 0 to 1."""
-    return believed * np.maximum(log_l, largest(log_l) - MOST_EVIDENCE)
+    return believed * np.maximum(log_l, largest(log_l) - given.MAX_LOG_LIKELIHOOD_RATIO)
 
 
 @kernel((HEADINGS,), **FILLING)
@@ -119,34 +118,38 @@ def fitting(settings: LeaderModel, particles: Particles) -> Particles:
     """The particles with as many particles as there should be, drawn anew where few have the weight."""
     w = np.exp(particles.log_weights)
     count = enough(settings, particles, w)
-    is_apt = len(w) / CHANGE < count < len(w) * CHANGE
+    is_apt = len(w) / given.COUNT_CHANGE_FACTOR < count < len(w) * given.COUNT_CHANGE_FACTOR
     if 1.0 / float(np.add.reduce(w * w)) > settings.resample * len(w) and is_apt:
         return particles
     return resampled(particles, count)
 
 
 def enough(settings: LeaderModel, particles: Particles, w: Array) -> int:
-    """How many particles there should be: in proportion to the number of different headings and ranges that have
-    weight, as in KLD-sampling (Fox, 2003). Where points show the heading, the right headings are few degrees wide:
-    what follows a heading that turns must be dense there."""
+    """Return how many particles there should be.
+
+    It is in proportion to the different headings and ranges that have weight, as in KLD-sampling (Fox, 2003).
+    Where points show the heading, the right headings are few degrees wide: what follows a heading that turns must
+    be dense there."""
     turn, fewest = (math.tau, settings.fewest_sided) if particles.heading_observed else (math.pi, settings.fewest)
-    sizes = HEADING_BIN, RANGE_BIN, LEAST_WEIGHT
+    sizes = given.HEADING_BIN, given.RANGE_BIN, given.MIN_BIN_WEIGHT
     bins = int(occupied(particles.headings, particles.means, w, turn, *sizes))
-    return min(max(PER_BIN * bins, fewest), settings.particles)
+    return min(max(given.PARTICLES_PER_BIN * bins, fewest), settings.particles)
 
 
 def resampled(particles: Particles, k: int) -> Particles:
     """k particles, drawn by their weights, which become alike: systematic resampling."""
     at = (np.arange(k) + uniform(particles.draws, 1)[0]) / k
     chosen = np.minimum(np.searchsorted(np.cumsum(np.exp(particles.log_weights)), at), len(particles.headings) - 1)
-    arrays: dict[str, Any] = {name: getattr(particles, name)[chosen] for name in Particles._fields[:ARRAYS]}
+    arrays: dict[str, Any] = {name: getattr(particles, name)[chosen] for name in Particles._fields[:ARRAY_COUNT]}
     log_weights = np.full(k, -math.log(k))
     return particles._replace(**arrays, log_weights=log_weights, draws=particles.draws + 1)
 
 
 @kernel((VECTOR, VECTOR, ROWS, VECTOR, NUMBER), **FILLING)
 def seen_together(w, nis, means, v_F, gate):
-    """Of particles with weights w (K,), means (K, W) and these NIS (K,) of an image: the mean NIS, each `gate` at
+    """Return the mean NIS of an image, and the rate at which the view changes.
+
+    Of particles with weights w (K,), means (K, W) and these NIS (K,) of an image: the mean NIS, each `gate` at
     most, and how fast the view of the leader changes, 1/s, as we fly at v_F (3,) m/s."""
     off, x, y, z = 0.0, 0.0, 0.0, 0.0
     for k in range(w.shape[0]):
@@ -161,8 +164,10 @@ def seen_together(w, nis, means, v_F, gate):
 
 @kernel((VECTOR, ROWS, VECTOR, NUMBER, NUMBER, NUMBER, NUMBER), **MAKING)
 def occupied(headings, means, w, turn, heading_bin, range_bin, least):
-    """How many bins of headings (K,), which repeat after `turn`, and of logarithms of the means' ranges (K, W)
-    have at least so much of the weights w (K,)."""
+    """Count the bins of headings and ranges that have weight.
+
+    Bins of headings (K,), which repeat after `turn`, and of logarithms of the means' ranges (K, W) have at least
+    so much of the weights w (K,)."""
     size, nothing, last = 1, np.int64(-(1 << 62)), 1e15  # what is no number is in the last bin
     while size < 2 * w.shape[0]:  # so much room that few keys meet
         size *= 2

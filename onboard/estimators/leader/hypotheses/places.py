@@ -11,12 +11,9 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.compiled import INT, MAKING, VECTOR, kernel
+from onboard.estimators.leader import assumptions as given
 
-BIN: Final = 0.04  # of the logarithm of the range
-SMOOTHING: Final = 2.5  # bins, standard deviation
-VALLEY: Final = 0.6  # of the lower of two peaks: they are apart where the density between them is less
-LEAST: Final = 0.05  # of the weight: less is no place of its own
-KERNEL: Final = np.exp(-0.5 * (np.arange(-8, 9) / SMOOTHING) ** 2)
+SMOOTHING_WEIGHTS: Final = np.exp(-0.5 * (np.arange(-8, 9) / given.DENSITY_SMOOTHING_WIDTH) ** 2)
 
 
 class Place(NamedTuple):
@@ -44,7 +41,7 @@ class Place(NamedTuple):
 
 
 class OpenQuestion(NamedTuple):
-    """What the images leave open."""
+    """An ambiguity that the images leave."""
 
     reason: str = ""  # for a person; "" if nothing is open
     places: tuple[Place, ...] = ()  # where the leader may be, if the range is open
@@ -68,9 +65,9 @@ def places(w: Array, means: Array, covariances: Array, ours: Callable[[Array], A
 
 def _apart(x: Array, w: Array) -> list[Array]:
     """Masks (K,) of the groups of numbers x (K,) with weights w (K,) that valleys of their density keep apart."""
-    first, last = math.floor(x.min() / BIN), math.floor(x.max() / BIN)
-    bins = np.clip(np.floor(x / BIN).astype(int) - first, 0, last - first)
-    density = np.convolve(np.bincount(bins, w, last - first + 1), KERNEL)[8:-8]
+    first, last = math.floor(x.min() / given.LOG_RANGE_BIN_WIDTH), math.floor(x.max() / given.LOG_RANGE_BIN_WIDTH)
+    bins = np.clip(np.floor(x / given.LOG_RANGE_BIN_WIDTH).astype(int) - first, 0, last - first)
+    density = np.convolve(np.bincount(bins, w, last - first + 1), SMOOTHING_WEIGHTS)[8:-8]
     groups = _joined(_split(density, 0, len(density)), np.bincount(bins, w))
     return [(bins >= a) & (bins < b) for a, b in groups]
 
@@ -83,8 +80,8 @@ def _split(density: Array, begin: int, end: int) -> list[tuple[int, int]]:
 
 @kernel((VECTOR, INT, INT), **MAKING)
 def _valley(density, begin, end):
-    """Where a density is least between two peaks, from `begin` to `end`; -1 if it has one peak."""
-    best, at, left = VALLEY, -1, 0.0
+    """Return the deepest valley of a density from `begin` to `end`; -1 if it has one peak."""
+    best, at, left = given.MAX_VALLEY_RATIO, -1, 0.0
     right = np.empty(end - begin)  # the highest from each bin on
     highest = 0.0
     for i in range(end - begin - 1, -1, -1):
@@ -101,8 +98,8 @@ def _joined(groups: list[tuple[int, int]], weight: Any) -> list[tuple[int, int]]
     """The groups of bins without those of little weight, which join a neighbour."""
     kept: list[tuple[int, int]] = []
     for begin, end in groups:
-        small = weight[begin:end].sum() < LEAST
-        if kept and (small or weight[kept[-1][0] : kept[-1][1]].sum() < LEAST):
+        small = weight[begin:end].sum() < given.MIN_PLACE_WEIGHT
+        if kept and (small or weight[kept[-1][0] : kept[-1][1]].sum() < given.MIN_PLACE_WEIGHT):
             kept[-1] = kept[-1][0], end
         else:
             kept.append((begin, end))

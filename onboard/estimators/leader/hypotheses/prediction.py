@@ -1,5 +1,7 @@
-"""What a step makes of particles. Each leader flies on, and chance changes it: a heading begins to turn
-or stops, a leader begins to accelerate or stops, a few particles take another heading, and all headings wander."""
+"""Prediction of particles.
+
+Each leader flies on, and chance changes it: a heading begins to turn or stops, a leader begins to accelerate or
+stops, a few particles take another heading, and all headings wander."""
 
 from functools import lru_cache
 from typing import Final, NamedTuple
@@ -7,11 +9,10 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.compiled import BOOL, FILLING, MAKING, OUT, ROWS, kernel, like, record
+from onboard.compiled import BOOL, FILLING, MAKING, OUT, ROWS, UNSIGNED, kernel, like, record
+from onboard.estimators.leader import assumptions as given
 from onboard.estimators.leader.assumptions import LeaderModel
 from onboard.estimators.leader.hypotheses.draws import (
-    DRAW,
-    DRAWS,
     OF_ACCEPTANCE,
     OF_DRAG,
     OF_HEADING,
@@ -24,6 +25,7 @@ from onboard.estimators.leader.hypotheses.draws import (
     OF_TURNING,
     OF_TYING,
     OF_WANDERING,
+    STREAMS_PER_STEP,
     normal_of,
     uniform_of,
 )
@@ -33,17 +35,14 @@ from onboard.estimators.leader.hypotheses.motion import (
     BANK_ERROR,
     COURSE_LOCKED,
     COVARIANCES,
-    FOLLOWS4,
     FREE,
     HEADINGS,
     HOVERING,
-    LEAST_VISIBLE,
     NUMBER,
     PAIR,
     RX,
     RY,
     RZ,
-    SLOW2,
     STEADY,
     TILT_NORTH,
     UNDECIDED,
@@ -69,29 +68,26 @@ from onboard.estimators.leader.hypotheses.tilt import (
     slope_of,
 )
 
-CIRCLES: Final = 5  # of a computation: a heading, the range that it implies, the course at that range
-MOST_CRAB: Final = 2.5  # standard deviations of a fixed wing's heading about its course
-LETS_GO2: Final = 9.0  # (m/s)^2: a slower leader's heading is not locked to its course
-DRIFTS2: Final = 0.16  # (m/s)^2: a faster leader does not hover
-SURE: Final = 10.0  # times as long until a particle takes another heading, where points show the heading
 NOWHERE: Final = np.zeros(3)
 HORIZONTAL: Final = np.array([1.0, 1.0, 0.8])  # vertical accelerations are smaller
 
 
 def predict(s: LeaderModel, particles: Particles, dt: float, moved: Array) -> Particles:
-    """The particles after `dt` seconds in which we move by `moved` (3,) m, in n. What a step makes of the tilts,
-    and of the banks that have lasted, counts in full: a hypothesis may suppose any, and not get one for nothing.
-    One that takes another heading has paid: it is accepted by the same likelihood."""
+    """The particles after `dt` seconds in which we move by `moved` (3,) m, in n.
+
+    What a step makes of the tilts, and of the banks that have lasted, counts in full: a hypothesis may suppose
+    any, and not get one for nothing. One that takes another heading has paid: it is accepted by the same
+    likelihood."""
     changed = ParticleArrays(*(array.copy() for array in particles_of(particles)))
     known = _variances(particles.biases), particles.heading_observed, passed(s, particles, dt, moved)
     log_weights = step(changed, particles.log_weights, particles.draws, s, *known)
     after = particles._replace(**changed._asdict(), log_weights=log_weights)
-    return after._replace(draws=particles.draws + DRAWS, unseen=particles.unseen + dt)
+    return after._replace(draws=particles.draws + STREAMS_PER_STEP, unseen=particles.unseen + dt)
 
 
 @lru_cache(maxsize=64)
 def _variances(biases: tuple[Bias, ...]) -> Array:
-    """Of each bias (k, 2): its variance, and its correlation time, s."""
+    """Return variance and correlation time (k, 2), s, of each bias."""
     return np.array([(bias.sigma**2, bias.time) for bias in biases]).reshape(-1, 2)
 
 
@@ -115,10 +111,12 @@ def particles_of(particles: Particles) -> ParticleArrays:
 
 
 class Changes(NamedTuple):
-    """How far a step changes what changes: the `chances` that it does; what it `keeps` of the logarithms of the
-    intensities, and their standard deviations; the rate of a heading that is turned, rad/s; how far that of a
-    fixed wing is from its course, rad; median of the drag, 1/s, and standard deviation of its logarithm; how far a
-    heading wanders, rad, and one that is course-locked about its course, rad, and what it keeps of that."""
+    """Probabilities and scales of what a step changes.
+
+    The `chances` that it does; what it `keeps` of the logarithms of the intensities, and their standard
+    deviations; the rate of a heading that is turned, rad/s; how far that of a fixed wing is from its course, rad;
+    median of the drag, 1/s, and standard deviation of its logarithm; how far a heading wanders, rad, and one that
+    is course-locked about its course, rad, and what it keeps of that."""
 
     chances: Array
     keeps: float
@@ -130,10 +128,12 @@ class Changes(NamedTuple):
 
 
 class Passed(NamedTuple):
-    """What has passed since the last step, seconds and our own way (3,) m; what is seen along a heading
-    (`motion.visible`); whether ranges are metric, so that they do not depend on the headings; the velocity of the
-    `air` (2,), and its standard deviation where that is not known, m/s; that of a mean bank error, rad; and
-    whether leaders tilt, so that a wing's slope shows it."""
+    """Inputs of a step.
+
+    Seconds and our own way (3,) m since the last one; what is seen along a heading (`motion.visible`); whether
+    ranges are metric, so that they do not depend on the headings; the velocity of the `air` (2,), and its standard
+    deviation where that is not known, m/s; that of a mean bank error, rad; and whether leaders tilt, so that a
+    wing's slope shows it."""
 
     dt: float
     moved: Array
@@ -147,7 +147,7 @@ class Passed(NamedTuple):
 
 def passed(s: LeaderModel, particles: Particles, dt: float = 0.0, moved: Array = NOWHERE) -> Passed:
     """The interval since the last step, and what these particles have in common."""
-    tilts = s.drag != 0.0 and particles.edge_on_visibility <= LEAST_VISIBLE
+    tilts = s.drag != 0.0 and particles.edge_on_visibility <= given.MIN_VISIBLE_FRACTION
     return Passed(dt, moved, particles.edge_on_visibility, particles.metric, s.air, s.wind, s.rolled, tilts)
 
 
@@ -160,9 +160,9 @@ MODEL: Final = like(LeaderModel(1.0, 1.0, (1.0, 1.0, 1.0), 1.0, 1.0))
 
 @kernel(**MAKING)
 def _changes(s, dt, heading_observed):
-    """What chance may change in `dt` seconds."""
+    """Return the probabilities of the changes in `dt` seconds."""
     flies_for = s.flies_for if s.crab == 0.0 else np.inf  # a fixed wing cannot hover
-    doubted_after = (SURE if heading_observed else 1.0) * s.doubted_after
+    doubted_after = (given.OBSERVED_HEADING_TIME_FACTOR if heading_observed else 1.0) * s.doubted_after
     # of the headings that are looked at anew, so many are course-locked that the share of all stays what it is
     anew = s.tied * doubted_after / (s.tied * doubted_after + (1.0 - s.tied) * s.tied_for)
     # a leader stops or begins to accelerate, to hover, leaves, a particle takes another heading, or one that is
@@ -179,8 +179,9 @@ def _changes(s, dt, heading_observed):
 
 @kernel(**MAKING)
 def _interval(s, biases, dt, moved):
-    """How a leader moves in `dt` seconds, and what the step adds, in proportion to the range that a heading
-    implies (`motion.Noise`)."""
+    """Return the motion in `dt` seconds.
+
+    What the step adds is in proportion to the range that a heading implies (`motion.Noise`)."""
     k = biases.shape[0]
     decay, fixed, broad, range_ = np.empty(3 + k), np.zeros(N + k), np.zeros((3, N)), np.zeros(N)
     decay[0], decay[1], decay[2] = (
@@ -220,9 +221,10 @@ def _fraction(heading, x, edge_on_visibility):
 
 @kernel(**FILLING)
 def _rescale(ratio, x, P, dt, moved, hovers):
-    """Give a particle another heading, in place: the one that is supposed may be wrong after all. Seen so, the
-    same images are those of a leader that is nearer or farther by a `ratio`, and moves in proportion; one that
-    hovers stands still there, too."""
+    """Give a particle another heading, in place.
+
+    The one that is supposed may be wrong after all. Seen so, the same images are those of a leader that is nearer
+    or farther by a `ratio`, and moves in proportion; one that hovers stands still there, too."""
     scaled = VX if hovers else BANK_ERROR + 1
     for i in range(x.shape[0]):
         scale = ratio if i < scaled else 1.0
@@ -273,10 +275,16 @@ def _takes(heading, other, x, P, passed, hovers, drags, chance):
 
 @kernel(**FILLING)
 def _next(regime, x, P, drawn, steadies, begins, hovers, leaves):
-    """The regime after a step, by a number that is `drawn` from (0, 1). Only a slow leader begins to hover."""
+    """The regime after a step, by a number that is `drawn` from (0, 1).
+
+    Only a slow leader begins to hover."""
     if regime == HOVERING:
-        return ACCELERATING if drawn < leaves or x[VX] * x[VX] + x[VY] * x[VY] > DRIFTS2 else HOVERING
-    speed2 = (x[VX] * x[VX] + x[VY] * x[VY]) / (SLOW2 + P[VX, VX] + P[VY, VY])
+        return (
+            ACCELERATING
+            if drawn < leaves or x[VX] * x[VX] + x[VY] * x[VY] > given.MAX_HOVER_SPEED_SQUARED
+            else HOVERING
+        )
+    speed2 = (x[VX] * x[VX] + x[VY] * x[VY]) / (given.MIN_SPEED_SQUARED + P[VX, VX] + P[VY, VY])
     if drawn > 1.0 - hovers * np.exp(-0.5 * speed2):
         return HOVERING
     if regime == ACCELERATING:
@@ -298,7 +306,7 @@ def _course_locked_heading(heading, aside, x, dt, moved, edge_on_visibility, air
     velocity depend on it."""
     other = course_of(x, air) + aside
     aside += course_of(x, air) - np.arctan2(x[VY] - air[1], x[VX] - air[0])
-    for _ in range(CIRCLES):
+    for _ in range(given.COURSE_ITERATIONS):
         ratio = _fraction(other, x, edge_on_visibility) / _fraction(heading, x, edge_on_visibility)
         u = ratio * x[VX] + (1.0 - ratio) * moved[0] / dt
         v = ratio * x[VY] + (1.0 - ratio) * moved[1] / dt
@@ -311,11 +319,11 @@ def _decided(course_locked, x, regime, drawn, which, decides, doubted, unties, t
     """Whether a heading is locked to its course after a step, whether it is from now on, and whether it is
     doubted, by numbers that are `drawn` from (0, 1). Of a slow leader that is undecided."""
     speed2 = x[VX] * x[VX] + x[VY] * x[VY]
-    if ties > 0.0 and (regime == HOVERING or speed2 < LETS_GO2):
+    if ties > 0.0 and (regime == HOVERING or speed2 < given.COURSE_UNLOCK_SPEED_SQUARED):
         course_locked = UNDECIDED
     if course_locked == COURSE_LOCKED and drawn >= unties:
         return COURSE_LOCKED, False, False
-    fast = speed2 * speed2 / (speed2 * speed2 + FOLLOWS4)
+    fast = speed2 * speed2 / (speed2 * speed2 + given.FOLLOWING_SPEED_POWER4)
     if course_locked == UNDECIDED and drawn > 1.0 - decides * fast:
         return (COURSE_LOCKED, True, False) if which < ties else (FREE, False, False)
     if course_locked == COURSE_LOCKED or drawn < doubted:
@@ -368,7 +376,7 @@ def _change(k, particles, draws, changes, passed):
             0.0,
         )
     elif crab > 0.0:  # a fixed wing's heading stays about its course
-        other = np.arctan2(x[VY], x[VX]) + crab * MOST_CRAB * (2.0 * where - 1.0)
+        other = np.arctan2(x[VY], x[VX]) + crab * given.MAX_CRAB_SIGMAS * (2.0 * where - 1.0)
     new_drag = drag[0] * np.exp(drag[1] * normal_of(draws + OF_DRAG, k))
     accepted = uniform_of(draws + OF_ACCEPTANCE, k)
     hovering, both = regimes[k] == HOVERING, (drags[k], new_drag)
@@ -406,7 +414,7 @@ def _prior(k, particles, passed):
     return plausible(headings[k], means[k], P[k], drags[k], mean_bank_error[k], passed.wind, passed.bank_sigma)
 
 
-@kernel((PARTICLE_ARRAYS, HEADINGS, DRAW, MODEL, ROWS, BOOL, PASSED), **MAKING)
+@kernel((PARTICLE_ARRAYS, HEADINGS, UNSIGNED, MODEL, ROWS, BOOL, PASSED), **MAKING)
 def step(particles, log_weights, draws, s, biases, heading_observed, passed):
     """Predict particles of a leader `s`, whose `biases` (k, 2) have these variances and correlation times, in
     place; their log weights (K,) after it."""

@@ -1,5 +1,6 @@
-"""The particles after a first image: headings over half a circle, those along our own course likelier if we
-fly."""
+"""The particles after a first image.
+
+Headings over half a circle, those along our own course likelier if we fly."""
 
 import math
 from typing import Any, Final
@@ -35,7 +36,7 @@ from onboard.estimators.leader.hypotheses.motion import (
     N,
 )
 from onboard.estimators.leader.hypotheses.particles import Bias, Particles, evidence, resampled, weighted
-from onboard.estimators.leader.hypotheses.prediction import HORIZONTAL, MOST_CRAB
+from onboard.estimators.leader.hypotheses.prediction import HORIZONTAL
 from onboard.estimators.leader.hypotheses.update import ANY_HEADING, BOXES, of_ranges
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import Measurement
@@ -46,8 +47,10 @@ LEVEL: Final = slice(VX, VZ)
 def start(
     settings: LeaderModel, seen: Measurement, pose: CameraPose, before: Particles | None = None
 ) -> Particles:
-    """The particles after one image. Of what was known `before` of the same leader only the headings are kept, and
-    not all of them; where it is and how it moves may have changed while it was not seen."""
+    """The particles after one image.
+
+    Of what was known `before` of the same leader only the headings are kept, and not all of them; where it is and
+    how it moves may have changed while it was not seen."""
     direction = seen.axes[0] @ pose.R_cn
     slope = _slope(seen, pose) if seen.has_wing and settings.drag > 0.0 else None
     headings, prior = _first_headings(settings, direction, pose.v_F_n, slope)
@@ -56,7 +59,7 @@ def start(
         known = resampled(before, settings.particles).headings
         headings, prior = np.where(kept, known, headings), np.full(len(headings), 1.0 / len(headings))
     k = len(headings)
-    edge_on_visibility = model.LEAST_VISIBLE if seen.edge_on_visibility is None else seen.edge_on_visibility
+    edge_on_visibility = given.MIN_VISIBLE_FRACTION if seen.edge_on_visibility is None else seen.edge_on_visibility
     if seen.is_metric:
         edge_on_visibility = ANY_HEADING
     of_size = settings.size_sigma / settings.size
@@ -114,13 +117,13 @@ def start(
         edge_on_visibility,
         metric=seen.is_metric,
         startup_evidence=settings.first_evidence,
-        surprise=1.0 if before is None else before.surprise,
+        mean_nis=1.0 if before is None else before.mean_nis,
     )
     return _scaled(weighted(particles, evidence(log_l, 1.0)), seen, range_[:, None] * direction, within)
 
 
 def _scaled(particles: Particles, seen: Measurement, r: Array, size_sigma: float) -> Particles:
-    """The particles with what scales the places r (K, 3) m that an image shows: the size, and the image's bias."""
+    """Add the uncertainty of the size and of the image's bias, which scale the places r (K, 3) m."""
     _scale(particles, r, LOG_SIZE, size_sigma, 0.0 if seen.is_metric else 1.0)
     if seen.has_wing:
         sigma = np.sqrt(particles.covariances[:, WING_SCALE_ERROR, WING_SCALE_ERROR])
@@ -137,8 +140,9 @@ def _scaled(particles: Particles, seen: Measurement, r: Array, size_sigma: float
 
 
 def _scale(particles: Particles, r: Array, column: int, sigma: float | Array, share: float) -> None:
-    """Add the uncertainty of a scale's logarithm, `sigma` or (K,), in place. The places r (K, 3) m grow with this
-    share of it."""
+    """Add the uncertainty of a scale's logarithm, `sigma` or (K,), in place.
+
+    The places r (K, 3) m grow with this share of it."""
     P, variance = particles.covariances, np.broadcast_to(np.square(sigma), len(r))
     P[:, column, column] = variance
     P[:, POSITION, column] = P[:, column, POSITION] = share * variance[:, None] * r
@@ -148,9 +152,10 @@ def _scale(particles: Particles, r: Array, column: int, sigma: float | Array, sh
 def _variances(
     settings: LeaderModel, broad: Array, hovers: Any, factors: Array, visible: Array, slope: float
 ) -> Array:
-    """Of the first states (K, N), beside what the image shows: in proportion to the share of the largest range,
-    `broad` (K,), but for leaders that hover; `factors` (K, 3) of the intensities, `visible` (K,) of the wing, and
-    the wing's slope."""
+    """Return the variances of the first states (K, N) without the image.
+
+    They are in proportion to the share of the largest range, `broad` (K,), but for leaders that hover; `factors`
+    (K, 3) of the intensities, `visible` (K,) of the wing, and the wing's slope."""
     found = np.zeros((len(broad), N))
     found[:, VELOCITY] = (broad[:, None] * settings.speed * np.array([1.0, 1.0, 0.4])) ** 2
     found[:, ACCELERATION] = (broad[:, None] * settings.acceleration * HORIZONTAL) ** 2
@@ -165,7 +170,9 @@ def _variances(
 
 
 def _slope(seen: Measurement, pose: CameraPose) -> float:
-    """Of the wing, to the horizon. An upright one is so no further than the noise of its tips lets it be known."""
+    """Return the slope of the wing to the horizon.
+
+    That of an upright wing is limited by the noise of its tips."""
     ahead, right, down = seen.axes @ pose.R_cn
     wing = seen.y[2] * right + seen.y[3] * down
     level = math.hypot(ahead[0], ahead[1])
@@ -175,7 +182,7 @@ def _slope(seen: Measurement, pose: CameraPose) -> float:
 
 
 def _tilt(settings: LeaderModel, means: Array, P: Array, drags: Array) -> None:
-    """What is known of a tilt against the air: the drag times an airspeed, with an unknown wind."""
+    """Set the tilts against the air: the drag times an airspeed, with an unknown wind."""
     of_air = P[:, LEVEL, LEVEL] + settings.wind**2 * np.eye(2)
     means[:, TILT] = drags[:, None] * means[:, LEVEL]
     P[:, TILT, TILT] = (drags**2)[:, None, None] * of_air + 1e-8 * np.eye(2)
@@ -183,15 +190,16 @@ def _tilt(settings: LeaderModel, means: Array, P: Array, drags: Array) -> None:
 
 
 def _first_headings(settings: LeaderModel, direction: Array, v_F_n: Array, slope: float | None) -> tuple[Any, Any]:
-    """Headings (K,) and their prior probabilities: all headings alike, and those along our own course more likely
-    if we fly; for a fixed wing only headings about our course. The closer where the wing's `slope` is that of a
-    bank which a multirotor may have: of a steep one few headings are left, and many drags and winds are possible
-    with each."""
+    """Headings (K,) and their prior probabilities.
+
+    All headings alike, and those along our own course more likely if we fly; for a fixed wing only headings about
+    our course. The closer where the wing's `slope` is that of a bank which a multirotor may have: of a steep one
+    few headings are left, and many drags and winds are possible with each."""
     k = settings.particles
     moving = math.hypot(v_F_n[0], v_F_n[1]) > given.MIN_FORMATION_SPEED
     course = math.atan2(v_F_n[1], v_F_n[0])
     if moving and settings.crab > 0:
-        apart = MOST_CRAB * (2.0 * (np.arange(k) + 0.5) / k - 1.0)
+        apart = given.MAX_CRAB_SIGMAS * (2.0 * (np.arange(k) + 0.5) / k - 1.0)
         return course + apart * settings.crab, np.full(k, 1.0 / k)  # `with_course` says which are likely
     few = k // 4 if moving else 0
     around = math.pi * (np.arange(k - few) + 0.5) / (k - few)

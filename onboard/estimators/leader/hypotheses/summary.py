@@ -1,4 +1,4 @@
-"""Mean and covariance of a whole particles, what they come to a moment later, and what is published of them.
+"""Mean and covariance of all particles, now and a moment later, and the published states.
 
 Published are the states of Oh & Johnson's model, and more: the nine of `models.relative_motion` first,
 [r_FL_n (3), v_FL_n (3), b, a_lat, a_long], then
@@ -16,6 +16,7 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.compiled import FILLING, INDICES, MAKING, OUT, ROWS, VECTOR, kernel, packed, record
+from onboard.estimators.leader import assumptions as given
 from onboard.estimators.leader.assumptions import LeaderModel
 from onboard.estimators.leader.hypotheses import motion
 from onboard.estimators.leader.hypotheses.motion import (
@@ -41,18 +42,15 @@ from onboard.models.relative_motion import A_LAT, A_LONG, SIZE
 A_ALONG: Final = 9
 HEADING: Final = 10
 BANK_ERROR: Final = 11
-BASE: Final = 12  # the number of states that are published
 COMPONENTS: Final = (*relative_motion.COMPONENTS, "a_along", "heading", "bank_error")
 UNITS: Final = (*relative_motion.UNITS, "m/s^2", "rad", "rad")
 # The components of a summary (N,): position, velocity and acceleration, in the same places as a particle's, ...
 LOG_SIZE: Final = motion.BANK_ERROR  # ... the size, and, as in what is published, HEADING and BANK_ERROR
-N: Final = BASE
-VECTORS: Final = LOG_SIZE
+N: Final = 12  # states of a summary, and those that are published
 # of a summary, and of a particle: what both of them have
-OF_SUMMARY: Final = (*range(VECTORS), LOG_SIZE, BANK_ERROR)
-OF_PARTICLE: Final = (*range(VECTORS), motion.LOG_SIZE, motion.BANK_ERROR)
-RESOLVED: Final = 0.15  # of the range: particles that is less certain leaves it open, and confirms nothing
-STAYS: Final = np.eye(N)
+OF_SUMMARY: Final = (*range(LOG_SIZE), LOG_SIZE, BANK_ERROR)
+OF_PARTICLE: Final = (*range(LOG_SIZE), motion.LOG_SIZE, motion.BANK_ERROR)
+IDENTITY: Final = np.eye(N)
 MOVES: Final = np.zeros((N, N))
 MOVES[POSITION, VELOCITY] = MOVES[VELOCITY, ACCELERATION] = np.eye(3)
 CURVES: Final = np.zeros((N, N))
@@ -71,7 +69,7 @@ class Summary(NamedTuple):
         """`dt` seconds later, at constant acceleration; we have moved by `moved` (3,) m, in n."""
         if dt <= 0.0:
             return self
-        F = STAYS + dt * MOVES + 0.5 * dt * dt * CURVES
+        F = IDENTITY + dt * MOVES + 0.5 * dt * dt * CURVES
         mean = F @ self.mean
         mean[POSITION] -= moved
         return Summary(mean, F @ self.covariance @ F.T, tuple(p.after(dt, moved) for p in self.places))
@@ -92,7 +90,7 @@ class Summary(NamedTuple):
 
 
 def summarise(settings: LeaderModel, particles: Particles) -> Summary:
-    """The particles as one Gaussian, with the errors that are ours: of our attitude and our velocity.
+    """Reduce the particles to one Gaussian, with the errors of our attitude and velocity.
 
     It is one about the geometric mean range: an open range has a long tail to the far side, which drags a mean
     with it. Once the range is resolved, it is one about its median: from behind, the many headings that are not
@@ -114,7 +112,7 @@ def summarise(settings: LeaderModel, particles: Particles) -> Summary:
     add_ours(P, mean, settings.misalignment, settings.own_velocity, by_points)
     P[HEADING, HEADING] += settings.misalignment[2] ** 2
     whole = Summary(mean, P)
-    if whole.range_sigma() <= RESOLVED:
+    if whole.range_sigma() <= given.MAX_RESOLVED_RANGE_SIGMA:
         return whole
 
     def ours(r_FL_n: Array) -> Array:
@@ -142,7 +140,7 @@ def with_course(settings: LeaderModel, particles: Particles) -> Array:
     a, b = v / speed2, -u / speed2
     S = a * a * P[:, VX, VX] + 2.0 * a * b * P[:, VX, VY] + b * b * P[:, VY, VY] + settings.nose_about_course**2
     S += settings.air_sigma**2 / speed2
-    share = speed2**2 / (speed2**2 + motion.FOLLOWS4)
+    share = speed2**2 / (speed2**2 + given.FOLLOWING_SPEED_POWER4)
     likely = np.exp(-0.5 * aside**2 / S) / np.sqrt(2.0 * math.pi * S)
     w *= (1.0 - share) / math.pi + share * likely
     return np.asarray(w / w.sum())
@@ -150,8 +148,10 @@ def with_course(settings: LeaderModel, particles: Particles) -> Array:
 
 @kernel(**MAKING)
 def _components(heading, x, about, period, row):
-    """A particle's mean as components of a summary, into `row`. Headings repeat after `period`."""
-    for i in range(VECTORS):
+    """A particle's mean as components of a summary, into `row`.
+
+    Headings repeat after `period`."""
+    for i in range(LOG_SIZE):
         row[i] = x[i]
     row[HEADING] = heading - period * np.rint((heading - about) / period)
     row[LOG_SIZE] = x[motion.LOG_SIZE]
@@ -210,7 +210,7 @@ def centre(mean, S, w, log_ranges, order):
     for i in range(N):
         by[i] = S[i, 0] * mean[0] + S[i, 1] * mean[1] + S[i, 2] * mean[2]
         along += by[i] * mean[i] if i < 3 else 0.0
-    is_resolved = min(max(2.0 - np.sqrt(max(along, 0.0)) / square / RESOLVED, 0.0), 1.0)
+    is_resolved = min(max(2.0 - np.sqrt(max(along, 0.0)) / square / given.MAX_RESOLVED_RANGE_SIGMA, 0.0), 1.0)
     log_range = 0.0
     for k in range(w.shape[0]):
         log_range += w[k] * log_ranges[k]
@@ -249,7 +249,9 @@ _path_angles = kernel(**MAKING)(path_angles)
 
 @kernel(**MAKING)
 def _derivatives(known, dt, J):
-    """Of the leader's components (BASE,) by a summary `dt` seconds before, into J (BASE, N); and its a_lat, a_long
+    """Fill in the derivatives of what is published.
+
+    Those of the leader's components (N,) by a summary `dt` seconds before, into J (N, N); and its a_lat, a_long
     and a_along, which alone are not linear but for the size."""
     J[:] = 0.0
     for i in range(3):
@@ -281,13 +283,13 @@ def _derivatives(known, dt, J):
 
 @kernel((VECTOR, ROWS, NUMBER, VECTOR, VECTOR), **MAKING)
 def as_leader(known, C, dt, moved, v_F):
-    """Mean (BASE,) and covariance (BASE, BASE) of the components that are published, `dt` seconds after a summary
+    """Mean (N,) and covariance (N, N) of the components that are published, `dt` seconds after a summary
     with mean `known` and covariance C, in which we move by `moved` (3,) m, in n, and then at v_F (3,) m/s."""
-    x, P = np.zeros(BASE), np.zeros((BASE, BASE))
-    J, JC = np.empty((BASE, N)), np.zeros((BASE, N))
+    x, P = np.zeros(N), np.zeros((N, N))
+    J, JC = np.empty((N, N)), np.zeros((N, N))
     a = _derivatives(known, dt, J)
     width = JC.shape[1]
-    for i in range(BASE):
+    for i in range(N):
         for k in range(N):
             x[i] += J[i, k] * known[k]
             if J[i, k] != 0.0:
@@ -298,7 +300,7 @@ def as_leader(known, C, dt, moved, v_F):
         x[VX + i] -= v_F[i]
     x[SIZE] = J[SIZE, LOG_SIZE]
     x[A_LAT], x[A_LONG], x[A_ALONG] = a
-    for i in range(BASE):
+    for i in range(N):
         for j in range(i + 1):
             for k in range(N):
                 P[i, j] += JC[i, k] * J[j, k]

@@ -1,4 +1,4 @@
-"""How a multirotor tilts against the air, and what its wing shows of that: what another heading means for a tilt.
+"""Tilt of a multirotor against the air, as evidence of its heading.
 
 A wing slopes in the image by its bank, the more steeply the less is seen of its length. So each heading needs
 another tilt to explain the same slope, and how likely that tilt is, by drag times airspeed in an unknown wind, is
@@ -12,6 +12,7 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.compiled import CUBE, FILLING, MAKING, OUT, VECTOR, kernel
+from onboard.estimators.leader import assumptions as given
 from onboard.estimators.leader.assumptions import LeaderModel
 from onboard.estimators.leader.hypotheses.draws import normal
 from onboard.estimators.leader.hypotheses.motion import (
@@ -19,7 +20,6 @@ from onboard.estimators.leader.hypotheses.motion import (
     AY,
     AZ,
     BANK_ERROR,
-    LEAST_VISIBLE,
     NUMBER,
     RX,
     RY,
@@ -31,14 +31,9 @@ from onboard.estimators.leader.hypotheses.motion import (
     G,
 )
 
-OF_TILT2: Final = 0.01  # (m/s^2)^2: the variance of a tilt of one that has no drag
-TILTS2: Final = 12.0  # (m/s^2)^2: of any multirotor's steady tilt, on each axis; 20 degrees are one sigma
-MOST_COST: Final = 20.0  # of what a hypothesis supposes: it is improbable enough then
-TINY: Final = 1e-9  # in place of 0/0: of the distance straight above us, m, and of a wing that shows no width
-
 
 def lognormal(s: LeaderModel) -> tuple[float, float]:
-    """Of the drag: the median, 1/s, and the standard deviation of the logarithm."""
+    """Return the median of the drag, 1/s, and the standard deviation of its logarithm."""
     if s.drag == 0.0:
         return 0.0, 0.0
     variance = math.log1p((s.drag_sigma / s.drag) ** 2)
@@ -57,20 +52,21 @@ def drags_of(s: LeaderModel, draw: int | np.uint64, count: int) -> Array:
 
 @kernel(**FILLING)
 def appears(heading, x):
-    """What is seen of a wing with that heading, per length: to the right and down of a level one, down of one on
-    its side. `x` begins with its place (3,) m."""
-    level = np.sqrt(x[RX] * x[RX] + x[RY] * x[RY]) + TINY
+    """Return the visible length of a wing with that heading, per length.
+
+    To the right and down of a level one, down of one on its side. `x` begins with its place (3,) m."""
+    level = np.sqrt(x[RX] * x[RX] + x[RY] * x[RY]) + given.MIN_VIEW_LENGTH
     range_ = np.sqrt(level * level + x[RZ] * x[RZ])
     right = (np.cos(heading) * x[RX] + np.sin(heading) * x[RY]) / level
     down = (np.sin(heading) * x[RX] - np.cos(heading) * x[RY]) / level * x[RZ] / range_
     # from above or below, one that points at us shows its length, and needs no tip
-    least = np.sqrt(max(LEAST_VISIBLE * LEAST_VISIBLE - down * down, TINY * TINY))
+    least = np.sqrt(max(given.MIN_VISIBLE_FRACTION**2 - down * down, given.MIN_VIEW_LENGTH**2))
     return right if abs(right) > least else math.copysign(least, right), down, level / range_
 
 
 @kernel(**FILLING)
 def slope_of(heading, x):
-    """Of the wing in the image."""
+    """Return the slope of the wing in the image."""
     right, down, upright = appears(heading, x)
     across = (x[AY] + x[TILT_EAST]) * np.cos(heading) - (x[AX] + x[TILT_NORTH]) * np.sin(heading)
     return (down + np.tan(np.arctan2(across, G - x[AZ]) + x[BANK_ERROR]) * upright) / right
@@ -92,22 +88,23 @@ def likely(heading, x, P, drag, wind, more):
     across = x[TILT_EAST] * c - x[TILT_NORTH] * s
     off = across - drag * (x[VY] * c - x[VX] * s)
     speeds = P[VY, VY] * c * c - 2.0 * P[VX, VY] * c * s + P[VX, VX] * s * s
-    variance = drag * drag * (wind * wind + speeds) + OF_TILT2 + more
-    return -0.5 * (off * off / variance + np.log(variance) + across * across / TILTS2)
+    variance = drag * drag * (wind * wind + speeds) + given.TILT_VARIANCE + more
+    return -0.5 * (off * off / variance + np.log(variance) + across * across / given.STEADY_TILT_VARIANCE)
 
 
 @kernel(**FILLING)
 def plausible(heading, x, P, drag, mean_bank_error, wind, rolls):
     """The logarithm of the likelihood of the tilt that a hypothesis has come to suppose, and of a mean of its
-    bank's errors that has `rolled` by a standard deviation of `rolls`; -MOST_COST at least."""
+    bank's errors that has `rolled` by a standard deviation of `rolls`; -given.MAX_PRIOR_COST at least."""
     by = mean_bank_error / rolls
-    return max(likely(heading, x, P, drag, wind, 0.0) - 0.5 * (by * by), -MOST_COST)
+    return max(likely(heading, x, P, drag, wind, 0.0) - 0.5 * (by * by), -given.MAX_PRIOR_COST)
 
 
 @kernel(**MAKING)
 def retilt(slope, heading, other, x, P, drag, wind):
-    """Tilt a leader with another heading so that its wing has that slope, in place. Along its heading, which no
-    image shows, it tilts as its drag lets it."""
+    """Tilt a leader with another heading so that its wing has that slope, in place.
+
+    Along its heading, which no image shows, it tilts as its drag lets it."""
     c, s = np.cos(other), np.sin(other)
     a, b = -np.sin(heading), np.cos(heading)
     for i in range(P.shape[0]):  # all rows of the new tilt, then all columns

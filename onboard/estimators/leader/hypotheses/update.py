@@ -1,4 +1,4 @@
-"""What an image makes of particles, and what is measured beside the images: means and weights.
+"""Updates of particles by images, poses, reports and ranges: means and weights.
 
 An image shows center and wing, and may show a shape, or a pose. Points and boxes show the range of a leader of
 some size; a pose alone shows the range itself. Each of them has an error that lasts, which no number of images
@@ -21,14 +21,7 @@ from onboard.estimators.leader.assumptions import LeaderModel
 from onboard.estimators.leader.hypotheses import motion as model
 from onboard.estimators.leader.hypotheses import view
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
-from onboard.estimators.leader.hypotheses.motion import (
-    BANK_ERROR,
-    COURSE_LOCKED,
-    FREE,
-    LEAST_VISIBLE,
-    MOTION,
-    POSITION,
-)
+from onboard.estimators.leader.hypotheses.motion import BANK_ERROR, COURSE_LOCKED, FREE, MOTION, POSITION
 from onboard.estimators.leader.hypotheses.particles import (
     Bias,
     Particles,
@@ -64,7 +57,7 @@ class Expected(NamedTuple):
 
 
 def expect(settings: LeaderModel, particles: Particles, seen: Measurement, pose: CameraPose) -> Expected:
-    """What particles expect of the rows by which an image is judged. Raises FilterError."""
+    """Predict the rows by which an image is judged. Raises FilterError."""
     particles, rows = with_rows(settings, particles, seen.rows, seen.axes, pose)
     w = np.exp(particles.log_weights)
     found = Expected(
@@ -103,21 +96,23 @@ def update(
     pose: CameraPose,
     expected: Expected | None = None,
 ) -> tuple[Particles, float]:
-    """Update all particles with one image: the posterior, and the NIS that MIN_WEIGHT_IN_GATE of their weight have
-    at most; of a box MIN_SHAPE_WEIGHT, as only the right headings expect one. If that exceeds the gate, the
-    particles are returned as they were. What an image shows beyond these rows has a gate of its own. `expected`:
-    what they expect of the image, where that is known. Raises FilterError."""
+    """Update all particles with one image.
+
+    The posterior, and the NIS that MIN_WEIGHT_IN_GATE of their weight have at most; of a box MIN_SHAPE_WEIGHT, as
+    only the right headings expect one. If that exceeds the gate, the particles are returned as they were. What an
+    image shows beyond these rows has a gate of its own. `expected`: what they expect of the image, where that is
+    known. Raises FilterError."""
     rows, before, is_box = seen.rows, particles, seen.rows.bias is not None
     expected = expected or expect(settings, particles, seen, pose)
     particles, shown, each = expected.particles, expected.view, expected.each
     if seen.is_metric and seen.pose is not None:
         particles = particles._replace(edge_on_visibility=ANY_HEADING, metric=True)
     elif rows.is_wing or seen.further is not None:
-        particles = particles._replace(edge_on_visibility=LEAST_VISIBLE, metric=False)
+        particles = particles._replace(edge_on_visibility=given.MIN_VISIBLE_FRACTION, metric=False)
     headings, means, P = particles.headings.copy(), particles.means.copy(), particles.covariances.copy()
     nis, log_l = view.update(means, P, headings, shown, each)
     least = at_most(particles, nis, given.MIN_SHAPE_WEIGHT if is_box else given.MIN_WEIGHT_IN_GATE)
-    if least > settings.gate + (given.SHAPE_GATE_PER_ROW * len(rows.y) if is_box else 0.0):
+    if least > settings.gate + (given.SHAPE_GATE_NIS_PER_ROW * len(rows.y) if is_box else 0.0):
         return before, least
     after = particles._replace(headings=headings, means=means, covariances=P, misfits=())
     w = np.exp(particles.log_weights)
@@ -125,7 +120,7 @@ def update(
     if is_box:
         least = 0.0
     else:
-        after = after._replace(surprise=_surprise(particles, off / len(rows.y)))
+        after = after._replace(mean_nis=_averaged_nis(particles, off / len(rows.y)))
     if seen.further is not None:
         fit = fitted(settings, after, seen.further, seen.axes, pose)
         if fit.particles is not None:
@@ -144,7 +139,7 @@ def update(
     seconds = max(particles.unseen, given.MIN_EVIDENCE_INTERVAL_S)
     rate = settings.steady_evidence + change / settings.new_view
     rate += particles.startup_evidence / given.STARTUP_TIME_S
-    believed = min(min(rate, settings.evidence_rate) * seconds, 1.0) * min(1.0, 1.0 / particles.surprise)
+    believed = min(min(rate, settings.evidence_rate) * seconds, 1.0) * min(1.0, 1.0 / particles.mean_nis)
     new = -math.expm1(-particles.unseen / settings.rolled_time)
     mean_bank_error = after.mean_bank_error + new * (after.means[:, BANK_ERROR] - after.mean_bank_error)
     startup_evidence = particles.startup_evidence * math.exp(-seconds / given.STARTUP_TIME_S)
@@ -164,20 +159,20 @@ def assist(settings: LeaderModel, particles: Particles, taken: Auxiliary, *, is_
     least = at_most(known, nis, given.MIN_SHAPE_WEIGHT if is_open else given.MIN_WEIGHT_IN_GATE)
     if least > limit:
         return None
-    # One that fits takes the surprise of images away, that would else last as long as none come; one that does not
-    # has this gate, and its errors last longer than the surprise is averaged over.
-    surprise = min(particles.surprise, _surprise(particles, least / rows.innovations.shape[1]))
-    found = found._replace(surprise=surprise)
+    # One that fits ends a large NIS of images, which would else last as long as none come; one that does not has
+    # this gate, and its errors last longer than the NIS is averaged over.
+    mean_nis = min(particles.mean_nis, _averaged_nis(particles, least / rows.innovations.shape[1]))
+    found = found._replace(mean_nis=mean_nis)
     return fitting(
         settings,
-        weighted(found, evidence(log_l, min(settings.evidence_rate * given.REPORT_EVIDENCE_S, 1.0))),
+        weighted(found, evidence(log_l, min(settings.evidence_rate * given.REPORT_EVIDENCE_TIME_S, 1.0))),
     )
 
 
-def _surprise(particles: Particles, off: float) -> float:
-    """The surprise after a measurement whose mean NIS per component is `off`."""
-    off = min(off, given.MAX_SURPRISE)
-    return off + math.exp(-particles.unseen / given.SURPRISE_TIME_S) * (particles.surprise - off)
+def _averaged_nis(particles: Particles, off: float) -> float:
+    """The mean NIS per component after a measurement whose own is `off`."""
+    off = min(off, given.MAX_IMAGE_NIS)
+    return off + math.exp(-particles.unseen / given.MEAN_NIS_TIME_S) * (particles.mean_nis - off)
 
 
 class ShapeFit(NamedTuple):
@@ -192,8 +187,10 @@ class ShapeFit(NamedTuple):
 
 
 def fitted(settings: LeaderModel, particles: Particles, points: Rows, axes: Array, pose: CameraPose) -> ShapeFit:
-    """The particles after named points. If all of them fit no heading, those that fit none by themselves are left
-    out: one point that a detector finds elsewhere costs the others nothing. Raises FilterError."""
+    """The particles after named points.
+
+    If all of them fit no heading, those that fit none by themselves are left out: one point that a detector finds
+    elsewhere costs the others nothing. Raises FilterError."""
 
     def fit(which: Sequence[int]) -> ShapeFit:
         at = [2 * k + axis for k in which for axis in (0, 1)]
@@ -204,7 +201,7 @@ def fitted(settings: LeaderModel, particles: Particles, points: Rows, axes: Arra
         each = view.orient(means, P, headings, shown)
         nis, log_l = view.update(means, P, headings, shown, each)
         beyond = at_most(particles, nis, given.MIN_SHAPE_WEIGHT)
-        if beyond > settings.gate + given.SHAPE_GATE_PER_ROW * len(rows.y):
+        if beyond > settings.gate + given.SHAPE_GATE_NIS_PER_ROW * len(rows.y):
             return ShapeFit(None, log_l, beyond)
         course_locked = _still(particles, headings)
         return ShapeFit(
@@ -288,14 +285,16 @@ def corrected(
 
 
 def of_ranges(shows: PoseFeatures) -> Bias:
-    """By how much the ranges of poses are too large, in the logarithm."""
+    """Return the bias of the ranges of poses, in the logarithm."""
     return Bias(POSES, shows.range_bias)
 
 
 def posed(
     particles: Particles, shows: PoseFeatures, camera: CameraPose, air: tuple[float, float]
 ) -> tuple[Particles, Array, Array]:
-    """The particles after a pose, with each particle's NIS and log likelihood; the `air` (2,) m/s."""
+    """The particles after a pose, with each particle's NIS and log likelihood.
+
+    The `air` (2,) m/s."""
     nis, log_l, heading = *np.zeros((2, len(particles.headings))), shows.heading(camera)
     if shows.range_ is not None:
         particles = particles.with_biases(of_ranges(shows))
@@ -312,7 +311,7 @@ def posed(
     if heading is not None:
         log_l = log_l + measure_heading(headings, means, P, *heading)
         particles = particles._replace(
-            heading_observed=True, keypoint_bias=max(particles.keypoint_bias, given.TURN_BIAS)
+            heading_observed=True, keypoint_bias=max(particles.keypoint_bias, given.MARKER_HEADING_BIAS)
         )
     return (
         particles._replace(
@@ -324,7 +323,9 @@ def posed(
 
 
 def _still(particles: Particles, headings: Array) -> Array:
-    """Which headings (K,) are still locked to their courses: not those that were measured elsewhere."""
+    """Which headings (K,) are still locked to their courses.
+
+    Not those that were measured elsewhere."""
     return np.where(
         headings == particles.headings, particles.course_locked, np.minimum(particles.course_locked, FREE)
     )
@@ -333,9 +334,10 @@ def _still(particles: Particles, headings: Array) -> Array:
 def measure_heading(
     headings: Array, means: Array, P: Array, heading: float, mirrored: float, sigma: float
 ) -> Array:
-    """Logarithms of the likelihoods (K,) of a nose measured at `nose`, or at its mirror image. Noses (K,), means
-    (K, N) and covariances (K, N, N) of particles that have it the wrong way round are turned in place: they bank
-    to the other side."""
+    """Return the log-likelihoods (K,) of a heading that was measured, or of its mirror image.
+
+    Headings (K,), means (K, N) and covariances (K, N, N) of particles that have it the wrong way round are turned
+    in place: they bank to the other side."""
     likely, turned = (_likelihood(headings + way, heading, mirrored, sigma) for way in (0.0, math.pi))
     turns = turned > likely
     headings[turns] += math.pi
@@ -346,8 +348,11 @@ def measure_heading(
 
 
 def _likelihood(headings: Array, heading: float, mirrored: float, sigma: float) -> Array:
-    found = np.full(len(headings), given.STRAY / (2.0 * math.pi))
-    for share, at in ((1.0 - given.FLIPPED - given.STRAY, heading), (given.FLIPPED, mirrored)):
+    found = np.full(len(headings), given.STRAY_POSE_PROBABILITY / (2.0 * math.pi))
+    for share, at in (
+        (1.0 - given.MIRRORED_POSE_PROBABILITY - given.STRAY_POSE_PROBABILITY, heading),
+        (given.MIRRORED_POSE_PROBABILITY, mirrored),
+    ):
         off = (headings - at + math.pi) % (2.0 * math.pi) - math.pi
         found += share * np.exp(-0.5 * (off / sigma) ** 2) / (math.sqrt(2.0 * math.pi) * sigma)
     return found

@@ -1,4 +1,4 @@
-"""What an image shows of a body whose heading is known: a wing, named points, the sides of a box, a direction.
+"""Prediction of what an image shows of a body whose heading is known.
 
 A view is rows. Each is one coordinate, right or down on the plane tangent to the sphere of directions at the
 measured center (`image.measurement`), of one point of the body, or of two with a share each: a wing is the right
@@ -16,6 +16,7 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.compiled import BOOL, FILLING, INT, MAKING, OUT, VECTOR, kernel, out, record
+from onboard.estimators.leader import assumptions as given
 from onboard.estimators.leader.hypotheses.gaussian import correct, dot, normalised_squared, project
 from onboard.estimators.leader.hypotheses.motion import (
     AX,
@@ -25,14 +26,12 @@ from onboard.estimators.leader.hypotheses.motion import (
     COURSE_LOCKED,
     COVARIANCES,
     HEADINGS,
-    LEAD,
     LOG_SIZE,
     NUMBER,
     PAIR,
     RX,
     RY,
     RZ,
-    SLOW2,
     TILT_EAST,
     TILT_NORTH,
     VX,
@@ -43,16 +42,15 @@ from onboard.estimators.leader.hypotheses.motion import (
 )
 from onboard.estimators.leader.image.measurement import LOWEST, Rows, measured_spread
 
-TAILS: Final = 4.0  # degrees of freedom of Student's t; what a leader does is no Gaussian
-WING_SIGMAS2: Final = 9.0  # a wing shorter than three standard deviations has no logarithm
-
 
 class ImageRows(NamedTuple):
-    """Rows of an image (`image.measurement.Rows`): which points of the body (m, 2), with which shares (m, 2),
-    along which axis (m,); what is measured (m,), and its noise (m, m); whether they are of a wing, or of points
-    with names; how the body pitches as it accelerates, the standard deviations of its pitch, rad, and of a point's
-    place, as a share of the wingspan. From where, r_FC (3,) m, and about which axes (3, 3) in n; the column of the
-    bias of the size, 0 without one; and which headings are course-locked (K,) to the course through the `air`."""
+    """Rows of an image (`image.measurement.Rows`).
+
+    Which points of the body (m, 2), with which shares (m, 2), along which axis (m,); what is measured (m,), and
+    its noise (m, m); whether they are of a wing, or of points with names; how the body pitches as it accelerates,
+    the standard deviations of its pitch, rad, and of a point's place, as a share of the wingspan. From where, r_FC
+    (3,) m, and about which axes (3, 3) in n; the column of the bias of the size, 0 without one; and which headings
+    are course-locked (K,) to the course through the `air`."""
 
     points: Array
     of: Array
@@ -87,8 +85,10 @@ class Scratch(NamedTuple):
 
 
 class Expectation(NamedTuple):
-    """What each particle expects of a view: mean (K, m), covariance with the state (K, m, W) and with itself (K,
-    m, m), without noise, and the derivatives by the pitch (K, m)."""
+    """Prediction of a view by each particle.
+
+    Mean (K, m), covariance with the state (K, m, W) and with itself (K, m, m), without noise, and the derivatives
+    by the pitch (K, m)."""
 
     y: Array
     C: Array
@@ -107,8 +107,9 @@ EXPECTATION: Final = record(Expectation, OUT, COVARIANCES, COVARIANCES, OUT)
 def view_of(
     rows: Rows, camera: tuple[Array, Array, Array], course_locked: Array, air: tuple[float, float], bias: int = 0
 ) -> ImageRows:
-    """The view of rows by a `camera`: its attitude R_cn (3, 3), its place r_FC_n (3,) m, and the measured axes (3,
-    3) in c."""
+    """The view of rows by a `camera`.
+
+    Its attitude R_cn (3, 3), its place r_FC_n (3,) m, and the measured axes (3, 3) in c."""
     R_cn, r_FC, measured = camera
     body = rows.points, rows.of, rows.shares, rows.axis, rows.y, rows.R
     kind = rows.is_wing, rows.named, *rows.posture
@@ -116,7 +117,7 @@ def view_of(
 
 
 def spread(rows: Rows, headings: Array, axes: Array) -> Array:
-    """How far (k,) the rows' coordinates are apart, root of the sum of squares, of a leader of wingspan 1 at
+    """Return the spread (k,) of the rows' coordinates, root of the sum of squares, of a leader of wingspan 1 at
     distance 1 that flies level with these headings (k,), without perspective; `axes` (3, 3) in n."""
     c, s, zero, one = np.cos(headings), np.sin(headings), np.zeros_like(headings), np.ones_like(headings)
     body = np.array([[c, -s, zero], [s, c, zero], [zero, zero, one]])  # (3, 3, k)
@@ -165,8 +166,9 @@ def _point(q, axis, number):
 
 @kernel(**FILLING)
 def _project(x, size, view, B, q):
-    """The places, coordinates and distances of all points, into q (k, 6). A distance is along the first axis, plus
-    that of the straight line."""
+    """The places, coordinates and distances of all points, into q (k, 6).
+
+    A distance is along the first axis, plus that of the straight line."""
     points, axes = view.points, view.axes
     for k in range(points.shape[0]):
         for i in range(3):
@@ -182,8 +184,10 @@ def _project(x, size, view, B, q):
 
 @kernel(**FILLING)
 def _derivatives(point, size, q, axes, a, share, B, sb, cb, J):
-    """Of a share of a coordinate, along the axis a, of a point of the body seen at q (6,): by the place, added to
-    J; by bank, pitch, heading, and the logarithm of the size."""
+    """Return the derivatives of a share of a coordinate, of a point of the body.
+
+    Along the axis a, seen at q (6,): by the place, added to J; by bank, pitch, heading, and the logarithm of the
+    size."""
     banked, pitched, turned, grown = 0.0, 0.0, 0.0, 0.0
     length = np.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2)
     twice, seen = 2.0 * share / q[5], q[3 + a]
@@ -213,7 +217,7 @@ def _linearised(x, heading, is_course_locked, view, scratch, h, J, d):
     size = np.exp(scale + (x[bias] if bias > 0 else 0.0))
     _project(x, size, view, B, q)
     u_air, v_air = x[VX] - view.air[0], x[VY] - view.air[1]
-    speed2 = u_air * u_air + v_air * v_air + SLOW2
+    speed2 = u_air * u_air + v_air * v_air + given.MIN_SPEED_SQUARED
     J[:] = 0.0
     for j in range(h.shape[0]):
         a, row = view.axis[j], J[j]
@@ -240,13 +244,13 @@ def _linearised(x, heading, is_course_locked, view, scratch, h, J, d):
         if is_course_locked and view.is_wing:
             aside = turned + banked * bank_turned
             row[VX], row[VY] = -aside * v_air / speed2, aside * u_air / speed2
-            row[AX] += LEAD * row[VX]  # an acceleration turns the course
-            row[AY] += LEAD * row[VY]
+            row[AX] += given.COURSE_LEAD_TIME_S * row[VX]  # an acceleration turns the course
+            row[AY] += given.COURSE_LEAD_TIME_S * row[VY]
 
 
 @kernel(**FILLING)
 def _expected(x, P, heading, is_course_locked, view, scratch, each):
-    """What a particle expects, into `each` (`Expectation`)."""
+    """Predict a view by one particle, into `each` (`Expectation`)."""
     h, C, S, d = each
     J = scratch.J
     _linearised(x, heading, is_course_locked, view, scratch, h, J, d)
@@ -265,8 +269,9 @@ def _scratch(view, width):
 
 @kernel(**FILLING)
 def _noise(view, x, d, own, expected, S):
-    """What is `expected` (m, m) with the rows' noise, into S (m, m): so many times their `own`, that of the
-    points' places, and that of the pitch, which is common."""
+    """Add noise to what is `expected` (m, m), into S (m, m).
+
+    So many times the rows' `own`, that of the points' places, and that of the pitch, which is common."""
     place, pitch2 = view.place_sigma * np.exp(x[LOG_SIZE]), view.pitch * view.pitch
     place2 = place * place / (x[RX] * x[RX] + x[RY] * x[RY] + x[RZ] * x[RZ])
     for i in range(d.shape[0]):
@@ -308,9 +313,10 @@ def _add(k, means, P, headings, w, view, scratch, expected, mean, S):
 
 @kernel((OUT, COVARIANCES, HEADINGS, VECTOR, IMAGE_ROWS), **MAKING)
 def expect(means, P, headings, w, view):
-    """What particles of weights w (K,) expect together of a view: mean (m,), innovation (m,), its covariance (m,
-    m) and NIS, with each particle's wingtips in the order of those measured, and the measured ones in that of the
-    mean; and what each of them expects."""
+    """Predict a view by all particles of weights w (K,).
+
+    Mean (m,), innovation (m,), its covariance (m, m) and NIS, with each particle's wingtips in the order of those
+    measured, and the measured ones in that of the mean; and what each of them expects."""
     m, expected, scratch = view.y.shape[0], _expectation(means, view), _scratch(view, P.shape[2])
     mean, e, S = np.zeros(m), np.empty(m), np.zeros((m, m))
     for k in range(means.shape[0]):
@@ -326,7 +332,7 @@ def expect(means, P, headings, w, view):
 
 @kernel(**FILLING)
 def _misfit(view, x, heading, scratch, h, d):
-    """How far, squared, in units of its noise, a view is from what a particle with that heading expects."""
+    """Return the squared error of a view, in units of its noise, for a particle with that heading."""
     e, R = scratch.e, scratch.S
     _linearised(x, heading, False, view, scratch, h, scratch.J, d)
     R[:] = 0.0
@@ -338,8 +344,9 @@ def _misfit(view, x, heading, scratch, h, d):
 
 @kernel((OUT, COVARIANCES, HEADINGS, IMAGE_ROWS), **MAKING)
 def orient(means, P, headings, view):
-    """What each particle expects of named points. One whose nose is where they show the tail turns round, in
-    place."""
+    """Predict named points by each particle.
+
+    One whose nose is where they show the tail turns round, in place."""
     expected, scratch = _expectation(means, view), _scratch(view, P.shape[2])
     for k in range(means.shape[0]):
         x, each = means[k], (expected.y[k], expected.C[k], expected.S[k], expected.by_pitch[k])
@@ -360,7 +367,11 @@ def orient(means, P, headings, view):
 def _logarithmic(right, down, h, variance, e, C, S):
     """A wing's innovation and covariances, in place, by the logarithm of its length and by its angle, in which a
     range is linear: a line through lengths draws it to the near side. A wing that hardly shows stays as it is."""
-    least2, seen2, expected2 = WING_SIGMAS2 * variance, right * right + down * down, h[2] * h[2] + h[3] * h[3]
+    least2, seen2, expected2 = (
+        given.MIN_WING_SIGMAS_SQUARED * variance,
+        right * right + down * down,
+        h[2] * h[2] + h[3] * h[3],
+    )
     if seen2 < least2 or expected2 < least2:
         return
     a, b = (right * h[2] + down * h[3]) / expected2, (down * h[2] - right * h[3]) / expected2
@@ -404,7 +415,7 @@ def _update(k, means, P, headings, view, scratch, expected):
             headings[k] = course_of(x, view.air) + aside
     # by Student's t in place of a Gaussian (Roth, Ozkan and Gustafsson, 2013): one image that fits no
     # hypothesis decides little between them
-    return nis, -0.5 * ((TAILS + m) * np.log1p(nis / TAILS) + log_det)
+    return nis, -0.5 * ((given.STUDENT_T_DOF + m) * np.log1p(nis / given.STUDENT_T_DOF) + log_det)
 
 
 @kernel((OUT, COVARIANCES, HEADINGS, IMAGE_ROWS, EXPECTATION), **MAKING)

@@ -1,1 +1,1 @@
-"""What one image measures, and from where it was taken; nothing here knows what is believed of the leader."""
+"""Measurements of one image, independent of what is believed of the leader."""

@@ -1,19 +1,18 @@
-"""Where the camera is, how it moves and where it points, at the time of an image."""
+"""The camera's position, motion and attitude at the time of an image."""
 
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.estimators.leader import assumptions as given
 from onboard.geometry.camera import Camera, in_view
 from onboard.messages import Exposure, MountAttitude
 from onboard.messages.causes import Reason
 from onboard.ownship import Ownship, Pose, head_attitude
 from onboard.units import S_PER_NS
 
-RATE_NS: Final = 40_000_000  # interval over which the camera's rates are computed
 NO_NOISE: Final = np.zeros((3, 3))
-MOST_POSES: Final = 64  # kept while no own motion arrives but images do
 
 
 class CameraPose(NamedTuple):
@@ -40,8 +39,10 @@ class PosedExposure(NamedTuple):
 
 
 class CameraPoses:
-    """Poses of the camera on our vehicle, from our own motion. All targets in an image share one pose, so each is
-    computed once. `contradiction`: why they are wrong, None if they may be right."""
+    """Poses of the camera on our vehicle, from our own motion.
+
+    All targets in an image share one pose, so each is computed once. `contradiction`: why they are wrong, None if
+    they may be right."""
 
     def __init__(self, camera: Camera) -> None:
         self.camera = camera
@@ -58,7 +59,7 @@ class CameraPoses:
         points, is not known. `mount`: where a moving mount pointed, where that came with the image."""
         camera = camera or self.camera
         as_of = ownship, ownship.samples + ownship.gimbals.count
-        if self._as_of != as_of or len(self._poses) >= MOST_POSES:
+        if self._as_of != as_of or len(self._poses) >= given.MAX_POSE_COUNT:
             self._poses.clear()
             self._as_of = as_of
         key = t_ns, camera.name, mount
@@ -67,7 +68,9 @@ class CameraPoses:
         return self._poses[key]
 
     def see(self, r_FL_n: Array, t_ns: int, ownship: Ownship) -> bool:
-        """Whether what is at r_FL_n (3,) m should be in the image of a camera; where a pose is unknown, it may."""
+        """Whether what is at r_FL_n (3,) m should be in the image of a camera.
+
+        Where a pose is unknown, it may."""
         for camera in (self.camera, *self.camera.others):
             pose = self.at(t_ns, ownship, camera)
             if pose is None:
@@ -100,17 +103,17 @@ def _pose(camera: Camera, t_ns: int, ownship: Ownship, mount: MountAttitude | No
     if head is None:
         return None
     R_cn = (head_attitude(head, pose.R_nb) @ camera.R_bc).T
-    omega_c = _rates(R_cn, camera, t_ns - RATE_NS, ownship, mount)
+    omega_c = _rates(R_cn, camera, t_ns - given.RATE_INTERVAL_NS, ownship, mount)
     return CameraPose(R_cn, r_FC_n, pose.v_F_n, omega_c, _noise_c(R_cn, head, pose))
 
 
 def _head(camera: Camera, t_ns: int, ownship: Ownship, mount: MountAttitude | None) -> MountAttitude | None:
-    """Where the head of a moving mount points at a time; None where that is not known."""
+    """Return the attitude of a moving mount's head at a time; None if unknown."""
     return mount or ownship.gimbals.of(camera, t_ns)
 
 
 def _rates(R_cn: Array, camera: Camera, before_ns: int, ownship: Ownship, mount: MountAttitude | None) -> Array:
-    """The rates (3,) of a camera on a moving mount, which states none, by its attitude RATE_NS before."""
+    """The rates (3,) of a camera on a moving mount, which states none, by its attitude shortly before."""
     pose, head = ownship.pose_at(before_ns), _head(camera, before_ns, ownship, mount)
     if pose is None or head is None:
         return np.zeros(3)
@@ -118,11 +121,11 @@ def _rates(R_cn: Array, camera: Camera, before_ns: int, ownship: Ownship, mount:
     # the camera's axes c before and c' now, R_c'c = exp(-[rotation]).
     M = R_cn @ head_attitude(head, pose.R_nb) @ camera.R_bc
     rotation = np.array([M[1, 2] - M[2, 1], M[2, 0] - M[0, 2], M[0, 1] - M[1, 0]])
-    return np.asarray(0.5 * rotation / (RATE_NS * S_PER_NS))
+    return np.asarray(0.5 * rotation / (given.RATE_INTERVAL_NS * S_PER_NS))
 
 
 def _noise_c(R_cn: Array, head: MountAttitude, pose: Pose) -> Array:
-    """As much of the noise of our own attitude as moves the head with its frame: nothing, the heading, or all."""
+    """Return the noise of our own attitude that moves the head with its frame."""
     if head.frame == "earth":
         return NO_NOISE
     R_cb = R_cn @ pose.R_nb

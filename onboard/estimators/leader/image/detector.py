@@ -1,4 +1,6 @@
-"""A detector and its camera, judged by their images: how noisy the points are, and whether the camera hangs.
+"""A detector and its camera, judged by their images.
+
+How noisy the points are, and whether the camera hangs.
 
 The innovations of the direction say how far images are from what was predicted. Where half of them are farther off
 for a whole window than the configured noise allows, the noise is larger than configured, and is taken for so much
@@ -16,13 +18,12 @@ final pose, however late it arrives.
 Images that show nothing new are a stamp that comes again, or points that stay although we turn. A camera that
 hangs repeats its image; a detector may add a little noise of its own. No detector is so quiet that its points stay
 within a third of their standard deviation, image after image, while our rotation would have moved them by several,
-unless the target turns with us to the hundredth of a degree.
-"""
+unless the target turns with us to the hundredth of a degree."""
 
 import math
 from collections import deque
 from statistics import median
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from onboard.arrays import Array
 from onboard.estimators.leader import assumptions as given
@@ -30,9 +31,6 @@ from onboard.estimators.leader.image.prepare import Image
 from onboard.messages import ImagePoint, TargetDetection, TargetPoints, Verdict
 from onboard.messages.causes import Cause, Reason
 from onboard.units import NS_PER_S
-
-MEDIAN: Final = 2.0 * math.log(2.0)  # of chi-square with two degrees of freedom
-STAMPS: Final = 64  # remembered
 
 
 class Shown(NamedTuple):
@@ -44,7 +42,7 @@ class Shown(NamedTuple):
 
 
 class Left(NamedTuple):
-    """What an image leaves of its direction after the belief has followed it."""
+    """Residual of an image's direction after the update."""
 
     t_ns: int
     camera: str
@@ -53,9 +51,11 @@ class Left(NamedTuple):
 
 
 class NoiseScale(NamedTuple):
-    """How many times (`scale`) the configured standard deviations of image points are used; the median NIS where
-    even the largest scale does not explain it, else 0; the NIS of the images since the last window, and that of
-    their differences; and what the last one left."""
+    """Learnt noise of a detector.
+
+    `scale` times the configured standard deviations are used; the median NIS where even the largest scale does not
+    explain it, else 0; the NIS of the images since the last window, and that of their differences; and what the
+    last one left."""
 
     scale: float = 1.0
     beyond: float = 0.0
@@ -68,8 +68,9 @@ class NoiseScale(NamedTuple):
         return self._replace(beyond=0.0)
 
     def after(self, innovation: Array, covariance: Array, shown: Shown | None = None) -> "NoiseScale":
-        """After an image was compared with its prediction: innovation (m,), covariance (m, m), the direction
-        first. `shown`: None where its own noise is not white."""
+        """After an image was compared with its prediction.
+
+        Innovation (m,), covariance (m, m), the direction first. `shown`: None where its own noise is not white."""
         e, f = innovation[:2].tolist()
         (a, b), (_, d) = covariance[:2, :2].tolist()
         by_e, by_f = (d * e - b * f) / (a * d - b * b), (a * f - b * e) / (a * d - b * b)
@@ -81,16 +82,16 @@ class NoiseScale(NamedTuple):
         if shown is not None:
             t_ns, camera, variance = shown
             left = Left(t_ns, camera, variance * by_e, variance * by_f)
-            is_next = before is not None and 0 < t_ns - before.t_ns < given.MAX_SUCCESSIVE_GAP_NS
+            is_next = before is not None and 0 < t_ns - before.t_ns < given.MAX_SUCCESSIVE_INTERVAL_NS
             if before is not None and is_next and before.camera == camera:
                 square = (e - before.right) ** 2 + (f - before.down) ** 2
                 differences = (*differences, square / (2.0 * variance))
         if len(window) < given.NOISE_WINDOW:
             return NoiseScale(self.scale, self.beyond, window, differences, left)
         found, scale, is_told = median(window), self.scale, len(differences) > given.NOISE_WINDOW // 2
-        ratio = found / MEDIAN
+        ratio = found / given.MEDIAN_NIS
         beyond = found if ratio > given.NOISE_RATIO_LIMIT and scale >= given.MAX_NOISE_SCALE else 0.0
-        by_differences = median(differences) / MEDIAN if is_told else ratio
+        by_differences = median(differences) / given.MEDIAN_NIS if is_told else ratio
         if ratio > given.NOISE_RATIO_LIMIT:
             scale = min(scale * math.sqrt(ratio), given.MAX_NOISE_SCALE)
         elif scale > 1.0 or (is_told and by_differences > 1.0):
@@ -100,7 +101,7 @@ class NoiseScale(NamedTuple):
 
     @property
     def finding(self) -> str:
-        """What there is to report of it, "" if nothing."""
+        """Return what to report of the noise, "" if nothing."""
         words = "the images fit worse than the configured noise explains"
         return words if self.scale > given.REPORTED_NOISE_SCALE else ""
 
@@ -118,7 +119,7 @@ class Repeats:
 
     def __init__(self, stale_after_s: float, point_sigma: float) -> None:
         self._stale_after_s, self._point_sigma = stale_after_s, point_sigma
-        self._stamps: deque[tuple[int, str]] = deque(maxlen=STAMPS)
+        self._stamps: deque[tuple[int, str]] = deque(maxlen=given.STAMP_COUNT)
         # points of each camera, their first image, and how many have shown them since
         self._unchanged: dict[str, tuple[tuple[ImagePoint, ...], Image, int]] = {}
 
@@ -128,8 +129,10 @@ class Repeats:
         return max((t_ns for t_ns, _ in self._stamps), default=None)
 
     def judge(self, image: Image) -> Verdict | None:
-        """Remember an image. DUPLICATE if one of this time and camera has been added, STALE if the camera hangs:
-        its points have stayed for too long, although it has rotated; else None."""
+        """Remember an image.
+
+        DUPLICATE if one of this time and camera has been added, STALE if the camera hangs: its points have stayed
+        for too long, although it has rotated; else None."""
         message = image.message
         stamp = message.t_ns, message.camera
         if stamp in self._stamps:
@@ -160,7 +163,7 @@ class Repeats:
 
 
 def _moved(point: ImagePoint, first: Image, now: Image) -> float:
-    """By how much our rotation moves a far point between two images, in focal lengths."""
+    """Return how far our rotation moves a far point between two images, in focal lengths."""
     x, y, z = (now.pose.R_cn @ first.pose.R_cn.T @ (1.0, *point)).tolist()
     return math.dist(point, (y / x, z / x)) if x > 0.0 else math.inf
 

@@ -1,4 +1,4 @@
-"""What one image measures of a leader, as rows: a wing, a direction, named points, a box.
+"""Measurements of one image as rows: a wing, a direction, named points, a box.
 
 Image points become coordinates (right, down), rad, on the plane tangent to the sphere of directions at the
 measured center. The projection is stereographic: smooth everywhere but exactly opposite the center, so a leader
@@ -35,9 +35,10 @@ BOTH_AXES: Final = np.array([0, 1])
 
 
 class Rows(NamedTuple):
-    """What is measured, y (m,) rad with noise R (m, m), and of what: points (k, 3) of the body in b, for a
-    wingspan of 1; for each row the numbers of two points, or LOWEST or HIGHEST, their shares (m, 2), and the axis
-    (m,), 0 right or 1 down."""
+    """Measured rows: y (m,) rad with noise R (m, m), and of what.
+
+    Points (k, 3) of the body in b, for a wingspan of 1; for each row the numbers of two points, or LOWEST or
+    HIGHEST, their shares (m, 2), and the axis (m,), 0 right or 1 down."""
 
     y: Array
     R: Array
@@ -71,7 +72,7 @@ class Extent(NamedTuple):
 
 
 class Measurement(NamedTuple):
-    """Of one image."""
+    """The measurement of one image."""
 
     rows: Rows  # by which it is judged
     span: float  # rad, of the wing; where it was not seen, of what was, or by a pose that of the wing broadside
@@ -89,7 +90,7 @@ class Measurement(NamedTuple):
 
     @property
     def y(self) -> Array:
-        """What is measured (m,)."""
+        """Return the measured rows (m,)."""
         return self.rows.y
 
     @property
@@ -111,7 +112,7 @@ class Measurement(NamedTuple):
 
 
 class Layout(NamedTuple):
-    """Of which points rows are, with which shares, and along which axis (`Rows`)."""
+    """Points, shares and axes of rows (`Rows`)."""
 
     of: Array
     shares: Array
@@ -139,7 +140,7 @@ OF_BOX: Final = Layout(
 
 
 def measure_wing(points: Sequence[ImagePoint], sigmas: Sequence[float], *, middle: bool = False) -> Measurement:
-    """What image points measure of a wing, center, left and right with standard deviations, all in focal lengths;
+    """Measure a wing by image points, center, left and right with standard deviations, all in focal lengths;
     with its `middle` if that is to be measured."""
     axes, layout = axes_about(points[0]), WING_AND_MIDDLE if middle else OF_WING
     y, R = _measured(axes, np.array(points, float), np.array(sigmas, float), *layout)
@@ -150,7 +151,7 @@ def measure_wing(points: Sequence[ImagePoint], sigmas: Sequence[float], *, middl
 
 
 def measure_direction(point: ImagePoint, sigma: float) -> Measurement:
-    """What one image point measures."""
+    """Measure a direction by one image point."""
     axes = axes_about(point)
     y, R = _measured(axes, np.array([point], float), np.array([sigma], float), *OF_DIRECTION)
     return Measurement(Rows(y, R, CENTER, *OF_DIRECTION), 1.0, math.inf, axes)
@@ -218,7 +219,7 @@ def _coordinates(axes, points):
 
 @kernel((OUT, OUT, VECTOR, array(INT, 2), ROWS, INDICES), **MAKING)
 def _measured(axes, points, sigmas, of, shares, axis):
-    """What rows (m,) of image points with these standard deviations measure, and its noise (m, m)."""
+    """Return the rows (m,) of image points with these standard deviations, and their noise (m, m)."""
     at, by_points = _coordinates(axes, points)
     m, k = axis.shape[0], points.shape[0]
     y, R = np.zeros(m), np.zeros((m, m))
@@ -258,9 +259,10 @@ def _turned(R, y, shares, axis, is_wing, axes, noise_c):
 
 
 def points_of(axes: Array, y: Array) -> tuple[ImagePoint, ...]:
-    """Image points of a measurement y (m,) with a wing about `axes` (3, 3), in focal lengths: center, left and
-    right wingtip, as if the center were the wing's middle; of a direction the center alone. NaN for a point behind
-    the camera."""
+    """Image points of a measurement y (m,) with a wing about `axes` (3, 3), in focal lengths.
+
+    Center, left and right wingtip, as if the center were the wing's middle; of a direction the center alone. NaN
+    for a point behind the camera."""
     rows, (right, down, *wing) = axes.T.tolist(), y.tolist()
     found = []
     for half in (0.0, -0.5, 0.5) if wing else (0.0,):
@@ -272,7 +274,7 @@ def points_of(axes: Array, y: Array) -> tuple[ImagePoint, ...]:
 
 
 def measured_spread(rows: Rows, y: Array) -> Array:
-    """How far the coordinates (..., m) of points are apart, or those of a box's sides, root of the sum of
+    """Return the spread of the coordinates (..., m) of points, or those of a box's sides, root of the sum of
     squares."""
     if rows.is_box:
         return np.asarray(np.sqrt(0.5 * np.add.reduce(y[..., WING] ** 2, axis=-1)))

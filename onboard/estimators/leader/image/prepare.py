@@ -1,22 +1,22 @@
-"""One image prepared for a track: what it shows of an aircraft, whether it can be used, what it measures, and from
-which pose it was taken.
+"""One image prepared for a track.
+
+What it shows of an aircraft, whether it can be used, what it measures, and from which pose it was taken.
 
 A detection may have not all three points of the wing, or more:
 - Both wingtips without the center: the wing as ever. The center is near the wing's middle, but not on it, unless
   `center_on_wing` says so: its direction is that of the middle, with noise in proportion to the wing.
 - The center, one wingtip, another point, or a box: a direction. A wingtip is half a wing off the center, the
   middle of a box may be a tenth of the box off, and that of a box which the image's edge may cut off half a wing.
-  Such an offset is a bias, which images do not average out: it counts `BIAS_COUNTS` times.
+  Such an offset is a bias, which images do not average out: it counts `OFFSET_BIAS_FACTOR` times.
 - Further points of the class, and, where the wing was not seen, a box: see `measurement`.
 - A pose: see `pose`. Where nothing else shows the size, its range is the range.
 
-A direction alone starts no track: it says nothing of the range.
-"""
+A direction alone starts no track: it says nothing of the range."""
 
 import math
 from collections import deque
 from collections.abc import Iterable
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
@@ -51,14 +51,11 @@ from onboard.messages import (
 from onboard.ownship import Ownship
 from onboard.units import NS_PER_S
 
-AGREE_RAD: Final = np.radians(5.0)  # images of one aircraft point the same way this nearly ...
-
-
 NamedPoint = tuple[str, Array, ImagePoint, float]  # its place (3,) in b, where it was seen, and its sigma
 
 
 class Features(NamedTuple):
-    """What an image shows of an aircraft, in focal lengths."""
+    """Features of an aircraft in an image, in focal lengths."""
 
     points: tuple[ImagePoint, ...]  # center, left and right; or a direction alone
     sigmas: tuple[float, ...]  # theirs
@@ -82,8 +79,10 @@ class Features(NamedTuple):
 
 
 def features_of(message: TargetImage, camera_sigma: float, *, center_on_wing: bool, half_wing: float) -> Features:
-    """What a message shows. `camera_sigma`: of a point without its own; `half_wing`: half the wing as it appears
-    at most, where one wingtip is all that is seen. All in focal lengths."""
+    """Return the features of a message.
+
+    `camera_sigma`: of a point without its own; `half_wing`: half the wing as it appears at most, where one wingtip
+    is all that is seen. All in focal lengths."""
     if isinstance(message, TargetPoints):
         points = message.center, message.left, message.right
         sigmas = message.sigma or (camera_sigma,) * 3
@@ -96,7 +95,7 @@ def features_of(message: TargetImage, camera_sigma: float, *, center_on_wing: bo
         left, right = features["left"], features["right"]
         (a, b), (c, d) = left.point, right.point
         sigma = 0.5 * math.hypot(left.sigma, right.sigma)
-        off = given.ON_WING if center_on_wing else given.OFF_WING
+        off = given.CENTER_ON_WING_OFFSET_RATIO if center_on_wing else given.CENTER_OFFSET_RATIO
         points = ((a + c) / 2, (b + d) / 2), left.point, right.point
         offset = off * math.dist(*points[1:]) * _angle(points[0])
         sigmas = sigma, left.sigma, right.sigma
@@ -104,13 +103,13 @@ def features_of(message: TargetImage, camera_sigma: float, *, center_on_wing: bo
         tips = _tips(left.point, right.point, (left.sigma, right.sigma))
         return Features(points, sigmas, offset, has_center=False, named=(*others, *tips), pose=message.pose)
     one, half_width = features.get("center", message.features[0]), message.half_width or 0.0
-    of_whole_box = 2.0 * given.OFF_BOX * half_width * _angle(one.point)
+    of_whole_box = 2.0 * given.BOX_CENTER_OFFSET_RATIO * half_width * _angle(one.point)
     of_box = of_whole_box if message.sides else max(of_whole_box, half_wing)
     offset = {"center": 0.0, "box": of_box}.get(one.name, half_wing)
     has_center = one.name == "center"
     box = None
     if message.sides and half_width:
-        box = message.sides, max(features["box"].sigma / (2.0 * half_width), given.BOX_SHARE)
+        box = message.sides, max(features["box"].sigma / (2.0 * half_width), given.MIN_BOX_SIGMA_RATIO)
     return Features((one.point,), (one.sigma,), offset, has_center, message.features, box, message.pose)
 
 
@@ -120,14 +119,16 @@ def _angle(point: ImagePoint) -> float:
 
 
 def _tips(left: ImagePoint, right: ImagePoint, sigmas: tuple[float, ...]) -> tuple[ImageFeature, ImageFeature]:
-    """Both wingtips as points that say no more than which one is which: the wing itself is measured apart."""
+    """Both wingtips as points that say no more than which one is which.
+
+    The wing itself is measured apart."""
     at_least = given.WINGTIP_NAME_NOISE * math.dist(left, right)
     a, b = (max(given.WINGTIP_NAME_SIGMAS * sigma, at_least) for sigma in sigmas)
     return ImageFeature(name="left", point=left, sigma=a), ImageFeature(name="right", point=right, sigma=b)
 
 
 def measure(shape: Shape, saw: Features) -> Measurement:
-    """What it measures of a target of this shape."""
+    """Measure a target of this shape."""
     if len(saw.points) > 1:
         middle = shape.center_on_wing and saw.has_center  # which was not taken for the center
         measured = measure_wing(saw.points, saw.sigmas, middle=middle)
@@ -135,7 +136,7 @@ def measure(shape: Shape, saw: Features) -> Measurement:
         measured = measure_direction(saw.points[0], saw.sigmas[0])
     axes = measured.axes
     if saw.offset:
-        measured.rows.R[[0, 1], [0, 1]] += (given.BIAS_COUNTS * saw.offset) ** 2
+        measured.rows.R[[0, 1], [0, 1]] += (given.OFFSET_BIAS_FACTOR * saw.offset) ** 2
     if saw.pose is not None:
         measured = measured._replace(pose=measured_pose(saw.pose, shape.pose_bias, axes[0]))
     if known := [
@@ -156,7 +157,9 @@ def measure(shape: Shape, saw: Features) -> Measurement:
     sides, share = saw.box
     rows = rows_of_box(axes, sides, share, shape)
     sigma = math.sqrt(0.5 * rows.R[2, 2])
-    measured = measured._replace(rows=rows, further=None, keypoint_bias=0.0, off=given.BIAS_COUNTS * saw.offset)
+    measured = measured._replace(
+        rows=rows, further=None, keypoint_bias=0.0, off=given.OFFSET_BIAS_FACTOR * saw.offset
+    )
     return _with_extent(measured, Extent(rows, 0.0, sigma), shape.edge_on_visibility)
 
 
@@ -170,7 +173,7 @@ def _with_points(
     seen. Without a wing, how far they and the center are apart may show the range."""
     further = rows_of_points(measured.axes, known, shape.posture)
     length = float(np.ptp(np.append(further.points[:, 0], 0.0)))
-    keypoint_bias = math.sqrt(2.0) * given.MISPLACED / length if length > given.MIN_NOSE_LENGTH else 0.0
+    keypoint_bias = math.sqrt(2.0) * given.KEYPOINT_SIGMA_RATIO / length if length > given.MIN_NOSE_LENGTH else 0.0
     measured = measured._replace(further=further, keypoint_bias=keypoint_bias)
     if measured.rows.is_wing:
         return measured
@@ -191,10 +194,11 @@ def _with_extent(measured: Measurement, extent: Extent, edge_on_visibility: floa
 
 
 class Image(NamedTuple):
-    """A usable image, with the camera's pose when it was taken, as in its `view`. An extrapolated pose is computed
-    again when the image is fused. Without an extent (`has_extent`) it shows a
-    direction alone. The measurement supposes a detector that is `noise_scale` times as noisy as
-    `points` states, and a `half_wing` where that matters, else 0."""
+    """A usable image, with the camera's pose when it was taken, as in its `view`.
+
+    An extrapolated pose is computed again when the image is fused. Without an extent (`has_extent`) it shows a
+    direction alone. The measurement supposes a detector that is `noise_scale` times as noisy as `points` states,
+    and a `half_wing` where that matters, else 0."""
 
     message: TargetImage
     has_extent: bool
@@ -225,9 +229,11 @@ def prepare(
     half_wing: float,
     noise_scale: float = 1.0,
 ) -> Image | Verdict:
-    """A detection of an exposure, of a target of this `shape`, or why it cannot be used. The detector is
-    `noise_scale` times as noisy as configured; `half_wing`: see `features_of`. Points within `edge_px` of the
-    image's edge count as outside: the edge may cut an aircraft off, and then they are not its wingtips."""
+    """A detection of an exposure, of a target of this `shape`, or why it cannot be used.
+
+    The detector is `noise_scale` times as noisy as configured; `half_wing`: see `features_of`. Points within
+    `edge_px` of the image's edge count as outside: the edge may cut an aircraft off, and then they are not its
+    wingtips."""
     saw = features_of(message, view.sigma, center_on_wing=config.center_on_wing, half_wing=half_wing)
     stated, saw = saw, saw if noise_scale == 1.0 else saw.noisier(noise_scale)
     # a few: Python's arithmetic is fast
@@ -255,7 +261,9 @@ def prepare(
 
 
 def _why_no_pose(t_ns: int, ownship: Ownship, config: Config) -> Verdict:
-    """Why there is no pose at a time: it may be that of another clock, or attitude or position has stopped."""
+    """Why there is no pose at a time.
+
+    It may be that of another clock, or attitude or position has stopped."""
     if ownship.now_ns <= 0:
         return Verdict.NO_POSE
     if t_ns > ownship.now_ns:
@@ -278,16 +286,19 @@ def in_view(points: Iterable[ImagePoint], camera: Camera, view: Edges | None, ed
 
 
 def agree(a: Image, b: Image) -> bool:
-    """Whether two images could be of one aircraft a moment apart: same direction in n, and same span, where both
-    show the wing or neither does."""
+    """Whether two images could be of one aircraft a moment apart.
+
+    Same direction in n, and same span, where both show the wing or neither does."""
     a_, b_ = a.measurement, b.measurement
     ratio = a_.span / b_.span if a_.has_wing == b_.has_wing else 1.0
-    near = float(a.direction_n @ b.direction_n) > np.cos(AGREE_RAD)
+    near = float(a.direction_n @ b.direction_n) > np.cos(given.MAX_AGREEING_ANGLE)
     return bool(near and 1 / given.MAX_SPAN_RATIO < ratio < given.MAX_SPAN_RATIO)
 
 
 def hold(held: deque[Image], image: Image) -> None:
-    """Add an image to those of the last second, in place; one that does not agree with them replaces them."""
+    """Add an image to those of the last second, in place.
+
+    One that does not agree with them replaces them."""
     while held and image.message.t_ns - held[0].message.t_ns > NS_PER_S:
         held.popleft()
     if held and not agree(held[-1], image):

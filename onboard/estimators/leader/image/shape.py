@@ -12,12 +12,13 @@ from onboard.estimators.leader.config import Config
 
 WINGTIPS: Final = ((0.0, -0.5, 0.0), (0.0, 0.5, 0.0))  # in b, of a wingspan of 1
 ROTORS: Final[Mapping[str, int]] = {"quadrotor": 4, "hexarotor": 6, "octorotor": 8}
-RIM: Final = 12  # points of all rims, beside the ends of each
 
 
 class Posture(NamedTuple):
-    """How a leader holds itself: `tilts` is 1 if it pitches to accelerate, else 0; the standard deviation of its
-    pitch about that, rad; and that of a point's place, as a share of the wingspan."""
+    """Pitch and proportions of a leader.
+
+    `tilts` is 1 if it pitches to accelerate, else 0; the standard deviation of its pitch about that, rad; and that
+    of a point's place, as a share of the wingspan."""
 
     tilts: float
     pitch: float
@@ -28,7 +29,7 @@ RIGID: Final = Posture(0.0, 0.0, 0.0)  # of a wing, whose tips are where they ar
 
 
 class Shape(NamedTuple):
-    """Of a class of targets; points in b for a wingspan of 1."""
+    """Shape of a class of targets; points in b for a wingspan of 1."""
 
     names: tuple[str, ...]  # of points that tell one side of the aircraft from the other
     points: Array  # (k, 3)
@@ -43,7 +44,7 @@ class Shape(NamedTuple):
 
 
 class Outline(NamedTuple):
-    """What boxes bound."""
+    """The outline that boxes bound."""
 
     bounds: Array  # (j, 3) in b, for a wingspan of 1
     bias: float  # of a box's size, one standard deviation
@@ -59,15 +60,17 @@ def shape_of(config: Config) -> Shape:
     outline = outline_of(config)
     edge_on_visibility = min(max(float(np.ptp(outline.bounds[:, 0])), 0.1), 1.0)
     tilts = 1.0 if config.leader_class == "multirotor" else 0.0
-    posture = Posture(tilts, given.PITCH, given.MISPLACED)
+    posture = Posture(tilts, given.PITCH, given.KEYPOINT_SIGMA_RATIO)
     size, pose = config.size_prior_m, config.pose_scale_sigma
     known = names, points, outline.bounds, outline.bias, edge_on_visibility, posture, size, pose, outline.height
     return Shape(*known, config.center_on_wing)
 
 
 def outline_of(config: Config) -> Outline:
-    """What boxes of a class bound: its `aircraft` in usual proportions. If that is not set, its points, with a
-    wing or without; if it has no points either, a quadrotor for a multirotor, and else a fixed wing."""
+    """Return the outline of a class: its `aircraft` in usual proportions.
+
+    If that is not set, its points, with a wing or without; if it has no points either, a quadrotor for a
+    multirotor, and else a fixed wing."""
     aircraft = config.aircraft
     if aircraft is None and config.points_m:
         points = np.array([*config.points_m.values()]) / config.size_prior_m
@@ -75,16 +78,18 @@ def outline_of(config: Config) -> Outline:
     if aircraft is None:
         aircraft = "quadrotor" if config.leader_class == "multirotor" else "fixed-wing"
     if aircraft in ROTORS:
-        return Outline(_rotors(ROTORS[aircraft]), given.BOX_BIAS, given.ROTORS_HEIGHT)
-    return Outline(np.array([*WINGTIPS, *given.FUSELAGE, *given.THICKNESS]), given.GUESS_BIAS)
+        return Outline(_rotors(ROTORS[aircraft]), given.BOX_BIAS, given.CANOPY_AND_FEET_SIGMA)
+    return Outline(np.array([*WINGTIPS, *given.FUSELAGE, *given.THICKNESS]), given.GENERIC_BOX_BIAS)
 
 
 def _rotors(count: int) -> Array:
-    """What bounds a multirotor (j, 3) in b that is 1 wide across its rotors, none of which is in front: the outer
+    """Return the outline (j, 3) of a multirotor in b, 1 wide across its rotors, none in front: the outer
     part of each rim, and canopy and feet."""
     rotors = math.tau * (np.arange(count) + 0.5)[:, None] / count
-    rims = rotors + math.pi / count * np.linspace(-1.0, 1.0, 2 + RIM // count)
-    radius = given.ROTOR * math.sin(math.pi / count)  # of a rotor, on a circle of radius 1
+    rims = rotors + math.pi / count * np.linspace(-1.0, 1.0, 2 + given.RIM_POINT_COUNT // count)
+    radius = given.ROTOR_RADIUS_RATIO * math.sin(math.pi / count)  # of a rotor, on a circle of radius 1
     x, y = (f(rotors) + radius * f(rims) for f in (np.cos, np.sin))
     ring = np.stack([x, y], axis=2).reshape(-1, 2) / np.ptp(y)
-    return np.vstack([np.column_stack([ring, np.full(len(ring), given.ROTORS_AT)]), given.ROTORS_HIGH])
+    return np.vstack(
+        [np.column_stack([ring, np.full(len(ring), given.ROTOR_PLANE_HEIGHT)]), given.CANOPY_AND_FEET]
+    )

@@ -1,1 +1,1 @@
-"""What others say of the leader, made ready for the filter: its own broadcast, ranges, an earlier run."""
+"""Broadcasts, ranges and an earlier run's estimate, made ready for the filter."""

@@ -1,4 +1,6 @@
-"""The leader's own broadcast position: it teaches the size, and carries the track while no image shows it.
+"""The leader's own broadcast position.
+
+It teaches the size, and carries the track while no image shows it.
 
 What arrives is prepared here; `filters.auxiliary` says what it measures, `tracks.track` when it is used."""
 
@@ -34,7 +36,9 @@ Broadcasts = AdsbVehicle | PeerPosition | FollowTarget
 
 
 class Broadcast:
-    """The reports of one leader, which are given to `take`. `verdicts` counts what became of them, by name."""
+    """The reports of one leader, which are given to `take`.
+
+    `verdicts` counts what became of them, by name."""
 
     def __init__(self, config: Config, take: Callable[[Auxiliary, Ownship], Verdict]) -> None:
         self.verdicts: Counter[str] = Counter()
@@ -102,7 +106,9 @@ class Broadcast:
     def _report(
         self, t_ns: int, reported: ReportedPosition, r: Array, turn: Array, known: tuple[float, ...]
     ) -> Report:
-        """The report with its noise: `turn` from NED there to NED here, `known` what it says of its own error."""
+        """The report with its noise.
+
+        `turn` from NED there to NED here, `known` what it says of its own error."""
         c = self._config
         white = np.full(3, c.position_sigma_m)
         white = np.maximum(white, np.where(np.isfinite(known), known, 0.0))
@@ -116,17 +122,17 @@ class Broadcast:
 
 
 def biases_of(config: Config) -> tuple[Bias, ...]:
-    """What lasts of a report's error: of its position and its delay, and of our own velocity and yaw."""
+    """Return the lasting errors of a report: position, delay, our own velocity and yaw."""
     b = config.broadcast
-    height = given.PRESSURE_BIAS if b.icao else b.bias_m
+    height = given.PRESSURE_BIAS_M if b.icao else b.bias_m
     position = np.hypot([b.bias_m, b.bias_m, height], config.own_position_sigma_m).tolist()
     velocity, its_time = (
-        given.UNSURE * config.own_velocity_sigma_m_s,
+        given.OWN_SIGMA_FACTOR * config.own_velocity_sigma_m_s,
         LeaderModel._field_defaults["own_velocity_time"],
     )
     return (
         *(Bias(name, sigma, b.bias_time_s) for name, sigma in zip(REPORT_POSITION, position, strict=True)),
         *(Bias(name, velocity, its_time) for name in OWN_VELOCITY),
-        Bias(TURN, given.UNSURE * math.radians(config.own_yaw_sigma_deg), config.own_attitude_time_s),
-        Bias(DELAY, b.latency_sigma_s, given.DELAY_TIME),
+        Bias(TURN, given.OWN_SIGMA_FACTOR * math.radians(config.own_yaw_sigma_deg), config.own_attitude_time_s),
+        Bias(DELAY, b.latency_sigma_s, given.DELAY_TIME_S),
     )

@@ -1,4 +1,4 @@
-"""What an earlier run of the daemon believed of the leader: where a track starts that is no cold start."""
+"""The estimate of an earlier run of the daemon, as the prior of a warm start."""
 
 import math
 from typing import Final, NamedTuple
@@ -18,7 +18,9 @@ from onboard.ownship import Ownship
 from onboard.units import S_PER_NS
 
 MOTION: Final = slice(0, 6)
-ACCELERATION: Final = np.array([1.0, 1.0, 0.5])  # m/s^2, 1 sigma by axis, beyond that of the turn, unseen
+UNSEEN_ACCELERATION_SIGMA: Final = np.array(
+    [1.0, 1.0, 0.5]
+)  # m/s^2, 1 sigma by axis, beyond that of the turn, unseen
 
 
 class Prior(NamedTuple):
@@ -41,31 +43,34 @@ class Prior(NamedTuple):
         )
 
     def relative(self, t_ns: int, ownship: Ownship) -> Belief | None:
-        """The leader at a later time: position relative to us and velocity, (6,) and (6, 6), in n. None where our
-        own position is not known, or too long after it."""
+        """The leader at a later time.
+
+        Position relative to us and velocity, (6,) and (6, 6), in n. None where our own position is not known, or
+        too long after it."""
         pose, dt = ownship.pose_at(t_ns), (t_ns - self.t_ns) * S_PER_NS
         if pose is None or not 0.0 <= dt <= given.MAX_PRIOR_AGE_S or not np.isfinite(pose.r_OF_n).all():
             return None
         rate = turn_rate(self.v_L_n, self.a_L_n)
         r, v = carried(self.r_OL_n, self.v_L_n, rate, dt)
         P = spread(self.P, rate, dt)
-        P[POSITION, POSITION] += (given.DRIFT * dt) ** 2 * np.eye(3)
+        P[POSITION, POSITION] += (given.OWN_DRIFT_M_S * dt) ** 2 * np.eye(3)
         return Belief(np.concatenate([r - pose.r_OF_n, v]), P)
 
 
 def spread(P: Array, rate: float, dt: float) -> Array:
-    """The covariance (6, 6) of position and velocity `dt` s later. The acceleration that nobody sees is that of
-    Singer (1970)."""
+    """The covariance (6, 6) of position and velocity `dt` s later.
+
+    The acceleration that nobody sees is that of Singer (1970)."""
     F = np.eye(6)
     F[:3, 3:], F[3:, 3:] = turning(rate, dt)
-    unseen = singer(dt, given.UNSEEN_ACCELERATION_TIME_S, ACCELERATION**2)
+    unseen = singer(dt, given.UNSEEN_ACCELERATION_TIME_S, UNSEEN_ACCELERATION_SIGMA**2)
     G = unseen.F[:6, 6:]
-    spread_out: Array = F @ P @ F.T + (G * ACCELERATION**2) @ G.T + unseen.Q[:6, :6]
+    spread_out: Array = F @ P @ F.T + (G * UNSEEN_ACCELERATION_SIGMA**2) @ G.T + unseen.Q[:6, :6]
     return spread_out
 
 
 def prior_of(state: WarmState) -> Prior:
-    """What a state says of the leader's motion."""
+    """Return the leader's motion by a recorded state."""
     mean, P = np.array(state.estimate.mean), np.array(state.estimate.covariance)[MOTION, MOTION]
     dt, v_F = (state.t_ns - state.own.t_ns) * S_PER_NS, np.array(state.own.v_F_n)
     r_F = np.array(state.own.r_OF_n, float) + dt * v_F

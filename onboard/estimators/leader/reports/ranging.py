@@ -16,7 +16,9 @@ COUNTED: Final = "range_"  # before the verdicts in the health
 
 
 class Ranging:
-    """The ranges to one leader, which are given to `take`. `verdicts` counts what became of them, by name."""
+    """The ranges to one leader, which are given to `take`.
+
+    `verdicts` counts what became of them, by name."""
 
     def __init__(self, config: Config, take: Callable[[Auxiliary, Ownship], Verdict]) -> None:
         self.verdicts: Counter[str] = Counter()

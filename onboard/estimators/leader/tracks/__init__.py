@@ -1,4 +1,4 @@
-"""What is followed: the `track` of one target, from its start to its end.
+"""The `track` of one target, from its start to its end.
 
 life_cycle     what state it is in, and why; nothing else says lost
 doubts         what may contradict it

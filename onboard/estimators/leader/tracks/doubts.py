@@ -1,5 +1,6 @@
-"""What may contradict that what is followed is the leader, and where it is believed. `life_cycle` asks: while any
-of these holds, the leader is lost.
+"""Consistency checks that declare the leader lost.
+
+`life_cycle` asks: while any of these holds, the leader is lost.
 
 **Another object**. An aircraft moves on from image to image. An object that another one is
 exchanged for, by a detector, leaps: in direction, or in apparent size. If from a leap on no image fits the
@@ -15,11 +16,10 @@ disc or without. Images of one extent then fit the track and those of the other 
 image shows which of the two the configured size is of, so while both come the range is not known.
 
 **Another way to fly**. Where the images fit none of the hypotheses (`hypotheses.update`), what all of them have in
-common is wrong, and their weights say nothing: `assumptions.SURPRISE_LIMIT`.
+common is wrong, and their weights say nothing: `assumptions.MEAN_NIS_LIMIT`.
 
 **Another side**. A leader that was seen is in front of the camera that saw it, and soon after it
-is not far from there: a place mirrored through us has the right range, and no range shows the difference.
-"""
+is not far from there: a place mirrored through us has the right range, and no range shows the difference."""
 
 import math
 from typing import Final, Generic, NamedTuple, TypeVar
@@ -52,8 +52,10 @@ ASTRAY: Final = Reason(
 
 
 class Classes(Generic[K]):
-    """What the detector takes a target for: `kind`, by the images of the last seconds (`memory_s`, as a time
-    constant). A class that is not configured is None: it says nothing against those that are."""
+    """The class of a target by its detector.
+
+    `kind`, by the images of the last seconds (`memory_s`, as a time constant). A class that is not configured is
+    None: it says nothing against those that are."""
 
     def __init__(self, memory_s: float) -> None:
         self.kind: K | None = None
@@ -62,8 +64,9 @@ class Classes(Generic[K]):
         self._weights: dict[K | None, float] = {}
 
     def add(self, kind: K | None, name: str, t_ns: int) -> bool:
-        """An image of this time was taken for `name`. Whether another kind is believed from now on: one that comes
-        twice as often as the one before."""
+        """An image of this time was taken for `name`.
+
+        Whether another kind is believed from now on: one that comes twice as often as the one before."""
         passed_s, self._t_ns = max(t_ns - self._t_ns, 0) / NS_PER_S, max(t_ns, self._t_ns)
         decay = math.exp(-passed_s / self._memory_s)
         self._weights = {each: decay * weight for each, weight in self._weights.items()}
@@ -91,16 +94,16 @@ class Classes(Generic[K]):
 def leaps(before: Image, after: Image) -> bool:
     """Whether no aircraft can look so shortly after it looked like that."""
     dt = _between(before, after)
-    if not 0.0 < dt < given.MAX_IMAGE_GAP_S:
+    if not 0.0 < dt < given.MAX_IMAGE_INTERVAL_S:
         return False
-    has_jumped = _angle(before, after) > given.MIN_BEARING_JUMP + given.MAX_BEARING_RATE * dt
+    has_jumped = _angle(before, after) > given.MIN_BEARING_STEP + given.MAX_BEARING_RATE * dt
     return has_jumped or leaps_in_size(before, after)
 
 
 def cameras_apart(last: Image, image: Image) -> Reason | None:
     """Why images that do not agree start no track, where they are of two cameras; None where they are of one."""
     names = last.message.camera, image.message.camera
-    if names[0] == names[1] or abs(_between(last, image)) > given.MAX_IMAGE_GAP_S:
+    if names[0] == names[1] or abs(_between(last, image)) > given.MAX_IMAGE_INTERVAL_S:
         return None
     degrees, ratio = math.degrees(_angle(last, image)), image.measurement.span / last.measurement.span
     words = f"cameras {' and '.join(sorted(names))} show it {degrees:.0f} degrees apart"
@@ -110,12 +113,12 @@ def cameras_apart(last: Image, image: Image) -> Reason | None:
 def leaps_in_size(before: Image, after: Image) -> bool:
     """Whether no aircraft changes its apparent size so much so shortly."""
     both = before.has_extent and after.has_extent
-    return both and 0.0 < _between(before, after) < given.MAX_IMAGE_GAP_S and not _is_as_big(before, after)
+    return both and 0.0 < _between(before, after) < given.MAX_IMAGE_INTERVAL_S and not _is_as_big(before, after)
 
 
 def _is_there(before: Image, after: Image) -> bool:
     moved = given.MAX_SUSTAINED_BEARING_RATE * abs(_between(before, after))
-    return _angle(before, after) < given.MIN_BEARING_JUMP + moved
+    return _angle(before, after) < given.MIN_BEARING_STEP + moved
 
 
 def _between(before: Image, after: Image) -> float:
@@ -147,7 +150,7 @@ class LineOfSight(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """How often a target appears as its track expects, where it should be but of another size, and elsewhere: over
+    """Counts of images as the track expects, of another size in the same direction, and elsewhere: over
     the last seconds, up to a time."""
 
     t_ns: int = 0
@@ -162,7 +165,7 @@ class Seen(NamedTuple):
 
     @property
     def finding(self) -> str:
-        """What there is to report of images elsewhere, "" if they are as few as outliers."""
+        """Return what to report of images elsewhere, "" if they are as few as outliers."""
         return ELSEWHERE if self.elsewhere > max(2.0, 2.0 * given.EXTENT_AMBIGUITY_RATIO * self.expected) else ""
 
     def after(self, t_ns: int, memory_s: float) -> "Seen":
@@ -173,7 +176,7 @@ class Seen(NamedTuple):
 
 
 class Checks:
-    """What contradicts one track, by what became of its images and by what was published of it."""
+    """Consistency checks of one track, by its images and by what was published."""
 
     def __init__(self, config: Config) -> None:
         self._memory_s = 0.5 * config.reset_timeout_s
@@ -208,7 +211,7 @@ class Checks:
         """A track did not take an image."""
         self._gated = self._gated or image
         last = self._last
-        if last is None or not 0.0 < _between(last, image) < given.MAX_IMAGE_GAP_S:
+        if last is None or not 0.0 < _between(last, image) < given.MAX_IMAGE_INTERVAL_S:
             return
         seen, is_there = self._seen_before(image), _is_there(last, image)
         resized = seen.resized + (is_there and leaps_in_size(last, image))
@@ -220,8 +223,10 @@ class Checks:
         return self.seen.after(image.message.t_ns, self._memory_s)
 
     def ended(self, image: Image) -> bool:
-        """The track has ended, as no image fits it, this one neither. Whether the images had leapt: the next track
-        is then in question, unless they have leapt back. If it was for their size, another one is believed."""
+        """The track has ended, as no image fits it, this one neither.
+
+        Whether the images had leapt: the next track is then in question, unless they have leapt back. If it was
+        for their size, another one is believed."""
         last, first, seen = self._last, self._gated or image, self.seen
         self._last = self._gated = None
         self.seen = seen._replace(expected=seen.resized, resized=seen.expected) if seen.is_open else Seen()
@@ -254,8 +259,7 @@ class Checks:
         contradiction: Reason | None,
         is_misfit: bool,
     ) -> tuple[Reason | None, str]:
-        """What contradicts a belief that is to be published, None if nothing does; and what else there is to
-        report, "" if nothing."""
+        """Return what contradicts a belief, None if nothing does, and a finding to report, "" if none."""
         is_astray = self.sight is not None and not is_carried and not self.sight.shows(belief.mean[POSITION])
         doubt = (
             (LEAPT if t_ns < self.leapt_until_ns else None)

@@ -1,4 +1,4 @@
-"""A track's state, and what it becomes: by our own motion, an image, a report, a range, the wind."""
+"""A track's state, and its updates by own motion, an image, a report, a range, the wind."""
 
 import math
 from typing import Any, NamedTuple
@@ -34,7 +34,9 @@ Predicted = tuple[TrackState, Prediction]  # a track at the time of an image, an
 
 
 class ImageRecord(NamedTuple):
-    """What a track made of one image, from its prediction to the verdict. Life cycle, checks and report read it.
+    """Record of one image in a track.
+
+    From its prediction to the verdict; life cycle, checks and report read it.
 
     Without a `verdict` it is an association hypothesis: the track's `state` before the image, and the image beside
     what the track expects (`compared`), None where it expects nothing."""
@@ -51,7 +53,7 @@ class ImageRecord(NamedTuple):
 
     @property
     def nis(self) -> float:
-        """By what the track expects; 0 where it expects nothing."""
+        """Return the NIS of the image; 0 where the track expects nothing."""
         return 0.0 if self.compared is None else self.compared.expected.nis
 
     @property
@@ -93,9 +95,10 @@ def fuse(
     ownship: Ownship,
     compared: ImageComparison | None = None,
 ) -> tuple[TrackState, Update | bool]:
-    """The state after it; and the update by an image, or whether anything else was used. `compared`: the image
-    beside what is expected of it, where that is known. An image is fused if it passes the gate, and if the leader
-    is then in front of the camera that saw it. Raises FilterError."""
+    """The state after it; and the update by an image, or whether anything else was used.
+
+    `compared`: the image beside what is expected of it, where that is known. An image is fused if it passes the
+    gate, and if the leader is then in front of the camera that saw it. Raises FilterError."""
     leader, noise, supposed = state
     if isinstance(taken, Wind):
         return state._replace(leader=filter_.in_wind(leader, taken)), True
@@ -125,10 +128,10 @@ def fuse(
     leader = update.belief
     if taken.has_extent and noise.scale > math.sqrt(NOISE_RATIO_LIMIT) * supposed:
         # Begun anew from this image, but for its headings: hypotheses that died of a noise that was supposed too
-        # small do not come back by a larger one. By the larger one, the images before surprise the less.
+        # small do not come back by a larger one. By the larger one, the NIS of the images before are less.
         again = measure(filter_.shape, taken.points.noisier(noise.scale)).with_attitude_noise(pose.noise_c)
-        surprise = max(leader.particles.surprise * (supposed / noise.scale) ** 2, 1.0)
-        leader, supposed = filter_.start(again, pose, leader, surprise=surprise), noise.scale
+        mean_nis = max(leader.particles.mean_nis * (supposed / noise.scale) ** 2, 1.0)
+        leader, supposed = filter_.start(again, pose, leader, mean_nis=mean_nis), noise.scale
     return TrackState(leader, noise, supposed), update
 
 

@@ -33,8 +33,10 @@ WORDS: Final[Mapping[MountFrame, str]] = {
 
 
 class Meaning(NamedTuple):
-    """What angles may mean: against which frame, "" for the one in use; and which angle has the other sign, "" for
-    none beyond those configured."""
+    """Meaning of a gimbal's angles.
+
+    Against which frame, "" for the one in use; and which angle has the other sign, "" for none beyond those
+    configured."""
 
     frame: MountFrame | Literal[""] = ""
     other_sign: Axis | Literal[""] = ""
@@ -106,7 +108,7 @@ class GimbalFrames:
             if t_ns <= last.t_ns:
                 return None
             steps = ownship.steps(last.t_ns, t_ns)
-            if not steps or t_ns - last.t_ns > given.MAX_IMAGE_GAP_S * NS_PER_S:
+            if not steps or t_ns - last.t_ns > given.MAX_IMAGE_INTERVAL_S * NS_PER_S:
                 self._sights.clear()
             else:
                 moved = last.moved + sum(s.dt * s.v0 + 0.5 * s.dt**2 * s.a for s in steps)
@@ -118,7 +120,7 @@ class GimbalFrames:
 
     @property
     def contradiction(self) -> Reason | None:
-        """What contradicts the angles' meaning, None if nothing."""
+        """Return what contradicts the angles' meaning, None if nothing."""
         found = self._found
         if found is None or found.frame == self._used:
             return None
@@ -153,8 +155,9 @@ def may_be_contradicted(cameras: Camera) -> bool:
 
 
 def _with(camera: Camera, meaning: Meaning) -> Camera:
-    """The camera, and those beside it, with another meaning of the angles of their gimbals. A configured frame
-    stays."""
+    """The camera, and those beside it, with another meaning of the angles of their gimbals.
+
+    A configured frame stays."""
     others = tuple(_with(other, meaning) for other in camera.others)
     # an angle that is configured to have the other sign has its own again
     signs: set[Axis] = set(camera.gimbal_reversed) ^ ({meaning.other_sign} if meaning.other_sign else set())

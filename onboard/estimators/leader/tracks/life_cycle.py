@@ -27,10 +27,10 @@ UNSEEN: Final = "no image has shown the wing, and so the range, for too long"
 
 
 class Facts(NamedTuple):
-    """What a track knows of itself. `doubt`: what contradicts it; `in_view`: whether the target should be in the
-    image; `finding`: what else there is to report; `question`: what is open about it while it is followed. Both
-    may be "".
-    """
+    """Facts about a track.
+
+    `doubt`: what contradicts it; `in_view`: whether the target should be in the image; `finding`: what else there
+    is to report; `question`: what is open about it while it is followed. Both may be ""."""
 
     doubt: Reason | None
     in_view: bool
@@ -39,8 +39,10 @@ class Facts(NamedTuple):
 
 
 class TrackStatus(NamedTuple):
-    """The state of a track and its reason; since when it has been in this state; the seconds since the newest
-    fused image, None without one; and whether it is valid."""
+    """The state of a track and its reason.
+
+    Since when it has been in this state; the seconds since the newest fused image, None without one; and whether
+    it is valid."""
 
     state: Lifecycle
     why: Reason
@@ -50,8 +52,10 @@ class TrackStatus(NamedTuple):
 
 
 class Judgement(NamedTuple):
-    """What an image means for a track: whether it is older than the newest that was fused, and whether nothing has
-    passed the gate for so long that the track must end."""
+    """Consequences of an image for a track.
+
+    Whether it is older than the newest that was fused, and whether nothing has passed the gate for so long that
+    the track must end."""
 
     is_late: bool
     is_over: bool
@@ -85,9 +89,10 @@ class LifeCycle:
         self.resets += again
 
     def judge(self, t_ns: int, *, passes: bool, has_extent: bool, newest_ns: int | None) -> Judgement:
-        """An image of this time has passed the gate or not; `has_extent`: it shows the range; `newest_ns`: the
-        newest image that the gate lets pass now. The gate of a lost track is wide: one image proves nothing, and
-        one without the wing nothing at all."""
+        """An image of this time has passed the gate or not.
+
+        `has_extent`: it shows the range; `newest_ns`: the newest image that the gate lets pass now. The gate of a
+        lost track is wide: one image proves nothing, and one without the wing nothing at all."""
         is_late = self.last_fused_ns is not None and t_ns < self.last_fused_ns
         was_lost = self.is_lost(t_ns)
         self.judged_again(newest_ns)
@@ -108,42 +113,51 @@ class LifeCycle:
         return Judgement(is_late, t_ns - self._gated_since_ns > self._config.relock_after_s * NS_PER_S)
 
     def judged_again(self, fused_ns: int | None) -> None:
-        """The history was computed again; `fused_ns` is the time of the newest image that the gate lets pass now,
-        perhaps one that it stopped at first."""
+        """The history was computed again.
+
+        `fused_ns` is the time of the newest image that the gate lets pass now, perhaps one that it stopped at
+        first."""
         if fused_ns is not None and fused_ns > (self.last_fused_ns or 0):
             self.last_fused_ns = fused_ns
             self._gated_since_ns = None
 
     def reported(self, t_ns: int, *, used: bool) -> None:
-        """The leader's own report came, and was used or not. Where several in a row contradict what they have
-        carried, one or the other is wrong."""
+        """The leader's own report came, and was used or not.
+
+        Where several in a row contradict what they have carried, one or the other is wrong."""
         if used:
             self._reported_ns, self._reports_gated = max(self._reported_ns or 0, t_ns), 0
             return
         self._reports_gated += 1
-        if self._reports_gated >= given.MAX_CONTRADICTING_REPORTS and self.is_coasting(t_ns):
-            self.contradictions += self._reports_gated == given.MAX_CONTRADICTING_REPORTS
+        if self._reports_gated >= given.CONTRADICTING_REPORT_LIMIT and self.is_coasting(t_ns):
+            self.contradictions += self._reports_gated == given.CONTRADICTING_REPORT_LIMIT
             self._elsewhere_ns = t_ns
 
     def led_elsewhere(self, t_ns: int) -> None:
-        """Images contradict the track. If reports had carried it, these are not believed for a while."""
+        """Images contradict the track.
+
+        If reports had carried it, these are not believed for a while."""
         if self._reported_ns is None or self.was_led_elsewhere(t_ns):
             return
-        if self._reported_ns > (self.last_fused_ns or 0) + given.REACQUISITION_GAP_NS:
+        if self._reported_ns > (self.last_fused_ns or 0) + given.REACQUISITION_INTERVAL_NS:
             self.contradictions, self._elsewhere_ns = self.contradictions + 1, t_ns
 
     def was_led_elsewhere(self, t_ns: int) -> bool:
-        """Whether, lately, the leader was not where its reports had led. A clock may have begun anew since."""
-        return self._elsewhere_ns is not None and abs(t_ns - self._elsewhere_ns) < given.BROADCAST_DISTRUST_NS
+        """Whether, lately, the leader was not where its reports had led.
+
+        A clock may have begun anew since."""
+        return self._elsewhere_ns is not None and abs(t_ns - self._elsewhere_ns) < given.BROADCAST_DISTRUST_TIME_NS
 
     def is_carried(self, t_ns: int) -> bool:
         """Whether the leader's own reports say where it is, nobody else could have sent them, and no image
         contradicts them just now."""
-        is_contradicted = self._gated_since_ns is not None and t_ns - self._gated_ns < given.REACQUISITION_GAP_NS
+        is_contradicted = (
+            self._gated_since_ns is not None and t_ns - self._gated_ns < given.REACQUISITION_INTERVAL_NS
+        )
         if self._reported_ns is None or not self._config.broadcast.trusted or is_contradicted:
             return False
         is_recent = t_ns - self._reported_ns <= self._carried_for_s * NS_PER_S
-        return is_recent and self._reports_gated < given.MAX_CONTRADICTING_REPORTS
+        return is_recent and self._reports_gated < given.CONTRADICTING_REPORT_LIMIT
 
     def forgotten(self, why: Reason, *, had_track: bool) -> None:
         """The track, if there was one, has ended."""
@@ -202,8 +216,9 @@ class LifeCycle:
         return state, why
 
     def status(self, t_ns: int, facts: Facts | None, *, is_held: bool) -> TrackStatus:
-        """What is to be published of a track, of which these are the facts; None: there is no track, but images
-        may be held that are to start one."""
+        """Return the status of a track with these facts.
+
+        None: there is no track, but images may be held to start one."""
         if facts is not None:
             state, why = self.state(t_ns, facts)
         else:

@@ -1,5 +1,7 @@
-"""What is published of a target: reports on single images, with what was measured, what was predicted, and the
-verdict; the estimate; and how often."""
+"""Published records of a target.
+
+Reports on single images, with what was measured, what was predicted, and the verdict; the estimate; and how often.
+"""
 
 import math
 from collections.abc import Iterable
@@ -89,8 +91,9 @@ class RateLimit:
 
 
 def publish(belief: Belief | None, known: Vec3, limit: RateLimit, ownship: Ownship, **fields: Any) -> Estimate:
-    """The estimate of a belief, None without a track, with its further `fields`; `known`: the errors of our
-    attitude (3,) that the filter knows of. The next one is due by the `limit`."""
+    """The estimate of a belief, None without a track, with its further `fields`.
+
+    `known`: the errors of our attitude (3,) that the filter knows of. The next one is due by the `limit`."""
     limit.published(fields["t_ns"])
     if belief is not None:
         belief = with_attitude(belief, ownship.attitude_sigma, known)

@@ -55,10 +55,11 @@ HANGS: Final = Reason(Cause.STALE, "the camera hangs: its image stays although w
 
 
 class Track:
-    """All state of one target. `place` (3,): where the target was estimated last, None without a track; `held`:
-    images that are to start it; `repeats`: its stamps; `rate_limit`: when a tick is due; `sequence` and `life`:
-    counts that go on with its name; `why`: why there is none yet. `may_begin`: asked, by target and time, before
-    its filter starts."""
+    """All state of one target.
+
+    `place` (3,): where the target was estimated last, None without a track; `held`: images that are to start it;
+    `repeats`: its stamps; `rate_limit`: when a tick is due; `sequence` and `life`: counts that go on with its
+    name; `why`: why there is none yet. `may_begin`: asked, by target and time, before its filter starts."""
 
     def __init__(
         self,
@@ -81,7 +82,7 @@ class Track:
         self.repeats = Repeats(config.stale_after_s, poses.camera.sigma)
         self._checks, self._noise = Checks(config), NOISE  # of the tracks before
         self._wind: Wind | None = None
-        self._surprise = 1.0  # by the images before a track starts
+        self._mean_nis = 1.0  # by the images before a track starts
         self.size: Size | None = None  # by more than images
         self.prior: Prior | None = None  # of an earlier run, until a track starts
         self.prior_verdict = ""  # what became of it
@@ -96,7 +97,7 @@ class Track:
         return self.compare(image, self.predict(message.t_ns, ownship), ownship)
 
     def predict(self, t_ns: int, ownship: Ownship) -> Predicted | None:
-        """The track at the time of an image; None without one, or before all that is remembered. Pure."""
+        """Return the track at the time of an image; None without one, or before all that is remembered."""
         try:
             state = None if self._history is None else self._history.belief_before(t_ns, ownship)
             return None if state is None else (state, self._filter.predict(state.leader))
@@ -117,8 +118,7 @@ class Track:
         return record._replace(state=state, compared=compared, fits=fits)
 
     def take(self, record: ImageRecord, ownship: Ownship) -> Estimate:
-        """Let an image start the track, fuse it, or reject it, as it was compared with the track; or report why it
-        is used for nothing."""
+        """Let an image start the track, fuse it, or reject it, as it was compared with the track."""
         try:
             if record.verdict is None and record.image is not None:
                 record = self._decide(record, record.image, ownship)
@@ -163,8 +163,10 @@ class Track:
             self._fail(error)
 
     def assist(self, taken: Auxiliary, ownship: Ownship) -> Verdict:
-        """Use what is measured beside the images at its own time. Images come first: what contradicts them is
-        rejected. A report that may be false is used beside them alone."""
+        """Use what is measured beside the images at its own time.
+
+        Images come first: what contradicts them is rejected. A report that may be false is used beside them alone.
+        """
         history, is_report = self._history, isinstance(taken, Report)
         if history is None:
             return Verdict.INITIALISING
@@ -210,22 +212,22 @@ class Track:
 
     @property
     def filter(self) -> BeliefFilter:
-        """That of the class that its target is believed to be of."""
+        """Return the filter of the target's believed class."""
         return self._filter
 
     @property
     def range(self) -> float:
-        """How far away the target was estimated last, m; infinite without a track."""
+        """Return the range of the last estimate, m; infinite without a track."""
         return math.inf if self.place is None else math.hypot(*self.place)
 
     @property
     def half_wing(self) -> float:
-        """How long half its wing appears at most, in focal lengths."""
+        """Return the largest apparent length of half the wing, in focal lengths."""
         return min(0.5 * self._config.size_prior_m / max(self.range, 1e-3), 1.0) if self.place else 1.0
 
     @property
     def direction_n(self) -> tuple[float, ...] | None:
-        """Where the target was estimated last (3,), a unit vector in n; None without a track."""
+        """Return the direction of the last estimate (3,) in n; None without a track."""
         return None if self.place is None else tuple(x / self.range for x in self.place)
 
     @property
@@ -235,11 +237,13 @@ class Track:
 
     @property
     def noise(self) -> NoiseScale:
-        """Of its detector, by all images until now."""
+        """Return the noise of its detector, by all images until now."""
         return self._noise if self._history is None else self._history.nodes[-1].belief.noise
 
     def is_idle(self, t_ns: int) -> bool:
-        """Whether there is no track, nor any image within the last second: older images are not held."""
+        """Whether there is no track, nor any image within the last second.
+
+        Older images are not held."""
         newest_ns = self.repeats.newest_ns
         return self._history is None and (newest_ns is None or t_ns - newest_ns > NS_PER_S)
 
@@ -256,8 +260,9 @@ class Track:
         return image if is_same else self.prepare(image.message, image.view, ownship)
 
     def _decide(self, record: ImageRecord, image: Image, ownship: Ownship) -> ImageRecord:
-        """What to do with an image. The history keeps it in either case, to judge it again where an earlier one
-        comes later."""
+        """Decide what to do with an image.
+
+        The history keeps it in either case, to judge it again where an earlier one comes later."""
         history, t_ns = self._history, record.message.t_ns
         repeated = self.repeats.judge(image)  # after what is wrong with the image itself
         if repeated is Verdict.DUPLICATE:
@@ -301,7 +306,9 @@ class Track:
             self.life.led_elsewhere(t_ns)
             leapt = self._checks.ended(image)
             self._forget(why)
-            self._surprise = 1.0 if leapt else given.SURPRISE_AFTER_LOSS  # another object is no surprise
+            self._mean_nis = (
+                1.0 if leapt else given.MEAN_NIS_AFTER_LOSS
+            )  # Another object fits none of its hypotheses.
             self._start(image, ownship, None)
         elif verdict is Verdict.GATED:
             self._checks.gated(image)
@@ -321,8 +328,8 @@ class Track:
         first = images[0]
         earlier = before.belief_at(first.message.t_ns, ownship)[1].leader if before else None
         measurement = first.measurement.with_attitude_noise(first.pose.noise_c)
-        surprise = self._surprise if before is None else None
-        started = self._filter.start(measurement, first.pose, earlier, self.size, surprise)
+        mean_nis = self._mean_nis if before is None else None
+        started = self._filter.start(measurement, first.pose, earlier, self.size, mean_nis)
         if self.prior is not None:
             started = self._informed(started, self.prior, self.prior.relative(first.message.t_ns, ownship))
         begun = TrackState(started, self.noise, self.noise.scale)
@@ -339,7 +346,7 @@ class Track:
         held.clear()
 
     def _horizon_ns(self) -> int:
-        """How far back measurements are fused: reports arrive late."""
+        """Return how far back measurements are fused: reports arrive late."""
         b = self._config.broadcast
         late = b.latency_s + given.REPORT_DELAY_MARGIN_S if b.is_used else 0.0
         return round(max(self._config.rewind_horizon_s, late) * NS_PER_S)
@@ -352,8 +359,10 @@ class Track:
         return started if after is None else after
 
     def _settle(self, history: TrackHistory, ownship: Ownship, *, inserted: bool = False) -> None:
-        """Come up to the newest own motion. The history fuses and gates its images anew where that changes them:
-        the gate may let pass an image that it stopped at first."""
+        """Come up to the newest own motion.
+
+        The history fuses and gates its images anew where that changes them: the gate may let pass an image that it
+        stopped at first."""
         if history.settle(ownship) or inserted:
             self.life.judged_again(history.newest(passes))
 
@@ -362,7 +371,7 @@ class Track:
 
     def _forget(self, why: Reason) -> None:
         self.life.forgotten(why, had_track=self._history is not None)
-        self._surprise = 1.0
+        self._mean_nis = 1.0
         self._checks.forget()
         self.prior = None
         self._noise = self.noise.restarted()
@@ -377,8 +386,9 @@ class Track:
         return estimate
 
     def _estimate(self, ownship: Ownship, measurement: MeasurementReport | None) -> Estimate:
-        """The estimate now, with the report on the image that it follows, if any. A covariance without a Cholesky
-        factor ends the track."""
+        """The estimate now, with the report on the image that it follows, if any.
+
+        A covariance without a Cholesky factor ends the track."""
         t_ns, belief, life = ownship.now_ns, None, self.life
         modes: tuple[Mode, ...] = ()
         if self._history is not None:

@@ -8,10 +8,9 @@ import pytest
 from msgspec.structs import replace
 from numpy.testing import assert_allclose
 
-from onboard.estimators.leader.assumptions import TURN_BIAS
+from onboard.estimators.leader.assumptions import MARKER_HEADING_BIAS, MIN_VISIBLE_FRACTION
 from onboard.estimators.leader.hypotheses import prediction, update
 from onboard.estimators.leader.hypotheses.belief import make_filter
-from onboard.estimators.leader.hypotheses.motion import LEAST_VISIBLE
 from onboard.estimators.leader.hypotheses.particles import Particles
 from onboard.estimators.leader.hypotheses.start import start
 from onboard.estimators.leader.hypotheses.summary import LOG_SIZE, summarise
@@ -104,7 +103,7 @@ def test_the_nose_s_azimuth_and_its_mirror_image_follow_the_camera_s_attitude() 
     assert shown is not None
     assert shown.at == pytest.approx(math.pi / 2 + 0.6)
     assert shown.mirrored == pytest.approx(math.pi / 2 - 0.6)
-    assert shown.sigma == pytest.approx(math.hypot(0.05, TURN_BIAS), rel=0.01)
+    assert shown.sigma == pytest.approx(math.hypot(0.05, MARKER_HEADING_BIAS), rel=0.01)
 
 
 def test_a_nose_that_points_straight_up_has_no_azimuth() -> None:
@@ -174,7 +173,7 @@ def test_points_after_poses_leave_the_range_as_it_is_known_whatever_the_size() -
     for _ in range(5):
         after, nis = update.update(settings, after, wing, LEVEL)
         assert nis < settings.gate
-    assert (after.metric, after.edge_on_visibility) == (False, LEAST_VISIBLE)
+    assert (after.metric, after.edge_on_visibility) == (False, MIN_VISIBLE_FRACTION)
     assert 0.015 < summarise(settings, after).range_sigma() < 0.05
     again, _ = update.update(settings, after, measured(image(pose(sigma=0.05, yaw=None))), LEVEL)
     assert again.metric

@@ -8,8 +8,9 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.config import ConfigError, parse_config
-from onboard.estimators.leader.assumptions import BIAS_COUNTS, GUESS_BIAS
-from onboard.estimators.leader.hypotheses import motion, prediction, update
+from onboard.estimators.leader import assumptions
+from onboard.estimators.leader.assumptions import GENERIC_BOX_BIAS, OFFSET_BIAS_FACTOR
+from onboard.estimators.leader.hypotheses import prediction, update
 from onboard.estimators.leader.hypotheses.belief import make_filter
 from onboard.estimators.leader.hypotheses.start import start
 from onboard.estimators.leader.hypotheses.summary import summarise
@@ -127,7 +128,7 @@ def test_a_box_that_the_edge_may_cut_off_is_a_direction_off_by_half_a_wing() -> 
     cut = replace(detection(feature("box", 0.3, 0.0), half=(0.01, 0.01)), sides=None)
     m = measured(cut)
     assert (m.further, m.has_extent, len(m.y)) == (None, False, 2)
-    assert math.sqrt(m.rows.R[0, 0]) == pytest.approx(BIAS_COUNTS * 0.04, rel=0.01)
+    assert math.sqrt(m.rows.R[0, 0]) == pytest.approx(OFFSET_BIAS_FACTOR * 0.04, rel=0.01)
 
 
 def test_a_box_beside_points_that_show_the_range_is_not_used() -> None:
@@ -271,12 +272,12 @@ def test_the_bias_of_boxes_is_in_the_range_and_points_reduce_it_seed_3() -> None
     m = measured(detection(feature("box", 0.1, 0.05), half=(0.04, 0.01)), **WINGED)
     pose = CameraPose(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
     cloud = start(settings, m, pose)
-    assert [(bias.name, bias.sigma) for bias in cloud.biases] == [("boxes", GUESS_BIAS)]
+    assert [(bias.name, bias.sigma) for bias in cloud.biases] == [("boxes", GENERIC_BOX_BIAS)]
     exact = start(settings, m._replace(rows=m.rows._replace(bias=0.0)), pose)
     with_it, without = (summarise(settings, c).range_sigma() for c in (cloud, exact))
-    assert with_it**2 - without**2 == pytest.approx(GUESS_BIAS**2, rel=0.03)
+    assert with_it**2 - without**2 == pytest.approx(GENERIC_BOX_BIAS**2, rel=0.03)
     after, _ = update.update(settings, cloud, measured(IMAGE), pose)
-    assert after.edge_on_visibility == motion.LEAST_VISIBLE
+    assert after.edge_on_visibility == assumptions.MIN_VISIBLE_FRACTION
 
 
 def judged(box: Any, noise: float = 0.0) -> Any:

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from onboard.arrays import Array
 from onboard.estimators.leader import assumptions
-from onboard.estimators.leader.assumptions import GUST, USUAL_SIGMA
+from onboard.estimators.leader.assumptions import GUST_SIGMA_M_S, WIND_SIGMA_M_S
 from onboard.estimators.leader.hypotheses.summary import HEADING
 from onboard.estimators.leader.hypotheses.wind import wind_of
 from onboard.geometry.rotations import matrix_from_euler
@@ -85,8 +85,8 @@ def test_what_a_report_says_of_the_wind_about_the_leader() -> None:
     stated, silent = wind_of(report(0.0, sigma=0.75)), wind_of(report(0.0, sigma=None))
     assert stated is not None
     assert silent is not None
-    assert stated.sigma == math.hypot(0.75, GUST)
-    assert silent.sigma == math.hypot(USUAL_SIGMA, GUST)
+    assert stated.sigma == math.hypot(0.75, GUST_SIGMA_M_S)
+    assert silent.sigma == math.hypot(WIND_SIGMA_M_S, GUST_SIGMA_M_S)
     assert stated.velocity.tolist() == [0.0, -SPEED * math.tan(CRAB), 0.0]
 
 
@@ -96,7 +96,7 @@ def test_an_autopilot_that_estimates_no_wind_reports_none_and_not_calm() -> None
     assert wind_of(copter) is None
     calm = wind_of(replace(report(0.0, sigma=0.5), north=0.0, east=0.0))
     assert calm is not None
-    assert calm.sigma == math.hypot(0.5, GUST)
+    assert calm.sigma == math.hypot(0.5, GUST_SIGMA_M_S)
 
 
 def heading(estimate: Estimate) -> tuple[float, float]:

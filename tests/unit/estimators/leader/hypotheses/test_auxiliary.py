@@ -172,11 +172,11 @@ def test_reports_that_fit_take_the_surprise_of_the_last_images_away_and_others_a
     off_m: float, least: float, most: float
 ) -> None:
     """While no image comes, nothing else would."""
-    particles = cloud_of(4)._replace(surprise=2.0, unseen=3.0)
+    particles = cloud_of(4)._replace(mean_nis=2.0, unseen=3.0)
     at = report(np.array([RANGE, off_m, 0.0]), np.array([SPEED, 0.0, 0.0]))
     after = update.assist(settings_of(), particles, at, is_open=False)
     assert after is not None
-    assert least <= after.surprise <= most
+    assert least <= after.mean_nis <= most
 
 
 @pytest.mark.parametrize("trusted", [True, False])

@@ -38,5 +38,5 @@ def test_no_number_is_drawn_for_two_ends_in_two_steps() -> None:
     del streams["OF_INTENSITIES"]  # three of them
     assert uniform_ones < set(streams)
     of_step = [int(n) + k for name, n in streams.items() for k in range(1 if name in uniform_ones else 2)]
-    taken = [first + n for first in (4, 4 + draws.DRAWS) for n in of_step]
+    taken = [first + n for first in (4, 4 + draws.STREAMS_PER_STEP) for n in of_step]
     assert len(set(taken)) == len(taken)

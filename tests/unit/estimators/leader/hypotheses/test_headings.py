@@ -143,8 +143,8 @@ def test_the_nose_of_a_fixed_wing_is_likely_on_its_course_but_no_more() -> None:
 @pytest.mark.parametrize("middle", [False, True])
 def test_images_surprise_by_as_many_components_as_they_have(middle: bool) -> None:
     """The wing's middle is two more: with them, right images were as surprising as a leader that turns back."""
-    assert 0.6 < watched(0.5, 6.0, sway=2.0, middle=middle).surprise < 1.15
-    assert watched(0.5, 6.0, sway=2.0, middle=middle, noise_px=2.0, gated=60).surprise > 1.6
+    assert 0.6 < watched(0.5, 6.0, sway=2.0, middle=middle).mean_nis < 1.15
+    assert watched(0.5, 6.0, sway=2.0, middle=middle, noise_px=2.0, gated=60).mean_nis > 1.6
 
 
 def test_evidence_counts_by_seconds_and_not_by_images() -> None:

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from onboard.arrays import Array
-from onboard.estimators.leader.assumptions import FLIPPED, STRAY
+from onboard.estimators.leader.assumptions import MIRRORED_POSE_PROBABILITY, STRAY_POSE_PROBABILITY
 from onboard.estimators.leader.hypotheses import update
 from onboard.estimators.leader.hypotheses.motion import BANK_ERROR, N
 
@@ -20,14 +20,18 @@ def particles(count: int, seed: int) -> tuple[Array, Array]:
 
 
 def density(sigma: float, share: float) -> float:
-    return share / (math.sqrt(2 * math.pi) * sigma) + STRAY / (2 * math.pi)
+    return share / (math.sqrt(2 * math.pi) * sigma) + STRAY_POSE_PROBABILITY / (2 * math.pi)
 
 
 def test_a_nose_is_where_it_was_measured_or_at_the_mirror_image_or_anywhere_seed_2() -> None:
     headings = np.array([0.5, 2.5, 1.5])
     means, P = particles(3, 2)
     log_l = update.measure_heading(headings, means, P, 0.5, 2.5, 0.1)
-    found = [density(0.1, 1 - FLIPPED - STRAY), density(0.1, FLIPPED), STRAY / (2 * math.pi)]
+    found = [
+        density(0.1, 1 - MIRRORED_POSE_PROBABILITY - STRAY_POSE_PROBABILITY),
+        density(0.1, MIRRORED_POSE_PROBABILITY),
+        STRAY_POSE_PROBABILITY / (2 * math.pi),
+    ]
     assert_allclose(np.exp(log_l), found, rtol=1e-9)
     assert headings.tolist() == [0.5, 2.5, 1.5]
 

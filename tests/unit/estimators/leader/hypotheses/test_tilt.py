@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
+from onboard.estimators.leader import assumptions
 from onboard.estimators.leader.assumptions import LeaderModel
 from onboard.estimators.leader.hypotheses import motion as model
 from onboard.estimators.leader.hypotheses import tilt
@@ -80,8 +81,8 @@ def test_a_lean_is_likely_that_drag_times_airspeed_gives_and_others_are_not() ->
     for lean in (1.6, 0.0, -1.6):
         x[10] = lean
         of_lean[lean] = tilt.likely(0.5 * math.pi, x, P, 0.2, WIND, 0.0)
-    variance = (0.2 * WIND) ** 2 + tilt.OF_TILT2
-    steady = 0.5 * 1.6**2 / tilt.TILTS2
+    variance = (0.2 * WIND) ** 2 + assumptions.TILT_VARIANCE
+    steady = 0.5 * 1.6**2 / assumptions.STEADY_TILT_VARIANCE
     assert of_lean[1.6] - of_lean[0.0] == pytest.approx(0.5 * 1.6**2 / variance - steady, abs=1e-4)
     assert of_lean[0.0] - of_lean[-1.6] == pytest.approx(0.5 * (3.2**2 - 1.6**2) / variance + steady, abs=1e-4)
 
@@ -105,8 +106,8 @@ def test_the_slope_of_a_first_image_is_shared_by_lean_turn_and_bank_at_its_full_
     assert means[0, 11] == pytest.approx(0.25 * 0.3 * G)
     assert means[0, 7] == pytest.approx(0.5 * 0.3 * G)
     assert means[0, BANK_ERROR] == pytest.approx(0.25 * 0.3)
-    variance = (0.3 * WIND) ** 2 + tilt.OF_TILT2 + 2.0 + 1.0
-    cost = (0.3 * G) ** 2 * (1.0 / variance + 1.0 / tilt.TILTS2)
+    variance = (0.3 * WIND) ** 2 + assumptions.TILT_VARIANCE + 2.0 + 1.0
+    cost = (0.3 * G) ** 2 * (1.0 / variance + 1.0 / assumptions.STEADY_TILT_VARIANCE)
     assert log_l[0] == pytest.approx(-0.5 * (cost + math.log(variance)))
 
 

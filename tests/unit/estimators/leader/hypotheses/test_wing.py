@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
+from onboard.estimators.leader import assumptions
 from onboard.estimators.leader.hypotheses import motion as model
 from onboard.estimators.leader.hypotheses import view
 from onboard.estimators.leader.hypotheses.prediction import ParticleArrays
@@ -38,7 +39,7 @@ def fly_on(
     rest = regimes, means, P, intensities, course.course_locked, drags, np.zeros(len(headings))
     particles = ParticleArrays(headings, np.zeros(len(headings)), *rest)
     for k in range(len(headings)):
-        model.fly_on(k, particles, step, course.air, model.LEAST_VISIBLE)
+        model.fly_on(k, particles, step, course.air, assumptions.MIN_VISIBLE_FRACTION)
 
 
 LEVEL = [(0.0, 0.0), (-0.04, 0.0), (0.04, 0.0)]
@@ -225,7 +226,7 @@ def test_a_step_adds_noise_by_range_and_by_what_is_seen_seed_0_to_2(seed: int, a
         regimes = np.full(1, float(accelerates))
         fly_on(mean, covariance, headings, regimes, intensities, np.full(1, 0.2), step, FREE)
     along = (math.cos(heading) * x[1] - math.sin(heading) * x[0]) / np.linalg.norm(x[model.POSITION])
-    seen_of_it = 1.0 - along**2 + model.LEAST_VISIBLE**2
+    seen_of_it = 1.0 - along**2 + assumptions.MIN_VISIBLE_FRACTION**2
     factors = np.exp(2.0 * intensities[0])
     bold = np.ones(model.N)
     bold[: model.BANK_ERROR], bold[model.BANK_ERROR] = factors[0], factors[1]
@@ -261,7 +262,9 @@ def test_a_leader_that_hovers_comes_to_rest_over_ground_and_stays_uncertain_by_a
         step = STEP._replace(hover=hover)
         fly_on(x, P, headings, np.full(1, float(model.HOVERING)), ALIKE, np.zeros(1), step, FREE)
     assert x[0, model.VELOCITY] == pytest.approx(np.zeros(3), abs=1e-6)
-    assert np.diag(P[0])[model.VELOCITY] == pytest.approx(0.04 * np.array([1.0, 1.0, model.UPRIGHT2]), rel=0.02)
+    assert np.diag(P[0])[model.VELOCITY] == pytest.approx(
+        0.04 * np.array([1.0, 1.0, assumptions.HOVER_HEIGHT_VARIANCE_RATIO]), rel=0.02
+    )
     assert np.linalg.eigvalsh(P[0]).min() > 0.0
 
 
@@ -287,7 +290,7 @@ def test_what_particles_expect_together_is_the_mixture_of_what_each_expects_seed
 
 def test_a_wing_seen_along_itself_still_shows_a_tip() -> None:
     found = model.visible(np.array([0.0, 0.5 * math.pi]), np.tile([1.0, 0.0, 0.0], (2, 1)))
-    assert found == pytest.approx([1.0, model.LEAST_VISIBLE], abs=2e-3)
+    assert found == pytest.approx([1.0, assumptions.MIN_VISIBLE_FRACTION], abs=2e-3)
 
 
 @pytest.mark.parametrize("seed", range(5))

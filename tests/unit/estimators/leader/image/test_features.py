@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from onboard.estimators.leader.assumptions import BIAS_COUNTS, OFF_WING
+from onboard.estimators.leader.assumptions import CENTER_OFFSET_RATIO, OFFSET_BIAS_FACTOR
 from onboard.estimators.leader.image.prepare import features_of, measure
 from onboard.estimators.leader.image.shape import shape_of
 from onboard.messages import ImageFeature, Lifecycle, Message, TargetDetection, TargetPoints, Verdict
@@ -41,7 +41,7 @@ def test_a_pair_of_wingtips_measures_the_wing_and_its_middle_with_the_doubt_of_t
     whole, pair = measure(shape, saw(IMAGE)), measure(shape, saw(less(IMAGE, "left", "right")))
     assert pair.span == pytest.approx(whole.span, rel=1e-3)
     assert pair.rows.R[2, 2] == pytest.approx(whole.rows.R[2, 2], rel=1e-2)
-    assert math.sqrt(pair.rows.R[0, 0]) == pytest.approx(BIAS_COUNTS * OFF_WING * SPAN, rel=0.1)
+    assert math.sqrt(pair.rows.R[0, 0]) == pytest.approx(OFFSET_BIAS_FACTOR * CENTER_OFFSET_RATIO * SPAN, rel=0.1)
     middle = (np.array(IMAGE.left) + np.array(IMAGE.right)) / 2
     assert pair.axes[0][1:] / pair.axes[0][0] == pytest.approx(middle)
 
@@ -61,8 +61,8 @@ def test_one_point_or_a_box_measures_a_direction_and_no_wing(what: str) -> None:
     m = measure(shape, saw(detection))
     expected = {
         "center": SIGMA,
-        "left": math.hypot(SIGMA, BIAS_COUNTS * 0.04),
-        "box": math.hypot(0.05 * 0.1 / math.sqrt(2.0), BIAS_COUNTS * 0.1 * 2 * 0.05),
+        "left": math.hypot(SIGMA, OFFSET_BIAS_FACTOR * 0.04),
+        "box": math.hypot(0.05 * 0.1 / math.sqrt(2.0), OFFSET_BIAS_FACTOR * 0.1 * 2 * 0.05),
     }
     assert math.hypot(math.sqrt(m.rows.R[0, 0]), m.off) == pytest.approx(expected[what], rel=0.05)
     assert m.y[2:].tolist() == pytest.approx([0.098, 0.0] if what == "box" else [], abs=1e-3)
