@@ -21,7 +21,7 @@ class Bounds(NamedTuple):
 
 ANGLE_DEG: Final = Bounds(-360.0, 360.0, "it is an angle in degrees")
 OFFSET_M: Final = Bounds(-50.0, 50.0, "it is a distance on our own vehicle in metres")
-DELAY: Final = Bounds(-10.0, 10.0, "it is a delay in seconds; older images are not fused")
+DELAY_BOUNDS: Final = Bounds(-10.0, 10.0, "it is a delay in seconds; older images are not fused")
 RANGES: Final = {
     "estimator.leader.size_prior_m": Bounds(0.02, 200.0, "it is an aircraft's wingspan in metres"),
     "estimator.leader.size_prior_sigma_m": Bounds(1e-6, 100.0, "it is the error of a wingspan in metres"),
@@ -30,12 +30,12 @@ RANGES: Final = {
     "ownship.errors.velocity_sigma_m_s": Bounds(0.0, 100.0, "it is the error of a velocity in m/s"),
     "estimator.leader.delay_sigma_s": Bounds(0.0, 1.0, "it is the error of a delay in seconds"),
     "estimator.leader.validity_timeout_s": Bounds(0.02, 3600.0, "it is a time without images in seconds"),
-    "delay.camera_s": DELAY,
+    "delay.camera_s": DELAY_BOUNDS,
 }
 CAMERA_RANGES: Final = {
     "mount_rpy_deg": ANGLE_DEG,
     "mount_offset_m": OFFSET_M,
-    "delay_s": DELAY,
+    "delay_s": DELAY_BOUNDS,
     "mount_sigma_deg": Bounds(0.0, 45.0, "a larger error leaves the camera's direction unknown"),
     "mount_yaw_sigma_deg": Bounds(0.0, 90.0, "a larger error leaves the camera's direction unknown"),
 }

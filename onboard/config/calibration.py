@@ -10,7 +10,7 @@ from typing import Any, Final
 from onboard.geometry.lens import Lens
 from onboard.wire.ros.camera_info import EXPECTED, lens_of_info, make_lens, model_of, numbers_of, shown
 
-MAX_BYTES: Final = 1 << 20
+MAX_CALIBRATION_SIZE: Final = 1 << 20
 
 
 def read_calibration(path: Path) -> Lens:
@@ -19,8 +19,8 @@ def read_calibration(path: Path) -> Lens:
     Rectification and projection matrices are ignored. Raises ValueError, which names the file and the field.
     """
     try:
-        if path.exists() and not (path.is_file() and path.stat().st_size <= MAX_BYTES):
-            raise ValueError(f"expected a file of at most {MAX_BYTES} bytes")  # noqa: TRY301 - as for what is no text
+        if path.exists() and not (path.is_file() and path.stat().st_size <= MAX_CALIBRATION_SIZE):
+            raise ValueError(f"expected a file of at most {MAX_CALIBRATION_SIZE} bytes")  # noqa: TRY301 - as for what is no text
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error  # the path stands before it

@@ -42,7 +42,7 @@ FILE_ADDRESS: Final = "file:///"
 BARE_NUMBER: Final = re.compile(r"[+-]?(\.\d+|\d+\.)")  # accepted from users, but not by TOML
 AUTOPILOT_COMPONENT_ID: Final = 1  # MAV_COMP_ID_AUTOPILOT1
 GIMBAL_MESSAGE: Final = "GIMBAL_DEVICE_ATTITUDE_STATUS"
-GIMBAL_RATE_HZ: Final = 25.0
+REQUESTED_GIMBAL_RATE_HZ: Final = 25.0
 OUT_OF_RANGE: Final = re.compile(r"expected `\w+` [<>]")  # of msgspec
 INVALID_CHOICE: Final = re.compile("invalid enum value ")  # of msgspec
 STEP_OF_PATH: Final = re.compile(r"\.(\w+)|\[(\d+)\]")
@@ -259,7 +259,7 @@ def _with_rates(config: Config) -> Config:
         if not rate >= 0:
             raise ConfigError(f"autopilot.rates_hz.{name} is {rate}; use a positive rate, or 0 for no request")
     cameras = (config.camera, *config.cameras.values())
-    gimbal = {} if all(camera.gimbal is None for camera in cameras) else {GIMBAL_MESSAGE: GIMBAL_RATE_HZ}
+    gimbal = {} if all(camera.gimbal is None for camera in cameras) else {GIMBAL_MESSAGE: REQUESTED_GIMBAL_RATE_HZ}
     rates = {**AutopilotConfig().rates_hz, **gimbal, **config.autopilot.rates_hz}
     asked = {name: rate for name, rate in rates.items() if rate > 0.0}
     return msgspec.structs.replace(config, autopilot=msgspec.structs.replace(config.autopilot, rates_hz=asked))

@@ -13,7 +13,7 @@ from onboard.filters.errors import ANGLE_ERROR, MAX_ANGLE_SPREAD, check_members
 from onboard.filters.kernels import images as kernels
 from onboard.filters.kernels.calls import call
 
-TWO_PI = 2 * np.pi
+TWO_PI = 2.0 * np.pi
 
 
 def beside_first(images: Array, angular_states: tuple[int, ...]) -> Array:

@@ -25,7 +25,7 @@ from onboard.filters.runs import Run, run
 from onboard.filters.smoothers import smooth
 from onboard.filters.state_space import LinearModel
 
-PARTS: Final = ("F", "Q", "R", "start")
+ESTIMATED_PARTS: Final = ("F", "Q", "R", "start")
 LIKELIHOOD_TOLERANCE: Final = 1e-9  # relative rounding of a sum of log-likelihoods
 DIFFERENCE_STEP: Final = 1e-3  # of second differences, in units of theta
 
@@ -163,9 +163,9 @@ def expectation_maximisation(
     NotPositiveDefiniteError
         If a covariance is not positive definite, or not finite.
     """
-    unknown = set(estimate) - set(PARTS)
+    unknown = set(estimate) - set(ESTIMATED_PARTS)
     if unknown or any(np.ndim(a) != 2 for a in (model.F, model.Q, model.H, model.R)):
-        wanted = f"must be of {', '.join(PARTS)}, of a model that does not change"
+        wanted = f"must be of {', '.join(ESTIMATED_PARTS)}, of a model that does not change"
         raise FilterError(f"estimate: {wanted}, not {sorted(estimate)}")
     history: list[float] = []
     before, found = (model, start), None

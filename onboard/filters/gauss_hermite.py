@@ -27,7 +27,7 @@ from onboard.filters.kernels import factors
 from onboard.filters.kernels.calls import call, check_like
 from onboard.filters.kernels.noise import noise_factor
 
-MAX_POINT_COUNT: Final = 1_000_000
+MAX_GRID_SIZE: Final = 1_000_000
 DEFAULT_ORDER: Final = 3
 
 
@@ -42,8 +42,8 @@ def rule(n: int, order: int = DEFAULT_ORDER) -> tuple[Array, Array]:
     FilterError
         If an argument cannot be used; the message says which one and why.
     """
-    if order < 2 or order**n > MAX_POINT_COUNT:
-        raise FilterError(f"order: must be at least 2, with order^n at most {MAX_POINT_COUNT:,}, not {order}^{n}")
+    if order < 2 or order**n > MAX_GRID_SIZE:
+        raise FilterError(f"order: must be at least 2, with order^n at most {MAX_GRID_SIZE:,}, not {order}^{n}")
     nodes, weights = np.polynomial.hermite_e.hermegauss(order)
     points = np.array(list(product(nodes, repeat=n)))
     each = np.prod(np.array(list(product(weights / weights.sum(), repeat=n))), axis=1)

@@ -9,7 +9,7 @@ from onboard.messages import Advice, Severity
 CLOCK_PATIENCE_S: Final = 15.0
 PATIENCE_S: Final = 5.0  # after the start, before a stream is missing
 LONG_ROUND_TRIP_S: Final = 0.05
-MISFIT: Final = 3.0  # times the expected NIS of our own state: no manoeuvre, nor noise of half as much again
+MAX_OWN_NIS_RATIO: Final = 3.0  # to its expectation: above manoeuvres, and noise of half as much again
 # By record: the MAVLink message that is asked for, ArduPilot's parameter of its rate, and what fails without it.
 STREAMS: Final = {
     "Attitude": ("ATTITUDE_QUATERNION", "EXTRA1", "each image needs our attitude at its exposure"),
@@ -202,7 +202,7 @@ def own_misfit(m: Moment) -> Iterator[Advice]:
     """Measurements of our own motion that do not fit the others, with or without an airframe."""
     for key, found in m.now.consistency.items():
         estimator, _, sensor = key.partition(".")
-        if estimator == "own_state" and found.nis > MISFIT:
+        if estimator == "own_state" and found.nis > MAX_OWN_NIS_RATIO:
             yield Advice(
                 kind="own-misfit",
                 severity=Severity.WARNING,

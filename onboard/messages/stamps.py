@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 from onboard.messages.base import Clock
 from onboard.units import NS_PER_S
 
-UNITS: Final = {"nanoseconds": 1, "microseconds": 1_000, "milliseconds": 1_000_000, "seconds": NS_PER_S}
+STAMP_UNITS_NS: Final = {"nanoseconds": 1, "microseconds": 1_000, "milliseconds": 1_000_000, "seconds": NS_PER_S}
 CLOCK_NAMES: Final = {Clock.HOST: "Unix time", Clock.BOOT: "the autopilot's time since its boot"}
 # Usual errors of clocks (GPS week rollover, a wrong date, a time zone): name, seconds, maximum number of them.
 CLOCK_STEPS: Final = (("{} x 1,024 weeks", 619_315_200, 3), ("{} days", 86_400, 400), ("{} hours", 3_600, 48))
@@ -59,7 +59,7 @@ def read_stamps(
     """
     if clock in spans and spans[clock].contains(stamps):
         return None
-    for unit, ns in UNITS.items():
+    for unit, ns in STAMP_UNITS_NS.items():
         for of, span in spans.items():
             if span.contains([stamp * ns for stamp in stamps]):
                 return _diagnose_clock_and_unit(clock, of, unit, ns, is_ros=is_ros)

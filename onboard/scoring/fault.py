@@ -6,8 +6,8 @@ from typing import Final
 from onboard.messages import Fault, FaultKind, NavState, Record, Truth
 from onboard.units import NS_PER_S, S_PER_NS
 
-GUST: Final = "gust"  # Not a fault of the vehicle: in a flight with another fault, that one is scored.
-FAULT_KINDS: Final = {"inputs": FaultKind.MASS, "mass": FaultKind.MASS, GUST: FaultKind.GUST}
+GUST_SCENARIO: Final = "gust"  # Not a fault of the vehicle: in a flight with another fault, that one is scored.
+FAULT_KINDS: Final = {"inputs": FaultKind.MASS, "mass": FaultKind.MASS, GUST_SCENARIO: FaultKind.GUST}
 JUDGED_FAULTS: Final = (FaultKind.MOTOR, FaultKind.MASS, FaultKind.GUST)  # kinds that occur in the truth
 MAX_REPORT_DELAY_NS: Final = 3 * NS_PER_S  # A past fault may still be reported for this long.
 
@@ -41,7 +41,7 @@ def score_fault(states: Sequence[NavState], truths: Sequence[Truth]) -> FaultSco
     if not states or not truths:
         return None
     intervals = _intervals(truths)
-    happened = min(intervals, key=lambda name: (name == GUST, intervals[name]), default=None)
+    happened = min(intervals, key=lambda name: (name == GUST_SCENARIO, intervals[name]), default=None)
     first: dict[tuple[FaultKind, str, int], int] = {}
     last: dict[tuple[FaultKind, str, int], Fault] = {}
     for s in states:

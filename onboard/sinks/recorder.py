@@ -62,7 +62,7 @@ class Rotation(NamedTuple):
     keep_days: float | None = None  # age above which they are removed
 
 
-NO_ROTATION: Final = Rotation()
+DEFAULT_ROTATION: Final = Rotation()
 NO_METADATA: Final[Mapping[str, Mapping[str, str]]] = {}
 
 
@@ -87,7 +87,7 @@ class Recorder:
         self,
         path: Path,
         *,
-        rotation: Rotation = NO_ROTATION,
+        rotation: Rotation = DEFAULT_ROTATION,
         metadata: Mapping[str, Mapping[str, str]] = NO_METADATA,
         report: Callable[[str], None] = lambda _: None,
         monotonic: Callable[[], float] = time.monotonic,

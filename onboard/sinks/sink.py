@@ -28,7 +28,7 @@ PAUSE_TIME_S: Final = 0.002  # ... after which the event loop has it, which rele
 YIELDING_FACTOR: Final = 4  # items that give way are accepted while a queue is filled to less than 1 in this many
 MIN_RETRY_DELAY_S: Final = 0.5
 MAX_RETRY_DELAY_S: Final = 30.0
-CLOSE_TIMEOUT_S: Final = 3.0
+SINK_CLOSE_TIMEOUT_S: Final = 3.0
 
 
 class SinkError(UserError):
@@ -116,7 +116,7 @@ class SinkRunner(Generic[T]):
         *,
         gives_way: Callable[[T], bool] | None = None,
         first_retry_s: float = MIN_RETRY_DELAY_S,
-        close_timeout_s: float = CLOSE_TIMEOUT_S,
+        close_timeout_s: float = SINK_CLOSE_TIMEOUT_S,
         gathers_s: float = 0.0,
     ) -> None:
         self.name = name

@@ -11,7 +11,7 @@ from typing import Any, Final, NamedTuple
 
 from onboard.messages.causes import NO_REASON, Cause, Reason
 
-CONNECT_TIMEOUT_S: Final = 1.0
+ENDPOINT_TIMEOUT_S: Final = 1.0
 NO_SESSION: Final = Reason(
     Cause.UNREACHABLE,
     "it answers but opens no session; check that it is a Zenoh router, and user and password",
@@ -57,7 +57,7 @@ def probe(endpoint: str, trust: Trust) -> Reason | None:
     if name not in ("tcp", "tls"):
         return None
     try:
-        with socket.create_connection((host(endpoint), int(port(endpoint))), CONNECT_TIMEOUT_S) as plain:
+        with socket.create_connection((host(endpoint), int(port(endpoint))), ENDPOINT_TIMEOUT_S) as plain:
             if name == "tls":
                 _handshake(plain, host(endpoint), trust)
     except ssl.SSLCertVerificationError as error:

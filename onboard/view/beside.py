@@ -14,7 +14,7 @@ from onboard.view.memory import DRAW_RATE_HZ, Memory
 from onboard.view.motion import LeaderArrays
 from onboard.view.sdk import rr
 
-COMPONENTS: Final = ("range", *plots.QUANTITIES.values())
+BESIDE_PLOTS: Final = ("range", *plots.QUANTITIES.values())
 
 
 def colour_of(place: int) -> tuple[str, palette.Colour]:
@@ -25,7 +25,7 @@ def colour_of(place: int) -> tuple[str, palette.Colour]:
 
 def log_static(stream: "rr.RecordingStream", name: str, colour: palette.Colour) -> None:
     """Log the curves, outline and label of an estimator, which do not change."""
-    for plot in (*COMPONENTS, *plots.ERROR_PLOTS):
+    for plot in (*BESIDE_PLOTS, *plots.ERROR_PLOTS):
         scene.log_curves(stream, f"plots/{plot}/{name}", [(name, colour, 1.5)])
     scene.log_lines(stream, f"{scene.BESIDE_PATH}/{name}/outline", shapes.aeroplane_outline(), colour, 0.8)
     stream.log(f"{scene.BESIDE_PATH}/{name}", rr.TransformAxes3D(axis_length=0.0), static=True)
@@ -43,7 +43,7 @@ def draw(
     name, t_ns = estimate.name, estimate.t_ns
     outline, label = f"{scene.BESIDE_PATH}/{name}", f"{scene.BESIDE_TAG}/{name}"
     if leader is None:
-        for plot in COMPONENTS:
+        for plot in BESIDE_PLOTS:
             columns.add(scalars, f"plots/{plot}/{name}", t_ns, np.nan)
         columns.add(transforms, outline, t_ns, HIDDEN)
         columns.add(no_tags, label, t_ns, None)

@@ -12,20 +12,20 @@ from onboard.view.motion import LeaderArrays, range_estimate
 
 MAGNIFIER_SCALE = 5.0
 IMAGE_TIMEOUT_NS = 300_000_000  # the last image is cleared after this
-NO_POINTS = np.zeros((0, 2))
+NO_IMAGE_POINTS = np.zeros((0, 2))
 
 
 def pixels(points: tuple[tuple[float, float], ...] | None, camera: Camera) -> Array:
     """Convert image points to pixels (n, 2) and drop those that are not finite."""
     if points is None or len(points) == 0:
-        return NO_POINTS
+        return NO_IMAGE_POINTS
     px = pixels_from_points(points, camera)
     return np.asarray(px[np.all(np.isfinite(px), axis=1)])
 
 
 def wing(px: Array) -> Array:
     """Return the line left tip, centre, right tip of (centre, left, right) px (3, 2), or no points."""
-    return px[[1, 0, 2]] if len(px) == 3 else NO_POINTS
+    return px[[1, 0, 2]] if len(px) == 3 else NO_IMAGE_POINTS
 
 
 def expected_error(camera: Camera, leader: LeaderArrays | None) -> float:
@@ -34,9 +34,9 @@ def expected_error(camera: Camera, leader: LeaderArrays | None) -> float:
     It contains pixel noise and the position error across the line of sight.
     """
     if leader is None:
-        return scene.SIGMAS * camera.sigma_px
+        return scene.DRAWN_SIGMAS * camera.sigma_px
     r = range_estimate(leader)
-    return scene.SIGMAS * float(np.hypot(camera.sigma_px, camera.f_px * r.sigma_across / max(r.range, 1e-3)))
+    return scene.DRAWN_SIGMAS * float(np.hypot(camera.sigma_px, camera.f_px * r.sigma_across / max(r.range, 1e-3)))
 
 
 def magnify(px: Array, centre: Array, camera: Camera) -> Array:
@@ -85,5 +85,5 @@ def clear_image(columns: Columns, memory: Memory, camera: Camera, t_ns: int) -> 
     if not memory.is_due("no image", t_ns, 2.0):
         return
     for place in (scene.CAMERA, scene.MAGNIFIER):
-        draw_points(columns, place, t_ns, ImagePoints(NO_POINTS, palette.GREY), NO_POINTS, 1.0)
-    draw_verdict(columns, camera, t_ns, palette.AMBER, palette.NO_IMAGE.upper())
+        draw_points(columns, place, t_ns, ImagePoints(NO_IMAGE_POINTS, palette.GREY), NO_IMAGE_POINTS, 1.0)
+    draw_verdict(columns, camera, t_ns, palette.AMBER, palette.NO_IMAGE_VERDICT.upper())

@@ -9,7 +9,7 @@ from onboard.view.columns import TIMELINE
 from onboard.view.sdk import rrb
 from onboard.view.words import plain
 
-WINDOW_S = 30.0  # of flight in every plot
+PLOTTED_TIME_S = 30.0  # of flight in every plot
 TRAIL_DURATION_S = 10.0
 BACKGROUND = [18, 20, 23]
 
@@ -40,8 +40,8 @@ def last_seconds(seconds: float) -> "rrb.VisibleTimeRanges":
 
 def time_axis() -> "rrb.TimeAxis":
     """Return the common axis of all plots: the window up to the time shown, with a margin."""
-    start = rrb.TimeRangeBoundary.cursor_relative(seconds=-WINDOW_S)
-    end = rrb.TimeRangeBoundary.cursor_relative(seconds=0.02 * WINDOW_S)
+    start = rrb.TimeRangeBoundary.cursor_relative(seconds=-PLOTTED_TIME_S)
+    end = rrb.TimeRangeBoundary.cursor_relative(seconds=0.02 * PLOTTED_TIME_S)
     return rrb.TimeAxis(view_range=rrb.TimeRange(start=start, end=end))
 
 
@@ -52,7 +52,7 @@ def plot(name: str, entity: str, *, legend: bool = False) -> "rrb.TimeSeriesView
         origin=f"/plots/{entity}",
         axis_x=time_axis(),
         plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend),
-        time_ranges=last_seconds(WINDOW_S),
+        time_ranges=last_seconds(PLOTTED_TIME_S),
     )
 
 
@@ -237,7 +237,7 @@ def plots(shown: Contents, others: str, page: str = "") -> "rrb.Tabs":
 
 def traffic_page() -> "rrb.Vertical":
     """The map of other aircraft and the table of the closest approaches."""
-    table = rrb.TextDocumentView(name="Closest approaches", origin=f"/{traffic.TABLE}")
+    table = rrb.TextDocumentView(name="Closest approaches", origin=f"/{traffic.TRAFFIC_TABLE}")
     return rrb.Vertical(traffic_view(), table, name="Traffic", row_shares=[1.3, 1.0])
 
 
@@ -265,7 +265,7 @@ def window(camera: Camera, shown: Contents, others: str, page: str = "") -> "rrb
         origin="/",
         contents=strips,
         time_view=time_axis(),
-        time_ranges=last_seconds(WINDOW_S),
+        time_ranges=last_seconds(PLOTTED_TIME_S),
     )
     right: list[rrb.Container | rrb.View] = [plots(shown, others, page), *([timeline] if strips else [])]
     return rrb.Horizontal(

@@ -35,7 +35,7 @@ STATES: dict[str, Colour] = {
     Lifecycle.LOST: RED,
 }
 
-NO_IMAGE = "no image"
+NO_IMAGE_VERDICT = "no image"
 
 VERDICTS: dict[str, Colour] = {
     Verdict.FUSED: GREEN,
@@ -57,7 +57,7 @@ VERDICTS: dict[str, Colour] = {
     Verdict.OURSELVES: GREY,
     Verdict.DIRECTION_ONLY: AMBER,
     Verdict.FULL: AMBER,
-    NO_IMAGE: DARK,
+    NO_IMAGE_VERDICT: DARK,
 }
 
 NO_FAULT = "no fault"

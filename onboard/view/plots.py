@@ -28,7 +28,7 @@ OUR_ESTIMATOR = ""  # the view's own estimator, among those waiting for a truth
 
 def banded(value: float, sigma: float) -> Array:
     """Return a value and the edges of its band, (3,)."""
-    return np.array([value, value + scene.SIGMAS * sigma, value - scene.SIGMAS * sigma])
+    return np.array([value, value + scene.DRAWN_SIGMAS * sigma, value - scene.DRAWN_SIGMAS * sigma])
 
 
 def plot_leader(columns: Columns, memory: Memory, t_ns: int, leader: LeaderArrays | None) -> None:
@@ -71,7 +71,7 @@ def _plot_error(columns: Columns, name: str, leader: LeaderArrays, r: Array) -> 
     ours = range_estimate(leader)
     errors = [ours.range - float(np.linalg.norm(r)), *(leader.r - r)]
     for plot, error, sigma in zip(ERROR_PLOTS, errors, (ours.sigma, *leader.sigma[:3]), strict=True):
-        edge = scene.SIGMAS * sigma
+        edge = scene.DRAWN_SIGMAS * sigma
         if name == OUR_ESTIMATOR:
             columns.add(scalars, f"plots/{plot}", leader.t_ns, np.array([error, edge, -edge]))
         else:
@@ -92,7 +92,7 @@ def plot_report(columns: Columns, memory: Memory, report: MeasurementReport, str
             )
             memory.innovations = len(ratio)
         columns.add(scalars, "plots/innovation/value", t_ns, ratio)
-        columns.add(scalars, "plots/innovation/gate", t_ns, np.array([scene.SIGMAS, -scene.SIGMAS]))
+        columns.add(scalars, "plots/innovation/gate", t_ns, np.array([scene.DRAWN_SIGMAS, -scene.DRAWN_SIGMAS]))
     if report.nis is not None and report.gate is not None:
         # one outlier must not flatten the plot: values far beyond the gate are drawn at its upper edge
         columns.add(scalars, "plots/nis/value", t_ns, np.minimum(report.nis / max(report.gate, 1e-9), NIS_CLIP))

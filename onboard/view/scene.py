@@ -48,7 +48,7 @@ MOVING = (
     *(LEADER_PATH, LEADER_TRUTH, LEADER_VELOCITY, UNCERTAINTY, *OPEN_ENDS),
 )
 
-SIGMAS = 3.0
+DRAWN_SIGMAS = 3.0
 GRID_SPACING = 10.0  # m
 LEADER_SCALE = 2.0  # in the chase view, where the leader is far from the eye
 FOLLOWER_SPAN = 2.0  # m, of the glyph: the real one is unknown
@@ -208,7 +208,7 @@ def log_aircraft(stream: "rr.RecordingStream", rotors: Rotors) -> None:
     log_lines(stream, f"{LEADER_TRUTH}/shape", shapes.aeroplane_outline(), palette.TRUTH, 0.5)
     log_mesh(stream, f"{FOLLOWER}/shape/mesh", shapes.multirotor(rotors), palette.OWN_COLOUR)
     for k, hub in enumerate(shapes.hubs(rotors) if rotors else ()):
-        log_mesh(stream, f"{WEAK}/{k}/disc", shapes.disc(hub, 1.1 * shapes.ROTOR_RADIUS, 0.03), palette.RED)
+        log_mesh(stream, f"{WEAK}/{k}/disc", shapes.disc(hub, 1.1 * shapes.DISC_RADIUS, 0.03), palette.RED)
     stream.log(f"{FOLLOWER}/shape", rr.Transform3D(scale=FOLLOWER_SPAN), static=True)
     for entity in (FOLLOWER, f"{FOLLOWER}/shape", CAMERA, LEADER_PATH, ENLARGED):
         # the viewer draws axes for entities that are only a pose
@@ -243,7 +243,7 @@ def log_rotors(stream: "rr.RecordingStream", rotors: Rotors) -> None:
     places = np.array([(y, -x) for x, y in shapes.hubs(rotors)]) if rotors else np.zeros((0, 2))
     log_frame(stream, f"{ROTORS_PATH}/arms", [[(0.0, 0.0), (x, y)] for x, y in places.tolist()], 2.0)
     log_frame(stream, f"{ROTORS_PATH}/nose", [[(-0.06, -0.14), (0.0, -0.24), (0.06, -0.14)]], 2.0)
-    discs = rr.Points2D.from_fields(positions=places, radii=shapes.ROTOR_RADIUS, show_labels=True, draw_order=30.0)
+    discs = rr.Points2D.from_fields(positions=places, radii=shapes.DISC_RADIUS, show_labels=True, draw_order=30.0)
     stream.log(f"{ROTORS_PATH}/discs", discs, static=True)
     words = rr.Points2D.from_fields(radii=0.0, show_labels=True, draw_order=50.0)
     stream.log(f"{ROTORS_PATH}/words", words, static=True)

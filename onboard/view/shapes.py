@@ -58,7 +58,7 @@ def spindle(x: ArrayLike, radius: ArrayLike, sides: int = 10) -> Mesh:
     return flat_mesh(np.array(triangles))
 
 
-WING = [(0.07, 0, 0), (-0.04, 0.5, 0), (-0.12, 0.5, 0), (-0.15, 0, 0), (-0.12, -0.5, 0), (-0.04, -0.5, 0)]
+WING_OUTLINE = [(0.07, 0, 0), (-0.04, 0.5, 0), (-0.12, 0.5, 0), (-0.15, 0, 0), (-0.12, -0.5, 0), (-0.04, -0.5, 0)]
 TAILPLANE = [(-0.42, 0, 0), (-0.48, 0.19, 0), (-0.54, 0.19, 0), (-0.54, -0.19, 0), (-0.48, -0.19, 0)]
 FIN = [(-0.38, 0, 0), (-0.5, 0, -0.18), (-0.56, 0, -0.18), (-0.54, 0, 0)]
 
@@ -66,7 +66,7 @@ FIN = [(-0.38, 0, 0), (-0.5, 0, -0.18), (-0.56, 0, -0.18), (-0.54, 0, 0)]
 def aeroplane() -> Mesh:
     """Return a fixed-wing aircraft of span 1, its origin at the middle of the wing."""
     return merge(
-        plate(WING, (0, 0, 0.025)),
+        plate(WING_OUTLINE, (0, 0, 0.025)),
         plate(TAILPLANE, (0, 0, 0.02)),
         plate(FIN, (0, 0.02, 0)),
         spindle([0.42, 0.38, 0.25, 0.05, -0.2, -0.55], [0.0, 0.035, 0.06, 0.065, 0.045, 0.012]),
@@ -75,12 +75,12 @@ def aeroplane() -> Mesh:
 
 def aeroplane_outline() -> list[Array]:
     """Return line strips of the same aircraft, to lay over it."""
-    closed = [np.array([*part, part[0]], dtype=float) for part in (WING, TAILPLANE, FIN)]
+    closed = [np.array([*part, part[0]], dtype=float) for part in (WING_OUTLINE, TAILPLANE, FIN)]
     return [*closed, np.array([(0.42, 0, 0), (-0.55, 0, 0)], dtype=float)]
 
 
 HUBS = ((0.31, 0.31), (0.31, -0.31), (-0.31, 0.31), (-0.31, -0.31))
-ROTOR_RADIUS = 0.19  # for a span of 1
+DISC_RADIUS = 0.19  # for a span of 1
 
 
 def hubs(rotors: Sequence[Sequence[float]]) -> Array:
@@ -89,7 +89,7 @@ def hubs(rotors: Sequence[Sequence[float]]) -> Array:
     return np.asarray(places * (np.hypot(*HUBS[0]) / np.max(np.hypot(places[:, 0], places[:, 1]))))
 
 
-def disc(hub: ArrayLike, radius: float = ROTOR_RADIUS, thickness: float = 0.012) -> Mesh:
+def disc(hub: ArrayLike, radius: float = DISC_RADIUS, thickness: float = 0.012) -> Mesh:
     """Return a rotor over its hub (2,), as the disc that it sweeps."""
     angle = np.linspace(0, 2 * np.pi, 17)[:-1]
     rim = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)

@@ -128,7 +128,7 @@ def draw_leader(columns: Columns, memory: Memory, estimate: Estimate, leader: Le
         columns.add(transforms, scene.LEADER_VELOCITY, t_ns, HIDDEN)
     elif np.all(np.isfinite(v_L_n)):
         columns.add(transforms, scene.LEADER_VELOCITY, t_ns, arrow(r, v_L_n))
-    half_axes, axes = ellipsoid(leader.covariance[:3, :3], scene.SIGMAS)
+    half_axes, axes = ellipsoid(leader.covariance[:3, :3], scene.DRAWN_SIGMAS)
     columns.add(transforms, scene.UNCERTAINTY, t_ns, Transform(r, quaternion_from_matrix(axes), UNIT_SCALE))
     columns.add(ellipsoids, f"{scene.UNCERTAINTY}/ellipsoid", t_ns, half_axes)
     q_heading = UNROTATED_WXYZ if memory.own is None else heading_quaternion(memory.own.q_nb)

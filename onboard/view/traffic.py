@@ -13,7 +13,7 @@ from onboard.view.memory import Memory
 from onboard.view.sdk import rr
 
 MAP: Final = "traffic/map"
-TABLE: Final = "traffic/table"
+TRAFFIC_TABLE: Final = "traffic/table"
 RING_RADII: Final = (500.0, 1000.0, 2000.0, 4000.0)  # m
 MAP_WIDTH: Final = 6000.0  # m
 MAP_RATE_HZ: Final = 4.0
@@ -80,7 +80,7 @@ def draw_traffic(columns: Columns, memory: Memory, estimate: Estimate) -> None:
     columns.add(lines, f"{MAP}/ways", t_ns, (along, [palette.shade(c, 0.7) for c in colours]))
     around = [place + ellipse(e) for place, e in zip(places, tracks, strict=True)]
     columns.add(lines, f"{MAP}/ellipses", t_ns, (around, [palette.UNCERTAIN] * len(around)))
-    columns.add(texts, TABLE, t_ns, table(tracks))
+    columns.add(texts, TRAFFIC_TABLE, t_ns, table(tracks))
 
 
 def on_map(vectors: Array) -> Array:
@@ -94,7 +94,7 @@ def ellipse(estimate: Estimate) -> Array:
     circle = np.stack([np.cos(around), np.sin(around)])
     P = np.array(estimate.covariance)[:2, :2]
     values, vectors = np.linalg.eigh(P)
-    level = (vectors * scene.SIGMAS * np.sqrt(np.maximum(values, 0.0))) @ circle
+    level = (vectors * scene.DRAWN_SIGMAS * np.sqrt(np.maximum(values, 0.0))) @ circle
     return on_map(level.T)
 
 

@@ -203,7 +203,7 @@ class View:
         elif t_ns - memory.t_image_ns > image.IMAGE_TIMEOUT_NS:
             image.clear_image(columns, memory, self._camera, t_ns)
             plots.plot_no_image(columns, memory, t_ns)
-            plots.plot_state(columns, memory, "images", t_ns, palette.NO_IMAGE)
+            plots.plot_state(columns, memory, "images", t_ns, palette.NO_IMAGE_VERDICT)
         is_of_leader = self._shown.leader or not self._shown.own
         if is_of_leader and memory.is_due("status", t_ns, STATUS_RATE_HZ):
             self._show_status(estimate, leader)

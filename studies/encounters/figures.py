@@ -8,7 +8,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 
-from onboard.analysis.report.style import STYLE, TRUTH, panels
+from onboard.analysis.report.style import STYLE, TRUTH_LINE, panels
 from studies.encounters.flights import Case, Flight
 from studies.report.drawing import COLOURS, legend, save
 
@@ -33,7 +33,7 @@ def draw(flights: Mapping[Case, Flight], out: Path) -> tuple[str, ...]:
                 label="±1σ of the filter",
             )
             axis.plot(flight.t, flight.range_, color=COLOUR, label="estimate, where valid")
-            axis.plot(flight.t, flight.distance, label="truth", **TRUTH)
+            axis.plot(flight.t, flight.distance, label="truth", **TRUTH_LINE)
             _limit(axis, flight)
             axis.set_title(case.name, fontsize=9)
         for axis in axes[-1]:

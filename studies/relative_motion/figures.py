@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from onboard.analysis.report.style import STYLE, TRUTH, panels
+from onboard.analysis.report.style import STYLE, TRUTH_LINE, panels
 from onboard.arrays import Array
 from onboard.filters.gating import normalised_squared
 from onboard.models.relative_motion import A_LAT, A_LONG, POSITION, SIZE, VELOCITY
@@ -133,7 +133,7 @@ def _against_truth(t: Array, q: Components) -> Figure:
         _set_limits(axis, [q.truth[:, i], *(e[t > 2, i] for e in q.estimates.values())], 0.2)
         for name, estimate in q.estimates.items():
             axis.plot(t, estimate[:, i], color=COLOURS[name], label=LABELS[name])
-        axis.plot(t, q.truth[:, i], label="truth", **TRUTH)
+        axis.plot(t, q.truth[:, i], label="truth", **TRUTH_LINE)
         _bands(axis, t, q, i, q.estimates)
         _label(axis, q, i)
     legend(figure, axes[0])
@@ -203,7 +203,7 @@ def _overview(flight: Flight, tracks: Mapping[str, Track]) -> Figure:
         speed.plot(t, np.linalg.norm(error[:, VELOCITY], axis=1) / M_PER_FT, color=colour)
         lateral.plot(t, track.mean[:, A_LAT] / M_PER_FT, color=colour)
     nees.axhline(9, color="black", linewidth=0.7)
-    lateral.plot(t, truth[:, A_LAT] / M_PER_FT, **TRUTH)
+    lateral.plot(t, truth[:, A_LAT] / M_PER_FT, **TRUTH_LINE)
     speed.set_ylim(0, 4)
     ranges.set_ylim(-12, 12)
     lateral.set_ylim(5, 11)

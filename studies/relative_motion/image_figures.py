@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 from matplotlib.figure import Figure
 
-from onboard.analysis.report.style import TRUTH, panels
+from onboard.analysis.report.style import TRUTH_LINE, panels
 from onboard.arrays import Array
 from onboard.geometry.rotations import matrix_from_euler, matrix_from_quaternion
 from onboard.models import camera_angles
@@ -48,7 +48,7 @@ def measured_angles(flight: Flight, camera: Camera) -> Figure:
     )
     for i, (axis, name) in enumerate(zip(axes[:, 0], ANGLES, strict=True)):
         axis.plot(flight.image_t, measured[:, i], color=MEASURED, label="from the image points", **DOTS)
-        axis.plot(flight.image_t, true[:, i], label="true leader, wing across the sight", **TRUTH)
+        axis.plot(flight.image_t, true[:, i], label="true leader, wing across the sight", **TRUTH_LINE)
         axis.set_ylabel(f"{name}, °")
     axes[-1, 0].set_xlabel("time, s")
     axes[-1, 0].set_xlim(flight.image_t[0], flight.image_t[-1])

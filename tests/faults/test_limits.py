@@ -141,16 +141,16 @@ def test_reports_beyond_the_room_are_full(monkeypatch: pytest.MonkeyPatch) -> No
     one: Any = SimpleNamespace()
     monkeypatch.setattr(traffic_waiting, "key_of", lambda _: ("icao", 1))
     frame: Any = None
-    found = [reports.add(one, frame, None, {("icao", 1)}) for _ in range(traffic_waiting.MAX_QUEUE_SIZE + 2)]
-    assert found == [None] * traffic_waiting.MAX_QUEUE_SIZE + [Verdict.FULL] * 2
-    assert sum(map(len, reports.take())) == traffic_waiting.MAX_QUEUE_SIZE
+    found = [reports.add(one, frame, None, {("icao", 1)}) for _ in range(traffic_waiting.MAX_WAITING_REPORTS + 2)]
+    assert found == [None] * traffic_waiting.MAX_WAITING_REPORTS + [Verdict.FULL] * 2
+    assert sum(map(len, reports.take())) == traffic_waiting.MAX_WAITING_REPORTS
 
 
 def test_of_the_sources_of_a_track_the_oldest_is_forgotten() -> None:
     track = Track("radar/1", None, 1, 0, {})
-    for k in range(traffic_track.MAX_SOURCE_COUNT + 4):
+    for k in range(traffic_track.MAX_SOURCES_PER_TRACK + 4):
         track = track.fused(k * S, f"radar/{k}")
-    assert sorted(track.sources.values()) == [k * S for k in range(4, traffic_track.MAX_SOURCE_COUNT + 4)]
+    assert sorted(track.sources.values()) == [k * S for k in range(4, traffic_track.MAX_SOURCES_PER_TRACK + 4)]
 
 
 def test_records_beyond_the_room_before_zenoh_cost_the_oldest_and_are_counted() -> None:

@@ -18,7 +18,7 @@ import numpy as np
 from onboard import UserError
 from onboard.arrays import Array
 
-WINDOW_S: Final = 0.6
+AVERAGING_WINDOW_S: Final = 0.6
 MIN_SAMPLES: Final = 5  # in a window
 CORRELATION_TIME_S: Final = 4.0  # of residuals
 MAX_GAP_RATIO: Final = 0.5  # of a window, between two of its samples
@@ -87,7 +87,9 @@ def fit_airframe(flight: RecordedFlight, known: AirframeMeasures) -> AirframeFit
     squared *= (np.interp(flight.t, flight.command_t, flight.voltage)[:, None] / known.full_voltage) ** 2
     x, right, spin = known.rotors.T
     mixed = squared @ np.column_stack([np.ones(len(x)), -right, x, spin])
-    window = max(WINDOW_S, MIN_SAMPLES * max(float(np.median(np.diff(t))) for t in (flight.t, flight.command_t)))
+    window = max(
+        AVERAGING_WINDOW_S, MIN_SAMPLES * max(float(np.median(np.diff(t))) for t in (flight.t, flight.command_t))
+    )
     first, last = _windows(flight, mixed[:, 0], window)
     if len(first) * window < MIN_FLIGHT_TIME_S:
         flown_s = len(first) * window
@@ -198,10 +200,10 @@ def _slope(t: Array, y: Array, X: Array, Z: Array | None = None) -> FittedValue:
     inverse = np.linalg.pinv(Z.T @ X)
     b = inverse @ Z.T @ y
     scores = Z * (y - X @ b)[:, None]
-    bins = np.round((t - t.min()) / WINDOW_S).astype(int)
+    bins = np.round((t - t.min()) / AVERAGING_WINDOW_S).astype(int)
     series = np.zeros((bins.max() + 1, X.shape[1]))
     np.add.at(series, bins, scores)
-    lags = min(round(CORRELATION_TIME_S / WINDOW_S), len(series) - 1)
+    lags = min(round(CORRELATION_TIME_S / AVERAGING_WINDOW_S), len(series) - 1)
     middle = series.T @ series
     for lag in range(1, lags + 1):
         cross = series[lag:].T @ series[:-lag]

@@ -26,7 +26,7 @@ DECIMALS: Final[Format] = {
     "quality": ".0f",
 }
 Q_COLUMNS: Final = ("q_w", "q_x", "q_y", "q_z")
-TEXT: Final = ("state", "verdict", "target", "estimator", "faults")  # columns that hold no number
+TEXT_COLUMNS: Final = ("state", "verdict", "target", "estimator", "faults")  # columns that hold no number
 
 
 class CsvTable(NamedTuple):

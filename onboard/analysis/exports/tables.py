@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Final, Protocol
 
 from onboard import UserError, with_extra
-from onboard.analysis.exports.csv_rows import LEADER_TABLE, OWN_TABLE, TEXT, CsvTable, CsvWriter
+from onboard.analysis.exports.csv_rows import LEADER_TABLE, OWN_TABLE, TEXT_COLUMNS, CsvTable, CsvWriter
 from onboard.messages import Estimate, Health, NavState, Output
 from onboard.messages.ros import Ros2Config
 from onboard.scoring.reference import Reference
@@ -22,7 +22,7 @@ EXTRAS: Final = {  # module and extra
 IDENTITY: Final = (1.0, 0.0, 0.0, 0.0)
 OWN_STATE: Final = "own_state"
 BAG: Final = ".ros2"
-ROS2: Final = Ros2Config()
+DEFAULT_ROS2: Final = Ros2Config()
 
 
 class Writer(Protocol):
@@ -57,7 +57,7 @@ def suffix_of(path: Path) -> str:
 
 
 def open_export(
-    path: Path, stack: ExitStack, *, of_own: bool, ros2: Ros2Config = ROS2
+    path: Path, stack: ExitStack, *, of_own: bool, ros2: Ros2Config = DEFAULT_ROS2
 ) -> Callable[[Output | Health], None]:
     """Open a new file, closed by `stack`, and return its `write`. Raises UserError.
 
@@ -129,7 +129,9 @@ class ParquetWriter:
         from pyarrow import parquet  # noqa: PLC0415
 
         self._arrow, self._values = pa, table.values
-        self._schema = pa.schema([(name, pa.string() if name in TEXT else pa.float64()) for name in table.columns])
+        self._schema = pa.schema(
+            [(name, pa.string() if name in TEXT_COLUMNS else pa.float64()) for name in table.columns]
+        )
         self._writer = parquet.ParquetWriter(path, self._schema)
         self._waiting: list[Any] = []
 

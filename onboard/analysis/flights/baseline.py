@@ -17,9 +17,9 @@ from onboard.models import relative_motion
 from onboard.scoring.beside import PRIMARY_ESTIMATOR
 from onboard.units import S_PER_NS
 
-NAME: Final = "filterpy"
-MAX_ATTITUDE_OFFSET_NS: Final = 60_000_000  # from the image
-MAX_GAP_TIME_S: Final = 2.0  # without an image; then it restarts
+BASELINE_NAME: Final = "filterpy"
+MAX_OWN_POSE_OFFSET_NS: Final = 60_000_000  # from the image
+MAX_IMAGE_GAP_S: Final = 2.0  # without an image; then it restarts
 ACCELERATION_NOISE: Final = 2.0  # m/s^2, white
 WING_SIGMA: Final = 0.02  # of the size, as configured by default
 POINT_COUNT: Final = 3
@@ -47,7 +47,7 @@ class Baseline:
         if report is None or report.points is None or len(report.points) < POINT_COUNT or not self._poses:
             return None
         own = min(self._poses, key=lambda pose: abs(pose.t_ns - report.t_ns))
-        if abs(own.t_ns - report.t_ns) > MAX_ATTITUDE_OFFSET_NS or report.t_ns <= self._t_ns:
+        if abs(own.t_ns - report.t_ns) > MAX_OWN_POSE_OFFSET_NS or report.t_ns <= self._t_ns:
             return None
         center, left, right = (np.array(point) for point in report.points[:POINT_COUNT])
         z = np.array([*center, np.linalg.norm(right - left)])
@@ -56,7 +56,7 @@ class Baseline:
 
     def _step(self, z: Array, R_cn: Array, t_ns: int) -> None:
         dt = (t_ns - self._t_ns) * S_PER_NS
-        if self._filter is None or dt > MAX_GAP_TIME_S:
+        if self._filter is None or dt > MAX_IMAGE_GAP_S:
             self._begin(z, R_cn)
         else:
             eye, filter_ = np.eye(3), self._filter
@@ -96,8 +96,8 @@ class Baseline:
         mean, P = np.zeros(nine), np.diag([0.0] * 6 + [(WING_SIGMA * self._size) ** 2, 4.0, 4.0])
         mean[:6], mean[6], P[:6, :6] = self._filter.x, self._size, self._filter.P
         return Estimate(
-            name=NAME,
-            target=NAME,
+            name=BASELINE_NAME,
+            target=BASELINE_NAME,
             sequence=self._sequence,
             t_ns=self._t_ns,
             state=Lifecycle.TRACKING,

@@ -52,7 +52,7 @@ FOREIGN_FORMATS: Final = {  # by how a file begins: what it is, and what to do
     **dict.fromkeys((b"\xfe", b"\xfd"), RAW),
     b"FMT, ": "a DataFlash log as text: replay the .bin that it was made of",
 }
-WORDS: Final = (Heartbeat, StatusText, ParamValue)
+UNTIMED_MESSAGES: Final = (Heartbeat, StatusText, ParamValue)
 NO_OTHERS: Final[Mapping[str, Config]] = {}
 
 
@@ -211,7 +211,7 @@ def _forward(pipeline: Pipeline, messages: Iterable[Message], hear: Callable[[Me
     for message in messages:
         if mine is None or (message.system, message.component) != (mine.system, mine.component):
             continue
-        if t > 0.0 or isinstance(message, WORDS):
+        if t > 0.0 or isinstance(message, UNTIMED_MESSAGES):
             hear(message, t)
 
 

@@ -15,7 +15,7 @@ from typing import Any, Final
 
 from onboard import with_extra
 
-CONNECT_TIMEOUT_S: Final = 10.0  # of the scheduler
+SCHEDULER_TIMEOUT_S: Final = 10.0  # of the scheduler
 PARTS_PER_CORE_COUNT: Final = 4  # that are with the cluster at a time
 MIN_WAITING_COUNT: Final = 16
 WORKER_TIMEOUT_S: Final = 120.0
@@ -43,7 +43,7 @@ def on_cluster(
     try:
         connect: Any = distributed.Client
         pack: Any = distributed.protocol.pickle.dumps
-        client = connect(address, timeout=CONNECT_TIMEOUT_S, set_as_default=False)
+        client = connect(address, timeout=SCHEDULER_TIMEOUT_S, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         raise ClusterError(f"there is no Dask scheduler at {address}: {error}") from error
     with client:

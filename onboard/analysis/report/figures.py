@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from onboard.analysis.report.series import FUSED, FlightSeries
-from onboard.analysis.report.style import STYLE, TRUTH, panels
+from onboard.analysis.report.style import STYLE, TRUTH_LINE, panels
 from onboard.arrays import Array
 from onboard.filters.gating import chi_square_threshold
 from onboard.messages import Lifecycle
@@ -19,7 +19,7 @@ from onboard.units import S_PER_NS
 MAX_CURVE_SAMPLES: Final = 2000
 BINS: Final = 120  # of windowed figures
 LEADER, OWN, BAD, GREY = "#0072b2", "#e69f00", "#d55e00", "#999999"
-STATES: Final = dict(zip(Lifecycle, ("#999999", "#9a80d0", "#2e9e5b", "#e69f00", "#d55e00"), strict=True))
+COLORS_BY_STATE: Final = dict(zip(Lifecycle, ("#999999", "#9a80d0", "#2e9e5b", "#e69f00", "#d55e00"), strict=True))
 
 
 def figures(series: FlightSeries, errors: Errors | None, reference: Reference | None) -> dict[str, Figure]:
@@ -53,7 +53,7 @@ def _track(series: FlightSeries, reference: Reference | None) -> Figure:
         if len(first):
             axis.plot(*_absolute(series, first[:, 0], first[:, 2:4]), "o", color=LEADER, markersize=5)
     if reference is not None:
-        axis.plot(*_absolute(series, reference.time, reference.values[:, :2]), **TRUTH, label="leader, truth")
+        axis.plot(*_absolute(series, reference.time, reference.values[:, :2]), **TRUTH_LINE, label="leader, truth")
     axis.set(xlabel="east, m", ylabel="north, m")
     axis.set_aspect("equal", adjustable="datalim")
     axis.legend(loc="best", fontsize=8)
@@ -68,7 +68,7 @@ def _range(series: FlightSeries, reference: Reference | None) -> Figure:
     above.fill_between(t, r - 2 * sigma, r + 2 * sigma, color=LEADER, alpha=0.25, linewidth=0, label="±2σ")
     above.plot(t, r, color=LEADER, label="range")
     if reference is not None:
-        above.plot(reference.time, np.linalg.norm(reference.values[:, :3], axis=1), **TRUTH, label="truth")
+        above.plot(reference.time, np.linalg.norm(reference.values[:, :3], axis=1), **TRUTH_LINE, label="truth")
     above.set(ylabel="range, m", ylim=(0.0, 1.15 * float(np.nanpercentile(r + sigma, 99.5)) if _any(r) else 1.0))
     above.legend(loc="best", fontsize=8, ncols=3)
     _strip(below, series)
@@ -83,7 +83,7 @@ def _strip(axis: Any, series: FlightSeries) -> None:
     for row, state in enumerate(Lifecycle):
         of_state = changes[:, 1] == row
         bars = list(zip(changes[of_state, 0], ends[of_state] - changes[of_state, 0], strict=True))
-        axis.broken_barh(bars, (row - 0.4, 0.8), color=STATES[state], linewidth=0)
+        axis.broken_barh(bars, (row - 0.4, 0.8), color=COLORS_BY_STATE[state], linewidth=0)
     axis.set(yticks=range(len(Lifecycle)), yticklabels=[str(state) for state in Lifecycle])
     axis.set_ylim(-0.6, len(Lifecycle) - 0.4)
     axis.grid(visible=False, axis="y")

@@ -14,7 +14,7 @@ from onboard.analysis.report.verdict import Check, Grade, worst
 from onboard.messages.text import MAX_LINE_LENGTH, plain
 
 COLOURS: Final = {Grade.PASS: "#1f7a45", Grade.AMBER: "#b26a00", Grade.FAIL: "#b3261e"}
-STYLE: Final = """
+STYLE_SHEET: Final = """
 body{font:15px/1.45 system-ui,sans-serif;color:#1b1f24;background:#fff}
 body{max-width:60rem;margin:1.5rem auto;padding:0 1rem}
 .grade{color:#fff;border-radius:.5rem;padding:.6rem 1rem;font-size:1.15rem}
@@ -60,7 +60,7 @@ def html(report: FlightReport) -> str:
     """Render the HTML page."""
     parts = [
         f"<!doctype html><html lang=en><meta charset=utf-8><title>{_text(report.title)}</title>",
-        f"<meta name=viewport content='width=device-width'><style>{STYLE}</style>",
+        f"<meta name=viewport content='width=device-width'><style>{STYLE_SHEET}</style>",
         f"<h1>{_text(report.title)}</h1>{_banner(report.checks)}",
         f"<table class=facts>{''.join(_row(fact) for fact in report.facts)}</table>",
         f"<h2>Checks</h2>{_checks(report.checks)}",

@@ -19,7 +19,7 @@ STYLE: Final[dict[Any, Any]] = {
     "legend.frameon": False,
     "figure.dpi": 130,
 }
-TRUTH: Final[dict[str, Any]] = {"color": "black", "linewidth": 0.9, "linestyle": (0, (4, 2))}
+TRUTH_LINE: Final[dict[str, Any]] = {"color": "black", "linewidth": 0.9, "linestyle": (0, (4, 2))}
 
 
 def panels(

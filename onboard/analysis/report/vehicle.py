@@ -14,11 +14,11 @@ from onboard.messages.mavlink_enums import ARDUPILOT, PX4
 from onboard.messages.text import MAX_LINE_LENGTH, plain
 from onboard.units import NS_PER_S
 
-WINDOW_S: Final = 0.5  # over which the accelerometer's scatter is taken
-MAX_MOTOR_NUMBER: Final = 8  # outputs that are drawn
+SCATTER_WINDOW_S: Final = 0.5  # over which the accelerometer's scatter is taken
+MAX_DRAWN_OUTPUTS: Final = 8  # outputs that are drawn
 MAX_EVENT_ROWS: Final = 500  # modes and messages
 MAX_PARAMETER_ROWS: Final = 3000  # PX4 has some 1,200, ArduPilot 1,500
-MAX_NAME_LENGTH: Final = 16  # of a parameter
+MAX_PARAMETER_NAME_LENGTH: Final = 16  # of a parameter
 ROUNDING_RATIO: Final = 1e-6  # a smaller difference is the rounding to 32 bits
 PX4_MODES: Final = {1: "MANUAL", 2: "ALTCTL", 3: "POSCTL", 4: "AUTO", 5: "ACRO", 6: "OFFBOARD", 7: "STABILIZED"}
 PX4_AUTO: Final = dict(enumerate(("READY", "TAKEOFF", "LOITER", "MISSION", "RTL", "LAND"), start=1)) | {
@@ -27,7 +27,7 @@ PX4_AUTO: Final = dict(enumerate(("READY", "TAKEOFF", "LOITER", "MISSION", "RTL"
 }
 # MAV_TYPE -> the enumeration that names ArduPilot's modes
 PLANES, ROVERS, SUBMARINE = frozenset({1, *range(19, 26)}), frozenset({10, 11}), 12
-SEVERITIES: Final = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")
+SEVERITY_NAMES: Final = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")
 
 
 class Parameter(NamedTuple):
@@ -58,7 +58,7 @@ class VehicleSeries:
     known. `words`: time, kind and text of changes of mode and of messages. `parameters`: by name."""
 
     def __init__(self) -> None:
-        self.battery, self.outputs = NumberRows(2), NumberRows(1 + MAX_MOTOR_NUMBER)
+        self.battery, self.outputs = NumberRows(2), NumberRows(1 + MAX_DRAWN_OUTPUTS)
         self.vibration, self.gps = NumberRows(4), NumberRows(7)
         self.words: list[tuple[float, str, str]] = []
         self.left_out = 0  # words beyond MAX_EVENT_ROWS
@@ -75,8 +75,8 @@ class VehicleSeries:
             case Battery() if self.battery.is_due(t_ns):
                 self.battery.append(t, message.voltage_v)
             case ActuatorOutputs(port=0) if self.outputs.is_due(t_ns):
-                widths = [float(width) or np.nan for width in message.pwm_us[:MAX_MOTOR_NUMBER]]
-                self.outputs.append(t, *widths, *[np.nan] * (MAX_MOTOR_NUMBER - len(widths)))
+                widths = [float(width) or np.nan for width in message.pwm_us[:MAX_DRAWN_OUTPUTS]]
+                self.outputs.append(t, *widths, *[np.nan] * (MAX_DRAWN_OUTPUTS - len(widths)))
             case Imu():
                 self._add_force(message, t)
             case GpsFix() if self.gps.is_due(t_ns):
@@ -88,11 +88,11 @@ class VehicleSeries:
             case ParamValue():
                 self._add_parameter(message, t)
             case StatusText():
-                severity = SEVERITIES[min(message.severity, len(SEVERITIES) - 1)]
+                severity = SEVERITY_NAMES[min(message.severity, len(SEVERITY_NAMES) - 1)]
                 self._add_event(t, severity, message.text)
 
     def _add_force(self, message: Imu, t: float) -> None:
-        if not t - self._window_s < WINDOW_S:
+        if not t - self._window_s < SCATTER_WINDOW_S:
             steps = np.diff(np.array(self._forces or [message.f_b]), axis=0)
             if len(steps) > 1:
                 self.vibration.append(t, *np.sqrt(np.mean(steps**2, axis=0) / 2.0).tolist())
@@ -110,7 +110,7 @@ class VehicleSeries:
             self._add_event(t, "armed" if mode[0] else "disarmed", "")
 
     def _add_parameter(self, message: ParamValue, t: float) -> None:
-        name, value = plain(message.name, MAX_NAME_LENGTH), message.value
+        name, value = plain(message.name, MAX_PARAMETER_NAME_LENGTH), message.value
         known = self.parameters.get(name)
         if known is None and len(self.parameters) >= MAX_PARAMETER_ROWS:
             self.parameters_left_out += 1

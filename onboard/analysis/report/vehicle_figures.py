@@ -10,13 +10,13 @@ from matplotlib.figure import Figure
 
 from onboard.analysis.report.figures import BAD, GREY, LEADER, OWN, thin
 from onboard.analysis.report.style import STYLE, panels
-from onboard.analysis.report.vehicle import MAX_MOTOR_NUMBER, VehicleSeries
+from onboard.analysis.report.vehicle import MAX_DRAWN_OUTPUTS, VehicleSeries
 from onboard.arrays import Array
 
 FIX_TYPE_3D: Final = 3  # MAVLink GPS_FIX_TYPE
 DEGREE_LENGTH_M: Final = 111_195.0  # of latitude, on the sphere of the Earth's mean radius
 SCALES_M: Final = tuple(n * 10**k for k in range(6) for n in (1, 2, 5))
-AXIS_NAMES: Final = ("forward", "right", "down")
+BODY_AXIS_NAMES: Final = ("forward", "right", "down")
 
 
 def vehicle_figures(vehicle: VehicleSeries) -> dict[str, Figure]:
@@ -49,16 +49,16 @@ def _battery(axis: Any, table: Array) -> None:
 
 
 def _motors(axis: Any, table: Array) -> None:
-    for k in range(MAX_MOTOR_NUMBER):
+    for k in range(MAX_DRAWN_OUTPUTS):
         if np.isfinite(table[:, 1 + k]).any():
             axis.plot(table[:, 0], table[:, 1 + k], linewidth=0.7, label=str(k + 1))
     axis.set(ylabel="outputs, µs")
     if axis.lines:
-        axis.legend(loc="best", fontsize=7, ncols=MAX_MOTOR_NUMBER)
+        axis.legend(loc="best", fontsize=7, ncols=MAX_DRAWN_OUTPUTS)
 
 
 def _vibration(axis: Any, table: Array) -> None:
-    for k, (name, colour) in enumerate(zip(AXIS_NAMES, (OWN, LEADER, GREY), strict=True)):
+    for k, (name, colour) in enumerate(zip(BODY_AXIS_NAMES, (OWN, LEADER, GREY), strict=True)):
         axis.plot(table[:, 0], table[:, 1 + k], color=colour, label=name)
     axis.set(ylabel="vibration, m/s²")
     axis.legend(loc="best", fontsize=7, ncols=3)

@@ -26,7 +26,7 @@ from onboard.units import NS_PER_S, S_PER_NS
 DATUM_SIGMA: Final = 300.0  # m, of the barometer's datum above O
 MAX_REJECTED_COUNT: Final = 2  # consecutive measurements that a gate may reject
 MAX_STEP_NS: Final = 20_000_000
-HOVERING: Final = np.array([0.0, 0.0, -own_motion.GRAVITY])  # specific force without an accelerometer
+HOVERING_FORCE: Final = np.array([0.0, 0.0, -own_motion.GRAVITY])  # specific force without an accelerometer
 HOVERING_NOISE: Final = 3.0  # m/s^2 per square root of Hz, of this specific force
 NO_ACCELERATION: Final = np.zeros(3)
 MIN_VARIANCE: Final = 1e-18  # keeps the process noise positive definite
@@ -145,14 +145,14 @@ class Track:
         variance = self._noise * dt
         variance[TURNING] = inputs.noise.turning(t1_ns) * dt
         if force is None:
-            force = HOVERING
+            force = HOVERING_FORCE
             variance[MOVING] += HOVERING_NOISE**2 * dt
         omega_dot = NO_ACCELERATION if acceleration is None else acceleration
         # On a shaking vehicle the accelerometer and the force of hovering are weighted by how well each is known.
         scatter = inputs.force.density(t1_ns)
         manoeuvres = inputs.manoeuvres.at(t1_ns)
         weight = manoeuvres / (manoeuvres + scatter)
-        force = HOVERING + weight * (force - HOVERING)
+        force = HOVERING_FORCE + weight * (force - HOVERING_FORCE)
         Q = np.diag(variance)
         R_nb = cell.R_na @ own_motion.rotations(self._filter.belief(cell.filtered).mean[None])[0]
         Q[MOVING, MOVING] += (R_nb * (dt * weight * scatter)) @ R_nb.T

@@ -105,7 +105,7 @@ def closest_in_turns(r: Array, v: Array, a: Array, covariance: Array, v_F: Array
 
 def _turn_rate_gradient(v: Array, a: Array, rate: Array) -> Array:
     """Return the gradient (k, 9) of `motion.turn_rate` by position, velocity and acceleration."""
-    speed2 = np.maximum(v[:, 0] ** 2 + v[:, 1] ** 2, motion.MIN_TURN_SPEED_M_S**2)
+    speed2 = np.maximum(v[:, 0] ** 2 + v[:, 1] ** 2, motion.TURN_RATE_MIN_SPEED_M_S**2)
     zero = np.zeros(len(v))
     by_v = (a[:, 1] - 2.0 * rate * v[:, 0], -a[:, 0] - 2.0 * rate * v[:, 1], zero)
     by_a = (-v[:, 1], v[:, 0], zero)

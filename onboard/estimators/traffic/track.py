@@ -9,7 +9,7 @@ from onboard.messages import AdsbVehicle, Lifecycle, MeasurementReport
 from onboard.messages.causes import Cause, Reason
 from onboard.units import NS_PER_S
 
-MAX_SOURCE_COUNT: Final = 16  # The newest are kept: names of radars are unlimited.
+MAX_SOURCES_PER_TRACK: Final = 16  # The newest are kept: names of radars are unlimited.
 
 
 class Track(NamedTuple):
@@ -85,7 +85,7 @@ class Track(NamedTuple):
     def fused(self, t_ns: int, source: str) -> "Track":
         """Return the track after a measurement of that time was fused."""
         sources = self.sources | {source: max(self.sources.get(source, 0), t_ns)}
-        if len(sources) > MAX_SOURCE_COUNT:
+        if len(sources) > MAX_SOURCES_PER_TRACK:
             del sources[min(sources, key=lambda s: sources[s])]
         return self._replace(fused_ns=max(self.fused_ns, t_ns), sources=sources)
 

@@ -13,7 +13,7 @@ from onboard.estimators.traffic.config import Config
 from onboard.estimators.traffic.reports import Key, Report, ReportMessage, make_report
 from onboard.messages import AdsbVehicle, PeerRanges, Verdict
 
-MAX_QUEUE_SIZE: Final = 5000  # More reports in a tenth of a second are a flood.
+MAX_WAITING_REPORTS: Final = 5000  # More reports in a tenth of a second are a flood.
 MAX_NEW_REPORT_COUNT: Final = 40  # From addresses without a track: a busy sky in a second.
 
 
@@ -40,7 +40,7 @@ class WaitingReports:
         `near`: r_OT_n (3,) of its track, if there is one; `known`: addresses with a track.
         """
         is_new = key_of(message) not in known
-        if len(self._reports) >= MAX_QUEUE_SIZE or (is_new and self._new >= MAX_NEW_REPORT_COUNT):
+        if len(self._reports) >= MAX_WAITING_REPORTS or (is_new and self._new >= MAX_NEW_REPORT_COUNT):
             return Verdict.FULL
         report = make_report(message, frame, self._config, near)
         if isinstance(report, Verdict):

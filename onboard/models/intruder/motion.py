@@ -25,7 +25,7 @@ VELOCITY: Final = slice(3, 6)
 ACCELERATION: Final = slice(6, 9)
 BIAS: Final = slice(9, 12)
 ATTITUDE_ERROR: Final = slice(12, 15)
-MIN_TURN_SPEED_M_S: Final = 5.0  # The turn rate is regularised below this speed.
+TURN_RATE_MIN_SPEED_M_S: Final = 5.0  # The turn rate is regularised below this speed.
 COMPONENTS: Final = ("r_north", "r_east", "r_down", "v_north", "v_east", "v_down")
 UNITS: Final = ("m", "m", "m", "m/s", "m/s", "m/s")
 FRAME: Final = "n (local NED at our vehicle), the other aircraft relative to us"
@@ -127,7 +127,7 @@ def _rotate_acceleration(rows: Array, c: Array, s: Array) -> Array:
 
 def turn_rate(v: Array, a: Array) -> Array:
     """Return the rate (k,) at which velocities (k, 3) turn right under accelerations (k, 3), rad/s."""
-    speed2 = np.maximum(v[:, 0] ** 2 + v[:, 1] ** 2, MIN_TURN_SPEED_M_S**2)
+    speed2 = np.maximum(v[:, 0] ** 2 + v[:, 1] ** 2, TURN_RATE_MIN_SPEED_M_S**2)
     rate = (v[:, 0] * a[:, 1] - v[:, 1] * a[:, 0]) / speed2
     return np.asarray(np.clip(rate, -MAX_TURN_RATE_RAD_S, MAX_TURN_RATE_RAD_S))
 

@@ -139,8 +139,8 @@ OF_LIMITS = {  # what lies beyond each limit
     "refusals.MOST_REFUSALS": f"{REFUSED}reasons_of_every_kind_have_room_for_the_latest",
     "refusals.ALIKE": f"{REFUSED}names_without_end_cost_no_other_refusal_its_count",
     "refusals.LONGEST": f"{REFUSED}a_flood_of_kinds_gets_few_lines_and_little_room",
-    "waiting.MAX_QUEUE_SIZE": f"{BEYOND}reports_beyond_the_room_are_full",
-    "track.MAX_SOURCE_COUNT": f"{BEYOND}of_the_sources_of_a_track_the_oldest_is_forgotten",
+    "waiting.MAX_WAITING_REPORTS": f"{BEYOND}reports_beyond_the_room_are_full",
+    "track.MAX_SOURCES_PER_TRACK": f"{BEYOND}of_the_sources_of_a_track_the_oldest_is_forgotten",
     "publication.MAX_PUBLISHED_TRACKS": "tests/unit/estimators/traffic/test_floods.py::"
     "test_publications_are_bounded_and_the_nearest_is_in_all_of_them",
     "recorder.RECORDER_CAPACITY": f"{RECORDER}datagrams_beyond_the_room_are_counted_apart",

@@ -91,7 +91,7 @@ def test_a_lost_worker_s_parts_are_computed_again_and_all_is_the_same(tmp_path: 
 
 
 def test_an_address_without_a_scheduler_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cluster, "CONNECT_TIMEOUT_S", 1.0)
+    monkeypatch.setattr(cluster, "SCHEDULER_TIMEOUT_S", 1.0)
     with pytest.raises(ClusterError, match=r"there is no Dask scheduler at tcp://127\.0\.0\.1:1\b"):
         compute([Part(drawn, (1,))], Computers(cluster="tcp://127.0.0.1:1"))
 
