@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Final
 
 from onboard.config import Config
+from onboard.health.causes_host import MIN_STORAGE_BYTES
 from onboard.messages import Advice, Severity
 from onboard.messages.causes import Cause, Reason
 
-LITTLE_ROOM: Final = 200_000_000  # bytes
 PROC: Final = Path("/proc")
 
 
@@ -114,7 +114,7 @@ def _storage(config: Config) -> Iterator[Advice]:
     folder = Path(config.recorder.path).absolute().parent
     with suppress(OSError):
         free = shutil.disk_usage(folder).free
-        if free < LITTLE_ROOM:
+        if free < MIN_STORAGE_BYTES:
             what = f"{free / 1e6:.0f} MB are free where {config.recorder.path} is recorded"
             yield _error("disk", what, "make room (`df -h`, `du -sh *`), or set `path` of [recorder]")
         elif not os.access(folder, os.W_OK):

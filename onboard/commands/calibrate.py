@@ -15,7 +15,7 @@ from onboard.commands.calibrate_airframe import calibrate_airframe
 from onboard.config import Config, load_config
 from onboard.geometry.camera import Camera
 from onboard.geometry.rotations import euler_from_quaternion, matrix_from_euler, quaternion_from_matrix
-from onboard.health.camera_errors import CONFIGURED, DELAY, FOCAL, Poses, Sights, Window, finished, fitting
+from onboard.health.camera_errors import DELAY, FOCAL, ZERO_ERROR, Poses, Sights, Window, finished, fitting
 from onboard.messages import Exposure, OwnPose, TargetPoints
 from onboard.terminal.files import check_targets
 from onboard.terminal.output import show
@@ -24,10 +24,10 @@ from onboard.units import S_PER_NS
 KNOWN_WELL: Final = {"delay_s": 0.02, "mount_deg": 0.5, "focal": 0.02}  # sigmas: one known worse is not offered
 LARGEST_DEG, LARGEST_S = 20.0, 0.4  # of a correction; a larger one is rather the leader's own motion
 WIDTH, HEIGHT, MARGIN = 900, 260, 40  # of a panel of the picture, px
-SHOWN: Final = 5.0  # sigmas: the picture's scale
+PICTURE_SIGMAS: Final = 5.0  # sigmas: the picture's scale
 LEADER: Final = ("leader", "")  # ids of its images
 WINDOW_S: Final = 8.0
-FEWEST: Final = 100  # images
+MIN_IMAGE_COUNT: Final = 100  # images
 FEWEST_OF_WINDOW: Final = 20
 MOST_IMAGES: Final = 1500  # images: of more, every second, third ...
 
@@ -138,8 +138,8 @@ def calibrate(images: Images, own: Poses, camera: Camera, size: float) -> Calibr
     inside = (images.t > own.t[0] + 1.0) & (images.t < own.t[-1] - 1.0)
     images = Images(*(array[inside] for array in images))
     windows = _windows(images, own, camera, size)
-    if len(images.t) < FEWEST or not windows:
-        raise UserError(f"{len(images.t)} images with our own pose: at least {FEWEST} are needed")
+    if len(images.t) < MIN_IMAGE_COUNT or not windows:
+        raise UserError(f"{len(images.t)} images with our own pose: at least {MIN_IMAGE_COUNT} are needed")
     sigma = float(np.median(images.sigma))
     found = finished(fitting(windows))
     errors, sigmas, focal = found.errors, found.sigma, math.exp(found.errors[FOCAL])
@@ -151,7 +151,7 @@ def calibrate(images: Images, own: Poses, camera: Camera, size: float) -> Calibr
         sigmas[1:4],
         focal,
         focal * float(sigmas[FOCAL]),
-        _residuals(windows, CONFIGURED, sigma),
+        _residuals(windows, ZERO_ERROR, sigma),
         _residuals(windows, errors, sigma),
     )
 
@@ -239,4 +239,4 @@ def picture(found: Calibration) -> str:
 
 
 def _y(value: float, top: int) -> float:
-    return top + HEIGHT / 2 - min(max(value, -SHOWN), SHOWN) / SHOWN * (HEIGHT / 2 - 30)
+    return top + HEIGHT / 2 - min(max(value, -PICTURE_SIGMAS), PICTURE_SIGMAS) / PICTURE_SIGMAS * (HEIGHT / 2 - 30)

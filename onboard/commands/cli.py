@@ -27,7 +27,7 @@ LOG_FORMATS: Final = (
     ".tlog, ArduPilot .bin, PX4 .ulg, .mcap recorded by `onboard run`, or a folder with one of them and a "
     "detector's .jsonl"
 )
-MOST_SEEDS: Final = 1_000_000
+MAX_SEED_COUNT: Final = 1_000_000
 DISK_FAULTS: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 STARTS_PROCESSES: Final = ("demo", "evaluate", "replay", "study", "view")
 
@@ -310,8 +310,8 @@ def _count(text: str) -> int:
 
 
 def _seeds(text: str) -> int:
-    if not 1 <= _count(text) <= MOST_SEEDS:
-        raise argparse.ArgumentTypeError(f"must be from 1 to {MOST_SEEDS}")
+    if not 1 <= _count(text) <= MAX_SEED_COUNT:
+        raise argparse.ArgumentTypeError(f"must be from 1 to {MAX_SEED_COUNT}")
     return int(text)
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from onboard.view.view import View
 
 MOST_PERCENT: Final = 50.0
-SLOW_START_S: Final = 20.0  # after which it is said, also without a terminal
+SLOW_START_DELAY_S: Final = 20.0  # after which it is said, also without a terminal
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -36,7 +36,7 @@ def main(arguments: argparse.Namespace) -> int:
 
         def on_wait(waited: float) -> None:
             bar.update(task, description=f"starting simulator and daemon ({waited:.0f} s)")
-            if waited > SLOW_START_S:
+            if waited > SLOW_START_DELAY_S:
                 say_slow()
 
         @cache

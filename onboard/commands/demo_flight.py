@@ -29,9 +29,9 @@ from onboard.view.client import Client, PublishedRecord
 if TYPE_CHECKING:
     from onboard.view.view import View
 
-WAIT_FOR_DAEMON_S: Final = 3600  # on a busy computer; the demo ends earlier if the daemon does
+DAEMON_TIMEOUT_S: Final = 3600  # on a busy computer; the demo ends earlier if the daemon does
 EXAMPLES: Final = {"pictures": "contour.py", "pictures-follow": "contour.py", "pictures-tag": "tag.py"}
-LINGER_S: Final = 0.5
+LINGER_TIME_S: Final = 0.5
 BESIDE_SECTIONS: Final = {"paper": "oh_johnson"}  # their sections, by what --beside calls them
 
 
@@ -117,7 +117,7 @@ def run_demo(
     daemon_command = ["onboard", "run", str(described), *(a for s in (*settings, links) for a in ("--set", s))]
     simlink_command = [
         *("simlink", "run", scenario, "--seed", str(seed), "--duration", str(duration)),
-        *("--wait", str(WAIT_FOR_DAEMON_S), "--tcp", "none"),
+        *("--wait", str(DAEMON_TIMEOUT_S), "--tcp", "none"),
         *("--zenoh", endpoint, "--vehicle", config.zenoh.vehicle),
         *("--mavlink", f"udpout:127.0.0.1:{autopilot_port}"),
         *("--camera-mavlink", f"udpout:127.0.0.1:{camera_port}"),
@@ -188,7 +188,7 @@ def _watch(
     daemon, simlink = processes
     newest: Estimate | None = None
     finished_at: float | None = None
-    while finished_at is None or time.monotonic() < finished_at + LINGER_S + _health_wait(flight):
+    while finished_at is None or time.monotonic() < finished_at + LINGER_TIME_S + _health_wait(flight):
         received = client.take(0.1)
         heed()
         if received is None:

@@ -28,13 +28,13 @@ PRIVATE: Final = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")  # noqa: S1
 HOMES: Final = ("/home", "/root", "/run/user")  # which ProtectHome of the unit hides
 ALLOWED: Final = ("ttyS", "ttyAMA", "ttyTHS", "ttyACM", "ttyUSB")  # serial devices that the shared unit may open
 CALIBRATION: Final = "camera.yaml"
-WIDEST_DEG: Final = 150.0
+MAX_FIELD_ANGLE_DEG: Final = 150.0
 LINK_WORDS: Final = "serial:DEVICE:BAUD, udpin:HOST:PORT, udpout:HOST:PORT or tcp:HOST:PORT"
 IMAGE: Final = re.compile(r"(\d{1,5})x(\d{1,5}):(\d{1,6}(?:\.\d{1,6})?)(deg)?")
 BAUDS: Final = (  # of both autopilots
     *("9600", "19200", "38400", "57600", "115200", "230400", "460800", "500000", "921600", "1500000", "2000000"),
 )
-SHOWN: Final = 60  # letters of an answer that is refused
+MAX_QUOTED_LENGTH: Final = 60  # letters of an answer that is refused
 BAUD: Final = "921600"  # of the parameter files that are shared
 CAMERA_WORDS: Final = "WIDTHxHEIGHT:FOCAL in pixels, WIDTHxHEIGHT:FOVdeg (horizontal), or a camera_info FILE.yaml"
 
@@ -123,7 +123,9 @@ def setup_of(answers: Mapping[str, str]) -> Setup:
     """Answers as numbers. Raises UserError for what cannot be."""
     for flag, text in answers.items():
         if not text.isprintable() or (flag == "link" and " " in text):
-            raise UserError(f"init: --{flag} {text[:SHOWN]!r}: no line ends, control characters or spaces in it")
+            raise UserError(
+                f"init: --{flag} {text[:MAX_QUOTED_LENGTH]!r}: no line ends, control characters or spaces in it"
+            )
     try:
         check_link(answers["link"])
     except UserError as error:
@@ -131,7 +133,9 @@ def setup_of(answers: Mapping[str, str]) -> Setup:
     if answers["link"].startswith("json:"):
         raise UserError(f"init: --link {answers['link']!r} is of a detector: expected {LINK_WORDS}")
     if answers["link"].startswith("serial:") and (baud := answers["link"].rpartition(":")[2]) not in BAUDS:
-        raise UserError(f"init: --link: no autopilot has {baud[:SHOWN]} baud: expected one of {', '.join(BAUDS)}")
+        raise UserError(
+            f"init: --link: no autopilot has {baud[:MAX_QUOTED_LENGTH]} baud: expected one of {', '.join(BAUDS)}"
+        )
     return Setup(
         autopilot=answers["autopilot"],
         link=answers["link"],
@@ -150,7 +154,7 @@ def _camera(text: str) -> tuple[str, ...]:
     found = IMAGE.fullmatch(text)
     if found is None:
         if not text.endswith((".yaml", ".yml")):
-            raise UserError(f"init: --camera {text[:SHOWN]!r}: expected {CAMERA_WORDS}")
+            raise UserError(f"init: --camera {text[:MAX_QUOTED_LENGTH]!r}: expected {CAMERA_WORDS}")
         return (f"calibration = {json.dumps(str(Path(text).absolute()), ensure_ascii=False)}",)
     width, height, number = int(found[1]), int(found[2]), float(found[3])
     if found[4] and not 1.0 <= number <= 150.0:
@@ -159,7 +163,7 @@ def _camera(text: str) -> tuple[str, ...]:
     if not (width and height and f_px):
         raise UserError(f"init: --camera {text!r}: every number must be above 0")
     seen_deg = math.degrees(2.0 * math.atan(0.5 * width / f_px))
-    if seen_deg > WIDEST_DEG:
+    if seen_deg > MAX_FIELD_ANGLE_DEG:
         raise UserError(
             f"init: --camera {text!r}: a focal length of {f_px:g} pixels is a field of view of {seen_deg:.0f} "
             f"degrees; {f_px:g} degrees are {width}x{height}:{f_px:g}deg, and a wider lens needs a calibration"

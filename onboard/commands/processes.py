@@ -18,7 +18,7 @@ from onboard.terminal.output import end_signals
 from onboard.view.client import Client
 
 STOP_TIMEOUT_S: Final = 5.0
-CONNECT_RETRY_S: Final = 0.1
+CONNECT_RETRY_PERIOD_S: Final = 0.1
 
 
 class DemoError(UserError):
@@ -94,20 +94,20 @@ def _start(command: list[str], out: IO[bytes]) -> "subprocess.Popen[bytes]":
 
 def connect(endpoint: str, vehicle: str, daemon: Process, on_wait: Callable[[float], None]) -> Client:
     """A client of the daemon, once it publishes. On a busy computer that takes long, so this waits for as long as
-    the daemon runs. `on_wait` is called every `CONNECT_RETRY_S` with the seconds so far.
+    the daemon runs. `on_wait` is called every `CONNECT_RETRY_PERIOD_S` with the seconds so far.
 
     Raises DemoError if the daemon ends first, and SinkError where no waiting helps.
     """
     begin = time.monotonic()
     client: Client | None = None
     with contextlib.ExitStack() as stack:
-        while client is None or not client.alive.wait(CONNECT_RETRY_S):
+        while client is None or not client.alive.wait(CONNECT_RETRY_PERIOD_S):
             if not daemon.check():
                 raise DemoError("the daemon ended with code 0 before it was up")
             on_wait(time.monotonic() - begin)
             if client is None:
                 client = _client(endpoint, vehicle)
-                stack.callback(client.close) if client is not None else time.sleep(CONNECT_RETRY_S)
+                stack.callback(client.close) if client is not None else time.sleep(CONNECT_RETRY_PERIOD_S)
         stack.pop_all()
     return client
 

@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 from msgspec.structs import replace
 
 from onboard import UserError
-from onboard.commands.absent import LITTLE_ROOM, why_absent
+from onboard.commands.absent import why_absent
 from onboard.commands.status import DEFAULT_ENDPOINT
 from onboard.config import (
     Config,
@@ -28,6 +28,7 @@ from onboard.config import (
     load_config,
 )
 from onboard.daemon import Daemon
+from onboard.health.causes_host import MIN_STORAGE_BYTES
 from onboard.health.needs import RATE_SHARE
 from onboard.messages import Advice, Health, Severity
 from onboard.messages.causes import Cause, Reason
@@ -37,8 +38,8 @@ from onboard.sinks.sink import SinkError
 from onboard.units import S_PER_NS
 from onboard.view.client import Client
 
-ANSWER_S: Final = 3.0  # for a daemon that runs to send its health, which comes once a second
-SETTLED_S: Final = 6.0  # of listening, before all is well: what is missing has advice after 5 s
+ANSWER_TIMEOUT_S: Final = 3.0  # for a daemon that runs to send its health, which comes once a second
+SETTLING_TIME_S: Final = 6.0  # of listening, before all is well: what is missing has advice after 5 s
 # The causes of advice (docs/status.md) that each line gathers; what is left is on a line of its own.
 TOPICS: Final = {
     "links": ("link", "tls", "port", "name"),
@@ -203,7 +204,7 @@ def _disk(config: Config) -> Finding:
     except OSError as error:
         return Finding.fails("disk", f"{folder}: {error.strerror}", "make the folder, or set `path` of [recorder]")
     words = f"{free / 1e9:.1f} GB free for {path}"
-    if free < LITTLE_ROOM:
+    if free < MIN_STORAGE_BYTES:
         return Finding.fails("disk", words, "make room (`df -h`, `du -sh *`)")
     if not os.access(folder, os.W_OK):
         return Finding.fails(
@@ -242,7 +243,7 @@ def _running(config: Config) -> Health | None:
 
 
 def _first_health(client: Client) -> Health | None:
-    end = time.monotonic() + ANSWER_S
+    end = time.monotonic() + ANSWER_TIMEOUT_S
     while time.monotonic() < end:
         received = client.take(0.2)
         if received is not None and isinstance(received.record, Health):
@@ -258,7 +259,7 @@ async def listen(config: Config, wait_s: float) -> Health | None:
 
     def on_health(health: Health) -> None:
         newest[:] = [health]
-        if health.uptime >= SETTLED_S and not _missing(config, health) and not health.advice:
+        if health.uptime >= SETTLING_TIME_S and not _missing(config, health) and not health.advice:
             complete.set()
 
     daemon = Daemon(_quiet(config), report=lambda _: None, on_health=on_health)

@@ -26,7 +26,7 @@ from onboard.units import NS_PER_S, S_PER_NS
 from onboard.wire.logs.recording import is_recording, parts_of
 
 OF_AUTOPILOT = {".bin", ".ulg"}
-EARLIEST_S = 1e9  # of Unix time; before it, arrivals are on a boot clock
+MIN_UNIX_TIME_S = 1e9  # of Unix time; before it, arrivals are on a boot clock
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -103,7 +103,10 @@ def _facts(log: Path, config: Config, replayed: ReplayResult, truth: Path | None
     trip = "" if health.round_trip is None else f", round trip {health.round_trip * 1e3:.1f} ms"
     return [
         ("log", f"{parts}, {replayed.records} records, {replayed.damaged} damaged"),
-        ("begin", f"{begin:%Y-%m-%d %H:%M:%S} UTC" if end_s > EARLIEST_S else "not known: no clock of the world"),
+        (
+            "begin",
+            f"{begin:%Y-%m-%d %H:%M:%S} UTC" if end_s > MIN_UNIX_TIME_S else "not known: no clock of the world",
+        ),
         ("duration", f"{replayed.duration / 60:.1f} min"),
         ("autopilot", health.autopilot),
         ("estimators", ", ".join(config.estimator)),

@@ -33,15 +33,15 @@ DEFAULT_ENDPOINT: Final = "tcp/127.0.0.1:7447"
 NODE: Final = "onboard"
 GLOBAL_TOPICS: Final = ("/tf", "/tf_static", "/diagnostics")  # all others are below the node's namespace
 TF_DEPTH: Final = 100  # as tf2's own broadcasters
-TAKE_S: Final = 0.2  # until Ctrl-C is noticed at most
-RETRY_S: Final = 0.5  # between attempts to reach a daemon
-REPORT_S: Final = 1.0  # between diagnostics
-SILENT_S: Final = 3.0  # without a health, which the daemon publishes once a second
-MAX_NAMED: Final = 64  # different refusals that are logged, each once
+TAKE_TIMEOUT_S: Final = 0.2  # until Ctrl-C is noticed at most
+RETRY_PERIOD_S: Final = 0.5  # between attempts to reach a daemon
+REPORT_PERIOD_S: Final = 1.0  # between diagnostics
+SILENCE_TIMEOUT_S: Final = 3.0  # without a health, which the daemon publishes once a second
+MAX_NAMED_COUNT: Final = 64  # different refusals that are logged, each once
 # Between a record's stamp and its publication. After a reboot of the autopilot, the offset of its clock is wrong
 # until the next health.
 MAX_STAMP_AGE_NS: Final = 5 * NS_PER_S
-HEADER: Final = 16  # bytes up to the frame_id: CDR's own, the stamp, the length of the frame_id
+HEADER_SIZE: Final = 16  # bytes up to the frame_id: CDR's own, the stamp, the length of the frame_id
 
 
 class CameraTopics(NamedTuple):
@@ -73,7 +73,7 @@ def main(arguments: argparse.Namespace) -> int:
         def spin() -> None:
             with suppress(ExternalShutdownException):
                 while rclpy.ok():
-                    executor.spin_once(timeout_sec=TAKE_S)  # `spin` may miss the end and wait forever
+                    executor.spin_once(timeout_sec=TAKE_TIMEOUT_S)  # `spin` may miss the end and wait forever
 
         thread = threading.Thread(target=spin, name="rclpy")
         thread.start()
@@ -129,11 +129,11 @@ class RosNode:
     def step(self) -> None:
         """Publish the next record, if one comes soon, and the diagnostics, if they are due."""
         self._client = self._client or self._connected()
-        received = None if self._client is None else self._client.take(TAKE_S)
+        received = None if self._client is None else self._client.take(TAKE_TIMEOUT_S)
         if received is not None:
             self._take(received)
         now_s = time.monotonic()
-        if now_s - self._reported_s >= REPORT_S:
+        if now_s - self._reported_s >= REPORT_PERIOD_S:
             self._reported_s = now_s
             self._report(now_s)
 
@@ -144,7 +144,7 @@ class RosNode:
 
     def is_silent(self) -> bool:
         """Whether no daemon has been heard for seconds."""
-        return self._health is None or time.monotonic() - self._heard_s > SILENT_S
+        return self._health is None or time.monotonic() - self._heard_s > SILENCE_TIMEOUT_S
 
     def send(self, key: str, data: bytes) -> None:
         """Send the daemon a message of a camera; any thread may."""
@@ -184,7 +184,7 @@ class RosNode:
             return Client(self._endpoint, self._vehicle, self._zenoh)
         except SinkError as error:
             self._log_trouble(str(error))
-            time.sleep(RETRY_S)
+            time.sleep(RETRY_PERIOD_S)
             return None
 
     # ------------------------------------------------------------------------------- out
@@ -279,7 +279,7 @@ class RosNode:
 
     def warn_once(self, source: str, words: str) -> None:
         """Log a refusal, if it is a new one; any thread may."""
-        if (source, words) not in self._named and len(self._named) < MAX_NAMED:
+        if (source, words) not in self._named and len(self._named) < MAX_NAMED_COUNT:
             self._named.add((source, words))
             self.ros.get_logger().warning(f"{source}: {words}")
 
@@ -341,7 +341,7 @@ class RosInput:
         offset_ns = self._node.sim_offset_ns()
         order = "<" if data[1] & 1 else ">"
         sec, nanosec, length = struct.unpack_from(f"{order}iII", data, 4)
-        frame = plain(data[HEADER : HEADER + length - 1].decode("utf-8", "replace"))
+        frame = plain(data[HEADER_SIZE : HEADER_SIZE + length - 1].decode("utf-8", "replace"))
         if self._node.is_silent():
             self._refuse("no daemon is heard")
         elif offset_ns is None:

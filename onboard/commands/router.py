@@ -12,8 +12,8 @@ from onboard.config import load_config
 from onboard.sinks.zenoh_router import LOG_FILTER, open_router, refusal, users
 from onboard.terminal.output import end_signals, report
 
-REPORT_S: Final = 10.0  # between reports of the same refusal
-MOST_REFUSAL_KINDS: Final = 1000  # of refusals that are counted apart; further kinds are counted together
+REPORT_PERIOD_S: Final = 10.0  # between reports of the same refusal
+MAX_REFUSAL_COUNT: Final = 1000  # of refusals that are counted apart; further kinds are counted together
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -58,17 +58,18 @@ class RefusalLog:
             return
         with self._lock:
             self.total += 1
-            known = what in self._counts or len(self._counts) < MOST_REFUSAL_KINDS
+            known = what in self._counts or len(self._counts) < MAX_REFUSAL_COUNT
             self._counts[what if known else "others"] += 1
 
     def due(self, elapsed: float) -> list[str]:
-        """Lines about what was refused, each kind at once and then every `REPORT_S`, `elapsed` s after the last
-        call."""
+        """Return lines about refusals: each kind at once, then every `REPORT_PERIOD_S`.
+
+        `elapsed`: seconds since the last call."""
         self._waits = {what: left - elapsed for what, left in self._waits.items() if left > elapsed}
         with self._lock:
             due = [what for what in self._counts if what not in self._waits]
             lines = [f"refused {what} ({self._counts.pop(what)} times)" for what in due]
-        self._waits |= dict.fromkeys(due, REPORT_S)
+        self._waits |= dict.fromkeys(due, REPORT_PERIOD_S)
         return lines
 
 

@@ -22,12 +22,12 @@ from onboard.view.client import Client
 
 DEFAULT_ENDPOINT: Final = "tcp/127.0.0.1:7447"
 ALL: Final = "all"
-WAIT_S: Final = 3.0  # for a first health, which comes once a second
-ALL_S: Final = 1.5  # in which each vehicle that runs has sent one
+HEALTH_TIMEOUT_S: Final = 3.0  # for a first health, which comes once a second
+GATHERING_TIME_S: Final = 1.5  # in which each vehicle that runs has sent one
 HEALTHY, NOT_HEALTHY = 0, 1
 CLEAR: Final = "\x1b[2J\x1b[H"
-LAST_REFUSALS: Final = 5  # refusals
-WIDEST: Final = 240  # letters of a column
+SHOWN_REFUSAL_COUNT: Final = 5  # refusals
+MAX_COLUMN_WIDTH: Final = 240  # letters of a column
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -61,7 +61,7 @@ def _watch(client: Client, a: argparse.Namespace, config: Config, endpoint: str)
     """Show the health of each vehicle: once, or until interrupted."""
     found: dict[str, Health] = {}
     begin = time.monotonic()
-    while a.watch or time.monotonic() < begin + (_patience(a) if found else WAIT_S):
+    while a.watch or time.monotonic() < begin + (_patience(a) if found else HEALTH_TIMEOUT_S):
         received = client.take(0.2)
         if received is None or not isinstance(received.record, Health):
             continue
@@ -78,7 +78,7 @@ def _watch(client: Client, a: argparse.Namespace, config: Config, endpoint: str)
 
 def _patience(a: argparse.Namespace) -> float:
     """How long (s) to wait for further vehicles."""
-    return ALL_S if a.vehicle in (None, ALL) else 0.0
+    return GATHERING_TIME_S if a.vehicle in (None, ALL) else 0.0
 
 
 def is_healthy(health: Health) -> bool:
@@ -172,7 +172,7 @@ def _stream(health: Health, name: str) -> list[str]:
 def _rejected(health: Health) -> list[str]:
     counts = ", ".join(f"{name} {count}" for name, count in sorted(health.rejected.items()))
     lines = ["", f"rejected   {counts or 'nothing'}"]
-    for r in health.refusals[-LAST_REFUSALS:]:
+    for r in health.refusals[-SHOWN_REFUSAL_COUNT:]:
         age = (health.t_recv_ns - r.t_recv_ns) * S_PER_NS
         lines.append(f"           {age:.0f} s ago, {r.source}: {r.reason} ({r.count} times)")
     return lines
@@ -209,7 +209,7 @@ def _table(head: list[str], rows: list[list[str]]) -> list[str]:
     """Columns of text, the first and those of words to the left."""
     if not rows:
         return []
-    rows = [[plain(cell, WIDEST) for cell in row] for row in rows]
+    rows = [[plain(cell, MAX_COLUMN_WIDTH) for cell in row] for row in rows]
     widths = [max(len(row[k]) for row in (head, *rows)) for k in range(len(head))]
     lines = [""]
     for row in (head, *rows):

@@ -22,9 +22,9 @@ from onboard.geometry.camera import Camera
 from onboard.geometry.rotations import matrix_from_euler
 
 DELAY, MOUNT, FOCAL = 0, slice(1, 4), 4  # places in a vector of errors; a mount's are about the camera's axes
-LEAST_LEAN: Final = 0.01  # rad, RMS: by our displacement alone, one error passes for another
+MIN_TILT_RMS: Final = 0.01  # rad, RMS: by our displacement alone, one error passes for another
 KINDS: Final = {"delay": (0,), "mount": (1, 2, 3), "focal": (4,)}
-ERRORS: Final = 5
+ERROR_COUNT: Final = 5
 # s, rad, and the logarithm of the focal length: what a configuration may be off by
 FIRST_SIGMA: Final = np.array([0.3, 0.4, 0.4, 0.4, 0.5])
 DISTANCE_SIGMA: Final = 0.2  # of a target's distance, by how much our own displacement counts, in each window
@@ -33,8 +33,8 @@ LONGEST_DELAY_S: Final = 0.45
 LARGEST: Final = np.array([LONGEST_DELAY_S, 0.9, 0.9, 0.9, 1.4])
 GRID: Final = np.array([0.04, 0.04, 0.04, 0.04, 0.1])  # of the errors about which windows are linearised
 ITERATIONS: Final = 10
-OUTLIER: Final = 6.0  # times what a fifth of images are off the median of their neighbours
-SWERVES: Final = 10.0 ** np.arange(-2.0, 6.0, 1.5)  # white acceleration, (sigmas of an image)^2/s^3
+OUTLIER_RATIO: Final = 6.0  # times what a fifth of images are off the median of their neighbours
+ACCELERATION_DENSITIES: Final = 10.0 ** np.arange(-2.0, 6.0, 1.5)  # white acceleration, (sigmas of an image)^2/s^3
 # A target that moves as we do accelerates as we lean, as if the mount were wrong. The correlation of the two paths
 # is 0.7 to 0.95 in formations, and up to 0.45 with a target on a path of its own.
 MAX_PATH_CORRELATION: Final = 0.5
@@ -45,12 +45,12 @@ CERTAIN: Final = {"delay": 35.0, "mount": 25.0}
 FOCAL_SPREAD: Final = 2.7
 # A smaller error costs less than what else is uncertain: rad about each axis, logarithm of the focal length
 LEAST_MOUNT, LEAST_FOCAL = math.radians(5.0), math.log(1.25)
-CONFIGURED: Final = np.zeros(ERRORS)
+ZERO_ERROR: Final = np.zeros(ERROR_COUNT)
 # Where a search for errors of one kind may begin: delays, mounts about one axis
 STARTS: Final = np.array(
     [
-        *(s * np.eye(ERRORS)[DELAY] for s in np.linspace(-0.4, 0.4, 9)),
-        *(s * np.eye(ERRORS)[axis] for axis in KINDS["mount"] for s in (-0.52, -0.24, 0.24, 0.52)),
+        *(s * np.eye(ERROR_COUNT)[DELAY] for s in np.linspace(-0.4, 0.4, 9)),
+        *(s * np.eye(ERROR_COUNT)[axis] for axis in KINDS["mount"] for s in (-0.52, -0.24, 0.24, 0.52)),
     ]
 )
 
@@ -107,10 +107,10 @@ class Window:
     def __init__(self, sights: Sights, poses: Poses, camera: Camera) -> None:
         self._sights, self._poses, self._camera = sights, poses, camera
         self._posed: tuple[float, tuple[Array, Array]] | None = None
-        paths, _, r_C = self._paths(CONFIGURED, sights.points)
+        paths, _, r_C = self._paths(ZERO_ERROR, sights.points)
         near = np.lib.stride_tricks.sliding_window_view(np.pad(paths - r_C, ((2, 2), (0, 0)), "edge"), 5, axis=0)
         off = np.linalg.norm(paths - r_C - np.median(near, axis=-1), axis=1)
-        inside = off <= OUTLIER * np.percentile(off, 80)
+        inside = off <= OUTLIER_RATIO * np.percentile(off, 80)
         if not inside.all():
             self._sights, self._posed = Sights(*(array[inside] for array in sights)), None
         self._basis, self._swerve = _basis(self._sights.t)
@@ -143,7 +143,7 @@ class Window:
 
     def paths_product(self) -> Array:
         """Return the products (2, 2) of our own path and the target's, over the variance of the noise."""
-        paths, _, r_C = self._paths(CONFIGURED, self._sights.points)
+        paths, _, r_C = self._paths(ZERO_ERROR, self._sights.points)
         shown = self._shown([r_C, paths], _across(paths - r_C))
         _, weights, variance, _ = self._likeliest(shown)
         return _normal_of(shown, weights) / variance
@@ -154,9 +154,11 @@ class Window:
         paths, R_nc, r_C = self._paths(errors, points)
         E = _across(paths - r_C)
         # What was seen says nothing of a focal length, at first: noise is in it.
-        for size in (FOCAL, ERRORS, ERRORS):
+        for size in (FOCAL, ERROR_COUNT, ERROR_COUNT):
             start = self._paths(errors, points)[0]
-            moved = [(self._paths(errors + STEP * e, points)[0] - start) / STEP for e in np.eye(ERRORS)[:size]]
+            moved = [
+                (self._paths(errors + STEP * e, points)[0] - start) / STEP for e in np.eye(ERROR_COUNT)[:size]
+            ]
             shown = self._shown([r_C, *moved, paths], E)
             _, weights, variance, here = self._likeliest(shown)
             rest = shown[:, :, -1] - shown[:, :, :-1] @ here
@@ -172,7 +174,7 @@ class Window:
         information, gradient = N[:-1, :-1], N[:-1, -1].copy()
         # noise that is left in the expected points moves with that of the seen ones
         gradient[FOCAL] += 2.0 * float(np.sum(weights * (1.0 - weights)))
-        free = float(np.sum(weights)) - 0.5 * ERRORS  # the path, and the errors here, have taken their part
+        free = float(np.sum(weights)) - 0.5 * ERROR_COUNT  # the path, and the errors here, have taken their part
         residuals *= math.sqrt(len(points) / max(free, 1.0))
         return Normal(information, gradient, self.likelihood(errors), residuals, R_nc)
 
@@ -204,7 +206,7 @@ class Window:
         size = shown.shape[2] - 1
         count = 2 * len(shown) - size
         ridge = 1e-6 * np.eye(size)
-        for swerve in SWERVES:
+        for swerve in ACCELERATION_DENSITIES:
             weights = 1.0 / (1.0 + swerve * self._swerve)
             N = _normal_of(shown, weights)
             here = np.asarray(np.linalg.solve(N[:-1, :-1] + ridge, N[:-1, -1]), float)
@@ -267,15 +269,15 @@ def wrong_mount(windows: Sequence[Window]) -> Steps[tuple[Array, Array] | None]:
     It is None where nothing is certain, where the target moves with us, and where a delay or a focal length
     explains what was seen, alone or in addition. Neither of these is ever claimed.
     """
-    if np.mean([w.lean for w in windows]) < LEAST_LEAN**2 or path_correlation(windows) > MAX_PATH_CORRELATION:
+    if np.mean([w.lean for w in windows]) < MIN_TILT_RMS**2 or path_correlation(windows) > MAX_PATH_CORRELATION:
         return None
     likelihoods = np.sum([w.likelihoods for w in windows], axis=0)
     fits = {}
     for kind, places in KINDS.items():
         others = np.any(np.delete(STARTS, places, axis=1) != 0.0, axis=1)
         start = STARTS[int(np.argmax(np.where(others, -math.inf, likelihoods)))]
-        fits[kind] = yield from fitting(windows, (kind,), CONFIGURED if kind == "focal" else start)
-    configured = CameraFit(CONFIGURED, CONFIGURED, sum(w.likelihood(CONFIGURED) for w in windows))
+        fits[kind] = yield from fitting(windows, (kind,), ZERO_ERROR if kind == "focal" else start)
+    configured = CameraFit(ZERO_ERROR, ZERO_ERROR, sum(w.likelihood(ZERO_ERROR) for w in windows))
     mount = fits.pop("mount")
     if not _adds("mount", mount, configured):
         return None
@@ -302,7 +304,7 @@ def _adds(kind: str, one: CameraFit, before: CameraFit) -> bool:
 
 
 def fitting(
-    windows: Sequence[Window], kinds: tuple[str, ...] = tuple(KINDS), about: Array = CONFIGURED
+    windows: Sequence[Window], kinds: tuple[str, ...] = tuple(KINDS), about: Array = ZERO_ERROR
 ) -> Steps[CameraFit]:
     """The errors of these kinds that fit all windows best, the others as they are at first. Windows are linearised
     about points of GRID, as long as that makes what was seen likelier."""
@@ -347,7 +349,7 @@ def _step(normals: Sequence[Normal], about: Array, places: list[int]) -> tuple[A
     """The step (5,) to the errors at these places that fit all windows best, and their sigmas (5,). A window that
     disagrees with the others counts less."""
     if not places:
-        return CONFIGURED, CONFIGURED
+        return ZERO_ERROR, ZERO_ERROR
     information = np.array([normal.information[np.ix_(places, places)] for normal in normals])
     gradients = np.array([normal.gradient[places] for normal in normals])
     prior, weights = FIRST_SIGMA[places] ** -2.0, np.ones(len(normals))
@@ -359,7 +361,7 @@ def _step(normals: Sequence[Normal], about: Array, places: list[int]) -> tuple[A
         off = np.einsum("wi,wi->w", rest, explained)
         weights = np.minimum(1.0, SIGMAS / np.sqrt(np.maximum(off, 1e-9)))
     scatter = np.einsum("w,wi,wj->ij", weights**2, rest, rest)
-    whole, sigma = CONFIGURED.copy(), CONFIGURED.copy()
+    whole, sigma = ZERO_ERROR.copy(), ZERO_ERROR.copy()
     whole[places] = np.clip(about[places] + step, -LARGEST[places], LARGEST[places]) - about[places]
     sigma[places] = np.sqrt(np.diag(inverse + inverse @ scatter @ inverse))
     sigma[FOCAL] *= FOCAL_SPREAD

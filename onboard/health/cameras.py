@@ -15,10 +15,10 @@ from onboard.messages import DOUBT_PREFIX, CameraHealth, Exposure, TargetImage
 from onboard.messages.causes import Cause, Reason
 from onboard.units import NS_PER_S, S_PER_NS
 
-MOST_CAMERAS: Final = 16  # cameras
-MOST_NAMES: Final = 8  # targets, or classes, of each
+MAX_CAMERA_COUNT: Final = 16  # cameras
+MAX_NAME_COUNT: Final = 8  # targets, or classes, of each
 RATE_WINDOW_NS: Final = 2 * NS_PER_S
-MOST_WATCHED: Final = 32  # cameras whose images' quarter is watched
+MAX_WATCHED_COUNT: Final = 32  # cameras whose images' quarter is watched
 QUARTER_IMAGES: Final = 500  # in a row, of one camera
 MIN_QUARTER_DURATION_NS: Final = 60 * NS_PER_S  # a leader of a formation may stay in that quarter for less
 UNUSED: Final = Reason(
@@ -60,7 +60,7 @@ class Cameras:
         clock minus boot clock; `now_ns`: the time of our newest own motion on the boot clock, 0 without any."""
         camera = self._cameras.get(image.camera)
         if camera is None:
-            if len(self._cameras) >= MOST_CAMERAS:
+            if len(self._cameras) >= MAX_CAMERA_COUNT:
                 return
             camera = self._cameras[image.camera] = _Camera()
         for detection in image.detections:
@@ -110,7 +110,7 @@ def _note(names: dict[str, None], name: str) -> None:
     """Keep a name as the newest; the oldest gives way."""
     names.pop(name, None)
     names[name] = None
-    if len(names) > MOST_NAMES:
+    if len(names) > MAX_NAME_COUNT:
         del names[next(iter(names))]
 
 
@@ -133,7 +133,7 @@ class Hints:
         count, since_ns = self._quarters.get(image.camera, (0, image.t_recv_ns))
         if any(u >= middle[0] or v >= middle[1] for u, v in image.image_points):
             self._quarters.pop(image.camera, None)
-        elif count or len(self._quarters) < MOST_WATCHED:
+        elif count or len(self._quarters) < MAX_WATCHED_COUNT:
             self._quarters[image.camera] = count + 1, since_ns
             if count >= QUARTER_IMAGES and image.t_recv_ns - since_ns > MIN_QUARTER_DURATION_NS:
                 self._add(source, QUARTER_REASON, image.t_recv_ns)

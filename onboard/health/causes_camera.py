@@ -11,27 +11,27 @@ from onboard.messages.causes import Cause
 from onboard.messages.stamps import UPTIME, Reading, Span, read_stamps
 from onboard.units import NS_PER_S
 
-PATIENCE_S: Final = 5.0  # after the start, before an image is missing
-SILENT_S: Final = 2.0
-QUICKEST_S: Final = 0.003  # from exposure to the detector's answer; nothing is faster
-SLOWEST_S: Final = 0.4  # of 0.5 s, beyond which images are too old
-ODD_S: Final = 2.0  # no camera is so late: its stamp is of another clock, or in another unit
-WIDE: Final = 0.35  # rad off the axis
+FIRST_IMAGE_TIMEOUT_S: Final = 5.0  # after the start, before an image is missing
+SILENCE_TIMEOUT_S: Final = 2.0
+MIN_LATENCY_S: Final = 0.003  # from exposure to the detector's answer; nothing is faster
+MAX_LATENCY_S: Final = 0.4  # of 0.5 s, beyond which images are too old
+IMPLAUSIBLE_LATENCY_S: Final = 2.0  # no camera is so late: its stamp is of another clock, or in another unit
+WIDE_ANGLE: Final = 0.35  # rad off the axis
 # Measured noise over the configured one that is named: sound cameras have up to 1.3, with poses 1.6.
 MAX_NOISE_RATIO: Final = 1.7
 MIN_NOISE_RATIO: Final = 0.5
-FEWEST_JUDGED: Final = 10  # images by which a share is judged
+MIN_JUDGED_COUNT: Final = 10  # images by which a share is judged
 LEADERS: Final = ("leader", "oh_johnson")
 
 
 def silent_camera(m: Moment) -> Iterator[Advice]:
     """No images, or not any more."""
-    if not m.needs.images or m.waited < PATIENCE_S:
+    if not m.needs.images or m.waited < FIRST_IMAGE_TIMEOUT_S:
         return
     if not m.now.cameras:
         yield from _never_heard(m)
     for name, camera in m.now.cameras.items():
-        if camera.age > SILENT_S and not _is_refused(m):
+        if camera.age > SILENCE_TIMEOUT_S and not _is_refused(m):
             empty = _detector_sends(m, m.since(camera.age))
             why = "its detector sends, but finds no aircraft" if empty else "is its detector running?"
             yield _advice(
@@ -64,20 +64,20 @@ def _never_heard(m: Moment) -> Iterator[Advice]:
 def stamps(m: Moment) -> Iterator[Advice]:
     """Images whose stamps cannot be times of exposure, though they are used."""
     for name, camera in m.now.cameras.items():
-        if camera.latency is None or camera.age > SILENT_S or camera.count < FEWEST_JUDGED:
+        if camera.latency is None or camera.age > SILENCE_TIMEOUT_S or camera.count < MIN_JUDGED_COUNT:
             continue
         if (reading := stamp_reading(m, name, camera)) is not None:
             what = f"camera {name}: `t_ns` is {reading.words}"
             yield _advice("clock", name, what, reading.remedy, f"camera {name}: stamps are of another clock")
             continue
-        if camera.latency < QUICKEST_S:
+        if camera.latency < MIN_LATENCY_S:
             when = "after" if camera.latency > 0.0 else "before"
             what = (
                 f"camera {name}: images arrive {1e3 * abs(camera.latency):.0f} ms {when} the time of their stamp; "
                 "a camera and a detector take 20 ms and more, so it is not that of exposure"
             )
             remedy = f"stamp the exposure, or set `delay_s` of {section_of(m, name)}; {of_camera(m, name, FIT)}"
-        elif camera.latency > SLOWEST_S:
+        elif camera.latency > MAX_LATENCY_S:
             what = f"camera {name}: images arrive {camera.latency:.2f} s after exposure; at 0.5 s they are too old"
             remedy = "make the detector faster, or let it leave images out; is `t_ns` the time of exposure?"
         else:
@@ -88,7 +88,13 @@ def stamps(m: Moment) -> Iterator[Advice]:
 def stamp_reading(m: Moment, name: str, camera: CameraHealth) -> Reading | None:
     """Return what the newest stamp of a camera is, if it is not what it says."""
     offset_ns, stamp_ns, late_s = m.now.clock_offset_ns, camera.stamp_ns, camera.latency
-    if offset_ns is None or stamp_ns is None or late_s is None or abs(late_s) < ODD_S or camera.age > SILENT_S:
+    if (
+        offset_ns is None
+        or stamp_ns is None
+        or late_s is None
+        or abs(late_s) < IMPLAUSIBLE_LATENCY_S
+        or camera.age > SILENCE_TIMEOUT_S
+    ):
         return None
     arrived_ns = m.now.t_recv_ns - round(camera.age * NS_PER_S)
     boot_ns = arrived_ns - offset_ns
@@ -102,7 +108,7 @@ def stamp_reading(m: Moment, name: str, camera: CameraHealth) -> Reading | None:
 def lens(m: Moment) -> Iterator[Advice]:
     """Points far from the optical axis of a camera without distortion: pixels of a real lens are off there."""
     for name, camera in m.now.cameras.items():
-        if name in m.needs.undistorted and camera.off_axis > WIDE and camera.count >= FEWEST_JUDGED:
+        if name in m.needs.undistorted and camera.off_axis > WIDE_ANGLE and camera.count >= MIN_JUDGED_COUNT:
             yield _advice(
                 "lens",
                 name,
@@ -118,7 +124,7 @@ def lens(m: Moment) -> Iterator[Advice]:
 def names(m: Moment) -> Iterator[Advice]:
     """Targets that are not the leader, and classes without a section."""
     for name, camera in m.now.cameras.items():
-        if camera.age > SILENT_S:
+        if camera.age > SILENCE_TIMEOUT_S:
             continue
         unknown = [c for c in camera.classes if m.needs.classes and c not in m.needs.classes]
         if unknown:
@@ -181,7 +187,7 @@ def _is_refused(m: Moment) -> bool:
     links = {k.name for k in m.needs.links if not k.is_autopilot}
     return any(
         (r.source.startswith("camera ") or "/" in r.source or r.source in links or r.cause is Cause.OTHER_CLOCK)
-        and m.now.t_recv_ns - r.t_recv_ns < SILENT_S * NS_PER_S
+        and m.now.t_recv_ns - r.t_recv_ns < SILENCE_TIMEOUT_S * NS_PER_S
         for r in m.now.refusals
     )
 

@@ -3,18 +3,18 @@
 from collections.abc import Iterator
 from typing import Final
 
-from onboard.health.causes_camera import FEWEST_JUDGED, of_camera, stamp_reading
+from onboard.health.causes_camera import MIN_JUDGED_COUNT, of_camera, stamp_reading
 from onboard.health.needs import Moment
 from onboard.health.words import NOTHING, WORDS
 from onboard.messages import DOUBT_CAUSES, Advice, Severity
 from onboard.messages.causes import Cause
 from onboard.units import NS_PER_S
 
-LOOK_BACK_NS: Final = 10 * NS_PER_S
-LATE_S: Final = 0.15  # by which the daemon's timer may be late
-STOOD_STILL_S: Final = 1.0  # by which it is late when the program did not run at all, or hardly
-LITTLE_ROOM: Final = 200_000_000  # bytes
-LITTLE_MEMORY: Final = 100_000_000
+COUNT_WINDOW_NS: Final = 10 * NS_PER_S
+MAX_TIMER_LAG_S: Final = 0.15  # by which the daemon's timer may be late
+STALLED_LAG_S: Final = 1.0  # by which it is late when the program did not run at all, or hardly
+MIN_STORAGE_BYTES: Final = 200_000_000
+MIN_MEMORY_BYTES: Final = 100_000_000
 BY_STAMP: Final = (Cause.TOO_OLD, Cause.TOO_NEW, Cause.NO_POSE, Cause.DUPLICATE)
 WITHOUT_MOTION: Final = ("filter_has_no_position", "filter_has_no_velocity")  # by the autopilot's own filter
 # Causes that refuse single images of a sound camera: the leader is at the edge or too far away to show its wing,
@@ -28,7 +28,7 @@ ROOM: Final = "make room (`df -h`, `du -sh *`), or set `path` of [recorder]"
 def refused(m: Moment) -> Iterator[Advice]:
     """Messages that were refused, by their cause."""
     for refusal in reversed(m.now.refusals):
-        if not 0 <= m.now.t_recv_ns - refusal.t_recv_ns <= LOOK_BACK_NS or refusal.t_recv_ns <= m.stood_ns:
+        if not 0 <= m.now.t_recv_ns - refusal.t_recv_ns <= COUNT_WINDOW_NS or refusal.t_recv_ns <= m.stood_ns:
             continue
         if _follows(m, refusal.cause) or _is_rare(m, refusal.cause):
             continue
@@ -63,7 +63,7 @@ def _is_rare(m: Moment, cause: Cause) -> bool:
     if cause not in RARE_CAUSES:
         return False
     refused, *used = (m.now.verdicts.get(f"leader.{verdict}", 0) for verdict in (cause, *USED))
-    is_few = cause is not Cause.OUT_OF_VIEW and refused < FEWEST_JUDGED
+    is_few = cause is not Cause.OUT_OF_VIEW and refused < MIN_JUDGED_COUNT
     return refused < MIN_REFUSED_RATIO * (refused + sum(used)) or is_few
 
 
@@ -134,7 +134,7 @@ def sinks(m: Moment) -> Iterator[Advice]:
 def slow(m: Moment) -> Iterator[Advice]:
     """This computer is too slow for what comes."""
     signs, load = [], m.now.computer
-    has_stood = load.lag > STOOD_STILL_S  # what was skipped then shows no slow computer afterwards
+    has_stood = load.lag > STALLED_LAG_S  # what was skipped then shows no slow computer afterwards
     for name, health in m.now.links.items():
         before = m.before.links.get(name, health)
         if health.dropped > before.dropped:
@@ -149,7 +149,7 @@ def slow(m: Moment) -> Iterator[Advice]:
         lost = sink.dropped_important - before_it.dropped_important
         if lost > 0 and not (sink.error or before_it.error or (name == "recorder" and _is_full(m))):
             signs.append(f"{name} lost {lost} records")
-    if load.lag > LATE_S and m.before.computer.lag > LATE_S and m.before is not m.now:
+    if load.lag > MAX_TIMER_LAG_S and m.before.computer.lag > MAX_TIMER_LAG_S and m.before is not m.now:
         signs.append(f"the daemon is {load.lag:.2f} s late")
     if has_stood:
         yield Advice(
@@ -187,7 +187,7 @@ def storage(m: Moment) -> Iterator[Advice]:
             remedy=ROOM,
             text=f"storage: {load.storage_free / 1e6:.0f} MB left",
         )
-    if load.memory_free is not None and load.memory_free < LITTLE_MEMORY:
+    if load.memory_free is not None and load.memory_free < MIN_MEMORY_BYTES:
         yield Advice(
             kind="slow",
             severity=Severity.WARNING,
@@ -201,7 +201,7 @@ def storage(m: Moment) -> Iterator[Advice]:
 def _is_full(m: Moment) -> bool:
     """Whether a recording has little room, and loses records for that."""
     free = m.now.computer.storage_free
-    return "recorder" in m.now.sinks and free is not None and free < LITTLE_ROOM
+    return "recorder" in m.now.sinks and free is not None and free < MIN_STORAGE_BYTES
 
 
 def _last(source: str) -> str:

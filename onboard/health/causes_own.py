@@ -3,12 +3,12 @@
 from collections.abc import Iterator
 from typing import Final
 
-from onboard.health.needs import MOTION_STREAMS, RATE_SHARE, SILENT_S, LinkNeed, Moment
+from onboard.health.needs import MOTION_STREAMS, RATE_SHARE, SILENCE_TIMEOUT_S, LinkNeed, Moment
 from onboard.messages import Advice, Severity
 
-CLOCK_PATIENCE_S: Final = 15.0
-PATIENCE_S: Final = 5.0  # after the start, before a stream is missing
-LONG_ROUND_TRIP_S: Final = 0.05
+CLOCK_TIMEOUT_S: Final = 15.0
+FIRST_SAMPLE_TIMEOUT_S: Final = 5.0  # after the start, before a stream is missing
+MAX_ROUND_TRIP_TIME_S: Final = 0.05
 MAX_OWN_NIS_RATIO: Final = 3.0  # to its expectation: above manoeuvres, and noise of half as much again
 # By record: the MAVLink message that is asked for, ArduPilot's parameter of its rate, and what fails without it.
 STREAMS: Final = {
@@ -21,7 +21,7 @@ STREAMS: Final = {
 
 def silent_autopilot(m: Moment) -> Iterator[Advice]:
     """No autopilot, or not any more, or none of the configured system."""
-    if m.is_heard or m.waited < SILENT_S:
+    if m.is_heard or m.waited < SILENCE_TIMEOUT_S:
         return
     links = [link for link in m.needs.links if link.is_autopilot]
     if m.now.followed:
@@ -127,7 +127,7 @@ def missing_streams(m: Moment) -> Iterator[Advice]:
 
 def no_origin(m: Moment) -> Iterator[Advice]:
     """Places on Earth are to be sent, and the autopilot has no origin."""
-    if not m.needs.sends_places or not m.is_heard or m.waited < PATIENCE_S:
+    if not m.needs.sends_places or not m.is_heard or m.waited < FIRST_SAMPLE_TIMEOUT_S:
         return
     if "GlobalOrigin" not in m.now.streams and "GlobalPosition" not in m.now.streams:
         yield Advice(
@@ -144,14 +144,14 @@ def no_origin(m: Moment) -> Iterator[Advice]:
 
 def clock(m: Moment) -> Iterator[Advice]:
     """The two clocks are compared badly, or not at all."""
-    if not m.is_heard or m.waited < CLOCK_PATIENCE_S or not any(k.is_autopilot for k in m.needs.links):
+    if not m.is_heard or m.waited < CLOCK_TIMEOUT_S or not any(k.is_autopilot for k in m.needs.links):
         return
     if m.now.round_trip is None:
         what = "the autopilot answers no TIMESYNC: the clocks are compared by arrivals, which are late by the link"
         remedy = (
             "does it get what we send? TX wire, router, or `key_file` of the [[link]] where it wants signed frames"
         )
-    elif m.now.round_trip > LONG_ROUND_TRIP_S:
+    elif m.now.round_trip > MAX_ROUND_TRIP_TIME_S:
         trip = 1e3 * m.now.round_trip
         what = f"the round trip to the autopilot is {trip:.0f} ms: clocks are compared to half of it"
         remedy = "use a faster link, or a higher baud rate, in `url` of the [[link]]"

@@ -9,13 +9,13 @@ from onboard.messages import Advice, Health
 from onboard.messages.causes import Cause
 from onboard.units import NS_PER_S
 
-NOT_VALID_NS: Final = 5 * NS_PER_S  # not valid for so long
+MIN_INVALID_DURATION_NS: Final = 5 * NS_PER_S  # not valid for so long
 VALID: Final = frozenset({Cause.NONE, Cause.FUSED, Cause.PREDICTED, Cause.CARRIED})
 
 
 def invalid(m: Moment) -> Iterator[Advice]:
     """Estimates that have not been valid for some seconds."""
-    if m.now.t_recv_ns - m.before.t_recv_ns < NOT_VALID_NS:
+    if m.now.t_recv_ns - m.before.t_recv_ns < MIN_INVALID_DURATION_NS:
         return
     for name in m.now.states:
         if is_valid(m.now, name) or name not in m.before.states or is_valid(m.before, name):

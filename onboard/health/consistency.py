@@ -18,10 +18,10 @@ from onboard.messages import Consistency, Estimate, MeasurementReport
 from onboard.units import NS_PER_S
 
 WINDOW: Final = 200  # measurements
-FEWEST_INNOVATIONS: Final = 30  # before which nothing is stated
-NO_GATE: Final = 5.0  # of the expectation: where a report states no gate
-MAX_DIFFERENCE_NS: Final = NS_PER_S // 2  # between two innovations that are compared
-MOST_SUMMARIES: Final = 32  # estimators and sources
+MIN_INNOVATION_COUNT: Final = 30  # before which nothing is stated
+DEFAULT_GATE_RATIO: Final = 5.0  # of the expectation: where a report states no gate
+MAX_INTERVAL_NS: Final = NS_PER_S // 2  # between two innovations that are compared
+MAX_SUMMARY_COUNT: Final = 32  # estimators and sources
 BOUNDS_PROBABILITY: Final = 0.9973  # that the mean NIS of a consistent filter lies within its bounds
 
 
@@ -47,10 +47,10 @@ class Consistencies:
         if report.nis is None or report.innovation is None or not math.isfinite(report.nis):
             return
         key = f"{estimate.name}.{report.source}"
-        if key not in self._windows and len(self._windows) >= MOST_SUMMARIES:
+        if key not in self._windows and len(self._windows) >= MAX_SUMMARY_COUNT:
             return
         degrees = len(report.innovation)
-        nis = min(report.nis, report.gate or NO_GATE * degrees)
+        nis = min(report.nis, report.gate or DEFAULT_GATE_RATIO * degrees)
         window = self._windows.setdefault(key, deque(maxlen=WINDOW))
         difference = _difference_nis(self._last.get(key), report)
         self._last[key] = report
@@ -58,12 +58,12 @@ class Consistencies:
 
     def summary(self) -> dict[str, Consistency]:
         """Return the consistency of each window that is long enough."""
-        return {key: _of(window) for key, window in self._windows.items() if len(window) >= FEWEST_INNOVATIONS}
+        return {key: _of(window) for key, window in self._windows.items() if len(window) >= MIN_INNOVATION_COUNT}
 
 
 def _difference_nis(before: MeasurementReport | None, now: MeasurementReport) -> float | None:
     """Return the NIS per component of what an innovation differs by from the one before, None without that."""
-    if before is None or before.components != now.components or now.t_ns - before.t_ns > MAX_DIFFERENCE_NS:
+    if before is None or before.components != now.components or now.t_ns - before.t_ns > MAX_INTERVAL_NS:
         return None
     e, f, sigma, tau = now.innovation, before.innovation, now.innovation_sigma, before.innovation_sigma
     if e is None or f is None or sigma is None or tau is None or len(e) != len(f):

@@ -15,8 +15,8 @@ from onboard.messages.mavlink_enums import AUTOPILOT_NAMES
 from onboard.units import NS_PER_S, S_PER_NS
 
 RATE_WINDOW_NS: Final = 2 * NS_PER_S
-MOST_SENDERS: Final = 32
-MOST_ERRORS: Final = 100  # kinds of exceptions that are described; all are counted
+MAX_SENDER_COUNT: Final = 32
+MAX_ERROR_COUNT: Final = 100  # kinds of exceptions that are described; all are counted
 
 
 class Exceptions:
@@ -32,7 +32,7 @@ class Exceptions:
         """Count an exception that was caught; `place` is the message's name, or the part that failed."""
         self.counts[f"error.{place}"] += 1
         kind = place, type(error).__name__
-        if kind in self._kinds or len(self._kinds) >= MOST_ERRORS:
+        if kind in self._kinds or len(self._kinds) >= MAX_ERROR_COUNT:
             return
         self._kinds.add(kind)
         frame = traceback.extract_tb(error.__traceback__)[-1]
@@ -66,7 +66,7 @@ class Monitor:
         sender = message.system, message.component
         if sender in self._senders:
             self._senders[sender] += 1
-        elif message.system and len(self._senders) < MOST_SENDERS:
+        elif message.system and len(self._senders) < MAX_SENDER_COUNT:
             self._senders[sender] = 1
 
     @property

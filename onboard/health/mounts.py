@@ -15,8 +15,8 @@ from onboard.arrays import Array
 from onboard.geometry.camera import Camera
 from onboard.geometry.rotations import euler_from_quaternion, matrix_from_euler, quaternion_from_matrix
 from onboard.health.camera_errors import (
-    LEAST_LEAN,
     LONGEST_DELAY_S,
+    MIN_TILT_RMS,
     SIGMAS,
     Poses,
     Sights,
@@ -31,11 +31,11 @@ from onboard.units import NS_PER_S
 
 FUSED: Final = (Verdict.FUSED, Verdict.FUSED_LATE)
 WINDOW_NS: Final = 4 * NS_PER_S
-REACH_NS: Final = round(LONGEST_DELAY_S * NS_PER_S)  # of our own motion before and after a window
+OWN_MOTION_MARGIN_NS: Final = round(LONGEST_DELAY_S * NS_PER_S)  # of our own motion before and after a window
 FEWEST_IMAGES: Final = 20  # in a window
 MOST_IMAGES: Final = 40  # ... that are computed with
-WINDOWS: Final = 20  # that are kept: 80 s
-FEWEST_WINDOWS: Final = 5
+MAX_WINDOW_COUNT: Final = 20  # that are kept: 80 s
+MIN_WINDOW_COUNT: Final = 5
 STEP_NS: Final = NS_PER_S // 30  # of own motion, for each step of a search: some milliseconds ...
 MOST_STEPS: Final = 30  # ... so many at once
 MOST_NOISE: Final = (
@@ -46,7 +46,9 @@ SENSES: Final = (
     ("higher", "lower"),
     ("to the right", "to the left"),
 )  # by the sign
-SERVED_NS: Final = NS_PER_S  # after an image of the leader was fused, its camera shows no other target that counts
+LEADER_HOLD_TIME_NS: Final = (
+    NS_PER_S  # after an image of the leader was fused, its camera shows no other target that counts
+)
 Found = tuple[Array, Array] | None
 LEFT_OUT: Final = "its images are left out while another camera shows the leader"
 
@@ -106,7 +108,7 @@ class Mounts:
             return
         if estimate.is_primary:
             self._fused_ns[report.source] = report.t_ns
-        elif abs(report.t_ns - self._fused_ns.get(report.source, -SERVED_NS)) < SERVED_NS:
+        elif abs(report.t_ns - self._fused_ns.get(report.source, -LEADER_HOLD_TIME_NS)) < LEADER_HOLD_TIME_NS:
             return
         camera, pose = self._camera.named(report.source), ownship.pose_at(report.t_ns)
         if pose is None or camera.gimbal is not None or not all(map(math.isfinite, pose.r_OF_n.tolist())):
@@ -125,8 +127,11 @@ class Mounts:
     def _keep_motion(self, ownship: Ownship) -> None:
         """Our own motion about windows that have ended, once it is known as far as it is needed."""
         for i, one in enumerate(self._ended):
-            if one.poses is None and ownship.knows(one.sights[-1].t_ns + REACH_NS):
-                from_ns, to_ns = one.sights[0].t_ns - REACH_NS, one.sights[-1].t_ns + REACH_NS
+            if one.poses is None and ownship.knows(one.sights[-1].t_ns + OWN_MOTION_MARGIN_NS):
+                from_ns, to_ns = (
+                    one.sights[0].t_ns - OWN_MOTION_MARGIN_NS,
+                    one.sights[-1].t_ns + OWN_MOTION_MARGIN_NS,
+                )
                 self._ended[i] = one._replace(poses=Poses(*ownship.motion(from_ns, to_ns)))
 
     def judge(self, t_recv_ns: int) -> None:
@@ -154,9 +159,9 @@ class Mounts:
         few = sights[:: 1 + len(sights) // MOST_IMAGES]
         rows = np.array([(1e-9 * s.t_ns, s.u, s.v, s.distance) for s in few])
         camera = self._camera.named(source)
-        windows = self._windows.setdefault(source, deque(maxlen=WINDOWS))
+        windows = self._windows.setdefault(source, deque(maxlen=MAX_WINDOW_COUNT))
         windows.append(Window(Sights(rows[:, 0], rows[:, 1:3], rows[:, 3]), poses, camera))
-        if len(windows) >= FEWEST_WINDOWS and source not in self._searches:
+        if len(windows) >= MIN_WINDOW_COUNT and source not in self._searches:
             self._searches[source] = t_recv_ns, wrong_mount(tuple(windows))
 
     def _decide(self, source: str, found: Found, t_recv_ns: int) -> None:
@@ -167,7 +172,7 @@ class Mounts:
             reason = why(self._camera.named(source), *found)
             self.doubts[source] = reason = reason.also(LEFT_OUT) if self._camera.others else reason
             self._add(f"camera {source}", reason, t_recv_ns)
-        elif np.mean([window.lean for window in self._windows[source]]) >= LEAST_LEAN**2:
+        elif np.mean([window.lean for window in self._windows[source]]) >= MIN_TILT_RMS**2:
             self._sound.add(source)
 
 

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 from onboard.messages import Exposure, Health
 from onboard.units import S_PER_NS
 
-SILENT_S: Final = 3.0
+SILENCE_TIMEOUT_S: Final = 3.0
 RATE_SHARE: Final = 0.8  # of a rate that is needed
 MOTION_STREAMS: Final = ("Attitude", "LocalPosition")
 
@@ -72,7 +72,7 @@ class Moment(NamedTuple):
     @property
     def is_heard(self) -> bool:
         """Whether the autopilot is heard now."""
-        return self.now.followed != "" and self.silence < SILENT_S
+        return self.now.followed != "" and self.silence < SILENCE_TIMEOUT_S
 
     @property
     def silence(self) -> float:
@@ -84,7 +84,7 @@ class Moment(NamedTuple):
     def has_just_come(self) -> bool:
         """Whether the autopilot was not heard all the last seconds, so that its rates are not known yet."""
         heartbeat = self.before.streams.get("Heartbeat")
-        return self.now is self.before or heartbeat is None or heartbeat.age > SILENT_S
+        return self.now is self.before or heartbeat is None or heartbeat.age > SILENCE_TIMEOUT_S
 
     def rate(self, name: str) -> float:
         """A stream's rate now, Hz. Where there is no local position, the global one is used."""

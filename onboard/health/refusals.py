@@ -11,11 +11,11 @@ from onboard.messages.causes import Cause, Reason
 from onboard.messages.text import plain, without_names, without_numbers
 from onboard.units import S_PER_NS
 
-MOST_REFUSALS: Final = 32  # kinds that are remembered: a source and a reason each
-ALIKE: Final = 8  # of these, kinds that differ only in names: senders may choose any number of them
+MAX_REFUSAL_COUNT: Final = 32  # kinds that are remembered: a source and a reason each
+MAX_SIMILAR_COUNT: Final = 8  # of these, kinds that differ only in names: senders may choose any number of them
 OTHERS: Final = "others"  # the source of all further ones
 ROS_HASH: Final = "/RIHS"  # of a type begins so, at the end of a key of rmw_zenoh: nobody reads it
-LONGEST: Final = 240  # characters; the text may quote what came
+MAX_TEXT_LENGTH: Final = 240  # characters; the text may quote what came
 
 
 class RefusalKind(NamedTuple):
@@ -41,13 +41,13 @@ class Refusals:
     def add(self, source: str, why: Reason, t_recv_ns: int) -> None:
         """Count a message that was refused. Reasons that differ only in numbers are one: the first is kept."""
         source, words, key = _sorted(source, why.words)
-        if key not in self._kinds and sum(other.alike == key.alike for other in self._kinds) >= ALIKE:
+        if key not in self._kinds and sum(other.alike == key.alike for other in self._kinds) >= MAX_SIMILAR_COUNT:
             source, key = OTHERS, RefusalKind(OTHERS, key.alike, key.alike)
         before = self._kinds.pop(key, None)
         if before is None:
             before = Refusal(source=source, cause=why.cause, reason=words, count=0, t_recv_ns=t_recv_ns)
         self._kinds[key] = replace(before, count=before.count + 1, t_recv_ns=t_recv_ns)
-        while len(self._kinds) > MOST_REFUSALS:
+        while len(self._kinds) > MAX_REFUSAL_COUNT:
             del self._kinds[next(iter(self._kinds))]
 
     def add_message(self, message: Message, why: str | Reason) -> None:
@@ -70,9 +70,9 @@ class Refusals:
         self.add(source, Reason(Cause(report.verdict), words), report.t_recv_ns)
 
 
-@lru_cache(maxsize=4 * MOST_REFUSALS)  # a flood says the same
+@lru_cache(maxsize=4 * MAX_REFUSAL_COUNT)  # a flood says the same
 def _sorted(source: str, words: str) -> tuple[str, str, RefusalKind]:
     """Source and words as they are shown, and their kind."""
-    source, words = plain(source.partition(ROS_HASH)[0], LONGEST), plain(words, LONGEST)
+    source, words = plain(source.partition(ROS_HASH)[0], MAX_TEXT_LENGTH), plain(words, MAX_TEXT_LENGTH)
     kind = without_numbers(words)
     return source, words, RefusalKind(source, kind, without_names(kind))

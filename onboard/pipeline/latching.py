@@ -18,15 +18,17 @@ from onboard.units import NS_PER_S
 # MAV_TYPE of what flies, drives, swims or floats. A gimbal, camera or transponder may also claim an autopilot.
 VEHICLES: Final = frozenset({*range(1, 5), *range(7, 18), *range(19, 26), 28, 29, 35, 43, 45, 46, 47})
 GENERIC: Final = 0  # MAV_TYPE of a vehicle only from the component of an autopilot; MAV_AUTOPILOT of no known one
-AUTOPILOT_COMPONENT: Final = 1
-SILENT_NS: Final = 3 * NS_PER_S  # silence after which another autopilot may be ours
-MOTION_DUE_NS: Final = 3 * NS_PER_S  # in which an autopilot is to bring motion, once another one does
-MOTION_RECENT_NS: Final = 2 * NS_PER_S  # motion that is as new is brought
-OVERLAP_NS: Final = 200_000_000  # messages on their way: an autopilot may change its id
+AUTOPILOT_COMPONENT_ID: Final = 1
+SILENCE_TIMEOUT_NS: Final = 3 * NS_PER_S  # silence after which another autopilot may be ours
+MOTION_TIMEOUT_NS: Final = 3 * NS_PER_S  # in which an autopilot is to bring motion, once another one does
+MAX_MOTION_AGE_NS: Final = 2 * NS_PER_S  # motion that is as new is brought
+MAX_OVERLAP_TIME_NS: Final = 200_000_000  # messages on their way: an autopilot may change its id
 SAME: Final = "the one before has another id now: its clock and its motion go on"
-SHOWS_NS: Final = 500_000_000  # in which one that goes on shows its motion: until its second heartbeat
-SAME_SILENT_NS: Final = 500_000_000  # silence of ours after which the same one may have another id
-SAME_LASTS_NS: Final = 10 * NS_PER_S  # for so long motion tells whether it goes on
+CONTINUATION_WINDOW_NS: Final = (
+    500_000_000  # in which one that goes on shows its motion: until its second heartbeat
+)
+MIN_SILENCE_TIME_NS: Final = 500_000_000  # silence of ours after which the same one may have another id
+MAX_CONTINUATION_AGE_NS: Final = 10 * NS_PER_S  # for so long motion tells whether it goes on
 MOTION_MESSAGES: Final = (Attitude, LocalPosition, GlobalPosition)
 MOST_VEHICLES: Final = 16  # vehicles that are remembered
 
@@ -45,7 +47,7 @@ class Vehicle:
 
     def receive(self, message: Message) -> None:
         """Note a message of its own."""
-        if message.t_recv_ns - self.last_ns > SAME_SILENT_NS:  # it may have had another id meanwhile
+        if message.t_recv_ns - self.last_ns > MIN_SILENCE_TIME_NS:  # it may have had another id meanwhile
             self.since_ns = message.t_recv_ns
             self.first.clear()
         self.last_ns = message.t_recv_ns
@@ -66,13 +68,13 @@ class Vehicle:
     def is_complete(self, t_ns: int) -> bool:
         """Whether it brings attitude and position."""
         times = self.attitude_ns, self.position_ns
-        return all(t is not None and t_ns - t < MOTION_RECENT_NS for t in times)
+        return all(t is not None and t_ns - t < MAX_MOTION_AGE_NS for t in times)
 
     @property
     def rank(self) -> tuple[bool, bool]:
         """Of two parts of one vehicle, the higher one is its autopilot."""
         h = self.heartbeat
-        return h.component == AUTOPILOT_COMPONENT, h.autopilot != GENERIC
+        return h.component == AUTOPILOT_COMPONENT_ID, h.autopilot != GENERIC
 
 
 class Latch:
@@ -129,19 +131,19 @@ class Latch:
         """Why another vehicle takes the place of ours; "" if it does not."""
         later_ns, is_complete = other.first_ns - ours.last_ns, other.is_complete(t_ns)
         silent_ns = t_ns - ours.last_ns
-        is_silent = silent_ns > SILENT_NS
-        is_after = other.since_ns - ours.last_ns > -OVERLAP_NS
-        if silent_ns > SAME_SILENT_NS and is_complete and is_after and _goes_on(ours, other):
+        is_silent = silent_ns > SILENCE_TIMEOUT_NS
+        is_after = other.since_ns - ours.last_ns > -MAX_OVERLAP_TIME_NS
+        if silent_ns > MIN_SILENCE_TIME_NS and is_complete and is_after and _goes_on(ours, other):
             return SAME
-        if is_silent and (later_ns > SILENT_NS or (is_complete and later_ns > -OVERLAP_NS)):
-            may_go_on = ours.last and not is_complete and t_ns - other.first_ns < SHOWS_NS
+        if is_silent and (later_ns > SILENCE_TIMEOUT_NS or (is_complete and later_ns > -MAX_OVERLAP_TIME_NS)):
+            may_go_on = ours.last and not is_complete and t_ns - other.first_ns < CONTINUATION_WINDOW_NS
             return "" if may_go_on else "the one before has fallen silent"
         if not is_complete:
             return ""
         if other.heartbeat.system == ours.heartbeat.system and other.rank > ours.rank:
             return "the one before is another part of the vehicle"
         brings = ours.attitude_ns is not None or ours.position_ns is not None
-        if not brings and t_ns - self._since_ns > MOTION_DUE_NS:
+        if not brings and t_ns - self._since_ns > MOTION_TIMEOUT_NS:
             return "the one before brings no motion"
         return ""
 
@@ -158,12 +160,12 @@ def _goes_on(ours: Vehicle, other: Vehicle) -> bool:
     return (
         ours.heartbeat.autopilot == other.heartbeat.autopilot
         and len(pairs) > 1  # the attitude, and a position
-        and all(0 < after.t_recv_ns - before.t_recv_ns < SAME_LASTS_NS for before, after in pairs)
+        and all(0 < after.t_recv_ns - before.t_recv_ns < MAX_CONTINUATION_AGE_NS for before, after in pairs)
         and all(goes_on(before, after) for before, after in pairs)
     )
 
 
 def _is_vehicle(heartbeat: Heartbeat) -> bool:
     """Whether this is the heartbeat of a vehicle's autopilot."""
-    is_generic = heartbeat.vehicle_type == GENERIC and heartbeat.component == AUTOPILOT_COMPONENT
+    is_generic = heartbeat.vehicle_type == GENERIC and heartbeat.component == AUTOPILOT_COMPONENT_ID
     return heartbeat.autopilot != NO_AUTOPILOT and (heartbeat.vehicle_type in VEHICLES or is_generic)

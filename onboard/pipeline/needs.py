@@ -8,9 +8,9 @@ from onboard.config import Config
 from onboard.geometry.lens import Lens
 from onboard.health import LinkNeed, Needs
 
-IMU_HZ: Final = 17.0  # below it, a yaw that is wrong is not noticed (docs/fly-it.md)
-GPS_HZ: Final = 1.0
-SLOWEST_HZ: Final = 5.0
+MIN_IMU_RATE_HZ: Final = 17.0  # below it, a yaw that is wrong is not noticed (docs/fly-it.md)
+MIN_GPS_RATE_HZ: Final = 1.0
+MIN_RATE_HZ: Final = 5.0
 USES_IMAGES: Final = ("leader", "oh_johnson")
 MIN_WIDE_ANGLE: Final = math.radians(40.0)  # from the axis to a corner of the image
 PLACES: Final = ("FOLLOW_TARGET", "GLOBAL_POSITION_INT", "ADSB_VEHICLE", "CAMERA_TRACKING_GEO_STATUS")
@@ -52,8 +52,8 @@ def _rates(config: Config) -> Mapping[str, float]:
     """Hz of each stream. Beyond its newest sample our own pose is carried on for `max_extrapolation_s` only."""
     if not config.estimator:
         return {}
-    pose = max(1.0 / max(config.ownship.max_extrapolation_s, 1e-3), SLOWEST_HZ)
+    pose = max(1.0 / max(config.ownship.max_extrapolation_s, 1e-3), MIN_RATE_HZ)
     rates = {"Attitude": min(pose, 50.0), "LocalPosition": min(pose, 50.0)}
     if "own_state" in config.estimator:
-        rates |= {"Imu": IMU_HZ, "GpsFix": GPS_HZ}
+        rates |= {"Imu": MIN_IMU_RATE_HZ, "GpsFix": MIN_GPS_RATE_HZ}
     return rates

@@ -9,8 +9,8 @@ from onboard.messages import Exposure, Message
 from onboard.ownship import Ownship
 from onboard.units import NS_PER_S
 
-MAX_WAITING: Final = 256  # of each source
-GIMBAL_NS: Final = 350_000_000  # an image waits so long for the attitude of its camera's gimbal
+MAX_WAITING_COUNT: Final = 256  # of each source
+GIMBAL_TIMEOUT_NS: Final = 350_000_000  # an image waits so long for the attitude of its camera's gimbal
 FIRST: Final = ("leader", "")  # targets whose images have room of their own; "" is a target without an id
 
 
@@ -35,7 +35,7 @@ class Waiting:
         source = _source(image)
         if not (self._awaits_own_motion(image, ownship) or self._awaits_gimbal(image, ownship)):
             return False
-        if self._places[source] >= MAX_WAITING:
+        if self._places[source] >= MAX_WAITING_COUNT:
             return False
         self._waiting.append(image)
         self._places[source] += 1
@@ -80,7 +80,7 @@ class Waiting:
             return False
         gimbal = self._gimbals.get(image.camera, self._first_gimbal)
         may_come = gimbal is not None and ownship.gimbals.may_know(gimbal, image.t_ns)
-        return may_come and ownship.now_ns - image.t_ns <= GIMBAL_NS
+        return may_come and ownship.now_ns - image.t_ns <= GIMBAL_TIMEOUT_NS
 
 
 def _source(message: Message) -> tuple[type[Message], bool]:

@@ -8,7 +8,9 @@ from onboard.messages import WarmState
 from onboard.messages.causes import Cause, Reason
 
 SOURCE: Final = "warm_state"
-APART_NS: Final = 500_000_000  # between two offsets of one boot clock, the new one known by one arrival
+MAX_OFFSET_DIFFERENCE_NS: Final = (
+    500_000_000  # between two offsets of one boot clock, the new one known by one arrival
+)
 REBOOTED: Final = Reason(
     Cause.WARM_STATE, "the autopilot has rebooted since, or its clock runs at another rate than this computer's"
 )
@@ -32,7 +34,7 @@ class WarmStart:
         if state is None or offset_ns is None:
             return None
         self.waits = None
-        if abs(offset_ns - state.offset_ns) > APART_NS:
+        if abs(offset_ns - state.offset_ns) > MAX_OFFSET_DIFFERENCE_NS:
             self._refuse(SOURCE, REBOOTED, t_recv_ns)
             return None
         if state.round_trip_ns is not None:

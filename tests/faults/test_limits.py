@@ -15,7 +15,7 @@ from onboard.estimators.traffic import track as traffic_track
 from onboard.estimators.traffic import waiting as traffic_waiting
 from onboard.estimators.traffic.config import Config as TrafficConfig
 from onboard.estimators.traffic.track import Track
-from onboard.health.monitor import MOST_ERRORS, Exceptions
+from onboard.health.monitor import MAX_ERROR_COUNT, Exceptions
 from onboard.messages import (
     Clock,
     Datagram,
@@ -26,7 +26,7 @@ from onboard.messages import (
     TargetPoints,
     Verdict,
 )
-from onboard.pipeline.waiting import MAX_WAITING, Waiting
+from onboard.pipeline.waiting import MAX_WAITING_COUNT, Waiting
 from onboard.sinks import zenoh
 from onboard.sinks.recorder import Recorder
 from onboard.wire.documents import pseudoranges, radar
@@ -111,9 +111,9 @@ def test_images_beyond_the_room_do_not_wait() -> None:
     at |= dict.fromkeys(("center", "left", "right"), (0.0, 0.0))
     taken = [
         images.takes(Exposure.of(TargetPoints(t_ns=S + S // 5 + k, target="target/1", **at)), ownship)
-        for k in range(MAX_WAITING + 10)
+        for k in range(MAX_WAITING_COUNT + 10)
     ]
-    assert taken == [True] * MAX_WAITING + [False] * 10
+    assert taken == [True] * MAX_WAITING_COUNT + [False] * 10
     assert images.takes(Exposure.of(TargetPoints(t_ns=S + S // 5, target="leader", **at)), ownship), (
         "its room is its own"
     )
@@ -125,14 +125,14 @@ def fail(kind: type[Exception]) -> None:
 
 def test_of_many_kinds_of_exceptions_all_are_counted_and_a_hundred_described() -> None:
     errors = Exceptions()
-    for k in range(MOST_ERRORS + 20):
+    for k in range(MAX_ERROR_COUNT + 20):
         kind = type(f"Error{k}", (Exception,), {})
         try:
             fail(kind)
         except kind as error:
             errors.count("decode", error)
-    assert errors.counts == {"error.decode": MOST_ERRORS + 20}
-    assert len(errors.lines) == MOST_ERRORS
+    assert errors.counts == {"error.decode": MAX_ERROR_COUNT + 20}
+    assert len(errors.lines) == MAX_ERROR_COUNT
 
 
 def test_reports_beyond_the_room_are_full(monkeypatch: pytest.MonkeyPatch) -> None:

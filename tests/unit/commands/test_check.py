@@ -103,7 +103,7 @@ def test_a_camera_is_needed_only_by_who_looks() -> None:
 def test_the_disk(path: str | None, mark: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     if path == "full":
-        monkeypatch.setattr(readiness, "LITTLE_ROOM", 1 << 80)
+        monkeypatch.setattr(readiness, "MIN_STORAGE_BYTES", 1 << 80)
     config = load_config(None, () if path is None else (f"recorder.path={path}",))
     assert str(readiness._disk(config)).startswith(mark)
 

@@ -77,7 +77,7 @@ def sleeper(folder: Path, code: str) -> Process:
 def client(monkeypatch: pytest.MonkeyPatch) -> type[FakeClient]:
     made = type("Fake", (FakeClient,), {})
     monkeypatch.setattr(processes, "Client", made)
-    monkeypatch.setattr(processes, "CONNECT_RETRY_S", 0.01)
+    monkeypatch.setattr(processes, "CONNECT_RETRY_PERIOD_S", 0.01)
     return made
 
 

@@ -134,11 +134,11 @@ OF_LIMITS = {  # what lies beyond each limit
         f"{BEYOND}any_number_of_senders_that_complete_nothing_costs_one_that_does_no_image"
     ),
     "recording.MAX_RECORD_BYTES": f"{BEYOND}a_record_whose_length_is_absurd_is_damage",
-    "waiting.MAX_WAITING": f"{BEYOND}images_beyond_the_room_do_not_wait",
-    "monitor.MOST_ERRORS": f"{BEYOND}of_many_kinds_of_exceptions_all_are_counted_and_a_hundred_described",
-    "refusals.MOST_REFUSALS": f"{REFUSED}reasons_of_every_kind_have_room_for_the_latest",
-    "refusals.ALIKE": f"{REFUSED}names_without_end_cost_no_other_refusal_its_count",
-    "refusals.LONGEST": f"{REFUSED}a_flood_of_kinds_gets_few_lines_and_little_room",
+    "waiting.MAX_WAITING_COUNT": f"{BEYOND}images_beyond_the_room_do_not_wait",
+    "monitor.MAX_ERROR_COUNT": f"{BEYOND}of_many_kinds_of_exceptions_all_are_counted_and_a_hundred_described",
+    "refusals.MAX_REFUSAL_COUNT": f"{REFUSED}reasons_of_every_kind_have_room_for_the_latest",
+    "refusals.MAX_SIMILAR_COUNT": f"{REFUSED}names_without_end_cost_no_other_refusal_its_count",
+    "refusals.MAX_TEXT_LENGTH": f"{REFUSED}a_flood_of_kinds_gets_few_lines_and_little_room",
     "waiting.MAX_WAITING_REPORTS": f"{BEYOND}reports_beyond_the_room_are_full",
     "track.MAX_SOURCES_PER_TRACK": f"{BEYOND}of_the_sources_of_a_track_the_oldest_is_forgotten",
     "publication.MAX_PUBLISHED_TRACKS": "tests/unit/estimators/traffic/test_floods.py::"

@@ -2,7 +2,7 @@
 
 import pytest
 
-from onboard.health.consistency import FEWEST_INNOVATIONS, Consistencies
+from onboard.health.consistency import MIN_INNOVATION_COUNT, Consistencies
 from onboard.messages import Consistency, MeasurementReport, Verdict
 from tests.support.records import make_estimate
 
@@ -10,7 +10,7 @@ from tests.support.records import make_estimate
 def of_six(nis: float, scale: float) -> Consistency:
     """Of a full window of measurements with six numbers, each with this NIS as a share of its expectation."""
     found = Consistencies()
-    for k in range(FEWEST_INNOVATIONS):
+    for k in range(MIN_INNOVATION_COUNT):
         report = MeasurementReport(
             source="front",
             t_ns=k,
@@ -45,7 +45,7 @@ def test_the_noise_is_what_was_learnt_times_what_is_left(nis: float, scale: floa
 def test_what_stays_from_image_to_image_is_no_noise(offsets: tuple[float, float], noise: float) -> None:
     """A manoeuvre shifts all innovations, noise each of them on its own."""
     found = Consistencies()
-    for k in range(FEWEST_INNOVATIONS):
+    for k in range(MIN_INNOVATION_COUNT):
         e = (offsets[k % 2], offsets[k % 2])
         report = MeasurementReport(
             source="front",

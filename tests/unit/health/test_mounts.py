@@ -22,7 +22,7 @@ from onboard.health.camera_errors import (
     path_correlation,
     wrong_mount,
 )
-from onboard.health.mounts import FEWEST_WINDOWS, Found, Mounts, why
+from onboard.health.mounts import MIN_WINDOW_COUNT, Found, Mounts, why
 from onboard.messages import (
     DOUBT_PREFIX,
     Estimate,
@@ -145,7 +145,7 @@ def test_a_camera_is_left_out_only_for_one_that_is_judged_and_sound_seed_4() -> 
         if not withheld or withheld[-1][1] != list(mounts.withheld):
             withheld.append((float(t), list(mounts.withheld)))
     assert [names for _, names in withheld] == [[], ["low"]]
-    assert withheld[1][0] > 36.0 + 4.0 * FEWEST_WINDOWS, "nobody has judged the second one before"
+    assert withheld[1][0] > 36.0 + 4.0 * MIN_WINDOW_COUNT, "nobody has judged the second one before"
     mounts.doubts[second] = Reason(Cause.MOUNT, "it looks lower")
     assert mounts.withheld == {}
 

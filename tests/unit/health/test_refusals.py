@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.daemon import Daemon
-from onboard.health.refusals import ALIKE, LONGEST, MOST_REFUSALS, OTHERS, Refusals
+from onboard.health.refusals import MAX_REFUSAL_COUNT, MAX_SIMILAR_COUNT, MAX_TEXT_LENGTH, OTHERS, Refusals
 from onboard.messages import Cause, Datagram, Encoding, Health, LocalPosition, Reason, Verdict
 from onboard.sinks.console import MAX_LINE_COUNT
 from onboard.view import words
@@ -103,13 +103,13 @@ def test_a_detector_that_is_always_wrong_is_named_every_ten_seconds_with_a_count
 
 def test_a_flood_of_kinds_gets_few_lines_and_little_room() -> None:
     flight = Flight()
-    flood = [points(**{f"x{i}" + "y" * 1000: 1}) for i in range(3 * MOST_REFUSALS)]
+    flood = [points(**{f"x{i}" + "y" * 1000: 1}) for i in range(3 * MAX_REFUSAL_COUNT)]
     assert len(flight.second(*flood)) == MAX_LINE_COUNT
     assert len(flight.second(*flood)) == 1
     refusals = flight.daemon._pipeline.health(flight.t_ns).refusals
-    assert len(refusals) <= MOST_REFUSALS
-    assert max(len(r.reason) for r in refusals) <= LONGEST
-    assert sum(r.count for r in refusals) == 6 * MOST_REFUSALS
+    assert len(refusals) <= MAX_REFUSAL_COUNT
+    assert max(len(r.reason) for r in refusals) <= MAX_TEXT_LENGTH
+    assert sum(r.count for r in refusals) == 6 * MAX_REFUSAL_COUNT
 
 
 def test_names_without_end_cost_no_other_refusal_its_count() -> None:
@@ -121,15 +121,17 @@ def test_names_without_end_cost_no_other_refusal_its_count() -> None:
         refusals.add(f"onboard/1/camera/stranger{n}/points", why, n)
     rationed, *strangers = refusals.latest
     assert (rationed.source, rationed.count) == ("system 66, component 66", 1)
-    assert [r.count for r in strangers] == [1] * ALIKE + [1000 - ALIKE]
+    assert [r.count for r in strangers] == [1] * MAX_SIMILAR_COUNT + [1000 - MAX_SIMILAR_COUNT]
     assert (strangers[-1].source, strangers[-1].reason) == (OTHERS, "no camera is called `stranger8`")
 
 
 def test_reasons_of_every_kind_have_room_for_the_latest() -> None:
     refusals = Refusals()
-    for n in range(3 * MOST_REFUSALS):
+    for n in range(3 * MAX_REFUSAL_COUNT):
         refusals.add("camera", Reason(Cause.DOCUMENT, "x" * (1 + n)), n)
-    assert [len(r.reason) for r in refusals.latest] == [*range(2 * MOST_REFUSALS + 1, 3 * MOST_REFUSALS + 1)]
+    assert [len(r.reason) for r in refusals.latest] == [
+        *range(2 * MAX_REFUSAL_COUNT + 1, 3 * MAX_REFUSAL_COUNT + 1)
+    ]
 
 
 def test_what_comes_from_outside_is_shown_in_printable_characters() -> None:
