@@ -89,7 +89,7 @@ def collect_flight(
 
 
 def _aligned(log: Path, config: Config, until: float | None) -> tuple[list[Message], list[OwnPose]]:
-    """What is wanted of a log's first seconds, in time order on the boot clock, and all own poses."""
+    """Read the wanted messages of a log's first seconds, ordered by boot time, and all own poses."""
     items = [*aligned(log, config, lambda m: isinstance(m, WANTED))]
     poses, found = [i for i in items if isinstance(i, OwnPose)], [i for i in items if isinstance(i, Message)]
     ordered = sorted({(type(m), m.t_ns): m for m in found}.values(), key=lambda m: m.t_ns)

@@ -1,4 +1,4 @@
-"""Where flights are computed, by `--jobs`, `--cluster` and `--rows`."""
+"""Computers that fly many flights, by `--jobs`, `--cluster` and `--rows`."""
 
 from importlib.util import find_spec
 from pathlib import Path
@@ -9,7 +9,7 @@ from onboard.terminal.files import check_targets
 
 
 def computers(jobs: int | None, cluster: str | None, rows: Path | None) -> Computers:
-    """Where parts are computed, by `--jobs`, `--cluster` and `--rows`. Raises UserError: a library is missing."""
+    """Choose the computers by `--jobs`, `--cluster` and `--rows`. Raises UserError if a library is missing."""
     check_targets(rows)
     if rows is not None and find_spec("pyarrow") is None:
         raise UserError(f"cannot write {rows}: it needs pyarrow: {with_extra('cluster')}")

@@ -36,9 +36,9 @@ BESIDE_SECTIONS: Final = {"paper": "oh_johnson"}  # their sections, by what --be
 
 
 class Drops(Record, frozen=True, kw_only=True):
-    """What was lost on the way: images between simulator and pipeline, records between daemon and view. `skipped`:
-    datagrams that the daemon left out since they had waited too long, as on a busy computer, or that its sockets
-    lost meanwhile."""
+    """Losses: images between simulator and pipeline, and records between daemon and view.
+
+    `skipped` counts datagrams that had waited too long on a busy computer, or that its sockets lost."""
 
     images_sent: int
     images_received: int
@@ -63,7 +63,7 @@ class DemoReport(Record, frozen=True, kw_only=True):
 
 
 class DemoFlight(NamedTuple):
-    """What the judge saw."""
+    """Results of a demo for its scorecard."""
 
     estimates: list[Estimate]
     truths: list[Truth]
@@ -157,7 +157,7 @@ def _example(scenario: str) -> Path | None:
 
 
 def flight_name(scenario: str, seed: int) -> str:
-    """What the files of a demo are called, less the suffix. `scenario` may be the path of a .toml file."""
+    """Return the name of a demo's files without the suffix. `scenario` may be the path of a .toml file."""
     return f"{Path(scenario).name.removesuffix('.toml')}-{seed}"
 
 

@@ -61,7 +61,7 @@ QUESTIONS: Final = (
 
 
 class Setup(NamedTuple):
-    """What is known of a vehicle. `camera`: keys of [camera] as TOML; `tilt` in degrees, `span` in m."""
+    """Answers about a vehicle. `camera` holds keys of [camera] as TOML; `tilt` is in degrees, `span` in m."""
 
     autopilot: str
     link: str
@@ -281,7 +281,7 @@ def autopilot_parameters(setup: Setup) -> str:
 
 
 def _ardupilot_baud(baud: str) -> str:
-    """As ArduPilot has it: 57 is 57600, 1500 is 1500000."""
+    """Return a baud rate as ArduPilot writes it: 57 is 57600, 1500 is 1500000."""
     return str(int(baud) // 1000)
 
 
@@ -308,7 +308,7 @@ def write(folder: Path, files: Mapping[str, str], *, force: bool) -> None:
 
 
 def next_steps(setup: Setup, folder: Path, files: tuple[str, ...]) -> list[str]:
-    """What a person does next."""
+    """Return the commands that a person types next."""
     config = shlex.quote(str(folder / WRITTEN_CONFIG))
     unit = shlex.quote(str(folder / UNIT))
     steps = []

@@ -1,5 +1,7 @@
-"""What a flight asks of this computer: modules load without the garbage collector, which leaves them alone
-afterwards, threads share a heap, and the daemon goes before others."""
+"""Settings of the process for a flight.
+
+Modules load without the garbage collector, which ignores them afterwards. Threads share a heap, and the daemon has
+a higher priority than others."""
 
 import ctypes
 import gc

@@ -1,4 +1,4 @@
-"""What `onboard check` finds: the health of a daemon of this configuration, and this computer's disk and clock.
+"""Findings of `onboard check`: the daemon's health, and this computer's disk and clock.
 
 Where a daemon of this configuration runs, it is asked. Else one listens here for some seconds: it sends the
 autopilot heartbeats and requests for rates as in flight, nothing of the leader, and it records and stores nothing.

@@ -163,7 +163,7 @@ def _was_set(p: Parameter) -> str:
 
 
 def _number(value: float | None) -> str:
-    """As many digits as 32 bits hold; of a whole number, all: it may be a mask or an identity."""
+    """Format a number with the digits of 32 bits. A whole number keeps all, as it may be a mask or an identity."""
     if value is None:
         return ""
     return f"{value:.0f}" if value.is_integer() else f"{value:.7g}"

@@ -323,7 +323,7 @@ class RosInput:
         return source == self._source or self._key in source
 
     def status(self) -> Status:
-        """How it is, for the diagnostics."""
+        """Return the camera's state for the diagnostics."""
         for one in self._node.ros.get_publishers_info_by_topic(self.topic):
             identity = bytes(one.endpoint_gid).hex()
             if one.topic_type != full_name(self._kind) and identity not in self._wrong:

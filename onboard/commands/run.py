@@ -27,7 +27,7 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _lines() -> terminal.Lines | None:
-    """What writes lines without waiting for their reader; None where standard error is no file of the system's."""
+    """Return a writer of lines that never waits for their reader, or None if standard error is no file."""
     try:
         return terminal.Lines(sys.stderr.fileno())
     except (AttributeError, OSError):

@@ -53,7 +53,7 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _endpoints(config: Config) -> tuple[str, ...]:
-    """Where to ask the daemon of this configuration: itself, else its routers, which may be off."""
+    """Return the endpoints of the daemon: its own, otherwise those of its routers, which may be off."""
     return (*config.zenoh.listens(), *config.zenoh.connect) or (DEFAULT_ENDPOINT,)
 
 
@@ -77,7 +77,7 @@ def _watch(client: Client, a: argparse.Namespace, config: Config, endpoint: str)
 
 
 def _patience(a: argparse.Namespace) -> float:
-    """How long (s) to wait for further vehicles."""
+    """Return the time, s, to wait for further vehicles."""
     return GATHERING_TIME_S if a.vehicle in (None, ALL) else 0.0
 
 

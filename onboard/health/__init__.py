@@ -1,5 +1,4 @@
-"""What the health reports: counts and rates (`monitor`), which camera messages are refused (`refusals`), and
-what to do about all that is wrong (`advice`)."""
+"""Health of the daemon: counts and rates (`monitor`), refused messages (`refusals`), and advice (`advice`)."""
 
 from onboard.health.advice import Advisor
 from onboard.health.monitor import Exceptions, Monitor, autopilot_name, sender_of, total

@@ -80,12 +80,11 @@ class Poses:
 
 
 class Sights(NamedTuple):
-    """What one camera saw of a target: times (k,) s, its direction as image points (k, 2), and its distance (k,),
-    m, of which a common factor may be wrong (DISTANCE_SIGMA)."""
+    """Images of a target by one camera."""
 
-    t: Array
-    points: Array
-    distance: Array
+    t: Array  # (k,) s
+    points: Array  # (k, 2) image points
+    distance: Array  # (k,) m; a common factor may be wrong (DISTANCE_SIGMA)
 
 
 class Normal(NamedTuple):
@@ -185,8 +184,9 @@ class Window:
         return self._posed[1]
 
     def _paths(self, errors: Array, points: Array) -> tuple[Array, Array, Array]:
-        """Where a camera with these errors sees its target (k, 3) in n, its attitudes R_nc and its positions, in
-        units of the mean distance."""
+        """Return the target's positions (k, 3) in n that a camera with these errors shows.
+
+        Also its attitudes R_nc and its positions. The unit is the mean distance."""
         sights, camera = self._sights, self._camera
         r, R_nb = self._pose(float(errors[DELAY]))
         mean = float(sights.distance.mean())
@@ -200,8 +200,10 @@ class Window:
         return np.stack([self._basis @ (array @ E.T) for array in arrays], axis=2)
 
     def _likeliest(self, shown: Array) -> tuple[float, Array, float, Array]:
-        """What explains the last of `shown` best by the others: the logarithm of the restricted likelihood, the
-        weights (k - 2,) of the likeliest swerving, the variance of the images' noise, and the coefficients."""
+        """Fit the last of `shown` by the others.
+
+        Returns the logarithm of the restricted likelihood, the weights (k - 2,) of the likeliest acceleration
+        density, the variance of the images' noise, and the coefficients."""
         found: list[tuple[float, Array, float, Array]] = []
         size = shown.shape[2] - 1
         count = 2 * len(shown) - size
@@ -228,8 +230,9 @@ def _normal_of(shown: Array, weights: Array) -> Array:
 
 
 def _basis(t: Array) -> tuple[Array, Array]:
-    """What k >= 3 times show beside a straight line: orthonormal rows (k - 2, k), and the variance (k - 2,) that
-    the double integral of white noise of density 1 has along each."""
+    """Return orthonormal rows (k - 2, k) that are orthogonal to a straight line over k >= 3 times.
+
+    Also the variance (k - 2,) of the double integral of white noise of density 1 along each."""
     t = t - t[0]
     rest = np.linalg.qr(np.vander(t, 2), mode="complete")[0][:, 2:]
     least, most = np.minimum.outer(t, t), np.maximum.outer(t, t)

@@ -1,5 +1,7 @@
-"""What the health reports of the pipeline: streams and their rates, verdicts, rejections, states, faults, and
-exceptions, each of which costs one message."""
+"""Counts of the pipeline for the health.
+
+These are streams and their rates, verdicts, rejections, states, faults, and exceptions, which cost one message
+each."""
 
 import traceback
 from collections import Counter, deque
@@ -20,12 +22,11 @@ MAX_ERROR_COUNT: Final = 100  # kinds of exceptions that are described; all are 
 
 
 class Exceptions:
-    """Of single messages. `counts` holds their number by place; `lines` describes the first of each kind, for a
-    person."""
+    """Exceptions of single messages."""
 
     def __init__(self) -> None:
-        self.counts: Counter[str] = Counter()
-        self.lines: list[str] = []
+        self.counts: Counter[str] = Counter()  # by place
+        self.lines: list[str] = []  # a description of the first of each kind
         self._kinds: set[tuple[str, str]] = set()
 
     def count(self, place: str, error: Exception) -> None:

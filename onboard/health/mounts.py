@@ -63,8 +63,9 @@ class Sight(NamedTuple):
 
 
 class Ended(NamedTuple):
-    """What one camera saw in a window that has ended, our own motion then, None until it is known, and the arrival
-    of the first image after it."""
+    """Images of one camera in a window that has ended, and our own motion then, None until it is known.
+
+    Also the arrival of the first image after it."""
 
     source: str
     sights: list[Sight]

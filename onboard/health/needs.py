@@ -22,8 +22,10 @@ class LinkNeed(NamedTuple):
 
 
 class Needs(NamedTuple):
-    """What a configuration needs. `prefix`: the beginning of our Zenoh keys, "" without Zenoh. `system`: the
-    only MAVLink system that may be followed, 0 for any. `rates`: Hz that each stream (by its record) must have;
+    """Requirements of a configuration.
+
+    `prefix`: the beginning of our Zenoh keys, "" without Zenoh. `system`: the only MAVLink system that may be
+    followed, 0 for any. `rates`: Hz that each stream (by its record) must have;
     `asked`: Hz that are asked for, by MAVLink name. `images`: an estimator needs images. `classes`: of targets,
     that have a section. `undistorted`: names of cameras without distortion coefficients; `ros`: of those whose
     images come over ROS. `sends_places`: links on which the leader's place on Earth is sent. `wind`: a leader is a
@@ -45,9 +47,11 @@ class Needs(NamedTuple):
 
 
 class Moment(NamedTuple):
-    """What a cause is judged by: the health now, that of some seconds before, what is needed, how long (s) the
-    daemon has waited for it, and when it was noticed (its clock, ns) that the daemon had stood still; 0: never.
-    `recent`: the healths from `before` on, oldest first."""
+    """Inputs of the checks for causes.
+
+    They are the health now and some seconds before, the requirements, the time (s) that the daemon has waited for
+    them, and the time (its clock, ns) at which the daemon was found to have stalled, 0 if never. `recent` holds
+    the healths from `before` on, oldest first."""
 
     now: Health
     before: Health

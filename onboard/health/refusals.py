@@ -27,8 +27,10 @@ class RefusalKind(NamedTuple):
 
 
 class Refusals:
-    """What was refused, by source and reason. The kinds that came last are kept; a flood costs no more room, and
-    not that of other kinds: of those that differ only in names, a few are kept apart."""
+    """Refused messages, counted by source and reason.
+
+    The newest kinds are kept, so a flood needs no more memory. Of kinds that differ only in names, few are kept
+    apart, so that they do not displace other kinds."""
 
     def __init__(self) -> None:
         self._kinds: dict[RefusalKind, Refusal] = {}  # the latest last

@@ -9,13 +9,12 @@ from onboard.messages.causes import Cause
 
 
 class Remedy(NamedTuple):
-    """What to do: the line to type or the key to change; the name of the advice; the same in a few words for a
-    pilot; and what it costs as long as nothing is done."""
+    """An action that mends a cause."""
 
-    words: str
-    advice: str = "not-valid"
-    short: str = ""
-    severity: Severity = Severity.WARNING
+    words: str  # the line to type or the key to change
+    advice: str = "not-valid"  # the advice's name
+    short: str = ""  # a few words for a pilot
+    severity: Severity = Severity.WARNING  # the cost of doing nothing
 
     @property
     def noticed(self) -> "Remedy":
@@ -24,13 +23,12 @@ class Remedy(NamedTuple):
 
 
 class Words(NamedTuple):
-    """Of one cause: why a message is `refused`, with what was expected, and the same of a sensor of our own state;
-    what to do about a `refusal`, whose words may say it themselves, and about an estimate that is not valid."""
+    """Words for one cause."""
 
-    refused: str | None = None
-    sensor: str | None = None
-    refusal: Remedy = Remedy("", "refused", "messages refused")
-    state: Remedy = Remedy("report it, with the recording")
+    refused: str | None = None  # why a message is refused, and what was expected
+    sensor: str | None = None  # the same for a sensor of our own state
+    refusal: Remedy = Remedy("", "refused", "messages refused")  # The refusal itself may name the action.
+    state: Remedy = Remedy("report it, with the recording")  # for an estimate that is not valid
 
 
 def of_state(words: str) -> Words:

@@ -24,7 +24,7 @@ class Cause(StrEnum):
 
     @classmethod
     def _missing_(cls, value: object) -> "Cause":  # noqa: ARG003 - as EnumType calls it
-        """Of a record of another version, which has other causes."""
+        """Return NONE for an unknown cause, from a record of another version."""
         return cls.NONE
 
     NONE = "none", "nothing to explain, or a record from before there were causes"

@@ -71,7 +71,7 @@ class Admission:
 
     @property
     def beside(self) -> tuple[Heartbeat, ...]:
-        """Of the other vehicles that are heard."""
+        """Heartbeats of the other vehicles that are heard."""
         return self._latch.beside
 
     def is_ours(self, message: Message) -> bool:

@@ -72,7 +72,7 @@ class Vehicle:
 
     @property
     def rank(self) -> tuple[bool, bool]:
-        """Of two parts of one vehicle, the higher one is its autopilot."""
+        """Order among the components of one vehicle; the highest is its autopilot."""
         h = self.heartbeat
         return h.component == AUTOPILOT_COMPONENT_ID, h.autopilot != GENERIC
 

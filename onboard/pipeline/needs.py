@@ -1,4 +1,4 @@
-"""What a configuration needs of its surroundings, for the advice in the health."""
+"""Requirements of a configuration, which the health's advice compares with reality."""
 
 import math
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ PLACES: Final = ("FOLLOW_TARGET", "GLOBAL_POSITION_INT", "ADSB_VEHICLE", "CAMERA
 
 
 def needs(config: Config) -> Needs:
-    """What this configuration needs."""
+    """Return the requirements of a configuration."""
     cameras = config.camera_inputs()
     return Needs(
         prefix=config.zenoh.prefix if config.zenoh.enabled else "",

@@ -11,7 +11,7 @@ STATES: tuple[type[Message], ...] = (Attitude, LocalPosition, GlobalPosition)  #
 
 
 class OwnMotionSource:
-    """What `[ownship] source` names. `on_error` gets the estimator's name and what it raised."""
+    """The source that `[ownship] source` names. `on_error` gets the estimator's name and its exception."""
 
     def __init__(
         self,

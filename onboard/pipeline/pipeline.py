@@ -211,13 +211,13 @@ class Pipeline:
         return aligned, ended
 
     def delay_ns(self, message: Message) -> int:
-        """How much older than its stamp a message is, as configured."""
+        """Return the configured delay of a message, by which it is older than its stamp."""
         if isinstance(message, Exposure):
             return self._image_delay_ns(message.camera)
         return self._delays_ns.get(type(message), 0)
 
     def _image_delay_ns(self, camera: str) -> int:
-        """How much older than their stamps images of a camera are, as configured."""
+        """Return the configured delay of a camera's images."""
         return self._camera_delays_ns.get(camera, self._delays_ns.get(Exposure, 0))
 
     def _start_over(self, why: Reason) -> list[Output]:
@@ -355,7 +355,7 @@ class Pipeline:
 
     @property
     def unverified(self) -> dict[str, int]:
-        """By channel, signed frames whose key is not at hand."""
+        """Counts of signed frames without a known key, by channel."""
         return self._decoder.unverified
 
     @property
@@ -364,7 +364,7 @@ class Pipeline:
         return self._monitor.errors.lines
 
     def health(self, t_recv_ns: int, rim: Rim = NO_RIM) -> Health:
-        """How the program is doing, as of a time on this computer's clock; `rim`: what surrounds the pipeline."""
+        """Return the health at a time of this computer's clock. `rim`: sinks, links and computer."""
         if (bias := self.ownship.velocity_bias) is not None:
             self.refuse("our own velocity", bias, t_recv_ns)
         counting = self._monitor, self._decoder, self.estimators, self._advisor

@@ -16,7 +16,7 @@ from onboard.wire.datagrams import DatagramDecoder
 
 
 class Parts(NamedTuple):
-    """What a pipeline is made of, and counts."""
+    """Parts of a pipeline that have counts for the health."""
 
     clocks: Clocks
     ownship: Ownship
@@ -28,20 +28,19 @@ class Parts(NamedTuple):
 
 
 class Rim(NamedTuple):
-    """What surrounds a pipeline, if anything does: its sinks, its links, the load of the computer, and by how
-    much the wall clock has been set since the start."""
+    """State of the daemon outside its pipeline."""
 
     sinks: Mapping[str, SinkHealth] = {}
     links: Mapping[str, LinkHealth] = {}
     computer: ComputerLoad = ComputerLoad()
-    wall_step_ns: int = 0
+    wall_step_ns: int = 0  # by which the wall clock was set since the start
 
 
 NO_RIM: Final = Rim()
 
 
 def health(parts: Parts, t_recv_ns: int, first_recv_ns: int, rim: Rim) -> Health:
-    """How the program is doing, as of a time on this computer's clock; `first_recv_ns`: of the first datagram."""
+    """Return the health at a time of this computer's clock. `first_recv_ns` is the first datagram's arrival."""
     clocks, monitor, offset = parts.clocks, parts.monitor, parts.clocks.offset_ns
     rejected = (monitor.rejected, monitor.errors.counts, clocks.rejected, parts.ownship.rejected)
     record = Health(

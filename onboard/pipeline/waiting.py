@@ -15,9 +15,10 @@ FIRST: Final = ("leader", "")  # targets whose images have room of their own; ""
 
 
 class Waiting:
-    """What a sensor stamped ahead of our own motion, in the order of arrival. A camera's clock may lead (in some
-    recordings by half a second), and a gimbal's attitude may come seldom: an image that waits is not lost.
-    `gimbals`: those that the cameras are on, by name; that of the first where a name is not known."""
+    """Messages stamped ahead of our own motion, in the order of arrival.
+
+    A camera's clock may lead (in some recordings by half a second), and a gimbal's attitude may be rare, so images
+    wait for them. `gimbals` holds each camera's gimbal; a camera without a known name has that of the first."""
 
     def __init__(self, config: OwnshipConfig, gimbals: Mapping[str, int | None]) -> None:
         self._gimbals, self._first_gimbal = gimbals, next(iter(gimbals.values()))

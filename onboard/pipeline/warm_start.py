@@ -1,4 +1,4 @@
-"""What an earlier run of the daemon left, until the autopilot's first stamp shows whether it still holds."""
+"""State of an earlier run, kept until the autopilot's first stamp shows whether it still holds."""
 
 from collections.abc import Callable
 from typing import Final

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 from tests.support.programs import ROOT
 
-MAX_UNNAMED_QUANTITIES = 157
-MAX_BAD_STARTS = 165
-MAX_LONG_FIRST_LINES = 538
+MAX_UNNAMED_QUANTITIES = 54
+MAX_BAD_STARTS = 0
+MAX_LONG_FIRST_LINES = 382
 FIRST_LINE_LENGTH = 88
 QUANTITIES = frozenset(
     re.findall(
