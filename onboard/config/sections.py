@@ -96,6 +96,7 @@ class OwnErrors(Record, frozen=True, kw_only=True):
     attitude_time_s: Positive = 60.0  # correlation time of these
     velocity_sigma_m_s: NotNegative = 0.1  # on each axis
     position_sigma_m: NotNegative = 1.0  # on each axis
+    position_time_s: ClassVar[float] = 60.0  # withdrawn as a key; recordings hold it
 
 
 # Keys that an estimator's section receives from `[target]` and `[ownship.errors]`, and that no file sets there.

@@ -31,6 +31,8 @@ class BroadcastConfig(Record, frozen=True, kw_only=True):
     bias_time_s: ClassVar[float] = 60.0  # correlation time of `bias_m`
     max_speed_m_s: ClassVar[float] = 350.0  # faster reports are implausible
     timeout_s: ClassVar[float] = 10.0  # without a report: it carries the track no more
+    altitude_sigma_m: ClassVar[None] = None  # without effect; older recordings hold it
+    altitude_bias_m: ClassVar[None] = None  # likewise
 
     @property
     def is_used(self) -> bool:
@@ -108,6 +110,8 @@ class Config(TargetClass, frozen=True, kw_only=True):
     direction_timeout_s: ClassVar[float] = 5.0  # with directions alone, without the wing: lost, not valid
     stale_after_s: ClassVar[float] = 0.5  # with points that stay although the camera turned: it hangs
     edge_px: ClassVar[float] = 1.0  # points this near to the image's edge are rejected
+    own_position_time_s: ClassVar[float] = 60.0  # without effect; older recordings hold it
+    process_noise: ClassVar[dict[str, float]] = {}  # likewise
 
     def __post_init__(self) -> None:
         check_order(self, "reset_timeout_s")

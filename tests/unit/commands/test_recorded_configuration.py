@@ -1,5 +1,6 @@
 """A recording holds the configuration that it was made with, and a replay flies with that."""
 
+import json
 from pathlib import Path
 
 import msgspec
@@ -67,6 +68,18 @@ def test_one_of_another_version_is_named(tmp_path: Path) -> None:
         load_config(log)
     with pytest.raises(ConfigError, match="the configuration recorded in"):
         load_config(log, ("camera.f_px=500",))
+
+
+def test_withdrawn_keys_of_an_older_recording_are_accepted_with_their_values(tmp_path: Path) -> None:
+    log = tmp_path / "flight.mcap"
+    leader = {"process_noise": {}, "own_position_time_s": 60.0, "broadcast": {"altitude_sigma_m": None}}
+    table = {"estimator": {"leader": leader}, "ownship": {"errors": {"position_time_s": 60.0}}}
+    record(log, [], metadata={CONFIGURATION: {JSON: json.dumps(table)}})
+    assert load_config(log) == parse_config({"estimator": {"leader": {}}})
+    leader["own_position_time_s"], other = 61.0, tmp_path / "other.mcap"
+    record(other, [], metadata={CONFIGURATION: {JSON: json.dumps(table)}})
+    with pytest.raises(ConfigError, match=r"own_position_time_s: it was withdrawn, and is always 60\.0"):
+        load_config(other)
 
 
 def test_a_wrong_override_is_not_the_recording_s(tmp_path: Path) -> None:
