@@ -49,6 +49,17 @@ def test_wind_makes_a_leader_that_hovers_lean_seeds_1_to_8() -> None:
         assert lean(windy) == pytest.approx(expected, abs=5e-3)
 
 
+def test_a_nose_that_points_anywhere_does_so_seeds_1_to_8() -> None:
+    turned = []
+    for seed in SEEDS:
+        plain, other = both("behind", seed, Departure(any_nose=True))
+        turned.append(other.truth.euler_L[:, 2] - plain.truth.euler_L[:, 2])
+    assert np.ptp(turned, axis=1) == pytest.approx(np.zeros(len(SEEDS)), abs=1e-9)
+    at = np.array(turned)[:, 0]
+    assert np.all((at >= 0.0) & (at < 2.0 * np.pi))
+    assert np.ptp(at) > np.pi
+
+
 def course_rate(encounter: Encounter) -> Array:
     (u, v, _), (du, dv, _) = encounter.truth.leader.v.T, encounter.truth.leader.a.T
     return np.asarray((u * dv - v * du) / (u**2 + v**2))
