@@ -64,6 +64,7 @@ def test_more_names_than_a_file_has_channels_for_cost_estimates_but_no_datagram(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """MCAP numbers its channels with 16 bits."""
+    assert recording.MAX_CHANNEL_COUNT + recording.MAX_TARGETS < 2**16
     for limit in ("MAX_CHANNEL_COUNT", "MAX_TARGETS"):
         monkeypatch.setattr(recording, limit, 300)
     wanted = [datagram(n, f"onboard/1/camera/{n}/points", Encoding.POINTS) for n in range(1000)]
