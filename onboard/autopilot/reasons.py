@@ -56,13 +56,13 @@ class Reasons:
         if is_entered and not self._is_entered:
             self._sent_warning = ""
         self._is_entered = is_entered
-        texts += self._repeat_warning(warning, now_ns)
+        texts += self._warning_text(warning, now_ns)
         if state is None or not state.valid:
-            return texts + self._explain_no_leader(state, now_ns, is_armed)
+            return texts + self._no_leader_text(state, now_ns, is_armed)
         self._no_leader_ns = self._sent_cause = None
-        return texts + self._report_view(state, view)
+        return texts + self._out_of_view_text(state, view)
 
-    def _explain_no_leader(self, state: LeaderState | None, now_ns: int, is_armed: bool) -> list[Text]:
+    def _no_leader_text(self, state: LeaderState | None, now_ns: int, is_armed: bool) -> list[Text]:
         """Return the reason after a delay, when its cause changes, and periodically."""
         if self._no_leader_ns is None:
             self._no_leader_ns = now_ns
@@ -75,15 +75,15 @@ class Reasons:
         self._no_leader_ns, self._sent_cause = now_ns, why.cause
         return [(WARNING, f"no leader: {why.words}")]
 
-    def _repeat_warning(self, warning: str, now_ns: int) -> list[Text]:
+    def _warning_text(self, warning: str, now_ns: int) -> list[Text]:
         """Return a warning that is new, or is due again."""
         if not warning or (warning == self._sent_warning and now_ns - self._sent_warning_ns < REASON_PERIOD_NS):
             return []
         self._sent_warning, self._sent_warning_ns = warning, now_ns
         return [(WARNING, warning)]
 
-    def _report_view(self, state: LeaderState, view: CameraView | None) -> list[Text]:
-        """Report that the predicted leader has left the image over an edge."""
+    def _out_of_view_text(self, state: LeaderState, view: CameraView | None) -> list[Text]:
+        """Return a text if the predicted leader has just left the image over an edge."""
         edge = ""
         if view is not None and state.age is not None and state.age > MAX_IMAGE_AGE_S:
             edge = edge_of(state, view)

@@ -54,7 +54,7 @@ def check_points(points_m: dict[str, Vec3], size_m: float) -> None:
         if name in WING_POINTS:
             raise ValueError(f"points_m.{name}: every class has it, half the wingspan from the center")
         if name in ("", "box"):
-            raise ValueError(f"points_m.{name}: no point can be called so")
+            raise ValueError(f"points_m.{name or repr(name)}: the name is reserved; choose another")
         if not math.hypot(*point) <= MAX_POINT_DISTANCE_RATIO * size_m:
             raise ValueError(
                 f"points_m.{name}: farther than {MAX_POINT_DISTANCE_RATIO:g} times the wingspan from the center"

@@ -12,7 +12,7 @@ from onboard.models.own_motion import COMPONENTS as OWN_COMPONENTS
 from onboard.models.own_motion import UNITS as OWN_UNITS
 from onboard.units import S_PER_NS
 
-OWN_STATE: Final = "own_state"  # not that of another configuration which flew beside
+OWN_STATE: Final = "own_state"  # Outputs of estimators that ran beside it have other names.
 UNIT_SUFFIX: Final = {"m": "m", "m/s": "m_s", "m/s^2": "m_s2", "rad": "rad", "rad/s": "rad_s"}
 
 

@@ -254,8 +254,8 @@ def test_names_and_rates_are_as_configured() -> None:
 @pytest.mark.parametrize(
     ("settings", "expected"),
     [
-        ({"namespace": "/onboard"}, "without the first slash"),
-        ({"namespace": "1st"}, "is no name of ROS"),
+        ({"namespace": "/onboard"}, "not before the first"),
+        ({"namespace": "1st"}, "namespace '1st': letters, digits"),
         ({"frame_prefix": "a b"}, "frame_prefix 'a b'"),
         ({"domain": 233}, "<= 232"),
         ({"distribution": "foxy"}, "foxy"),

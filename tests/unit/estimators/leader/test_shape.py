@@ -176,7 +176,7 @@ def test_further_points_are_misplaced_as_a_share_of_the_length_that_shows_the_no
         ),
         (
             {"target": {"plane": {"size_prior_m": 2.0, "points_m": {"box": [0, -1, 0]}}}},
-            "no point can be called so",
+            "the name is reserved",
         ),
         (
             {"target": {"plane": {"size_prior_m": 2.0, "points_m": {"fin": [0, 0, -7]}}}},
