@@ -30,8 +30,8 @@ class Ros2Config(Record, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         if not TOPIC_PATTERN.fullmatch(self.namespace):
             raise ValueError(
-                f"namespace {self.namespace!r}: letters, digits and _ only, with / between parts and not before the"
-                ' first, such as "onboard" or "uav1/onboard"'
+                f"namespace {self.namespace!r}: letters, digits and _ only, with / between parts and not before"
+                ' the first, such as "onboard" or "uav1/onboard"'
             )
         if not FRAME_ID_PATTERN.fullmatch(self.frame_prefix):
             raise ValueError(

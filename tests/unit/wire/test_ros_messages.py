@@ -254,7 +254,7 @@ def test_names_and_rates_are_as_configured() -> None:
 @pytest.mark.parametrize(
     ("settings", "expected"),
     [
-        ({"namespace": "/onboard"}, "not before the first"),
+        ({"namespace": "/onboard"}, "such as .onboard. or"),
         ({"namespace": "1st"}, "namespace '1st': letters, digits"),
         ({"frame_prefix": "a b"}, "frame_prefix 'a b'"),
         ({"domain": 233}, "<= 232"),
