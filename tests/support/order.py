@@ -30,7 +30,7 @@ LONGEST: Final = (
     "tests/unit/estimators/own_state/test_honesty.py",
     "tests/unit/simlink/test_setpoint_modes.py",
     "tests/faults/test_latching.py",
-    "tests/unit/commands/test_report.py",
+    "tests/unit/analysis/test_report.py",
     "tests/unit/estimators/own_state/test_planes.py",
     "tests/faults/test_leader_fuzz.py",
     "tests/unit/studies/test_study_interrupted.py",

@@ -7,112 +7,17 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.commands import cli, readiness
-from onboard.commands.readiness import judged
 from onboard.compiled.machine import REPAIR, MachineCodeError
 from onboard.config import Config, load_config
-from onboard.messages import Advice, CameraHealth, Health, LinkHealth, Severity, StreamHealth
-from onboard.pipeline import Pipeline
-from onboard.sinks.recorder import MIN_UNIX_TIME_S
 from tests.support.daemon import TCP, UDP, Setup
 from tests.support.programs import free_ports
+from tests.unit.commands.test_health_shown import healthy
 from tests.unit.commands.test_status import publishing
-
-NEEDED = {"Attitude": 10.0, "LocalPosition": 10.0}
 
 
 @pytest.fixture
 def config() -> Config:
     return load_config(None, ("estimator.leader.size_prior_m=2.0",))
-
-
-def healthy(config: Config) -> Health:
-    """Of a daemon that hears all it needs."""
-    return replace(
-        Pipeline(config).health(1),
-        autopilot="PX4, system 1",
-        followed="1/1",
-        links={"autopilot": LinkHealth(received=900, sent=9, errors=0)},
-        streams={name: StreamHealth(count=100, rate=50.0, age=0.01) for name in NEEDED},
-        needed=NEEDED,
-        cameras={"front": CameraHealth(count=90, rate=30.0, age=0.02)},
-        clock_source="timesync",
-        round_trip=0.0012,
-        advice=(),
-    )
-
-
-def failed(config: Config, health: Health) -> list[str]:
-    return [line.name for line in judged(config, health, "a daemon") if line.is_needed]
-
-
-def advice(cause: str, severity: Severity = Severity.ERROR) -> Advice:
-    return Advice(cause=cause, severity=severity, about="x", what="it is wrong", remedy="mend it", text="x")
-
-
-def test_all_is_there(config: Config) -> None:
-    lines = [*judged(config, healthy(config), "a daemon")]
-    assert [line.name for line in lines] == ["links", "autopilot", "rates", "camera", "clock"]
-    assert all(str(line).startswith("ok ") for line in lines)
-    text = "\n".join(map(str, lines))
-    for words in ("autopilot 900 received", "PX4, system 1", "Attitude 50 of 10 Hz", "front 30 Hz", "1.2 ms"):
-        assert words in text
-
-
-@pytest.mark.parametrize(
-    ("change", "line"),
-    [
-        ({"followed": ""}, "autopilot"),
-        ({"streams": {"Attitude": StreamHealth(count=9, rate=50.0, age=0.0)}}, "rates"),
-        ({"streams": {name: StreamHealth(count=9, rate=7.9, age=0.0) for name in NEEDED}}, "rates"),
-        ({"cameras": {}}, "camera"),
-        ({"links": {"autopilot": LinkHealth(received=0, sent=0, errors=1, error="no such device")}}, "links"),
-        ({"advice": (advice("mount"),)}, "camera"),
-        ({"advice": (advice("signing"),)}, "autopilot"),
-        ({"advice": (advice("never heard of"),)}, "never heard of"),
-    ],
-)
-def test_what_is_missing_fails_its_line_alone(config: Config, change: dict[str, object], line: str) -> None:
-    assert failed(config, replace(healthy(config), **change)) == [line]
-
-
-def test_a_warning_is_a_note_with_its_remedy(config: Config) -> None:
-    warned = replace(
-        healthy(config), advice=(advice("timesync", Severity.NOTICE), advice("slow", Severity.WARNING))
-    )
-    assert failed(config, warned) == []
-    text = "\n".join(map(str, judged(config, warned, "a daemon")))
-    assert text.count("note ") == 2
-    assert text.count("-> mend it") == 2
-
-
-def test_a_camera_is_needed_only_by_who_looks() -> None:
-    config = load_config(None, ("estimator.traffic.filter=kf",))
-    assert failed(config, replace(healthy(config), cameras={})) == []
-
-
-@pytest.mark.parametrize(
-    ("path", "mark"),
-    [
-        (None, "note"),
-        ("here.mcap", "ok"),
-        ("logs/here.mcap", "ok"),
-        ("/nowhere/flight.mcap", "FAIL"),
-        ("full", "FAIL"),
-    ],
-)
-def test_the_disk(path: str | None, mark: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    if path == "full":
-        monkeypatch.setattr(readiness, "MIN_STORAGE_BYTES", 1 << 80)
-    config = load_config(None, () if path is None else (f"recorder.path={path}",))
-    assert str(readiness._disk(config)).startswith(mark)
-
-
-def test_the_clock_matters_to_who_signs(config: Config) -> None:
-    assert str(readiness._clock(config, MIN_UNIX_TIME_S + 1.0)).startswith("ok")
-    assert str(readiness._clock(config, 1e6)).startswith("note")
-    link = replace(config.link[0], key_file="key")
-    assert str(readiness._clock(replace(config, link=(link,)), 1e6)).startswith("FAIL")
 
 
 @pytest.mark.parametrize("fine", [True, False])
