@@ -50,7 +50,7 @@ MIN_CORRECTION_SIZE_NS: Final = 50_000_000  # A smaller error of conversion does
 MAX_GIMBAL_COUNT: Final = 8
 MAX_ROUND_TRIP_TIME_NS: Final = 200_000_000
 MIN_BACKWARD_STEP_NS: Final = 150_000_000  # behind the newest stamp; streams of one clock are closer together.
-RATE_REASON: Final = Reason(Cause.CLOCK_RATE, "the autopilot's clock runs at another rate than this computer's")
+RATE_REASON: Final = Reason(Cause.CLOCK_RATE, "the rate of the autopilot's clock is uncertain")
 TIMESYNC_REASON: Final = Reason(
     Cause.DEGENERATE, "TIMESYNC: its clock is not that of the autopilot's stamps; the arrivals of these are used"
 )

@@ -3,7 +3,7 @@
 It comes from TIMESYNC replies, otherwise from the fastest messages: the lower envelope of arrival minus stamp.
 While a link is held up, even its fastest messages are late, so the envelope rises no faster than clocks drift
 apart. A simulator's clock may run slower or faster: if the offset changes steadily and far more than two quartz
-clocks could, its slope is followed.
+clocks could, its slope is followed. Arrivals that wander show no slope: then the rate is uncertain.
 """
 
 import math
@@ -24,6 +24,8 @@ MIN_OFFSET_RATE: Final = 1e-3  # s/s; the newest messages follow smaller slopes 
 MIN_DOUBTFUL_RATE: Final = 5e-3  # s/s; a larger slope that is not followed yet distorts estimates.
 SLOPE_SIGMAS: Final = 5.0
 MAX_RESIDUAL_FRACTION: Final = 0.1  # of the change over the span; a step leaves a larger residual than a slope.
+# Standard deviation of arrivals about a slope: a simulator shows 2 ms, a slow radio, whose delay wanders, 22 ms.
+MAX_ARRIVAL_RESIDUAL_NS: Final = 5_000_000
 SLOPE_CHANGE_FRACTION: Final = 0.1  # by which a steady slope may change
 LATENESS_SPREAD_FACTOR: Final = 10  # A link's lateness may be this many times the spread of its fastest messages.
 MIN_LATENESS_TIME_NS: Final = 100_000_000
@@ -49,7 +51,7 @@ class Offset:
 
     def __init__(self) -> None:
         self.slope = 0.0  # growth in s per second of the host clock: 0.1 if the boot clock runs at 0.9 of ours
-        self.doubt = False  # A slope is visible but too uncertain to follow.
+        self.doubt = False  # A slope is visible but too uncertain to follow, or arrivals wander.
         self.is_paced = False  # Another clock shows that both clocks run alike; arrivals only wander.
         self.fastest: list[tuple[int, int]] = []  # (t_recv, host - boot), the lower envelope, the lowest first
         self.replies: list[Reply] = []
@@ -172,8 +174,10 @@ class Offset:
     def _fit(self, points: list[tuple[float, float]], source: str) -> None:
         """Fit a straight line to offsets, and follow its slope if it is certain."""
         if source == "arrival" and self.is_paced:
+            self.doubt = False
             self._follow(0.0)
-        if len(points) < MIN_FIT_POINT_COUNT or (source == "arrival" and self.is_paced):
+            return
+        if len(points) < MIN_FIT_POINT_COUNT:
             return
         n, (t0, o0) = len(points), points[0]
         x, y = [t - t0 for t, _ in points], [o - o0 for _, o in points]
@@ -188,10 +192,12 @@ class Offset:
         sigma = noise / math.sqrt(sxx)
         steps = sorted((d - b) / (c - a) for (a, b), (c, d) in pairwise(points) if c > a)
         usual = steps[len(steps) // 2]  # 0 for a single step, or a link that paused
+        usual_size = sorted(map(abs, steps))[len(steps) // 2]
         is_steady = noise < MAX_RESIDUAL_FRACTION * abs(slope) * span and abs(usual - slope) < 0.5 * abs(slope)
         is_large = is_steady and abs(slope) > max(MIN_OFFSET_RATE, SLOPE_SIGMAS * sigma)
-        if span < MIN_FIT_SPAN_NS[source]:
-            self.doubt = is_large and abs(slope - self.slope) > MIN_DOUBTFUL_RATE
+        wanders = source == "arrival" and noise > MAX_ARRIVAL_RESIDUAL_NS and usual_size > MIN_DOUBTFUL_RATE
+        if wanders or span < MIN_FIT_SPAN_NS[source]:
+            self.doubt = wanders or (is_large and abs(slope - self.slope) > MIN_DOUBTFUL_RATE)
             return
         self.doubt = False
         if is_large:

@@ -142,7 +142,9 @@ WORDS: Final[Mapping[str, Words]] = {  # by cause, and by a verdict of the same 
         state=SENSORS,
     ),
     Cause.OTHER_VEHICLE: of_state("set `airframe` of [estimator.own_state] to what flies"),
-    Cause.CLOCK_RATE: of_state("let a simulator run in real time, or stamp images by its clock (`clock: boot`)"),
+    Cause.CLOCK_RATE: of_state(
+        "let a simulator run in real time, make a slow link faster, or stamp images by its clock (`clock: boot`)"
+    ),
     # Messages that are refused
     Cause.BEFORE_HEARTBEAT: Words(
         "no autopilot has sent a heartbeat yet, so it is not known whose vehicle this is"

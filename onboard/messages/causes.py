@@ -69,7 +69,7 @@ class Cause(StrEnum):
     FIX_UNUSABLE = "fix_unusable", "GPS fixes cannot be used"
     OWN_MOTION_UNKNOWN = "own_motion_unknown", "our own motion is not known"
     OWN_MOTION_DOUBT = "own_motion_doubt", "our own motion contradicts itself"
-    CLOCK_RATE = "clock_rate", "the autopilot's clock runs at another rate than this computer's"
+    CLOCK_RATE = "clock_rate", "the rate of the autopilot's clock is uncertain"
     SILENT = "silent", "nothing usable of our own motion arrives"
     HELD_UP = "held_up", "the autopilot's messages are held up on their way"
     BEHIND = "behind", "this program is late"

@@ -93,10 +93,20 @@ def test_one_velocity_that_no_aircraft_can_have(speed: float, reason: str) -> No
     assert max(position_error(e) for e in beginning(run)) < as_good_as_clean()
 
 
-@pytest.mark.parametrize(("step", "until_s"), [(1.3, 9.0), (2.0, 9.0), (2.0, 0.04)])
+def faster_north(step: float, *, is_moved: bool) -> Callable[[LocalPosition], LocalPosition]:
+    """A step of the velocity, and whether the position moves on by it."""
+
+    def change(m: LocalPosition) -> LocalPosition:
+        (north, *rest), moved = m.r_OF_n, step * (m.t_ns - BEGINS) / S if is_moved else 0.0
+        return replace(m, r_OF_n=(north + moved, *rest), v_F_n=(m.v_F_n[0] + step, *m.v_F_n[1:]))
+
+    return change
+
+
+@pytest.mark.parametrize(("step", "until_s"), [(1.3, 9.0), (2.0, 9.0), (2.0, 0.04), (4.0, 9.0)])
 def test_a_step_of_the_velocity_costs_a_second_and_an_outlier_itself(step: float, until_s: float) -> None:
     """As at a change of ArduPilot's EKF lane."""
-    stepped = lambda m: replace(m, v_F_n=(m.v_F_n[0] + step, *m.v_F_n[1:]))  # noqa: E731
+    stepped = faster_north(step, is_moved=step == 4.0)
     run = changed(INERTIAL, LocalPosition, stepped, BEGINS + round(until_s * S))
     invalid = [e for e in run.estimates if not e.valid and e.t_ns > BEGINS]
     if until_s < 1.0:
@@ -108,6 +118,17 @@ def test_a_step_of_the_velocity_costs_a_second_and_an_outlier_itself(step: float
     assert invalid[-1].t_ns < BEGINS + 1.4 * S
     assert all(e.valid for e in run.estimates if e.t_ns > BEGINS + 1.4 * S)
     assert run.estimates[-1].reset_count == clean().estimates[-1].reset_count
+
+
+def test_a_velocity_that_contradicts_the_position_costs_as_long_as_it_lasts_and_a_second() -> None:
+    run = changed(INERTIAL, LocalPosition, faster_north(8.0, is_moved=False), BEGINS + 2 * S)
+    assert run.rejected == {"velocity_leaps": 6, "velocity_has_leapt": 1}
+    invalid = [e.t_ns for e in run.estimates if not e.valid and e.t_ns > BEGINS]
+    assert {e.reason for e in run.estimates if BEGINS + 0.5 * S < e.t_ns < BEGINS + 2 * S} == {
+        "our own motion is in doubt: position contradicts the velocity"
+    }
+    assert BEGINS <= invalid[0] < BEGINS + 0.2 * S
+    assert BEGINS + 3.0 * S < invalid[-1] < BEGINS + 3.4 * S  # then images have agreed again
 
 
 def test_a_yaw_that_is_30_degrees_off_contradicts_the_accelerometer() -> None:
