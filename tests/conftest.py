@@ -40,11 +40,7 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
-@pytest.hookimpl(tryfirst=True)  # before `-m` chooses
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    for item in items:
-        if item.get_closest_marker("single") and kernels.are_compiled():
-            item.add_marker(pytest.mark.skip("machine code is in double precision (test_single_precision.py)"))
     if not hasattr(config, "workerinput"):
         return  # one process alone: in the order it was asked for
     items.sort(key=lambda item: order.place(item.nodeid.partition("::")[0]))

@@ -6,7 +6,7 @@ callers. Arguments are declared read-only and of any stride, which spares caller
 raises TypeError.
 
 `WINGLINE_KERNELS=python` runs the same code in Python, to debug it. `WINGLINE_KERNELS=numba` compiles it as it is
-imported, also in single precision, which no flight needs.
+imported.
 """
 
 import os

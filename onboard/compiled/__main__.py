@@ -1,7 +1,8 @@
 """`python -m onboard.compiled`: compile all kernels for this kind of processor.
 
 It needs Numba (`pip install 'wingline[build]'`) and a C compiler. Processors may be named, or `all` of this kind
-of computer. The object file of each module is kept under a digest of its dependencies, and is not made twice.
+of computer. The object file of each module is kept under a digest of the code that it depends on, without comments
+and docstrings, and is not made twice.
 """
 
 import os
@@ -33,7 +34,7 @@ from onboard.compiled.machine import (
     processor,
 )
 from onboard.compiled.parts import Part
-from onboard.compiled.sources import kernel_modules, sources
+from onboard.compiled.sources import code_digest, kernel_modules, sources
 
 C_SOURCES: Final = ("boundary.c", "linear_algebra.c")
 MADE_BY: Final = ("onboard/compiled/native.py", "onboard/compiled/numba_types.py")
@@ -71,7 +72,7 @@ def _object_name(module: str, target: Processor) -> str:
         made_with = "-".join(version(package) for package in COMPILERS)
     except PackageNotFoundError as error:
         raise BuildError(f"compiling: {error.name} is missing; pip install 'wingline[build]'") from error
-    return f"{target.name}@{module}@{made_with}@{digest([*sources([module]), *MADE_BY])[:24]}"
+    return f"{target.name}@{module}@{made_with}@{code_digest([*sources([module]), *MADE_BY])[:24]}"
 
 
 def _compile(names: Sequence[str], files: Mapping[str, Path], target: Processor) -> None:

@@ -20,7 +20,7 @@ from numba.np import arrayobj
 
 from onboard.compiled.kinds import name_of
 from onboard.compiled.machine import Processor
-from onboard.compiled.numba_types import Specification, numba_type, signatures
+from onboard.compiled.numba_types import Specification, numba_type
 from onboard.compiled.parts import Entry, Part
 
 SLOT_TYPE: Final = ir.IntType(64)
@@ -42,8 +42,8 @@ DECLARED: Final[list[Declared]] = []  # by the modules that this process has imp
 
 
 def jitted(function: Any, takes: tuple[Any, ...] | None, options: dict[str, Any]) -> Any:
-    """A kernel that Numba compiles now, for this process, in both precisions."""
-    return njit(signatures(takes), **options)(function)
+    """A kernel that Numba compiles now, for this process."""
+    return njit(takes and tuple(numba_type(kind) for kind in takes), **options)(function)
 
 
 def declared(function: Any, takes: tuple[Any, ...] | None, options: dict[str, Any]) -> Any:

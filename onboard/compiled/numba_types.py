@@ -11,23 +11,15 @@ NUMBERS: Final = {FLOAT: types.float64, INT: types.int64, UNSIGNED: types.uint64
 LETTERS: Final = {kind: letter for letter, kind in NUMBERS.items()}
 
 
-def numba_type(kind: Any, number: Any = types.float64) -> Any:
-    """The type of an argument, with `number` for double precision."""
-    numbers = NUMBERS | {FLOAT: number}
+def numba_type(kind: Any) -> Any:
+    """The type of an argument."""
     if isinstance(kind, ArrayKind):
         layout, readonly = ("A" if kind.layout in "am" else "C"), kind.layout in "ac"
-        return types.Array(numbers[kind.element], kind.ndim, layout, readonly=readonly)
+        return types.Array(NUMBERS[kind.element], kind.ndim, layout, readonly=readonly)
     if isinstance(kind, RecordKind):
-        fields = [numba_type(field, number) for field in kind.fields]
+        fields = [numba_type(field) for field in kind.fields]
         return types.BaseTuple.from_types(fields, None if kind.of is tuple else kind.of)
-    return numbers[kind]
-
-
-def signatures(takes: tuple[Any, ...] | None) -> Any:
-    """The signatures for `njit` in double and in single precision; None without types."""
-    if takes is None:
-        return None
-    return [tuple(numba_type(kind, number) for kind in takes) for number in (types.float64, types.float32)]
+    return NUMBERS[kind]
 
 
 class Specification:

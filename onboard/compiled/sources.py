@@ -1,6 +1,7 @@
 """Which modules have kernels, and which sources their machine code depends on."""
 
 import ast
+import hashlib
 import re
 from collections.abc import Iterable
 from functools import cache
@@ -26,6 +27,24 @@ def sources(modules: Iterable[str]) -> list[str]:
     """
     needed = needed_by(modules, at_once=True) - {"onboard.compiled", "onboard.compiled.machine"}
     return sorted(path_of(name).relative_to(ROOT).as_posix() for name in needed)
+
+
+def code_digest(files: Iterable[str]) -> str:
+    """SHA-256 over the code of files below the root, without comments and docstrings."""
+    return hashlib.sha256("".join(map(_code, files)).encode()).hexdigest()
+
+
+@cache
+def _code(file: str) -> str:
+    tree = ast.parse((ROOT / file).read_text(encoding="utf-8"))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
+            node.body = [part for part in node.body if not _is_text(part)]
+    return f"{file} {ast.dump(tree)}"
+
+
+def _is_text(part: ast.stmt) -> bool:
+    return isinstance(part, ast.Expr) and isinstance(part.value, ast.Constant)
 
 
 def needed_by(names: Iterable[str], *, at_once: bool = False) -> set[str]:

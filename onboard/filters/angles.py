@@ -47,7 +47,7 @@ def beside(angles: Array, reference: Array, angular_states: tuple[int, ...]) -> 
     if not angular_states:
         return angles
     turns = np.rint((angles - reference) / TWO_PI)
-    return np.asarray(angles - TWO_PI * turns * mask(angular_states, angles.shape[-1]), angles.dtype)
+    return np.asarray(angles - TWO_PI * turns * mask(angular_states, angles.shape[-1]))
 
 
 def check_spread(points: Array, angular_states: tuple[int, ...]) -> None:

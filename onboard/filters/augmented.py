@@ -6,7 +6,7 @@
 Varaprasad et al., section 3.1, after Julier. `weights` is a rule for any number of states, such as
 `unscented.julier_weights`: the augmented state has L = n + n_w (+ n_v). `step_augmented` makes both halves from
 one set of points (eqs 8-12), so that the measurement sees the process noise's own points; the two calls draw new
-points in between, as eq 16 does. Noise covariances may be singular. Arrays are all float64 or all float32, with or
+points in between, as eq 16 does. Noise covariances may be singular. Arrays are float64, with or
 without leading batch axes.
 
 With n + lambda = 3 the centre weighs 1 - L/3, and a strongly nonlinear model may leave no covariance; the rule
@@ -14,12 +14,11 @@ With n + lambda = 3 the centre weighs 1 - L/3, and a strongly nonlinear model ma
 """
 
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.filters import unscented
 from onboard.filters.angles import beside_first, check_spread
 from onboard.filters.belief import ROWS, Belief, Indices, Method, Rows, Update, Weights, check_weights, mask, start
 from onboard.filters.errors import FilterError, array_error, require_plain
@@ -29,6 +28,7 @@ from onboard.filters.unscented import julier_weights, scaled_weights
 
 NoisyRows = Callable[[Array, Array], Array]
 Rule = Callable[[int], Weights]
+NO_NOISE: Final = np.empty((0, 0))
 
 
 def predict_augmented(
@@ -62,7 +62,7 @@ def predict_augmented(
         If a covariance is not positive definite, or not finite.
     """
     n = belief.mean.shape[-1]
-    points, rule = _spread(belief, Q, _no_noise(belief), weights, angular_states)
+    points, rule = _spread(belief, Q, NO_NOISE, weights, angular_states)
     moved = _apply(process, points[..., :n], points[..., n:], "process")
     return _gathered(beside_first(moved, angular_states) if angular_states else moved, rule)
 
@@ -104,7 +104,7 @@ def update_augmented(
         If a covariance is not positive definite, or not finite.
     """
     n = belief.mean.shape[-1]
-    points, rule = _spread(belief, _no_noise(belief), R, weights, angular_states)
+    points, rule = _spread(belief, NO_NOISE, R, weights, angular_states)
     images = _apply(measure, points[..., :n], points[..., n:], "measure")
     return _correct(belief, points[..., :n], images, y, R, rule, angular)
 
@@ -137,10 +137,6 @@ def step_augmented(
     moved = beside_first(_apply(process, points[..., :n], points[..., n:k], "process"), angular_states)
     images = _apply(measure, moved, points[..., k:], "measure")
     return _correct(_gathered(moved, rule), moved, images, y, R, rule, angular)
-
-
-def _no_noise(belief: Belief) -> Array:
-    return np.empty((0, 0), belief.mean.dtype)
 
 
 def _spread(belief: Belief, Q: Array, R: Array, weights: Rule, angular_states: Indices) -> tuple[Array, Weights]:
@@ -222,7 +218,7 @@ def additive(model: Rows, names: str = "model, noise") -> NoisyRows:
     return noisy
 
 
-def _method(name: str, weights: Rule, **more: Any) -> Method:
+def _method(name: str, weights: Rule) -> Method:
     def predict_(state: Belief, process: Rows, Q: Array, angular_states: Indices = ()) -> Belief:
         return predict_augmented(state, additive(process, "process, Q"), Q, weights, angular_states)
 
@@ -231,10 +227,10 @@ def _method(name: str, weights: Rule, **more: Any) -> Method:
     ) -> Update:
         return update_augmented(state, y, additive(measure, "measure, R"), R, weights, angular, angular_states)
 
-    return Method(name, start, predict_, update_, lambda state: state, **more)
+    return Method(name, start, predict_, update_, lambda state: state)
 
 
 METHODS: Final[tuple[Method, ...]] = (
-    _method("augmented", julier_weights, exempt=unscented.EXEMPT),
-    _method("augmented-scaled-1", lambda n: scaled_weights(n, 1.0, 2.0), exempt=unscented.EXEMPT),
+    _method("augmented", julier_weights),
+    _method("augmented-scaled-1", lambda n: scaled_weights(n, 1.0, 2.0)),
 )

@@ -158,9 +158,7 @@ PROPERTIES: Final = (
     "consistent",  # NEES and NIS keep their bounds on the model it assumes
     "partial",  # accepts measurements of fewer components than states
     "batch",  # one call with a batch axis equals a loop
-    "float32",  # float32 in gives float32 out
     "long_run",  # positive definite over 1e5 ill-conditioned steps
-    "long_run_float32",  # the same in single precision
     "angles",  # innovations of angles wrap
 )
 
@@ -258,13 +256,11 @@ def start(mean: Array, covariance: Array) -> Belief:
         If an argument cannot be used; the message says which one and why.
     """
     for name, array in (("mean", mean), ("covariance", covariance)):
-        if not is_plain(array) or array.dtype not in (np.float64, np.float32):
+        if not is_plain(array) or array.dtype != np.float64:
             raise array_error(**{name: array})
         if array.ndim < AXES[name] or not np.isfinite(array).all():
             raise FilterError(f"{name}: must be finite, and have at least {AXES[name]} axes: has {array.shape}")
-    if covariance.shape != (*mean.shape, mean.shape[-1]) or mean.dtype != covariance.dtype:
-        described = f"mean {mean.dtype} {mean.shape}, covariance {covariance.dtype} {covariance.shape}"
-        raise FilterError(
-            f"mean (..., n) and covariance (..., n, n) must fit and be of one precision: {described}"
-        )
+    if covariance.shape != (*mean.shape, mean.shape[-1]):
+        described = f"mean {mean.shape}, covariance {covariance.shape}"
+        raise FilterError(f"mean (..., n) and covariance (..., n, n) must fit: {described}")
     return Belief(mean, covariance)

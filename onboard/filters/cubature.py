@@ -103,6 +103,5 @@ METHODS: Final = (
             state, y, measure, R, angular, (), angular_states
         ),
         lambda belief: belief,
-        exempt=unscented.EXEMPT,
     ),
 )

@@ -12,7 +12,7 @@ But most effects of a wrong model stay within five deviations: innovations that 
 is the robust one with a prior that is widened in those quantities by as much as explains the mean innovation. So
 it separates outliers from a wrong model.
 
-Arrays are all float64 or all float32, with or without a leading batch axis. Errata: `smooth_variable_structure`.
+Arrays are float64, with or without a leading batch axis. Errata: `smooth_variable_structure`.
 """
 
 from typing import Final, NamedTuple

@@ -152,7 +152,7 @@ def rk4(derivative: Rows, rows: Array, dt: float) -> Array:
     derivative
         Function of rows (k, n); returns rows (k, n).
     rows : (k, n)
-        States, whose precision is that of the result.
+        States.
     dt
         Length of the step, s.
 

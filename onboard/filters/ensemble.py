@@ -87,7 +87,7 @@ def start(mean: Array, covariance: Array, members: int = DEFAULT_MEMBER_COUNT, s
     if members < 2:
         raise FilterError(f"members: must be at least 2, not {members}")
     (L,) = call(factors.factor, covariance=covariance)
-    nothing = np.zeros((*mean.shape[:-1], members, 0), mean.dtype)
+    nothing = np.zeros((*mean.shape[:-1], members, 0))
     return Ensemble(mean, _drawn(nothing, mean.shape[-1], seed, 0) @ _t(L), seed, 1)
 
 
@@ -117,7 +117,7 @@ def predict(
     check_like(_t(X[..., :1, :]) @ X[..., :1, :], Q=Q)
     mean, X = centred(images, _weights(X), angular_states)
     noise = _drawn(X, X.shape[-1], state.seed, state.draws) @ _t(noise_factor("Q", Q))
-    return Ensemble(mean, X.dtype.type(inflation) * X + noise, state.seed, state.draws + 1)
+    return Ensemble(mean, inflation * X + noise, state.seed, state.draws + 1)
 
 
 def update(
@@ -147,7 +147,7 @@ def update(
         If a covariance is not positive definite, or not finite.
     """
     mean, X = state.mean, state.deviations
-    if not is_plain(y) or y.dtype != mean.dtype or y.shape[:-1] != mean.shape[:-1]:
+    if not is_plain(y) or y.dtype != np.float64 or y.shape[:-1] != mean.shape[:-1]:
         raise array_error(y=y, mean=mean)
     _check_spread(X, angular_states)
     images = images_of(measure, mean[..., None, :] + X, y)
@@ -155,13 +155,13 @@ def update(
     check_members(~np.isfinite(y).all(axis=-1), MEASUREMENT_ERROR)
     mask(angular, y.shape[-1])
     predicted, Y = centred(images, _weights(X), angular)
-    across, spread = (_t(A) @ Y / X.dtype.type(X.shape[-2] - 1) for A in (X, Y))
+    across, spread = (_t(A) @ Y / (X.shape[-2] - 1) for A in (X, Y))
     check_like(spread, R=R)
     root = noise_factor("R", R)
     if taper is not None:
         if (taper[0].shape, taper[1].shape) != (across.shape[-2:], spread.shape[-2:]):
             raise shape_error(taper_of_states=taper[0], taper_of_y=taper[1], covariance=across, R=R)
-        across, spread = (A * np.asarray(t, A.dtype) for A, t in zip((across, spread), taper, strict=True))
+        across, spread = (A * np.asarray(t) for A, t in zip((across, spread), taper, strict=True))
     S = 0.5 * (spread + _t(spread)) + R
     (L,) = call(factors.factor, covariance=S)
     check_members((np.diagonal(L, axis1=-2, axis2=-1) <= 0).any(axis=-1), INNOVATION_ERROR)
@@ -177,7 +177,7 @@ def update(
 def belief(state: Ensemble) -> Belief:
     """Return mean (..., n) and covariance (..., n, n) of an ensemble."""
     X = state.deviations
-    P = _t(X) @ X / X.dtype.type(X.shape[-2] - 1)
+    P = _t(X) @ X / (X.shape[-2] - 1)
     return Belief(state.mean, 0.5 * (P + _t(P)))
 
 
@@ -196,7 +196,7 @@ def _drawn(X: Array, n: int, seed: int, draws: int) -> Array:
         basis = np.linalg.qr(np.concatenate([ones, X], axis=-1)).Q
         z -= basis @ (_t(basis) @ z)
         z = np.sqrt(count - 1) * np.linalg.qr(z).Q
-    return np.asarray(z, X.dtype)
+    return z
 
 
 def _check_spread(X: Array, angular_states: Indices) -> None:
@@ -205,7 +205,7 @@ def _check_spread(X: Array, angular_states: Indices) -> None:
 
 
 def _weights(X: Array) -> Array:
-    return np.full(X.shape[-2], 1 / X.shape[-2], X.dtype)
+    return np.full(X.shape[-2], 1 / X.shape[-2])
 
 
 def _t(A: Array) -> Array:

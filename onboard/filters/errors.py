@@ -149,7 +149,7 @@ def is_plain(array: Any) -> bool:
 def array_error(**arrays: Any) -> FilterError:
     """Return the error for arguments that no kernel accepts.
 
-    They are not arrays, not of floating point, or of different precision or rank.
+    They are not arrays, not of float64, or of different rank.
     """
     for name in ("angular", "considered"):
         if not isinstance(chosen := arrays.pop(name, ()), tuple):
@@ -157,11 +157,8 @@ def array_error(**arrays: Any) -> FilterError:
     for name, array in arrays.items():
         if not is_plain(array):
             return FilterError(f"{name}: must be a NumPy array{PLAIN}, not {type(array).__name__}")
-        if array.dtype not in (np.float64, np.float32):
-            return FilterError(f"{name}: must be float64 or float32, not {array.dtype}")
-    if len({array.dtype for array in arrays.values()}) > 1:
-        described = ", ".join(f"{name} {array.dtype}" for name, array in arrays.items())
-        return FilterError(f"arrays must agree in precision: {described}")
+        if array.dtype != np.float64:
+            return FilterError(f"{name}: must be float64, not {array.dtype}")
     return shape_error(**arrays)
 
 

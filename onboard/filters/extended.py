@@ -1,8 +1,7 @@
 """Extended Kalman filter: the Kalman filter on the tangent at the mean.
 
 Jacobians are functions over rows, (k, n) -> (k, n or m, n), or come from central differences: one call of the
-model with the mean and 2n points about it. Covariances are symmetric to the last bit. Batches and precisions as in
-`kalman`.
+model with the mean and 2n points about it. Covariances are symmetric to the last bit. Batches as in `kalman`.
 """
 
 from collections.abc import Callable
@@ -128,8 +127,7 @@ def complex_step(model: Rows, step: float = 1e-20) -> Jacobian:
         images = np.asarray(model(beside.reshape(-1, n)))
         if not np.iscomplexobj(images) or images.shape[:1] != (k * n,):
             raise FilterError(f"model: gave {images.dtype} {images.shape} for complex rows {(k * n, n)}")
-        slopes = np.swapaxes(images.imag.reshape(k, n, -1), 1, 2) / step
-        return slopes.astype(rows.dtype)
+        return np.swapaxes(images.imag.reshape(k, n, -1), 1, 2) / step
 
     return jacobian
 

@@ -2,7 +2,7 @@
 
 The moments are by a product rule of `order` points an axis. With order p a polynomial of degree 2p - 1 in each
 state is averaged exactly. It takes p^n points: with order 3, 81 for four states and 19,683 for nine. All weights
-are positive. Batches and precisions as in `unscented`.
+are positive. Batches as in `unscented`.
 """
 
 from functools import lru_cache
@@ -113,7 +113,7 @@ def update(
     predicted, off = centred(images, weights, angular)
     scaled = np.swapaxes(off, -1, -2) @ (weights[:, None] * z)  # the line, over the factor
     known = np.diagonal(L, axis1=-2, axis2=-1) == 0  # the images do not depend on this z
-    L = L + known[..., None] * np.eye(L.shape[-1], dtype=L.dtype)
+    L = L + known[..., None] * np.eye(L.shape[-1])
     slope = np.swapaxes(np.linalg.solve(np.swapaxes(L, -1, -2), np.swapaxes(scaled, -1, -2)), -1, -2)
     rest = off - z @ np.swapaxes(scaled, -1, -2)
     noise = np.swapaxes(rest, -1, -2) @ (weights[:, None] * rest)
@@ -128,7 +128,7 @@ def _drawn(belief: Belief, order: int, angular_states: tuple[int, ...]) -> tuple
     The factor is (..., n, n), the standard points are (k, n).
     """
     mean, covariance = start(*belief)
-    z, weights = (array.astype(mean.dtype) for array in rule(mean.shape[-1], order))
+    z, weights = rule(mean.shape[-1], order)
     (L,) = call(factors.factor, covariance=covariance)
     offsets = z @ np.swapaxes(L, -1, -2)
     if angular_states:

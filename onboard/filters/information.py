@@ -126,4 +126,4 @@ def _inverse(refusal: str, A: Array) -> Array:
     if np.any(values[..., 0] <= ROUNDING_TOLERANCE * values[..., -1]):
         raise NotPositiveDefiniteError(refusal)
     inverse = each * (vectors / values[..., None, :] @ np.swapaxes(vectors, -1, -2))
-    return np.asarray(0.5 * (inverse + np.swapaxes(inverse, -1, -2)), A.dtype)
+    return np.asarray(0.5 * (inverse + np.swapaxes(inverse, -1, -2)))

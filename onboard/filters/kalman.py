@@ -3,7 +3,7 @@
     belief = predict(belief, F, Q)                # an outage is this alone, as often as it lasts
     belief = update(belief, y, H, R).belief
 
-Kalman 1960; De Vivo et al. table 1 and eq 15. Arrays are all float64 or all float32; leading axes broadcast, so
+Kalman 1960; De Vivo et al. table 1 and eq 15. Arrays are float64; leading axes broadcast, so
 one call advances a batch of filters. A covariance may be singular (a state known exactly), not indefinite.
 """
 

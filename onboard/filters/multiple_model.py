@@ -85,7 +85,7 @@ def start(
     """
     states = tuple(method.start(mean, covariance) for method in methods)
     mask(angular_states, mean.shape[-1])
-    weights = np.asarray(probabilities, mean.dtype)
+    weights = np.asarray(probabilities, float)
     if weights.shape[-1:] != (len(methods),) or not _sum_to_one(weights):
         raise FilterError(f"probabilities: must be {len(methods)} that are not negative and sum to one")
     return ModesState(states, np.broadcast_to(weights, (*mean.shape[:-1], len(methods))).copy(), angular_states)
@@ -123,10 +123,10 @@ def predict(
         raise FilterError(f"transition: must be ({r}, {r}), not negative, with rows that sum to one")
     if len(processes) != r or len(noises) != r:
         raise FilterError(f"processes, noises: must be {r} each, not {len(processes)} and {len(noises)}")
-    joint = state.probabilities[..., :, None] * np.asarray(transition, state.probabilities.dtype)
+    joint = state.probabilities[..., :, None] * np.asarray(transition)
     ahead = joint.sum(axis=-2)
     possible = ahead[..., None, :] > 0
-    mixing = np.where(possible, joint / np.where(possible, ahead[..., None, :], 1), np.eye(r, dtype=joint.dtype))
+    mixing = np.where(possible, joint / np.where(possible, ahead[..., None, :], 1), np.eye(r))
     mixed = mixture(_beliefs(methods, state, _carried), mixing)
     states = [
         method.predict(with_belief(method, old, belief), process, Q, state.angular_states)
@@ -176,7 +176,7 @@ def update(
     ]
     innovations = np.stack([u.innovation for u in updates], axis=-2)
     S = np.stack([u.innovation_covariance for u in updates], axis=-3)
-    nis = np.asarray(np.stack([u.nis for u in updates], axis=-1), S.dtype)
+    nis = np.stack([u.nis for u in updates], axis=-1)
     arrays = (innovations, S, nis, state.probabilities)
     single = innovations.ndim == 2
     innovations, S, nis, prior = [array[None] for array in arrays] if single else arrays
@@ -233,7 +233,7 @@ def mixture(beliefs: Belief, weights: Array) -> list[Belief]:
     try:
         means, covariances = mix(*arrays)
     except TypeError as error:
-        raise FilterError("mean, covariance: of different precision or size among the modes") from error
+        raise FilterError("mean, covariance: of different size among the modes") from error
     if weights.ndim == 2:
         means, covariances = means[0], covariances[0]
     return [Belief(means[..., j, :], covariances[..., j, :, :]) for j in range(weights.shape[-1])]
@@ -336,6 +336,4 @@ def as_method(
 
 
 # One model twice, which must equal the single filter: factors on Q depend on the manoeuvres of an application.
-METHODS: Final[tuple[Method, ...]] = (
-    as_method("imm", unscented.METHODS[:1] * 2, (1.0, 1.0), exempt=unscented.METHODS[0].exempt),
-)
+METHODS: Final[tuple[Method, ...]] = (as_method("imm", unscented.METHODS[:1] * 2, (1.0, 1.0)),)

@@ -104,8 +104,8 @@ def start(
     z = _rng(seed, 0).standard_normal((*mean.shape[:-1], particles, n))
     z -= z.mean(axis=-2, keepdims=True)
     z = _t(np.linalg.solve(np.linalg.cholesky(_t(z) @ z / particles), _t(z)))
-    cloud = (mean[..., None, :] + z @ _t(_root("covariance", covariance))).astype(mean.dtype)
-    return Cloud(cloud, np.full(cloud.shape[:-1], -np.log(particles), mean.dtype), seed, 1, bandwidth)
+    cloud = mean[..., None, :] + z @ _t(_root("covariance", covariance))
+    return Cloud(cloud, np.full(cloud.shape[:-1], -np.log(particles)), seed, 1, bandwidth)
 
 
 def predict(state: Cloud, process: Rows, Q: Array, angular_states: Indices = ()) -> Cloud:
@@ -124,14 +124,14 @@ def predict(state: Cloud, process: Rows, Q: Array, angular_states: Indices = ())
         If a covariance is not positive definite, or not finite.
     """
     n = state.particles.shape[-1]
-    _require("Q", Q, (n, n), state.particles.dtype)
+    _require("Q", Q, (n, n))
     mask(angular_states, n)
     moved = images_of(process, state.particles, None)
     if not np.isfinite(moved).all():
         raise FilterError("process: gave states that are not finite")
     noise = _rng(state.seed, state.draws).standard_normal(moved.shape) @ _t(_root("Q", Q))
     noise -= _mean(noise, state.log_weights)[..., None, :]
-    particles = (beside(moved, moved[..., :1, :], angular_states) + noise).astype(moved.dtype)
+    particles = beside(moved, moved[..., :1, :], angular_states) + noise
     return state._replace(particles=particles, draws=state.draws + 1)
 
 
@@ -154,10 +154,10 @@ def update(
     NotPositiveDefiniteError
         If a covariance is not positive definite, or not finite.
     """
-    lead, (count, n), dtype = state.particles.shape[:-2], state.particles.shape[-2:], state.particles.dtype
-    _require("y", y, (), dtype)
+    lead, (count, n) = state.particles.shape[:-2], state.particles.shape[-2:]
+    _require("y", y, ())
     m = y.shape[-1] if y.ndim else 0
-    _require("R", R, (m, m), dtype)
+    _require("R", R, (m, m))
     if y.shape[:-1] != lead or y.ndim < 1:
         raise FilterError(f"y: must be {(*lead, 'm')} for particles {state.particles.shape}, not {y.shape}")
     mask(angular, m)
@@ -193,10 +193,10 @@ def update(
             if left[b] > 0 or walks[b] or effective(log_w[b]) < RESAMPLING_FRACTION * count:
                 x[b], log_w[b] = _resampled(x[b], log_w[b], rng, 0.0 if walks[b] else bandwidth), -np.log(count)
         _walk(x, open_[walks[open_]], prior, 1.0 - left, seen, rng)
-    after = Cloud(x.reshape(*lead, count, n).astype(dtype), log_w.reshape(*lead, count).astype(dtype), *state[2:])
-    shown = innovation.reshape(y.shape).astype(dtype)
-    covariance = S.reshape(*lead, m, m).astype(dtype)
-    each: Any = nis.reshape(lead).astype(dtype) if lead else float(nis[0])
+    after = Cloud(x.reshape(*lead, count, n), log_w.reshape(*lead, count), *state[2:])
+    shown = innovation.reshape(y.shape)
+    covariance = S.reshape(*lead, m, m)
+    each: Any = nis.reshape(lead) if lead else float(nis[0])
     after = after._replace(draws=state.draws + 1)
     return Update(after, shown, covariance, y - shown, each, log_evidence=evidence.reshape(lead))
 
@@ -204,7 +204,7 @@ def update(
 def belief(state: Cloud) -> Belief:
     """Return mean (..., n) and covariance (..., n, n) of a cloud."""
     mean, covariance = _moments(state.particles.astype(float), state.log_weights.astype(float))
-    return Belief(mean.astype(state.particles.dtype), covariance.astype(state.particles.dtype))
+    return Belief(mean, covariance)
 
 
 def effective(log_weights: Array) -> Array:
@@ -378,10 +378,10 @@ def _moments(rows: Array, log_w: Array) -> tuple[Array, Array]:
     return mean, np.asarray(0.5 * (covariance + _t(covariance)))
 
 
-def _require(name: str, array: Array, shape: tuple[int, ...], dtype: Any) -> None:
+def _require(name: str, array: Array, shape: tuple[int, ...]) -> None:
     require_plain(**{name: array})
-    if array.dtype != dtype or array.shape[-2:][: len(shape)] != shape:
-        raise FilterError(f"{name}: must be {shape or '(..., m)'} of {dtype}, not {array.shape} of {array.dtype}")
+    if array.dtype != np.float64 or array.shape[-2:][: len(shape)] != shape:
+        raise FilterError(f"{name}: must be {shape or '(..., m)'} of float64, not {array.shape} of {array.dtype}")
 
 
 def _root(name: str, covariance: Array) -> Array:

@@ -171,5 +171,5 @@ def _mixed(method: Method, state: Any, updated: Any, weights: Array, angular_sta
     prior, after = method.belief(state), method.belief(updated)
     means = beside(np.concatenate([after.mean, prior.mean[None]]), prior.mean, angular_states)
     all_ = Belief(means, np.concatenate([after.covariance, prior.covariance[None]]))
-    (mixed,) = mixture(all_, weights[:, None].astype(means.dtype))
+    (mixed,) = mixture(all_, weights[:, None])
     return with_belief(method, state, mixed)

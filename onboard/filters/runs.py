@@ -163,7 +163,7 @@ def _updated(method: Method, state: Any, y: Array, model: Model) -> Any:
     if not missing.any():
         return method.update(state, y, model.measure, model.R, model.angular, model.angular_states)
     if missing.all():
-        nothing = np.full(y.shape, np.nan, y.dtype)
+        nothing = np.full(y.shape, np.nan)
         return Update(state, nothing, nothing[..., None] * nothing[..., None, :], nothing, np.zeros(y.shape[:-1]))
     if "partial" in method.exempt:
         raise FilterError(f"y: {method.name} takes no partial measurement: {method.exempt['partial']}")
@@ -171,10 +171,10 @@ def _updated(method: Method, state: Any, y: Array, model: Model) -> Any:
     several = isinstance(measure, tuple)
     blank: Any = tuple(_blank(one, missing) for one in measure) if several else _blank(measure, missing)
     gone = missing[..., :, None] | missing[..., None, :]
-    R = np.where(gone, np.eye(y.shape[-1], dtype=model.R.dtype), model.R)
-    filled = np.where(missing, y.dtype.type(0), y)
+    R = np.where(gone, np.eye(y.shape[-1]), model.R)
+    filled = np.where(missing, 0.0, y)
     found = method.update(state, filled, blank, R, model.angular, model.angular_states)
-    nan, own = y.dtype.type(np.nan), getattr(found, "log_evidence", None)
+    nan, own = np.nan, getattr(found, "log_evidence", None)
     return Update(
         _kept(state, found.belief, missing.all(axis=-1)) if missing.ndim > 1 else found.belief,
         np.where(missing, nan, found.innovation),
@@ -231,9 +231,9 @@ def _blank(measure: Rows, missing: Array) -> Rows:
     def blank(rows: Array) -> Array:
         images = measure(rows)
         if missing.ndim == images.ndim - 1:
-            return np.where(missing, 0, images).astype(images.dtype)
+            return np.where(missing, 0.0, images)
         each = images.reshape(len(missing), -1, *images.shape[1:])
-        return np.where(missing[:, None], 0, each).astype(images.dtype).reshape(images.shape)
+        return np.where(missing[:, None], 0.0, each).reshape(images.shape)
 
     return blank
 
@@ -450,12 +450,12 @@ def _compiled(method: Method, model: LinearModel, start: Belief, ys: list[Array]
     """Run the linear Kalman filter in one compiled loop."""
     from onboard.filters.kernels import records  # noqa: PLC0415 - the compiler loads when it is needed
 
-    lead, dtype = start.mean.shape[:-1], start.mean.dtype
+    lead = start.mean.shape[:-1]
     n, m, steps = start.mean.shape[-1], ys[0].shape[-1], len(ys)
     mean, P = (start.mean, start.covariance) if lead else (start.mean[None], start.covariance[None])
     y = np.stack(ys).reshape(steps, len(mean), m)
     H, R, F, Q = (a if a.ndim == 3 else a[None] for a in (model.H, model.R, model.F, model.Q))
-    u = np.zeros((1, n), dtype) if model.inputs is None else model.inputs
+    u = np.zeros((1, n)) if model.inputs is None else model.inputs
     kernel: Any = records.filter_record
     *found, status = kernel(mean, P, F, Q, u, H, R, y, mask(model.angular, m))
     if status:  # a filter fails: step by step, the others go on
@@ -471,12 +471,12 @@ def _compiled(method: Method, model: LinearModel, start: Belief, ys: list[Array]
 
 
 def _fitted(model: LinearModel, start: Belief, ys: list[Array], ts: Array) -> LinearModel:
-    """Return the model in the belief's precision, and of the record's shapes.
+    """Return the model in the record's shapes.
 
     Raises FilterError.
     """
     n, m = start.mean.shape[-1], ys[0].shape[-1]
-    made = model.fitted(n, m, len(ys), start.mean.dtype)
+    made = model.fitted(n, m, len(ys))
     if m == 0 or any(one.shape != ys[0].shape for one in ys):
         raise FilterError("ys: must be of one size for a LinearModel, with NaN where a component is missing")
     if not np.all(np.diff(ts) > 0):
@@ -485,21 +485,21 @@ def _fitted(model: LinearModel, start: Belief, ys: list[Array], ts: Array) -> Li
 
 
 def _measurements(ys: Any, start: Belief) -> list[Array]:
-    """Return each measurement in the belief's precision, with NaN where it is missing."""
-    lead, dtype = start.mean.shape[:-1], start.mean.dtype
+    """Return each measurement, with NaN where it is missing."""
+    lead = start.mean.shape[:-1]
     if isinstance(ys, np.ndarray) and ys.ndim == 1 and not lead:
         ys = ys[:, None]
     if isinstance(ys, np.ndarray) and ys.dtype != object:  # a record at once, not measurement by measurement
-        ys = np.ma.filled(np.ma.asarray(ys, dtype), np.nan)
+        ys = np.ma.filled(np.ma.asarray(ys, float), np.nan)
     known = next((np.shape(y) for y in ys if y is not None), (*lead, 1))
     found = []
     for k, y in enumerate(ys):
         if y is None:
             one = np.full(known, np.nan)
-        elif type(y) is np.ndarray and y.dtype == dtype:
+        elif type(y) is np.ndarray and y.dtype == np.float64:
             one = y
         else:
-            one = np.asarray(np.ma.filled(np.ma.asarray(y, dtype), np.nan), dtype)
+            one = np.asarray(np.ma.filled(np.ma.asarray(y, float), np.nan))
         if one.shape[:-1] != lead or one.ndim != len(lead) + 1:
             wanted = "(T, B, m)" if lead else "(T, m)"
             raise FilterError(f"ys[{k}]: has shape {one.shape}; ys must be {wanted} for mean {start.mean.shape}")

@@ -63,7 +63,7 @@ def simulate(
     if times.ndim != 1 or not len(times) or not np.all(np.diff(times) >= 0):
         raise FilterError(f"ts: must be times that do not decrease, or a number of at least 1, not {ts}")
     if isinstance(model, LinearModel):
-        model = model.fitted(mean.shape[-1], np.shape(model.H)[-2], len(times), mean.dtype)
+        model = model.fitted(mean.shape[-1], np.shape(model.H)[-2], len(times))
     x = mean + _drawn("covariance", covariance, mean.shape, rng)
     truth, ys = [], []
     for k in range(len(times)):
@@ -83,5 +83,5 @@ def simulate(
 
 def _drawn(name: str, covariance: Array, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
     """Return noise (..., m) of a covariance (..., m, m), which may be singular."""
-    z = rng.standard_normal(shape).astype(covariance.dtype)
+    z = rng.standard_normal(shape)
     return np.asarray((noise_factor(name, covariance) @ z[..., None])[..., 0])

@@ -13,7 +13,7 @@ Unmeasured states follow by a right inverse of H; there are many for m < n. The 
 which moves them by their correlation with the measured quantities. `weighted=False` is the paper's C^+, which
 ignores the covariance: an unmeasured velocity is then not estimated at all.
 
-Arrays are all float64 or all float32, with or without a leading batch axis.
+Arrays are float64, with or without a leading batch axis.
 
 Errata of Al-Shabi, Gadsden & Wilkerson, with their equation numbers: (2.3.3) divides by e, see
 `kernels.variable_structure.decide_into`; (2.2.4) and (2.2.8) cancel, deviations are taken from the mean; (2.2.12)

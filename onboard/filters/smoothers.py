@@ -104,13 +104,13 @@ def transitions_of(found: Run, weights: Weights | None = None) -> Transitions:
         return Transitions(*(np.stack(part) for part in zip(*each, strict=True)))
     if isinstance(found.model, LinearModel):
         shape = (len(mean), *(1,) * (mean.ndim - 2))
-        u = np.zeros(mean.shape[-1], mean.dtype) if found.model.inputs is None else found.model.inputs
+        u = np.zeros(mean.shape[-1]) if found.model.inputs is None else found.model.inputs
         F, Q = (
             np.broadcast_to(a.reshape(-1 if a.ndim == 3 else 1, *shape[1:], *a.shape[-2:]), P.shape)
             for a in (found.model.F, found.model.Q)
         )
         u = np.broadcast_to(u.reshape(-1 if u.ndim == 2 else 1, *shape[1:], u.shape[-1]), mean.shape)
-        return Transitions(F.astype(P.dtype), Q.astype(P.dtype), u.astype(P.dtype))
+        return Transitions(F, Q, u)
     n = mean.shape[-1]
     flat = Belief(mean.reshape(-1, n), P.reshape(-1, n, n))
     made = transition_of(found.method.name, flat, found.model, weights)
@@ -123,7 +123,7 @@ def transitions_of(found: Run, weights: Weights | None = None) -> Transitions:
 def _transition(found: Run, belief: Belief, k: int, weights: Weights | None = None) -> Transitions:
     if found.ts[k] == found.ts[k - 1]:
         P = belief.covariance
-        return Transitions(np.zeros_like(P) + np.eye(P.shape[-1], dtype=P.dtype), 0 * P, 0 * belief.mean)
+        return Transitions(np.zeros_like(P) + np.eye(P.shape[-1]), 0 * P, 0 * belief.mean)
     step = found.at(k)
     return transition_of(found.method.name, belief, step, weights)
 

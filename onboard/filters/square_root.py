@@ -7,11 +7,11 @@ De Vivo et al., eqs 19-32, and others. Three updates share one prediction:
 - `update_joseph`: the paper's, with the Jacobian at the posterior mean (eqs 17, 32).
 - `update_classical`: van der Merwe & Wan (2001), S+ by rank-one downdates, which fail when rounding exceeds them.
 
-With a negative centre weight `update_classical` fails, as the unscented filter does and in double precision too,
+With a negative centre weight `update_classical` fails, as the unscented filter does,
 when the prior is wide and the measurement sharp: the centre subtracts more than the sum of the other points.
 
 kappa(S) = sqrt(kappa(P)): this saves half the digits lost in an ill-conditioned covariance, and gives no other
-accuracy. Q and R may be singular. Precisions and batches as in `unscented`; a batched Q or R is allowed.
+accuracy. Q and R may be singular. Batches as in `unscented`; a batched Q or R is allowed.
 """
 
 from collections.abc import Callable
@@ -127,7 +127,6 @@ def rule(
     m: int,
     angular: tuple[int, ...] = (),
     considered: tuple[int, ...] = (),
-    dtype: Any = np.float64,
     angular_states: Indices = (),
 ) -> Rule:
     """Return the rule of `predict` and `update` for `step`.
@@ -136,8 +135,6 @@ def rule(
     ----------
     n, m
         Numbers of states and of measured components.
-    dtype
-        Precision.
     weights, angular, considered, angular_states
         As in `update`.
 
@@ -148,7 +145,7 @@ def rule(
     """
     _require_centre(weights)
     _require_scale(weights)
-    return stepping.rule(weights, n, m, angular, considered, dtype, KERNELS, angular_states)
+    return stepping.rule(weights, n, m, angular, considered, KERNELS, angular_states)
 
 
 def sigma_points(state: SquareRoot | StepResult, weights: Weights, angular_states: Indices = ()) -> Array:
@@ -286,9 +283,7 @@ def _unscented(n: int) -> Weights:
     return julier_weights(n, max(float(n), 3.0))
 
 
-def _method(
-    name: str, correct: Callable[..., Update], rule: Callable[[int], Weights], exempt: dict[str, str]
-) -> Method:
+def _method(name: str, correct: Callable[..., Update], rule: Callable[[int], Weights]) -> Method:
     def predict_(state: SquareRoot, process: Rows, Q: Array, angular_states: Indices = ()) -> SquareRoot:
         return predict(state, process, Q, rule(state.mean.shape[-1]), angular_states)
 
@@ -298,22 +293,12 @@ def _method(
         weights = rule(state.mean.shape[-1])
         return correct(state, y, measure, R, weights, angular, angular_states=angular_states)
 
-    return Method(
-        name,
-        start,
-        predict_,
-        update_,
-        belief,
-        lambda state: state.factor,
-        exempt,
-    )
+    return Method(name, start, predict_, update_, belief, lambda state: state.factor)
 
-
-DIFFERENCES: Final = "a millimetre after a kilometre is a difference below the digits of float32"
 
 METHODS: Final = (
-    _method("square-root", update, _unscented, {}),
-    _method("square-root-cubature", update, cubature_weights, {}),
-    _method("square-root-joseph", update_joseph, _unscented, {}),
-    _method("square-root-downdated", update_classical, julier_weights, {"long_run_float32": DIFFERENCES}),
+    _method("square-root", update, _unscented),
+    _method("square-root-cubature", update, cubature_weights),
+    _method("square-root-joseph", update_joseph, _unscented),
+    _method("square-root-downdated", update_classical, julier_weights),
 )

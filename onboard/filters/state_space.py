@@ -73,8 +73,8 @@ class LinearModel(NamedTuple):
         u = 0 if self.inputs is None else _of_step(self.inputs, k - 1, 1)
         return Model(lambda rows: rows @ F.T + u, Q, lambda rows: rows @ H.T, R, self.angular)
 
-    def fitted(self, n: int, m: int, steps: int, dtype: Any) -> "LinearModel":
-        """Return the same model of `dtype`, with inputs (T-1, n), for a record.
+    def fitted(self, n: int, m: int, steps: int) -> "LinearModel":
+        """Return the same model of float64, with inputs (T-1, n), for a record.
 
         The record has T = `steps` measurements (m,) of n states.
 
@@ -84,13 +84,13 @@ class LinearModel(NamedTuple):
             If a shape does not fit the record, or a number is not finite.
         """
         made: dict[str, Any] = {
-            "F": _checked("F", self.F, (n, n), steps - 1, dtype),
-            "Q": _checked("Q", self.Q, (n, n), steps - 1, dtype),
-            "H": _checked("H", self.H, (m, n), steps, dtype),
-            "R": _checked("R", self.R, (m, m), steps, dtype),
+            "F": _checked("F", self.F, (n, n), steps - 1),
+            "Q": _checked("Q", self.Q, (n, n), steps - 1),
+            "H": _checked("H", self.H, (m, n), steps),
+            "R": _checked("R", self.R, (m, m), steps),
         }
         if self.inputs is not None:
-            given = _checked("inputs", self.inputs, (n,), steps - 1, dtype)
+            given = _checked("inputs", self.inputs, (n,), steps - 1)
             made["inputs"] = np.broadcast_to(given, (max(steps - 1, 1), n))  # of one measurement none is used
         return self._replace(**made)
 
@@ -139,13 +139,13 @@ def _of_step(array: Array, k: int, axes: int) -> Array:
     return one
 
 
-def _checked(name: str, given: Any, shape: tuple[int, ...], count: int, dtype: Any) -> Array:
-    """Return an array of this shape, or of `count` such, in a precision."""
+def _checked(name: str, given: Any, shape: tuple[int, ...], count: int) -> Array:
+    """Return an array of this shape, or of `count` such."""
     array = np.asarray(given)
     if (isinstance(given, np.ndarray) and not is_plain(given)) or array.dtype.kind not in "fiub":
         raise FilterError(f"{name}: must be an array of numbers, not {type(given).__name__} of {array.dtype}")
     if array.shape not in {shape, (count, *shape)} or not np.isfinite(array).all():
         raise FilterError(f"{name}: must be finite and {shape}, or {(count, *shape)}, not {array.shape}")
     if array.ndim > len(shape) and not count:
-        return np.zeros(shape, dtype)
-    return array.astype(dtype, copy=False)
+        return np.zeros(shape)
+    return array.astype(float, copy=False)

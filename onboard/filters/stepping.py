@@ -48,8 +48,8 @@ class Rule(NamedTuple):
         Weights, and the same as an array (4,).
     masks : (m + n,)
         Masks of angular components and of considered states.
-    shape, dtype
-        Shape and precision of a step's storage.
+    shape
+        Shape of a step's storage.
     kernels
         The filter's kernels.
     angular_states
@@ -60,7 +60,6 @@ class Rule(NamedTuple):
     numbers: Array
     masks: Array
     shape: tuple[int, int]
-    dtype: Any
     kernels: Kernels
     angular_states: tuple[int, ...]
 
@@ -107,7 +106,6 @@ def rule(
     m: int,
     angular: tuple[int, ...],
     considered: tuple[int, ...],
-    dtype: Any,
     kernels: Kernels,
     angular_states: tuple[int, ...],
 ) -> Rule:
@@ -127,7 +125,7 @@ def rule(
         raise FilterError(f"angular {angular}, considered {considered}: must be below {m} and {n}") from error
     size = kernels.scratch_size(n, m) if kernels.scratch_size else 0
     rows = 3 * n + 1 + -(-size // n)
-    return Rule(weights, np.array(weights, dtype), masks, (rows, n), np.dtype(dtype), kernels, angular_states)
+    return Rule(weights, np.array(weights), masks, (rows, n), kernels, angular_states)
 
 
 def step(belief: Any, process: Rows, Q: Array, y: Array, measure: Rows, R: Array, rule: Rule) -> StepResult:
@@ -162,7 +160,7 @@ def step(belief: Any, process: Rows, Q: Array, y: Array, measure: Rows, R: Array
     if rule.angular_states:
         check_spread(points, rule.angular_states)
         moved = beside_first(moved, rule.angular_states)
-    storage = np.empty(rule.shape, rule.dtype)
+    storage = np.empty(rule.shape)
     if not (moved.__class__ is Q.__class__ is y.__class__ is R.__class__ is np.ndarray):
         require_plain(process=moved, Q=Q, y=y, R=R)
     try:

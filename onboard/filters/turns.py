@@ -90,7 +90,7 @@ def _line(
     angles = _wide(belief, angular_states)
     widths = np.minimum(np.sqrt(P[angles, angles]), UNIFORM_ANGLE_SIGMA) * np.sqrt(3)
     evenly = (2 * np.arange(ANGLE_COUNT) + 1) / ANGLE_COUNT - 1
-    off = np.array([*product(evenly, repeat=len(angles))], P.dtype) * widths.astype(P.dtype)
+    off = np.array([*product(evenly, repeat=len(angles))]) * widths
     moved = off @ np.linalg.solve(P[np.ix_(angles, angles)], P[angles])
     points = np.concatenate([mean[None], mean + moved])
     each = Belief(points, np.broadcast_to(P, (len(points), *P.shape)).copy())

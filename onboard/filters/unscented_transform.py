@@ -3,7 +3,7 @@
     points = sigma_points(belief, weights)       # (2n+1, n)
     belief = recombine(model(points), weights, noise)
 
-Julier; Oh & Johnson eqs 23-33. Arrays are all float64 or all float32. With a leading batch axis on mean and
+Julier; Oh & Johnson eqs 23-33. Arrays are float64. With a leading batch axis on mean and
 covariance, all in one call.
 """
 
@@ -59,7 +59,7 @@ def sigma_points(belief: Belief | StepResult, weights: Weights, angular_states: 
     try:
         if mean.ndim == 1:
             n = len(mean)
-            points = np.empty((2 * n + 1, n), mean.dtype)
+            points = np.empty((2 * n + 1, n))
             status = kernels.spread(mean, covariance, spread, w_mean, w, points)
         else:
             check_weights(weights, mean.shape[-1])
@@ -90,7 +90,7 @@ def recombine(points: Array, weights: Weights, noise: Array) -> Belief:
             require_plain(Q=noise)
         if points.ndim == 2:
             n = points.shape[1]
-            out = np.empty((n + 1, n), points.dtype)
+            out = np.empty((n + 1, n))
             mean, covariance = out[0], out[1:]
             status = kernels.gather(points, w_mean, w_cov, w, noise, out)
         else:

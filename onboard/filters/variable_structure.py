@@ -104,7 +104,7 @@ def start(mean: Array, covariance: Array) -> State:
     FilterError
         If an argument cannot be used; the message says which one and why.
     """
-    empty = np.zeros((*beliefs.start(mean, covariance).mean.shape[:-1], 0), mean.dtype)
+    empty = np.zeros((*beliefs.start(mean, covariance).mean.shape[:-1], 0))
     return State(mean, covariance, empty, empty, empty, empty, np.zeros_like(covariance))
 
 
@@ -160,7 +160,7 @@ def correct(
     images = images_of(measure, points, y)
     # The first measurement, or one of another sensor, has no memory yet.
     if residual.shape != y.shape or updates_outside.shape != y.shape:
-        residual = updates_outside = switching = slow_switching = np.zeros_like(y, mean.dtype)
+        residual = updates_outside = switching = slow_switching = np.zeros_like(y)
     angles = mask(angular, y.shape[-1])
     outputs = call_as_is(
         kernels.update_batch,
@@ -176,7 +176,7 @@ def correct(
         updates_outside=_batch(updates_outside, 1),
         switching=_batch(switching, 1),
         slow_switching=_batch(slow_switching, 1),
-        layer=_batch(np.empty(0, mean.dtype) if layer is None else layer, 1),
+        layer=_batch(np.empty(0) if layer is None else layer, 1),
     )
     if mean.ndim == 1:
         outputs = [output[0] for output in outputs]
@@ -223,7 +223,7 @@ def wrapped(difference: Array, angular: Any) -> Array:
     """Return differences (..., m) with those of angles (a mask (m,)) in [-pi, pi]."""
     if not angular.any() or np.abs(difference).max(initial=0.0) <= np.pi:
         return difference
-    turns = np.where(angular, np.rint(difference / (2 * np.pi)), 0).astype(difference.dtype)
+    turns = np.where(angular, np.rint(difference / (2 * np.pi)), 0)
     return np.asarray(difference - 2 * np.pi * turns)
 
 

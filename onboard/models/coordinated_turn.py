@@ -18,15 +18,12 @@ UNITS: Final = ("m", "m", "m/s", "m/s", "rad/s")
 
 
 def process(rows: Array, dt: float) -> Array:
-    """Return state rows (k, 5) after `dt` seconds, in the precision of the rows.
-
-    The rows may be integers or complex.
-    """
+    """Return state rows (k, 5) after `dt` seconds; the rows may be integers or complex."""
     x, y, vx, vy, rate = rows.T
     half = (0.5 * dt) * rate
     chord = dt * np.sinc(half / np.pi)  # of the circle, over the speed
     sine, cosine = np.sin(half), np.cos(half)
-    turned = np.stack(
+    return np.stack(
         [
             x + chord * (cosine * vx - sine * vy),
             y + chord * (sine * vx + cosine * vy),
@@ -36,7 +33,6 @@ def process(rows: Array, dt: float) -> Array:
         ],
         axis=1,
     )
-    return turned.astype(rows.dtype, copy=False) if rows.dtype.kind == "f" else turned
 
 
 def noise(dt: float, q_acceleration: float, q_rate: float) -> Array:

@@ -19,11 +19,8 @@ ANGULAR: Final = (1, 2)
 
 
 def measure(rows: Array) -> Array:
-    """Return range (m), azimuth and elevation (rad), (k, 3), of state rows (k, 9 or more).
-
-    The result has the precision of the rows.
-    """
-    polar = np.empty((MEASUREMENT_SIZE, len(rows)), rows.dtype)  # faster than an array from machine code
+    """Return range (m), azimuth and elevation (rad), (k, 3), of state rows (k, 9 or more)."""
+    polar = np.empty((MEASUREMENT_SIZE, len(rows)))  # faster than an array from machine code
     _measure(rows, polar)
     return polar.T
 
@@ -63,7 +60,7 @@ def _measure(rows, polar):
 
 @kernel(signature(2), **MAKING)
 def _jacobian(rows):
-    slope = np.zeros((rows.shape[0], 3, rows.shape[1]), rows.dtype)
+    slope = np.zeros((rows.shape[0], 3, rows.shape[1]))
     for s in range(rows.shape[0]):
         x, y, z = rows[s, 0], rows[s, 3], rows[s, 6]
         level2 = x * x + y * y

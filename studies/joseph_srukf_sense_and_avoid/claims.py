@@ -98,36 +98,36 @@ def _condition_of_the_root(m: AllResults) -> Claim:
 
 
 def _downdates(m: AllResults) -> Claim:
-    single, double = m.sharp_single.outcomes, m.sharp_double.outcomes
-    book, careful, mine = (single[n] for n in ("srukf-textbook", "srukf-classical", JOSEPH))
+    sharp, extreme = m.sharp.outcomes, m.extreme.outcomes
+    book, careful, mine = (extreme[n] for n in ("srukf-textbook", "srukf-classical", JOSEPH))
     only_if = book.failed > 0 and mine.failed == 0
     return Claim(
         claim="Joseph's form keeps the square-root filter positive definite where downdates fail.",
         where="abstract, sections 3.1 and 4.3",
-        verdict=verdict(only_if and double["srukf-textbook"].failed > 0, only_if),
-        evidence="It shows only when the problem is ill-conditioned for the precision. In float32, with 1 cm "
-        f"and 10 µrad, downdates as textbooks write them fail in {book.failed} of {book.runs} runs, in float64 "
-        f"in {double['srukf-textbook'].failed}; Joseph's form in {mine.failed}. Downdates that factor d² − x² "
+        verdict=verdict(only_if and sharp["srukf-textbook"].failed > 0, only_if),
+        evidence="It shows only when the problem is ill-conditioned for float64. With 10 nm and 10 prad, "
+        f"downdates as textbooks write them fail in {book.failed} of {book.runs} runs, with 1 cm and 10 µrad "
+        f"in {sharp['srukf-textbook'].failed}; Joseph's form in {mine.failed}. Downdates that factor d² − x² "
         f"fail in {careful.failed}, and triangularisation of [√w (dX − K dZ), K S_R] in "
-        f"{single['srukf'].failed}, with no Jacobian.",
+        f"{extreme['srukf'].failed}, with no Jacobian.",
     )
 
 
 def _no_downdate(m: AllResults) -> Claim:
-    classical, joseph = (m.sharp_double.outcomes[n] for n in ("negative-classical", "negative-joseph"))
+    classical, joseph = (m.sharp.outcomes[n] for n in ("negative-classical", "negative-joseph"))
     return Claim(
         claim="The algorithm needs no negative update of the Cholesky factor.",
         where="abstract, sections 3.1 and 6",
         verdict=verdict(joseph.failed == 0, joseph.failed < classical.failed),
         evidence="Only if the centre's weight is not negative. With n + κ = 3 for nine states it is −2, and "
-        "eqs 22 and 26 are downdates themselves. The measurement update gains even so: in float64, with 1 cm "
+        "eqs 22 and 26 are downdates themselves. The measurement update gains even so: with 1 cm "
         f"and 10 µrad, {classical.failed} of {classical.runs} runs fail with downdates, {joseph.failed} with "
         "Joseph's form.",
     )
 
 
 def _jacobian(m: AllResults) -> Claim:
-    far, sharp = m.acquisition.outcomes, m.sharp_double.outcomes
+    far, sharp = m.acquisition.outcomes, m.sharp.outcomes
     first = {name: far[name].windows["first"] for name in ("srukf", JOSEPH, "iplf")}
     nees = {name: (sharp[name].windows["all"].nees, far[name].windows["all"].nees) for name in ("srukf", JOSEPH)}
     holds = all_of(

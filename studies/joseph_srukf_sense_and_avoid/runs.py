@@ -52,8 +52,8 @@ class AllResults(NamedTuple):
     radar: Results
     uncorrected: Results
     rain: Results
-    sharp_single: Results
-    sharp_double: Results
+    sharp: Results
+    extreme: Results
     acquisition: Results
     literal: Outcome
     alpha: Outcome
@@ -72,9 +72,9 @@ def fly_validation(seeds: range) -> Results:
     return _results(found, measurement_errors(made), windows, float(np.nanmax(gap)), extra)
 
 
-def fly_sharp(seeds: range, single: bool) -> Results:
-    """The validation with 1 cm and 10 urad, in single or double precision: which filters fail."""
-    made = scenes.validation(seeds, scenes.SHARP_SIGMA, SHARP_STEPS, np.float32 if single else np.float64)
+def fly_sharp(seeds: range, sigma: Array) -> Results:
+    """The validation with sharper measurements: which filters fail."""
+    made = scenes.validation(seeds, sigma, SHARP_STEPS)
     t = scenes.validation_times(SHARP_STEPS)
     trackers = (EKF_PLAIN, EKF, UKF, SRUKF_TEXTBOOK, SRUKF_CLASSICAL, SRUKF, SRUKF_JOSEPH, *NEGATIVE)
     return _results(outcomes_of(made, trackers, t, {"all": t > 0}, MIN_DIVERGED_ERROR_M))

@@ -14,6 +14,7 @@ from studies.joseph_srukf_sense_and_avoid import runs
 from studies.joseph_srukf_sense_and_avoid.claims import claims_of
 from studies.joseph_srukf_sense_and_avoid.misprints import filters, models, sensors
 from studies.joseph_srukf_sense_and_avoid.runs import JOSEPH, SYMMETRIC, AllResults
+from studies.joseph_srukf_sense_and_avoid.scenes import EXTREME_SIGMA, SHARP_SIGMA
 from studies.joseph_srukf_sense_and_avoid.tables import tables_of
 from studies.report.files import drawing, publish, require_seeds
 from studies.report.findings import Check, Findings, Misprint, check, near
@@ -50,8 +51,8 @@ def run(
         Part(runs.fly_radar, (every,)),
         Part(runs.fly_gnss, (every, False, JOSEPH)),
         Part(runs.fly_radar, (every, RAIN_RATE_MM_H, JOSEPH)),
-        Part(runs.fly_sharp, (every, True)),
-        Part(runs.fly_sharp, (every, False)),
+        Part(runs.fly_sharp, (every, SHARP_SIGMA)),
+        Part(runs.fly_sharp, (every, EXTREME_SIGMA)),
         Part(runs.fly_acquisition, (some,)),
         Part(runs.fly_literal, (some,)),
         Part(runs.fly_printed_alpha, (every,)),
@@ -87,7 +88,7 @@ def _setting(validations: int, seeds: int, m: AllResults) -> str:
 def _checks(m: AllResults) -> tuple[Check, ...]:
     """The numbers of an independent implementation."""
     validation, radar, gnss = (results.outcomes for results in (m.validation, m.radar, m.gnss))
-    sharp, double, far = (results.outcomes for results in (m.sharp_single, m.sharp_double, m.acquisition))
+    sharp, extreme, far = (results.outcomes for results in (m.sharp, m.extreme, m.acquisition))
     ours, raw = radar[JOSEPH].windows, m.radar.raw
     nees = {name: far[name].windows["all"].nees for name in (JOSEPH, "srukf")}
 
@@ -103,10 +104,10 @@ def _checks(m: AllResults) -> tuple[Check, ...]:
         ("radar: RMSE over raw, jammed", "", ours["jammed"].position / raw["jammed"], 0.0, 0.5),
         ("GNSS: position RMSE, nominal", "m", gnss[JOSEPH].windows["nominal"].position, 0.0, 2.8),
         ("GNSS: runs that diverge, symmetric filters", "", diverged(gnss), 0.0, 0.0),
-        ("float32: share that fails, EKF as printed", "", sharp["ekf-plain"].failed_share, 1.0, 1.0),
-        ("float32: share that fails, textbook downdates", "", sharp["srukf-textbook"].failed_share, 0.1, 0.9),
-        ("float32: share that fails, Joseph", "", sharp[JOSEPH].failed_share, 0.0, 0.0),
-        ("float64: share that fails, textbook downdates", "", double["srukf-textbook"].failed_share, 0.0, 0.0),
+        ("10 nm: share that fails, EKF as printed", "", extreme["ekf-plain"].failed_share, 1.0, 1.0),
+        ("10 nm: share that fails, textbook downdates", "", extreme["srukf-textbook"].failed_share, 0.5, 1.0),
+        ("10 nm: share that fails, Joseph", "", extreme[JOSEPH].failed_share, 0.0, 0.0),
+        ("1 cm: share that fails, textbook downdates", "", sharp["srukf-textbook"].failed_share, 0.0, 0.0),
         ("eqs 21, 22 as printed: share diverged", "", m.literal.diverged_share, 0.95, 1.0),
         ("α as printed: share diverged", "", m.alpha.diverged_share, 0.75, 1.0),
         ("20 km: first position, UKF", "m", far["ukf"].windows["first"].position, 60.0, 130.0),

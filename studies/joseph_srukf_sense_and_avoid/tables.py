@@ -58,21 +58,20 @@ def _validation(m: AllResults) -> Table:
 
 
 def _sharp(m: AllResults) -> Table:
-    single, double = m.sharp_single.outcomes, m.sharp_double.outcomes
+    sharp, extreme = m.sharp.outcomes, m.extreme.outcomes
     return Table(
-        title="An ill-conditioned case: 1 cm and 10 µrad from a prior of 300 m",
-        note="Runs of 30 s that end without a positive covariance, in single and in double precision; NEES in "
-        "double.",
-        header=("filter", "failed, float32", "failed, float64", "NEES", "in 95 %"),
+        title="Ill-conditioned cases from a prior of 300 m: 1 cm and 10 µrad, and a millionth of both",
+        note="Runs of 30 s that end without a positive covariance; NEES with 1 cm.",
+        header=("filter", "failed, 10 nm", "failed, 1 cm", "NEES", "in 95 %"),
         rows=tuple(
             (
                 o.label,
-                f"{single[name].failed} of {o.runs}",
+                f"{extreme[name].failed} of {o.runs}",
                 f"{o.failed} of {o.runs}",
                 o.shown(o.windows["all"].nees),
                 o.shown(o.windows["all"].inside),
             )
-            for name, o in double.items()
+            for name, o in sharp.items()
         ),
     )
 

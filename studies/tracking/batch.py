@@ -72,7 +72,6 @@ def run_batch(scene: Scene, tracker: Tracker, condition: bool = False) -> Trace:
     error that no run has alone.
     """
     steps, (runs, n) = len(scene.truth), scene.start.shape
-    dtype = scene.start.dtype
     trace = Trace(
         mean=np.full((steps, runs, n), np.nan),
         sigma=np.full((steps, runs, n), np.nan),
@@ -96,7 +95,7 @@ def run_batch(scene: Scene, tracker: Tracker, condition: bool = False) -> Trace:
             trace.nis[k, alive] = update.nis
         if condition:
             carried = belief.covariance if tracker.root is None else tracker.root(state)
-            trace.condition[k, alive] = np.linalg.cond(np.asarray(carried, dtype))
+            trace.condition[k, alive] = np.linalg.cond(carried)
     return trace
 
 

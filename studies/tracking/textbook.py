@@ -28,7 +28,7 @@ def _plain_predict_linear(state: Belief, process: Rows, Q: Array) -> Belief:
 
 def _plain_predict(state: Belief, process: Rows, Q: Array) -> Belief:
     # differences need a scale, which this covariance may no longer give: it need not be positive definite
-    scale = np.broadcast_to(1e4 * np.eye(state.mean.shape[-1], dtype=state.mean.dtype), state.covariance.shape)
+    scale = np.broadcast_to(1e4 * np.eye(state.mean.shape[-1]), state.covariance.shape)
     mean, F = extended.tangent(Belief(state.mean, scale), process)
     return _plain(state, mean, F, Q)
 
@@ -74,8 +74,8 @@ def _downdated(lower: Array, x: Array) -> Array:
 
 def _downdating_update(state: SquareRoot, s: Measurement) -> Update:
     n, m = state.mean.shape[-1], s.y.shape[-1]
-    w = np.asarray(cubature.weights(n).other, state.mean.dtype)
-    offsets = np.asarray(cubature.weights(n).spread, state.mean.dtype) * np.swapaxes(state.factor, 1, 2)
+    w = cubature.weights(n).other
+    offsets = cubature.weights(n).spread * np.swapaxes(state.factor, 1, 2)
     points = state.mean[:, None] + np.concatenate([offsets, -offsets], axis=1)
     spread = points - state.mean[:, None]  # rounded, as the paper's X - x
     images = s.measure(points.reshape(-1, n)).reshape(len(points), -1, m)
@@ -99,8 +99,8 @@ def _downdating_update(state: SquareRoot, s: Measurement) -> Update:
 
 
 def _whole_turns(angle: Array) -> Array:
-    """The whole turns in differences of angles, rad, in the precision of these."""
-    return np.asarray(2 * np.pi * np.rint(angle / (2 * np.pi)), angle.dtype)
+    """The whole turns in differences of angles, rad."""
+    return np.asarray(2 * np.pi * np.rint(angle / (2 * np.pi)))
 
 
 SRUKF_TEXTBOOK: Final = SRUKF._replace(

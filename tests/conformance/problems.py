@@ -27,9 +27,6 @@ class Linear(NamedTuple):
     def measure(self, rows: Array) -> Array:
         return np.asarray(rows @ self.H.T)
 
-    def as_dtype(self, dtype: type) -> "Linear":
-        return Linear(*(array.astype(dtype) for array in self))
-
 
 def linear(rng: np.random.Generator, method: Method, n: int = 4) -> Linear:
     """A well-conditioned problem; all states are measured where the method asks for that."""
@@ -39,7 +36,7 @@ def linear(rng: np.random.Generator, method: Method, n: int = 4) -> Linear:
     return Linear(F, H, 0.01 * spd(rng, n), spd(rng, m), rng.normal(0, 3, n), spd(rng, n))
 
 
-def ill_conditioned(method: Method, dtype: type) -> Linear:
+def ill_conditioned(method: Method) -> Linear:
     """Two axes (x, v_x, y, v_y) known at first to a kilometre, then measured to a millimetre and to ten metres."""
     axis = np.array([[1.0, 0.1], [0.0, 1.0]])
     F = np.kron(np.eye(2), axis)
@@ -48,7 +45,7 @@ def ill_conditioned(method: Method, dtype: type) -> Linear:
         H, R = np.eye(4), np.diag([1e-6, 1e-4, 1e2, 1e-1])
     noise = np.array([[1e-3 / 3, 1e-2 / 2], [1e-2 / 2, 1e-1]])  # of a velocity's random walk over 0.1 s
     Q = np.kron(np.diag([1e-6, 1.0]), noise)
-    return Linear(F, H, Q, R, np.zeros(4), np.diag([1e6, 1e2, 1e6, 1e2])).as_dtype(dtype)
+    return Linear(F, H, Q, R, np.zeros(4), np.diag([1e6, 1e2, 1e6, 1e2]))
 
 
 def simulate(rng: np.random.Generator, problem: Linear, runs: int, steps: int) -> tuple[Array, Array]:

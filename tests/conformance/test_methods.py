@@ -28,13 +28,12 @@ from tests.conformance.problems import (
 METHODS = methods()
 every = pytest.mark.parametrize("method", cases(METHODS))
 LONG, SHORT, SHORTEST, SCATTERED = 100_000, 10_000, 2_000, 1_000
-# These never come back to the bit, and share the update of a method that goes to the end; in float32 what
-# flies does. The short run is all of theirs.
+# These never come back to the bit, and share the update of a method that goes to the end. The short
+# run is all of theirs.
 ONLY_SHORT = {"augmented", "augmented-scaled-1", "csvsf-printed", "square-root-cubature"}
 # Four of ten seconds of all methods go into these two, which neither fly by default nor stand in a paper: only the
 # longest runs have them.
 ONLY_LONG = {"ensemble", "gauss-hermite"}
-ONLY_SHORT_FLOAT32 = ONLY_SHORT | {"svsf", "svsf-zero-layer", "unscented-considered"}
 
 
 def having(prop: str, *, but: Collection[str] = ()) -> pytest.MarkDecorator:
@@ -168,31 +167,17 @@ def test_a_batch_is_a_loop_seed_5(method: Method) -> None:
         assert updates[-1].nis[b] == pytest.approx(single[-1].nis, rel=1e-11)
 
 
-@pytest.mark.single
-@having("float32")
-def test_float32_in_gives_float32_out_seed_6(method: Method) -> None:
-    rng = np.random.default_rng(6)
-    problem = linear(rng, method)
-    seen = rng.normal(0, 3, (10, len(problem.H)))
-    state, updates = track(method, problem.as_dtype(np.float32), seen.astype(np.float32))
-    belief, double = method.belief(state), method.belief(track(method, problem, seen)[0])
-    for array in (*belief, *arrays_of(updates[-1])):
-        assert array.dtype == np.float32
-    np.testing.assert_allclose(belief.mean, double.mean, rtol=1e-3, atol=1e-3)
-    np.testing.assert_allclose(belief.covariance, double.covariance, rtol=1e-3, atol=1e-3)
-
-
-def long_run(method: Method, dtype: type, steps: int) -> None:
+def long_run(method: Method, steps: int) -> None:
     """Measurements that scatter, then one again and again. A step is then a function of the state alone: once a
     state comes back to the bit, all later ones are known."""
     rng = np.random.default_rng(7)
-    problem = ill_conditioned(method, dtype)
+    problem = ill_conditioned(method)
     noise = np.sqrt(np.diag(problem.R)) * rng.normal(0, 1, (SCATTERED, len(problem.H)))
-    seen, last = noise.astype(dtype), np.full(len(problem.H), 1e-3, dtype)
+    last = np.full(len(problem.H), 1e-3)
     state, known = method.start(problem.mean, problem.P), set()
     for k in range(steps):
         state = method.predict(state, problem.process, problem.Q)
-        y = seen[k] if k < SCATTERED else last
+        y = noise[k] if k < SCATTERED else last
         state = method.update(state, y, problem.measure, problem.R, ()).belief
         if k < 100 or k % 500 == 499:
             sound(method, state)
@@ -212,27 +197,13 @@ def long_run(method: Method, dtype: type, steps: int) -> None:
 @having("long_run", but=ONLY_LONG)
 @pytest.mark.parametrize("steps", [SHORTEST, pytest.param(SHORT, marks=pytest.mark.slow)])
 def test_sound_after_2_000_and_10_000_ill_conditioned_steps_seed_7(method: Method, steps: int) -> None:
-    long_run(method, np.float64, steps)
-
-
-@pytest.mark.slow
-@pytest.mark.single
-@having("long_run_float32", but=ONLY_LONG)
-def test_sound_after_10_000_ill_conditioned_steps_in_float32_seed_7(method: Method) -> None:
-    long_run(method, np.float32, SHORT)
+    long_run(method, steps)
 
 
 @pytest.mark.slow
 @having("long_run", but=ONLY_SHORT)
 def test_sound_after_100_000_ill_conditioned_steps_seed_7(method: Method) -> None:
-    long_run(method, np.float64, LONG)
-
-
-@pytest.mark.single
-@pytest.mark.slow
-@having("long_run_float32", but=ONLY_SHORT_FLOAT32)
-def test_sound_after_100_000_ill_conditioned_steps_in_float32_seed_7(method: Method) -> None:
-    long_run(method, np.float32, LONG)
+    long_run(method, LONG)
 
 
 @pytest.mark.parametrize("method", cases({name: m for name, m in METHODS.items() if m.factor is not None}))

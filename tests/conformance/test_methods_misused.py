@@ -121,20 +121,14 @@ def test_the_kalman_filter_refuses_a_model_that_is_not_affine() -> None:
             linear.predict(Belief(mean, np.eye(2)), lambda rows: rows + 0.01 * rows**2, np.eye(2))
 
 
-@pytest.mark.parametrize(
-    ("scale", "dtype"),
-    [
-        *((scale, np.float64) for scale in (1e-6, 1.0, 1e7)),
-        *(pytest.param(scale, np.float32, marks=pytest.mark.single) for scale in (1e-6, 1.0)),
-    ],
-)
-def test_an_affine_model_may_be_of_any_size_seed_1(scale: float, dtype: type) -> None:
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e7])
+def test_an_affine_model_may_be_of_any_size_seed_1(scale: float) -> None:
     rng = np.random.default_rng(1)
     F, offset = rng.normal(0, 1, (4, 4)), scale * rng.normal(0, 1, 4)
-    mean: Array = (scale * rng.normal(0, 1, 4)).astype(dtype)
-    matrix, value = kalman.affine(lambda rows: rows @ F.T.astype(rows.dtype) + offset.astype(rows.dtype), mean)
+    mean = scale * rng.normal(0, 1, 4)
+    matrix, value = kalman.affine(lambda rows: rows @ F.T + offset, mean)
     np.testing.assert_allclose(value, F @ mean + offset, rtol=1e-4, atol=1e-4 * scale)
-    np.testing.assert_allclose(matrix, F, atol=4 * np.finfo(dtype).eps * (1 + abs(offset).max()))
+    np.testing.assert_allclose(matrix, F, atol=4 * np.finfo(float).eps * (1 + abs(offset).max()))
 
 
 # --------------------------------------------------------------------------------------------- multiple models
@@ -162,12 +156,10 @@ def test_a_model_twice_is_the_single_filter_seed_3(method: Method) -> None:
     np.testing.assert_allclose(mixed.covariance, one.covariance, rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize("dtype", [pytest.param(np.float32, marks=pytest.mark.single), np.float64])
-def test_probabilities_remain_a_distribution_whatever_is_measured(dtype: type) -> None:
-    """1e20, a fill value, in float32: NaN."""
+def test_probabilities_remain_a_distribution_whatever_is_measured() -> None:
     pair = (methods()["kalman"],) * 2
-    state = multiple_model.start(pair, MEAN.astype(dtype), P.astype(dtype), np.array([0.7, 0.3]))
-    y = np.array([1e20 if dtype == np.float32 else 1e200, 0.0], dtype)
+    state = multiple_model.start(pair, MEAN, P, np.array([0.7, 0.3]))
+    y = np.array([1e200, 0.0])
     with np.errstate(over="ignore", invalid="ignore"):
-        after = multiple_model.update(pair, state, y, [identity, identity], R.astype(dtype)).belief
+        after = multiple_model.update(pair, state, y, [identity, identity], R).belief
     np.testing.assert_allclose(after.probabilities, [0.7, 0.3], rtol=1e-6)

@@ -31,14 +31,14 @@ def spread(mean, P, first, second, gamma):  # noqa: PLR0912 - loops
     count, n = mean.shape
     k1, k2 = first.shape[1], second.shape[1]
     L = n + k1 + k2
-    points = np.zeros((count, 2 * L + 1, L), mean.dtype)
+    points = np.zeros((count, 2 * L + 1, L))
     if P.shape[0] != count or P.shape[1] != n or P.shape[2] != n:
         return points, SHAPE_ERROR
     if first.shape[2] != k1 or second.shape[2] != k2:
         return points, SHAPE_ERROR
     if first.shape[0] not in (1, count) or second.shape[0] not in (1, count):
         return points, SHAPE_ERROR
-    own, one, two = np.empty((n, n), mean.dtype), np.empty((k1, k1), mean.dtype), np.empty((k2, k2), mean.dtype)
+    own, one, two = np.empty((n, n)), np.empty((k1, k1)), np.empty((k2, k2))
     for b in range(count):
         if not root_into(P[b], own):
             return points, COVARIANCE_ERROR + MEMBER_FACTOR * b
@@ -70,7 +70,7 @@ def centred_into(points, w, angular, mean, d):
     It is IMAGES_ERROR if they are not finite. Sums are relative to the first point.
     """
     k, m = points.shape
-    is_finite, farthest = True, points.dtype.type(0)
+    is_finite, farthest = True, 0.0
     for a in range(m):
         total = 0.0
         for s in range(k):
@@ -104,8 +104,8 @@ def covariance_into(d, w_cov, w, P):
 def gather(points, w_cov, w):
     """Return (mean (B, n), covariance (B, n, n), status) of points (B, k, n)."""
     count, k, n = points.shape
-    mean, P = np.empty((count, n), points.dtype), np.empty((count, n, n), points.dtype)
-    d, no_angles = np.empty((k, n), points.dtype), np.zeros(n, np.bool_)
+    mean, P = np.empty((count, n)), np.empty((count, n, n))
+    d, no_angles = np.empty((k, n)), np.zeros(n, np.bool_)
     for b in range(count):
         if centred_into(points[b], w, no_angles, mean[b], d) != OK:
             return mean, P, POINTS_ERROR + MEMBER_FACTOR * b
@@ -142,7 +142,7 @@ def rebuild_into(points, mean, d, lower_t, half, w_cov, w, P_out):
     noise. half: chol(S)^-1 times the cross-covariance.
     """
     k, m, n = points.shape[0], d.shape[1], mean.shape[0]
-    gain, off = np.empty((n, m), half.dtype), np.empty((k, n), half.dtype)
+    gain, off = np.empty((n, m)), np.empty((k, n))
     for i in range(n):
         for a in range(m - 1, -1, -1):
             gain[i, a] = (half[a, i] - np.sum(gain[i, a + 1 :] * lower_t[a, a + 1 :])) / lower_t[a, a]
@@ -158,12 +158,12 @@ def correct(mean, P, points, images, y, R, w_cov, w, angular):
     The images contain the noise of covariance R (B or 1, n_v, n_v) (eq 12); y is (B, m). Returns (mean (B, n),
     covariance, innovation (B, m), S, predicted, NIS, status).
     """
-    (count, n), (k, m), dtype = mean.shape, (points.shape[1], y.shape[1]), mean.dtype
-    mean_out, P_out, nis = mean.copy(), np.empty((count, n, n), dtype), np.zeros(count, dtype)
-    e, S, predicted = np.empty((count, m), dtype), np.empty((count, m, m), dtype), np.empty((count, m), dtype)
-    d, lower_t, white = np.empty((k, m), dtype), np.empty((m, m), dtype), np.empty((m, n + 1), dtype)
-    rounding = (P.dtype.type(4) * n) * np.finfo(dtype).eps
-    little = P.dtype.type(MIN_VARIANCE_FACTOR) * np.sqrt(P.dtype.type(np.finfo(dtype).eps))
+    (count, n), (k, m) = mean.shape, (points.shape[1], y.shape[1])
+    mean_out, P_out, nis = mean.copy(), np.empty((count, n, n)), np.zeros(count)
+    e, S, predicted = np.empty((count, m)), np.empty((count, m, m)), np.empty((count, m))
+    d, lower_t, white = np.empty((k, m)), np.empty((m, m)), np.empty((m, n + 1))
+    rounding = (4.0 * n) * np.finfo(np.float64).eps
+    little = MIN_VARIANCE_FACTOR * np.sqrt(np.finfo(np.float64).eps)
     status = OK if y.shape[0] == count and images.shape[1] == k and images.shape[2] == m else SHAPE_ERROR
     for b in range(count):
         if status == OK:

@@ -50,12 +50,12 @@ def masks(y: Array, angular: tuple[int, ...], mean: Array, considered: tuple[int
 
 
 def check_like(reference: Array, **arrays: Array) -> None:
-    """Check that arrays have the reference's precision and last two axes, and its leading axes if they have any.
+    """Check that arrays are of float64 and have the reference's axes, at least the last two.
 
     Raises FilterError.
     """
     for name, array in arrays.items():
-        if not is_plain(array) or array.dtype != reference.dtype:
+        if not is_plain(array) or array.dtype != np.float64:
             raise array_error(mean=reference, **{name: array})
         if array.shape[-2:] != reference.shape[-2:]:
             raise FilterError(f"shapes do not fit: {name} {array.shape}, must be {reference.shape[-2:]}")

@@ -39,11 +39,10 @@ def transposed_semifactor_into(A, upper):
     often has rank one.
     """
     n = A.shape[0]
-    tolerance = A.dtype.type(4 * n) * np.finfo(A.dtype).eps
-    half = A.dtype.type(0.5)
+    tolerance = 4 * n * np.finfo(np.float64).eps
     for j in range(n):
         for i in range(j, n):
-            upper[j, i] = half * (A[i, j] + A[j, i])
+            upper[j, i] = 0.5 * (A[i, j] + A[j, i])
         for k in range(j):
             entry = upper[k, j]
             for i in range(j, n):

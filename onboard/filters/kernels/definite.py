@@ -9,5 +9,5 @@ from onboard.filters.kernels.cholesky import factor_into
 @kernel(signature(2), **MAKING, **CONTRACTED)
 def factor(A):
     """Return (transposed Cholesky factor (n, n), whether there is one)."""
-    lower_t = np.empty(A.shape, A.dtype)
+    lower_t = np.empty(A.shape)
     return lower_t, factor_into(A, lower_t)

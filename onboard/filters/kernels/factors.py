@@ -1,6 +1,6 @@
 """Compiled arithmetic of triangular factors: triangularisation, rank-one downdates, squares.
 
-Everything is in the precision of the arguments, single included: no accumulator is wider. Batches as in `linear`.
+Batches as in `linear`.
 """
 
 import numpy as np
@@ -19,7 +19,6 @@ def tria_into(lower, extra):
     0); written out, no step subtracts nearly equal numbers.
     """
     n, k = extra.shape
-    one = lower.dtype.type(1)
     for j in range(n):
         p = lower[j, j]
         total = p * p
@@ -28,10 +27,10 @@ def tria_into(lower, extra):
         if total == 0:
             continue
         a = np.sqrt(total)
-        inverse, share = one / a, one / (p + a)
+        inverse, share = 1.0 / a, 1.0 / (p + a)
         lower[j, j] = a
         for i in range(j + 1, n):
-            dot = lower.dtype.type(0)
+            dot = 0.0
             for c in range(k):
                 dot += extra[i, c] * extra[j, c]
             old = lower[i, j]
@@ -81,7 +80,7 @@ def is_factor(lower, least):
 def square(L):
     """Return (L L^T (B, n, n), symmetric to the last bit, OK)."""
     count, n = L.shape[0], L.shape[1]
-    out = np.zeros((count, n, n), L.dtype)
+    out = np.zeros((count, n, n))
     for b in range(count):
         for i in range(n):
             for j in range(i + 1):
@@ -95,7 +94,7 @@ def square(L):
 def factor(P):
     """Return (lower Cholesky factors (B, n, n), status)."""
     count, n = P.shape[0], P.shape[1]
-    out, lower_t = np.empty((count, n, n), P.dtype), np.empty((n, n), P.dtype)
+    out, lower_t = np.empty((count, n, n)), np.empty((n, n))
     if P.shape[2] != n:
         return out, SHAPE_ERROR
     for b in range(count):
@@ -112,13 +111,13 @@ def downdate(L, U):
     There is a rank-one downdate for each column of U (B, n, m).
     """
     count, n, m = U.shape
-    out, x = np.empty((count, n, n), L.dtype), np.empty(n, L.dtype)
+    out, x = np.empty((count, n, n)), np.empty(n)
     if L.shape[0] not in (1, count):
         return out, SHAPE_ERROR
     for b in range(count):
         for i in range(n):
             for j in range(n):
-                out[b, i, j] = L[b % L.shape[0], i, j] if j <= i else L.dtype.type(0)
+                out[b, i, j] = L[b % L.shape[0], i, j] if j <= i else 0.0
         for a in range(m):
             for i in range(n):
                 x[i] = U[b, i, a]

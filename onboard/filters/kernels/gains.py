@@ -46,7 +46,7 @@ def whitened_inverse(B):
     Columns have length one in between, so that units do not decide which singular values count as zero.
     """
     n, m = B.shape
-    scaled, size = np.empty((m, n), B.dtype), np.empty(m, B.dtype)
+    scaled, size = np.empty((m, n)), np.empty(m)
     for a in range(m):
         total = 0.0
         for j in range(n):
@@ -70,12 +70,12 @@ def independent_inverse(A):
     Returns (0, 0) if some row is nearly a combination of the others, where the product would lose digits.
     """
     m = A.shape[0]
-    product, lower_t = np.dot(A, A.T), np.empty((m, m), A.dtype)
+    product, lower_t = np.dot(A, A.T), np.empty((m, m))
     if not factor_into(product, lower_t):
-        return np.empty((0, 0), A.dtype)
+        return np.empty((0, 0))
     for a in range(m):
         if lower_t[a, a] < 0.1:
-            return np.empty((0, 0), A.dtype)
+            return np.empty((0, 0))
     found = A.copy()
     solve_into(lower_t, found)
     return found
@@ -84,7 +84,7 @@ def independent_inverse(A):
 @kernel(**MAKING)
 def tolerance(B):
     """Return the singular value that counts as zero, relative to the largest."""
-    return 10 * max(B.shape) * np.finfo(B.dtype).eps
+    return 10 * max(B.shape) * np.finfo(np.float64).eps
 
 
 @kernel(**MAKING)
@@ -97,7 +97,7 @@ def widen_into(L_t, B, N, extra, wider):
     """
     n, m = B.shape
     U_t = whitened_inverse(B)
-    inner, M_t, DU_t = np.eye(n, dtype=B.dtype), np.empty((n, n), B.dtype), np.empty((m, n), B.dtype)
+    inner, M_t, DU_t = np.eye(n), np.empty((n, n)), np.empty((m, n))
     for a in range(m):
         for i in range(n):
             DU_t[a, i] = extra[a] * U_t[a, i]
@@ -120,7 +120,7 @@ def right_inverse(L_t, B, weighted):
     """
     n, m = B.shape
     if weighted:
-        G_t = np.zeros((m, n), B.dtype)
+        G_t = np.zeros((m, n))
         add_transposed_product_into(whitened_inverse(B).T, L_t, G_t)
         return G_t
     H_t = B.copy()  # L^-T B, backwards
@@ -144,8 +144,8 @@ def kalman_gain(L_t, B, S, ignored):
                 kept[a, b] = kept[b, a] = 0
             kept[a, a] = 1
             X[a] = 0
-    lower_t = np.empty((m, m), B.dtype)
-    K_t, HK_t = np.zeros((m, n), B.dtype), np.zeros((m, m), B.dtype)
+    lower_t = np.empty((m, m))
+    K_t, HK_t = np.zeros((m, n)), np.zeros((m, m))
     if not factor_into(kept, lower_t):
         return K_t, HK_t, False
     solve_into(lower_t, X)
@@ -162,9 +162,9 @@ def mixed_gain(L_t, B, S, e, s, ratio, switched, ignored, weighted):
     of H K e, or of s: x + K e + G (s - H K e) on the switched rows, and the same with gains for the covariance.
     """
     n, m = B.shape
-    step = np.zeros(n, B.dtype)
+    step = np.zeros(n)
     if switched.all():
-        K_t, HK_t, exists = np.zeros((m, n), B.dtype), np.zeros((m, m), B.dtype), True
+        K_t, HK_t, exists = np.zeros((m, n)), np.zeros((m, m)), True
     else:
         K_t, HK_t, exists = kalman_gain(L_t, B, S, ignored)
     for a in range(m):
@@ -192,7 +192,7 @@ def joseph_into(L_t, B, N, K_t, P):
     It is symmetric and positive.
     """
     n, m = B.shape
-    left_t, NK_t = L_t.copy(), np.zeros((m, n), B.dtype)
+    left_t, NK_t = L_t.copy(), np.zeros((m, n))
     add_transposed_product_into(-B.T.copy(), K_t, left_t)
     add_transposed_product_into(N, K_t, NK_t)
     P[:] = 0

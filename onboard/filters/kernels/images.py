@@ -19,12 +19,12 @@ def centred_into(images, w, first, angular, mean, deviations):
     `first` 1 there is no centre: the mean is relative to the first image, and then to that mean.
     """
     k, m = images.shape
-    good, farthest = True, images.dtype.type(0)
+    good, farthest = True, 0.0
     for a in range(m):
         origin = images[first, a]
         deviations[a, 0] = 0.0
         for sweep in range(1 + first):
-            shift = images.dtype.type(0)
+            shift = 0.0
             for s in range(1, k):
                 d = images[s, a] - origin
                 if angular[a]:
@@ -47,7 +47,7 @@ def centred_into(images, w, first, angular, mean, deviations):
 @kernel(**FILLING)
 def skips_centre(images, w_cov):
     """Return 1 if the centre's image has no weight and is not finite, so that it must be left out; else 0."""
-    off = images.dtype.type(0)  # stays zero as long as all is finite
+    off = 0.0  # stays zero as long as all is finite
     for a in range(images.shape[1]):
         off += images[0, a] - images[0, a]
     return 1 if w_cov == 0 and off != 0 else 0
@@ -57,13 +57,13 @@ def skips_centre(images, w_cov):
 def with_centre(images, angular):
     """Return (images (B, k+1, m), status): the mean of the images (B, k, m), and after it the images."""
     count, k, m = images.shape
-    out = np.empty((count, k + 1, m), images.dtype)
+    out = np.empty((count, k + 1, m))
     if angular.shape[0] != m:
         return out, SHAPE_ERROR
-    mean, deviations = np.empty(m, images.dtype), np.empty((m, k + 1), images.dtype)
+    mean, deviations = np.empty(m), np.empty((m, k + 1))
     for b in range(count):
         out[b, 1:] = images[b]
-        status = centred_into(out[b], images.dtype.type(1) / k, 1, angular, mean, deviations)
+        status = centred_into(out[b], 1.0 / k, 1, angular, mean, deviations)
         if status == ANGLE_ERROR:  # callers find NaN
             return out, ANGLE_ERROR + MEMBER_FACTOR * b
         out[b, 0] = mean
@@ -74,7 +74,7 @@ def with_centre(images, angular):
 def beside_first(images, angular):
     """Return (images (B, k, m), status): angles moved by whole turns to within pi of the first image's."""
     count, k, m = images.shape
-    out = np.empty((count, k, m), images.dtype)
+    out = np.empty((count, k, m))
     if angular.shape[0] != m:
         return out, SHAPE_ERROR
     for b in range(count):

@@ -57,10 +57,9 @@ def common_batch(sizes):
 @kernel(**FILLING)
 def symmetric_into(A, out):
     """Fill the symmetric part of A (n, n), contiguous in memory."""
-    half = A.dtype.type(0.5)
     for i in range(A.shape[0]):
         for j in range(A.shape[0]):
-            out[i, j] = half * (A[i, j] + A[j, i])
+            out[i, j] = 0.5 * (A[i, j] + A[j, i])
 
 
 @kernel(**FILLING)
@@ -77,14 +76,13 @@ def add_product_into(A, C, out):
 @kernel(**MAKING)
 def sandwich_into(F, P, Q, out):
     """Fill F P F^T + Q (m, m), symmetric to the last bit; return F P (m, n). F (m, n), P (n, n)."""
-    half = P.dtype.type(0.5)
-    FP = np.zeros(F.shape, P.dtype)
+    FP = np.zeros(F.shape)
     add_product_into(F, P, FP)
     symmetric_into(Q, out)
     add_product_into(F, FP.T.copy(), out)
     for i in range(F.shape[0]):
         for j in range(i):
-            out[i, j] = half * (out[i, j] + out[j, i])
+            out[i, j] = 0.5 * (out[i, j] + out[j, i])
             out[j, i] = out[i, j]
     return FP
 
@@ -93,10 +91,10 @@ def sandwich_into(F, P, Q, out):
 def propagate(P, F, Q):
     """Return (F P F^T + Q (B, n, n), status)."""
     count, n = common_batch((P.shape[0], F.shape[0], Q.shape[0])), P.shape[1]
-    out = np.empty((max(count, 0), n, n), P.dtype)
+    out = np.empty((max(count, 0), n, n))
     if count < 0 or P.shape[1:] != (n, n) or F.shape[1:] != (n, n) or Q.shape[1:] != (n, n):
         return out, SHAPE_ERROR
-    prior = np.empty((n, n), P.dtype)
+    prior = np.empty((n, n))
     for b in range(count):
         matrix, noise = F[b % F.shape[0]], Q[b % Q.shape[0]]
         symmetric_into(P[b % P.shape[0]], prior)
@@ -121,7 +119,7 @@ def corners(mean):
     value that the others predict.
     """
     count, n = mean.shape
-    points = np.zeros((count, n + 3, n), mean.dtype)
+    points = np.zeros((count, n + 3, n))
     for b in range(count):
         for i in range(n):
             points[b, 1 + i, i] = 1.0
@@ -135,10 +133,10 @@ def affine(points, images, angular, is_measure):
     """Return (matrix (B, m, n), value at the mean (B, m), status) from the images (B, n+3, m) of `corners`."""
     count, size, n = points.shape
     m = images.shape[2]
-    matrix, value = np.empty((count, m, n), points.dtype), np.empty((count, m), points.dtype)
+    matrix, value = np.empty((count, m, n)), np.empty((count, m))
     if images.shape[0] != count or images.shape[1] != size:
         return matrix, value, SHAPE_ERROR
-    allowed = np.sqrt(np.finfo(points.dtype).eps)
+    allowed = np.sqrt(np.finfo(np.float64).eps)
     for b in range(count):
         for a in range(m):
             value[b, a] = images[b, n + 1, a]
@@ -166,12 +164,12 @@ def affine(points, images, angular, is_measure):
 def joseph_into(P, H, K, R, out):
     """Fill (I - K H) P (I - K H)^T + K R K^T (n, n), right for every gain K (n, m)."""
     n = K.shape[0]
-    KH, G, KRK = np.zeros((n, n), P.dtype), np.empty((n, n), P.dtype), np.empty((n, n), P.dtype)
+    KH, G, KRK = np.zeros((n, n)), np.empty((n, n)), np.empty((n, n))
     add_product_into(K, H, KH)
     for i in range(n):
         for j in range(n):
-            G[i, j] = P.dtype.type(i == j) - KH[i, j]
-    sandwich_into(K, R, np.zeros((n, n), P.dtype), KRK)
+            G[i, j] = (1.0 if i == j else 0.0) - KH[i, j]
+    sandwich_into(K, R, np.zeros((n, n)), KRK)
     sandwich_into(G, P, KRK, out)
 
 
@@ -219,22 +217,22 @@ def correct_into(mean, P, H, predicted, y, R, angular, considered, out):
     mean_out, P_out, innovation, S = out
     for i in range(n):
         if not np.isfinite(mean[i]):
-            return MEAN_ERROR, P.dtype.type(0)
+            return MEAN_ERROR, 0.0
     status = innovate_into(y, predicted, angular, innovation)
     if status != OK:
-        return status, P.dtype.type(0)
-    prior = np.empty((n, n), P.dtype)
+        return status, 0.0
+    prior = np.empty((n, n))
     symmetric_into(P, prior)
     if not root_into(prior, P_out):
-        return COVARIANCE_ERROR, P.dtype.type(0)
+        return COVARIANCE_ERROR, 0.0
     if not is_finite(H) or not is_finite(R):
-        return R_NOT_FINITE_ERROR if is_finite(H) else MATRIX_ERROR, P.dtype.type(0)
+        return R_NOT_FINITE_ERROR if is_finite(H) else MATRIX_ERROR, 0.0
     HP = sandwich_into(H, prior, R, S)
-    lower_t = np.empty((m, m), P.dtype)
+    lower_t = np.empty((m, m))
     if not is_noise(R, lower_t):
-        return R_INDEFINITE_ERROR, P.dtype.type(0)
+        return R_INDEFINITE_ERROR, 0.0
     if not factor_into(S, lower_t):
-        return INNOVATION_ERROR, P.dtype.type(0)
+        return INNOVATION_ERROR, 0.0
     K = HP.T.copy()
     for i in range(n):
         if considered[i]:
@@ -245,10 +243,10 @@ def correct_into(mean, P, H, predicted, y, R, angular, considered, out):
         for a in range(m):
             mean_out[i] += K[i, a] * innovation[a]
     joseph_into(prior, H, K, R, P_out)
-    weighed = np.empty((1, m), P.dtype)
+    weighed = np.empty((1, m))
     weighed[0] = innovation
     solve_into(lower_t, weighed)
-    nis = P.dtype.type(0)
+    nis = 0.0
     for a in range(m):
         nis += weighed[0, a] * innovation[a]
     return OK, nis
@@ -260,9 +258,9 @@ def correct(mean, P, H, predicted, y, R, angular, considered):
     n, m = mean.shape[1], y.shape[1]
     count = common_batch((mean.shape[0], P.shape[0], H.shape[0], predicted.shape[0], y.shape[0], R.shape[0]))
     size = max(count, 0)
-    mean_out, P_out = np.empty((size, n), P.dtype), np.empty((size, n, n), P.dtype)
-    innovation, S = np.empty((size, m), P.dtype), np.empty((size, m, m), P.dtype)
-    nis = np.empty(size, P.dtype)
+    mean_out, P_out = np.empty((size, n)), np.empty((size, n, n))
+    innovation, S = np.empty((size, m)), np.empty((size, m, m))
+    nis = np.empty(size)
     fits = P.shape[1:] == (n, n) and H.shape[1:] == (m, n) and R.shape[1:] == (m, m)
     if count < 0 or not fits or predicted.shape[1] != m:
         return mean_out, P_out, innovation, S, nis, SHAPE_ERROR

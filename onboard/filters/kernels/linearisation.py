@@ -33,10 +33,10 @@ def stencil(mean, P):
     least sqrt(eps) of the state, which large coordinates need.
     """
     count, n = common_batch((mean.shape[0], P.shape[0])), mean.shape[1]
-    points = np.empty((max(count, 0), 2 * n + 1, n), mean.dtype)
+    points = np.empty((max(count, 0), 2 * n + 1, n))
     if count < 0 or P.shape[1:] != (n, n):
         return points, SHAPE_ERROR
-    eps = np.finfo(mean.dtype).eps
+    eps = np.finfo(np.float64).eps
     for b in range(count):
         centre, covariance = mean[b % mean.shape[0]], P[b % P.shape[0]]
         for s in range(2 * n + 1):
@@ -63,7 +63,7 @@ def slopes(points, images, angular, fault):
     """
     count, size, n = points.shape
     m = images.shape[2]
-    jacobian = np.empty((count, m, n), points.dtype)
+    jacobian = np.empty((count, m, n))
     if images.shape[0] != count or images.shape[1] != size or angular.shape[0] != m:
         return jacobian, SHAPE_ERROR
     for b in range(count):
@@ -86,12 +86,12 @@ def regress(P, images, w_cov, w, angular, fault):
     """
     count, size, m = images.shape
     n = P.shape[1]
-    A, value = np.empty((count, m, n), P.dtype), np.empty((count, m), P.dtype)
-    rest = np.empty((count, m, m), P.dtype)
+    A, value = np.empty((count, m, n)), np.empty((count, m))
+    rest = np.empty((count, m, m))
     if P.shape[0] != count or P.shape[2] != n or size != 2 * n + 1 or angular.shape[0] != m:
         return A, value, rest, SHAPE_ERROR
-    d, lower_t = np.empty((m, size), P.dtype), np.empty((n, n), P.dtype)
-    root = np.sqrt(P.dtype.type(0.5) * w)
+    d, lower_t = np.empty((m, size)), np.empty((n, n))
+    root = np.sqrt(0.5 * w)
     for b in range(count):
         if not root_into(P[b], lower_t):
             return A, value, rest, COVARIANCE_ERROR + MEMBER_FACTOR * b
@@ -122,7 +122,7 @@ def smooth_into(mean, P, F, Q, predicted, mean_next, P_next, mean_out, P_out):
     The covariance is in Joseph's form, (I - G F) P (I - G F)^T + G (P_next + Q) G^T: no difference of covariances.
     """
     n = mean.shape[0]
-    forecast, lower_t = np.empty((n, n), P.dtype), np.empty((n, n), P.dtype)
+    forecast, lower_t = np.empty((n, n)), np.empty((n, n))
     if not is_finite(F):
         return MATRIX_ERROR
     if not is_finite(Q):
@@ -133,7 +133,7 @@ def smooth_into(mean, P, F, Q, predicted, mean_next, P_next, mean_out, P_out):
     if not root_into(forecast, lower_t):
         return PREDICTED_ERROR
     skip_known(lower_t)
-    G, noise = np.zeros((n, n), P.dtype), np.empty((n, n), P.dtype)
+    G, noise = np.zeros((n, n)), np.empty((n, n))
     for i in range(n):
         for k in range(n):
             for j in range(n):
@@ -157,12 +157,12 @@ def smooth_back(mean, P, F, Q, predicted):
     F, Q (T-1, B, n, n), and predicted (T-1, B, n), belong to the steps. Returns (mean, covariance, status).
     """
     steps, count, n = mean.shape
-    mean_out, P_out = np.empty((steps, count, n), P.dtype), np.empty((steps, count, n, n), P.dtype)
+    mean_out, P_out = np.empty((steps, count, n)), np.empty((steps, count, n, n))
     if P.shape != (steps, count, n, n) or predicted.shape != (steps - 1, count, n):
         return mean_out, P_out, SHAPE_ERROR
     if F.shape != (steps - 1, count, n, n) or Q.shape != F.shape:
         return mean_out, P_out, SHAPE_ERROR
-    lower_t = np.empty((n, n), P.dtype)
+    lower_t = np.empty((n, n))
     for b in range(count):
         for t in range(steps - 1, -1, -1):
             if not root_into(P[t, b], lower_t):

@@ -35,7 +35,7 @@ def mix_into(means, P, weights, mean_out, P_out):
 def weigh_into(innovations, S, nis, prior, angular, log_l, posterior, mean, P):
     """Like `weigh`, for one filter; return (status, NIS)."""
     r, m = innovations.shape
-    lower_t, e, status = np.empty((m, m), S.dtype), np.empty((r, m), S.dtype), OK
+    lower_t, e, status = np.empty((m, m)), np.empty((r, m)), OK
     best = -np.inf
     for k in range(r):
         if not factor_into(S[k], lower_t):

@@ -12,7 +12,7 @@ def mix(means, P, weights):
     """Return (means (B, j, n), covariances (B, j, n, n)): a mixture for each column of weights (B, r, j)."""
     count, _, n = means.shape
     j = weights.shape[2]
-    mean_out, P_out = np.empty((count, j, n), means.dtype), np.empty((count, j, n, n), means.dtype)
+    mean_out, P_out = np.empty((count, j, n)), np.empty((count, j, n, n))
     for b in range(count):
         for c in range(j):
             mix_into(means[b], P[b], weights[b, :, c], mean_out[b, c], P_out[b, c])
@@ -27,9 +27,8 @@ def weigh(innovations, S, nis, prior, angular):
     Angles are averaged as innovations, which are small: a mean of the angles themselves would break at +-pi.
     """
     count, r, m = innovations.shape
-    dtype = innovations.dtype
-    log_l, posterior = np.empty((count, r), dtype), np.empty((count, r), dtype)
-    mean, P, mixed_nis = np.empty((count, m), dtype), np.empty((count, m, m), dtype), np.empty(count, dtype)
+    log_l, posterior = np.empty((count, r)), np.empty((count, r))
+    mean, P, mixed_nis = np.empty((count, m)), np.empty((count, m, m)), np.empty(count)
     status = OK
     for b in range(count):
         found, mixed_nis[b] = weigh_into(

@@ -56,11 +56,11 @@ def offsets_by_into(points, d, m, out):
     d is (padded(m), n).
     """
     n = points.shape[1]
-    plus, whole, zero = points[1 : n + 1], n // 3 * 3, points.dtype.type(0)
+    plus, whole = points[1 : n + 1], n // 3 * 3
     for i in range(0, whole, 3):
         p, q, r = points[0, i], points[0, i + 1], points[0, i + 2]
         for j in range(0, m, 3):
-            ux, uy, uz, vx, vy, vz, wx, wy, wz = zero, zero, zero, zero, zero, zero, zero, zero, zero
+            ux, uy, uz, vx, vy, vz, wx, wy, wz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             for s in range(n):
                 u, v, w = plus[s, i] - p, plus[s, i + 1] - q, plus[s, i + 2] - r
                 x, y, z = d[j, s], d[j + 1, s], d[j + 2, s]
@@ -78,7 +78,7 @@ def offsets_by_into(points, d, m, out):
             out[i + 2, j], out[i + 2, j + 1], out[i + 2, j + 2] = wx, wy, wz
     for i in range(whole, n):
         for a in range(m):
-            total = zero
+            total = 0.0
             for s in range(n):
                 total += (plus[s, i] - points[0, i]) * d[a, s]
             out[i, a] = total

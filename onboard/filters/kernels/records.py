@@ -19,7 +19,7 @@ def correct_present_into(mean, P, y, H, R, angular, mean_out, P_out, innovation,
     present = np.empty(m, np.int64)
     count = 0
     for a in range(m):
-        value = P.dtype.type(0)
+        value = 0.0
         for i in range(n):
             value += H[a, i] * mean[i]
         predicted[a] = value
@@ -29,13 +29,12 @@ def correct_present_into(mean, P, y, H, R, angular, mean_out, P_out, innovation,
         if not np.isnan(y[a]):
             present[count] = a
             count += 1
-    zero = P.dtype.type(0)
     if count == 0:
         mean_out[:] = mean
         P_out[:] = P
-        return OK, zero, zero
-    h, r, s = np.empty((count, n), P.dtype), np.empty((count, count), P.dtype), np.empty((count, count), P.dtype)
-    seen, e, forecast = np.empty(count, P.dtype), np.empty(count, P.dtype), np.empty(count, P.dtype)
+        return OK, 0.0, 0.0
+    h, r, s = np.empty((count, n)), np.empty((count, count)), np.empty((count, count))
+    seen, e, forecast = np.empty(count), np.empty(count), np.empty(count)
     wraps, considered = np.empty(count, np.bool_), np.zeros(n, np.bool_)
     for i in range(count):
         a = present[i]
@@ -46,11 +45,11 @@ def correct_present_into(mean, P, y, H, R, angular, mean_out, P_out, innovation,
     out = Corrected(mean_out, P_out, e, s)
     status, nis = correct_into(mean, P, h, forecast, seen, r, wraps, considered, out)
     if status != OK:
-        return status, zero, zero
+        return status, 0.0, 0.0
     factor_into(s, r)
-    log_l = -P.dtype.type(0.5) * nis
+    log_l = -0.5 * nis
     for i in range(count):
-        log_l -= np.log(r[i, i]) + P.dtype.type(0.5 * np.log(TWO_PI))
+        log_l -= np.log(r[i, i]) + 0.5 * np.log(TWO_PI)
         innovation[present[i]] = e[i]
         for j in range(count):
             S[present[i], present[j]] = s[i, j]
@@ -67,13 +66,13 @@ def filter_record(mean, P, F, Q, inputs, H, R, y, angular):
     measurement, NIS (T, B), log-likelihood, status). It ends where a filter fails.
     """
     steps, count, m = y.shape
-    n, dtype = mean.shape[1], P.dtype
-    prior, prior_P = np.empty((steps, count, n), dtype), np.empty((steps, count, n, n), dtype)
-    after, after_P = np.empty((steps, count, n), dtype), np.empty((steps, count, n, n), dtype)
-    innovation, S = np.empty((steps, count, m), dtype), np.empty((steps, count, m, m), dtype)
-    predicted = np.empty((steps, count, m), dtype)
-    nis, log_l = np.empty((steps, count), dtype), np.empty((steps, count), dtype)
-    scratch = np.empty((n, n), dtype)
+    n = mean.shape[1]
+    prior, prior_P = np.empty((steps, count, n)), np.empty((steps, count, n, n))
+    after, after_P = np.empty((steps, count, n)), np.empty((steps, count, n, n))
+    innovation, S = np.empty((steps, count, m)), np.empty((steps, count, m, m))
+    predicted = np.empty((steps, count, m))
+    nis, log_l = np.empty((steps, count)), np.empty((steps, count))
+    scratch = np.empty((n, n))
     for q in range(len(Q)):
         if steps > 1 and not is_noise(Q[q], scratch):
             return prior, prior_P, after, after_P, innovation, S, predicted, nis, log_l, Q_INDEFINITE_ERROR

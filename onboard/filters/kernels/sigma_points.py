@@ -84,11 +84,10 @@ def gather_into(points, w_mean, w_cov, w, Q, scratch, mean, P):
             return POINTS_ERROR
     squares_into(d, k - 1, sums)
     off = w - w  # stays zero as long as all is finite
-    half = mean.dtype.type(0.5)
     for i in range(n):
         share, here = w_cov * d[i, k - 1], w - w
         for j in range(i + 1):
-            value = w * sums[i, j] + share * d[j, k - 1] + half * (Q[i, j] + Q[j, i])
+            value = w * sums[i, j] + share * d[j, k - 1] + 0.5 * (Q[i, j] + Q[j, i])
             here += value - value
             P[i, j] = value
             P[j, i] = value
@@ -148,7 +147,7 @@ def whiten_into(S, innovation, lower, inverse, white):
     L is left in `lower` (m, m), the inverse of its diagonal in `inverse` (m,).
     """
     m = S.shape[0]
-    nis = S.dtype.type(0)
+    nis = 0.0
     for a in range(m):
         value = innovation[a]
         for b in range(a):
@@ -179,10 +178,9 @@ def correct_scratch_shape(n, m):
 def innovation_covariance_into(sums, centre, R, w_cov, w, S):
     """Fill S (m, m) from the sums of squares of `deviations_into`, the centre's deviation, and R."""
     m = R.shape[0]
-    half = R.dtype.type(0.5)
     for a in range(m):
         for b in range(a + 1):
-            noise = half * (w * sums[a, b] + R[a, b] + R[b, a])  # half the squares of sum and difference
+            noise = 0.5 * (w * sums[a, b] + R[a, b] + R[b, a])  # half the squares of sum and difference
             S[a, b] = noise + w_cov * centre[a] * centre[b]
             S[b, a] = S[a, b]
 
@@ -213,9 +211,9 @@ def reduce_into(P, reductions, considered, exact, P_out):
     After an `exact` measurement a variance with only rounding left is zero. Returns whether so little is left of
     another one that it has few digits.
     """
-    n, zero = P.shape[0], P.dtype.type(0)
-    rounding = (zero + 4 * n) * np.finfo(P.dtype).eps
-    little = (zero + MIN_VARIANCE_FACTOR) * np.sqrt(zero + np.finfo(P.dtype).eps)
+    n = P.shape[0]
+    rounding = 4 * n * np.finfo(np.float64).eps
+    little = MIN_VARIANCE_FACTOR * np.sqrt(np.finfo(np.float64).eps)
     any_considered = cancelled = False
     for i in range(n):
         any_considered |= considered[i]
@@ -223,7 +221,7 @@ def reduce_into(P, reductions, considered, exact, P_out):
         for i in range(n):
             for j in range(i + 1):
                 if considered[i] and considered[j]:
-                    reductions[i, j] = P.dtype.type(0)
+                    reductions[i, j] = 0.0
     for i in range(n):
         cancelled |= P[i, i] - reductions[i, i] < little * P[i, i]
         for j in range(i + 1):
@@ -233,7 +231,7 @@ def reduce_into(P, reductions, considered, exact, P_out):
     if exact:
         for i in range(n):
             if abs(P_out[i, i]) <= rounding * (P_out[i, i] + reductions[i, i]):
-                P_out[i, i] = zero
+                P_out[i, i] = 0.0
         clear_known(P_out)
     return cancelled and not exact
 
@@ -267,11 +265,10 @@ def rebuild_into(points, d, R, w_cov, w, K, even, row, P_out):
     the regression. d: of `deviations_into`; `even` (m, m) and `row` (max(n, m),) are overwritten.
     """
     n, m = P_out.shape[0], R.shape[0]
-    half = P_out.dtype.type(0.5)
     for a in range(m):  # R, and what images deviate by that is even about the centre's
         for b in range(m):
             squares = w * dot(d[a, n : 2 * n], d[b, n : 2 * n])
-            even[a, b] = half * (R[a, b] + R[b, a] + squares) + w_cov * d[a, 2 * n] * d[b, 2 * n]
+            even[a, b] = 0.5 * (R[a, b] + R[b, a] + squares) + w_cov * d[a, 2 * n] * d[b, 2 * n]
     for i in range(n):
         for a in range(m):
             row[a] = dot(K[i, :m], even[:m, a])
@@ -279,7 +276,7 @@ def rebuild_into(points, d, R, w_cov, w, K, even, row, P_out):
             P_out[i, j] = P_out[j, i] = dot(row[:m], K[j, :m])
     for s in range(n):
         for i in range(n):
-            row[i] = half * (points[1 + s, i] - points[1 + n + s, i] - dot(K[i, :m], d[:m, s]))
+            row[i] = 0.5 * (points[1 + s, i] - points[1 + n + s, i] - dot(K[i, :m], d[:m, s]))
         for i in range(n):
             for j in range(i + 1):
                 P_out[i, j] += (w + w) * row[i] * row[j]
@@ -315,33 +312,32 @@ def correct_into(points, images, P, y, R, w_cov, w, angular, considered, scratch
     mean_out, P_out, innovation, S, predicted = out
     k, n = points.shape
     m = y.shape[0]
-    zero = points.dtype.type(0)
     if images.shape[0] != k or images.shape[1] != m or R.shape[0] != m or R.shape[1] != m:
-        return SHAPE_ERROR, zero
+        return SHAPE_ERROR, 0.0
     few, many = padded(m), padded(n)
     d, sums, rest = scratch[:few], scratch[few : 2 * few], scratch[2 * few :]
     cross, reductions = rest[:many], rest[many:]
     for a in range(m, few):
         for s in range(k):
-            d[a, s] = zero
+            d[a, s] = 0.0
     for i in range(n, many):
         for a in range(m):
-            cross[i, a] = zero
+            cross[i, a] = 0.0
     status = deviations_into(images, y, w, angular, d, innovation, predicted)
     if status != OK:
-        return status, zero
+        return status, 0.0
     squares_into(d, k - 1, sums)
     innovation_covariance_into(sums, d[:, k - 1], R, w_cov, w, S)
     lower, inverse, white = reductions[:m], reductions[m], reductions[m + 1]  # overwritten by the reductions below
     exists, nis = whiten_into(S, innovation, lower, inverse, white)
     if not exists:
-        return INNOVATION_ERROR, zero
+        return INNOVATION_ERROR, 0.0
     offsets_by_into(points, d, m, cross)  # the set is symmetric: differences of opposite images are enough
     move_into(points[0], cross, w, lower, inverse, white, considered, mean_out)
     if m > 0:
         squares_into(cross, m, reductions)  # K S K^T
     else:
-        reductions[:] = zero
+        reductions[:] = 0.0
     exact = False
     for a in range(m):
         exact |= R[a, a] == 0

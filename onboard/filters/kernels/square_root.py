@@ -30,7 +30,7 @@ from onboard.filters.kernels.triangularisation import (
 def spread(mean, L, gamma):
     """Return (points (B, 2n+1, n), status) from a mean and the lower triangle of the factor of its covariance."""
     count, n = common_batch((mean.shape[0], L.shape[0])), mean.shape[1]
-    points = np.empty((max(count, 0), 2 * n + 1, n), mean.dtype)
+    points = np.empty((max(count, 0), 2 * n + 1, n))
     if count < 0 or L.shape[1:] != (n, n):
         return points, SHAPE_ERROR
     for b in range(count):
@@ -44,10 +44,10 @@ def spread(mean, L, gamma):
 def gather(points, Q, w_cov, w):
     """Return (mean (B, n), factor (B, n, n), status) of points (B, 2n+1, n) plus noise Q."""
     count, _, n = points.shape
-    mean, L = np.empty((count, n), points.dtype), np.empty((count, n, n), points.dtype)
+    mean, L = np.empty((count, n)), np.empty((count, n, n))
     if Q.shape[0] not in (1, count):
         return mean, L, SHAPE_ERROR
-    extra, centre = np.empty((n, 2 * n + 1), points.dtype), np.empty(n, points.dtype)
+    extra, centre = np.empty((n, 2 * n + 1)), np.empty(n)
     no_angles = np.zeros(n, np.bool_)
     for b in range(count):
         status = gather_into(points[b], Q[b % Q.shape[0]], w_cov, w, no_angles, extra, centre, mean[b], L[b])
@@ -65,15 +65,14 @@ def correct(points, L, images, y, R, w_cov, w, angular, considered):
     """
     count, size, n = points.shape
     m = y.shape[1]
-    dtype = points.dtype
-    mean_out, L_out = np.empty((count, n), dtype), np.empty((count, n, n), dtype)
-    K, U = np.empty((count, n, m), dtype), np.empty((count, n, m), dtype)
-    innovation, predicted = np.empty((count, m), dtype), np.empty((count, m), dtype)
-    S, nis = np.empty((count, m, m), dtype), np.empty(count, dtype)
+    mean_out, L_out = np.empty((count, n)), np.empty((count, n, n))
+    K, U = np.empty((count, n, m)), np.empty((count, n, m))
+    innovation, predicted = np.empty((count, m)), np.empty((count, m))
+    S, nis = np.empty((count, m, m)), np.empty(count)
     fits = images.shape == (count, size, m) and y.shape[0] in (1, count) and L.shape[0] in (1, count)
     fits = fits and R.shape[0] in (1, count) and R.shape[1:] == (m, m)
     status = OK if fits else SHAPE_ERROR
-    scratch = Linearised(np.empty((m, n), dtype), np.empty((m, m), dtype), np.empty((m, m), dtype))
+    scratch = Linearised(np.empty((m, n)), np.empty((m, m)), np.empty((m, m)))
     for b in range(count):
         if status == OK:
             status, nis[b] = correct_into(
@@ -98,10 +97,10 @@ def correct(points, L, images, y, R, w_cov, w, angular, considered):
 def joseph(L, H, K, R):
     """Return (tria[(I - K H) L, K S_R] (B, n, n), status): eqs 30-32 with a Jacobian H (B, m, n)."""
     count, n, m = K.shape
-    out = np.empty((count, n, n), L.dtype)
+    out = np.empty((count, n, n))
     if H.shape != (count, m, n) or L.shape[0] not in (1, count):
         return out, SHAPE_ERROR
-    HL, V = np.empty((m, n), L.dtype), np.empty((m, m), L.dtype)
+    HL, V = np.empty((m, n)), np.empty((m, m))
     for b in range(count):
         prior = L[b % L.shape[0]]
         if not semifactor_into(R[b % R.shape[0]], V):
@@ -129,7 +128,7 @@ def redraw(moved, weights, Q, state):
     """
     n = state.shape[1]
     points, L = state[: 2 * n + 1], state[2 * n + 1 :]
-    extra, centre = np.empty((n, 2 * n + 1), state.dtype), np.empty(n, state.dtype)
+    extra, centre = np.empty((n, 2 * n + 1)), np.empty(n)
     status = gather_into(moved, Q, weights[2], weights[3], np.zeros(n, np.bool_), extra, centre, points[0], L)
     if status == OK:
         status = spread_into(points[0], L, weights[0], points)
@@ -145,8 +144,8 @@ def correct_and_redraw(state, images, y, R, weights, masks):
     n, m = state.shape[1], y.shape[0]
     points, L = state[: 2 * n + 1], state[2 * n + 1 :]
     if masks.shape[0] != m + n or images.shape != (2 * n + 1, m) or R.shape != (m, m):
-        return SHAPE_ERROR, state.dtype.type(0)
-    scratch = np.empty((4 * m + 2 * n + 2, max(m, n)), state.dtype)
+        return SHAPE_ERROR, 0.0
+    scratch = np.empty((4 * m + 2 * n + 2, max(m, n)))
     linearised = Linearised(scratch[:m, :n], scratch[m : 2 * m, :m], scratch[2 * m : 3 * m, :m])
     S = scratch[3 * m : 4 * m, :m]
     K, U = scratch[4 * m : 4 * m + n, :m], scratch[4 * m + n : 4 * m + 2 * n, :m]

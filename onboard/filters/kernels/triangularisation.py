@@ -1,7 +1,4 @@
-"""Compiled arithmetic of the square-root filters, over one filter, for `square_root`.
-
-Everything is in the precision of the arguments, single included: no accumulator is wider.
-"""
+"""Compiled arithmetic of the square-root filters, over one filter, for `square_root`."""
 
 from typing import NamedTuple
 
@@ -37,7 +34,7 @@ def spread_into(mean, lower, gamma, points):
             return MEAN_ERROR
         points[0, i] = mean[i]
         for j in range(n):
-            offset = gamma * lower[i, j] if j <= i else mean.dtype.type(0)
+            offset = gamma * lower[i, j] if j <= i else 0.0
             points[1 + j, i] = points[0, i] + offset
             points[1 + n + j, i] = points[0, i] - offset
     return OK
@@ -59,7 +56,7 @@ def gather_into(points, Q, w_cov, w, no_angles, extra, centre, mean, L):
         return Q_INDEFINITE_ERROR
     for i in range(n):
         centre[i] = root_centre * extra[i, 0]
-        extra[i, 0] = centre[i] if w_cov > 0 else points.dtype.type(0)
+        extra[i, 0] = centre[i] if w_cov > 0 else 0.0
         for s in range(1, size):
             extra[i, s] *= root
     tria_into(L, extra)
@@ -76,17 +73,17 @@ def linearise_into(images, R, w_cov, w, angular, predicted, odd, V, root):
     status.
     """
     m, n = odd.shape
-    d, even = np.empty((m, 2 * n + 1), odd.dtype), np.empty((m, n + 1), odd.dtype)
+    d, even = np.empty((m, 2 * n + 1)), np.empty((m, n + 1))
     status = centred_into(images, w, skips_centre(images, w_cov), angular, predicted, d)
     if status != OK:
         return status
     if not semifactor_into(R, V):
         return R_INDEFINITE_ERROR
-    share, centre = np.sqrt(odd.dtype.type(0.5) * w), np.sqrt(abs(w_cov))
-    column = np.empty(m, odd.dtype)
+    share, centre = np.sqrt(0.5 * w), np.sqrt(abs(w_cov))
+    column = np.empty(m)
     for a in range(m):
         column[a] = centre * d[a, 0]
-        even[a, n] = column[a] if w_cov > 0 else odd.dtype.type(0)
+        even[a, n] = column[a] if w_cov > 0 else 0.0
         for i in range(n):
             odd[a, i] = share * (d[a, 1 + i] - d[a, 1 + n + i])
             even[a, i] = share * (d[a, 1 + i] + d[a, 1 + n + i])
@@ -95,7 +92,7 @@ def linearise_into(images, R, w_cov, w, angular, predicted, odd, V, root):
     tria_into(root, odd.copy())
     if w_cov < 0 and not downdate_into(root, column):
         return DOWNDATE_ERROR
-    return OK if is_factor(root, np.finfo(root.dtype).tiny) else INNOVATION_ERROR
+    return OK if is_factor(root, np.finfo(np.float64).tiny) else INNOVATION_ERROR
 
 
 @kernel(**MAKING)
@@ -105,13 +102,13 @@ def gain_into(L, odd, root, innovation, considered, K, U, S):
     Eqs 27, 28.
     """
     n, m = K.shape
-    nis = L.dtype.type(0)
+    nis = 0.0
     for a in range(m):
         for b in range(m):
             S[a, b] = 0.0
             for c in range(min(a, b) + 1):
                 S[a, b] += root[a, c] * root[b, c]
-    white = np.empty(m, L.dtype)
+    white = np.empty(m)
     for a in range(m):
         white[a] = innovation[a]
         for b in range(a):
@@ -143,10 +140,10 @@ def joseph_into(L, slope, K, V, out):
     The slope (m, n) is H L; K V V^T K^T is the noise that the gain admits. `out` may be L.
     """
     n, m = K.shape
-    extra = np.empty((n, n + m), L.dtype)
+    extra = np.empty((n, n + m))
     for i in range(n):
         for j in range(n):
-            extra[i, j] = L[i, j] if j <= i else L.dtype.type(0)
+            extra[i, j] = L[i, j] if j <= i else 0.0
             out[i, j] = 0.0
             for a in range(m):
                 extra[i, j] -= K[i, a] * slope[a, j]
@@ -190,7 +187,7 @@ def correct_into(points, L, images, y, R, w_cov, w, angular, considered, scratch
     if status == OK:
         status = innovate_into(y, predicted, angular, innovation)
     if status != OK:
-        return status, points.dtype.type(0)
+        return status, 0.0
     nis = gain_into(L, odd, root, innovation, considered, K, U, S)
     for i in range(K.shape[0]):
         mean_out[i] = points[0, i]

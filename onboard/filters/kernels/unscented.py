@@ -61,7 +61,7 @@ def correct(points, images, P, y, R, w_cov, w, angular, considered, out, found):
 
     Innovation, prediction and the covariance of the innovation go into the rows of `found` (2 + m, m).
     """
-    scratch = np.empty(correct_scratch_shape(points.shape[1], y.shape[0]), points.dtype)
+    scratch = np.empty(correct_scratch_shape(points.shape[1], y.shape[0]))
     into = CorrectedPoints(out[0], out[1:], found[0], found[2:], found[1])
     status, nis = correct_into(points, images, P, y, R, w_cov, w, angular, considered, scratch, into)
     return R_INDEFINITE_ERROR if status != SHAPE_ERROR and not is_noise(R, scratch) else status, nis
@@ -75,7 +75,7 @@ def correct_and_redraw(state, images, y, R, weights, masks):
     """
     n, m = state.shape[1], y.shape[0]
     if masks.shape[0] != m + n:
-        return SHAPE_ERROR, state.dtype.type(0)
+        return SHAPE_ERROR, 0.0
     gamma, w_cov, w = weights[0], weights[2], weights[3]
     points, P = state[: 2 * n + 1], state[2 * n + 1 : 3 * n + 1]
     rows, width = correct_scratch_shape(n, m)
@@ -104,13 +104,12 @@ def correct_batch(points, images, P, y, R, w_cov, w, angular, considered):
     """Like `correct`, each with a leading axis B; R (B or 1, m, m)."""
     count, _, n = points.shape
     m = y.shape[1]
-    dtype = points.dtype
-    mean_out, P_out = np.empty((count, n), dtype), np.empty((count, n, n), dtype)
-    innovation, predicted = np.empty((count, m), dtype), np.empty((count, m), dtype)
-    S, nis = np.empty((count, m, m), dtype), np.empty(count, dtype)
+    mean_out, P_out = np.empty((count, n)), np.empty((count, n, n))
+    innovation, predicted = np.empty((count, m)), np.empty((count, m))
+    S, nis = np.empty((count, m, m)), np.empty(count)
     if images.shape[0] != count or P.shape[0] != count or y.shape[0] != count or R.shape[0] not in (1, count):
         return mean_out, P_out, innovation, S, predicted, nis, SHAPE_ERROR
-    scratch = np.empty(correct_scratch_shape(n, m), dtype)
+    scratch = np.empty(correct_scratch_shape(n, m))
     for b in range(count):
         status, nis[b] = correct_into(
             points[b],

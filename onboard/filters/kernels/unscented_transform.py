@@ -30,7 +30,7 @@ def spread(mean, P, gamma, w_mean, w, points):
 @kernel(signature(2, "f", "f", "f", 2, "out"), **MAKING, **CONTRACTED)
 def gather(points, w_mean, w_cov, w, Q, out):
     """Fill mean and covariance into the rows of `out` (1 + n, n); return a status."""
-    scratch = np.empty(gather_scratch_shape(out.shape[1]), points.dtype)
+    scratch = np.empty(gather_scratch_shape(out.shape[1]))
     status = gather_into(points, w_mean, w_cov, w, Q, scratch, out[0], out[1:])
     return Q_INDEFINITE_ERROR if status == OK and not is_noise(Q, scratch) else status
 
@@ -42,7 +42,7 @@ def gather(points, w_mean, w_cov, w, Q, out):
 def spread_batch(mean, P, gamma):
     """Return (points (B, 2n+1, n), the first status that is not OK)."""
     count, n = mean.shape
-    points = np.empty((count, 2 * n + 1, n), mean.dtype)
+    points = np.empty((count, 2 * n + 1, n))
     if P.shape[0] != count:
         return points, SHAPE_ERROR
     for b in range(count):
@@ -56,10 +56,10 @@ def spread_batch(mean, P, gamma):
 def gather_batch(points, w_mean, w_cov, w, Q):
     """Return (mean (B, n), covariance (B, n, n), status); Q (B or 1, n, n)."""
     count, _, n = points.shape
-    mean, P = np.empty((count, n), points.dtype), np.empty((count, n, n), points.dtype)
+    mean, P = np.empty((count, n)), np.empty((count, n, n))
     if Q.shape[0] != 1 and Q.shape[0] != count:
         return mean, P, SHAPE_ERROR
-    scratch = np.empty(gather_scratch_shape(n), points.dtype)
+    scratch = np.empty(gather_scratch_shape(n))
     for b in range(count):
         status = gather_into(points[b], w_mean, w_cov, w, Q[b % Q.shape[0]], scratch, mean[b], P[b])
         if status == OK and (b == 0 or Q.shape[0] > 1) and not is_noise(Q[b % Q.shape[0]], scratch):

@@ -58,7 +58,7 @@ def linearise_into(images, y, R, angular, predicted, e, B, N, S):
     """
     k, m = images.shape
     n = k // 2
-    even, farthest = np.empty((n, m), images.dtype), images.dtype.type(0)
+    even, farthest = np.empty((n, m)), 0.0
     for a in range(m):  # relative to the centre's image, so that a mean of angles does not break at +-pi
         total = 0.0
         for j in range(n):
@@ -220,29 +220,28 @@ def update_into(mean, P, images, y, R, limit, angular, tuning, memory, out):
     sizes = (residual.shape[0], updates_outside.shape[0], switching.shape[0], slow_switching.shape[0])
     if not fits(n, images, y, R, sizes, limit):
         return SHAPE_ERROR, 0.0
-    dtype = mean.dtype
-    L_t, B, N = np.empty((n, n), dtype), np.empty((n, m), dtype), np.empty((m, m), dtype)
+    L_t, B, N = np.empty((n, n)), np.empty((n, m)), np.empty((m, m))
     if not root_into(P, L_t):
         return COVARIANCE_ERROR, 0.0
     status = linearise_into(images, y, R, angular, predicted, e, B, N, S)
     if status != OK:
         return status, 0.0
-    white, lower_t = np.empty((m, 1), dtype), np.empty((m, m), dtype)
+    white, lower_t = np.empty((m, 1)), np.empty((m, m))
     if not is_noise(R, lower_t):
         return R_INDEFINITE_ERROR, 0.0
     if not factor_into(S, lower_t):
         return INNOVATION_ERROR, 0.0
     white[:, 0] = e
     solve_into(lower_t, white)
-    s, ratio, switched = np.empty(m, dtype), np.empty(m, dtype), np.empty(m, np.bool_)
+    s, ratio, switched = np.empty(m), np.empty(m), np.empty(m, np.bool_)
     wider = S
     if kind == ADAPTIVE_LAYER_TYPE:
-        extra, extra_slow = np.empty(m, dtype), np.empty(m, dtype)
+        extra, extra_slow = np.empty(m), np.empty(m)
         found = find_bias_into(e, S, scale, fading, scale, switching, extra)
         if find_bias_into(e, S, scale, fading / SLOW_MEAN_FACTOR, SLOW_MEAN_SIGMAS, slow_switching, extra_slow):
             model_error_into(L_t, B, extra, extra_slow, model_error)
         if found:
-            wider = np.empty((m, m), dtype)  # S and NIS stay the prior's: e must not widen its own reference
+            wider = np.empty((m, m))  # S and NIS stay the prior's: e must not widen its own reference
             if not widen_into(L_t, B, N, extra, wider):
                 return COVARIANCE_ERROR, 0.0
     decide_into(tuning, memory, e, B, wider, R, limit, SwitchingSteps(layer, outside, s, ratio))
@@ -277,21 +276,20 @@ def update_batch(
     """
     count, n = mean.shape
     m = y.shape[1]
-    dtype = mean.dtype
     out = (
-        np.empty((count, n), dtype),
-        np.empty((count, n, n), dtype),
-        np.empty((count, m), dtype),
-        np.empty((count, m, m), dtype),
-        np.empty((count, m), dtype),
-        np.empty((count, m), dtype),
-        np.empty((count, m), dtype),
+        np.empty((count, n)),
+        np.empty((count, n, n)),
+        np.empty((count, m)),
+        np.empty((count, m, m)),
+        np.empty((count, m)),
+        np.empty((count, m)),
+        np.empty((count, m)),
         np.empty((count, m), np.bool_),
         np.empty((count, m), np.bool_),
-        np.zeros((count, n, n), dtype),
+        np.zeros((count, n, n)),
     )
     updates_outside, switching, slow_switching = updates_outside.copy(), switching.copy(), slow_switching.copy()
-    nis, status = np.empty(count, dtype), OK
+    nis, status = np.empty(count), OK
     tuning = Tuning(kind, gamma, scale, patience, weighted, fading)
     sizes = (residual.shape[0], updates_outside.shape[0], switching.shape[0], slow_switching.shape[0])
     for size in (P.shape[0], images.shape[0], y.shape[0], *sizes):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from onboard.compiled import machine
+from onboard.compiled import machine, sources
 from onboard.compiled.machine import PROCESSORS, REPAIR, MachineCodeError
 from onboard.estimators.leader.hypotheses import particles, prediction, summary, view
 from onboard.filters import association
@@ -248,6 +248,22 @@ def test_machine_code_of_other_sources_is_refused(copy: Path) -> None:
     assert done.returncode == 1
     assert "other sources" in done.stdout
     assert REPAIR in done.stdout
+
+
+def test_what_is_compiled_anew_depends_on_code_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sources, "ROOT", tmp_path)
+    texts = {
+        "plain": "def f(x):\n    return x\n",
+        "described": '"""A module."""\n\n# a comment\ndef f(x):\n    """A function."""\n    return x\n',
+        "changed": "def f(x):\n    return -x\n",
+    }
+    found = {}
+    for name, text in texts.items():
+        (tmp_path / "a.py").write_text(text, encoding="utf-8")
+        sources._code.cache_clear()
+        found[name] = sources.code_digest(["a.py"])
+    sources._code.cache_clear()
+    assert found["plain"] == found["described"] != found["changed"]
 
 
 def test_kernels_run_in_python_without_machine_code(copy: Path) -> None:

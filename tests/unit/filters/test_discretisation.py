@@ -109,7 +109,6 @@ def test_rk4_is_of_fourth_order() -> None:
 
     assert error(0.1) < 2e-7
     assert 28 < error(0.1) / error(0.05) < 36  # a local error of dt^5
-    assert rk4(turning, rows.astype(np.float32), 0.1).dtype == np.float32
 
 
 @pytest.mark.parametrize("dt", [-0.1, float("nan"), float("inf"), np.array([0.1, -0.1])])

@@ -102,16 +102,6 @@ def test_each_filter_takes_a_batch_of_which_each_member_misses_something_else_se
         np.testing.assert_allclose(alone.log_likelihood, logs, rtol=1e-8, atol=1e-8)
 
 
-@pytest.mark.single
-def test_the_compiled_loop_keeps_single_precision_seed_2() -> None:
-    model, start, ys = problem(2)
-    single = LinearModel(*(a.astype(np.float32) for a in model[:5]))
-    found = run("kalman", single, Belief(*(a.astype(np.float32) for a in start)), ys.astype(np.float32))
-    double = run("kalman", model, start, ys)
-    assert found.beliefs.covariance.dtype == np.float32
-    np.testing.assert_allclose(found.beliefs.mean, double.beliefs.mean, rtol=1e-4, atol=1e-4)
-
-
 def test_a_masked_array_and_none_are_missing_seed_3() -> None:
     model, start, ys = problem(3)
     start, ys = Belief(start.mean[0], start.covariance[0]), ys[:, 0]

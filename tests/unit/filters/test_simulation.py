@@ -44,14 +44,6 @@ def test_one_record_at_uneven_times_with_sensors_in_turn_seed_2() -> None:
     assert len(run("unscented", at, start, ys, ts).ts) == 4
 
 
-@pytest.mark.single
-def test_single_precision_stays_seed_3() -> None:
-    f4, rng = np.float32, np.random.default_rng(3)
-    start, model = Belief(np.zeros(1, f4), np.eye(1, dtype=f4)), LinearModel(ONE, ONE, ONE, ONE)
-    truth, ys = simulate(model, start, 3, rng)
-    assert truth.dtype == ys.dtype == f4
-
-
 def test_misuse_is_refused() -> None:
     rng = np.random.default_rng(3)
     start, model = Belief(np.zeros(1), np.eye(1)), LinearModel(ONE, ONE, ONE, ONE)

@@ -52,7 +52,6 @@ def test_the_reference_s_numbers_seeds_200_to_207(found: tuple[Findings, Path]) 
     ours = {c.name: c for c in found[0].checks}
     wide = {"validation: position RMSE, UKF", "validation: position RMSE, Joseph"}
     scattered = {
-        "float32: share that fails, textbook downdates",
         "α as printed: share diverged",
         "20 km: NEES of Joseph over UKF",
         "20 km: first position, UKF",
