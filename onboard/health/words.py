@@ -82,7 +82,6 @@ WORDS: Final[Mapping[str, Words]] = {  # by cause, and by a verdict of the same 
     ),
     Cause.ASTRAY: noticed("wait: it is taken up again with its next images"),
     Cause.NO_RANGE: noticed("wait for an image of its wing; else let the detector find `left` and `right`"),
-    Cause.GIMBAL_FRAME: of_state("set `gimbal_frame` of [camera] as the estimate's reason says"),
     **dict.fromkeys(
         (Cause.LEAPT, Cause.CLASS_OPEN, Cause.CLASS_CHANGED, Cause.RENAMED),
         of_state("let the detector follow one aircraft, and name it by one `target`, `id` and `class`"),
@@ -98,9 +97,6 @@ WORDS: Final[Mapping[str, Words]] = {  # by cause, and by a verdict of the same 
     Cause.CAMERAS_APART: of_state(
         "`mount_rpy_deg`, `f_px` or `delay_s` of one of these cameras is wrong, or one `target` is two "
         "aircraft: fly with one camera alone to see which"
-    ),
-    Cause.EXTENT_OPEN: of_state(
-        "look at the detector's boxes or points: let it bound the same extent of the aircraft in each image"
     ),
     Cause.FULL: Words(
         "as many targets are followed as `max_targets` allows",

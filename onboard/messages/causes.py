@@ -46,9 +46,7 @@ class Cause(StrEnum):
     LEAPT = "leapt", "another object may have taken the target's place in the images"
     ASTRAY = "astray", "it would be far from where it was last seen"
     UNEXPECTED = "unexpected", "images fit no hypothesis of how the leader flies"
-    GIMBAL_FRAME = "gimbal_frame", "images contradict what a gimbal's angles are taken for"
     CLASS_OPEN = "class_open", "the detector takes it now for one class, now for another"
-    EXTENT_OPEN = "extent_open", "the detector bounds now more of the target, now less"
     STALE = "stale", "the camera hangs: the same image comes again"
     FILTER_FAILED = "filter_failed", "the filter has lost its state or covariance"
     # Why a track has ended, or begun anew

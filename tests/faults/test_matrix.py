@@ -6,10 +6,9 @@ their own: reboots (`tests/unit/test_reboot.py`), floods (`tests/unit/estimators
 link that is late without TIMESYNC (`test_held_up.py`), clocks of another rate (`test_other_clocks.py`), who is
 followed (`test_latching.py`), what guidance does without a position, after a reset of the origin, on the ground
 and while the mode changes (`tests/unit/autopilot/test_guidance.py`), a camera that is late beside a sound one
-(`tests/unit/health/test_mounts.py`, as it takes 20 s), noisy detectors, gimbals and the signs of their angles,
-which need a gimbal configured, and mirrored places (`tests/unit/estimators/leader`: `test_noise.py`,
-`test_gimbal_frames.py`, `test_tracks.py`), hours of silence and ADS-B without a position (`own_state`, `traffic`
-there), sinks, the recorder and the wall clock (beside this file).
+(`tests/unit/health/test_mounts.py`, as it takes 20 s), noisy detectors and mirrored places
+(`tests/unit/estimators/leader`: `test_noise.py`, `test_tracks.py`), hours of silence and ADS-B without a position
+(`own_state`, `traffic` there), sinks, the recorder and the wall clock (beside this file).
 """
 
 import itertools
@@ -359,13 +358,7 @@ ROWS = (
         recovers=0.5,
     ),
     Row("wingtips swapped", each(lambda m: replace(m, left=m.right, right=m.left), TargetPoints, share=0.5)),
-    Row(
-        "the detector shows half of the wing in each fourth image",
-        each(half_a_wing, TargetPoints),
-        *(False, "leaps back and forth"),
-        recovers=2.0,
-        noticed=1.1,
-    ),
+    Row("the detector shows half of the wing in each fourth image", each(half_a_wing, TargetPoints)),
     *(Row(f"wrong blob {s:.0%}", each(blob, TargetPoints, share=s)) for s in SHARES),
     Row("two autopilots", another(1000.0, system=2), rejected="other_system"),
     Row("two autopilots of one id", another(0.31), rejected="odd_stamp"),

@@ -155,23 +155,14 @@ PRESSURE_BIAS_M: Final = 30.0  # m: of a height by a pressure whose reference at
 DELAY_TIME_S: Final = 600.0  # s: a link's delay lasts longer than an error of GNSS
 OWN_DRIFT_M_S: Final = 0.5  # m/s: of the autopilot's position, beside its velocity
 
-# Of images that leap, and of classes and extents that come by turns.
+# Of images that leap, and of classes that come by turns.
 MAX_IMAGE_INTERVAL_S: Final = 0.3  # Over longer gaps an aircraft may have moved anywhere.
 MIN_BEARING_STEP: Final = math.radians(2.0)  # A few pixels: less is noise.
 MAX_BEARING_RATE: Final = math.radians(60.0)  # 1/s; 10 m/s across the line of sight at 10 m.
 MAX_SUSTAINED_BEARING_RATE: Final = math.radians(10.0)  # 1/s, over seconds; 3.5 m/s across at 20 m.
 SIZE_JUMP_SIGMAS: Final = 4.0  # of both sizes' noise
 CLASS_AMBIGUITY_RATIO: Final = 0.75  # Another class as frequent as this leaves open which one is right.
-EXTENT_AMBIGUITY_RATIO: Final = 0.1  # Images of another size are outliers while they are fewer than this.
 MAX_SIGHT_ANGLE: Final = math.radians(30.0)  # from the last sight: a place farther off is mirrored through us.
-
-# Of what the angles of a gimbal mean.
-GIMBAL_INTERVAL_S: Final = 0.5  # between the images whose directions are compared
-STEADY_ACCELERATION: Final = 1.0  # m/s^2, one sigma, of a leader that is not known to accelerate
-GIMBAL_RATE_NOISE: Final = 0.005  # rad, of the change of a direction rate over the interval
-GIMBAL_MARGIN: Final = 0.5  # log-likelihood an image: meanings that fit about equally well decide nothing.
-MAX_GIMBAL_GAIN: Final = 4.0  # log-likelihood by one image
-GIMBAL_LOG_LIKELIHOOD: Final = 150.0  # two seconds of images at least
 
 # Of a track's life.
 REACQUISITION_INTERVAL_NS: Final = NS_PER_S  # After so long without images: is the leader where it was believed?

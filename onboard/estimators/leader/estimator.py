@@ -34,7 +34,6 @@ from onboard.estimators.leader.reports.broadcast import Broadcast
 from onboard.estimators.leader.reports.prior import prior_of, size_of
 from onboard.estimators.leader.reports.ranging import Ranging
 from onboard.estimators.leader.tracks.fusing import ImageRecord
-from onboard.estimators.leader.tracks.gimbal_frames import GimbalFrames, may_be_contradicted
 from onboard.estimators.leader.tracks.track import FULL, FUSED, NO_IMAGE, Track
 from onboard.geometry.camera import Camera
 from onboard.messages import (
@@ -55,7 +54,6 @@ NAME: Final = "leader"
 LISTENS: Final = (Exposure, messages.Wind, messages.WarmState)
 CONTRADICTED: Final = "broadcast_contradicted"  # how often the leader was not where its broadcast had led
 NO_ID: Final = ""
-GIMBAL: Final = "gimbal_contradicted"  # how often the images began to contradict a gimbal's flags
 CLASS: Final = "class_changed"  # how often the detector has taken a target for something else from some image on
 RENAMED: Final = "target_renamed"  # how often a track has gone on under another id
 PASSED_ON: Final = "leader_passed_on"  # how often another target has become the leader
@@ -82,9 +80,6 @@ class Estimator:
             *([Broadcast(config, self._assist)] if config.broadcast.is_used else []),
             *([Ranging(config, self._assist)] if config.range.is_used else []),
         )
-        self._frames: GimbalFrames | None = None
-        if may_be_contradicted(camera):
-            self._frames = GimbalFrames(camera)
         self._tracks = {NAME: self._track(NAME)}
         self._numbered = 0
         self._is_named = False  # images say which target is the leader
@@ -146,8 +141,6 @@ class Estimator:
                 said.append(track.tick(ownship))
             if track.filter is not filter_:
                 claim = track.claim(seen, view, ownship)
-        if track.target == NAME and self._frames is not None and claim.image is not None:
-            self._compare(self._frames, claim.image, track.range, ownship)
         said.append(estimate := self._counted(track.take(claim, ownship)))
         report, is_shown = estimate.measurement, estimate.valid or estimate.cause is Cause.NOISE
         if track.target == NAME and is_shown and report is not None and report.verdict in FUSED:
@@ -262,8 +255,6 @@ class Estimator:
         """Forget all tracks and all times."""
         for track in self._tracks.values():
             track.reset(why)
-        if self._frames is not None:
-            self._frames.clear()
         for source in self._sources:
             source.clear()
         self._next_refusal_ns = self._next_begin_ns = 0
@@ -291,14 +282,6 @@ class Estimator:
             self._tracks[NAME], self._tracks[name] = self._tracks[name], leader
             self._verdicts[PASSED_ON] += 1
             self._heir_since_ns = None
-
-    def _compare(self, frames: GimbalFrames, image: Image, range_: float, ownship: Ownship) -> None:
-        """Whether the images of the leader, so far away, contradict what a gimbal states of its angles."""
-        if math.isfinite(range_):
-            frames.observe(image, range_, ownship)
-        found, before = frames.contradiction, self._poses.contradiction
-        self._verdicts.update([GIMBAL] if found and not before else [])
-        self._poses.contradiction = found
 
     def _feel(self, wind: Wind | None, ownship: Ownship) -> None:
         """The wind that our autopilot reports, not more often than it changes."""

@@ -42,7 +42,7 @@ INSIDE = {
         ),
     ),
     "onboard.estimators.leader.tracks": (
-        *({"doubts", "life_cycle", "gimbal_frames"}, {"fusing"}, {"decisions", "report"}, {"track"}),
+        *({"doubts", "life_cycle"}, {"fusing"}, {"decisions", "report"}, {"track"}),
     ),
     "onboard.estimators.leader.image": (
         *({"camera_pose"}, {"pose", "shape"}, {"measurement"}, {"prepare"}, {"detector"}),

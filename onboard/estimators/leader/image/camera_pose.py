@@ -8,7 +8,6 @@ from onboard.arrays import Array
 from onboard.estimators.leader import assumptions as given
 from onboard.geometry.camera import Camera, in_view
 from onboard.messages import Exposure, MountAttitude
-from onboard.messages.causes import Reason
 from onboard.ownship import Ownship, Pose, head_attitude
 from onboard.units import S_PER_NS
 
@@ -41,14 +40,12 @@ class PosedExposure(NamedTuple):
 class CameraPoses:
     """Poses of the camera on our vehicle, from our own motion.
 
-    All targets in an image share one pose, so each is computed once. `contradiction`: why they are wrong, None if
-    they may be right."""
+    All targets in an image share one pose, so each is computed once."""
 
     def __init__(self, camera: Camera) -> None:
         self.camera = camera
         self._named = {each.name: (each, each.sigma) for each in (camera, *reversed(camera.others))}
         self._first = camera, camera.sigma
-        self.contradiction: Reason | None = None
         self._poses: dict[tuple[int, str, MountAttitude | None], CameraPose | None] = {}
         self._as_of: tuple[Ownship, int] | None = None
 

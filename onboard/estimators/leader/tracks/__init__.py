@@ -1,8 +1,7 @@
 """The `track` of one target, from its start to its end.
 
-life_cycle     what state it is in, and why; nothing else says lost
-doubts         what may contradict it
-fusing         what each measurement makes of its state
-report         what is published of it, and how often
-gimbal_frames  the leader by each reading of a gimbal's flags
+life_cycle  what state it is in, and why; nothing else says lost
+doubts      what may contradict it
+fusing      what each measurement makes of its state
+report      what is published of it, and how often
 """

@@ -11,10 +11,6 @@ images leap back, in direction and size, or until the old one would have been fo
 images of the last seconds is believed, and the size with it. While two classes come about equally often, nothing
 is.
 
-**Another extent** (`Seen`). A detector may bound now all of an aircraft, now a part: a helicopter with its
-disc or without. Images of one extent then fit the track and those of the other do not, in the same direction. No
-image shows which of the two the configured size is of, so while both come the range is not known.
-
 **Another way to fly**. Where the images fit none of the hypotheses (`hypotheses.update`), what all of them have in
 common is wrong, and their weights say nothing: `assumptions.MEAN_NIS_LIMIT`.
 
@@ -39,10 +35,6 @@ from onboard.units import NS_PER_S
 
 # an apparent size that changes by more than MAX_SPAN_RATIO leaps, too
 LEAPT: Final = Reason(Cause.LEAPT, "the images leapt: another object may have taken its place")
-EXTENT_OPEN: Final = Reason(
-    Cause.EXTENT_OPEN, "its size in the images leaps back and forth: the detector bounds now more, now less of it"
-)
-ELSEWHERE: Final = "the detector shows now this aircraft, now another: let it send all that are in an image"
 K = TypeVar("K")
 UNEXPECTED: Final = Reason(Cause.UNEXPECTED, "it moves as no hypothesis expects: the range is not known")
 ASTRAY: Final = Reason(
@@ -97,7 +89,7 @@ def leaps(before: Image, after: Image) -> bool:
     if not 0.0 < dt < given.MAX_IMAGE_INTERVAL_S:
         return False
     has_jumped = _angle(before, after) > given.MIN_BEARING_STEP + given.MAX_BEARING_RATE * dt
-    return has_jumped or leaps_in_size(before, after)
+    return has_jumped or (before.has_extent and after.has_extent and not _is_as_big(before, after))
 
 
 def cameras_apart(last: Image, image: Image) -> Reason | None:
@@ -108,12 +100,6 @@ def cameras_apart(last: Image, image: Image) -> Reason | None:
     degrees, ratio = math.degrees(_angle(last, image)), image.measurement.span / last.measurement.span
     words = f"cameras {' and '.join(sorted(names))} show it {degrees:.0f} degrees apart"
     return Reason(Cause.CAMERAS_APART, f"{words}, and one {max(ratio, 1.0 / ratio):.1f} times as large")
-
-
-def leaps_in_size(before: Image, after: Image) -> bool:
-    """Whether no aircraft changes its apparent size so much so shortly."""
-    both = before.has_extent and after.has_extent
-    return both and 0.0 < _between(before, after) < given.MAX_IMAGE_INTERVAL_S and not _is_as_big(before, after)
 
 
 def _is_there(before: Image, after: Image) -> bool:
@@ -149,32 +135,6 @@ class LineOfSight(NamedTuple):
         return bool(self.direction_n @ r > math.cos(given.MAX_SIGHT_ANGLE) * math.sqrt(r @ r))
 
 
-class Seen(NamedTuple):
-    """Counts of images as the track expects, of another size in the same direction, and elsewhere: over
-    the last seconds, up to a time."""
-
-    t_ns: int = 0
-    expected: float = 0.0
-    resized: float = 0.0
-    elsewhere: float = 0.0
-
-    @property
-    def is_open(self) -> bool:
-        """Whether the images of another size are too many for outliers."""
-        return self.resized > max(2.0, given.EXTENT_AMBIGUITY_RATIO * self.expected)
-
-    @property
-    def finding(self) -> str:
-        """Return what to report of images elsewhere, "" if they are as few as outliers."""
-        return ELSEWHERE if self.elsewhere > max(2.0, 2.0 * given.EXTENT_AMBIGUITY_RATIO * self.expected) else ""
-
-    def after(self, t_ns: int, memory_s: float) -> "Seen":
-        """At a later time, before its image counts."""
-        decay = math.exp(-max(t_ns - self.t_ns, 0) / NS_PER_S / memory_s)
-        counts = decay * self.expected, decay * self.resized, decay * self.elsewhere
-        return Seen(max(t_ns, self.t_ns), *counts)
-
-
 class Checks:
     """Consistency checks of one track, by its images and by what was published."""
 
@@ -187,7 +147,6 @@ class Checks:
         self._before: Image | None = None  # the newest image of what was followed before
         self.leapt_until_ns = self._sight_ns = 0  # until then what is followed may be another object
         self.sight: LineOfSight | None = None  # the newest
-        self.seen = Seen()
 
     def begin(self, image: Image) -> None:
         """A track begins with an image."""
@@ -200,9 +159,6 @@ class Checks:
         """A track took an image."""
         self._gated = None
         t_ns = image.message.t_ns
-        if image.has_extent:
-            seen = self._seen_before(image)
-            self.seen = seen._replace(expected=seen.expected + 1.0)
         if self._last is None or t_ns > self._last.message.t_ns:
             self._last = image
         self.begin(image)
@@ -210,26 +166,13 @@ class Checks:
     def gated(self, image: Image) -> None:
         """A track did not take an image."""
         self._gated = self._gated or image
-        last = self._last
-        if last is None or not 0.0 < _between(last, image) < given.MAX_IMAGE_INTERVAL_S:
-            return
-        seen, is_there = self._seen_before(image), _is_there(last, image)
-        resized = seen.resized + (is_there and leaps_in_size(last, image))
-        self.seen = seen._replace(resized=resized, elsewhere=seen.elsewhere + (not is_there))
-
-    def _seen_before(self, image: Image) -> Seen:
-        if self._last is not None and image.noise_scale > self._last.noise_scale:
-            return Seen(image.message.t_ns)  # those before were judged by too little noise
-        return self.seen.after(image.message.t_ns, self._memory_s)
 
     def ended(self, image: Image) -> bool:
         """The track has ended, as no image fits it, this one neither.
 
-        Whether the images had leapt: the next track is then in question, unless they have leapt back. If it was
-        for their size, another one is believed."""
-        last, first, seen = self._last, self._gated or image, self.seen
+        Whether the images had leapt: the next track is then in question, unless they have leapt back."""
+        last, first = self._last, self._gated or image
         self._last = self._gated = None
-        self.seen = seen._replace(expected=seen.resized, resized=seen.expected) if seen.is_open else Seen()
         if last is None or not leaps(last, first):
             return False
         back = self._before  # what an earlier image showed, some seconds ago: as large, and about where it was
@@ -248,7 +191,7 @@ class Checks:
     def clear(self) -> None:
         """Forget all images and all times."""
         self._last = self._gated = self._before = None
-        self.leapt_until_ns, self.seen = 0, Seen()
+        self.leapt_until_ns = 0
 
     def judge(
         self,
@@ -256,7 +199,6 @@ class Checks:
         belief: Belief,
         noise: NoiseScale,
         is_carried: bool,
-        contradiction: Reason | None,
         is_misfit: bool,
     ) -> tuple[Reason | None, str]:
         """Return what contradicts a belief, None if nothing does, and a finding to report, "" if none."""
@@ -264,10 +206,8 @@ class Checks:
         doubt = (
             (LEAPT if t_ns < self.leapt_until_ns else None)
             or self.classes.doubt
-            or (EXTENT_OPEN if self.seen.is_open else None)
             or (ASTRAY if is_astray else None)
-            or contradiction
             or (noise.contradiction if noise.beyond else None)
             or (UNEXPECTED if is_misfit else None)
         )
-        return doubt, "; ".join(filter(None, (noise.finding, self.seen.finding)))
+        return doubt, noise.finding

@@ -404,7 +404,7 @@ class Track:
         if belief is not None:
             noise, r_FL_n = track.noise, belief.mean[POSITION]
             coasting, is_carried = life.standing(t_ns)
-            known = is_carried, self._poses.contradiction, left.is_misfit
+            known = is_carried, left.is_misfit
             doubt, finding = self._checks.judge(t_ns, belief, noise, *known)
             in_view = not coasting or self._poses.see(r_FL_n, t_ns, ownship)
             facts = Facts(doubt, in_view, finding, left.reason)

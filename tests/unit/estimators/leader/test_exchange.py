@@ -1,6 +1,5 @@
 """When an object that took the target's place is in question, and when no more."""
 
-from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
@@ -20,7 +19,6 @@ class BriefConfig(Config, frozen=True, kw_only=True):
 
 
 CONFIG = BriefConfig()
-SLOW = Config()  # which counts images over half of its time
 
 
 def image(t: float, degrees: float = 0.0, span: float = 0.1) -> Image:
@@ -83,46 +81,3 @@ def test_another_aircraft_of_the_same_size_elsewhere_is_not_the_first_one_again(
         exchange.fused(image(1.5, degrees=20.0))
         exchange.ended(image(1.55, degrees=back_deg))
         assert asked_at(exchange, 1.6) == is_asked
-
-
-def open_after(spans: Sequence[float], degrees: float = 0.0, believed: float = 0.1) -> list[bool]:
-    """Whether it is open what is bounded, after each image, 40 ms apart; a track takes those of one size."""
-    extents, found = Checks(SLOW), []
-    for k, span in enumerate(spans):
-        if span == believed:
-            extents.fused(image(0.04 * k, span=span))
-        else:
-            extents.gated(image(0.04 * k, degrees=degrees, span=span))
-        found.append(extents.seen.is_open)
-    return found
-
-
-def test_sizes_that_come_by_turns_leave_open_what_is_bounded_and_a_few_outliers_do_not() -> None:
-    assert all(open_after([0.1, 0.2] * 50)[5:])
-    assert all(open_after(([0.1] * 4 + [0.04]) * 20)[15:])
-    assert not any(open_after(([0.1] * 24 + [0.2]) * 5))
-    assert not any(open_after([0.1, 0.11] * 50))  # as noise is
-    assert not any(open_after([0.1, 0.2] * 50, degrees=20.0))  # of another aircraft
-    assert not open_after([0.1, 0.2] * 20 + [0.1] * 400)[-1]
-
-
-def test_one_box_an_image_now_of_this_now_of_that_aircraft_is_named() -> None:
-    for every, is_named in ((2, True), (10, False)):
-        extents = Checks(SLOW)
-        for k in range(100):
-            (extents.fused if k % every else extents.gated)(image(0.04 * k, degrees=0.0 if k % every else 8.0))
-        assert bool(extents.seen.finding) == is_named
-        assert not extents.seen.is_open
-
-
-def test_a_size_that_is_believed_anew_is_open_while_the_other_one_comes_back() -> None:
-    extents = Checks(SLOW)
-    for k in range(30):
-        (extents.fused if k < 15 else extents.gated)(image(0.01 * k, span=0.1 if k < 15 else 0.2))
-    extents.ended(image(0.31, span=0.2))
-    assert extents.seen.is_open
-    extents.clear()
-    extents.fused(image(1.0))
-    extents.gated(image(1.04, degrees=20.0))
-    extents.ended(image(1.08, degrees=20.0))
-    assert not extents.seen.is_open  # it was another direction
