@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from onboard.estimators.leader.assumptions import AMBIGUOUS_COST, ID_COST
+from onboard.estimators.leader.assumptions import AMBIGUOUS_COST
 
 Costs = Mapping[tuple[int, int], float]  # of each pair of a track and a detection that may be of it
 
@@ -42,16 +42,6 @@ def associate(costs: Costs) -> Association:
             undecided |= {detection} if other is None else {detection, other}
     decided = {detection: track for detection, track in track_of.items() if detection not in undecided}
     return Association(decided, {detection: track_of[detection] for detection in undecided})
-
-
-def exchanged(costs: Costs) -> dict[int, int]:
-    """Detections whose ids name the tracks of the same numbers, and which are of another one.
-
-    The track of each. `costs` has all pairs that the ids name, whatever these cost, and of the others those that
-    fit."""
-    named = {(track, i): cost - ID_COST if track == i else cost for (track, i), cost in costs.items()}
-    found = _assigned(named, max(named.values()) + 1.0)
-    return {i: track for i, track in found.items() if track != i}
 
 
 def _assigned(costs: Costs, missed: float) -> dict[int, int]:

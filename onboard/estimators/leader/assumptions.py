@@ -230,7 +230,6 @@ WIND_PERIOD_NS: Final = 900_000_000  # between reports that are used
 
 # Of targets and their ids.
 AMBIGUOUS_COST: Final = 2.0 * math.log(10.0)  # An assignment that is ten times as likely is decided.
-ID_COST: Final = 2.0 * math.log(100.0)  # Without ids, another assignment must be so much likelier; of two 10^4.
 MAX_OFFSET_RATIO: Final = 3.0  # An image is compared with tracks so many times as far from it as the nearest, ...
 OFFSET_MARGIN: Final = 0.04  # rad, ... plus this angle.
 MAX_TARGET_OFFSET: Final = 0.2  # rad: an image farther from every track is of another aircraft.

@@ -4,9 +4,8 @@ Every target has a track of its own (`track`), with a filter (`hypotheses.belief
 as one exposure: the tracks are predicted to it and compared with its detections, these are associated with them
 (`association`), and each track fuses its own.
 
-A detection with an id is of the track of that id, unless it and another one fit each other's tracks and not their
-own: then the detector has exchanged the ids. One without an id is of the track that explains it best, with all
-others. If it fits none, it is either an outlier or of another aircraft: an outlier, if a track near it has no
+A detection with an id is of the track of that id. One without an id is of the track that explains it best, with
+all others. If it fits none, it is either an outlier or of another aircraft: an outlier, if a track near it has no
 other detection in the exposure. Otherwise outliers would begin a second track of the same aircraft, which then
 takes half of its images. So would a detector that draws two boxes about one aircraft: detections that lie half
 upon each other count as one.
@@ -23,7 +22,7 @@ from typing import Any, Final
 
 from onboard import messages
 from onboard.estimators.leader import assumptions as given
-from onboard.estimators.leader.association import associate, exchanged
+from onboard.estimators.leader.association import associate
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter, make_filter
@@ -48,16 +47,13 @@ from onboard.messages import (
 )
 from onboard.messages.causes import Cause, Reason
 from onboard.ownship import Ownship
-from onboard.units import NS_PER_S
 
 NAME: Final = "leader"
 LISTENS: Final = (Exposure, messages.Wind, messages.WarmState)
 CONTRADICTED: Final = "broadcast_contradicted"  # how often the leader was not where its broadcast had led
 NO_ID: Final = ""
 CLASS: Final = "class_changed"  # how often the detector has taken a target for something else from some image on
-RENAMED: Final = "target_renamed"  # how often a track has gone on under another id
 PASSED_ON: Final = "leader_passed_on"  # how often another target has become the leader
-EXCHANGED: Final = "ids_exchanged"  # how many detections have had another's id from some image on
 MISFIT: Final = "misfit_"  # before the names of points that fit no heading, in the health
 UNNAMED: Final = "unnamed/"  # before the numbers of targets without an id
 
@@ -83,10 +79,8 @@ class Estimator:
         self._tracks = {NAME: self._track(NAME)}
         self._numbered = 0
         self._is_named = False  # images say which target is the leader
-        self._heir_since_ns: int | None = None  # since when another could be the leader, who is not valid
         self._next_refusal_ns = self._next_begin_ns = 0
         self._seen_ns: dict[str, int] = {}  # the newest image of each camera that shows the leader
-        self._ids: dict[str, str] = {}  # that a detector has exchanged: the track of each
         self._wind, self._wind_ns = UNKNOWN, 0
 
     @property
@@ -109,23 +103,16 @@ class Estimator:
             return []
         view, answers = self._poses.view(message, ownship), dict[int, list[Estimate]]()
         found: dict[int, Track] = {}  # the tracks of the exposure's detections
-        claims: dict[int, ImageRecord] = {}
         for i, seen in enumerate(message.detections):
             if seen.target == NO_ID:
                 continue
             self._is_named |= seen.target == NAME
-            target, answers[i] = self._ids.get(seen.target, seen.target), []
-            track = self._tracks.get(target) or self._named(target, ownship)
+            track = self._named(seen.target, ownship)
             if track is None:
                 answers[i] = self._refuse(seen, ownship)
                 continue
-            if seen.target != NAME and (before := self._renamed(seen, track, view, ownship)) is not None:
-                track, answers[i] = before, [self._rename(before, seen.target, ownship)]
-            found[i], claims[i] = track, track.claim(seen, view, ownship)
-        if len(claims) > 1:
-            self._exchange(claims, found, ownship)
-        for i, claim in claims.items():
-            answers[i] += self._take(claim, view, found[i], ownship)
+            found[i] = track
+            answers[i] = self._take(track.claim(seen, view, ownship), view, track, ownship)
         if len(answers) < len(message.detections):
             answers |= self._unnamed(view, found, ownship)
         return [estimate for i in sorted(answers) for estimate in answers[i]]
@@ -155,31 +142,6 @@ class Estimator:
             self._verdicts[estimate.measurement.verdict] += 1
             self._verdicts.update(f"{MISFIT}{name}" for name in estimate.measurement.misfits)
         return estimate
-
-    def _exchange(self, claims: dict[int, ImageRecord], found: dict[int, Track], ownship: Ownship) -> None:
-        """Let detections that fit each other's tracks exchange their ids.
-
-        Where detections hardly fit the tracks of their ids, which were `found` for them, but fit each other's, the
-        ids have been exchanged: from now on they are those of the other tracks."""
-        firsts = {found[i].target: i for i in reversed(claims)}.values()  # of two detections with one id
-        known = {i: claims[i] for i in sorted(firsts) if claims[i].compared is not None}
-        images = {i: claim.image for i, claim in known.items() if claim.image is not None}
-        doubtful = [i for i, claim in known.items() if claim.nis > given.ID_COST]
-        if not doubtful or len(known) < 2:
-            return
-        near = {
-            j for i in doubtful for j, image in images.items() if offset(found[i], image) < given.OFFSET_MARGIN
-        }
-        pairs = {(i, i): known[i] for i in near.union(doubtful)}
-        for i, _ in list(pairs):
-            predicted = found[i].predict(known[i].message.t_ns, ownship)
-            others = {(i, j): found[i].compare(images[j], predicted, ownship) for _, j in pairs if j != i}
-            pairs |= {pair: candidate for pair, candidate in others.items() if candidate.fits}
-        tracks = exchanged({pair: candidate.cost for pair, candidate in pairs.items()})
-        self._verdicts[EXCHANGED] += len(tracks)
-        self._ids |= {known[j].message.target: found[i].target for j, i in tracks.items()}
-        claims |= {j: pairs[i, j] for j, i in tracks.items()}
-        found |= {j: found[i] for j, i in tracks.items()}
 
     def _unnamed(
         self, view: PosedExposure, found: dict[int, Track], ownship: Ownship
@@ -237,8 +199,6 @@ class Estimator:
         if self._wind.is_known and ownship.now_ns - self._wind_ns > given.WIND_TIMEOUT_NS:
             self._set_wind(UNKNOWN, ownship)
         self._pass_name_on(ownship.now_ns)
-        if not self._tracks[NAME].is_followed:
-            self._ids.clear()  # which one is the leader, its detector says
         estimates = []
         for target, track in list(self._tracks.items()):
             if target == NAME or track.is_followed:
@@ -258,30 +218,22 @@ class Estimator:
         for source in self._sources:
             source.clear()
         self._next_refusal_ns = self._next_begin_ns = 0
-        self._heir_since_ns = None
-        self._ids.clear()
         self._wind = UNKNOWN
 
     def _pass_name_on(self, now_ns: int) -> None:
         """Without ids, what was seen first is the leader, and may be a tree.
 
-        Once it is gone, or has not been valid for `reset_timeout_s` while another target is tracked, the first of
-        these is the leader. Where images or a broadcast say who the leader is, no other takes its name."""
+        Once it is gone, the first other target that is tracked is the leader. Where images or a broadcast say who
+        the leader is, no other takes its name."""
         leader = self._tracks[NAME]
-        is_known = self._is_named or self._sources or leader.state.is_valid
-        heirs = [] if is_known else [t for t in self._tracks.values() if may_lead(t)]
-        if not heirs:
-            self._heir_since_ns = None
+        if self._is_named or self._sources or not leader.is_idle(now_ns):
             return
-        if self._heir_since_ns is None:
-            self._heir_since_ns = now_ns
-        waited_s = (now_ns - self._heir_since_ns) / NS_PER_S
-        if leader.is_idle(now_ns) or waited_s > self._config.reset_timeout_s:
-            name = heirs[0].target
-            swap_names(leader, heirs[0])
-            self._tracks[NAME], self._tracks[name] = self._tracks[name], leader
-            self._verdicts[PASSED_ON] += 1
-            self._heir_since_ns = None
+        heir = next((track for track in self._tracks.values() if may_lead(track)), None)
+        if heir is None:
+            return
+        self._tracks[NAME], self._tracks[heir.target] = heir, leader
+        swap_names(leader, heir)
+        self._verdicts[PASSED_ON] += 1
 
     def _feel(self, wind: Wind | None, ownship: Ownship) -> None:
         """The wind that our autopilot reports, not more often than it changes."""
@@ -357,30 +309,6 @@ class Estimator:
         self._tracks[target].feel(self._wind, ownship)
         return self._tracks[target]
 
-    def _renamed(self, message: TargetImage, track: Track, view: PosedExposure, ownship: Ownship) -> Track | None:
-        """The track that goes on under the id of an image, whose own track is not followed yet."""
-        if not awaits_name(track, message.t_ns):
-            return None
-        image = track.prepare(message, view, ownship)
-        if isinstance(image, Verdict):
-            return None
-        near = {
-            offset: each
-            for offset, each in self._offsets(image, self._tracks.values())
-            if each.target != NAME and not each.target.startswith(UNNAMED) and offset < given.OFFSET_MARGIN
-        }
-        return continued(track, image, near, ownship)
-
-    def _rename(self, track: Track, target: str, ownship: Ownship) -> Estimate:
-        """Let a track go on under another id; the last estimate of its old one."""
-        before = self._track(track.target)
-        before.sequence, before.life.resets = track.sequence, track.life.resets + 1
-        before.life.why = Reason(Cause.RENAMED, f"the detector calls it {target} now")
-        del self._tracks[track.target]
-        self._tracks[target], track.target = track, target
-        self._verdicts[RENAMED] += 1
-        return before.tick(ownship)
-
     def _candidates(
         self, images: Mapping[int, Image], tracks: Sequence[Track], ownship: Ownship
     ) -> dict[tuple[int, int], ImageRecord]:
@@ -449,23 +377,6 @@ def swap_names(one: Track, other: Track) -> None:
     one.target, other.target = other.target, one.target
     one.sequence, other.sequence = other.sequence, one.sequence
     one.life.resets, other.life.resets = other.life.resets + 1, one.life.resets + 1
-
-
-def awaits_name(track: Track, t_ns: int) -> bool:
-    """Whether an image of that time is the second one at least of a target that is not followed yet."""
-    return not track.is_followed and bool(track.held) and track.held[0].message.t_ns < t_ns
-
-
-def continued(by: Track, image: Image, near: Mapping[float, Track], ownship: Ownship) -> Track | None:
-    """The track that goes on under the id of `by`, of those `near` the image, by their distance: its own id has
-    not come since the first image of `by`, and the image fits its prediction."""
-    since_ns = by.held[0].message.t_ns
-    gone = {
-        offset: t for offset, t in near.items() if t is not by and (t.repeats.newest_ns or since_ns) < since_ns
-    }
-    nearest = gone[min(gone)] if gone else None
-    claim = nearest.claim(image.message, image.view, ownship) if nearest is not None else None
-    return nearest if claim is not None and claim.fits else None
 
 
 def overlap(one: TargetImage, other: TargetImage) -> bool:
