@@ -14,7 +14,7 @@ import numpy as np
 from tests.support.programs import ROOT
 
 FOLDER: Final = ROOT / "tests" / "golden"
-MAX_SHOWN_LINES: Final = 60
+MAX_SHOWN_LINES, MAX_SHOWN_LENGTH = 60, 200
 
 
 def assert_golden(name: str, lines: Iterable[str]) -> None:
@@ -24,7 +24,7 @@ def assert_golden(name: str, lines: Iterable[str]) -> None:
         path.write_text(text, encoding="utf-8")
     kept = path.read_text(encoding="utf-8").splitlines()
     different = list(unified_diff(kept, text.splitlines(), f"kept {name}", "now", n=0, lineterm=""))
-    assert not different, "\n".join(different[:MAX_SHOWN_LINES])
+    assert not different, "\n".join(line[:MAX_SHOWN_LENGTH] for line in different[:MAX_SHOWN_LINES])
 
 
 def numbers(values: Any) -> str:

@@ -80,6 +80,12 @@ def _state(t: float) -> Lifecycle:
     return Lifecycle.COASTING if GAP_S[0] - 1.0 <= t < GAP_S[0] else Lifecycle.TRACKING
 
 
+def _points(t: float) -> tuple[tuple[float, float], ...]:
+    """Where a camera that looks north, level, sees the middle and both ends of a wing that lies east."""
+    north, east, down, *_ = true_motion(t)
+    return tuple(((east + side) / north, down / north) for side in (0.0, -1.0, 1.0))
+
+
 def leader(k: int, name: str = "leader", offset: float = 0.02) -> Estimate:
     """The estimate after the k-th tenth of a second: `offset` too far of the distance, more and more."""
     t = k / 10
@@ -95,6 +101,7 @@ def leader(k: int, name: str = "leader", offset: float = 0.02) -> Estimate:
         verdict=verdict,
         components=("azimuth", "elevation", "subtended"),
         nis=3.0 + 2.0 * math.sin(k) if t >= 2.0 else None,
+        points=_points(t),
     )
     return Estimate(
         name=name,

@@ -114,7 +114,7 @@ def test_foxglove_s_own_schemas() -> None:
             schema.name: factory.decoder_for(channel.message_encoding, schema) for schema, channel, _ in messages
         }
         read = [
-            (channel.topic, message.log_time, decode(message.data) if decode else message.data.decode())
+            (channel.topic, message.log_time, decode(message.data) if decode else "JSON")
             for schema, channel, message in messages
             for decode in [decoders[schema.name]]
         ]

@@ -59,14 +59,6 @@ def test_constants_are_found_within_their_sigmas_seeds_1_to_10() -> None:
     assert np.sqrt(np.mean(np.square(scores), axis=0)).max() < 2.0
 
 
-def test_what_is_offered_is_what_was_found_and_what_is_not_shown_is_said_seed_1() -> None:
-    found = fit_airframe(flight(1), KNOWN)
-    text = "\n".join(described_airframe(found, KNOWN, (1000.0, 2000.0)))
-    assert 'airframe = "custom"' in text
-    assert f"thrust_max_n = {found.thrust.value:.4g}" in text
-    assert "not shown by a flight: Izz" in text
-
-
 def pasted(lines: str) -> dict[str, Any]:
     """The section that is offered."""
     section = tomllib.loads(lines[lines.index("[estimator.own_state]") :])

@@ -6,11 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from onboard import UserError
-from onboard.analysis.flights.compare import filters, variants
 from onboard.analysis.flights.replay import FLOWN, replay
 from onboard.commands.cli import main
-from onboard.estimators import config_type
 from onboard.messages import Estimate, Output
 from onboard.pipeline import Pipeline
 from onboard.sinks.recorder import Recorder
@@ -61,27 +58,3 @@ def test_the_table_has_a_column_for_each(
     assert set(json.loads(numbers.read_text("utf-8"))["beside"]) == {"flown", "paper", "few", "large"}
     with rows.open(encoding="utf-8") as file:
         assert {row["estimator"] for row in csv.DictReader(file)} == columns
-
-
-def test_a_filter_is_of_the_estimator_that_has_it() -> None:
-    sets = ("estimator.leader={}", "estimator.own_state={}")
-    found = variants(["belief", "cubature", "paper"], None, sets)
-    assert found["belief"].estimator["leader"].filter == "belief"
-    assert found["cubature"].estimator["own_state"].filter == "cubature"
-    assert set(found["paper"].estimator) == {"oh_johnson", "own_state"}
-    assert "srukf" in filters(config_type("traffic")())
-
-
-def test_keys_are_named_or_name_themselves() -> None:
-    found = variants(["near:camera.f_px=500;camera.cx_px=300", "camera.f_px=600"], None, ())
-    assert (found["near"].camera.f_px, found["near"].camera.cx_px) == (500.0, 300.0)
-    assert found["camera.f_px-600"].camera.f_px == 600.0
-
-
-@pytest.mark.parametrize(
-    ("word", "reason"),
-    [("nonsense", "there are: flown .*belief of leader"), ("leader:camera.f_px=1", "the name leader is taken")],
-)
-def test_a_word_that_is_none_is_explained(word: str, reason: str) -> None:
-    with pytest.raises(UserError, match=reason):
-        variants([word], None, ())

@@ -2,6 +2,7 @@
 nothing."""
 
 import configparser
+import difflib
 import itertools
 import shlex
 import shutil
@@ -10,11 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from onboard import UserError
+from onboard import UserError, __version__
 from onboard.commands import cli, init
 from onboard.commands.share import TOGETHER, shared_text
 from onboard.config import load_config
 from onboard.links import parse_link
+from tests.support.golden import assert_golden
 from tests.support.programs import ROOT
 from tests.support.tables import each
 
@@ -269,3 +271,40 @@ def test_a_calibration_in_a_home_is_copied_to_where_the_service_reads_it(
     steps = init.next_steps(setup, folder, tuple(files))
     assert any("/camera.yaml /etc/onboard/camera.yaml" in step for step in steps)
     assert not any("install wingline" in step for step in steps)
+
+
+def changed(name: str, text: str) -> list[str]:
+    """The lines in which a text differs from a shared file."""
+    kept = shared_text(f"configs/{name}").splitlines()
+    found = difflib.unified_diff(kept, text.splitlines(), name, "now", n=0, lineterm="")
+    return [line for line in found if line[:1] in "+-"]
+
+
+SETUPS = (
+    {"link": "serial:/dev/ttymxc2:57600", "purpose": "follow", "camera": "front.yaml"},
+    {"vehicle": 'a"b', "aircraft": "fixed-wing", "tilt": "-90", "span": "0.05"},
+    {
+        "autopilot": "ardupilot",
+        "link": "serial:/dev/ttyUSB0:1500000",
+        "purpose": "follow",
+        "camera": "640x480:60deg",
+    },
+    {"autopilot": "ardupilot", "link": "udpin:0.0.0.0:14550", "camera": "640x480:90", "span": "100", "tilt": "90"},
+)
+
+
+@pytest.mark.parametrize("program", ["/usr/bin/onboard", "/tmp/v/bin/onboard"])  # noqa: S108 - hidden by the unit
+def test_all_that_is_written(program: str, monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
+    monkeypatch.setattr("sys.argv", [program])
+    monkeypatch.setattr(init, "HOMES", (str(folder),))
+    lines = []
+    for setup in (init.setup_of(answers(**given)) for given in SETUPS):
+        files = init.files_of(setup)
+        lines += [f"SETUP {sorted(files)}", files[init.WRITTEN_CONFIG], *changed(init.UNIT, files[init.UNIT])]
+        ending = Path(init.PARAMETER_FILES[setup.autopilot]).suffix
+        for kind, part in (("serial", setup._replace(follows=False)), ("follow", setup._replace(link=""))):
+            text, full = init.autopilot_parameters(part), f"{setup.autopilot}-{kind}{ending}"
+            lines += changed(full, text) if text else [f"no {full}"]
+        lines += init.next_steps(setup, Path("my folder"), tuple(files))
+    text = "\n".join(lines).replace(str(folder), "HERE").replace(__version__, "VERSION")
+    assert_golden(f"init-{Path(program).parts[1]}.txt", [text])
