@@ -11,7 +11,6 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from pathlib import Path
-from statistics import median_low
 from typing import Any, Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -35,16 +34,13 @@ from onboard.messages import (
 from onboard.messages.base import Vec3
 from onboard.messages.mavlink_enums import ARDUPILOT
 from onboard.messages.text import MAX_LINE_LENGTH, plain
+from onboard.wire.logs.gps_time import DAY_US, GPS_EPOCH_US, boot_time_ns, corrected
 from onboard.wire.logs.tlog import NotALogError
 from onboard.wire.mavlink.records import barometer
 
 MAGIC: Final = b"\xa3\x95"
-GPS_EPOCH_S: Final = 315_964_800  # 6 January 1980, Unix time
 # By how much GPS time is ahead of UTC, s, since a day of GPS time: 2017, 2015, and before.
 LEAP_S: Final = ((13510, 18), (12960, 17), (0, 16))
-MIN_GPS_WEEK_NUMBER: Final = 1669  # of 2012, before any such log; receivers wrap after 1,024 weeks
-ROLLOVER: Final = "GPS: its time is 1,024 weeks early, a rollover of the receiver's weeks; it is corrected"
-MAX_FIX_COUNT: Final = 1000  # whose median is the offset of Unix time
 MAX_TIME_US: Final = 2**53  # 285 years after boot
 UNREADABLE: Final = Exception  # pymavlink raises that itself, besides all that Python does of damaged bytes
 INSTANCES: Final = ("I", "C", "Inst", "Instance")  # the field that numbers a row's sensor or core
@@ -89,7 +85,7 @@ def read_dataflash(path: Path, lose: Lose = lambda _: None) -> Iterator[tuple[Me
                 raise NotALogError("this DataFlash log holds no attitude (ATT)")
             for _ in _rows(log, ("PARM", "MSG"), lambda _: None):
                 pass  # which fills in the log's parameters and the vehicle's type
-            offset_ns = _unix_offset_ns(log, lose)
+            offset_ns = boot_time_ns(_fix_times(log), lose)
         yield from _messages(log, offset_ns, lose)
     except UNREADABLE as error:
         if isinstance(error, NotALogError):
@@ -302,25 +298,15 @@ def _rows(log: Any, kinds: tuple[str, ...], lose: Lose) -> Iterator[Any]:
         yield row
 
 
-def _unix_offset_ns(log: Any, lose: Lose) -> int:
-    """Unix time minus boot time, ns, as the median over 3-D fixes; 0 without one.
-
-    A receiver's first fixes may have another week.
-    """
-    offsets, early = list[int](), 0
+def _fix_times(log: Any) -> Iterator[tuple[int, int]]:
+    """Unix time and time since boot of each 3-D fix, us."""
     for row in _rows(log, ("GPS", "GPS2"), lambda _: None):
         week = _field(row, "GWk", "Week") if int(row.Status) >= dialect.GPS_FIX_TYPE_3D_FIX else 0
         if week > 0:
-            is_early = week < MIN_GPS_WEEK_NUMBER
-            week, early = week + 1024 * is_early, early + is_early
-            gps_ms = week * 604_800 * 1000 + _field(row, "GMS", "TimeMS")
-            leap_s = next(seconds for since, seconds in LEAP_S if gps_ms >= since * 86_400 * 1000)
-            offsets.append((gps_ms + (GPS_EPOCH_S - leap_s) * 1000) * 1_000_000 - _time_us(row) * 1000)
-            if len(offsets) >= MAX_FIX_COUNT:
-                break
-    if 2 * early > len(offsets):
-        lose(ROLLOVER)
-    return median_low(offsets) if offsets else 0
+            gps_us = GPS_EPOCH_US + week * 7 * DAY_US + 1000 * _field(row, "GMS", "TimeMS")
+            day = (corrected(gps_us) - GPS_EPOCH_US) // DAY_US
+            leap_s = next(seconds for since, seconds in LEAP_S if day >= since)
+            yield gps_us - leap_s * 1_000_000, _time_us(row)
 
 
 def _time_us(row: Any) -> int:

@@ -10,7 +10,6 @@ import struct
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
-from statistics import median_low
 from typing import Any, BinaryIO, Final, NamedTuple
 
 import numpy as np
@@ -32,6 +31,7 @@ from onboard.messages import (
 )
 from onboard.messages.mavlink_enums import PX4
 from onboard.messages.text import MAX_LINE_LENGTH, plain
+from onboard.wire.logs.gps_time import boot_time_ns
 from onboard.wire.logs.tlog import NotALogError
 
 MAGIC: Final = b"ULog\x01\x12\x35"
@@ -76,7 +76,6 @@ UNREADABLE: Final = (
 )
 UTC: Final = "time_utc_usec"  # of a fix
 BOOT_UTC: Final = "boot_time_utc_us"  # of the log's head
-MIN_UTC_TIME_US: Final = 946_684_800_000_000  # the year 2000: an earlier clock was never set
 Lose = Callable[[str], None]
 
 
@@ -114,7 +113,8 @@ def read_ulog(path: Path, lose: Lose = lambda _: None) -> Iterator[Message]:
     _choose_outputs(log.data_list, topics)
     topics = {name: _in_order(columns, partial(_name, lose, name)) for name, columns in topics.items()}
     _add_rates(topics)
-    source = LogSource(_parameter(log, "MAV_SYS_ID", 1), _unix_offset_ns(log, topics.get("vehicle_gps_position")))
+    offset_ns = _unix_offset_ns(log, topics.get("vehicle_gps_position"), lose)
+    source = LogSource(_parameter(log, "MAV_SYS_ID", 1), offset_ns)
     kind, start_ns = int(_parameter(log, "MAV_TYPE", 2)), int(log.start_timestamp) * 1000
     streams = []
     for name, convert in (CONVERT | {STATUS: Converter(partial(_status, kind), _always(*STATES))}).items():
@@ -260,15 +260,14 @@ def _header(t_ns: int, source: LogSource) -> dict[str, Any]:
     return {"t_ns": t_ns, "t_recv_ns": t_ns + source.offset_ns, "clock": Clock.BOOT, "system": source.system}
 
 
-def _unix_offset_ns(log: Any, fixes: Any) -> int:
+def _unix_offset_ns(log: Any, fixes: Any, lose: Lose) -> int:
     """Unix time minus boot time, ns, by the fixes' median, else by the log's header, else 0."""
     if fixes is not None and UTC in fixes:
-        pairs = zip(fixes[UTC].tolist(), fixes["timestamp"].tolist(), strict=True)
-        offsets = [int(utc) - int(boot) for utc, boot in pairs if utc > MIN_UTC_TIME_US]
-        if offsets:
-            return 1000 * median_low(offsets)
+        times = zip(map(int, fixes[UTC].tolist()), map(int, fixes["timestamp"].tolist()), strict=True)
+        if offset_ns := boot_time_ns(times, lose):
+            return offset_ns
     boot_us = log.msg_info_dict.get(BOOT_UTC, 0)
-    return 1000 * boot_us if isinstance(boot_us, int) and MIN_UTC_TIME_US < boot_us < MAX_TIME_US else 0
+    return boot_time_ns([(boot_us, 0)], lose) if isinstance(boot_us, int) and boot_us < MAX_TIME_US else 0
 
 
 def _vector(columns: Any, i: int, *names: str) -> Any:

@@ -24,7 +24,7 @@ from onboard.messages import (
     ParamValue,
     StatusText,
 )
-from onboard.wire.logs.dataflash import GPS_EPOCH_S, read_dataflash
+from onboard.wire.logs.dataflash import read_dataflash
 from onboard.wire.logs.tlog import NotALogError
 from tests.support.dataflash import BOOT_TIME_S, WEEK, WEEK_MS, DataFlash, dataflash
 from tests.support.streams import CIRCLE
@@ -124,6 +124,7 @@ SAID = {
     "MODE": ("QMBB", "TimeUS,Mode,ModeNum,Rsn"),
     "ARM": ("QBIBB", "TimeUS,ArmState,ArmChecks,Forced,Method"),
 }
+GPS_EPOCH_S = 315_964_800  # 6 January 1980, Unix time
 FIX = {"Status": 3, "GWk": WEEK, "GMS": WEEK_MS, "Lat": 47.0}
 
 
@@ -183,9 +184,10 @@ def test_one_fix_of_another_week_decides_nothing(tmp_path: Path) -> None:
     assert {m.t_recv_ns - m.t_ns for m in found} == {BOOT_TIME_S * 10**9}
 
 
-def test_weeks_that_have_rolled_over_are_named_and_corrected(tmp_path: Path) -> None:
+@pytest.mark.parametrize("rollovers", [1, 2])
+def test_weeks_that_have_rolled_over_are_named_and_corrected(rollovers: int, tmp_path: Path) -> None:
     """The log was of 2007, and all images were later than its end."""
-    fixes = [("GPS", t, FIX | {"GWk": WEEK - 1024, "GMS": WEEK_MS + 1000 * t}) for t in range(1, 6)]
+    fixes = [("GPS", t, FIX | {"GWk": WEEK - 1024 * rollovers, "GMS": WEEK_MS + 1000 * t}) for t in range(1, 6)]
     lost: list[str] = []
     read = read_dataflash(written(tmp_path / "log.bin", fixes), lost.append)
     found = [m for m, _ in read if isinstance(m, GpsFix)]

@@ -89,11 +89,21 @@ def test_a_stamp_that_cannot_be_costs_its_row_alone(tmp_path: Path, k: int, t: f
 @pytest.mark.parametrize("first_utc_us", [0, 1_735_084_800_000_000], ids=["no fix yet", "a week before"])
 def test_arrivals_are_unix_times_of_most_fixes(first_utc_us: int, tmp_path: Path) -> None:
     """Images with Unix times were later than the log's end."""
-    rows = [row | {"time_utc_usec": 1_735_689_600_000_000 + row["timestamp"]} for row in rows_at(*STAMPS[:9])]
-    rows[0]["time_utc_usec"] = first_utc_us
-    path = ulog(tmp_path / "a.ulg", rows, fields=GPS | {"time_utc_usec": "uint64_t"})
-    messages, _ = read(path)
-    assert {m.t_recv_ns - m.t_ns for m in messages} == {1_735_689_600 * 10**9}
+    assert boot_time(tmp_path / "a.ulg", 1_735_689_600, first_utc_us) == ({1_735_689_600 * 10**9}, [])
+
+
+def test_weeks_that_have_rolled_over_are_named_and_corrected(tmp_path: Path) -> None:
+    lost = ["GPS: its time is 1,024 weeks early, a rollover of the receiver's weeks; it is corrected"]
+    assert boot_time(tmp_path / "a.ulg", 1_735_689_600 - 1024 * 604_800) == ({1_735_689_600 * 10**9}, lost)
+
+
+def boot_time(path: Path, utc_s: int, first_utc_us: int | None = None) -> tuple[set[int], list[str]]:
+    """Unix times at boot, ns, of the messages of a log whose fixes say `utc_s`, and what was lost."""
+    rows = [row | {"time_utc_usec": utc_s * 10**6 + row["timestamp"]} for row in rows_at(*STAMPS[:9])]
+    if first_utc_us is not None:
+        rows[0]["time_utc_usec"] = first_utc_us
+    messages, lost = read(ulog(path, rows, fields=GPS | {"time_utc_usec": "uint64_t"}))
+    return {m.t_recv_ns - m.t_ns for m in messages}, lost
 
 
 def test_rows_out_of_order_are_put_in_order_and_gaps_are_kept(tmp_path: Path) -> None:
