@@ -15,6 +15,8 @@ MAX_TIMER_LAG_S: Final = 0.15  # by which the daemon's timer may be late
 STALLED_LAG_S: Final = 1.0  # by which it is late when the program did not run at all, or hardly
 MIN_STORAGE_BYTES: Final = 200_000_000
 MIN_MEMORY_BYTES: Final = 100_000_000
+# of a silent autopilot, which has advice of its own
+WITHOUT_AUTOPILOT: Final = (Cause.BEFORE_HEARTBEAT, Cause.NO_TIME_BASE)
 BY_STAMP: Final = (Cause.TOO_OLD, Cause.TOO_NEW, Cause.NO_POSE, Cause.DUPLICATE)
 WITHOUT_MOTION: Final = ("filter_has_no_position", "filter_has_no_velocity")  # by the autopilot's own filter
 # Causes that refuse single images of a sound camera: the leader is at the edge or too far away to show its wing,
@@ -47,8 +49,8 @@ def refused(m: Moment) -> Iterator[Advice]:
 
 def _follows(m: Moment, cause: Cause) -> bool:
     """Whether a refusal follows from what has advice of its own: no autopilot, no motion, another clock."""
-    if not m.now.followed:
-        return cause is Cause.BEFORE_HEARTBEAT
+    if cause in WITHOUT_AUTOPILOT or not m.now.followed:
+        return cause in WITHOUT_AUTOPILOT
     if cause in BY_STAMP and any(stamp_reading(m, *camera) is not None for camera in m.now.cameras.items()):
         return True
     is_over = not m.verdicts(f"leader.{Cause.NO_POSE}")

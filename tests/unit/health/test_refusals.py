@@ -85,8 +85,10 @@ def test_what_is_refused_is_named_within_a_second(datagram: Datagram, expected: 
 def test_before_any_autopilot_is_heard_an_image_is_counted_and_its_reason_is_the_autopilot_s() -> None:
     flight = Flight()
     assert not flight.second(points())
-    (refusal,) = flight.daemon._pipeline.health(flight.t_ns).refusals
-    assert refusal.reason.startswith("no autopilot has sent a heartbeat yet")
+    assert not flight.second(*encode([Item(EPOCH, heartbeat(5 * S))]), points())
+    heard, stamped = flight.daemon._pipeline.health(flight.t_ns).refusals
+    assert heard.reason.startswith("no autopilot has sent a heartbeat yet")
+    assert stamped.reason.startswith("the autopilot has sent no time stamp yet")
 
 
 def test_a_detector_that_is_always_wrong_is_named_every_ten_seconds_with_a_count() -> None:
