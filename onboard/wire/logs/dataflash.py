@@ -34,7 +34,7 @@ from onboard.messages import (
 from onboard.messages.base import Vec3
 from onboard.messages.mavlink_enums import ARDUPILOT
 from onboard.messages.text import MAX_LINE_LENGTH, plain
-from onboard.wire.logs.gps_time import DAY_US, GPS_EPOCH_US, boot_time_ns, corrected
+from onboard.wire.logs.gps_time import DAY_LENGTH_US, GPS_EPOCH_US, boot_time_ns, corrected
 from onboard.wire.logs.tlog import NotALogError
 from onboard.wire.mavlink.records import barometer
 
@@ -303,8 +303,8 @@ def _fix_times(log: Any) -> Iterator[tuple[int, int]]:
     for row in _rows(log, ("GPS", "GPS2"), lambda _: None):
         week = _field(row, "GWk", "Week") if int(row.Status) >= dialect.GPS_FIX_TYPE_3D_FIX else 0
         if week > 0:
-            gps_us = GPS_EPOCH_US + week * 7 * DAY_US + 1000 * _field(row, "GMS", "TimeMS")
-            day = (corrected(gps_us) - GPS_EPOCH_US) // DAY_US
+            gps_us = GPS_EPOCH_US + week * 7 * DAY_LENGTH_US + 1000 * _field(row, "GMS", "TimeMS")
+            day = (corrected(gps_us) - GPS_EPOCH_US) // DAY_LENGTH_US
             leap_s = next(seconds for since, seconds in LEAP_S if day >= since)
             yield gps_us - leap_s * 1_000_000, _time_us(row)
 

@@ -8,8 +8,8 @@ from itertools import islice
 from statistics import median_low
 from typing import Final
 
-DAY_US: Final = 86_400_000_000
-ROLLOVER_US: Final = 1024 * 7 * DAY_US
+DAY_LENGTH_US: Final = 86_400_000_000
+ROLLOVER_US: Final = 1024 * 7 * DAY_LENGTH_US
 GPS_EPOCH_US: Final = 315_964_800_000_000  # 6 January 1980, Unix time; an earlier clock was never set
 MIN_FLIGHT_TIME_US: Final = 1_325_376_000_000_000  # 1 January 2012, before any log that is read
 MAX_FIX_COUNT: Final = 1000
