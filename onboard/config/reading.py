@@ -20,7 +20,7 @@ from onboard import UserError
 from onboard.config.bounds import not_tunable, out_of_range
 from onboard.config.cameras import CameraConfig
 from onboard.config.recorded import read_recorded
-from onboard.config.sections import DERIVED_KEYS, AutopilotConfig, Config, LeaderOutConfig, LinkConfig, OwnErrors
+from onboard.config.sections import DERIVED_KEYS, AutopilotConfig, Config, LeaderOutConfig, LinkConfig
 from onboard.estimators import config_type, known
 from onboard.messages import Record, TargetClass
 from onboard.wire.documents.document import NAME
@@ -178,7 +178,8 @@ def parse_config(table: dict[str, Any]) -> Config:
     sections = {}
     for name, section in named_estimators(table).items():
         kind = config_type(name)
-        errors = config.leader_errors() if name == CAMERA_ESTIMATOR else config.ownship.errors
+        own = msgspec.to_builtins(config.ownship.errors)
+        errors = config.leader_errors() if name == CAMERA_ESTIMATOR else own
         sections[name] = _convert(_with_derived(section, config, errors, kind, name), kind, f"estimator.{name}")
     _check_broadcast(config, sections.get(CAMERA_ESTIMATOR))
     whole = msgspec.structs.replace(config, estimator=sections)
@@ -218,12 +219,12 @@ def _check_lenses(table: dict[str, Any]) -> None:
             raise ConfigError(f"{at}.{without[0]}: the file of {at}.calibration also has it; remove one of them")
 
 
-def _with_derived(section: Any, config: Config, errors: OwnErrors, kind: type[Record], name: str) -> Any:
+def _with_derived(section: Any, config: Config, errors: dict[str, float], kind: type[Record], name: str) -> Any:
     """Return an estimator's section with its keys from `[target]` and `[ownship.errors]`.
 
     Raises ConfigError for a section that sets such a key to another value; recordings hold the same one.
     """
-    values = {f"own_{key}": value for key, value in msgspec.to_builtins(errors).items()}
+    values: dict[str, Any] = {f"own_{key}": value for key, value in errors.items()}
     values["target"] = msgspec.to_builtins(config.target)
     derived = {field.name: values[field.name] for field in _fields(kind) if field.name in DERIVED_KEYS}
     for key in derived if isinstance(section, dict) else ():

@@ -8,12 +8,9 @@ import msgspec
 from onboard.config.cameras import CameraConfig, camera_inputs, camera_model, mount_errors, name_cameras
 from onboard.geometry.camera import Camera
 from onboard.messages import (
-    Attitude,
-    Barometer,
     Exposure,
     GlobalPosition,
     GpsFix,
-    Imu,
     LocalPosition,
     Message,
     NotNegative,
@@ -77,12 +74,15 @@ class AutopilotConfig(Record, frozen=True, kw_only=True):
 class DelayConfig(Record, frozen=True, kw_only=True):
     """`[delay]`: age of each source beyond its stamp, s; None is the autopilot's known delay."""
 
-    attitude_s: float | None = None
-    imu_s: float | None = None
-    local_position_s: float | None = None
-    global_position_s: float | None = None
+    local_position_s: float | None = None  # of GLOBAL_POSITION_INT too
     gps_s: float | None = None
     camera_s: float | None = None
+
+    # Withdrawn as keys. No autopilot is known that stamps its attitude or its IMU late. Both positions are of one
+    # estimate.
+    attitude_s: ClassVar[None] = None
+    imu_s: ClassVar[None] = None
+    global_position_s: ClassVar[None] = None
 
 
 class OwnErrors(Record, frozen=True, kw_only=True):
@@ -93,14 +93,18 @@ class OwnErrors(Record, frozen=True, kw_only=True):
 
     tilt_sigma_deg: NotNegative = 0.3  # of roll and pitch
     yaw_sigma_deg: NotNegative = 1.0
-    attitude_time_s: Positive = 60.0  # correlation time of these
     velocity_sigma_m_s: NotNegative = 0.1  # on each axis
     position_sigma_m: NotNegative = 1.0  # on each axis
-    position_time_s: ClassVar[float] = 60.0  # withdrawn as a key; recordings hold it
+
+    # Withdrawn as keys: biases of gyroscopes, magnetometers and receivers change over minutes.
+    attitude_time_s: ClassVar[float] = 60.0  # correlation time of tilt and yaw
+    position_time_s: ClassVar[float] = 60.0  # without effect; older recordings hold it
 
 
 # Keys that an estimator's section receives from `[target]` and `[ownship.errors]`, and that no file sets there.
-DERIVED_KEYS: Final = frozenset({"target", *(f"own_{name}" for name in OwnErrors.__struct_fields__)})
+DERIVED_KEYS: Final = frozenset(
+    {"target", "own_attitude_time_s", *(f"own_{name}" for name in OwnErrors.__struct_fields__)}
+)
 
 
 class OwnshipConfig(Record, frozen=True, kw_only=True):
@@ -184,8 +188,9 @@ class LeaderOutConfig(Record, frozen=True, kw_only=True):
     link: str  # its name
     rates_hz: dict[LeaderMessage, OutRate] = msgspec.field(default_factory=lambda: {"FOLLOW_TARGET": 20.0})
     system: Annotated[int, msgspec.Meta(ge=1, le=254)] = 200  # of the leader in FOLLOW_TARGET: FOLL_SYSID
-    component: Annotated[int, msgspec.Meta(ge=1, le=255)] = 191  # of the leader
     camera_component: Annotated[int, msgspec.Meta(ge=1, le=255)] = 100  # sends CAMERA_TRACKING_*; a free one
+    # Withdrawn as a key: the leader's system has no other component.
+    component: ClassVar[int] = 191  # of the leader
 
 
 class GuidanceConfig(Record, frozen=True, kw_only=True):
@@ -273,8 +278,8 @@ class Config(Record, frozen=True, kw_only=True):
         """Return the delay of each camera that has one of its own, by name."""
         return {c.name: round(c.delay_s * 1e9) for c in self._cameras() if c.delay_s is not None}
 
-    def leader_errors(self) -> OwnErrors:
-        """Return the systematic errors of the cameras' attitude: own attitude and mounts.
+    def leader_errors(self) -> dict[str, float]:
+        """Return `[ownship.errors]` with the errors of the cameras' mounts, by key.
 
         The sum of two such errors has the sum of their variances and of their rates of change.
         """
@@ -283,7 +288,8 @@ class Config(Record, frozen=True, kw_only=True):
         yaw = math.hypot(own.yaw_sigma_deg, mount.yaw_sigma_deg)
         anew = own.yaw_sigma_deg**2 / own.attitude_time_s + mount.yaw_sigma_deg**2 / mount.time_s
         time = yaw**2 / anew if anew > 0.0 else own.attitude_time_s
-        return msgspec.structs.replace(own, tilt_sigma_deg=tilt, yaw_sigma_deg=yaw, attitude_time_s=time)
+        changed = {"tilt_sigma_deg": tilt, "yaw_sigma_deg": yaw, "attitude_time_s": time}
+        return msgspec.to_builtins(own) | changed  # type: ignore[no-any-return]
 
     def ros_keys(self) -> list[str]:
         """Return the keys of the cameras' topics in ROS, of rmw_zenoh and zenoh-bridge-ros2dds."""
@@ -307,11 +313,8 @@ def source_delays_ns(delay: DelayConfig, autopilot: int) -> dict[type[Message], 
         return round(value * 1e9)
 
     return {
-        Attitude: ns(delay.attitude_s, 0.0),
-        Imu: ns(delay.imu_s, 0.0),
-        Barometer: ns(delay.imu_s, 0.0),
         LocalPosition: ns(delay.local_position_s, 0.0225),
-        GlobalPosition: ns(delay.global_position_s, 0.0225),
+        GlobalPosition: ns(delay.local_position_s, 0.0225),
         GpsFix: ns(delay.gps_s, 0.095),
         Exposure: ns(delay.camera_s, 0.0),
     }

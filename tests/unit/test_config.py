@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from onboard.config import AutopilotConfig, Config, ConfigError, load_config, parse_config, source_delays_ns
-from onboard.messages import Attitude, Exposure, GpsFix, LocalPosition
+from onboard.messages import Exposure, GpsFix, LocalPosition
 
 
 def load(tmp_path: Path, text: str, *overrides: str) -> Config:
@@ -82,7 +82,7 @@ def test_an_unknown_key_is_named_with_those_known(tmp_path: Path, text: str, pat
         ("estimator = 5", "estimator"),
         ("[estimator]\nleader = 5", "estimator.leader"),
         ("[estimator.leader]\nsize_prior_m = true", "estimator.leader.size_prior_m"),
-        ('[estimator.leader]\nfilter = "loud"', "estimator.leader.filter"),
+        ('[estimator.traffic]\nfilter = "loud"', "estimator.traffic.filter"),
         ("[estimator.leader]\nmax_targets = 1.5", "estimator.leader.max_targets"),
         ("[zenoh]\nvehicle = 7", "zenoh.vehicle"),
         ('[zenoh]\nmode = "broker"', "zenoh.mode"),
@@ -189,7 +189,7 @@ def test_what_is_no_toml_is_said(tmp_path: Path, data: bytes) -> None:
 def test_delays_are_those_of_the_autopilot_unless_configured() -> None:
     delay = load_config(None).delay
     ardupilot, px4 = source_delays_ns(delay, 3), source_delays_ns(delay, 12)
-    assert (ardupilot[LocalPosition], ardupilot[GpsFix], ardupilot[Attitude]) == (22_500_000, 95_000_000, 0)
+    assert (ardupilot[LocalPosition], ardupilot[GpsFix]) == (22_500_000, 95_000_000)
     assert set(px4.values()) == {0}
     mine = load_config(None, ("delay.local_position_s=0.0", "delay.camera_s=0.04")).delay
     assert source_delays_ns(mine, 3)[LocalPosition] == 0

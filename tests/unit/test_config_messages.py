@@ -22,7 +22,7 @@ MISTAKES = {
     "camera.crop_px=[0, 0, 1, 1]": "crop_px needs `calibration`; set it or remove crop_px",
     "cameras.rear={f_px = -1}": "cameras.rear.f_px is -1: expected `float` > 0.0",
     "leader_out=[{system = 0}]": "leader_out[0].system is 0: expected `int` >= 1",
-    "estimator.leader.filter=paper": "estimator.leader.filter is 'paper': expected 'belief'",
+    "ownship.source=gps": "ownship.source is 'gps': expected one of 'autopilot', 'own_state', 'auto'",
     "autopilot.rates_hz.ATITUDE=1": "autopilot.rates_hz.ATITUDE: no MAVLink message has this name",
     "camera": "--set 'camera': must be KEY=VALUE, such as camera.f_px=554.3",
 }

@@ -33,10 +33,7 @@ FIX: dict[str, Any] = {"fix_type": 3, "satellites": 9, "lat_deg": 47.0, "lon_deg
 SPEED: dict[str, Any] = {"ground_speed": 1.0, "course_rad": 0.0, "h_acc": 1.0, "v_acc": 1.0}
 POINTS: dict[str, Any] = {"camera": "c", "center": (0.0, 0.0), "left": (-0.1, 0.0), "right": (0.1, 0.0)}
 SOURCES: dict[str, Message] = {
-    "attitude_s": Attitude(**AT, q_nb=(1.0, 0.0, 0.0, 0.0), omega_b=ZERO),
-    "imu_s": Imu(**AT, f_b=(0.0, 0.0, -own.GRAVITY), omega_b=ZERO),
     "local_position_s": LocalPosition(**AT, r_OF_n=ZERO, v_F_n=ZERO),
-    "global_position_s": GlobalPosition(**AT, **PLACE, v_F_n=ZERO),
     "gps_s": GpsFix(**AT, **FIX, **SPEED),
     "camera_s": Exposure.of(TargetPoints(**AT, **POINTS)),
 }
@@ -63,7 +60,7 @@ def shown(message: Message, delay: dict[str, float], autopilot: int = PX4) -> tu
     """What an estimator is shown of a message, when the pipeline knows these delays."""
     pipeline, listener = Pipeline(parse_config({"delay": delay})), Listener()
     pipeline.estimators = {"listener": listener}
-    for kind in (*map(type, SOURCES.values()), Barometer):
+    for kind in (*map(type, SOURCES.values()), Attitude, Barometer, GlobalPosition, Imu):
         pipeline._listeners[kind] = ["listener"]
     beat = Heartbeat(
         t_ns=0, t_recv_ns=0, clock=Clock.NONE, vehicle_type=2, autopilot=autopilot, armed=True, status=4
@@ -84,21 +81,27 @@ def test_what_is_shown_is_older_than_its_stamp_by_the_delay_of_its_source(source
     assert heard.t_ns == 5000 * MS
 
 
-def test_a_barometer_is_as_late_as_the_imu_that_it_comes_with() -> None:
-    heard, _ = shown(Barometer(**AT, pressure_altitude=500.0), {"imu_s": 0.25})
-    assert heard.t_ns == (5000 - 250) * MS
+@pytest.mark.parametrize(
+    ("message", "delay"),
+    [
+        (Attitude(**AT, q_nb=(1.0, 0.0, 0.0, 0.0), omega_b=ZERO), 0),
+        (Imu(**AT, f_b=(0.0, 0.0, -own.GRAVITY), omega_b=ZERO), 0),
+        (Barometer(**AT, pressure_altitude=500.0), 0),
+        (GlobalPosition(**AT, **PLACE, v_F_n=ZERO), 250),
+    ],
+    ids=["attitude", "imu", "barometer", "global position"],
+)
+def test_only_the_other_position_is_as_late_as_the_local_one(message: Message, delay: int) -> None:
+    heard, _ = shown(message, dict.fromkeys(SOURCES, 0.25))
+    assert heard.t_ns == (5000 - delay) * MS
 
 
 def test_the_present_is_the_stamp_and_not_what_was_true_a_delay_before() -> None:
-    for source in ("attitude_s", "local_position_s"):
-        _, pipeline = shown(SOURCES[source], {source: 0.25})
-        assert pipeline.ownship.now_ns == 5000 * MS
+    _, pipeline = shown(SOURCES["local_position_s"], {"local_position_s": 0.25})
+    assert pipeline.ownship.now_ns == 5000 * MS
 
 
-@pytest.mark.parametrize(
-    ("source", "known_ms"),
-    [("local_position_s", 22.5), ("global_position_s", 22.5), ("gps_s", 95.0), ("attitude_s", 0.0)],
-)
+@pytest.mark.parametrize(("source", "known_ms"), [("local_position_s", 22.5), ("gps_s", 95.0)])
 def test_what_is_known_of_ardupilot_holds_for_it_alone_and_until_it_is_configured(
     source: str, known_ms: float
 ) -> None:

@@ -4,9 +4,9 @@ import re
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, get_args, get_type_hints
+from typing import Final, get_args
 
-from msgspec.structs import replace
+from msgspec.structs import fields, replace
 from rich.table import Table
 
 from onboard import UserError
@@ -78,16 +78,16 @@ def _named(word: str, base: Config) -> tuple[str, tuple[str, ...]]:
     sections = base.estimator.items()
     keys = tuple(f"estimator.{estimator}.filter={word}" for estimator, one in sections if word in filters(one))
     if not keys:
-        known = ", ".join(f"{name} of {estimator}" for estimator, one in sections for name in filters(one))
+        known = [f"{name} of {estimator}" for estimator, one in sections for name in filters(one)]
         raise UserError(
-            f"--compare {word}: no estimator of this configuration has such a filter; there are: {FLOWN} (of a "
-            f"recording), {PAPER}, {known}; or KEY=VALUE, as with --set"
+            f"--compare {word}: no estimator of this configuration has such a filter; there are: "
+            f"{', '.join((f'{FLOWN} (of a recording)', PAPER, *known))}; or KEY=VALUE, as with --set"
         )
     return word, keys
 
 
 def filters(section: Record) -> tuple[str, ...]:
     """The filters that an estimator with such a section can fly with."""
-    hints: dict[str, Any] = get_type_hints(type(section))
+    types = {field.name: field.type for field in fields(section)}
     listed: tuple[str, ...] = getattr(sys.modules[type(section).__module__], "FILTERS", ())
-    return get_args(hints.get("filter")) or listed
+    return get_args(types.get("filter")) or listed

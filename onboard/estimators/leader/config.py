@@ -1,7 +1,7 @@
 """`[estimator.leader]`: the keys of its section, with their units."""
 
 import re
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar
 
 import msgspec
 
@@ -22,11 +22,12 @@ class BroadcastConfig(Record, frozen=True, kw_only=True):
     position_sigma_m: Positive = 2.0  # error on each axis that is new in each report
     bias_m: NotNegative = 2.0  # error of the position on each axis that lasts; of an `icao`'s height 30 m
     latency_s: Annotated[float, msgspec.Meta(ge=0, le=1)] = 0.2  # age of a report when it arrives
-    latency_sigma_s: NotNegative = 0.1  # by which that is wrong, for long and anew in each report
     geoid_undulation_m: float = 0.0  # of an `icao`: mean sea level = GNSS height - this
     trusted: bool = False  # nobody else can send in its name (a signed link): it carries beyond validity_timeout_s
-    # Withdrawn as keys: receivers' data sheets give 0.1 to 0.3 m/s, and the errors of the position change with the
-    # satellites in view; no aircraft of interest is faster; GNSS is good for ten seconds of a steady flight.
+    # Withdrawn as keys: radios queue for a tenth of a second; receivers' data sheets give 0.1 to 0.3 m/s, and the
+    # errors of the position change with the satellites in view; no aircraft of interest is faster; GNSS is good
+    # for ten seconds of a steady flight.
+    latency_sigma_s: ClassVar[float] = 0.1  # by which `latency_s` is wrong, for long and anew in each report
     velocity_sigma_m_s: ClassVar[float] = 0.3  # on each axis, new in each report
     bias_time_s: ClassVar[float] = 60.0  # correlation time of `bias_m`
     max_speed_m_s: ClassVar[float] = 350.0  # faster reports are implausible
@@ -59,8 +60,9 @@ class RangeConfig(Record, frozen=True, kw_only=True):
     sensor: Annotated[int, msgspec.Meta(ge=-1, le=255)] = -1  # id of the DISTANCE_SENSOR; -1: none
     detections: bool = False  # a detection of the leader brings its range (`range_m`)
     sigma_m: Positive = 0.2  # of ranges that bring no sigma, and of all at least
-    bias_m: NotNegative = 0.3  # error that lasts: the sensor's, and what of the leader it hits
     latency_s: Annotated[float, msgspec.Meta(ge=0, le=1)] = 0.0  # age of a DISTANCE_SENSOR when it arrives
+    # Withdrawn as a key: a beam hits any part of an airframe of a metre.
+    bias_m: ClassVar[float] = 0.3  # error that lasts: the sensor's, and what of the leader it hits
 
     @property
     def is_used(self) -> bool:
@@ -80,11 +82,9 @@ class Config(TargetClass, frozen=True, kw_only=True):
 
     Raises ValueError for timeouts out of order."""
 
-    filter: Literal["belief"] = "belief"  # the one there is
     size_prior_m: Positive = 2.0  # the leader's wingspan
     target: dict[str, TargetClass] = msgspec.field(default_factory=dict)  # classes: written as [target.CLASS]
     center_on_wing: bool = False  # the center is the wing's middle, to 1 % of the wing: measure the middle too
-    pose_scale_sigma: NotNegative = 0.02  # of the range: bias of poses: a marker's size, the focal length
     particles: Annotated[int, msgspec.Meta(ge=100, le=100_000)] = PARTICLES  # hypotheses at most
     own_tilt_sigma_deg: NotNegative = 0.3  # steady error of our own roll and pitch, mount included
     own_yaw_sigma_deg: NotNegative = 1.0  # the same of our yaw; 0 for both: our attitude is exact
@@ -101,7 +101,8 @@ class Config(TargetClass, frozen=True, kw_only=True):
     # Withdrawn as keys. Two wrong images agree by chance, three do not. No detector takes 0.5 s for an image.
     # Cameras send at least 10 images a second, so that 0.25 s without one is a gap. After 10 s a leader may be
     # anywhere. A range drifts by a leader's own speed within some seconds without the wing. A camera that hangs
-    # is one within a few images. A detector cuts off what is within a pixel of the edge.
+    # is one within a few images. A detector cuts off what is within a pixel of the edge. A marker's side and the
+    # focal length are known to a percent.
     initialise_images: ClassVar[int] = 3  # that must agree to start
     rewind_horizon_s: ClassVar[float] = 0.5  # images older than this are rejected
     coast_after_s: ClassVar[float] = 0.25  # without an image: coasting
@@ -112,6 +113,8 @@ class Config(TargetClass, frozen=True, kw_only=True):
     edge_px: ClassVar[float] = 1.0  # points this near to the image's edge are rejected
     own_position_time_s: ClassVar[float] = 60.0  # without effect; older recordings hold it
     process_noise: ClassVar[dict[str, float]] = {}  # likewise
+    filter: ClassVar[str] = "belief"  # likewise
+    pose_scale_sigma: ClassVar[float] = 0.02  # bias of the range of poses, as a share of it
 
     def __post_init__(self) -> None:
         check_order(self, "reset_timeout_s")

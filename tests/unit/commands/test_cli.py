@@ -101,7 +101,7 @@ MISTAKES: list[tuple[tuple[str, ...], tuple[str, ...]]] = [
     (("run", "--set", "=3"), ("KEY=VALUE",)),
     (("run", "--set", "no_such_key=3"), ("no_such_key", "camera", "zenoh")),
     (("run", "--set", "estimator.leadr.filter=paper"), ("estimator.leadr", "leader")),
-    (("run", "--set", "estimator.leader.filter=loud"), ("estimator.leader.filter", "loud")),
+    (("run", "--set", "estimator.traffic.filter=loud"), ("estimator.traffic.filter", "loud")),
     (("run", "--set", "zenoh.vehicle=a/b"), ("a/b",)),
     (("run", "--set", "link=[{name='a', url='udp:1'}]"), ("'udp:1'", "udpin:HOST:PORT")),
     (("run", "--set", "link=[{name='a', url='udpin:127.0.0.1:x'}]"), ("'x'", "port")),

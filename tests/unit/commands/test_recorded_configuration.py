@@ -72,8 +72,11 @@ def test_one_of_another_version_is_named(tmp_path: Path) -> None:
 
 def test_withdrawn_keys_of_an_older_recording_are_accepted_with_their_values(tmp_path: Path) -> None:
     log = tmp_path / "flight.mcap"
-    leader = {"process_noise": {}, "own_position_time_s": 60.0, "broadcast": {"altitude_sigma_m": None}}
-    table = {"estimator": {"leader": leader}, "ownship": {"errors": {"position_time_s": 60.0}}}
+    leader = {"process_noise": {}, "filter": "belief", "own_position_time_s": 60.0, "own_attitude_time_s": 60.0}
+    leader |= {"broadcast": {"altitude_sigma_m": None, "latency_sigma_s": 0.1}, "range": {"bias_m": 0.3}}
+    errors = {"attitude_time_s": 60.0, "position_time_s": 60.0}
+    delay = {"attitude_s": None, "imu_s": None, "global_position_s": None}
+    table = {"estimator": {"leader": leader}, "ownship": {"errors": errors}, "delay": delay}
     record(log, [], metadata={CONFIGURATION: {JSON: json.dumps(table)}})
     assert load_config(log) == parse_config({"estimator": {"leader": {}}})
     leader["own_position_time_s"], other = 61.0, tmp_path / "other.mcap"

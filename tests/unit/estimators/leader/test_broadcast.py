@@ -10,6 +10,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.config import Config
+from onboard.estimators.leader.config import BroadcastConfig
 from onboard.estimators.leader.tracks.life_cycle import CARRIED, ELSEWHERE, LifeCycle
 from onboard.messages import (
     AdsbVehicle,
@@ -91,11 +92,13 @@ def size_of(estimate: Estimate) -> tuple[float, float]:
     return estimate.mean[SIZE] / TRUE_SIZE - 1.0, math.sqrt(estimate.covariance[SIZE][SIZE]) / TRUE_SIZE
 
 
-def test_a_broadcast_teaches_the_size_and_carries_the_track_for_20_s_seed_1() -> None:
+def test_a_broadcast_teaches_the_size_and_carries_the_track_for_20_s_seed_1(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """The shipped filter: 25 s of images and reports that are 1 m off, then 20 s of reports alone."""
     reports = leader_positions(6.0, 52.0, error=white(1.0, 1))
-    config = configured("estimator.leader.broadcast.latency_sigma_s=0.02")
-    run = fly(reports, 52.0, lambda t: not 30.0 <= t < 50.0, config)
+    monkeypatch.setattr(BroadcastConfig, "latency_sigma_s", 0.02)
+    run = fly(reports, 52.0, lambda t: not 30.0 <= t < 50.0, configured())
     error, sigma = size_of(between(run, 29.0, 30.0)[-1])
     assert abs(error) < 0.06
     assert abs(error) / 3.0 < sigma < 0.105

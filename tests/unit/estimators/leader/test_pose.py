@@ -9,6 +9,7 @@ from msgspec.structs import replace
 from numpy.testing import assert_allclose
 
 from onboard.estimators.leader.assumptions import MARKER_HEADING_BIAS, MIN_VISIBLE_FRACTION
+from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses import prediction, update
 from onboard.estimators.leader.hypotheses.belief import make_filter
 from onboard.estimators.leader.hypotheses.particles import Particles
@@ -115,8 +116,11 @@ def test_a_nose_that_points_straight_up_has_no_azimuth() -> None:
 
 
 @pytest.mark.parametrize("size_sigma", [0.02, 0.6])
-def test_the_range_of_a_pose_has_its_bias_and_not_that_of_the_size(size_sigma: float) -> None:
-    section = {"size_prior_sigma_m": size_sigma, "pose_scale_sigma": 0.05}
+def test_the_range_of_a_pose_has_its_bias_and_not_that_of_the_size(
+    size_sigma: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Config, "pose_scale_sigma", 0.05)
+    section = {"size_prior_sigma_m": size_sigma}
     settings, particles = settings_of(**section), cloud_after(*[pose(sigma=0.05)] * 20, **section)
     known = summarise(settings, particles)
     assert known.mean[:3] == pytest.approx((RANGE, 0.0, 0.0), abs=0.05)
