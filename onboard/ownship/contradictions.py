@@ -128,6 +128,7 @@ class Still:
         if now.x != before.x or now.t_ns - before.t_ns > MAX_SAMPLE_INTERVAL_NS:
             self._since_ns, self._moved = now.t_ns, 0.0
             return False
+        self._since_ns = self._since_ns or before.t_ns
         self._moved += by
         return now.t_ns - self._since_ns >= MIN_FAULT_DURATION_NS and self._moved > limit
 

@@ -90,10 +90,14 @@ def names_of_two(package: Path) -> dict[str, list[str]]:
     """Classes of one name in several files of a package, and those files."""
     found: defaultdict[str, list[str]] = defaultdict(list)
     for path in sorted(package.rglob("*.py")):
-        for node in ast.walk(_tree(path)):
-            if isinstance(node, ast.ClassDef):
-                found[node.name].append(path.relative_to(package).as_posix())
+        for name in _classes(path):
+            found[name].append(path.relative_to(package).as_posix())
     return {name: files for name, files in found.items() if len(files) > 1}
+
+
+@cache
+def _classes(path: Path) -> list[str]:
+    return [node.name for node in ast.walk(_tree(path)) if isinstance(node, ast.ClassDef)]
 
 
 def state_vectors(estimator: str) -> set[str]:

@@ -292,3 +292,34 @@ def test_a_parameter_that_is_none_costs_itself_alone(form: str, columns: str, tm
 def test_a_battery_without_a_voltage_is_left_out(tmp_path: Path) -> None:
     found = of(written(tmp_path / "log.bin", [("BAT", t, {"Volt": 12.1 * (t - 1)}) for t in (1, 2)]), Battery)
     assert [m.voltage_v for m in found if isinstance(m, Battery)] == pytest.approx([12.1])
+
+
+@pytest.mark.parametrize(("week", "rolled"), [(1669, 0), (1668, 1024)])
+def test_the_first_week_of_such_logs_has_not_rolled_over(week: int, rolled: int, tmp_path: Path) -> None:
+    """Half of the fixes have the week, and half none, by whichever name."""
+    fixes = [("GPS", t, FIX | {"GWk": week * (t % 2), "GMS": 1000 * t}) for t in range(1, 5)]
+    lost: list[str] = []
+    found = next(m for m, _ in read_dataflash(written(tmp_path / "log.bin", fixes), lost.append))
+    leap_s = 16 if not rolled else 18
+    assert found.t_recv_ns - found.t_ns == (GPS_EPOCH_S - leap_s + (week + rolled) * 604_800) * 10**9
+    assert len(lost) == bool(rolled)
+
+
+def test_times_of_many_fixes_are_those_of_the_first_thousand(tmp_path: Path) -> None:
+    fixes = [("GPS", t, FIX | {"GMS": WEEK_MS + 1000 * t + 500_000 * (t > 1000)}) for t in range(1, 2102)]
+    first = next(m for m, _ in read_dataflash(written(tmp_path / "log.bin", fixes)))
+    assert first.t_recv_ns - first.t_ns == BOOT_TIME_S * 10**9
+
+
+def test_numbers_that_are_none_cost_their_rows(tmp_path: Path) -> None:
+    odd = (math.nan, math.inf, -math.inf)
+    rows = [
+        ("IMU", 1 + k, dict(zip(("AccX", "AccY", "AccZ"), (odd * 2)[k : k + 3], strict=True))) for k in range(3)
+    ]
+    rows += [
+        ("IMU", 4 + k, {name: math.inf}) for k, name in enumerate(("GyrX", "GyrY", "GyrZ", "AccX", "AccY", "AccZ"))
+    ]
+    rows += [("IMU", 20, {"AccX": 1.0, "AccY": 2.0, "AccZ": 3.0})]
+    (found,) = of(written(tmp_path / "log.bin", rows), Imu)
+    assert isinstance(found, Imu)
+    assert (found.f_b, found.t_ns) == ((1.0, 2.0, 3.0), 20 * 10**9)
