@@ -79,7 +79,7 @@ def test_scores_of_many_flights(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_words_of_a_comparison() -> None:
     sets = ("estimator.leader={}", "estimator.own_state={}", "camera.cy_px=200")
-    words = ["flown", "paper", "belief", "cubature", "near:camera.f_px=500;camera.cx_px=300", "camera.f_px=600"]
+    words = ["flown", "paper", "svsf", "cubature", "near:camera.f_px=500;camera.cx_px=300", "camera.f_px=600"]
     lines = []
     for name, config in variants(words, None, sets).items():
         sections = {key: getattr(section, "filter", "") for key, section in config.estimator.items()}

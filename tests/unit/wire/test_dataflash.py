@@ -297,11 +297,11 @@ def test_a_battery_without_a_voltage_is_left_out(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("week", "rolled"), [(1669, 0), (1668, 1024)])
 def test_the_first_week_of_such_logs_has_not_rolled_over(week: int, rolled: int, tmp_path: Path) -> None:
     """Half of the fixes have the week, and half none, by whichever name."""
-    fixes = [("GPS", t, FIX | {"GWk": week * (t % 2), "GMS": 1000 * t}) for t in range(1, 5)]
+    fixes = [("GPS", t, FIX | {"GWk": week * (t % 2), "GMS": 60_000 + 1000 * t}) for t in range(1, 5)]
     lost: list[str] = []
     found = next(m for m, _ in read_dataflash(written(tmp_path / "log.bin", fixes), lost.append))
     leap_s = 16 if not rolled else 18
-    assert found.t_recv_ns - found.t_ns == (GPS_EPOCH_S - leap_s + (week + rolled) * 604_800) * 10**9
+    assert found.t_recv_ns - found.t_ns == (GPS_EPOCH_S - leap_s + (week + rolled) * 604_800 + 60) * 10**9
     assert len(lost) == bool(rolled)
 
 
