@@ -19,7 +19,6 @@ OF_MESSAGES: Final[Causes] = (
     causes_own.missing_streams,
     causes_own.no_origin,
     causes_own.clock,
-    causes_own.no_wind,
     causes_own.own_transponder,
     causes_own.own_misfit,
     causes_camera.silent_camera,

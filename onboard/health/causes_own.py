@@ -167,23 +167,6 @@ def clock(m: Moment) -> Iterator[Advice]:
     )
 
 
-def no_wind(m: Moment) -> Iterator[Advice]:
-    """The autopilot reports a wind that is none, and the leader is a fixed wing."""
-    if not m.needs.wind or not m.verdicts("leader.wind_implausible"):
-        return
-    yield Advice(
-        kind="wind",
-        severity=Severity.NOTICE,
-        about="wind",
-        what="the autopilot's reports of the wind are not used: exactly 0 without an uncertainty is none "
-        "(an ArduCopter sends that until its drag is configured), and above 60 m/s is none. The leader's nose "
-        "may be off its course by the crab of a fixed wing, and its range by 6 % for 20 degrees",
-        remedy="let it estimate the wind: ArduCopter: `param set EK3_DRAG_BCOEF_X`, `_Y`; ArduPlane: fly a turn",
-        text="wind not estimated: range by crab",
-        over="the autopilot estimates the wind",
-    )
-
-
 def own_transponder(m: Moment) -> Iterator[Advice]:
     """Our own transponder is heard, and its address not configured."""
     if m.needs.transponder or not m.verdicts("traffic.ourselves"):

@@ -28,8 +28,8 @@ class Needs(NamedTuple):
     followed, 0 for any. `rates`: Hz that each stream (by its record) must have;
     `asked`: Hz that are asked for, by MAVLink name. `images`: an estimator needs images. `classes`: of targets,
     that have a section. `undistorted`: names of cameras without distortion coefficients; `ros`: of those whose
-    images come over ROS. `sends_places`: links on which the leader's place on Earth is sent. `wind`: a leader is a
-    fixed wing, whose nose it shows. `transponder`: the address of our own is known."""
+    images come over ROS. `sends_places`: links on which the leader's place on Earth is sent.
+    `transponder`: the address of our own is known."""
 
     prefix: str = ""
     system: int = 0
@@ -42,7 +42,6 @@ class Needs(NamedTuple):
     undistorted: tuple[str, ...] = ()
     ros: tuple[str, ...] = ()
     sends_places: tuple[str, ...] = ()
-    wind: bool = False
     transponder: bool = False
 
 

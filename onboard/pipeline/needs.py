@@ -30,7 +30,6 @@ def needs(config: Config) -> Needs:
         classes=tuple(config.target),
         undistorted=tuple(name for name, camera in cameras.items() if _is_wide_pinhole(camera.lens)),
         ros=tuple(name for name, camera in cameras.items() if camera.ros.seen),
-        wind=_has_fixed_wing(config),
         transponder=any(getattr(each, "own_icao", "") for each in config.estimator.values()),
         sends_places=tuple(out.link for out in config.leader_out if any(n in PLACES for n in out.rates_hz)),
     )
@@ -40,12 +39,6 @@ def _is_wide_pinhole(lens: Lens) -> bool:
     """Whether a lens has no distortion although its image ends far from the axis."""
     corner = math.hypot(lens.width_px / lens.fx_px, lens.height_px / lens.fy_px) / 2.0
     return lens.is_pinhole and corner > math.tan(MIN_WIDE_ANGLE)
-
-
-def _has_fixed_wing(config: Config) -> bool:
-    """Whether an estimator, or a class of targets, is of a fixed wing."""
-    classes = (*config.estimator.values(), *config.target.values())
-    return any(getattr(each, "leader_class", "") == "fixed_wing" for each in classes)
 
 
 def _rates(config: Config) -> Mapping[str, float]:

@@ -50,7 +50,6 @@ class Case(NamedTuple):
     family: str
     settings: tuple[str, ...] = ()  # beyond size and class
     sees: Sees = "wing"  # how much of the leader the detector does
-    feels_wind: bool = False  # our autopilot estimates it
     mount: Mount = "fixed"  # of the camera
     departure: Departure = NO_DEPARTURE  # from what the estimator assumes
     log: str = ""  # a file with a recorded flight, which the leader flies; `family` is then a geometry
@@ -60,7 +59,7 @@ class Case(NamedTuple):
         """The name in the report."""
         if self.log:
             return f"{Path(self.log).name}, {self.family}"
-        known = ", center on wing" if self.settings == ON_WING else ", wind estimated" if self.feels_wind else ""
+        known = ", center on wing" if self.settings == ON_WING else ""
         moves = ", on a gimbal" if self.mount == "gimbal" else ""
         return self.family.replace("_", " ") + known + FINDS.get(self.sees, "") + moves
 
@@ -85,7 +84,6 @@ _OF_DETECTORS: Final[Mapping[str, Case]] = {
 }
 DEFAULTS: Final = tuple(_OF_DETECTORS.get(family, Case(family)) for family in FAMILIES)
 WITH_CENTER: Final = (Case("hover", ON_WING), Case("circling", ON_WING))
-IN_WIND: Final = (Case("crab", feels_wind=True),)
 POINTS: Final = tuple(Case(family, FIVE_POINTS, "points") for family in ("hover", "sideways", "wander"))
 POSES: Final = tuple(Case(family, sees="pose") for family in ("behind", "hover", "wander"))
 BOXES: Final = tuple(Case(family, WINGED, "box") for family in ("behind", "crossing", "wander"))
@@ -94,7 +92,7 @@ GIMBALS: Final = (
     Case("behind", mount="gimbal"),
     *(Case(family, FIVE_POINTS, "points", mount="gimbal") for family in ("hover", "wander")),
 )
-CASES: Final = (*DEFAULTS, *WITH_CENTER, *IN_WIND, *POINTS, *BOXES, *ROTORS, *POSES, *GIMBALS)
+CASES: Final = (*DEFAULTS, *WITH_CENTER, *POINTS, *BOXES, *ROTORS, *POSES, *GIMBALS)
 
 
 class Flight(NamedTuple):
@@ -150,7 +148,6 @@ def encounter_of(case: Case, seed: int) -> Encounter | None:
         DURATION_S,
         case.sees,
         mount=case.mount,
-        feels_wind=case.feels_wind,
         departure=case.departure,
     )
 

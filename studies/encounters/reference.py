@@ -9,13 +9,13 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from studies.encounters.flights import DEFAULTS, IN_WIND, WITH_CENTER, Case, Flight
+from studies.encounters.flights import DEFAULTS, WITH_CENTER, Case, Flight
 from studies.encounters.scores import score
 from studies.report.findings import Check, Claim, Table, check, verdict
 
 PARTICLES: Final = 20_000
 SETTINGS: Final = (f"estimator.leader.particles={PARTICLES}",)
-COMPARED: Final = (*DEFAULTS, *WITH_CENTER, *IN_WIND)
+COMPARED: Final = (*DEFAULTS, *WITH_CENTER)
 MAX_SIGMA_RATIO: Final = 1.5  # to the reference's sigma, and its inverse is the smallest
 
 

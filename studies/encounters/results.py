@@ -35,7 +35,6 @@ MIN_SHARP_VALID_PERCENT: Final = 90.0  # of all estimates
 SHARP: Final = {  # range error (RMS, percent), at most, where the geometry allows it
     Case("behind"): 2.5,
     Case("crab"): 4.0,
-    Case("crab", feels_wind=True): 4.0,
     Case("hover", ON_WING): 6.0,
     Case("circling", ON_WING): 6.0,
 }

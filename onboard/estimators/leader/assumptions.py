@@ -1,7 +1,7 @@
 """The numbers that the leader's filter believes, and why.
 
-How a leader flies (`LeaderModel`), and below that how aircraft look, how detectors and our own state err, the
-wind, and the limits of computation.
+How a leader flies (`LeaderModel`), and below that how aircraft look, how detectors and our own state err, and the
+limits of computation.
 
 Plain numbers: reading a configuration imports neither NumPy nor Numba. Compiled arithmetic contains them: whoever
 changes one compiles anew."""
@@ -48,14 +48,9 @@ class LeaderModel(NamedTuple):
     misalignment_time: float  # s
     own_velocity: float  # m/s, of our velocity
     own_velocity_time: float = 20.0  # s
-    crab: float = 0.0  # rad, of the heading about the course, of a fixed wing; 0: the heading may point anywhere
     heading: float = math.radians(5.0)  # rad, of the heading about our own course, of one that flies along with us
     on_course: float = 0.3  # the prior probability that it does, if we fly
-    nose_about_course: float = math.radians(
-        5.0
-    )  # rad, of a heading that is locked to its course, or a fixed wing's
-    air: tuple[float, float] = (0.0, 0.0)  # m/s, velocity to north and east of the air that a course is through
-    air_sigma: float = 0.0  # m/s, on each axis
+    nose_about_course: float = math.radians(5.0)  # rad, of a heading that is locked to its course
     particles: int = PARTICLES
     speed: float = 8.0  # m/s, relative to us, at first
     acceleration: float = 1.5  # m/s^2, at first
@@ -109,14 +104,12 @@ class LeaderModel(NamedTuple):
 # are a tenth of it high.
 FUSELAGE: Final = ((0.36, 0.0, 0.0), (-0.4, 0.0, 0.0))
 THICKNESS: Final = ((0.0, 0.0, -0.07), (0.0, 0.0, 0.05))
-ROTOR_RADIUS_RATIO: Final = (
-    0.8  # radius of a rotor, of half the distance to its neighbour: 0.7 to 1 by data sheets
-)
+# Radius of a rotor, of half the distance to its neighbour: 0.7 to 1 by data sheets
+ROTOR_RADIUS_RATIO: Final = 0.8
 ROTOR_PLANE_HEIGHT: Final = -0.04  # how high they are
 CANOPY_AND_FEET: Final = ((0.0, 0.0, -0.09), (0.0, 0.0, 0.19))  # canopy and feet ...
-CANOPY_AND_FEET_SIGMA: Final = (
-    0.08  # ... of which each data sheet has its own: one standard deviation of top and bottom
-)
+# ... of which each data sheet has its own: one standard deviation of top and bottom
+CANOPY_AND_FEET_SIGMA: Final = 0.08
 PITCH: Final = math.radians(7.0)  # rad, of the fuselage about the pitch that thrust implies
 
 # Of detectors: points, boxes, and poses.
@@ -125,9 +118,8 @@ MIN_BOX_SIGMA_RATIO: Final = 0.05  # of the box's larger side: what a detector s
 BOX_BIAS: Final = 0.08  # of its size: a detector's boxes are all too wide, or all too narrow ...
 GENERIC_BOX_BIAS: Final = 0.15  # ... and of a wing in usual proportions, so is what they bound
 CENTER_OFFSET_RATIO: Final = 0.1  # of the wing: the center from the wing's middle, where nothing is known of it
-CENTER_ON_WING_OFFSET_RATIO: Final = (
-    0.02  # the same with `center_on_wing`, which allows 1 %; the nearer half of a wing looks longer
-)
+# The same with `center_on_wing`, which allows 1 %; the nearer half of a wing looks longer
+CENTER_ON_WING_OFFSET_RATIO: Final = 0.02
 BOX_CENTER_OFFSET_RATIO: Final = 0.1  # of the box's side: the center from the box's middle
 OFFSET_BIAS_FACTOR: Final = 4.0  # times: a filter averages some sixteen images
 MARKER_HEADING_BIAS: Final = math.radians(2.0)  # rad, of a marker that is mounted askew, or a model that is
@@ -135,21 +127,9 @@ MIN_RANGE_SIGMA_RATIO: Final = 0.002  # of the range: no detector is more exact
 MIRRORED_POSE_PROBABILITY: Final = 0.2  # the probability that a rotation is the mirror image ...
 STRAY_POSE_PROBABILITY: Final = 0.02  # ... and that it says nothing
 
-# Of a fixed wing, and of the wind.
-CRAB_SIGMA: Final = math.radians(
-    14.0
-)  # rad, of a fixed wing's heading: wind of a quarter of its speed, at one sigma
-SIDESLIP_SIGMA: Final = math.radians(3.0)  # rad, of a fixed wing's heading about its path through the air
-MAX_WIND_SPEED_M_S: Final = 60.0  # m/s: a stronger one is no wind
-# m/s on each axis. Of a report without one: the filters of autopilots end between 0.5 and 2, before turns above.
-WIND_SIGMA_M_S: Final = 1.5
-# A gust of a third of a breeze of 3 m/s: what we feel is not what the leader feels.
-GUST_SIGMA_M_S: Final = 1.0
-
 # Of our own errors, and of what is broadcast.
-OWN_SIGMA_FACTOR: Final = (
-    1.4  # times the configured errors of our attitude and velocity: their sigmas are guesses, too
-)
+# Times the configured errors of our attitude and velocity: their sigmas are guesses, too
+OWN_SIGMA_FACTOR: Final = 1.4
 MIN_OWN_SIGMA: Final = 1e-4  # rad; an axis of our attitude that is known better than this needs no state
 PRESSURE_BIAS_M: Final = 30.0  # m: of a height by a pressure whose reference at sea level is not known
 DELAY_TIME_S: Final = 600.0  # s: a link's delay lasts longer than an error of GNSS
@@ -219,14 +199,12 @@ MAX_IMAGE_NIS: Final = 3.0  # per component: a stray image counts no more.
 MIN_SHAPE_WEIGHT: Final = 0.02  # Only the right headings expect a shape.
 SHAPE_GATE_NIS_PER_ROW: Final = 2.1  # more of the gate, for each row of a shape
 
-# Of a first image, and of the wind.
+# Of a first image.
 MIN_FIRST_RANGE_RATIO: Final = 0.05  # of the largest possible range: points in a row may hide each other.
 MAX_GAUSSIAN_SIZE_SIGMA: Final = 0.05  # A size known less well is sampled: a Gaussian's curvature would mislead.
 RESTART_HEADING_INTERVAL: Final = 5  # One particle of so many has a new heading when a track starts again.
 MAX_FIRST_BANK: Final = math.radians(35.0)  # rad, of headings that are looked at closely
 MIN_FORMATION_SPEED: Final = 3.0  # m/s: if we fly faster, a leader that flies along with us is likely.
-WIND_TIMEOUT_NS: Final = 30 * NS_PER_S  # after the last report
-WIND_PERIOD_NS: Final = 900_000_000  # between reports that are used
 
 # Of targets and their ids.
 AMBIGUOUS_COST: Final = 2.0 * math.log(10.0)  # An assignment that is ten times as likely is decided.
@@ -247,7 +225,6 @@ COURSE_UNLOCK_SPEED_SQUARED: Final = 9.0  # (m/s)^2: a slower leader's heading i
 MAX_HOVER_SPEED_SQUARED: Final = 0.16  # (m/s)^2: a faster leader does not hover.
 HOVER_HEIGHT_VARIANCE_RATIO: Final = 0.3  # A hovering leader holds its height better than its place.
 COURSE_ITERATIONS: Final = 5  # of heading, the range that it implies, and the course at that range
-MAX_CRAB_SIGMAS: Final = 2.5  # of a fixed wing's heading about its course
 OBSERVED_HEADING_TIME_FACTOR: Final = 10.0  # A particle keeps its heading so much longer where points show it.
 
 # Of the tilt of a multirotor, compiled.

@@ -26,7 +26,6 @@ from onboard.estimators.leader.association import associate
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter, make_filter
-from onboard.estimators.leader.hypotheses.wind import UNKNOWN, Wind, wind_of
 from onboard.estimators.leader.image.camera_pose import CameraPoses, PosedExposure
 from onboard.estimators.leader.image.prepare import Image, agree, prepare
 from onboard.estimators.leader.reports.broadcast import Broadcast
@@ -49,7 +48,7 @@ from onboard.messages.causes import Cause, Reason
 from onboard.ownship import Ownship
 
 NAME: Final = "leader"
-LISTENS: Final = (Exposure, messages.Wind, messages.WarmState)
+LISTENS: Final = (Exposure, messages.WarmState)
 CONTRADICTED: Final = "broadcast_contradicted"  # how often the leader was not where its broadcast had led
 NO_ID: Final = ""
 CLASS: Final = "class_changed"  # how often the detector has taken a target for something else from some image on
@@ -81,7 +80,6 @@ class Estimator:
         self._is_named = False  # images say which target is the leader
         self._next_refusal_ns = self._next_begin_ns = 0
         self._seen_ns: dict[str, int] = {}  # the newest image of each camera that shows the leader
-        self._wind, self._wind_ns = UNKNOWN, 0
 
     @property
     def verdicts(self) -> Counter[str]:
@@ -196,8 +194,6 @@ class Estimator:
         """Predict the tracks to the newest navigation sample whose next estimate is due.
 
         Drop idle targets, except the first."""
-        if self._wind.is_known and ownship.now_ns - self._wind_ns > given.WIND_TIMEOUT_NS:
-            self._set_wind(UNKNOWN, ownship)
         self._pass_name_on(ownship.now_ns)
         estimates = []
         for target, track in list(self._tracks.items()):
@@ -218,7 +214,6 @@ class Estimator:
         for source in self._sources:
             source.clear()
         self._next_refusal_ns = self._next_begin_ns = 0
-        self._wind = UNKNOWN
 
     def _pass_name_on(self, now_ns: int) -> None:
         """Without ids, what was seen first is the leader, and may be a tree.
@@ -235,23 +230,9 @@ class Estimator:
         swap_names(leader, heir)
         self._verdicts[PASSED_ON] += 1
 
-    def _feel(self, wind: Wind | None, ownship: Ownship) -> None:
-        """The wind that our autopilot reports, not more often than it changes."""
-        if wind is None:
-            self._verdicts["wind_implausible"] += 1
-        elif not self._wind.is_known or ownship.now_ns - self._wind_ns > given.WIND_PERIOD_NS:
-            self._set_wind(wind, ownship)
-
-    def _set_wind(self, wind: Wind, ownship: Ownship) -> None:
-        self._wind, self._wind_ns = wind, ownship.now_ns
-        for track in self._tracks.values():
-            track.feel(wind, ownship)
-
     def _heed(self, message: Message, ownship: Ownship) -> None:
         """Take what is no image."""
-        if isinstance(message, messages.Wind):
-            self._feel(wind_of(message), ownship)
-        elif isinstance(message, messages.WarmState):
+        if isinstance(message, messages.WarmState):
             self._tracks[NAME].prior = prior_of(message)
             if self._sources:  # images alone teach no size
                 self._tracks[NAME].size = size_of(message)
@@ -305,9 +286,8 @@ class Estimator:
         followed = len(self._tracks) - self._tracks[NAME].is_idle(ownship.now_ns)
         if followed >= self._config.max_targets:
             return None
-        self._tracks[target] = self._track(target)
-        self._tracks[target].feel(self._wind, ownship)
-        return self._tracks[target]
+        track = self._tracks[target] = self._track(target)
+        return track
 
     def _candidates(
         self, images: Mapping[int, Image], tracks: Sequence[Track], ownship: Ownship

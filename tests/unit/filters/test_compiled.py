@@ -122,7 +122,6 @@ def rows(**changed: Any) -> view.ImageRows:
         "y": np.zeros(1),
         "R": np.eye(1),
         "is_wing": False,
-        "named": False,
         "tilts": 0.0,
         "pitch": 0.0,
         "place_sigma": 0.0,
@@ -130,7 +129,6 @@ def rows(**changed: Any) -> view.ImageRows:
         "axes": np.eye(3),
         "bias": 0,
         "course_locked": np.zeros(1),
-        "air": (0.0, 0.0),
     }
     return view.ImageRows(**fields | changed)
 
@@ -139,9 +137,6 @@ WRONG_RECORDS = {
     "a plain tuple": lambda: (*rows(),),
     "another record": lambda: view.Scratch(*[np.zeros((1, 1))] * 7),
     "a field of another type": lambda: rows(of=np.zeros((1, 2))),
-    "an inner tuple too short": lambda: rows(air=(0.0,)),
-    "an inner tuple too long": lambda: rows(air=(0.0, 0.0, 0.0)),
-    "no inner tuple": lambda: rows(air=None),
     "a list": lambda: [*rows()],
     "None": lambda: None,
 }
@@ -153,6 +148,13 @@ def test_a_wrong_record_raises(make: Any) -> None:
     view.expect(*arrays, np.ones(1), rows())
     with pytest.raises(TypeError, match=r"view\.expect: argument 5 "):
         view.expect(*arrays, np.ones(1), make())
+
+
+@pytest.mark.parametrize("wrong", [(0.0, 0.0), (0.0,) * 4, None])
+def test_a_wrong_tuple_raises(wrong: Any) -> None:
+    summary.add_ours(np.eye(6), np.zeros(3), (0.0, 0.0, 0.0), 0.0, 0.0)
+    with pytest.raises(TypeError, match=r"summary\.add_ours: argument 3 "):
+        summary.add_ours(np.eye(6), np.zeros(3), wrong, 0.0, 0.0)
 
 
 def test_a_record_comes_back_as_its_class() -> None:

@@ -355,24 +355,6 @@ def test_images_from_before_our_own_motion_are_none_with_a_wrong_stamp(
     assert ("stamps" in {a.cause for a in advisor.advise(now)}) is advised
 
 
-def test_a_wind_of_exactly_zero_is_no_estimate() -> None:
-    """An ArduCopter sends WIND with 0.0 while 3 m/s blow: it matters for a fixed wing alone."""
-    sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
-    calm = [
-        Datagram(
-            channel="autopilot",
-            encoding=Encoding.MAVLINK,
-            t_recv_ns=EPOCH + (6 + k) * S,
-            data=sender.wind_encode(0.0, 0.0, 0.0).pack(sender),
-        )
-        for k in range(SECONDS - 2)
-    ]
-    leader = {"leader": {"size_prior_m": SIZE, "leader_class": "fixed_wing"}}
-    advice = named(flown(config=configured(estimator=leader), extra=calm), "wind", "EK3_DRAG_BCOEF_X")
-    assert "exactly 0" in advice.what
-    assert "wind" not in flown(extra=calm).found
-
-
 @pytest.mark.parametrize(("known", "advised"), [(False, True), (True, False)])
 def test_our_own_transponder_is_named_unless_its_address_is_set(known: bool, advised: bool) -> None:
     before = replace(flown().health, verdicts={"traffic.ourselves": 2})

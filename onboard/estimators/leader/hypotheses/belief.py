@@ -21,7 +21,6 @@ from onboard.estimators.leader.hypotheses.places import OpenQuestion
 from onboard.estimators.leader.hypotheses.prediction import NOWHERE
 from onboard.estimators.leader.hypotheses.start import start
 from onboard.estimators.leader.hypotheses.summary import COMPONENTS, LOG_SIZE, UNITS, Summary, as_leader, summarise
-from onboard.estimators.leader.hypotheses.wind import Wind
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import Measurement
 from onboard.estimators.leader.image.shape import Shape, shape_of
@@ -43,7 +42,7 @@ class Pending(NamedTuple):
 class State(NamedTuple):
     """The hypotheses at some time, and their summary.
 
-    Our own motion since then; and what they assume, in the wind as it was known last."""
+    Our own motion since then; and what they assume."""
 
     particles: Particles
     summary: Summary
@@ -132,12 +131,11 @@ class BeliefFilter:
         """A measurement, by a camera with this pose, beside what all hypotheses expect.
 
         Raises FilterError."""
-        state, particles = predicted
         noise_c = pose.noise_c
         if self._delay_sigma > 0.0:
             noise_c = noise_c + self._delay_sigma**2 * (pose.omega_c[:, None] * pose.omega_c)
         measurement = measurement.with_attitude_noise(noise_c)
-        expected = update.expect(state.settings, particles, measurement, pose)
+        expected = update.expect(predicted.particles, measurement, pose)
         return ImageComparison(predicted, measurement, pose, expected)
 
     def fuse(self, compared: ImageComparison) -> Update:
@@ -162,18 +160,6 @@ class BeliefFilter:
         after, s = self._at(state, particles), self._settings
         apart = abs(float(after.summary.mean[LOG_SIZE]) - math.log(s.size)) * s.size
         return after if taken.trusted or apart < given.MAX_SIZE_SIGMAS * s.size_sigma else None
-
-    def in_wind(self, state: State, wind: Wind) -> State:
-        """The state in another wind, which shows where the heading of a fixed wing points."""
-        if self._settings.crab == 0.0:
-            return state
-        settings = self._settings
-        if wind.is_known:
-            (north, east, _), sigma = wind.velocity.tolist(), wind.sigma
-            settings = settings._replace(
-                air=(north, east), air_sigma=sigma, nose_about_course=given.SIDESLIP_SIGMA
-            )
-        return self._at(state._replace(settings=settings), self.predict(state).particles)
 
     def belief(self, state: State) -> Belief:
         """Mean and covariance of all hypotheses."""
@@ -226,6 +212,5 @@ def leader_model(config: Config) -> LeaderModel:
         particles=config.particles,
     )
     if config.leader_class == "fixed_wing":
-        model = model._replace(drag=0.0, drag_sigma=0.0, wind=0.0, lean_random_walk=0.0, tied=0.0)
-        model = model._replace(crab=given.CRAB_SIGMA, nose_about_course=given.CRAB_SIGMA)
+        model = model._replace(drag=0.0, drag_sigma=0.0, wind=0.0, lean_random_walk=0.0)
     return model

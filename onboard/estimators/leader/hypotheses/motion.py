@@ -19,7 +19,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.compiled import FILLING, FLOAT, MAKING, ROWS, VECTOR, kernel, out, record
+from onboard.compiled import FILLING, FLOAT, MAKING, ROWS, VECTOR, kernel, out
 from onboard.estimators.leader import assumptions as given
 
 G: Final = 9.80665
@@ -81,13 +81,10 @@ class Interval(NamedTuple):
     decay: Array
 
 
-PAIR: Final = record(tuple, NUMBER, NUMBER)
-
-
 @kernel(**FILLING)
-def course_of(x, air):
-    """The course through the air `COURSE_LEAD_TIME_S` ahead, of a leader with the mean x (N,), rad."""
-    u, v = x[VX] - air[0], x[VY] - air[1]
+def course_of(x):
+    """The course `COURSE_LEAD_TIME_S` ahead, of a leader with the mean x (N,), rad."""
+    u, v = x[VX], x[VY]
     return np.arctan2(v, u) + given.COURSE_LEAD_TIME_S * (u * x[AY] - v * x[AX]) / (
         u * u + v * v + given.MIN_SPEED_SQUARED
     )
@@ -184,7 +181,7 @@ def _stop(x, S, hover, drag, bold):
 
 
 @kernel(**FILLING)
-def fly_on(k, particles, interval, air, edge_on_visibility):
+def fly_on(k, particles, interval, edge_on_visibility):
     """Mean and covariance of a particle, in place, after an interval.
 
     Its heading turns with its course."""
@@ -202,7 +199,7 @@ def fly_on(k, particles, interval, air, edge_on_visibility):
     banks, wobbles = np.exp(2.0 * intensities[k, 1]), np.exp(2.0 * intensities[k, 2])
     speed2 = u * u + v * v
     rate = (u * b - v * a) / (speed2 + given.MIN_SPEED_SQUARED)
-    aside = headings[k] - course_of(x, air)
+    aside = headings[k] - course_of(x)
     headings[k] += speed2 * speed2 / (speed2 * speed2 + given.FOLLOWING_SPEED_POWER4) * rate * dt
     turn = rate * dt * speed2 / (speed2 + given.TURN_SPEED_SQUARED)
     c, s = np.cos(turn), np.sin(turn)
@@ -240,12 +237,12 @@ def fly_on(k, particles, interval, air, edge_on_visibility):
     if mode == HOVERING:
         _stop(x, S, hover, drag, bold)
     if course_locked[k] == COURSE_LOCKED:
-        headings[k] = course_of(x, air) + aside
+        headings[k] = course_of(x) + aside
 
 
-def courses(means: Array, air: tuple[float, float]) -> Array:
-    """Return the courses (K,) rad through the `air` (2,) m/s of means (K, W)."""
-    u, v = means[:, VX] - air[0], means[:, VY] - air[1]
+def courses(means: Array) -> Array:
+    """Return the courses (K,) rad of means (K, W)."""
+    u, v = means[:, VX], means[:, VY]
     found: Array = np.arctan2(v, u) + given.COURSE_LEAD_TIME_S * (u * means[:, AY] - v * means[:, AX]) / (
         u * u + v * v + given.MIN_SPEED_SQUARED
     )

@@ -39,7 +39,6 @@ from onboard.estimators.leader.hypotheses.motion import (
     HEADINGS,
     HOVERING,
     NUMBER,
-    PAIR,
     RX,
     RY,
     RZ,
@@ -114,15 +113,14 @@ class Changes(NamedTuple):
     """Probabilities and scales of what a step changes.
 
     The `chances` that it does; what it `keeps` of the logarithms of the intensities, and their standard
-    deviations; the rate of a heading that is turned, rad/s; how far that of a fixed wing is from its course, rad;
-    median of the drag, 1/s, and standard deviation of its logarithm; how far a heading wanders, rad, and one that
-    is course-locked about its course, rad, and what it keeps of that."""
+    deviations; the rate of a heading that is turned, rad/s; median of the drag, 1/s, and standard deviation of its
+    logarithm; how far a heading wanders, rad, and one that is course-locked about its course, rad, and what it
+    keeps of that."""
 
     chances: Array
     keeps: float
     intensity: tuple[float, float, float]
     nose_rate: float
-    crab: float
     drag: tuple[float, float]
     wanders: tuple[float, float, float]
 
@@ -131,15 +129,13 @@ class Passed(NamedTuple):
     """Inputs of a step.
 
     Seconds and our own way (3,) m since the last one; what is seen along a heading (`motion.visible`); whether
-    ranges are metric, so that they do not depend on the headings; the velocity of the `air` (2,), and its standard
-    deviation where that is not known, m/s; that of a mean bank error, rad; and whether leaders tilt, so that a
-    wing's slope shows it."""
+    ranges are metric, so that they do not depend on the headings; the standard deviations of the wind, m/s, and of
+    a mean bank error, rad; and whether leaders tilt, so that a wing's slope shows it."""
 
     dt: float
     moved: Array
     edge_on_visibility: float
     metric: bool
-    air: tuple[float, float]
     wind: float
     bank_sigma: float
     tilts: bool
@@ -148,33 +144,32 @@ class Passed(NamedTuple):
 def passed(s: LeaderModel, particles: Particles, dt: float = 0.0, moved: Array = NOWHERE) -> Passed:
     """The interval since the last step, and what these particles have in common."""
     tilts = s.drag != 0.0 and particles.edge_on_visibility <= given.MIN_VISIBLE_FRACTION
-    return Passed(dt, moved, particles.edge_on_visibility, particles.metric, s.air, s.wind, s.rolled, tilts)
+    return Passed(dt, moved, particles.edge_on_visibility, particles.metric, s.wind, s.rolled, tilts)
 
 
 PARTICLE_ARRAYS: Final = record(
     ParticleArrays, HEADINGS, HEADINGS, HEADINGS, OUT, COVARIANCES, OUT, HEADINGS, HEADINGS, HEADINGS
 )
-PASSED: Final = record(Passed, NUMBER, HEADINGS, NUMBER, BOOL, PAIR, NUMBER, NUMBER, BOOL)
+PASSED: Final = record(Passed, NUMBER, HEADINGS, NUMBER, BOOL, NUMBER, NUMBER, BOOL)
 MODEL: Final = like(LeaderModel(1.0, 1.0, (1.0, 1.0, 1.0), 1.0, 1.0))
 
 
 @kernel(**MAKING)
 def _changes(s, dt, heading_observed):
     """Return the probabilities of the changes in `dt` seconds."""
-    flies_for = s.flies_for if s.crab == 0.0 else np.inf  # a fixed wing cannot hover
     doubted_after = (given.OBSERVED_HEADING_TIME_FACTOR if heading_observed else 1.0) * s.doubted_after
     # of the headings that are looked at anew, so many are course-locked that the share of all stays what it is
     anew = s.tied * doubted_after / (s.tied * doubted_after + (1.0 - s.tied) * s.tied_for)
     # a leader stops or begins to accelerate, to hover, leaves, a particle takes another heading, or one that is
     # course-locked does, a fast leader's heading is decided
-    means = s.accelerates_for, s.steady_for, flies_for, s.hovers_for, doubted_after, s.tied_for, s.undecided_for
+    means = s.accelerates_for, s.steady_for, s.flies_for, s.hovers_for, doubted_after, s.tied_for, s.undecided_for
     chances = np.empty(len(means) + 4)  # and a heading stops or begins to turn; it is locked to its course
     chances[0], chances[1], chances[-2], chances[-1] = s.turns_for, s.still_for, s.tied, anew
     for i, mean in enumerate(means):
         chances[2 + i] = -np.expm1(-dt / mean)
     wanders = s.nose_random_walk * np.sqrt(dt), s.nose_about_course, np.exp(-dt / s.slack_time)
     keeps = np.exp(-dt / s.intensity_time)
-    return Changes(chances, keeps, s.intensity, s.nose_rate, s.crab, lognormal_of(s), wanders)
+    return Changes(chances, keeps, s.intensity, s.nose_rate, lognormal_of(s), wanders)
 
 
 @kernel(**MAKING)
@@ -301,16 +296,16 @@ def _rate(rate, drawn, stops, turns, new):
 
 
 @kernel(**FILLING)
-def _course_locked_heading(heading, aside, x, dt, moved, edge_on_visibility, air):
+def _course_locked_heading(heading, aside, x, dt, moved, edge_on_visibility):
     """The heading so far `aside`, rad, of the course that the leader would have with that heading: its range and
     velocity depend on it."""
-    other = course_of(x, air) + aside
-    aside += course_of(x, air) - np.arctan2(x[VY] - air[1], x[VX] - air[0])
+    other = course_of(x) + aside
+    aside += course_of(x) - np.arctan2(x[VY], x[VX])
     for _ in range(given.COURSE_ITERATIONS):
         ratio = _fraction(other, x, edge_on_visibility) / _fraction(heading, x, edge_on_visibility)
         u = ratio * x[VX] + (1.0 - ratio) * moved[0] / dt
         v = ratio * x[VY] + (1.0 - ratio) * moved[1] / dt
-        other = np.arctan2(v - air[1], u - air[0]) + aside
+        other = np.arctan2(v, u) + aside
     return other
 
 
@@ -338,13 +333,7 @@ def _change(k, particles, draws, changes, passed):
     """Let chance change a particle, in place, by the random numbers from `draws` on."""
     headings, rates, regimes, means, P, intensities, course_locked, drags, _ = particles
     turns_for, still_for, steadies, begins, hovers, leaves, doubted, unties, decides, ties, anew = changes.chances
-    keeps, spread, slack, crab, drag = (
-        changes.keeps,
-        changes.intensity,
-        changes.wanders[1],
-        changes.crab,
-        changes.drag,
-    )
+    keeps, spread, slack, drag = changes.keeps, changes.intensity, changes.wanders[1], changes.drag
     dt, x = passed.dt, means[k]
     restless = np.exp(intensities[k, 2])
     stops, turns = -np.expm1(-dt * np.sqrt(restless) / turns_for), -np.expm1(-dt * restless**2 / still_for)
@@ -366,17 +355,12 @@ def _change(k, particles, draws, changes, passed):
     )
     if not (becomes_locked or doubts):
         return
-    where = uniform_of(draws + OF_HEADING, k)
-    other = headings[k] + np.pi * where
+    other = headings[k] + np.pi * uniform_of(draws + OF_HEADING, k)
     of_heading = spread[2] * normal_of(draws + OF_NEW_WOBBLE, k)
     if becomes_locked:
         aside = slack * np.exp(of_heading) * normal_of(draws + OF_SLACK, k)
-        other, rates[k] = (
-            _course_locked_heading(headings[k], aside, x, dt, passed.moved, passed.edge_on_visibility, passed.air),
-            0.0,
-        )
-    elif crab > 0.0:  # a fixed wing's heading stays about its course
-        other = np.arctan2(x[VY], x[VX]) + crab * given.MAX_CRAB_SIGMAS * (2.0 * where - 1.0)
+        other = _course_locked_heading(headings[k], aside, x, dt, passed.moved, passed.edge_on_visibility)
+        rates[k] = 0.0
     new_drag = drag[0] * np.exp(drag[1] * normal_of(draws + OF_DRAG, k))
     accepted = uniform_of(draws + OF_ACCEPTANCE, k)
     hovering, both = regimes[k] == HOVERING, (drags[k], new_drag)
@@ -399,7 +383,7 @@ def _wander(k, particles, draws, wanders, passed):
     far = walk * restless * min(1.0, broad / np.sqrt(max(1.0 - broad * broad, 1e-9)))
     turned = passed.dt * particles.rates[k]
     if particles.course_locked[k] == COURSE_LOCKED:
-        aside = headings[k] - course_of(x, passed.air)
+        aside = headings[k] - course_of(x)
         aside -= 2.0 * np.pi * np.rint(aside / (2.0 * np.pi))
         turned, far = aside * (keeps - 1.0), sigma * restless * np.sqrt(1.0 - keeps * keeps)
     headings[k] += turned + far * normal_of(draws + OF_WANDERING, k)
@@ -424,7 +408,7 @@ def step(particles, log_weights, draws, s, biases, heading_observed, passed):
         _change(k, particles, draws, changes, passed)
         found[k] -= _prior(k, particles, passed)
         _wander(k, particles, draws, changes.wanders, passed)
-        fly_on(k, particles, interval, passed.air, passed.edge_on_visibility)
+        fly_on(k, particles, interval, passed.edge_on_visibility)
         found[k] += _prior(k, particles, passed)
     normalise(found)
     return found

@@ -82,7 +82,7 @@ def start(
     along = (max(seen.span_sigma / seen.span, 0.01) * range_) ** 2
     across = (seen.rows.R[0, 0] + seen.off**2) * range_**2
     P[:, POSITION, POSITION] = along[:, None, None] * line + across[:, None, None] * (np.eye(3) - line)
-    hovers = uniform(OF_FIRST_HOVERING, k) < (settings.hovering if settings.crab == 0.0 else 0.0)
+    hovers = uniform(OF_FIRST_HOVERING, k) < settings.hovering
     drawn = [normal(of_one, k) for of_one in OF_FIRST_INTENSITIES]
     intensities = np.column_stack([s * one for s, one in zip(settings.intensity, drawn, strict=True)])
     means[hovers, VELOCITY] = 0.0
@@ -192,15 +192,12 @@ def _tilt(settings: LeaderModel, means: Array, P: Array, drags: Array) -> None:
 def _first_headings(settings: LeaderModel, direction: Array, v_F_n: Array, slope: float | None) -> tuple[Any, Any]:
     """Headings (K,) and their prior probabilities.
 
-    All headings alike, and those along our own course more likely if we fly; for a fixed wing only headings about
-    our course. The closer where the wing's `slope` is that of a bank which a multirotor may have: of a steep one
-    few headings are left, and many drags and winds are possible with each."""
+    All headings alike, and those along our own course more likely if we fly. The closer where the wing's `slope`
+    is that of a bank which a multirotor may have: of a steep one few headings are left, and many drags and winds
+    are possible with each."""
     k = settings.particles
     moving = math.hypot(v_F_n[0], v_F_n[1]) > given.MIN_FORMATION_SPEED
     course = math.atan2(v_F_n[1], v_F_n[0])
-    if moving and settings.crab > 0:
-        apart = given.MAX_CRAB_SIGMAS * (2.0 * (np.arange(k) + 0.5) / k - 1.0)
-        return course + apart * settings.crab, np.full(k, 1.0 / k)  # `with_course` says which are likely
     few = k // 4 if moving else 0
     around = math.pi * (np.arange(k - few) + 0.5) / (k - few)
     prior = np.full(k - few, 1.0 / (k - few))

@@ -95,7 +95,7 @@ def summarise(settings: LeaderModel, particles: Particles) -> Summary:
     It is one about the geometric mean range: an open range has a long tail to the far side, which drags a mean
     with it. Once the range is resolved, it is one about its median: from behind, the many headings that are not
     quite on the course all mean a nearer leader, and drag a mean to that side."""
-    w = np.exp(particles.log_weights) if settings.crab == 0.0 else with_course(settings, particles)
+    w = np.exp(particles.log_weights)
     if particles.heading_observed:
         about = math.atan2(float(w @ np.sin(particles.headings)), float(w @ np.cos(particles.headings)))
         period = 2.0 * math.pi
@@ -123,27 +123,6 @@ def summarise(settings: LeaderModel, particles: Particles) -> Summary:
     return whole._replace(
         places=places(w, particles.means[:, MOTION], particles.covariances[:, MOTION, MOTION], ours)
     )
-
-
-def with_course(settings: LeaderModel, particles: Particles) -> Array:
-    """Weights (K,) of the particles, with what is likely of the heading of a fixed wing and its course. Of others,
-    the particles themselves suppose that (`particles.Particles.course_locked`).
-
-    That is prior knowledge about an angle that lasts. It is applied to what is reported and not to the particles
-    itself, where each image would count it again."""
-    w = np.exp(particles.log_weights)
-    x, P = particles.means, particles.covariances
-    u, v = x[:, VX] - settings.air[0], x[:, VY] - settings.air[1]
-    speed2 = u * u + v * v + 1e-6
-    aside = particles.headings - np.arctan2(v, u)
-    aside -= math.pi * np.round(aside / math.pi)
-    a, b = v / speed2, -u / speed2
-    S = a * a * P[:, VX, VX] + 2.0 * a * b * P[:, VX, VY] + b * b * P[:, VY, VY] + settings.nose_about_course**2
-    S += settings.air_sigma**2 / speed2
-    share = speed2**2 / (speed2**2 + given.FOLLOWING_SPEED_POWER4)
-    likely = np.exp(-0.5 * aside**2 / S) / np.sqrt(2.0 * math.pi * S)
-    w *= (1.0 - share) / math.pi + share * likely
-    return np.asarray(w / w.sum())
 
 
 @kernel(**MAKING)

@@ -56,9 +56,9 @@ class Expected(NamedTuple):
     each: view.Expectation
 
 
-def expect(settings: LeaderModel, particles: Particles, seen: Measurement, pose: CameraPose) -> Expected:
+def expect(particles: Particles, seen: Measurement, pose: CameraPose) -> Expected:
     """Predict the rows by which an image is judged. Raises FilterError."""
-    particles, rows = with_rows(settings, particles, seen.rows, seen.axes, pose)
+    particles, rows = with_rows(particles, seen.rows, seen.axes, pose)
     w = np.exp(particles.log_weights)
     found = Expected(
         particles, rows, *view.expect(particles.means, particles.covariances, particles.headings, w, rows)
@@ -76,9 +76,7 @@ def log_likelihood(expected: Expected) -> float:
     return float(np.logaddexp.reduce(particles.log_weights + log_l))
 
 
-def with_rows(
-    settings: LeaderModel, particles: Particles, rows: Rows, axes: Array, pose: CameraPose
-) -> tuple[Particles, view.ImageRows]:
+def with_rows(particles: Particles, rows: Rows, axes: Array, pose: CameraPose) -> tuple[Particles, view.ImageRows]:
     """The particles with the rows' bias, if they have one, and the rows as they see them about these axes (3, 3)
     in c."""
     column = 0
@@ -86,7 +84,7 @@ def with_rows(
         particles = particles.with_biases(Bias(BOXES, rows.bias))
         column = particles.column(BOXES)
     camera = pose.R_cn, pose.r_FC_n, axes
-    return particles, view.view_of(rows, camera, particles.course_locked, settings.air, column)
+    return particles, view.view_of(rows, camera, particles.course_locked, column)
 
 
 def update(
@@ -103,7 +101,7 @@ def update(
     image shows beyond these rows has a gate of its own. `expected`: what they expect of the image, where that is
     known. Raises FilterError."""
     rows, before, is_box = seen.rows, particles, seen.rows.bias is not None
-    expected = expected or expect(settings, particles, seen, pose)
+    expected = expected or expect(particles, seen, pose)
     particles, shown, each = expected.particles, expected.view, expected.each
     if seen.is_metric and seen.pose is not None:
         particles = particles._replace(edge_on_visibility=ANY_HEADING, metric=True)
@@ -128,7 +126,7 @@ def update(
             after = after._replace(keypoint_bias=max(particles.keypoint_bias, seen.keypoint_bias))
         after = after._replace(misfits=fit.misfits)
     if seen.pose is not None:
-        found, pose_nis, more = posed(after, seen.pose, pose, settings.air)
+        found, pose_nis, more = posed(after, seen.pose, pose)
         beyond = at_most(after, pose_nis, given.MIN_SHAPE_WEIGHT)
         if beyond <= settings.gate:
             after, log_l = found, log_l + more
@@ -154,7 +152,7 @@ def assist(settings: LeaderModel, particles: Particles, taken: Auxiliary, *, is_
     particles whose range `is_open`, the right ones are few. Raises FilterError."""
     known = particles.with_biases(*taken.biases)
     rows = taken.rows(known)
-    found, nis, log_l = corrected(known, *rows, settings.air)
+    found, nis, log_l = corrected(known, *rows)
     limit = chi_square_threshold(given.REPORT_GATE_PROBABILITY, rows.innovations.shape[1])
     least = at_most(known, nis, given.MIN_SHAPE_WEIGHT if is_open else given.MIN_WEIGHT_IN_GATE)
     if least > limit:
@@ -196,7 +194,7 @@ def fitted(settings: LeaderModel, particles: Particles, points: Rows, axes: Arra
         at = [2 * k + axis for k in which for axis in (0, 1)]
         rows = points._replace(y=points.y[at], R=points.R[np.ix_(at, at)], of=points.of[at])
         rows = rows._replace(shares=points.shares[at], axis=points.axis[at])
-        _, shown = with_rows(settings, particles, rows, axes, pose)
+        _, shown = with_rows(particles, rows, axes, pose)
         headings, means, P = particles.headings.copy(), particles.means.copy(), particles.covariances.copy()
         each = view.orient(means, P, headings, shown)
         nis, log_l = view.update(means, P, headings, shown, each)
@@ -234,9 +232,7 @@ def informed(settings: LeaderModel, particles: Particles, prior: Belief, *, flew
     than MIN_SHAPE_WEIGHT of its weight agrees: only the right headings do. If it `flew`, few hypotheses say that
     it hovers: a velocity that may have changed meanwhile does not contradict them enough. Raises FilterError."""
     H = np.eye(particles.means.shape[1])[MOTION]
-    found, nis, log_l = corrected(
-        particles, H, prior.mean - particles.means[:, MOTION], prior.covariance, (), settings.air
-    )
+    found, nis, log_l = corrected(particles, H, prior.mean - particles.means[:, MOTION], prior.covariance)
     if at_most(particles, nis, given.MIN_SHAPE_WEIGHT) > settings.gate:
         return None
     after = weighted(found, evidence(log_l, 1.0))
@@ -250,17 +246,13 @@ def informed(settings: LeaderModel, particles: Particles, prior: Belief, *, flew
 
 
 def corrected(
-    particles: Particles,
-    H: Array,
-    innovations: Array,
-    R_y: Array,
-    considered: Sequence[int] = (),
-    air: tuple[float, float] = (0.0, 0.0),
+    particles: Particles, H: Array, innovations: Array, R_y: Array, considered: Sequence[int] = ()
 ) -> tuple[Particles, Array, Array]:
     """The particles after rows with derivatives H (m, W) or (K, m, W), innovations (K, m) and noise R_y (m, m),
     with each particle's NIS (K,) and logarithm of the likelihood (K,), without their common constant. The
-    components that are `considered` stay as they are. Tied headings turn with their courses through the `air` (2,)
-    m/s. Raises FilterError."""
+    components that are `considered` stay as they are. Tied headings turn with their courses.
+
+    Raises FilterError."""
     HP = H @ particles.covariances
     S = HP @ np.swapaxes(H, -1, -2) + R_y
     try:
@@ -275,7 +267,7 @@ def corrected(
     P = particles.covariances - gain @ HP
     P[:, at] = P[:, :, at].transpose(0, 2, 1)
     log_l = -0.5 * (nis + np.linalg.slogdet(S)[1])
-    turned = model.courses(means, air) - model.courses(particles.means, air)
+    turned = model.courses(means) - model.courses(particles.means)
     headings = particles.headings + np.where(particles.course_locked == COURSE_LOCKED, turned, 0.0)
     return (
         particles._replace(headings=headings, means=means, covariances=0.5 * (P + P.transpose(0, 2, 1))),
@@ -289,12 +281,8 @@ def of_ranges(shows: PoseFeatures) -> Bias:
     return Bias(POSES, shows.range_bias)
 
 
-def posed(
-    particles: Particles, shows: PoseFeatures, camera: CameraPose, air: tuple[float, float]
-) -> tuple[Particles, Array, Array]:
-    """The particles after a pose, with each particle's NIS and log likelihood.
-
-    The `air` (2,) m/s."""
+def posed(particles: Particles, shows: PoseFeatures, camera: CameraPose) -> tuple[Particles, Array, Array]:
+    """The particles after a pose, with each particle's NIS and log likelihood."""
     nis, log_l, heading = *np.zeros((2, len(particles.headings))), shows.heading(camera)
     if shows.range_ is not None:
         particles = particles.with_biases(of_ranges(shows))
@@ -304,9 +292,8 @@ def posed(
         appears = distance * np.exp(particles.means[:, bias])
         H = np.zeros((len(off), 1, particles.means.shape[1]))
         H[:, 0, POSITION], H[:, 0, bias] = off * (appears / distance**2)[:, None], appears
-        particles, nis, log_l = corrected(
-            particles, H, (shows.range_ - appears)[:, None], np.array([[shows.range_sigma**2]]), (), air
-        )
+        noise = np.array([[shows.range_sigma**2]])
+        particles, nis, log_l = corrected(particles, H, (shows.range_ - appears)[:, None], noise)
     headings, means, P = particles.headings.copy(), particles.means.copy(), particles.covariances.copy()
     if heading is not None:
         log_l = log_l + measure_heading(headings, means, P, *heading)

@@ -28,7 +28,6 @@ from onboard.estimators.leader.hypotheses.motion import (
     HEADINGS,
     LOG_SIZE,
     NUMBER,
-    PAIR,
     RX,
     RY,
     RZ,
@@ -47,10 +46,10 @@ class ImageRows(NamedTuple):
     """Rows of an image (`image.measurement.Rows`).
 
     Which points of the body (m, 2), with which shares (m, 2), along which axis (m,); what is measured (m,), and
-    its noise (m, m); whether they are of a wing, or of points with names; how the body pitches as it accelerates,
+    its noise (m, m); whether they are of a wing; how the body pitches as it accelerates,
     the standard deviations of its pitch, rad, and of a point's place, as a share of the wingspan. From where, r_FC
     (3,) m, and about which axes (3, 3) in n; the column of the bias of the size, 0 without one; and which headings
-    are course-locked (K,) to the course through the `air`."""
+    are course-locked (K,)."""
 
     points: Array
     of: Array
@@ -59,7 +58,6 @@ class ImageRows(NamedTuple):
     y: Array
     R: Array
     is_wing: bool
-    named: bool
     tilts: float
     pitch: float
     place_sigma: float
@@ -67,7 +65,6 @@ class ImageRows(NamedTuple):
     axes: Array
     bias: int
     course_locked: Array
-    air: tuple[float, float]
 
 
 class Scratch(NamedTuple):
@@ -98,22 +95,20 @@ class Expectation(NamedTuple):
 
 IMAGE_ROWS: Final = record(
     ImageRows,
-    *(OUT, out(INT), OUT, out(INT, 1), HEADINGS, OUT, BOOL, BOOL),
-    *(NUMBER, NUMBER, NUMBER, HEADINGS, OUT, INT, HEADINGS, PAIR),
+    *(OUT, out(INT), OUT, out(INT, 1), HEADINGS, OUT, BOOL),
+    *(NUMBER, NUMBER, NUMBER, HEADINGS, OUT, INT, HEADINGS),
 )
 EXPECTATION: Final = record(Expectation, OUT, COVARIANCES, COVARIANCES, OUT)
 
 
-def view_of(
-    rows: Rows, camera: tuple[Array, Array, Array], course_locked: Array, air: tuple[float, float], bias: int = 0
-) -> ImageRows:
+def view_of(rows: Rows, camera: tuple[Array, Array, Array], course_locked: Array, bias: int = 0) -> ImageRows:
     """The view of rows by a `camera`.
 
     Its attitude R_cn (3, 3), its place r_FC_n (3,) m, and the measured axes (3, 3) in c."""
     R_cn, r_FC, measured = camera
     body = rows.points, rows.of, rows.shares, rows.axis, rows.y, rows.R
-    kind = rows.is_wing, rows.named, *rows.posture
-    return ImageRows(*body, *kind, r_FC, measured @ R_cn, bias, course_locked, air)
+    kind = rows.is_wing, *rows.posture
+    return ImageRows(*body, *kind, r_FC, measured @ R_cn, bias, course_locked)
 
 
 def spread(rows: Rows, headings: Array, axes: Array) -> Array:
@@ -216,8 +211,7 @@ def _linearised(x, heading, is_course_locked, view, scratch, h, J, d):
     scale = x[LOG_SIZE] + (x[WING_SCALE_ERROR] if view.is_wing else 0.0)
     size = np.exp(scale + (x[bias] if bias > 0 else 0.0))
     _project(x, size, view, B, q)
-    u_air, v_air = x[VX] - view.air[0], x[VY] - view.air[1]
-    speed2 = u_air * u_air + v_air * v_air + given.MIN_SPEED_SQUARED
+    speed2 = x[VX] * x[VX] + x[VY] * x[VY] + given.MIN_SPEED_SQUARED
     J[:] = 0.0
     for j in range(h.shape[0]):
         a, row = view.axis[j], J[j]
@@ -243,7 +237,7 @@ def _linearised(x, heading, is_course_locked, view, scratch, h, J, d):
         row[AX], row[AY], row[AZ] = row[TILT_NORTH], row[TILT_EAST], banked * by[0, 2] + pitched * by[1, 2]
         if is_course_locked and view.is_wing:
             aside = turned + banked * bank_turned
-            row[VX], row[VY] = -aside * v_air / speed2, aside * u_air / speed2
+            row[VX], row[VY] = -aside * x[VY] / speed2, aside * x[VX] / speed2
             row[AX] += given.COURSE_LEAD_TIME_S * row[VX]  # an acceleration turns the course
             row[AY] += given.COURSE_LEAD_TIME_S * row[VY]
 
@@ -401,7 +395,7 @@ def _update(k, means, P, headings, view, scratch, expected):
     if view.is_wing:
         _logarithmic(side * view.y[2], side * view.y[3], h, view.R[2, 2], e, C, S)
     _noise(view, x, expected.by_pitch[k], 1.0, S, S)
-    aside = headings[k] - course_of(x, view.air)
+    aside = headings[k] - course_of(x)
     r0, r1, r2 = x[RX], x[RY], x[RZ]
     nis, log_det = correct(x, P[k], e, C, S, dx)
     if view.is_wing:  # a range changes by a factor, as its logarithm does
@@ -412,7 +406,7 @@ def _update(k, means, P, headings, view, scratch, expected):
         x[RY] += more * r1
         x[RZ] += more * r2
         if view.course_locked[k] == COURSE_LOCKED:
-            headings[k] = course_of(x, view.air) + aside
+            headings[k] = course_of(x) + aside
     # by Student's t in place of a Gaussian (Roth, Ozkan and Gustafsson, 2013): one image that fits no
     # hypothesis decides little between them
     return nis, -0.5 * ((given.STUDENT_T_DOF + m) * np.log1p(nis / given.STUDENT_T_DOF) + log_det)

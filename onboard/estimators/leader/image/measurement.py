@@ -52,11 +52,6 @@ class Rows(NamedTuple):
     bias: float | None = None  # of the size, one standard deviation: of a box
 
     @property
-    def named(self) -> bool:
-        """Whether the points tell the nose from the tail."""
-        return bool(self.names)
-
-    @property
     def is_box(self) -> bool:
         """Whether these are a box's middle and size."""
         return self.bias is not None

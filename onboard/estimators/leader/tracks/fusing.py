@@ -1,4 +1,4 @@
-"""A track's state, and its updates by own motion, an image, a report, a range, the wind."""
+"""A track's state, and its updates by own motion, an image, a report or a range."""
 
 import math
 from typing import Any, NamedTuple
@@ -9,7 +9,6 @@ from onboard.estimators.kit.history import History
 from onboard.estimators.leader.assumptions import NOISE_RATIO_LIMIT
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter, ImageComparison, Prediction
-from onboard.estimators.leader.hypotheses.wind import Wind
 from onboard.estimators.leader.image.camera_pose import CameraPoses
 from onboard.estimators.leader.image.detector import NoiseScale, Shown
 from onboard.estimators.leader.image.prepare import Image, measure, newest_pose
@@ -91,7 +90,7 @@ def fuse(
     filter_: BeliefFilter,
     poses: CameraPoses,
     state: TrackState,
-    taken: Image | Auxiliary | Wind,
+    taken: Image | Auxiliary,
     ownship: Ownship,
     compared: ImageComparison | None = None,
 ) -> tuple[TrackState, Update | bool]:
@@ -100,8 +99,6 @@ def fuse(
     `compared`: the image beside what is expected of it, where that is known. An image is fused if it passes the
     gate, and if the leader is then in front of the camera that saw it. Raises FilterError."""
     leader, noise, supposed = state
-    if isinstance(taken, Wind):
-        return state._replace(leader=filter_.in_wind(leader, taken)), True
     if isinstance(taken, Auxiliary):
         after = filter_.assist(leader, taken)
         return state if after is None else state._replace(leader=after), after is not None

@@ -18,7 +18,6 @@ from onboard.estimators.leader.assumptions import Size
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary, Report
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter
-from onboard.estimators.leader.hypotheses.wind import Wind
 from onboard.estimators.leader.image.camera_pose import CameraPoses, PosedExposure
 from onboard.estimators.leader.image.detector import NoiseScale, Repeats
 from onboard.estimators.leader.image.prepare import Image, hold, prepare
@@ -81,7 +80,6 @@ class Track:
         self.rate_limit = RateLimit(config.publish_rate_hz)
         self.repeats = Repeats(config.stale_after_s, poses.camera.sigma)
         self._checks, self._noise = Checks(config), NOISE  # of the tracks before
-        self._wind: Wind | None = None
         self._mean_nis = 1.0  # by the images before a track starts
         self.size: Size | None = None  # by more than images
         self.prior: Prior | None = None  # of an earlier run, until a track starts
@@ -151,16 +149,6 @@ class Track:
         self.held.clear()
         self._filter, self._config = filter_, config
         return was_followed
-
-    def feel(self, wind: Wind, ownship: Ownship) -> None:
-        """The wind, from now on."""
-        self._wind = wind
-        if self._history is None:
-            return
-        try:
-            self._history.insert(self._history.belief_at(0, ownship)[0], wind, ownship)
-        except FilterError as error:
-            self._fail(error)
 
     def assist(self, taken: Auxiliary, ownship: Ownship) -> Verdict:
         """Use what is measured beside the images at its own time.
@@ -336,8 +324,6 @@ class Track:
         t_ns, horizon_ns = first.message.t_ns, self._horizon_ns()
         forward, take = partial(advance, self._filter), partial(fuse, self._filter, self._poses)
         self._history = History(t_ns, begun, horizon_ns=horizon_ns, advance=forward, fuse=take)
-        if self._wind is not None:
-            self._history.insert(first.message.t_ns, self._wind, ownship)
         for other in images[1:]:
             self._history.insert(other.message.t_ns, other, ownship)
         self.life.started(first.message.t_ns, again=before is not None)

@@ -53,7 +53,7 @@ def measured(image: Any, **section: Any) -> Any:
 def test_a_box_measures_its_sides_and_no_wing() -> None:
     m = measured(detection(feature("box", 0.1, 0.05), half=(0.04, 0.01)), **WINGED)
     rows = m.rows
-    assert (m.has_wing, m.has_extent, rows.is_box, rows.named) == (False, True, True, False)
+    assert (m.has_wing, m.has_extent, rows.is_box, rows.names) == (False, True, True, ())
     assert rows.y == pytest.approx([0.0, 0.0, 0.08, 0.02], rel=0.03, abs=2e-4)
     assert np.sqrt(rows.R.diagonal()) == pytest.approx(0.05 * 0.08 * np.sqrt([0.5, 0.5, 2.0, 2.0]), rel=0.03)
     assert m.span == pytest.approx(math.hypot(0.04, 0.01) * math.sqrt(2.0), rel=0.02)

@@ -194,12 +194,12 @@ def test_a_report_that_may_be_false_leads_the_size_no_farther_than_3_sigmas(
 
 
 def test_tied_noses_turn_with_the_courses_that_a_report_corrects_and_free_ones_stay() -> None:
-    particles, air = cloud_of(4).with_biases(*TRUE_REPORT.biases), (1.0, -2.0)
+    particles = cloud_of(4).with_biases(*TRUE_REPORT.biases)
     particles.headings[:2] += 0.05
     particles.course_locked[1::2] = FREE
     taken = report(np.array([RANGE, 0.0, 0.0]), np.array([SPEED, 3.0, 0.0]))
-    after, _, _ = corrected(particles, *taken.rows(particles), air)
-    was, now = (courses(c.means, air) for c in (particles, after))
+    after, _, _ = corrected(particles, *taken.rows(particles))
+    was, now = (courses(c.means) for c in (particles, after))
     assert np.abs(now - was).min() > 1e-3
     assert (after.headings - particles.headings)[::2] == pytest.approx((now - was)[::2])
     assert_allclose(after.headings[1::2], particles.headings[1::2], rtol=0.0, atol=0.0)

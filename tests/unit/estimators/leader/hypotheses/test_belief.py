@@ -134,20 +134,6 @@ def test_hypotheses_without_numbers_are_an_error() -> None:
         fused(filter_, state, image(25.0, 0.3), STILL)
 
 
-def test_what_is_expected_depends_on_the_wind() -> None:
-    """Headings that are locked to their courses are on them through the air."""
-    filter_, measurement = filter_of(), image(25.0, 0.2)
-    state = filter_.start(measurement, STILL._replace(v_F_n=np.array([9.0, 0.0, 0.0])), None)
-    means = state.particles.means.copy()
-    means[:, 3:5] = [9.0, 2.0]
-    state = state._replace(particles=state.particles._replace(means=means, course_locked=np.ones(len(means))))
-    expected = [
-        filter_.compare(filter_.predict(state._replace(settings=settings)), measurement, STILL).expected.S
-        for settings in (state.settings, state.settings._replace(air=(0.0, 6.0), air_sigma=1.0))
-    ]
-    assert np.abs(expected[1] - expected[0]).max() > 1e-6
-
-
 def test_a_hypothesis_that_is_far_off_does_not_make_an_image_unlikely() -> None:
     """After seconds without an image one in a thousand may be almost at the camera: an innovation's covariance is
     that of all together, and a track that was right then gave its image to another one."""

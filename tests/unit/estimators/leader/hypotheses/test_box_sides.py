@@ -26,7 +26,7 @@ def test_what_one_particle_expects_has_the_nis_of_its_update_seed_0_to_2(seed: i
     wide[:N, :N], wide[N, N] = P, 0.01
     state = np.append(x, 0.02)[None], wide[None], np.array([heading])
     rows, camera = rows_of([-0.01, -0.005, 0.08, 0.03]), (R_cn, np.array([0.1, 0.0, -0.2]), axes_of(x, R_cn))
-    seen = view.view_of(rows, camera, FREE, (0.0, 0.0), N)
+    seen = view.view_of(rows, camera, FREE, N)
     expected, off, S, together, each = view.expect(*state, np.ones(1), seen)
     np.testing.assert_allclose(off, rows.y - expected, rtol=1e-12)
     assert float(off @ np.linalg.solve(S, off)) == pytest.approx(together, rel=1e-9)
@@ -43,7 +43,7 @@ def test_several_particles_expect_their_mean_and_how_far_they_are_apart_seed_4()
         np.array([0.25, 0.75]),
         (R_cn, np.zeros(3), axes_of(x, R_cn)),
     )
-    seen = view.view_of(rows_of([0.0] * 4), camera, FREE, (0.0, 0.0))
+    seen = view.view_of(rows_of([0.0] * 4), camera, FREE)
 
     def alone(k: int) -> tuple[np.ndarray, np.ndarray]:
         which = slice(k, k + 1)

@@ -10,7 +10,7 @@ from onboard.estimators.leader.hypotheses import motion as model
 from onboard.estimators.leader.hypotheses import prediction, update
 from onboard.estimators.leader.hypotheses.particles import Particles
 from onboard.estimators.leader.hypotheses.start import start
-from onboard.estimators.leader.hypotheses.summary import LOG_SIZE, Summary, summarise, with_course
+from onboard.estimators.leader.hypotheses.summary import LOG_SIZE, Summary, summarise
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.measurement import Measurement, measure_wing
 from onboard.filters.belief import FilterError
@@ -127,17 +127,6 @@ def test_a_cloud_without_numbers_is_an_error() -> None:
     particles.means[:] = math.nan
     with pytest.raises(FilterError, match="lost their numbers"):
         update.update(SETTINGS, particles, image(25.0, 0.3), STILL)
-
-
-def test_the_nose_of_a_fixed_wing_is_likely_on_its_course_but_no_more() -> None:
-    """The particles itself knows nothing of it: each image would count it again."""
-    settings = SETTINGS._replace(crab=math.radians(14.0), nose_about_course=math.radians(14.0))
-    pose = STILL._replace(v_F_n=np.array([10.0, 0.0, 0.0]))
-    particles = start(settings, image(25.0, 0.0), pose)
-    particles.covariances[:, 3:6, 3:6] = 0.01 * np.eye(3)
-    near = np.abs(np.sin(particles.headings)) < math.sin(math.radians(14.0))
-    assert 0.6 < with_course(settings, particles)[near].sum() < 0.75
-    assert np.exp(particles.log_weights)[near].sum() == pytest.approx(0.4, abs=0.02)
 
 
 @pytest.mark.parametrize("middle", [False, True])

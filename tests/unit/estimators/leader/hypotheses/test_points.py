@@ -70,8 +70,8 @@ def corrected(
 ) -> tuple[Array, Array, float, float]:
     """Mean, covariance, heading and NIS of one particle after an image."""
     means, covariances, headings = x[None].copy(), P[None].copy(), np.array([heading])
-    seen = model.view_of(rows, (R_cn, np.zeros(3), axes_of(x[:N], R_cn)), np.zeros(1), (0.0, 0.0), bias)
-    if rows.named:
+    seen = model.view_of(rows, (R_cn, np.zeros(3), axes_of(x[:N], R_cn)), np.zeros(1), bias)
+    if rows.names:
         each = model.orient(means, covariances, headings, seen)
     else:
         *_, each = model.expect(means, covariances, headings, np.ones(1), seen)

@@ -31,7 +31,7 @@ def wings(particles: Particles) -> Array:
             particles.covariances[k : k + 1],
             particles.headings[k : k + 1],
             np.ones(1),
-            view.view_of(IMAGE.rows, camera, particles.course_locked[k : k + 1], (0.0, 0.0)),
+            view.view_of(IMAGE.rows, camera, particles.course_locked[k : k + 1]),
         )[0][2:4]
         for k in range(len(particles.headings))
     ]
@@ -54,16 +54,6 @@ def test_a_doubted_nose_shows_the_same_image() -> None:
     assert wings(after)[same] == pytest.approx(wings(particles)[same], abs=1e-4)
 
 
-def test_a_doubted_nose_of_a_fixed_wing_stays_about_its_course() -> None:
-    settings = HEADINGS._replace(crab=math.radians(14.0), doubted_after=1e-9)
-    flies = STILL._replace(v_F_n=np.array([15.0, 0.0, 0.0]))
-    particles = start(settings, IMAGE, flies)
-    course = np.arctan2(particles.means[:, 4], particles.means[:, 3])
-    after = prediction.predict(settings, particles, 1e-6, 1e-6 * flies.v_F_n)
-    assert np.abs(after.headings - course).max() < 2.6 * settings.crab
-    assert np.abs(after.headings - particles.headings).max() > settings.crab
-
-
 def test_only_a_slow_leader_begins_to_hover_and_one_that_is_doubted_meanwhile_stays_at_rest() -> None:
     settings = HEADINGS._replace(hovering=0.0, flies_for=1e-9, accelerating=0.0, doubted_after=1e-9, tied=0.0)
     particles = start(settings, IMAGE, STILL)
@@ -76,14 +66,6 @@ def test_only_a_slow_leader_begins_to_hover_and_one_that_is_doubted_meanwhile_st
     again = prediction.predict(settings._replace(hovers_for=1e9), after, 1e-6, np.array([0.0, 1e-6, 0.0]))
     assert np.abs(again.means[~fast, 3:6]).max() < 0.011
     assert np.abs(again.headings - after.headings).max() > 0.5
-
-
-def test_a_fixed_wing_never_hovers() -> None:
-    settings = HEADINGS._replace(crab=0.2, hovering=1.0, flies_for=1e-9)
-    particles = start(settings, IMAGE, STILL)
-    particles.means[:, 3:6] = 0.0
-    after = prediction.predict(settings, particles, 0.1, np.zeros(3))
-    assert model.HOVERING not in {*particles.regimes, *after.regimes}
 
 
 def test_intensities_keep_their_spread_over_time() -> None:

@@ -1,7 +1,6 @@
 """A leader with a given heading: its image and its motion, against plain geometry and a plain Kalman filter."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -18,13 +17,6 @@ SIZE, F_PX = 2.0, 500.0
 Camera = tuple[Array, Array, Array]
 
 
-class Course(NamedTuple):
-    """Which headings are course-locked (K,), and the velocity of the air."""
-
-    course_locked: Array
-    air: tuple[float, float]
-
-
 def fly_on(
     means: Array,
     P: Array,
@@ -33,13 +25,13 @@ def fly_on(
     intensities: Array,
     drags: Array,
     step: model.Interval,
-    course: Course,
+    course_locked: Array,
 ) -> None:
     """Each particle after a step, in place."""
-    rest = regimes, means, P, intensities, course.course_locked, drags, np.zeros(len(headings))
+    rest = regimes, means, P, intensities, course_locked, drags, np.zeros(len(headings))
     particles = ParticleArrays(headings, np.zeros(len(headings)), *rest)
     for k in range(len(headings)):
-        model.fly_on(k, particles, step, course.air, assumptions.MIN_VISIBLE_FRACTION)
+        model.fly_on(k, particles, step, assumptions.MIN_VISIBLE_FRACTION)
 
 
 LEVEL = [(0.0, 0.0), (-0.04, 0.0), (0.04, 0.0)]
@@ -73,20 +65,20 @@ def foreseen(
     w: Array,
     y: Array,
     camera: tuple[Array, Array, Array],
-    course: Course,
+    course_locked: Array,
 ) -> tuple[Array, Array, view.ImageRows, view.Expectation]:
     """What particles expect of a wing at y (m,): mean and covariance, without noise; the view, and what each
     expects."""
     m, rows = len(y), measure_wing(LEVEL, [1.0 / F_PX] * 3, middle=True).rows
     rows = rows._replace(y=y, R=NOISE[:m, :m].copy(), of=rows.of[:m], shares=rows.shares[:m], axis=rows.axis[:m])
-    seen = view.view_of(rows, camera, course.course_locked, course.air)
+    seen = view.view_of(rows, camera, course_locked)
     mean, _, S, _, each = view.expect(means, P, headings, w, seen)
     return mean, S - seen.R, seen, each
 
 
 QUIET = model.Noise(np.zeros(model.N), np.zeros((3, model.N)), np.zeros(model.N), 0.0, 0.0)
 ALIKE = np.zeros((1, 3))  # intensities
-FREE, COURSE_LOCKED = (Course(np.full(1, kind), (0.0, 0.0)) for kind in (model.FREE, model.COURSE_LOCKED))
+FREE, COURSE_LOCKED = (np.full(1, kind) for kind in (model.FREE, model.COURSE_LOCKED))
 AT_REST = model.Hover(0.5, 0.1, 0.03, 0.02)
 STEP = model.Interval(0.1, np.zeros(3), QUIET, AT_REST, np.ones(3))
 
@@ -102,13 +94,13 @@ def drawn(seed: int) -> tuple[Array, Array, float, Array]:
 
 
 def corrected(
-    x: Array, P: Array, heading: float, y: Array, axes: Array, R_cn: Array, course: Course = FREE
+    x: Array, P: Array, heading: float, y: Array, axes: Array, R_cn: Array, course_locked: Array = FREE
 ) -> tuple[Array, Array, float]:
     """Mean, covariance and NIS of one particle after an image."""
     means, covariances = x[None].copy(), P[None].copy()
     camera = R_cn, np.zeros(3), axes
     headings = np.array([heading])
-    *_, rows, each = foreseen(means, covariances, headings, np.ones(1), y, camera, course)
+    *_, rows, each = foreseen(means, covariances, headings, np.ones(1), y, camera, course_locked)
     nis, _ = view.update(means, covariances, headings, rows, each)
     return means[0], covariances[0], float(nis[0])
 
@@ -163,7 +155,7 @@ def test_an_image_that_fits_no_hypothesis_decides_little_between_them() -> None:
     P[:, 1, 1] = 0.1**2
     y, axes = seen(np.where(np.arange(model.N) == 1, 0.0, x[0]), 0.0, np.eye(3))
     camera = np.eye(3), np.zeros(3), axes
-    free = FREE._replace(course_locked=np.full(2, model.FREE))
+    free = np.full(2, model.FREE)
     *_, rows, each = foreseen(x, P, np.zeros(2), np.full(2, 0.5), y[:4].copy(), camera, free)
     _, log_l = view.update(x, P, np.zeros(2), rows._replace(R=1e-6 * np.eye(4)), each)
     assert 0.5 < log_l[0] - log_l[1] < 4.0
@@ -274,7 +266,7 @@ def test_what_particles_expect_together_is_the_mixture_of_what_each_expects_seed
     y, axes = seen(x, heading, R_cn, exchanged=True)
     other, w = x + 0.1 * np.random.default_rng(seed).normal(size=model.N), np.array([0.3, 0.7])
     means, headings, camera = np.array([x, other]), np.array([heading, heading + 0.3]), (R_cn, np.zeros(3), axes)
-    free = Course(np.zeros(2), (0.0, 0.0))
+    free = np.zeros(2)
     mean, S, *_ = foreseen(means, np.array([P, 2.0 * P]), headings, w, y, camera, free)
     exchanged = np.array([1.0, 1.0, -1.0, -1.0, 1.0, 1.0])
     each = [exchanged * shown(m, n, R_cn, axes) for m, n in zip(means, headings, strict=True)]
@@ -314,24 +306,23 @@ def test_a_nose_that_is_tied_to_its_course_tells_of_the_course_seed_0_to_4(seed:
     assert np.abs((expected - x)[3:5]).max() > 1e-4
 
 
-def ahead(x: Array, air: tuple[float, float] = (0.0, 0.0)) -> float:
-    """Where the course through the air leads half a second later, rad; a slow leader's does not turn."""
-    u, v = x[3] - air[0], x[4] - air[1]
+def ahead(x: Array) -> float:
+    """Where the course leads half a second later, rad; a slow leader's does not turn."""
+    u, v = x[3], x[4]
     return float(math.atan2(v, u) + 0.5 * (u * x[7] - v * x[6]) / (u * u + v * v + 1.0))
 
 
 @pytest.mark.parametrize("aside", [0.0, 0.08])
-def test_a_tied_nose_turns_with_the_course_through_the_air_in_a_step_and_by_an_image(aside: float) -> None:
+def test_a_tied_nose_turns_with_the_course_in_a_step_and_by_an_image(aside: float) -> None:
     x, P, headings = np.zeros((1, model.N)), np.eye(model.N)[None].copy(), np.zeros(1)
     x[0, :3], x[0, 3:5], x[0, 7] = [30.0, 0.0, 0.0], [12.0, 2.0], 1.0
-    course = COURSE_LOCKED._replace(air=(2.0, -3.0))
-    headings[0] = before = ahead(x[0], course.air) + aside
-    fly_on(x, P, headings, np.zeros(1), ALIKE, np.zeros(1), STEP, course)
-    assert headings[0] == pytest.approx(ahead(x[0], course.air) + aside)
+    headings[0] = before = ahead(x[0]) + aside
+    fly_on(x, P, headings, np.zeros(1), ALIKE, np.zeros(1), STEP, COURSE_LOCKED)
+    assert headings[0] == pytest.approx(ahead(x[0]) + aside)
     assert headings[0] > before + 1e-3
     predicted, axes = seen(x[0], headings[0], np.eye(3))
     off, before = predicted + np.full(6, 1e-2), float(headings[0])
-    *_, rows, each = foreseen(x, P, headings, np.ones(1), off, (np.eye(3), np.zeros(3), axes), course)
+    *_, rows, each = foreseen(x, P, headings, np.ones(1), off, (np.eye(3), np.zeros(3), axes), COURSE_LOCKED)
     view.update(x, P, headings, rows, each)
-    assert headings[0] == pytest.approx(ahead(x[0], course.air) + aside)
+    assert headings[0] == pytest.approx(ahead(x[0]) + aside)
     assert abs(headings[0] - before) > 1e-3
