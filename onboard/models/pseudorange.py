@@ -36,14 +36,9 @@ def _measure(rows, position, velocity):
     ranges = np.empty((rows.shape[0], 2 * count))
     for s in range(rows.shape[0]):
         for k in range(count):
-            r2 = closing = 0.0
-            for i in range(3):
-                d = position[k, i] - rows[s, 3 * i]
-                r2 += d * d
-                closing += d * (velocity[k, i] - rows[s, 3 * i + 1])
-            r = np.sqrt(r2)
+            r, rate = _range_and_rate(rows[s], position[k], velocity[k])
             ranges[s, k] = r + rows[s, 9]
-            ranges[s, count + k] = closing / r + rows[s, 10]
+            ranges[s, count + k] = rate + rows[s, 10]
     return ranges
 
 
@@ -53,13 +48,7 @@ def _jacobian(rows, position, velocity):
     slope = np.zeros((rows.shape[0], 2 * count, rows.shape[1]))
     for s in range(rows.shape[0]):
         for k in range(count):
-            r2 = closing = 0.0
-            for i in range(3):
-                d = position[k, i] - rows[s, 3 * i]
-                r2 += d * d
-                closing += d * (velocity[k, i] - rows[s, 3 * i + 1])
-            r = np.sqrt(r2)
-            rate = closing / r
+            r, rate = _range_and_rate(rows[s], position[k], velocity[k])
             for i in range(3):
                 d = position[k, i] - rows[s, 3 * i]
                 d_dot = velocity[k, i] - rows[s, 3 * i + 1]
@@ -69,3 +58,14 @@ def _jacobian(rows, position, velocity):
             slope[s, k, 9] = 1.0
             slope[s, count + k, 10] = 1.0
     return slope
+
+
+@kernel(**MAKING)
+def _range_and_rate(row, position, velocity):
+    r2 = closing = 0.0
+    for i in range(3):
+        d = position[i] - row[3 * i]
+        r2 += d * d
+        closing += d * (velocity[i] - row[3 * i + 1])
+    r = np.sqrt(r2)
+    return r, closing / r

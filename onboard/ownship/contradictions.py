@@ -15,7 +15,7 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from onboard.ownship.scatter import AVERAGING_TIME_S, Ceiling, Scatter
+from onboard.ownship.scatter import AVERAGING_TIME_S, Ceiling, Scatter, VelocityNoise
 from onboard.units import NS_PER_S, S_PER_NS
 
 DOUBT_DURATION_NS: Final = NS_PER_S  # after a contradiction
@@ -186,8 +186,7 @@ class Contradictions:
         # The vertical alone: a share of the way forward would hide it.
         self._climbs = Strides(SPEED_TOLERANCE, SPEED_SHARE, MAX_POSITION_NOISE)
         self._same_q, self._same_r = Still(), Still()
-        self._speeds = Scatter(3)  # of the velocity's second differences
-        self._change: tuple[float, float, float] | None = None  # the last step's slope of the velocity
+        self._speeds = VelocityNoise(3, MAX_SAMPLE_INTERVAL_NS)
         self._leapt: list[tuple[int, Sequence[float]]] = []  # the last velocities, if each was a jump
         self._others: deque[int] = deque(
             maxlen=MIN_STRIDE_COUNT
@@ -221,9 +220,7 @@ class Contradictions:
     def velocity_noise(self) -> tuple[float, ...] | None:
         """Standard deviations (3,) of the velocities' white noise in n, m/s, or None."""
         white = self._speeds.white
-        if white is None:
-            return None
-        return tuple([min(0.5 * sigma, MAX_SPEED_NOISE) for sigma in white])  # see `_add_change`
+        return None if white is None else tuple([min(sigma, MAX_SPEED_NOISE) for sigma in white])
 
     def add_attitude(self, t_ns: int, q_nb: Sequence[float], omega_b: Sequence[float]) -> None:
         """Check the next attitude: unit quaternion (4) and body rates (3), rad/s."""
@@ -269,6 +266,7 @@ class Contradictions:
         """Restart the comparisons, since the autopilot has corrected its state in one step."""
         self._leapt.clear()
         self._velocities.clear()
+        self._speeds.skip()
         self._nav = None
         self.note(t_ns, what, is_step=True)
 
@@ -310,7 +308,7 @@ class Contradictions:
         """Check the next position (3), NaN where it is not known, and velocity (3)."""
         before, now = self._nav, Sample(t_ns, tuple(r), tuple(v))
         self._nav = now
-        self._add_change(before, now)
+        self._speeds.add(t_ns, now.rate)
         self._compare_with_imu(now)
         if before is None or math.isnan(sum(now.x) + sum(before.x)):
             return
@@ -344,23 +342,6 @@ class Contradictions:
         self._others.append(t_ns)
         if len(self._others) == MIN_STRIDE_COUNT and abs(t_ns - self._others[0]) < WINDOW_NS:
             self.note(t_ns, "two sources state different own motion")
-
-    def _add_change(self, before: Sample | None, now: Sample) -> None:
-        """Add the velocity's second difference to its statistics.
-
-        White noise of standard deviation r makes an autocovariance of -4 r^2 at lag 1; an acceleration that
-        changes smoothly makes none, or a positive one."""
-        if before is None or not 0 < now.t_ns - before.t_ns <= MAX_SAMPLE_INTERVAL_NS:
-            self._change = None
-            self._speeds.skip()
-            return
-        dt = (now.t_ns - before.t_ns) * S_PER_NS
-        (u0, v0, w0), (u1, v1, w1) = before.rate, now.rate
-        slope = u, v, w = (u1 - u0) / dt, (v1 - v0) / dt, (w1 - w0) / dt
-        if self._change is not None:
-            a, b, c = self._change
-            self._speeds.add(((u - a) * dt, (v - b) * dt, (w - c) * dt), dt)
-        self._change = slope
 
     def _compare_with_imu(self, now: Sample) -> None:
         """Compare the horizontal velocity's change in the window with the accelerometer."""

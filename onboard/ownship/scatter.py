@@ -15,6 +15,8 @@ import math
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
+from onboard.units import S_PER_NS
+
 AVERAGING_TIME_S: Final = 5.0  # of covariances
 MIN_INCREMENT_COUNT: Final = 10  # With fewer, the noise is unknown and no increment is limited.
 MAX_INCREMENT_SIGMAS: Final = 4.0
@@ -118,6 +120,47 @@ class Scatter:
             if b < 0.0:
                 white -= b
         return math.sqrt(steps * walk + 2.0 * white)
+
+
+class VelocityNoise:
+    """White noise of a stream of velocities, from their second differences.
+
+    White noise of standard deviation r makes an autocovariance of -4 r^2 at lag 1; an acceleration that changes
+    smoothly makes none, or a positive one.
+    """
+
+    def __init__(self, size: int, max_interval_ns: int) -> None:
+        self._max_interval_ns = max_interval_ns
+        self._scatter = Scatter(size)
+        self._last: tuple[int, Sequence[float]] | None = None
+        self._slope: list[float] | None = None  # from the velocity before to the last one
+
+    @property
+    def count(self) -> int:
+        """Number of second differences."""
+        return self._scatter.count
+
+    @property
+    def white(self) -> tuple[float, ...] | None:
+        """Standard deviations (size,), m/s; None before they are known."""
+        white = self._scatter.white
+        return None if white is None else tuple([0.5 * sigma for sigma in white])
+
+    def add(self, t_ns: int, velocity: Sequence[float]) -> None:
+        """Add a velocity (size,), m/s."""
+        last, self._last = self._last, (t_ns, velocity)
+        if last is None or not 0 < t_ns - last[0] <= self._max_interval_ns:
+            self._slope = None
+            self._scatter.skip()
+            return
+        dt = (t_ns - last[0]) * S_PER_NS
+        before, self._slope = self._slope, [(b - a) / dt for a, b in zip(last[1], velocity, strict=True)]
+        if before is not None:
+            self._scatter.add([(b - a) * dt for a, b in zip(before, self._slope, strict=True)], dt)
+
+    def skip(self) -> None:
+        """Separate the next velocity from the last one."""
+        self._last = None
 
 
 def _limited(values: Sequence[float]) -> Sequence[float]:

@@ -16,6 +16,8 @@ from onboard.messages import Barometer, GlobalPosition
 from onboard.ownship import Ownship
 from onboard.units import NS_PER_S, S_PER_NS
 
+NO_POSITION: Final = (0.0, 0.0)  # latitude and longitude from a sender without a position
+OWN_POSITION_TIMEOUT_NS: Final = 3 * NS_PER_S
 SAME_VELOCITY_M_S: Final = 2.0  # several times what a transponder rounds
 
 
@@ -43,8 +45,7 @@ class Frame:
     `pressure_altitude_offset`: height above mean sea level less pressure altitude, m, by our own barometer; None
     without one."""
 
-    def __init__(self, timeout_s: float) -> None:
-        self._timeout_ns = round(timeout_s * NS_PER_S)
+    def __init__(self) -> None:
         self._anchor_e = np.zeros(3)
         self._R_ne: Array | None = None
         self._newest: tuple[int, Array, Array] | None = None  # time, r, R_nl
@@ -58,7 +59,7 @@ class Frame:
 
     def receive(self, m: GlobalPosition) -> None:
         """Receive our own position; (0, 0) is ignored, since it means none."""
-        if (m.lat_deg, m.lon_deg) == (0.0, 0.0) or not on_earth(m.lat_deg, m.lon_deg):
+        if (m.lat_deg, m.lon_deg) == NO_POSITION or not on_earth(m.lat_deg, m.lon_deg):
             return
         if self._R_ne is None:
             self._anchor_e = ecef_from_geodetic(m.lat_deg, m.lon_deg, m.alt_msl)
@@ -70,13 +71,13 @@ class Frame:
 
     def receive_pressure(self, m: Barometer) -> None:
         """Our own pressure altitude, beside our newest height."""
-        if self._newest is not None and abs(m.t_ns - self._newest[0]) <= self._timeout_ns:
+        if self._newest is not None and abs(m.t_ns - self._newest[0]) <= OWN_POSITION_TIMEOUT_NS:
             self.pressure_altitude_offset = self._height - m.pressure_altitude
 
     def is_here(self, t_ns: int, y: Array, sigma: float) -> bool:
         """Whether somebody with this position and velocity (6,) at a time is where we are, and flies as we do:
         within two standard deviations horizontally, m."""
-        if self._newest is None or abs(t_ns - self._newest[0]) > self._timeout_ns:
+        if self._newest is None or abs(t_ns - self._newest[0]) > OWN_POSITION_TIMEOUT_NS:
             return False
         t0_ns, r, R_nl = self._newest
         off = (y[:3] - r - self._velocity * ((t_ns - t0_ns) * S_PER_NS)) @ R_nl
@@ -117,7 +118,7 @@ class Frame:
 
         None if the position is unknown or too old, or if the pose is unknown.
         """
-        if self._newest is None or abs(t_ns - self._newest[0]) > self._timeout_ns:
+        if self._newest is None or abs(t_ns - self._newest[0]) > OWN_POSITION_TIMEOUT_NS:
             return None
         t0_ns, r, R_nl = self._newest
         pose, then = ownship.pose_at(t_ns), ownship.pose_at(t0_ns)

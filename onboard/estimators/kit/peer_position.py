@@ -3,12 +3,11 @@
 import math
 from typing import Final, NamedTuple
 
-from onboard.estimators.kit.frame import on_earth
+from onboard.estimators.kit.frame import NO_POSITION, on_earth
 from onboard.messages import AdsbVehicle, AltitudeType, FollowTarget, PeerPosition, Vec3, Verdict
 
 MIN_HEIGHT_M: Final = -1000.0
 MAX_HEIGHT_M: Final = 30_000.0  # No aircraft flies by lift above it.
-NO_POSITION: Final = (0.0, 0.0)  # latitude and longitude from a sender without a position
 MIN_MOVING_SPEED_M_S: Final = 1.0  # A slower aircraft may report the same position twice.
 
 

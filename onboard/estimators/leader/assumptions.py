@@ -155,7 +155,6 @@ MEAN_NIS_AFTER_LOSS: Final = 2.0  # of a track that begins after another one, wh
 MAX_CORRECTED_DIRECTION_SIGMA: Final = 0.2  # rad: beyond it no tangent holds, and the track starts anew.
 
 # Of reports.
-OWN_POSITION_TIMEOUT_S: Final = 3.0
 MAX_REPORT_AGE_NS: Final = 1_500_000_000  # What we and the camera did before is forgotten.
 UNKNOWN_VELOCITY_SIGMA: Final = 300.0  # m/s, of a velocity that is not reported
 

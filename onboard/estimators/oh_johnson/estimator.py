@@ -57,13 +57,6 @@ class AngleImage(NamedTuple):
     pose: CameraPlace
 
 
-class GatedUpdate(NamedTuple):
-    """The update by an image, and whether it passed the gate."""
-
-    fused: bool
-    update: Update
-
-
 class Estimator:
     """See `onboard.estimators.EstimatorProtocol`."""
 
@@ -150,18 +143,18 @@ class Estimator:
         if not history.reaches(message.t_ns):
             return self._report(message, Verdict.TOO_OLD, image)
         late = message.t_ns < self._fused_ns
-        outcome: GatedUpdate = history.insert(message.t_ns, image, ownship)
+        update: Update = history.insert(message.t_ns, image, ownship)
         self._settle(ownship)
-        if not outcome.fused:
-            return self._report(message, Verdict.GATED, image, outcome)
+        if not update.passes:
+            return self._report(message, Verdict.GATED, image, update)
         self._fused_ns = max(self._fused_ns, message.t_ns)
-        return self._report(message, Verdict.FUSED_LATE if late else Verdict.FUSED, image, outcome)
+        return self._report(message, Verdict.FUSED_LATE if late else Verdict.FUSED, image, update)
 
     def _settle(self, ownship: Ownship) -> None:
         """Advance to the newest own motion; an image rejected by the gate may pass now."""
         if self._history is not None:
             self._history.settle(ownship)
-            self._fused_ns = max(self._fused_ns, self._history.newest(lambda o: o.fused) or 0)
+            self._fused_ns = max(self._fused_ns, self._history.newest(lambda update: update.passes) or 0)
 
     # ------------------------------------------------------------------------ the paper's filter
 
@@ -173,13 +166,13 @@ class Estimator:
             belief = unscented.predict(belief, process, self._Q * step.dt, WEIGHTS)
         return belief
 
-    def _fuse(self, belief: Belief, image: AngleImage, ownship: Ownship) -> tuple[Belief, GatedUpdate]:
+    def _fuse(self, belief: Belief, image: AngleImage, ownship: Ownship) -> tuple[Belief, Update]:
         """Measurement update, eqs 34-42, with the angles of eqs 11-17. The gate is ours."""
         pose = self._pose(image.message, ownship) or image.pose
         measure = partial(camera_angles.measure, R_cn=pose.R_cn, r_FC_n=pose.r_FC_n)
         update = unscented.update(belief, image.angles, measure, ANGLES, WEIGHTS, camera_angles.ANGULAR)
-        fused = update.nis <= self._gate
-        return (update.belief if fused else belief), GatedUpdate(fused, update)
+        update = update._replace(passes=update.nis <= self._gate)
+        return (update.belief if update.passes else belief), update
 
     def _pose(self, message: TargetPoints, ownship: Ownship) -> CameraPlace | None:
         """Return the camera's pose at the time of an image.
@@ -252,7 +245,7 @@ class Estimator:
         message: TargetPoints,
         verdict: Verdict,
         image: AngleImage | None = None,
-        outcome: GatedUpdate | None = None,
+        update: Update | None = None,
     ) -> MeasurementReport:
         """Return the record of one image, with everything known when the verdict was reached."""
         return image_report(
@@ -262,5 +255,5 @@ class Estimator:
             units=camera_angles.UNITS,
             gate=self._gate,
             measured=None if image is None else image.angles,
-            update=None if outcome is None else outcome.update,
+            update=update,
         )

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.own_state.noise import SensorNoise
+from onboard.estimators.own_state.noise import Densities, SensorNoise
 from onboard.models.own_motion import GRAVITY
 from onboard.units import NS_PER_S, S_PER_NS
 
@@ -21,7 +21,6 @@ MIN_FIX_INTERVAL_NS: Final = 900_000_000  # between compared fixes
 MAX_FIX_INTERVAL_NS: Final = 2 * NS_PER_S  # between compared fixes
 MANOEUVRE_DECAY_TIME_S: Final = 5.0
 UNKNOWN_DENSITY: Final = 4.0  # (m/s^2)^2/Hz, before fixes have been compared
-FORCE_DENSITY_HISTORY_LENGTH: Final = 100
 SCATTER_AVERAGING_TIME_S: Final = 1.0
 
 
@@ -123,8 +122,7 @@ class Manoeuvres:
     def __init__(self) -> None:
         self._hovering = Samples(3)  # acceleration in n for the specific force of hovering
         self._fixes: list[tuple[int, Array]] = []
-        self._times: list[int] = []
-        self._densities: list[Array] = []
+        self._densities = Densities()
 
     def add_attitude(self, t_ns: int, R_nb: Array) -> None:
         """Add the attitude at a time."""
@@ -142,7 +140,8 @@ class Manoeuvres:
             return
         t0_ns, v0 = earlier[-1]
         hovering = self._hovering.mean(t0_ns, t_ns)
-        if hovering is None or (self._times and t_ns <= self._times[-1]):
+        newest_ns = self._densities.newest_ns
+        if hovering is None or (newest_ns is not None and t_ns <= newest_ns):
             return
         n, span = len(velocity), (t_ns - t0_ns) * S_PER_NS
         noise = 2 * sigma**2 / span
@@ -150,21 +149,15 @@ class Manoeuvres:
         across = float(excess[:2].max())
         along = float(excess[2]) if n == 3 else UNKNOWN_DENSITY
         density = np.array([across, across, along])
-        if self._times:
-            fading = float(np.exp(-(t_ns - self._times[-1]) * S_PER_NS / MANOEUVRE_DECAY_TIME_S))
+        if newest_ns is not None:
+            fading = float(np.exp(-(t_ns - newest_ns) * S_PER_NS / MANOEUVRE_DECAY_TIME_S))
             density = np.maximum(density, fading * self.at(t_ns))
-        self._times.append(t_ns)
-        self._densities.append(density)
-        if len(self._times) > FORCE_DENSITY_HISTORY_LENGTH:
-            del (
-                self._times[: -FORCE_DENSITY_HISTORY_LENGTH // 2],
-                self._densities[: -FORCE_DENSITY_HISTORY_LENGTH // 2],
-            )
+        self._densities.add(t_ns, density)
 
     def at(self, t_ns: int) -> Array:
         """Return the density (3,) as known at a time."""
-        i = bisect_right(self._times, t_ns) - 1
-        return self._densities[i] if i >= 0 else np.full(3, UNKNOWN_DENSITY)
+        known = self._densities.at(t_ns)
+        return np.full(3, UNKNOWN_DENSITY) if known is None else known
 
 
 class Inputs:

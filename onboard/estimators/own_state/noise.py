@@ -15,12 +15,11 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.own_state.config import Config
 from onboard.ownship.contradictions import MAX_SPEED_NOISE, RATE_NOISE
-from onboard.ownship.scatter import Scatter
+from onboard.ownship.scatter import Scatter, VelocityNoise
 from onboard.units import S_PER_NS
 
-MIN_ATTITUDE_SIGMA: Final = np.radians(
-    0.02
-)  # rad; quantisation of MAVLink's quaternions and the autopilot's timing
+# rad; quantisation of MAVLink's quaternions and the autopilot's timing
+MIN_ATTITUDE_SIGMA: Final = np.radians(0.02)
 MIN_RATE_SIGMA: Final = np.radians(0.2)  # rad/s
 KNOWN_TORQUE_NOISE: Final = 0.2  # rad/s^2 per square root of Hz, assumed where motors' torques are known
 UNKNOWN_TORQUE_NOISE: Final = 2.0  # the same elsewhere
@@ -28,9 +27,34 @@ MIN_TURNING_NOISE: Final = 0.05  # rad/s^2 per square root of Hz
 # m/s: a course in centidegrees at 10 m/s moves velocity by 2 mm/s, the receiver's delay more
 MIN_SPEED_SIGMA: Final = 0.03
 NO_NOISE: Final = (0.0, 0.0, 0.0)
-MAX_SAMPLE_INTERVAL_S: Final = 0.5  # between compared samples
+MAX_SAMPLE_INTERVAL_NS: Final = 500_000_000  # between compared samples
 MIN_INCREMENT_COUNT: Final = 50  # Fewer increments leave the assumed noise in use.
-TURNING_DENSITY_HISTORY_LENGTH: Final = 600  # for late measurements
+DENSITY_HISTORY_LENGTH: Final = 600  # for late measurements
+
+
+class Densities:
+    """Spectral densities (3,) as they were known at increasing times."""
+
+    def __init__(self) -> None:
+        self._times: list[int] = []
+        self._values: list[Array] = []
+
+    @property
+    def newest_ns(self) -> int | None:
+        """Time of the newest value."""
+        return self._times[-1] if self._times else None
+
+    def add(self, t_ns: int, value: Array) -> None:
+        """Append the value known from a time on."""
+        self._times.append(t_ns)
+        self._values.append(value)
+        if len(self._times) > 2 * DENSITY_HISTORY_LENGTH:
+            del self._times[:-DENSITY_HISTORY_LENGTH], self._values[:-DENSITY_HISTORY_LENGTH]
+
+    def at(self, t_ns: int) -> Array | None:
+        """Return the value known at a time; None before the first."""
+        i = bisect_right(self._times, t_ns) - 1
+        return self._values[i] if i >= 0 else None
 
 
 class SensorNoise:
@@ -45,12 +69,9 @@ class SensorNoise:
         self._speed = np.array(config.gps_velocity_sigma_m_s)
         known = UNKNOWN_TORQUE_NOISE if config.airframe == "unknown" else KNOWN_TORQUE_NOISE
         self._turning = np.full(3, known**2)
-        self._scatter, self._speeds = Scatter(3), Scatter(2)
+        self._scatter, self._speeds = Scatter(3), VelocityNoise(2, MAX_SAMPLE_INTERVAL_NS)
         self._last: tuple[int, Array] | None = None
-        self._fixes: list[tuple[int, Array]] = []  # the last two with their velocities
-        self._slope: Array | None = None  # between these two
-        self._times: list[int] = []
-        self._densities: list[Array] = []
+        self._densities = Densities()
 
     def add_rates(self, t_ns: int, omega: Array, acceleration: Array | None) -> None:
         """Add body rates (3,), rad/s, and the mean angular acceleration (3,) since the last.
@@ -58,42 +79,21 @@ class SensorNoise:
         The acceleration, rad/s^2, is None if it is unknown.
         """
         last, self._last = self._last, (t_ns, omega)
-        dt = (t_ns - last[0]) * S_PER_NS if last else 0.0
-        if last is None or not 0.0 < dt <= MAX_SAMPLE_INTERVAL_S:
+        if last is None or not 0 < t_ns - last[0] <= MAX_SAMPLE_INTERVAL_NS:
             self._scatter.skip()
             return
+        dt = (t_ns - last[0]) * S_PER_NS
         change = omega - last[1] - (0.0 if acceleration is None else acceleration * dt)
         self._scatter.add(change.tolist(), dt)
         if self._scatter.count >= MIN_INCREMENT_COUNT:
-            self._times.append(t_ns)
-            self._densities.append(np.maximum(np.array(self._scatter.walk or NO_NOISE), MIN_TURNING_NOISE**2))
-            if len(self._times) > 2 * TURNING_DENSITY_HISTORY_LENGTH:
-                del (
-                    self._times[:-TURNING_DENSITY_HISTORY_LENGTH],
-                    self._densities[:-TURNING_DENSITY_HISTORY_LENGTH],
-                )
+            self._densities.add(t_ns, np.maximum(np.array(self._scatter.walk or NO_NOISE), MIN_TURNING_NOISE**2))
 
     def add_fix(self, t_ns: int, velocity: Array) -> None:
-        """Add a fix's velocity in n, (2,) or (3,).
-
-        In the second difference, white noise of standard deviation r has an autocovariance of -4 r^2; a smoothly
-        changing acceleration has none.
-        """
-        self._fixes = [*self._fixes[-1:], (t_ns, velocity[:2])] if len(velocity) > 1 else []
-        if len(self._fixes) < 2:
-            self._slope = None
+        """Add a fix's velocity in n, (2,) or (3,)."""
+        if len(velocity) > 1:
+            self._speeds.add(t_ns, velocity[:2].tolist())
+        else:
             self._speeds.skip()
-            return
-        (t0_ns, v0), (t1_ns, v1) = self._fixes
-        dt = (t1_ns - t0_ns) * S_PER_NS
-        if not 0.0 < dt <= MAX_SAMPLE_INTERVAL_S:
-            self._slope = None
-            self._speeds.skip()
-            return
-        slope = (v1 - v0) / dt
-        if self._slope is not None:
-            self._speeds.add(((slope - self._slope) * dt).tolist(), dt)
-        self._slope = slope
 
     def attitude(self, white: Sequence[float] | None) -> Array:
         """Return standard deviations (6,) of roll, pitch, yaw (rad) and the body rates (rad/s).
@@ -115,7 +115,7 @@ class SensorNoise:
         white = self._speeds.white
         if white is None or self._speeds.count < MIN_INCREMENT_COUNT:
             return self._speed
-        level = min(max(0.5 * math.hypot(*white) / math.sqrt(2.0), MIN_SPEED_SIGMA), MAX_SPEED_NOISE)
+        level = min(max(math.hypot(*white) / math.sqrt(2.0), MIN_SPEED_SIGMA), MAX_SPEED_NOISE)
         return np.asarray(self._speed * level / self._speed[0])
 
     def turning(self, t_ns: int) -> Array:
@@ -123,5 +123,5 @@ class SensorNoise:
 
         In (rad/s^2)^2/Hz, as known at that time.
         """
-        i = bisect_right(self._times, t_ns) - 1
-        return self._densities[i] if i >= 0 else self._turning
+        learned = self._densities.at(t_ns)
+        return self._turning if learned is None else learned

@@ -5,6 +5,7 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Final
 
+from onboard.estimators.kit.frame import NO_POSITION, on_earth
 from onboard.estimators.own_state.config import Config
 from onboard.estimators.own_state.measurements import (
     MAX_ALTITUDE_M,
@@ -24,7 +25,6 @@ MAX_ATTITUDE_OFFSET_NS: Final = NS_PER_S // 2  # from the fix at which a track s
 ORIGIN_TIMEOUT_NS: Final = 2 * NS_PER_S  # A GLOBAL_POSITION_INT shows the autopilot's origin.
 MIN_FIX_TYPE: Final = 3  # GPS_FIX_TYPE_3D_FIX
 NO_ORIGIN: Final = (0.0, 0.0, 0.0)  # for a fix that is refused anyway
-NO_POSITION: Final = (0.0, 0.0)  # latitude and longitude from a receiver without a position
 MIN_ORIGIN_STEP_M: Final = 1.0  # Less is rounding.
 
 
@@ -147,6 +147,4 @@ def is_place(where: Vec3) -> bool:
     All later positions are relative to the first. A sender without a position reports latitude and longitude 0.
     """
     lat, lon, alt = where
-    if (lat, lon) == NO_POSITION:
-        return False
-    return abs(lat) <= 90.0 and abs(lon) <= 180.0 and abs(alt) < MAX_ALTITUDE_M
+    return (lat, lon) != NO_POSITION and on_earth(lat, lon) and abs(alt) < MAX_ALTITUDE_M

@@ -12,7 +12,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.traffic.filter import TrackFilter, join, put, take
 from onboard.filters.association import Places
-from onboard.filters.belief import Belief, FilterError
+from onboard.filters.belief import Belief, FilterError, Update
 from onboard.models.intruder import measurement
 from onboard.models.intruder.attitude_error import AttitudeErrorModel, ReportErrors, correct_attitude_error
 from onboard.models.intruder.motion import STATE_SIZE, earlier_position
@@ -27,28 +27,6 @@ class Radar(NamedTuple):
 
     r: Array
     R_rn: Array
-
-
-class Updates(NamedTuple):
-    """Updates by k measurements, one for each of k tracks, before they are applied.
-
-    Attributes
-    ----------
-    state
-        Posterior states.
-    innovation, covariance
-        Innovations (k, m) and their covariance (k, m, m).
-    predicted
-        Predicted measurements (k, m).
-    nis
-        NIS (k,); NaN if a filter failed.
-    """
-
-    state: Any
-    innovation: Array
-    covariance: Array
-    predicted: Array
-    nis: Array
 
 
 class Batch:
@@ -112,7 +90,7 @@ class Batch:
             return self._predict_singly(dt, attitude_error, report_errors)
         return NO_ROWS
 
-    def evaluate_reports(self, rows: Places, lag: Array, y: Array, R: Array, bias_sigma: Array) -> Updates:
+    def evaluate_reports(self, rows: Places, lag: Array, y: Array, R: Array, bias_sigma: Array) -> Update:
         """Evaluate reports y (k, 6) with noise R (k, 6, 6) for the tracks in these rows (k,).
 
         They are `lag` (k,) seconds old, and their steady errors have standard deviations `bias_sigma` (k, 3).
@@ -120,7 +98,7 @@ class Batch:
         report = lambda points, at: measurement.report(points, lag[at], bias_sigma[at])  # noqa: E731 - a model
         return self._evaluate(rows, y, R, report, ())
 
-    def evaluate_echoes(self, rows: Places, lag: float, y: Array, sigma: Array, radar: Radar) -> Updates:
+    def evaluate_echoes(self, rows: Places, lag: float, y: Array, sigma: Array, radar: Radar) -> Update:
         """Evaluate echoes y (k, 3), range, azimuth, elevation, with standard deviations (k, 3).
 
         They are `lag` seconds old.
@@ -133,10 +111,10 @@ class Batch:
         position = lambda points, at: earlier_position(points, np.full(len(at), lag))  # noqa: E731 - a model
         return self._evaluate(rows, measurement.position(y, *radar), R, position, ())
 
-    def apply(self, rows: Places, updates: Updates, chosen: Places) -> None:
+    def apply(self, rows: Places, updates: Update, chosen: Places) -> None:
         """Apply the updates `chosen`, which are of tracks `rows[chosen]`."""
         if len(chosen):
-            self._put(rows[chosen], take(updates.state, chosen))
+            self._put(rows[chosen], take(updates.belief, chosen))
 
     def restart(self, row: int, belief: Belief) -> None:
         """Restart a track with mean (15,) and covariance (15, 15)."""
@@ -161,8 +139,8 @@ class Batch:
         self._state = state
         self._belief = None
 
-    def _evaluate(self, rows: Places, y: Array, R: Array, measure: Measure, angular: tuple[int, ...]) -> Updates:
-        """Evaluate all measurements at once; if that fails, one by one."""
+    def _evaluate(self, rows: Places, y: Array, R: Array, measure: Measure, angular: tuple[int, ...]) -> Update:
+        """Evaluate all measurements at once; if that fails, one by one, and a NIS of NaN is a failed filter."""
         state, every = take(self._state, rows), np.arange(len(y))
         try:
             return self._evaluate_at(state, every, y, R, measure, angular)
@@ -170,23 +148,21 @@ class Batch:
             nan = np.full((1, y.shape[1]), np.nan)
             failed = (nan, np.full((1, y.shape[1], y.shape[1]), np.nan), nan, np.full(1, np.nan))
 
-        def evaluate(one: Any, i: int) -> Updates:
+        def evaluate(one: Any, i: int) -> tuple[Any, ...]:
             at = every[i : i + 1]
             try:
-                return self._evaluate_at(one, at, y[at], R[at], measure, angular)
+                return self._evaluate_at(one, at, y[at], R[at], measure, angular)[:5]
             except FilterError:
-                return Updates(one, *failed)
+                return one, *failed
 
-        updates: Updates = _singly(evaluate, state, len(y))
-        return updates
+        return Update(*_singly(evaluate, state, len(y)))
 
     def _evaluate_at(
         self, state: Any, at: Places, y: Array, R: Array, measure: Measure, angular: tuple[int, ...]
-    ) -> Updates:
+    ) -> Update:
         over_rows = lambda points: measure(points, np.repeat(at, len(points) // len(at)))  # noqa: E731 - a model
         update = self._filter.update(state, y, over_rows, R, angular)
-        nis = np.asarray(update.nis)
-        return Updates(update.belief, update.innovation, update.innovation_covariance, update.predicted, nis)
+        return update._replace(nis=np.asarray(update.nis))
 
     def _predict_singly(self, dt: float, attitude_error: AttitudeErrorModel, errors: ReportErrors) -> Places:
         failed: list[int] = []

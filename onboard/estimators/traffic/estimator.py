@@ -31,7 +31,6 @@ from onboard.units import NS_PER_S
 __all__ = ["LISTENS", "Config", "Estimator"]
 
 LISTENS: Final = (AdsbVehicle, Barometer, PeerPosition, PeerRanges, RadarScan, GlobalPosition)
-OWN_POSITION_TIMEOUT_S: Final = 3.0
 
 
 class Estimator:
@@ -40,7 +39,7 @@ class Estimator:
     def __init__(self, config: Config, camera: Camera) -> None:  # noqa: ARG002 - the protocol's signature
         self._config = config
         self._tracker = Tracker(config)
-        self._frame = Frame(OWN_POSITION_TIMEOUT_S)
+        self._frame = Frame()
         self._next_ns = 0
 
     @property
@@ -79,5 +78,5 @@ class Estimator:
     def reset(self, why: Reason) -> None:
         """Remove all tracks and forget all times and our own position."""
         self._tracker.clear(why)
-        self._frame = Frame(OWN_POSITION_TIMEOUT_S)
+        self._frame = Frame()
         self._next_ns = 0

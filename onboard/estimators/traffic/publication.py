@@ -10,11 +10,11 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.kit.frame import Frame, OwnMotion
+from onboard.estimators.kit.reports import belief_fields, update_fields
 from onboard.estimators.traffic.approach import closest_in_turns
-from onboard.estimators.traffic.batch import Updates
 from onboard.estimators.traffic.config import Config
 from onboard.estimators.traffic.track import Track
-from onboard.filters.belief import Belief
+from onboard.filters.belief import Belief, Update
 from onboard.filters.gating import chi_square_threshold
 from onboard.messages import (
     ClosestApproach,
@@ -69,9 +69,9 @@ def estimates(
         )
     ]
     return [
-        _estimate(track, m, c, _intruder(track, place, ground, closest), t_ns, config)
+        _estimate(track, t_ns, track.life(t_ns, config), Belief(m, c), _intruder(track, place, ground, closest))
         for track, m, c, place, ground, closest in zip(
-            tracks, mean.tolist(), covariance[:, :6, :6].tolist(), geodetic, over_ground, approaches, strict=True
+            tracks, mean, covariance[:, :6, :6], geodetic, over_ground, approaches, strict=True
         )
     ]
 
@@ -111,23 +111,8 @@ def curvature(r: Array, P: Array) -> Array:
 
 def last_estimate(track: Track, t_ns: int, why: Reason) -> Estimate:
     """Return the last estimate of a track that is removed or renamed."""
-    return Estimate(
-        name=NAME,
-        target=track.target,
-        sequence=track.sequence + 1,
-        t_ns=t_ns,
-        state=Lifecycle.SEARCHING,
-        valid=False,
-        cause=why.cause,
-        reason=why.words,
-        frame=FRAME,
-        components=COMPONENTS,
-        units=UNITS,
-        mean=None,
-        covariance=None,
-        age=track.age(t_ns),
-        reset_count=track.resets,
-    )
+    last = track._replace(sequence=track.sequence + 1, measurement=None)
+    return _estimate(last, t_ns, (Lifecycle.SEARCHING, why), None)
 
 
 def measurement_report(
@@ -135,7 +120,7 @@ def measurement_report(
     source: str,
     t_ns: int,
     verdict: Verdict,
-    updates: Updates,
+    updates: Update,
     place: int,
     config: Config,
     *,
@@ -145,8 +130,8 @@ def measurement_report(
 
     `polar`: echoes were evaluated as such.
     """
-    predicted, innovation = updates.predicted[place], updates.innovation[place]
-    count = len(predicted)
+    update = Update(None, *(array[place] for array in updates[1:5]))
+    count = len(update.predicted)
     is_polar = polar and count == ECHO_SIZE
     return MeasurementReport(
         source=source,
@@ -155,24 +140,20 @@ def measurement_report(
         verdict=verdict,
         components=POLAR if is_polar else COMPONENTS[:count],
         units=POLAR_UNITS if is_polar else UNITS[:count],
-        measured=tuple((predicted + innovation).tolist()),
-        predicted=tuple(predicted.tolist()),
-        innovation=tuple(innovation.tolist()),
-        innovation_sigma=tuple(np.sqrt(np.diagonal(updates.covariance[place])).tolist()),
-        nis=float(updates.nis[place]),
+        measured=tuple((update.predicted + update.innovation).tolist()),
         gate=chi_square_threshold(config.gate_probability, count),
+        **update_fields(update),
     )
 
 
 def _estimate(
     track: Track,
-    mean: list[float],
-    covariance: list[list[float]],
-    intruder: Intruder,
     t_ns: int,
-    config: Config,
+    life: tuple[Lifecycle, Reason],
+    belief: Belief | None,
+    intruder: Intruder | None = None,
 ) -> Estimate:
-    state, (cause, reason) = track.life(t_ns, config)
+    state, (cause, reason) = life
     return Estimate(
         name=NAME,
         target=track.target,
@@ -185,12 +166,11 @@ def _estimate(
         frame=FRAME,
         components=COMPONENTS,
         units=UNITS,
-        mean=tuple(mean),
-        covariance=tuple(map(tuple, covariance)),
         age=track.age(t_ns),
         reset_count=track.resets,
         measurement=track.measurement,
         intruder=intruder,
+        **belief_fields(belief),
     )
 
 

@@ -10,12 +10,13 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.estimators.kit.peer_position import is_repetition
-from onboard.estimators.traffic.batch import NO_ROWS, Batch, Updates
+from onboard.estimators.traffic.batch import NO_ROWS, Batch
 from onboard.estimators.traffic.config import Config
 from onboard.estimators.traffic.publication import measurement_report
 from onboard.estimators.traffic.reports import Key, Report
 from onboard.estimators.traffic.track import Track
 from onboard.filters.association import Places
+from onboard.filters.belief import Update
 from onboard.filters.gating import chi_square_threshold
 from onboard.messages import MeasurementReport, Verdict
 from onboard.models.intruder.measurement import REPORT_SIZE
@@ -71,7 +72,7 @@ class Adopt(NamedTuple):
     report: Report
     row: int
     rows: Places
-    updates: Updates
+    updates: Update
     place: int
 
 
@@ -89,7 +90,7 @@ class ReportAssociation(NamedTuple):
     """
 
     rows: Places
-    updates: Updates | None
+    updates: Update | None
     chosen: Places
     decisions: list[Fuse | Reject | Restart | Adopt | Begin]
 
@@ -137,7 +138,7 @@ def associate_reports(
 
 def _evaluate(
     reports: Sequence[Report], rows: Sequence[int], batch: Batch, config: Config
-) -> tuple[Updates, Places]:
+) -> tuple[Update, Places]:
     lag = np.array([batch.lag(r.t_ns) for r in reports])
     R = np.stack([r.R for r in reports])
     # noise of manoeuvres since the report, which the model neglects when it looks back

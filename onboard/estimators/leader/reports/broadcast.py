@@ -55,7 +55,7 @@ class Broadcast:
 
     def clear(self) -> None:
         """Forget all but the counts: the time base or our own motion is another."""
-        self._frame = Frame(given.OWN_POSITION_TIMEOUT_S)
+        self._frame = Frame()
         self._newest: tuple[int, Any] | None = None  # time and place of the newest report
 
     def receive(self, message: Message, ownship: Ownship) -> None:
