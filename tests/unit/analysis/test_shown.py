@@ -218,12 +218,10 @@ def test_a_demo(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.
     monkeypatch.chdir(tmp_path)
     arguments = argparse.Namespace(**given, out=Path("out"), json=Path("score.json"), headless=True)
     assert demo.main(arguments) == 0
-    lines = [
-        *progress[:12],
-        *progress[-2:],
-        capsys.readouterr().out,
-        rounded(Path("score.json").read_text("utf-8")),
-    ]
+    shown, written = capsys.readouterr().out, rounded(Path("score.json").read_text("utf-8"))
+    report = replace(report, score=replace(report.score, diverged=True))
+    assert demo.main(arguments) == 1
+    lines = [*progress[:12], *progress[-2:], shown, written]
     assert_golden("demo.txt", lines)
 
 

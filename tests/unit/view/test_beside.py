@@ -6,18 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from numpy.testing import assert_allclose
 
 from onboard.geometry.camera import Camera
-from onboard.messages import Estimate, Truth
-from tests.support.view_flight import Drawn, flight, record_flight, rows_of
+from onboard.messages import Estimate
+from tests.support.view_flight import flight, record_flight, rows_of
 
 pytest.importorskip("rerun")
 
-from onboard.view import beside, layout, palette, plots
-from onboard.view.columns import HIDDEN
-from onboard.view.memory import Memory
-from onboard.view.motion import leader_state
+from onboard.view import layout
 
 NAME = "oh_johnson"
 FARTHER = 2.0  # m: by how much it is wrong
@@ -39,33 +35,6 @@ def pairs(seconds: float) -> list[Any]:
         if isinstance(record, Estimate) and record.mean is not None:
             records.append(farther(record))
     return records
-
-
-def test_its_range_error_and_outline_are_its_own() -> None:
-    drawn, memory = Drawn(), Memory()
-    records = [r for r in flight(4.0) if isinstance(r, Estimate | Truth)]
-    truth, estimate = records[-2:]
-    assert isinstance(truth, Truth)
-    assert isinstance(estimate, Estimate)
-    other = farther(estimate)
-    for one, name in ((estimate, plots.OUR_ESTIMATOR), (other, NAME)):
-        state = leader_state(one)
-        assert state is not None
-        if name == NAME:
-            beside.draw(drawn, memory, one, state, palette.BESIDE_COLOURS["lime"])
-        else:
-            plots.plot_leader(drawn, memory, one.t_ns, state)
-    memory.truths.extend([replace(truth, t_ns=truth.t_ns - 40_000_000), truth])
-    plots.plot_errors(drawn, memory)
-    values = drawn.values
-    assert_allclose(values[f"plots/range/{NAME}"], values["plots/range/estimate"][0] + FARTHER)
-    assert_allclose(values[f"plots/range_error/{NAME}"], values["plots/range_error"][0] + FARTHER)
-    assert_allclose(values[f"scene/beside/{NAME}"].translation, other.mean[:3] if other.mean else ())
-    assert values[f"scene/beside_tag/{NAME}"][2] == NAME
-    assert memory.error == pytest.approx(np.linalg.norm(np.subtract(estimate.mean[:3], truth.r_FL_n)))
-    beside.draw(drawn, memory, other, None, palette.BESIDE_COLOURS["lime"])
-    assert np.isnan(values[f"plots/range/{NAME}"])
-    assert values[f"scene/beside/{NAME}"] is HIDDEN
 
 
 def test_the_window_names_it_with_its_colour_once_it_comes(

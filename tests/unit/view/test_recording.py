@@ -5,19 +5,15 @@ import re
 import subprocess
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from onboard import UserError
-from onboard.messages import Estimate
 from tests.support.view_flight import (
     NEEDS_RERUN,
     START_TIME_S,
     flight,
     health_of,
     record_flight,
-    rows_of,
-    truth_of,
 )
 
 
@@ -31,55 +27,6 @@ def test_a_closed_recording_is_whole(recording: Path) -> None:
     command = [str(viewer.viewer_path()), "rrd", "verify", str(recording)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr
-
-
-def test_every_entity_is_in_the_recording(recording: Path) -> None:
-    rows = rows_of(recording)
-    for entity, least in {
-        "/scene/leader": 150,
-        "/scene/leader_truth": 190,
-        "/scene/uncertainty/ellipsoid": 150,
-        "/scene/follower": 190,
-        "/scene/ground/trail_estimate": 25,
-        "/scene/ground/trail_own": 35,
-        "/scene/follower/camera/measured": 150,
-        "/scene/follower/camera/magnifier/predicted": 150,
-        "/plots/range/estimate": 190,
-        "/plots/range/truth": 190,
-        "/plots/range_error": 150,
-        "/plots/error/down": 150,
-        "/plots/size/estimate": 190,
-        "/plots/acceleration/lateral/truth": 190,
-        "/plots/innovation/value": 150,
-        "/plots/nis/value": 150,
-        "/plots/rate/ATTITUDE_QUATERNION": 8,
-        "/status": 30,
-        "/health": 8,
-        "/track": 3,
-        "/images": 3,
-    }.items():
-        assert rows.get(entity, 0) >= least, entity
-    # space is drawn at no more than 25 Hz, whatever the rate of the records
-    assert rows["/scene/follower"] <= 8 * 26 + 2
-
-
-def test_errors_are_those_of_the_moment_of_the_estimate(recording: Path) -> None:
-    chunk = pytest.importorskip("rerun.chunk", reason=NEEDS_RERUN)
-    drawn = {}
-    for one in chunk.RrdReader(recording).stream().to_chunks():
-        if one.entity_path == "/plots/error/down" and not one.is_static:
-            batch = one.to_record_batch().to_pydict()
-            rows = zip(batch["boot_time"], batch["Scalars:scalars"], strict=True)
-            drawn |= {round(t.total_seconds() * 1e9): values for t, values in rows}
-    estimates = [r for r in flight(8.0) if isinstance(r, Estimate) and r.mean and r.t_ns in drawn]
-    assert len(estimates) > 150
-    for estimate in estimates:
-        assert estimate.mean is not None
-        assert estimate.covariance is not None
-        truth = truth_of(estimate.t_ns * 1e-9 - START_TIME_S)
-        edge = 3 * math.sqrt(estimate.covariance[2][2])
-        expected = [estimate.mean[2] - truth.r_FL_n[2], edge, -edge]
-        np.testing.assert_allclose(drawn[estimate.t_ns], expected, atol=2e-5)
 
 
 def test_a_picture_of_a_missing_recording(tmp_path: Path) -> None:
