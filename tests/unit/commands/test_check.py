@@ -73,6 +73,7 @@ def test_who_listens_leads_no_vehicle_and_writes_nothing(tmp_path: Path) -> None
     assert "leader" in quiet.estimator
 
 
+@pytest.mark.slow  # beside the daemon that is asked
 def test_a_simulated_flight_is_ready_and_nothing_is_recorded(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -72,14 +72,6 @@ def test_the_exit_code_says_whether_all_is_well(
     assert [a["cause"] for a in document["health"]["advice"]] == [a.cause for a in advice]
 
 
-def test_another_vehicle_than_the_one_that_is_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
-    with publishing(Pipeline(Config()).health(1)) as endpoint:
-        assert cli.main(["status", "--connect", endpoint, "--vehicle", "uav-7"]) == 1
-    shown = capsys.readouterr().out
-    assert "no daemon of vehicle uav-7" in shown
-    assert "--vehicle all" in shown
-
-
 @pytest.mark.parametrize("asked", [(), ("--vehicle", "all")])
 def test_all_vehicles_of_a_router_are_shown(asked: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
     """The first one that was heard was shown alone."""
@@ -102,17 +94,6 @@ def test_the_own_daemon_is_asked_while_its_router_is_off(
         config.write_text(f'[zenoh]\nlisten = []\nconnect = ["tcp/127.0.0.1:{port}"]\n')
         assert cli.main(["status", "--config", str(config)]) == 1
     assert "lets this computer ask its own daemon" in capsys.readouterr().out
-
-
-def test_no_daemon_answers(capsys: pytest.CaptureFixture[str]) -> None:
-    (port,) = free_ports(TCP)
-    assert cli.main(["status", "--connect", f"tcp/127.0.0.1:{port}"]) == 1
-    shown = capsys.readouterr().out
-    assert shown.startswith("NOT HEALTHY")
-    assert f"no daemon answers at tcp/127.0.0.1:{port}" in shown
-    assert "onboard run CONFIG.toml" in shown
-    assert cli.main(["status", "--connect", f"tcp/127.0.0.1:{port}", "--json"]) == 1
-    assert json.loads(capsys.readouterr().out)["advice"][-1]["cause"] == "daemon"
 
 
 def test_what_is_published_in_a_vehicle_s_name_controls_no_terminal(capsys: pytest.CaptureFixture[str]) -> None:

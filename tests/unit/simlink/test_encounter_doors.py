@@ -60,10 +60,10 @@ def test_a_flip_is_the_mirror_image_about_the_line_of_sight() -> None:
         assert np.linalg.det(R) == pytest.approx(1.0)
 
 
-def test_a_gimbal_says_where_the_camera_points_but_for_its_error_seeds_1_to_6() -> None:
+def test_a_gimbal_says_where_the_camera_points_but_for_its_error_seeds_1_to_4() -> None:
     """The center of each image, turned by what the gimbal said, is where the leader is."""
     wrong, yaws = [], []
-    for seed in range(1, 7):
+    for seed in range(1, 5):
         encounter = make_encounter("behind", seed, 10.0, mount="gimbal")
         images, reports = of(encounter, TargetPoints), of(encounter, GimbalAttitude)
         assert len(images) > 30  # of a camera of 4 to 30 Hz
@@ -84,7 +84,7 @@ def test_a_gimbal_says_where_the_camera_points_but_for_its_error_seeds_1_to_6() 
             off = np.arctan2(sight[1], sight[0]) - np.arctan2(truth[1], truth[0])
             wrong.append(np.degrees((off + np.pi) % (2 * np.pi) - np.pi))
             yaws.append(np.degrees(2 * np.arctan2(nearest.mount.q[3], nearest.mount.q[0])))
-    assert len(wrong) > 100
+    assert len(wrong) > 60
     assert 0.2 < np.std(wrong) < 2.5
     assert np.ptp(yaws) > 20.0
 

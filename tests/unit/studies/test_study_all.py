@@ -13,9 +13,8 @@ SHORT = {"cwpa-kalman-tracker-3d"}
 WITHOUT_FIGURES = {"own-state", "traffic"}
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=() if n in SHORT else pytest.mark.slow) for n in command.study_names()]
-)
+@pytest.mark.slow  # beside the shortest one, below
+@pytest.mark.parametrize("name", command.study_names())
 def test_a_study_runs_to_its_report_one_seed(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -39,10 +38,14 @@ def test_all_studies_are_in_one_table_and_one_file(
     assert set(command.study_names()) > SHORT
     monkeypatch.setattr(command, "study_names", lambda: [name])
     numbers = tmp_path / "all.json"
-    assert main(["study", "--all", "--seeds", "3", "--out", str(tmp_path), "--json", str(numbers)]) == 0
+    assert main(["study", "--all", "--seeds", "2", "--out", str(tmp_path), "--json", str(numbers)]) == 0
     found = json.loads(numbers.read_bytes())
     assert list(found) == [name]
-    assert found[name]["seeds"] == 3
+    figures = found[name]["figures"]
+    assert figures
+    assert all((tmp_path / name / f).read_bytes().startswith(b"\x89PNG") for f in figures)
+    assert len((tmp_path / name / "report.md").read_text(encoding="utf-8").splitlines()) > 10
+    assert found[name]["seeds"] == 2
     (row,) = [line for line in capsys.readouterr().out.splitlines() if line.strip().startswith(name)]
     verdicts = [claim["verdict"] for claim in found[name]["claims"]]
     held = [verdicts.count(verdict) for verdict in ("holds", "holds only if", "does not hold", "not decided")]

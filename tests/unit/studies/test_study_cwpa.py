@@ -33,6 +33,7 @@ def test_eq_14_is_not_what_eqs_5_and_7_give() -> None:
     assert np.linalg.eigvalsh(runs.printed_noise(0.5, 0.2))[0] < 0 < np.linalg.eigvalsh(right)[0]
 
 
+@pytest.mark.slow  # a few seeds of it are in test_study_all.py
 def test_the_study_runs_and_its_checks_agree_seeds_1_to_30(tmp_path: Path) -> None:
     steps: list[tuple[int, int]] = []
     found = study.run(seeds=30, out=tmp_path, progress=lambda done, total: steps.append((done, total)))

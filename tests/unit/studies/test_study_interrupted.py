@@ -54,7 +54,7 @@ def _interrupt_at_work(pool: ProcessPoolExecutor, parts: list[Future[None]]) -> 
         pytest.param("--all", signal.SIGTERM, marks=pytest.mark.slow),
         pytest.param("--all", signal.SIGINT, marks=pytest.mark.slow),
         pytest.param("--all", signal.SIGHUP, marks=pytest.mark.slow),
-        ("--all", signal.SIGKILL),
+        pytest.param("--all", signal.SIGKILL, marks=pytest.mark.slow),
     ],
 )
 def test_a_study_that_is_stopped_leaves_no_process_behind(
@@ -74,6 +74,24 @@ def test_a_study_that_is_stopped_leaves_no_process_behind(
             process.kill()
         assert it.stderr is not None
         assert "Traceback" not in it.stderr.read()
+    assert left == []
+
+
+COMPUTING = """
+import sys, time
+from onboard.analysis.parallel.workers import Part, compute
+compute([Part(time.sleep, (600.0,))] * 2, jobs=2)
+"""
+
+
+def test_a_killed_program_leaves_no_process_of_its_pool_behind() -> None:
+    with subprocess.Popen([sys.executable, "-c", COMPUTING], cwd=ROOT) as it:
+        started: list[psutil.Process] = []
+        while len(started) < 3:  # two and Python's own; the test has a time limit
+            time.sleep(0.05)
+            started = psutil.Process(it.pid).children(recursive=True)
+        it.kill()
+        left = psutil.wait_procs(started, timeout=60.0)[1]
     assert left == []
 
 
