@@ -11,6 +11,7 @@ from msgspec.structs import replace
 
 from onboard.geometry.rotations import matrix_from_quaternion, quaternion_from_euler, quaternion_product
 from onboard.messages import Attitude, Estimate, Imu, LocalPosition, Message, TargetPoints
+from onboard.messages.causes import Cause
 from onboard.ownship import Ownship, StatedMotion
 from tests.support.faulty_flight import ITEMS, T0, T1, assert_on_target, clean, flown
 from tests.support.streams import (
@@ -165,11 +166,12 @@ def beside(m: TargetPoints) -> TargetPoints:
     return replace(m, **shown(np.array([center, center - half, center + half])))
 
 
-def test_a_leader_that_comes_back_to_its_place_is_believed() -> None:
+def test_a_leader_that_another_object_has_replaced_for_three_seconds_stays_in_doubt() -> None:
     run = changed(ITEMS, TargetPoints, beside, BEGINS + 3 * S)
-    back = [e for e in run.estimates if e.t_ns > BEGINS + 4.3 * S]
-    assert all(e.valid for e in back)
-    assert_on_target(run, within=3.0)  # it is new: not sharp yet
+    later = [e for e in run.estimates if e.t_ns > BEGINS + 1.3 * S]
+    assert not any(e.valid for e in later)
+    assert later[-1].cause is Cause.LEAPT
+    assert position_error(later[-1]) < 3.0  # it is new: not sharp yet
 
 
 def test_a_detector_that_is_4_times_as_noisy_is_taken_so_and_told_with_seed_44() -> None:

@@ -139,7 +139,6 @@ OWN_DRIFT_M_S: Final = 0.5  # m/s: of the autopilot's position, beside its veloc
 MAX_IMAGE_INTERVAL_S: Final = 0.3  # Over longer gaps an aircraft may have moved anywhere.
 MIN_BEARING_STEP: Final = math.radians(2.0)  # A few pixels: less is noise.
 MAX_BEARING_RATE: Final = math.radians(60.0)  # 1/s; 10 m/s across the line of sight at 10 m.
-MAX_SUSTAINED_BEARING_RATE: Final = math.radians(10.0)  # 1/s, over seconds; 3.5 m/s across at 20 m.
 SIZE_JUMP_SIGMAS: Final = 4.0  # of both sizes' noise
 CLASS_AMBIGUITY_RATIO: Final = 0.75  # Another class as frequent as this leaves open which one is right.
 MAX_SIGHT_ANGLE: Final = math.radians(30.0)  # from the last sight: a place farther off is mirrored through us.

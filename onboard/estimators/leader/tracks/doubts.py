@@ -2,10 +2,10 @@
 
 `life_cycle` asks: while any of these holds, the leader is lost.
 
-**Another object**. An aircraft moves on from image to image. An object that another one is
-exchanged for, by a detector, leaps: in direction, or in apparent size. If from a leap on no image fits the
-track, one of the two is not the target, and nothing says which. The new track is then in question until the
-images leap back, in direction and size, or until the old one would have been forgotten anyway.
+**Another object**. An aircraft moves on from image to image. An object that another one is exchanged for, by a
+detector, leaps: in direction, or in apparent size. If from a leap on no image fits the track, one of the two is
+not the target, and nothing says which. The new track is then in question until the old one would have been
+forgotten anyway.
 
 **Another class** (`Classes`). A detector's classes flicker, and its first one may be wrong. So the class of most
 images of the last seconds is believed, and the size with it. While two classes come about equally often, nothing
@@ -102,11 +102,6 @@ def cameras_apart(last: Image, image: Image) -> Reason | None:
     return Reason(Cause.CAMERAS_APART, f"{words}, and one {max(ratio, 1.0 / ratio):.1f} times as large")
 
 
-def _is_there(before: Image, after: Image) -> bool:
-    moved = given.MAX_SUSTAINED_BEARING_RATE * abs(_between(before, after))
-    return _angle(before, after) < given.MIN_BEARING_STEP + moved
-
-
 def _between(before: Image, after: Image) -> float:
     return (after.message.t_ns - before.message.t_ns) / NS_PER_S
 
@@ -144,7 +139,6 @@ class Checks:
         self.classes = Classes[BeliefFilter](self._memory_s)
         self._last: Image | None = None  # the newest that was fused
         self._gated: Image | None = None  # the first that was not
-        self._before: Image | None = None  # the newest image of what was followed before
         self.leapt_until_ns = self._sight_ns = 0  # until then what is followed may be another object
         self.sight: LineOfSight | None = None  # the newest
 
@@ -170,17 +164,11 @@ class Checks:
     def ended(self, image: Image) -> bool:
         """The track has ended, as no image fits it, this one neither.
 
-        Whether the images had leapt: the next track is then in question, unless they have leapt back."""
+        Whether the images had leapt: the next track is then in question."""
         last, first = self._last, self._gated or image
         self._last = self._gated = None
         if last is None or not leaps(last, first):
             return False
-        back = self._before  # what an earlier image showed, some seconds ago: as large, and about where it was
-        if back is not None and _is_there(back, first) and _is_as_big(back, first):
-            self._before, self.leapt_until_ns = None, 0
-            return True
-        if last.message.t_ns > self.leapt_until_ns:
-            self._before = last
         self.leapt_until_ns = last.message.t_ns + self._forgotten_after_ns
         return True
 
@@ -190,7 +178,7 @@ class Checks:
 
     def clear(self) -> None:
         """Forget all images and all times."""
-        self._last = self._gated = self._before = None
+        self._last = self._gated = None
         self.leapt_until_ns = 0
 
     def judge(
