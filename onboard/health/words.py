@@ -80,7 +80,6 @@ WORDS: Final[Mapping[str, Words]] = {  # by cause, and by a verdict of the same 
     **dict.fromkeys(
         (Cause.STARTING, Cause.SEEN_AGAIN), noticed("wait; if it lasts, look at what the detector finds")
     ),
-    Cause.ASTRAY: noticed("wait: it is taken up again with its next images"),
     Cause.NO_RANGE: noticed("wait for an image of its wing; else let the detector find `left` and `right`"),
     **dict.fromkeys(
         (Cause.LEAPT, Cause.CLASS_OPEN, Cause.CLASS_CHANGED, Cause.RENAMED),

@@ -44,7 +44,6 @@ class Cause(StrEnum):
     # What contradicts a track
     NOISE = "noise", "measurements do not fit, even at several times their noise"
     LEAPT = "leapt", "another object may have taken the target's place in the images"
-    ASTRAY = "astray", "it would be far from where it was last seen"
     UNEXPECTED = "unexpected", "images fit no hypothesis of how the leader flies"
     CLASS_OPEN = "class_open", "the detector takes it now for one class, now for another"
     STALE = "stale", "the camera hangs: the same image comes again"

@@ -12,35 +12,25 @@ images of the last seconds is believed, and the size with it. While two classes 
 is.
 
 **Another way to fly**. Where the images fit none of the hypotheses (`hypotheses.update`), what all of them have in
-common is wrong, and their weights say nothing: `assumptions.MEAN_NIS_LIMIT`.
-
-**Another side**. A leader that was seen is in front of the camera that saw it, and soon after it
-is not far from there: a place mirrored through us has the right range, and no range shows the difference."""
+common is wrong, and their weights say nothing: `assumptions.MEAN_NIS_LIMIT`."""
 
 import math
-from typing import Final, Generic, NamedTuple, TypeVar
+from typing import Final, Generic, TypeVar
 
 import numpy as np
 
-from onboard.arrays import Array
 from onboard.estimators.leader import assumptions as given
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter
 from onboard.estimators.leader.image.detector import NoiseScale
 from onboard.estimators.leader.image.prepare import Image
-from onboard.filters.belief import Belief
 from onboard.messages.causes import Cause, Reason
-from onboard.models.relative_motion import POSITION
 from onboard.units import NS_PER_S
 
 # an apparent size that changes by more than MAX_SPAN_RATIO leaps, too
 LEAPT: Final = Reason(Cause.LEAPT, "the images leapt: another object may have taken its place")
 K = TypeVar("K")
 UNEXPECTED: Final = Reason(Cause.UNEXPECTED, "it moves as no hypothesis expects: the range is not known")
-ASTRAY: Final = Reason(
-    Cause.ASTRAY,
-    f"it would be more than {math.degrees(given.MAX_SIGHT_ANGLE):.0f} degrees from where it was last seen",
-)
 
 
 class Classes(Generic[K]):
@@ -118,18 +108,6 @@ def _is_as_big(a: Image, b: Image) -> bool:
     return abs(math.log(a_.span / b_.span)) < max(math.log(given.MAX_SPAN_RATIO), noise)
 
 
-class LineOfSight(NamedTuple):
-    """A direction (3,), a unit vector in n, from a camera at r_FC_n (3,) m."""
-
-    direction_n: Array
-    r_FC_n: Array
-
-    def shows(self, r_FL_n: Array) -> bool:
-        """Whether a place (3,) m is near this line of sight, and on the right side of us."""
-        r = r_FL_n - self.r_FC_n
-        return bool(self.direction_n @ r > math.cos(given.MAX_SIGHT_ANGLE) * math.sqrt(r @ r))
-
-
 class Checks:
     """Consistency checks of one track, by its images and by what was published."""
 
@@ -139,15 +117,7 @@ class Checks:
         self.classes = Classes[BeliefFilter](self._memory_s)
         self._last: Image | None = None  # the newest that was fused
         self._gated: Image | None = None  # the first that was not
-        self.leapt_until_ns = self._sight_ns = 0  # until then what is followed may be another object
-        self.sight: LineOfSight | None = None  # the newest
-
-    def begin(self, image: Image) -> None:
-        """A track begins with an image."""
-        t_ns = image.message.t_ns
-        if self.sight is None or t_ns >= self._sight_ns:
-            line = image.measurement.axes[0] @ image.pose.R_cn
-            self._sight_ns, self.sight = t_ns, LineOfSight(line, image.pose.r_FC_n)
+        self.leapt_until_ns = 0  # until then what is followed may be another object
 
     def fused(self, image: Image) -> None:
         """A track took an image."""
@@ -155,7 +125,6 @@ class Checks:
         t_ns = image.message.t_ns
         if self._last is None or t_ns > self._last.message.t_ns:
             self._last = image
-        self.begin(image)
 
     def gated(self, image: Image) -> None:
         """A track did not take an image."""
@@ -172,29 +141,16 @@ class Checks:
         self.leapt_until_ns = last.message.t_ns + self._forgotten_after_ns
         return True
 
-    def forget(self) -> None:
-        """The track has ended, whatever comes next."""
-        self._sight_ns, self.sight = 0, None
-
     def clear(self) -> None:
         """Forget all images and all times."""
         self._last = self._gated = None
         self.leapt_until_ns = 0
 
-    def judge(
-        self,
-        t_ns: int,
-        belief: Belief,
-        noise: NoiseScale,
-        is_carried: bool,
-        is_misfit: bool,
-    ) -> tuple[Reason | None, str]:
+    def judge(self, t_ns: int, noise: NoiseScale, *, is_misfit: bool) -> tuple[Reason | None, str]:
         """Return what contradicts a belief, None if nothing does, and a finding to report, "" if none."""
-        is_astray = self.sight is not None and not is_carried and not self.sight.shows(belief.mean[POSITION])
         doubt = (
             (LEAPT if t_ns < self.leapt_until_ns else None)
             or self.classes.doubt
-            or (ASTRAY if is_astray else None)
             or (noise.contradiction if noise.beyond else None)
             or (UNEXPECTED if is_misfit else None)
         )

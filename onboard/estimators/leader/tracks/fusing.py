@@ -5,14 +5,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from onboard.arrays import Array
 from onboard.estimators.kit.history import History
-from onboard.estimators.leader.assumptions import NOISE_RATIO_LIMIT
+from onboard.estimators.leader import assumptions as given
 from onboard.estimators.leader.hypotheses.auxiliary import Auxiliary
 from onboard.estimators.leader.hypotheses.belief import BeliefFilter, ImageComparison, Prediction
-from onboard.estimators.leader.image.camera_pose import CameraPoses
+from onboard.estimators.leader.image.camera_pose import CameraPose, CameraPoses
 from onboard.estimators.leader.image.detector import NoiseScale, Shown
+from onboard.estimators.leader.image.measurement import Measurement
 from onboard.estimators.leader.image.prepare import Image, measure, newest_pose
-from onboard.estimators.leader.tracks.doubts import LineOfSight
 from onboard.filters.belief import FilterError, Update
 from onboard.messages import TargetImage, Verdict
 from onboard.messages.causes import Reason
@@ -116,20 +117,25 @@ def fuse(
         variance, message = float(measurement.rows.R[0, 0]), taken.message
         shown = Shown(message.t_ns, message.camera, variance) if taken.points.offset == 0.0 else None
         noise = noise.after(update.innovation, update.innovation_covariance, shown)
-    if update.passes:
-        sight = LineOfSight(measurement.axes[0] @ pose.R_cn, pose.r_FC_n)
-        if not sight.shows(update.belief.summary.mean[POSITION]):
-            update = update._replace(passes=False)
+    if update.passes and not is_in_sight(update.belief.summary.mean[POSITION], measurement, pose):
+        update = update._replace(passes=False)
     if not update.passes:
         return state._replace(noise=noise), update
     leader = update.belief
-    if taken.has_extent and noise.scale > math.sqrt(NOISE_RATIO_LIMIT) * supposed:
+    if taken.has_extent and noise.scale > math.sqrt(given.NOISE_RATIO_LIMIT) * supposed:
         # Begun anew from this image, but for its headings: hypotheses that died of a noise that was supposed too
         # small do not come back by a larger one. By the larger one, the NIS of the images before are less.
         again = measure(filter_.shape, taken.points.noisier(noise.scale)).with_attitude_noise(pose.noise_c)
         mean_nis = max(leader.particles.mean_nis * (supposed / noise.scale) ** 2, 1.0)
         leader, supposed = filter_.start(again, pose, leader, mean_nis=mean_nis), noise.scale
     return TrackState(leader, noise, supposed), update
+
+
+def is_in_sight(r_FL_n: Array, measurement: Measurement, pose: CameraPose) -> bool:
+    """Whether a place (3,) m is near the line of sight of an image, and not mirrored through us."""
+    r = r_FL_n - pose.r_FC_n
+    line = measurement.axes[0] @ pose.R_cn
+    return bool(line @ r > math.cos(given.MAX_SIGHT_ANGLE) * math.sqrt(r @ r))
 
 
 def passes(outcome: Update | bool) -> bool:

@@ -175,10 +175,6 @@ class LifeCycle:
         newest_ns = self.last_fused_ns
         return newest_ns is None or (t_ns - newest_ns) / NS_PER_S > self._config.coast_after_s
 
-    def standing(self, t_ns: int) -> tuple[bool, bool]:
-        """Whether a track is coasting, and whether its own reports carry it."""
-        return self.is_coasting(t_ns), self.is_carried(t_ns)
-
     def is_lost(self, t_ns: int) -> bool:
         """Whether the last fused image is so old that the track is no longer valid."""
         is_old = self.age(t_ns) > self._config.validity_timeout_s or self._has_only_directions(t_ns)

@@ -327,7 +327,6 @@ class Track:
         for other in images[1:]:
             self._history.insert(other.message.t_ns, other, ownship)
         self.life.started(first.message.t_ns, again=before is not None)
-        self._checks.begin(image)
         self._settle(self._history, ownship, inserted=True)
         held.clear()
 
@@ -358,7 +357,6 @@ class Track:
     def _forget(self, why: Reason) -> None:
         self.life.forgotten(why, had_track=self._history is not None)
         self._mean_nis = 1.0
-        self._checks.forget()
         self.prior = None
         self._noise = self.noise.restarted()
         self._history = None
@@ -389,10 +387,8 @@ class Track:
         facts: Facts | None = None
         if belief is not None:
             noise, r_FL_n = track.noise, belief.mean[POSITION]
-            coasting, is_carried = life.standing(t_ns)
-            known = is_carried, left.is_misfit
-            doubt, finding = self._checks.judge(t_ns, belief, noise, *known)
-            in_view = not coasting or self._poses.see(r_FL_n, t_ns, ownship)
+            doubt, finding = self._checks.judge(t_ns, noise, is_misfit=left.is_misfit)
+            in_view = not life.is_coasting(t_ns) or self._poses.see(r_FL_n, t_ns, ownship)
             facts = Facts(doubt, in_view, finding, left.reason)
         state, why, since_ns, age, is_valid = life.status(t_ns, facts, is_held=bool(self.held))
         if belief is not None and left.reason and is_valid:

@@ -9,11 +9,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from onboard.estimators.leader.assumptions import Size
-from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.image.camera_pose import CameraPose
 from onboard.estimators.leader.image.detector import NoiseScale
 from onboard.estimators.leader.tracks import fusing
-from onboard.estimators.leader.tracks.doubts import Checks, LineOfSight
 from onboard.estimators.leader.tracks.report import with_attitude
 from onboard.filters.belief import Belief, FilterError
 from onboard.messages import Cause, Reason
@@ -21,7 +19,6 @@ from onboard.models.relative_motion import SIZE
 from tests.support.images import exposed
 from tests.support.streams import SIZE as TRUE_SIZE
 from tests.support.streams import Stream, feed, make_config
-from tests.unit.estimators.leader.test_exchange import image
 
 
 class Refusing:
@@ -74,17 +71,9 @@ def place(degrees: float, range_: float = 28.0) -> np.ndarray:
     ("degrees", "is_shown"),
     [(0.0, True), (29.0, True), (-29.0, True), (31.0, False), (90.0, False), (180.0, False)],
 )
-def test_a_place_is_believed_within_30_degrees_of_the_last_sight(degrees: float, is_shown: bool) -> None:
-    sight = LineOfSight(NORTH.R_cn[0], NORTH.r_FC_n)
-    assert sight.shows(place(degrees)) is is_shown
-
-
-def test_an_older_image_is_not_the_last_sight() -> None:
-    checks = Checks(Config())
-    for t, place in ((2.0, 1.0), (1.0, 0.0)):
-        checks.begin(image(t, degrees=10.0 * place))
-    assert checks.sight is not None
-    assert checks.sight.direction_n[1] == pytest.approx(math.sin(math.radians(10.0)))
+def test_a_place_is_believed_within_30_degrees_of_the_line_of_sight(degrees: float, is_shown: bool) -> None:
+    measurement: Any = SimpleNamespace(axes=np.eye(3))
+    assert fusing.is_in_sight(place(degrees), measurement, NORTH) is is_shown
 
 
 KNOWN = np.radians([0.3, 0.3, 1.0])
