@@ -5,8 +5,7 @@ compiler nor Numba. A kernel with types of arguments can be called from Python; 
 callers. Arguments are declared read-only and of any stride, which spares callers copies. A call with other types
 raises TypeError.
 
-`WINGLINE_KERNELS=python` runs the same code in Python, to debug it. `WINGLINE_KERNELS=numba` compiles it as it is
-imported.
+`WINGLINE_KERNELS=python` runs the same code in Python, to debug it.
 """
 
 import os
@@ -37,7 +36,7 @@ from onboard.compiled.kinds import record as record
 from onboard.compiled.kinds import signature as signature
 from onboard.compiled.machine import REPAIR, MachineCodeError, machine_code
 
-MODES: Final = ("machine", "python", "numba", "build")
+MODES: Final = ("machine", "python", "build")
 MODE: Final = os.environ.get("WINGLINE_KERNELS", MODES[0])
 
 
@@ -51,7 +50,7 @@ def kernel(takes: tuple[Any, ...] | None = None, **options: Any) -> Callable[[Ca
         return _bound
     from onboard.compiled import native  # noqa: PLC0415 - it imports Numba, which takes half a second
 
-    return lambda function: (native.declared if MODE == "build" else native.jitted)(function, takes, options)
+    return lambda function: native.declared(function, takes, options)
 
 
 def _bound(function: Any) -> Any:

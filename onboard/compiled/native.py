@@ -41,11 +41,6 @@ class Declared(NamedTuple):
 DECLARED: Final[list[Declared]] = []  # by the modules that this process has imported
 
 
-def jitted(function: Any, takes: tuple[Any, ...] | None, options: dict[str, Any]) -> Any:
-    """A kernel that Numba compiles now, for this process."""
-    return njit(takes and tuple(numba_type(kind) for kind in takes), **options)(function)
-
-
 def declared(function: Any, takes: tuple[Any, ...] | None, options: dict[str, Any]) -> Any:
     """A kernel that Numba compiles for a file on request, with these types alone if any."""
     compile_later: Any = njit

@@ -20,29 +20,6 @@ from typing import Any, Final
 from onboard.filters.belief import Belief, Method, Update
 from onboard.filters.errors import FilterError, NotPositiveDefiniteError
 
-__all__ = [
-    "Belief",
-    "FilterError",
-    "LinearModel",
-    "Method",
-    "Model",
-    "NotPositiveDefiniteError",
-    "Run",
-    "Step",
-    "Update",
-    "expectation_maximisation",
-    "log_likelihood",
-    "maximum_likelihood",
-    "method",
-    "methods",
-    "modules",
-    "run",
-    "simulate",
-    "smooth",
-    "smooth_modes",
-    "smooth_particles",
-]
-
 # Module of each name that loads at its first use. Their types are in __init__.pyi: every kernel imports this
 # package, and would be compiled again after a change of any module that is imported here.
 LAZY: Final = {
@@ -60,6 +37,9 @@ LAZY: Final = {
     "smooth_modes": "mode_smoothing",
     "smooth_particles": "particle_smoothing",
 }
+
+__all__ = ["Belief", "FilterError", "Method", "NotPositiveDefiniteError", "Update", "methods", "modules"]
+__all__ += list(LAZY)
 
 
 def modules() -> Iterator[ModuleType]:

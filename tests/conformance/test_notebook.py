@@ -1,5 +1,6 @@
 """The lines that docs/notebook.md gives a researcher, run as they stand there."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -127,7 +128,8 @@ def test_dir_lists_what_there_is_and_each_of_it_is_there() -> None:
     assert {"Model", "run", "smooth", "unscented", "discretisation"} <= set(listed)
     assert all(getattr(onboard.filters, name) is not None for name in listed)
     stub = Path(str(onboard.filters.__file__)).with_suffix(".pyi").read_text(encoding="utf-8")
-    assert all(f'"{name}",' in stub for name in onboard.filters.__all__)  # the types of all names
+    typed = {name.partition("(")[0] for name in re.findall(r"(?:def| as) (\S+)", stub)}
+    assert typed >= {*onboard.filters.__all__}
 
 
 def test_each_method_is_in_the_module_that_the_table_says() -> None:

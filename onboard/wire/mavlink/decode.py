@@ -13,17 +13,14 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from onboard.messages import Message
-from onboard.wire.mavlink.frame import MIRRORED, SIGNED, UNLISTED, V1, V2, frame_length, parse_header
+from onboard.wire.mavlink.frame import MESSAGES, MIRRORED, SIGNED, V1, V2, frame_length, parse_header
 from onboard.wire.mavlink.landing_target import LANDING_TARGET, PointAssembler, is_point
 from onboard.wire.mavlink.records import CONVERT, Convert, Layout
 from onboard.wire.mavlink.signing import Verifier
-from onboard.wire.mavlink.table import MESSAGES
 from onboard.wire.mavlink.tracking import TrackerDecoder
 
 START: Final = re.compile(b"[\xfd\xfe]")
-MESSAGE_NAMES: Final = {
-    number: (name, bytes([MIRRORED[extra]])) for number, (name, extra) in (MESSAGES | UNLISTED).items()
-}
+MESSAGE_NAMES: Final = {number: (name, bytes([MIRRORED[extra]])) for number, (name, extra) in MESSAGES.items()}
 UNKNOWN: Final = "unknown_message"
 TRACKING: Final = Layout("<7f4B")  # CAMERA_TRACKING_IMAGE_STATUS
 FIELD_OF_VIEW: Final = Layout("<I6i6f")  # CAMERA_FOV_STATUS, whose time is of the camera's own clock

@@ -32,8 +32,9 @@ from onboard.messages import (
 )
 from onboard.messages.mavlink_enums import BODY_FRD
 from onboard.wire.mavlink import companion, distance, gimbal, guidance, parameters, wind
-from onboard.wire.mavlink.frame import UNLISTED
+from onboard.wire.mavlink.frame import MESSAGES
 
+NUMBERS: Final[dict[str, int]] = {name: number for number, (name, _) in MESSAGES.items()}
 STATUSTEXT_LENGTH: Final = 50
 ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 LANDED_STATES: Final = {None: 0, True: 1, False: 2}  # MAV_LANDED_STATE
@@ -62,11 +63,7 @@ class MavlinkEncoder:
 
 def message_number(name: str) -> int:
     """The number of a MAVLink message. Raises KeyError for an unknown name."""
-    unlisted = {listed: number for number, (listed, _) in UNLISTED.items()}
-    number = unlisted.get(name) or getattr(dialect, f"MAVLINK_MSG_ID_{name}", None)
-    if not isinstance(number, int):
-        raise KeyError(name)
-    return number
+    return NUMBERS[name]
 
 
 def _ms(m: Message) -> int:

@@ -2,6 +2,8 @@
 
 from typing import Final
 
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
 V1: Final = 0xFE
 V2: Final = 0xFD
 V1_HEADER_SIZE: Final = 6
@@ -15,6 +17,7 @@ CURRENT_MODE_ID: Final = 436
 TARGET_RELATIVE_ID: Final = 511  # of MAVLink's development.xml
 # Messages that pymavlink's dialects lack: number, name, and CRC_EXTRA, with which the checksum begins.
 UNLISTED: Final = {CURRENT_MODE_ID: ("CURRENT_MODE", 193), TARGET_RELATIVE_ID: ("TARGET_RELATIVE", 28)}
+MESSAGES: Final = {n: (kind.msgname, kind.crc_extra) for n, kind in dialect.mavlink_map.items()} | UNLISTED
 
 
 def parse_header(frame: bytes) -> tuple[int, int, int, int]:

@@ -20,14 +20,13 @@ from typing import Final
 from onboard.messages.causes import Cause, Reason
 from onboard.wire.mavlink.frame import (
     CHECKSUM_SIZE,
+    MESSAGES,
     MIRRORED,
     SIGNATURE_SIZE,
     SIGNED,
-    UNLISTED,
     V2,
     V2_HEADER_SIZE,
 )
-from onboard.wire.mavlink.table import MESSAGES
 
 DIGEST_SIZE: Final = 6
 EPOCH_NS: Final = 1_420_070_400 * 10**9  # 2015-01-01, UTC
@@ -39,7 +38,6 @@ MAX_TYPO_COUNT: Final = 4  # characters by which a 64-digit key may be mistyped 
 HEX_DIGITS: Final = b"0123456789abcdefABCDEF"
 SEPARATORS: Final = re.compile(rb"[\s:,-]|(?<=[\s,])0x")
 MAX_STREAM_COUNT: Final = 256
-EXTRA: Final = {number: extra for number, (_, extra) in (MESSAGES | UNLISTED).items()}
 
 UNSIGNED: Final = Reason(
     Cause.SIGNING,
@@ -118,7 +116,7 @@ class Signer:
         self._last = max(self._last + 1, stamp_of(now_ns))
         flagged = frame[:2] + bytes([frame[2] | SIGNED]) + frame[3 : V2_HEADER_SIZE + frame[1]]
         number = int.from_bytes(frame[7:10], "little")
-        whole = flagged + checksum(flagged[1:], EXTRA[number])
+        whole = flagged + checksum(flagged[1:], MESSAGES[number][1])
         whole += bytes([self._link_id]) + self._last.to_bytes(6, "little")
         return whole + digest(self._key, whole)
 

@@ -15,7 +15,6 @@ from onboard.wire.logs.tlog import read_tlog
 from onboard.wire.mavlink.decode import MavlinkDecoder
 from onboard.wire.mavlink.landing_target import LANDING_TARGET
 from onboard.wire.mavlink.records import CONVERT
-from onboard.wire.mavlink.table import MESSAGES
 from tests.support.mavlink_frames import RECEIVE_TIME_NS, crc_x25, frame
 from tests.support.programs import ROOT
 from tests.support.pymavlink_reference import Reference
@@ -81,10 +80,6 @@ def assert_no_less(pieces: Iterable[bytes], *, stream: bool) -> MavlinkDecoder:
     assert all(message in rest for message in expected)
     assert ours.names >= reference.names
     return ours
-
-
-def test_the_table_holds_the_messages_of_pymavlink() -> None:
-    assert {n: (kind.msgname, kind.crc_extra) for n, kind in dialect.mavlink_map.items()} == MESSAGES
 
 
 @pytest.mark.parametrize("name", LAYOUTS)
