@@ -64,7 +64,8 @@ def test_tables_numbers_and_text_exports(capsys: pytest.CaptureFixture[str]) -> 
 
 def test_parquet_is_the_csv_with_all_digits() -> None:
     parquet = pytest.importorskip("pyarrow.parquet", reason="needs pyarrow: the extra `parquet`")
-    assert main(["replay", "flight.mcap", "--out", "a.csv", "--out", "a.parquet"]) == 0
+    assert main(["replay", "flight.mcap", "--out", "a.csv", "--out", "a.parquet", "--out", "rows"]) == 0
+    assert Path("rows").read_bytes() == Path("a.csv").read_bytes()  # without a suffix
     table, rows = parquet.read_table("a.parquet"), [*csv.DictReader(Path("a.csv").read_text("utf-8").splitlines())]
     assert table.column_names == list(rows[0])
     for name in table.column_names:

@@ -76,11 +76,14 @@ def test_all_of_a_report(
     monkeypatch.chdir(tmp_path)
     record(tmp_path / "flight.mcap", Stream(t1=5.1).datagrams())
     (tmp_path / "truth.csv").write_text(made_flight.truth(), encoding="utf-8")
+    (tmp_path / "c.toml").write_text("[estimator.leader]\nsize_prior_m = 3.0\n", encoding="utf-8")
+    outs = ["--out", "a.html", "--pdf", "a.pdf"]
     assert main(["report", "flight.mcap", "--set", "estimator.leader.size_prior_m=2"]) == 1
-    assert main(["report", "flight.mcap", "--truth", "truth.csv", "--out", "a.html", "--pdf", "a.pdf"]) == 1
+    assert main(["report", "flight.mcap", "--truth", "truth.csv", "--config", "c.toml", *outs]) == 1
     plain, whole = written
     first, second = (Path(name).read_text("utf-8") for name in ("flight-report.html", "a.html"))
     assert "size_prior_m&quot;: 2.0" in first
+    assert "size_prior_m&quot;: 3.0" in second
     assert second.count("<svg") == len(whole.figures)
     gps = [text.partition("<h2>GPS</h2>")[2].partition("<h2>")[0] for text in (first, second)]
     assert gps[0] == gps[1] != ""  # the same bytes for the same figure

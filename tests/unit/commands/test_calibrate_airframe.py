@@ -1,5 +1,6 @@
 """`onboard calibrate --mass`: the airframe's constants that a made flight has are found again."""
 
+import argparse
 import tomllib
 from collections.abc import Iterator
 from typing import Any
@@ -9,7 +10,7 @@ import pytest
 
 from onboard import UserError
 from onboard.analysis.calibration.airframe import AirframeMeasures, RecordedFlight, fit_airframe
-from onboard.commands.calibrate_airframe import described_airframe
+from onboard.commands.calibrate_airframe import calibrate_airframe, described_airframe
 from onboard.config import parse_config
 from onboard.estimators.own_state.config import AirframeConfig
 from onboard.estimators.own_state.faults import FaultMonitor
@@ -109,3 +110,35 @@ def test_a_log_of_few_samples_a_second_is_compared_over_longer_windows_seed_1() 
 def test_a_flight_that_is_too_short_is_refused() -> None:
     with pytest.raises(UserError, match="10 s in the air"):
         fit_airframe(flight(1, seconds=10.0), KNOWN)
+
+
+def test_windows_without_a_gap_in_the_air_are_compared_seed_1() -> None:
+    """Of 0.6 s; half of one may be missing of either."""
+    whole = flight(1)
+    t, counts = whole.t, []
+    for gap in (0.0, 0.28, 0.33):
+        kept = (t < 20.1) | (t > 20.1 + gap)
+        imu = {name: getattr(whole, name)[kept] for name in ("t", "f_b", "omega_b", "v_b")}
+        commands = {name: getattr(whole, name)[kept] for name in ("command_t", "commands", "voltage")}
+        counts += [fit_airframe(whole._replace(**each), KNOWN).windows for each in (imu, commands)]
+    on_ground = whole._replace(commands=np.where(t[:, None] < 12.0, 0.3 * whole.commands, whole.commands))
+    counts.append(fit_airframe(on_ground, KNOWN).windows)
+    assert counts == [99, 99, 98, 99, 97, 97, 79]
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"rotors": None}, "--mass needs --rotors"),
+        ({"rotors": "[[0,0"}, "expected .*forward_m"),
+        ({"rotors": "[[0,0,1],[0,0,1],[0,0,1]]"}, "at least four"),
+        ({"rotors": "[[0,0,1],[0,0,1],[0,0,1],[0,0,2]]"}, "at least four"),
+        ({"mass": 0.0}, "must be positive"),
+        ({"voltage": 0.0}, "must be positive"),
+        ({"pwm": (2000.0, 2000.0)}, "--pwm: the first must be below"),
+    ],
+)
+def test_what_cannot_be_measured_by_is_one_line(changed: dict[str, Any], words: str) -> None:
+    given: dict[str, Any] = {"rotors": str(ROTORS.tolist()), "mass": 1.0, "voltage": None, "pwm": (1000.0, 2000.0)}
+    with pytest.raises(UserError, match=words):
+        calibrate_airframe(argparse.Namespace(**given | changed, log=None, until=None), parse_config({}))
