@@ -22,12 +22,16 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.filters.belief import Belief, Method, Rows
 from onboard.filters.errors import FilterError
-from onboard.filters.kernels.variable_structure import ADAPTIVE_LAYER_TYPE, FIXED_LAYER_TYPE, SWITCHED_LAYER_TYPE
+from onboard.filters.kernels.variable_structure import (
+    ADAPTIVE_LAYER_TYPE,
+    FIXED_LAYER_TYPE,
+    SWITCHED_LAYER_TYPE,
+    Settings,
+)
 from onboard.filters.smooth_variable_structure import NOT_OPTIMAL
 from onboard.filters.variable_structure import (
     CONVERGENCE_RATE,
     LayerUpdate,
-    Settings,
     State,
     belief,
     correct,
@@ -96,7 +100,7 @@ def update(
     NotPositiveDefiniteError
         If a covariance is not positive definite, or not finite.
     """
-    settings = Settings(SWITCHED_LAYER_TYPE, kappa, gamma=gamma, weighted=weighted)
+    settings = Settings(SWITCHED_LAYER_TYPE, kappa, gamma, weighted=weighted)
     return correct(state, y, measure, R, angular, settings)[0]
 
 
@@ -125,7 +129,7 @@ def update_robust(
     """
     if patience < 1:
         raise FilterError(f"patience: must be at least 1, not {patience}")
-    settings = Settings(SWITCHED_LAYER_TYPE, kappa, patience, gamma, weighted)
+    settings = Settings(SWITCHED_LAYER_TYPE, kappa, gamma, patience, weighted)
     return correct(state, y, measure, R, angular, settings)[0]
 
 
@@ -167,7 +171,7 @@ def update_adaptive(
         raise FilterError(f"patience: must be at least 1, not {patience}")
     if not 0 < fading <= 1:
         raise FilterError(f"fading: must be in (0, 1], not {fading}")
-    settings = Settings(ADAPTIVE_LAYER_TYPE, kappa, patience, gamma, fading=fading)
+    settings = Settings(ADAPTIVE_LAYER_TYPE, kappa, gamma, patience, fading=fading)
     return correct(state, y, measure, R, angular, settings)[0]
 
 
@@ -234,7 +238,7 @@ def update_printed(
     NotPositiveDefiniteError
         If a covariance is not positive definite, or not finite.
     """
-    settings = Settings(FIXED_LAYER_TYPE, 0.0, gamma=gamma, weighted=weighted)
+    settings = Settings(FIXED_LAYER_TYPE, 0.0, gamma, weighted=weighted)
     first, ratio = correct(state.first, y, measure, R, angular, settings)
     layer = np.asarray(ratio * np.abs(first.innovation))
     second, _ = correct(state.second, y, measure, R, angular, settings, layer)

@@ -25,11 +25,10 @@ from typing import Final
 
 from onboard.arrays import Array
 from onboard.filters.belief import Method, Rows
-from onboard.filters.kernels.variable_structure import FIXED_LAYER_TYPE, VARIABLE_LAYER_TYPE
+from onboard.filters.kernels.variable_structure import FIXED_LAYER_TYPE, VARIABLE_LAYER_TYPE, Settings
 from onboard.filters.variable_structure import (
     CONVERGENCE_RATE,
     LayerUpdate,
-    Settings,
     State,
     belief,
     correct,
@@ -85,7 +84,7 @@ def update(
     NotPositiveDefiniteError
         If a covariance is not positive definite, or not finite.
     """
-    settings = Settings(FIXED_LAYER_TYPE, sigmas, gamma=gamma, weighted=weighted)
+    settings = Settings(FIXED_LAYER_TYPE, sigmas, gamma, weighted=weighted)
     return correct(state, y, measure, R, angular, settings, layer)[0]
 
 
@@ -120,7 +119,7 @@ def update_variable(
     NotPositiveDefiniteError
         If a covariance is not positive definite, or not finite.
     """
-    settings = Settings(VARIABLE_LAYER_TYPE, sigmas, gamma=gamma, weighted=weighted)
+    settings = Settings(VARIABLE_LAYER_TYPE, sigmas, gamma, weighted=weighted)
     return correct(state, y, measure, R, angular, settings, limit)[0]
 
 

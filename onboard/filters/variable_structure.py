@@ -15,6 +15,7 @@ from onboard.filters.belief import Belief, Indices, Method, Rows, Update, images
 from onboard.filters.errors import FilterError, require_plain
 from onboard.filters.kernels import variable_structure as kernels
 from onboard.filters.kernels.calls import call_as_is
+from onboard.filters.kernels.variable_structure import Settings
 from onboard.filters.unscented_transform import sigma_points
 
 CONVERGENCE_RATE: Final = 0.1  # gamma
@@ -67,33 +68,6 @@ class LayerUpdate(NamedTuple):
     layer: Array
     outside: Any
     rejected: Any
-
-
-class Settings(NamedTuple):
-    """Settings that distinguish the filters.
-
-    Attributes
-    ----------
-    kind
-        Kind of layer (FIXED_LAYER_TYPE to ADAPTIVE_LAYER_TYPE of the kernels).
-    scale
-        Width of the layer in standard deviations of R; of a switched or adaptive layer, of the innovation.
-    patience
-        Number of updates that an exceedance must last.
-    gamma
-        Convergence rate.
-    weighted
-        Whether the right inverse is weighted by the covariance.
-    fading
-        Share of the newest update in the mean of sat(e/layer).
-    """
-
-    kind: int
-    scale: float
-    patience: int = 1
-    gamma: float = CONVERGENCE_RATE
-    weighted: bool = True
-    fading: float = 0.0
 
 
 def start(mean: Array, covariance: Array) -> State:
@@ -165,8 +139,7 @@ def correct(
     outputs = call_as_is(
         kernels.update_batch,
         mean.shape[:-1],
-        *(angles, settings.kind, settings.gamma, settings.scale, settings.patience, settings.weighted),
-        settings.fading,
+        *(angles, settings._replace(scale=float(settings.scale), gamma=float(settings.gamma))),
         mean=_batch(mean, 1),
         covariance=_batch(P, 2),
         measure=_batch(images, 2),

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.compiled import BOOL, FLAGS, INT, MAKING, kernel, signature
+from onboard.compiled import BOOL, FLAGS, FLOAT, INT, MAKING, kernel, record, signature
 from onboard.filters.errors import (
     ANGLE_ERROR,
     COVARIANCE_ERROR,
@@ -94,15 +94,31 @@ def linearise_into(images, y, R, angular, predicted, e, B, N, S):
     return OK if farthest <= MAX_ANGLE_SPREAD else ANGLE_ERROR
 
 
-class Tuning(NamedTuple):
-    """The settings, as in `variable_structure.Settings`."""
+class Settings(NamedTuple):
+    """Settings that distinguish the filters.
+
+    Attributes
+    ----------
+    kind
+        Kind of layer (FIXED_LAYER_TYPE to ADAPTIVE_LAYER_TYPE).
+    scale
+        Width of the layer in standard deviations of R; of a switched or adaptive layer, of the innovation.
+    gamma
+        Convergence rate.
+    patience
+        Number of updates that an exceedance must last.
+    weighted
+        Whether the right inverse is weighted by the covariance.
+    fading
+        Share of the newest update in the mean of sat(e/layer).
+    """
 
     kind: int
-    gamma: float
     scale: float
-    patience: int
-    weighted: bool
-    fading: float
+    gamma: float
+    patience: int = 1
+    weighted: bool = True
+    fading: float = 0.0
 
 
 class LayerMemory(NamedTuple):
@@ -124,7 +140,7 @@ class SwitchingSteps(NamedTuple):
 
 
 @kernel(**MAKING)
-def decide_into(tuning, memory, e, B, S, R, limit, steps):
+def decide_into(settings, memory, e, B, S, R, limit, steps):
     """Decide for each component its layer, whether and for how long it is outside, and its switching step s.
 
     `limit` (m,) is the layer's width, or (0,) for `scale` standard deviations of R. Eq 2.3.3 multiplies by e after
@@ -132,7 +148,7 @@ def decide_into(tuning, memory, e, B, S, R, limit, steps):
     as a gain, A / max(|e|, psi), kept below 1 + gamma: if e is far smaller than the last residual, the step is a
     push of bounded size, not a large gain.
     """
-    kind, gamma, scale, _, _, _ = tuning
+    kind, scale, gamma, _, _, _ = settings
     residual, updates_outside, _, _ = memory
     layer, outside, s, ratio = steps
     for a in range(e.shape[0]):
@@ -211,10 +227,10 @@ def fits(n, images, y, R, memory, limit):
 
 
 @kernel(**MAKING)
-def update_into(mean, P, images, y, R, limit, angular, tuning, memory, out):
+def update_into(mean, P, images, y, R, limit, angular, settings, memory, out):
     """Update one filter into `out`; return (status, NIS)."""
     mean_out, P_out, e, S, predicted, layer, smoothing, outside, rejected, model_error = out
-    kind, _, scale, patience, weighted, fading = tuning
+    kind, scale, _, patience, weighted, fading = settings
     residual, updates_outside, switching, slow_switching = memory
     n, m = mean.shape[0], y.shape[0]
     sizes = (residual.shape[0], updates_outside.shape[0], switching.shape[0], slow_switching.shape[0])
@@ -244,7 +260,7 @@ def update_into(mean, P, images, y, R, limit, angular, tuning, memory, out):
             wider = np.empty((m, m))  # S and NIS stay the prior's: e must not widen its own reference
             if not widen_into(L_t, B, N, extra, wider):
                 return COVARIANCE_ERROR, 0.0
-    decide_into(tuning, memory, e, B, wider, R, limit, SwitchingSteps(layer, outside, s, ratio))
+    decide_into(settings, memory, e, B, wider, R, limit, SwitchingSteps(layer, outside, s, ratio))
     nis = 0.0
     for a in range(m):
         nis += e[a] * white[a, 0]
@@ -263,11 +279,10 @@ def update_into(mean, P, images, y, R, limit, angular, tuning, memory, out):
 ARRAYS: Final = (2, 3, 3, 2, 3, 2, 2, 2, 2, 2, FLAGS)
 
 
-@kernel(signature(*ARRAYS, INT, "f", "f", INT, BOOL, "f"), **MAKING)
+@kernel(signature(*ARRAYS, record(Settings, INT, FLOAT, FLOAT, INT, BOOL, FLOAT)), **MAKING)
 def update_batch(
-    mean, P, images, y, R, residual, updates_outside, switching, slow_switching, limit, angular, kind, gamma,
-    scale, patience, weighted, fading,
-):  # fmt: skip
+    mean, P, images, y, R, residual, updates_outside, switching, slow_switching, limit, angular, settings
+):
     """Update a batch: mean (B, n), P (B, n, n), images (B, 2n+1, m), y (B, m), R (B or 1, m, m).
 
     residual, updates_outside, switching and slow_switching are (B, m); limits (B or 1, m), or (1, 0) for `scale`
@@ -290,7 +305,6 @@ def update_batch(
     )
     updates_outside, switching, slow_switching = updates_outside.copy(), switching.copy(), slow_switching.copy()
     nis, status = np.empty(count), OK
-    tuning = Tuning(kind, gamma, scale, patience, weighted, fading)
     sizes = (residual.shape[0], updates_outside.shape[0], switching.shape[0], slow_switching.shape[0])
     for size in (P.shape[0], images.shape[0], y.shape[0], *sizes):
         if size != count:
@@ -307,7 +321,7 @@ def update_batch(
             memory = LayerMemory(residual[b], updates_outside[b], switching[b], slow_switching[b])
             noise, width = R[b % R.shape[0]], limit[b % limit.shape[0]]
             status, nis[b] = update_into(
-                mean[b], P[b], images[b], y[b], noise, width, angular, tuning, memory, rows
+                mean[b], P[b], images[b], y[b], noise, width, angular, settings, memory, rows
             )
             if status != OK:
                 status += MEMBER_FACTOR * b

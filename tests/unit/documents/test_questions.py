@@ -2,7 +2,7 @@
 
 import re
 
-from onboard.autopilot.sent import BY_ITSELF, SENT, SENT_COMMANDS
+from onboard.autopilot.sent import BY_ITSELF, IN_ANSWER, SENT_COMMANDS, WHERE_NAMED
 from onboard.compiled.sources import imported_by
 from onboard.estimators.leader.config import Config as Leader
 from onboard.pipeline.silence import TIMEOUT_NS
@@ -17,20 +17,17 @@ NUMBERS += ("thirteen", "fourteen", "fifteen", "sixteen", "seventeen", "eighteen
 
 def test_what_is_sent_is_the_table_of_the_code() -> None:
     (table,) = documents.tables(documents.section("published", "What is sent to the autopilot"))
-    wanted = [[", ".join(sent.names), sent.occasion, sent.when] for sent in SENT.values()]
-    assert table == wanted, "\n".join(f"| {' | '.join(row)} |" for row in wanted)
+    groups = {"by itself": BY_ITSELF, "in answer": IN_ANSWER, "where named": WHERE_NAMED}
+    wanted = [[", ".join(names), occasion] for occasion, group in groups.items() for names in group.values()]
+    assert [row[:2] for row in table] == wanted
+    (commands,) = [when for name, _, when in table if name == "COMMAND_LONG"]
+    assert set(re.findall(r"MAV_CMD_\w+", commands)) == set(SENT_COMMANDS.values())
 
 
 def test_the_readme_names_all_that_is_sent_unasked() -> None:
     (safety,) = re.findall(r"\*\*Safety\.\*\*.*?\n\n", documents.text(documents.ALL[0]), re.DOTALL)
-    for sent in SENT.values():
-        if sent.occasion == BY_ITSELF:
-            assert set(sent.names) <= set(re.findall(r"[A-Z_]+", safety))
-
-
-def test_commands_are_named_with_what_is_sent() -> None:
-    (row,) = [sent.when for sent in SENT.values() if "COMMAND_LONG" in sent.names]
-    assert set(re.findall(r"MAV_CMD_\w+", row)) == set(SENT_COMMANDS.values())
+    for names in BY_ITSELF.values():
+        assert set(names) <= set(re.findall(r"[A-Z_]+", safety))
 
 
 def test_every_file_that_decides_valid_is_named_and_no_other() -> None:

@@ -181,11 +181,11 @@ def test_a_switched_step_is_whole_however_small_the_innovation(e: float) -> None
     gamma, residual = 0.5, 0.01
     made = np.zeros((3, 1))
     outside = np.zeros(1, bool)
-    tuning = kernel.Tuning(kernel.SWITCHED_LAYER_TYPE, gamma, 3.0, patience=1, weighted=True, fading=0.0)
+    settings = kernel.Settings(kernel.SWITCHED_LAYER_TYPE, 3.0, gamma)
     memory = kernel.LayerMemory(np.array([residual]), *np.zeros((3, 1)))
     steps = kernel.SwitchingSteps(made[0], outside, made[1], made[2])
     S = R = np.array([[1e-6]])
-    kernel.decide_into(tuning, memory, np.array([e]), np.ones((1, 1)), S, R, np.zeros(0), steps)
+    kernel.decide_into(settings, memory, np.array([e]), np.ones((1, 1)), S, R, np.zeros(0), steps)
     size = abs(e) + gamma * residual
     assert outside[0]
     assert made[1, 0] == pytest.approx(np.copysign(size, e))

@@ -15,7 +15,7 @@ MOST_CODE = {"estimators/leader": 4_094}  # lines that are neither empty, commen
 MOST_PLACES = 8  # that set `valid`
 MOST_NAMES_OF_TWO = 11  # of classes in `onboard`, each with one meaning in each package
 MOST_ARGUMENTS, MOST_OF_KERNELS = 10, 17
-MOST_ABOVE_11 = 1  # of kernels: `update_batch`, whose arguments are of either precision
+MOST_ABOVE_11 = 1  # of kernels: `update_batch`
 MOST_NUMBERS = {"leader": 211, "oh_johnson": 13, "own_state": 103, "traffic": 79}
 MOST_STATE_VECTORS = {"leader": 3, "oh_johnson": 1, "own_state": 2, "traffic": 3}
 # A folder of `estimators` is a package of its own: each has an Estimator and its Config.
