@@ -97,7 +97,7 @@ class Estimator:
     def observe(self, message: Message, ownship: Ownship) -> list[Estimate]:
         """Fuse the detections of one image at its time, or take a report or a range."""
         if not isinstance(message, Exposure):
-            self._heed(message, ownship)
+            self._receive(message, ownship)
             return []
         view, answers = self._poses.view(message, ownship), dict[int, list[Estimate]]()
         found: dict[int, Track] = {}  # the tracks of the exposure's detections
@@ -105,34 +105,34 @@ class Estimator:
             if seen.target == NO_ID:
                 continue
             self._is_named |= seen.target == NAME
-            track = self._named(seen.target, ownship)
+            track = self._track_of(seen.target, ownship)
             if track is None:
                 answers[i] = self._refuse(seen, ownship)
                 continue
             found[i] = track
-            answers[i] = self._take(track.claim(seen, view, ownship), view, track, ownship)
+            answers[i] = self._fuse(track.claim(seen, view, ownship), view, track, ownship)
         if len(answers) < len(message.detections):
-            answers |= self._unnamed(view, found, ownship)
+            answers |= self._associate_unnamed(view, found, ownship)
         return [estimate for i in sorted(answers) for estimate in answers[i]]
 
-    def _take(self, claim: ImageRecord, view: PosedExposure, track: Track, ownship: Ownship) -> list[Estimate]:
+    def _fuse(self, claim: ImageRecord, view: PosedExposure, track: Track, ownship: Ownship) -> list[Estimate]:
         """Let a track take a detection, as it was compared with the track, or may have been with another one."""
-        said, seen = list[Estimate](), claim.message
+        estimates, seen = list[Estimate](), claim.message
         if self._classes:
             filter_ = track.filter
             known = self._classes.get(seen.class_name, (None, self._config))
             if track.take_for(seen.class_name, seen.t_ns, *known):
                 self._verdicts[CLASS] += 1
-                said.append(track.tick(ownship))
+                estimates.append(track.tick(ownship))
             if track.filter is not filter_:
                 claim = track.claim(seen, view, ownship)
-        said.append(estimate := self._counted(track.take(claim, ownship)))
+        estimates.append(estimate := self._counted(track.take(claim, ownship)))
         report, is_shown = estimate.measurement, estimate.valid or estimate.cause is Cause.NOISE
         if track.target == NAME and is_shown and report is not None and report.verdict in FUSED:
             self._seen_ns[seen.camera] = seen.t_ns
         for source in self._sources if track.target == NAME else ():
             source.receive(seen, ownship)
-        return said
+        return estimates
 
     def _counted(self, estimate: Estimate) -> Estimate:
         """An estimate that follows an image, whose verdict is counted."""
@@ -141,7 +141,7 @@ class Estimator:
             self._verdicts.update(f"{MISFIT}{name}" for name in estimate.measurement.misfits)
         return estimate
 
-    def _unnamed(
+    def _associate_unnamed(
         self, view: PosedExposure, found: dict[int, Track], ownship: Ownship
     ) -> dict[int, list[Estimate]]:
         """Associate the detections without an id with the tracks that were `found` for no other one."""
@@ -152,7 +152,7 @@ class Estimator:
             if isinstance(image, Image):
                 images[i] = image
             elif image is not None:
-                answers[i] = self._take(ImageRecord(seen, image), view, self._tracks[NAME], ownship)
+                answers[i] = self._fuse(ImageRecord(seen, image), view, self._tracks[NAME], ownship)
         if not images:
             return answers
         tracks = [track for track in self._tracks.values() if track not in found.values()]
@@ -165,7 +165,7 @@ class Estimator:
             unused = ImageRecord(detections[i], Verdict.UNASSOCIATED)
             answers[i] = [self._counted(tracks[k].take(unused, ownship))]
         for i, k in decided.items():
-            answers[i] = self._take(pairs[k, i], view, tracks[k], ownship)
+            answers[i] = self._fuse(pairs[k, i], view, tracks[k], ownship)
         free = [track for k, track in enumerate(tracks) if k not in undecided.values()]
         for i, image in images.items():
             if i in answers:
@@ -174,10 +174,12 @@ class Estimator:
             twin = next((track for j, track in found.items() if overlap(seen, detections[j])), None)
             if twin is not None:
                 answers[i] = [self._counted(twin.take(ImageRecord(seen, Verdict.DUPLICATE), ownship))]
-            elif (track := self._left_over(image, [t for t in free if t not in found.values()], ownship)) is None:
+            elif (
+                track := self._choose_track(image, [t for t in free if t not in found.values()], ownship)
+            ) is None:
                 answers[i] = self._refuse(seen, ownship)
             else:
-                answers[i], found[i] = self._take(track.claim(seen, view, ownship), view, track, ownship), track
+                answers[i], found[i] = self._fuse(track.claim(seen, view, ownship), view, track, ownship), track
         return answers
 
     def withholds(self, exposure: Exposure, doubts: Mapping[str, Reason]) -> Reason | None:
@@ -194,7 +196,7 @@ class Estimator:
         """Predict the tracks to the newest navigation sample whose next estimate is due.
 
         Drop idle targets, except the first."""
-        self._pass_name_on(ownship.now_ns)
+        self._promote_next_leader(ownship.now_ns)
         estimates = []
         for target, track in list(self._tracks.items()):
             if target == NAME or track.is_followed:
@@ -215,7 +217,7 @@ class Estimator:
             source.clear()
         self._next_refusal_ns = self._next_begin_ns = 0
 
-    def _pass_name_on(self, now_ns: int) -> None:
+    def _promote_next_leader(self, now_ns: int) -> None:
         """Without ids, what was seen first is the leader, and may be a tree.
 
         Once it is gone, the first other target that is tracked is the leader. Where images or a broadcast say who
@@ -230,7 +232,7 @@ class Estimator:
         swap_names(leader, heir)
         self._verdicts[PASSED_ON] += 1
 
-    def _heed(self, message: Message, ownship: Ownship) -> None:
+    def _receive(self, message: Message, ownship: Ownship) -> None:
         """Take what is no image."""
         if isinstance(message, messages.WarmState):
             self._tracks[NAME].prior = prior_of(message)
@@ -279,7 +281,7 @@ class Estimator:
         target = message.target or f"{UNNAMED}{self._numbered}"
         return [self._track(target, FULL).take(ImageRecord(message, Verdict.FULL), ownship)]
 
-    def _named(self, target: str, ownship: Ownship) -> Track | None:
+    def _track_of(self, target: str, ownship: Ownship) -> Track | None:
         """The track of that id, a new one if there is none; None if there are too many."""
         if target in self._tracks:
             return self._tracks[target]
@@ -312,7 +314,7 @@ class Estimator:
                     found[k, i] = track.compare(own, predicted[k], ownship)
         return found
 
-    def _left_over(self, image: Image, free: Sequence[Track], ownship: Ownship) -> Track | None:
+    def _choose_track(self, image: Image, free: Sequence[Track], ownship: Ownship) -> Track | None:
         """The track of a detection without an id that fits none, of those that are `free`.
 
         One that it may start, or of which it is an outlier; or else a new one, None with too many."""
@@ -328,7 +330,7 @@ class Estimator:
         if not image.has_extent:
             return self._tracks[NAME]
         self._numbered += 1
-        return self._named(f"{UNNAMED}{self._numbered}", ownship)
+        return self._track_of(f"{UNNAMED}{self._numbered}", ownship)
 
     def _offsets(self, image: Image, tracks: Iterable[Track]) -> list[tuple[float, Track]]:
         """Return the angles, rad, from an image to each track that had an image shortly before it.

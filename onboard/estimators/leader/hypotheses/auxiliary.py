@@ -49,10 +49,7 @@ class Report(NamedTuple):
         and the derivatives do not show that. They hold for a straight line."""
         x = particles.means
         K, W = x.shape
-        at, of_v = (
-            [particles.column(name) for name in REPORT_POSITION],
-            [particles.column(name) for name in OWN_VELOCITY],
-        )
+        at, of_v = ([particles.column(name) for name in names] for names in (REPORT_POSITION, OWN_VELOCITY))
         turn, delay = particles.column(TURN), particles.column(DELAY)
         turned = x[:, POSITION] @ ABOUT_DOWN.T
         H = np.zeros((K, 6, W))

@@ -151,9 +151,8 @@ class BeliefFilter:
     def assist(self, state: State, taken: Auxiliary) -> State | None:
         """The state after what is measured beside the images; None where that contradicts it, or where what may be
         false would lead the size beyond MAX_SIZE_SIGMAS sigmas of the configured one. Raises FilterError."""
-        is_open = (
-            state.summary.after(state.since.dt, state.since.moved).range_sigma() > given.MAX_RESOLVED_RANGE_SIGMA
-        )
+        now = state.summary.after(state.since.dt, state.since.moved)
+        is_open = now.range_sigma() > given.MAX_RESOLVED_RANGE_SIGMA
         particles = update.assist(state.settings, self.predict(state).particles, taken, is_open=is_open)
         if particles is None:
             return None

@@ -144,7 +144,7 @@ def _advance(S, j, side, transition):
 
 
 @kernel(**FILLING)
-def _forget(x, S, decay, fixed):
+def _decay_biases(x, S, decay, fixed):
     """Let the biases decay, in place, by `decay` (W - N,), and add the variances (W,)."""
     for i in range(N, S.shape[0]):
         left = decay[i - N]
@@ -157,7 +157,7 @@ def _forget(x, S, decay, fixed):
 
 
 @kernel(**FILLING)
-def _stop(x, S, hover, drag, bold):
+def _hover(x, S, hover, drag, bold):
     """The state of a leader that hovers after a step, in place.
 
     It comes to rest over ground, and tilts less."""
@@ -233,9 +233,9 @@ def fly_on(k, particles, interval, edge_on_visibility):
     x[BANK_ERROR] *= decay[1]
     x[WING_SCALE_ERROR] *= decay[2]
     if width > N:
-        _forget(x, S, decay[3:], fixed)
+        _decay_biases(x, S, decay[3:], fixed)
     if mode == HOVERING:
-        _stop(x, S, hover, drag, bold)
+        _hover(x, S, hover, drag, bold)
     if course_locked[k] == COURSE_LOCKED:
         headings[k] = course_of(x) + aside
 

@@ -53,7 +53,7 @@ def places(w: Array, means: Array, covariances: Array, ours: Callable[[Array], A
     `ours` gives the covariance (6, 6) of errors that all particles share, of a leader at r_FL_n (3,)."""
     log_range = np.log(np.linalg.norm(means[:, :3], axis=1))
     found = []
-    for part in _apart(log_range, w):
+    for part in _split_by_valleys(log_range, w):
         weight = float(w[part].sum())
         share = w[part] / weight
         mean = share @ means[part]
@@ -63,12 +63,12 @@ def places(w: Array, means: Array, covariances: Array, ours: Callable[[Array], A
     return tuple(found)
 
 
-def _apart(x: Array, w: Array) -> list[Array]:
+def _split_by_valleys(x: Array, w: Array) -> list[Array]:
     """Masks (K,) of the groups of numbers x (K,) with weights w (K,) that valleys of their density keep apart."""
     first, last = math.floor(x.min() / given.LOG_RANGE_BIN_WIDTH), math.floor(x.max() / given.LOG_RANGE_BIN_WIDTH)
     bins = np.clip(np.floor(x / given.LOG_RANGE_BIN_WIDTH).astype(int) - first, 0, last - first)
     density = np.convolve(np.bincount(bins, w, last - first + 1), SMOOTHING_WEIGHTS)[8:-8]
-    groups = _joined(_split(density, 0, len(density)), np.bincount(bins, w))
+    groups = _merge_small_groups(_split(density, 0, len(density)), np.bincount(bins, w))
     return [(bins >= a) & (bins < b) for a, b in groups]
 
 
@@ -94,7 +94,7 @@ def _valley(density, begin, end):
     return at
 
 
-def _joined(groups: list[tuple[int, int]], weight: Any) -> list[tuple[int, int]]:
+def _merge_small_groups(groups: list[tuple[int, int]], weight: Any) -> list[tuple[int, int]]:
     """The groups of bins without those of little weight, which join a neighbour."""
     kept: list[tuple[int, int]] = []
     for begin, end in groups:

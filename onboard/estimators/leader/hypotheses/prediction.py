@@ -179,11 +179,8 @@ def _interval(s, biases, dt, moved):
     What the step adds is in proportion to the range that a heading implies (`motion.Noise`)."""
     k = biases.shape[0]
     decay, fixed, broad, range_ = np.empty(3 + k), np.zeros(N + k), np.zeros((3, N)), np.zeros(N)
-    decay[0], decay[1], decay[2] = (
-        np.exp(-dt / s.acceleration_time),
-        np.exp(-dt / s.bank_time),
-        np.exp(-dt / s.stretch_time),
-    )
+    decay[0], decay[1] = np.exp(-dt / s.acceleration_time), np.exp(-dt / s.bank_time)
+    decay[2] = np.exp(-dt / s.stretch_time)
     new = 1.0 - decay[2] * decay[2]
     for i in range(3):
         fixed[RX + i], fixed[VX + i] = 1e-8, 2.0 * dt / s.own_velocity_time * s.own_velocity**2
@@ -207,7 +204,7 @@ def _interval(s, biases, dt, moved):
 
 
 @kernel(**FILLING)
-def _fraction(heading, x, edge_on_visibility):
+def _visible_fraction(heading, x, edge_on_visibility):
     """The fraction that is seen of a level wing of a leader with the mean x (N,)."""
     return np.sqrt(
         visible2(heading, x[RX], x[RY], x[RX] * x[RX] + x[RY] * x[RY] + x[RZ] * x[RZ], edge_on_visibility)
@@ -233,32 +230,20 @@ def _rescale(ratio, x, P, dt, moved, hovers):
 
 
 @kernel(**MAKING)
-def _takes(heading, other, x, P, passed, hovers, drags, chance):
+def _propose_heading(heading, other, x, P, passed, hovers, drags, chance):
     """Give a particle another heading, and the second of two `drags`, in place; False if it keeps what it has, as
     the tilt is unlikely that its wing's slope needs then (Metropolis and Hastings, with the logarithm of a
     `chance`). The narrower a wing looks, the steeper its slope for the same bank: the density of slopes is lower
     by that factor. Of what shows no slope, or does not tilt, each heading is as likely."""
-    dt, moved, edge_on_visibility, metric, wind = (
-        passed.dt,
-        passed.moved,
-        passed.edge_on_visibility,
-        passed.metric,
-        passed.wind,
-    )
+    dt, moved, wind = passed.dt, passed.moved, passed.wind
     if not passed.tilts:
-        if not metric:
-            _rescale(
-                _fraction(other, x, edge_on_visibility) / _fraction(heading, x, edge_on_visibility),
-                x,
-                P,
-                dt,
-                moved,
-                hovers,
-            )
+        if not passed.metric:
+            before = _visible_fraction(heading, x, passed.edge_on_visibility)
+            _rescale(_visible_fraction(other, x, passed.edge_on_visibility) / before, x, P, dt, moved, hovers)
         return True
     was, of_it = x.copy(), P.copy()
     slope, before = slope_of(heading, x), likely(heading, x, P, drags[0], wind, 0.0)
-    if not metric:
+    if not passed.metric:
         _rescale(banked(slope, other, x)[1] / banked(slope, heading, x)[1], x, P, dt, moved, hovers)
     retilt(slope, heading, other, x, P, drags[1], wind)
     narrower = np.log(abs(appears(other, x)[0] / appears(heading, x)[0]))
@@ -269,7 +254,7 @@ def _takes(heading, other, x, P, passed, hovers, drags, chance):
 
 
 @kernel(**FILLING)
-def _next(regime, x, P, drawn, steadies, begins, hovers, leaves):
+def _next_regime(regime, x, P, drawn, steadies, begins, hovers, leaves):
     """The regime after a step, by a number that is `drawn` from (0, 1).
 
     Only a slow leader begins to hover."""
@@ -288,7 +273,7 @@ def _next(regime, x, P, drawn, steadies, begins, hovers, leaves):
 
 
 @kernel(**FILLING)
-def _rate(rate, drawn, stops, turns, new):
+def _next_turn_rate(rate, drawn, stops, turns, new):
     """At which a heading is turned after a step, by a number that is `drawn` from (0, 1)."""
     if rate != 0.0:
         return 0.0 if drawn < stops else rate
@@ -302,7 +287,7 @@ def _course_locked_heading(heading, aside, x, dt, moved, edge_on_visibility):
     other = course_of(x) + aside
     aside += course_of(x) - np.arctan2(x[VY], x[VX])
     for _ in range(given.COURSE_ITERATIONS):
-        ratio = _fraction(other, x, edge_on_visibility) / _fraction(heading, x, edge_on_visibility)
+        ratio = _visible_fraction(other, x, edge_on_visibility) / _visible_fraction(heading, x, edge_on_visibility)
         u = ratio * x[VX] + (1.0 - ratio) * moved[0] / dt
         v = ratio * x[VY] + (1.0 - ratio) * moved[1] / dt
         other = np.arctan2(v, u) + aside
@@ -310,7 +295,7 @@ def _course_locked_heading(heading, aside, x, dt, moved, edge_on_visibility):
 
 
 @kernel(**FILLING)
-def _decided(course_locked, x, regime, drawn, which, decides, doubted, unties, ties, anew):
+def _next_course_lock(course_locked, x, regime, drawn, which, decides, doubted, unties, ties, anew):
     """Whether a heading is locked to its course after a step, whether it is from now on, and whether it is
     doubted, by numbers that are `drawn` from (0, 1). Of a slow leader that is undecided."""
     speed2 = x[VX] * x[VX] + x[VY] * x[VY]
@@ -329,7 +314,7 @@ def _decided(course_locked, x, regime, drawn, which, decides, doubted, unties, t
 
 
 @kernel(**MAKING)
-def _change(k, particles, draws, changes, passed):
+def _draw_changes(k, particles, draws, changes, passed):
     """Let chance change a particle, in place, by the random numbers from `draws` on."""
     headings, rates, regimes, means, P, intensities, course_locked, drags, _ = particles
     turns_for, still_for, steadies, begins, hovers, leaves, doubted, unties, decides, ties, anew = changes.chances
@@ -341,15 +326,15 @@ def _change(k, particles, draws, changes, passed):
     of_turning = uniform_of(draws + OF_TURNING, k)
     if rates[k] == 0.0 and of_turning < turns:
         new_rate = changes.nose_rate * restless * normal_of(draws + OF_TURN_RATE, k)
-    rates[k] = _rate(rates[k], of_turning, stops, turns, new_rate)
+    rates[k] = _next_turn_rate(rates[k], of_turning, stops, turns, new_rate)
     for i in range(3):
         bold = normal_of(draws + OF_INTENSITIES[i], k) if spread[i] > 0.0 else 0.0
         new = spread[i] * np.sqrt(1.0 - keeps * keeps) * bold
         intensities[k, i] = keeps * intensities[k, i] + new
     of_speed = uniform_of(draws + OF_REGIME, k)
-    regimes[k] = _next(regimes[k], x, P[k], of_speed, steadies, begins, hovers, leaves)
+    regimes[k] = _next_regime(regimes[k], x, P[k], of_speed, steadies, begins, hovers, leaves)
     locked_before = course_locked[k]
-    course_locked[k], becomes_locked, doubts = _decided(
+    course_locked[k], becomes_locked, doubts = _next_course_lock(
         *(course_locked[k], x, regimes[k], uniform_of(draws + OF_RESAMPLED_HEADING, k)),
         *(uniform_of(draws + OF_TYING, k), decides, doubted, unties, ties, anew),
     )
@@ -364,7 +349,7 @@ def _change(k, particles, draws, changes, passed):
     new_drag = drag[0] * np.exp(drag[1] * normal_of(draws + OF_DRAG, k))
     accepted = uniform_of(draws + OF_ACCEPTANCE, k)
     hovering, both = regimes[k] == HOVERING, (drags[k], new_drag)
-    if _takes(headings[k], other, x, P[k], passed, hovering, both, np.log(accepted)):
+    if _propose_heading(headings[k], other, x, P[k], passed, hovering, both, np.log(accepted)):
         drags[k] = new_drag
         intensities[k, 2] = of_heading
     else:
@@ -373,11 +358,11 @@ def _change(k, particles, draws, changes, passed):
 
 
 @kernel(**FILLING)
-def _wander(k, particles, draws, wanders, passed):
+def _diffuse_heading(k, particles, draws, wanders, passed):
     """Turn a heading, in place. One that is locked to its course wanders about it."""
     headings, x = particles.headings, particles.means[k]
     walk, sigma, keeps = wanders
-    broad = _fraction(headings[k], x, passed.edge_on_visibility)
+    broad = _visible_fraction(headings[k], x, passed.edge_on_visibility)
     # the less is seen of the wing, the more does it show of a small turn
     restless = np.exp(particles.intensities[k, 2])
     far = walk * restless * min(1.0, broad / np.sqrt(max(1.0 - broad * broad, 1e-9)))
@@ -390,7 +375,7 @@ def _wander(k, particles, draws, wanders, passed):
 
 
 @kernel(**FILLING)
-def _prior(k, particles, passed):
+def _log_prior(k, particles, passed):
     """The logarithm of the likelihood of a particle's tilt, and of its mean bank error."""
     if not passed.tilts:
         return 0.0
@@ -405,11 +390,11 @@ def step(particles, log_weights, draws, s, biases, heading_observed, passed):
     changes, interval = _changes(s, passed.dt, heading_observed), _interval(s, biases, passed.dt, passed.moved)
     found = log_weights.copy()
     for k in range(found.shape[0]):
-        _change(k, particles, draws, changes, passed)
-        found[k] -= _prior(k, particles, passed)
-        _wander(k, particles, draws, changes.wanders, passed)
+        _draw_changes(k, particles, draws, changes, passed)
+        found[k] -= _log_prior(k, particles, passed)
+        _diffuse_heading(k, particles, draws, changes.wanders, passed)
         fly_on(k, particles, interval, passed.edge_on_visibility)
-        found[k] += _prior(k, particles, passed)
+        found[k] += _log_prior(k, particles, passed)
     normalise(found)
     return found
 
@@ -420,6 +405,6 @@ def weigh(before, after, log_weights, log_l, believed, passed):
     `believed`, from 0 to 1; what it makes of their tilts, and of their mean bank errors, counts in full."""
     found = log_weights + evidence(log_l, believed)
     for k in range(found.shape[0]):
-        found[k] += _prior(k, after, passed) - _prior(k, before, passed)
+        found[k] += _log_prior(k, after, passed) - _log_prior(k, before, passed)
     normalise(found)
     return found

@@ -52,7 +52,7 @@ def start(
     Of what was known `before` of the same leader only the headings are kept, and not all of them; where it is and
     how it moves may have changed while it was not seen."""
     direction = seen.axes[0] @ pose.R_cn
-    slope = _slope(seen, pose) if seen.has_wing and settings.drag > 0.0 else None
+    slope = _wing_slope(seen, pose) if seen.has_wing and settings.drag > 0.0 else None
     headings, prior = _first_headings(settings, direction, pose.v_F_n, slope)
     if before is not None:
         kept = np.arange(len(headings)) % given.RESTART_HEADING_INTERVAL > 0
@@ -88,46 +88,35 @@ def start(
     means[hovers, VELOCITY] = 0.0
     P[:, range(N), range(N)] += _variances(settings, broad, hovers, np.exp(intensities), visible, slope or 0.0)
     drags = tilt.drags_of(settings, OF_FIRST_DRAG, k)
-    _tilt(settings, means, P, drags)
+    _set_tilts(settings, means, P, drags)
     log_l = np.zeros(k)
     if slope is not None:
         log_l = tilt.first(means, P, headings, drags, slope, settings.wind, np.sqrt(P[:, BANK_ERROR, BANK_ERROR]))
-    means[:, LOG_SIZE] = np.log(sizes)
-    restless = np.exp(intensities[:, 2])
+    means[:, LOG_SIZE], restless = np.log(sizes), np.exp(intensities[:, 2])
     often = restless**1.5 * settings.turns_for / settings.still_for
     turns = uniform(OF_TURNING, k) < often / (1.0 + often)
     rates = np.where(turns, settings.nose_rate * restless * normal(OF_TURN_RATE, k), 0.0)
-    regimes = np.where(
-        hovers,
-        model.HOVERING,
-        np.where(uniform(OF_REGIME, k) < settings.accelerating, model.ACCELERATING, model.STEADY),
-    )
+    flies = np.where(uniform(OF_REGIME, k) < settings.accelerating, model.ACCELERATING, model.STEADY)
+    regimes = np.where(hovers, model.HOVERING, flies).astype(float)
+    lock = np.full(k, model.UNDECIDED if settings.tied > 0.0 else model.FREE)
+    arrays = headings, rates, regimes, means, P, intensities, lock, drags, np.zeros(k), np.log(prior)
     particles = Particles(
-        headings,
-        rates,
-        regimes.astype(float),
-        means,
-        P,
-        intensities,
-        np.full(k, model.UNDECIDED if settings.tied > 0.0 else model.FREE),
-        drags,
-        np.zeros(k),
-        np.log(prior),
-        4,
-        edge_on_visibility,
+        *arrays,
+        draws=4,
+        edge_on_visibility=edge_on_visibility,
         metric=seen.is_metric,
         startup_evidence=settings.first_evidence,
         mean_nis=1.0 if before is None else before.mean_nis,
     )
-    return _scaled(weighted(particles, evidence(log_l, 1.0)), seen, range_[:, None] * direction, within)
+    return _add_scales(weighted(particles, evidence(log_l, 1.0)), seen, range_[:, None] * direction, within)
 
 
-def _scaled(particles: Particles, seen: Measurement, r: Array, size_sigma: float) -> Particles:
+def _add_scales(particles: Particles, seen: Measurement, r: Array, size_sigma: float) -> Particles:
     """Add the uncertainty of the size and of the image's bias, which scale the places r (K, 3) m."""
-    _scale(particles, r, LOG_SIZE, size_sigma, 0.0 if seen.is_metric else 1.0)
+    _add_scale_variance(particles, r, LOG_SIZE, size_sigma, 0.0 if seen.is_metric else 1.0)
     if seen.has_wing:
         sigma = np.sqrt(particles.covariances[:, WING_SCALE_ERROR, WING_SCALE_ERROR])
-        _scale(particles, r, WING_SCALE_ERROR, sigma, 1.0)
+        _add_scale_variance(particles, r, WING_SCALE_ERROR, sigma, 1.0)
     if seen.is_metric and seen.pose is not None:
         bias, share = of_ranges(seen.pose), -1.0
     elif seen.rows.bias is not None:
@@ -135,11 +124,11 @@ def _scaled(particles: Particles, seen: Measurement, r: Array, size_sigma: float
     else:
         return particles
     particles = particles.with_biases(bias)
-    _scale(particles, r, particles.column(bias.name), bias.sigma, share)
+    _add_scale_variance(particles, r, particles.column(bias.name), bias.sigma, share)
     return particles
 
 
-def _scale(particles: Particles, r: Array, column: int, sigma: float | Array, share: float) -> None:
+def _add_scale_variance(particles: Particles, r: Array, column: int, sigma: float | Array, share: float) -> None:
     """Add the uncertainty of a scale's logarithm, `sigma` or (K,), in place.
 
     The places r (K, 3) m grow with this share of it."""
@@ -169,7 +158,7 @@ def _variances(
     return found
 
 
-def _slope(seen: Measurement, pose: CameraPose) -> float:
+def _wing_slope(seen: Measurement, pose: CameraPose) -> float:
     """Return the slope of the wing to the horizon.
 
     That of an upright wing is limited by the noise of its tips."""
@@ -181,7 +170,7 @@ def _slope(seen: Measurement, pose: CameraPose) -> float:
     return below / math.copysign(max(abs(aside), math.sqrt(float(seen.rows.R[2, 2]))), aside)
 
 
-def _tilt(settings: LeaderModel, means: Array, P: Array, drags: Array) -> None:
+def _set_tilts(settings: LeaderModel, means: Array, P: Array, drags: Array) -> None:
     """Set the tilts against the air: the drag times an airspeed, with an unknown wind."""
     of_air = P[:, LEVEL, LEVEL] + settings.wind**2 * np.eye(2)
     means[:, TILT] = drags[:, None] * means[:, LEVEL]

@@ -143,7 +143,7 @@ def first(means, P, headings, drags, slope, wind, banks):
         of_bank = (G * banks[k]) ** 2
         off = np.tan(banked(slope, headings[k], x)[0]) * G - (x[TILT_EAST] * c - x[TILT_NORTH] * s)
         x[TILT_NORTH], x[TILT_EAST] = x[TILT_NORTH] - s * off, x[TILT_EAST] + c * off
-        narrower = np.log(abs(appears(headings[k], x)[0]))  # a density of slopes: `prediction._takes`
+        narrower = np.log(abs(appears(headings[k], x)[0]))  # a density of slopes: `prediction._propose_heading`
         log_l[k] = likely(headings[k], x, S, drags[k], wind, of_turn + of_bank) + narrower
         share = off / (of_lean + of_turn + of_bank)
         rest = off - of_lean * share  # not the tilt's

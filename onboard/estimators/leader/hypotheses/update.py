@@ -60,9 +60,8 @@ def expect(particles: Particles, seen: Measurement, pose: CameraPose) -> Expecte
     """Predict the rows by which an image is judged. Raises FilterError."""
     particles, rows = with_rows(particles, seen.rows, seen.axes, pose)
     w = np.exp(particles.log_weights)
-    found = Expected(
-        particles, rows, *view.expect(particles.means, particles.covariances, particles.headings, w, rows)
-    )
+    expected = view.expect(particles.means, particles.covariances, particles.headings, w, rows)
+    found = Expected(particles, rows, *expected)
     if not math.isfinite(found.nis):
         raise FilterError("the particles have lost their numbers")
     return found
@@ -161,10 +160,8 @@ def assist(settings: LeaderModel, particles: Particles, taken: Auxiliary, *, is_
     # this gate, and its errors last longer than the NIS is averaged over.
     mean_nis = min(particles.mean_nis, _averaged_nis(particles, least / rows.innovations.shape[1]))
     found = found._replace(mean_nis=mean_nis)
-    return fitting(
-        settings,
-        weighted(found, evidence(log_l, min(settings.evidence_rate * given.REPORT_EVIDENCE_TIME_S, 1.0))),
-    )
+    believed = min(settings.evidence_rate * given.REPORT_EVIDENCE_TIME_S, 1.0)
+    return fitting(settings, weighted(found, evidence(log_l, believed)))
 
 
 def _averaged_nis(particles: Particles, off: float) -> float:
@@ -201,12 +198,9 @@ def fitted(settings: LeaderModel, particles: Particles, points: Rows, axes: Arra
         beyond = at_most(particles, nis, given.MIN_SHAPE_WEIGHT)
         if beyond > settings.gate + given.SHAPE_GATE_NIS_PER_ROW * len(rows.y):
             return ShapeFit(None, log_l, beyond)
-        course_locked = _still(particles, headings)
-        return ShapeFit(
-            particles._replace(headings=headings, means=means, covariances=P, course_locked=course_locked),
-            log_l,
-            beyond,
-        )
+        locked = _still_locked(particles, headings)
+        after = particles._replace(headings=headings, means=means, covariances=P, course_locked=locked)
+        return ShapeFit(after, log_l, beyond)
 
     every = range(len(points.names))
     whole = fit(every)
@@ -269,11 +263,8 @@ def corrected(
     log_l = -0.5 * (nis + np.linalg.slogdet(S)[1])
     turned = model.courses(means) - model.courses(particles.means)
     headings = particles.headings + np.where(particles.course_locked == COURSE_LOCKED, turned, 0.0)
-    return (
-        particles._replace(headings=headings, means=means, covariances=0.5 * (P + P.transpose(0, 2, 1))),
-        nis,
-        log_l,
-    )
+    P = 0.5 * (P + P.transpose(0, 2, 1))
+    return particles._replace(headings=headings, means=means, covariances=P), nis, log_l
 
 
 def of_ranges(shows: PoseFeatures) -> Bias:
@@ -297,19 +288,14 @@ def posed(particles: Particles, shows: PoseFeatures, camera: CameraPose) -> tupl
     headings, means, P = particles.headings.copy(), particles.means.copy(), particles.covariances.copy()
     if heading is not None:
         log_l = log_l + measure_heading(headings, means, P, *heading)
-        particles = particles._replace(
-            heading_observed=True, keypoint_bias=max(particles.keypoint_bias, given.MARKER_HEADING_BIAS)
-        )
-    return (
-        particles._replace(
-            headings=headings, means=means, covariances=P, course_locked=_still(particles, headings)
-        ),
-        nis,
-        log_l,
-    )
+        bias = max(particles.keypoint_bias, given.MARKER_HEADING_BIAS)
+        particles = particles._replace(heading_observed=True, keypoint_bias=bias)
+    locked = _still_locked(particles, headings)
+    after = particles._replace(headings=headings, means=means, covariances=P, course_locked=locked)
+    return after, nis, log_l
 
 
-def _still(particles: Particles, headings: Array) -> Array:
+def _still_locked(particles: Particles, headings: Array) -> Array:
     """Which headings (K,) are still locked to their courses.
 
     Not those that were measured elsewhere."""

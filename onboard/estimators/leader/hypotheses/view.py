@@ -148,7 +148,7 @@ def _posture(x, heading, tilts, B, by):
 
 
 @kernel(**FILLING)
-def _point(q, axis, number):
+def _select_point(q, axis, number):
     """The point of a row: that of this number, or the one with the least or the largest coordinate."""
     if number >= 0:
         return number
@@ -220,7 +220,7 @@ def _linearised(x, heading, is_course_locked, view, scratch, h, J, d):
         for side in range(2):
             share = view.shares[j, side]
             if share != 0.0:
-                k = _point(q, a, view.of[j, side])
+                k = _select_point(q, a, view.of[j, side])
                 h[j] += share * q[k, 3 + a]
                 more = _derivatives(view.points[k], size, q[k], view.axes, a, share, B, sb, cb, row)
                 banked, pitched = banked + more[0], pitched + more[1]
@@ -275,7 +275,7 @@ def _noise(view, x, d, own, expected, S):
 
 
 @kernel(**FILLING)
-def _side(view, h):
+def _tip_order(view, h):
     """-1 where wingtips are expected in the other order than measured: detectors name tips by their side."""
     return -1.0 if view.is_wing and h[2] * view.y[2] + h[3] * view.y[3] < 0 else 1.0
 
@@ -289,14 +289,14 @@ def _expectation(means, view):
 
 
 @kernel(**FILLING)
-def _add(k, means, P, headings, w, view, scratch, expected, mean, S):
+def _accumulate(k, means, P, headings, w, view, scratch, expected, mean, S):
     """Add what a particle expects to the mean (m,) and the second moments S (m, m) of all."""
     h, d = expected.y[k], expected.by_pitch[k]
     _expected(
         *(means[k], P[k], headings[k], view.course_locked[k] == COURSE_LOCKED, view, scratch),
         (h, expected.C[k], expected.S[k], d),
     )
-    m, side, both = h.shape[0], _side(view, h), scratch.S
+    m, side, both = h.shape[0], _tip_order(view, h), scratch.S
     _noise(view, means[k], d, 0.0, expected.S[k], both)
     for i in range(m):
         sign = w[k] * (side if 2 <= i < 4 else 1.0)
@@ -314,8 +314,8 @@ def expect(means, P, headings, w, view):
     m, expected, scratch = view.y.shape[0], _expectation(means, view), _scratch(view, P.shape[2])
     mean, e, S = np.zeros(m), np.empty(m), np.zeros((m, m))
     for k in range(means.shape[0]):
-        _add(k, means, P, headings, w, view, scratch, expected, mean, S)
-    side = _side(view, mean)
+        _accumulate(k, means, P, headings, w, view, scratch, expected, mean, S)
+    side = _tip_order(view, mean)
     for i in range(m):
         e[i] = (side if 2 <= i < 4 else 1.0) * view.y[i] - mean[i]
         for j in range(m):
@@ -325,7 +325,7 @@ def expect(means, P, headings, w, view):
 
 
 @kernel(**FILLING)
-def _misfit(view, x, heading, scratch, h, d):
+def _squared_error(view, x, heading, scratch, h, d):
     """Return the squared error of a view, in units of its noise, for a particle with that heading."""
     e, R = scratch.e, scratch.S
     _linearised(x, heading, False, view, scratch, h, scratch.J, d)
@@ -344,9 +344,9 @@ def orient(means, P, headings, view):
     expected, scratch = _expectation(means, view), _scratch(view, P.shape[2])
     for k in range(means.shape[0]):
         x, each = means[k], (expected.y[k], expected.C[k], expected.S[k], expected.by_pitch[k])
-        same = _misfit(view, x, headings[k], scratch, each[0], each[3])
+        same = _squared_error(view, x, headings[k], scratch, each[0], each[3])
         x[BANK_ERROR] = -x[BANK_ERROR]  # the other way round, it banks to the other side
-        if _misfit(view, x, headings[k] + np.pi, scratch, each[0], each[3]) < same:
+        if _squared_error(view, x, headings[k] + np.pi, scratch, each[0], each[3]) < same:
             headings[k] += np.pi
             for i in range(P.shape[2]):
                 P[k, BANK_ERROR, i] = -P[k, BANK_ERROR, i]
@@ -358,14 +358,11 @@ def orient(means, P, headings, view):
 
 
 @kernel(**FILLING)
-def _logarithmic(right, down, h, variance, e, C, S):
+def _use_log_length(right, down, h, variance, e, C, S):
     """A wing's innovation and covariances, in place, by the logarithm of its length and by its angle, in which a
     range is linear: a line through lengths draws it to the near side. A wing that hardly shows stays as it is."""
-    least2, seen2, expected2 = (
-        given.MIN_WING_SIGMAS_SQUARED * variance,
-        right * right + down * down,
-        h[2] * h[2] + h[3] * h[3],
-    )
+    seen2, expected2 = right * right + down * down, h[2] * h[2] + h[3] * h[3]
+    least2 = given.MIN_WING_SIGMAS_SQUARED * variance
     if seen2 < least2 or expected2 < least2:
         return
     a, b = (right * h[2] + down * h[3]) / expected2, (down * h[2] - right * h[3]) / expected2
@@ -385,7 +382,7 @@ def _logarithmic(right, down, h, variance, e, C, S):
 def _update(k, means, P, headings, view, scratch, expected):
     """See `update`: NIS and logarithm of the likelihood of one particle."""
     x, h, e, C, S, dx = means[k], expected.y[k], scratch.e, scratch.J, scratch.S, scratch.dx
-    m, side = h.shape[0], _side(view, h)
+    m, side = h.shape[0], _tip_order(view, h)
     for i in range(m):
         e[i] = (side if 2 <= i < 4 else 1.0) * view.y[i] - h[i]
         for j in range(m):
@@ -393,7 +390,7 @@ def _update(k, means, P, headings, view, scratch, expected):
         for j in range(C.shape[1]):
             C[i, j] = expected.C[k, i, j]
     if view.is_wing:
-        _logarithmic(side * view.y[2], side * view.y[3], h, view.R[2, 2], e, C, S)
+        _use_log_length(side * view.y[2], side * view.y[3], h, view.R[2, 2], e, C, S)
     _noise(view, x, expected.by_pitch[k], 1.0, S, S)
     aside = headings[k] - course_of(x)
     r0, r1, r2 = x[RX], x[RY], x[RZ]

@@ -148,13 +148,13 @@ class Repeats:
             stated = tuple(feature.sigma for feature in message.features)
         sigma = min(stated, default=self._point_sigma)
         shown, first, count = self._unchanged.get(message.camera, (points, image, 0))
-        if not _stay(shown, points, given.UNCHANGED_POINT_SIGMAS * sigma):
+        if not _are_unchanged(shown, points, given.UNCHANGED_POINT_SIGMAS * sigma):
             shown, first, count = points, image, 0
         self._unchanged[message.camera] = shown, first, count + 1
         age_ns = message.t_ns - first.message.t_ns
         if count + 1 < given.MIN_UNCHANGED_IMAGES or age_ns <= self._stale_after_s * NS_PER_S:
             return None
-        return Verdict.STALE if _moved(points[0], first, image) > given.ROTATION_SIGMAS * sigma else None
+        return Verdict.STALE if _turned_by(points[0], first, image) > given.ROTATION_SIGMAS * sigma else None
 
     def clear(self) -> None:
         """Forget all images."""
@@ -162,13 +162,13 @@ class Repeats:
         self._unchanged.clear()
 
 
-def _moved(point: ImagePoint, first: Image, now: Image) -> float:
+def _turned_by(point: ImagePoint, first: Image, now: Image) -> float:
     """Return how far our rotation moves a far point between two images, in focal lengths."""
     x, y, z = (now.pose.R_cn @ first.pose.R_cn.T @ (1.0, *point)).tolist()
     return math.dist(point, (y / x, z / x)) if x > 0.0 else math.inf
 
 
-def _stay(before: tuple[ImagePoint, ...], now: tuple[ImagePoint, ...], within: float) -> bool:
+def _are_unchanged(before: tuple[ImagePoint, ...], now: tuple[ImagePoint, ...], within: float) -> bool:
     """Whether all coordinates change by less than `within`, in focal lengths."""
     pairs = zip(before, now, strict=False)
     return len(before) == len(now) and all(abs(a - c) < within and abs(b - d) < within for (a, b), (c, d) in pairs)

@@ -75,9 +75,8 @@ class Measurement(NamedTuple):
     axes: Array  # (3, 3) unit vectors in c: to the center, and the two along which the wing is measured
     further: Rows | None = None  # named points, beyond these
     extent: Extent | None = None  # of points or a box, where no wing was seen
-    edge_on_visibility: float | None = (
-        None  # of the wing's length, what the edge-on aircraft shows of these; None: nothing new
-    )
+    # Of the wing's length, what the edge-on aircraft shows of these; None: nothing new
+    edge_on_visibility: float | None = None
     off: float = 0.0  # rad, by which the center may be off a box's middle
     keypoint_bias: float = 0.0  # of the length between nose and tail: the bias of named points
     pose: PoseFeatures | None = None
@@ -102,7 +101,7 @@ class Measurement(NamedTuple):
         """The measurement by a camera whose attitude has white noise, a small rotation in c of covariance noise_c
         (3, 3): all directions move together, and a wing turns about them."""
         rows = self.rows
-        R = _turned(rows.R, rows.y, rows.shares, rows.axis, rows.is_wing, self.axes, noise_c)
+        R = _with_attitude_noise(rows.R, rows.y, rows.shares, rows.axis, rows.is_wing, self.axes, noise_c)
         return self._replace(rows=rows._replace(R=R))
 
 
@@ -233,7 +232,7 @@ def _measured(axes, points, sigmas, of, shares, axis):
 
 
 @kernel((ROWS, VECTOR, ROWS, INDICES, BOOL, ROWS, ROWS), **MAKING)
-def _turned(R, y, shares, axis, is_wing, axes, noise_c):
+def _with_attitude_noise(R, y, shares, axis, is_wing, axes, noise_c):
     """See `Measurement.with_attitude_noise`."""
     m = axis.shape[0]
     by = np.empty((m, 3))

@@ -126,10 +126,8 @@ def biases_of(config: Config) -> tuple[Bias, ...]:
     b = config.broadcast
     height = given.PRESSURE_BIAS_M if b.icao else b.bias_m
     position = np.hypot([b.bias_m, b.bias_m, height], config.own_position_sigma_m).tolist()
-    velocity, its_time = (
-        given.OWN_SIGMA_FACTOR * config.own_velocity_sigma_m_s,
-        LeaderModel._field_defaults["own_velocity_time"],
-    )
+    velocity = given.OWN_SIGMA_FACTOR * config.own_velocity_sigma_m_s
+    its_time = LeaderModel._field_defaults["own_velocity_time"]
     return (
         *(Bias(name, sigma, b.bias_time_s) for name, sigma in zip(REPORT_POSITION, position, strict=True)),
         *(Bias(name, velocity, its_time) for name in OWN_VELOCITY),

@@ -151,10 +151,9 @@ class LifeCycle:
     def is_carried(self, t_ns: int) -> bool:
         """Whether the leader's own reports say where it is, nobody else could have sent them, and no image
         contradicts them just now."""
-        is_contradicted = (
-            self._gated_since_ns is not None and t_ns - self._gated_ns < given.REACQUISITION_INTERVAL_NS
-        )
-        if self._reported_ns is None or not self._config.broadcast.trusted or is_contradicted:
+        if self._reported_ns is None or not self._config.broadcast.trusted:
+            return False
+        if self._gated_since_ns is not None and t_ns - self._gated_ns < given.REACQUISITION_INTERVAL_NS:
             return False
         is_recent = t_ns - self._reported_ns <= self._carried_for_s * NS_PER_S
         return is_recent and self._reports_gated < given.CONTRADICTING_REPORT_LIMIT

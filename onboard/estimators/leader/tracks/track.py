@@ -120,7 +120,7 @@ class Track:
         try:
             if record.verdict is None and record.image is not None:
                 record = self._decide(record, record.image, ownship)
-                self._carry_out(record, ownship)
+                self._apply(record, ownship)
         except FilterError as error:
             self._fail(error)
             record = ImageRecord(record.message, Verdict.NUMERICAL)
@@ -279,7 +279,7 @@ class Track:
             verdict, why = Verdict.GATED, ALL_GATED if judged.is_over else None
         return record._replace(verdict=verdict, update=update, why=why)
 
-    def _carry_out(self, record: ImageRecord, ownship: Ownship) -> None:
+    def _apply(self, record: ImageRecord, ownship: Ownship) -> None:
         """Do what was decided."""
         verdict, image, why, t_ns = record.verdict, record.image, record.why, record.message.t_ns
         if image is None:
@@ -294,9 +294,8 @@ class Track:
             self.life.led_elsewhere(t_ns)
             leapt = self._checks.ended(image)
             self._forget(why)
-            self._mean_nis = (
-                1.0 if leapt else given.MEAN_NIS_AFTER_LOSS
-            )  # Another object fits none of its hypotheses.
+            # Another object fits none of its hypotheses.
+            self._mean_nis = 1.0 if leapt else given.MEAN_NIS_AFTER_LOSS
             self._start(image, ownship, None)
         elif verdict is Verdict.GATED:
             self._checks.gated(image)
@@ -319,7 +318,7 @@ class Track:
         mean_nis = self._mean_nis if before is None else None
         started = self._filter.start(measurement, first.pose, earlier, self.size, mean_nis)
         if self.prior is not None:
-            started = self._informed(started, self.prior, self.prior.relative(first.message.t_ns, ownship))
+            started = self._use_prior(started, self.prior, self.prior.relative(first.message.t_ns, ownship))
         begun = TrackState(started, self.noise, self.noise.scale)
         t_ns, horizon_ns = first.message.t_ns, self._horizon_ns()
         forward, take = partial(advance, self._filter), partial(fuse, self._filter, self._poses)
@@ -336,7 +335,7 @@ class Track:
         late = b.latency_s + given.REPORT_DELAY_MARGIN_S if b.is_used else 0.0
         return round(max(self._config.rewind_horizon_s, late) * NS_PER_S)
 
-    def _informed(self, started: Any, known: Prior, prior: Belief | None) -> Any:
+    def _use_prior(self, started: Any, known: Prior, prior: Belief | None) -> Any:
         """The first state of the filter with what an earlier run believed, unless the image contradicts it."""
         after = None if prior is None else self._filter.informed(started, prior, flew=known.flew)
         late = "warm_start_too_late" if prior is None else "warm_start_contradicted"
