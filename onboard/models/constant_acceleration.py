@@ -19,8 +19,6 @@ STATE_SIZE: Final = 9
 POSITION: Final = (0, 3, 6)
 VELOCITY: Final = (1, 4, 7)
 ACCELERATION: Final = (2, 5, 8)
-COMPONENTS: Final = ("x", "vx", "ax", "y", "vy", "ay", "z", "vz", "az")
-UNITS: Final = ("m", "m/s", "m/s^2") * 3
 
 
 def process(rows: Array, dt: float) -> Array:

@@ -13,8 +13,6 @@ from onboard.arrays import Array
 from onboard.filters.discretisation import white_acceleration
 
 STATE_SIZE: Final = 5
-COMPONENTS: Final = ("x", "y", "vx", "vy", "rate")
-UNITS: Final = ("m", "m", "m/s", "m/s", "rad/s")
 
 
 def process(rows: Array, dt: float) -> Array:

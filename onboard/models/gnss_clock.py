@@ -17,8 +17,6 @@ STATE_SIZE: Final = 11
 POSITION: Final = variable_turn.POSITION
 VELOCITY: Final = variable_turn.VELOCITY
 ACCELERATION: Final = variable_turn.ACCELERATION
-COMPONENTS: Final = (*variable_turn.COMPONENTS, "clock", "clock_drift")
-UNITS: Final = (*variable_turn.UNITS, "m", "m/s")
 
 
 def process(rows: Array, dt: float) -> Array:

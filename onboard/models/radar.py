@@ -13,8 +13,6 @@ from onboard.compiled import FILLING, MAKING, kernel, signature
 from onboard.geometry.arctangent import arctan2
 
 MEASUREMENT_SIZE: Final = 3
-COMPONENTS: Final = ("range", "azimuth", "elevation")
-UNITS: Final = ("m", "rad", "rad")
 ANGULAR: Final = (1, 2)
 
 

@@ -19,19 +19,9 @@ from onboard.arrays import Array
 from onboard.compiled import FLOAT, MAKING, ROWS, VECTOR, kernel
 from onboard.filters.belief import FilterError
 from onboard.filters.discretisation import van_loan
-from onboard.models.constant_acceleration import ACCELERATION, COMPONENTS, POSITION, STATE_SIZE, UNITS, VELOCITY
+from onboard.models.constant_acceleration import ACCELERATION, POSITION, STATE_SIZE, VELOCITY
 
-__all__ = [
-    "ACCELERATION",
-    "COMPONENTS",
-    "POSITION",
-    "STATE_SIZE",
-    "UNITS",
-    "VELOCITY",
-    "coefficients",
-    "noise",
-    "process",
-]
+__all__ = ["ACCELERATION", "POSITION", "STATE_SIZE", "VELOCITY", "coefficients", "noise", "process"]
 
 MAX_SERIES_ANGLE: Final = 0.5  # rad; the series of `_noise` are used for smaller turns and decays
 GAUSS_RULE: Final = np.polynomial.legendre.leggauss(8)

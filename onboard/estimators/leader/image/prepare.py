@@ -51,8 +51,6 @@ from onboard.messages import (
 from onboard.ownship import Ownship
 from onboard.units import NS_PER_S
 
-NamedPoint = tuple[str, Array, ImagePoint, float]  # its place (3,) in b, where it was seen, and its sigma
-
 
 class Features(NamedTuple):
     """Features of an aircraft in an image, in focal lengths."""
