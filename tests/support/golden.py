@@ -15,6 +15,7 @@ from tests.support.programs import ROOT
 
 FOLDER: Final = ROOT / "tests" / "golden"
 MAX_SHOWN_LINES, MAX_SHOWN_LENGTH = 60, 200
+NOTHING: Final = 1e-9  # smaller numbers are rounding errors
 
 
 def assert_golden(name: str, lines: Iterable[str]) -> None:
@@ -28,19 +29,29 @@ def assert_golden(name: str, lines: Iterable[str]) -> None:
 
 
 def numbers(values: Any) -> str:
-    """How many values, how many of them known; of those the first, the last, the sum and a weighted sum."""
+    """How many values, how many of them known; of those the first, the last, the sum and a weighted sum.
+
+    A millionth of the largest value is nothing, so that the last bits of another computer show in no digit."""
     flat = np.asarray(values, float).ravel()
     known = np.isfinite(flat)
-    if not known.any():
+    count = int(known.sum())
+    if not count:
         return f"{len(flat)}/0"
+    first, *_, last = flat[known][[0, -1]]
     weighted = flat[known] @ (1.0 + np.flatnonzero(known))
-    figures = (*flat[known][[0, -1]], flat[known].sum(), weighted)
-    return " ".join([f"{len(flat)}/{known.sum()}", *(f"{figure + 0.0:.5g}" for figure in figures)])
+    least = 1e-6 * max(float(np.abs(flat[known]).max()), NOTHING)
+    figures = ((first, 1), (last, 1), (flat[known].sum(), count), (weighted, count**2))
+    texts = (f"{least * size * round(figure / (least * size)) + 0.0:.5g}" for figure, size in figures)
+    return " ".join([f"{len(flat)}/{count}", *texts])
 
 
 def rounded(text: str) -> str:
     """A text with five digits of each number that has a point."""
-    return re.sub(r"-?\d+\.\d*(e[-+]\d+)?", lambda found: f"{float(found[0]) + 0.0:.5g}", text)
+    return re.sub(r"-?\d+\.\d*(e[-+]\d+)?", lambda found: _five_digits(float(found[0])), text)
+
+
+def _five_digits(value: float) -> str:
+    return "0" if abs(value) < NOTHING else f"{value:.5g}"
 
 
 def picture(figure: Any) -> list[str]:

@@ -23,6 +23,8 @@ from simlink.log import write_log
 from simlink.scenarios.scenario import load_scenario
 from simlink.world.constants import DT, GRAVITY
 from simlink.world.truth import hovering_angles
+from tests.support.golden import assert_golden, numbers
+from tests.unit.simlink.test_all_simulated import flown
 
 Array = NDArray[np.float64]
 RADIUS, RATE, SECONDS = 12.0, 0.5, 40.0  # of a circle: 6 m/s, 3 m/s^2
@@ -231,3 +233,15 @@ def test_the_command_line_flies_a_log(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "[follow] excludes --leader-from" in capsys.readouterr().err
     assert main(["log", "recorded", "--leader-from", str(tmp_path / "none.bin"), "--out", out]) == 2
     assert "none.bin: No such file" in capsys.readouterr().err
+
+
+def test_every_geometry_of_a_recorded_leader_seed_2() -> None:
+    leader, scenario = only(recording()), load_scenario("recorded")
+    late = only(recording(hz=5.0, late=0.22, is_gps=True, bias=0.3))
+    lines = [f"{part} {numbers(value)}" for part, value in zip(late._fields, late, strict=True) if part == "q_nb"]
+    lines += [f"{name} {numbers(values)}" for name, values in late.motion._asdict().items()]
+    for geometry in GEOMETRY_NAMES:
+        follower = leader if geometry == "behind" else None
+        found = flown(recorded_encounter(scenario, 2, leader, geometry, 15.0, follower=follower))
+        lines += [f"GEOMETRY {geometry}", *(line for line in found if "truth" in line or "mount" in line)]
+    assert_golden("recorded.txt", lines)
