@@ -39,7 +39,7 @@ DT: Final = 1.0 / 30.0
 NO_ROTATION: Final = np.zeros(3)
 NO_BIASES: Final = np.zeros((0, 2))
 LEADER: Final = leader_model(Config())
-PASSED: Final = prediction.Passed(DT, NO_ROTATION, 0.05, False, (0.0, 0.0), 3.0, 0.05, True)
+PASSED: Final = prediction.Passed(DT, NO_ROTATION, 0.05, False, 3.0, 0.05, True)
 ROWS: Final = measure_wing([(0.0, 0.0), (-0.04, 0.0), (0.04, 0.0)], [1e-3] * 3).rows
 
 
@@ -61,8 +61,8 @@ class Arithmetic:
         """Return the NIS (HYPOTHESIS_COUNT,) of a measurement y (4,) of `leader.image.measurement`."""
         particles = prediction.ParticleArrays(*(array.copy() for array in self._first))
         prediction.step(particles, np.log(self._weights), 4, LEADER, NO_BIASES, False, PASSED)
-        shown = ROWS.points, ROWS.of, ROWS.shares, ROWS.axis, y, ROWS.R, True, False, *ROWS.posture
-        rows = view.ImageRows(*shown, NO_ROTATION, np.eye(3), 0, particles.course_locked, (0.0, 0.0))
+        shown = ROWS.points, ROWS.of, ROWS.shares, ROWS.axis, y, ROWS.R, True, *ROWS.posture
+        rows = view.ImageRows(*shown, NO_ROTATION, np.eye(3), 0, particles.course_locked)
         state = particles.means, particles.covariances, particles.headings
         *_, each = view.expect(*state, self._weights, rows)
         nis, _ = view.update(*state, rows, each)
