@@ -206,8 +206,7 @@ MIN_FORMATION_SPEED: Final = 3.0  # m/s: if we fly faster, a leader that flies a
 
 # Of targets and their ids.
 AMBIGUOUS_COST: Final = 2.0 * math.log(10.0)  # An assignment that is ten times as likely is decided.
-MAX_OFFSET_RATIO: Final = 3.0  # An image is compared with tracks so many times as far from it as the nearest, ...
-OFFSET_MARGIN: Final = 0.04  # rad, ... plus this angle.
+MAX_COMPARISON_COUNT: Final = 8  # of a track with the images nearest to it
 MAX_TARGET_OFFSET: Final = 0.2  # rad: an image farther from every track is of another aircraft.
 TRACK_START_PERIOD_NS: Final = 50_000_000  # between tracks that begin beside a leader's: each takes 10 ms.
 REFUSAL_PERIOD_NS: Final = 100_000_000  # between reports of images that are one target too many

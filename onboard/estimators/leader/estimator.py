@@ -17,8 +17,11 @@ the same moment. Images of one target too many are all counted, and few are repo
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Final
+from collections.abc import Mapping, Sequence
+from itertools import compress
+from typing import Final
+
+import numpy as np
 
 from onboard import messages
 from onboard.estimators.leader import assumptions as given
@@ -167,11 +170,12 @@ class Estimator:
         for i, k in decided.items():
             answers[i] = self._fuse(pairs[k, i], view, tracks[k], ownship)
         free = [track for k, track in enumerate(tracks) if k not in undecided.values()]
+        extents = [*map(extent, detections)]
         for i, image in images.items():
             if i in answers:
                 continue
             seen = detections[i]
-            twin = next((track for j, track in found.items() if overlap(seen, detections[j])), None)
+            twin = next((track for j, track in found.items() if overlap(extents[i], extents[j])), None)
             if twin is not None:
                 answers[i] = [self._counted(twin.take(ImageRecord(seen, Verdict.DUPLICATE), ownship))]
             elif (
@@ -288,30 +292,27 @@ class Estimator:
         followed = len(self._tracks) - self._tracks[NAME].is_idle(ownship.now_ns)
         if followed >= self._config.max_targets:
             return None
-        track = self._tracks[target] = self._track(target)
-        return track
+        return self._tracks.setdefault(target, self._track(target))
 
     def _candidates(
         self, images: Mapping[int, Image], tracks: Sequence[Track], ownship: Ownship
     ) -> dict[tuple[int, int], ImageRecord]:
         """Detections beside what tracks expect, by the numbers of both.
 
-        A detection is compared with all tracks without a recent image, whose target may be anywhere, and of the
-        others with those hardly farther from its direction than the nearest one: to compare each with each would
-        cost n^2 updates of n targets."""
-        predicted: dict[int, Any] = {}
+        A track is compared with the `MAX_COMPARISON_COUNT` detections nearest to its last direction, since
+        comparing each with each would cost n^2 updates of n targets."""
+        t_ns = next(iter(images.values())).message.t_ns
+        followed = {k: track.direction_n for k, track in enumerate(tracks) if track.direction_n is not None}
+        there = np.array([*followed.values()]).reshape(-1, 1, 3)
+        offsets = np.linalg.norm(there - np.array([image.direction_n for image in images.values()]), axis=2)
+        is_near = offsets.argsort(axis=1).argsort(axis=1) < given.MAX_COMPARISON_COUNT
+        predicted = {k: tracks[k].predict(t_ns, ownship) for k in followed}
         found: dict[tuple[int, int], ImageRecord] = {}
-        for i, image in images.items():
-            offsets = {id(track): offset for offset, track in self._offsets(image, tracks)}
-            limit = given.MAX_OFFSET_RATIO * min(offsets.values(), default=0.0) + given.OFFSET_MARGIN
-            for k, track in enumerate(tracks):
-                if offsets.get(id(track), 0.0) > limit:
-                    continue
-                if k not in predicted:
-                    predicted[k] = track.predict(image.message.t_ns, ownship)
-                own = track.prepared(image, self._class_of(image.message)[0], ownship)
-                if isinstance(own, Image):
-                    found[k, i] = track.compare(own, predicted[k], ownship)
+        for i, image, row in zip(images, images.values(), is_near.T, strict=True):
+            filter_, _ = self._class_of(image.message)
+            for k in compress(followed, row.tolist()):
+                if isinstance(own := tracks[k].prepared(image, filter_, ownship), Image):
+                    found[k, i] = tracks[k].compare(own, predicted[k], ownship)
         return found
 
     def _choose_track(self, image: Image, free: Sequence[Track], ownship: Ownship) -> Track | None:
@@ -319,7 +320,8 @@ class Estimator:
 
         One that it may start, or of which it is an outlier; or else a new one, None with too many."""
         starting = (t for t in free if not t.is_followed and t.held and agree(t.held[-1], image))
-        near = min(((offset(track, image), track) for track in free), key=lambda each: each[0], default=None)
+        here = image.direction_n.tolist()
+        near = min(((offset(track, here), track) for track in free), key=lambda each: each[0], default=None)
         if image.has_extent and (first := next(starting, None)) is not None:
             return first
         if self._tracks[NAME].is_idle(ownship.now_ns):
@@ -332,19 +334,12 @@ class Estimator:
         self._numbered += 1
         return self._track_of(f"{UNNAMED}{self._numbered}", ownship)
 
-    def _offsets(self, image: Image, tracks: Iterable[Track]) -> list[tuple[float, Track]]:
-        """Return the angles, rad, from an image to each track that had an image shortly before it.
 
-        Images that waited for our own motion are older than the newest estimate."""
-        recent = [t for t in tracks if not t.life.is_coasting(image.message.t_ns) and t.direction_n is not None]
-        return [(offset(track, image), track) for track in recent]
-
-
-def offset(track: Track, image: Image) -> float:
-    """Return the angle, rad, between an image's direction and a track's last estimate, or the image that is to
-    start it; infinite without either."""
+def offset(track: Track, here: Sequence[float]) -> float:
+    """Return the angle, rad, between a direction and a track's last estimate, or the image that is to start it;
+    infinite without either."""
     there = track.held[-1].direction_n.tolist() if track.held and not track.is_followed else track.direction_n
-    return math.inf if there is None else math.dist(there, image.direction_n.tolist())
+    return math.inf if there is None else math.dist(there, here)
 
 
 def may_lead(track: Track) -> bool:
@@ -361,9 +356,9 @@ def swap_names(one: Track, other: Track) -> None:
     one.life.resets, other.life.resets = other.life.resets + 1, one.life.resets + 1
 
 
-def overlap(one: TargetImage, other: TargetImage) -> bool:
-    """Whether two detections lie half upon each other."""
-    (here, radius), (there, other_radius) = extent(one), extent(other)
+def overlap(one: tuple[ImagePoint, float], other: tuple[ImagePoint, float]) -> bool:
+    """Whether two detections, by their extents, lie half upon each other."""
+    (here, radius), (there, other_radius) = one, other
     return here == there or math.dist(here, there) < max(radius, other_radius)
 
 

@@ -1,10 +1,16 @@
 """Floods of target names: the leader's estimates stay as they are, and what is published stays bounded."""
 
+from collections import Counter
 from itertools import pairwise
 
+import numpy as np
+import pytest
 from msgspec.structs import replace
 
 from onboard.estimators.leader import estimator as leader
+from onboard.estimators.leader.image.prepare import Image
+from onboard.estimators.leader.tracks.fusing import ImageRecord, Predicted
+from onboard.estimators.leader.tracks.track import Track
 from onboard.geometry.camera import make_camera
 from onboard.messages import Estimate, Lifecycle, Message, TargetPoints
 from onboard.ownship import Ownship
@@ -55,6 +61,32 @@ def test_a_flood_of_names_changes_none_of_the_leader_s_estimates() -> None:
     verdicts = run.pipeline.health(0).verdicts
     assert sum(verdicts.values()) == IMAGES * (1 + NAMES)
     assert verdicts["leader.full"] > 0.8 * IMAGES * NAMES
+
+
+def test_of_many_boxes_without_ids_a_track_is_compared_with_the_nearest_with_seed_5(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """100 of them took a second an image, as every one was compared with every track without a recent image."""
+    compared: Counter[int] = Counter()
+
+    def compare(track: Track, image: Image, predicted: Predicted | None, ownship: Ownship) -> ImageRecord:
+        compared[image.message.t_ns] += predicted is not None
+        return right(track, image, predicted, ownship)
+
+    right, rng, one, messages = Track.compare, np.random.default_rng(5), estimator(), list[Message]()
+    monkeypatch.setattr(Track, "compare", compare)
+    for item in ITEMS:
+        m = item.message
+        if isinstance(m, TargetPoints) and m.t_ns > 6 * S:
+            for u, v in rng.uniform((-0.5, -0.35), (0.5, 0.35), (40, 2)).tolist():
+                messages.append(replace(m, target="", center=(u, v), left=(u - 0.01, v), right=(u + 0.01, v)))
+        if m.t_ns < 7 * S:
+            messages.append(replace(m, target="") if isinstance(m, TargetPoints) else m)
+    assert play(one, messages)[-1].t_ns > 6.9 * S
+    assert len(one._tracks) > 20
+    followed = sum(track.is_followed for track in one._tracks.values())
+    assert followed > 2
+    assert max(compared.values()) <= 8 * followed + 40
 
 
 def test_twenty_tracks_begin_one_by_one_beside_the_leader_s() -> None:
