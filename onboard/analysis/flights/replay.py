@@ -95,7 +95,7 @@ def replay(
     pipeline = pipeline_of(config)
     beside = {name: pipeline_of(other) for name, other in others.items() if name != FLOWN}
     results = Results(take, keep)
-    total = _size(log)
+    total, is_ours = _size(log), is_recording(flight_of(log).log)
     count = damaged = first = last = lost = due = 0
 
     def lose(reason: str) -> None:
@@ -121,7 +121,7 @@ def replay(
             last = max(last, item.t_recv_ns)
             if take_health is not None and last >= due:
                 due = last + HEALTH_PERIOD_NS
-                take_health(pipeline.health(last))
+                take_health(_health(pipeline, last, is_ours=is_ours))
             count += 1
             if count % PROGRESS_RECORDS == 0:
                 progress(done, total)
@@ -130,10 +130,17 @@ def replay(
     progress(total, total)
     for channel, number in pipeline.unverified.items():
         pipeline.refuse(channel, Reason(Cause.UNVERIFIED, UNVERIFIED.format(number, channel)), last)
-    health, end = pipeline.health(last), pipeline.ownship.now_ns * S_PER_NS
+    health, end = _health(pipeline, last, is_ours=is_ours), pipeline.ownship.now_ns * S_PER_NS
     main = results.estimates.pop(judged(results.estimates), [])
     seconds = (last - first) * 1e-9
     return ReplayResult(main, health, count, damaged + lost, seconds, results.own_states, end, results.estimates)
+
+
+def _health(pipeline: Pipeline, t_recv_ns: int, *, is_ours: bool) -> Health:
+    """The health at a time. Remedies name keys and links of the configuration that only our own recording has."""
+    health = pipeline.health(t_recv_ns)
+    advice = health.advice if is_ours else tuple(replace(one, remedy="") for one in health.advice)
+    return replace(health, advice=advice)
 
 
 def aligned(log: Path, config: Config, wanted: Callable[[Message], bool]) -> Iterator[Message | OwnPose]:

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,7 @@ from onboard import UserError
 from onboard.analysis.flights.replay import replay
 from onboard.commands.replay import replay_log
 from onboard.config import Config, load_config
-from onboard.messages import (
-    LocalPosition,
-    TargetPoints,
-)
+from onboard.messages import Advice, Health, LocalPosition, TargetPoints
 from onboard.sinks.recorder import Recorder, Rotation
 from onboard.wire.logs.recording import parts_of
 from tests.support.records import record
@@ -71,6 +69,21 @@ def test_a_log_without_images_shows_what_there_is(tmp_path: Path, capsys: pytest
     shown = capsys.readouterr().out
     assert "to estimate our own state" not in shown
     assert "own_state at the end: searching, no GPS fix yet" in shown
+
+
+def test_the_health_of_a_stranger_s_log_has_no_remedies_since_they_name_our_configuration(tmp_path: Path) -> None:
+    datagrams = encode(i for i in Stream(t1=7.0, sparse=True).items() if not isinstance(i.message, LocalPosition))
+    record(tmp_path / "ours.mcap", datagrams)
+    rows = (struct.pack(">Q", d.t_recv_ns // 1000) + d.data for d in datagrams)
+    (tmp_path / "theirs.tlog").write_bytes(b"".join(rows))
+    given: dict[str, list[Advice]] = {}
+    for name in ("ours.mcap", "theirs.tlog"):
+        healths: list[Health] = []
+        healths.append(replay(tmp_path / name, make_config(), take_health=healths.append).health)
+        given[name] = [advice for health in healths for advice in health.advice]
+    assert any(advice.remedy for advice in given["ours.mcap"])
+    assert given["theirs.tlog"]
+    assert not any(advice.remedy for advice in given["theirs.tlog"])
 
 
 def test_the_parts_of_a_recording_are_replayed_as_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
