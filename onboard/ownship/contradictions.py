@@ -19,9 +19,8 @@ from onboard.ownship.scatter import AVERAGING_TIME_S, Ceiling, Scatter, Velocity
 from onboard.units import NS_PER_S, S_PER_NS
 
 DOUBT_DURATION_NS: Final = NS_PER_S  # after a contradiction
-YAW_DOUBT_DURATION_NS: Final = (
-    10 * NS_PER_S
-)  # A wrong yaw shows only in accelerations, which are at most this far apart.
+# A wrong yaw shows only in accelerations, which are at most this far apart.
+YAW_DOUBT_DURATION_NS: Final = 10 * NS_PER_S
 MIN_FAULT_DURATION_NS: Final = 280_000_000  # Contradictions that last longer are a fault, not a correction.
 MIN_STRIDE_COUNT: Final = 4  # in that time
 STREAM_SIGMAS: Final = 3.0  # of a stream's own noise
@@ -42,9 +41,8 @@ MIN_FROZEN_ANGLE: Final = math.radians(0.1)  # turned by its rates, after which 
 MIN_FROZEN_DISTANCE: Final = 0.02  # m, moved by its velocity, after which an equal position is frozen
 WINDOW_NS: Final = NS_PER_S  # in which velocity is compared with the accelerometer
 MIN_WINDOW_NS: Final = 800_000_000
-VELOCITY_TOLERANCE: Final = (
-    1.0  # m/s horizontally in WINDOW_NS; exceeds an accelerometer's bias and 1 degree of tilt.
-)
+# m/s horizontally in WINDOW_NS; exceeds an accelerometer's bias and 1 degree of tilt.
+VELOCITY_TOLERANCE: Final = 1.0
 MAX_IMU_INTERVAL_NS: Final = 60_000_000
 DROPPED_SAMPLE_COUNT: Final = 256  # at once, which saves time
 ZERO_NOISE: Final = (0.0, 0.0, 0.0)
@@ -188,9 +186,8 @@ class Contradictions:
         self._same_q, self._same_r = Still(), Still()
         self._speeds = VelocityNoise(3, MAX_SAMPLE_INTERVAL_NS)
         self._leapt: list[tuple[int, Sequence[float]]] = []  # the last velocities, if each was a jump
-        self._others: deque[int] = deque(
-            maxlen=MIN_STRIDE_COUNT
-        )  # times of statements that contradict the history
+        # times of statements that contradict the history
+        self._others: deque[int] = deque(maxlen=MIN_STRIDE_COUNT)
         self._imu = Gained()
         self._velocities: deque[Sample] = deque()
 
@@ -277,9 +274,8 @@ class Contradictions:
         dt_ns = now[0] - before[0]
         if math.dist(before[1], now[1]) >= MAX_VELOCITY_STEP + MAX_ACCELERATION * dt_ns * S_PER_NS:
             return False
-        most_ns = (
-            WINDOW_NS if self._leapt else MAX_SAMPLE_INTERVAL_NS
-        )  # in a longer stride, a wrong yaw looks like a step
+        # In a longer stride, a wrong yaw looks like a step.
+        most_ns = WINDOW_NS if self._leapt else MAX_SAMPLE_INTERVAL_NS
         gained = self._gained(before[0], now[0]) if 0 < dt_ns <= most_ns else None
         if gained is None:
             return True
