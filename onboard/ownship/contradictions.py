@@ -226,7 +226,7 @@ class Contradictions:
         if before is None:
             return
         dt = (t_ns - before.t_ns) * S_PER_NS
-        a, b, c = _between(before.rate, now.rate)
+        a, b, c = _mean(before.rate, now.rate)
         speed = math.hypot(a, b, c)
         roll, pitch, yaw = turn(before.x, now.x)
         off = roll - a * dt, pitch - b * dt, yaw - c * dt
@@ -309,7 +309,7 @@ class Contradictions:
         if before is None or math.isnan(sum(now.x) + sum(before.x)):
             return
         dt = (t_ns - before.t_ns) * S_PER_NS
-        u, v_, w = _between(before.rate, now.rate)
+        u, v_, w = _mean(before.rate, now.rate)
         speed = math.hypot(u, v_, w)
         (x0, y0, z0), (x1, y1, z1) = before.x, now.x
         off = x1 - x0 - u * dt, y1 - y0 - v_ * dt, z1 - z0 - w * dt
@@ -355,7 +355,7 @@ class Contradictions:
             self.note(now.t_ns, "velocity contradicts the accelerometer", hold_ns)
 
 
-def _between(a: Sequence[float], b: Sequence[float]) -> tuple[float, float, float]:
+def _mean(a: Sequence[float], b: Sequence[float]) -> tuple[float, float, float]:
     """Return the mean (3,) of two rates."""
     return 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
 

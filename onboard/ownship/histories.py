@@ -60,7 +60,7 @@ class Attitudes:
 
     def between(self, from_ns: int, to_ns: int) -> tuple[list[int], list[AttitudeSample]]:
         """The samples between two times, and one more on either side."""
-        return _between(self.times, self._samples, from_ns, to_ns)
+        return _slice(self.times, self._samples, from_ns, to_ns)
 
     def at(self, t_ns: int) -> AttitudeSample | None:
         """Return the attitude at a time; None where it is not known."""
@@ -103,7 +103,7 @@ class Navigation:
 
     def between(self, from_ns: int, to_ns: int) -> tuple[list[int], list[NavSample]]:
         """The samples between two times, and one more on either side."""
-        return _between(self.times, self._samples, from_ns, to_ns)
+        return _slice(self.times, self._samples, from_ns, to_ns)
 
     def at(self, t_ns: int) -> NavSample | None:
         """Return position and velocity at a time; None where they are not known."""
@@ -122,7 +122,7 @@ class Navigation:
         else:
             half = 0.5 * ahead
             x, y, z = [p + ahead * (v + half * b) for p, v, b in zip(near.r, near.v, a, strict=True)]
-        return NavSample((x, y, z), _moved(near.v, a, ahead))
+        return NavSample((x, y, z), _accelerated(near.v, a, ahead))
 
     def cut(self, t0_ns: int, t1_ns: int) -> Iterator[Step]:
         """Divide the way from t0 to t1 at every sample between."""
@@ -132,8 +132,8 @@ class Navigation:
             end_ns = min(times[i + 1], t1_ns) if i + 1 < len(times) else t1_ns
             dt, near = (end_ns - t0_ns) * S_PER_NS, max(i, 0)
             slope = self.slope(i)
-            v0 = _moved(self._samples[near].v, slope, (t0_ns - times[near]) * S_PER_NS)
-            yield Step(dt, np.array(v0), np.array(_moved(v0, slope, dt)), np.array(slope))
+            v0 = _accelerated(self._samples[near].v, slope, (t0_ns - times[near]) * S_PER_NS)
+            yield Step(dt, np.array(v0), np.array(_accelerated(v0, slope, dt)), np.array(slope))
             i, t0_ns = i + 1, end_ns
 
     def slope(self, i: int) -> Vec3:
@@ -141,12 +141,12 @@ class Navigation:
         return self._slopes[min(max(i, 0), len(self._slopes) - 1)] if self._slopes else ZERO_RATES
 
 
-def _moved(v: Vec3, a: Vec3, dt: float) -> Vec3:
+def _accelerated(v: Vec3, a: Vec3, dt: float) -> Vec3:
     """Return a velocity after `dt` seconds of an acceleration."""
     return v[0] + dt * a[0], v[1] + dt * a[1], v[2] + dt * a[2]
 
 
-def _between(times: list[int], samples: list[Any], from_ns: int, to_ns: int) -> tuple[list[int], list[Any]]:
+def _slice(times: list[int], samples: list[Any], from_ns: int, to_ns: int) -> tuple[list[int], list[Any]]:
     first, last = max(bisect_right(times, from_ns) - 1, 0), bisect_left(times, to_ns) + 1
     return times[first:last], samples[first:last]
 

@@ -257,12 +257,12 @@ class Ownship:
         self.samples += 1
         self._contradictions.add_attitude(m.t_ns, q, omega)
         stated = AttitudeSample(q, omega, NO_NOISE)
-        self._attitudes.append(m.t_ns, self._sourced(m.t_ns, stated, own))
+        self._attitudes.append(m.t_ns, self._select_attitude(m.t_ns, stated, own))
         if self._stated_attitudes is not self._attitudes:
             self._stated_attitudes.append(m.t_ns, stated)
         return True
 
-    def _sourced(self, t_ns: int, stated: AttitudeSample, own: StatedMotion | None) -> AttitudeSample:
+    def _select_attitude(self, t_ns: int, stated: AttitudeSample, own: StatedMotion | None) -> AttitudeSample:
         """Return an attitude as its source states it, with its noise."""
         noise = self._contradictions.attitude_noise
         if own is None and self._source_of_attitude.is_fixed:
@@ -321,12 +321,12 @@ class Ownship:
         self._ways.clear()
         self._uncertainty.move(m.t_ns, v_n)
         stated = NavSample(r, v_n)
-        self._nav.append(m.t_ns, self._moving(m.t_ns, stated, own))
+        self._nav.append(m.t_ns, self._select_navigation(m.t_ns, stated, own))
         if self._stated_nav is not self._nav:
             self._stated_nav.append(m.t_ns, stated)
         return True
 
-    def _moving(self, t_ns: int, stated: NavSample, own: StatedMotion | None) -> NavSample:
+    def _select_navigation(self, t_ns: int, stated: NavSample, own: StatedMotion | None) -> NavSample:
         """Return position and velocity as their source states them."""
         if own is None and self._source_of_velocity.is_fixed:
             return stated
