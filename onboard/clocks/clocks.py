@@ -136,12 +136,12 @@ class Clocks:
     def align(self, message: Message, delay_ns: int = 0) -> Aligned:
         """Convert a message to the boot clock; a message of unknown time is rejected."""
         self._event, self._why = None, ""
-        found = self._aligned(message, delay_ns)
+        found = self._convert(message, delay_ns)
         if isinstance(found, SystemTime) and found.unix_ns > MIN_UNIX_TIME_NS:
-            self._pace(found.t_recv_ns, found.t_recv_ns - found.unix_ns)
+            self._compare_rates(found.t_recv_ns, found.t_recv_ns - found.unix_ns)
         return Aligned(found, self.offset_ns, None if found is None else self._event, self._why)
 
-    def _aligned(self, message: Message, delay_ns: int) -> Message | None:
+    def _convert(self, message: Message, delay_ns: int) -> Message | None:
         t_ns = message.t_ns
         if isinstance(message, GimbalAttitude):
             return self._align_gimbal(message)
@@ -151,13 +151,13 @@ class Clocks:
                     return self._refuse("no_time_base")
                 offset, latest = self._offset.bounds(message.t_recv_ns)
                 stamp = self._followers.stamp(message, self._unwrapped(t_ns, message.t_recv_ns), offset or 0)
-                return self._sensed(message, stamp - delay_ns, latest if self.is_one_clock else None)
+                return self._at_exposure(message, stamp - delay_ns, latest if self.is_one_clock else None)
             if isinstance(message, ActuatorOutputs) and self._newest_stamp is not None:
                 t_ns += round((self._newest_stamp - t_ns) / SERVO_WRAP_PERIOD_NS) * SERVO_WRAP_PERIOD_NS
             if isinstance(message, GlobalPosition):
                 if self._newest_stamp is None:
                     return self._refuse("no_time_base")
-                t_ns = self._in_milliseconds(t_ns, message.t_recv_ns)
+                t_ns = self._correct_unit(t_ns, message.t_recv_ns)
             t_ns = self._unwrapped(t_ns, message.t_recv_ns)
             if not self._continues(t_ns, message):
                 return self._refuse("odd_stamp")
@@ -166,16 +166,16 @@ class Clocks:
                 return self._refuse("no_time_base")
             host_ns = self._wall.unset(message)
             offset = self._offset_at(host_ns)
-            self._notice_correction(message.t_recv_ns, offset)
+            self._detect_correction(message.t_recv_ns, offset)
             t_ns = host_ns - offset
             if isinstance(message, SENSED):
-                return self._sensed(message, t_ns - delay_ns, offset)
+                return self._at_exposure(message, t_ns - delay_ns, offset)
         t_ns -= delay_ns
         if t_ns == message.t_ns and message.clock is Clock.BOOT:
             return message
         return message.at(t_ns)
 
-    def _pace(self, t_recv_ns: int, late_ns: int) -> None:
+    def _compare_rates(self, t_recv_ns: int, late_ns: int) -> None:
         """Compare the rate of the autopilot's Unix time with this computer's.
 
         If they agree, its boot clock runs alike, and arrivals that come ever later or earlier only show a slow
@@ -193,7 +193,7 @@ class Clocks:
         self.rejected[counted] += 1
         return None
 
-    def _sensed(self, message: Message, t_ns: int, offset: int | None) -> Message | None:
+    def _at_exposure(self, message: Message, t_ns: int, offset: int | None) -> Message | None:
         """Return a sensor's message at its time, or None if it arrived before that time.
 
         Then its clock is wrong, or `clock` names another. `offset` is None where too little is known."""
@@ -215,7 +215,7 @@ class Clocks:
             return self._refuse("later_than_arrival", late)
         return message.at(t_ns)
 
-    def _notice_correction(self, t_recv: int, offset: int) -> None:
+    def _detect_correction(self, t_recv: int, offset: int) -> None:
         """Set the event if stamps of this computer were converted with a wrong offset."""
         if self._used is not None:
             expected = self._used[1] + round(self._offset.slope * (t_recv - self._used[0]))
@@ -299,15 +299,15 @@ class Clocks:
         if (ahead or not (fits or runs_on)) and not self._odd.confirm(t_recv, stamp, self._base, is_repeated):
             return False
         if not fits and not runs_on:
-            self._jump(stamp, offset, t_recv)
+            self._restart_after_jump(stamp, offset, t_recv)
             return True
         if stamp < self._newest_stamp - MIN_BACKWARD_STEP_NS and not ahead:
             if not is_repeated and self._odd.stays_back(t_recv):
-                self._jump(stamp, offset, t_recv)
+                self._restart_after_jump(stamp, offset, t_recv)
             return True
         if ahead:
             self._followers.jump(self._before)
-        self._notice_step(above, t_recv)
+        self._detect_step(above, t_recv)
         self._base = offset
         self._newest_stamp = max(self._newest_stamp, stamp)
         self._last_arrival = t_recv
@@ -318,7 +318,7 @@ class Clocks:
             self.source = "arrival"
         return True
 
-    def _jump(self, stamp: int, offset: int, t_recv: int) -> None:
+    def _restart_after_jump(self, stamp: int, offset: int, t_recv: int) -> None:
         """Restart the time base: the autopilot has rebooted or set its clock."""
         if self._odd.may_repeat(stamp, offset - self._base):
             self.jumps, self._event = self.jumps + 1, ClockEvent.CLOCK_SET
@@ -329,7 +329,7 @@ class Clocks:
         self._followers.jump(self._before)
         self._restart(stamp, offset, t_recv)
 
-    def _notice_step(self, above: int, t_recv: int) -> None:
+    def _detect_step(self, above: int, t_recv: int) -> None:
         """Clear the offset if this computer's clock was set: messages are early, or stay late.
 
         `above` is this message's offset minus that of the fastest."""
@@ -343,7 +343,7 @@ class Clocks:
             self._late_since = None
             self.rejected["host_clock_steps"] += 1
 
-    def _in_milliseconds(self, stamp: int, t_recv: int) -> int:
+    def _correct_unit(self, stamp: int, t_recv: int) -> int:
         """Return the stamp of a GLOBAL_POSITION_INT.
 
         INAV and Betaflight write microseconds into its field of milliseconds. It is read as microseconds if it

@@ -140,7 +140,7 @@ class Offset:
             and abs(min(offsets) - before) < MIN_DROP_SIZE_NS
         ):
             self._blocks = since
-            self._envelop()
+            self._recompute_envelope()
 
     def add_reply(self, reply: Reply) -> None:
         """Learn from a reply. If the last two contradict the earlier ones, the clock has jumped."""
@@ -175,7 +175,7 @@ class Offset:
         """Fit a straight line to offsets, and follow its slope if it is certain."""
         if source == "arrival" and self.is_paced:
             self.doubt = False
-            self._follow(0.0)
+            self._set_slope(0.0)
             return
         if len(points) < MIN_FIT_POINT_COUNT:
             return
@@ -201,18 +201,18 @@ class Offset:
             return
         self.doubt = False
         if is_large:
-            self._follow(slope)
+            self._set_slope(slope)
         elif abs(slope) + SLOPE_SIGMAS * sigma < 2 * MIN_OFFSET_RATE:
-            self._follow(0.0)
+            self._set_slope(0.0)
 
-    def _follow(self, slope: float) -> None:
+    def _set_slope(self, slope: float) -> None:
         if slope == self.slope:
             return
         self.slope = slope
         self._best = None
-        self._envelop()
+        self._recompute_envelope()
 
-    def _envelop(self) -> None:
+    def _recompute_envelope(self) -> None:
         """Recompute the envelope from the fastest message of each block."""
         self.fastest.clear()
         for t_recv, offset in self._blocks:
