@@ -106,7 +106,7 @@ class Window:
     def __init__(self, sights: Sights, poses: Poses, camera: Camera) -> None:
         self._sights, self._poses, self._camera = sights, poses, camera
         self._posed: tuple[float, tuple[Array, Array]] | None = None
-        paths, _, r_C = self._paths(ZERO_ERROR, sights.points)
+        paths, _, r_C = self._positions(ZERO_ERROR, sights.points)
         near = np.lib.stride_tricks.sliding_window_view(np.pad(paths - r_C, ((2, 2), (0, 0)), "edge"), 5, axis=0)
         off = np.linalg.norm(paths - r_C - np.median(near, axis=-1), axis=1)
         inside = off <= OUTLIER_RATIO * np.percentile(off, 80)
@@ -136,30 +136,30 @@ class Window:
 
     def likelihood(self, errors: Array) -> float:
         """The logarithm of the likelihood of errors, of noise that is in the image."""
-        paths, _, r_C = self._paths(errors, self._sights.points)
-        shown = self._shown([r_C, paths], _across(paths - r_C))
-        return self._likeliest(shown)[0] - 2.0 * len(shown) * float(errors[FOCAL])
+        paths, _, r_C = self._positions(errors, self._sights.points)
+        shown = self._project([r_C, paths], _transverse_axes(paths - r_C))
+        return self._fit_acceleration(shown)[0] - 2.0 * len(shown) * float(errors[FOCAL])
 
     def paths_product(self) -> Array:
         """Return the products (2, 2) of our own path and the target's, over the variance of the noise."""
-        paths, _, r_C = self._paths(ZERO_ERROR, self._sights.points)
-        shown = self._shown([r_C, paths], _across(paths - r_C))
-        _, weights, variance, _ = self._likeliest(shown)
+        paths, _, r_C = self._positions(ZERO_ERROR, self._sights.points)
+        shown = self._project([r_C, paths], _transverse_axes(paths - r_C))
+        _, weights, variance, _ = self._fit_acceleration(shown)
         return _normal_of(shown, weights) / variance
 
     def _linearised(self, errors: Array) -> Normal:
         """The normal equations about these errors."""
         points = self._sights.points
-        paths, R_nc, r_C = self._paths(errors, points)
-        E = _across(paths - r_C)
+        paths, R_nc, r_C = self._positions(errors, points)
+        E = _transverse_axes(paths - r_C)
         # What was seen says nothing of a focal length, at first: noise is in it.
         for size in (FOCAL, ERROR_COUNT, ERROR_COUNT):
-            start = self._paths(errors, points)[0]
+            start = self._positions(errors, points)[0]
             moved = [
-                (self._paths(errors + STEP * e, points)[0] - start) / STEP for e in np.eye(ERROR_COUNT)[:size]
+                (self._positions(errors + STEP * e, points)[0] - start) / STEP for e in np.eye(ERROR_COUNT)[:size]
             ]
-            shown = self._shown([r_C, *moved, paths], E)
-            _, weights, variance, here = self._likeliest(shown)
+            shown = self._project([r_C, *moved, paths], E)
+            _, weights, variance, here = self._fit_acceleration(shown)
             rest = shown[:, :, -1] - shown[:, :, :-1] @ here
             # what no straight line, no swerve and no error explains
             residuals = self._basis.T @ (rest * weights[:, None]) @ E
@@ -183,7 +183,7 @@ class Window:
             self._posed = delay, self._poses.at(self._sights.t - delay)
         return self._posed[1]
 
-    def _paths(self, errors: Array, points: Array) -> tuple[Array, Array, Array]:
+    def _positions(self, errors: Array, points: Array) -> tuple[Array, Array, Array]:
         """Return the target's positions (k, 3) in n that a camera with these errors shows.
 
         Also its attitudes R_nc and its positions. The unit is the mean distance."""
@@ -195,11 +195,11 @@ class Window:
         u_c *= (sights.distance / mean / np.linalg.norm(u_c, axis=1))[:, None]
         return r_C + np.einsum("kij,kj->ki", R_nc, u_c), R_nc, r_C
 
-    def _shown(self, arrays: list[Array], E: Array) -> Array:
+    def _project(self, arrays: list[Array], E: Array) -> Array:
         """Arrays (k, 3) in n across a direction, beside a straight line: (k - 2, 2, number of arrays)."""
         return np.stack([self._basis @ (array @ E.T) for array in arrays], axis=2)
 
-    def _likeliest(self, shown: Array) -> tuple[float, Array, float, Array]:
+    def _fit_acceleration(self, shown: Array) -> tuple[float, Array, float, Array]:
         """Fit the last of `shown` by the others.
 
         Returns the logarithm of the restricted likelihood, the weights (k - 2,) of the likeliest acceleration
@@ -218,7 +218,7 @@ class Window:
         return max(found, key=lambda one: one[0])
 
 
-def _across(lines: Array) -> Array:
+def _transverse_axes(lines: Array) -> Array:
     """Two axes (2, 3) across the mean of lines of sight (k, 3)."""
     return np.asarray(np.linalg.svd(lines.mean(axis=0)[None, :])[2][1:])
 
@@ -282,21 +282,21 @@ def wrong_mount(windows: Sequence[Window]) -> Steps[tuple[Array, Array] | None]:
         fits[kind] = yield from fitting(windows, (kind,), ZERO_ERROR if kind == "focal" else start)
     configured = CameraFit(ZERO_ERROR, ZERO_ERROR, sum(w.likelihood(ZERO_ERROR) for w in windows))
     mount = fits.pop("mount")
-    if not _adds("mount", mount, configured):
+    if not _is_new_error("mount", mount, configured):
         return None
     for other, alone in fits.items():
         both = yield from fitting(windows, (other,), mount.errors)
-        if _adds(other, both, mount):
+        if _is_new_error(other, both, mount):
             return None
-        if _adds(other, alone, configured):
+        if _is_new_error(other, alone, configured):
             both = yield from fitting(windows, ("mount",), alone.errors)
-            if not _adds("mount", both, alone):
+            if not _is_new_error("mount", both, alone):
                 return None
     errors, sigma = mount.errors[MOUNT], mount.sigma[MOUNT]
     return (errors, sigma) if np.any((np.abs(errors) > SIGMAS * sigma) & (np.abs(errors) > LEAST_MOUNT)) else None
 
 
-def _adds(kind: str, one: CameraFit, before: CameraFit) -> bool:
+def _is_new_error(kind: str, one: CameraFit, before: CameraFit) -> bool:
     """Whether a fit shows an error of a kind for certain that was not there before. Likelihoods of different focal
     lengths cannot be compared: a target that we follow moves as we do, as if the focal length were short."""
     if np.any(np.abs(one.errors) >= 0.99 * LARGEST):

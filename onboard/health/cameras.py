@@ -64,8 +64,8 @@ class Cameras:
                 return
             camera = self._cameras[image.camera] = _Camera()
         for detection in image.detections:
-            _note(camera.targets, detection.target)
-            _note(camera.classes, detection.class_name)
+            _keep_newest(camera.targets, detection.target)
+            _keep_newest(camera.classes, detection.class_name)
         if exposed_ns == camera.exposed_ns:
             return  # another target of the same image
         points = image.detections[0].image_points
@@ -106,7 +106,7 @@ def _trim(arrivals: deque[int], t_recv_ns: int) -> None:
         arrivals.popleft()
 
 
-def _note(names: dict[str, None], name: str) -> None:
+def _keep_newest(names: dict[str, None], name: str) -> None:
     """Keep a name as the newest; the oldest gives way."""
     names.pop(name, None)
     names[name] = None
@@ -129,7 +129,7 @@ class Hints:
         if image.doubt:
             self._add(source, Reason(image.doubt.cause, DOUBT_PREFIX + image.doubt.words), image.t_recv_ns)
         left, upper, right, lower = image.view or (0.0, 0.0, 0.0, 0.0)
-        middle = _between(left, right), _between(upper, lower)
+        middle = _mid_coordinate(left, right), _mid_coordinate(upper, lower)
         count, since_ns = self._quarters.get(image.camera, (0, image.t_recv_ns))
         if any(u >= middle[0] or v >= middle[1] for u, v in image.image_points):
             self._quarters.pop(image.camera, None)
@@ -139,6 +139,6 @@ class Hints:
                 self._add(source, QUARTER_REASON, image.t_recv_ns)
 
 
-def _between(a: float, b: float) -> float:
+def _mid_coordinate(a: float, b: float) -> float:
     """The image coordinate in the middle of two, by their angles: one edge of a wide image may be very far."""
     return math.tan(0.5 * (math.atan(a) + math.atan(b)))

@@ -32,7 +32,7 @@ def refused(m: Moment) -> Iterator[Advice]:
     for refusal in reversed(m.now.refusals):
         if not 0 <= m.now.t_recv_ns - refusal.t_recv_ns <= COUNT_WINDOW_NS or refusal.t_recv_ns <= m.stood_ns:
             continue
-        if _follows(m, refusal.cause) or _is_rare(m, refusal.cause):
+        if _has_own_advice(m, refusal.cause) or _is_rare(m, refusal.cause):
             continue
         remedy = WORDS.get(refusal.cause, NOTHING).refusal
         what = "" if refusal.cause in DOUBT_CAUSES else "refused from "
@@ -43,11 +43,11 @@ def refused(m: Moment) -> Iterator[Advice]:
             what=f"{what}{refusal.source}: {refusal.reason}",
             count=refusal.count,
             remedy=of_camera(m, refusal.source.removeprefix("camera "), remedy.words),
-            text=f"{_last(refusal.source)}: {remedy.short}",
+            text=f"{_shortened(refusal.source)}: {remedy.short}",
         )
 
 
-def _follows(m: Moment, cause: Cause) -> bool:
+def _has_own_advice(m: Moment, cause: Cause) -> bool:
     """Whether a refusal follows from what has advice of its own: no autopilot, no motion, another clock."""
     if cause in WITHOUT_AUTOPILOT or not m.now.followed:
         return cause in WITHOUT_AUTOPILOT
@@ -206,6 +206,6 @@ def _is_full(m: Moment) -> bool:
     return "recorder" in m.now.sinks and free is not None and free < MIN_STORAGE_BYTES
 
 
-def _last(source: str) -> str:
+def _shortened(source: str) -> str:
     """A source in few letters: the last parts of a key."""
     return source if len(source) <= 24 else source[-24:].partition("/")[2] or source[:24]

@@ -28,7 +28,7 @@ def silent_autopilot(m: Moment) -> Iterator[Advice]:
         yield _error(
             "autopilot-silent",
             "the autopilot is silent: no estimates" + f" (for {m.silence:.0f} s)",
-            f"check the cable, or the router, of {_names(links)}",
+            f"check the cable, or the router, of {_link_names(links)}",
             "autopilot silent: no estimates",
             "the autopilot is heard again",
         )
@@ -52,11 +52,14 @@ def _nothing_heard(m: Moment, links: list[LinkNeed]) -> Iterator[Advice]:
         remedy = "a serial port: set its baud rate in `url`; a router: let it pass HEARTBEAT of the autopilot"
     else:
         what = "nothing has come from an autopilot" + "".join(f"; link {k.name} is {k.url}" for k in links)
-        remedy = "; ".join(dict.fromkeys(_connect(link.url) for link in links)) or "add a [[link]] to an autopilot"
+        remedy = (
+            "; ".join(dict.fromkeys(_connection_remedy(link.url) for link in links))
+            or "add a [[link]] to an autopilot"
+        )
     yield _error("autopilot-silent", what, remedy, "no autopilot heard")
 
 
-def _connect(url: str) -> str:
+def _connection_remedy(url: str) -> str:
     """Return how to make an autopilot send to a link."""
     kind, _, where = url.partition(":")
     if kind == "udpin":
@@ -221,7 +224,7 @@ def _is_refused(m: Moment) -> bool:
     return any(m.rejected(reason) for reason in ("unsigned", "forged", "signed_ahead", "replayed"))
 
 
-def _names(links: list[LinkNeed]) -> str:
+def _link_names(links: list[LinkNeed]) -> str:
     return ", ".join(f"link {link.name} ({link.url})" for link in links) or "the link"
 
 

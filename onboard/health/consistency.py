@@ -58,7 +58,9 @@ class Consistencies:
 
     def summary(self) -> dict[str, Consistency]:
         """Return the consistency of each window that is long enough."""
-        return {key: _of(window) for key, window in self._windows.items() if len(window) >= MIN_INNOVATION_COUNT}
+        return {
+            key: _summarise(window) for key, window in self._windows.items() if len(window) >= MIN_INNOVATION_COUNT
+        }
 
 
 def _difference_nis(before: MeasurementReport | None, now: MeasurementReport) -> float | None:
@@ -72,7 +74,7 @@ def _difference_nis(before: MeasurementReport | None, now: MeasurementReport) ->
     return sum(terms) / len(terms)
 
 
-def _of(window: deque[_Innovation]) -> Consistency:
+def _summarise(window: deque[_Innovation]) -> Consistency:
     degrees = sum(one.degrees for one in window)
     low, high = mean_bounds(1, degrees, BOUNDS_PROBABILITY)
     nis = sum(one.nis for one in window) / degrees

@@ -42,7 +42,7 @@ class Refusals:
 
     def add(self, source: str, why: Reason, t_recv_ns: int) -> None:
         """Count a message that was refused. Reasons that differ only in numbers are one: the first is kept."""
-        source, words, key = _sorted(source, why.words)
+        source, words, key = _classify(source, why.words)
         if key not in self._kinds and sum(other.alike == key.alike for other in self._kinds) >= MAX_SIMILAR_COUNT:
             source, key = OTHERS, RefusalKind(OTHERS, key.alike, key.alike)
         before = self._kinds.pop(key, None)
@@ -73,7 +73,7 @@ class Refusals:
 
 
 @lru_cache(maxsize=4 * MAX_REFUSAL_COUNT)  # a flood says the same
-def _sorted(source: str, words: str) -> tuple[str, str, RefusalKind]:
+def _classify(source: str, words: str) -> tuple[str, str, RefusalKind]:
     """Source and words as they are shown, and their kind."""
     source, words = plain(source.partition(ROS_HASH)[0], MAX_TEXT_LENGTH), plain(words, MAX_TEXT_LENGTH)
     kind = without_numbers(words)
