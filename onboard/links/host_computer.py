@@ -29,7 +29,7 @@ class HostComputer:
             t_recv_ns=now_ns,
             clock=Clock.HOST,
             uptime=self._uptime(),
-            cpu_percent=self._load(),
+            cpu_percent=self._processor_load(),
             memory_used=used,
             memory_total=total,
             storage_used=storage_used,
@@ -37,17 +37,17 @@ class HostComputer:
             temperature=self._temperature(),
         )
 
-    def _lines(self, name: str) -> list[list[str]]:
+    def _read_rows(self, name: str) -> list[list[str]]:
         with suppress(OSError):
             return [line.split() for line in (self._proc / name).read_text().splitlines()]
         return []
 
     def _uptime(self) -> float:
-        return float(next((words[0] for words in self._lines("uptime")), 0.0))
+        return float(next((words[0] for words in self._read_rows("uptime")), 0.0))
 
-    def _load(self) -> tuple[float, ...]:
+    def _processor_load(self) -> tuple[float, ...]:
         now = []
-        for words in self._lines("stat"):
+        for words in self._read_rows("stat"):
             if words[0].startswith("cpu") and words[0] != "cpu":
                 times = [int(word) for word in words[1:9]]
                 now.append((sum(times), sum(times[3:5])))  # all; idle and waiting for a disk
@@ -58,7 +58,7 @@ class HostComputer:
         return tuple(100.0 * (1.0 - idle / whole) if whole > 0 else 0.0 for whole, idle in spans)
 
     def _memory(self) -> tuple[int | None, int | None]:
-        found = {words[0]: 1024 * int(words[1]) for words in self._lines("meminfo") if len(words) > 1}
+        found = {words[0]: 1024 * int(words[1]) for words in self._read_rows("meminfo") if len(words) > 1}
         total, available = found.get("MemTotal:"), found.get("MemAvailable:")
         return (None, total) if total is None or available is None else (total - available, total)
 

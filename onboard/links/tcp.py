@@ -216,7 +216,7 @@ class TcpServerLink(_StreamLink):
         safe = guarded(deliver, failed)
 
         def accept() -> TcpConnection:
-            return TcpConnection(self, safe, now_ns, self._take)
+            return TcpConnection(self, safe, now_ns, self._accept)
 
         servers = [await loop.create_server(accept, sock=sock) for sock in self._sockets]
         try:
@@ -229,7 +229,7 @@ class TcpServerLink(_StreamLink):
                 self._stream.abort()
                 self._stream = None
 
-    def _take(self, stream: TcpConnection) -> None:
+    def _accept(self, stream: TcpConnection) -> None:
         """Take a new connection, or refuse it."""
         if self._stream is not None and self._stream.sends():
             self.refused += 1

@@ -206,14 +206,14 @@ class UdpLink(Link):
         """Read a group of waiting datagrams; called again while a flood waits."""
         if sock not in self._work:
             self._work[sock] = self._drain(sock, deliver, now_ns)
-            self._take_turn(sock)
+            self._deliver_batch(sock)
 
-    def _take_turn(self, sock: socket.socket) -> None:
+    def _deliver_batch(self, sock: socket.socket) -> None:
         """One turn of the group. Images that came meanwhile have theirs before the next one."""
         if sock not in self._work:  # it was closed
             return
         if next(self._work[sock], "done") is None:
-            asyncio.get_running_loop().call_soon(self._take_turn, sock)
+            asyncio.get_running_loop().call_soon(self._deliver_batch, sock)
         else:
             self._work.pop(sock, None)
 
@@ -263,7 +263,7 @@ class UdpLink(Link):
             waited_ns, read_ns = _waited_ns(ancillary), now_ns()
             waited_ns = min(waited_ns, read_ns - self._emptied_ns.get(sock, 0))
             t_recv_ns = read_ns - waited_ns
-            self._drops[sock] = _dropped(ancillary, self._drops.get(sock, 0))
+            self._drops[sock] = _dropped_count(ancillary, self._drops.get(sock, 0))
             self.dropped = self._dropped_before + sum(self._drops.values())
             if not data:
                 self.errors += 1
@@ -329,7 +329,7 @@ def _waited_ns(ancillary: list[tuple[int, int, bytes]]) -> int:
     return 0
 
 
-def _dropped(ancillary: list[tuple[int, int, bytes]], before: int) -> int:
+def _dropped_count(ancillary: list[tuple[int, int, bytes]], before: int) -> int:
     """The number of datagrams dropped by the kernel, from its 32-bit count and the last one.
 
     The kernel sends the count only after the first drop.

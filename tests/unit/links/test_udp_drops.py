@@ -58,6 +58,6 @@ def test_a_count_that_wraps_around_goes_on() -> None:
         return [(socket.SOL_SOCKET, udp.Option.SO_RXQ_OVFL, struct.pack("I", count))]
 
     before = 2**32 - 5
-    assert udp._dropped(ancillary(3), before) == 2**32 + 3
-    assert udp._dropped(ancillary(before), before) == before
-    assert udp._dropped([], before) == before
+    assert udp._dropped_count(ancillary(3), before) == 2**32 + 3
+    assert udp._dropped_count(ancillary(before), before) == before
+    assert udp._dropped_count([], before) == before
