@@ -47,11 +47,15 @@ def recovered(path: Path, *more: str) -> Any:
     return path.with_name("killed-recovered.mcap")
 
 
-def test_an_ordinary_reader_reads_what_was_recovered(killed: Path) -> None:
+def test_an_ordinary_reader_reads_what_was_recovered(killed: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(McapError):
         ordinary(killed)
     before = killed.read_bytes()
     path = recovered(killed)
+    assert capsys.readouterr().out.splitlines() == [
+        f"{path}: {2 * COUNT} records; 1 stretch could not be read",
+        f"{killed} has no end: what wrote it was killed. `onboard` reads it; others want {path.name}",
+    ]
     assert len(ordinary(path)) == 2 * COUNT
     assert [d for d, _ in read_recording(path)] == [d for d, _ in read_recording(killed) if d is not None]
     assert list(read_estimates(path)) == [make_estimate(n) for n in range(COUNT)]
@@ -96,7 +100,7 @@ def test_what_is_no_recording_is_one_line(
     assert [p.name for p in tmp_path.iterdir()] == ["flight.tlog"]
 
 
-def test_the_wall_clock_of_each_arrival_is_recovered(tmp_path: Path) -> None:
+def test_the_wall_clock_of_each_arrival_is_recovered(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Channels' metadata say that the publish time is the wall clock's, which is set during the flight."""
     recorder = Recorder(tmp_path / "flight.mcap", monotonic=iter(range(10**6)).__next__)
     recorder.open()
@@ -114,4 +118,5 @@ def test_the_wall_clock_of_each_arrival_is_recovered(tmp_path: Path) -> None:
     recorder.close()
     assert cli.main(["recover", str(recorder.path)]) == 0
     path = recorder.path.with_name(f"{recorder.path.stem}-recovered.mcap")
+    assert capsys.readouterr().out == f"{path}: 10 records; 0 stretches could not be read\n"
     assert [d for d, _ in read_recording(path) if d is not None] == sent
