@@ -3,6 +3,7 @@
 import errno
 import shutil
 import socket
+from argparse import Namespace
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,7 +12,7 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from onboard.commands import absent, readiness
+from onboard.commands import absent, readiness, status
 from onboard.commands.absent import why_absent
 from onboard.commands.readiness import judged
 from onboard.commands.status import describe
@@ -35,6 +36,7 @@ from onboard.messages import (
 from onboard.messages.health import ComputerLoad
 from onboard.pipeline import Pipeline
 from onboard.sinks.recorder import MIN_UNIX_TIME_S
+from onboard.view.client import PublishedRecord
 from tests.support.daemon import UDP
 from tests.support.golden import assert_golden
 
@@ -222,3 +224,29 @@ def test_why_no_daemon_answers(processes: tuple[Path, int, int], monkeypatch: py
     cases["nobody"] = why_absent(load_config(None, (used[0],)), "E", unreachable)
     lines = [f"{name}: {a.kind} | {a.what} | {a.remedy}" for name, found in cases.items() for a in found]
     assert_golden("absent.txt", (line.replace(str(udp), "UDP").replace(str(tcp), "TCP") for line in lines))
+
+
+@pytest.mark.parametrize(("as_json", "is_terminal"), [(False, True), (False, False), (True, True)])
+def test_a_watched_health_is_shown_whenever_it_comes(
+    as_json: bool,
+    is_terminal: bool,
+    config: Config,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    taken: list[PublishedRecord | None] = [PublishedRecord(healthy(config), 1, "1"), None]
+    taken += [PublishedRecord("no health", 1, "1"), PublishedRecord(rich(config), 1, "2")]
+
+    def take(_: float) -> PublishedRecord | None:
+        if not taken:
+            raise KeyboardInterrupt
+        return taken.pop(0)
+
+    monkeypatch.setattr("sys.stdout.isatty", lambda: is_terminal, raising=False)
+    client, arguments = SimpleNamespace(take=take, unread=0), Namespace(watch=True, json=as_json, vehicle=None)
+    with pytest.raises(KeyboardInterrupt):
+        status._watch(client, arguments, config, "E")
+    shown = capsys.readouterr().out
+    assert shown.count(status.CLEAR) == (2 if is_terminal and not as_json else 0)
+    assert shown.count('"healthy":true' if as_json else "vehicle 1: healthy") == 2
+    assert shown.count('"healthy":false' if as_json else "vehicle 2: NOT HEALTHY") == 1
