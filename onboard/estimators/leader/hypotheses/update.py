@@ -288,8 +288,8 @@ def posed(particles: Particles, shows: PoseFeatures, camera: CameraPose) -> tupl
     headings, means, P = particles.headings.copy(), particles.means.copy(), particles.covariances.copy()
     if heading is not None:
         log_l = log_l + measure_heading(headings, means, P, *heading)
-        bias = max(particles.keypoint_bias, given.MARKER_HEADING_BIAS)
-        particles = particles._replace(heading_observed=True, keypoint_bias=bias)
+        keypoint_bias = max(particles.keypoint_bias, given.MARKER_HEADING_BIAS)
+        particles = particles._replace(heading_observed=True, keypoint_bias=keypoint_bias)
     locked = _still_locked(particles, headings)
     after = particles._replace(headings=headings, means=means, covariances=P, course_locked=locked)
     return after, nis, log_l
