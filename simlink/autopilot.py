@@ -28,7 +28,6 @@ from onboard.messages import (
     Setpoint,
     SystemTime,
     TimeSync,
-    Wind,
 )
 from onboard.units import S_PER_NS
 from onboard.wire.mavlink.decode import MavlinkDecoder
@@ -51,7 +50,7 @@ PULSE_WIDTH_PER_G_US: Final = 400
 
 HEARTBEAT, SYS_STATUS, SYSTEM_TIME, GPS_RAW_INT, ATTITUDE_QUATERNION = 0, 1, 2, 24, 31
 LOCAL_POSITION_NED, GLOBAL_POSITION_INT, SERVO_OUTPUT_RAW, GPS_GLOBAL_ORIGIN, HIGHRES_IMU = 32, 33, 36, 49, 105
-SIM_STATE, HIL_STATE_QUATERNION, WIND_COV, EXTENDED_SYS_STATE, CURRENT_MODE = 108, 115, 231, 245, 436
+SIM_STATE, HIL_STATE_QUATERNION, EXTENDED_SYS_STATE, CURRENT_MODE = 108, 115, 245, 436
 TRUTH: Final = {"ardupilot": SIM_STATE, "px4": HIL_STATE_QUATERNION}  # where each sends its true state
 
 
@@ -75,7 +74,6 @@ class Autopilot:
             GPS_GLOBAL_ORIGIN: self._origin,
             HIGHRES_IMU: _imu,
             SYS_STATUS: _battery,
-            WIND_COV: _wind,
             EXTENDED_SYS_STATE: _in_the_air,
             CURRENT_MODE: self._current_mode,
             TRUTH[vehicle.autopilot]: partial(true_state, vehicle),
@@ -252,8 +250,6 @@ def _default_intervals(vehicle: Vehicle, *, leads: bool) -> dict[int, int]:
     }
     if vehicle.autopilot == "px4":
         table[CURRENT_MODE] = 0.5 if leads else 0
-    if vehicle.wind is not None:
-        table[WIND_COV] = vehicle.wind.rate
     return {number: round(1e9 / rate) if rate > 0 else 0 for number, rate in table.items()}
 
 
@@ -278,13 +274,6 @@ def _imu(t_ns: int, reading: Reading) -> Message:
 def _battery(t_ns: int, reading: Reading) -> Message | None:
     volts = reading.voltage_v
     return None if volts is None else Battery(t_ns=t_ns, t_recv_ns=t_ns, clock=Clock.NONE, voltage_v=volts)
-
-
-def _wind(t_ns: int, reading: Reading) -> Message | None:
-    if reading.wind is None:
-        return None
-    north, east, sigma = reading.wind
-    return Wind(t_ns=t_ns, t_recv_ns=t_ns, clock=Clock.NONE, north=north, east=east, sigma=sigma)
 
 
 def _in_the_air(t_ns: int, _: Reading) -> Message:

@@ -119,7 +119,6 @@ from onboard.messages.vehicle import Odometry as Odometry
 from onboard.messages.vehicle import StatusText as StatusText
 from onboard.messages.vehicle import SystemTime as SystemTime
 from onboard.messages.vehicle import TimeSync as TimeSync
-from onboard.messages.vehicle import Wind as Wind
 from onboard.messages.vehicle import tagged as tagged
 from onboard.messages.warm_state import WARM_VERSION as WARM_VERSION
 from onboard.messages.warm_state import WarmState as WarmState

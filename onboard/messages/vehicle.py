@@ -196,22 +196,6 @@ class Battery(Message, frozen=True, kw_only=True):
     voltage_v: Positive
 
 
-class Wind(Message, frozen=True, kw_only=True):
-    """WIND_COV or WIND: velocity of the air over ground.
-
-    Attributes
-    ----------
-    north, east
-        m/s.
-    sigma
-        Standard deviation on each of these axes, m/s, if it is given.
-    """
-
-    north: float
-    east: float
-    sigma: float | None
-
-
 class Command(Message, frozen=True, kw_only=True):
     """COMMAND_LONG or COMMAND_INT: a MAV_CMD number and its seven parameters."""
 

@@ -18,7 +18,6 @@ from onboard.messages import (
     Imu,
     Message,
     PeerPosition,
-    Wind,
 )
 from onboard.messages.senders import SENDERS, Sender
 from onboard.ownship import is_usable
@@ -26,7 +25,7 @@ from onboard.pipeline.latching import Latch
 
 NO_SYSTEM: Final = 0  # a vision process on this computer: no MAVLink system
 # Often without a stamp: they hold from their arrival.
-FROM_ARRIVAL: Final = (GlobalOrigin, Battery, Wind)
+FROM_ARRIVAL: Final = (GlobalOrigin, Battery)
 # Of sensors, which other programs on this computer may send with our component id: theirs, where we send none.
 OF_SENSORS: Final = frozenset(
     {

@@ -14,8 +14,7 @@ from simlink.scenarios.camera import Camera, Gimbal
 from simlink.scenarios.formation import Leader
 from simlink.scenarios.profiles import GaussMarkov
 from simlink.scenarios.scenario import Scenario
-from simlink.scenarios.vehicle import Nav, Rates, Vehicle, WindEstimate
-from simlink.sensors.arrays import Array
+from simlink.scenarios.vehicle import Nav, Rates, Vehicle
 from simlink.world.drawn import Range
 
 NOMINAL_SIZE: Final = 2.0  # m
@@ -70,12 +69,6 @@ AUTOPILOTS: Final[tuple[tuple[Literal["ardupilot", "px4"], Range, Range], ...]] 
 )
 # LOCAL_POSITION_NED of an ArduPilot is 20 to 25 ms older than its stamp (../shared/data/README.md).
 POSITION_LAG_S: Final[Range] = (0.015, 0.030)
-# Filters of autopilots know the wind after a turn to half a metre a second, before it to two.
-WIND_ERROR: Final[Range] = (0.5, 2.0)  # m/s, standard deviation on each axis
-# The standard deviation that they state, over its own.
-WIND_SIGMA_RATIO: Final[Range] = (0.6, 1.5)
-
-
 # A small gimbal finds the horizon by its accelerometers, as an autopilot does, and its yaw by gyros alone, which
 # drift by 10 to 50 degrees an hour; motor encoders and belts leave some tenths of a degree more.
 GIMBAL_TILT_ERROR_DEG: Final[Range] = (0.2, 0.8)  # standard deviations
@@ -172,12 +165,6 @@ def draw_gimbal(rng: np.random.Generator) -> Gimbal:
         error_deg=_one(rng, GIMBAL_TILT_ERROR_DEG),
         yaw_error_deg=_one(rng, GIMBAL_YAW_ERROR_DEG),
     )
-
-
-def draw_wind(rng: np.random.Generator, wind: Array) -> WindEstimate:
-    """Draw the autopilot's estimate of the wind (3,) in n, m/s."""
-    sigma, stated = _one(rng, WIND_ERROR), _one(rng, WIND_SIGMA_RATIO)
-    return WindEstimate(north=float(wind[0]), east=float(wind[1]), sigma=sigma, stated=stated)
 
 
 def _one(rng: np.random.Generator, among: Range) -> float:

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from onboard.messages import Datagram
 from simlink.encounters.attitudes import fixed_wing_attitude, follower_attitude, multirotor_attitude
-from simlink.encounters.conditions import NOMINAL_SIZE, draw_conditions, draw_gimbal, draw_wind
+from simlink.encounters.conditions import NOMINAL_SIZE, draw_conditions, draw_gimbal
 from simlink.encounters.curves import Motion, wobble
 from simlink.encounters.departures import NO_DEPARTURE, Departure, depart
 from simlink.encounters.families import FAMILIES, LeaderClass, Scene
@@ -62,13 +62,11 @@ def make_encounter(
     sees: Sees = "wing",
     *,
     mount: Mount = "fixed",
-    feels_wind: bool = False,
     departure: Departure = NO_DEPARTURE,
 ) -> Encounter:
     """Return the encounter `seed` (>= 0) of a family.
 
-    The flight is the same for every detector (`sees`) and `mount`, with or without a wind estimate (`feels_wind`).
-    A `departure` changes only what it names.
+    The flight is the same for every detector (`sees`) and `mount`. A `departure` changes only what it names.
 
     Raises ValueError for a family that is not in FAMILIES, for `sees` not in SEES, and for a `mount` not in
     MOUNTS.
@@ -100,10 +98,8 @@ def make_encounter(
         other=scene.other,
         euler_O=None if scene.other is None else _other_attitude(scene.other, scene.wind, drag),
     )
-    camera, vehicle = _mount_camera(scenario.camera, mount, scene.elevation, own_seed), scenario.vehicle
-    if feels_wind:
-        vehicle = replace(vehicle, wind=draw_wind(stream(own_seed, "encounters.wind"), scene.wind))
-    scenario = replace(scenario, camera=replace(camera, sees=sees, **scene.camera), vehicle=vehicle)
+    camera = _mount_camera(scenario.camera, mount, scene.elevation, own_seed)
+    scenario = replace(scenario, camera=replace(camera, sees=sees, **scene.camera))
     return Encounter(family, seed, scene.leader_class, drag, scenario, truth, scene.manoeuvre)
 
 

@@ -78,19 +78,6 @@ class Rates(Record, frozen=True, kw_only=True):
     battery: Rate = 0.0
 
 
-class WindEstimate(Record, frozen=True, kw_only=True):
-    """The autopilot's estimate of the wind towards north and east (m/s).
-
-    Its error is constant in a run, with standard deviation `sigma`; the autopilot reports `stated` times that.
-    """
-
-    north: float = 0.0
-    east: float = 0.0
-    sigma: NotNegative = 0.5
-    stated: NotNegative = 1.0
-    rate: Rate = 1.0
-
-
 class Vehicle(Record, frozen=True, kw_only=True):
     """The identity of our vehicle on MAVLink.
 
@@ -105,4 +92,3 @@ class Vehicle(Record, frozen=True, kw_only=True):
     origin: tuple[float, float, float] = (47.397742, 8.545594, 488.0)
     boot: NotNegative = 40.0  # s on the boot clock when the flight begins
     rates: Rates = Rates()
-    wind: WindEstimate | None = None  # None: the autopilot has none

@@ -37,7 +37,6 @@ class Reading(NamedTuple):
     pwm_us: tuple[int, ...] | None = None
     voltage_v: float | None = None  # of the battery; None: nobody measures it
     pressure_altitude: float | None = None  # m; None between the barometer's samples
-    wind: Vec3 | None = None  # to north and east, and their standard deviation as stated, m/s
     state: State | None = None  # the truth itself, which an autopilot in simulation sends on request
 
 
@@ -59,7 +58,7 @@ def readings(scenario: Scenario, seed: int, world: Iterator[State]) -> Iterator[
     rates_white = white(seed, "nav.rates_white", nav.rates_white)
     gps_white = _scaled(seed, "gps.position_white", gps.position_white)
     outlier = outliers(scenario, seed)
-    altitude_at, wind = barometer(scenario, seed), _wind(scenario, seed)
+    altitude_at = barometer(scenario, seed)
     past: deque[tuple[Vec3, Vec3, Vec3, Vec3]] = deque(maxlen=max(position_steps, gps_steps) + 1)
     for state in world:
         v_F_n = add(state.v_F_n, next(velocity_error))
@@ -86,7 +85,6 @@ def readings(scenario: Scenario, seed: int, world: Iterator[State]) -> Iterator[
                 pwm_us=state.pwm_us,
                 voltage_v=state.voltage_v,
                 pressure_altitude=altitude_at(state),
-                wind=wind,
                 state=state,
             ),
         )
@@ -108,15 +106,6 @@ def barometer(scenario: Scenario, seed: int) -> Callable[[State], float | None]:
         return datum - stretch * state.r_OF_n[2] + next(drift) + b.white * next(draw)
 
     return at
-
-
-def _wind(scenario: Scenario, seed: int) -> Vec3 | None:
-    """Return the wind estimate (north, east, reported sigma; m/s), or None if there is none."""
-    estimate, draw = scenario.vehicle.wind, normals(seed, "nav.wind")
-    if estimate is None:
-        return None
-    north, east = (x + estimate.sigma * next(draw) for x in (estimate.north, estimate.east))
-    return north, east, estimate.stated * estimate.sigma
 
 
 def outliers(scenario: Scenario, seed: int) -> Iterator[tuple[Vec3, Vec3, Vec3, Vec3]]:

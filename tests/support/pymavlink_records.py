@@ -38,7 +38,6 @@ from onboard.messages import (
     SystemTime,
     TimeSync,
     Vec3,
-    Wind,
 )
 from onboard.messages.base import Quaternion
 
@@ -80,22 +79,6 @@ def _distance(m: Any, h: dict[str, Any]) -> Message:
         distance=m.current_distance * 0.01 if measured and m.signal_quality != 1 else None,
         sigma=0.01 * math.sqrt(m.covariance) if m.covariance not in (0, 255) else None,
     )
-
-
-def _wind_cov(m: Any, h: dict[str, Any]) -> Message:
-    sigma = m.horiz_accuracy if m.horiz_accuracy > 0 else None
-    if sigma is None and m.var_horiz > 0:
-        sigma = math.sqrt(0.5 * m.var_horiz)
-    arrived = h | {"t_ns": h["t_recv_ns"], "clock": Clock.NONE}
-    known = sigma is not None and math.isfinite(sigma)
-    return Wind(**arrived, north=m.wind_x, east=m.wind_y, sigma=sigma if known else None)
-
-
-def _wind(m: Any, h: dict[str, Any]) -> Message:
-    angle = math.radians(m.direction)
-    c, s = (math.cos(angle), math.sin(angle)) if math.isfinite(angle) else (math.nan, math.nan)
-    arrived = h | {"t_ns": h["t_recv_ns"], "clock": Clock.NONE}
-    return Wind(**arrived, north=-m.speed * c, east=-m.speed * s, sigma=None)
 
 
 def _gimbal(m: Any, h: dict[str, Any]) -> Message:
@@ -288,8 +271,6 @@ RECORDS: Final[dict[str, Callable[[Any, dict[str, Any]], Message | None]]] = {
     "ESTIMATOR_STATUS": _estimator_status,
     "ODOMETRY": _odometry,
     "DISTANCE_SENSOR": _distance,
-    "WIND": _wind,
-    "WIND_COV": _wind_cov,
     "GIMBAL_DEVICE_ATTITUDE_STATUS": _gimbal,
     "MOUNT_ORIENTATION": _mount_orientation,
     "GPS_GLOBAL_ORIGIN": lambda m, h: GlobalOrigin(

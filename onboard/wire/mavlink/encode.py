@@ -31,7 +31,7 @@ from onboard.messages import (
     TimeSync,
 )
 from onboard.messages.mavlink_enums import BODY_FRD
-from onboard.wire.mavlink import companion, distance, gimbal, guidance, parameters, wind
+from onboard.wire.mavlink import companion, distance, gimbal, guidance, parameters
 from onboard.wire.mavlink.frame import MESSAGES
 
 NUMBERS: Final[dict[str, int]] = {name: number for number, (name, _) in MESSAGES.items()}
@@ -234,5 +234,4 @@ ENCODE: Final[Encode] = {
     **gimbal.ENCODE,
     **guidance.ENCODE,
     **parameters.ENCODE,
-    **wind.ENCODE,
 }

@@ -37,7 +37,7 @@ from onboard.messages import (
     SystemTime,
     TimeSync,
 )
-from onboard.wire.mavlink import distance, gimbal, guidance, parameters, wind
+from onboard.wire.mavlink import distance, gimbal, guidance, parameters
 
 ATTITUDE_VARIANCES: Final = (29, 32, 34)  # in ODOMETRY, of the pose's covariance: roll, pitch, yaw
 MAX_YAW_VARIANCE: Final = math.pi**2  # rad^2, of a uniform direction or more
@@ -304,8 +304,6 @@ CONVERT: Final[dict[str, tuple[Layout, Convert]]] = {
     "STATUSTEXT": (Layout("<B50sHB"), _status_text),
     "ADSB_VEHICLE": (Layout("<I3i2Hh2HB9s2B"), _adsb_vehicle),
     "COLLISION": (Layout("<I3f3B"), _collision),
-    "WIND": (Layout(wind.FORM), wind.of_direction),
-    "WIND_COV": (Layout(wind.FORM_COV), wind.of_covariance),
     "FOLLOW_TARGET": (Layout("<2Q2i17fB"), guidance.follow_target),
     "SET_POSITION_TARGET_LOCAL_NED": (Layout("<I11fH3B", boot_ms=0), guidance.setpoint),
     "CURRENT_MODE": (Layout("<2IB"), lambda f, h: CurrentMode(**h, custom_mode=f[0], intended_mode=f[1])),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from onboard.messages import Attitude, LocalPosition, Message, TargetPoints, Wind
+from onboard.messages import Attitude, LocalPosition, Message, TargetPoints
 from simlink.encounters import encounter as encounter_module
 from simlink.encounters.attitudes import multirotor_attitude
 from simlink.encounters.curves import Motion
@@ -135,15 +135,3 @@ def test_the_same_family_and_seed_give_the_same_bytes_seeds_4_and_5(family: str)
 def test_an_unknown_family_is_refused() -> None:
     with pytest.raises(ValueError, match="choose one of behind"):
         make_encounter("upside_down", 1)
-
-
-def test_the_wind_that_our_autopilot_estimates_is_off_by_a_constant_seeds_1_to_3() -> None:
-    for seed in SEEDS:
-        encounter = make_encounter("crab", seed, 3.0, feels_wind=True)
-        estimate, heard = encounter.scenario.vehicle.wind, of(encounter, Wind)
-        assert len({(m.north, m.east, m.sigma) for m in heard}) == 1
-        assert len(heard) == 4
-        off = np.array([heard[0].north - estimate.north, heard[0].east - estimate.east])
-        assert 0.01 * estimate.sigma < np.abs(off).max() < 4.0 * estimate.sigma
-        assert heard[0].sigma == pytest.approx(estimate.stated * estimate.sigma, rel=1e-6)
-    assert of(make_encounter("crab", 1, 3.0), Wind) == []
