@@ -45,8 +45,8 @@ velocity {copter_velocity_m_s} m/s; {copter_inside_percent} % inside |
 | leader hovers near us | two real ArduPilots' streams, 31 s, simulated camera, `onboard replay` | \
 range {hover_range_percent} %; {hover_inside_percent} % inside |
 | leaders that strangers flew | 38 encounters of their recorded flights, and 14 with racers; simulated camera, \
-`onboard study encounters --leaders-from` | valid 95 % of the time, confidently wrong 0.7 %, inside 98 %; racers 31, \
-14 and 80 % |
+`onboard study encounters --leaders-from` | valid 95 % of the time, confidently wrong 0.7 %, inside 98 %; \
+racers 31, 14 and 80 % |
 | own state, one motor at 75 % | {own_seeds} simulated flights, `onboard study own-state` | velocity \
 {own_motor_velocity_m_s} m/s; fault named within 1 s in {own_motor_named_percent} % of flights, after \
 {own_motor_delay_median_s} s (median) |
