@@ -39,7 +39,7 @@ TLS_SETTINGS: Final = (
 
 
 class Standing(NamedTuple):
-    """Order of two sessions of one vehicle, of which the greater one keeps the name."""
+    """Order of two sessions of one vehicle; the greater one keeps the name."""
 
     is_armed: bool
     age_s: float

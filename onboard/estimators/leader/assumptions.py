@@ -108,7 +108,7 @@ THICKNESS: Final = ((0.0, 0.0, -0.07), (0.0, 0.0, 0.05))
 ROTOR_RADIUS_RATIO: Final = 0.8
 ROTOR_PLANE_HEIGHT: Final = -0.04  # how high they are
 CANOPY_AND_FEET: Final = ((0.0, 0.0, -0.09), (0.0, 0.0, 0.19))  # canopy and feet ...
-# ... of which each data sheet has its own: one standard deviation of top and bottom
+# ... which differ by data sheet: one standard deviation of top and bottom
 CANOPY_AND_FEET_SIGMA: Final = 0.08
 PITCH: Final = math.radians(7.0)  # rad, of the fuselage about the pitch that thrust implies
 

@@ -336,7 +336,7 @@ class Estimator:
 
 
 def offset(track: Track, here: Sequence[float]) -> float:
-    """Return the angle, rad, between a direction and a track's last estimate, or the image that is to start it;
+    """Return the angle, rad, between a direction and a track's last estimate, or the image that will start it;
     infinite without either."""
     there = track.held[-1].direction_n.tolist() if track.held and not track.is_followed else track.direction_n
     return math.inf if there is None else math.dist(there, here)
